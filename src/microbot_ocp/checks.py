@@ -1,0 +1,86 @@
+"""Input checks shared by every module: one clear sentence for each kind of bad input.
+
+A message names the argument, the value that was given, its unit and what is allowed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+class InputError(ValueError):
+    """Bad input, found before any solver starts; the message is one complete sentence."""
+
+
+def _with_unit(value: Any, unit: str) -> str:
+    return f"{value} {unit}".rstrip()
+
+
+def number(
+    name: str,
+    value: Any,
+    unit: str = "",
+    *,
+    above: float | None = None,
+    at_least: float | None = None,
+    at_most: float | None = None,
+) -> float:
+    """Return ``value`` as a finite float, within the bounds that are given."""
+    try:
+        result = float(value)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} must be a number, not {value!r}") from None
+    if not np.isfinite(result):
+        raise InputError(f"{name} must be finite, not {_with_unit(value, unit)}")
+    if above is not None and not result > above:
+        raise InputError(f"{name} must be above {_with_unit(f'{above:g}', unit)}, not {value}")
+    if at_least is not None and result < at_least:
+        raise InputError(
+            f"{name} must be at least {_with_unit(f'{at_least:g}', unit)}, not {value}"
+        )
+    if at_most is not None and result > at_most:
+        raise InputError(f"{name} must be at most {_with_unit(f'{at_most:g}', unit)}, not {value}")
+    return result
+
+
+def array(
+    name: str,
+    value: ArrayLike,
+    shape: tuple[int | None, ...],
+    unit: str = "",
+    *,
+    finite: bool = True,
+) -> FloatArray:
+    """Return ``value`` as a read-only float array of ``shape`` (None: any length there)."""
+    try:
+        result = np.array(value, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} must be an array of numbers, not {value!r}") from None
+    fits = result.ndim == len(shape) and all(
+        want is None or have == want for have, want in zip(result.shape, shape, strict=True)
+    )
+    if not fits:
+        wanted = "[" + ", ".join("any" if s is None else str(s) for s in shape) + "]"
+        raise InputError(f"{name} must have shape {wanted}, not {list(result.shape)}")
+    bad = np.isnan(result) if not finite else ~np.isfinite(result)
+    if bad.any():
+        where = ", ".join(str(i) for i in np.argwhere(bad)[0])
+        raise InputError(
+            f"{name} must be finite, but entry [{where}] is {_with_unit(result[bad][0], unit)}"
+        )
+    result.setflags(write=False)
+    return result
+
+
+def one_of(name: str, value: str, allowed: Iterable[str]) -> str:
+    """Return ``value`` if it is one of ``allowed``."""
+    names = list(allowed)
+    if value not in names:
+        raise InputError(f"{name} must be one of {', '.join(names)}, not {value!r}")
+    return value

@@ -1,0 +1,440 @@
+"""The robot as data: modified Denavit-Hartenberg rows, links, limits. Nothing symbolic here.
+
+Frames follow Craig, *Introduction to Robotics*, 3rd ed., section 3.4: link frame i sits at joint i,
+and ``T(i-1, i) = Rot_x(alpha_{i-1}) Trans_x(a_{i-1}) Rot_z(theta_i) Trans_z(d_i)``. The tool frame
+follows the last link frame by a constant transform.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from microbot_ocp import checks
+from microbot_ocp.checks import FloatArray, InputError
+
+JointType = Literal["revolute", "prismatic"]
+LimitArgument = ArrayLike | tuple[ArrayLike, ArrayLike]
+
+# Quantity name -> (unit for a revolute joint, unit for a prismatic joint).
+LIMIT_UNITS: dict[str, tuple[str, str]] = {
+    "q": ("rad", "m"),
+    "qd": ("rad/s", "m/s"),
+    "qdd": ("rad/s^2", "m/s^2"),
+    "tau": ("N m", "N"),
+    "taud": ("N m/s", "N/s"),
+}
+
+
+def dh_transform(alpha: float, a: float, d: float, theta: float) -> FloatArray:
+    """Homogeneous transform [4,4] of one modified-DH row (Craig, equation 3.6)."""
+    ca, sa, ct, st = np.cos(alpha), np.sin(alpha), np.cos(theta), np.sin(theta)
+    return np.array(
+        [
+            [ct, -st, 0.0, a],
+            [st * ca, ct * ca, -sa, -sa * d],
+            [st * sa, ct * sa, ca, ca * d],
+            [0.0, 0.0, 0.0, 1.0],
+        ]
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Link:
+    """One rigid link with what its joint carries.
+
+    Parameters
+    ----------
+    mass : float
+        Mass, kg, above zero.
+    center_of_mass : array_like [3]
+        Centre of mass in the link frame, m.
+    inertia : array_like [3,3], optional
+        Inertia tensor about the centre of mass in the link frame, kg m^2 (default: a point mass).
+    armature : float
+        Rotor inertia as seen at the joint, kg m^2 (kg for a prismatic joint).
+    viscous_friction : float
+        Joint friction proportional to speed, N m s/rad (N s/m).
+    coulomb_friction : float
+        Joint friction of constant size, N m (N); smoothed over 0.01 rad/s (m/s) around rest.
+    name : str, optional
+        Name of the link.
+
+    Raises
+    ------
+    InputError
+        Mass not above zero, an inertia that is not symmetric, not positive semi-definite or breaks
+        the triangle inequality, negative friction, anything not finite.
+    """
+
+    mass: float
+    center_of_mass: FloatArray
+    inertia: FloatArray = field(default_factory=lambda: np.zeros((3, 3)))
+    armature: float = 0.0
+    viscous_friction: float = 0.0
+    coulomb_friction: float = 0.0
+    name: str | None = None
+
+    def __post_init__(self) -> None:
+        label = f"link {self.name!r}" if self.name else "link"
+        put = object.__setattr__
+        put(self, "mass", checks.number(f"mass of {label}", self.mass, "kg", above=0.0))
+        put(
+            self,
+            "center_of_mass",
+            checks.array(f"center_of_mass of {label}", self.center_of_mass, (3,), "m"),
+        )
+        inertia = checks.array(f"inertia of {label}", self.inertia, (3, 3), "kg m^2")
+        _check_inertia(label, inertia)
+        put(self, "inertia", inertia)
+        for name, unit in (
+            ("armature", "kg m^2"),
+            ("viscous_friction", "N m s/rad"),
+            ("coulomb_friction", "N m"),
+        ):
+            value = checks.number(f"{name} of {label}", getattr(self, name), unit, at_least=0.0)
+            put(self, name, value)
+
+
+def _check_inertia(label: str, inertia: FloatArray) -> None:
+    size = max(float(np.abs(inertia).max()), 1e-12)
+    if np.abs(inertia - inertia.T).max() > 1e-9 * size:
+        raise InputError(f"inertia of {label} must be symmetric, not {inertia.tolist()} kg m^2")
+    principal = np.linalg.eigvalsh(inertia)
+    if principal[0] < -1e-9 * size:
+        raise InputError(
+            f"inertia of {label} must be positive semi-definite, but a principal moment is "
+            f"{principal[0]:.6g} kg m^2"
+        )
+    if principal[0] + principal[1] < principal[2] - 1e-6 * size:
+        raise InputError(
+            f"inertia of {label} breaks the triangle inequality: principal moments "
+            f"{principal[0]:.6g} + {principal[1]:.6g} < {principal[2]:.6g} kg m^2, which no "
+            "rigid body has"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Limits:
+    """Limits of every joint; whatever is not given is unlimited.
+
+    Each argument is a scalar (all joints alike), a list or array [n] (one value a joint), or a
+    tuple ``(lower, upper)`` of such. A single value of ``qd_max``, ``qdd_max``, ``tau_max`` or
+    ``taud_max`` means plus and minus. A robot holds its limits as arrays [n]:
+    ``robot.limits.q_min``, ``q_max``, ``qd_min``, ``qd_max``, ``qdd_min``, ... in rad, rad/s,
+    rad/s^2, N m, N m/s (prismatic joints: m, m/s, m/s^2, N, N/s).
+
+    Examples
+    --------
+    >>> limits = Limits(qd_max=2.0, tau_max=[400.0, 500.0, 200.0]).for_joints(3)
+    >>> limits.tau_min.tolist()
+    [-400.0, -500.0, -200.0]
+    """
+
+    q_min: LimitArgument = -np.inf
+    q_max: LimitArgument = np.inf
+    qd_max: LimitArgument = np.inf
+    qdd_max: LimitArgument = np.inf
+    tau_max: LimitArgument = np.inf
+    taud_max: LimitArgument = np.inf
+    qd_min: FloatArray | None = None
+    qdd_min: FloatArray | None = None
+    tau_min: FloatArray | None = None
+    taud_min: FloatArray | None = None
+
+    def for_joints(self, count: int) -> JointLimits:
+        """Return the limits as arrays [count], checked.
+
+        Raises
+        ------
+        InputError
+            Wrong length, NaN, a lower limit above its upper one, or a rate or torque range
+            without zero inside.
+        """
+        arrays: dict[str, FloatArray] = {}
+        for quantity in LIMIT_UNITS:
+            lower, upper = self._pair(quantity, count)
+            arrays[f"{quantity}_min"], arrays[f"{quantity}_max"] = lower, upper
+            crossed = np.flatnonzero(lower > upper)
+            if crossed.size:
+                j = crossed[0]
+                raise InputError(
+                    f"{quantity}_min of joint {j + 1} is {lower[j]:g}, above its {quantity}_max "
+                    f"of {upper[j]:g} {LIMIT_UNITS[quantity][0]}"
+                )
+            if quantity in ("qd", "qdd", "taud"):
+                outside = np.flatnonzero((lower > 0) | (upper < 0))
+                if outside.size:
+                    j = outside[0]
+                    raise InputError(
+                        f"{quantity}_max of joint {j + 1} must leave room for zero, not "
+                        f"[{lower[j]:g}, {upper[j]:g}] {LIMIT_UNITS[quantity][0]} (a tuple means "
+                        "(lower, upper); give one value a joint as a list)"
+                    )
+        return JointLimits(**arrays)
+
+    def _pair(self, quantity: str, count: int) -> tuple[FloatArray, FloatArray]:
+        if quantity == "q":
+            return (
+                _per_joint("q_min", self.q_min, count),
+                _per_joint("q_max", self.q_max, count),
+            )
+        name = f"{quantity}_max"
+        value = getattr(self, name)
+        explicit_lower = getattr(self, f"{quantity}_min")
+        if isinstance(value, tuple):
+            if len(value) != 2:
+                raise InputError(
+                    f"{name} as a tuple must be (lower, upper), not {len(value)} entries; give "
+                    "one value a joint as a list"
+                )
+            return _per_joint(name, value[0], count), _per_joint(name, value[1], count)
+        upper = _per_joint(name, value, count)
+        if explicit_lower is not None:
+            return _per_joint(f"{quantity}_min", explicit_lower, count), upper
+        negative = np.flatnonzero(upper < 0)
+        if negative.size:
+            j = negative[0]
+            raise InputError(
+                f"{name} of joint {j + 1} must be at least 0 {LIMIT_UNITS[quantity][0]}, "
+                f"not {upper[j]:g}"
+            )
+        return -upper, upper
+
+
+@dataclass(frozen=True, eq=False)
+class JointLimits:
+    """Limits of every joint as arrays [n], lower and upper; made by :meth:`Limits.for_joints`."""
+
+    q_min: FloatArray
+    q_max: FloatArray
+    qd_min: FloatArray
+    qd_max: FloatArray
+    qdd_min: FloatArray
+    qdd_max: FloatArray
+    tau_min: FloatArray
+    tau_max: FloatArray
+    taud_min: FloatArray
+    taud_max: FloatArray
+
+    def bounds(self, quantity: str) -> tuple[FloatArray, FloatArray]:
+        """Lower and upper arrays [n] of ``q``, ``qd``, ``qdd``, ``tau`` or ``taud``."""
+        return getattr(self, f"{quantity}_min"), getattr(self, f"{quantity}_max")
+
+    def for_joints(self, count: int) -> JointLimits:
+        """Return itself, once the width is checked."""
+        if self.q_min.shape != (count,):
+            raise InputError(f"limits are for {self.q_min.size} joints, but the robot has {count}")
+        return self
+
+    def as_dict(self) -> dict[str, list[float]]:
+        """Plain lists, for JSON and TOML."""
+        return {f.name: getattr(self, f.name).tolist() for f in fields(self)}
+
+
+def _per_joint(name: str, value: Any, count: int) -> FloatArray:
+    try:
+        given = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} must be numbers, not {value!r}") from None
+    if given.ndim == 0:
+        given = np.full(count, float(given))
+    return checks.array(name, given, (count,), finite=False)
+
+
+@dataclass(frozen=True, eq=False)
+class Robot:
+    """A serial manipulator: modified-DH rows, links, limits, gravity and tool.
+
+    Make one with :meth:`from_dh` or :func:`microbot_ocp.load_robot`. Two robots with the same
+    figures are equal and share the functions built for them.
+    """
+
+    name: str
+    alpha: FloatArray
+    a: FloatArray
+    d: FloatArray
+    theta_offset: FloatArray
+    joint_types: tuple[JointType, ...]
+    joint_names: tuple[str, ...]
+    links: tuple[Link, ...]
+    limits: JointLimits
+    gravity: FloatArray
+    tool: FloatArray
+    description: str = ""
+    _digest: str = field(default="", repr=False)
+
+    @classmethod
+    def from_dh(
+        cls,
+        alpha: ArrayLike,
+        a: ArrayLike,
+        d: ArrayLike,
+        theta_offset: ArrayLike | None = None,
+        joint_type: Sequence[str] | str = "revolute",
+        links: Sequence[Link] | None = None,
+        limits: Limits | JointLimits | None = None,
+        gravity: ArrayLike = (0.0, 0.0, -9.81),
+        tool: ArrayLike | None = None,
+        name: str = "robot",
+        joint_names: Sequence[str] | None = None,
+        description: str = "",
+    ) -> Robot:
+        """Build a robot from Craig's modified-DH table.
+
+        Parameters
+        ----------
+        alpha, a, d : array_like [n]
+            Twist alpha_{i-1} (rad), link length a_{i-1} (m) and offset d_i (m) of every row.
+        theta_offset : array_like [n], optional
+            Added to the joint angle (for a prismatic joint: the constant angle), rad.
+        joint_type : str or sequence of str
+            "revolute" or "prismatic" for each joint; q of a prismatic joint adds to d.
+        links : sequence of Link, optional
+            One link a joint; without them the robot has kinematics only.
+        limits : Limits, optional
+            Limits of the joints; without them none.
+        gravity : array_like [3]
+            Acceleration of free fall in the base frame, m/s^2.
+        tool : array_like [4,4] or [4], optional
+            Tool frame in the last link frame: a homogeneous transform, or a DH row
+            (alpha, a, d, theta).
+        name : str
+            Name of the robot.
+
+        Returns
+        -------
+        Robot
+
+        Raises
+        ------
+        InputError
+            Rows of different length, wrong counts or shapes, anything not finite.
+
+        Examples
+        --------
+        >>> robot = Robot.from_dh(alpha=[0.0, 0.0], a=[0.0, 1.0], d=[0.0, 0.0], name="planar")
+        >>> robot.joint_count
+        2
+        """
+        rows = {"alpha": (alpha, "rad"), "a": (a, "m"), "d": (d, "m")}
+        table = {k: checks.array(k, v, (None,), u) for k, (v, u) in rows.items()}
+        count = table["alpha"].size
+        if count == 0:
+            raise InputError("alpha must have at least one row, not 0")
+        for key, column in table.items():
+            if column.size != count:
+                raise InputError(
+                    f"the DH columns differ in length: alpha has {count} rows, {key} has "
+                    f"{column.size}"
+                )
+        offset = np.zeros(count) if theta_offset is None else theta_offset
+        types = (joint_type,) * count if isinstance(joint_type, str) else tuple(joint_type)
+        if len(types) != count:
+            raise InputError(f"joint_type has {len(types)} entries for {count} joints")
+        for entry in types:
+            checks.one_of("joint_type", entry, ("revolute", "prismatic"))
+        names = tuple(joint_names or (f"joint {i + 1}" for i in range(count)))
+        if len(names) != count or len(set(names)) != count:
+            raise InputError(f"joint_names must be {count} different names, not {list(names)}")
+        chain = tuple(links or ())
+        if chain and len(chain) != count:
+            raise InputError(f"links has {len(chain)} entries for {count} joints")
+        robot = cls(
+            name=str(name),
+            alpha=table["alpha"],
+            a=table["a"],
+            d=table["d"],
+            theta_offset=checks.array("theta_offset", offset, (count,), "rad"),
+            joint_types=types,  # type: ignore[arg-type]
+            joint_names=names,
+            links=chain,
+            limits=(limits or Limits()).for_joints(count),
+            gravity=checks.array("gravity", gravity, (3,), "m/s^2"),
+            tool=_tool_matrix(tool),
+            description=description,
+        )
+        object.__setattr__(robot, "_digest", robot._make_digest())
+        return robot
+
+    @property
+    def joint_count(self) -> int:
+        """Number of joints n."""
+        return self.alpha.size
+
+    @property
+    def has_dynamics(self) -> bool:
+        """Whether the links carry masses."""
+        return bool(self.links)
+
+    def unit(self, quantity: str, joint: int) -> str:
+        """Unit of ``q``, ``qd``, ``qdd``, ``tau`` or ``taud`` at joint index ``joint`` (0-based)."""
+        return LIMIT_UNITS[quantity][self.joint_types[joint] == "prismatic"]
+
+    def with_limits(self, limits: Limits | JointLimits) -> Robot:
+        """Return the same robot with other limits."""
+        return self._changed(limits=limits.for_joints(self.joint_count))
+
+    def with_links(self, links: Sequence[Link]) -> Robot:
+        """Return the same robot with other links (payload, model mismatch, rotor inertia)."""
+        if len(links) != self.joint_count:
+            raise InputError(f"links has {len(links)} entries for {self.joint_count} joints")
+        return self._changed(links=tuple(links))
+
+    def with_gravity(self, gravity: ArrayLike) -> Robot:
+        """Return the same robot under another gravity vector [3], m/s^2, in the base frame."""
+        return self._changed(gravity=checks.array("gravity", gravity, (3,), "m/s^2"))
+
+    def _changed(self, **changes: Any) -> Robot:
+        robot = replace(self, **changes)
+        object.__setattr__(robot, "_digest", robot._make_digest())
+        return robot
+
+    def _make_digest(self) -> str:
+        digest = hashlib.sha256(repr((self.name, self.joint_types, self.joint_names)).encode())
+        arrays = [self.alpha, self.a, self.d, self.theta_offset, self.gravity, self.tool]
+        arrays += [getattr(self.limits, f.name) for f in fields(self.limits)]
+        for link in self.links:
+            scalars = [
+                link.mass,
+                link.armature,
+                link.viscous_friction,
+                link.coulomb_friction,
+            ]
+            arrays += [np.array(scalars), link.center_of_mass, link.inertia]
+        for item in arrays:
+            digest.update(np.ascontiguousarray(item, dtype=float).tobytes())
+        return digest.hexdigest()
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Robot) and self._digest == other._digest
+
+    def __hash__(self) -> int:
+        return hash(self._digest)
+
+
+def _tool_matrix(tool: ArrayLike | None) -> FloatArray:
+    if tool is None:
+        matrix = np.eye(4)
+    elif np.ndim(np.asarray(tool, dtype=object)) == 1:
+        row = checks.array("tool", tool, (4,))
+        matrix = dh_transform(*row)
+    else:
+        matrix = np.array(checks.array("tool", tool, (4, 4)))
+        rotation = matrix[:3, :3]
+        if (
+            np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-6
+            or np.linalg.det(rotation) < 0
+            or np.abs(matrix[3] - [0, 0, 0, 1]).max() > 1e-9
+        ):
+            raise InputError(
+                "tool must be a homogeneous transform (rotation of determinant +1, last row "
+                f"0 0 0 1), not {matrix.tolist()}"
+            )
+    matrix.setflags(write=False)
+    return matrix
