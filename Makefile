@@ -1,0 +1,69 @@
+# make demo   the method comparison, into out/demo     make lint   ruff and pyright
+# make test   the whole test suite                     make clean  remove all that make made
+# make bench  speed ratios against peers
+# Everything is installed by pip, from the index it is configured for, into .venv.
+
+SHELL := /bin/bash
+.SHELLFLAGS := -euo pipefail -c
+.DELETE_ON_ERROR:
+.DEFAULT_GOAL := help
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+PIP := PIP_DISABLE_PIP_VERSION_CHECK=1 $(BIN)/python -m pip install -qq
+OUT := out/demo
+
+.PHONY: help demo test test-environment bench lint clean
+
+help:
+	@sed -n 's/^# \{0,1\}//p' Makefile | head -4
+
+# A stamp newer than pyproject.toml means that its packages are installed.
+$(VENV)/.made:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || { \
+	    echo "microbot_ocp needs Python 3.11 or newer, but '$(PYTHON)' is" \
+	      "$$($(PYTHON) --version 2>&1 || true). Choose one: make PYTHON=/path/to/python3.12" >&2; \
+	    exit 1; }
+	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || { \
+	    echo "$$($(PYTHON) --version) cannot make virtual environments: ensurepip is missing." \
+	      "On Debian and Ubuntu: apt install python3-venv" >&2; \
+	    exit 1; }
+	@$(BIN)/python -c 'import pip, sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || { \
+	    echo "making $(VENV) with $$($(PYTHON) --version)"; \
+	    $(PYTHON) -m venv --clear $(VENV); }
+	@touch $@
+
+$(VENV)/.ready: pyproject.toml | $(VENV)/.made
+	@echo "installing microbot_ocp into $(VENV)"
+	@$(PIP) -e .
+	@touch $@
+
+$(VENV)/.ready-%: pyproject.toml | $(VENV)/.made
+	@echo "installing microbot_ocp[$*] into $(VENV)"
+	@$(PIP) -e '.[$*]'
+	@touch $@ $(VENV)/.ready
+
+demo: $(VENV)/.ready
+	@$(BIN)/python problems/07_time_optimal_comparison.py --out $(OUT)
+	@echo; echo "Outputs in $(OUT):"
+	@find $(OUT) -type f | sort | sed 's/^/  /'
+	@echo "Pictures and tables open in any viewer; a recording (.rrd) opens with:"
+	@find $(OUT) -name '*.rrd' | sort | sed 's|^|  $(BIN)/rerun |'
+
+test-environment: $(VENV)/.ready-test
+
+test: test-environment
+	@$(BIN)/python -m pytest -n 2
+
+bench: $(VENV)/.ready-bench
+	@$(BIN)/python -m benchmarks
+
+lint: $(VENV)/.ready-test
+	@$(BIN)/ruff check
+	@$(BIN)/ruff format --check
+	@PYRIGHT_PYTHON_IGNORE_WARNINGS=1 $(BIN)/pyright
+
+clean:
+	rm -rf $(VENV) out dist build .pytest_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
