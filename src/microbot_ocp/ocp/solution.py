@@ -1,0 +1,224 @@
+"""What a solve returns: status, values by name and phase, how it went."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from microbot_ocp.checks import FloatArray, InputError
+from microbot_ocp.ocp.assembly import Program
+from microbot_ocp.ocp.problem import Variable, node_variables
+from microbot_ocp.ocp.transcription import Guess, PhaseLayout
+
+
+class Status(Enum):
+    """How a solve ended; the value is the advice."""
+
+    SOLVED = "converged to the requested tolerance"
+    ITERATION_LIMIT = (
+        "stopped at the iteration limit: give a better guess, a coarser mesh first, or more "
+        "iterations"
+    )
+    INFEASIBLE = (
+        "converged to a point that violates constraints: look for limits that contradict each "
+        "other or an end that cannot be reached"
+    )
+    INTERRUPTED = "interrupted: the last iterate is returned"
+    FAILED = "the solver broke down: check scales and guess, try the other solver"
+
+    @property
+    def ok(self) -> bool:
+        """Whether the solve succeeded."""
+        return self is Status.SOLVED
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """One solver's try at one program."""
+
+    solver: str
+    status: Status
+    message: str
+    iterations: int
+    cost: float
+    infeasibility: float
+    wall_time: float
+    create_time: float
+    function_time: float
+
+    def as_dict(self) -> dict[str, object]:
+        """Plain values for JSON."""
+        return {**vars(self), "status": self.status.name.lower()}
+
+
+@dataclass(frozen=True, eq=False)
+class PhaseSolution:
+    """Values of one phase at its mesh points.
+
+    Attributes
+    ----------
+    name : str
+    duration : float, s
+    mesh : array [N+1], fractions of the phase
+    values : mapping from the name of a state or control to [N+1, size] (states and linear
+        controls) or [N, size] (constant controls), in the units of the declaration
+    """
+
+    name: str
+    duration: float
+    mesh: FloatArray
+    values: Mapping[str, FloatArray]
+
+    @property
+    def t(self) -> FloatArray:
+        """Times of the mesh points since the start of the phase, s."""
+        return self.mesh * self.duration
+
+    def __getitem__(self, name: str) -> FloatArray:
+        return self.values[name]
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Result of an optimal-control solve, converged or not.
+
+    Attributes
+    ----------
+    status : Status
+    cost : float
+    phases : one PhaseSolution a phase
+    attempts : every solver tried, in order; the last one made this solution
+    row_multipliers : multipliers of the rows of the scaled program
+    build_time : wall time of the transcription, s
+    """
+
+    status: Status
+    cost: float
+    phases: tuple[PhaseSolution, ...]
+    attempts: tuple[Attempt, ...]
+    row_multipliers: FloatArray
+    build_time: float
+
+    def __getitem__(self, name: str) -> PhaseSolution:
+        for phase in self.phases:
+            if phase.name == name:
+                return phase
+        raise KeyError(name)
+
+    @property
+    def duration(self) -> float:
+        """Sum of the durations of the phases, s."""
+        return float(sum(phase.duration for phase in self.phases))
+
+    @property
+    def advice(self) -> str:
+        """The status in words."""
+        return self.status.value
+
+
+def unpack(program: Program, x: FloatArray) -> tuple[PhaseSolution, ...]:
+    """Values by name from the scaled variables."""
+    return tuple(_phase_values(layout, x) for layout in program.layouts)
+
+
+def _phase_values(layout: PhaseLayout, x: FloatArray) -> PhaseSolution:
+    n, s, nz = layout.intervals, layout.stage_size, layout.node_size
+    first, last = layout.variable_offset, layout.last_node
+    stages = x[first:last].reshape(n, s)
+    nodes = np.vstack([stages[:, :nz], x[last : last + nz]]) * layout.node_scale
+    controls = stages[:, nz:] * layout.control_scale
+    values: dict[str, FloatArray] = {}
+    for variable, columns in _columns(node_variables(layout.phase)):
+        values[variable.name] = nodes[:, columns]
+    constant = [c for c in layout.phase.controls if c.shape == "constant"]
+    for variable, columns in _columns(constant):
+        values[variable.name] = controls[:, columns]
+    return PhaseSolution(layout.phase.name, float(nodes[0, -1]), layout.mesh, values)
+
+
+def _columns(variables: Sequence[Variable]) -> list[tuple[Variable, slice]]:
+    edges = np.cumsum([0, *(v.size for v in variables)])
+    return [(v, slice(a, a + v.size)) for v, a in zip(variables, edges[:-1], strict=True)]
+
+
+def pack(program: Program, guesses: Mapping[str, Guess]) -> FloatArray:
+    """Scaled variables from a guess for every phase.
+
+    Raises
+    ------
+    InputError
+        A phase or a state without a guess, wrong shape, anything not finite.
+    """
+    last = program.layouts[-1]
+    x = np.zeros(last.variable_offset + last.variable_count)
+    for index, layout in enumerate(program.layouts):
+        guess = _guess_for(layout.phase.name, guesses)
+        nodes = node_variables(layout.phase)
+        table = [_guess_table(layout, guess, v, layout.mesh) for v in nodes]
+        table.append(np.full((layout.intervals + 1, 1), guess.duration))
+        z = np.hstack(table) / layout.node_scale
+        constant = [c for c in layout.phase.controls if c.shape == "constant"]
+        middle = (layout.mesh[1:] + layout.mesh[:-1]) / 2
+        w = [_guess_table(layout, guess, v, middle, default=0.0) for v in constant]
+        w += [_guess_table(layout, guess, v, layout.mesh)[1:] for v in nodes if v.shape == "linear"]
+        w_scaled = np.hstack(w) / layout.control_scale if w else np.zeros((layout.intervals, 0))
+        first, end = layout.variable_offset, layout.last_node
+        x[first:end] = np.hstack([z[:-1], w_scaled]).ravel()
+        x[end : end + layout.node_size] = z[-1]
+        if layout.transition:
+            after = program.layouts[index + 1]
+            _guess_transition(program, index, after, guesses, x)
+    return x
+
+
+def _guess_transition(
+    program: Program,
+    index: int,
+    after: PhaseLayout,
+    guesses: Mapping[str, Guess],
+    x: FloatArray,
+) -> None:
+    layout = program.layouts[index]
+    guess = _guess_for(after.phase.name, guesses)
+    free = []
+    kept = program.links[index].names
+    for variable in node_variables(after.phase):
+        if variable.name not in kept:
+            free.append(_guess_table(after, guess, variable, after.mesh)[0] / variable.scale)
+    free.append(np.array([guess.duration / after.node_scale[-1]]))
+    start = layout.last_node + layout.node_size
+    x[start : start + layout.transition] = np.concatenate(free)
+
+
+def _guess_for(name: str, guesses: Mapping[str, Guess]) -> Guess:
+    if name not in guesses:
+        raise InputError(f"guess has no entry for phase {name!r}; it has {sorted(guesses)}")
+    return guesses[name]
+
+
+def _guess_table(
+    layout: PhaseLayout,
+    guess: Guess,
+    variable: Variable,
+    points: FloatArray,
+    default: float | None = None,
+) -> FloatArray:
+    label = f"guess of {variable.name!r} in phase {layout.phase.name!r}"
+    if variable.name not in guess.values and default is not None:
+        return np.full((points.size, variable.size), default)
+    if variable.name not in guess.values:
+        raise InputError(f"{label} is missing")
+    value = guess.values[variable.name]
+    table = np.asarray(value(points) if callable(value) else value, dtype=float)
+    if table.ndim <= 1 and table.size in (1, variable.size):
+        table = np.broadcast_to(table.reshape(1, -1), (points.size, variable.size))
+    if table.shape != (points.size, variable.size):
+        raise InputError(
+            f"{label} must have shape [{points.size}, {variable.size}], not {list(table.shape)}"
+        )
+    if not np.isfinite(table).all():
+        raise InputError(f"{label} must be finite")
+    return table
