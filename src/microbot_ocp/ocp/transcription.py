@@ -168,10 +168,10 @@ def build_kernels(phase: Phase, duration_scale: float) -> Kernels:
         step, start = fraction * length, c[0] * duration
         middle = start + step / 2
         u0, um, u1 = control(0.0), control(fraction / 2), control(fraction)
-        k1, l1 = f(x, u0, start, duration)
-        k2, l2 = f(x + step / 2 * k1, um, middle, duration)
-        k3, l3 = f(x + step / 2 * k2, um, middle, duration)
-        k4, l4 = f(x + step * k3, u1, start + step, duration)
+        k1, l1 = f(x, u0, rate, start, duration)
+        k2, l2 = f(x + step / 2 * k1, um, rate, middle, duration)
+        k3, l3 = f(x + step / 2 * k2, um, rate, middle, duration)
+        k4, l4 = f(x + step * k3, u1, rate, start + step, duration)
         return x + step / 6 * (k1 + 2 * k2 + 2 * k3 + k4), step / 6 * (l1 + 2 * l2 + 2 * l3 + l4)
 
     arrived, running = at(1.0)
@@ -243,8 +243,8 @@ def _physics(phase: Phase) -> tuple[ca.Function, ca.Function, ca.Function]:
     rate = ca.vertcat(*rates) if rates else ca.MX(0, 1)
     slope = ca.vertcat(*(phase.derivatives[s.name] for s in phase.states))
     running = sum(phase.running_costs, ca.MX(0))
-    f = ca.Function("dynamics", [x, u, phase.time, phase.duration], [slope, running])
     arguments = [x, u, rate, phase.time, phase.duration]
+    f = ca.Function("dynamics", arguments, [slope, running])
     g = ca.Function("constraints", arguments, [k.expression for k in phase.constraints])
     total = sum(phase.end_costs, ca.MX(0))
     return f, g, ca.Function("end_cost", [x, u, phase.duration], [total])
@@ -271,10 +271,19 @@ def _between_bounds(
 
 
 def _expanded(function: ca.Function) -> ca.Function:
+    """The function as one scalar graph without repeated work, where its calls have such a graph."""
     try:
-        return function.expand()
-    except RuntimeError:  # calls that have no scalar graph, such as interpolants: stay with MX
+        scalar = function.expand()
+    except RuntimeError:  # interpolants and compiled functions have none: stay with MX
         return function
+    return _without_repeats(scalar)
+
+
+def _without_repeats(function: ca.Function) -> ca.Function:
+    if not function.is_a("SXFunction"):
+        return function
+    inputs = _symbols(function)
+    return ca.Function(function.name(), inputs, ca.cse(function.call(inputs)))
 
 
 def _stage_derivatives(stage: ca.Function) -> tuple[ca.Function, ca.Function, ca.Function]:
@@ -287,7 +296,7 @@ def _stage_derivatives(stage: ca.Function) -> tuple[ca.Function, ca.Function, ca
     lam = type(v).sym("lam", both.shape[0])
     sigma = type(v).sym("sigma")
     lagrangian = sigma * cost + ca.dot(lam, ca.vertcat(-following, rows))
-    return stage, jacobian, _hessian("stage_hessian", lagrangian, v, [v, c, lam, sigma])
+    return stage, _without_repeats(jacobian), _hessian("stage_hessian", lagrangian, v, [v, c, lam, sigma])
 
 
 def _end_derivatives(end: ca.Function) -> tuple[ca.Function, ca.Function, ca.Function]:
@@ -299,11 +308,11 @@ def _end_derivatives(end: ca.Function) -> tuple[ca.Function, ca.Function, ca.Fun
     lam = type(z).sym("lam", rows.shape[0])
     sigma = type(z).sym("sigma")
     lagrangian = sigma * cost + ca.dot(lam, rows)
-    return end, jacobian, _hessian("end_hessian", lagrangian, z, [z, lam, sigma])
+    return end, _without_repeats(jacobian), _hessian("end_hessian", lagrangian, z, [z, lam, sigma])
 
 
 def _hessian(name: str, lagrangian: Any, v: Any, inputs: list[Any]) -> ca.Function:
-    return ca.Function(name, inputs, [ca.hessian(lagrangian, v)[0]])
+    return _without_repeats(ca.Function(name, inputs, [ca.hessian(lagrangian, v)[0]]))
 
 
 def _row(gradient: Any) -> Any:
