@@ -22,6 +22,15 @@ def _with_unit(value: Any, unit: str) -> str:
     return f"{value} {unit}".rstrip()
 
 
+def _is_numeric(value: Any) -> bool:
+    """Whether numpy would read numbers only: no text, no truth values, at any depth."""
+    if isinstance(value, list | tuple):
+        return all(_is_numeric(entry) for entry in value)
+    if isinstance(value, str | bytes | bool | np.bool_):
+        return False
+    return not isinstance(value, np.ndarray) or value.dtype.kind in "iufO"
+
+
 def number(
     name: str,
     value: Any,
@@ -33,12 +42,14 @@ def number(
 ) -> float:
     """Return ``value`` as a finite float, within the bounds that are given."""
     try:
+        if not _is_numeric(value) or (isinstance(value, np.ndarray) and value.ndim):
+            raise TypeError
         result = float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InputError(f"{name} must be a number, not {value!r}") from None
     if not np.isfinite(result):
         raise InputError(f"{name} must be finite, not {_with_unit(value, unit)}")
-    if above is not None and not result > above:
+    if above is not None and result <= above:
         raise InputError(f"{name} must be above {_with_unit(f'{above:g}', unit)}, not {value}")
     if at_least is not None and result < at_least:
         raise InputError(
@@ -59,6 +70,8 @@ def array(
 ) -> FloatArray:
     """Return ``value`` as a read-only float array of ``shape`` (None: any length there)."""
     try:
+        if not _is_numeric(value):
+            raise TypeError
         result = np.array(value, dtype=float)
     except (TypeError, ValueError):
         raise InputError(f"{name} must be an array of numbers, not {value!r}") from None

@@ -244,7 +244,8 @@ def forward_dynamics(robot: Robot, *, compiled: bool = False) -> ca.Function:
     """Accelerations that torques cause: ``(q[n], qd[n], tau[n]) -> qdd[n]``.
 
     Where the mass matrix is singular (a massless direction, as the Microbot standing straight up)
-    there is no such acceleration: see :func:`mass_matrix_condition`, or give the links ``armature``.
+    there is no such acceleration: see :func:`mass_matrix_condition`, or give the links
+    ``armature``.
     """
     q, qd, _ = _state(robot)
     tau = ca.SX.sym("tau", robot.joint_count)
@@ -256,20 +257,21 @@ def forward_dynamics(robot: Robot, *, compiled: bool = False) -> ca.Function:
 
 @lru_cache(maxsize=64)
 def mass_matrix_condition(robot: Robot, *, compiled: bool = False) -> ca.Function:
-    """Condition number of the mass matrix in the 1-norm: ``(q[n]) -> condition``, >= 1."""
+    """Condition number of the mass matrix in the 1-norm: ``(q[n]) -> condition``, 1 to infinity."""
     q, _, _ = _state(robot)
     matrix = ca.densify(_mass_matrix(robot, q))
     inverse = _solve_symmetric(matrix, ca.SX.eye(robot.joint_count))
     condition = ca.norm_inf(ca.sum1(ca.fabs(matrix))) * ca.norm_inf(ca.sum1(ca.fabs(inverse)))
+    condition = ca.if_else(condition > 0, condition, ca.inf)  # a zero pivot may give 0/0
     function = ca.Function("mass_matrix_condition", [q], [condition], ["q"], ["condition"])
     return maybe_compiled(function, compiled)
 
 
 @lru_cache(maxsize=64)
 def energy(robot: Robot, *, compiled: bool = False) -> ca.Function:
-    """Mechanical energy: ``(q[n], qd[n]) -> kinetic, potential``, J; potential zero at the base origin.
+    """Mechanical energy: ``(q[n], qd[n]) -> kinetic, potential``, J.
 
-    Rotor inertia counts as kinetic energy.
+    The potential is zero at the base origin; rotor inertia counts as kinetic energy.
     """
     q, qd, _ = _state(robot)
     kinetic = 0.5 * ca.dot(qd, ca.densify(_mass_matrix(robot, q)) @ qd)

@@ -76,7 +76,7 @@ def _homogeneous(rotation: ca.SX, origin: ca.SX) -> ca.SX:
     return ca.vertcat(top, ca.SX([[0, 0, 0, 1]]))
 
 
-@lru_cache(maxsize=256)
+@lru_cache(maxsize=256, typed=True)
 def forward_kinematics(
     robot: Robot, frame: int | None = None, *, compiled: bool = False
 ) -> ca.Function:
@@ -105,8 +105,10 @@ def forward_kinematics(
     """
     last = robot.joint_count + 1
     index = last if frame is None else frame
-    if not isinstance(index, int) or not 0 <= index <= last:
-        raise InputError(f"frame must be a whole number from 0 (base) to {last} (tool), not {frame}")
+    if not isinstance(index, int | np.integer) or not 0 <= index <= last:
+        raise InputError(
+            f"frame must be a whole number from 0 (base) to {last} (tool), not {frame!r}"
+        )
     q = ca.SX.sym("q", robot.joint_count)
     pose = ca.SX.eye(4) if index == 0 else _homogeneous(*_frames(robot, q)[index - 1])
     function = ca.Function("forward_kinematics", [q], [ca.densify(pose)], ["q"], ["T"])

@@ -10,9 +10,11 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 from zipfile import BadZipFile
+from zlib import error as zlib_error
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,6 +25,7 @@ from microbot_ocp.dynamics import inverse_dynamics
 from microbot_ocp.robot import Robot
 
 SCHEMA = 1
+_BROKEN = (BadZipFile, zlib_error, AttributeError, NotImplementedError)
 JUMP_GAP = 1e-6  # s between the two samples that stand for a jump of the acceleration
 SAMPLE_STEP = 1e-3  # s, the longest step between the samples of a new motion
 
@@ -64,9 +67,10 @@ class PiecewisePolynomial:
             raise InputError("breaks must be at least two strictly increasing times, s")
         object.__setattr__(self, "breaks", breaks)
         shape = (breaks.size - 1, None, None)
-        object.__setattr__(
-            self, "coefficients", checks.array("coefficients", self.coefficients, shape)
-        )
+        coefficients = checks.array("coefficients", self.coefficients, shape)
+        if coefficients.size == 0:
+            raise InputError(f"coefficients must not be empty, not of shape {coefficients.shape}")
+        object.__setattr__(self, "coefficients", coefficients)
 
     @property
     def duration(self) -> float:
@@ -85,9 +89,7 @@ class PiecewisePolynomial:
         """Values [N,n] at times t [N]; at a break those of the later piece unless ``from_left``."""
         times = np.atleast_1d(np.asarray(t, dtype=float))
         side = "left" if from_left else "right"
-        piece = np.clip(
-            np.searchsorted(self.breaks, times, side=side) - 1, 0, self.breaks.size - 2
-        )
+        piece = np.clip(np.searchsorted(self.breaks, times, side=side) - 1, 0, self.breaks.size - 2)
         local = (times - self.breaks[piece])[:, None]
         value = np.zeros((times.size, self.coefficients.shape[2]))
         for power in reversed(range(self.coefficients.shape[1])):
@@ -152,6 +154,12 @@ class Motion:
         for name, unit in (("qd", "rad/s"), ("qdd", "rad/s^2"), ("tau", "N m")):
             put(self, name, checks.array(name, getattr(self, name), self.q.shape, unit))
         breaks = self.t if self.breaks is None else checks.array("breaks", self.breaks, (None,))
+        ends = breaks[[0, -1]] if breaks.size > 1 else np.array([np.nan, np.nan])
+        if not np.allclose(ends, (0.0, self.t[-1]), rtol=1e-9) or np.any(np.diff(breaks) <= 0):
+            raise InputError(
+                f"breaks must be strictly increasing times from 0 to {self.t[-1]:g} s, not "
+                f"{breaks.tolist()}"
+            )
         put(self, "breaks", breaks)
         put(self, "marks", tuple(self.marks))
 
@@ -181,6 +189,10 @@ class Motion:
 
         The samples are at most ``step`` seconds apart; every break is one of them.
         """
+        degree = polynomial.coefficients.shape[1] - 1
+        if degree > 5:
+            raise InputError(f"polynomial must be of degree at most 5, not {degree}")
+        step = checks.number("step", step, "s", above=0.0)
         velocity = polynomial.derivative()
         acceleration = velocity.derivative()
         breaks = polynomial.breaks
@@ -246,9 +258,10 @@ class Motion:
         return State(*_quintic(self, i, times - self.t[i]))
 
     def resample(self, rate: float) -> Motion:
-        """The motion on a uniform grid of ``rate`` hertz, its end included; torques interpolated."""
+        """The motion on a grid of ``rate`` hertz, its end included; torques interpolated."""
         rate = checks.number("rate", rate, "Hz", above=0.0)
-        t = np.append(np.arange(0.0, self.duration - 0.5 / rate, 1.0 / rate), self.duration)
+        count = max(1, int(np.ceil(self.duration * rate - 0.5)))
+        t = np.append(np.arange(count) / rate, self.duration)
         state = self.sample(t)
         tau = np.column_stack([np.interp(t, self.t, column) for column in self.tau.T])
         return Motion(
@@ -267,6 +280,10 @@ class Motion:
             "marks": [[mark.time, mark.name] for mark in self.marks],
             "provenance": dict(self.provenance),
         }
+        try:
+            text = json.dumps(metadata)
+        except TypeError as problem:
+            raise InputError(f"provenance must hold plain JSON values: {problem}") from None
         partial = target.with_name(target.name + ".part")
         with partial.open("wb") as stream:
             np.savez_compressed(
@@ -277,7 +294,7 @@ class Motion:
                 qdd=self.qdd,
                 tau=self.tau,
                 breaks=np.asarray(self.breaks),
-                metadata=json.dumps(metadata),
+                metadata=text,
             )
         partial.replace(target)
         return target
@@ -295,25 +312,27 @@ class Motion:
             with np.load(Path(path), allow_pickle=False) as stored:
                 arrays = {key: stored[key] for key in ("t", "q", "qd", "qdd", "tau", "breaks")}
                 metadata = json.loads(str(stored["metadata"]))
-        except (OSError, KeyError, ValueError, BadZipFile) as problem:
+            schema = int(metadata["schema"])
+            if schema <= SCHEMA:
+                return cls(
+                    **arrays,
+                    label=metadata["label"],
+                    marks=tuple(Mark(float(time), str(name)) for time, name in metadata["marks"]),
+                    provenance=metadata["provenance"],
+                    note=metadata["note"],
+                )
+        except (OSError, EOFError, LookupError, TypeError, ValueError, *_BROKEN) as problem:
             raise InputError(f"{path} is not a saved motion: {problem}") from None
-        if metadata.get("schema", 0) > SCHEMA:
-            raise InputError(
-                f"{path} was written by a newer version (schema {metadata['schema']}; "
-                f"this one reads up to {SCHEMA})"
-            )
-        return cls(
-            **arrays,
-            label=metadata["label"],
-            marks=tuple(Mark(float(time), str(name)) for time, name in metadata["marks"]),
-            provenance=metadata["provenance"],
-            note=metadata["note"],
+        raise InputError(
+            f"{path} was written by a newer version (schema {schema}; "
+            f"this one reads up to {SCHEMA})"
         )
 
 
 def torque_along(robot: Robot, state: State) -> FloatArray:
     """Inverse dynamics [N,n] of states [N,n], in one call."""
-    tau = inverse_dynamics(robot)(state.q.T, state.qd.T, state.qdd.T)
+    q = checks.array("q", state.q, (None, robot.joint_count))
+    tau = inverse_dynamics(robot)(q.T, state.qd.T, state.qdd.T)
     return np.array(tau).T
 
 
@@ -324,7 +343,7 @@ def sample_times(breaks: FloatArray, jumps: FloatArray, step: float) -> FloatArr
     """
     pieces = []
     jumping = set(np.asarray(jumps).tolist())
-    for start, end in zip(breaks[:-1], breaks[1:], strict=True):
+    for start, end in pairwise(np.asarray(breaks, dtype=float)):
         last = end - JUMP_GAP if end in jumping and end - start > 2 * JUMP_GAP else end
         count = max(1, int(np.ceil((last - start) / step - 1e-9)))
         pieces.append(np.linspace(start, last, count + 1)[: count + (last < end)])

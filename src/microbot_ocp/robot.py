@@ -123,9 +123,10 @@ def _check_inertia(label: str, inertia: FloatArray) -> None:
 class Limits:
     """Limits of every joint; whatever is not given is unlimited.
 
-    Each argument is a scalar (all joints alike), a list or array [n] (one value a joint), or a
-    tuple ``(lower, upper)`` of such. A single value of ``qd_max``, ``qdd_max``, ``tau_max`` or
-    ``taud_max`` means plus and minus. A robot holds its limits as arrays [n]:
+    Each argument is a scalar (all joints alike) or a list or array [n] (one value a joint).
+    ``qd_max``, ``qdd_max``, ``tau_max`` and ``taud_max`` mean plus and minus, unless given as a
+    tuple ``(lower, upper)`` of such, or with their ``qd_min`` and so on. A robot holds its limits
+    as arrays [n]:
     ``robot.limits.q_min``, ``q_max``, ``qd_min``, ``qd_max``, ``qdd_min``, ... in rad, rad/s,
     rad/s^2, N m, N m/s (prismatic joints: m, m/s, m/s^2, N, N/s).
 
@@ -142,10 +143,10 @@ class Limits:
     qdd_max: LimitArgument = np.inf
     tau_max: LimitArgument = np.inf
     taud_max: LimitArgument = np.inf
-    qd_min: FloatArray | None = None
-    qdd_min: FloatArray | None = None
-    tau_min: FloatArray | None = None
-    taud_min: FloatArray | None = None
+    qd_min: ArrayLike | None = None
+    qdd_min: ArrayLike | None = None
+    tau_min: ArrayLike | None = None
+    taud_min: ArrayLike | None = None
 
     def for_joints(self, count: int) -> JointLimits:
         """Return the limits as arrays [count], checked.
@@ -160,31 +161,35 @@ class Limits:
         for quantity in LIMIT_UNITS:
             lower, upper = self._pair(quantity, count)
             arrays[f"{quantity}_min"], arrays[f"{quantity}_max"] = lower, upper
-            crossed = np.flatnonzero(lower > upper)
+            unit = _either_unit(quantity)
+            crossed = np.flatnonzero((lower > upper) | (lower == np.inf) | (upper == -np.inf))
             if crossed.size:
                 j = crossed[0]
                 raise InputError(
-                    f"{quantity}_min of joint {j + 1} is {lower[j]:g}, above its {quantity}_max "
-                    f"of {upper[j]:g} {LIMIT_UNITS[quantity][0]}"
+                    f"{quantity}_min of joint {j + 1} must be finite or -inf and at most its "
+                    f"{quantity}_max of {upper[j]:g} {unit}, not {lower[j]:g}"
                 )
-            if quantity in ("qd", "qdd", "taud"):
+            if quantity != "q":
                 outside = np.flatnonzero((lower > 0) | (upper < 0))
                 if outside.size:
                     j = outside[0]
                     raise InputError(
                         f"{quantity}_max of joint {j + 1} must leave room for zero, not "
-                        f"[{lower[j]:g}, {upper[j]:g}] {LIMIT_UNITS[quantity][0]} (a tuple means "
+                        f"[{lower[j]:g}, {upper[j]:g}] {unit} (a tuple means "
                         "(lower, upper); give one value a joint as a list)"
                     )
         return JointLimits(**arrays)
 
     def _pair(self, quantity: str, count: int) -> tuple[FloatArray, FloatArray]:
-        if quantity == "q":
-            return (
-                _per_joint("q_min", self.q_min, count),
-                _per_joint("q_max", self.q_max, count),
-            )
         name = f"{quantity}_max"
+        if quantity == "q":
+            for side, value in (("q_min", self.q_min), (name, self.q_max)):
+                if isinstance(value, tuple):
+                    raise InputError(
+                        f"{side} must be a number or a list with one value a joint, not the tuple "
+                        f"{value}: q_min and q_max are the pair"
+                    )
+            return _per_joint("q_min", self.q_min, count), _per_joint(name, self.q_max, count)
         value = getattr(self, name)
         explicit_lower = getattr(self, f"{quantity}_min")
         if isinstance(value, tuple):
@@ -192,6 +197,10 @@ class Limits:
                 raise InputError(
                     f"{name} as a tuple must be (lower, upper), not {len(value)} entries; give "
                     "one value a joint as a list"
+                )
+            if explicit_lower is not None:
+                raise InputError(
+                    f"{quantity}_min is given twice: as {explicit_lower!r} and in the tuple {name}"
                 )
             return _per_joint(name, value[0], count), _per_joint(name, value[1], count)
         upper = _per_joint(name, value, count)
@@ -201,7 +210,7 @@ class Limits:
         if negative.size:
             j = negative[0]
             raise InputError(
-                f"{name} of joint {j + 1} must be at least 0 {LIMIT_UNITS[quantity][0]}, "
+                f"{name} of joint {j + 1} must be at least 0 {_either_unit(quantity)}, "
                 f"not {upper[j]:g}"
             )
         return -upper, upper
@@ -238,13 +247,14 @@ class JointLimits:
 
 
 def _per_joint(name: str, value: Any, count: int) -> FloatArray:
-    try:
-        given = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
-        raise InputError(f"{name} must be numbers, not {value!r}") from None
-    if given.ndim == 0:
-        given = np.full(count, float(given))
-    return checks.array(name, given, (count,), finite=False)
+    if np.ndim(np.asarray(value, dtype=object)) == 0:
+        value = [value] * count
+    return checks.array(name, value, (count,), finite=False)
+
+
+def _either_unit(quantity: str) -> str:
+    revolute, prismatic = LIMIT_UNITS[quantity]
+    return f"{revolute} (prismatic: {prismatic})"
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,7 +277,10 @@ class Robot:
     gravity: FloatArray
     tool: FloatArray
     description: str = ""
-    _digest: str = field(default="", repr=False)
+    _digest: str = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_digest", self._make_digest())
 
     @classmethod
     def from_dh(
@@ -334,33 +347,34 @@ class Robot:
                     f"{column.size}"
                 )
         offset = np.zeros(count) if theta_offset is None else theta_offset
+        if not isinstance(joint_type, str | list | tuple):
+            raise InputError(f"joint_type must be text or a list of text, not {joint_type!r}")
         types = (joint_type,) * count if isinstance(joint_type, str) else tuple(joint_type)
         if len(types) != count:
             raise InputError(f"joint_type has {len(types)} entries for {count} joints")
         for entry in types:
             checks.one_of("joint_type", entry, ("revolute", "prismatic"))
         names = tuple(joint_names or (f"joint {i + 1}" for i in range(count)))
-        if len(names) != count or len(set(names)) != count:
+        all_text = all(isinstance(entry, str) for entry in names)
+        if not all_text or len(names) != count or len(set(names)) != count:
             raise InputError(f"joint_names must be {count} different names, not {list(names)}")
-        chain = tuple(links or ())
-        if chain and len(chain) != count:
-            raise InputError(f"links has {len(chain)} entries for {count} joints")
-        robot = cls(
-            name=str(name),
+        for key, text in (("name", name), ("description", description)):
+            if not isinstance(text, str):
+                raise InputError(f"{key} must be text, not {text!r}")
+        return cls(
+            name=name,
             alpha=table["alpha"],
             a=table["a"],
             d=table["d"],
             theta_offset=checks.array("theta_offset", offset, (count,), "rad"),
             joint_types=types,  # type: ignore[arg-type]
             joint_names=names,
-            links=chain,
-            limits=(limits or Limits()).for_joints(count),
+            links=_chain(links, count) if links else (),
+            limits=_joint_limits(Limits() if limits is None else limits, count),
             gravity=checks.array("gravity", gravity, (3,), "m/s^2"),
             tool=_tool_matrix(tool),
             description=description,
         )
-        object.__setattr__(robot, "_digest", robot._make_digest())
-        return robot
 
     @property
     def joint_count(self) -> int:
@@ -373,27 +387,20 @@ class Robot:
         return bool(self.links)
 
     def unit(self, quantity: str, joint: int) -> str:
-        """Unit of ``q``, ``qd``, ``qdd``, ``tau`` or ``taud`` at joint index ``joint`` (0-based)."""
+        """Unit of ``q``, ``qd``, ``qdd``, ``tau`` or ``taud`` at joint index ``joint`` (from 0)."""
         return LIMIT_UNITS[quantity][self.joint_types[joint] == "prismatic"]
 
     def with_limits(self, limits: Limits | JointLimits) -> Robot:
         """Return the same robot with other limits."""
-        return self._changed(limits=limits.for_joints(self.joint_count))
+        return replace(self, limits=_joint_limits(limits, self.joint_count))
 
     def with_links(self, links: Sequence[Link]) -> Robot:
         """Return the same robot with other links (payload, model mismatch, rotor inertia)."""
-        if len(links) != self.joint_count:
-            raise InputError(f"links has {len(links)} entries for {self.joint_count} joints")
-        return self._changed(links=tuple(links))
+        return replace(self, links=_chain(links, self.joint_count))
 
     def with_gravity(self, gravity: ArrayLike) -> Robot:
         """Return the same robot under another gravity vector [3], m/s^2, in the base frame."""
-        return self._changed(gravity=checks.array("gravity", gravity, (3,), "m/s^2"))
-
-    def _changed(self, **changes: Any) -> Robot:
-        robot = replace(self, **changes)
-        object.__setattr__(robot, "_digest", robot._make_digest())
-        return robot
+        return replace(self, gravity=checks.array("gravity", gravity, (3,), "m/s^2"))
 
     def _make_digest(self) -> str:
         digest = hashlib.sha256(repr((self.name, self.joint_types, self.joint_names)).encode())
@@ -416,6 +423,22 @@ class Robot:
 
     def __hash__(self) -> int:
         return hash(self._digest)
+
+
+def _chain(links: Any, count: int) -> tuple[Link, ...]:
+    chain = tuple(links)
+    if len(chain) != count:
+        raise InputError(f"links has {len(chain)} entries for {count} joints")
+    for entry in chain:
+        if not isinstance(entry, Link):
+            raise InputError(f"links must hold Link objects, not {entry!r}")
+    return chain
+
+
+def _joint_limits(limits: Any, count: int) -> JointLimits:
+    if not isinstance(limits, Limits | JointLimits):
+        raise InputError(f"limits must be Limits, such as Limits(tau_max=100.0), not {limits!r}")
+    return limits.for_joints(count)
 
 
 def _tool_matrix(tool: ArrayLike | None) -> FloatArray:

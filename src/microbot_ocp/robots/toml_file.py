@@ -62,7 +62,7 @@ def load_robot(source: str | Path) -> Robot:
     if name in packaged_robots():
         text = (resources.files("microbot_ocp.robots") / f"{name}.toml").read_text("utf-8")
         return parse_robot(text, f"{name}.toml")
-    path = Path(source)
+    path = Path(name)
     if path.suffix != ".toml":
         raise InputError(
             f"robot must be one of {', '.join(packaged_robots())}, or the path of a .toml file, "
@@ -87,7 +87,7 @@ def parse_robot(text: str, origin: str = "robot") -> Robot:
     if not isinstance(joints, list) or not joints or not all(isinstance(j, dict) for j in joints):
         raise InputError(f"{origin} must have at least one [[joint]] table")
     rows = [_row(joint, i, origin) for i, joint in enumerate(joints)]
-    links = [_link(row) for row in rows]
+    links = [_link(row, origin) for row in rows]
     if any(link is None for link in links) and any(link is not None for link in links):
         missing = next(row["name"] for row, link in zip(rows, links, strict=True) if link is None)
         raise InputError(f"mass of joint {missing!r} is missing in {origin}: give all or none")
@@ -117,18 +117,27 @@ def _in_radians(table: dict[str, Any], where: str, allowed: tuple[str, ...]) -> 
         if plain in result:
             raise InputError(f"{where} gives {plain!r} twice, in radians and in degrees")
         if plain != key:
-            try:
-                value = np.radians(np.asarray(value, dtype=float)).tolist()
-            except (TypeError, ValueError):
-                raise InputError(f"{key} of {where} must be a number, not {value!r}") from None
+            if plain in BOUNDS and table.get("type") == "prismatic":
+                raise InputError(f"{key} of {where} cannot be in degrees: the joint is prismatic")
+            if isinstance(value, list):
+                value = np.radians(checks.array(f"{key} of {where}", value, (2,), "deg")).tolist()
+            else:
+                value = float(np.radians(_number_or_inf(f"{key} of {where}", value, "deg")))
         result[plain] = value
     return result
+
+
+def _number_or_inf(name: str, value: Any, unit: str = "") -> float:
+    """A number that may be infinite, which TOML writes as inf."""
+    return value if value in (math.inf, -math.inf) else checks.number(name, value, unit)
 
 
 def _row(table: dict[str, Any], index: int, origin: str) -> dict[str, Any]:
     label = f"joint {table.get('name', index + 1)!r} in {origin}"
     row = _in_radians(table, label, JOINT_KEYS)
     row.setdefault("name", f"joint {index + 1}")
+    if not isinstance(row["name"], str):
+        raise InputError(f"name of {label} must be text, not {row['name']!r}")
     row["type"] = checks.one_of(
         f"type of {label}", row.get("type", "revolute"), ("revolute", "prismatic")
     )
@@ -140,12 +149,19 @@ def _row(table: dict[str, Any], index: int, origin: str) -> dict[str, Any]:
     return row
 
 
-def _link(row: dict[str, Any]) -> Link | None:
-    if "mass" not in row:
-        return None
+def _link(row: dict[str, Any], origin: str) -> Link | None:
     given = {key: row[key] for key in (*INERTIAL, *FRICTION) if key in row}
+    if not given:
+        return None
+    if "mass" not in given:
+        raise InputError(
+            f"mass of joint {row['name']!r} is missing in {origin}, but {', '.join(given)} is given"
+        )
     given.setdefault("center_of_mass", (0.0, 0.0, 0.0))
-    return Link(**given, name=row["name"])
+    try:
+        return Link(**given, name=row["name"])
+    except InputError as problem:
+        raise InputError(f"{origin}: {problem}") from None
 
 
 def _limits(rows: list[dict[str, Any]]) -> Limits:
@@ -153,10 +169,16 @@ def _limits(rows: list[dict[str, Any]]) -> Limits:
     columns: dict[str, Any] = {}
     for key in BOUNDS:
         values = [row.get(key, free.get(key, math.inf)) for row in rows]
+        for row, value in zip(rows, values, strict=True):
+            name = f"{key} of joint {row['name']!r}"
+            if not isinstance(value, list):
+                _number_or_inf(name, value)
+            elif key.startswith("q_m"):
+                raise InputError(f"{name} must be a number, not {value}")
+            else:
+                checks.array(f"{name} as [lower, upper]", value, (2,), finite=False)
         if any(isinstance(value, list) for value in values):
             pairs = [value if isinstance(value, list) else [-value, value] for value in values]
-            if key.startswith("q_m") or any(len(pair) != 2 for pair in pairs):
-                raise InputError(f"{key} must be a number or, but for q, [lower, upper]")
             columns[key] = ([pair[0] for pair in pairs], [pair[1] for pair in pairs])
         else:
             columns[key] = values
@@ -169,6 +191,8 @@ def _tool(table: Any, origin: str) -> Any:
     if not isinstance(table, dict):
         raise InputError(f"tool in {origin} must be a table")
     if "matrix" in table:
+        if len(table) > 1:
+            raise InputError(f"tool in {origin} must be a matrix or a DH row, not both")
         return table["matrix"]
     row = _in_radians(table, f"tool in {origin}", ("alpha", "a", "d", "theta"))
     numbers = [

@@ -1,0 +1,30 @@
+"""Shared fixtures; compiled functions of the tests stay in pytest's own cache folder."""
+
+from __future__ import annotations
+
+import os
+
+import pytest
+from hypothesis import HealthCheck, settings
+
+import microbot_ocp as mo
+
+settings.register_profile(
+    "repeatable",
+    derandomize=True,
+    deadline=None,
+    max_examples=40,
+    database=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
+settings.load_profile("repeatable")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    if "MICROBOT_OCP_CACHE" not in os.environ and hasattr(config, "cache"):
+        os.environ["MICROBOT_OCP_CACHE"] = str(config.cache.mkdir("compiled"))
+
+
+@pytest.fixture(scope="session")
+def microbot() -> mo.Robot:
+    return mo.load_robot("microbot")

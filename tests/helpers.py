@@ -1,0 +1,101 @@
+"""Random robots and states, seeded, and the relative difference the tests speak of."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+
+import microbot_ocp as mo
+from microbot_ocp.robot import dh_transform
+
+# Name -> (seed, joint types: r revolute, p prismatic). All have full inertias, offsets, rotor
+# inertia, tilted gravity and a turned tool.
+RANDOM_CHAINS = {
+    "rr": (1, "rr"),
+    "rp": (2, "rp"),
+    "prr": (3, "prr"),
+    "rprr": (4, "rprr"),
+    "rrprp": (5, "rrprp"),
+    "rrrrrr": (6, "rrrrrr"),
+    "rrrprrr": (7, "rrrprrr"),
+}
+
+
+def random_link(rng: np.random.Generator, armature: bool = True) -> mo.Link:
+    """A link whose inertia comes from a second moment of mass, so that a body could have it."""
+    spread = rng.normal(size=(3, 3))
+    second_moment = 0.1 * spread @ spread.T + 0.01 * np.eye(3)
+    return mo.Link(
+        mass=rng.uniform(0.5, 5.0),
+        center_of_mass=rng.uniform(-0.5, 0.5, 3),
+        inertia=np.trace(second_moment) * np.eye(3) - second_moment,
+        armature=rng.uniform(0.0, 0.5) if armature else 0.0,
+    )
+
+
+@lru_cache
+def random_robot(name: str) -> mo.Robot:
+    """One of ``RANDOM_CHAINS``, always the same."""
+    seed, kinds = RANDOM_CHAINS[name]
+    rng = np.random.default_rng(seed)
+    count = len(kinds)
+    return mo.Robot.from_dh(
+        alpha=rng.uniform(-np.pi, np.pi, count),
+        a=rng.uniform(-1.0, 1.0, count),
+        d=rng.uniform(-1.0, 1.0, count),
+        theta_offset=rng.uniform(-np.pi, np.pi, count),
+        joint_type=["revolute" if kind == "r" else "prismatic" for kind in kinds],
+        links=[random_link(rng) for _ in kinds],
+        gravity=rng.uniform(-10.0, 10.0, 3),
+        tool=dh_transform(*rng.uniform(-1.0, 1.0, 4)),
+        name=name,
+    )
+
+
+def any_robot(name: str) -> mo.Robot:
+    """A packaged robot or one of ``RANDOM_CHAINS``."""
+    return random_robot(name) if name in RANDOM_CHAINS else mo.load_robot(name)
+
+
+def two_link_arm(
+    first: float, second: float, masses: tuple[float, float] = (1.0, 1.0), gravity: float = 9.81
+) -> mo.Robot:
+    """Craig's planar two-link arm: point masses at the link ends, gravity along -Y."""
+    return mo.Robot.from_dh(
+        alpha=[0.0, 0.0],
+        a=[0.0, first],
+        d=[0.0, 0.0],
+        links=[mo.Link(masses[0], [first, 0, 0]), mo.Link(masses[1], [second, 0, 0])],
+        gravity=(0.0, -gravity, 0.0),
+        tool=(0.0, second, 0.0, 0.0),
+        name="two-link arm",
+    )
+
+
+def random_states(robot: mo.Robot, count: int, seed: int = 0) -> tuple[np.ndarray, ...]:
+    """Positions, velocities and accelerations, each [count, n]."""
+    rng = np.random.default_rng(seed)
+    q = rng.uniform(-np.pi, np.pi, (count, robot.joint_count))
+    qd = rng.uniform(-3.0, 3.0, q.shape)
+    qdd = rng.uniform(-10.0, 10.0, q.shape)
+    return q, qd, qdd
+
+
+def batch(function: ca.Function, *arrays: np.ndarray) -> np.ndarray:
+    """Outputs [N, rows] or [N, rows, columns] of a function at arrays [N, .], in one call."""
+    count = len(arrays[0])
+    rows, columns = function.size_out(0)
+    flat = np.array(function.map(count)(*(a.T for a in arrays)))
+    blocks = flat.reshape(rows, count, columns).transpose(1, 0, 2)
+    return blocks[:, :, 0] if columns == 1 else blocks
+
+
+def difference(ours: np.ndarray, theirs: np.ndarray) -> float:
+    """Largest difference at any state, relative to the size (at least 1) of what it should be."""
+    ours, theirs = np.asarray(ours), np.asarray(theirs)
+    assert ours.shape == theirs.shape
+    axes = tuple(range(1, theirs.ndim))
+    size = np.maximum(1.0, np.abs(theirs).max(axis=axes))
+    return float((np.abs(ours - theirs).max(axis=axes) / size).max())
