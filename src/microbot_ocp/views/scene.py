@@ -1,0 +1,153 @@
+"""What figures and recordings both draw: the arm along a motion, via points, limits worth drawing."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from microbot_ocp.checks import FloatArray
+from microbot_ocp.comparison import Comparison, Entry
+from microbot_ocp.kinematics import forward_kinematics, frame_origins
+from microbot_ocp.motion import Motion
+from microbot_ocp.robot import Robot
+
+VIA_TOLERANCE = 0.02  # rad or m: how near a mark's position must be to its via point
+LIMIT_STRETCH = 2.0  # a limit that would stretch the data's axis by more is told, not drawn
+QUANTITIES = ("q", "qd", "tau")
+
+
+class Passage(NamedTuple):
+    """A via point (index from 0) and when a motion passes it, s."""
+
+    via: int
+    time: float
+
+
+class SolvedEntry(NamedTuple):
+    """An entry together with the motion that it has."""
+
+    entry: Entry
+    motion: Motion
+
+
+def solved_entries(comparison: Comparison) -> list[SolvedEntry]:
+    """The entries that have a motion, in their order."""
+    return [SolvedEntry(e, e.motion) for e in comparison.entries if e.motion is not None]
+
+
+def failed_entries(comparison: Comparison) -> list[Entry]:
+    """The entries without a motion, in their order."""
+    return [entry for entry in comparison.entries if entry.motion is None]
+
+
+def longest_duration(comparison: Comparison) -> float:
+    """Duration of the slowest motion, s; 0 without any motion."""
+    return max((motion.duration for _, motion in solved_entries(comparison)), default=0.0)
+
+
+def link_origins(robot: Robot, q: FloatArray) -> FloatArray:
+    """Origins [N,n+2,3] of the base, every link frame and the tool at positions q [N,n], m."""
+    columns = np.array(frame_origins(robot)(q.T))
+    return columns.T.reshape(len(q), robot.joint_count + 2, 3)
+
+
+def link_rotations(robot: Robot, q: FloatArray, frame: int) -> FloatArray:
+    """Rotations [N,3,3] of link frame ``frame`` (1 to n) in the base frame at positions q [N,n]."""
+    columns = np.array(forward_kinematics(robot, frame)(q.T))
+    return columns.reshape(4, len(q), 4).transpose(1, 0, 2)[:, :3, :3]
+
+
+def reach(robot: Robot) -> float:
+    """Length of the chain stretched out, m: the scale of everything that is drawn."""
+    chain = np.hypot(robot.a, robot.d).sum() + np.linalg.norm(robot.tool[:3, 3])
+    return float(chain) or 1.0
+
+
+def via_passages(comparison: Comparison, motion: Motion) -> list[Passage]:
+    """When the motion passes each via point: its ends, and the marks at which it is at a via point.
+
+    A via point that no mark tells of is left out.
+    """
+    last = len(comparison.via_q) - 1
+    inner = []
+    times = np.clip([mark.time for mark in motion.marks], 0.0, motion.duration)
+    if times.size:
+        q = motion.sample(times).q
+        for via in range(1, last):
+            distance = np.abs(q - comparison.via_q[via]).max(axis=1)
+            nearest = int(distance.argmin())
+            if distance[nearest] < VIA_TOLERANCE:
+                inner.append(Passage(via, float(times[nearest])))
+    return [Passage(0, 0.0), *inner, Passage(last, motion.duration)]
+
+
+def display_factor(robot: Robot, quantity: str, joint: int) -> float:
+    """Factor from stored to drawn units: revolute positions are drawn in degrees."""
+    turns = quantity == "q" and robot.joint_types[joint] == "revolute"
+    return 180.0 / np.pi if turns else 1.0
+
+
+def display_unit(robot: Robot, quantity: str, joint: int) -> str:
+    """Unit in which a quantity of a joint (0-based) is drawn."""
+    turns = quantity == "q" and robot.joint_types[joint] == "revolute"
+    return "deg" if turns else robot.unit(quantity, joint)
+
+
+class AxisLimits(NamedTuple):
+    """Limits of one quantity of one joint in drawn units, and the range of an axis that shows them.
+
+    ``lower`` and ``upper`` are None where there is none or it lies far from the data; ``far`` says
+    in words which limits are left out so.
+    """
+
+    lower: float | None
+    upper: float | None
+    axis: tuple[float, float]
+    far: str
+
+
+def axis_limits(comparison: Comparison, quantity: str, joint: int) -> AxisLimits:
+    """Range of the curves of all motions with the limits near enough to be drawn beside them."""
+    factor = display_factor(comparison.robot, quantity, joint)
+    low, high = _data_range(comparison, quantity, joint, factor)
+    bounds = comparison.limits.bounds(quantity)
+    lower, upper = (float(bound[joint]) * factor for bound in bounds)
+    span = max(high - low, 1e-9)
+    near_lower = np.isfinite(lower) and high - lower <= LIMIT_STRETCH * span
+    near_upper = np.isfinite(upper) and upper - low <= LIMIT_STRETCH * span
+    axis_low = min(low, lower) if near_lower else low
+    axis_high = max(high, upper) if near_upper else high
+    margin = 0.06 * max(axis_high - axis_low, 1e-6)
+    unit = display_unit(comparison.robot, quantity, joint)
+    return AxisLimits(
+        lower if near_lower else None,
+        upper if near_upper else None,
+        (axis_low - margin, axis_high + margin),
+        _far_limits(None if near_lower else lower, None if near_upper else upper, unit),
+    )
+
+
+def _data_range(
+    comparison: Comparison, quantity: str, joint: int, factor: float
+) -> tuple[float, float]:
+    columns = [getattr(m, quantity)[:, joint] * factor for _, m in solved_entries(comparison)]
+    if quantity == "q":
+        columns.append(comparison.via_q[:, joint] * factor)
+    if not columns:
+        return 0.0, 1.0
+    values = np.concatenate(columns)
+    low, high = float(values.min()), float(values.max())
+    if high - low > 1e-6 * max(1.0, abs(low)):
+        return low, high
+    return low - 0.5, high + 0.5  # a joint at rest: an axis needs some height
+
+
+def _far_limits(lower: float | None, upper: float | None, unit: str) -> str:
+    known = [v for v in (lower, upper) if v is not None and np.isfinite(v)]
+    if not known:
+        return ""
+    if len(known) == 2 and np.isclose(known[0], -known[1]):
+        return f"limits ±{known[1]:.4g} {unit}"
+    values = " and ".join(f"{value:+.4g}" for value in known)
+    return f"limit{'s' if len(known) == 2 else ''} {values} {unit}".replace("-", "−")
