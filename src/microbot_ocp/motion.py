@@ -173,6 +173,11 @@ class Motion:
         """Number of joints n."""
         return self.q.shape[1]
 
+    @property
+    def solved(self) -> bool:
+        """False where the solver that made it did not converge; the provenance says more."""
+        return self.provenance.get("status", "solved") == "solved"
+
     @classmethod
     def from_polynomial(
         cls,

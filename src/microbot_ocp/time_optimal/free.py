@@ -1,0 +1,524 @@
+"""Free time-optimal motions through via points: path and timing are both found.
+
+Each stretch between two via points is a phase of free duration with the states q, qd and a
+continuous, piecewise linear acceleration as the control, so that the discrete motion is exact and
+the torque continuous; torque limits are kept by the inverse dynamics, which needs no inverse of the
+mass matrix. Local optima are real: several starts are tried on a coarse mesh, the best goes on to
+finer ones, and a finer mesh whose optimum is worse than the coarse one is not accepted.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from microbot_ocp import checks
+from microbot_ocp.baselines.cubic import cubic
+from microbot_ocp.baselines.scaling import LimitUse, shortest_duration
+from microbot_ocp.checks import FloatArray, InputError
+from microbot_ocp.codegen import compile_functions, compiler
+from microbot_ocp.dynamics import inverse_dynamics
+from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial, torque_along
+from microbot_ocp.ocp.problem import OptimalControlProblem
+from microbot_ocp.ocp.solution import Solution
+from microbot_ocp.ocp.solvers import SolverSettings, solve
+from microbot_ocp.ocp.transcription import Guess, Transcription
+from microbot_ocp.robot import JointLimits, Limits, Robot
+from microbot_ocp.time_optimal.task import check_limits, check_via
+
+Progress = Callable[[str], None]
+
+SMOOTHING = 1e-8  # weight of the squared jerk: picks one motion where many are equally fast
+EXPLORE_MESH = 20  # intervals a phase for the first look at every start
+EXPLORE_TOLERANCE = 1e-5
+TOLERANCE = 1e-8
+WORSE = 1e-3  # a finer mesh may not be slower than a coarser one by more, relative
+CHECKS_PER_INTERVAL = 20
+REFINEMENTS = 4
+
+
+@dataclass(frozen=True)
+class TimeOptimalSettings:
+    """How hard to look.
+
+    Attributes
+    ----------
+    mesh : intervals of each phase in the first full solve
+    starts : how many starting motions to try on the coarse mesh
+    violation : largest relative excess of a limit between mesh points; the mesh is refined until
+        it holds
+    solver : "auto" (fatrop explores, IPOPT finishes), "fatrop" or "ipopt" for everything
+    compiled : compile the kernels to C where there is a compiler
+    seed : of the random starts
+    """
+
+    mesh: int = 100
+    starts: int = 5
+    violation: float = 1e-3
+    solver: str = "auto"
+    compiled: bool = True
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        checks.number("mesh", self.mesh, "intervals", at_least=4)
+        checks.number("starts", self.starts, at_least=1)
+        checks.number("violation", self.violation, above=0.0)
+        checks.one_of("solver", self.solver, ("auto", "fatrop", "ipopt"))
+
+
+def time_optimal(
+    robot: Robot,
+    via_q: ArrayLike,
+    limits: Limits | JointLimits | None = None,
+    *,
+    settings: TimeOptimalSettings | None = None,
+    progress: Progress | None = None,
+    **changes: Any,
+) -> Motion:
+    """The fastest motion through via points: at rest at both ends, passing the others at any speed.
+
+    Minimises the sum of the phase durations subject to q, qd, qdd, tau and taud within limits.
+
+    Parameters
+    ----------
+    robot : Robot
+        With masses.
+    via_q : array_like [m,n]
+        Via points, rad (m for prismatic joints).
+    limits : Limits, optional
+        Default the robot's own.
+    settings : TimeOptimalSettings, optional
+        Single settings may be given as keywords instead: ``mesh``, ``starts``, ``violation``,
+        ``solver``, ``compiled``, ``seed``.
+    progress : callable, optional
+        Called with a line of text at every step.
+
+    Returns
+    -------
+    Motion
+        ``motion.solved`` tells whether the solver converged, ``motion.provenance`` how it went:
+        status, advice, every start with its duration, every mesh.
+
+    Raises
+    ------
+    InputError
+        Bad via points or limits, before any solver starts.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import microbot_ocp as mo
+    >>> via_q = np.radians([[0, 0, 0], [-8, 45, 30], [-90, 90, 90]])
+    >>> motion = mo.time_optimal(mo.load_robot("microbot"), via_q, mesh=40, starts=1)
+    >>> motion.solved, round(motion.duration, 2)
+    (True, 1.92)
+    """
+    chosen = replace(settings or TimeOptimalSettings(), **changes)
+    bounds = check_limits(robot, limits)
+    via = check_via(robot, via_q, bounds)
+    search = _Search(robot, via, bounds, chosen, progress or (lambda _: None))
+    return search.run()
+
+
+@lru_cache(maxsize=16)
+def _transcription(
+    robot: Robot, via_bytes: bytes, count: int, compiled: bool
+) -> Transcription:
+    """Kernels for a robot (its own limits) and via points, built once."""
+    via = np.frombuffer(via_bytes).reshape(count, -1)
+    prepare = None
+    if compiled and compiler() is not None:
+        prepare = partial(compile_functions, optimization="-O1")
+    return Transcription(free_problem(robot, via), prepare=prepare)
+
+
+def free_problem(robot: Robot, via: FloatArray) -> OptimalControlProblem:
+    """The optimal-control problem of a robot (with its limits) through via points [m,n]."""
+    count, limits = robot.joint_count, robot.limits
+    tau = inverse_dynamics(robot)
+    acceleration_scale = _acceleration_scale(robot)
+    torque_scale = _finite_scale(limits.tau_min, limits.tau_max)
+    problem = OptimalControlProblem(f"time-optimal motion of {robot.name}")
+    for index, (start, end) in enumerate(zip(via[:-1], via[1:], strict=True)):
+        first, last = index == 0, index == len(via) - 2
+        phase = problem.phase(f"phase {index + 1}", duration=(1e-3, 1e3))
+        q = phase.state(
+            "q",
+            count,
+            lower=limits.q_min,
+            upper=limits.q_max,
+            initial=start,
+            final=end if last else None,
+            unit="rad",
+        )
+        qd = phase.state(
+            "qd",
+            count,
+            lower=limits.qd_min,
+            upper=limits.qd_max,
+            initial=0.0 if first else None,
+            final=0.0 if last else None,
+            scale=_finite_scale(limits.qd_min, limits.qd_max),
+            unit="rad/s",
+            between=bool(np.isfinite(limits.qd_max).any()),
+        )
+        qdd = phase.control(
+            "qdd",
+            count,
+            lower=limits.qdd_min,
+            upper=limits.qdd_max,
+            scale=acceleration_scale,
+            unit="rad/s^2",
+            shape="linear",
+        )
+        phase.derivative(q, qd)
+        phase.derivative(qd, qdd)
+        if np.isfinite(torque_scale).all() and np.isfinite([limits.tau_min, limits.tau_max]).any():
+            phase.constraint(
+                "torque",
+                tau(q, qd, qdd),
+                limits.tau_min,
+                limits.tau_max,
+                scale=torque_scale,
+                unit="N m",
+            )
+        if np.isfinite([limits.taud_min, limits.taud_max]).any():
+            phase.constraint(
+                "torque rate",
+                torque_rate(robot)(q, qd, qdd, phase.rate(qdd)),
+                limits.taud_min,
+                limits.taud_max,
+                scale=_finite_scale(limits.taud_min, limits.taud_max),
+                unit="N m/s",
+            )
+        phase.end_cost(phase.duration)
+        phase.running_cost(SMOOTHING * ca.sumsqr(phase.rate(qdd) / (10.0 * acceleration_scale)))
+    for before, after in zip(problem.phases[:-1], problem.phases[1:], strict=True):
+        problem.link(before, after, names=("q", "qd", "qdd"))
+    return problem
+
+
+def torque_rate(robot: Robot) -> ca.Function:
+    """Time derivative of the torque along a motion: ``(q, qd, qdd, qddd) -> taud``."""
+    q, qd, qdd, qddd = (ca.SX.sym(k, robot.joint_count) for k in ("q", "qd", "qdd", "qddd"))
+    tau = inverse_dynamics(robot)(q, qd, qdd)
+    state, slope = ca.vertcat(q, qd, qdd), ca.vertcat(qd, qdd, qddd)
+    return ca.Function("torque_rate", [q, qd, qdd, qddd], [ca.jtimes(tau, state, slope)])
+
+
+def _finite_scale(lower: FloatArray, upper: FloatArray) -> FloatArray:
+    size = np.maximum(np.abs(lower), np.abs(upper))
+    return np.where(np.isfinite(size) & (size > 0), size, 1.0)
+
+
+def _acceleration_scale(robot: Robot) -> FloatArray:
+    """Typical accelerations [n]: the limits, where given, else 10 rad/s^2."""
+    return np.where(
+        np.isfinite(robot.limits.qdd_max) & (robot.limits.qdd_max > 0), robot.limits.qdd_max, 10.0
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Start:
+    name: str
+    guesses: Mapping[str, Guess]
+
+
+class _Search:
+    """Several starts on a coarse mesh, the best one refined until the limits hold between points."""
+
+    def __init__(
+        self,
+        robot: Robot,
+        via: FloatArray,
+        limits: JointLimits,
+        settings: TimeOptimalSettings,
+        progress: Progress,
+    ) -> None:
+        self.robot, self.via, self.settings = robot.with_limits(limits), via, settings
+        self.progress = progress
+        self.names = [f"phase {i + 1}" for i in range(len(via) - 1)]
+        self.log: list[dict[str, Any]] = []
+
+    def run(self) -> Motion:
+        begin = time.perf_counter()
+        self.transcription = _transcription(
+            self.robot, self.via.tobytes(), len(self.via), self.settings.compiled
+        )
+        built = time.perf_counter() - begin
+        starts, best = self._explore()
+        solution = self._finish(best) if best is not None else None
+        wall = time.perf_counter() - begin
+        return self._motion(solution, starts, built, wall)
+
+    # starts ---------------------------------------------------------------------------------
+
+    def _explore(self) -> tuple[list[dict[str, Any]], Solution | None]:
+        mesh = min(EXPLORE_MESH, self.settings.mesh)
+        tried, best = [], None
+        for start in self._starts():
+            solution = self._solve(mesh, start.guesses, EXPLORE_TOLERANCE, "auto")
+            tried.append(
+                {
+                    "start": start.name,
+                    "status": solution.status.name.lower(),
+                    "duration": solution.duration,
+                }
+            )
+            self.progress(
+                f"start {start.name}: {solution.duration:.4f} s on {mesh} intervals a phase, "
+                f"{solution.status.name.lower().replace('_', ' ')}"
+            )
+            if _better(solution, best):
+                best = solution
+        return tried, best
+
+    def _starts(self) -> list[_Start]:
+        starts = [self._cubic_start(), self._bowed_start("straight", np.zeros(self.via.shape[1]))]
+        random = np.random.default_rng(self.settings.seed)
+        while len(starts) < self.settings.starts:
+            bow = random.uniform(-0.7, 0.7, self.via.shape[1])
+            starts.append(self._bowed_start(f"bow {len(starts) - 1}", bow))
+        return starts[: self.settings.starts]
+
+    def _cubic_start(self) -> _Start:
+        """The cubic through the via points at the shortest duration that keeps the limits."""
+        steps = np.abs(np.diff(self.via, axis=0)).max(axis=1)
+        shape = cubic(self.via, np.concatenate([[0.0], np.cumsum(np.maximum(steps, 1e-3))]))
+        try:
+            shape = shortest_duration(self.robot, shape).polynomial
+        except InputError:  # gravity forbids rest on the way: still a start, only not a feasible one
+            pass
+        return _Start("cubic", self._guesses(shape, shape.breaks))
+
+    def _bowed_start(self, name: str, bow: FloatArray) -> _Start:
+        """Straight stretches bent sideways, at a speed that the velocity limits would allow."""
+        limit = np.where(np.isfinite(self.robot.limits.qd_max), self.robot.limits.qd_max, 2.0)
+        guesses = {}
+        for phase, start, end in zip(self.names, self.via[:-1], self.via[1:], strict=True):
+            duration = max(1.5 * float(np.max(np.abs(end - start) / limit)), 1e-2)
+
+            def position(
+                s: FloatArray, start: FloatArray = start, end: FloatArray = end
+            ) -> FloatArray:
+                return start + s[:, None] * (end - start) + np.sin(np.pi * s)[:, None] * bow
+
+            def velocity(
+                s: FloatArray,
+                start: FloatArray = start,
+                end: FloatArray = end,
+                duration: float = duration,
+            ) -> FloatArray:
+                slope = (end - start) + np.pi * np.cos(np.pi * s)[:, None] * bow
+                return np.clip(slope / duration, -limit, limit)
+
+            guesses[phase] = Guess(duration, {"q": position, "qd": velocity, "qdd": 0.0})
+        return _Start(name, guesses)
+
+    def _guesses(self, shape: PiecewisePolynomial, times: FloatArray) -> dict[str, Guess]:
+        """A guess for every phase from a motion that passes the via points at ``times``."""
+        velocity = shape.derivative()
+        acceleration = velocity.derivative()
+        curves = {"q": shape, "qd": velocity, "qdd": acceleration}
+        guesses = {}
+        for phase, start, end in zip(self.names, times[:-1], times[1:], strict=True):
+
+            def along(
+                curve: PiecewisePolynomial, s: FloatArray, start: float = start, end: float = end
+            ) -> FloatArray:
+                return curve(start + s * (end - start))
+
+            values = {name: partial(along, curve) for name, curve in curves.items()}
+            guesses[phase] = Guess(float(end - start), values)
+        return guesses
+
+    # refinement -----------------------------------------------------------------------------
+
+    def _finish(self, best: Solution) -> Solution:
+        """Coarse to fine from the best start, then local refinement while limits are exceeded."""
+        solver = "ipopt" if self.settings.solver == "auto" else self.settings.solver
+        middle = int(np.sqrt(EXPLORE_MESH * self.settings.mesh))
+        meshes = [m for m in (middle,) if EXPLORE_MESH * 1.5 < m < self.settings.mesh]
+        for mesh in (*meshes, self.settings.mesh):
+            best = self._step(best, [np.linspace(0, 1, mesh + 1)] * len(self.names), solver)
+        for _ in range(REFINEMENTS):
+            if not best.status.ok:
+                break
+            excess = self._excess(best)
+            worst = max(float(e.max()) for e in excess)
+            self.progress(f"largest excess of a limit between mesh points: {100 * worst:.3g} %")
+            if worst <= self.settings.violation:
+                break
+            meshes = [
+                _split(phase.mesh, e > self.settings.violation)
+                for phase, e in zip(best.phases, excess, strict=True)
+            ]
+            best = self._step(best, meshes, solver)
+        return best
+
+    def _step(self, before: Solution, mesh: Sequence[FloatArray], solver: str) -> Solution:
+        """Solve on another mesh from a solution; keep the old one where the new one is worse."""
+        shape = polynomial(before)
+        guesses = self._guesses(shape, via_times(before))
+        after = self._solve(mesh, guesses, TOLERANCE, solver)
+        if not after.status.ok and solver != "ipopt":
+            after = self._solve(mesh, guesses, TOLERANCE, "ipopt")
+        accepted = not before.status.ok or (
+            after.status.ok and after.duration <= before.duration * (1 + WORSE)
+        )
+        self.log[-1]["accepted"] = accepted
+        self.progress(
+            f"mesh {' + '.join(str(m.size - 1) for m in mesh)}: {after.duration:.6f} s, "
+            f"{after.status.name.lower().replace('_', ' ')}{'' if accepted else ', not accepted'}"
+        )
+        return after if accepted else before
+
+    def _solve(
+        self,
+        mesh: Sequence[FloatArray] | int,
+        guesses: Mapping[str, Guess],
+        tolerance: float,
+        solver: str,
+    ) -> Solution:
+        if self.settings.solver != "auto":
+            solver = self.settings.solver
+        solution = solve(
+            self.transcription, mesh, guesses, SolverSettings(solver=solver, tolerance=tolerance)
+        )
+        self.log.append(
+            {
+                "intervals": [phase.mesh.size - 1 for phase in solution.phases],
+                "duration": solution.duration,
+                "build_time": solution.build_time,
+                "attempts": [attempt.as_dict() for attempt in solution.attempts],
+            }
+        )
+        return solution
+
+    def _excess(self, solution: Solution) -> list[FloatArray]:
+        """Largest relative excess of any limit inside every interval of every phase."""
+        shape = polynomial(solution)
+        velocity = shape.derivative()
+        acceleration = velocity.derivative()
+        inside = np.linspace(0, 1, CHECKS_PER_INTERVAL + 1)
+        t = (shape.breaks[:-1, None] + inside * np.diff(shape.breaks)[:, None]).ravel()
+        state = shape(t), velocity(t), acceleration(t)
+        values = dict(zip(("q", "qd", "qdd"), state, strict=True))
+        tau = inverse_dynamics(self.robot)(*(v.T for v in state))
+        values["tau"] = np.array(tau).T
+        excess = np.zeros(t.size)
+        for quantity, value in values.items():
+            use = LimitUse.of(self.robot.limits, quantity)
+            if use.limited.any():
+                excess = np.maximum(excess, use(value).max(axis=1) - 1.0)
+        per_interval = excess.reshape(-1, inside.size).max(axis=1)
+        edges = np.cumsum([phase.mesh.size - 1 for phase in solution.phases])[:-1]
+        return np.split(per_interval, edges)
+
+    # result ---------------------------------------------------------------------------------
+
+    def _motion(
+        self,
+        solution: Solution | None,
+        starts: list[dict[str, Any]],
+        built: float,
+        wall: float,
+    ) -> Motion:
+        assert solution is not None
+        times = via_times(solution)
+        solved = solution.status.ok
+        found = sorted({round(s["duration"], 3) for s in starts if s["status"] == "solved"})
+        return Motion.from_polynomial(
+            self.robot,
+            polynomial(solution),
+            label="time-optimal",
+            marks=[Mark(float(t), f"via {i + 1}") for i, t in enumerate(times)],
+            provenance={
+                "method": "free time-optimal motion, multiple shooting on the inverse dynamics",
+                "status": solution.status.name.lower(),
+                "advice": solution.advice,
+                "solver": solution.attempts[-1].solver,
+                "intervals": [phase.mesh.size - 1 for phase in solution.phases],
+                "phase_durations": [phase.duration for phase in solution.phases],
+                "optima_seen": found,
+                "starts": starts,
+                "solves": self.log,
+                "kernel_time": built,
+                "wall_time": wall,
+                "smoothing": SMOOTHING,
+                "casadi": ca.CasadiMeta.version(),
+            },
+            note=_note(solved, solution, starts, found),
+        )
+
+
+def _note(
+    solved: bool, solution: Solution, starts: list[dict[str, Any]], found: list[float]
+) -> str:
+    if not solved:
+        return f"not solved: {solution.advice}"
+    optima = ", ".join(f"{duration:.3f}" for duration in found)
+    return (
+        f"via point passed at any velocity; {len(starts)} starts ended at {optima} s on the "
+        "coarse mesh, the best was refined"
+    )
+
+
+def _better(solution: Solution, best: Solution | None) -> bool:
+    if best is None or solution.status.ok != best.status.ok:
+        return best is None or solution.status.ok
+    return solution.duration < best.duration
+
+
+def _split(mesh: FloatArray, bad: np.ndarray) -> FloatArray:
+    """Halve the bad intervals and their neighbours."""
+    near = bad.copy()
+    near[:-1] |= bad[1:]
+    near[1:] |= bad[:-1]
+    middles = (mesh[:-1] + mesh[1:])[near] / 2
+    return np.sort(np.concatenate([mesh, middles]))
+
+
+def via_times(solution: Solution) -> FloatArray:
+    """Times [m] at which the via points are passed, s."""
+    return np.concatenate([[0.0], np.cumsum([phase.duration for phase in solution.phases])])
+
+
+def polynomial(solution: Solution) -> PiecewisePolynomial:
+    """The motion between the mesh points: the quintic that meets q, qd and qdd at both ends.
+
+    It is the cubic of the linear acceleration wherever the solver closed the gaps between
+    intervals.
+    """
+    breaks, pieces = [np.zeros(1)], []
+    start = 0.0
+    for phase in solution.phases:
+        h = np.diff(phase.t)[:, None]
+        q, qd, qdd = phase["q"], phase["qd"], phase["qdd"]
+        q0, v0, a0 = q[:-1], qd[:-1], qdd[:-1]
+        dq = q[1:] - (q0 + h * (v0 + 0.5 * h * a0))
+        dv = (qd[1:] - (v0 + h * a0)) * h
+        da = (qdd[1:] - a0) * h**2
+        pieces.append(
+            np.stack(
+                [
+                    q0,
+                    v0,
+                    0.5 * a0,
+                    (10 * dq - 4 * dv + 0.5 * da) / h**3,
+                    (-15 * dq + 7 * dv - da) / h**4,
+                    (6 * dq - 3 * dv + 0.5 * da) / h**5,
+                ],
+                axis=1,
+            )
+        )
+        breaks.append(start + phase.t[1:])
+        start += phase.duration
+    return PiecewisePolynomial(np.concatenate(breaks), np.concatenate(pieces))

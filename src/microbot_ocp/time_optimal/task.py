@@ -1,0 +1,85 @@
+"""What every time-optimal solve checks of its task before a solver starts."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from microbot_ocp import checks
+from microbot_ocp.checks import FloatArray, InputError
+from microbot_ocp.dynamics import gravity_torque
+from microbot_ocp.robot import JointLimits, Limits, Robot
+
+
+def check_limits(robot: Robot, limits: Limits | JointLimits | None) -> JointLimits:
+    """Limits as arrays; some of them must bound the speed of a motion."""
+    chosen = robot.limits if limits is None else limits.for_joints(robot.joint_count)
+    for joint in range(robot.joint_count):
+        bounded = [
+            np.isfinite(chosen.bounds(quantity)[side][joint])
+            for quantity in ("qd", "qdd", "tau")
+            for side in (0, 1)
+        ]
+        if not any(bounded):
+            raise InputError(
+                f"limits leave joint {robot.joint_names[joint]!r} without any bound on its "
+                "velocity, acceleration or torque: its shortest time would be zero"
+            )
+    return chosen
+
+
+def check_via(robot: Robot, via_q: ArrayLike, limits: JointLimits) -> FloatArray:
+    """Via points [m,n], m >= 2, within the position limits, the first and last one holdable.
+
+    Raises
+    ------
+    InputError
+        Wrong width, not finite, a point outside the position limits, two equal points in a row, a
+        pose of rest that gravity alone makes impossible.
+    """
+    via = checks.array("via_q", via_q, (None, robot.joint_count), "rad")
+    if via.shape[0] < 2:
+        raise InputError(f"via_q must have at least 2 points, not {via.shape[0]}")
+    for index, point in enumerate(via):
+        check_position(robot, f"via point {index + 1}", point, limits)
+        if index and np.array_equal(point, via[index - 1]):
+            raise InputError(
+                f"via points {index} and {index + 1} are the same: the time between them would "
+                "be a duration of zero"
+            )
+    for index in (0, via.shape[0] - 1):
+        check_rest(robot, f"via point {index + 1}", via[index], limits)
+    return via
+
+
+def check_position(robot: Robot, what: str, q: FloatArray, limits: JointLimits) -> None:
+    """Raise InputError where a pose is outside the position limits."""
+    slack = 1e-9
+    for joint, (value, low, high) in enumerate(zip(q, limits.q_min, limits.q_max, strict=True)):
+        if value < low - slack or value > high + slack:
+            raise InputError(
+                f"{what} is outside the position limits: joint {robot.joint_names[joint]!r} at "
+                f"{describe(robot, joint, value)}, allowed {describe(robot, joint, low)} to "
+                f"{describe(robot, joint, high)}"
+            )
+
+
+def check_rest(robot: Robot, what: str, q: FloatArray, limits: JointLimits) -> None:
+    """Raise InputError where gravity alone asks for more torque than a joint has."""
+    needed = np.array(gravity_torque(robot)(q)).ravel()
+    for joint, (value, low, high) in enumerate(
+        zip(needed, limits.tau_min, limits.tau_max, strict=True)
+    ):
+        if value < low or value > high:
+            unit = robot.unit("tau", joint)
+            raise InputError(
+                f"{what} cannot be held at rest: joint {robot.joint_names[joint]!r} needs "
+                f"{value:.6g} {unit} against gravity, allowed {low:.6g} to {high:.6g} {unit}"
+            )
+
+
+def describe(robot: Robot, joint: int, value: float) -> str:
+    """A joint position with its unit: degrees for a revolute joint, metres for a prismatic one."""
+    if robot.joint_types[joint] == "prismatic":
+        return f"{value:g} m"
+    return f"{np.degrees(value):g} deg"
