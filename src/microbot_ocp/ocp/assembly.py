@@ -149,7 +149,10 @@ class _PhasePiece:
         self.z_last = x[last : last + nz]
         self.at_start = x[[first + i for i in layout.initial_rows]]
         self.at_end = x[[last + i for i in layout.final_rows]]
-        self.grid = ca.DM(np.vstack([layout.mesh[:-1], np.diff(layout.mesh)]))
+        constants = joined([p.value for p in layout.phase.parameters])
+        grid = np.vstack([layout.mesh[:-1], np.diff(layout.mesh)])
+        self.constants = ca.DM(constants)
+        self.grid = ca.DM(np.vstack([grid, np.tile(constants[:, None], (1, n))]))
 
     def _rows(self, gap: ca.MX, constraints: ca.MX, link: ca.MX, tail: ca.MX) -> ca.MX:
         stages = ca.vertcat(gap, constraints)
@@ -160,7 +163,7 @@ class _PhasePiece:
         following, constraints, running = self.kernel.stage.map(self.layout.intervals)(
             self.v, self.grid
         )
-        tail, end_cost = self.kernel.end(self.z_last)
+        tail, end_cost = self.kernel.end(self.z_last, self.constants)
         rows = self._rows(self.z_next - following, constraints, link, tail)
         return ca.sum2(running) + end_cost, rows
 
@@ -168,7 +171,7 @@ class _PhasePiece:
         layout, kernel = self.layout, self.kernel
         n, nz = layout.intervals, layout.node_size
         both, block, running, slope = kernel.stage_jacobian.map(n)(self.v, self.grid)
-        tail, end_block, end_cost, end_slope = kernel.end_jacobian(self.z_last)
+        tail, end_block, end_cost, end_slope = kernel.end_jacobian(self.z_last, self.constants)
         rows, columns = _triplet(kernel.stage_jacobian, 1)
         sign = np.tile(np.where(rows < nz, -1.0, 1.0), n)
         stage_row = layout.stage_row[:, None]
@@ -210,7 +213,7 @@ class _PhasePiece:
         hessian.add(corner + rows, corner + columns, block.nz[:])
         end_row = layout.last_row + layout.next_nodes
         lam_end = lam_g[end_row : end_row + layout.end_rows]
-        block = kernel.end_hessian(self.z_last, lam_end, lam_f)
+        block = kernel.end_hessian(self.z_last, self.constants, lam_end, lam_f)
         rows, columns = _triplet(kernel.end_hessian, 0)
         hessian.add(layout.last_node + rows, layout.last_node + columns, block.nz[:])
 

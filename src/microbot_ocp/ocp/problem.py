@@ -53,6 +53,15 @@ class PathConstraint:
     unit: str
 
 
+@dataclass(frozen=True, eq=False)
+class Parameter:
+    """A constant of a phase: its value may differ from phase to phase with the same kernels."""
+
+    name: str
+    symbol: ca.MX
+    value: FloatArray
+
+
 @dataclass(frozen=True)
 class Link:
     """Continuity of the named states and linear controls from one phase to the next."""
@@ -75,6 +84,7 @@ class Phase:
     between: tuple[float, ...] = (0.5,)
     states: list[Variable] = field(default_factory=list)
     controls: list[Variable] = field(default_factory=list)
+    parameters: list[Parameter] = field(default_factory=list)
     derivatives: dict[str, ca.MX] = field(default_factory=dict)
     constraints: list[PathConstraint] = field(default_factory=list)
     running_costs: list[ca.MX] = field(default_factory=list)
@@ -138,6 +148,18 @@ class Phase:
             raise InputError(f"control {name!r} is constant: initial and final need shape='linear'")
         self.controls.append(variable)
         return variable.symbol
+
+    def parameter(self, name: str, value: ArrayLike) -> ca.MX:
+        """Declare a constant [size] of the phase and return its symbol.
+
+        Phases that differ in parameters only share compiled kernels.
+        """
+        if name in {p.name for p in self.parameters}:
+            raise InputError(f"parameter {name!r} is declared twice in phase {self.name!r}")
+        given = checks.array(f"parameter {name!r}", np.ravel(np.asarray(value, float)), (None,))
+        symbol = ca.MX.sym(f"{self.name}.{name}", given.size)
+        self.parameters.append(Parameter(name, symbol, given))
+        return symbol
 
     def rate(self, control: ca.MX) -> ca.MX:
         """Time derivative of a linear control, as a symbol for path constraints."""

@@ -115,7 +115,7 @@ class Kernels:
     """Stage and end functions of a phase with their derivatives, in scaled variables.
 
     ``stage(v, c) -> next, constraints, cost`` with v = (z, w) and c = (fraction at the start,
-    length of the interval as a fraction); ``end(z) -> constraints, cost``.
+    length of the interval as a fraction, parameters); ``end(z, parameters) -> constraints, cost``.
     """
 
     stage: ca.Function
@@ -154,7 +154,8 @@ def build_kernels(phase: Phase, duration_scale: float) -> Kernels:
     nodes, controls = node_variables(phase), [*_constant(phase), *_linear(phase)]
     node_scale = np.append(_stack(nodes, "scale"), duration_scale)
     v = ca.MX.sym("v", node_scale.size + count["c"] + count["l"])
-    c = ca.MX.sym("c", 2)
+    c = ca.MX.sym("c", 2 + sum(p.value.size for p in phase.parameters))
+    constants = c[2:]
     scale = np.concatenate([node_scale, _stack(controls, "scale")])
     x, begin, duration, constant, end = _split(v * scale, count)
     length = c[1] * duration
@@ -168,10 +169,10 @@ def build_kernels(phase: Phase, duration_scale: float) -> Kernels:
         step, start = fraction * length, c[0] * duration
         middle = start + step / 2
         u0, um, u1 = control(0.0), control(fraction / 2), control(fraction)
-        k1, l1 = f(x, u0, rate, start, duration)
-        k2, l2 = f(x + step / 2 * k1, um, rate, middle, duration)
-        k3, l3 = f(x + step / 2 * k2, um, rate, middle, duration)
-        k4, l4 = f(x + step * k3, u1, rate, start + step, duration)
+        k1, l1 = f(x, u0, rate, start, duration, constants)
+        k2, l2 = f(x + step / 2 * k1, um, rate, middle, duration, constants)
+        k3, l3 = f(x + step / 2 * k2, um, rate, middle, duration, constants)
+        k4, l4 = f(x + step * k3, u1, rate, start + step, duration, constants)
         return x + step / 6 * (k1 + 2 * k2 + 2 * k3 + k4), step / 6 * (l1 + 2 * l2 + 2 * l3 + l4)
 
     arrived, running = at(1.0)
@@ -186,7 +187,8 @@ def build_kernels(phase: Phase, duration_scale: float) -> Kernels:
             rows += values
             lower += low
             upper += high
-        values = g(here, control(fraction), rate, (c[0] + fraction * c[1]) * duration, duration)
+        now = (c[0] + fraction * c[1]) * duration
+        values = g(here, control(fraction), rate, now, duration, constants)
         for constraint, value in zip(phase.constraints, _as_list(values), strict=True):
             # at the end of the interval a continuous expression is the next stage's business
             if fraction == 1.0 and not _jumps(phase, constraint.expression):
@@ -197,18 +199,21 @@ def build_kernels(phase: Phase, duration_scale: float) -> Kernels:
     stage = ca.Function("stage", [v, c], [following, ca.vertcat(*rows), running])
 
     z = ca.MX.sym("z", node_scale.size)
+    constants = ca.MX.sym("c", sum(p.value.size for p in phase.parameters))
     last = z * node_scale
     x_end, u_end = last[: count["x"]], last[count["x"] : count["x"] + count["l"]]
     t_end = last[-1]
     no_control = ca.vertcat(ca.MX.zeros(count["c"]), u_end)
-    values = _as_list(g(x_end, no_control, ca.MX.zeros(count["l"]), t_end, t_end))
+    values = _as_list(g(x_end, no_control, ca.MX.zeros(count["l"]), t_end, t_end, constants))
     kept = [
         (value / k.scale, k.lower / k.scale, k.upper / k.scale)
         for k, value in zip(phase.constraints, values, strict=True)
         if not _jumps(phase, k.expression)
     ]
     end_rows = ca.vertcat(*(row for row, _, _ in kept)) if kept else ca.MX(0, 1)
-    end_function = ca.Function("end", [z], [end_rows, cost(x_end, no_control, t_end)])
+    end_function = ca.Function(
+        "end", [z, constants], [end_rows, cost(x_end, no_control, t_end, constants)]
+    )
     return Kernels(
         *_stage_derivatives(_expanded(stage)),
         *_end_derivatives(_expanded(end_function)),
@@ -243,11 +248,12 @@ def _physics(phase: Phase) -> tuple[ca.Function, ca.Function, ca.Function]:
     rate = ca.vertcat(*rates) if rates else ca.MX(0, 1)
     slope = ca.vertcat(*(phase.derivatives[s.name] for s in phase.states))
     running = sum(phase.running_costs, ca.MX(0))
-    arguments = [x, u, rate, phase.time, phase.duration]
+    constants = ca.vertcat(*(p.symbol for p in phase.parameters), ca.MX(0, 1))
+    arguments = [x, u, rate, phase.time, phase.duration, constants]
     f = ca.Function("dynamics", arguments, [slope, running])
     g = ca.Function("constraints", arguments, [k.expression for k in phase.constraints])
     total = sum(phase.end_costs, ca.MX(0))
-    return f, g, ca.Function("end_cost", [x, u, phase.duration], [total])
+    return f, g, ca.Function("end_cost", [x, u, phase.duration, constants], [total])
 
 
 def _jumps(phase: Phase, expression: ca.MX) -> bool:
@@ -296,19 +302,27 @@ def _stage_derivatives(stage: ca.Function) -> tuple[ca.Function, ca.Function, ca
     lam = type(v).sym("lam", both.shape[0])
     sigma = type(v).sym("sigma")
     lagrangian = sigma * cost + ca.dot(lam, ca.vertcat(-following, rows))
-    return stage, _without_repeats(jacobian), _hessian("stage_hessian", lagrangian, v, [v, c, lam, sigma])
+    return (
+        stage,
+        _without_repeats(jacobian),
+        _hessian("stage_hessian", lagrangian, v, [v, c, lam, sigma]),
+    )
 
 
 def _end_derivatives(end: ca.Function) -> tuple[ca.Function, ca.Function, ca.Function]:
-    (z,) = _symbols(end)
-    rows, cost = end(z)
+    z, c = _symbols(end)
+    rows, cost = end(z, c)
     jacobian = ca.Function(
-        "end_jacobian", [z], [rows, ca.jacobian(rows, z), cost, _row(ca.gradient(cost, z))]
+        "end_jacobian", [z, c], [rows, ca.jacobian(rows, z), cost, _row(ca.gradient(cost, z))]
     )
     lam = type(z).sym("lam", rows.shape[0])
     sigma = type(z).sym("sigma")
     lagrangian = sigma * cost + ca.dot(lam, rows)
-    return end, _without_repeats(jacobian), _hessian("end_hessian", lagrangian, z, [z, lam, sigma])
+    return (
+        end,
+        _without_repeats(jacobian),
+        _hessian("end_hessian", lagrangian, z, [z, c, lam, sigma]),
+    )
 
 
 def _hessian(name: str, lagrangian: Any, v: Any, inputs: list[Any]) -> ca.Function:

@@ -9,8 +9,10 @@ finer ones, and a finer mesh whose optimum is worse than the coarse one is not a
 
 from __future__ import annotations
 
+import contextlib
+import itertools
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from typing import Any
@@ -21,27 +23,22 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp import checks
 from microbot_ocp.baselines.cubic import cubic
-from microbot_ocp.baselines.scaling import LimitUse, shortest_duration
+from microbot_ocp.baselines.scaling import shortest_duration
 from microbot_ocp.checks import FloatArray, InputError
 from microbot_ocp.codegen import compile_functions, compiler
 from microbot_ocp.dynamics import inverse_dynamics
-from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial, torque_along
+from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial, State
 from microbot_ocp.ocp.problem import OptimalControlProblem
+from microbot_ocp.ocp.refinement import Progress, Refiner, quiet
 from microbot_ocp.ocp.solution import Solution
-from microbot_ocp.ocp.solvers import SolverSettings, solve
 from microbot_ocp.ocp.transcription import Guess, Transcription
 from microbot_ocp.robot import JointLimits, Limits, Robot
-from microbot_ocp.time_optimal.task import check_limits, check_via
-
-Progress = Callable[[str], None]
+from microbot_ocp.time_optimal.task import check_limits, check_via, limit_excess
 
 SMOOTHING = 1e-8  # weight of the squared jerk: picks one motion where many are equally fast
 EXPLORE_MESH = 20  # intervals a phase for the first look at every start
 EXPLORE_TOLERANCE = 1e-5
-TOLERANCE = 1e-8
-WORSE = 1e-3  # a finer mesh may not be slower than a coarser one by more, relative
 CHECKS_PER_INTERVAL = 20
-REFINEMENTS = 4
 
 
 @dataclass(frozen=True)
@@ -123,14 +120,12 @@ def time_optimal(
     chosen = replace(settings or TimeOptimalSettings(), **changes)
     bounds = check_limits(robot, limits)
     via = check_via(robot, via_q, bounds)
-    search = _Search(robot, via, bounds, chosen, progress or (lambda _: None))
+    search = _Search(robot, via, bounds, chosen, progress or quiet)
     return search.run()
 
 
 @lru_cache(maxsize=16)
-def _transcription(
-    robot: Robot, via_bytes: bytes, count: int, compiled: bool
-) -> Transcription:
+def _transcription(robot: Robot, via_bytes: bytes, count: int, compiled: bool) -> Transcription:
     """Kernels for a robot (its own limits) and via points, built once."""
     via = np.frombuffer(via_bytes).reshape(count, -1)
     prepare = None
@@ -146,7 +141,7 @@ def free_problem(robot: Robot, via: FloatArray) -> OptimalControlProblem:
     acceleration_scale = _acceleration_scale(robot)
     torque_scale = _finite_scale(limits.tau_min, limits.tau_max)
     problem = OptimalControlProblem(f"time-optimal motion of {robot.name}")
-    for index, (start, end) in enumerate(zip(via[:-1], via[1:], strict=True)):
+    for index, (start, end) in enumerate(itertools.pairwise(via)):
         first, last = index == 0, index == len(via) - 2
         phase = problem.phase(f"phase {index + 1}", duration=(1e-3, 1e3))
         q = phase.state(
@@ -200,7 +195,7 @@ def free_problem(robot: Robot, via: FloatArray) -> OptimalControlProblem:
             )
         phase.end_cost(phase.duration)
         phase.running_cost(SMOOTHING * ca.sumsqr(phase.rate(qdd) / (10.0 * acceleration_scale)))
-    for before, after in zip(problem.phases[:-1], problem.phases[1:], strict=True):
+    for before, after in itertools.pairwise(problem.phases):
         problem.link(before, after, names=("q", "qd", "qdd"))
     return problem
 
@@ -232,7 +227,7 @@ class _Start:
 
 
 class _Search:
-    """Several starts on a coarse mesh, the best one refined until the limits hold between points."""
+    """Several starts on a coarse mesh, the best refined until limits hold between points."""
 
     def __init__(
         self,
@@ -245,26 +240,36 @@ class _Search:
         self.robot, self.via, self.settings = robot.with_limits(limits), via, settings
         self.progress = progress
         self.names = [f"phase {i + 1}" for i in range(len(via) - 1)]
-        self.log: list[dict[str, Any]] = []
+        begin = time.perf_counter()
+        transcription = _transcription(
+            self.robot, self.via.tobytes(), len(self.via), settings.compiled
+        )
+        self.kernel_time = time.perf_counter() - begin
+        self.refiner = Refiner(
+            transcription,
+            self._guess_from,
+            self._excess,
+            settings.violation,
+            solver="ipopt" if settings.solver == "auto" else settings.solver,
+            progress=progress,
+        )
 
     def run(self) -> Motion:
         begin = time.perf_counter()
-        self.transcription = _transcription(
-            self.robot, self.via.tobytes(), len(self.via), self.settings.compiled
-        )
-        built = time.perf_counter() - begin
         starts, best = self._explore()
-        solution = self._finish(best) if best is not None else None
-        wall = time.perf_counter() - begin
-        return self._motion(solution, starts, built, wall)
+        solution = self._finish(best)
+        return self._motion(solution, starts, time.perf_counter() - begin + self.kernel_time)
 
     # starts ---------------------------------------------------------------------------------
 
-    def _explore(self) -> tuple[list[dict[str, Any]], Solution | None]:
+    def _explore(self) -> tuple[list[dict[str, Any]], Solution]:
         mesh = min(EXPLORE_MESH, self.settings.mesh)
-        tried, best = [], None
+        tried: list[dict[str, Any]] = []
+        best: Solution | None = None
         for start in self._starts():
-            solution = self._solve(mesh, start.guesses, EXPLORE_TOLERANCE, "auto")
+            solution = self.refiner.solve(
+                mesh, start.guesses, tolerance=EXPLORE_TOLERANCE, solver=self.settings.solver
+            )
             tried.append(
                 {
                     "start": start.name,
@@ -278,6 +283,7 @@ class _Search:
             )
             if _better(solution, best):
                 best = solution
+        assert best is not None
         return tried, best
 
     def _starts(self) -> list[_Start]:
@@ -292,10 +298,9 @@ class _Search:
         """The cubic through the via points at the shortest duration that keeps the limits."""
         steps = np.abs(np.diff(self.via, axis=0)).max(axis=1)
         shape = cubic(self.via, np.concatenate([[0.0], np.cumsum(np.maximum(steps, 1e-3))]))
-        try:
+        # where gravity forbids rest on the way it is a start all the same, only not a feasible one
+        with contextlib.suppress(InputError):
             shape = shortest_duration(self.robot, shape).polynomial
-        except InputError:  # gravity forbids rest on the way: still a start, only not a feasible one
-            pass
         return _Start("cubic", self._guesses(shape, shape.breaks))
 
     def _bowed_start(self, name: str, bow: FloatArray) -> _Start:
@@ -343,81 +348,22 @@ class _Search:
 
     def _finish(self, best: Solution) -> Solution:
         """Coarse to fine from the best start, then local refinement while limits are exceeded."""
-        solver = "ipopt" if self.settings.solver == "auto" else self.settings.solver
         middle = int(np.sqrt(EXPLORE_MESH * self.settings.mesh))
         meshes = [m for m in (middle,) if EXPLORE_MESH * 1.5 < m < self.settings.mesh]
         for mesh in (*meshes, self.settings.mesh):
-            best = self._step(best, [np.linspace(0, 1, mesh + 1)] * len(self.names), solver)
-        for _ in range(REFINEMENTS):
-            if not best.status.ok:
-                break
-            excess = self._excess(best)
-            worst = max(float(e.max()) for e in excess)
-            self.progress(f"largest excess of a limit between mesh points: {100 * worst:.3g} %")
-            if worst <= self.settings.violation:
-                break
-            meshes = [
-                _split(phase.mesh, e > self.settings.violation)
-                for phase, e in zip(best.phases, excess, strict=True)
-            ]
-            best = self._step(best, meshes, solver)
-        return best
+            best = self.refiner.finer(best, [mesh] * len(self.names))
+        return self.refiner.refine(best)
 
-    def _step(self, before: Solution, mesh: Sequence[FloatArray], solver: str) -> Solution:
-        """Solve on another mesh from a solution; keep the old one where the new one is worse."""
-        shape = polynomial(before)
-        guesses = self._guesses(shape, via_times(before))
-        after = self._solve(mesh, guesses, TOLERANCE, solver)
-        if not after.status.ok and solver != "ipopt":
-            after = self._solve(mesh, guesses, TOLERANCE, "ipopt")
-        accepted = not before.status.ok or (
-            after.status.ok and after.duration <= before.duration * (1 + WORSE)
-        )
-        self.log[-1]["accepted"] = accepted
-        self.progress(
-            f"mesh {' + '.join(str(m.size - 1) for m in mesh)}: {after.duration:.6f} s, "
-            f"{after.status.name.lower().replace('_', ' ')}{'' if accepted else ', not accepted'}"
-        )
-        return after if accepted else before
-
-    def _solve(
-        self,
-        mesh: Sequence[FloatArray] | int,
-        guesses: Mapping[str, Guess],
-        tolerance: float,
-        solver: str,
-    ) -> Solution:
-        if self.settings.solver != "auto":
-            solver = self.settings.solver
-        solution = solve(
-            self.transcription, mesh, guesses, SolverSettings(solver=solver, tolerance=tolerance)
-        )
-        self.log.append(
-            {
-                "intervals": [phase.mesh.size - 1 for phase in solution.phases],
-                "duration": solution.duration,
-                "build_time": solution.build_time,
-                "attempts": [attempt.as_dict() for attempt in solution.attempts],
-            }
-        )
-        return solution
+    def _guess_from(self, solution: Solution) -> dict[str, Guess]:
+        return self._guesses(polynomial(solution), via_times(solution))
 
     def _excess(self, solution: Solution) -> list[FloatArray]:
         """Largest relative excess of any limit inside every interval of every phase."""
         shape = polynomial(solution)
         velocity = shape.derivative()
-        acceleration = velocity.derivative()
         inside = np.linspace(0, 1, CHECKS_PER_INTERVAL + 1)
         t = (shape.breaks[:-1, None] + inside * np.diff(shape.breaks)[:, None]).ravel()
-        state = shape(t), velocity(t), acceleration(t)
-        values = dict(zip(("q", "qd", "qdd"), state, strict=True))
-        tau = inverse_dynamics(self.robot)(*(v.T for v in state))
-        values["tau"] = np.array(tau).T
-        excess = np.zeros(t.size)
-        for quantity, value in values.items():
-            use = LimitUse.of(self.robot.limits, quantity)
-            if use.limited.any():
-                excess = np.maximum(excess, use(value).max(axis=1) - 1.0)
+        excess = limit_excess(self.robot, State(shape(t), velocity(t), velocity.derivative()(t)))
         per_interval = excess.reshape(-1, inside.size).max(axis=1)
         edges = np.cumsum([phase.mesh.size - 1 for phase in solution.phases])[:-1]
         return np.split(per_interval, edges)
@@ -426,12 +372,10 @@ class _Search:
 
     def _motion(
         self,
-        solution: Solution | None,
+        solution: Solution,
         starts: list[dict[str, Any]],
-        built: float,
         wall: float,
     ) -> Motion:
-        assert solution is not None
         times = via_times(solution)
         solved = solution.status.ok
         found = sorted({round(s["duration"], 3) for s in starts if s["status"] == "solved"})
@@ -449,8 +393,8 @@ class _Search:
                 "phase_durations": [phase.duration for phase in solution.phases],
                 "optima_seen": found,
                 "starts": starts,
-                "solves": self.log,
-                "kernel_time": built,
+                "solves": self.refiner.history,
+                "kernel_time": self.kernel_time,
                 "wall_time": wall,
                 "smoothing": SMOOTHING,
                 "casadi": ca.CasadiMeta.version(),
@@ -475,15 +419,6 @@ def _better(solution: Solution, best: Solution | None) -> bool:
     if best is None or solution.status.ok != best.status.ok:
         return best is None or solution.status.ok
     return solution.duration < best.duration
-
-
-def _split(mesh: FloatArray, bad: np.ndarray) -> FloatArray:
-    """Halve the bad intervals and their neighbours."""
-    near = bad.copy()
-    near[:-1] |= bad[1:]
-    near[1:] |= bad[:-1]
-    middles = (mesh[:-1] + mesh[1:])[near] / 2
-    return np.sort(np.concatenate([mesh, middles]))
 
 
 def via_times(solution: Solution) -> FloatArray:

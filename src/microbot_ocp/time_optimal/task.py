@@ -6,8 +6,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from microbot_ocp import checks
+from microbot_ocp.baselines.scaling import LimitUse
 from microbot_ocp.checks import FloatArray, InputError
 from microbot_ocp.dynamics import gravity_torque
+from microbot_ocp.motion import State, torque_along
 from microbot_ocp.robot import JointLimits, Limits, Robot
 
 
@@ -76,6 +78,17 @@ def check_rest(robot: Robot, what: str, q: FloatArray, limits: JointLimits) -> N
                 f"{what} cannot be held at rest: joint {robot.joint_names[joint]!r} needs "
                 f"{value:.6g} {unit} against gravity, allowed {low:.6g} to {high:.6g} {unit}"
             )
+
+
+def limit_excess(robot: Robot, state: State) -> FloatArray:
+    """Largest relative excess [N] over any limit of q, qd, qdd and tau; negative inside them."""
+    values = {**state._asdict(), "tau": torque_along(robot, state)}
+    excess = np.full(state.q.shape[0], -1.0)
+    for quantity, value in values.items():
+        use = LimitUse.of(robot.limits, quantity)
+        if use.limited.any():
+            excess = np.maximum(excess, use(value).max(axis=1) - 1.0)
+    return excess
 
 
 def describe(robot: Robot, joint: int, value: float) -> str:

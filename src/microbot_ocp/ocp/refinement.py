@@ -1,0 +1,132 @@
+"""Coarse to fine: warm starts on finer meshes, splits where constraints are exceeded in between.
+
+A finer mesh whose optimum is worse than the coarser one's is not accepted: success reported by a
+solver is not enough.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from microbot_ocp.checks import FloatArray
+from microbot_ocp.ocp.solution import Solution
+from microbot_ocp.ocp.solvers import SolverSettings, solve
+from microbot_ocp.ocp.transcription import Guess, Transcription
+
+Progress = Callable[[str], None]
+GuessFrom = Callable[[Solution], Mapping[str, Guess]]
+Excess = Callable[[Solution], Sequence[FloatArray]]
+
+WORSE = 1e-3  # a finer mesh may not cost more than a coarser one by more, relative
+
+
+def quiet(_: str) -> None:
+    """Progress that nobody sees."""
+
+
+@dataclass(eq=False)
+class Refiner:
+    """Solves one transcription on finer and finer meshes and keeps the history.
+
+    Parameters
+    ----------
+    transcription : Transcription
+    guess_from : callable
+        Turns a solution into guesses for another mesh.
+    excess : callable
+        For a solution, the largest relative excess of any constraint inside every interval: one
+        array [N] a phase.
+    violation : float
+        Excess that is accepted.
+    solver : str
+        For fine meshes; what is not solved by it goes to IPOPT.
+    tolerance : float
+    rounds : int
+        Largest number of local refinements.
+    progress : callable
+        Called with a line of text at every step.
+    """
+
+    transcription: Transcription
+    guess_from: GuessFrom
+    excess: Excess
+    violation: float
+    solver: str = "ipopt"
+    tolerance: float = 1e-8
+    rounds: int = 5
+    progress: Progress = quiet
+    history: list[dict[str, Any]] = field(default_factory=list)
+
+    def solve(
+        self,
+        mesh: Sequence[int | ArrayLike] | int,
+        guesses: Mapping[str, Guess],
+        *,
+        tolerance: float | None = None,
+        solver: str | None = None,
+    ) -> Solution:
+        """One solve, entered in the history."""
+        settings = SolverSettings(
+            solver=solver or self.solver, tolerance=tolerance or self.tolerance
+        )
+        solution = solve(self.transcription, mesh, guesses, settings)
+        self.history.append(
+            {
+                "intervals": [phase.mesh.size - 1 for phase in solution.phases],
+                "cost": solution.cost,
+                "duration": solution.duration,
+                "status": solution.status.name.lower(),
+                "accepted": solution.status.ok,
+                "build_time": solution.build_time,
+                "attempts": [attempt.as_dict() for attempt in solution.attempts],
+            }
+        )
+        return solution
+
+    def finer(self, before: Solution, meshes: Sequence[int | ArrayLike]) -> Solution:
+        """Solve on another mesh from a solution; keep the old one where the new one is worse."""
+        guesses = self.guess_from(before)
+        after = self.solve(meshes, guesses)
+        if not after.status.ok and self.solver != "ipopt":
+            after = self.solve(meshes, guesses, solver="ipopt")
+        allowed = before.cost + WORSE * abs(before.cost)
+        accepted = not before.status.ok or (after.status.ok and after.cost <= allowed)
+        self.history[-1]["accepted"] = accepted
+        sizes = " + ".join(str(phase.mesh.size - 1) for phase in after.phases)
+        said = after.status.name.lower().replace("_", " ")
+        self.progress(
+            f"mesh {sizes}: {after.duration:.6f} s, {said}{'' if accepted else ', not accepted'}"
+        )
+        return after if accepted else before
+
+    def refine(self, solution: Solution) -> Solution:
+        """Split intervals until no constraint is exceeded between mesh points by more."""
+        for _ in range(self.rounds):
+            if not solution.status.ok:
+                break
+            excess = self.excess(solution)
+            worst = max(float(e.max()) for e in excess)
+            self.history[-1]["excess"] = worst
+            self.progress(f"largest excess of a limit between mesh points: {100 * worst:.3g} %")
+            if worst <= self.violation:
+                break
+            meshes = [
+                split(phase.mesh, e > self.violation)
+                for phase, e in zip(solution.phases, excess, strict=True)
+            ]
+            solution = self.finer(solution, meshes)
+        return solution
+
+
+def split(mesh: FloatArray, bad: np.ndarray) -> FloatArray:
+    """Halve the bad intervals and their neighbours."""
+    near = bad.copy()
+    near[:-1] |= bad[1:]
+    near[1:] |= bad[:-1]
+    middles = (mesh[:-1] + mesh[1:])[near] / 2
+    return np.sort(np.concatenate([mesh, middles]))
