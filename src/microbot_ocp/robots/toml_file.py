@@ -193,7 +193,7 @@ def _tool(table: Any, origin: str) -> Any:
     if "matrix" in table:
         if len(table) > 1:
             raise InputError(f"tool in {origin} must be a matrix or a DH row, not both")
-        return table["matrix"]
+        return checks.array("tool", table["matrix"], (4, 4))
     row = _in_radians(table, f"tool in {origin}", ("alpha", "a", "d", "theta"))
     numbers = [
         checks.number(f"{key} of tool in {origin}", row.get(key, 0.0))

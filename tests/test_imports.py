@@ -1,0 +1,197 @@
+"""The order of the modules: who may import whom, read from the source, and what stays unloaded."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+import microbot_ocp
+
+PACKAGE = Path(microbot_ocp.__file__).parent
+
+# Every module or folder of the package has its place here; it may import those before it, and a
+# folder its own modules. A new one must be placed.
+ORDER = (
+    "checks",
+    "robot",
+    "robots",
+    "codegen",
+    "fast",
+    "kinematics",
+    "dynamics",
+    "inverse_kinematics",
+    "motion",
+    "baselines",
+    "control",
+    "simulation",
+    "ocp",
+    "time_optimal",
+    "certificate",
+    "comparison",
+    "views",
+    "cli",
+)
+# These know fewer than all before them.
+ONLY = {
+    "checks": set(),
+    "robot": {"checks"},
+    "robots": {"checks", "robot"},
+    "codegen": {"checks"},
+    "ocp": {"checks", "codegen", "fast"},  # any CasADi dynamics, no robot
+}
+RIM = {"views", "cli"}  # imported by no other module while it loads
+# Inside functions these may call on what comes after them.
+LATER_ON_CALL = {"comparison": {"views"}, "certificate": {"views"}}
+HEAVY = {"matplotlib", "rerun", "rich"}
+
+
+class Import(NamedTuple):
+    origin: str  # file, from the package's folder
+    family: str  # first part of the importing module's name
+    target: str  # full name of what is imported
+    on_load: bool  # outside functions and TYPE_CHECKING
+
+    @property
+    def internal(self) -> str | None:
+        """Family that is imported; None outside the package."""
+        parts = self.target.split(".")
+        return parts[1] if parts[0] == "microbot_ocp" and len(parts) > 1 else None
+
+
+def families() -> set[str]:
+    found = set()
+    for path in PACKAGE.iterdir():
+        if path.suffix == ".py" and path.stem not in ("__init__", "__main__"):
+            found.add(path.stem)
+        elif path.is_dir() and any(path.rglob("*.py")):
+            found.add(path.name)
+    return found
+
+
+def is_type_checking(node: ast.AST) -> bool:
+    return isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)
+
+
+def walk(node: ast.AST, on_load: bool = True) -> Iterator[tuple[ast.AST, bool]]:
+    for child in ast.iter_child_nodes(node):
+        runs_later = isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
+        inner = on_load and not runs_later and not is_type_checking(child)
+        yield child, inner
+        yield from walk(child, inner)
+
+
+def names(node: ast.AST, package: list[str]) -> list[str]:
+    """Full names that one import statement asks for."""
+    if isinstance(node, ast.Import):
+        return [alias.name for alias in node.names]
+    if not isinstance(node, ast.ImportFrom):
+        return []
+    base = (node.module or "").split(".") if node.module else []
+    if node.level:
+        base = package[: len(package) - node.level + 1] + base
+    if base == ["microbot_ocp"]:
+        return [f"microbot_ocp.{alias.name}" for alias in node.names]
+    return [".".join(base)]
+
+
+def imports_of(text: str, origin: Path) -> list[Import]:
+    package = ["microbot_ocp", *origin.parent.parts]
+    family = origin.parts[0].removesuffix(".py")
+    return [
+        Import(str(origin), family, name, on_load)
+        for node, on_load in walk(ast.parse(text))
+        for name in names(node, package)
+    ]
+
+
+def imports() -> list[Import]:
+    return [
+        found
+        for path in sorted(PACKAGE.rglob("*.py"))
+        if path != PACKAGE / "__init__.py"
+        for found in imports_of(path.read_text("utf-8"), path.relative_to(PACKAGE))
+    ]
+
+
+def forbidden(found: Import) -> bool:
+    family, target = found.family, found.internal
+    if target is None or target == family:
+        return False
+    if target not in ORDER or family not in ORDER:
+        return True  # a name of the package itself: modules import from modules
+    if not found.on_load and target in LATER_ON_CALL.get(family, ()):
+        return False
+    if target in RIM and found.on_load and family not in RIM:
+        return True
+    before = set(ORDER[: ORDER.index(family)])
+    return target not in ONLY.get(family, before)
+
+
+def test_every_module_has_its_place() -> None:
+    unplaced = families() - set(ORDER)
+    assert not unplaced, f"place {sorted(unplaced)} in ORDER"
+
+
+def test_imports_go_down_the_order_only() -> None:
+    wrong = [f"{found.origin} imports {found.target}" for found in imports() if forbidden(found)]
+    assert not wrong
+
+
+def test_views_and_cli_are_imported_by_nobody_on_load() -> None:
+    wrong = [
+        f"{found.origin} imports {found.target}"
+        for found in imports()
+        if found.internal in RIM and found.on_load and found.family not in RIM
+    ]
+    assert not wrong
+
+
+def test_drawing_libraries_are_imported_by_the_rim_only() -> None:
+    wrong = [
+        f"{found.origin} imports {found.target}"
+        for found in imports()
+        if found.target.split(".")[0] in HEAVY and found.family not in RIM
+    ]
+    assert not wrong
+
+
+@pytest.mark.parametrize(
+    ("origin", "text", "refused"),
+    [
+        ("robot.py", "from microbot_ocp.checks import InputError", False),
+        ("robot.py", "from microbot_ocp import checks", False),
+        ("robot.py", "from . import motion", True),
+        ("robot.py", "def f():\n    from microbot_ocp.motion import Motion", True),
+        ("ocp/solvers.py", "from microbot_ocp.robot import Robot", True),
+        ("ocp/solvers.py", "from ..dynamics import energy", True),
+        ("ocp/solvers.py", "from .problem import Phase", False),
+        ("motion.py", "import microbot_ocp.certificate", True),
+        ("motion.py", "from microbot_ocp import Motion", True),
+        ("comparison.py", "import microbot_ocp.views.plots", True),
+        ("comparison.py", "def f():\n    from microbot_ocp.views import plots", False),
+        ("baselines/cubic.py", "if True:\n    from microbot_ocp.ocp import problem", True),
+        ("cli.py", "from microbot_ocp.views import tables", False),
+        ("views/plots.py", "from microbot_ocp import cli", True),
+        ("motion.py", "import numpy", False),
+    ],
+)
+def test_the_rule_itself(origin: str, text: str, refused: bool) -> None:
+    assert any(forbidden(found) for found in imports_of(text, Path(origin))) == refused
+
+
+def test_importing_the_package_leaves_drawing_libraries_unloaded() -> None:
+    code = f"import sys, microbot_ocp; print(*({HEAVY!r} & set(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == []
+
+
+def test_every_public_name_is_there_and_documented() -> None:
+    assert len(set(microbot_ocp.__all__)) == len(microbot_ocp.__all__)
+    for name in microbot_ocp.__all__:
+        assert getattr(microbot_ocp, name).__doc__, name
