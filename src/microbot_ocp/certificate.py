@@ -1,10 +1,54 @@
-"""Independent proof of a motion: re-simulation, dense limits, optimality."""
+"""Independent proof of a motion: re-simulation, dense limits, consistency.
+
+Nothing here trusts what made the motion: the limits are checked between its mesh points, the
+torques are computed again, and the arm is simulated with them by an integrator that knows the
+forward dynamics only.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import re
+import time
+from dataclasses import dataclass, fields
+from typing import Any, NamedTuple
 
-from microbot_ocp.checks import FloatArray
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from microbot_ocp import checks
+from microbot_ocp.baselines.scaling import LimitUse, torque_and_rate
+from microbot_ocp.checks import FloatArray, InputError
+from microbot_ocp.dynamics import forward_dynamics, mass_matrix_condition
+from microbot_ocp.motion import JUMP_GAP, Motion, State, torque_along
+from microbot_ocp.robot import JointLimits, Limits, Robot
+
+GRID_STEP = 0.25e-3  # s, the longest step of the dense grid
+GRID_RATIO = 20  # dense grid points to each mesh interval, at least
+SATURATED = 0.99  # share of a limit from which on it counts as used up
+NEAR_SINGULAR = 1e6  # condition number of the mass matrix
+TORQUE_DEGREE = 10  # of the polynomials in time that carry the torque into the re-simulation
+TORQUE_FIT = 1e-8  # their largest error, relative to the largest torque
+SHORTEST_PIECE = 0.5e-3  # s; a piece of torque that holds no break is not divided below this
+
+QUANTITY_NAMES = {
+    "q": "position",
+    "qd": "velocity",
+    "qdd": "acceleration",
+    "tau": "torque",
+    "taud": "torque rate",
+}
+# What the integrator's return codes mean.
+FAILURES = {
+    "CV_TOO_MUCH_WORK": "it needed more steps than allowed",
+    "CV_TOO_MUCH_ACC": "the accuracy asked for is beyond the machine's",
+    "CV_ERR_FAILURE": "its step shrank to nothing",
+    "CV_CONV_FAILURE": "its step shrank to nothing",
+    "CV_RHSFUNC_FAIL": "the accelerations are not finite",
+    "CV_FIRST_RHSFUNC_ERR": "the accelerations are not finite at the start",
+    "CV_REPTD_RHSFUNC_ERR": "the accelerations are not finite",
+    "CV_UNREC_RHSFUNC_ERR": "the accelerations are not finite",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +78,24 @@ class LimitCheck:
     unit: str
 
 
+@dataclass(frozen=True)
+class ViaCheck:
+    """How near a motion comes to a via point.
+
+    Attributes
+    ----------
+    name : str
+    time : float
+        When it is nearest, s.
+    distance : float
+        Euclidean distance in joint space then, rad (m for prismatic joints).
+    """
+
+    name: str
+    time: float
+    distance: float
+
+
 @dataclass(frozen=True, eq=False)
 class Certificate:
     """What was checked of a motion, and the verdict.
@@ -58,7 +120,21 @@ class Certificate:
     condition_peak, condition_time : float
         Largest condition number of the mass matrix along the way and when, s.
     saturated_fraction : float
-        Share of the time in which at least one limit is used to 99 % or more.
+        Share of the time in which at least one limit (of velocity, acceleration, torque or torque
+        rate) is used to 99 % or more.
+    condition_pose : array [n]
+        Joint positions at the largest condition number, rad.
+    path_position_error, path_error_time : float
+        Largest joint error along the re-simulation, rad, and when, s.
+    stored_torque_error : float
+        Largest difference between the stored torques and inverse dynamics, divided by the largest
+        torque of the motion.
+    stored_torque_joint, stored_torque_time
+        Where that is: joint name and s.
+    via_checks : tuple of ViaCheck
+        One for every via point given.
+    wall_time : float
+        What the certificate took, s.
     """
 
     label: str
@@ -73,3 +149,462 @@ class Certificate:
     condition_peak: float
     condition_time: float
     saturated_fraction: float
+    condition_pose: FloatArray | None = None
+    path_position_error: float = np.nan
+    path_error_time: float = np.nan
+    stored_torque_error: float = np.nan
+    stored_torque_joint: str = ""
+    stored_torque_time: float = np.nan
+    via_checks: tuple[ViaCheck, ...] = ()
+    wall_time: float = np.nan
+
+    def limit_check(self, quantity: str) -> LimitCheck | None:
+        """The check of one kind of limit; None where the robot has none of it."""
+        return next((c for c in self.limit_checks if c.quantity == quantity), None)
+
+    @property
+    def worst_violation(self) -> float:
+        """Worst relative violation of any limit, 0 where none."""
+        return max((check.violation for check in self.limit_checks), default=0.0)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values for JSON; what is not finite becomes None."""
+        return _plain(self)
+
+
+class _Resimulation(NamedTuple):
+    status: str
+    final_position_error: float = np.nan
+    final_velocity_error: float = np.nan
+    path_position_error: float = np.nan
+    path_error_time: float = np.nan
+
+
+class _TorquePieces(NamedTuple):
+    """Torque as Chebyshev series in time: ``edges`` [K+1], coefficients [K, degree+1, n]."""
+
+    edges: FloatArray
+    coefficients: FloatArray
+
+
+def certify(
+    robot: Robot,
+    motion: Motion,
+    limits: Limits | JointLimits | None = None,
+    *,
+    via_q: ArrayLike | None = None,
+    limit_tolerance: float = 0.005,
+    position_tolerance: float = 1e-3,
+    torque_tolerance: float = 1e-3,
+    via_tolerance: float = 1e-3,
+    integrator_tolerance: float = 1e-12,
+    max_steps: int = 20_000,
+) -> Certificate:
+    """Check a motion against the limits and against the arm's forward dynamics.
+
+    - Limits: on a dense grid (at least 20 points to each interval between ``motion.breaks``, steps
+      of at most 0.25 ms) with torques from inverse dynamics; the torque rate by exact
+      differentiation. At a break both one-sided values count.
+    - Stored torques: compared with inverse dynamics at every sample.
+    - Re-simulation: CVODES integrates the forward dynamics from the motion's first state, open
+      loop, driven by the motion's own torque as a function of time (Chebyshev series on pieces
+      that follow it to 1e-8 of the largest torque; never across a jump). The state is compared
+      with the motion's along the way and at the end.
+    - Conditioning of the mass matrix along the way: where it is singular a torque need not
+      determine the acceleration.
+
+    Parameters
+    ----------
+    robot : Robot
+        A robot with masses.
+    motion : Motion
+    limits : Limits or JointLimits, optional
+        Default ``robot.limits``.
+    via_q : array_like [m,n], optional
+        Via points, rad (m), that the motion must pass; its marks name them if there are as many.
+    limit_tolerance : float
+        Relative violation of a limit that still passes.
+    position_tolerance : float
+        Error at the end of the re-simulation that still passes, rad (m).
+    torque_tolerance : float
+        Difference of the stored torques, relative to the largest, that still passes.
+    via_tolerance : float
+        Distance to a via point that still passes, rad (m).
+    integrator_tolerance : float
+        Absolute and relative tolerance of the integrator.
+    max_steps : int
+        Most integrator steps on one piece.
+
+    Returns
+    -------
+    Certificate
+
+    Raises
+    ------
+    InputError
+        A robot without masses or of another number of joints, a bad via point or tolerance.
+
+    Examples
+    --------
+    >>> import microbot_ocp as mo
+    >>> from microbot_ocp.baselines import cubic
+    >>> robot = mo.load_robot("microbot")
+    >>> shape = cubic([[0.0, 0.0, 0.0], [0.5, 0.8, 0.4]], [0.0, 3.0])
+    >>> certificate = certify(robot, Motion.from_polynomial(robot, shape, label="cubic"))
+    >>> certificate.ok, certificate.resimulation_status
+    (True, 'ok')
+    """
+    started = time.perf_counter()
+    count = robot.joint_count
+    if motion.joint_count != count:
+        raise InputError(f"motion is of {motion.joint_count} joints, but the robot has {count}")
+    tolerances = {
+        "limit_tolerance": limit_tolerance,
+        "position_tolerance": position_tolerance,
+        "torque_tolerance": torque_tolerance,
+        "via_tolerance": via_tolerance,
+    }
+    for name, value in tolerances.items():
+        tolerances[name] = checks.number(name, value, at_least=0.0)
+    checks.number("integrator_tolerance", integrator_tolerance, above=0.0, at_most=1e-3)
+    chosen = (robot.limits if limits is None else limits).for_joints(count)
+    via = None if via_q is None else checks.array("via_q", via_q, (None, count), "rad")
+
+    t, ratio = _dense_times(motion)
+    state = motion.sample(t)
+    limit_checks, saturated = _check_limits(robot, motion, chosen, t, state)
+    condition, at = _condition(robot, t, state)
+    torque_error, torque_sample, torque_joint = _stored_torque(robot, motion)
+    vias = () if via is None else _check_vias(motion, via, t, state)
+    again = _resimulate(robot, motion, integrator_tolerance, max_steps)
+
+    problems = _problems(tolerances, limit_checks, again, vias)
+    if torque_error > tolerances["torque_tolerance"]:
+        problems.append(
+            f"stored torque of {robot.joint_names[torque_joint]} at "
+            f"{motion.t[torque_sample]:.4g} s is not that of inverse dynamics: it differs by "
+            f"{torque_error:.3g} of the largest torque"
+        )
+    verdict = "; ".join(problems) if problems else _praise(limit_checks, again)
+    if condition > NEAR_SINGULAR:
+        verdict += (
+            f"; mass matrix near singular at {t[at]:.4g} s (condition number {condition:.2g} at "
+            f"q = {_pose(robot, state.q[at])}): there the torque hardly determines the motion"
+        )
+    return Certificate(
+        label=motion.label,
+        ok=not problems,
+        verdict=("Failed: " if problems else "Passed: ") + verdict + ".",
+        limit_checks=limit_checks,
+        final_position_error=again.final_position_error,
+        final_velocity_error=again.final_velocity_error,
+        resimulation_status=again.status,
+        grid_step=float(np.diff(t).max()),
+        grid_ratio=ratio,
+        condition_peak=condition,
+        condition_time=float(t[at]),
+        saturated_fraction=saturated,
+        condition_pose=state.q[at],
+        path_position_error=again.path_position_error,
+        path_error_time=again.path_error_time,
+        stored_torque_error=torque_error,
+        stored_torque_joint=robot.joint_names[torque_joint],
+        stored_torque_time=float(motion.t[torque_sample]),
+        via_checks=vias,
+        wall_time=time.perf_counter() - started,
+    )
+
+
+def _mesh(motion: Motion) -> FloatArray:
+    """Breaks with both ends of the motion; the gap that stands for a jump is not an interval."""
+    breaks = motion.t if motion.breaks is None else motion.breaks
+    inner = breaks[(breaks > 0.0) & (breaks < motion.duration)]
+    mesh = np.concatenate([[0.0], inner, [motion.duration]])
+    return mesh[np.append(np.diff(mesh) > 2 * JUMP_GAP, True)]
+
+
+def _dense_times(motion: Motion) -> tuple[FloatArray, float]:
+    """Dense grid and its least number of points to a mesh interval."""
+    mesh = _mesh(motion)
+    lengths = np.diff(mesh)
+    points = np.maximum(GRID_RATIO, np.ceil(lengths / GRID_STEP - 1e-9)).astype(int)
+    first = np.repeat(np.cumsum(points) - points, points)
+    place = (np.arange(points.sum()) - first) / np.repeat(points, points)
+    grid = np.repeat(mesh[:-1], points) + place * np.repeat(lengths, points)
+    # Just before each break as well, for the limits from the left.
+    before = mesh[1:-1] - np.minimum(2 * JUMP_GAP, 1e-3 * lengths[:-1])
+    return np.unique(np.concatenate([grid, before, motion.t])), float(points.min())
+
+
+def _jerk(motion: Motion, t: FloatArray) -> FloatArray:
+    """Slope of the acceleration [N,n], by differences inside the interval between two samples."""
+    i = np.clip(np.searchsorted(motion.t, t, side="right") - 1, 0, motion.t.size - 2)
+    start, end = motion.t[i], motion.t[i + 1]
+    reach = 0.05 * (end - start)
+    low = np.clip(t - reach, start, end)
+    # The end of an interval belongs to the next one when sampled.
+    high = np.clip(t + reach, start, end - 1e-3 * (end - start))
+    step = (high - low)[:, None]
+    return (motion.sample(high).qdd - motion.sample(low).qdd) / step
+
+
+def _check_limits(
+    robot: Robot, motion: Motion, limits: JointLimits, t: FloatArray, state: State
+) -> tuple[tuple[LimitCheck, ...], float]:
+    uses = [LimitUse.of(limits, quantity) for quantity in QUANTITY_NAMES]
+    uses = [use for use in uses if use.limited.any()]
+    values = {"q": state.q, "qd": state.qd, "qdd": state.qdd}
+    if any(use.quantity == "taud" for use in uses):
+        columns = (*state, _jerk(motion, t))
+        tau, taud = torque_and_rate(robot)(*(column.T for column in columns))
+        values["tau"], values["taud"] = np.array(tau).T, np.array(taud).T
+        _add_jumps(robot, motion, t, values["taud"])
+    elif any(use.quantity == "tau" for use in uses):
+        values["tau"] = torque_along(robot, state)
+    found = []
+    busy = np.zeros(t.size, dtype=bool)
+    for use in uses:
+        share = use(values[use.quantity])
+        if use.quantity != "q":
+            busy |= (share >= SATURATED).any(axis=1)
+        own = values[use.quantity]
+        worst = share.argmax(axis=0)
+        violations = np.array(
+            [use.violation(share[i, j], float(own[i, j]), j) for j, i in enumerate(worst)]
+        )
+        joint = int(violations.argmax() if violations.any() else share.max(axis=0).argmax())
+        i = int(worst[joint])
+        value = float(own[i, joint])
+        found.append(
+            LimitCheck(
+                quantity=use.quantity,
+                utilisation=np.where(use.limited, share.max(axis=0), np.nan),
+                violation=float(violations.max()),
+                joint=robot.joint_names[joint],
+                time=float(t[i]),
+                value=value,
+                limit=use.limit(value, joint),
+                unit=robot.unit(use.quantity, joint),
+            )
+        )
+    spans = np.diff(t)
+    share_of_time = float((0.5 * (busy[:-1] + 0.0 + busy[1:]) * spans).sum() / motion.duration)
+    return tuple(found), share_of_time
+
+
+def _add_jumps(robot: Robot, motion: Motion, t: FloatArray, taud: FloatArray) -> None:
+    """Where two samples stand for a jump, the torque rate is their difference over the gap."""
+    first = np.flatnonzero(np.diff(motion.t) <= 2 * JUMP_GAP)
+    if not first.size:
+        return
+    ends = np.concatenate([first, first + 1])
+    tau = torque_along(robot, State(motion.q[ends], motion.qd[ends], motion.qdd[ends]))
+    gap = (motion.t[first + 1] - motion.t[first])[:, None]
+    taud[np.searchsorted(t, motion.t[first])] = (tau[first.size :] - tau[: first.size]) / gap
+
+
+def _condition(robot: Robot, t: FloatArray, state: State) -> tuple[float, int]:
+    values = np.array(mass_matrix_condition(robot)(state.q.T)).ravel()
+    at = int(values.argmax())
+    return float(values[at]), at
+
+
+def _stored_torque(robot: Robot, motion: Motion) -> tuple[float, int, int]:
+    """Largest difference to inverse dynamics (relative), its sample and joint."""
+    again = torque_along(robot, State(motion.q, motion.qd, motion.qdd))
+    difference = np.abs(motion.tau - again)
+    i, joint = np.unravel_index(int(difference.argmax()), difference.shape)
+    size = max(float(np.abs(again).max()), 1e-9)
+    return float(difference[i, joint] / size), int(i), int(joint)
+
+
+def _check_vias(
+    motion: Motion, via: FloatArray, t: FloatArray, state: State
+) -> tuple[ViaCheck, ...]:
+    names = [f"via point {k + 1}" for k in range(via.shape[0])]
+    if len(motion.marks) == via.shape[0]:
+        names = [mark.name for mark in motion.marks]
+    found = []
+    for name, target in zip(names, via, strict=True):
+        nearest = int(((state.q - target) ** 2).sum(axis=1).argmin())
+        moment = float(t[nearest])
+        reach = float(np.diff(t).max())
+        for _ in range(6):
+            around = np.clip(moment + reach * np.linspace(-1, 1, 17), 0.0, motion.duration)
+            distance = np.sqrt(((motion.sample(around).q - target) ** 2).sum(axis=1))
+            moment, reach = float(around[distance.argmin()]), reach / 8
+        found.append(ViaCheck(name, moment, float(distance.min())))
+    return tuple(found)
+
+
+def _torque_pieces(robot: Robot, motion: Motion) -> _TorquePieces:
+    """Divide the time until a Chebyshev series follows the torque on each piece.
+
+    Pieces start as the whole motion and are divided at the break nearest to their middle, so that
+    smooth stretches keep long pieces and a jump ends up between two of them.
+    """
+    degree = TORQUE_DEGREE
+    angle = (2 * np.arange(degree + 1) + 1) * np.pi / (2 * (degree + 1))
+    nodes = -np.cos(angle)  # none at the ends: at a break the torque has two values
+    fit = np.linalg.inv(np.polynomial.chebyshev.chebvander(nodes, degree))
+    probes = -np.cos((np.arange(degree) + 1) * np.pi / (degree + 1))
+    probe = np.polynomial.chebyshev.chebvander(probes, degree)
+    tolerance = TORQUE_FIT * max(float(np.abs(motion.tau).max()), 1e-6)
+    breaks = _mesh(motion)
+    todo = [(0.0, motion.duration)]
+    edges: list[float] = []
+    coefficients: list[FloatArray] = []
+    both = np.concatenate([nodes, probes])
+    while todo:
+        pieces = np.array(todo)
+        middle, half = pieces.mean(axis=1), 0.5 * np.diff(pieces, axis=1)[:, 0]
+        t = middle[:, None] + half[:, None] * both
+        tau = torque_along(robot, motion.sample(t.ravel())).reshape(*t.shape, -1)
+        series = fit @ tau[:, : degree + 1]
+        error = np.abs(probe @ series - tau[:, degree + 1 :]).max(axis=(1, 2))
+        todo = []
+        for (start, end), good, own in zip(pieces, error <= tolerance, series, strict=True):
+            low = np.searchsorted(breaks, start, side="right")
+            inner = breaks[low : np.searchsorted(breaks, end, side="left")]
+            if good or not (inner.size or end - start > SHORTEST_PIECE):
+                edges.append(start)
+                coefficients.append(own)
+                continue
+            cut = 0.5 * (start + end)
+            if inner.size:
+                cut = float(inner[np.abs(inner - cut).argmin()])
+            todo += [(start, cut), (cut, end)]
+    order = np.argsort(edges)
+    return _TorquePieces(
+        np.append(np.array(edges)[order], motion.duration), np.array(coefficients)[order]
+    )
+
+
+def _driven_arm(robot: Robot) -> dict[str, ca.SX]:
+    """The arm as a differential equation, its torque a Chebyshev series in the time.
+
+    CVODES is a multistep method that is not started anew where its control changes: a jump of the
+    torque costs it digits or ends it. So the independent variable is not the time but s, which
+    counts the pieces; in each the time goes by at the rate ``30 y^2 (1 - y)^2`` (y = 0 to 1) times
+    the length of the piece. At the edges it stands still, and the right-hand side is continuous
+    there whatever the torque does. The control of a piece holds its index, its length, s, and the
+    coefficients of the torque.
+    """
+    count, degree = robot.joint_count, TORQUE_DEGREE
+    s, x = ca.SX.sym("s"), ca.SX.sym("x", 2 * count)
+    u = ca.SX.sym("u", 2 + (degree + 1) * count)
+    y = s - u[0]
+    rate = u[1] * 30 * y**2 * (1 - y) ** 2
+    place = 2 * y**3 * (10 - 15 * y + 6 * y**2) - 1
+    series = ca.reshape(u[2:], count, degree + 1)
+    later, latest = ca.SX.zeros(count), ca.SX.zeros(count)
+    for k in range(degree, 0, -1):  # Clenshaw's recurrence
+        later, latest = series[:, k] + 2 * place * later - latest, later
+    tau = series[:, 0] + place * later - latest
+    qdd = forward_dynamics(robot)(x[:count], x[count:], tau)
+    return {"t": s, "x": x, "u": u, "ode": rate * ca.vertcat(x[count:], qdd)}
+
+
+def _resimulate(robot: Robot, motion: Motion, tolerance: float, max_steps: int) -> _Resimulation:
+    count = robot.joint_count
+    edges, coefficients = _torque_pieces(robot, motion)
+    pieces = np.arange(edges.size - 1)
+    controls = np.column_stack([pieces, np.diff(edges), coefficients.reshape(pieces.size, -1)])
+    options = {
+        "abstol": tolerance,
+        "reltol": tolerance,
+        "max_num_steps": max_steps,
+        # Not stiff: Adams' method needs neither Jacobian nor linear solver.
+        "linear_multistep_method": "adams",
+        "nonlinear_solver_iteration": "functional",
+        "disable_internal_warnings": True,
+        "print_stats": False,
+    }
+    start = np.concatenate([motion.q[0], motion.qd[0]])
+    try:
+        run = ca.integrator(
+            "run", "cvodes", _driven_arm(robot), 0.0, (pieces + 1.0).tolist(), options
+        )
+        states = run(x0=start, u=controls.T)["xf"].full().T
+    except RuntimeError as problem:
+        return _Resimulation(_why(str(problem)))
+    if not np.isfinite(states).all():
+        return _Resimulation("the integrator failed: the accelerations are not finite")
+    wanted = motion.sample(edges[1:])
+    along = np.abs(states[:, :count] - wanted.q).max(axis=1)
+    worst = int(along.argmax())
+    return _Resimulation(
+        "ok",
+        float(along[-1]),
+        float(np.abs(states[-1, count:] - wanted.qd[-1]).max()),
+        float(along[worst]),
+        float(edges[worst + 1]),
+    )
+
+
+def _why(message: str) -> str:
+    code = re.search(r"CV_[A-Z_]+", message)
+    reason = FAILURES.get(code.group(), code.group()) if code else message.strip().split("\n")[-1]
+    return f"the integrator failed: {reason}"
+
+
+def _problems(
+    tolerances: dict[str, float],
+    limit_checks: tuple[LimitCheck, ...],
+    again: _Resimulation,
+    vias: tuple[ViaCheck, ...],
+) -> list[str]:
+    problems = [
+        f"{QUANTITY_NAMES[check.quantity]} of {check.joint} is {check.value:.5g} {check.unit} at "
+        f"{check.time:.4g} s, {100 * check.violation:.3g} % beyond its limit of "
+        f"{check.limit:.5g} {check.unit}"
+        for check in limit_checks
+        if check.violation > tolerances["limit_tolerance"]
+    ]
+    if again.status != "ok":
+        problems.append(f"re-simulation stopped: {again.status}")
+    elif not again.final_position_error <= tolerances["position_tolerance"]:
+        problems.append(
+            f"re-simulation ends {again.final_position_error:.3g} rad from the motion's end"
+        )
+    problems += [
+        f"{via.name} is missed by {via.distance:.3g} rad (nearest at {via.time:.4g} s)"
+        for via in vias
+        if via.distance > tolerances["via_tolerance"]
+    ]
+    return problems
+
+
+def _praise(limit_checks: tuple[LimitCheck, ...], again: _Resimulation) -> str:
+    parts = []
+    # Every motion fills the position range that its path needs; the others say how hard it is.
+    used = [check for check in limit_checks if check.quantity != "q"] or list(limit_checks)
+    if used:
+        tightest = max(used, key=lambda check: np.nanmax(check.utilisation))
+        parts.append(
+            f"every limit is kept, the nearest being {QUANTITY_NAMES[tightest.quantity]} of "
+            f"{tightest.joint} with {100 * np.nanmax(tightest.utilisation):.4g} % at "
+            f"{tightest.time:.4g} s"
+        )
+    parts.append(f"re-simulation ends within {again.final_position_error:.2g} rad")
+    return "; ".join(parts)
+
+
+def _pose(robot: Robot, q: FloatArray) -> str:
+    entries = [
+        f"{value:.4g} m" if kind == "prismatic" else f"{np.degrees(value):.4g} deg"
+        for value, kind in zip(q, robot.joint_types, strict=True)
+    ]
+    return "(" + ", ".join(entries) + ")"
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Certificate | LimitCheck | ViaCheck):
+        return {f.name: _plain(getattr(value, f.name)) for f in fields(value)}
+    if isinstance(value, tuple | list | np.ndarray):
+        return [_plain(entry) for entry in value]
+    if isinstance(value, bool | np.bool_):
+        return bool(value)
+    if isinstance(value, float | np.floating):
+        return float(value) if np.isfinite(value) else None
+    return value

@@ -1,0 +1,68 @@
+"""Quintic polynomial segments through via points (Craig, section 7.3)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from microbot_ocp import checks
+from microbot_ocp.baselines.cubic import via_points, via_velocities
+from microbot_ocp.motion import PiecewisePolynomial
+
+
+def quintic(
+    via_q: ArrayLike,
+    via_t: ArrayLike,
+    via_qd: ArrayLike | None = None,
+    via_qdd: ArrayLike | None = None,
+) -> PiecewisePolynomial:
+    """Quintic segments through via points, with given velocities and accelerations there.
+
+    Position, velocity and acceleration are continuous (Craig, *Introduction to Robotics*,
+    3rd ed., section 7.3, equation 7.18), so the torque is, too.
+
+    Parameters
+    ----------
+    via_q : array_like [m,n]
+        Joint positions at the via points, rad (prismatic: m).
+    via_t : array_like [m]
+        Strictly increasing times of the via points, s.
+    via_qd : array_like [m,n], optional
+        Velocities there, rad/s (m/s); by default the heuristic of :func:`cubic`.
+    via_qdd : array_like [m,n], optional
+        Accelerations there, rad/s^2 (m/s^2); by default zero.
+
+    Returns
+    -------
+    PiecewisePolynomial
+        One piece a segment, exact.
+
+    Raises
+    ------
+    InputError
+        Wrong shapes, times that do not increase, anything not finite.
+
+    Examples
+    --------
+    >>> motion = quintic([[0.0], [1.0]], [0.0, 2.0])
+    >>> motion.derivative()(1.0).item()  # 15/8 of the mean speed
+    0.9375
+    """
+    via = via_points(via_q, via_t)
+    shape = via.q.shape
+    velocity = (
+        via_velocities(via) if via_qd is None else checks.array("via_qd", via_qd, shape, "rad/s")
+    )
+    acceleration = (
+        np.zeros(shape) if via_qdd is None else checks.array("via_qdd", via_qdd, shape, "rad/s^2")
+    )
+    h = np.diff(via.t)[:, None]
+    q0, v0, a0 = via.q[:-1], velocity[:-1], acceleration[:-1]
+    # what a constant acceleration leaves over at the end of the segment
+    dq = via.q[1:] - (q0 + h * (v0 + 0.5 * h * a0))
+    dv = velocity[1:] - (v0 + h * a0)
+    da = acceleration[1:] - a0
+    c3 = (10 * dq - 4 * dv * h + 0.5 * da * h**2) / h**3
+    c4 = (-15 * dq + 7 * dv * h - da * h**2) / h**4
+    c5 = (6 * dq - 3 * dv * h + 0.5 * da * h**2) / h**5
+    return PiecewisePolynomial(via.t, np.stack([q0, v0, 0.5 * a0, c3, c4, c5], axis=1))
