@@ -28,7 +28,7 @@ def certificate_of(robot, limits, motion, label):
     checks = []
     for quantity in ("q", "qd", "tau"):
         values = getattr(motion, quantity)
-        lower, upper = limits.bounds(quantity)
+        _, upper = limits.bounds(quantity)
         share = np.where(np.isfinite(upper), np.abs(values / upper), np.nan)
         worst = np.unravel_index(np.nanargmax(share), share.shape)
         checks.append(
@@ -118,3 +118,9 @@ def make_comparison():
 @pytest.fixture(scope="session")
 def comparison():
     return make_comparison()
+
+
+@pytest.fixture(scope="session")
+def solved_entry():
+    """Function (robot, limits, name, title, motion) -> Entry."""
+    return solved

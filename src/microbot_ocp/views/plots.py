@@ -59,14 +59,12 @@ def comparison_figure(comparison: Comparison) -> Figure:
     styles = entry_styles(comparison)
     with matplotlib.rc_context(SETTINGS):
         figure = _page(f"{robot.name}: the same task, the same limits")
-        grid = figure.subplots(
-            len(scene.QUANTITIES), robot.joint_count, sharex=True, squeeze=False
-        )
+        grid = figure.subplots(len(scene.QUANTITIES), robot.joint_count, sharex=True, squeeze=False)
         for row, quantity in zip(grid, scene.QUANTITIES, strict=True):
             for joint, axes in enumerate(row):
                 _draw_curves(axes, comparison, styles, quantity, joint)
         for joint, axes in enumerate(grid[0]):
-            axes.set_title(robot.joint_names[joint], fontweight="bold")
+            axes.set_title(robot.joint_names[joint], fontweight="bold", pad=15)
         for axes in grid[-1]:
             axes.set_xlabel("t [s]")
         duration = scene.longest_duration(comparison) or 1.0
@@ -113,6 +111,7 @@ def paths_figure(comparison: Comparison) -> Figure:
             ylabel="z [m]",
         )
         for axes in (above, side):
+            axes.margins(0.1)
             axes.set_aspect("equal", adjustable="datalim")
         extra = [
             Line2D(
@@ -265,9 +264,7 @@ def _failures(comparison: Comparison) -> list[str]:
 Projection = Callable[[Robot, FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
 
 
-def _from_above(
-    robot: Robot, q: FloatArray, points: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def _from_above(robot: Robot, q: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray]:
     return points[..., 0], points[..., 1]
 
 
@@ -275,9 +272,7 @@ def _from_side(robot: Robot, q: FloatArray, points: FloatArray) -> tuple[FloatAr
     return points[..., 0], points[..., 2]
 
 
-def _in_arm_plane(
-    robot: Robot, q: FloatArray, points: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def _in_arm_plane(robot: Robot, q: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Along link 1's x axis, so that an arm that folds over its waist has r below zero."""
     turn = q[:, 0] + robot.theta_offset[0]
     turn = turn.reshape(-1, *([1] * (points.ndim - 2)))
@@ -318,9 +313,7 @@ def _draw_projection(
         )
 
 
-def _draw_paths_in_space(
-    axes: Any, comparison: Comparison, styles: dict[str, EntryStyle]
-) -> None:
+def _draw_paths_in_space(axes: Any, comparison: Comparison, styles: dict[str, EntryStyle]) -> None:
     drawn = [_arms(comparison).reshape(-1, 3)]
     for arm in _arms(comparison):
         axes.plot(*arm.T, color="0.75", linewidth=3, marker="o", label="_arm")

@@ -20,12 +20,15 @@ from microbot_ocp.views.tables import comparison_markdown
 
 TIMELINE = "sim_time"
 POSE_RATE = 200.0  # Hz: smoother than any screen
-CURVE_STEP = 2e-3  # s between kept samples of a curve
+CURVE_STEP = 2e-3  # s between kept samples of a curve, at least
+CURVE_POINTS = 1000  # kept samples of a curve, about: more than a screen is wide
+BRIGHTER = 0.25  # share of white in colours, which are chosen for paper, on a dark screen
 GHOST_ALPHA = 110
 DASHES = 40  # of a limit's line, over the whole timeline
 LIMIT_COLOR = (165, 165, 165, 255)
 BASE_COLOR = (120, 120, 125, 255)
 VIA_COLOR = (245, 245, 245, 255)
+EYE_DISTANCE = 0.85  # times the diagonal of everything that moves
 WIDE_ROBOT = 4  # more joints than this: one tab a quantity
 
 
@@ -60,7 +63,7 @@ def write_recording(comparison: Comparison, path: str | Path) -> Path:
     """
     target = Path(path)
     partial = target.with_name(target.name + ".part")
-    recording = rr.RecordingStream(f"microbot_ocp: {comparison.robot.name}")
+    recording = rr.RecordingStream("microbot_ocp")
     try:
         recording.save(partial, default_blueprint=_blueprint(comparison))
         _log_surroundings(recording, comparison)
@@ -93,14 +96,16 @@ def _looks(comparison: Comparison) -> list[tuple[Look, Motion]]:
             style=style,
             radius=0.021 * size if style.highlighted else ghost_radius,
             alpha=255 if style.highlighted else GHOST_ALPHA,
-            label_height=size * (0.07 + 0.055 * place),
+            label_height=size * (0.06 + 0.06 * place),
         )
         looks.append((look, motion))
     return looks
 
 
 def _static(
-    recording: rr.RecordingStream, path: str, *what: rr.AsComponents | Iterable[rr.DescribedComponentBatch]
+    recording: rr.RecordingStream,
+    path: str,
+    *what: rr.AsComponents | Iterable[rr.DescribedComponentBatch],
 ) -> None:
     recording.log(path, *what, static=True, strict=True)
 
@@ -129,8 +134,20 @@ def _log_surroundings(recording: rr.RecordingStream, comparison: Comparison) -> 
         show_labels=True,
     )
     _static(recording, "world/via_points", spheres)
-    text = rr.TextDocument(comparison_markdown(comparison), media_type="text/markdown")
-    _static(recording, "comparison", text)
+    words = comparison_markdown(comparison) + _far_limits(comparison)
+    _static(recording, "comparison", rr.TextDocument(words, media_type="text/markdown"))
+
+
+def _far_limits(comparison: Comparison) -> str:
+    """Markdown item on the limits that are not drawn; empty where all are."""
+    robot = comparison.robot
+    told = []
+    for quantity in scene.QUANTITIES:
+        for joint, name in enumerate(robot.joint_names):
+            far = scene.axis_limits(comparison, quantity, joint).far
+            if far:
+                told.append(f"{quantity} of {name}: {far}")
+    return f"- Too far off to be drawn: {'; '.join(told)}.\n" if told else ""
 
 
 def _log_arm(
@@ -155,11 +172,11 @@ def _log_arm(
         _columns(recording, path, t, pose)
         step = origins[:, frame + 1] - origins[:, frame]
         _log_link(recording, path, look, t, np.einsum("nij,ni->nj", rotations, step))
-        joint = rr.Points3D([[0, 0, 0]], radii=1.6 * look.radius, colors=[_color(look)])
+        joint = rr.Points3D([[0, 0, 0]], radii=1.4 * look.radius, colors=[_color(look)])
         _static(recording, f"{path}/joint", joint)
     tool = origins[:, -1]
     _columns(recording, f"{root}/tool", t, rr.Transform3D.columns(translation=tool))
-    _log_tool(recording, f"{root}/tool", look, motion)
+    _log_tool(recording, f"{root}/tool", look)
     _log_trail(recording, f"{root}/trail", look, t, tool)
 
 
@@ -184,17 +201,15 @@ def _log_link(
         _columns(recording, path, t, stretched)
 
 
-def _log_tool(
-    recording: rr.RecordingStream, path: str, look: Look, motion: Motion
-) -> None:
-    ball = rr.Points3D([[0, 0, 0]], radii=1.5 * look.radius, colors=[_color(look)])
+def _log_tool(recording: rr.RecordingStream, path: str, look: Look) -> None:
+    ball = rr.Points3D([[0, 0, 0]], radii=1.4 * look.radius, colors=[_color(look)])
     _static(recording, f"{path}/ball", ball)
     # all arms meet at their ends, so every label hangs at its own height
     label = rr.Points3D(
         [[0, 0, look.label_height]],
         radii=1e-3 * look.radius,
-        colors=[look.style.rgba()],
-        labels=[f"{look.style.title}, {motion.duration:.3f} s"],
+        colors=[_screen_color(look.style)],
+        labels=[look.style.title],
         show_labels=True,
     )
     _static(recording, f"{path}/label", label)
@@ -204,10 +219,10 @@ def _log_trail(
     recording: rr.RecordingStream, path: str, look: Look, t: FloatArray, tool: FloatArray
 ) -> None:
     """A short strip a frame; the view shows those up to its time cursor."""
-    radius = (0.005 if look.style.highlighted else 0.003) * look.radius / 0.02
-    style = rr.LineStrips3D.from_fields(radii=[radius], colors=[look.style.rgba()])
+    radius = (0.2 if look.style.highlighted else 0.15) * look.radius
+    style = rr.LineStrips3D.from_fields(radii=[radius], colors=[_screen_color(look.style)])
     _static(recording, path, style)
-    strips = np.stack([tool[:-1], tool[1:]], axis=1)
+    strips = np.stack([tool[:-1], tool[1:]], axis=1).astype(np.float32)
     _columns(recording, path, t[1:], rr.LineStrips3D.columns(strips=strips))
 
 
@@ -220,7 +235,7 @@ def _log_curves(
             path = joint_path(robot, quantity, joint, style.name)
             look = rr.SeriesLines.from_fields(
                 names=[style.title],
-                colors=[style.rgba()],
+                colors=[_screen_color(style)],
                 widths=[2.5 if style.highlighted else 1.6],
             )
             _static(recording, path, look)
@@ -230,8 +245,9 @@ def _log_curves(
 
 
 def thinned(t: FloatArray) -> np.ndarray:
-    """Indices of samples about 2 ms apart, both sides of every jump and both ends among them."""
-    cell = np.floor(t / CURVE_STEP + 1e-6)
+    """Indices of evenly spread samples, with both sides of every jump and both ends among them."""
+    step = max(CURVE_STEP, t[-1] / CURVE_POINTS)
+    cell = np.floor(t / step + 1e-6)
     keep = np.append(True, np.diff(cell) > 0)
     jump = np.diff(t) <= 2 * JUMP_GAP
     keep[:-1] |= jump
@@ -246,8 +262,9 @@ def _log_limits(recording: rr.RecordingStream, comparison: Comparison) -> None:
     end = scene.longest_duration(comparison)
     if end == 0.0:
         return
-    edges = np.linspace(0.0, end, 2 * DASHES)  # pen down, pen up, ...
-    t = np.column_stack([edges[::2], edges[1::2], edges[1::2] + 1e-6]).ravel()
+    gap = 1e-6  # s after a dash, the row without a value
+    edges = np.linspace(0.0, end - gap, 2 * DASHES)
+    t = np.column_stack([edges[::2], edges[1::2], edges[1::2] + gap]).ravel()
     lengths = np.tile([1, 1, 0], DASHES)
     look = rr.SeriesLines.from_fields(names=["limit"], colors=[LIMIT_COLOR], widths=[1.2])
     for quantity in scene.QUANTITIES:
@@ -269,13 +286,19 @@ def _log_marks(recording: rr.RecordingStream, style: EntryStyle, motion: Motion)
         return
     texts = [f"{style.title}: {mark.name}" for mark in marks]
     columns = rr.TextLog.columns(
-        text=texts, level=["INFO"] * len(marks), color=[style.rgba()] * len(marks)
+        text=texts, level=["INFO"] * len(marks), color=[_screen_color(style)] * len(marks)
     )
     _columns(recording, f"marks/{style.name}", np.array([mark.time for mark in marks]), columns)
 
 
 def _color(look: Look) -> tuple[int, int, int, int]:
-    return look.style.rgba(look.alpha)
+    return _screen_color(look.style, look.alpha)
+
+
+def _screen_color(style: EntryStyle, alpha: int = 255) -> tuple[int, int, int, int]:
+    red, green, blue, _ = style.rgba()
+    red, green, blue = (round(v + BRIGHTER * (255 - v)) for v in (red, green, blue))
+    return red, green, blue, alpha
 
 
 def _quaternions(rotations: FloatArray) -> FloatArray:
@@ -306,12 +329,12 @@ def _along_z(vectors: FloatArray) -> FloatArray:
 
 
 def _blueprint(comparison: Comparison) -> rrb.Blueprint:
-    words = rrb.Tabs(
-        rrb.TextDocumentView(origin="comparison", name="comparison"),
-        rrb.TextLogView(origin="marks", name="marks"),
-        active_tab=0,
+    words = rrb.TextDocumentView(origin="comparison", name="comparison")
+    marks = rrb.TextLogView(
+        origin="marks", name="marks", columns=rrb.TextLogColumns(text_log_columns=["Body"])
     )
-    left = rrb.Vertical(_space_view(comparison), words, row_shares=[2.6, 1.0])
+    below = rrb.Horizontal(words, marks, column_shares=[2.5, 1.0])
+    left = rrb.Vertical(_space_view(comparison), below, row_shares=[2.2, 1.0])
     return rrb.Blueprint(
         rrb.Horizontal(left, _plot_views(comparison), column_shares=[1.15, 1.0]),
         rrb.BlueprintPanel(state="collapsed"),
@@ -341,7 +364,7 @@ def _space_view(comparison: Comparison) -> rrb.Spatial3DView:
         eye_controls=rrb.EyeControls3D(
             kind=rrb.Eye3DKind.Orbital, position=eye, look_target=target, eye_up=(0.0, 0.0, 1.0)
         ),
-        overrides={path: to_cursor for path in trails},
+        overrides=dict.fromkeys(trails, to_cursor),
     )
 
 
@@ -351,6 +374,7 @@ def _camera(comparison: Comparison) -> tuple[FloatArray, FloatArray]:
     positions = [motion.q for _, motion in scene.solved_entries(comparison)]
     points = scene.link_origins(robot, np.vstack([comparison.via_q, *positions])).reshape(-1, 3)
     low, high = points.min(axis=0), points.max(axis=0)
+    high[2] += max((look.label_height for look, _ in _looks(comparison)), default=0.0)
     middle = (low + high) / 2
     level = scene.link_origins(robot, comparison.via_q)[:, -1].mean(axis=0)[:2]
     angle = np.arctan2(level[1], level[0]) if np.linalg.norm(level) > 1e-6 else -np.pi / 4
@@ -358,7 +382,7 @@ def _camera(comparison: Comparison) -> tuple[FloatArray, FloatArray]:
     towards_eye = np.array(
         [np.cos(tilt) * np.cos(angle), np.cos(tilt) * np.sin(angle), np.sin(tilt)]
     )
-    return middle + 1.25 * np.linalg.norm(high - low) * towards_eye, middle
+    return middle + EYE_DISTANCE * np.linalg.norm(high - low) * towards_eye, middle
 
 
 def _grid_spacing(robot: Robot) -> float:
@@ -386,7 +410,7 @@ def _plot_view(comparison: Comparison, quantity: str, joint: int) -> rrb.TimeSer
     name = f"{robot.joint_names[joint]} {quantity} [{unit}]"
     return rrb.TimeSeriesView(
         origin=joint_path(robot, quantity, joint),
-        name=f"{name}, {limits.far}" if limits.far else name,
+        name=name,
         axis_y=rrb.ScalarAxis(range=limits.axis),
         plot_legend=rrb.PlotLegend(visible=False),  # the arms' labels show the colours
     )

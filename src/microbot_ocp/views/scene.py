@@ -1,4 +1,4 @@
-"""What figures and recordings both draw: the arm along a motion, via points, limits worth drawing."""
+"""What figures and recordings both draw: the arm, its via points, the limits near its curves."""
 
 from __future__ import annotations
 
@@ -144,10 +144,12 @@ def _data_range(
 
 
 def _far_limits(lower: float | None, upper: float | None, unit: str) -> str:
-    known = [v for v in (lower, upper) if v is not None and np.isfinite(v)]
-    if not known:
-        return ""
-    if len(known) == 2 and np.isclose(known[0], -known[1]):
-        return f"limits ±{known[1]:.4g} {unit}"
-    values = " and ".join(f"{value:+.4g}" for value in known)
-    return f"limit{'s' if len(known) == 2 else ''} {values} {unit}".replace("-", "−")
+    known = [
+        (side, value)
+        for side, value in (("lower", lower), ("upper", upper))
+        if value is not None and np.isfinite(value)
+    ]
+    if len(known) == 2 and np.isclose(known[0][1], -known[1][1]):
+        return f"limits ±{known[1][1]:.4g} {unit}"
+    words = " and ".join(f"{side} limit {value:+.4g} {unit}" for side, value in known)
+    return words.replace("-", "−")

@@ -90,7 +90,7 @@ def comparison_markdown(comparison: Comparison) -> str:
     peaks = [f"peak {quantity} [%]" for quantity in limited]
     heads = ["method", "T [s]", "ratio", *peaks, "certificate", "solve [s]"]
     lines = [
-        f"# {_table_title(comparison)}",
+        f"### {_table_title(comparison)}",
         "",
         "| " + " | ".join(heads) + " |",
         "|" + " --- |" * len(heads),
@@ -314,29 +314,30 @@ def _table_title(comparison: Comparison) -> str:
 def _point(comparison: Comparison, via: int) -> str:
     degrees = _degrees(comparison)[via]
     values = np.where(np.isnan(degrees), comparison.via_q[via], degrees)
-    return ", ".join(f"{round(value, 6) + 0.0:g}" for value in values)
+    return ", ".join(f"{round(value, 6) + 0.0:.4g}" for value in values)
 
 
 def _note_sentences(comparison: Comparison) -> Iterator[str]:
     rows = comparison_rows(comparison)
     joints = comparison.robot.joint_names
     order = "/".join(joints) if len(joints) <= SHOWN_JOINTS else "busiest joint only"
-    yield f"Peaks: largest share of the limit ({order}). Ratio: to {_reference_title(rows, comparison)}."
+    reference = _reference_title(rows, comparison)
+    yield f"Peaks: largest share of the limit ({order}). Ratio: to {reference}."
     for row in rows:
         told = []
         if row["duration"] is None:
             told.append(f"not solved: {row['status']}")
         if row["certificate_ok"] is False:
             told.append(f"certificate refused: {row['verdict']}")
-            told += _violation_words(row["worst_violation"])
+            told += _violation_words(row["worst_violation"], row["verdict"])
         if row["note"]:
             told.append(row["note"])
         if told:
             yield f"{row['title']}: " + "; ".join(told) + "."
 
 
-def _violation_words(violation: Row | None) -> list[str]:
-    if violation is None:
+def _violation_words(violation: Row | None, verdict: str) -> list[str]:
+    if violation is None or violation["joint"] in verdict:  # the verdict tells it already
         return []
     value, limit, time = (violation[key] for key in ("value", "limit", "time"))
     if value is None or limit is None or time is None:

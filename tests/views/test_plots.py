@@ -1,0 +1,137 @@
+"""Figures: axes, units, legend, limits, failures."""
+
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_hex
+
+from microbot_ocp.robot import Limits
+from microbot_ocp.views import plots
+from microbot_ocp.views.style import entry_styles
+
+
+@pytest.fixture(scope="module")
+def curves(comparison):
+    return plots.comparison_figure(comparison)
+
+
+@pytest.fixture(scope="module")
+def paths(comparison):
+    return plots.paths_figure(comparison)
+
+
+def legend_texts(figure):
+    (legend,) = figure.legends
+    return [text.get_text() for text in legend.get_texts()]
+
+
+def named_lines(axes, label):
+    return [line for line in axes.lines if line.get_label() == label]
+
+
+def test_grid_titles_and_units(curves):
+    assert len(curves.axes) == 9
+    assert [a.get_title() for a in curves.axes[:3]] == ["waist", "shoulder", "elbow"]
+    labels = [a.get_ylabel() for a in curves.axes]
+    assert labels == ["q [deg]"] * 3 + ["qd [rad/s]"] * 3 + ["tau [N m]"] * 3
+    assert {a.get_xlabel() for a in curves.axes[6:]} == {"t [s]"}
+
+
+def test_curves_are_the_motions(comparison, curves):
+    styles = entry_styles(comparison)
+    for entry in comparison.entries[:3]:
+        motion, style = entry.motion, styles[entry.name]
+        for row, (quantity, factor) in enumerate((("q", 180 / np.pi), ("qd", 1), ("tau", 1))):
+            for joint in range(3):
+                (line,) = named_lines(curves.axes[3 * row + joint], style.title)
+                np.testing.assert_allclose(line.get_xdata(), motion.t)
+                expected = getattr(motion, quantity)[:, joint] * factor
+                np.testing.assert_allclose(line.get_ydata(), expected)
+                assert to_hex(line.get_color()).upper() == style.color
+
+
+def test_limits_near_the_data_only(curves):
+    assert named_lines(curves.axes[0], "_limit") == []
+    assert [t.get_text() for t in curves.axes[0].texts] == ["limits ±360 deg"]
+    levels = [line.get_ydata()[0] for line in named_lines(curves.axes[3], "_limit")]
+    assert levels == [-2.0, 2.0]
+    low, high = curves.axes[3].get_ylim()
+    assert low < -2.0
+    assert high > 2.0
+
+
+def test_via_markers_at_their_times(curves):
+    markers = named_lines(curves.axes[1], "_via")
+    np.testing.assert_allclose(markers[1].get_xdata(), [0, 1.2, 2.6])
+    np.testing.assert_allclose(markers[1].get_ydata(), [0, 45, 90], atol=1e-9)
+
+
+def test_legend_tells_durations_refusals_and_failures(curves):
+    texts = legend_texts(curves)
+    assert "time-optimal, free, 1.500 s (NOT CERTIFIED)" in texts
+    assert not any("LSPB" in text for text in texts)
+    title = curves.legends[0].get_title().get_text()
+    assert title == "lspb: not solved: infeasible: the blends overlap at the second via point"
+
+
+def test_certified_entry_is_not_accused(comparison):
+    entry = comparison.entries[0]
+    good = replace(entry, certificate=replace(entry.certificate, ok=True))
+    figure = plots.comparison_figure(replace(comparison, entries=(good,)))
+    assert legend_texts(figure)[0] == "cubic, as in the report, 3.400 s"
+
+
+def test_paths_views(comparison, paths):
+    space, above, side = paths.axes
+    assert space.name == "3d"
+    assert (space.get_xlabel(), space.get_ylabel(), space.get_zlabel()) == (
+        "x [m]",
+        "y [m]",
+        "z [m]",
+    )
+    assert (above.get_xlabel(), above.get_ylabel()) == ("x [m]", "y [m]")
+    assert side.get_ylabel() == "z [m]"
+    assert above.get_aspect() == side.get_aspect() == 1.0
+    assert [text.get_text() for text in above.texts] == ["1", "2", "3"]
+    title = entry_styles(comparison)["cubic"].title
+    (line,) = named_lines(above, title)
+    assert (line.get_xdata()[0], line.get_ydata()[0]) == pytest.approx((7.0, 0.0))
+    assert (line.get_xdata()[-1], line.get_ydata()[-1]) == pytest.approx((0.0, 4.0), abs=1e-9)
+    (line,) = named_lines(side, title)  # folded over the waist: r below zero
+    assert (line.get_xdata()[-1], line.get_ydata()[-1]) == pytest.approx((-4.0, 5.0))
+
+
+@pytest.mark.parametrize("make", [plots.comparison_figure, plots.paths_figure])
+def test_nothing_is_outside_the_page(comparison, make):
+    figure = make(comparison)
+    figure.canvas.draw()
+    page = figure.bbox
+    box = figure.get_tightbbox(figure.canvas.get_renderer()).transformed(figure.dpi_scale_trans)
+    assert box.x0 >= page.x0 - 1
+    assert box.y0 >= page.y0 - 1
+    assert box.x1 <= page.x1 + 1
+    assert box.y1 <= page.y1 + 1
+
+
+@pytest.mark.parametrize("make", [plots.comparison_figure, plots.paths_figure])
+def test_without_any_motion_or_limit(comparison, make):
+    nothing = replace(comparison, entries=comparison.entries[3:], limits=Limits().for_joints(3))
+    figure = make(nothing)
+    figure.canvas.draw()
+    assert "not solved" in figure.legends[0].get_title().get_text()
+
+
+def test_save(paths, tmp_path):
+    png, pdf = plots.save_figure(paths, tmp_path / "new", "paths")
+    assert png.read_bytes().startswith(b"\x89PNG")
+    assert pdf.read_bytes().startswith(b"%PDF")
+
+
+def test_no_global_state():
+    code = (
+        "import sys, microbot_ocp.views.plots; raise SystemExit('matplotlib.pyplot' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -1,0 +1,208 @@
+"""The recording, read back."""
+
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from rerun.chunk import RrdReader
+
+from microbot_ocp.comparison import Comparison
+from microbot_ocp.kinematics import forward_kinematics
+from microbot_ocp.motion import Motion, State
+from microbot_ocp.robot import Limits, Link, Robot
+from microbot_ocp.views import rerun_log, scene
+
+FLOAT32 = 2e-6  # relative rounding of what Rerun stores
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _strict():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("RERUN_STRICT", "1")
+        yield
+
+
+@pytest.fixture(scope="module")
+def recording(comparison, tmp_path_factory):
+    return rerun_log.write_recording(comparison, tmp_path_factory.mktemp("rrd") / "run.rrd")
+
+
+def read(path, entity, component):
+    """Times [N], s, and the rows of a component as lists, in the order of time."""
+    stream = RrdReader(path).stream()
+    chunks = stream.filter(content=entity, components=component, is_static=False).to_chunks()
+    times, rows = [], []
+    for chunk in chunks:
+        batch = chunk.to_record_batch()
+        times += [t.value for t in batch.column("sim_time")]
+        rows += batch.column(component).to_pylist()
+    order = np.argsort(times, kind="stable")
+    return np.array(times)[order] * 1e-9, [rows[i] for i in order]
+
+
+def scalars(path, entity):
+    t, rows = read(path, entity, "Scalars:scalars")
+    return t, np.array([row[0] for row in rows])
+
+
+def poses(path, entity):
+    t, places = read(path, entity, "Transform3D:translation")
+    return t, np.array(places)[:, 0]
+
+
+def static(path, entity, component):
+    stream = RrdReader(path).stream()
+    (chunk,) = stream.filter(content=entity, components=component, is_static=True).to_chunks()
+    return chunk.to_record_batch().column(component).to_pylist()[0]
+
+
+def test_curves_hold_the_samples_of_the_motion(comparison, recording):
+    for entry in comparison.entries[:3]:
+        motion = entry.motion
+        for quantity, factor in (("q", 180 / np.pi), ("qd", 1.0), ("tau", 1.0)):
+            for joint, name in enumerate(comparison.robot.joint_names):
+                t, values = scalars(recording, f"/plots/{quantity}/{name}/{entry.name}")
+                index = np.abs(motion.t[:, None] - t).argmin(axis=0)
+                np.testing.assert_allclose(t, motion.t[index], atol=1e-9)
+                expected = getattr(motion, quantity)[index, joint] * factor
+                np.testing.assert_allclose(values, expected, rtol=1e-12)
+                assert t[-1] == pytest.approx(motion.duration)
+
+
+def test_curves_keep_both_sides_of_a_jump(comparison, recording):
+    motion = comparison.entries[0].motion
+    t, values = scalars(recording, "/plots/tau/shoulder/cubic_report")
+    before = np.flatnonzero(np.diff(t) < 3e-6)
+    assert t[before + 1] == pytest.approx([1.6])
+    jump = values[before + 1] - values[before]
+    at = int(np.searchsorted(motion.t, 1.6 - 1e-9))
+    assert jump == pytest.approx([motion.tau[at, 1] - motion.tau[at - 1, 1]])
+    assert abs(jump[0]) > 100
+
+
+def test_tool_follows_forward_kinematics(comparison, recording):
+    size = scene.reach(comparison.robot)
+    for entry in comparison.entries[:3]:
+        t, tool = poses(recording, f"/world/{entry.name}/tool")
+        q = entry.motion.sample(np.minimum(t, entry.motion.duration)).q
+        expected = scene.link_origins(comparison.robot, q)[:, -1]
+        np.testing.assert_allclose(tool, expected, atol=FLOAT32 * size)
+
+
+def test_links_have_the_pose_of_their_frames(comparison, recording):
+    for frame in (1, 2, 3):
+        entity = f"/world/cubic/link_{frame}"
+        t, rows = read(recording, entity, "Transform3D:quaternion")
+        x, y, z, w = np.array(rows)[:, 0].T
+        q = comparison.entries[1].motion.sample(np.minimum(t, 2.6)).q
+        for i in (0, 100, 317, len(t) - 1):
+            pose = np.array(forward_kinematics(comparison.robot, frame)(q[i]))
+            x_axis = [
+                1 - 2 * (y[i] ** 2 + z[i] ** 2),
+                2 * (x[i] * y[i] + z[i] * w[i]),
+                2 * (x[i] * z[i] - y[i] * w[i]),
+            ]
+            z_axis = [
+                2 * (x[i] * z[i] + y[i] * w[i]),
+                2 * (y[i] * z[i] - x[i] * w[i]),
+                1 - 2 * (x[i] ** 2 + y[i] ** 2),
+            ]
+            np.testing.assert_allclose(x_axis, pose[:3, 0], atol=1e-5)
+            np.testing.assert_allclose(z_axis, pose[:3, 2], atol=1e-5)
+
+
+def test_links_have_their_lengths(recording):
+    lengths = [static(recording, f"/world/cubic/link_{k}", "Capsules3D:lengths") for k in (0, 2, 3)]
+    np.testing.assert_allclose(lengths, [[2.0], [3.0], [4.0]])
+
+
+def test_early_motion_waits_in_its_last_pose(recording):
+    t, tool = poses(recording, "/world/time_optimal/tool")
+    assert t[-1] == pytest.approx(3.4)
+    assert t[-2] == pytest.approx(1.5)
+    np.testing.assert_allclose(tool[-1], [0, 4, 5], atol=1e-5)
+
+
+def test_trail_is_one_short_strip_a_frame(recording):
+    t, tool = poses(recording, "/world/cubic/tool")
+    t_trail, strips = read(recording, "/world/cubic/trail", "LineStrips3D:strips")
+    np.testing.assert_allclose(t_trail, t[1:])
+    ends = np.array(strips)
+    assert ends.shape == (len(t) - 1, 1, 2, 3)
+    np.testing.assert_allclose(ends[:, 0, 1], tool[1:])
+    np.testing.assert_allclose(ends[:, 0, 0], tool[:-1])
+
+
+def test_limits_are_dashed_and_far_ones_left_out(recording):
+    t, rows = read(recording, "/plots/qd/waist/limit_upper", "Scalars:scalars")
+    assert t[-1] <= 3.4 + 1e-9
+    assert {tuple(row) for row in rows} == {(2.0,), ()}
+    assert rows[2::3] == [[]] * rerun_log.DASHES
+    with pytest.raises(ValueError, match="not enough values"):
+        static(recording, "/plots/q/waist/limit_upper", "SeriesLines:names")
+    assert "q of waist: limits ±360 deg" in static(recording, "/comparison", "TextDocument:text")[0]
+
+
+def test_words_and_marks(recording):
+    text = static(recording, "/comparison", "TextDocument:text")[0]
+    assert "not solved: infeasible" in text
+    t, rows = read(recording, "/marks/cubic", "TextLog:text")
+    np.testing.assert_allclose(t, [0, 1.2, 2.6])
+    assert rows[1] == ["cubic, scaled: via 2"]
+    vias = static(recording, "/world/via_points", "Points3D:labels")
+    assert vias == ["via 1", "via 2", "via 3"]
+
+
+def test_one_solid_arm_among_ghosts(recording):
+    alphas = {
+        name: static(recording, f"/world/{name}/link_2", "Capsules3D:colors")[0] & 0xFF
+        for name in ("cubic_report", "cubic", "time_optimal")
+    }
+    assert alphas == {"cubic_report": 110, "cubic": 110, "time_optimal": 255}
+    radii = {static(recording, f"/world/{name}/link_2", "Capsules3D:radii")[0] for name in alphas}
+    assert len(radii) == 3
+
+
+def test_file_is_valid_small_and_holds_its_layout(recording):
+    assert recording.stat().st_size < 3e6
+    assert len(RrdReader(recording).blueprints()) == 1
+    assert not list(recording.parent.glob("*.part"))
+    command = [sys.executable, "-m", "rerun", "rrd", "verify", str(recording)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def test_failures_alone_can_be_recorded(comparison, tmp_path):
+    nothing = replace(comparison, entries=comparison.entries[3:])
+    path = rerun_log.write_recording(nothing, tmp_path / "nothing.rrd")
+    assert "not solved" in static(path, "/comparison", "TextDocument:text")[0]
+
+
+def test_prismatic_joint_stretches_its_link(solved_entry, tmp_path):
+    robot = Robot.from_dh(
+        alpha=[0.0, 0.0],
+        a=[0.0, 0.5],
+        d=[0.3, 0.1],
+        joint_type=["revolute", "prismatic"],
+        links=[Link(1.0, [0.1, 0, 0], np.eye(3) * 0.01)] * 2,
+        limits=Limits(q_min=-4, q_max=4, qd_max=5.0, tau_max=50.0),
+        joint_names=["turn it", "slide"],
+        tool=[0.0, 0.0, 0.2, 0.0],
+    )
+    t = np.linspace(0, 1, 101)
+    q = np.column_stack([t, 0.4 * t])
+    state = State(q, np.tile([1.0, 0.4], (101, 1)), np.zeros((101, 2)))
+    motion = Motion.from_state(robot, t, state, label="line")
+    entry = solved_entry(robot, robot.limits, "line", "line", motion)
+    comparison = Comparison(robot, q[[0, -1]], robot.limits, (entry,), "line")
+    path = rerun_log.write_recording(comparison, tmp_path / "slide.rrd")
+    times, lengths = read(path, "/world/line/link_1", "Capsules3D:lengths")
+    np.testing.assert_allclose(
+        np.array(lengths)[:, 0], np.hypot(0.5, 0.1 + 0.4 * times), rtol=FLOAT32
+    )
+    _, values = scalars(path, "/" + rerun_log.joint_path(robot, "q", 0, "line").strip("/"))
+    assert values[-1] == pytest.approx(180 / np.pi)
+    _, values = scalars(path, "/plots/q/slide/line")
+    assert values[-1] == pytest.approx(0.4)
