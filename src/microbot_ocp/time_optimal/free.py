@@ -33,7 +33,13 @@ from microbot_ocp.ocp.refinement import Progress, Refiner, quiet
 from microbot_ocp.ocp.solution import Solution
 from microbot_ocp.ocp.transcription import Guess, Transcription
 from microbot_ocp.robot import JointLimits, Limits, Robot
-from microbot_ocp.time_optimal.task import check_limits, check_via, limit_excess
+from microbot_ocp.time_optimal.task import (
+    check_limits,
+    check_via,
+    finite_scale,
+    limit_excess,
+    torque_rate,
+)
 
 SMOOTHING = 1e-8  # weight of the squared jerk: picks one motion where many are equally fast
 EXPLORE_MESH = 20  # intervals a phase for the first look at every start
@@ -139,7 +145,7 @@ def free_problem(robot: Robot, via: FloatArray) -> OptimalControlProblem:
     count, limits = robot.joint_count, robot.limits
     tau = inverse_dynamics(robot)
     acceleration_scale = _acceleration_scale(robot)
-    torque_scale = _finite_scale(limits.tau_min, limits.tau_max)
+    torque_scale = finite_scale(limits.tau_min, limits.tau_max)
     problem = OptimalControlProblem(f"time-optimal motion of {robot.name}")
     for index, (start, end) in enumerate(itertools.pairwise(via)):
         first, last = index == 0, index == len(via) - 2
@@ -160,7 +166,7 @@ def free_problem(robot: Robot, via: FloatArray) -> OptimalControlProblem:
             upper=limits.qd_max,
             initial=0.0 if first else None,
             final=0.0 if last else None,
-            scale=_finite_scale(limits.qd_min, limits.qd_max),
+            scale=finite_scale(limits.qd_min, limits.qd_max),
             unit="rad/s",
             between=bool(np.isfinite(limits.qd_max).any()),
         )
@@ -190,7 +196,7 @@ def free_problem(robot: Robot, via: FloatArray) -> OptimalControlProblem:
                 torque_rate(robot)(q, qd, qdd, phase.rate(qdd)),
                 limits.taud_min,
                 limits.taud_max,
-                scale=_finite_scale(limits.taud_min, limits.taud_max),
+                scale=finite_scale(limits.taud_min, limits.taud_max),
                 unit="N m/s",
             )
         phase.end_cost(phase.duration)
@@ -198,19 +204,6 @@ def free_problem(robot: Robot, via: FloatArray) -> OptimalControlProblem:
     for before, after in itertools.pairwise(problem.phases):
         problem.link(before, after, names=("q", "qd", "qdd"))
     return problem
-
-
-def torque_rate(robot: Robot) -> ca.Function:
-    """Time derivative of the torque along a motion: ``(q, qd, qdd, qddd) -> taud``."""
-    q, qd, qdd, qddd = (ca.SX.sym(k, robot.joint_count) for k in ("q", "qd", "qdd", "qddd"))
-    tau = inverse_dynamics(robot)(q, qd, qdd)
-    state, slope = ca.vertcat(q, qd, qdd), ca.vertcat(qd, qdd, qddd)
-    return ca.Function("torque_rate", [q, qd, qdd, qddd], [ca.jtimes(tau, state, slope)])
-
-
-def _finite_scale(lower: FloatArray, upper: FloatArray) -> FloatArray:
-    size = np.maximum(np.abs(lower), np.abs(upper))
-    return np.where(np.isfinite(size) & (size > 0), size, 1.0)
 
 
 def _acceleration_scale(robot: Robot) -> FloatArray:

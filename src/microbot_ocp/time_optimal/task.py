@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
 from microbot_ocp import checks
 from microbot_ocp.baselines.scaling import LimitUse
 from microbot_ocp.checks import FloatArray, InputError
-from microbot_ocp.dynamics import gravity_torque
+from microbot_ocp.dynamics import gravity_torque, inverse_dynamics
 from microbot_ocp.motion import State, torque_along
 from microbot_ocp.robot import JointLimits, Limits, Robot
 
@@ -89,6 +90,20 @@ def limit_excess(robot: Robot, state: State) -> FloatArray:
         if use.limited.any():
             excess = np.maximum(excess, use(value).max(axis=1) - 1.0)
     return excess
+
+
+def torque_rate(robot: Robot) -> ca.Function:
+    """Time derivative of the torque along a motion: ``(q, qd, qdd, qddd) -> taud``."""
+    q, qd, qdd, qddd = (ca.SX.sym(k, robot.joint_count) for k in ("q", "qd", "qdd", "qddd"))
+    tau = inverse_dynamics(robot)(q, qd, qdd)
+    state, slope = ca.vertcat(q, qd, qdd), ca.vertcat(qd, qdd, qddd)
+    return ca.Function("torque_rate", [q, qd, qdd, qddd], [ca.jtimes(tau, state, slope)])
+
+
+def finite_scale(lower: FloatArray, upper: FloatArray) -> FloatArray:
+    """Sizes [n] of limits, 1 where there is none."""
+    size = np.maximum(np.abs(lower), np.abs(upper))
+    return np.where(np.isfinite(size) & (size > 0), size, 1.0)
 
 
 def describe(robot: Robot, joint: int, value: float) -> str:

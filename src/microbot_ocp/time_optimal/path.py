@@ -1,0 +1,490 @@
+"""The best timing of a given joint path, from rest to rest.
+
+The path stays, only s(t) is found. Each polynomial piece is a phase with the states s and s' and a
+continuous, piecewise linear s'' as the control; the torque is the inverse dynamics of
+``q(s), q' s', q' s'' + q'' s'^2``. The start comes from the reachability passes, which solve the
+same task on a grid to its global optimum: the two durations check each other. At a corner of the
+path, where its tangent jumps, the arm has to stop.
+"""
+
+from __future__ import annotations
+
+import itertools
+import time
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from microbot_ocp import checks
+from microbot_ocp.checks import FloatArray, InputError
+from microbot_ocp.codegen import compile_functions, compiler
+from microbot_ocp.dynamics import inverse_dynamics
+from microbot_ocp.motion import (
+    SAMPLE_STEP,
+    Mark,
+    Motion,
+    PiecewisePolynomial,
+    State,
+    sample_times,
+)
+from microbot_ocp.ocp.problem import OptimalControlProblem, Phase
+from microbot_ocp.ocp.refinement import Progress, Refiner, quiet
+from microbot_ocp.ocp.solution import Solution
+from microbot_ocp.ocp.transcription import Guess, Transcription
+from microbot_ocp.robot import JointLimits, Limits, Robot
+from microbot_ocp.time_optimal.reachability import PathTiming, time_path
+from microbot_ocp.time_optimal.task import (
+    check_limits,
+    check_position,
+    check_rest,
+    finite_scale,
+    limit_excess,
+    torque_rate,
+)
+
+SMOOTHING = 1e-8  # weight of the squared rate of s'': picks one timing where many are equally fast
+CHECKS_PER_INTERVAL = 20
+CORNER = 1e-6  # relative jump of the tangent that counts as a corner
+
+
+@dataclass(frozen=True)
+class PathTimingSettings:
+    """How finely to time a path.
+
+    Attributes
+    ----------
+    mesh : intervals of each polynomial piece
+    grid : points of the reachability passes on each smooth stretch
+    violation : largest relative excess of a limit between mesh points
+    solver : "ipopt" or "fatrop" (IPOPT steps in where it fails)
+    compiled : compile to C where there is a compiler
+    """
+
+    mesh: int = 100
+    grid: int = 1000
+    violation: float = 1e-3
+    solver: str = "ipopt"
+    compiled: bool = True
+
+    def __post_init__(self) -> None:
+        checks.number("mesh", self.mesh, "intervals", at_least=4)
+        checks.number("grid", self.grid, "points", at_least=10)
+        checks.number("violation", self.violation, above=0.0)
+        checks.one_of("solver", self.solver, ("ipopt", "fatrop"))
+
+
+def straight_path(via_q: ArrayLike) -> PiecewisePolynomial:
+    """Straight lines in joint space through via points [m,n]; s is the distance travelled, rad."""
+    via = checks.array("via_q", via_q, (None, None), "rad")
+    if via.shape[0] < 2:
+        raise InputError(f"via_q must have at least 2 points, not {via.shape[0]}")
+    steps = np.diff(via, axis=0)
+    lengths = np.linalg.norm(steps, axis=1)
+    if np.any(lengths == 0):
+        i = int(np.argmax(lengths == 0)) + 1
+        raise InputError(f"via points {i} and {i + 1} are the same: no path between them")
+    breaks = np.concatenate([[0.0], np.cumsum(lengths)])
+    return PiecewisePolynomial(breaks, np.stack([via[:-1], steps / lengths[:, None]], axis=1))
+
+
+def time_optimal_path(
+    robot: Robot,
+    path: PiecewisePolynomial,
+    limits: Limits | JointLimits | None = None,
+    *,
+    settings: PathTimingSettings | None = None,
+    label: str = "path, best timing",
+    progress: Progress | None = None,
+    **changes: Any,
+) -> Motion:
+    """The fastest motion along a path, at rest at both ends and at its corners.
+
+    Parameters
+    ----------
+    robot : Robot
+        With masses.
+    path : PiecewisePolynomial
+        Joint positions over any path parameter: a trajectory (its timing is replaced), or
+        :func:`straight_path`.
+    limits : Limits, optional
+        Default the robot's own.
+    settings : PathTimingSettings, optional
+        Single settings may be given as keywords: ``mesh``, ``grid``, ``violation``, ``solver``,
+        ``compiled``.
+
+    Returns
+    -------
+    Motion
+        ``motion.solved`` tells whether the solver converged; the provenance holds the duration
+        found by reachability, too.
+
+    Raises
+    ------
+    InputError
+        A path outside the position limits, an end or corner that cannot be held at rest, bad
+        limits: before any solver starts.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import microbot_ocp as mo
+    >>> path = mo.straight_path(np.radians([[0, 0, 0], [-8, 45, 30], [-90, 90, 90]]))
+    >>> motion = mo.time_optimal_path(mo.load_robot("microbot"), path, mesh=40)
+    >>> motion.solved
+    True
+    """
+    chosen = settings or PathTimingSettings()
+    chosen = PathTimingSettings(**{**vars(chosen), **changes})
+    bounds = check_limits(robot, limits)
+    limited = robot.with_limits(bounds)
+    _check_path(limited, path)
+    return _PathSearch(limited, path, chosen, label, progress or quiet).run()
+
+
+def _check_path(robot: Robot, path: PiecewisePolynomial) -> None:
+    if path.coefficients.shape[2] != robot.joint_count:
+        raise InputError(
+            f"path must have {robot.joint_count} joints, not {path.coefficients.shape[2]}"
+        )
+    if not np.isfinite(path.coefficients).all():
+        raise InputError("path must be finite")
+    for before, after in itertools.pairwise(path.breaks):
+        s = np.linspace(before, after, 51)
+        for at, q in zip(s, path(s, from_left=True), strict=True):
+            check_position(robot, f"path at s = {at:g}", q, robot.limits)
+    stops = [path.breaks[0], *corners(path), path.breaks[-1]]
+    for at in stops:
+        check_rest(robot, f"path at s = {at:g}", path(at)[0], robot.limits)
+
+
+def corners(path: PiecewisePolynomial) -> FloatArray:
+    """Breaks at which the tangent jumps."""
+    inner = path.breaks[1:-1]
+    tangent = path.derivative()
+    jump = np.abs(tangent(inner) - tangent(inner, from_left=True)).max(axis=1, initial=0.0)
+    size = np.abs(tangent(np.linspace(path.breaks[0], path.breaks[-1], 101))).max()
+    return inner[jump > CORNER * size]
+
+
+def _vanishing(path: PiecewisePolynomial, s: float) -> bool:
+    """Whether the tangent is zero at s, so that the arm rests there at any s'."""
+    tangent = path.derivative()
+    size = np.abs(tangent(np.linspace(path.breaks[0], path.breaks[-1], 101))).max()
+    return bool(np.abs(tangent(s)).max() < 1e-9 * size)
+
+
+@dataclass(frozen=True, eq=False)
+class _Piece:
+    """One polynomial piece of the path: a phase."""
+
+    name: str
+    start: float
+    length: float
+    coefficients: FloatArray
+    stops_before: bool
+    stops_after: bool
+
+
+class _PathSearch:
+    """Reachability on every smooth stretch, then all pieces as one optimal-control problem."""
+
+    def __init__(
+        self,
+        robot: Robot,
+        path: PiecewisePolynomial,
+        settings: PathTimingSettings,
+        label: str,
+        progress: Progress,
+    ) -> None:
+        self.robot, self.path, self.settings = robot, path, settings
+        self.label, self.progress = label, progress
+        self.corners = corners(path)
+        self.pieces = self._pieces()
+
+    def _pieces(self) -> list[_Piece]:
+        rests = {float(c) for c in self.corners}
+        first, last = float(self.path.breaks[0]), float(self.path.breaks[-1])
+        for end in (first, last):
+            if not _vanishing(self.path, end):
+                rests.add(end)
+        return [
+            _Piece(
+                name=f"piece {i + 1}",
+                start=float(a),
+                length=float(b - a),
+                coefficients=self.path.coefficients[i],
+                stops_before=float(a) in rests,
+                stops_after=float(b) in rests,
+            )
+            for i, (a, b) in enumerate(itertools.pairwise(self.path.breaks))
+        ]
+
+    def run(self) -> Motion:
+        begin = time.perf_counter()
+        timings = self._reach()
+        reached = sum(timing.duration for timing in timings)
+        for timing in timings:
+            if not timing.feasible:
+                self.progress(
+                    f"reachability: the end cannot be reached from s = {timing.blocked_at:g}"
+                )
+        if np.isfinite(reached):
+            self.progress(f"reachability on a grid: {reached:.6f} s")
+        guesses, scales = self._guesses(timings)
+        compiled = self.settings.compiled and compiler() is not None
+        transcription = Transcription(
+            self._problem(scales),
+            prepare=partial(compile_functions, optimization="-O1") if compiled else None,
+        )
+        refiner = Refiner(
+            transcription,
+            guess_from,
+            self._excess,
+            self.settings.violation,
+            solver=self.settings.solver,
+            progress=self.progress,
+        )
+        solution = refiner.solve(self.settings.mesh, guesses)
+        if not solution.status.ok and self.settings.solver != "ipopt":
+            solution = refiner.solve(self.settings.mesh, guesses, solver="ipopt")
+        self.progress(
+            f"mesh {' + '.join([str(self.settings.mesh)] * len(self.pieces))}: "
+            f"{solution.duration:.6f} s, {solution.status.name.lower().replace('_', ' ')}"
+        )
+        solution = refiner.refine(solution)
+        wall = time.perf_counter() - begin
+        return self._motion(solution, refiner, timings, reached, wall)
+
+    def _reach(self) -> list[PathTiming]:
+        stops = [self.path.breaks[0], *self.corners, self.path.breaks[-1]]
+        timings = []
+        for before, after in itertools.pairwise(stops):
+            keep = (self.path.breaks[:-1] >= before) & (self.path.breaks[:-1] < after)
+            stretch = PiecewisePolynomial(
+                np.append(self.path.breaks[:-1][keep], after), self.path.coefficients[keep]
+            )
+            timings.append(
+                time_path(
+                    self.robot,
+                    stretch,
+                    self.robot.limits,
+                    grid=self.settings.grid,
+                    start_free=_vanishing(stretch, before),
+                    end_free=_vanishing(stretch, after),
+                    compiled=self.settings.compiled,
+                )
+            )
+        return timings
+
+    def _guesses(self, timings: list[PathTiming]) -> tuple[dict[str, Guess], dict[str, float]]:
+        """Guess for every piece from the reachability profile; where it failed a slow walk."""
+        guesses: dict[str, Guess] = {}
+        speeds, accelerations = [], []
+        for piece in self.pieces:
+            timing = next(t for t in timings if t.s[0] <= piece.start and piece.start < t.s[-1])
+            guess, speed, acceleration = _piece_guess(piece, timing)
+            guesses[piece.name] = guess
+            speeds.append(speed)
+            accelerations.append(acceleration)
+        return guesses, {"v": max(speeds), "a": max(accelerations)}
+
+    def _problem(self, scales: dict[str, float]) -> OptimalControlProblem:
+        problem = OptimalControlProblem(f"timing of a path of {self.robot.name}")
+        degree = self.path.coefficients.shape[1] - 1
+        longest = max(piece.length for piece in self.pieces)
+        phases = [
+            _declare(problem, self.robot, piece, degree, longest, scales) for piece in self.pieces
+        ]
+        for before, after in itertools.pairwise(zip(phases, self.pieces, strict=True)):
+            stops = after[1].stops_before
+            problem.link(before[0], after[0], names=() if stops else ("v",))
+        return problem
+
+    def _excess(self, solution: Solution) -> list[FloatArray]:
+        result = []
+        for phase, piece in zip(solution.phases, self.pieces, strict=True):
+            inside = np.linspace(0, 1, CHECKS_PER_INTERVAL + 1)
+            t = (phase.t[:-1, None] + inside * np.diff(phase.t)[:, None]).ravel()
+            excess = limit_excess(self.robot, _state(phase_polynomial(phase), piece, t))
+            result.append(excess.reshape(-1, inside.size).max(axis=1))
+        return result
+
+    def _motion(
+        self,
+        solution: Solution,
+        refiner: Refiner,
+        timings: list[PathTiming],
+        reached: float,
+        wall: float,
+    ) -> Motion:
+        edges = np.cumsum([0.0, *(phase.duration for phase in solution.phases)])
+        t_parts, states = [], []
+        breaks = [np.zeros(1)]
+        for index, (phase, piece) in enumerate(zip(solution.phases, self.pieces, strict=True)):
+            last = index + 1 == len(self.pieces)
+            local = sample_times(phase.t, np.zeros(0), SAMPLE_STEP)
+            if not last:  # the acceleration may jump where the next piece begins
+                local[-1] = local[-1] - 1e-6
+            t_parts.append(edges[index] + local)
+            states.append(_state(phase_polynomial(phase), piece, local))
+            breaks.append(edges[index] + phase.t[1:])
+        t = np.concatenate(t_parts)
+        state = State(*(np.concatenate(parts) for parts in zip(*states, strict=True)))
+        status = solution.status.name.lower()
+        blocked = [timing.blocked_at for timing in timings if not timing.feasible]
+        return Motion.from_state(
+            self.robot,
+            t,
+            state,
+            label=self.label,
+            breaks=np.concatenate(breaks),
+            marks=[Mark(float(at), f"via {i + 1}") for i, at in enumerate(edges)],
+            provenance={
+                "method": "time-optimal timing of a given path, multiple shooting",
+                "status": status,
+                "advice": solution.advice,
+                "solver": solution.attempts[-1].solver,
+                "intervals": [phase.mesh.size - 1 for phase in solution.phases],
+                "phase_durations": [phase.duration for phase in solution.phases],
+                "reachability_duration": reached if np.isfinite(reached) else None,
+                "blocked_at": blocked,
+                "stops": [float(c) for c in self.corners],
+                "solves": refiner.history,
+                "wall_time": wall,
+                "smoothing": SMOOTHING,
+                "casadi": ca.CasadiMeta.version(),
+            },
+            note=_note(solution, self.corners, blocked, reached),
+        )
+
+
+def _note(solution: Solution, at: FloatArray, blocked: list[float], reached: float) -> str:
+    if not solution.status.ok:
+        where = f"; the end cannot be reached from s = {blocked[0]:g}" if blocked else ""
+        return f"not solved: {solution.advice}{where}"
+    stops = f"stops at {at.size} corner{'s' if at.size != 1 else ''}" if at.size else "no stop"
+    return f"{stops}; reachability on a grid gives {reached:.4f} s"
+
+
+def _declare(
+    problem: OptimalControlProblem,
+    robot: Robot,
+    piece: _Piece,
+    degree: int,
+    longest: float,
+    scales: dict[str, float],
+) -> Phase:
+    count, limits = robot.joint_count, robot.limits
+    phase = problem.phase(piece.name, duration=(1e-4, 1e4))
+    s = phase.state("s", lower=0.0, initial=0.0, final=piece.length, scale=longest)
+    v = phase.state(
+        "v",
+        lower=0.0,
+        initial=0.0 if piece.stops_before else None,
+        final=0.0 if piece.stops_after else None,
+        scale=scales["v"],
+        unit="1/s",
+    )
+    a = phase.control("a", scale=scales["a"], unit="1/s^2", shape="linear")
+    phase.derivative(s, v)
+    phase.derivative(v, a)
+    table = phase.parameter("coefficients", piece.coefficients)
+    c = ca.reshape(table, count, degree + 1)
+    q, tangent, curvature, bend = (
+        sum(
+            (_factor(k, order) * c[:, k] * s ** (k - order) for k in range(order, degree + 1)),
+            ca.MX.zeros(count),
+        )
+        for order in range(4)
+    )
+    qd = tangent * v
+    qdd = tangent * a + curvature * v**2
+    _limit(phase, "velocity", qd, limits, "qd", "rad/s")
+    _limit(phase, "acceleration", qdd, limits, "qdd", "rad/s^2")
+    _limit(phase, "torque", inverse_dynamics(robot)(q, qd, qdd), limits, "tau", "N m")
+    jerk = tangent * phase.rate(a) + 3 * curvature * v * a + bend * v**3
+    if np.isfinite([limits.taud_min, limits.taud_max]).any():
+        rate = torque_rate(robot)(q, qd, qdd, jerk)
+        _limit(phase, "torque rate", rate, limits, "taud", "N m/s")
+    phase.end_cost(phase.duration)
+    phase.running_cost(SMOOTHING * (phase.rate(a) / (10.0 * scales["a"])) ** 2)
+    return phase
+
+
+def _factor(power: int, order: int) -> float:
+    """Factor of the order-th derivative of s^power."""
+    return float(np.prod([power - k for k in range(order)]))
+
+
+def _limit(
+    phase: Phase, name: str, value: ca.MX, limits: JointLimits, quantity: str, unit: str
+) -> None:
+    lower, upper = limits.bounds(quantity)
+    if np.isfinite([lower, upper]).any():
+        phase.constraint(name, value, lower, upper, scale=finite_scale(lower, upper), unit=unit)
+
+
+def _piece_guess(piece: _Piece, timing: PathTiming) -> tuple[Guess, float, float]:
+    inside = (timing.s >= piece.start) & (timing.s <= piece.start + piece.length)
+    if not timing.feasible:
+        duration = 10.0
+        speed = 2 * piece.length / duration
+        values = {"s": lambda f: piece.length * f[:, None], "v": speed, "a": 0.0}
+        return Guess(duration, values), speed, speed / duration
+    s, x, t = timing.s[inside], timing.speed_squared[inside], timing.t[inside]
+    t = t - t[0]
+    v = np.sqrt(x)
+    a = np.append(np.diff(x) / (2 * np.diff(s)), 0.0)
+    a[-1] = a[-2]
+    typical = max(float(np.percentile(np.abs(a), 90)), 1e-6)
+    # near a vanishing tangent s'' hardly matters and the grid makes it jump
+    a = np.clip(a, -3 * typical, 3 * typical)
+
+    def at(values: FloatArray, f: FloatArray) -> FloatArray:
+        return np.interp(f * t[-1], t, values)[:, None]
+
+    values = {
+        "s": partial(at, s - piece.start),
+        "v": partial(at, v),
+        "a": partial(at, a),
+    }
+    return Guess(float(t[-1]), values), float(v.max()), typical
+
+
+def guess_from(solution: Solution) -> dict[str, Guess]:
+    """Guesses for another mesh from a solution."""
+    guesses = {}
+    for phase in solution.phases:
+        curve = phase_polynomial(phase)
+        slope = curve.derivative()
+        curves = {"s": curve, "v": slope, "a": slope.derivative()}
+        values = {
+            name: partial(lambda c, f, T: c(f * T), c, T=phase.duration)
+            for name, c in curves.items()
+        }
+        guesses[phase.name] = Guess(phase.duration, values)
+    return guesses
+
+
+def phase_polynomial(phase: Any) -> PiecewisePolynomial:
+    """s(t) of a phase [1 column]: cubic between the mesh points, from s, s' and s''."""
+    h = np.diff(phase.t)[:, None]
+    s, v, a = phase["s"], phase["v"], phase["a"]
+    table = np.stack([s[:-1], v[:-1], a[:-1] / 2, np.diff(a, axis=0) / (6 * h)], axis=1)
+    return PiecewisePolynomial(phase.t, table)
+
+
+def _state(curve: PiecewisePolynomial, piece: _Piece, t: FloatArray) -> State:
+    """q, qd, qdd of a piece at times t since its start."""
+    slope = curve.derivative()
+    s = np.clip(curve(t, from_left=True), 0.0, piece.length)
+    v = slope(t, from_left=True)
+    a = slope.derivative()(t, from_left=True)
+    shape = PiecewisePolynomial(np.array([0.0, piece.length]), piece.coefficients[None])
+    first = shape.derivative()
+    tangent, curvature = first(s.ravel()), first.derivative()(s.ravel())
+    return State(shape(s.ravel()), tangent * v, tangent * a + curvature * v**2)
