@@ -1,0 +1,7 @@
+"""Speed against peers, as ratios measured in one run: ``python -m benchmarks``, ``make bench``."""
+
+import sys
+from pathlib import Path
+
+# The peers' models are the ones that the tests prove equal to ours.
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))

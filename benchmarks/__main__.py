@@ -1,0 +1,22 @@
+"""Run the benchmarks named on the command line, or all of them, and print one table each."""
+
+import argparse
+import importlib
+
+BENCHMARKS = ("rnea", "path_timing", "free_time_optimal")
+
+
+def main() -> None:
+    """Misses are printed, not punished: a busy machine is no reason to fail."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
+    parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join(BENCHMARKS))
+    parser.add_argument("--repetitions", type=int, default=0, help="default: each its own")
+    options = parser.parse_args()
+    for name in options.names or BENCHMARKS:
+        if name not in BENCHMARKS:
+            parser.error(f"NAME must be one of {', '.join(BENCHMARKS)}, not {name!r}")
+        importlib.import_module(f"benchmarks.{name}").run(options.repetitions)
+
+
+if __name__ == "__main__":
+    main()

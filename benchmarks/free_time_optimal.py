@@ -1,0 +1,146 @@
+"""The fastest motion through a via point: ours against rockit with IPOPT.
+
+Every repetition runs in a process of its own and counts all from the robot to the solution, the
+building of the problem included, the imports not. Both get one starting guess and one mesh of 100
+intervals a phase, torque limits at both ends of every interval, IPOPT's own tolerances. rockit
+holds the acceleration constant over an interval, ours lets it change linearly and reaches the same
+optimum on 20 intervals. As it comes, ours tries several starts and refines the mesh as well.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from functools import partial
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+import microbot_ocp as mo
+from benchmarks.measure import Benchmark
+
+GOAL = 10.0
+MESH = 100
+VIA_Q = np.radians([[0, 0, 0], [-8, 45, 30], [-90, 90, 90]])
+LIKE_FOR_LIKE = {"mesh": MESH, "starts": 1, "violation": 1.0}  # one guess, no refinement
+
+
+def rockit_duration(robot: mo.Robot, *, guess_by_rockit: bool = False) -> float:
+    """Two stages with free durations, q and qd by multiple shooting, torque by inverse dynamics.
+
+    The expanded graph halves the time of the solver. rockit's own ``set_initial`` takes longer
+    than the solver; unless asked for, the same guess goes to the transcribed problem directly.
+    """
+    import casadi as ca
+    from rockit import FreeTime, MultipleShooting, Ocp
+
+    torque, limits, count = mo.inverse_dynamics(robot), robot.limits, robot.joint_count
+    ocp = Ocp()
+    stages = []
+    for start, end in pairwise(VIA_Q):
+        stage = ocp.stage(t0=0, T=FreeTime(1.0))
+        q, qd, qdd = stage.state(count), stage.state(count), stage.control(count)
+        stage.set_der(q, qd)
+        stage.set_der(qd, qdd)
+        for quantity, value in (("q", q), ("qd", qd)):
+            lower, upper = limits.bounds(quantity)
+            stage.subject_to(lower <= (value <= upper))
+        lower, upper = limits.bounds("tau")
+        at_start, at_end = torque(q, qd, qdd), torque(stage.next(q), stage.next(qd), qdd)
+        for tau in (at_start, at_end):
+            stage.subject_to(lower <= (tau <= upper), include_last=False)
+        stage.subject_to(stage.at_t0(q) == start)
+        stage.subject_to(stage.at_tf(q) == end)
+        stage.subject_to(stage.T >= 0.01)
+        stage.add_objective(stage.T)
+        stage.method(MultipleShooting(N=MESH, M=1, intg="rk"))
+        guess = np.linspace(start, end, MESH + 1).T, np.tile((end - start)[:, None], MESH + 1)
+        if guess_by_rockit:
+            stage.set_initial(q, guess[0])
+            stage.set_initial(qd, guess[1])
+        stages.append((stage, q, qd, np.vstack(guess)))
+    (first, _, first_qd, _), (second, _, second_qd, _) = stages
+    ocp.subject_to(first.at_t0(first_qd) == 0)
+    ocp.subject_to(first.at_tf(first_qd) == second.at_t0(second_qd))
+    ocp.subject_to(second.at_tf(second_qd) == 0)
+    ocp.solver("ipopt", {"expand": True, "print_time": False, "ipopt.print_level": 0})
+    if not guess_by_rockit:
+        ocp.transcribe()
+        for stage, q, qd, guess in stages:
+            _, sampled = stage.sample(ca.vertcat(q, qd), grid="control")
+            ca.Opti.set_initial(ocp._method.opti, sampled, guess)
+    solution = ocp.solve()
+    return sum(float(solution.value(stage.T)) for stage, *_ in stages)
+
+
+def our_duration(robot: mo.Robot, **settings: float) -> float:
+    """By :func:`microbot_ocp.time_optimal`."""
+    return mo.time_optimal(robot, VIA_Q, **settings).duration
+
+
+WAYS: dict[str, Callable[[mo.Robot], float]] = {
+    "rockit": rockit_duration,
+    "rockit, its own set_initial": partial(rockit_duration, guess_by_rockit=True),
+    "time_optimal, one start": partial(our_duration, **LIKE_FOR_LIKE),
+    "time_optimal, one start, 20 intervals": partial(our_duration, **LIKE_FOR_LIKE | {"mesh": 20}),
+    "time_optimal as it comes": partial(our_duration, mesh=MESH),
+}
+EMPTY_CACHE = ", nothing compiled before"
+
+
+def child(way: str) -> None:
+    """In a fresh process: time one way and print what came of it."""
+    import casadi as ca
+
+    if way.startswith("rockit"):
+        import rockit  # noqa: F401  imports are not part of the time
+    for solver in ("ipopt", "fatrop"):  # nor is loading the solvers
+        ca.load_nlpsol(solver)
+    begin = time.perf_counter()
+    duration = WAYS[way](mo.load_robot("microbot"))
+    print(json.dumps({"seconds": time.perf_counter() - begin, "duration": duration}))
+
+
+def in_fresh_process(name: str, cache: str, durations: dict[str, float]) -> float:
+    """Seconds that the way takes; its motion's duration goes into ``durations``."""
+    with tempfile.TemporaryDirectory() as empty:
+        folder = empty if name.endswith(EMPTY_CACHE) else cache
+        done = subprocess.run(
+            [sys.executable, "-m", __name__, name.removesuffix(EMPTY_CACHE)],
+            env={**os.environ, "MICROBOT_OCP_CACHE": folder},
+            cwd=Path(__file__).resolve().parent.parent,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+    if done.returncode:
+        raise RuntimeError(f"{name} failed:\n{done.stderr[-2000:]}")
+    answer = json.loads(done.stdout.splitlines()[-1])
+    durations[name] = answer["duration"]
+    return answer["seconds"]
+
+
+def run(repetitions: int = 0) -> None:
+    """Fresh processes, in turns; each takes seconds, so there are few."""
+    names = list(WAYS)[1:]
+    names.insert(2, "time_optimal, one start" + EMPTY_CACHE)
+    durations: dict[str, float] = {}
+    with tempfile.TemporaryDirectory() as cache:
+        ways = {name: partial(in_fresh_process, name, cache, durations) for name in names}
+        Benchmark(
+            f"Free time-optimal motion, 2 phases of {MESH} intervals, fresh processes",
+            ("rockit", partial(in_fresh_process, "rockit", cache, durations)),
+            ways,
+            {"time_optimal, one start": GOAL, "time_optimal, one start" + EMPTY_CACHE: GOAL},
+        ).run(repetitions or 5)
+    print("  optima: " + ", ".join(f"{name} {found:.4f} s" for name, found in durations.items()))
+
+
+if __name__ == "__main__":
+    child(sys.argv[1])

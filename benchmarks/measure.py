@@ -1,0 +1,71 @@
+"""Interleaved timing and the table that tells what came of it."""
+
+from __future__ import annotations
+
+import timeit
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+Seconds = np.ndarray
+PEER = "peer"
+
+
+@dataclass
+class Benchmark:
+    """A peer and our ways of doing the same, each a callable that returns seconds per call.
+
+    ``goals`` holds the wanted ratio peer / ours by the name of our way.
+    """
+
+    title: str
+    peer: tuple[str, Callable[[], float]]
+    ours: Mapping[str, Callable[[], float]]
+    goals: Mapping[str, float] = field(default_factory=dict)
+
+    def run(self, repetitions: int) -> None:
+        """Take turns, A B C A B C ..., so that a slow spell of the machine hits all alike."""
+        ways = {PEER: self.peer[1], **self.ours}
+        for way in ways.values():
+            way()  # warm: caches of the processor, first-call imports
+        taken: dict[str, list[float]] = {name: [] for name in ways}
+        for _ in range(repetitions):
+            for name, way in ways.items():
+                taken[name].append(way())
+        self._print({name: np.array(values) for name, values in taken.items()})
+
+    def _print(self, taken: dict[str, Seconds]) -> None:
+        repetitions = taken[PEER].size
+        width = max(map(len, [*taken, self.peer[0]]))
+        print(f"\n{self.title} ({repetitions} interleaved repetitions: median, min..max)")
+        print(f"  {self.peer[0]:{width}}  {_spread(taken[PEER])}")
+        for name in self.ours:
+            ratio = taken[PEER] / taken[name]
+            line = (
+                f"  {name:{width}}  {_spread(taken[name])}   {np.median(ratio):6.3g} times as fast "
+                f"({ratio.min():.3g}..{ratio.max():.3g})"
+            )
+            print(line + _verdict(float(np.median(ratio)), self.goals.get(name)))
+
+
+def _verdict(ratio: float, goal: float | None) -> str:
+    if goal is None:
+        return ""
+    if ratio >= goal:
+        return f"   goal {goal:g}: met"
+    return f"   goal {goal:g}: MISSED by a factor of {goal / ratio:.2f}"
+
+
+def _spread(seconds: Seconds) -> str:
+    units = {"ns": 1e-9, "us": 1e-6, "ms": 1e-3, "s": 1.0}
+    unit = max((u for u in units if np.median(seconds) >= units[u]), key=units.__getitem__)
+    low, middle, high = (f(seconds) / units[unit] for f in (np.min, np.median, np.max))
+    return f"{middle:6.4g} {unit:2} ({low:.3g}..{high:.3g})"
+
+
+def timed(statement: str, number: int = 1, **names: Any) -> Callable[[], float]:
+    """Seconds of one call, as the mean over ``number``; timeit's loop, so no wrapper is timed."""
+    timer = timeit.Timer(statement, globals=names)
+    return lambda: timer.timeit(number) / number

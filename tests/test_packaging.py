@@ -1,0 +1,57 @@
+"""What the wheel carries, and that its pure Python says so."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import zipfile
+from email.parser import Parser
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+PACKAGE = ROOT / "src" / "microbot_ocp"
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> zipfile.ZipFile:
+    folder = tmp_path_factory.mktemp("wheel")
+    command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "-w", str(folder)]
+    done = subprocess.run([*command, str(ROOT)], capture_output=True, text=True, check=False)
+    if done.returncode and "hatchling" in done.stderr and "No matching distribution" in done.stderr:
+        pytest.skip("the build backend, hatchling, cannot be reached from here")
+    assert done.returncode == 0, done.stderr
+    (made,) = folder.glob("*.whl")
+    return zipfile.ZipFile(made)
+
+
+def test_wheel_carries_every_source_and_data_file(wheel: zipfile.ZipFile) -> None:
+    wanted = {
+        path.relative_to(PACKAGE.parent).as_posix()
+        for path in PACKAGE.rglob("*")
+        if path.is_file() and "__pycache__" not in path.parts
+    }
+    carried = {name for name in wheel.namelist() if name.startswith("microbot_ocp/")}
+    assert carried == wanted
+    assert {"microbot_ocp/py.typed", "microbot_ocp/robots/microbot.toml"} <= carried
+
+
+def test_wheel_carries_nothing_else_but_its_licence_and_metadata(wheel: zipfile.ZipFile) -> None:
+    rest = [name for name in wheel.namelist() if not name.startswith("microbot_ocp/")]
+    assert all(name.startswith("microbot_ocp-") and ".dist-info/" in name for name in rest)
+    assert any(name.endswith("/licenses/LICENSE") for name in rest)
+
+
+def test_metadata_names_what_it_needs(wheel: zipfile.ZipFile) -> None:
+    (name,) = (name for name in wheel.namelist() if name.endswith(".dist-info/METADATA"))
+    metadata = Parser().parsestr(wheel.read(name).decode())
+    assert metadata["Name"] == "microbot_ocp"
+    assert metadata["Requires-Python"] == ">=3.11"
+    needed = {
+        line.split(";")[0].split(">")[0].strip()
+        for line in metadata.get_all("Requires-Dist", [])
+        if "extra" not in line
+    }
+    assert needed == {"casadi", "numpy", "matplotlib", "rerun-sdk", "rich"}
+    assert Path(wheel.filename or "").name.endswith("-py3-none-any.whl")
