@@ -29,6 +29,7 @@ SATURATED = 0.99  # share of a limit from which on it counts as used up
 NEAR_SINGULAR = 1e6  # condition number of the mass matrix
 TORQUE_DEGREE = 10  # of the polynomials in time that carry the torque into the re-simulation
 TORQUE_FIT = 1e-8  # their largest error, relative to the largest torque
+BETWEEN_SAMPLES = 0.05  # of the largest torque: how far it may stray between two samples
 SHORTEST_PIECE = 0.5e-3  # s; a piece of torque that holds no break is not divided below this
 
 QUANTITY_NAMES = {
@@ -131,6 +132,10 @@ class Certificate:
         torque of the motion.
     stored_torque_joint, stored_torque_time
         Where that is: joint name and s.
+    between_samples_error, between_samples_time : float
+        How far the torque half-way between two samples lies outside those of the two (by more than
+        they differ), divided by the largest torque of the motion, and when, s. It is large where
+        the samples of position, velocity and acceleration deny each other.
     via_checks : tuple of ViaCheck
         One for every via point given.
     wall_time : float
@@ -155,6 +160,8 @@ class Certificate:
     stored_torque_error: float = np.nan
     stored_torque_joint: str = ""
     stored_torque_time: float = np.nan
+    between_samples_error: float = np.nan
+    between_samples_time: float = np.nan
     via_checks: tuple[ViaCheck, ...] = ()
     wall_time: float = np.nan
 
@@ -205,7 +212,9 @@ def certify(
     - Limits: on a dense grid (at least 20 points to each interval between ``motion.breaks``, steps
       of at most 0.25 ms) with torques from inverse dynamics; the torque rate by exact
       differentiation. At a break both one-sided values count.
-    - Stored torques: compared with inverse dynamics at every sample.
+    - Stored torques: compared with inverse dynamics at every sample. Between samples the torque
+      must stay near those of its neighbours, or positions, velocities and accelerations do not
+      belong together.
     - Re-simulation: CVODES integrates the forward dynamics from the motion's first state, open
       loop, driven by the motion's own torque as a function of time (Chebyshev series on pieces
       that follow it to 1e-8 of the largest torque; never across a jump). The state is compared
@@ -275,6 +284,7 @@ def certify(
     limit_checks, saturated = _check_limits(robot, motion, chosen, t, state)
     condition, at = _condition(robot, t, state)
     torque_error, torque_sample, torque_joint = _stored_torque(robot, motion)
+    stray, stray_time = _between_samples(robot, motion)
     vias = () if via is None else _check_vias(motion, via, t, state)
     again = _resimulate(robot, motion, integrator_tolerance, max_steps)
 
@@ -284,6 +294,11 @@ def certify(
             f"stored torque of {robot.joint_names[torque_joint]} at "
             f"{motion.t[torque_sample]:.4g} s is not that of inverse dynamics: it differs by "
             f"{torque_error:.3g} of the largest torque"
+        )
+    if stray > BETWEEN_SAMPLES:
+        problems.append(
+            f"position, velocity and acceleration do not belong together: between the samples at "
+            f"{stray_time:.4g} s the torque strays by {stray:.3g} of the largest"
         )
     verdict = "; ".join(problems) if problems else _praise(limit_checks, again)
     if condition > NEAR_SINGULAR:
@@ -310,6 +325,8 @@ def certify(
         stored_torque_error=torque_error,
         stored_torque_joint=robot.joint_names[torque_joint],
         stored_torque_time=float(motion.t[torque_sample]),
+        between_samples_error=stray,
+        between_samples_time=stray_time,
         via_checks=vias,
         wall_time=time.perf_counter() - started,
     )
@@ -416,6 +433,21 @@ def _stored_torque(robot: Robot, motion: Motion) -> tuple[float, int, int]:
     i, joint = np.unravel_index(int(difference.argmax()), difference.shape)
     size = max(float(np.abs(again).max()), 1e-9)
     return float(difference[i, joint] / size), int(i), int(joint)
+
+
+def _between_samples(robot: Robot, motion: Motion) -> tuple[float, float]:
+    """How far the torque half-way between samples lies outside theirs (relative), and when."""
+    start, end = motion.t[:-1], motion.t[1:]
+    long = end - start > 2 * JUMP_GAP
+    middle = 0.5 * (start + end)[long]
+    tau = torque_along(robot, motion.sample(middle))
+    ends = torque_along(robot, State(motion.q, motion.qd, motion.qdd))
+    low, high = np.minimum(ends[:-1], ends[1:])[long], np.maximum(ends[:-1], ends[1:])[long]
+    # Interpolating over a jump between two samples overshoots by less than the jump.
+    outside = (np.maximum(tau - high, low - tau) - (high - low)).max(axis=1)
+    worst = int(outside.argmax())
+    size = max(float(np.abs(ends).max()), 1e-9)
+    return max(0.0, float(outside[worst] / size)), float(middle[worst])
 
 
 def _check_vias(
