@@ -1,6 +1,9 @@
 """A CasADi optimal-control workbench for serial manipulators."""
 
+from microbot_ocp.baselines import Scaled, cubic, lspb, quintic, shortest_duration
+from microbot_ocp.certificate import Certificate, certify
 from microbot_ocp.checks import InputError
+from microbot_ocp.comparison import METHODS, Comparison, Entry, compare
 from microbot_ocp.dynamics import (
     bias_torque,
     coriolis_matrix,
@@ -17,17 +20,35 @@ from microbot_ocp.kinematics import (
     jacobian,
     velocity_propagation,
 )
+from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial
+from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.robot import JointLimits, Limits, Link, Robot
 from microbot_ocp.robots import load_robot, packaged_robots
+from microbot_ocp.time_optimal.free import TimeOptimalSettings, time_optimal
+from microbot_ocp.time_optimal.path import PathTimingSettings, straight_path, time_optimal_path
 
 __all__ = [
+    "METHODS",
+    "Certificate",
+    "Comparison",
+    "Entry",
     "InputError",
     "JointLimits",
     "Limits",
     "Link",
+    "Mark",
+    "Motion",
+    "OptimalControlProblem",
+    "PathTimingSettings",
+    "PiecewisePolynomial",
     "Robot",
+    "Scaled",
+    "TimeOptimalSettings",
     "bias_torque",
+    "certify",
+    "compare",
     "coriolis_matrix",
+    "cubic",
     "energy",
     "forward_dynamics",
     "forward_kinematics",
@@ -36,8 +57,14 @@ __all__ = [
     "inverse_dynamics",
     "jacobian",
     "load_robot",
+    "lspb",
     "mass_matrix",
     "mass_matrix_condition",
     "packaged_robots",
+    "quintic",
+    "shortest_duration",
+    "straight_path",
+    "time_optimal",
+    "time_optimal_path",
     "velocity_propagation",
 ]
