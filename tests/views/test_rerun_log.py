@@ -150,7 +150,7 @@ def test_words_and_marks(recording):
     assert "not solved: infeasible" in text
     t, rows = read(recording, "/marks/cubic", "TextLog:text")
     np.testing.assert_allclose(t, [0, 1.2, 2.6])
-    assert rows[1] == ["cubic, scaled: via 2"]
+    assert rows[1] == ["via 2: cubic, scaled"]
     vias = static(recording, "/world/via_points", "Points3D:labels")
     assert vias == ["via 1", "via 2", "via 3"]
 

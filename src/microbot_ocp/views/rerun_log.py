@@ -28,7 +28,7 @@ DASHES = 40  # of a limit's line, over the whole timeline
 LIMIT_COLOR = (165, 165, 165, 255)
 BASE_COLOR = (120, 120, 125, 255)
 VIA_COLOR = (245, 245, 245, 255)
-EYE_DISTANCE = 0.85  # times the diagonal of everything that moves
+EYE_DISTANCE = 0.84  # times the diagonal of everything that moves
 WIDE_ROBOT = 4  # more joints than this: one tab a quantity
 
 
@@ -96,7 +96,7 @@ def _looks(comparison: Comparison) -> list[tuple[Look, Motion]]:
             style=style,
             radius=0.021 * size if style.highlighted else ghost_radius,
             alpha=255 if style.highlighted else GHOST_ALPHA,
-            label_height=size * (0.06 + 0.06 * place),
+            label_height=size * (0.06 if style.highlighted else 0.12 + 0.055 * place),
         )
         looks.append((look, motion))
     return looks
@@ -284,7 +284,7 @@ def _log_marks(recording: rr.RecordingStream, style: EntryStyle, motion: Motion)
     marks = sorted(motion.marks, key=lambda mark: mark.time)
     if not marks:
         return
-    texts = [f"{style.title}: {mark.name}" for mark in marks]
+    texts = [f"{mark.name}: {style.title}" for mark in marks]
     columns = rr.TextLog.columns(
         text=texts, level=["INFO"] * len(marks), color=[_screen_color(style)] * len(marks)
     )
