@@ -252,7 +252,7 @@ class Motion:
         InputError
             A time outside the motion or not finite.
         """
-        times = checks.array("t", t if np.ndim(np.asarray(t)) else [t], (None,), "s")
+        times = checks.array("t", np.atleast_1d(np.asarray(t)), (None,), "s")
         slack = 1e-9 * max(1.0, self.duration)
         outside = times[(times < -slack) | (times > self.duration + slack)]
         if outside.size:

@@ -15,7 +15,7 @@ from microbot_ocp.robot import dh_transform
 mujoco = pytest.importorskip("mujoco")
 
 STATES = 200
-RELATIVE = 1e-8  # MuJoCo diagonalises inertias and turns rotations into quaternions
+RELATIVE = 1e-10  # MuJoCo diagonalises inertias and turns rotations into quaternions
 
 
 def mjcf(robot: mo.Robot) -> str:

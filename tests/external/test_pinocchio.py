@@ -15,7 +15,7 @@ pin = pytest.importorskip("pinocchio")
 from external.pinocchio_model import pinocchio_model  # noqa: E402
 
 STATES = 1000
-RELATIVE = 1e-9
+RELATIVE = 1e-11
 
 
 class Case(NamedTuple):
