@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import microbot_ocp as mo
-from microbot_ocp.fast import FastCall, fast_call
+from microbot_ocp.fast import FastCall, buffered_call, fast_call
 
 ROBOT = mo.load_robot("microbot")
 FUNCTIONS = {
@@ -119,3 +119,25 @@ def test_functions_of_matrices_are_refused() -> None:
     vector = ca.SX.sym("vector", 2)
     with pytest.raises(mo.InputError, match="every output of f must be dense"):
         fast_call(ca.Function("f", [vector], [ca.diag(vector)], ["vector"], ["diagonal"]))
+
+
+def test_buffered_call_takes_matrices() -> None:
+    total, value = ca.SX.sym("total"), ca.SX.sym("value", 2)
+    sums = ca.Function("sums", [total, value], [total + value[0] * value[1]]).mapaccum(4)
+    values = np.arange(8.0).reshape(2, 4)
+    call = buffered_call(sums)
+    np.testing.assert_array_equal(call(1.0, values), np.array(sums(1.0, values)))
+    np.testing.assert_array_equal(
+        call([2.0], values[:, ::-1]), np.array(sums(2.0, values[:, ::-1]))
+    )
+
+
+def test_buffered_call_checks_shapes() -> None:
+    call = buffered_call(FUNCTIONS["one vector"])
+    with pytest.raises(mo.InputError, match="takes 3 arrays, not 1"):
+        call([0, 0, 0])
+    with pytest.raises(mo.InputError, match=r"qd of .* must have shape \[3, 1\], not \[4\]"):
+        call([0, 0, 0], [0, 0, 0, 0], [0, 0, 0])
+    diagonal = ca.SX.sym("vector", 2)
+    with pytest.raises(mo.InputError, match="must be dense"):
+        buffered_call(ca.Function("f", [diagonal], [ca.diag(diagonal)]))

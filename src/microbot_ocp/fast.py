@@ -4,6 +4,7 @@ Called from Python, a CasADi function takes 40 us to turn arrays into its own ma
 and 0.5 us more for every column, whatever it computes. :func:`fast_call` compiles its C code
 together with a few lines that read numpy memory in place and write a new array: 0.1 us for the
 inverse dynamics of three joints, and one loop in C over all rows of a batch.
+:func:`buffered_call` takes any function as it is, and matrices.
 """
 
 from __future__ import annotations
@@ -151,7 +152,7 @@ def fast_call(function: ca.Function) -> FastCall:
         Takes one array [n] an input, or a batch [N,n]; a single [n] among batches stands for all
         their rows. Returns an array [m] or [N,m] ([m,k] or [N,m,k] for a matrix), several outputs
         as a tuple. Anything but contiguous float64 arrays is converted first. Where Python's
-        headers or the C compiler are missing it does the same in 1 us a call, 0.5 us a row.
+        headers or the C compiler are missing it does the same in some us a call.
 
     Raises
     ------
@@ -187,7 +188,7 @@ def fast_call(function: ca.Function) -> FastCall:
             return _load(function.name(), _build(function, cc, headers))
         except (OSError, subprocess.SubprocessError, RuntimeError, ImportError):
             pass  # what follows does the same, only slower
-    return _buffered(compile_function(function))
+    return _stand_in(compile_function(function))
 
 
 def _build(function: ca.Function, cc: str, headers: list[str]) -> Path:
@@ -242,35 +243,75 @@ def _load(name: str, library: Path) -> FastCall:
     return getattr(module, name)
 
 
-def _buffered(function: ca.Function) -> FastCall:
-    """The same without an extension module: bound memory for one state, CasADi's map for many."""
+def buffered_call(function: ca.Function) -> FastCall:
+    """Return any CasADi function, mapped or compiled ones too, as a function of numpy matrices.
+
+    Nothing is compiled here: only the conversion to CasADi's matrices falls away, which costs 40 ns
+    an entry; that is most of the time of a long ``map`` or ``mapaccum``.
+
+    Parameters
+    ----------
+    function : casadi.Function
+        Its inputs and outputs are dense.
+
+    Returns
+    -------
+    callable
+        Takes one array [rows,columns] ([rows] for a vector) an input and returns a new array for
+        each output, several as a tuple. Not for two threads at once.
+
+    Raises
+    ------
+    InputError
+        Something is sparse; later, arrays of a wrong shape.
+
+    Examples
+    --------
+    >>> import microbot_ocp as mo
+    >>> tau = mo.inverse_dynamics(mo.load_robot("microbot")).map(4)
+    >>> buffered_call(tau)(np.zeros((3, 4)), np.zeros((3, 4)), np.zeros((3, 4))).shape
+    (3, 4)
+    """
+    dense_in = (function.sparsity_in(i).is_dense() for i in range(function.n_in()))
+    dense_out = (function.sparsity_out(i).is_dense() for i in range(function.n_out()))
+    if not (all(dense_in) and all(dense_out)):
+        raise InputError(f"every input and output of {function.name()} must be dense")
+    name, labels = function.name(), function.name_in()
+    inputs = [np.zeros(function.size_in(i), order="F") for i in range(function.n_in())]
+    outputs = [np.zeros(function.size_out(i), order="F") for i in range(function.n_out())]
+    buffer, run = function.buffer()
+    for i, memory in enumerate(inputs):
+        buffer.set_arg(i, memoryview(memory.ravel("K")))  # pyright: ignore
+    for i, memory in enumerate(outputs):
+        buffer.set_res(i, memoryview(memory.ravel("K")))  # pyright: ignore
+
+    def call(*given: Any, _owner: ca.FunctionBuffer = buffer) -> Any:
+        # run works in memory that the buffer owns: the default argument keeps it alive
+        if len(given) != len(inputs):
+            raise InputError(f"{name} takes {len(inputs)} arrays, not {len(given)}")
+        for label, memory, value in zip(labels, inputs, given, strict=True):
+            array = np.asarray(value, dtype=float)
+            if array.ndim < 2 and array.size == memory.size and memory.shape[1] == 1:
+                array = array.reshape(-1, 1)
+            if array.shape != memory.shape:
+                raise InputError(
+                    f"{label} of {name} must have shape {list(memory.shape)}, not "
+                    f"{list(array.shape)}"
+                )
+            memory[...] = array
+        run()
+        answers = [memory.copy(order="K") for memory in outputs]
+        return answers[0] if len(answers) == 1 else tuple(answers)
+
+    return call
+
+
+def _stand_in(function: ca.Function) -> FastCall:
+    """What :func:`fast_call` promises, without an extension module."""
     name, labels = function.name(), function.name_in()
     sizes = [function.size1_in(i) for i in range(function.n_in())]
     shapes = [function.size_out(i) for i in range(function.n_out())]
-    inputs = [np.zeros(size) for size in sizes]
-    outputs = [np.zeros((columns, rows)) for rows, columns in shapes]
-    buffer, run = function.buffer()
-    for i, memory in enumerate(inputs):
-        buffer.set_arg(i, memoryview(memory))  # pyright: ignore
-    for i, memory in enumerate(outputs):
-        buffer.set_res(i, memoryview(memory.ravel()))  # pyright: ignore
-
-    def one(arrays: list[FloatArray], _owner: ca.FunctionBuffer = buffer) -> list[FloatArray]:
-        # run works in memory that the buffer owns: the default argument keeps it alive
-        for memory, array in zip(inputs, arrays, strict=True):
-            memory[...] = array
-        run()
-        return [memory.copy() for memory in outputs]
-
-    def many(arrays: list[FloatArray], rows: int) -> list[FloatArray]:
-        if rows == 0:
-            return [np.zeros((0, *memory.shape)) for memory in outputs]
-        columns = [np.broadcast_to(a, (rows, s)).T for a, s in zip(arrays, sizes, strict=True)]
-        matrices = function.map(rows).call(columns)
-        return [
-            np.array(matrix).T.reshape(rows, *memory.shape)
-            for matrix, memory in zip(matrices, outputs, strict=True)
-        ]
+    single = buffered_call(function)
 
     def call(*given: Any) -> Any:
         if len(given) != len(sizes):
@@ -284,11 +325,22 @@ def _buffered(function: ca.Function) -> FastCall:
                     f"{label} of {name} must have shape [{size}] or [N, {size}], with the same N "
                     "in every batch"
                 )
-        answers = one(arrays) if rows < 0 else many(arrays, rows)
-        turned = [
-            answer[..., 0, :] if columns == 1 else answer.swapaxes(-1, -2)
-            for answer, (_, columns) in zip(answers, shapes, strict=True)
-        ]
-        return turned[0] if len(turned) == 1 else tuple(turned)
+        lead = () if rows < 0 else (rows,)
+        if rows < 0:
+            found = single(*arrays)
+        elif rows == 0:
+            found = tuple(np.zeros((height, 0)) for height, _ in shapes)
+        else:
+            wide = [np.broadcast_to(a, (rows, s)).T for a, s in zip(arrays, sizes, strict=True)]
+            found = buffered_call(function.map(rows))(*wide)
+        answers = []
+        for answer, (height, width) in zip(_as_tuple(found), shapes, strict=True):
+            blocks = answer.T.reshape(*lead, width, height)
+            answers.append(blocks[..., 0, :] if width == 1 else blocks.swapaxes(-1, -2))
+        return answers[0] if len(answers) == 1 else tuple(answers)
 
     return call
+
+
+def _as_tuple(answer: Any) -> tuple[FloatArray, ...]:
+    return answer if isinstance(answer, tuple) else (answer,)
