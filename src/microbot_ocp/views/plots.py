@@ -14,6 +14,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.patheffects import withStroke
 
 from microbot_ocp.checks import FloatArray
 from microbot_ocp.comparison import Comparison, Entry
@@ -24,6 +25,7 @@ from microbot_ocp.views.style import EntryStyle, entry_styles, failure_sentence
 A4_LANDSCAPE = (11.69, 8.27)  # inches
 LIMIT_COLOR = "0.25"
 WARNING_COLOR = "#B00020"
+HALO = [withStroke(linewidth=2.5, foreground="white")]  # text stays legible on curves
 SETTINGS: dict[Any, Any] = {
     "font.size": 9.0,
     "axes.titlesize": 11.0,
@@ -310,6 +312,7 @@ def _draw_projection(
             fontsize=10,
             fontweight="bold",
             zorder=8,
+            path_effects=HALO,
         )
 
 
@@ -325,7 +328,9 @@ def _draw_paths_in_space(axes: Any, comparison: Comparison, styles: dict[str, En
     vias = _tool_positions(comparison, comparison.via_q)
     axes.plot(*vias.T, "o", color="black", markersize=6, zorder=7, label="_via")
     for number, place in enumerate(vias, start=1):
-        axes.text(*place, f"  {number}", fontsize=10, fontweight="bold", zorder=8)
+        axes.text(
+            *place, f"  {number}", fontsize=10, fontweight="bold", zorder=8, path_effects=HALO
+        )
     _equal_box(axes, np.concatenate(drawn))
     axes.set_title("in space", y=1.04)
     axes.set_xlabel("x [m]", labelpad=8)
