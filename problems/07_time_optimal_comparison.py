@@ -29,7 +29,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("out/demo"), help="folder to write into")
     parser.add_argument("--robot", default="microbot", help="packaged robot or .toml file")
-    parser.add_argument("--mesh", type=int, default=100, help="intervals a phase")
+    parser.add_argument("--mesh", type=int, default=200, help="intervals a phase")
     arguments = parser.parse_args()
     console = Console(highlight=False, width=None if sys.stdout.isatty() else 150)
     begin = time.perf_counter()
