@@ -7,7 +7,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeGuard
 
 import pytest
 
@@ -55,7 +55,7 @@ class Import(NamedTuple):
     origin: str  # file, from the package's folder
     family: str  # first part of the importing module's name
     target: str  # full name of what is imported
-    on_load: bool  # outside functions and TYPE_CHECKING
+    when: str  # "load", "call" (inside a function) or "typing" (under TYPE_CHECKING: never run)
 
     @property
     def internal(self) -> str | None:
@@ -74,14 +74,18 @@ def families() -> set[str]:
     return found
 
 
-def is_type_checking(node: ast.AST) -> bool:
+def is_type_checking(node: ast.AST) -> TypeGuard[ast.If]:
     return isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)
 
 
-def walk(node: ast.AST, on_load: bool = True) -> Iterator[tuple[ast.AST, bool]]:
+def walk(node: ast.AST, when: str = "load") -> Iterator[tuple[ast.AST, str]]:
+    typing_only = node.body if is_type_checking(node) else []
     for child in ast.iter_child_nodes(node):
-        runs_later = isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
-        inner = on_load and not runs_later and not is_type_checking(child)
+        inner = when
+        if child in typing_only:
+            inner = "typing"
+        elif when == "load" and isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef):
+            inner = "call"
         yield child, inner
         yield from walk(child, inner)
 
@@ -104,8 +108,8 @@ def imports_of(text: str, origin: Path) -> list[Import]:
     package = ["microbot_ocp", *origin.parent.parts]
     family = origin.parts[0].removesuffix(".py")
     return [
-        Import(str(origin), family, name, on_load)
-        for node, on_load in walk(ast.parse(text))
+        Import(str(origin), family, name, when)
+        for node, when in walk(ast.parse(text))
         for name in names(node, package)
     ]
 
@@ -125,9 +129,9 @@ def forbidden(found: Import) -> bool:
         return False
     if target not in ORDER or family not in ORDER:
         return True  # a name of the package itself: modules import from modules
-    if not found.on_load and target in LATER_ON_CALL.get(family, ()):
+    if found.when != "load" and target in LATER_ON_CALL.get(family, ()):
         return False
-    if target in RIM and found.on_load and family not in RIM:
+    if target in RIM and found.when == "load" and family not in RIM:
         return True
     before = set(ORDER[: ORDER.index(family)])
     return target not in ONLY.get(family, before)
@@ -147,16 +151,19 @@ def test_views_and_cli_are_imported_by_nobody_on_load() -> None:
     wrong = [
         f"{found.origin} imports {found.target}"
         for found in imports()
-        if found.internal in RIM and found.on_load and found.family not in RIM
+        if found.internal in RIM and found.when == "load" and found.family not in RIM
     ]
     assert not wrong
 
 
+def needs_drawing(found: Import) -> bool:
+    heavy = found.target.split(".")[0] in HEAVY
+    return heavy and found.when != "typing" and found.family not in RIM
+
+
 def test_drawing_libraries_are_imported_by_the_rim_only() -> None:
     wrong = [
-        f"{found.origin} imports {found.target}"
-        for found in imports()
-        if found.target.split(".")[0] in HEAVY and found.family not in RIM
+        f"{found.origin} imports {found.target}" for found in imports() if needs_drawing(found)
     ]
     assert not wrong
 
@@ -183,6 +190,20 @@ def test_drawing_libraries_are_imported_by_the_rim_only() -> None:
 )
 def test_the_rule_itself(origin: str, text: str, refused: bool) -> None:
     assert any(forbidden(found) for found in imports_of(text, Path(origin))) == refused
+
+
+@pytest.mark.parametrize(
+    ("origin", "text", "refused"),
+    [
+        ("comparison.py", "import matplotlib.figure", True),
+        ("comparison.py", "def f():\n    from rich.table import Table", True),
+        ("comparison.py", "if TYPE_CHECKING:\n    from rich.table import Table", False),
+        ("comparison.py", "if TYPE_CHECKING:\n    pass\nelse:\n    import rerun", True),
+        ("views/plots.py", "import matplotlib", False),
+    ],
+)
+def test_the_rule_for_drawing_libraries_itself(origin: str, text: str, refused: bool) -> None:
+    assert any(needs_drawing(found) for found in imports_of(text, Path(origin))) == refused
 
 
 def test_importing_the_package_leaves_drawing_libraries_unloaded() -> None:
