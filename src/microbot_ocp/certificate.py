@@ -26,6 +26,7 @@ from microbot_ocp.robot import JointLimits, Limits, Robot
 GRID_STEP = 0.25e-3  # s, the longest step of the dense grid
 GRID_RATIO = 20  # dense grid points to each mesh interval, at least
 SATURATED = 0.99  # share of a limit from which on it counts as used up
+ROUNDING = 1e-7  # relative excess over a limit that is put down to the solver's tolerance
 NEAR_SINGULAR = 1e6  # condition number of the mass matrix
 TORQUE_DEGREE = 10  # of the polynomials in time that carry the torque into the re-simulation
 TORQUE_FIT = 1e-8  # their largest error, relative to the largest torque
@@ -613,8 +614,10 @@ def _praise(limit_checks: tuple[LimitCheck, ...], again: _Resimulation) -> str:
     used = [check for check in limit_checks if check.quantity != "q"] or list(limit_checks)
     if used:
         tightest = max(used, key=lambda check: np.nanmax(check.utilisation))
+        worst = max(check.violation for check in limit_checks)
+        kept = "is kept" if worst <= ROUNDING else f"is kept to within {100 * worst:.2g} %"
         parts.append(
-            f"every limit is kept, the nearest being {QUANTITY_NAMES[tightest.quantity]} of "
+            f"every limit {kept}, the tightest being {QUANTITY_NAMES[tightest.quantity]} of "
             f"{tightest.joint} with {100 * np.nanmax(tightest.utilisation):.4g} % at "
             f"{tightest.time:.4g} s"
         )

@@ -66,7 +66,7 @@ class TimeOptimalSettings:
 
     mesh: int = 100
     starts: int = 5
-    violation: float = 1e-3
+    violation: float = 5e-4
     solver: str = "auto"
     compiled: bool = True
     seed: int = 0

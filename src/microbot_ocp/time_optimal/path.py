@@ -66,7 +66,7 @@ class PathTimingSettings:
 
     mesh: int = 100
     grid: int = 1000
-    violation: float = 1e-3
+    violation: float = 5e-4
     solver: str = "ipopt"
     compiled: bool = True
 
