@@ -7,7 +7,7 @@ import pinocchio as pin
 import toppra
 from scipy.interpolate import PPoly
 from toppra.algorithm import TOPPRA
-from toppra.constraint import DiscretizationType, JointTorqueConstraint, JointVelocityConstraint
+from toppra.constraint import JointTorqueConstraint, JointVelocityConstraint
 
 import microbot_ocp as mo
 from external.pinocchio_model import pinocchio_model
@@ -58,9 +58,11 @@ def toppra_problem(
     robot: mo.Robot,
     path: PiecewisePolynomial,
     grid: np.ndarray,
-    scheme: DiscretizationType = DiscretizationType.Collocation,
 ) -> TOPPRA:
-    """Torque and velocity limits of the robot; collocation is toppra's default for torques."""
+    """Torque and velocity limits of the robot, torques by toppra's default: at the grid points.
+
+    Its other scheme takes the curvature after a break of the path for the one before, too.
+    """
     model = pinocchio_model(robot)
     data = model.createData()
 
@@ -71,7 +73,6 @@ def toppra_problem(
         inverse_dynamics,
         np.column_stack(robot.limits.bounds("tau")),
         np.zeros(robot.joint_count),
-        discretization_scheme=scheme,
     )
     velocity = JointVelocityConstraint(np.column_stack(robot.limits.bounds("qd")))
     return TOPPRA(
@@ -87,10 +88,9 @@ def toppra_duration(
     robot: mo.Robot,
     path: PiecewisePolynomial,
     grid: np.ndarray,
-    scheme: DiscretizationType = DiscretizationType.Collocation,
 ) -> float:
     """Duration in s of the best timing that starts and ends at rest."""
-    trajectory = toppra_problem(robot, path, grid, scheme).compute_trajectory(0.0, 0.0)
+    trajectory = toppra_problem(robot, path, grid).compute_trajectory(0.0, 0.0)
     if trajectory is None:
         raise RuntimeError("toppra found no timing of this path")
     return float(trajectory.duration)

@@ -1,0 +1,73 @@
+"""The best timing of given paths against toppra, which works on another robot model, too."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import microbot_ocp as mo
+from external.toppra_timing import even_grid, graded_grid, toppra_duration
+from helpers import random_robot
+from microbot_ocp.motion import PiecewisePolynomial
+from microbot_ocp.time_optimal.reachability import time_path
+
+VIA_Q = np.radians([[0, 0, 0], [-8, 45, 30], [-90, 90, 90]])
+RELATIVE = 2e-3  # toppra itself is off by 3e-4 on 5,000 points: see the first test
+
+
+def report_cubic() -> PiecewisePolynomial:
+    return mo.cubic(VIA_Q, [0, 2, 4], np.radians([[0, 0, 0], [10, 40, 20], [0, 0, 0]]))
+
+
+def six_joints() -> tuple[mo.Robot, PiecewisePolynomial]:
+    """A random 6R arm with full inertias and tilted gravity, strong enough to rest anywhere."""
+    robot = random_robot("rrrrrr")
+    via_q = np.random.default_rng(3).uniform(-1.0, 1.0, (4, 6))
+    path = mo.cubic(via_q, [0.0, 1.0, 2.0, 3.0])
+    q = path(np.linspace(0, 3, 200))
+    weight = np.abs(np.array(mo.gravity_torque(robot)(q.T))).max(axis=1)
+    limits = mo.Limits(qd_max=3.0, tau_max=1.5 * weight + 20.0)
+    return robot.with_limits(limits), path
+
+
+CASES = {
+    "cubic of the report": lambda: (mo.load_robot("microbot"), report_cubic()),
+    "cubic, uneven": lambda: (mo.load_robot("microbot"), mo.cubic(VIA_Q, [0, 1, 3])),
+    "quintic": lambda: (mo.load_robot("microbot"), mo.quintic(VIA_Q, [0, 2, 4])),
+    "six joints": six_joints,
+}
+SOLVED = [
+    "cubic of the report",
+    "cubic, uneven",
+    pytest.param(
+        "quintic",
+        marks=pytest.mark.xfail(
+            strict=True, reason="tangent and curvature vanish at the ends: torque limits are lost"
+        ),
+    ),
+]
+
+
+def test_toppra_converges_to_one_duration_from_both_sides() -> None:
+    robot, path = mo.load_robot("microbot"), report_cubic()
+    even = toppra_duration(robot, path, even_grid(path, 5000))
+    graded = toppra_duration(robot, path, graded_grid(path, 5000))
+    assert 2.0650 < graded < 2.0657 < even < 2.0676
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_reachability_agrees(name: str) -> None:
+    robot, path = CASES[name]()
+    theirs = toppra_duration(robot, path, graded_grid(path, 5000))
+    ours = time_path(robot, path, robot.limits, grid=5000, start_free=True, end_free=True)
+    assert ours.feasible
+    assert ours.duration == pytest.approx(theirs, rel=RELATIVE)
+
+
+@pytest.mark.parametrize("name", SOLVED)
+def test_best_timing_agrees(name: str) -> None:
+    robot, path = CASES[name]()
+    theirs = toppra_duration(robot, path, graded_grid(path, 5000))
+    motion = mo.time_optimal_path(robot, path, grid=1000)
+    assert motion.solved
+    assert motion.duration == pytest.approx(theirs, rel=RELATIVE)
