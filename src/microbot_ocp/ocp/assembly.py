@@ -58,7 +58,8 @@ class _Entries:
     def add(self, rows: ArrayLike, columns: ArrayLike, values: ca.MX | FloatArray) -> None:
         self.rows.append(np.asarray(rows, dtype=int).ravel())
         self.columns.append(np.asarray(columns, dtype=int).ravel())
-        self.values.append(values if isinstance(values, ca.MX) else ca.MX(ca.DM(values)))
+        # the nonzeros of a single row come as a row
+        self.values.append(ca.vec(values) if isinstance(values, ca.MX) else ca.MX(ca.DM(values)))
 
     def matrix(self, height: int, width: int, *, upper: bool = False) -> ca.MX:
         rows, columns = np.concatenate(self.rows), np.concatenate(self.columns)
@@ -282,6 +283,7 @@ def _bounds(layout: PhaseLayout, kernel: Kernels) -> _Bounds:
     """Lower and upper bounds of the phase's variables and rows."""
     initial = condition_bounds(layout, "initial", layout.initial_rows)
     final = condition_bounds(layout, "final", layout.final_rows)
+    fixed = layout.phase.duration_bounds[0] == layout.phase.duration_bounds[1]
     variables, rows = [], []
     for side, (infinite, which, duration) in enumerate(
         (
@@ -297,7 +299,11 @@ def _bounds(layout: PhaseLayout, kernel: Kernels) -> _Bounds:
         control[control.size - sum(v.size for v in linear) :] = infinite  # bounded as nodes
         stage = np.concatenate([node, control])
         free = np.full(layout.transition, infinite)  # bounded as the node that it becomes
-        variables.append(np.concatenate([np.tile(stage, layout.intervals), node, free]))
+        every = np.concatenate([np.tile(stage, layout.intervals), node, free])
+        if fixed:  # at the first node; to fix the others as well would say the same twice
+            later = layout.stage_size * np.arange(1, layout.intervals + 1) + layout.node_size - 1
+            every[later] = infinite
+        variables.append(every)
         path = (kernel.stage_lower, kernel.stage_upper)[side]
         end = (kernel.end_lower, kernel.end_upper)[side]
         step = np.concatenate([np.zeros(layout.node_size), path])
