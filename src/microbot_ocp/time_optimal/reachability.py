@@ -22,6 +22,7 @@ import numpy as np
 from microbot_ocp.checks import FloatArray
 from microbot_ocp.codegen import compiler, maybe_compiled
 from microbot_ocp.dynamics import inverse_dynamics
+from microbot_ocp.fast import FastCall, buffered_call
 from microbot_ocp.motion import PiecewisePolynomial
 from microbot_ocp.robot import JointLimits, Robot
 
@@ -146,12 +147,12 @@ def _coefficients(robot: Robot, nodes: _Nodes, fast: bool) -> tuple[FloatArray, 
     smooth = robot.with_links(
         [replace(k, viscous_friction=0.0, coulomb_friction=0.0) for k in robot.links]
     )
-    tau = inverse_dynamics(smooth, compiled=fast)
+    tau = buffered_call(inverse_dynamics(smooth, compiled=fast).map(len(nodes.position)))
     q, tangent, curvature = nodes.position.T, nodes.tangent.T, nodes.curvature.T
     zero = np.zeros_like(q)
-    at_rest = np.array(tau(q, zero, zero)).T
-    per_u = np.array(tau(q, zero, tangent)).T - at_rest
-    per_x = np.array(tau(q, tangent, curvature)).T - at_rest
+    at_rest = tau(q, zero, zero).T
+    per_u = tau(q, zero, tangent).T - at_rest
+    per_x = tau(q, tangent, curvature).T - at_rest
     coulomb = np.array([link.coulomb_friction for link in robot.links])
     return per_u, per_x, at_rest + coulomb * np.sign(nodes.tangent)
 
@@ -282,7 +283,7 @@ def _passes(
             speed_limit[:-1],
         ]
     )
-    sets = np.array(_backward(width, n, fast)(end, columns[:, ::-1]))[:, ::-1]
+    sets = _backward(width, n, fast)(end, columns[:, ::-1])[:, ::-1]
     low, high = np.append(sets[0], end[0]), np.append(sets[1], end[1])
     if not free[0]:
         high[0] = min(high[0], 0.0) if high[0] < 0 or low[0] > 0 else 0.0
@@ -293,7 +294,7 @@ def _passes(
         return PathTiming(s, nothing, np.full_like(s, np.nan), False, float(at))
     ahead = _lines(q, p, h)
     columns = np.vstack([*(part.T for part in ahead.upper), low[1:], high[1:]])
-    forward = np.array(_forward(width, n, fast)(high[0], columns)).ravel()
+    forward = _forward(width, n, fast)(high[0], columns).ravel()
     x = np.maximum(np.append(high[0], forward), 0.0)
     root = np.sqrt(x)
     with np.errstate(divide="ignore"):
@@ -306,7 +307,7 @@ def _passes(
 
 
 @lru_cache(maxsize=32)
-def _backward(width: int, count: int, fast: bool) -> ca.Function:
+def _backward(width: int, count: int, fast: bool) -> FastCall:
     """Backward pass over ``count`` intervals: sets of x_i from which the end can be reached."""
     target = ca.MX.sym("target", 2)
     column = ca.MX.sym("column", 4 * width + 3)
@@ -326,11 +327,11 @@ def _backward(width: int, count: int, fast: bool) -> ca.Function:
         ca.if_else(empty, 1.0, ca.fmax(-smallest, 0.0)), ca.if_else(empty, -1.0, largest)
     )
     step = ca.Function(f"reach_backward_{width}", [target, column], [result])
-    return maybe_compiled(step, fast).mapaccum(count)
+    return buffered_call(maybe_compiled(step, fast).mapaccum(count))
 
 
 @lru_cache(maxsize=32)
-def _forward(width: int, count: int, fast: bool) -> ca.Function:
+def _forward(width: int, count: int, fast: bool) -> FastCall:
     """Forward pass over ``count`` intervals: the largest x_{i+1} in its set that x_i allows."""
     x = ca.SX.sym("x")
     column = ca.SX.sym("column", 2 * width + 2)
@@ -338,7 +339,7 @@ def _forward(width: int, count: int, fast: bool) -> ca.Function:
     largest = ca.fmin(column[2 * width + 1], ca.mmin(intercept + slope * x))
     result = ca.fmax(largest, column[2 * width])
     step = ca.Function(f"reach_forward_{width}", [x, column], [result])
-    return maybe_compiled(step, fast).mapaccum(count)
+    return buffered_call(maybe_compiled(step, fast).mapaccum(count))
 
 
 def _best(
