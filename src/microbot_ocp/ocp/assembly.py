@@ -94,7 +94,8 @@ def assemble(
     bounds = [_bounds(layout, kernel) for layout, kernel in zip(layouts, kernels, strict=True)]
     no_parameters = ca.MX(0, 1)
     curvature = [x, no_parameters, lam_f, lam_g]
-    g_again, slope = ca.vertcat(*rows_again), ca.vertcat(*gradient)
+    # solvers take the gradient for dense, whatever its sparsity says
+    g_again, slope = ca.vertcat(*rows_again), ca.densify(ca.vertcat(*gradient))
     jacobian_matrix = jacobian.matrix(height, width)
     stationarity = lam_f * slope + jacobian_matrix.T @ lam_g
     functions = {

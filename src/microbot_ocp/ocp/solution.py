@@ -8,6 +8,7 @@ from enum import Enum
 
 import numpy as np
 
+from microbot_ocp import checks
 from microbot_ocp.checks import FloatArray, InputError
 from microbot_ocp.ocp.assembly import Program
 from microbot_ocp.ocp.problem import Variable, node_variables
@@ -196,6 +197,7 @@ def _guess_transition(
 def _guess_for(name: str, guesses: Mapping[str, Guess]) -> Guess:
     if name not in guesses:
         raise InputError(f"guess has no entry for phase {name!r}; it has {sorted(guesses)}")
+    checks.number(f"guess of the duration of phase {name!r}", guesses[name].duration, "s")
     return guesses[name]
 
 

@@ -23,6 +23,7 @@ from microbot_ocp.ocp.solution import Attempt, Solution, Status, pack, unpack
 from microbot_ocp.ocp.transcription import Guess, Transcription
 
 SOLVERS = ("fatrop", "ipopt")
+FEASIBLE = 1e-4  # largest violation, scaled, at which a solver's success is believed
 
 # Barrier parameters lowered gently: with the default jumps fatrop stalls on the flat minima that
 # time-optimal problems have.
@@ -156,14 +157,14 @@ def _run(
     done = time.perf_counter()
     stats = solver.stats()
     x = np.array(result["x"]).ravel()
-    g = np.array(result["g"]).ravel()
+    cost, infeasibility = _checked(program, x)
     attempt = Attempt(
         solver=name,
-        status=_status(name, stats),
+        status=_status(name, stats, settings, infeasibility),
         message=str(stats.get("return_status", "")),
         iterations=int(stats.get("iter_count", -1)),
-        cost=float(result["f"]),
-        infeasibility=_infeasibility(program, x, g),
+        cost=cost,
+        infeasibility=infeasibility,
         wall_time=done - created,
         create_time=created - begin,
         function_time=sum(v for k, v in stats.items() if k.startswith("t_wall_nlp_")),
@@ -171,7 +172,10 @@ def _run(
     return attempt, x, np.array(result["lam_g"]).ravel()
 
 
-def _infeasibility(program: Program, x: FloatArray, g: FloatArray) -> float:
+def _checked(program: Program, x: FloatArray) -> tuple[float, float]:
+    """Cost and largest violation of a bound or row at x, whatever the solver reports of them."""
+    cost = float(program.functions["gradient"](x, [])[0])
+    g = np.array(program.functions["jacobian"](x, [])[0]).ravel()
     worst = 0.0
     for value, low, high in (
         (g, program.row_lower, program.row_upper),
@@ -179,7 +183,7 @@ def _infeasibility(program: Program, x: FloatArray, g: FloatArray) -> float:
     ):
         excess = np.maximum(low - value, value - high)
         worst = max(worst, float(np.max(np.nan_to_num(excess, nan=np.inf), initial=0.0)))
-    return worst
+    return cost, worst if np.isfinite(cost) else np.inf
 
 
 def _create(program: Program, name: str, settings: SolverSettings) -> ca.Function:
@@ -240,11 +244,16 @@ def _create(program: Program, name: str, settings: SolverSettings) -> ca.Functio
     )
 
 
-def _status(name: str, stats: Mapping[str, Any]) -> Status:
+def _status(
+    name: str, stats: Mapping[str, Any], settings: SolverSettings, infeasibility: float
+) -> Status:
     message = str(stats.get("return_status", ""))
-    if stats.get("success"):
-        return Status.SOLVED
+    limit = settings.options.get(name, {}).get("max_iter", settings.max_iterations)
+    if stats.get("success"):  # fatrop says so of points that are not even numbers, too
+        return Status.SOLVED if infeasibility <= FEASIBLE else Status.FAILED
     if stats.get("unified_return_status") == "SOLVER_RET_LIMITED" or "Maximum" in message:
+        return Status.ITERATION_LIMIT
+    if name == "fatrop" and stats.get("iter_count", -1) >= limit:  # it has no word for it
         return Status.ITERATION_LIMIT
     if "Infeasible" in message or "Restoration" in message:
         return Status.INFEASIBLE

@@ -13,7 +13,7 @@ divided by its scale. Its derivatives are those of one stage kernel mapped over 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence, Sized
 from dataclasses import dataclass
 from typing import Any
 
@@ -344,6 +344,8 @@ def fractions(mesh: int | ArrayLike) -> FloatArray:
         if mesh < 2:
             raise InputError(f"mesh must have at least 2 intervals, not {mesh}")
         return np.linspace(0.0, 1.0, int(mesh) + 1)
+    if isinstance(mesh, float):
+        raise InputError(f"mesh must be a whole number of intervals or fractions, not {mesh}")
     given = checks.array("mesh", mesh, (None,))
     if given.size < 3 or given[0] != 0.0 or given[-1] != 1.0 or np.any(np.diff(given) <= 0):
         raise InputError("mesh must be increasing fractions from 0 to 1, or a number of intervals")
@@ -382,7 +384,7 @@ class Transcription:
     def layouts(self, meshes: Sequence[int | ArrayLike] | int) -> tuple[PhaseLayout, ...]:
         """Lay the problem out on a mesh for each phase."""
         phases = self.problem.phases
-        chosen = [meshes] * len(phases) if isinstance(meshes, int) else list(meshes)
+        chosen = list(meshes) if isinstance(meshes, Sized) else [meshes] * len(phases)
         if len(chosen) != len(phases):
             raise InputError(f"mesh has {len(chosen)} entries for {len(phases)} phases")
         grids = [fractions(mesh) for mesh in chosen]

@@ -1,0 +1,203 @@
+"""What a declaration of an optimal-control problem refuses, and in which words."""
+
+import re
+
+import numpy as np
+import pytest
+from textbook import double_integrator, spline, through_half_way
+
+from microbot_ocp.checks import InputError
+from microbot_ocp.ocp.problem import OptimalControlProblem
+from microbot_ocp.ocp.solvers import SolverSettings, solve
+from microbot_ocp.ocp.transcription import Guess, Transcription
+
+
+def empty_phase(duration=1.0, **options):
+    return OptimalControlProblem("test").phase("move", duration, **options)
+
+
+def moving_phase(problem, name="move"):
+    phase = problem.phase(name, 1.0)
+    phase.derivative(phase.state("x"), 1.0)
+    return phase
+
+
+def no_phases():
+    OptimalControlProblem("test").check()
+
+
+def no_states():
+    problem = OptimalControlProblem("test")
+    problem.phase("move", 1.0)
+    problem.check()
+
+
+def no_dynamics():
+    problem = OptimalControlProblem("test")
+    moving_phase(problem).state("y")
+    problem.check()
+
+
+def not_linked():
+    problem = OptimalControlProblem("test")
+    moving_phase(problem, "first")
+    moving_phase(problem, "second")
+    problem.check()
+
+
+def idle_control():
+    problem = OptimalControlProblem("test")
+    moving_phase(problem).control("u", shape="linear")
+    problem.check()
+
+
+@pytest.mark.parametrize(
+    ("check", "said"),
+    [
+        (no_phases, "problem 'test' has no phases"),
+        (no_states, "phase 'move' has no states"),
+        (no_dynamics, "state 'y' of phase 'move' has no dynamics"),
+        (not_linked, "phase 'second' is not linked to 'first'"),
+        (idle_control, "control 'u' of phase 'move' appears nowhere"),
+    ],
+)
+def test_an_incomplete_problem_is_refused_by_name(check, said):
+    with pytest.raises(InputError, match=re.escape(said)):
+        check()
+
+
+def test_a_transcription_checks_the_problem_first():
+    with pytest.raises(InputError, match="has no phases"):
+        Transcription(OptimalControlProblem("test"))
+
+
+def test_a_control_that_is_used_by_its_rate_only_is_used():
+    problem = OptimalControlProblem("test")
+    phase = moving_phase(problem)
+    u = phase.control("u", shape="linear")
+    phase.running_cost(phase.rate(u) ** 2)
+    problem.check()
+
+
+@pytest.mark.parametrize(
+    ("declare", "said"),
+    [
+        (lambda p: p.state("x", lower=2.0, upper=1.0, unit="m"), "lower 2 is above upper 1 m"),
+        (lambda p: p.state("x", initial=(1.0, 0.0)), "bounds of 'initial x' are crossed"),
+        (lambda p: p.state("x", 2, lower=[0.0, 1.0, 2.0]), "lower x must have shape [2], not [3]"),
+        (lambda p: p.state("x", upper=np.nan), "upper x must be finite, but entry [0] is nan"),
+        (lambda p: p.state("x", scale=0.0), "scale of 'x' must be finite and above 0, not 0.0"),
+        (lambda p: (p.state("x"), p.control("x")), "'x' is declared twice in phase 'move'"),
+        (lambda p: (p.parameter("k", 1), p.parameter("k", 2)), "parameter 'k' is declared twice"),
+        (lambda p: p.parameter("k", np.inf), "parameter 'k' must be finite"),
+        (lambda p: p.control("u", shape="cubic"), "shape must be one of constant, linear"),
+        (lambda p: p.control("u", initial=0.0), "control 'u' is constant: initial and final need"),
+        (lambda p: p.control("u", final=0.0), "control 'u' is constant: initial and final need"),
+        (lambda p: p.rate(p.control("u")), "rate needs a control of shape 'linear'"),
+        (lambda p: p.derivative(p.control("u"), 1.0), "derivative needs a state of phase 'move'"),
+        (lambda p: p.derivative(p.state("x", 2), 1.0), "derivative of 'x' must have shape (2, 1)"),
+        (
+            lambda p: p.constraint("c", p.state("x"), 3.0, 2.0, unit="N"),
+            "bounds of 'c' are crossed: lower 3 is above upper 2 N",
+        ),
+    ],
+)
+def test_a_wrong_declaration_is_refused_in_words(declare, said):
+    with pytest.raises(InputError, match=re.escape(said)):
+        declare(empty_phase())
+
+
+@pytest.mark.parametrize("duration", [0.0, -1.0, np.nan, np.inf, (2.0, 1.0), (0.0, 1.0)])
+def test_a_duration_that_is_no_duration_is_refused(duration):
+    with pytest.raises(InputError, match="duration of phase 'move'"):
+        empty_phase(duration)
+
+
+@pytest.mark.parametrize("between", [(0.0,), (0.5, 1.0), (-0.1,), (1.5,)])
+def test_points_between_lie_inside_an_interval(between):
+    with pytest.raises(InputError, match="between must be fractions inside"):
+        empty_phase(between=between)
+
+
+def test_a_phase_name_is_used_once():
+    problem = OptimalControlProblem("test")
+    problem.phase("move", 1.0)
+    with pytest.raises(InputError, match="phase 'move' is declared twice"):
+        problem.phase("move", 1.0)
+
+
+def test_only_neighbours_with_the_same_variables_are_linked():
+    problem = OptimalControlProblem("test")
+    first, second, third = (moving_phase(problem, name) for name in ("one", "two", "three"))
+    second.state("wide", 2)
+    third.state("wide", 3)
+    with pytest.raises(InputError, match="phase 'three' must follow 'one'"):
+        problem.link(first, third)
+    for name in ("y", "wide"):
+        with pytest.raises(InputError, match=f"'{name}' cannot be linked"):
+            problem.link(second, third, [name])
+
+
+@pytest.mark.parametrize(
+    ("mesh", "said"),
+    [
+        (1, "mesh must have at least 2 intervals, not 1"),
+        (-3, "mesh must have at least 2 intervals, not -3"),
+        ([5, 5], "mesh has 2 entries for 1 phases"),
+        ([[0.0, 0.5, 0.9]], "mesh must be increasing fractions from 0 to 1"),
+        ([[0.1, 0.5, 1.0]], "mesh must be increasing fractions from 0 to 1"),
+        ([[0.0, 0.5, 0.5, 1.0]], "mesh must be increasing fractions from 0 to 1"),
+        ([[0.0, np.nan, 1.0]], "mesh must be finite"),
+        ([20.0], "mesh must be a whole number of intervals or fractions, not 20.0"),
+        (20.0, "mesh must be a whole number of intervals or fractions, not 20.0"),
+    ],
+)
+def test_a_wrong_mesh_is_refused_before_a_solver_starts(mesh, said, no_solver):
+    with pytest.raises(InputError, match=re.escape(said)):
+        solve(double_integrator(), mesh)
+
+
+@pytest.mark.parametrize("mesh", [np.int64(4), [4], [np.int32(4)], [np.linspace(0, 1, 5)]])
+def test_a_mesh_is_a_number_or_fractions(mesh):
+    (layout,) = Transcription(double_integrator()).layouts(mesh)
+    np.testing.assert_array_equal(layout.mesh, [0.0, 0.25, 0.5, 0.75, 1.0])
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ({"x": 0.0}, "guess of 'v' in phase 'move' is missing"),
+        ({"x": 0.0, "v": [0.0, 1.0]}, "must have shape [5, 1], not [2]"),
+        ({"x": np.zeros((4, 1)), "v": 0.0}, "guess of 'x' in phase 'move' must have shape [5, 1]"),
+        ({"x": lambda s: s, "v": 0.0}, "must have shape [5, 1], not [5]"),
+        ({"x": 0.0, "v": np.nan}, "guess of 'v' in phase 'move' must be finite"),
+        ({"x": 0.0, "v": 0.0, "u": np.inf}, "guess of 'u' in phase 'move' must be finite"),
+    ],
+)
+def test_a_wrong_guess_is_refused_before_a_solver_starts(values, said, no_solver):
+    with pytest.raises(InputError, match=re.escape(said)):
+        solve(double_integrator(), 4, {"move": Guess(1.0, values)})
+
+
+@pytest.mark.parametrize("duration", [np.nan, np.inf])
+def test_a_guess_has_a_finite_duration(duration, no_solver):
+    with pytest.raises(InputError, match="guess of the duration of phase 'move' must be finite"):
+        solve(double_integrator(), 4, {"move": Guess(duration, {"x": 0.0, "v": 0.0})})
+
+
+def test_every_phase_needs_a_guess(no_solver):
+    guess = {"first": Guess(1.0, {"x": 0.0, "v": 0.0})}
+    with pytest.raises(InputError, match=r"no entry for phase 'second'; it has \['first'\]"):
+        solve(through_half_way(("x", "v")), 4, guess)
+
+
+def test_an_unknown_solver_is_refused_with_those_there_are(no_solver):
+    with pytest.raises(InputError, match="solver must be one of auto, fatrop, ipopt, not 'snopt'"):
+        solve(double_integrator(), 4, settings=SolverSettings(solver="snopt"))
+
+
+def test_links_default_to_the_states_of_both_phases():
+    problem = spline((1.0, 1.0), 0.5)
+    problem.links.clear()
+    problem.link(*problem.phases)
+    assert problem.links[0].names == ("x", "v")

@@ -1,0 +1,163 @@
+"""Coarse to fine: which intervals are split, what is accepted, when it stops."""
+
+from functools import partial
+
+import numpy as np
+import pytest
+from textbook import bryson_denham
+
+from microbot_ocp.ocp import refinement
+from microbot_ocp.ocp.refinement import Refiner, split
+from microbot_ocp.ocp.solution import Attempt, PhaseSolution, Solution, Status
+from microbot_ocp.ocp.solvers import solve
+from microbot_ocp.ocp.transcription import Guess, Transcription
+
+
+@pytest.mark.parametrize(
+    ("bad", "expected"),
+    [
+        ([0, 0, 0, 0], [0.0, 0.1, 0.4, 0.6, 1.0]),
+        ([0, 0, 0, 1], [0.0, 0.1, 0.4, 0.5, 0.6, 0.8, 1.0]),
+        ([1, 0, 0, 0], [0.0, 0.05, 0.1, 0.25, 0.4, 0.6, 1.0]),
+        ([0, 1, 0, 0], [0.0, 0.05, 0.1, 0.25, 0.4, 0.5, 0.6, 1.0]),
+        ([1, 0, 0, 1], [0.0, 0.05, 0.1, 0.25, 0.4, 0.5, 0.6, 0.8, 1.0]),
+    ],
+)
+def test_bad_intervals_and_their_neighbours_are_halved(bad, expected):
+    mesh = np.array([0.0, 0.1, 0.4, 0.6, 1.0])
+    np.testing.assert_allclose(split(mesh, np.array(bad, dtype=bool)), expected, rtol=1e-15)
+
+
+def solution(cost, status=Status.SOLVED, mesh=4, solver="ipopt"):
+    fractions = np.linspace(0.0, 1.0, mesh + 1) if isinstance(mesh, int) else np.asarray(mesh)
+    attempt = Attempt(solver, status, "", 1, cost, 0.0, 0.0, 0.0, 0.0)
+    phase = PhaseSolution("move", abs(cost), fractions, {})
+    return Solution(status, cost, (phase,), (attempt,), np.zeros(0), 0.0)
+
+
+@pytest.fixture
+def pretend(monkeypatch):
+    """A refiner whose solves return what is written down here, in order."""
+
+    def prepare(answers, excess=lambda _: [np.zeros(4)], **options):
+        calls = []
+
+        def fake(transcription, mesh, guesses, settings):
+            calls.append((mesh[0] if isinstance(mesh, list) else mesh, guesses, settings))
+            return answers[len(calls) - 1]
+
+        monkeypatch.setattr(refinement, "solve", fake)
+        refiner = Refiner(None, lambda s: {"from": s.cost}, excess, 0.01, **options)
+        return refiner, calls
+
+    return prepare
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "accepted"),
+    [
+        (solution(2.0), solution(1.9), True),
+        (solution(2.0), solution(2.0 * (1 + 0.9e-3)), True),
+        (solution(2.0), solution(2.0 * (1 + 1.1e-3)), False),
+        (solution(-2.0), solution(-2.0 * (1 - 0.9e-3)), True),
+        (solution(-2.0), solution(-2.0 * (1 - 1.1e-3)), False),
+        (solution(2.0), solution(1.0, Status.ITERATION_LIMIT), False),
+        (solution(2.0), solution(1.0, Status.INFEASIBLE), False),
+        (solution(2.0, Status.FAILED), solution(3.0), True),
+    ],
+)
+def test_a_worse_or_failed_finer_result_is_not_accepted(pretend, before, after, accepted):
+    said = []
+    refiner, calls = pretend([after] * 3, progress=said.append)
+    result = refiner.finer(before, [8])
+    assert result is (after if accepted else before)
+    assert refiner.history[-1]["accepted"] is accepted
+    assert ("not accepted" in said[-1]) is not accepted
+    assert len(refiner.history) == len(calls)
+    assert all(guesses == {"from": before.cost} for _, guesses, _ in calls)
+
+
+def test_a_failure_of_another_solver_is_given_to_ipopt(pretend):
+    bad, good = solution(2.0, Status.FAILED), solution(1.9)
+    refiner, calls = pretend([bad, good], solver="fatrop")
+    assert refiner.finer(solution(2.0), [8]) is good
+    assert [settings.solver for _, _, settings in calls] == ["fatrop", "ipopt"]
+    assert [entry["accepted"] for entry in refiner.history] == [False, True]
+
+
+def test_refinement_stops_where_the_excess_is_allowed(pretend):
+    excess = iter([[np.array([0.0, 0.05, 0.0, 0.0])], [np.full(7, 0.009)]])
+    refiner, calls = pretend([solution(1.0, mesh=7)], lambda _: next(excess))
+    refiner.history.append({})
+    result = refiner.refine(solution(1.0))
+    assert result.cost == 1.0
+    assert len(calls) == 1
+    np.testing.assert_allclose(calls[0][0], [0.0, 0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 1.0])
+    assert [entry["excess"] for entry in refiner.history] == [0.05, 0.009]
+
+
+def test_nothing_is_solved_where_the_first_mesh_is_fine_enough(pretend):
+    refiner, calls = pretend([], lambda _: [np.full(4, 0.01)])
+    refiner.history.append({})
+    first = solution(1.0)
+    assert refiner.refine(first) is first
+    assert not calls
+
+
+def test_a_solution_that_failed_is_not_refined(pretend):
+    refiner, calls = pretend([], lambda _: pytest.fail("asked for the excess of a failure"))
+    first = solution(1.0, Status.ITERATION_LIMIT)
+    assert refiner.refine(first) is first
+    assert not calls
+
+
+def test_refinement_gives_up_after_its_rounds(pretend):
+    answers = [solution(1.0) for _ in range(20)]
+    refiner, calls = pretend(answers, lambda _: [np.full(4, 0.5)], rounds=3)
+    refiner.history.append({})
+    assert refiner.refine(solution(1.0)) is answers[2]
+    assert len(calls) == 3
+
+
+def test_a_round_that_is_refused_is_the_last(pretend):
+    refiner, calls = pretend([solution(2.0)] * 20, lambda _: [np.full(4, 0.5)], rounds=5)
+    refiner.history.append({})
+    first = solution(1.0)
+    assert refiner.refine(first) is first
+    assert len(calls) <= 2  # once as it is, once more with another start of the solver
+
+
+def bulge(result):
+    """How far every interval of the flight rises above its ceiling of 1/9 m, as a share of it."""
+    fly = result["fly"]
+    inside = np.diff(fly.t)[:, None] * np.linspace(0.0, 1.0, 41)
+    h = np.diff(fly.t)[:, None]
+    slope = np.diff(fly["u"], axis=0) / h
+    arcs = fly["x"][:-1] + fly["v"][:-1] * inside
+    arcs = arcs + fly["u"][:-1] * inside**2 / 2 + slope * inside**3 / 6
+    return [9.0 * arcs.max(axis=1) - 1.0]
+
+
+def test_a_real_problem_is_refined_until_its_ceiling_holds_between_mesh_points():
+    top = 1 / 9
+
+    def guess_from(result):
+        fly = result["fly"]
+        values = {
+            name: partial(
+                lambda table, s: np.interp(s, fly.mesh, table)[:, None], fly[name].ravel()
+            )
+            for name in ("x", "v", "u")
+        }
+        return {"fly": Guess(fly.duration, values)}
+
+    refiner = Refiner(Transcription(bryson_denham(top)), guess_from, bulge, violation=1e-5)
+    first = refiner.solve(5, guess_from(solve(bryson_denham(top), 5)))
+    assert bulge(first)[0].max() > 1e-3
+    last = refiner.refine(first)
+    assert bulge(last)[0].max() <= 1e-5
+    assert last["fly"].mesh.size < 80  # local, not everywhere
+    assert last.cost == pytest.approx(4.0, rel=2e-3)
+    assert [entry["intervals"][0] for entry in refiner.history] == sorted(
+        entry["intervals"][0] for entry in refiner.history
+    )
