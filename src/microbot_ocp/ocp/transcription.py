@@ -143,7 +143,17 @@ def _stack(variables: Sequence[Variable], attribute: str) -> FloatArray:
     return np.concatenate(parts) if parts else np.zeros(0)
 
 
-def build_kernels(phase: Phase, duration_scale: float) -> Kernels:
+Derive = Callable[[ca.Function, ca.Function], Sequence[ca.Function]]
+
+
+def with_derivatives(stage: ca.Function, end: ca.Function) -> Sequence[ca.Function]:
+    """Stage and end functions, each with its Jacobian and Hessian."""
+    return [*_stage_derivatives(stage), *_end_derivatives(end)]
+
+
+def build_kernels(
+    phase: Phase, duration_scale: float, derive: Derive = with_derivatives
+) -> Kernels:
     """Kernels of a phase, expanded to scalar graphs where its expressions allow it."""
     f, g, cost = _physics(phase)
     count = {
@@ -215,8 +225,7 @@ def build_kernels(phase: Phase, duration_scale: float) -> Kernels:
         "end", [z, constants], [end_rows, cost(x_end, no_control, t_end, constants)]
     )
     return Kernels(
-        *_stage_derivatives(_expanded(stage)),
-        *_end_derivatives(_expanded(end_function)),
+        *derive(_expanded(stage), _expanded(end_function)),
         stage_lower=joined(lower),
         stage_upper=joined(upper),
         end_lower=joined([low for _, low, _ in kept]),
@@ -374,12 +383,17 @@ class Transcription:
         problem.check()
         self.problem = problem
         self.duration_scale = duration_scale
-        self.kernels: list[Kernels] = []
-        for phase in problem.phases:
-            made = build_kernels(phase, duration_scale)
-            if prepare is not None:
-                made = _prepared(made, prepare)
-            self.kernels.append(made)
+        known: dict[str, Sequence[ca.Function]] = {}
+
+        def derive(stage: ca.Function, end: ca.Function) -> Sequence[ca.Function]:
+            # phases with the same physics share everything that is expensive
+            key = stage.serialize() + end.serialize()
+            if key not in known:
+                made = with_derivatives(stage, end)
+                known[key] = made if prepare is None else prepare(made)
+            return known[key]
+
+        self.kernels = [build_kernels(phase, duration_scale, derive) for phase in problem.phases]
 
     def layouts(self, meshes: Sequence[int | ArrayLike] | int) -> tuple[PhaseLayout, ...]:
         """Lay the problem out on a mesh for each phase."""
@@ -418,15 +432,6 @@ class Transcription:
             variable_offset += layout.variable_count
             row_offset += layout.row_count
         return tuple(layouts)
-
-
-def _prepared(
-    kernels: Kernels,
-    prepare: Callable[[Sequence[ca.Function]], Sequence[ca.Function]],
-) -> Kernels:
-    names = ("stage", "stage_jacobian", "stage_hessian", "end", "end_jacobian", "end_hessian")
-    made = prepare([getattr(kernels, name) for name in names])
-    return Kernels(**{**vars(kernels), **dict(zip(names, made, strict=True))})
 
 
 def _conditioned(nodes: Sequence[Variable], which: str) -> tuple[int, ...]:

@@ -343,10 +343,7 @@ class _Search:
 
     def _finish(self, best: Solution) -> Solution:
         """Coarse to fine from the best start, then local refinement while limits are exceeded."""
-        middle = int(np.sqrt(EXPLORE_MESH * self.settings.mesh))
-        meshes = [m for m in (middle,) if EXPLORE_MESH * 1.5 < m < self.settings.mesh]
-        for mesh in (*meshes, self.settings.mesh):
-            best = self.refiner.finer(best, [mesh] * len(self.names))
+        best = self.refiner.finer(best, [self.settings.mesh] * len(self.names))
         return self.refiner.refine(best)
 
     def _guess_from(self, solution: Solution) -> dict[str, Guess]:
