@@ -5,7 +5,9 @@
 Sources: Craig, *Introduction to Robotics*, 3rd ed., section 6.5 (recursive Newton-Euler in link
 frames; the moment balance is ``n_i = N_i + R n_{i+1} + Pc_i x F_i + P_{i+1} x (R f_{i+1})``);
 Featherstone, *Rigid Body Dynamics Algorithms*, chapter 6 (composite rigid bodies).
-Joint friction is ``viscous qd + coulomb tanh(qd / 0.01)``, rotor inertia adds to the diagonal of M.
+Joint friction is ``viscous qd + coulomb tanh(qd / 0.01)``: the sign of the speed, smoothed so that
+its derivatives exist, is within 1 % of its full size beyond 0.027 rad/s (m/s). Rotor inertia adds
+to the diagonal of M.
 """
 
 from __future__ import annotations
@@ -16,7 +18,7 @@ import casadi as ca
 
 from microbot_ocp.checks import InputError
 from microbot_ocp.codegen import maybe_compiled
-from microbot_ocp.kinematics import joint_transform
+from microbot_ocp.kinematics import base_transform, joint_transform
 from microbot_ocp.robot import Robot
 
 COULOMB_SMOOTHING = 0.01  # rad/s or m/s: speed at which tanh reaches 76 % of the Coulomb friction
@@ -49,8 +51,9 @@ def _newton_euler(
     """Joint torques [n] by the outward and inward recursions of Craig, section 6.5."""
     _require_links(robot)
     count = robot.joint_count
-    # An upward acceleration of the base acts as gravity does.
-    acceleration = ca.sparsify(ca.SX(ca.DM(-robot.gravity))) if gravity else ca.SX(3, 1)
+    # An upward acceleration of the base acts as gravity does; here in frame 0 of the rows.
+    upward = base_transform(robot)[0].T @ ca.SX(ca.DM(-robot.gravity))
+    acceleration = ca.sparsify(upward) if gravity else ca.SX(3, 1)
     omega, omega_dot = ca.SX(3, 1), ca.SX(3, 1)
     turns, steps, forces, moments = [], [], [], []
     for joint, link in enumerate(robot.links):
@@ -275,7 +278,7 @@ def energy(robot: Robot, *, compiled: bool = False) -> ca.Function:
     """
     q, qd, _ = _state(robot)
     kinetic = 0.5 * ca.dot(qd, ca.densify(_mass_matrix(robot, q)) @ qd)
-    rotation, origin, potential = ca.SX.eye(3), ca.SX(3, 1), ca.SX(0)
+    (rotation, origin), potential = base_transform(robot), ca.SX(0)
     gravity = ca.SX(ca.DM(robot.gravity))
     for joint, link in enumerate(robot.links):
         turn, step = joint_transform(robot, joint, q[joint])

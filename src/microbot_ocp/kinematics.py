@@ -11,7 +11,7 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from microbot_ocp.checks import InputError
+from microbot_ocp.checks import FloatArray, InputError
 from microbot_ocp.codegen import maybe_compiled
 from microbot_ocp.robot import Robot
 
@@ -51,15 +51,24 @@ def joint_transform(robot: Robot, joint: int, q: ca.SX) -> tuple[ca.SX, ca.SX]:
     return ca.sparsify(rotation), ca.sparsify(position)
 
 
+def _constant(transform: FloatArray) -> tuple[ca.SX, ca.SX]:
+    clean = np.where(np.abs(transform) < 1e-15, 0.0, transform)
+    return ca.sparsify(ca.SX(ca.DM(clean[:3, :3]))), ca.sparsify(ca.SX(ca.DM(clean[:3, 3])))
+
+
 def tool_transform(robot: Robot) -> tuple[ca.SX, ca.SX]:
     """Constant rotation [3,3] and position [3] of the tool frame in the last link frame."""
-    tool = np.where(np.abs(robot.tool) < 1e-15, 0.0, robot.tool)
-    return ca.sparsify(ca.SX(ca.DM(tool[:3, :3]))), ca.sparsify(ca.SX(ca.DM(tool[:3, 3])))
+    return _constant(robot.tool)
+
+
+def base_transform(robot: Robot) -> tuple[ca.SX, ca.SX]:
+    """Constant rotation [3,3] and position [3] of frame 0 of the DH rows in the base frame."""
+    return _constant(robot.base)
 
 
 def _frames(robot: Robot, q: ca.SX) -> list[tuple[ca.SX, ca.SX]]:
     """Rotation and origin in the base frame of link frames 1 to n and of the tool."""
-    rotation, origin = ca.SX.eye(3), ca.SX(3, 1)
+    rotation, origin = base_transform(robot)
     frames = []
     for joint in range(robot.joint_count):
         turn, step = joint_transform(robot, joint, q[joint])

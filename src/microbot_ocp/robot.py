@@ -2,7 +2,8 @@
 
 Frames follow Craig, *Introduction to Robotics*, 3rd ed., section 3.4: link frame i sits at joint i,
 and ``T(i-1, i) = Rot_x(alpha_{i-1}) Trans_x(a_{i-1}) Rot_z(theta_i) Trans_z(d_i)``. The tool frame
-follows the last link frame by a constant transform.
+follows the last link frame by a constant transform, and frame 0 of the rows follows the base frame
+by another (the identity, unless a robot says otherwise).
 """
 
 from __future__ import annotations
@@ -259,7 +260,7 @@ def _either_unit(quantity: str) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Robot:
-    """A serial manipulator: modified-DH rows, links, limits, gravity and tool.
+    """A serial manipulator: modified-DH rows, links, limits, gravity, base and tool.
 
     Make one with :meth:`from_dh` or :func:`microbot_ocp.load_robot`. Two robots with the same
     figures are equal and share the functions built for them.
@@ -277,6 +278,7 @@ class Robot:
     gravity: FloatArray
     tool: FloatArray
     description: str = ""
+    base: FloatArray = field(default_factory=lambda: _rigid_transform("base", None))
     _digest: str = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -297,6 +299,7 @@ class Robot:
         name: str = "robot",
         joint_names: Sequence[str] | None = None,
         description: str = "",
+        base: ArrayLike | None = None,
     ) -> Robot:
         """Build a robot from Craig's modified-DH table.
 
@@ -319,6 +322,13 @@ class Robot:
             (alpha, a, d, theta).
         name : str
             Name of the robot.
+        joint_names : sequence of str, optional
+            Different names of the joints; default "joint 1" and so on.
+        description : str
+            What the robot is, in a sentence.
+        base : array_like [4,4] or [4], optional
+            Frame 0 of the rows in the base frame, given as ``tool`` is; default the identity.
+            Poses, Jacobians and gravity are in the base frame.
 
         Returns
         -------
@@ -372,8 +382,9 @@ class Robot:
             links=_chain(links, count) if links else (),
             limits=_joint_limits(Limits() if limits is None else limits, count),
             gravity=checks.array("gravity", gravity, (3,), "m/s^2"),
-            tool=_tool_matrix(tool),
+            tool=_rigid_transform("tool", tool),
             description=description,
+            base=_rigid_transform("base", base),
         )
 
     @property
@@ -414,6 +425,8 @@ class Robot:
                 link.coulomb_friction,
             ]
             arrays += [np.array(scalars), link.center_of_mass, link.inertia]
+        if not np.array_equal(self.base, np.eye(4)):
+            arrays.append(self.base)
         for item in arrays:
             digest.update(np.ascontiguousarray(item, dtype=float).tobytes())
         return digest.hexdigest()
@@ -441,14 +454,15 @@ def _joint_limits(limits: Any, count: int) -> JointLimits:
     return limits.for_joints(count)
 
 
-def _tool_matrix(tool: ArrayLike | None) -> FloatArray:
-    if tool is None:
+def _rigid_transform(name: str, value: ArrayLike | None) -> FloatArray:
+    """Read-only homogeneous transform [4,4] from one, from a DH row [4], or the identity."""
+    if value is None:
         matrix = np.eye(4)
-    elif np.ndim(np.asarray(tool, dtype=object)) == 1:
-        row = checks.array("tool", tool, (4,))
+    elif np.ndim(np.asarray(value, dtype=object)) == 1:
+        row = checks.array(name, value, (4,))
         matrix = dh_transform(*row)
     else:
-        matrix = np.array(checks.array("tool", tool, (4, 4)))
+        matrix = np.array(checks.array(name, value, (4, 4)))
         rotation = matrix[:3, :3]
         if (
             np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-6
@@ -456,7 +470,7 @@ def _tool_matrix(tool: ArrayLike | None) -> FloatArray:
             or np.abs(matrix[3] - [0, 0, 0, 1]).max() > 1e-9
         ):
             raise InputError(
-                "tool must be a homogeneous transform (rotation of determinant +1, last row "
+                f"{name} must be a homogeneous transform (rotation of determinant +1, last row "
                 f"0 0 0 1), not {matrix.tolist()}"
             )
     matrix.setflags(write=False)
