@@ -355,7 +355,9 @@ class _Search:
         velocity = shape.derivative()
         inside = np.linspace(0, 1, CHECKS_PER_INTERVAL + 1)
         t = (shape.breaks[:-1, None] + inside * np.diff(shape.breaks)[:, None]).ravel()
-        excess = limit_excess(self.robot, State(shape(t), velocity(t), velocity.derivative()(t)))
+        acceleration = velocity.derivative()
+        state = State(shape(t), velocity(t), acceleration(t))
+        excess = limit_excess(self.robot, state, acceleration.derivative()(t))
         per_interval = excess.reshape(-1, inside.size).max(axis=1)
         edges = np.cumsum([phase.mesh.size - 1 for phase in solution.phases])[:-1]
         return np.split(per_interval, edges)

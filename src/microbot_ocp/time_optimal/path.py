@@ -103,6 +103,8 @@ def time_optimal_path(
 ) -> Motion:
     """The fastest motion along a path, at rest at both ends and at its corners.
 
+    Under torque-rate limits it rests wherever the curvature of the path jumps, too.
+
     Parameters
     ----------
     robot : Robot
@@ -156,18 +158,39 @@ def _check_path(robot: Robot, path: PiecewisePolynomial) -> None:
         s = np.linspace(before, after, 51)
         for at, q in zip(s, path(s, from_left=True), strict=True):
             check_position(robot, f"path at s = {at:g}", q, robot.limits)
-    stops = [path.breaks[0], *corners(path), path.breaks[-1]]
-    for at in stops:
+    for at in [path.breaks[0], *stops(path, robot.limits), path.breaks[-1]]:
         check_rest(robot, f"path at s = {at:g}", path(at)[0], robot.limits)
 
 
 def corners(path: PiecewisePolynomial) -> FloatArray:
     """Breaks at which the tangent jumps."""
-    inner = path.breaks[1:-1]
+    return _jumps(path, path.derivative())
+
+
+def stops(path: PiecewisePolynomial, limits: JointLimits) -> FloatArray:
+    """Breaks at which the arm has to stop.
+
+    At corners, and under torque-rate limits wherever the curvature jumps, too: in motion the torque
+    would jump with it.
+    """
     tangent = path.derivative()
-    jump = np.abs(tangent(inner) - tangent(inner, from_left=True)).max(axis=1, initial=0.0)
-    size = np.abs(tangent(np.linspace(path.breaks[0], path.breaks[-1], 101))).max()
+    found = _jumps(path, tangent)
+    if not _rated(limits):
+        return found
+    return np.union1d(found, _jumps(path, tangent.derivative()))
+
+
+def _jumps(path: PiecewisePolynomial, curve: PiecewisePolynomial) -> FloatArray:
+    """Breaks of the path at which a derivative of it jumps."""
+    inner = path.breaks[1:-1]
+    jump = np.abs(curve(inner) - curve(inner, from_left=True)).max(axis=1, initial=0.0)
+    size = np.abs(curve(np.linspace(path.breaks[0], path.breaks[-1], 101))).max()
     return inner[jump > CORNER * size]
+
+
+def _rated(limits: JointLimits) -> bool:
+    """Whether any torque rate is limited."""
+    return bool(np.isfinite([limits.taud_min, limits.taud_max]).any())
 
 
 def _vanishing(path: PiecewisePolynomial, s: float) -> bool:
@@ -187,6 +210,8 @@ class _Piece:
     coefficients: FloatArray
     stops_before: bool
     stops_after: bool
+    first: bool
+    last: bool
 
 
 class _PathSearch:
@@ -202,11 +227,11 @@ class _PathSearch:
     ) -> None:
         self.robot, self.path, self.settings = robot, path, settings
         self.label, self.progress = label, progress
-        self.corners = corners(path)
+        self.stops = stops(path, robot.limits)
         self.pieces = self._pieces()
 
     def _pieces(self) -> list[_Piece]:
-        rests = {float(c) for c in self.corners}
+        rests = {float(s) for s in self.stops}
         first, last = float(self.path.breaks[0]), float(self.path.breaks[-1])
         for end in (first, last):
             if not _vanishing(self.path, end):
@@ -219,6 +244,8 @@ class _PathSearch:
                 coefficients=self.path.coefficients[i],
                 stops_before=float(a) in rests,
                 stops_after=float(b) in rests,
+                first=float(a) == first,
+                last=float(b) == last,
             )
             for i, (a, b) in enumerate(itertools.pairwise(self.path.breaks))
         ]
@@ -260,9 +287,9 @@ class _PathSearch:
         return self._motion(solution, refiner, timings, reached, wall)
 
     def _reach(self) -> list[PathTiming]:
-        stops = [self.path.breaks[0], *self.corners, self.path.breaks[-1]]
+        ends = [self.path.breaks[0], *self.stops, self.path.breaks[-1]]
         timings = []
-        for before, after in itertools.pairwise(stops):
+        for before, after in itertools.pairwise(ends):
             keep = (self.path.breaks[:-1] >= before) & (self.path.breaks[:-1] < after)
             stretch = PiecewisePolynomial(
                 np.append(self.path.breaks[:-1][keep], after), self.path.coefficients[keep]
@@ -300,8 +327,8 @@ class _PathSearch:
             _declare(problem, self.robot, piece, degree, longest, scales) for piece in self.pieces
         ]
         for before, after in itertools.pairwise(zip(phases, self.pieces, strict=True)):
-            stops = after[1].stops_before
-            problem.link(before[0], after[0], names=() if stops else ("v",))
+            kept = ("v", "a") if _rated(self.robot.limits) else ("v",)
+            problem.link(before[0], after[0], names=() if after[1].stops_before else kept)
         return problem
 
     def _excess(self, solution: Solution) -> list[FloatArray]:
@@ -309,7 +336,7 @@ class _PathSearch:
         for phase, piece in zip(solution.phases, self.pieces, strict=True):
             inside = np.linspace(0, 1, CHECKS_PER_INTERVAL + 1)
             t = (phase.t[:-1, None] + inside * np.diff(phase.t)[:, None]).ravel()
-            excess = limit_excess(self.robot, _state(phase_polynomial(phase), piece, t))
+            excess = limit_excess(self.robot, *_state_and_jerk(phase_polynomial(phase), piece, t))
             result.append(excess.reshape(-1, inside.size).max(axis=1))
         return result
 
@@ -330,7 +357,7 @@ class _PathSearch:
             if not last:  # the acceleration may jump where the next piece begins
                 local[-1] = local[-1] - 1e-6
             t_parts.append(edges[index] + local)
-            states.append(_state(phase_polynomial(phase), piece, local))
+            states.append(_state_and_jerk(phase_polynomial(phase), piece, local)[0])
             breaks.append(edges[index] + phase.t[1:])
         t = np.concatenate(t_parts)
         state = State(*(np.concatenate(parts) for parts in zip(*states, strict=True)))
@@ -352,22 +379,25 @@ class _PathSearch:
                 "phase_durations": [phase.duration for phase in solution.phases],
                 "reachability_duration": reached if np.isfinite(reached) else None,
                 "blocked_at": blocked,
-                "stops": [float(c) for c in self.corners],
+                "stops": [float(s) for s in self.stops],
                 "solves": refiner.history,
                 "wall_time": wall,
                 "smoothing": SMOOTHING,
                 "casadi": ca.CasadiMeta.version(),
             },
-            note=_note(solution, self.corners, blocked, reached),
+            note=_note(solution, self.stops, corners(self.path).size, blocked, reached),
         )
 
 
-def _note(solution: Solution, at: FloatArray, blocked: list[float], reached: float) -> str:
+def _note(
+    solution: Solution, at: FloatArray, corner_count: int, blocked: list[float], reached: float
+) -> str:
     if not solution.status.ok:
         where = f"; the end cannot be reached from s = {blocked[0]:g}" if blocked else ""
         return f"not solved: {solution.advice}{where}"
-    stops = f"stops at {at.size} corner{'s' if at.size != 1 else ''}" if at.size else "no stop"
-    return f"{stops}; reachability on a grid gives {reached:.4f} s"
+    what = "corner" if at.size == corner_count else "jump of the curvature or corner"
+    said = f"stops at {at.size} {what}{'s' if at.size != 1 else ''}" if at.size else "no stop"
+    return f"{said}; reachability on a grid gives {reached:.4f} s"
 
 
 def _declare(
@@ -389,7 +419,16 @@ def _declare(
         scale=scales["v"],
         unit="1/s",
     )
-    a = phase.control("a", scale=scales["a"], unit="1/s^2", shape="linear")
+    # where the arm stops on the way a limited torque rate leaves no jump of the torque either
+    rated = _rated(limits)
+    a = phase.control(
+        "a",
+        initial=0.0 if rated and piece.stops_before and not piece.first else None,
+        final=0.0 if rated and piece.stops_after and not piece.last else None,
+        scale=scales["a"],
+        unit="1/s^2",
+        shape="linear",
+    )
     phase.derivative(s, v)
     phase.derivative(v, a)
     table = phase.parameter("coefficients", piece.coefficients)
@@ -407,7 +446,7 @@ def _declare(
     _limit(phase, "acceleration", qdd, limits, "qdd", "rad/s^2")
     _limit(phase, "torque", inverse_dynamics(robot)(q, qd, qdd), limits, "tau", "N m")
     jerk = tangent * phase.rate(a) + 3 * curvature * v * a + bend * v**3
-    if np.isfinite([limits.taud_min, limits.taud_max]).any():
+    if rated:
         rate = torque_rate(robot)(q, qd, qdd, jerk)
         _limit(phase, "torque rate", rate, limits, "taud", "N m/s")
     phase.end_cost(phase.duration)
@@ -478,13 +517,19 @@ def phase_polynomial(phase: Any) -> PiecewisePolynomial:
     return PiecewisePolynomial(phase.t, table)
 
 
-def _state(curve: PiecewisePolynomial, piece: _Piece, t: FloatArray) -> State:
-    """q, qd, qdd of a piece at times t since its start."""
+def _state_and_jerk(
+    curve: PiecewisePolynomial, piece: _Piece, t: FloatArray
+) -> tuple[State, FloatArray]:
+    """q, qd, qdd and the jerk of a piece at times t since its start."""
     slope = curve.derivative()
     s = np.clip(curve(t, from_left=True), 0.0, piece.length)
     v = slope(t, from_left=True)
     a = slope.derivative()(t, from_left=True)
+    jerk = slope.derivative().derivative()(t, from_left=True)
     shape = PiecewisePolynomial(np.array([0.0, piece.length]), piece.coefficients[None])
     first = shape.derivative()
-    tangent, curvature = first(s.ravel()), first.derivative()(s.ravel())
-    return State(shape(s.ravel()), tangent * v, tangent * a + curvature * v**2)
+    second = first.derivative()
+    at = s.ravel()
+    tangent, curvature, bend = first(at), second(at), second.derivative()(at)
+    state = State(shape(at), tangent * v, tangent * a + curvature * v**2)
+    return state, tangent * jerk + 3 * curvature * v * a + bend * v**3

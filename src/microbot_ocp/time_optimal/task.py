@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
@@ -81,9 +83,14 @@ def check_rest(robot: Robot, what: str, q: FloatArray, limits: JointLimits) -> N
             )
 
 
-def limit_excess(robot: Robot, state: State) -> FloatArray:
-    """Largest relative excess [N] over any limit of q, qd, qdd and tau; negative inside them."""
+def limit_excess(robot: Robot, state: State, qddd: FloatArray) -> FloatArray:
+    """Largest relative excess [N] over any limit; negative inside them.
+
+    ``qddd`` [N,n] is the jerk, of interest to torque rates only.
+    """
     values = {**state._asdict(), "tau": torque_along(robot, state)}
+    if np.isfinite([robot.limits.taud_min, robot.limits.taud_max]).any():
+        values["taud"] = np.array(torque_rate(robot)(*(v.T for v in (*state, qddd)))).T
     excess = np.full(state.q.shape[0], -1.0)
     for quantity, value in values.items():
         use = LimitUse.of(robot.limits, quantity)
@@ -92,6 +99,7 @@ def limit_excess(robot: Robot, state: State) -> FloatArray:
     return excess
 
 
+@lru_cache(maxsize=64)
 def torque_rate(robot: Robot) -> ca.Function:
     """Time derivative of the torque along a motion: ``(q, qd, qdd, qddd) -> taud``."""
     q, qd, qdd, qddd = (ca.SX.sym(k, robot.joint_count) for k in ("q", "qd", "qdd", "qddd"))
