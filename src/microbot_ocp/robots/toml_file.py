@@ -1,16 +1,17 @@
-"""Robots from TOML files: one ``[[joint]]`` a row of the modified-DH table.
+"""Robots from and to TOML files: one ``[[joint]]`` a row of the modified-DH table.
 
 Angles are in radians, or in degrees where the key ends in ``_deg``. Keys of a joint: ``name``,
 ``type``, ``alpha``, ``a``, ``d``, ``theta_offset``; ``mass``, ``center_of_mass``, ``inertia``,
 ``armature``, ``viscous_friction``, ``coulomb_friction``; ``q_min``, ``q_max``, ``qd_max``,
-``qdd_max``, ``tau_max``, ``taud_max``. ``qd_max`` and the like may be ``[lower, upper]``.
+``qdd_max``, ``tau_max``, ``taud_max``. ``qd_max`` and the like may be ``[lower, upper]``. The tables
+``[tool]`` and ``[base]`` hold a DH row or a ``matrix``; ``[sources]`` is for the reader's eyes.
 """
 
 from __future__ import annotations
 
+import json
 import math
 import tomllib
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -26,53 +27,7 @@ INERTIAL = ("mass", "center_of_mass", "inertia", "armature")
 FRICTION = ("viscous_friction", "coulomb_friction")
 BOUNDS = ("q_min", "q_max", "qd_max", "qdd_max", "tau_max", "taud_max")
 JOINT_KEYS = ("name", "type", *GEOMETRY, *INERTIAL, *FRICTION, *BOUNDS)
-ROBOT_KEYS = ("name", "description", "gravity", "sources", "joint", "tool")
-
-
-def packaged_robots() -> tuple[str, ...]:
-    """Names of the robots that come with the package."""
-    folder = resources.files("microbot_ocp.robots")
-    return tuple(sorted(f.name[:-5] for f in folder.iterdir() if f.name.endswith(".toml")))
-
-
-def load_robot(source: str | Path) -> Robot:
-    """Load a packaged robot by name, or a robot file by path.
-
-    Parameters
-    ----------
-    source : str or Path
-        A name from :func:`packaged_robots`, or the path of a ``.toml`` file.
-
-    Returns
-    -------
-    Robot
-
-    Raises
-    ------
-    InputError
-        Unknown name (lists what there is), missing file, malformed TOML, a key that is unknown,
-        missing or of the wrong kind.
-
-    Examples
-    --------
-    >>> load_robot("microbot").joint_names
-    ('waist', 'shoulder', 'elbow')
-    """
-    name = str(source)
-    if name in packaged_robots():
-        text = (resources.files("microbot_ocp.robots") / f"{name}.toml").read_text("utf-8")
-        return parse_robot(text, f"{name}.toml")
-    path = Path(name)
-    if path.suffix != ".toml":
-        raise InputError(
-            f"robot must be one of {', '.join(packaged_robots())}, or the path of a .toml file, "
-            f"not {name!r}"
-        )
-    try:
-        text = path.read_text("utf-8")
-    except (OSError, UnicodeDecodeError) as problem:
-        raise InputError(f"robot file {name!r} cannot be read: {problem}") from None
-    return parse_robot(text, path.name)
+ROBOT_KEYS = ("name", "description", "gravity", "sources", "joint", "tool", "base")
 
 
 def parse_robot(text: str, origin: str = "robot") -> Robot:
@@ -98,7 +53,8 @@ def parse_robot(text: str, origin: str = "robot") -> Robot:
             links=[link for link in links if link is not None],
             limits=_limits(rows),
             gravity=data.get("gravity", (0.0, 0.0, -9.81)),
-            tool=_tool(data.get("tool"), origin),
+            tool=_placement("tool", data.get("tool"), origin),
+            base=_placement("base", data.get("base"), origin),
             name=data.get("name", Path(origin).stem),
             joint_names=[row["name"] for row in rows],
             description=data.get("description", ""),
@@ -185,18 +141,102 @@ def _limits(rows: list[dict[str, Any]]) -> Limits:
     return Limits(**columns)
 
 
-def _tool(table: Any, origin: str) -> Any:
+def _placement(name: str, table: Any, origin: str) -> Any:
+    """A constant transform [4,4] from its table: a matrix, or a DH row."""
     if table is None:
         return None
     if not isinstance(table, dict):
-        raise InputError(f"tool in {origin} must be a table")
+        raise InputError(f"{name} in {origin} must be a table")
     if "matrix" in table:
         if len(table) > 1:
-            raise InputError(f"tool in {origin} must be a matrix or a DH row, not both")
-        return checks.array("tool", table["matrix"], (4, 4))
-    row = _in_radians(table, f"tool in {origin}", ("alpha", "a", "d", "theta"))
+            raise InputError(f"{name} in {origin} must be a matrix or a DH row, not both")
+        return checks.array(name, table["matrix"], (4, 4))
+    row = _in_radians(table, f"{name} in {origin}", ("alpha", "a", "d", "theta"))
     numbers = [
-        checks.number(f"{key} of tool in {origin}", row.get(key, 0.0))
+        checks.number(f"{key} of {name} in {origin}", row.get(key, 0.0))
         for key in ("alpha", "a", "d", "theta")
     ]
     return dh_transform(*numbers)
+
+
+def write_toml(robot: Robot, path: str | Path) -> None:
+    """Write a robot as a TOML file that :func:`microbot_ocp.load_robot` reads back as an equal one.
+
+    Every figure is written with the shortest digits that read back as the same number, angles in
+    radians. What a robot does not hold, such as the sources of a packaged file, is not written.
+
+    Parameters
+    ----------
+    robot : Robot
+    path : str or Path
+        File to write, ending in ``.toml``; what was there is replaced.
+
+    Raises
+    ------
+    InputError
+        Another ending, or a file that cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import microbot_ocp as mo
+    >>> panda = mo.load_robot("panda")
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     mo.write_toml(panda, f"{folder}/copy.toml")
+    ...     mo.load_robot(f"{folder}/copy.toml") == panda
+    True
+    """
+    save_text(robot_to_toml(robot), path, ".toml")
+
+
+def save_text(text: str, path: str | Path, ending: str) -> None:
+    """Write ``text`` to ``path``, which must have the ending of its format."""
+    if Path(path).suffix != ending:
+        raise InputError(f"path must end in {ending}, not {str(path)!r}")
+    try:
+        Path(path).write_text(text, "utf-8", newline="\n")
+    except OSError as problem:
+        raise InputError(f"robot file {str(path)!r} cannot be written: {problem}") from None
+
+
+def robot_to_toml(robot: Robot) -> str:
+    """Text of the TOML file of a robot."""
+    lines = [f"name = {_text(robot.name)}"]
+    if robot.description:
+        lines.append(f"description = {_text(robot.description)}")
+    lines.append(f"gravity = {robot.gravity.tolist()}")
+    for joint in range(robot.joint_count):
+        lines += ["", "[[joint]]", f"name = {_text(robot.joint_names[joint])}"]
+        lines.append(f"type = {_text(robot.joint_types[joint])}")
+        lines += [f"{key} = {float(getattr(robot, key)[joint])!r}" for key in GEOMETRY]
+        if robot.has_dynamics:
+            lines += _link_lines(robot.links[joint])
+        for key in BOUNDS:
+            lines += _bound_line(robot, key, joint)
+    for name, matrix in (("tool", robot.tool), ("base", robot.base)):
+        if not np.array_equal(matrix, np.eye(4)) or np.signbit(matrix).any():
+            lines += ["", f"[{name}]", f"matrix = {matrix.tolist()}"]
+    return "\n".join(lines) + "\n"
+
+
+def _text(value: str) -> str:
+    # A JSON string is a TOML basic string, but for DEL, which TOML wants escaped.
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def _link_lines(link: Link) -> list[str]:
+    lines = [f"mass = {link.mass!r}", f"center_of_mass = {link.center_of_mass.tolist()}"]
+    lines.append(f"inertia = {link.inertia.tolist()}")
+    return lines + [f"{key} = {getattr(link, key)!r}" for key in ("armature", *FRICTION)]
+
+
+def _bound_line(robot: Robot, key: str, joint: int) -> list[str]:
+    quantity = key.split("_")[0]
+    if quantity == "q":
+        value = float(getattr(robot.limits, key)[joint])
+        return [f"{key} = {value!r}"] if math.isfinite(value) else []
+    lower, upper = (float(bound[joint]) for bound in robot.limits.bounds(quantity))
+    if (lower, upper) == (-math.inf, math.inf):
+        return []
+    same = lower == -upper and math.copysign(1.0, lower) == math.copysign(1.0, -upper)
+    return [f"{key} = {upper!r}" if same else f"{key} = [{lower!r}, {upper!r}]"]

@@ -1,0 +1,65 @@
+"""Robots by name or by file: the ones that come with the package, TOML files and URDF files."""
+
+from __future__ import annotations
+
+from importlib import resources
+from pathlib import Path
+
+from microbot_ocp.checks import InputError
+from microbot_ocp.robot import Robot
+from microbot_ocp.robots.toml_file import parse_robot
+
+
+def packaged_robots() -> tuple[str, ...]:
+    """Names of the robots that come with the package."""
+    folder = resources.files("microbot_ocp.robots")
+    return tuple(sorted(f.name[:-5] for f in folder.iterdir() if f.name.endswith(".toml")))
+
+
+def load_robot(source: str | Path, tip: str | None = None) -> Robot:
+    """Load a packaged robot by name, or a robot file by path.
+
+    Parameters
+    ----------
+    source : str or Path
+        A name from :func:`packaged_robots`, or the path of a ``.toml`` or ``.urdf`` file.
+    tip : str, optional
+        Of a URDF file: the link at the end of the chain, whose frame is the tool; needed where
+        the file has several ends (see :func:`microbot_ocp.robots.urdf_file.read_urdf`).
+
+    Returns
+    -------
+    Robot
+
+    Raises
+    ------
+    InputError
+        Unknown name (lists what there is), missing file, malformed TOML or URDF, a key that is
+        unknown, missing or of the wrong kind; a URDF file without the extra ``urdf``.
+
+    Examples
+    --------
+    >>> load_robot("microbot").joint_names
+    ('waist', 'shoulder', 'elbow')
+    """
+    name = str(source)
+    path = Path(name)
+    if name not in packaged_robots() and path.suffix == ".urdf":
+        from microbot_ocp.robots.urdf_file import read_urdf  # its parser is an extra
+
+        return read_urdf(path, tip)
+    if tip is not None:
+        raise InputError(f"tip is for URDF files, not for {name!r}")
+    if name in packaged_robots():
+        text = (resources.files("microbot_ocp.robots") / f"{name}.toml").read_text("utf-8")
+        return parse_robot(text, f"{name}.toml")
+    if path.suffix != ".toml":
+        raise InputError(
+            f"robot must be one of {', '.join(packaged_robots())}, or the path of a .toml or "
+            f".urdf file, not {name!r}"
+        )
+    try:
+        text = path.read_text("utf-8")
+    except (OSError, UnicodeDecodeError) as problem:
+        raise InputError(f"robot file {name!r} cannot be read: {problem}") from None
+    return parse_robot(text, path.name)
