@@ -186,7 +186,7 @@ def test_kernels_are_built_once_for_all_meshes():
 
     transcription = Transcription(spline((1.0, 0.5), 0.3), prepare=prepare)
     costs = [solve(transcription, mesh).cost for mesh in (2, 5)]
-    assert len(made) == 2  # one set a phase
+    assert len(made) <= 2  # at most one set a phase
     assert costs[0] == pytest.approx(costs[1], rel=1e-8)
 
 

@@ -39,6 +39,7 @@ from microbot_ocp.time_optimal.task import (
     finite_scale,
     limit_excess,
     torque_rate,
+    whole,
 )
 
 # Weight of the squared jerk: picks one motion where many are equally fast. It costs 1.3e-5 of the
@@ -72,8 +73,9 @@ class TimeOptimalSettings:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        checks.number("mesh", self.mesh, "intervals", at_least=4)
-        checks.number("starts", self.starts, at_least=1)
+        whole("mesh", self.mesh, "intervals", at_least=4)
+        whole("starts", self.starts, at_least=1)
+        whole("seed", self.seed, at_least=0)
         checks.number("violation", self.violation, above=0.0)
         checks.one_of("solver", self.solver, ("auto", "fatrop", "ipopt"))
 

@@ -44,6 +44,7 @@ from microbot_ocp.time_optimal.task import (
     finite_scale,
     limit_excess,
     torque_rate,
+    whole,
 )
 
 SMOOTHING = 1e-8  # weight of the squared rate of s'': picks one timing where many are equally fast
@@ -71,8 +72,8 @@ class PathTimingSettings:
     compiled: bool = True
 
     def __post_init__(self) -> None:
-        checks.number("mesh", self.mesh, "intervals", at_least=4)
-        checks.number("grid", self.grid, "points", at_least=10)
+        whole("mesh", self.mesh, "intervals", at_least=4)
+        whole("grid", self.grid, "points", at_least=10)
         checks.number("violation", self.violation, above=0.0)
         checks.one_of("solver", self.solver, ("ipopt", "fatrop"))
 
@@ -397,6 +398,8 @@ def _note(
         return f"not solved: {solution.advice}{where}"
     what = "corner" if at.size == corner_count else "jump of the curvature or corner"
     said = f"stops at {at.size} {what}{'s' if at.size != 1 else ''}" if at.size else "no stop"
+    if not np.isfinite(reached):
+        return f"{said}; reachability on a grid found no timing"
     return f"{said}; reachability on a grid gives {reached:.4f} s"
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -14,6 +15,13 @@ from microbot_ocp.checks import FloatArray, InputError
 from microbot_ocp.dynamics import gravity_torque, inverse_dynamics
 from microbot_ocp.motion import State, torque_along
 from microbot_ocp.robot import JointLimits, Limits, Robot
+
+
+def whole(name: str, value: Any, unit: str = "", *, at_least: int) -> None:
+    """Raise InputError where a setting is not a whole number of at least so many."""
+    checks.number(name, value, unit, at_least=at_least)
+    if not isinstance(value, int | np.integer):
+        raise InputError(f"{name} must be a whole number, not {value}")
 
 
 def check_limits(robot: Robot, limits: Limits | JointLimits | None) -> JointLimits:
