@@ -14,6 +14,15 @@ from microbot_ocp.dynamics import (
     mass_matrix,
     mass_matrix_condition,
 )
+from microbot_ocp.inverse_kinematics import (
+    IKPath,
+    IKSolution,
+    IKStatus,
+    solve_ik,
+    solve_ik_all,
+    solve_ik_batch,
+    solve_ik_path,
+)
 from microbot_ocp.kinematics import (
     forward_kinematics,
     frame_origins,
@@ -32,6 +41,9 @@ __all__ = [
     "Certificate",
     "Comparison",
     "Entry",
+    "IKPath",
+    "IKSolution",
+    "IKStatus",
     "InputError",
     "JointLimits",
     "Limits",
@@ -63,6 +75,10 @@ __all__ = [
     "packaged_robots",
     "quintic",
     "shortest_duration",
+    "solve_ik",
+    "solve_ik_all",
+    "solve_ik_batch",
+    "solve_ik_path",
     "straight_path",
     "time_optimal",
     "time_optimal_path",

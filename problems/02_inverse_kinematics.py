@@ -1,0 +1,88 @@
+"""Inverse kinematics: every branch of the Microbot for a position, by two methods and by formula.
+
+Part 2 of the course report: the four arm postures that reach (3, -1, 4.5). Here they come from
+many damped Gauss-Newton starts, from an NLP solved by IPOPT, and from the report's law of cosines.
+
+    python problems/02_inverse_kinematics.py --position 3,-1,4.5
+    python problems/02_inverse_kinematics.py --position=9,0,2 --seed-deg 0,30,-30
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+
+import numpy as np
+
+import microbot_ocp as mo
+from microbot_ocp.inverse_kinematics import branches_by_nlp, elbow_arm_branches
+from microbot_ocp.views.symbolic import matrix_text
+
+
+def numbers(name: str, text: str) -> list[float]:
+    try:
+        return [float(entry) for entry in text.split(",")]
+    except ValueError:
+        raise mo.InputError(f"{name} must be numbers with commas between, not {text!r}") from None
+
+
+def in_degrees(q: np.ndarray) -> str:
+    return "  ".join(f"{round(x, 4) + 0.0:10.4f}" for x in np.degrees(q))
+
+
+def show(robot: mo.Robot, position: list[float]) -> None:
+    solutions = mo.solve_ik_all(robot, position)
+    if not solutions[0].solved:
+        print(f"{solutions[0].status}: {solutions[0].advice}")
+        print(f"  nearest pose, deg {in_degrees(solutions[0].q)}")
+        return
+    by_nlp = branches_by_nlp(robot, position)
+    formula = elbow_arm_branches(position) if robot.name == "microbot" else by_nlp
+    continuum = " points of the continuum" if solutions[0].self_motion else ""
+    print(f"{len(solutions)} branches by Gauss-Newton, {len(by_nlp)}{continuum} by the NLP\n")
+    print("  joint positions [deg]" + " " * 18 + "error [m]   to NLP [rad]   to formula [rad]")
+
+    def apart(q: np.ndarray, others: np.ndarray) -> float:
+        gap = (q - others + np.pi) % (2 * np.pi) - np.pi
+        return float(np.abs(gap).max(axis=1).min())
+
+    order = [
+        min(range(len(formula)), key=lambda k: apart(s.q, formula[k : k + 1])) for s in solutions
+    ]
+    ranked = [solutions[k] for k in np.argsort(order, kind="stable")]
+    for solution in ranked:
+        nearness = f"{apart(solution.q, by_nlp):12.1e}   {apart(solution.q, formula):16.1e}"
+        print(f"  {in_degrees(solution.q)}   {solution.position_error:9.1e}   {nearness}")
+    for k, solution in enumerate(ranked, 1):
+        print(f"\nsolution {k}, by forward kinematics: {solution.advice}")
+        print(matrix_text(solution.pose))
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--position", default="3,-1,4.5", help="tool position x,y,z in base, m")
+    parser.add_argument("--robot", default="microbot", help="packaged robot or a robot file")
+    parser.add_argument("--seed-deg", help="show the branch nearest to these joint positions")
+    # a list that begins with a minus sign is a value, not an option
+    given = [" " + word if re.match(r"-[\d.]", word) else word for word in sys.argv[1:]]
+    arguments = parser.parse_args(given)
+    try:
+        robot = mo.load_robot(arguments.robot)
+        position = numbers("position", arguments.position)
+        print(f"{robot.name}: tool to ({', '.join(f'{x:g}' for x in position)}) m")
+        show(robot, position)
+        if arguments.seed_deg:
+            seed = np.radians(numbers("seed-deg", arguments.seed_deg))
+            nearest = mo.solve_ik(robot, position, seed=seed)
+            print(f"\nnearest to the seed, deg {in_degrees(nearest.q)}   {nearest.status}")
+    except mo.InputError as problem:
+        print(f"error: {problem}", file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,97 @@
+"""Velocities from link to link, the Jacobian they must agree with, and static torques.
+
+Part 3 of the course report: Craig's example 5.3 in symbols, then the Microbot in numbers, with the
+printed figures beside ours.
+
+    python problems/03_velocity_propagation.py --theta-deg -18.43,-29.18,-111.38 --rate-deg 35,20,45
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+
+import numpy as np
+
+import microbot_ocp as mo
+from microbot_ocp.views.symbolic import symbolic_row, symbolic_velocities
+
+THETA, RATE = "-18.43,-29.18,-111.38", "35,20,45"
+PRINTED_OMEGA = [[0, 0, 0.6109], [-0.2978, 0.5333, 0.3491], *[[-0.3881, -0.4718, 1.1345]] * 2]
+PRINTED_V = [[0, 0, 0], [0, 0, 0], [-0.9751, -0.3818, 1.6], [-0.9751, 4.1561, 0.2870]]
+
+
+def row(values: np.ndarray) -> str:
+    return "[" + " ".join(f"{round(float(x), 4) + 0.0:8.4f}" for x in values) + " ]"
+
+
+def numbers(name: str, text: str) -> np.ndarray:
+    try:
+        return np.array([float(entry) for entry in text.split(",")])
+    except ValueError:
+        raise mo.InputError(f"{name} must be numbers with commas between, not {text!r}") from None
+
+
+def show_symbols() -> None:
+    print("Part 3.1, Craig's example 5.3: two links, frame 3 at the tip of link 2")
+    rows = [symbolic_row(0, 0, 0, joint=1), symbolic_row(0, "L1", 0, joint=2)]
+    rows.append(symbolic_row(0, "L2", 0))
+    for i, (v, omega) in enumerate(symbolic_velocities(rows, ["qd1", "qd2", None]), 1):
+        print(f"  omega{i} = [{', '.join(map(str, omega))}]   v{i} = [{', '.join(map(str, v))}]")
+    print("  report: omega3 = qd1 + qd2 + qd3; but frame 3 is fixed to link 2 (Craig): no qd3.\n")
+
+
+def show_numbers(q: np.ndarray, qd: np.ndarray, force: np.ndarray) -> None:
+    robot = mo.load_robot("microbot")
+    v, omega = (np.array(x) for x in mo.velocity_propagation(robot)(q, qd))
+    printed = q.tolist() == np.radians(numbers("", THETA)).tolist()
+    printed = printed and qd.tolist() == np.radians(numbers("", RATE)).tolist()
+    print(f"Part 3.2, Microbot at {np.degrees(q).round(4).tolist()} deg, each in its own frame")
+    for name, ours, theirs in (("omega", omega, PRINTED_OMEGA), ("v", v, PRINTED_V)):
+        for i in range(4):
+            beside = f"   report {row(theirs[i])}" if printed else ""
+            wrong = printed and np.abs(ours[:, i] - theirs[i]).max() > 2e-3
+            beside += "  misprint of the sign: its own v4 needs -1.6" if wrong else ""
+            print(f"  {name}{i + 1:<{6 - len(name)}} {row(ours[:, i])}{beside}")
+    pose, jacobian = np.array(mo.forward_kinematics(robot)(q)), np.array(mo.jacobian(robot)(q))
+    twist = jacobian @ qd
+    turned = np.concatenate([pose[:3, :3] @ v[:, 3], pose[:3, :3] @ omega[:, 3]])
+    print(f"  tool at    {row(pose[:3, 3])} m")
+    if printed:
+        print("    report: (3, -1, 4.5), which theta3 = +111.38 reaches, not -111.38")
+    print(f"  in base    v = {row(twist[:3])}   omega = {row(twist[3:])} by the Jacobian")
+    print(f"  propagation and Jacobian differ by {np.abs(twist - turned).max():.1e}")
+    singular = np.linalg.svd(jacobian[:3], compute_uv=False)
+    condition = singular[0] / singular[-1] if singular[-1] > 1e-12 * singular[0] else np.inf
+    print(f"  manipulability {np.prod(singular):.4f} m^3, condition number {condition:.4f}")
+    torque = jacobian[:3].T @ force
+    print(f"  force of the tool {row(force)} N in base: torques J'f = {row(torque)} N m")
+    print(f"  power by force {force @ twist[:3]:.6f} W, by torque {torque @ qd:.6f} W")
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--theta-deg", default=THETA, help="joint angles, deg")
+    parser.add_argument("--rate-deg", default=RATE, help="joint speeds, deg/s")
+    parser.add_argument("--force", default="0,0,10", help="force of the tool on its surroundings")
+    # a list that begins with a minus sign is a value, not an option
+    given = [" " + word if re.match(r"-[\d.]", word) else word for word in sys.argv[1:]]
+    arguments = parser.parse_args(given)
+    try:
+        state = [numbers(n, getattr(arguments, n)) for n in ("theta_deg", "rate_deg", "force")]
+        for name, values in zip(("theta_deg", "rate_deg", "force"), state, strict=True):
+            if values.shape != (3,) or not np.isfinite(values).all():
+                raise mo.InputError(f"{name} must be 3 finite numbers, not {values.tolist()}")
+        show_symbols()
+        show_numbers(np.radians(state[0]), np.radians(state[1]), state[2])
+    except mo.InputError as problem:
+        print(f"error: {problem}", file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
