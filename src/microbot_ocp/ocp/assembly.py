@@ -294,10 +294,15 @@ def _bounds(layout: PhaseLayout, kernel: Kernels) -> _Bounds:
     ):
         node = joined([getattr(v, which) / v.scale for v in node_variables(layout.phase)])
         node = np.append(node, duration / layout.node_scale[-1])
-        linear = [c for c in layout.phase.controls if c.shape == "linear"]
-        constant = [c for c in layout.phase.controls if c.shape == "constant"]
-        control = joined([getattr(v, which) / v.scale for v in (*constant, *linear)])
-        control[control.size - sum(v.size for v in linear) :] = infinite  # bounded as nodes
+        control = joined(
+            [
+                # a linear control is bounded as the node that it becomes
+                np.full(k.source.size, infinite)
+                if k.source.shape == "linear"
+                else getattr(k.source, which) / k.source.scale
+                for k in layout.inner
+            ]
+        )
         stage = np.concatenate([node, control])
         free = np.full(layout.transition, infinite)  # bounded as the node that it becomes
         every = np.concatenate([np.tile(stage, layout.intervals), node, free])

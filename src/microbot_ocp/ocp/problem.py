@@ -31,7 +31,7 @@ class Variable:
     final: tuple[FloatArray, FloatArray] | None
     scale: FloatArray
     unit: str
-    shape: str  # "state", "constant" or "linear"
+    shape: str  # "state", "constant", "linear", "polynomial" or "algebraic"
     between: bool = False
     rate: ca.MX | None = None
 
@@ -81,10 +81,12 @@ class Phase:
 
     name: str
     duration_bounds: tuple[float, float]
-    between: tuple[float, ...] = (0.5,)
+    between: tuple[float, ...] | None = None
     states: list[Variable] = field(default_factory=list)
     controls: list[Variable] = field(default_factory=list)
     parameters: list[Parameter] = field(default_factory=list)
+    algebraics: list[Variable] = field(default_factory=list)
+    algebraic_equations: list[ca.MX] = field(default_factory=list)
     derivatives: dict[str, ca.MX] = field(default_factory=dict)
     constraints: list[PathConstraint] = field(default_factory=list)
     running_costs: list[ca.MX] = field(default_factory=list)
@@ -141,13 +143,36 @@ class Phase:
         unit: str = "",
         shape: str = "constant",
     ) -> ca.MX:
-        """Declare a control, over each interval "constant" or "linear" (then continuous)."""
-        checks.one_of("shape", shape, ("constant", "linear"))
+        """Declare a control.
+
+        Over each interval it is "constant", "linear" (and continuous), or "polynomial" with a
+        value at each collocation point.
+        """
+        checks.one_of("shape", shape, ("constant", "linear", "polynomial"))
         variable = self._declare(name, size, lower, upper, initial, final, scale, unit, shape)
-        if shape == "constant" and (initial is not None or final is not None):
-            raise InputError(f"control {name!r} is constant: initial and final need shape='linear'")
+        if shape != "linear" and (initial is not None or final is not None):
+            raise InputError(f"control {name!r} is {shape}: initial and final need shape='linear'")
         self.controls.append(variable)
         return variable.symbol
+
+    def algebraic(
+        self,
+        name: str,
+        size: int = 1,
+        *,
+        lower: ArrayLike = -np.inf,
+        upper: ArrayLike = np.inf,
+        scale: ArrayLike = 1.0,
+        unit: str = "",
+    ) -> ca.MX:
+        """Declare an algebraic variable; :meth:`algebraic_equation` determines it (collocation)."""
+        variable = self._declare(name, size, lower, upper, None, None, scale, unit, "algebraic")
+        self.algebraics.append(variable)
+        return variable.symbol
+
+    def algebraic_equation(self, expression: ca.MX) -> None:
+        """Demand that ``expression`` be zero at every collocation point."""
+        self.algebraic_equations.append(ca.MX(expression))
 
     def parameter(self, name: str, value: ArrayLike) -> ca.MX:
         """Declare a constant [size] of the phase and return its symbol.
@@ -220,7 +245,7 @@ class Phase:
         unit: str,
         shape: str,
     ) -> Variable:
-        if name in {v.name for v in (*self.states, *self.controls)}:
+        if name in {v.name for v in (*self.states, *self.controls, *self.algebraics)}:
             raise InputError(f"{name!r} is declared twice in phase {self.name!r}")
         low, high = _ordered(name, lower, upper, size, unit)
         return Variable(
@@ -267,21 +292,22 @@ class OptimalControlProblem:
         name: str,
         duration: float | tuple[float, float],
         *,
-        between: Sequence[float] = (0.5,),
+        between: Sequence[float] | None = None,
     ) -> Phase:
         """Add a phase of fixed duration, or free within (lower, upper), s.
 
         ``between`` are the fractions of every interval at which path constraints hold besides the
-        mesh points.
+        mesh points; by default those of the scheme.
         """
         if name in {phase.name for phase in self.phases}:
             raise InputError(f"phase {name!r} is declared twice")
         low, high = duration if isinstance(duration, tuple) else (duration, duration)
         low = checks.number(f"duration of phase {name!r}", low, "s", above=0.0)
         high = checks.number(f"upper duration of phase {name!r}", high, "s", at_least=low)
-        if any(not 0 < fraction < 1 for fraction in between):
-            raise InputError(f"between must be fractions inside (0, 1), not {tuple(between)}")
-        self.phases.append(Phase(name, (low, high), tuple(between)))
+        inner = None if between is None else tuple(between)
+        if any(not 0 < fraction < 1 for fraction in inner or ()):
+            raise InputError(f"between must be fractions inside (0, 1), not {inner}")
+        self.phases.append(Phase(name, (low, high), inner))
         return self.phases[-1]
 
     def link(self, before: Phase, after: Phase, names: Sequence[str] | None = None) -> None:
@@ -331,7 +357,15 @@ class OptimalControlProblem:
                 *(c.expression for c in phase.constraints),
                 *phase.running_costs,
                 *phase.end_costs,
+                *phase.algebraic_equations,
             )
+            unknowns = sum(v.size for v in phase.algebraics)
+            equations = sum(e.shape[0] for e in phase.algebraic_equations)
+            if unknowns != equations:
+                raise InputError(
+                    f"phase {phase.name!r} has {unknowns} algebraic variables but {equations} "
+                    "algebraic equations"
+                )
             for control in phase.controls:
                 symbols = [control.symbol]
                 symbols += [] if control.rate is None else [control.rate]

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from microbot_ocp import checks
 from microbot_ocp.checks import FloatArray, InputError
@@ -65,13 +66,17 @@ class PhaseSolution:
     duration : float, s
     mesh : array [N+1], fractions of the phase
     values : mapping from the name of a state or control to [N+1, size] (states and linear
-        controls) or [N, size] (constant controls), in the units of the declaration
+        controls), [N, size] (constant controls) or [N, points, size] (polynomial controls and
+        algebraic variables), in the units of the declaration
+    layout, stages : where the values stand in the program, and its scaled stages
     """
 
     name: str
     duration: float
     mesh: FloatArray
     values: Mapping[str, FloatArray]
+    layout: PhaseLayout
+    stages: FloatArray
 
     @property
     def t(self) -> FloatArray:
@@ -80,6 +85,33 @@ class PhaseSolution:
 
     def __getitem__(self, name: str) -> FloatArray:
         return self.values[name]
+
+    def sample(self, t: ArrayLike) -> dict[str, FloatArray]:
+        """Every state, control and algebraic variable [M, size] at times t [M] since the start.
+
+        Between the mesh points it is the scheme's own interpolation.
+        """
+        times = checks.array("t", np.atleast_1d(np.asarray(t, dtype=float)), (None,), "s")
+        share = np.clip(times / self.duration, 0.0, 1.0)
+        k = np.clip(np.searchsorted(self.mesh, share, side="right") - 1, 0, self.mesh.size - 2)
+        step = np.diff(self.mesh)[k]
+        constants = [p.value for p in self.layout.phase.parameters]
+        fixed = np.tile(np.concatenate([*constants, np.zeros(0)])[:, None], (1, times.size))
+        grid = np.vstack([self.mesh[k], step, fixed])
+        x, u = self.layout.dense(self.stages[k].T, grid, ((share - self.mesh[k]) / step)[None, :])
+        phase = self.layout.phase
+        by_shape = [
+            *phase.states,
+            *(
+                c
+                for s in ("constant", "linear", "polynomial")
+                for c in phase.controls
+                if c.shape == s
+            ),
+            *phase.algebraics,
+        ]
+        table = np.vstack([np.array(x), np.array(u)]).T
+        return {v.name: table[:, columns] for v, columns in _columns(by_shape)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,10 +166,15 @@ def _phase_values(layout: PhaseLayout, x: FloatArray) -> PhaseSolution:
     values: dict[str, FloatArray] = {}
     for variable, columns in _columns(node_variables(layout.phase)):
         values[variable.name] = nodes[:, columns]
-    constant = [c for c in layout.phase.controls if c.shape == "constant"]
-    for variable, columns in _columns(constant):
-        values[variable.name] = controls[:, columns]
-    return PhaseSolution(layout.phase.name, float(nodes[0, -1]), layout.mesh, values)
+    inside: dict[str, list[FloatArray]] = {}
+    for variable, columns in _columns([k.source for k in layout.inner]):
+        if variable.shape in ("constant", "polynomial", "algebraic"):
+            inside.setdefault(variable.name, []).append(controls[:, columns])
+    for name, parts in inside.items():  # [N, size], or [N, points, size]
+        values[name] = parts[0] if len(parts) == 1 else np.stack(parts, axis=1)
+    return PhaseSolution(
+        layout.phase.name, float(nodes[0, -1]), layout.mesh, values, layout, stages
+    )
 
 
 def _columns(variables: Sequence[Variable]) -> list[tuple[Variable, slice]]:
@@ -161,10 +198,17 @@ def pack(program: Program, guesses: Mapping[str, Guess]) -> FloatArray:
         table = [_guess_table(layout, guess, v, layout.mesh) for v in nodes]
         table.append(np.full((layout.intervals + 1, 1), guess.duration))
         z = np.hstack(table) / layout.node_scale
-        constant = [c for c in layout.phase.controls if c.shape == "constant"]
-        middle = (layout.mesh[1:] + layout.mesh[:-1]) / 2
-        w = [_guess_table(layout, guess, v, middle, default=0.0) for v in constant]
-        w += [_guess_table(layout, guess, v, layout.mesh)[1:] for v in nodes if v.shape == "linear"]
+        steps = np.diff(layout.mesh)
+        w = [
+            _guess_table(
+                layout,
+                guess,
+                k.source,
+                layout.mesh[:-1] + k.fraction * steps,
+                default=None if k.source.shape in ("state", "linear") else 0.0,
+            )
+            for k in layout.inner
+        ]
         w_scaled = np.hstack(w) / layout.control_scale if w else np.zeros((layout.intervals, 0))
         first, end = layout.variable_offset, layout.last_node
         x[first:end] = np.hstack([z[:-1], w_scaled]).ravel()
@@ -217,6 +261,8 @@ def _guess_table(
     table = np.asarray(value(points) if callable(value) else value, dtype=float)
     if table.ndim <= 1 and table.size in (1, variable.size):
         table = np.broadcast_to(table.reshape(1, -1), (points.size, variable.size))
+    if table.shape == (layout.mesh.size, variable.size) and not np.array_equal(points, layout.mesh):
+        table = np.column_stack([np.interp(points, layout.mesh, column) for column in table.T])
     if table.shape != (points.size, variable.size):
         raise InputError(
             f"{label} must have shape [{points.size}, {variable.size}], not {list(table.shape)}"

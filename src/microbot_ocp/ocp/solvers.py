@@ -19,6 +19,7 @@ from microbot_ocp import checks
 from microbot_ocp.checks import FloatArray
 from microbot_ocp.ocp.assembly import Program, assemble
 from microbot_ocp.ocp.problem import OptimalControlProblem, node_variables
+from microbot_ocp.ocp.schemes import Scheme
 from microbot_ocp.ocp.solution import Attempt, Solution, Status, pack, unpack
 from microbot_ocp.ocp.transcription import Guess, Transcription
 
@@ -65,6 +66,8 @@ def solve(
     mesh: Sequence[int | ArrayLike] | int = 50,
     guess: Mapping[str, Guess] | None = None,
     settings: SolverSettings | None = None,
+    *,
+    scheme: str | Scheme = "shooting",
 ) -> Solution:
     """Transcribe a problem on a mesh and solve it.
 
@@ -76,6 +79,9 @@ def solve(
     guess : mapping from phase name to Guess, optional
         Default: straight lines between the end conditions.
     settings : SolverSettings, optional
+    scheme : str or Scheme
+        Of a problem that is not transcribed yet: "shooting", "radau", "gauss", "trapezoidal",
+        "hermite_simpson", or one with settings.
 
     Returns
     -------
@@ -89,7 +95,9 @@ def solve(
     """
     settings = settings or SolverSettings()
     start = time.perf_counter()
-    transcription = problem if isinstance(problem, Transcription) else Transcription(problem)
+    transcription = (
+        problem if isinstance(problem, Transcription) else Transcription(problem, scheme=scheme)
+    )
     layouts = transcription.layouts(mesh)
     program = assemble(transcription.problem, layouts, transcription.kernels)
     x0 = pack(program, guess or default_guess(transcription.problem))

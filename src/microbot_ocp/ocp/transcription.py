@@ -1,13 +1,10 @@
-"""Direct transcription by multiple shooting, kept in stages for structured solvers.
+"""Direct transcription in stages: kernels for one interval, and where every stage stands.
 
-Each interval is one explicit Runge-Kutta step of order four, exact for chains of integrators. Every
-mesh point carries z = (states, linear controls, duration); an interval adds the control w. Controls
-"constant" hold over the interval, "linear" run between the values at its ends, so for a double
-integrator with linear acceleration the discrete motion is the exact one.
-
-The nonlinear program has, stage by stage, the variables (z_k, w_k) and the rows
-``z_{k+1} - next(z_k, w_k) = 0`` followed by the stage's constraints; the solver sees everything
-divided by its scale. Its derivatives are those of one stage kernel mapped over the stages.
+Every mesh point carries z = (states, linear controls, duration); an interval adds w = (constant
+controls, linear controls at its end, what its scheme needs inside). Stage by stage the program has
+the variables (z_k, w_k) and the rows ``z_{k+1} - next(z_k, w_k) = 0``, followed by the stage's
+defects and constraints; the solver sees everything divided by its scale. Its derivatives are those
+of one stage kernel mapped over the stages.
 """
 
 from __future__ import annotations
@@ -24,6 +21,8 @@ from numpy.typing import ArrayLike
 from microbot_ocp import checks
 from microbot_ocp.checks import FloatArray, InputError
 from microbot_ocp.ocp.problem import OptimalControlProblem, Phase, Variable, node_variables
+from microbot_ocp.ocp.schemes import SCHEMES, Scheme
+from microbot_ocp.ocp.schemes.base import Interval, StageVariable, Step, pointwise
 
 GuessValue = ArrayLike | Callable[[FloatArray], ArrayLike]
 
@@ -47,7 +46,9 @@ class PhaseLayout:
     phase: Phase
     mesh: FloatArray  # fractions [N+1] from 0 to 1
     node_scale: FloatArray
+    inner: tuple[StageVariable, ...]  # what w holds
     control_scale: FloatArray
+    dense: ca.Function
     variable_offset: int
     row_offset: int
     transition: int  # extra controls at the last mesh point, for the link to the next phase
@@ -115,7 +116,8 @@ class Kernels:
     """Stage and end functions of a phase with their derivatives, in scaled variables.
 
     ``stage(v, c) -> next, constraints, cost`` with v = (z, w) and c = (fraction at the start,
-    length of the interval as a fraction, parameters); ``end(z, parameters) -> constraints, cost``.
+    length of the interval as a fraction, parameters); ``end(z, parameters) -> constraints, cost``;
+    ``dense(v, c, fraction) -> x, u`` in the units of the declaration.
     """
 
     stage: ca.Function
@@ -124,6 +126,7 @@ class Kernels:
     end: ca.Function
     end_jacobian: ca.Function
     end_hessian: ca.Function
+    dense: ca.Function
     stage_lower: FloatArray
     stage_upper: FloatArray
     end_lower: FloatArray
@@ -136,6 +139,13 @@ def _linear(phase: Phase) -> list[Variable]:
 
 def _constant(phase: Phase) -> list[Variable]:
     return [c for c in phase.controls if c.shape == "constant"]
+
+
+def stage_variables(phase: Phase, scheme: Scheme) -> list[StageVariable]:
+    """What w holds: constant controls, linear controls at the end, what the scheme needs."""
+    constant = [StageVariable(v, 0.5) for v in _constant(phase)]
+    linear = [StageVariable(v, 1.0) for v in _linear(phase)]
+    return [*constant, *linear, *scheme.variables(phase)]
 
 
 def _stack(variables: Sequence[Variable], attribute: str) -> FloatArray:
@@ -152,85 +162,184 @@ def with_derivatives(stage: ca.Function, end: ca.Function) -> Sequence[ca.Functi
 
 
 def build_kernels(
-    phase: Phase, duration_scale: float, derive: Derive = with_derivatives
+    phase: Phase,
+    duration_scale: float,
+    scheme: Scheme,
+    derive: Derive = with_derivatives,
 ) -> Kernels:
     """Kernels of a phase, expanded to scalar graphs where its expressions allow it."""
-    f, g, cost = _physics(phase)
-    count = {
-        "x": sum(v.size for v in phase.states),
-        "l": sum(v.size for v in _linear(phase)),
-        "c": sum(v.size for v in _constant(phase)),
-    }
-    nodes, controls = node_variables(phase), [*_constant(phase), *_linear(phase)]
+    physics = _Physics(phase)
+    nodes, inner = node_variables(phase), stage_variables(phase, scheme)
     node_scale = np.append(_stack(nodes, "scale"), duration_scale)
-    v = ca.MX.sym("v", node_scale.size + count["c"] + count["l"])
-    c = ca.MX.sym("c", 2 + sum(p.value.size for p in phase.parameters))
-    constants = c[2:]
-    scale = np.concatenate([node_scale, _stack(controls, "scale")])
-    x, begin, duration, constant, end = _split(v * scale, count)
-    length = c[1] * duration
-    rate = (end - begin) / length if count["l"] else ca.MX(0, 1)
-
-    def control(fraction: float) -> ca.MX:
-        return ca.vertcat(constant, begin + fraction * (end - begin))
-
-    def at(fraction: float) -> tuple[ca.MX, ca.MX]:
-        """State and accumulated cost after a Runge-Kutta step over a fraction of the interval."""
-        step, start = fraction * length, c[0] * duration
-        middle = start + step / 2
-        u0, um, u1 = control(0.0), control(fraction / 2), control(fraction)
-        k1, l1 = f(x, u0, rate, start, duration, constants)
-        k2, l2 = f(x + step / 2 * k1, um, rate, middle, duration, constants)
-        k3, l3 = f(x + step / 2 * k2, um, rate, middle, duration, constants)
-        k4, l4 = f(x + step * k3, u1, rate, start + step, duration, constants)
-        return x + step / 6 * (k1 + 2 * k2 + 2 * k3 + k4), step / 6 * (l1 + 2 * l2 + 2 * l3 + l4)
-
-    arrived, running = at(1.0)
-    following = ca.vertcat(arrived, end, duration) / node_scale
-    rows, lower, upper = [], [], []
-    fractions = (0.0, *phase.between)
-    for fraction in (*fractions, 1.0):
-        here = {0.0: x, 1.0: arrived}.get(fraction)
-        if here is None:
-            here = at(fraction)[0]
-            low, high, values = _between_bounds(phase, here)
-            rows += values
-            lower += low
-            upper += high
-        now = (c[0] + fraction * c[1]) * duration
-        values = g(here, control(fraction), rate, now, duration, constants)
-        for constraint, value in zip(phase.constraints, _as_list(values), strict=True):
-            # at the end of the interval a continuous expression is the next stage's business
-            if fraction == 1.0 and not _jumps(phase, constraint.expression):
-                continue
-            rows.append(value / constraint.scale)
-            lower.append(constraint.lower / constraint.scale)
-            upper.append(constraint.upper / constraint.scale)
-    stage = ca.Function("stage", [v, c], [following, ca.vertcat(*rows), running])
-
-    z = ca.MX.sym("z", node_scale.size)
-    constants = ca.MX.sym("c", sum(p.value.size for p in phase.parameters))
-    last = z * node_scale
-    x_end, u_end = last[: count["x"]], last[count["x"] : count["x"] + count["l"]]
-    t_end = last[-1]
-    no_control = ca.vertcat(ca.MX.zeros(count["c"]), u_end)
-    values = _as_list(g(x_end, no_control, ca.MX.zeros(count["l"]), t_end, t_end, constants))
-    kept = [
-        (value / k.scale, k.lower / k.scale, k.upper / k.scale)
-        for k, value in zip(phase.constraints, values, strict=True)
-        if not _jumps(phase, k.expression)
-    ]
-    end_rows = ca.vertcat(*(row for row, _, _ in kept)) if kept else ca.MX(0, 1)
-    end_function = ca.Function(
-        "end", [z, constants], [end_rows, cost(x_end, no_control, t_end, constants)]
-    )
+    scale = np.concatenate([node_scale, _stack([k.source for k in inner], "scale")])
+    v = ca.MX.sym("v", scale.size)
+    c = ca.MX.sym("c", 2 + physics.constants.shape[0])
+    interval, values = _interval(phase, physics, v * scale, c, inner)
+    step = scheme.step(phase, interval, values)
+    following = ca.vertcat(step.arrived, interval.end, interval.duration) / node_scale
+    rows = _Rows()
+    for defect, size in step.defects:
+        rows.add(defect / size, np.zeros(size.size), np.zeros(size.size))
+    _path_rows(phase, physics, scheme, interval, step, rows)
+    stage = ca.Function("stage", [v, c], [following, rows.stacked(), step.running])
+    s = ca.MX.sym("s")
+    dense = ca.Function("dense", [v, c, s], list(step.at(s)))
+    end, end_rows = _end(phase, physics, node_scale)
     return Kernels(
-        *derive(_expanded(stage), _expanded(end_function)),
-        stage_lower=joined(lower),
-        stage_upper=joined(upper),
-        end_lower=joined([low for _, low, _ in kept]),
-        end_upper=joined([high for _, _, high in kept]),
+        *derive(_expanded(stage), _expanded(end)),
+        dense=_expanded(dense),
+        stage_lower=joined(rows.lower),
+        stage_upper=joined(rows.upper),
+        end_lower=joined(end_rows.lower),
+        end_upper=joined(end_rows.upper),
     )
+
+
+class _Rows:
+    """Rows ``lower <= value <= upper``, scaled."""
+
+    def __init__(self) -> None:
+        self.values: list[ca.MX] = []
+        self.lower: list[FloatArray] = []
+        self.upper: list[FloatArray] = []
+
+    def add(self, value: ca.MX, lower: FloatArray, upper: FloatArray) -> None:
+        self.values.append(value)
+        self.lower.append(lower)
+        self.upper.append(upper)
+
+    def stacked(self) -> ca.MX:
+        return ca.vertcat(*self.values) if self.values else ca.MX(0, 1)
+
+
+class _Physics:
+    """Dynamics with running cost, path constraints, algebraic equations and end cost."""
+
+    def __init__(self, phase: Phase) -> None:
+        x = ca.vertcat(*(s.symbol for s in phase.states))
+        controls = [*_constant(phase), *_linear(phase), *pointwise(phase)]
+        u = ca.vertcat(*(k.symbol for k in controls), ca.MX(0, 1))
+        rate = ca.vertcat(*(k.rate for k in _linear(phase)), ca.MX(0, 1))
+        self.constants = ca.vertcat(*(p.symbol for p in phase.parameters), ca.MX(0, 1))
+        arguments = [x, u, rate, phase.time, phase.duration, self.constants]
+        slope = ca.vertcat(*(phase.derivatives[s.name] for s in phase.states))
+        running = sum(phase.running_costs, ca.MX(0))
+        self.dynamics = ca.Function("dynamics", arguments, [slope, running])
+        self.limits = ca.Function("limits", arguments, [k.expression for k in phase.constraints])
+        equations = ca.vertcat(*phase.algebraic_equations, ca.MX(0, 1))
+        self.equations = ca.Function("equations", arguments, [equations])
+        total = sum(phase.end_costs, ca.MX(0))
+        self.end_cost = ca.Function("end_cost", [x, u, phase.duration, self.constants], [total])
+        self.missing = ca.MX.zeros(sum(k.size for k in pointwise(phase)))
+
+
+def _interval(
+    phase: Phase,
+    physics: _Physics,
+    unscaled: ca.MX,
+    c: ca.MX,
+    inner: Sequence[StageVariable],
+) -> tuple[Interval, list[ca.MX]]:
+    """Symbols of the interval, and the values that its scheme asked for."""
+    own = [k.source.size for k in inner]
+    head = [sum(v.size for v in phase.states), sum(v.size for v in _linear(phase)), 1]
+    edges = np.cumsum([0, *head, *own]).tolist()
+    x, begin, duration, *rest = (unscaled[a:b] for a, b in itertools.pairwise(edges))
+    constants, linear = len(_constant(phase)), len(_linear(phase))
+    none = ca.MX(0, 1)
+    end = ca.vertcat(*rest[constants : constants + linear], none)
+    length = c[1] * duration
+    interval = Interval(
+        x=x,
+        begin=begin,
+        end=end,
+        constant=ca.vertcat(*rest[:constants], none),
+        rate=(end - begin) / length if linear else none,
+        start=c[0] * duration,
+        length=length,
+        duration=duration,
+        constants=c[2:],
+        dynamics=physics.dynamics,
+    )
+    return interval, rest[constants + linear :]
+
+
+def _path_rows(
+    phase: Phase,
+    physics: _Physics,
+    scheme: Scheme,
+    interval: Interval,
+    step: Step,
+    rows: _Rows,
+) -> None:
+    """Path constraints and algebraic equations at the points where they hold."""
+    inner = scheme.points if phase.between is None else phase.between
+    inner = tuple(p for p in inner if p < 1.0)
+    local = pointwise(phase)
+    held = {(k.source.name, k.fraction) for k in scheme.variables(phase)}
+    for point in sorted({0.0, *inner, 1.0, *(scheme.points if local else ())}):
+        x, u = step.at(point) if point else (interval.x, interval.control(0.0))
+        if point == 0.0:
+            u = ca.vertcat(u, physics.missing)
+        if point in inner:
+            _state_rows(phase, x, {name for name, at in held if at == point}, rows)
+        time = interval.start + point * interval.length
+        arguments = (x, u, interval.rate, time, interval.duration, interval.constants)
+        if point in scheme.points and phase.algebraic_equations:
+            residual = physics.equations(*arguments)
+            zero = np.zeros(residual.shape[0])
+            rows.add(residual, zero, zero)
+        for limit, value in zip(
+            phase.constraints, _as_list(physics.limits(*arguments)), strict=True
+        ):
+            if _holds(phase, limit.expression, point, inner, scheme.points):
+                rows.add(value / limit.scale, limit.lower / limit.scale, limit.upper / limit.scale)
+
+
+def _holds(
+    phase: Phase,
+    expression: ca.MX,
+    point: float,
+    inner: Sequence[float],
+    points: Sequence[float],
+) -> bool:
+    """Whether a path constraint is kept at a point of the interval."""
+    if _depends(expression, [v.symbol for v in pointwise(phase)]):
+        return point in points  # it has no value elsewhere
+    if point == 1.0:
+        # a continuous expression is the next stage's business there
+        return _jumps(phase, expression)
+    return point == 0.0 or point in inner
+
+
+def _state_rows(phase: Phase, x: ca.MX, bounded: set[str], rows: _Rows) -> None:
+    """Bounds of states inside the interval, where they are no variables with bounds."""
+    offset = 0
+    for state in phase.states:
+        if state.between and state.name not in bounded:
+            value = x[offset : offset + state.size] / state.scale
+            rows.add(value, state.lower / state.scale, state.upper / state.scale)
+        offset += state.size
+
+
+def _end(phase: Phase, physics: _Physics, node_scale: FloatArray) -> tuple[ca.Function, _Rows]:
+    """Cost and continuous path constraints at the end of the phase."""
+    z = ca.MX.sym("z", node_scale.size)
+    constants = ca.MX.sym("c", physics.constants.shape[0])
+    last = z * node_scale
+    states = sum(v.size for v in phase.states)
+    x, linear, duration = last[:states], last[states:-1], last[-1]
+    no_control = ca.MX.zeros(sum(v.size for v in _constant(phase)))
+    u = ca.vertcat(no_control, linear, physics.missing)
+    no_rate = ca.MX.zeros(linear.shape[0])
+    values = _as_list(physics.limits(x, u, no_rate, duration, duration, constants))
+    rows = _Rows()
+    for limit, value in zip(phase.constraints, values, strict=True):
+        local = _depends(limit.expression, [v.symbol for v in pointwise(phase)])
+        if not local and not _jumps(phase, limit.expression):
+            rows.add(value / limit.scale, limit.lower / limit.scale, limit.upper / limit.scale)
+    cost = physics.end_cost(x, u, duration, constants)
+    return ca.Function("end", [z, constants], [rows.stacked(), cost]), rows
 
 
 def joined(parts: Sequence[FloatArray]) -> FloatArray:
@@ -243,46 +352,15 @@ def _as_list(values: Any) -> list[ca.MX]:
     return list(values) if isinstance(values, (list, tuple)) else []
 
 
-def _split(unscaled: ca.MX, count: Mapping[str, int]) -> tuple[ca.MX, ...]:
-    sizes = [count["x"], count["l"], 1, count["c"], count["l"]]
-    edges = np.cumsum([0, *sizes]).tolist()
-    return tuple(unscaled[a:b] for a, b in itertools.pairwise(edges))
-
-
-def _physics(phase: Phase) -> tuple[ca.Function, ca.Function, ca.Function]:
-    """Dynamics with running cost, path constraints and end cost as functions."""
-    x = ca.vertcat(*(s.symbol for s in phase.states))
-    u = ca.vertcat(*(k.symbol for k in (*_constant(phase), *_linear(phase))))
-    rates = [k.rate for k in _linear(phase) if k.rate is not None]
-    rate = ca.vertcat(*rates) if rates else ca.MX(0, 1)
-    slope = ca.vertcat(*(phase.derivatives[s.name] for s in phase.states))
-    running = sum(phase.running_costs, ca.MX(0))
-    constants = ca.vertcat(*(p.symbol for p in phase.parameters), ca.MX(0, 1))
-    arguments = [x, u, rate, phase.time, phase.duration, constants]
-    f = ca.Function("dynamics", arguments, [slope, running])
-    g = ca.Function("constraints", arguments, [k.expression for k in phase.constraints])
-    total = sum(phase.end_costs, ca.MX(0))
-    return f, g, ca.Function("end_cost", [x, u, phase.duration, constants], [total])
+def _depends(expression: ca.MX, symbols: Sequence[ca.MX]) -> bool:
+    return any(ca.depends_on(expression, symbol) for symbol in symbols)
 
 
 def _jumps(phase: Phase, expression: ca.MX) -> bool:
     """Whether an expression may differ on the two sides of a mesh point."""
     symbols = [k.symbol for k in _constant(phase)]
     symbols += [k.rate for k in _linear(phase) if k.rate is not None]
-    return any(ca.depends_on(expression, symbol) for symbol in symbols)
-
-
-def _between_bounds(
-    phase: Phase, x: ca.MX
-) -> tuple[list[FloatArray], list[FloatArray], list[ca.MX]]:
-    lower, upper, rows, offset = [], [], [], 0
-    for state in phase.states:
-        if state.between:
-            rows.append(x[offset : offset + state.size] / state.scale)
-            lower.append(state.lower / state.scale)
-            upper.append(state.upper / state.scale)
-        offset += state.size
-    return lower, upper, rows
+    return _depends(expression, symbols)
 
 
 def _expanded(function: ca.Function) -> ca.Function:
@@ -367,6 +445,8 @@ class Transcription:
     Parameters
     ----------
     problem : OptimalControlProblem
+    scheme : str or Scheme
+        "shooting", "radau", "gauss", "trapezoidal", "hermite_simpson", or one with settings.
     duration_scale : float
         Typical duration of a phase, s.
     prepare : callable, optional
@@ -377,12 +457,16 @@ class Transcription:
         self,
         problem: OptimalControlProblem,
         *,
+        scheme: str | Scheme = "shooting",
         duration_scale: float = 1.0,
         prepare: Callable[[Sequence[ca.Function]], Sequence[ca.Function]] | None = None,
     ) -> None:
         problem.check()
         self.problem = problem
         self.duration_scale = duration_scale
+        if isinstance(scheme, str):
+            scheme = SCHEMES[checks.one_of("scheme", scheme, SCHEMES)]
+        self.scheme = scheme
         known: dict[str, Sequence[ca.Function]] = {}
 
         def derive(stage: ca.Function, end: ca.Function) -> Sequence[ca.Function]:
@@ -393,7 +477,9 @@ class Transcription:
                 known[key] = made if prepare is None else prepare(made)
             return known[key]
 
-        self.kernels = [build_kernels(phase, duration_scale, derive) for phase in problem.phases]
+        self.kernels = [
+            build_kernels(phase, duration_scale, scheme, derive) for phase in problem.phases
+        ]
 
     def layouts(self, meshes: Sequence[int | ArrayLike] | int) -> tuple[PhaseLayout, ...]:
         """Lay the problem out on a mesh for each phase."""
@@ -406,7 +492,7 @@ class Transcription:
         links = {link.before: link for link in self.problem.links}
         for index, phase in enumerate(self.problem.phases):
             nodes = node_variables(phase)
-            controls = [*_constant(phase), *_linear(phase)]
+            inner = tuple(stage_variables(phase, self.scheme))
             kernels = self.kernels[index]
             transition, next_nodes = 0, 0
             if index + 1 < len(self.problem.phases):
@@ -418,7 +504,9 @@ class Transcription:
                 phase=phase,
                 mesh=grids[index],
                 node_scale=np.append(_stack(nodes, "scale"), self.duration_scale),
-                control_scale=_stack(controls, "scale"),
+                inner=inner,
+                control_scale=_stack([k.source for k in inner], "scale"),
+                dense=kernels.dense,
                 variable_offset=variable_offset,
                 row_offset=row_offset,
                 transition=transition,
