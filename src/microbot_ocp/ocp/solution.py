@@ -75,8 +75,8 @@ class PhaseSolution:
     duration: float
     mesh: FloatArray
     values: Mapping[str, FloatArray]
-    layout: PhaseLayout
-    stages: FloatArray
+    layout: PhaseLayout | None = None
+    stages: FloatArray | None = None
 
     @property
     def t(self) -> FloatArray:
@@ -91,6 +91,10 @@ class PhaseSolution:
 
         Between the mesh points it is the scheme's own interpolation.
         """
+        if self.layout is None or self.stages is None:
+            raise InputError(
+                f"phase {self.name!r} was not made by a solve: it has mesh values only"
+            )
         times = checks.array("t", np.atleast_1d(np.asarray(t, dtype=float)), (None,), "s")
         share = np.clip(times / self.duration, 0.0, 1.0)
         k = np.clip(np.searchsorted(self.mesh, share, side="right") - 1, 0, self.mesh.size - 2)
