@@ -36,6 +36,12 @@ from microbot_ocp.ocp.refinement import Progress, Refiner, quiet
 from microbot_ocp.ocp.solution import Solution
 from microbot_ocp.ocp.transcription import Guess, Transcription
 from microbot_ocp.robot import JointLimits, Limits, Robot
+from microbot_ocp.time_optimal.curve import (
+    Curve,
+    CurvePiece,
+    evaluate,
+    symbolic_derivatives,
+)
 from microbot_ocp.time_optimal.reachability import PathTiming, time_path
 from microbot_ocp.time_optimal.task import (
     check_limits,
@@ -194,25 +200,29 @@ def _rated(limits: JointLimits) -> bool:
     return bool(np.isfinite([limits.taud_min, limits.taud_max]).any())
 
 
-def _vanishing(path: PiecewisePolynomial, s: float) -> bool:
-    """Whether the tangent is zero at s, so that the arm rests there at any s'."""
-    tangent = path.derivative()
-    size = np.abs(tangent(np.linspace(path.breaks[0], path.breaks[-1], 101))).max()
-    return bool(np.abs(tangent(s)).max() < 1e-9 * size)
-
-
 @dataclass(frozen=True, eq=False)
 class _Piece:
-    """One polynomial piece of the path: a phase."""
+    """One piece of a curve between two stops: a phase."""
 
     name: str
-    start: float
-    length: float
-    coefficients: FloatArray
-    stops_before: bool
-    stops_after: bool
-    first: bool
+    shape: CurvePiece
+    stretch: int
+    offset: float  # parameter of the stretch where the piece's own is zero
+    begins: bool  # whether the stretch begins with it
+    ends: bool
+    start_free: bool  # the tangent vanishes there: at rest whatever the speed of the parameter
+    end_free: bool
+    first: bool  # whether the path begins with it
     last: bool
+    via: bool  # whether it ends at a break of the path
+
+    @property
+    def stops_before(self) -> bool:
+        return self.begins and not self.start_free
+
+    @property
+    def stops_after(self) -> bool:
+        return self.ends and not self.end_free
 
 
 class _PathSearch:
@@ -229,27 +239,40 @@ class _PathSearch:
         self.robot, self.path, self.settings = robot, path, settings
         self.label, self.progress = label, progress
         self.stops = stops(path, robot.limits)
+        self.curves = self._curves()
         self.pieces = self._pieces()
 
+    def _curves(self) -> list[Curve]:
+        """What lies between two stops, with a regular parameter."""
+        ends = [self.path.breaks[0], *self.stops, self.path.breaks[-1]]
+        curves = []
+        for before, after in itertools.pairwise(ends):
+            keep = (self.path.breaks[:-1] >= before) & (self.path.breaks[:-1] < after)
+            breaks = np.append(self.path.breaks[:-1][keep], after)
+            curves.append(Curve.of(PiecewisePolynomial(breaks, self.path.coefficients[keep])))
+        return curves
+
     def _pieces(self) -> list[_Piece]:
-        rests = {float(s) for s in self.stops}
-        first, last = float(self.path.breaks[0]), float(self.path.breaks[-1])
-        for end in (first, last):
-            if not _vanishing(self.path, end):
-                rests.add(end)
-        return [
-            _Piece(
-                name=f"piece {i + 1}",
-                start=float(a),
-                length=float(b - a),
-                coefficients=self.path.coefficients[i],
-                stops_before=float(a) in rests,
-                stops_after=float(b) in rests,
-                first=float(a) == first,
-                last=float(b) == last,
-            )
-            for i, (a, b) in enumerate(itertools.pairwise(self.path.breaks))
-        ]
+        pieces: list[_Piece] = []
+        for index, curve in enumerate(self.curves):
+            for i, shape in enumerate(curve.pieces):
+                begins, ends = i == 0, i == len(curve.pieces) - 1
+                pieces.append(
+                    _Piece(
+                        name=f"piece {len(pieces) + 1}",
+                        shape=shape,
+                        stretch=index,
+                        offset=float(curve.breaks[i]) - shape.limits[0],
+                        begins=begins,
+                        ends=ends,
+                        start_free=begins and curve.start_free,
+                        end_free=ends and curve.end_free,
+                        first=index == 0 and begins,
+                        last=index == len(self.curves) - 1 and ends,
+                        via=not shape.halved,
+                    )
+                )
+        return pieces
 
     def run(self) -> Motion:
         begin = time.perf_counter()
@@ -288,33 +311,23 @@ class _PathSearch:
         return self._motion(solution, refiner, timings, reached, wall)
 
     def _reach(self) -> list[PathTiming]:
-        ends = [self.path.breaks[0], *self.stops, self.path.breaks[-1]]
-        timings = []
-        for before, after in itertools.pairwise(ends):
-            keep = (self.path.breaks[:-1] >= before) & (self.path.breaks[:-1] < after)
-            stretch = PiecewisePolynomial(
-                np.append(self.path.breaks[:-1][keep], after), self.path.coefficients[keep]
+        return [
+            time_path(
+                self.robot,
+                curve,
+                self.robot.limits,
+                grid=self.settings.grid,
+                compiled=self.settings.compiled,
             )
-            timings.append(
-                time_path(
-                    self.robot,
-                    stretch,
-                    self.robot.limits,
-                    grid=self.settings.grid,
-                    start_free=_vanishing(stretch, before),
-                    end_free=_vanishing(stretch, after),
-                    compiled=self.settings.compiled,
-                )
-            )
-        return timings
+            for curve in self.curves
+        ]
 
     def _guesses(self, timings: list[PathTiming]) -> tuple[dict[str, Guess], dict[str, float]]:
         """Guess for every piece from the reachability profile; where it failed a slow walk."""
         guesses: dict[str, Guess] = {}
         speeds, accelerations = [], []
         for piece in self.pieces:
-            timing = next(t for t in timings if t.s[0] <= piece.start and piece.start < t.s[-1])
-            guess, speed, acceleration = _piece_guess(piece, timing)
+            guess, speed, acceleration = _piece_guess(piece, timings[piece.stretch])
             guesses[piece.name] = guess
             speeds.append(speed)
             accelerations.append(acceleration)
@@ -322,14 +335,11 @@ class _PathSearch:
 
     def _problem(self, scales: dict[str, float]) -> OptimalControlProblem:
         problem = OptimalControlProblem(f"timing of a path of {self.robot.name}")
-        degree = self.path.coefficients.shape[1] - 1
-        longest = max(piece.length for piece in self.pieces)
-        phases = [
-            _declare(problem, self.robot, piece, degree, longest, scales) for piece in self.pieces
-        ]
+        longest = max(piece.shape.span for piece in self.pieces)
+        phases = [_declare(problem, self.robot, piece, longest, scales) for piece in self.pieces]
         for before, after in itertools.pairwise(zip(phases, self.pieces, strict=True)):
             kept = ("v", "a") if _rated(self.robot.limits) else ("v",)
-            problem.link(before[0], after[0], names=() if after[1].stops_before else kept)
+            problem.link(before[0], after[0], names=() if after[1].begins else kept)
         return problem
 
     def _excess(self, solution: Solution) -> list[FloatArray]:
@@ -362,6 +372,7 @@ class _PathSearch:
             breaks.append(edges[index] + phase.t[1:])
         t = np.concatenate(t_parts)
         state = State(*(np.concatenate(parts) for parts in zip(*states, strict=True)))
+        passed = [0.0, *(at for at, k in zip(edges[1:], self.pieces, strict=True) if k.via)]
         status = solution.status.name.lower()
         blocked = [timing.blocked_at for timing in timings if not timing.feasible]
         return Motion.from_state(
@@ -370,7 +381,7 @@ class _PathSearch:
             state,
             label=self.label,
             breaks=np.concatenate(breaks),
-            marks=[Mark(float(at), f"via {i + 1}") for i, at in enumerate(edges)],
+            marks=[Mark(float(at), f"via {i + 1}") for i, at in enumerate(passed)],
             provenance={
                 "method": "time-optimal timing of a given path, multiple shooting",
                 "status": status,
@@ -407,13 +418,13 @@ def _declare(
     problem: OptimalControlProblem,
     robot: Robot,
     piece: _Piece,
-    degree: int,
     longest: float,
     scales: dict[str, float],
 ) -> Phase:
     count, limits = robot.joint_count, robot.limits
     phase = problem.phase(piece.name, duration=(1e-4, 1e4))
-    s = phase.state("s", lower=0.0, initial=0.0, final=piece.length, scale=longest)
+    begin, end = piece.shape.limits
+    s = phase.state("s", lower=begin, initial=begin, final=end, scale=longest)
     v = phase.state(
         "v",
         lower=0.0,
@@ -434,14 +445,10 @@ def _declare(
     )
     phase.derivative(s, v)
     phase.derivative(v, a)
-    table = phase.parameter("coefficients", piece.coefficients)
-    c = ca.reshape(table, count, degree + 1)
-    q, tangent, curvature, bend = (
-        sum(
-            (_factor(k, order) * c[:, k] * s ** (k - order) for k in range(order, degree + 1)),
-            ca.MX.zeros(count),
-        )
-        for order in range(4)
+    constants = phase.parameter("piece", piece.shape.constants)
+    degree = piece.shape.coefficients.shape[0] - 1
+    q, tangent, curvature, bend = symbolic_derivatives(
+        constants, degree, count, piece.shape.exponent, s
     )
     qd = tangent * v
     qdd = tangent * a + curvature * v**2
@@ -457,11 +464,6 @@ def _declare(
     return phase
 
 
-def _factor(power: int, order: int) -> float:
-    """Factor of the order-th derivative of s^power."""
-    return float(np.prod([power - k for k in range(order)]))
-
-
 def _limit(
     phase: Phase, name: str, value: ca.MX, limits: JointLimits, quantity: str, unit: str
 ) -> None:
@@ -471,13 +473,16 @@ def _limit(
 
 
 def _piece_guess(piece: _Piece, timing: PathTiming) -> tuple[Guess, float, float]:
-    inside = (timing.s >= piece.start) & (timing.s <= piece.start + piece.length)
+    begin, end = piece.shape.limits
     if not timing.feasible:
         duration = 10.0
-        speed = 2 * piece.length / duration
-        values = {"s": lambda f: piece.length * f[:, None], "v": speed, "a": 0.0}
+        speed = 2 * (end - begin) / duration
+        values = {"s": lambda f: begin + (end - begin) * f[:, None], "v": speed, "a": 0.0}
         return Guess(duration, values), speed, speed / duration
-    s, x, t = timing.s[inside], timing.speed_squared[inside], timing.t[inside]
+    own = timing.s - piece.offset
+    slack = 1e-9 * piece.shape.span
+    inside = (own >= begin - slack) & (own <= end + slack)
+    s, x, t = own[inside], timing.speed_squared[inside], timing.t[inside]
     t = t - t[0]
     v = np.sqrt(x)
     a = np.append(np.diff(x) / (2 * np.diff(s)), 0.0)
@@ -490,7 +495,7 @@ def _piece_guess(piece: _Piece, timing: PathTiming) -> tuple[Guess, float, float
         return np.interp(f * t[-1], t, values)[:, None]
 
     values = {
-        "s": partial(at, s - piece.start),
+        "s": partial(at, s),
         "v": partial(at, v),
         "a": partial(at, a),
     }
@@ -525,14 +530,10 @@ def _state_and_jerk(
 ) -> tuple[State, FloatArray]:
     """q, qd, qdd and the jerk of a piece at times t since its start."""
     slope = curve.derivative()
-    s = np.clip(curve(t, from_left=True), 0.0, piece.length)
+    s = np.clip(curve(t, from_left=True), *piece.shape.limits)
     v = slope(t, from_left=True)
     a = slope.derivative()(t, from_left=True)
     jerk = slope.derivative().derivative()(t, from_left=True)
-    shape = PiecewisePolynomial(np.array([0.0, piece.length]), piece.coefficients[None])
-    first = shape.derivative()
-    second = first.derivative()
-    at = s.ravel()
-    tangent, curvature, bend = first(at), second(at), second.derivative()(at)
-    state = State(shape(at), tangent * v, tangent * a + curvature * v**2)
+    q, tangent, curvature, bend = evaluate(piece.shape, s.ravel(), highest=3)
+    state = State(q, tangent * v, tangent * a + curvature * v**2)
     return state, tangent * jerk + 3 * curvature * v * a + bend * v**3

@@ -25,6 +25,7 @@ from microbot_ocp.dynamics import inverse_dynamics
 from microbot_ocp.fast import FastCall, buffered_call
 from microbot_ocp.motion import PiecewisePolynomial
 from microbot_ocp.robot import JointLimits, Robot
+from microbot_ocp.time_optimal.curve import Curve
 
 FAR = 1e12  # stands for "no such limit"
 PENALTY = 1e6  # of leaving the feasible set, in the search for its best point
@@ -39,7 +40,7 @@ class PathTiming:
 
     Attributes
     ----------
-    s : array [N+1], path parameter
+    s : array [N+1], path parameter (of the curve: regular at the ends)
     speed_squared : array [N+1], (ds/dt)^2
     t : array [N+1], times, s
     feasible : whether the path can be travelled within the limits at all
@@ -71,12 +72,12 @@ class _Nodes:
 
 def time_path(
     robot: Robot,
-    path: PiecewisePolynomial,
+    path: PiecewisePolynomial | Curve,
     limits: JointLimits,
     *,
     grid: int = 1000,
-    start_free: bool = False,
-    end_free: bool = False,
+    start_free: bool | None = None,
+    end_free: bool | None = None,
     compiled: bool = True,
 ) -> PathTiming:
     """Best timing of a smooth path on a grid, from rest to rest.
@@ -84,14 +85,15 @@ def time_path(
     Parameters
     ----------
     robot : Robot
-    path : PiecewisePolynomial
-        q over the path parameter s, with a continuous tangent.
+    path : PiecewisePolynomial or Curve
+        q over a path parameter, with a continuous tangent.
     limits : JointLimits
         qd, qdd and tau are kept at the grid points, from both sides.
     grid : int
         Intervals in all; every break of the path is a grid point.
-    start_free, end_free : bool
-        Whether ds/dt is free at an end (where the tangent vanishes the arm rests all the same).
+    start_free, end_free : bool, optional
+        Whether ds/dt is free at an end; default where the tangent vanishes, as the arm rests there
+        all the same.
     compiled : bool
         Use compiled functions where there is a compiler.
 
@@ -100,24 +102,29 @@ def time_path(
     PathTiming
     """
     fast = compiled and compiler() is not None
-    s = path_grid(path, grid)
-    nodes = _nodes(path, s)
+    curve = path if isinstance(path, Curve) else Curve.of(path)
+    free = (
+        curve.start_free if start_free is None else start_free,
+        curve.end_free if end_free is None else end_free,
+    )
+    s = path_grid(curve, grid)
+    nodes = _nodes(curve, s)
     step = np.diff(s)
     speed_limit = _speed_limit(nodes, limits, s.size)
     coefficients = _coefficients(robot, nodes, fast)
     rows = _Rows.of(nodes, coefficients, limits)
     viscous = np.array([link.viscous_friction for link in robot.links])
     passes = VISCOUS_PASSES if viscous.any() else 1
-    timing = _passes(s, rows, step, speed_limit, (start_free, end_free), fast)
+    timing = _passes(s, rows, step, speed_limit, free, fast)
     for _ in range(passes - 1):
         if not timing.feasible:
             break
         bent = rows.with_viscous(nodes, viscous, timing.speed_squared, limits)
-        timing = _passes(s, bent, step, speed_limit, (start_free, end_free), fast)
+        timing = _passes(s, bent, step, speed_limit, free, fast)
     return timing
 
 
-def path_grid(path: PiecewisePolynomial, count: int) -> FloatArray:
+def path_grid(path: Curve, count: int) -> FloatArray:
     """Grid [N+1] of about ``count`` intervals with the breaks of the path among its points."""
     lengths = np.diff(path.breaks)
     shares = np.maximum(2, np.round(count * lengths / lengths.sum()).astype(int))
@@ -128,15 +135,11 @@ def path_grid(path: PiecewisePolynomial, count: int) -> FloatArray:
     return np.append(np.concatenate(pieces), path.breaks[-1])
 
 
-def _nodes(path: PiecewisePolynomial, s: FloatArray) -> _Nodes:
+def _nodes(path: Curve, s: FloatArray) -> _Nodes:
     inner = np.flatnonzero(np.isin(s, path.breaks[1:-1]))
-    velocity = path.derivative()
-    acceleration = velocity.derivative()
     # the left side of every inner break follows behind the regular nodes
-    tables = [
-        np.vstack([curve(s), curve(s[inner], from_left=True)])
-        for curve in (path, velocity, acceleration)
-    ]
+    sides = path.evaluate(s), path.evaluate(s[inner], from_left=True)
+    tables = [np.vstack(pair) for pair in zip(*sides, strict=True)]
     right = np.arange(1, s.size)
     right[inner - 1] = s.size + np.arange(inner.size)
     return _Nodes(*tables, left=np.arange(s.size - 1), right=right)
@@ -294,8 +297,9 @@ def _passes(
         return PathTiming(s, nothing, np.full_like(s, np.nan), False, float(at))
     ahead = _lines(q, p, h)
     columns = np.vstack([*(part.T for part in ahead.upper), low[1:], high[1:]])
-    forward = _forward(width, n, fast)(high[0], columns).ravel()
-    x = np.maximum(np.append(high[0], forward), 0.0)
+    first = _free_start(ahead, low, high) if free[0] else high[0]
+    forward = _forward(width, n, fast)(first, columns).ravel()
+    x = np.maximum(np.append(first, forward), 0.0)
     root = np.sqrt(x)
     with np.errstate(divide="ignore"):
         duration = 2.0 * step / (root[:-1] + root[1:])
@@ -304,6 +308,14 @@ def _passes(
     if stuck.size:
         return PathTiming(s, x, t, False, float(s[stuck[0]]))
     return PathTiming(s, x, t, True, float("nan"))
+
+
+def _free_start(ahead: _Lines, low: FloatArray, high: FloatArray) -> float:
+    """The x_0 that lets x_1 be largest: where the inertia vanishes the largest x_0 does not."""
+    tried = np.linspace(low[0], high[0], 2001)
+    intercept, slope = (part[0][:, None] for part in ahead.upper)
+    reached = np.minimum((intercept + slope * tried).min(axis=0), high[1])
+    return float(tried[np.flatnonzero(reached >= reached.max() * (1 - 1e-9))[-1]])
 
 
 @lru_cache(maxsize=32)
