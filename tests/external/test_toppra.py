@@ -36,16 +36,7 @@ CASES = {
     "quintic": lambda: (mo.load_robot("microbot"), mo.quintic(VIA_Q, [0, 2, 4])),
     "six joints": six_joints,
 }
-SOLVED = [
-    "cubic of the report",
-    "cubic, uneven",
-    pytest.param(
-        "quintic",
-        marks=pytest.mark.xfail(
-            strict=True, reason="tangent and curvature vanish at the ends: torque limits are lost"
-        ),
-    ),
-]
+SOLVED = ["cubic of the report", "cubic, uneven", "quintic"]
 
 
 def test_toppra_converges_to_one_duration_from_both_sides() -> None:

@@ -257,6 +257,9 @@ class _PathSearch:
         for index, curve in enumerate(self.curves):
             for i, shape in enumerate(curve.pieces):
                 begins, ends = i == 0, i == len(curve.pieces) - 1
+                first, last = index == 0 and begins, index == len(self.curves) - 1 and ends
+                # on the way a limited torque rate leaves no jump of the acceleration: full stop
+                rated = _rated(self.robot.limits)
                 pieces.append(
                     _Piece(
                         name=f"piece {len(pieces) + 1}",
@@ -265,10 +268,10 @@ class _PathSearch:
                         offset=float(curve.breaks[i]) - shape.limits[0],
                         begins=begins,
                         ends=ends,
-                        start_free=begins and curve.start_free,
-                        end_free=ends and curve.end_free,
-                        first=index == 0 and begins,
-                        last=index == len(self.curves) - 1 and ends,
+                        start_free=begins and curve.start_free and (first or not rated),
+                        end_free=ends and curve.end_free and (last or not rated),
+                        first=first,
+                        last=last,
                         via=not shape.halved,
                     )
                 )
