@@ -39,6 +39,7 @@ from microbot_ocp.time_optimal.task import (
     finite_scale,
     limit_excess,
     torque_rate,
+    verdict,
     whole,
 )
 
@@ -373,7 +374,7 @@ class _Search:
         wall: float,
     ) -> Motion:
         times = via_times(solution)
-        solved = solution.status.ok
+        outcome = verdict(solution, self._excess(solution), self.settings.violation)
         found = sorted({round(s["duration"], 3) for s in starts if s["status"] == "solved"})
         return Motion.from_polynomial(
             self.robot,
@@ -382,8 +383,7 @@ class _Search:
             marks=[Mark(float(t), f"via {i + 1}") for i, t in enumerate(times)],
             provenance={
                 "method": "free time-optimal motion, multiple shooting on the inverse dynamics",
-                "status": solution.status.name.lower(),
-                "advice": solution.advice,
+                **outcome,
                 "solver": solution.attempts[-1].solver,
                 "intervals": [phase.mesh.size - 1 for phase in solution.phases],
                 "phase_durations": [phase.duration for phase in solution.phases],
@@ -395,15 +395,13 @@ class _Search:
                 "smoothing": SMOOTHING,
                 "casadi": ca.CasadiMeta.version(),
             },
-            note=_note(solved, solution, starts, found),
+            note=_note(outcome, starts, found),
         )
 
 
-def _note(
-    solved: bool, solution: Solution, starts: list[dict[str, Any]], found: list[float]
-) -> str:
-    if not solved:
-        return f"not solved: {solution.advice}"
+def _note(outcome: dict[str, Any], starts: list[dict[str, Any]], found: list[float]) -> str:
+    if outcome["status"] != "solved":
+        return f"not solved: {outcome['advice']}"
     optima = ", ".join(f"{duration:.3f}" for duration in found)
     return (
         f"via point passed at any velocity; {len(starts)} starts ended at {optima} s on the "

@@ -50,6 +50,7 @@ from microbot_ocp.time_optimal.task import (
     finite_scale,
     limit_excess,
     torque_rate,
+    verdict,
     whole,
 )
 
@@ -376,7 +377,7 @@ class _PathSearch:
         t = np.concatenate(t_parts)
         state = State(*(np.concatenate(parts) for parts in zip(*states, strict=True)))
         passed = [0.0, *(at for at, k in zip(edges[1:], self.pieces, strict=True) if k.via)]
-        status = solution.status.name.lower()
+        outcome = verdict(solution, self._excess(solution), self.settings.violation)
         blocked = [timing.blocked_at for timing in timings if not timing.feasible]
         return Motion.from_state(
             self.robot,
@@ -387,8 +388,7 @@ class _PathSearch:
             marks=[Mark(float(at), f"via {i + 1}") for i, at in enumerate(passed)],
             provenance={
                 "method": "time-optimal timing of a given path, multiple shooting",
-                "status": status,
-                "advice": solution.advice,
+                **outcome,
                 "solver": solution.attempts[-1].solver,
                 "intervals": [phase.mesh.size - 1 for phase in solution.phases],
                 "phase_durations": [phase.duration for phase in solution.phases],
@@ -400,16 +400,20 @@ class _PathSearch:
                 "smoothing": SMOOTHING,
                 "casadi": ca.CasadiMeta.version(),
             },
-            note=_note(solution, self.stops, corners(self.path).size, blocked, reached),
+            note=_note(outcome, self.stops, corners(self.path).size, blocked, reached),
         )
 
 
 def _note(
-    solution: Solution, at: FloatArray, corner_count: int, blocked: list[float], reached: float
+    outcome: dict[str, Any],
+    at: FloatArray,
+    corner_count: int,
+    blocked: list[float],
+    reached: float,
 ) -> str:
-    if not solution.status.ok:
+    if outcome["status"] != "solved":
         where = f"; the end cannot be reached from s = {blocked[0]:g}" if blocked else ""
-        return f"not solved: {solution.advice}{where}"
+        return f"not solved: {outcome['advice']}{where}"
     what = "corner" if at.size == corner_count else "jump of the curvature or corner"
     said = f"stops at {at.size} {what}{'s' if at.size != 1 else ''}" if at.size else "no stop"
     if not np.isfinite(reached):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -14,7 +15,27 @@ from microbot_ocp.baselines.scaling import LimitUse
 from microbot_ocp.checks import FloatArray, InputError
 from microbot_ocp.dynamics import gravity_torque, inverse_dynamics
 from microbot_ocp.motion import State, torque_along
+from microbot_ocp.ocp.solution import Solution
 from microbot_ocp.robot import JointLimits, Limits, Robot
+
+MOST_EXCESS = 5e-3  # relative, over any limit between mesh points
+
+
+def verdict(solution: Solution, excess: Sequence[FloatArray], violation: float) -> dict[str, Any]:
+    """Status, advice and largest excess of a limit between mesh points, for the provenance.
+
+    A solver that converged on the mesh points is not believed where limits are exceeded in between
+    by more than a certificate lets pass.
+    """
+    worst = max(float(e.max()) for e in excess)
+    found = {"status": solution.status.name.lower(), "advice": solution.advice, "excess": worst}
+    if solution.status.ok and worst > max(violation, MOST_EXCESS):
+        found["status"] = "limits_exceeded"
+        found["advice"] = (
+            f"limits are exceeded by {100 * worst:.3g} % between mesh points, and refinement ended "
+            "there: give a finer mesh, or look for a place that cannot be passed"
+        )
+    return found
 
 
 def whole(name: str, value: Any, unit: str = "", *, at_least: int) -> None:
