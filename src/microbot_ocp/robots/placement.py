@@ -1,8 +1,8 @@
 """Modified-DH rows of any serial chain, from where its joint axes lie at the zero position.
 
-Craig, *Introduction to Robotics*, 3rd ed., section 3.4: Z of link frame i lies along axis i, X along
-the common normal from axis i to axis i+1. Where that normal is not unique (parallel or coincident
-axes, the last axis), the frame stays as close to the one before as it can.
+Craig, *Introduction to Robotics*, 3rd ed., section 3.4: Z of link frame i lies along axis i, X
+along the common normal from axis i to axis i+1. Where that normal is not unique (parallel or
+coincident axes, the last axis), the frame stays as close to the one before as it can.
 """
 
 from __future__ import annotations

@@ -3,8 +3,9 @@
 Angles are in radians, or in degrees where the key ends in ``_deg``. Keys of a joint: ``name``,
 ``type``, ``alpha``, ``a``, ``d``, ``theta_offset``; ``mass``, ``center_of_mass``, ``inertia``,
 ``armature``, ``viscous_friction``, ``coulomb_friction``; ``q_min``, ``q_max``, ``qd_max``,
-``qdd_max``, ``tau_max``, ``taud_max``. ``qd_max`` and the like may be ``[lower, upper]``. The tables
-``[tool]`` and ``[base]`` hold a DH row or a ``matrix``; ``[sources]`` is for the reader's eyes.
+``qdd_max``, ``tau_max``, ``taud_max``. ``qd_max`` and the like may be ``[lower, upper]``. The
+tables ``[tool]`` and ``[base]`` hold a DH row or a ``matrix``; ``[sources]`` is for the reader's
+eyes.
 """
 
 from __future__ import annotations

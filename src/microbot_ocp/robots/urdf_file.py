@@ -175,9 +175,10 @@ def _parse_model(data: bytes, origin: str) -> Any:
     before = logger.level
     logger.setLevel(logging.CRITICAL)  # what it has to say is said by the error below
     try:
-        return yourdfpy.URDF.load(
-            io.BytesIO(data), build_scene_graph=False, load_meshes=False
-        ).robot
+        with np.errstate(all="ignore"):  # NaN is refused later, by name
+            return yourdfpy.URDF.load(
+                io.BytesIO(data), build_scene_graph=False, load_meshes=False
+            ).robot
     except Exception as problem:  # it raises whatever happens to go wrong inside
         raise InputError(f"{origin} is not a URDF that can be read: {problem!r}") from None
     finally:
@@ -286,7 +287,7 @@ class _Tree:
         axes = np.array([frames[j.child][:3, :3] @ _axis(j) for j in moving])
         points = np.array([frames[j.child][:3, 3] for j in moving])
         rows = dh_rows(points, axes, [j.name for j in moving], parallel_tolerance)
-        tool = np.linalg.solve(rows.frames[-1], frames[tip])
+        tool = np.array(np.linalg.solve(rows.frames[-1], frames[tip]), dtype=float)
         return Robot.from_dh(
             rows.alpha,
             rows.a,
@@ -409,12 +410,12 @@ class _Tree:
         return [_number("gravity", entry) for entry in text.split()]
 
 
-def _number(name: str, text: Any, **bounds: float) -> float:
+def _number(name: str, text: Any, *, at_least: float | None = None) -> float:
     try:
         value = float(text)
     except (TypeError, ValueError):
         raise InputError(f"{name} must be a number, not {text!r}") from None
-    return checks.number(name, value, **bounds)
+    return checks.number(name, value, at_least=at_least)
 
 
 def _axis(joint: Any) -> FloatArray:
@@ -447,7 +448,7 @@ def _joint_motion(joint: Any, position: float) -> FloatArray:
     if joint.type == "prismatic":
         motion[:3, 3] = position * axis
     else:
-        skew = np.cross(np.eye(3), -axis)
+        skew = np.cross(np.eye(3), axis)  # times a vector: axis x vector
         motion[:3, :3] += np.sin(position) * skew + (1 - np.cos(position)) * skew @ skew
     return motion
 
@@ -524,7 +525,15 @@ def robot_to_urdf(robot: Robot) -> str:
     name = _unused("tool_joint", robot.joint_names)
     _write_joint(root, name, names[-2:], robot.tool).set("type", "fixed")
     ElementTree.indent(root)
-    return '<?xml version="1.0" encoding="utf-8"?>\n' + ElementTree.tostring(root, "unicode") + "\n"
+    text = ElementTree.tostring(root, "unicode")
+    try:
+        ElementTree.fromstring(text)
+    except ElementTree.ParseError as problem:  # XML has no place for most control characters
+        raise InputError(
+            f"robot {robot.name!r} cannot be written as XML: {problem}; look at its names or "
+            "description"
+        ) from None
+    return f'<?xml version="1.0" encoding="utf-8"?>\n{text}\n'
 
 
 def _unused(name: str, taken: Iterable[str]) -> str:
