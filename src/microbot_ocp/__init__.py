@@ -32,7 +32,7 @@ from microbot_ocp.kinematics import (
 from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.robot import JointLimits, Limits, Link, Robot
-from microbot_ocp.robots import load_robot, packaged_robots
+from microbot_ocp.robots import load_robot, packaged_robots, read_urdf, write_toml, write_urdf
 from microbot_ocp.time_optimal.free import TimeOptimalSettings, time_optimal
 from microbot_ocp.time_optimal.path import PathTimingSettings, straight_path, time_optimal_path
 
@@ -74,6 +74,7 @@ __all__ = [
     "mass_matrix_condition",
     "packaged_robots",
     "quintic",
+    "read_urdf",
     "shortest_duration",
     "solve_ik",
     "solve_ik_all",
@@ -83,4 +84,6 @@ __all__ = [
     "time_optimal",
     "time_optimal_path",
     "velocity_propagation",
+    "write_toml",
+    "write_urdf",
 ]
