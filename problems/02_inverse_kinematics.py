@@ -27,34 +27,39 @@ def numbers(name: str, text: str) -> list[float]:
         raise mo.InputError(f"{name} must be numbers with commas between, not {text!r}") from None
 
 
-def in_degrees(q: np.ndarray) -> str:
-    return "  ".join(f"{round(x, 4) + 0.0:10.4f}" for x in np.degrees(q))
+def unit(robot: mo.Robot) -> np.ndarray:
+    """Degrees for revolute joints, metres for prismatic ones."""
+    return np.where(np.array(robot.joint_types) == "revolute", 180 / np.pi, 1.0)
+
+
+def shown(robot: mo.Robot, q: np.ndarray) -> str:
+    return "  ".join(f"{round(x, 4) + 0.0:10.4f}" for x in q * unit(robot))
+
+
+def apart(q: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Largest joint difference to each of the others, modulo a turn."""
+    return np.abs((q - others + np.pi) % (2 * np.pi) - np.pi).max(axis=1)
 
 
 def show(robot: mo.Robot, position: list[float]) -> None:
-    solutions = mo.solve_ik_all(robot, position)
+    solutions = list(mo.solve_ik_all(robot, position))
     if not solutions[0].solved:
         print(f"{solutions[0].status}: {solutions[0].advice}")
-        print(f"  nearest pose, deg {in_degrees(solutions[0].q)}")
+        print(f"  nearest pose [deg] {shown(robot, solutions[0].q)}")
         return
     by_nlp = branches_by_nlp(robot, position)
-    formula = elbow_arm_branches(position) if robot.name == "microbot" else by_nlp
     continuum = " points of the continuum" if solutions[0].self_motion else ""
     print(f"{len(solutions)} branches by Gauss-Newton, {len(by_nlp)}{continuum} by the NLP\n")
-    print("  joint positions [deg]" + " " * 18 + "error [m]   to NLP [rad]   to formula [rad]")
-
-    def apart(q: np.ndarray, others: np.ndarray) -> float:
-        gap = (q - others + np.pi) % (2 * np.pi) - np.pi
-        return float(np.abs(gap).max(axis=1).min())
-
-    order = [
-        min(range(len(formula)), key=lambda k: apart(s.q, formula[k : k + 1])) for s in solutions
-    ]
-    ranked = [solutions[k] for k in np.argsort(order, kind="stable")]
-    for solution in ranked:
-        nearness = f"{apart(solution.q, by_nlp):12.1e}   {apart(solution.q, formula):16.1e}"
-        print(f"  {in_degrees(solution.q)}   {solution.position_error:9.1e}   {nearness}")
-    for k, solution in enumerate(ranked, 1):
+    others = {"to NLP [rad]": by_nlp}
+    if robot.name == "microbot":  # the report's formula, and its order
+        formula = others["to formula [rad]"] = elbow_arm_branches(position)
+        solutions.sort(key=lambda solution: int(np.argmin(apart(solution.q, formula))))
+    heads = "   ".join(f"{head:>16}" for head in ("position error [m]", *others))
+    print("  joint positions [deg]".ljust(12 * robot.joint_count + 2) + heads)
+    for solution in solutions:
+        sizes = [solution.position_error, *(apart(solution.q, q).min() for q in others.values())]
+        print(f"  {shown(robot, solution.q)}   " + "   ".join(f"{size:16.1e}" for size in sizes))
+    for k, solution in enumerate(solutions, 1):
         print(f"\nsolution {k}, by forward kinematics: {solution.advice}")
         print(matrix_text(solution.pose))
 
@@ -65,7 +70,7 @@ def main() -> int:
     )
     parser.add_argument("--position", default="3,-1,4.5", help="tool position x,y,z in base, m")
     parser.add_argument("--robot", default="microbot", help="packaged robot or a robot file")
-    parser.add_argument("--seed-deg", help="show the branch nearest to these joint positions")
+    parser.add_argument("--seed-deg", help="show the branch nearest to these (prismatic: m)")
     # a list that begins with a minus sign is a value, not an option
     given = [" " + word if re.match(r"-[\d.]", word) else word for word in sys.argv[1:]]
     arguments = parser.parse_args(given)
@@ -75,9 +80,11 @@ def main() -> int:
         print(f"{robot.name}: tool to ({', '.join(f'{x:g}' for x in position)}) m")
         show(robot, position)
         if arguments.seed_deg:
-            seed = np.radians(numbers("seed-deg", arguments.seed_deg))
+            seed = numbers("seed-deg", arguments.seed_deg)
+            if len(seed) == robot.joint_count:
+                seed = seed / unit(robot)
             nearest = mo.solve_ik(robot, position, seed=seed)
-            print(f"\nnearest to the seed, deg {in_degrees(nearest.q)}   {nearest.status}")
+            print(f"\nnearest to the seed [deg] {shown(robot, nearest.q)}   {nearest.status}")
     except mo.InputError as problem:
         print(f"error: {problem}", file=sys.stderr)
         return 2

@@ -405,6 +405,64 @@ def test_planar_arm_moves_within_itself() -> None:
     assert above.position_error == pytest.approx(0.3, abs=1e-8)
 
 
+# ---- other arms
+
+
+@pytest.mark.parametrize("name", mo.packaged_robots())
+def test_packaged_robots_come_back_to_their_seed(name: str) -> None:
+    robot = mo.load_robot(name)
+    low, high = np.maximum(robot.limits.q_min, -3.0), np.minimum(robot.limits.q_max, 3.0)
+    q = np.random.default_rng(7).uniform(low, high, (4, robot.joint_count))
+    for row, position, turn in zip(q, *poses(robot, q), strict=True):
+        for orientation in (None, turn):
+            found = mo.solve_ik(robot, position, orientation, seed=row)
+            assert found.solved
+            assert found.q == pytest.approx(row, abs=1e-6)
+
+
+def test_single_joints() -> None:
+    crank = mo.Robot.from_dh([0], [0], [0], tool=(0, 1, 0, 0))
+    assert mo.solve_ik(crank, [0, 1, 0]).q == pytest.approx([np.pi / 2])
+    assert mo.solve_ik(crank, [0, 2, 1]).position_error == pytest.approx(np.sqrt(2), abs=1e-8)
+    slide = mo.Robot.from_dh([0], [0], [0], joint_type="prismatic", limits=mo.Limits(0, 1))
+    assert mo.solve_ik(slide, [0, 0, 0.4]).q == pytest.approx([0.4])
+    beyond = mo.solve_ik(slide, [0, 0, 1.4])
+    assert beyond.status is IKStatus.LIMITS
+    assert beyond.q == pytest.approx([1.0])
+    beside = mo.solve_ik(slide, [0.1, 0, 0.4])
+    assert beside.status is IKStatus.OUT_OF_REACH
+    assert beside.position_error == pytest.approx(0.1, abs=1e-8)
+
+
+def test_wrist_without_lengths() -> None:
+    wrist = mo.Robot.from_dh(np.radians([0, -90, 90]), [0, 0, 0], [0, 0, 0])
+    (_,), (turn,) = poses(wrist, np.array([[0.3, 0.4, 0.5]]))
+    assert len(mo.solve_ik_all(wrist, [0, 0, 0], turn)) == 2
+    assert mo.solve_ik(wrist, [0, 0, 0]).self_motion == 3
+    assert mo.solve_ik(wrist, [0, 0, 1]).position_error == pytest.approx(1.0)
+
+
+def test_locked_joint(microbot: mo.Robot) -> None:
+    at, other = np.radians(REPORT_BRANCHES[0][0]), 0.5
+    exact = np.arctan2(-1, 3)
+    assert abs(exact - at) < 1e-6
+    held = limited(microbot, [exact, -3, -3], [exact, 3, 3])
+    assert same_set(mo.solve_ik_all(held, TARGET), np.radians(REPORT_BRANCHES[:2]), 1e-6)
+    away = mo.solve_ik(limited(microbot, [other, -3, -3], [other, 3, 3]), TARGET)
+    assert away.status is IKStatus.LIMITS
+    # distance of the target from the plane of the arm
+    assert away.position_error == pytest.approx(np.sqrt(10) * np.sin(other - exact), abs=1e-8)
+
+
+@pytest.mark.parametrize(("q_min", "q_max"), [(-np.inf, np.inf), ([5, -np.inf, -np.inf], np.inf)])
+def test_open_limits(microbot: mo.Robot, q_min: object, q_max: object) -> None:
+    solutions = mo.solve_ik_all(limited(microbot, q_min, q_max), TARGET)
+    assert same_set(solutions, np.radians(REPORT_BRANCHES), 1e-6)
+    for solution in solutions:  # as near to the allowed value nearest to zero as turns allow
+        near = max(0.0, np.atleast_1d(q_min)[0])
+        assert 0 <= abs(solution.q[0] - near) < 2 * np.pi
+
+
 # ---- lines
 
 
@@ -473,6 +531,15 @@ def test_pose_line_of_a_six_joint_arm(puma: mo.Robot) -> None:
     assert path.orientation_error.max() < 1e-8
     assert path.q[0] == pytest.approx(ends[0], abs=1e-6)
     assert path.largest_step < 0.1
+
+
+def test_line_of_a_redundant_arm_stays_close(seven: mo.Robot) -> None:
+    q = np.array([[0.2, -0.4, 0.3, -1.9, 0.1, 1.7, 0.6]])
+    (position,), (turn,) = poses(seven, q)
+    line = np.linspace(position, position + np.array([0.1, 0.1, -0.1]), 40)
+    path = mo.solve_ik_path(seven, line, np.broadcast_to(turn, (40, 3, 3)), seed=q[0])
+    assert path.solved
+    assert path.largest_step < 0.05
 
 
 # ---- answers and arguments

@@ -81,7 +81,7 @@ def test_position_out_of_reach_is_told() -> None:
 
 def test_branch_nearest_to_a_seed() -> None:
     text = words(INVERSE, "--seed-deg", "-20,-30,100")
-    assert "nearest to the seed, deg -18.4349 -29.1863 111.3819 solved" in text
+    assert "nearest to the seed [deg] -18.4349 -29.1863 111.3819 solved" in text
 
 
 def test_branches_where_they_are_a_continuum() -> None:

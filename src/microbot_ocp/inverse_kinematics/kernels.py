@@ -140,7 +140,7 @@ def _jacobian_of(robot: Robot) -> FastCall:
 
 def scaled_jacobian(robot: Robot, q: FloatArray, width: int) -> FloatArray:
     """Jacobians [N,m,n] of the task (m = 3 or 6), positions by the reach, joints by their unit."""
-    full = np.array(_jacobian_of(robot)(q)) * joint_scale(robot)
+    full = np.reshape(_jacobian_of(robot)(q), (len(q), 6, robot.joint_count)) * joint_scale(robot)
     full[:, :3] /= reach(robot)
     return full[:, :3] if width == 3 else full
 

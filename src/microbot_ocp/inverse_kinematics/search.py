@@ -183,14 +183,17 @@ def _ranks(robot: Robot, q: FloatArray, width: int) -> np.ndarray:
 def self_motions(robot: Robot, q: FloatArray, target: FloatArray) -> np.ndarray:
     """Directions [K] in which the joints can really move at q [K,n] while the tool stays.
 
-    A vanishing singular value alone does not tell: at a doubled root the null direction is only
-    tangent. So a step is taken along it, and brought back to the target.
+    Where the Jacobian has the rank it has nearly everywhere, the solutions form a surface of as
+    many dimensions as it has null directions. Where it has lost rank, null directions alone do not
+    tell: at a doubled root they are only tangent. So a step is taken along each, and brought back
+    to the target.
     """
     count, width = robot.joint_count, target.size
-    rank = _ranks(robot, q, width)
+    rank, generic = _ranks(robot, q, width), generic_rank(robot, width)
     _, _, right = np.linalg.svd(scaled_jacobian(robot, q, width), full_matrices=True)
-    dimensions = np.zeros(len(q), dtype=int)
-    owners = [(row, k) for row in range(len(q)) for k in range(rank[row], count)]
+    dimensions = np.where(rank == generic, count - generic, 0)
+    lost = np.flatnonzero(rank < generic)
+    owners = [(row, k) for row in lost for k in range(rank[row], count)]
     if not owners:
         return dimensions
     rows = np.array([row for row, _ in owners])

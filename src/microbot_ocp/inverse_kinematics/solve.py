@@ -10,18 +10,26 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp import checks
 from microbot_ocp.checks import FloatArray, InputError
-from microbot_ocp.inverse_kinematics.kernels import generic_rank, pose_of, scaled_jacobian
+from microbot_ocp.inverse_kinematics.kernels import (
+    generic_rank,
+    joint_scale,
+    pose_of,
+    scaled_jacobian,
+)
 from microbot_ocp.inverse_kinematics.result import IKSolution, IKStatus, read_only
 from microbot_ocp.inverse_kinematics.search import (
     ORIENTATION_TOLERANCE,
     POSITION_TOLERANCE,
     RANK_TOLERANCE,
+    SOLVED,
     Found,
+    descend,
     find_branches,
     middle,
     nearest_on_continuum,
     nearest_pose,
     search_by_nlp,
+    self_motions,
     task_errors,
     within_limits,
 )
@@ -157,16 +165,34 @@ def nearest_solution(
     wanted = middle(robot) if seed is None else np.array(seed)
     found = find_branches(robot, target[None])[0]
     rows, inside = within_limits(robot, found.q, wanted)
-    if not inside.any():
+    rows, motions = rows[inside], found.self_motion[inside]
+    if seed is not None and (motions.any() or not len(rows)):
+        rows, motions = _nearer_members(robot, target, rows, motions, wanted)
+    if not len(rows):
         return _missed(robot, target, found, wanted, time.perf_counter() - begin)
-    candidates = []
-    for row, motion in zip(rows[inside], found.self_motion[inside], strict=True):
-        best = None
-        if motion and seed is not None:
-            best = nearest_on_continuum(robot, row, target, wanted)
-        candidates.append((row if best is None else best, int(motion)))
-    chosen, motion = min(candidates, key=lambda entry: float(np.linalg.norm(entry[0] - wanted)))
-    return _solution(robot, target, chosen, motion, time.perf_counter() - begin)
+    chosen = int(np.argmin(np.linalg.norm((rows - wanted) / joint_scale(robot), axis=1)))
+    used = time.perf_counter() - begin
+    return _solution(robot, target, rows[chosen], int(motions[chosen]), used)
+
+
+def _nearer_members(
+    robot: Robot, target: FloatArray, rows: FloatArray, motions: np.ndarray, wanted: FloatArray
+) -> tuple[FloatArray, np.ndarray]:
+    """Solutions [K,n] with those of continua moved to where they are nearest to ``wanted``.
+
+    What lies straight downhill from ``wanted`` is added: a representative may sit on another part
+    of its continuum.
+    """
+    bounds = robot.limits.q_min, robot.limits.q_max
+    downhill, errors = descend(robot, np.clip(wanted, *bounds)[None], target[None], bounds)
+    if errors[0] < SOLVED:
+        rows = np.vstack([rows, downhill])
+        motions = np.append(motions, self_motions(robot, downhill, target))
+    moved = np.array(rows)
+    for k in np.flatnonzero(motions):
+        best = nearest_on_continuum(robot, rows[k], target, wanted)
+        moved[k] = rows[k] if best is None else best
+    return moved, motions
 
 
 def checked_target(robot: Robot, position: ArrayLike, orientation: ArrayLike | None) -> FloatArray:
@@ -307,7 +333,7 @@ def _advice(
             f"The joints can move in {self_motion} direction{'s' if self_motion > 1 else ''} while "
             "the tool stays: this is one point of a continuum."
         )
-    elif singular:
+    elif singular and status is IKStatus.SOLVED:
         parts.append(
             "The arm is singular here: two branches meet, or a direction of motion is lost."
         )
