@@ -4,12 +4,12 @@ import re
 
 import numpy as np
 import pytest
-from textbook import double_integrator, spline, through_half_way
 
 from microbot_ocp.checks import InputError
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.solvers import SolverSettings, solve
 from microbot_ocp.ocp.transcription import Guess, Transcription
+from ocp.textbook import double_integrator, spline, through_half_way
 
 
 def empty_phase(duration=1.0, **options):

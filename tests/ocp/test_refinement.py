@@ -4,13 +4,13 @@ from functools import partial
 
 import numpy as np
 import pytest
-from textbook import bryson_denham
 
 from microbot_ocp.ocp import refinement
 from microbot_ocp.ocp.refinement import Refiner, split
 from microbot_ocp.ocp.solution import Attempt, PhaseSolution, Solution, Status
 from microbot_ocp.ocp.solvers import solve
 from microbot_ocp.ocp.transcription import Guess, Transcription
+from ocp.textbook import bryson_denham
 
 
 @pytest.mark.parametrize(

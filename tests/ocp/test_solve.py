@@ -3,7 +3,12 @@
 import casadi as ca
 import numpy as np
 import pytest
-from textbook import (
+
+from microbot_ocp.ocp.problem import OptimalControlProblem
+from microbot_ocp.ocp.solution import Status
+from microbot_ocp.ocp.solvers import SolverSettings, solve
+from microbot_ocp.ocp.transcription import Guess
+from ocp.textbook import (
     bryson_denham,
     double_integrator,
     mass,
@@ -11,11 +16,6 @@ from textbook import (
     spline,
     through_half_way,
 )
-
-from microbot_ocp.ocp.problem import OptimalControlProblem
-from microbot_ocp.ocp.solution import Status
-from microbot_ocp.ocp.solvers import SolverSettings, solve
-from microbot_ocp.ocp.transcription import Guess
 
 SOLVERS = ("fatrop", "ipopt")
 by_both = pytest.mark.parametrize("solver", SOLVERS)

@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from shared import ARM_VIA, VIA_Q, VIA_QD, VIA_T, arm, dense_excess, pendulum, slider
 
 import microbot_ocp as mo
 from microbot_ocp.ocp import refinement
 from microbot_ocp.ocp.solvers import solve
 from microbot_ocp.time_optimal.free import TimeOptimalSettings, time_optimal
+from time_optimal.shared import ARM_VIA, VIA_Q, VIA_QD, VIA_T, arm, dense_excess, pendulum, slider
 
 
 @pytest.fixture(scope="module")

@@ -4,11 +4,11 @@ import re
 
 import numpy as np
 import pytest
-from shared import ARM_VIA, VIA_Q, arm, pendulum, slider
 
 import microbot_ocp as mo
 from microbot_ocp.time_optimal.free import time_optimal
 from microbot_ocp.time_optimal.path import straight_path, time_optimal_path
+from time_optimal.shared import ARM_VIA, VIA_Q, arm, pendulum, slider
 
 NAN = float("nan")
 

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from shared import ARM_VIA, VIA_Q, VIA_QD, VIA_T, arm, dense_excess, pendulum, slider
 
 import microbot_ocp as mo
 from microbot_ocp.motion import PiecewisePolynomial
 from microbot_ocp.time_optimal.path import corners, stops, straight_path, time_optimal_path
+from time_optimal.shared import ARM_VIA, VIA_Q, VIA_QD, VIA_T, arm, dense_excess, pendulum, slider
 
 REPORT_CUBIC = mo.cubic(VIA_Q, VIA_T, VIA_QD)
 ARM_CUBIC = mo.cubic(ARM_VIA, [0.0, 1.0, 2.0])
@@ -215,8 +215,12 @@ def test_torque_rate_limits_hold_also_where_pieces_meet(corner):
     path = straight_path(ARM_VIA) if corner else ARM_CUBIC
     motion = time_optimal_path(robot, path, mesh=60)
     check = mo.certify(robot, motion).limit_check("taud")
-    assert motion.solved
     assert check.violation < (2e-3 if corner else 2e-2)
+    if not corner:  # where the tangent vanishes the ends are hard to follow: held, or admitted
+        assert motion.solved == (motion.provenance["excess"] <= 5e-3)
+        assert motion.solved or motion.note.startswith("not solved: limits are exceeded by")
+    else:
+        assert motion.solved
     without = time_optimal_path(robot, path, mo.Limits(tau_max=[60.0, 25.0]), mesh=60)
     assert motion.duration > 1.05 * without.duration
 
@@ -255,6 +259,21 @@ def test_a_path_that_cannot_be_travelled_is_a_status_with_the_place():
     assert motion.provenance["reachability_duration"] is None
     assert "the end cannot be reached from s = " in motion.note
     assert any("the end cannot be reached" in line for line in said)
+
+
+def test_a_solver_that_converged_is_not_believed_between_mesh_points():
+    """Work of 6 N m over half a turn is less than the weight gains; mesh points can be cheated.
+
+    Where the tangent vanishes the speed is free, and the first interval may jump over the place.
+    """
+    robot = pendulum(tau_max=6.0, qd_max=10.0)
+    assert 6.0 * np.pi < 2 * 9.81
+    motion = time_optimal_path(robot, mo.cubic([[0.0], [np.pi]], [0.0, 2.0]), mesh=20)
+    assert not motion.solved
+    assert motion.note.startswith("not solved: ")
+    if motion.provenance["status"] == "limits_exceeded":
+        assert motion.provenance["excess"] > 0.05
+        assert "between mesh points" in motion.note
 
 
 def test_more_viscous_friction_than_reachability_can_follow_is_said():
