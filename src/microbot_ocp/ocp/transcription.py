@@ -219,7 +219,8 @@ class _Physics:
         x = ca.vertcat(*(s.symbol for s in phase.states))
         controls = [*_constant(phase), *_linear(phase), *pointwise(phase)]
         u = ca.vertcat(*(k.symbol for k in controls), ca.MX(0, 1))
-        rate = ca.vertcat(*(k.rate for k in _linear(phase)), ca.MX(0, 1))
+        rates = [k.rate for k in _linear(phase) if k.rate is not None]
+        rate = ca.vertcat(*rates, ca.MX(0, 1))
         self.constants = ca.vertcat(*(p.symbol for p in phase.parameters), ca.MX(0, 1))
         arguments = [x, u, rate, phase.time, phase.duration, self.constants]
         slope = ca.vertcat(*(phase.derivatives[s.name] for s in phase.states))

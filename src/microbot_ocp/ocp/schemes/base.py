@@ -52,7 +52,8 @@ class Interval:
     def f(self, x: ca.MX, u: ca.MX, fraction: Fraction) -> tuple[ca.MX, ca.MX]:
         """Slope of the state and running cost at a fraction of the interval."""
         time = self.start + fraction * self.length
-        return self.dynamics(x, u, self.rate, time, self.duration, self.constants)
+        slope, cost = self.dynamics(x, u, self.rate, time, self.duration, self.constants)
+        return slope, cost
 
     def control(self, fraction: Fraction) -> ca.MX:
         """Constant and linear controls at a fraction of the interval."""
