@@ -269,6 +269,8 @@ def test_mimic_fingers_beyond_the_tip_are_carried() -> None:
         parse_urdf(text, "hand.urdf")
     robot = parse_urdf(text, tip="l1")
     assert robot.links[0].mass == 6.0
+    with pytest.raises(InputError, match=r"mimics 'to one', which moves on the way to the tip"):
+        parse_urdf(text, tip="one")
     # the finger slides along Z by -2 * 0.1 + 0.3
     assert robot.links[0].center_of_mass[2] == pytest.approx((0.3 + 0.3 + 0.3 + 0.1) / 3)
 
@@ -400,7 +402,9 @@ def test_missing_parser_names_the_extra(tmp_path: Path, monkeypatch: pytest.Monk
     path = tmp_path / "arm.urdf"
     mo.write_urdf(mo.load_robot("planar_2r"), path)
     monkeypatch.setitem(sys.modules, "yourdfpy", None)
-    with pytest.raises(InputError, match=r"needs the extra 'urdf': pip install 'microbot_ocp\["):
+    with pytest.raises(
+        InputError, match=r"^reading URDF files needs the extra 'urdf': pip install 'microbot_ocp\["
+    ):
         mo.load_robot(path)
 
 

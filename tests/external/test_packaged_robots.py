@@ -15,6 +15,7 @@ import pytest
 
 import microbot_ocp as mo
 from helpers import batch, difference, random_states
+from microbot_ocp.robots.urdf_file import robot_to_urdf
 
 STATES = 1000
 RELATIVE = 1e-9
@@ -216,6 +217,26 @@ def test_forward_dynamics_is_the_one_of_mujoco(rigid: mo.Robot) -> None:
         mujoco.mj_forward(model, data)
         theirs.append(data.qacc.copy())
     assert difference(batch(mo.forward_dynamics(rigid), q, qd, tau), theirs) < RELATIVE
+
+
+@pytest.mark.parametrize("name", ["panda", "puma560", "stanford", "ur5e"])
+def test_written_urdf_is_what_mujoco_reads(name: str) -> None:
+    """Bodies, joints and damping; it takes no rotor inertia and no gravity from a URDF."""
+    robot = mo.load_robot(name)
+    model = mujoco.MjModel.from_xml_string(robot_to_urdf(robot))
+    model.opt.gravity[:] = robot.gravity
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT  # dry friction and limits
+    model.dof_armature[:] = [link.armature for link in robot.links]
+    data = mujoco.MjData(model)
+    q, qd, qdd = random_states(robot, 100, seed=10)
+    theirs = []
+    for data.qpos[:], data.qvel[:], data.qacc[:] in zip(q, qd, qdd, strict=True):
+        mujoco.mj_inverse(model, data)
+        theirs.append(data.qfrc_inverse.copy())
+    _, coulomb = coefficients(robot)
+    ours = batch(mo.inverse_dynamics(robot), q, qd, qdd) - coulomb * np.tanh(qd / 0.01)
+    assert difference(ours, theirs) < RELATIVE
+    assert model.jnt_range[:, 1] == pytest.approx(robot.limits.q_max)
 
 
 def test_two_seconds_of_motion_are_those_of_mujoco(rigid: mo.Robot) -> None:

@@ -123,8 +123,9 @@ def parse_urdf(
     checks.number("parallel_tolerance", parallel_tolerance, "rad", at_least=0.0, at_most=0.1)
     data = text.encode() if isinstance(text, str) else text
     xml = _parse_xml(data, origin)
+    model = _parse_model(data, origin)
     try:
-        return _Tree(_parse_model(data, origin), xml).robot(tip, parallel_tolerance)
+        return _Tree(model, xml).robot(tip, parallel_tolerance)
     except InputError as problem:
         raise InputError(f"{origin}: {problem}") from None
 
@@ -271,6 +272,7 @@ class _Tree:
         return any(j.type in MOVING for j in (joint, *outward))
 
     def robot(self, tip: str | None, parallel_tolerance: float) -> Robot:
+        """The chain from the root to ``tip``, or to the only end there is."""
         if tip is None:
             tip = self._only_tip()
         elif tip not in self.links:
@@ -311,21 +313,25 @@ class _Tree:
             for joint in self.below[name]:
                 frame = frames[name] @ _origin(f"origin of joint {joint.name!r}", joint.origin)
                 if joint.type in MOVING and joint.name not in chain:
-                    frame = frame @ _joint_motion(joint, self._locked(joint))
+                    frame = frame @ _joint_motion(joint, self._locked(joint, chain))
                 frames[joint.child] = frame
         return frames
 
-    def _locked(self, joint: Any) -> float:
+    def _locked(self, joint: Any, chain: set[str]) -> float:
         """Position nearest to zero that the limits of a joint off the chain allow."""
         if joint.mimic is not None:
             label = f"of the mimic of joint {joint.name!r}"
             leader = self.joints.get(joint.mimic.joint)
             if leader is None or leader.mimic is not None or leader.type not in MOVING:
                 raise InputError(f"joint {label} must be a moving joint, not {joint.mimic.joint!r}")
+            if leader.name in chain:
+                raise InputError(
+                    f"joint {joint.name!r} mimics {leader.name!r}, which moves on the way to the tip"
+                )
             factor = 1.0 if joint.mimic.multiplier is None else joint.mimic.multiplier
             offset = 0.0 if joint.mimic.offset is None else joint.mimic.offset
             factor = checks.number(f"multiplier {label}", factor)
-            return factor * self._locked(leader) + checks.number(f"offset {label}", offset)
+            return factor * self._locked(leader, chain) + checks.number(f"offset {label}", offset)
         lower, upper = _range(joint)
         return min(max(0.0, lower), upper)
 
