@@ -7,6 +7,7 @@ import tomllib
 from dataclasses import replace
 from pathlib import Path
 
+import casadi as ca
 import numpy as np
 import pytest
 from hypothesis import given
@@ -264,8 +265,6 @@ def test_base_moves_poses_and_turns_gravity(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["microbot", "puma560", "rrrprrr"])
 def test_gravity_on_a_base_is_the_slope_of_the_potential(name: str) -> None:
-    import casadi as ca
-
     robot = moved(any_robot(name))
     q = ca.SX.sym("q", robot.joint_count)
     potential = mo.energy(robot)(q, ca.SX(robot.joint_count, 1))[1]

@@ -326,7 +326,8 @@ class _Tree:
                 raise InputError(f"joint {label} must be a moving joint, not {joint.mimic.joint!r}")
             if leader.name in chain:
                 raise InputError(
-                    f"joint {joint.name!r} mimics {leader.name!r}, which moves on the way to the tip"
+                    f"joint {joint.name!r} mimics {leader.name!r}, which moves on the way to the "
+                    "tip"
                 )
             factor = 1.0 if joint.mimic.multiplier is None else joint.mimic.multiplier
             offset = 0.0 if joint.mimic.offset is None else joint.mimic.offset
