@@ -30,7 +30,7 @@ IPOPT_OPTIONS = {
     "ipopt.sb": "yes",
     "ipopt.tol": 1e-12,
     "ipopt.acceptable_tol": 1e-9,
-    "ipopt.max_iter": 200,
+    "ipopt.max_iter": 100,
     "ipopt.bound_relax_factor": 0.0,
     "print_time": False,
     "calc_lam_p": False,

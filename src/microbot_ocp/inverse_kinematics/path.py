@@ -12,9 +12,9 @@ from microbot_ocp.checks import FloatArray
 from microbot_ocp.inverse_kinematics.kernels import joint_scale
 from microbot_ocp.inverse_kinematics.result import IKPath, IKStatus, read_only
 from microbot_ocp.inverse_kinematics.search import (
-    SOLVED,
     descend,
     find_branches,
+    goal,
     middle,
     nearest_pose,
     task_errors,
@@ -160,7 +160,7 @@ def _advance(
 ) -> FloatArray | None:
     """From q at ``origin`` to ``target`` on the same branch; None where that does not go."""
     ended, errors = descend(robot, q[None], target[None], bounds)
-    if errors[0] < SOLVED and _step(robot, ended[0], q) <= LARGEST_STEP:
+    if errors[0] < goal(robot) and _step(robot, ended[0], q) <= LARGEST_STEP:
         return ended[0]
     if halvings == 0 or np.array_equal(origin, target):
         return None

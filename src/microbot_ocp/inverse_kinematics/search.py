@@ -21,12 +21,12 @@ from microbot_ocp.inverse_kinematics.kernels import (
     joint_scale,
     nearest_joints_nlp,
     nearest_pose_nlp,
+    pose_of,
     reach,
     scaled_jacobian,
 )
 from microbot_ocp.robot import Robot
 
-SOLVED = 1e-10  # scaled error that counts as reached
 POSITION_TOLERANCE = 1e-8  # m, of what is handed out
 ORIENTATION_TOLERANCE = 1e-8  # rad
 STEPS = 50
@@ -105,6 +105,11 @@ def within_limits(robot: Robot, q: FloatArray, near: FloatArray) -> tuple[FloatA
     return np.clip(moved, lower, upper), np.asarray(inside.all(axis=-1))
 
 
+def goal(robot: Robot) -> float:
+    """Scaled error below which a start has reached its target: within both tolerances."""
+    return max(min(1e-10, POSITION_TOLERANCE / reach(robot)), 1e-14)
+
+
 def descend(
     robot: Robot,
     q: FloatArray,
@@ -149,7 +154,7 @@ def clusters(robot: Robot, q: FloatArray, tolerance: float) -> tuple[FloatArray,
     """One row for every different solution among q [B,n], and how many rows it stands for."""
     kept, met = [], []
     left = q
-    while len(left) and len(kept) < 8 * SAMPLES:
+    while len(left):
         same = np.abs(difference(robot, left, left[0])).max(axis=1) < tolerance
         kept.append(left[0])
         met.append(int(same.sum()))
@@ -175,7 +180,8 @@ def _merge_doubles(
     return q, met
 
 
-def _ranks(robot: Robot, q: FloatArray, width: int) -> np.ndarray:
+def ranks(robot: Robot, q: FloatArray, width: int) -> np.ndarray:
+    """Ranks [K] of the task's Jacobian at q [K,n]."""
     values = np.linalg.svd(scaled_jacobian(robot, q, width), compute_uv=False)
     return (values > RANK_TOLERANCE * np.maximum(values[:, :1], 1e-12)).sum(axis=1)
 
@@ -189,7 +195,7 @@ def self_motions(robot: Robot, q: FloatArray, target: FloatArray) -> np.ndarray:
     to the target.
     """
     count, width = robot.joint_count, target.size
-    rank, generic = _ranks(robot, q, width), generic_rank(robot, width)
+    rank, generic = ranks(robot, q, width), generic_rank(robot, width)
     _, _, right = np.linalg.svd(scaled_jacobian(robot, q, width), full_matrices=True)
     dimensions = np.where(rank == generic, count - generic, 0)
     lost = np.flatnonzero(rank < generic)
@@ -202,7 +208,7 @@ def self_motions(robot: Robot, q: FloatArray, target: FloatArray) -> np.ndarray:
     ended, errors = descend(robot, start, np.tile(target, (len(rows), 1)))
     moved = difference(robot, ended, q[rows]) / PROBE
     for row in set(rows.tolist()):
-        mine = moved[(rows == row) & (errors < SOLVED)]
+        mine = moved[(rows == row) & (errors < goal(robot))]
         if len(mine):
             sizes = np.linalg.svd(mine, compute_uv=False)
             dimensions[row] = int((sizes > 0.3).sum())
@@ -238,7 +244,7 @@ def nearest_on_continuum(
         polished, errors = descend(
             robot, np.array(answer["x"]).T, target[None], bounds, steps=STEPS
         )
-        if errors[0] > SOLVED:
+        if errors[0] > goal(robot):
             break
         q = polished[0]
     return _slide(robot, q, target, wanted)
@@ -253,7 +259,7 @@ def _slide(
     """
     bounds = robot.limits.q_min, robot.limits.q_max
     found, errors = descend(robot, q[None], target[None], bounds)
-    if errors[0] > SOLVED:
+    if errors[0] > goal(robot):
         return None
     q, scale, length = found[0], joint_scale(robot), 0.3
     for _ in range(60):
@@ -267,7 +273,7 @@ def _slide(
         trial = q + along * min(1.0, length / size) * scale
         found, errors = descend(robot, np.clip(trial, *bounds)[None], target[None], bounds)
         nearer = np.linalg.norm((wanted - found[0]) / scale) < np.linalg.norm(missing) - 1e-9
-        if errors[0] < SOLVED and nearer:
+        if errors[0] < goal(robot) and nearer:
             q = found[0]
         else:
             length /= 4
@@ -307,17 +313,15 @@ def find_branches(robot: Robot, targets: FloatArray) -> list[Found]:
         still = []
         for row, index in enumerate(pending):
             block = slice(row * size, (row + 1) * size)
-            good = found[block][errors[block] < SOLVED]
+            good = found[block][errors[block] < goal(robot)]
             pools[index] = np.concatenate([pools[index], good])
             q, met = clusters(robot, pools[index], SAME)
             q, met = _merge_doubles(robot, q, met, targets[index])
             answers[index] = q, met
-            if not len(q):
-                enough = turn > 0
+            if redundant and len(q):
+                enough = len(q) >= SAMPLES
             else:
-                enough = len(q) > 3 * SAMPLES or bool(met.min() >= MEETINGS)
-                if enough and balanced_when_complete and len(q) <= 3 * SAMPLES:
-                    enough = _balanced(robot, q, width)
+                enough = _complete(robot, q, met, width, turn, balanced_when_complete)
             if not enough:
                 still.append(index)
         pending = np.array(still, dtype=int)
@@ -326,10 +330,22 @@ def find_branches(robot: Robot, targets: FloatArray) -> list[Found]:
     return [_sorted_out(robot, q, target) for (q, _), target in zip(answers, targets, strict=True)]
 
 
-def _balanced(robot: Robot, q: FloatArray, width: int) -> bool:
+def _complete(
+    robot: Robot, q: FloatArray, met: np.ndarray, width: int, turn: int, balanced: bool
+) -> bool:
+    """Whether the isolated solutions q [K,n], met so many times [K], are likely to be all."""
+    if not len(q):
+        return turn > 0
     jacobians = scaled_jacobian(robot, q, width)
     values = np.linalg.svd(jacobians, compute_uv=False)
-    if np.any(values[:, -1] < 1e-4 * values[:, 0]):
+    conditions = values[:, -1] / np.maximum(values[:, 0], 1e-12)
+    if len(values[0]) < robot.joint_count or conditions.min() < RANK_TOLERANCE:
+        # a continuum gives a new solution every time: two rounds, and its neighbours met often
+        isolated = conditions >= RANK_TOLERANCE
+        return turn > 0 and bool(np.all(met[isolated] >= MEETINGS))
+    if met.min() < MEETINGS:
+        return False
+    if not balanced or conditions.min() < 1e-4:
         return True  # the sign of a vanishing determinant tells nothing
     return abs(np.sign(np.linalg.det(jacobians)).sum()) < 0.5
 
@@ -338,7 +354,7 @@ def _sorted_out(robot: Robot, q: FloatArray, target: FloatArray) -> Found:
     """Isolated solutions as they are, continua by representatives."""
     if not len(q):
         return Found(q, np.zeros(0, dtype=int), False)
-    deficient = _ranks(robot, q, target.size) < robot.joint_count
+    deficient = ranks(robot, q, target.size) < robot.joint_count
     isolated, suspects = q[~deficient], q[deficient]
     if not len(suspects):
         return Found(q, np.zeros(len(q), dtype=int), True)
@@ -386,11 +402,11 @@ def nearest_pose(
         q, ended = begin, True
         for share in (weight, 0.0) if target.size == 12 else (weight,):
             answer = solve(x0=q, p=np.append(target, share), lbx=bounds[0], ubx=bounds[1])
-            ended = bool(solve.stats()["success"])
             q = np.clip(np.array(answer["x"]).ravel(), *bounds)
+            ended = bool(solve.stats()["success"]) or _stationary(robot, q, target)
             if share == weight:  # where the position can be reached it is, exactly
                 closer, errors = descend(robot, q[None], target[None, :3], bounds)
-                if errors[0] < SOLVED:
+                if errors[0] < goal(robot):
                     q, ended = closer[0], True
                     break
         distance, angle = (x[0] for x in task_errors(robot, q[None], target[None]))
@@ -400,6 +416,22 @@ def nearest_pose(
             best, best_key, converged = q, key, ended
     wished = middle(robot) if start is None else start
     return within_limits(robot, best[None], wished)[0][0], converged
+
+
+def _stationary(robot: Robot, q: FloatArray, target: FloatArray) -> bool:
+    """Whether no joint that its limits leave free brings the tool nearer, to first order.
+
+    IPOPT often stops short of its own tolerance where the optimum is degenerate (a stretched arm).
+    """
+    offset = (target[:3] - pose_of(robot)(q)[:3, 3]) / reach(robot)
+    descent = scaled_jacobian(robot, q[None], 3)[0].T @ offset
+    limits = robot.limits
+    slack = 1e-7 * joint_scale(robot)
+    held = ((q <= limits.q_min + slack) & (descent < 0)) | (
+        (q >= limits.q_max - slack) & (descent > 0)
+    )
+    free = np.abs(np.where(held, 0.0, descent)).max()
+    return bool(free < 1e-5 * max(float(np.linalg.norm(offset)), 1e-12))
 
 
 def search_by_nlp(robot: Robot, target: FloatArray, starts: int) -> FloatArray:

@@ -14,20 +14,19 @@ from microbot_ocp.inverse_kinematics.kernels import (
     generic_rank,
     joint_scale,
     pose_of,
-    scaled_jacobian,
 )
 from microbot_ocp.inverse_kinematics.result import IKSolution, IKStatus, read_only
 from microbot_ocp.inverse_kinematics.search import (
     ORIENTATION_TOLERANCE,
     POSITION_TOLERANCE,
-    RANK_TOLERANCE,
-    SOLVED,
     Found,
     descend,
     find_branches,
+    goal,
     middle,
     nearest_on_continuum,
     nearest_pose,
+    ranks,
     search_by_nlp,
     self_motions,
     task_errors,
@@ -137,12 +136,26 @@ def solve_ik_batch(
 
 def _branches(robot: Robot, targets: FloatArray) -> tuple[tuple[IKSolution, ...], ...]:
     begin = time.perf_counter()
-    everything = find_branches(robot, targets)
+    wanted, everything = middle(robot), find_branches(robot, targets)
+    rows, motions, owners = [], [], []
+    for index, found in enumerate(everything):
+        q, inside = within_limits(robot, found.q, wanted)
+        kept = np.flatnonzero(inside)
+        order = kept[np.argsort(np.linalg.norm(q[kept] - wanted, axis=1), kind="stable")]
+        rows.append(q[order])
+        motions.append(found.self_motion[order])
+        owners += [index] * len(order)
+    q = np.concatenate(rows)
     share = (time.perf_counter() - begin) / len(targets)
-    return tuple(
-        _answers(robot, target, found, share)
-        for target, found in zip(targets, everything, strict=True)
-    )
+    solutions: list[list[IKSolution]] = [[] for _ in targets]
+    if len(q):
+        made = _solutions(robot, targets[owners], q, np.concatenate(motions), share)
+        for index, solution in zip(owners, made, strict=True):
+            solutions[index].append(solution)
+    for index, found in enumerate(everything):
+        if not solutions[index]:
+            solutions[index].append(_missed(robot, targets[index], found, wanted, share))
+    return tuple(map(tuple, solutions))
 
 
 def branches_by_nlp(
@@ -185,7 +198,7 @@ def _nearer_members(
     """
     bounds = robot.limits.q_min, robot.limits.q_max
     downhill, errors = descend(robot, np.clip(wanted, *bounds)[None], target[None], bounds)
-    if errors[0] < SOLVED:
+    if errors[0] < goal(robot):
         rows = np.vstack([rows, downhill])
         motions = np.append(motions, self_motions(robot, downhill, target))
     moved = np.array(rows)
@@ -236,19 +249,6 @@ def _rotation_row(name: str, turn: FloatArray) -> FloatArray:
     return (left @ right).ravel("F")
 
 
-def _answers(
-    robot: Robot, target: FloatArray, found: Found, solve_time: float
-) -> tuple[IKSolution, ...]:
-    begin = time.perf_counter()
-    rows, inside = within_limits(robot, found.q, middle(robot))
-    if not inside.any():
-        used = solve_time + time.perf_counter() - begin
-        return (_missed(robot, target, found, middle(robot), used),)
-    rows, motions = rows[inside], found.self_motion[inside]
-    order = np.argsort(np.linalg.norm(rows - middle(robot), axis=1), kind="stable")
-    return tuple(_solution(robot, target, rows[k], int(motions[k]), solve_time) for k in order)
-
-
 def _missed(
     robot: Robot, target: FloatArray, found: Found, wanted: FloatArray, used: float
 ) -> IKSolution:
@@ -266,8 +266,11 @@ def _missed(
         status = IKStatus.LIMITS
     else:
         status = IKStatus.ORIENTATION_MISSED if near else IKStatus.OUT_OF_REACH
+    motion = 0
+    if status is IKStatus.SOLVED:
+        motion = int(self_motions(robot, q[None], target)[0])
     used += time.perf_counter() - begin
-    return _solution(robot, target, q, 0, used, status)
+    return _solution(robot, target, q, motion, used, status)
 
 
 def _reached_without_limits(robot: Robot, target: FloatArray) -> bool:
@@ -292,21 +295,41 @@ def _solution(
     solve_time: float,
     status: IKStatus = IKStatus.SOLVED,
 ) -> IKSolution:
-    distance, angle = (float(x[0]) for x in task_errors(robot, q[None], target[None]))
-    values = np.linalg.svd(scaled_jacobian(robot, q[None], target.size)[0], compute_uv=False)
-    rank = int((values > RANK_TOLERANCE * max(values[0], 1e-12)).sum())
-    singular = rank < generic_rank(robot, target.size)
-    return IKSolution(
-        q=read_only(q),
-        status=status,
-        position_error=distance,
-        orientation_error=angle if target.size == 12 else 0.0,
-        advice=_advice(robot, q, status, distance, angle, self_motion, singular),
-        pose=read_only(pose_of(robot)(q)),
-        self_motion=self_motion,
-        singular=singular,
-        solve_time=solve_time,
-    )
+    motions = np.array([self_motion])
+    return _solutions(robot, target[None], q[None], motions, solve_time, status)[0]
+
+
+def _solutions(
+    robot: Robot,
+    targets: FloatArray,
+    q: FloatArray,
+    motions: np.ndarray,
+    solve_time: float,
+    status: IKStatus = IKStatus.SOLVED,
+) -> list[IKSolution]:
+    """One solution a row of targets [K,w], q [K,n] and motions [K], measured anew."""
+    width = targets.shape[1]
+    distances, angles = task_errors(robot, q, targets)
+    singular = ranks(robot, q, width) < generic_rank(robot, width)
+    joints, poses = read_only(q), read_only(pose_of(robot)(np.ascontiguousarray(q)))
+    made = []
+    for k in range(len(q)):
+        distance, angle = float(distances[k]), float(angles[k])
+        motion, lost = int(motions[k]), bool(singular[k])
+        made.append(
+            IKSolution(
+                q=joints[k],
+                status=status,
+                position_error=distance,
+                orientation_error=angle if width == 12 else 0.0,
+                advice=_advice(robot, q[k], status, distance, angle, motion, lost),
+                pose=poses[k],
+                self_motion=motion,
+                singular=lost,
+                solve_time=solve_time,
+            )
+        )
+    return made
 
 
 def _advice(
@@ -322,7 +345,8 @@ def _advice(
     if status is IKStatus.ORIENTATION_MISSED:
         parts.append(f"The orientation is missed by {np.degrees(angle):.4g} deg.")
     elif status is not IKStatus.SOLVED:
-        parts.append(f"The target is missed by {distance:.6g} m.")
+        turn = f" and {np.degrees(angle):.4g} deg" if angle else ""
+        parts.append(f"The target is missed by {distance:.6g} m{turn}.")
     if status is IKStatus.LIMITS:
         limits = robot.limits
         held = np.minimum(np.abs(q - limits.q_min), np.abs(q - limits.q_max)) < 1e-6
@@ -334,7 +358,5 @@ def _advice(
             "the tool stays: this is one point of a continuum."
         )
     elif singular and status is IKStatus.SOLVED:
-        parts.append(
-            "The arm is singular here: two branches meet, or a direction of motion is lost."
-        )
+        parts.append("The arm is singular here: branches meet, or a direction of motion is lost.")
     return " ".join(part for part in parts if part)
