@@ -25,9 +25,11 @@ ORDER = (
     "fast",
     "kinematics",
     "dynamics",
+    "closed_form",
     "inverse_kinematics",
     "motion",
     "baselines",
+    "driven",
     "control",
     "simulation",
     "ocp",
@@ -43,6 +45,7 @@ ONLY = {
     "robot": {"checks"},
     "robots": {"checks", "robot"},
     "codegen": {"checks"},
+    "driven": {"checks"},
     "ocp": {"checks", "codegen", "fast"},  # any CasADi dynamics, no robot
 }
 RIM = {"views", "cli"}  # imported by no other module while it loads
