@@ -27,11 +27,12 @@ class Program:
     Attributes
     ----------
     layouts : where each phase stands
-    nlp : ``x``, ``f`` and ``g`` as expressions
-    functions : derivatives: ``jacobian(x) -> g, J``, ``gradient(x) -> f, grad``,
-        ``hessian(x, lam_f, lam_g) -> H`` and its upper triangle ``hessian_upper``
+    nlp : ``x``, ``f`` and ``g`` as expressions, and ``p`` where phase parameters may change
+    functions : derivatives: ``jacobian(x, p) -> g, J``, ``gradient(x, p) -> f, grad``,
+        ``hessian(x, p, lam_f, lam_g) -> H`` and its upper triangle ``hessian_upper``
     variable_lower, variable_upper, row_lower, row_upper : bounds, scaled
     nodes, controls, constraints : sizes of z, w and the constraints, stage by stage
+    parameters : values of p as declared; empty where the parameters are constants of the program
     """
 
     layouts: tuple[PhaseLayout, ...]
@@ -45,6 +46,7 @@ class Program:
     nodes: tuple[int, ...]
     controls: tuple[int, ...]
     constraints: tuple[int, ...]
+    parameters: FloatArray
 
 
 class _Entries:
@@ -70,13 +72,24 @@ class _Entries:
 
 
 def assemble(
-    problem: OptimalControlProblem, layouts: Sequence[PhaseLayout], kernels: Sequence[Kernels]
+    problem: OptimalControlProblem,
+    layouts: Sequence[PhaseLayout],
+    kernels: Sequence[Kernels],
+    *,
+    parametric: bool = False,
 ) -> Program:
-    """Put the stages of all phases together."""
+    """Put the stages of all phases together.
+
+    With ``parametric`` the phase parameters are arguments p of the program, else constants in it.
+    """
     last = layouts[-1]
     width = last.variable_offset + last.variable_count
     height = last.row_offset + last.row_count
     x = ca.MX.sym("x", width)
+    declared = [phase_constants(layout) for layout in layouts]
+    parameters = joined(declared) if parametric else np.zeros(0)
+    p = ca.MX.sym("p", parameters.size)
+    offsets = np.cumsum([0, *(d.size for d in declared)]).tolist()
     lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", height)
     cost, rows = ca.MX(0), []
     cost_again, rows_again, gradient = ca.MX(0), [], []
@@ -84,27 +97,29 @@ def assemble(
     for index, (layout, kernel) in enumerate(zip(layouts, kernels, strict=True)):
         after = layouts[index + 1] if index + 1 < len(layouts) else None
         link = _link_rows(problem, index, layout, after, x)
-        piece = _PhasePiece(layout, kernel, x)
+        begin, end = offsets[index : index + 2]
+        constants = p[begin:end] if parametric else ca.MX(ca.DM(declared[index]))
+        piece = _PhasePiece(layout, kernel, x, constants)
         f, g = piece.values(link.values)
         cost, rows = cost + f, [*rows, g]
         f, g, slope = piece.first_order(link.values, jacobian)
         cost_again, rows_again, gradient = cost_again + f, [*rows_again, g], [*gradient, slope]
         jacobian.add(layout.last_row + link.rows, link.columns, link.entries)
         piece.second_order(lam_f, lam_g, hessian)
-    bounds = [_bounds(layout, kernel) for layout, kernel in zip(layouts, kernels, strict=True)]
-    no_parameters = ca.MX(0, 1)
-    curvature = [x, no_parameters, lam_f, lam_g]
+    bounds = [phase_bounds(layout, kernel) for layout, kernel in zip(layouts, kernels, strict=True)]
+    curvature = [x, p, lam_f, lam_g]
+    slope_of_p = ca.MX.zeros(parameters.size)  # solvers take it only if they are asked for it
     # solvers take the gradient for dense, whatever its sparsity says
     g_again, slope = ca.vertcat(*rows_again), ca.densify(ca.vertcat(*gradient))
     jacobian_matrix = jacobian.matrix(height, width)
     stationarity = lam_f * slope + jacobian_matrix.T @ lam_g
     functions = {
         "lagrangian": ca.Function(
-            "nlp_grad", curvature, [cost_again, g_again, stationarity, no_parameters]
+            "nlp_grad", curvature, [cost_again, g_again, stationarity, slope_of_p]
         ),
-        "jacobian": ca.Function("nlp_jac_g", [x, no_parameters], [g_again, jacobian_matrix]),
-        "gradient": ca.Function("nlp_grad_f", [x, no_parameters], [cost_again, slope]),
-        "gradient_only": ca.Function("nlp_grad_f", [x, no_parameters], [slope]),
+        "jacobian": ca.Function("nlp_jac_g", [x, p], [g_again, jacobian_matrix]),
+        "gradient": ca.Function("nlp_grad_f", [x, p], [cost_again, slope]),
+        "gradient_only": ca.Function("nlp_grad_f", [x, p], [slope]),
         "hessian": ca.Function(
             "nlp_hess_l", curvature, [ca.MX(width, 1), hessian.matrix(width, width)]
         ),
@@ -115,7 +130,7 @@ def assemble(
     return Program(
         layouts=tuple(layouts),
         links=tuple(problem.links),
-        nlp={"x": x, "f": cost, "g": ca.vertcat(*rows)},
+        nlp={"x": x, "f": cost, "g": ca.vertcat(*rows), **({"p": p} if parametric else {})},
         functions=functions,
         variable_lower=joined([b.variables[0] for b in bounds]),
         variable_upper=joined([b.variables[1] for b in bounds]),
@@ -134,13 +149,19 @@ def assemble(
                 + [k.end_rows + len(k.final_rows)]
             )
         ),
+        parameters=parameters,
     )
+
+
+def phase_constants(layout: PhaseLayout) -> FloatArray:
+    """Declared values of the parameters of a phase, in one array."""
+    return joined([p.value for p in layout.phase.parameters])
 
 
 class _PhasePiece:
     """Values and derivatives of one phase as expressions of all variables."""
 
-    def __init__(self, layout: PhaseLayout, kernel: Kernels, x: ca.MX) -> None:
+    def __init__(self, layout: PhaseLayout, kernel: Kernels, x: ca.MX, constants: ca.MX) -> None:
         n, s, nz = layout.intervals, layout.stage_size, layout.node_size
         first, last = layout.variable_offset, layout.last_node
         self.layout, self.kernel = layout, kernel
@@ -151,10 +172,9 @@ class _PhasePiece:
         self.z_last = x[last : last + nz]
         self.at_start = x[[first + i for i in layout.initial_rows]]
         self.at_end = x[[last + i for i in layout.final_rows]]
-        constants = joined([p.value for p in layout.phase.parameters])
-        grid = np.vstack([layout.mesh[:-1], np.diff(layout.mesh)])
-        self.constants = ca.DM(constants)
-        self.grid = ca.DM(np.vstack([grid, np.tile(constants[:, None], (1, n))]))
+        grid = ca.MX(ca.DM(np.vstack([layout.mesh[:-1], np.diff(layout.mesh)])))
+        self.constants = constants
+        self.grid = ca.vertcat(grid, ca.repmat(constants, 1, n))
 
     def _rows(self, gap: ca.MX, constraints: ca.MX, link: ca.MX, tail: ca.MX) -> ca.MX:
         stages = ca.vertcat(gap, constraints)
@@ -275,12 +295,14 @@ def _triplet(function: ca.Function, output: int) -> tuple[np.ndarray, np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
-class _Bounds:
+class PhaseBounds:
+    """Lower and upper bounds of the variables and rows of a phase."""
+
     variables: tuple[FloatArray, FloatArray]
     rows: tuple[FloatArray, FloatArray]
 
 
-def _bounds(layout: PhaseLayout, kernel: Kernels) -> _Bounds:
+def phase_bounds(layout: PhaseLayout, kernel: Kernels) -> PhaseBounds:
     """Lower and upper bounds of the phase's variables and rows."""
     initial = condition_bounds(layout, "initial", layout.initial_rows)
     final = condition_bounds(layout, "final", layout.final_rows)
@@ -326,4 +348,4 @@ def _bounds(layout: PhaseLayout, kernel: Kernels) -> _Bounds:
                 ]
             )
         )
-    return _Bounds((variables[0], variables[1]), (rows[0], rows[1]))
+    return PhaseBounds((variables[0], variables[1]), (rows[0], rows[1]))
