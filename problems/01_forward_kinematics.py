@@ -79,7 +79,7 @@ def main() -> int:
         if texts == REPORT:
             print("report: entry (2,2) of frame 3 in base is printed as -0.0305; its sign is wrong")
     except (mo.InputError, EOFError, KeyboardInterrupt) as problem:
-        print(f"error: {problem}", file=sys.stderr)
+        print(f"error: {str(problem) or 'interrupted'}", file=sys.stderr)
         return 2
     return 0
 

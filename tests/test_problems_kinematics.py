@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -54,6 +55,26 @@ def test_forward_kinematics_in_symbols() -> None:
     assert "[ c1*c23 -c1*s23 s1 c1*(f*c23 + e*c2) ]" in text
     assert "f*s23 + e*s2 + h" in text
     assert "c1*(4*c23 + 3*c2)" in words(FORWARD, "--symbolic")
+
+
+@pytest.mark.parametrize(("last_row", "code"), [("0 4 0 0", 0), ("0 4 0", 2)])
+def test_rows_are_asked_for_on_a_terminal(last_row: str, code: int) -> None:
+    pty = pytest.importorskip("pty")
+    outer, inner = pty.openpty()
+    rows = "0 0 2 161.5651\n90, 0, 0, 74.1561\n0 3 0 111.3819\n" + last_row + "\n\n"
+    os.write(outer, rows.encode())
+    command = [sys.executable, str(PROBLEMS / FORWARD)]
+    done = subprocess.run(
+        command, stdin=inner, capture_output=True, text=True, check=False, timeout=300
+    )
+    os.close(outer)
+    os.close(inner)
+    assert done.returncode == code
+    assert "row 1: " in done.stdout
+    if code == 0:
+        assert "Px = 3.0000  Py = -1.0000  Pz = 4.5000" in done.stdout
+    else:
+        assert done.stderr == "error: row 4 must have 4 entries, not 3\n"
 
 
 def test_four_branches_of_the_report() -> None:
