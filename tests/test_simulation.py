@@ -156,6 +156,22 @@ def test_jumping_torque_of_a_motion_costs_no_digits(robot):
     assert np.abs(mo.simulate(heavy, motion).q - motion.q).max() > 0.05
 
 
+@pytest.mark.parametrize("arm", [mo.load_robot("microbot"), slider().with_gravity([0, 0, 0])])
+def test_an_arm_that_waits_is_not_stepped_over(arm):
+    """At rest nothing changes, at the edge of a piece neither: a free step may jump over both."""
+    start = np.full(arm.joint_count, 0.3)
+    wait = np.zeros((1, 6, start.size))
+    wait[0, 0] = start
+    go = mo.quintic([start, start + 0.4], [0.0, 2.0]).coefficients
+    shape = mo.PiecewisePolynomial([0.0, 2.0, 4.0], np.concatenate([wait, go]))
+    motion = mo.Motion.from_polynomial(arm, shape, label="wait, then go")
+    for integrator in ("cvodes", "idas", "rk"):
+        run = mo.simulate(arm, motion, integrator=integrator)
+        assert run.ok, run.status
+        np.testing.assert_allclose(run.q, motion.q, atol=1e-5)
+    assert mo.certify(arm, motion, mo.Limits()).ok
+
+
 def test_torques_on_a_grid_are_linear_in_between():
     """A slider under a force that rises linearly: position of third order."""
     t = np.array([0.0, 0.5, 2.0])

@@ -7,7 +7,6 @@ forward dynamics only.
 
 from __future__ import annotations
 
-import re
 import time
 from dataclasses import dataclass, fields
 from typing import Any, NamedTuple
@@ -19,19 +18,19 @@ from numpy.typing import ArrayLike
 from microbot_ocp import checks
 from microbot_ocp.baselines.scaling import LimitUse, torque_and_rate
 from microbot_ocp.checks import FloatArray, InputError
+from microbot_ocp.driven import Driven, Method, fitted, integrate
 from microbot_ocp.dynamics import forward_dynamics, mass_matrix_condition
 from microbot_ocp.motion import JUMP_GAP, Motion, State, torque_along
 from microbot_ocp.robot import JointLimits, Limits, Robot
+from microbot_ocp.simulation import mesh_of
 
 GRID_STEP = 0.25e-3  # s, the longest step of the dense grid
 GRID_RATIO = 20  # dense grid points to each mesh interval, at least
 SATURATED = 0.99  # share of a limit from which on it counts as used up
 ROUNDING = 1e-7  # relative excess over a limit that is put down to the solver's tolerance
 NEAR_SINGULAR = 1e6  # condition number of the mass matrix
-TORQUE_DEGREE = 10  # of the polynomials in time that carry the torque into the re-simulation
-TORQUE_FIT = 1e-8  # their largest error, relative to the largest torque
+TORQUE_FIT = 1e-8  # error of the torque in the re-simulation, relative to the largest
 BETWEEN_SAMPLES = 0.05  # of the largest torque: how far it may stray between two samples
-SHORTEST_PIECE = 0.5e-3  # s; a piece of torque that holds no break is not divided below this
 
 QUANTITY_NAMES = {
     "q": "position",
@@ -39,17 +38,6 @@ QUANTITY_NAMES = {
     "qdd": "acceleration",
     "tau": "torque",
     "taud": "torque rate",
-}
-# What the integrator's return codes mean.
-FAILURES = {
-    "CV_TOO_MUCH_WORK": "it needed more steps than allowed",
-    "CV_TOO_MUCH_ACC": "the accuracy asked for is beyond the machine's",
-    "CV_ERR_FAILURE": "its step shrank to nothing",
-    "CV_CONV_FAILURE": "its step shrank to nothing",
-    "CV_RHSFUNC_FAIL": "the accelerations are not finite",
-    "CV_FIRST_RHSFUNC_ERR": "the accelerations are not finite at the start",
-    "CV_REPTD_RHSFUNC_ERR": "the accelerations are not finite",
-    "CV_UNREC_RHSFUNC_ERR": "the accelerations are not finite",
 }
 
 
@@ -186,13 +174,6 @@ class _Resimulation(NamedTuple):
     final_velocity_error: float = np.nan
     path_position_error: float = np.nan
     path_error_time: float = np.nan
-
-
-class _TorquePieces(NamedTuple):
-    """Torque as Chebyshev series in time: ``edges`` [K+1], coefficients [K, degree+1, n]."""
-
-    edges: FloatArray
-    coefficients: FloatArray
 
 
 def certify(
@@ -333,17 +314,9 @@ def certify(
     )
 
 
-def _mesh(motion: Motion) -> FloatArray:
-    """Breaks with both ends of the motion; the gap that stands for a jump is not an interval."""
-    breaks = motion.t if motion.breaks is None else motion.breaks
-    inner = breaks[(breaks > 0.0) & (breaks < motion.duration)]
-    mesh = np.concatenate([[0.0], inner, [motion.duration]])
-    return mesh[np.append(np.diff(mesh) > 2 * JUMP_GAP, True)]
-
-
 def _dense_times(motion: Motion) -> tuple[FloatArray, float]:
     """Dense grid and its least number of points to a mesh interval."""
-    mesh = _mesh(motion)
+    mesh = mesh_of(motion)
     lengths = np.diff(mesh)
     points = np.maximum(GRID_RATIO, np.ceil(lengths / GRID_STEP - 1e-9)).astype(int)
     first = np.repeat(np.cumsum(points) - points, points)
@@ -470,100 +443,26 @@ def _check_vias(
     return tuple(found)
 
 
-def _torque_pieces(robot: Robot, motion: Motion) -> _TorquePieces:
-    """Divide the time until a Chebyshev series follows the torque on each piece.
-
-    Pieces start as the whole motion and are divided at the break nearest to their middle, so that
-    smooth stretches keep long pieces and a jump ends up between two of them.
-    """
-    degree = TORQUE_DEGREE
-    angle = (2 * np.arange(degree + 1) + 1) * np.pi / (2 * (degree + 1))
-    nodes = -np.cos(angle)  # none at the ends: at a break the torque has two values
-    fit = np.linalg.inv(np.polynomial.chebyshev.chebvander(nodes, degree))
-    probes = -np.cos((np.arange(degree) + 1) * np.pi / (degree + 1))
-    probe = np.polynomial.chebyshev.chebvander(probes, degree)
-    tolerance = TORQUE_FIT * max(float(np.abs(motion.tau).max()), 1e-6)
-    breaks = _mesh(motion)
-    todo = [(0.0, motion.duration)]
-    edges: list[float] = []
-    coefficients: list[FloatArray] = []
-    both = np.concatenate([nodes, probes])
-    while todo:
-        pieces = np.array(todo)
-        middle, half = pieces.mean(axis=1), 0.5 * np.diff(pieces, axis=1)[:, 0]
-        t = middle[:, None] + half[:, None] * both
-        tau = torque_along(robot, motion.sample(t.ravel())).reshape(*t.shape, -1)
-        series = fit @ tau[:, : degree + 1]
-        error = np.abs(probe @ series - tau[:, degree + 1 :]).max(axis=(1, 2))
-        todo = []
-        for (start, end), good, own in zip(pieces, error <= tolerance, series, strict=True):
-            low = np.searchsorted(breaks, start, side="right")
-            inner = breaks[low : np.searchsorted(breaks, end, side="left")]
-            if good or not (inner.size or end - start > SHORTEST_PIECE):
-                edges.append(start)
-                coefficients.append(own)
-                continue
-            cut = 0.5 * (start + end)
-            if inner.size:
-                cut = float(inner[np.abs(inner - cut).argmin()])
-            todo += [(start, cut), (cut, end)]
-    order = np.argsort(edges)
-    return _TorquePieces(
-        np.append(np.array(edges)[order], motion.duration), np.array(coefficients)[order]
-    )
-
-
-def _driven_arm(robot: Robot) -> dict[str, ca.SX]:
-    """The arm as a differential equation, its torque a Chebyshev series in the time.
-
-    CVODES is a multistep method that is not started anew where its control changes: a jump of the
-    torque costs it digits or ends it. So the independent variable is not the time but s, which
-    counts the pieces; in each the time goes by at the rate ``30 y^2 (1 - y)^2`` (y = 0 to 1) times
-    the length of the piece. At the edges it stands still, and the right-hand side is continuous
-    there whatever the torque does. The control of a piece holds its index, its length, s, and the
-    coefficients of the torque.
-    """
-    count, degree = robot.joint_count, TORQUE_DEGREE
-    s, x = ca.SX.sym("s"), ca.SX.sym("x", 2 * count)
-    u = ca.SX.sym("u", 2 + (degree + 1) * count)
-    y = s - u[0]
-    rate = u[1] * 30 * y**2 * (1 - y) ** 2
-    place = 2 * y**3 * (10 - 15 * y + 6 * y**2) - 1
-    series = ca.reshape(u[2:], count, degree + 1)
-    later, latest = ca.SX.zeros(count), ca.SX.zeros(count)
-    for k in range(degree, 0, -1):  # Clenshaw's recurrence
-        later, latest = series[:, k] + 2 * place * later - latest, later
-    tau = series[:, 0] + place * later - latest
-    qdd = forward_dynamics(robot)(x[:count], x[count:], tau)
-    return {"t": s, "x": x, "u": u, "ode": rate * ca.vertcat(x[count:], qdd)}
-
-
 def _resimulate(robot: Robot, motion: Motion, tolerance: float, max_steps: int) -> _Resimulation:
     count = robot.joint_count
-    edges, coefficients = _torque_pieces(robot, motion)
-    pieces = np.arange(edges.size - 1)
-    controls = np.column_stack([pieces, np.diff(edges), coefficients.reshape(pieces.size, -1)])
-    options = {
-        "abstol": tolerance,
-        "reltol": tolerance,
-        "max_num_steps": max_steps,
-        # Not stiff: Adams' method needs neither Jacobian nor linear solver.
-        "linear_multistep_method": "adams",
-        "nonlinear_solver_iteration": "functional",
-        "disable_internal_warnings": True,
-        "print_stats": False,
-    }
+
+    def torque(t: FloatArray) -> FloatArray:
+        return torque_along(robot, motion.sample(t))
+
+    def rate(_: ca.SX, x: ca.SX, tau: ca.SX) -> ca.SX:
+        return ca.vertcat(x[count:], forward_dynamics(robot)(x[:count], x[count:], tau))
+
+    fit = TORQUE_FIT * max(float(np.abs(motion.tau).max()), 1e-6)
+    signal = fitted(torque, mesh_of(motion), fit)
+    assert signal.pieces is not None
+    edges = signal.pieces.edges
     start = np.concatenate([motion.q[0], motion.qd[0]])
-    try:
-        run = ca.integrator(
-            "run", "cvodes", _driven_arm(robot), 0.0, (pieces + 1.0).tolist(), options
-        )
-        states = run(x0=start, u=controls.T)["xf"].full().T
-    except RuntimeError as problem:
-        return _Resimulation(_why(str(problem)))
-    if not np.isfinite(states).all():
-        return _Resimulation("the integrator failed: the accelerations are not finite")
+    method = Method("cvodes", tolerance, max_steps)
+    run = integrate(Driven(rate, 2 * count, signal), start, edges, method)
+    if run.status != "ok":
+        return _Resimulation(run.status)
     wanted = motion.sample(edges[1:])
+    states = run.states[1:]
     along = np.abs(states[:, :count] - wanted.q).max(axis=1)
     worst = int(along.argmax())
     return _Resimulation(
@@ -573,12 +472,6 @@ def _resimulate(robot: Robot, motion: Motion, tolerance: float, max_steps: int) 
         float(along[worst]),
         float(edges[worst + 1]),
     )
-
-
-def _why(message: str) -> str:
-    code = re.search(r"CV_[A-Z_]+", message)
-    reason = FAILURES.get(code.group(), code.group()) if code else message.strip().split("\n")[-1]
-    return f"the integrator failed: {reason}"
 
 
 def _problems(
