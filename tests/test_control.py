@@ -210,6 +210,17 @@ def test_an_unstable_loop_is_told():
     assert "sample_rate" in run.advice
 
 
+def test_a_failure_is_data(robot):
+    for sample_rate in (None, 100.0):
+        run = mo.track(robot, report_motion, mo.ComputedTorque(100.0), duration=1.0, max_steps=2,
+                       sample_rate=sample_rate, integrator="cvodes")  # fmt: skip
+        assert not run.ok
+        assert "more steps than allowed" in run.status
+        assert run.advice
+        assert run.q.shape == run.tau.shape == run.error.shape == (1001, 3)
+        assert np.isnan(run.q).all()
+
+
 @dataclass(frozen=True)
 class Own:
     """A controller from outside the package."""

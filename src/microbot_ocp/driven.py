@@ -118,7 +118,7 @@ class Run(NamedTuple):
     """What an integrator found.
 
     ``status`` is "ok" or says what is wrong, ``states`` [N, states] are those at the times asked
-    for (without rows after a failure), ``steps`` those of a fixed step. After a failure ``trace``
+    for (NaN after a failure), ``steps`` those of a fixed step. After a failure ``trace``
     holds the times and states of a fixed step that went on regardless.
     """
 
@@ -221,6 +221,8 @@ def integrate(driven: Driven, start: FloatArray, grid: FloatArray, method: Metho
         return np.vstack([start, found[wanted]])
 
     run = settled(states, method, max(stops.size, 32))
+    if not run.states.size:
+        run = run._replace(states=np.full((grid.size, driven.states), np.nan))
     if run.status == "ok" or method.integrator == "rk":
         return run
     # A fixed step goes on whatever happens, so it shows where the other one could not.

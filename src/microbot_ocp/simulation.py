@@ -49,6 +49,9 @@ Saturation = bool | ArrayLike | tuple[ArrayLike, ArrayLike] | Limits | JointLimi
 # more.
 SAMPLED_FIT = np.array([1e-11, 1e-10, 1e-8])
 NEAR_SINGULAR = 1e6  # condition number of the mass matrix from which on the result says so
+OPEN_LOOP = "the torques drive the arm out of all bounds: give others, or simulate a shorter time"
+CLOSED_LOOP = "the loop is unstable: raise sample_rate, or lower the gains"
+FINEST = 100  # fixed steps that a sample may take in any case
 UNBOUNDED = 1e4  # rad and rad/s: no arm goes there
 SINGULAR = 1e12  # and from which on torques determine no acceleration
 ARMATURE = "give the links armature (rotor inertia), such as mo.Link(..., armature=0.1)"
@@ -294,7 +297,8 @@ def track(
     integrator : "cvodes", "idas", "collocation" or "rk"
         See :func:`simulate`; default "cvodes", under sampled control "rk".
     tolerance, max_steps
-        See :func:`simulate`.
+        See :func:`simulate`; under sampled control a fixed step may take 100 steps a sample in any
+        case.
 
     Returns
     -------
@@ -599,7 +603,7 @@ class _SampledLoop(NamedTuple):
             held[:] = [np.array(torques).T]
             return np.vstack([start, np.array(everything).T.reshape(-1, 2 * count)])
 
-        each = method._replace(max_steps=method.max_steps // samples.t.size)
+        each = method._replace(max_steps=max(method.max_steps // samples.t.size, FINEST))
         run = settled(states, each, max(inner, int(np.ceil(samples.within[-1] / SAMPLE_STEP))))
         grid = np.append(samples.t[0], (samples.t[:, None] + samples.within).ravel())
         tau = np.full((grid.size, count), np.nan)
@@ -642,8 +646,8 @@ def _told(
     count = robot.joint_count
     states = run.states
     times, trace = (grid, states) if run.trace is None else run.trace
-    if states.size == 0 or not np.isfinite(states).all():
-        states = np.full((grid.size, 2 * count), np.nan)
+    if not np.isfinite(states).all():
+        states = np.full_like(states, np.nan)
     q, qd = states[:, :count], states[:, count:]
     outer = 0.0 if push is None else np.array(push.map(grid.size)(grid[None, :])).T
     qdd = np.array(forward_dynamics(robot).map(grid.size)(q.T, qd.T, (tau + outer).T)).T
@@ -671,22 +675,31 @@ def _told(
         "condition_peak": float(condition[worst]),
         "condition_time": float(times[worst]),
         "advice": _advice(
-            status, unbounded, float(condition[worst]), times[worst], trace[worst, :count]
+            status, unbounded, push, float(condition[worst]), times[worst], trace[worst, :count]
         ),
         "wall_time": time.perf_counter() - started,
     }
 
 
 def _unbounded(times: FloatArray, trace: FloatArray) -> float | None:
-    """When the state first leaves all bounds, s; None where it never does."""
+    """When the state first leaves all bounds, s; None where it never does or nothing is known."""
+    if not np.isfinite(trace[0]).all():
+        return None
     with np.errstate(invalid="ignore"):
         gone = ~(np.abs(trace).max(axis=1) < UNBOUNDED)
     return float(times[gone.argmax()]) if gone.any() else None
 
 
-def _advice(status: str, unbounded: bool, condition: float, moment: float, q: FloatArray) -> str:
+def _advice(
+    status: str,
+    unbounded: bool,
+    push: ca.Function | None,
+    condition: float,
+    moment: float,
+    q: FloatArray,
+) -> str:
     if unbounded:
-        return "the loop is unstable: raise sample_rate, or lower the gains"
+        return OPEN_LOOP if push is None else CLOSED_LOOP
     if condition > NEAR_SINGULAR:
         return (
             f"mass matrix near singular at {moment:.4g} s (condition number {condition:.2g} at q = "
