@@ -141,7 +141,7 @@ def _transcription(robot: Robot, via_bytes: bytes, count: int, compiled: bool) -
     via = np.frombuffer(via_bytes).reshape(count, -1)
     prepare = None
     if compiled and compiler() is not None:
-        prepare = partial(compile_functions, optimization="-O1")
+        prepare = compile_functions
     return Transcription(free_problem(robot, via), prepare=prepare)
 
 

@@ -293,7 +293,7 @@ class _PathSearch:
         compiled = self.settings.compiled and compiler() is not None
         transcription = Transcription(
             self._problem(scales),
-            prepare=partial(compile_functions, optimization="-O1") if compiled else None,
+            prepare=compile_functions if compiled else None,
         )
         refiner = Refiner(
             transcription,
