@@ -207,6 +207,29 @@ def test_energy_changes_by_the_power_of_the_torques(data: st.DataObject, name: s
 
 
 @given(data=st.data(), name=robots)
+def test_power_balance_with_friction(data: st.DataObject, name: str) -> None:
+    """What the torques put in is either stored or rubbed off: dE/dt = tau' qd - loss, loss >= 0."""
+    smooth = any_robot(name)
+    viscous, coulomb = 0.7, 1.3
+    links = [
+        replace(link, viscous_friction=viscous, coulomb_friction=coulomb) for link in smooth.links
+    ]
+    rubbing = smooth.with_links(links)
+    q, qd, tau = (data.draw(values(smooth)) for _ in range(3))
+    condition = float(mo.mass_matrix_condition(smooth)(q))
+    assume(condition < 1e6)
+    qdd = np.array(mo.forward_dynamics(rubbing)(q, qd, tau))[:, 0]
+    s, w = ca.SX.sym("q", smooth.joint_count), ca.SX.sym("qd", smooth.joint_count)
+    total = sum(mo.energy(rubbing)(s, w))
+    slopes = ca.Function("slopes", [s, w], [ca.gradient(total, s), ca.gradient(total, w)])
+    by_q, by_qd = (np.array(x)[:, 0] for x in slopes(q, qd))
+    loss = float(np.sum(viscous * qd**2 + coulomb * qd * np.tanh(qd / 0.01)))
+    size = 1.0 + np.abs(by_q).max() + np.abs(by_qd).max() * (1.0 + np.abs(qdd).max())
+    assert loss >= 0.0
+    assert by_q @ qd + by_qd @ qdd == pytest.approx(tau @ qd - loss, abs=1e-12 * condition * size)
+
+
+@given(data=st.data(), name=robots)
 def test_gravity_torque_is_the_slope_of_the_potential(data: st.DataObject, name: str) -> None:
     robot = any_robot(name)
     q = data.draw(values(robot))
