@@ -146,7 +146,10 @@ def save_figure(figure: Figure, folder: str | Path, stem: str) -> tuple[Path, Pa
 def has_vertical_waist(comparison: Comparison) -> bool:
     """Whether the first joint turns about the base's z axis."""
     robot = comparison.robot
-    upright = abs(robot.alpha[0]) < 1e-9 and abs(robot.a[0]) < 1e-9
+    along = abs(robot.alpha[0]) < 1e-9 and abs(robot.a[0]) < 1e-9
+    upright = (
+        along and np.allclose(robot.base[2, :3], [0, 0, 1]) and np.allclose(robot.base[:2, 3], 0)
+    )
     return bool(upright) and robot.joint_types[0] == "revolute"
 
 
