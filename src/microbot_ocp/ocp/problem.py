@@ -43,7 +43,7 @@ class Variable:
 
 @dataclass(frozen=True, eq=False)
 class PathConstraint:
-    """``lower <= expression <= upper`` along a phase."""
+    """``lower <= expression <= upper`` along a phase, or at its end."""
 
     name: str
     expression: ca.MX
@@ -89,6 +89,7 @@ class Phase:
     algebraic_equations: list[ca.MX] = field(default_factory=list)
     derivatives: dict[str, ca.MX] = field(default_factory=dict)
     constraints: list[PathConstraint] = field(default_factory=list)
+    end_constraints: list[PathConstraint] = field(default_factory=list)
     running_costs: list[ca.MX] = field(default_factory=list)
     end_costs: list[ca.MX] = field(default_factory=list)
 
@@ -225,13 +226,44 @@ class Phase:
             PathConstraint(name, expression, low, high, _scale(name, scale, size), unit)
         )
 
+    def end_constraint(
+        self,
+        name: str,
+        expression: ca.MX,
+        lower: ArrayLike = -np.inf,
+        upper: ArrayLike = np.inf,
+        *,
+        scale: ArrayLike = 1.0,
+        unit: str = "",
+    ) -> None:
+        """Demand ``lower <= expression <= upper`` of the state at the end of the phase.
+
+        The expression is of states, linear controls, parameters and ``duration``. What is a bound
+        of a state itself is said by its ``final``.
+        """
+        expression = ca.MX(expression)
+        size = expression.shape[0]
+        low, high = _ordered(name, lower, upper, size, unit)
+        self.end_constraints.append(
+            PathConstraint(name, expression, low, high, _scale(name, scale, size), unit)
+        )
+
     def running_cost(self, expression: ca.MX) -> None:
         """Add the time integral of ``expression`` to the cost."""
-        self.running_costs.append(ca.MX(expression))
+        self.running_costs.append(self._scalar("running cost", expression))
 
     def end_cost(self, expression: ca.MX) -> None:
         """Add ``expression`` of the end state and ``duration`` to the cost."""
-        self.end_costs.append(ca.MX(expression))
+        self.end_costs.append(self._scalar("end cost", expression))
+
+    def _scalar(self, kind: str, expression: ca.MX) -> ca.MX:
+        expression = ca.MX(expression)
+        if not expression.is_scalar():
+            raise InputError(
+                f"a {kind} of phase {self.name!r} must be one number, but has shape "
+                f"{expression.shape}"
+            )
+        return expression
 
     def _declare(
         self,
@@ -355,10 +387,12 @@ class OptimalControlProblem:
             used = ca.vertcat(
                 *phase.derivatives.values(),
                 *(c.expression for c in phase.constraints),
+                *(c.expression for c in phase.end_constraints),
                 *phase.running_costs,
                 *phase.end_costs,
                 *phase.algebraic_equations,
             )
+            _check_symbols(phase, used)
             unknowns = sum(v.size for v in phase.algebraics)
             equations = sum(e.shape[0] for e in phase.algebraic_equations)
             if unknowns != equations:
@@ -373,6 +407,29 @@ class OptimalControlProblem:
                     raise InputError(
                         f"control {control.name!r} of phase {phase.name!r} appears nowhere"
                     )
+
+
+def _check_symbols(phase: Phase, used: ca.MX) -> None:
+    """Raise InputError for symbols that a phase cannot know, or not at its end."""
+    variables = [*phase.states, *phase.controls, *phase.algebraics]
+    rates = [c.rate for c in phase.controls if c.rate is not None]
+    constants = [p.symbol for p in phase.parameters]
+    known = [*(v.symbol for v in variables), *rates, *constants, phase.time, phase.duration]
+    for symbol in ca.symvar(used):
+        if not any(ca.is_equal(symbol, other) for other in known):
+            raise InputError(
+                f"phase {phase.name!r} uses {symbol.name()!r}, which is no variable of its own; "
+                "constants are declared with parameter(), variables of other phases with link()"
+            )
+    at_end = ca.vertcat(*phase.end_costs, *(c.expression for c in phase.end_constraints))
+    nodes = {v.name for v in node_variables(phase)}
+    lost = [v.symbol for v in variables if v.name not in nodes]
+    for symbol in [*lost, *rates]:
+        if ca.depends_on(at_end, symbol):
+            raise InputError(
+                f"an end cost or end constraint of phase {phase.name!r} uses {symbol.name()!r}, "
+                "which has no value at the end: use states and controls of shape 'linear'"
+            )
 
 
 def node_variables(phase: Phase) -> list[Variable]:

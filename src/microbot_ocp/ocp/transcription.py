@@ -213,7 +213,7 @@ class _Rows:
 
 
 class _Physics:
-    """Dynamics with running cost, path constraints, algebraic equations and end cost."""
+    """Dynamics with running cost, path and end constraints, algebraic equations and end cost."""
 
     def __init__(self, phase: Phase) -> None:
         x = ca.vertcat(*(s.symbol for s in phase.states))
@@ -230,7 +230,11 @@ class _Physics:
         equations = ca.vertcat(*phase.algebraic_equations, ca.MX(0, 1))
         self.equations = ca.Function("equations", arguments, [equations])
         total = sum(phase.end_costs, ca.MX(0))
-        self.end_cost = ca.Function("end_cost", [x, u, phase.duration, self.constants], [total])
+        at_end = [x, u, phase.time, phase.duration, self.constants]
+        self.end_cost = ca.Function("end_cost", at_end, [total])
+        self.end_limits = ca.Function(
+            "end_limits", at_end, [k.expression for k in phase.end_constraints]
+        )
         self.missing = ca.MX.zeros(sum(k.size for k in pointwise(phase)))
 
 
@@ -307,6 +311,9 @@ def _holds(
     """Whether a path constraint is kept at a point of the interval."""
     if _depends(expression, [v.symbol for v in pointwise(phase)]):
         return point in points  # it has no value elsewhere
+    moving = [phase.time, *(v.symbol for v in node_variables(phase))]
+    if not _depends(expression, moving):
+        return point == 0.0  # the same all over the interval: said again it would be dependent
     if point == 1.0:
         # a continuous expression is the next stage's business there
         return _jumps(phase, expression)
@@ -324,7 +331,7 @@ def _state_rows(phase: Phase, x: ca.MX, bounded: set[str], rows: _Rows) -> None:
 
 
 def _end(phase: Phase, physics: _Physics, node_scale: FloatArray) -> tuple[ca.Function, _Rows]:
-    """Cost and continuous path constraints at the end of the phase."""
+    """Cost, end constraints and continuous path constraints at the end of the phase."""
     z = ca.MX.sym("z", node_scale.size)
     constants = ca.MX.sym("c", physics.constants.shape[0])
     last = z * node_scale
@@ -339,7 +346,12 @@ def _end(phase: Phase, physics: _Physics, node_scale: FloatArray) -> tuple[ca.Fu
         local = _depends(limit.expression, [v.symbol for v in pointwise(phase)])
         if not local and not _jumps(phase, limit.expression):
             rows.add(value / limit.scale, limit.lower / limit.scale, limit.upper / limit.scale)
-    cost = physics.end_cost(x, u, duration, constants)
+    at_end = (x, u, duration, duration, constants)
+    for limit, value in zip(
+        phase.end_constraints, _as_list(physics.end_limits(*at_end)), strict=True
+    ):
+        rows.add(value / limit.scale, limit.lower / limit.scale, limit.upper / limit.scale)
+    cost = physics.end_cost(*at_end)
     return ca.Function("end", [z, constants], [rows.stacked(), cost]), rows
 
 
