@@ -88,6 +88,9 @@ WAYS: dict[str, Callable[[mo.Robot], float]] = {
     "rockit": rockit_duration,
     "rockit, its own set_initial": partial(rockit_duration, guess_by_rockit=True),
     "time_optimal, one start": partial(our_duration, **LIKE_FOR_LIKE),
+    "time_optimal, one start, no compiler": partial(
+        our_duration, **LIKE_FOR_LIKE | {"compiled": False}
+    ),
     "time_optimal, one start, 20 intervals": partial(our_duration, **LIKE_FOR_LIKE | {"mesh": 20}),
     "time_optimal as it comes": partial(our_duration, mesh=MESH),
 }
