@@ -84,8 +84,20 @@ class Collocation:
 def _coefficients(kind: str, degree: int) -> tuple[list[float], FloatArray, FloatArray, FloatArray]:
     """Points, derivative matrix [d+1,d], weights of the end [d+1] and of the quadrature [d]."""
     points = [float(p) for p in ca.collocation_points(degree, kind)]
-    slope, end, quadrature = ca.collocation_coeff(points)
-    return points, np.array(slope), np.array(end).ravel(), np.array(quadrature).ravel()
+    slope, end, _ = ca.collocation_coeff(points)
+    return points, np.array(slope), np.array(end).ravel(), _quadrature(points)
+
+
+def _quadrature(points: Sequence[float]) -> FloatArray:
+    """Integrals [d] of the Lagrange polynomials; CasADi's are wrong for a single Radau point."""
+    nodes, weights = np.polynomial.legendre.leggauss(len(points))
+    s = (nodes + 1) / 2
+    integrals = []
+    for i, own in enumerate(points):
+        others = [k for j, k in enumerate(points) if j != i]
+        basis = np.prod([(s - k) / (own - k) for k in others], axis=0) * np.ones_like(s)
+        integrals.append(weights @ basis / 2)
+    return np.array(integrals)
 
 
 def _interpolate(points: Sequence[float], values: Sequence[ca.MX], s: Fraction) -> ca.MX:
