@@ -36,6 +36,7 @@ ORDER = (
     "time_optimal",
     "certificate",
     "comparison",
+    "task_file",
     "views",
     "cli",
 )
@@ -51,7 +52,7 @@ ONLY = {
 RIM = {"views", "cli"}  # imported by no other module while it loads
 # Inside functions these may call on what comes after them.
 LATER_ON_CALL = {"comparison": {"views"}, "certificate": {"views"}}
-HEAVY = {"matplotlib", "rerun", "rich"}
+HEAVY = {"matplotlib", "rerun", "rich", "typer"}
 
 
 class Import(NamedTuple):

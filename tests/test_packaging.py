@@ -53,5 +53,5 @@ def test_metadata_names_what_it_needs(wheel: zipfile.ZipFile) -> None:
         for line in metadata.get_all("Requires-Dist", [])
         if "extra" not in line
     }
-    assert needed == {"casadi", "numpy", "matplotlib", "rerun-sdk", "rich"}
+    assert needed == {"casadi", "numpy", "matplotlib", "rerun-sdk", "rich", "typer"}
     assert Path(wheel.filename or "").name.endswith("-py3-none-any.whl")

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -447,6 +447,7 @@ def _entry(name: str, task: Task, tell: Callable[..., None]) -> Entry:
             name, method.title, None, None, "not possible", str(problem), wall, nothing, nothing, {}
         )
     wall = time.perf_counter() - begin
+    motion = replace(motion, provenance={**motion.provenance, "robot": task.robot.name})
     tell(f"{motion.duration:.4f} s, certifying", stage="certify")
     certificate = certify(task.robot, motion, via_q=task.via_q)
     return Entry(

@@ -11,7 +11,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from microbot_ocp.checks import FloatArray
-from microbot_ocp.comparison import Comparison
+from microbot_ocp.comparison import Comparison, Entry
 from microbot_ocp.motion import JUMP_GAP, Motion
 from microbot_ocp.robot import Robot
 from microbot_ocp.views import scene
@@ -76,6 +76,22 @@ def write_recording(comparison: Comparison, path: str | Path) -> Path:
     finally:
         recording.disconnect()  # writes the footer, without which the file is not valid
     return partial.replace(target)
+
+
+def write_motion_recording(robot: Robot, motion: Motion, path: str | Path) -> Path:
+    """Write one motion into an ``.rrd`` as :func:`write_recording` does, with the robot's limits.
+
+    Its ends, and the marks named "via ...", are the via points; the entity is ``/world/motion``.
+    """
+    inner = [m.time for m in motion.marks if m.name.startswith("via")]
+    times = [0.0, *sorted(t for t in inner if 0.0 < t < motion.duration), motion.duration]
+    status = str(motion.provenance.get("status", "solved")).replace("_", " ")
+    nothing = float("nan")
+    entry = Entry(
+        "motion", motion.label, motion, None, status, motion.note, nothing, nothing, nothing, {}
+    )
+    alone = Comparison(robot, motion.sample(times).q, robot.limits, (entry,), "motion")
+    return write_recording(alone, path)
 
 
 def joint_path(robot: Robot, quantity: str, joint: int, leaf: str = "") -> str:

@@ -1,0 +1,305 @@
+"""``compare``, ``time-optimal`` and ``solve``: motions found and told of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import typer
+
+from microbot_ocp.certificate import Certificate, certify
+from microbot_ocp.cli import recordings
+from microbot_ocp.cli.options import (
+    Json,
+    Open,
+    OutFolder,
+    OutMotion,
+    QddMax,
+    QdMax,
+    QdMaxDeg,
+    QMax,
+    QMaxDeg,
+    QMin,
+    QMinDeg,
+    Recording,
+    RobotName,
+    TaudMax,
+    TauMax,
+    Tip,
+    Via,
+    ViaDeg,
+    chosen_robot,
+    limits_of,
+    numbers,
+    option,
+    output_folder,
+    via_points,
+    writable,
+)
+from microbot_ocp.cli.output import (
+    answer,
+    close,
+    joint_text,
+    make_table,
+    shown_progress,
+)
+from microbot_ocp.comparison import METHODS, Comparison, Progress, Step
+from microbot_ocp.comparison import compare as compare_methods
+from microbot_ocp.motion import Motion
+from microbot_ocp.robot import Robot
+from microbot_ocp.task_file import OUTPUTS, read_task
+from microbot_ocp.time_optimal.free import TimeOptimalSettings
+from microbot_ocp.time_optimal.free import time_optimal as find_time_optimal
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+WIDE = 110  # columns that the full table of a comparison needs
+FEW_JOINTS = 4  # more joints than this: the busiest one stands for them
+
+Mesh = Annotated[int, typer.Option(help="Intervals between two via points.", metavar="N")]
+
+
+def compare(
+    context: typer.Context,
+    robot_name: RobotName,
+    via_deg: ViaDeg = None,
+    via: Via = None,
+    methods: Annotated[
+        str | None,
+        option(
+            "--methods",
+            what=f"Some of {', '.join(METHODS)}; default all, cubic_report with --time.",
+            metavar="NAMES",
+        ),
+    ] = None,
+    time: Annotated[
+        str | None,
+        option("--time", what="Times at the via points for the textbook methods, s."),
+    ] = None,
+    q_min_deg: QMinDeg = None,
+    q_min: QMin = None,
+    q_max_deg: QMaxDeg = None,
+    q_max: QMax = None,
+    qd_max: QdMax = None,
+    qd_max_deg: QdMaxDeg = None,
+    qdd_max: QddMax = None,
+    tau_max: TauMax = None,
+    taud_max: TaudMax = None,
+    mesh: Mesh = TimeOptimalSettings.mesh,
+    out: OutFolder = None,
+    tip: Tip = None,
+    as_json: Json = False,
+) -> int:
+    """Compare several methods on one task, under the same limits.
+
+    Every motion is certified. A limit is one number, or one a joint with commas between; those not
+    given are the robot's own. Exit code 1 where a method found no solution.
+    """
+    robot = chosen_robot(robot_name, tip)
+    points = via_points(robot, via, via_deg)
+    output_folder(out)
+    with shown_progress(as_json) as progress:
+        result = compare_methods(
+            robot,
+            points,
+            [name.strip() for name in methods.split(",")] if methods is not None else None,
+            limits_of(robot, context.params),
+            via_t=numbers("--time", time, len(points)) if time is not None else None,
+            mesh=mesh,
+            progress=progress,
+        )
+    written = _save(result, out, OUTPUTS)
+    return _tell_comparison(as_json, result, written)
+
+
+def time_optimal(
+    context: typer.Context,
+    robot_name: RobotName,
+    via_deg: ViaDeg = None,
+    via: Via = None,
+    q_min_deg: QMinDeg = None,
+    q_min: QMin = None,
+    q_max_deg: QMaxDeg = None,
+    q_max: QMax = None,
+    qd_max: QdMax = None,
+    qd_max_deg: QdMaxDeg = None,
+    qdd_max: QddMax = None,
+    tau_max: TauMax = None,
+    taud_max: TaudMax = None,
+    mesh: Mesh = TimeOptimalSettings.mesh,
+    starts: Annotated[
+        int, typer.Option(help="Starting motions to try.", metavar="N")
+    ] = TimeOptimalSettings.starts,
+    out: OutMotion = None,
+    rerun: Recording = None,
+    open_viewer: Open = False,
+    tip: Tip = None,
+    as_json: Json = False,
+) -> int:
+    """Find and certify the fastest motion through via points.
+
+    It is at rest at both ends. A limit is one number, or one a joint with commas between; those not
+    given are the robot's own. Exit code 1 where the solver did not converge.
+    """
+    robot = chosen_robot(robot_name, tip)
+    points = via_points(robot, via, via_deg)
+    limited = robot.with_limits(limits_of(robot, context.params))
+    writable(out, ".npz", "--out")
+    recordings.check(rerun, open_viewer)
+    settings = TimeOptimalSettings(mesh=mesh, starts=starts)
+    with shown_progress(as_json) as progress:
+        motion = find_time_optimal(
+            limited, points, settings=settings, progress=_lines(progress, "solve")
+        )
+        _lines(progress, "certify")(f"{motion.duration:.4f} s")
+        certificate = certify(limited, motion, via_q=points)
+    motion = replace(motion, provenance={**motion.provenance, "robot": robot.name})
+    written = [str(motion.save(out))] if out is not None else []
+    if recordings.show_motion(limited, motion, rerun, open_viewer):
+        written.append(str(rerun))
+    document = {
+        "robot": robot.name,
+        "via_q": points,
+        "limits": limited.limits.as_dict(),
+        "solved": motion.solved,
+        "status": motion.provenance.get("status", "solved"),
+        "advice": motion.provenance.get("advice", ""),
+        "duration": motion.duration,
+        "marks": [{"time": mark.time, "name": mark.name} for mark in motion.marks],
+        "certificate": certificate.as_dict(),
+        "written": written,
+    }
+
+    def text(console: Console) -> None:
+        _show_motion(console, limited, points, motion, certificate)
+        close(console, "" if motion.solved else str(document["advice"]), written)
+
+    return answer(as_json, document, text, 0 if motion.solved else 1)
+
+
+def solve(
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help="Task in TOML; docs/task_file.md has the keys.")
+    ],
+    out: OutFolder = None,
+    as_json: Json = False,
+) -> int:
+    """Solve the task of a TOML file.
+
+    --out says where its outputs go. Exit code 1 where a method found no solution.
+    """
+    task = read_task(file)
+    output_folder(out)
+    with shown_progress(as_json) as progress:
+        result = task.compare(progress)
+    return _tell_comparison(as_json, result, _save(result, out, task.outputs))
+
+
+def _save(comparison: Comparison, folder: Path | None, outputs: Sequence[str]) -> list[str]:
+    """Write some of :data:`OUTPUTS` into a folder, if there is one."""
+    if folder is None:
+        return []
+    if set(outputs) == set(OUTPUTS):
+        return [str(path) for path in comparison.save(folder)]
+    from microbot_ocp.views import tables
+
+    folder.mkdir(parents=True, exist_ok=True)
+    written: list[Path] = []
+    if "motions" in outputs:
+        (folder / "motions").mkdir(exist_ok=True)
+        for name, motion in comparison.motions.items():
+            written.append(motion.save(folder / "motions" / f"{name}.npz"))
+    if "json" in outputs:
+        written.append(tables.write_json(comparison, folder / "comparison.json"))
+    if "csv" in outputs:
+        written.append(tables.write_csv(comparison, folder / "comparison.csv"))
+    if "figures" in outputs:
+        from microbot_ocp.views.plots import save_figure
+
+        written += save_figure(comparison.plot(), folder, "comparison")
+        written += save_figure(comparison.plot_paths(), folder, "paths")
+    if "recording" in outputs:
+        written.append(comparison.to_rerun(folder / "comparison.rrd"))
+    return [str(path) for path in written]
+
+
+def _tell_comparison(as_json: bool, comparison: Comparison, written: list[str]) -> int:
+    from microbot_ocp.views.tables import comparison_notes, comparison_rows
+
+    document = {
+        "robot": comparison.robot.name,
+        "via_q": comparison.via_q,
+        "limits": comparison.limits.as_dict(),
+        "reference": comparison.reference,
+        "solved": comparison.solved,
+        "entries": comparison_rows(comparison),
+        "written": written,
+    }
+
+    def text(console: Console) -> None:
+        wide = console.width >= WIDE
+        console.print(comparison.table() if wide else _narrow_table(document["entries"]))
+        if not wide:
+            console.print()
+        console.print(comparison_notes(comparison))
+        close(console, "", written)
+
+    return answer(as_json, document, text, 0 if comparison.solved else 1)
+
+
+def _narrow_table(rows: Sequence[dict[str, Any]]) -> Any:
+    """The comparison for a terminal of 80 columns: one line a method."""
+    heads = ["method", "T [s]", "ratio", "peak qd [%]", "peak tau [%]", "certificate"]
+    cells = [
+        [
+            str(row["title"]),
+            *("–" if row[key] is None else f"{row[key]:.3f}" for key in ("duration", "ratio")),
+            *(_peaks(row["utilisation"].get(quantity, {})) for quantity in ("qd", "tau")),
+            str(row["verdict_short"] or row["status"]),
+        ]
+        for row in rows
+    ]
+    return make_table(heads, cells)
+
+
+def _peaks(shares: dict[str, float | None]) -> str:
+    known = [100 * share for share in shares.values() if share is not None]
+    if len(shares) > FEW_JOINTS or not known:
+        return f"{max(known):.0f} at most" if known else "–"
+    return "/".join("–" if s is None else f"{100 * s:.0f}" for s in shares.values())
+
+
+def _show_motion(
+    console: Console, robot: Robot, via_q: Any, motion: Motion, certificate: Certificate
+) -> None:
+    status = str(motion.provenance.get("status", "solved")).replace("_", " ")
+    console.print(f"{robot.name}, {motion.label}: {motion.duration:.4f} s, {status}")
+    times = [0.0, *(m.time for m in motion.marks if 0 < m.time < motion.duration), motion.duration]
+    for time, via in zip(times, via_q, strict=False):
+        console.print(f"  {time:8.4f} s  {joint_text(robot, via)}")
+    checked = [check for check in certificate.limit_checks if np.isfinite(check.utilisation).any()]
+    rows = [
+        [name, *(_share(float(check.utilisation[j])) for check in checked)]
+        for j, name in enumerate(robot.joint_names)
+    ]
+    console.print()
+    heads = ["share of limit", *(f"{c.quantity} [%]" for c in checked)]
+    console.print(make_table(heads, rows), "")
+    console.print(f"Certificate: {'ok' if certificate.ok else 'REFUSED'}; {certificate.verdict}")
+
+
+def _share(value: float) -> str:
+    return "–" if not np.isfinite(value) else f"{100 * value:.1f}"
+
+
+def _lines(progress: Progress, stage: str) -> Callable[[str], None]:
+    """A callable that takes a line of text, for solvers whose steps are not counted."""
+
+    def tell(text: str) -> None:
+        progress(Step(stage == "certify", 2, stage, text))
+
+    return tell
