@@ -65,7 +65,7 @@ def test_closed_forms_agree_with_the_figures_printed_by_the_source(problem):
 # figures by another integrator --------------------------------------------------------------------
 
 
-def test_two_arcs_of_the_oscillator_take_the_time_of_the_source():
+def test_two_arcs_of_the_oscillator_take_the_time_given():
     """u = -1, then u = 1 until the circle is met; the switch is the best, near 0.7139 s."""
 
     def after(switch: float) -> float:
@@ -132,6 +132,16 @@ def test_the_pendulum_found_swings_up_by_another_integrator():
         )
         state = run.y[:, -1]
     np.testing.assert_allclose(state, [np.pi, 0.0], atol=1e-6)
+
+
+def test_the_rocket_climbs_as_high_in_three_phases_as_in_one():
+    """To a digit more than the source prints; the singular arc is the middle phase."""
+    one = BY_NAME["goddard_rocket"].solve("hermite_simpson", "ipopt")
+    three = BY_NAME["goddard_phases"].solve("hermite_simpson", "ipopt")
+    assert one.cost == pytest.approx(three.cost, rel=2e-7)
+    assert -three.cost == pytest.approx(1.0128369, abs=1e-7)
+    thrust = three["between"]["thrust"]
+    assert np.all((thrust > 0.01) & (thrust < 3.49))
 
 
 # the measure of the interface ---------------------------------------------------------------------
