@@ -165,6 +165,7 @@ def test_completion_prints_a_script_and_the_robots(call, monkeypatch):
         (["replay", "none.npz", "--rerun", "x.rrd"], ["none.npz"]),
         (["replay", ".", "--rerun", "x.rrd"], ["comparison.json"]),
         (["replay", "x.npz"], ["--rerun", "--open"]),
+        (["replay", "x.rrd", "--rerun", "y.rrd"], ["already", "rerun x.rrd"]),
     ],
 )
 def test_bad_input_is_one_line(refused, tmp_path, arguments, words):
@@ -382,7 +383,7 @@ def test_compare_writes_nothing_unless_it_is_asked(call, tmp_path):
 
 def test_compare_saves_what_replay_reads(ask, refused, tmp_path):
     arguments = ("compare", "microbot", "--methods", "cubic,lspb", "--tau-max", "400,500,250")
-    via = ("--via-deg", "0,0,0", "--via-deg", "-90,90,90")
+    via = ("--via-deg", "0, 0, 0", "--via-deg", "-90,90,90")
     code, document = ask(*arguments, *via, "--out", "out")
     assert code == 0
     assert document["limits"]["tau_max"] == [400, 500, 250]

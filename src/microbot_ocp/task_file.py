@@ -190,7 +190,7 @@ def changed_limits(robot: Robot, changes: Mapping[str, Any]) -> JointLimits:
 
 def _task(data: dict[str, Any], origin: str, folder: Path) -> TaskFile:
     known_keys(data, "")
-    if data.get("schema") is not SCHEMA:
+    if type(data.get("schema")) is not int or data["schema"] != SCHEMA:
         found = f"not {data['schema']!r}" if "schema" in data else "but it is missing"
         raise InputError(f"schema must be {SCHEMA}, {found}")
     robot = _robot(data, folder)
@@ -232,8 +232,8 @@ def known_keys(table: Mapping[str, Any], name: str) -> None:
     """Raise InputError, with a suggestion, where a table of the schema has an unknown key."""
     for key in table:
         if key not in KEYS[name]:
-            where = f"table [{name}]" if name else "the top level"
-            raise InputError(f"unknown key {key!r} in {where}{_suggestion(key, KEYS[name])}")
+            where = f"in table [{name}]" if name else "at the top level"
+            raise InputError(f"unknown key {key!r} {where}{_suggestion(key, KEYS[name])}")
 
 
 def _suggestion(word: str, allowed: Iterable[str]) -> str:

@@ -4,4 +4,5 @@ import sys
 
 from microbot_ocp.cli import entry
 
-sys.exit(entry())
+if __name__ == "__main__":
+    sys.exit(entry())

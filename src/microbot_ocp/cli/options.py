@@ -142,7 +142,8 @@ def via_points(
             else "give via points: --via-deg '0,0,0 -90,90,90', or --via in rad"
         )
     name = "--via-deg" if degrees else "--via"
-    texts = [point for text in degrees or radians or () for point in re.split(r"[\s;]+", text)]
+    given = [re.sub(r"\s*,\s*", ",", text) for text in degrees or radians or ()]
+    texts = [point for text in given for point in re.split(r"[\s;]+", text)]
     joints = ", ".join(robot.joint_names)
     rows = [numbers(name, text, robot.joint_count, joints) for text in texts if text]
     if len(rows) < 2:

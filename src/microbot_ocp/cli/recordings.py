@@ -16,7 +16,7 @@ import numpy as np
 import typer
 
 from microbot_ocp import checks
-from microbot_ocp.certificate import certify
+from microbot_ocp.certificate import Certificate, certify
 from microbot_ocp.checks import InputError
 from microbot_ocp.cli.options import Json, Open, Recording, chosen_robot, option, writable
 from microbot_ocp.cli.output import answer
@@ -55,6 +55,8 @@ def replay(
     check(rerun, open_viewer)
     if rerun is None and not open_viewer:
         raise InputError("give --rerun FILE.rrd to write the recording, or --open to see it")
+    if file.suffix == ".rrd":
+        raise InputError(f"{file} is a recording already: open it with rerun {file}")
     source = file.parent if file.name == "comparison.json" else file
     if source.is_dir():
         comparison = load_comparison(source, robot_name)
@@ -91,13 +93,19 @@ def check(rerun: Path | None, open_viewer: bool) -> None:
         _viewer()
 
 
-def show_motion(robot: Robot, motion: Motion, rerun: Path | None, open_viewer: bool) -> Path | None:
+def show_motion(
+    robot: Robot,
+    motion: Motion,
+    rerun: Path | None,
+    open_viewer: bool,
+    certificate: Certificate | None = None,
+) -> Path | None:
     """Write and open the recording of one motion, as asked; the file that was written, if any."""
 
     def write(path: Path) -> Path:
         from microbot_ocp.views.rerun_log import write_motion_recording
 
-        return write_motion_recording(robot, motion, path)
+        return write_motion_recording(robot, motion, path, certificate)
 
     return _written(write, rerun, open_viewer)
 
@@ -176,9 +184,10 @@ def _written(write: Callable[[Path], Path], rerun: Path | None, open_viewer: boo
             # a new viewer each time: one that is open already may listen on every interface
             command = [_viewer(), "--bind", LOOPBACK, "--new"]
             command.append(str(path or write(Path(folder) / "motion.rrd")))
-            code = subprocess.run(command, check=False, stdout=sys.stderr).returncode
-        if code:
-            raise InputError(f"the Rerun viewer ended with status {code}")
+            quiet = {"RUST_LOG": "error", **os.environ}
+            done = subprocess.run(command, check=False, stdout=sys.stderr, env=quiet)
+        if done.returncode:
+            raise InputError(f"the Rerun viewer ended with status {done.returncode}")
     return path
 
 

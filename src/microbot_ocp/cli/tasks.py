@@ -159,7 +159,7 @@ def time_optimal(
         certificate = certify(limited, motion, via_q=points)
     motion = replace(motion, provenance={**motion.provenance, "robot": robot.name})
     written = [str(motion.save(out))] if out is not None else []
-    if recordings.show_motion(limited, motion, rerun, open_viewer):
+    if recordings.show_motion(limited, motion, rerun, open_viewer, certificate):
         written.append(str(rerun))
     document = {
         "robot": robot.name,
@@ -269,7 +269,7 @@ def _narrow_table(rows: Sequence[dict[str, Any]]) -> Any:
 def _peaks(shares: dict[str, float | None]) -> str:
     known = [100 * share for share in shares.values() if share is not None]
     if len(shares) > FEW_JOINTS or not known:
-        return f"{max(known):.0f} at most" if known else "–"
+        return f"{max(known):.0f}" if known else "–"
     return "/".join("–" if s is None else f"{100 * s:.0f}" for s in shares.values())
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from microbot_ocp.certificate import Certificate
 from microbot_ocp.checks import FloatArray
 from microbot_ocp.comparison import Comparison, Entry
 from microbot_ocp.motion import JUMP_GAP, Motion
@@ -78,7 +79,9 @@ def write_recording(comparison: Comparison, path: str | Path) -> Path:
     return partial.replace(target)
 
 
-def write_motion_recording(robot: Robot, motion: Motion, path: str | Path) -> Path:
+def write_motion_recording(
+    robot: Robot, motion: Motion, path: str | Path, certificate: Certificate | None = None
+) -> Path:
     """Write one motion into an ``.rrd`` as :func:`write_recording` does, with the robot's limits.
 
     Its ends, and the marks named "via ...", are the via points; the entity is ``/world/motion``.
@@ -88,7 +91,16 @@ def write_motion_recording(robot: Robot, motion: Motion, path: str | Path) -> Pa
     status = str(motion.provenance.get("status", "solved")).replace("_", " ")
     nothing = float("nan")
     entry = Entry(
-        "motion", motion.label, motion, None, status, motion.note, nothing, nothing, nothing, {}
+        "motion",
+        motion.label,
+        motion,
+        certificate,
+        status,
+        motion.note,
+        solve_time=nothing,
+        torque_squared=nothing,
+        work=nothing,
+        details={},
     )
     alone = Comparison(robot, motion.sample(times).q, robot.limits, (entry,), "motion")
     return write_recording(alone, path)
