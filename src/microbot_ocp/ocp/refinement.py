@@ -7,7 +7,7 @@ solver is not enough.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,7 @@ Progress = Callable[[str], None]
 GuessFrom = Callable[[Solution], Mapping[str, Guess]]
 Excess = Callable[[Solution], Sequence[FloatArray]]
 
-WORSE = 1e-3  # a finer mesh may not cost more than a coarser one by more, relative
+WORSE = 1e-3  # of the cost
 # Barrier parameter of warm starts; with the usual start at 0.1 IPOPT leaves the good guess and
 # comes back late or elsewhere (146 against 35 iterations on one task with four via points).
 WARM_BARRIER = 1e-4
@@ -53,6 +53,10 @@ class Refiner:
         Largest number of local refinements.
     progress : callable
         Called with a line of text at every step.
+    settings : SolverSettings
+        What else the solvers are told.
+    worse : float
+        A finer mesh may not cost more than a coarser one by more, relative.
     """
 
     transcription: Transcription
@@ -63,6 +67,8 @@ class Refiner:
     tolerance: float = 1e-8
     rounds: int = 5
     progress: Progress = quiet
+    settings: SolverSettings = field(default_factory=SolverSettings)
+    worse: float = WORSE
     history: list[dict[str, Any]] = field(default_factory=list)
 
     def solve(
@@ -75,7 +81,8 @@ class Refiner:
         barrier: float | None = None,
     ) -> Solution:
         """One solve, entered in the history."""
-        settings = SolverSettings(
+        settings = replace(
+            self.settings,
             solver=solver or self.solver,
             tolerance=tolerance or self.tolerance,
             initial_barrier=barrier,
@@ -113,7 +120,7 @@ class Refiner:
         return before if before.status.ok else after
 
     def _accepts(self, before: Solution, after: Solution) -> bool:
-        allowed = before.cost + WORSE * abs(before.cost)
+        allowed = before.cost + self.worse * abs(before.cost)
         return after.status.ok and (not before.status.ok or after.cost <= allowed)
 
     def refine(self, solution: Solution) -> Solution:

@@ -128,7 +128,8 @@ class Solution:
     cost : float
     phases : one PhaseSolution a phase
     attempts : every solver tried, in order; the last one made this solution
-    row_multipliers : multipliers of the rows of the scaled program
+    row_multipliers : multipliers of the rows of the scaled program, positive at upper bounds
+    variable_multipliers : multipliers of the bounds of its variables, likewise
     build_time : wall time of the transcription, s
     """
 
@@ -138,6 +139,7 @@ class Solution:
     attempts: tuple[Attempt, ...]
     row_multipliers: FloatArray
     build_time: float
+    variable_multipliers: FloatArray | None = None
 
     def __getitem__(self, name: str) -> PhaseSolution:
         for phase in self.phases:

@@ -103,22 +103,23 @@ def solve(
     x0 = pack(program, guess or default_guess(transcription.problem))
     build_time = time.perf_counter() - start
     attempts: list[Attempt] = []
-    best: tuple[Attempt, FloatArray, FloatArray] | None = None
+    best: tuple[Attempt, FloatArray, FloatArray, FloatArray] | None = None
     for name in settings.chain():
-        attempt, x, multipliers = _run(program, name, settings, x0)
+        best = _run(program, name, settings, x0)
+        attempt = best[0]
         attempts.append(attempt)
-        best = (attempt, x, multipliers)
         if attempt.status in (Status.SOLVED, Status.INTERRUPTED):
             break
     assert best is not None
-    attempt, x, multipliers = best
+    attempt, x, row_multipliers, variable_multipliers = best
     return Solution(
         status=attempt.status,
         cost=attempt.cost,
         phases=unpack(program, x),
         attempts=tuple(attempts),
-        row_multipliers=multipliers,
+        row_multipliers=row_multipliers,
         build_time=build_time,
+        variable_multipliers=variable_multipliers,
     )
 
 
@@ -151,7 +152,7 @@ def _line(start: FloatArray, end: FloatArray) -> Any:
 
 def _run(
     program: Program, name: str, settings: SolverSettings, x0: FloatArray
-) -> tuple[Attempt, FloatArray, FloatArray]:
+) -> tuple[Attempt, FloatArray, FloatArray, FloatArray]:
     begin = time.perf_counter()
     solver = _create(program, name, settings)
     created = time.perf_counter()
@@ -177,7 +178,8 @@ def _run(
         create_time=created - begin,
         function_time=sum(v for k, v in stats.items() if k.startswith("t_wall_nlp_")),
     )
-    return attempt, x, np.array(result["lam_g"]).ravel()
+    # both solvers hand over the multipliers of their own bounds, though CasADi computes none
+    return attempt, x, np.array(result["lam_g"]).ravel(), np.array(result["lam_x"]).ravel()
 
 
 def _checked(program: Program, x: FloatArray) -> tuple[float, float]:

@@ -20,7 +20,13 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp import checks
 from microbot_ocp.checks import FloatArray, InputError
-from microbot_ocp.ocp.problem import OptimalControlProblem, Phase, Variable, node_variables
+from microbot_ocp.ocp.problem import (
+    OptimalControlProblem,
+    PathConstraint,
+    Phase,
+    Variable,
+    node_variables,
+)
 from microbot_ocp.ocp.schemes import SCHEMES, Scheme
 from microbot_ocp.ocp.schemes.base import Interval, StageVariable, Step, pointwise
 
@@ -57,6 +63,7 @@ class PhaseLayout:
     final_rows: tuple[int, ...]
     end_rows: int
     next_nodes: int  # components of the first z of the next phase, 0 at the last phase
+    scheme: Scheme
 
     @property
     def intervals(self) -> int:
@@ -278,27 +285,68 @@ def _path_rows(
     rows: _Rows,
 ) -> None:
     """Path constraints and algebraic equations at the points where they hold."""
+    for place in path_points(phase, scheme):
+        point = place.fraction
+        x, u = step.at(point) if point else (interval.x, interval.control(0.0))
+        if point == 0.0:
+            u = ca.vertcat(u, physics.missing)
+        _state_rows(phase, x, place.states, rows)
+        time = interval.start + point * interval.length
+        arguments = (x, u, interval.rate, time, interval.duration, interval.constants)
+        if place.equations:
+            residual = physics.equations(*arguments)
+            zero = np.zeros(residual.shape[0])
+            rows.add(residual, zero, zero)
+        values = _as_list(physics.limits(*arguments))
+        for limit, value in zip(phase.constraints, values, strict=True):
+            if limit in place.constraints:
+                rows.add(value / limit.scale, limit.lower / limit.scale, limit.upper / limit.scale)
+
+
+@dataclass(frozen=True, eq=False)
+class PathPoint:
+    """What the rows of an interval say at one of its points, in this order."""
+
+    fraction: float
+    states: tuple[Variable, ...]  # whose bounds are rows here
+    equations: bool  # whether the algebraic equations hold here
+    constraints: tuple[PathConstraint, ...]
+
+
+def path_points(phase: Phase, scheme: Scheme) -> list[PathPoint]:
+    """Points of every interval at which something holds, and what."""
     inner = scheme.points if phase.between is None else phase.between
     inner = tuple(p for p in inner if p < 1.0)
     local = pointwise(phase)
     held = {(k.source.name, k.fraction) for k in scheme.variables(phase)}
-    for point in sorted({0.0, *inner, 1.0, *(scheme.points if local else ())}):
-        x, u = step.at(point) if point else (interval.x, interval.control(0.0))
-        if point == 0.0:
-            u = ca.vertcat(u, physics.missing)
-        if point in inner:
-            _state_rows(phase, x, {name for name, at in held if at == point}, rows)
-        time = interval.start + point * interval.length
-        arguments = (x, u, interval.rate, time, interval.duration, interval.constants)
-        if point in scheme.points and phase.algebraic_equations:
-            residual = physics.equations(*arguments)
-            zero = np.zeros(residual.shape[0])
-            rows.add(residual, zero, zero)
-        for limit, value in zip(
-            phase.constraints, _as_list(physics.limits(*arguments)), strict=True
-        ):
-            if _holds(phase, limit.expression, point, inner, scheme.points):
-                rows.add(value / limit.scale, limit.lower / limit.scale, limit.upper / limit.scale)
+    return [
+        PathPoint(
+            fraction=point,
+            # where a state is a variable with bounds it needs no row
+            states=tuple(
+                s
+                for s in phase.states
+                if point in inner and s.between and (s.name, point) not in held
+            ),
+            equations=point in scheme.points and bool(phase.algebraic_equations),
+            constraints=tuple(
+                limit
+                for limit in phase.constraints
+                if _holds(phase, limit.expression, point, inner, scheme.points)
+            ),
+        )
+        for point in sorted({0.0, *inner, 1.0, *(scheme.points if local else ())})
+    ]
+
+
+def constraints_at_end(phase: Phase) -> list[PathConstraint]:
+    """Path constraints that are rows of the last mesh point, not of the interval before it."""
+    local = [v.symbol for v in pointwise(phase)]
+    return [
+        limit
+        for limit in phase.constraints
+        if not _depends(limit.expression, local) and not _jumps(phase, limit.expression)
+    ]
 
 
 def _holds(
@@ -320,11 +368,11 @@ def _holds(
     return point == 0.0 or point in inner
 
 
-def _state_rows(phase: Phase, x: ca.MX, bounded: set[str], rows: _Rows) -> None:
+def _state_rows(phase: Phase, x: ca.MX, chosen: Sequence[Variable], rows: _Rows) -> None:
     """Bounds of states inside the interval, where they are no variables with bounds."""
     offset = 0
     for state in phase.states:
-        if state.between and state.name not in bounded:
+        if state in chosen:
             value = x[offset : offset + state.size] / state.scale
             rows.add(value, state.lower / state.scale, state.upper / state.scale)
         offset += state.size
@@ -342,9 +390,9 @@ def _end(phase: Phase, physics: _Physics, node_scale: FloatArray) -> tuple[ca.Fu
     no_rate = ca.MX.zeros(linear.shape[0])
     values = _as_list(physics.limits(x, u, no_rate, duration, duration, constants))
     rows = _Rows()
+    kept = constraints_at_end(phase)
     for limit, value in zip(phase.constraints, values, strict=True):
-        local = _depends(limit.expression, [v.symbol for v in pointwise(phase)])
-        if not local and not _jumps(phase, limit.expression):
+        if limit in kept:
             rows.add(value / limit.scale, limit.lower / limit.scale, limit.upper / limit.scale)
     at_end = (x, u, duration, duration, constants)
     for limit, value in zip(
@@ -528,6 +576,7 @@ class Transcription:
                 final_rows=_conditioned(nodes, "final"),
                 end_rows=kernels.end_lower.size,
                 next_nodes=next_nodes,
+                scheme=self.scheme,
             )
             layouts.append(layout)
             variable_offset += layout.variable_count
