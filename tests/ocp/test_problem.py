@@ -192,7 +192,9 @@ def test_every_phase_needs_a_guess(no_solver):
 
 
 def test_an_unknown_solver_is_refused_with_those_there_are(no_solver):
-    with pytest.raises(InputError, match="solver must be one of auto, fatrop, ipopt, not 'snopt'"):
+    with pytest.raises(
+        InputError, match="solver must be one of auto, fatrop, ipopt, sqp, not 'snopt'"
+    ):
         solve(double_integrator(), 4, settings=SolverSettings(solver="snopt"))
 
 

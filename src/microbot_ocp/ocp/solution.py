@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 
 import numpy as np
@@ -131,6 +131,8 @@ class Solution:
     row_multipliers : multipliers of the rows of the scaled program, positive at upper bounds
     variable_multipliers : multipliers of the bounds of its variables, likewise
     build_time : wall time of the transcription, s
+    variables : the scaled variables
+    settings : how it was solved, as plain values
     """
 
     status: Status
@@ -140,6 +142,8 @@ class Solution:
     row_multipliers: FloatArray
     build_time: float
     variable_multipliers: FloatArray | None = None
+    variables: FloatArray | None = None
+    settings: Mapping[str, object] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> PhaseSolution:
         for phase in self.phases:

@@ -1,14 +1,20 @@
-"""Solvers of staged programs: fatrop with the structure handed over, IPOPT, and a fallback chain.
+"""Solvers of staged programs: fatrop, IPOPT and an SQP method, with a fallback chain.
 
-Both get the derivatives of the stage kernels instead of an automatic differentiation of the whole
-program, which would cost more time than the solve.
+All get the derivatives of the stage kernels instead of an automatic differentiation of the whole
+program, which would cost more time than the solve; fatrop gets the stages, too.
+
+The chain of "auto" is: from an earlier solution with multipliers IPOPT, warm; then fatrop; then
+IPOPT. The first that converges ends it, and the solution lists every attempt. The SQP method is
+active-set: good for small programs and for solves from a neighbouring solution, never chosen by
+itself; it clips the eigenvalues of the Hessian, and where that fails it tries once more with a
+regularised one.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import casadi as ca
@@ -18,12 +24,17 @@ from numpy.typing import ArrayLike
 from microbot_ocp import checks
 from microbot_ocp.checks import FloatArray
 from microbot_ocp.ocp.assembly import Program, assemble
-from microbot_ocp.ocp.problem import OptimalControlProblem, node_variables
+from microbot_ocp.ocp.problem import OptimalControlProblem
+from microbot_ocp.ocp.progress import Progress, Watch, violation, watching
 from microbot_ocp.ocp.schemes import Scheme
-from microbot_ocp.ocp.solution import Attempt, Solution, Status, pack, unpack
+from microbot_ocp.ocp.solution import Attempt, Solution, Status, unpack
+from microbot_ocp.ocp.start import Start, check_start, default_guess, start_from
 from microbot_ocp.ocp.transcription import Guess, Transcription
 
-SOLVERS = ("fatrop", "ipopt")
+__all__ = ["SOLVERS", "SolverSettings", "default_guess", "solve"]
+
+SOLVERS = ("fatrop", "ipopt", "sqp")
+CHAIN = ("fatrop", "ipopt")  # of "auto"
 FEASIBLE = 1e-4  # largest violation, scaled, at which a solver's success is believed
 
 # Barrier parameters lowered gently: with the default jumps fatrop stalls on the flat minima that
@@ -34,6 +45,18 @@ FATROP_OPTIONS = {
     "print_level": 0,
 }
 IPOPT_OPTIONS = {"print_level": 0, "sb": "yes", "mumps_pivtol": 1e-7}
+# From a neighbouring solution: little is lost of what is known (15 to 21 iterations against 51 to
+# 62 on the Microbot task with its torque limits changed by 5 %; a barrier of 1e-5 ends too early).
+WARM_BARRIER = 1e-7
+WARM_PUSH = 1e-4
+SQP_OPTIONS = {
+    "qpsol": "qrqp",
+    "qpsol_options": {"print_iter": False, "print_header": False, "error_on_fail": False},
+    "convexify_strategy": "eigen-clip",
+    "print_header": False,
+    "print_iteration": False,
+    "print_status": False,
+}
 
 
 @dataclass(frozen=True)
@@ -42,7 +65,7 @@ class SolverSettings:
 
     Attributes
     ----------
-    solver : "auto" (fatrop, then IPOPT if it does not converge), "fatrop" or "ipopt"
+    solver : "auto" (fatrop, then IPOPT if it does not converge), "fatrop", "ipopt" or "sqp"
     tolerance : optimality and feasibility of the scaled program
     max_iterations : limit for each solver
     initial_barrier : start of the barrier parameter; small for a warm start
@@ -58,16 +81,21 @@ class SolverSettings:
     def chain(self) -> tuple[str, ...]:
         """Solvers to try in turn."""
         checks.one_of("solver", self.solver, ("auto", *SOLVERS))
-        return SOLVERS if self.solver == "auto" else (self.solver,)
+        return CHAIN if self.solver == "auto" else (self.solver,)
+
+    def as_dict(self) -> dict[str, object]:
+        """Plain values for JSON."""
+        return {**asdict(self), "options": {k: dict(v) for k, v in self.options.items()}}
 
 
 def solve(
     problem: OptimalControlProblem | Transcription,
     mesh: Sequence[int | ArrayLike] | int = 50,
-    guess: Mapping[str, Guess] | None = None,
+    guess: Mapping[str, Guess] | Solution | None = None,
     settings: SolverSettings | None = None,
     *,
     scheme: str | Scheme = "shooting",
+    progress: Progress | None = None,
 ) -> Solution:
     """Transcribe a problem on a mesh and solve it.
 
@@ -76,22 +104,28 @@ def solve(
     problem : OptimalControlProblem or Transcription
         A transcription keeps its kernels from solve to solve.
     mesh : int, or one int or array of fractions [N+1] a phase
-    guess : mapping from phase name to Guess, optional
-        Default: straight lines between the end conditions.
+    guess : mapping from phase name to Guess, or Solution, optional
+        Default: straight lines between the end conditions. A solution may be of another mesh or of
+        other phases; with the same phases its multipliers are used as well.
     settings : SolverSettings, optional
     scheme : str or Scheme
         Of a problem that is not transcribed yet: "shooting", "radau", "gauss", "trapezoidal",
         "hermite_simpson", or one with settings.
+    progress : callable, optional
+        Called with an :class:`~microbot_ocp.ocp.progress.Iteration` at every iteration. It may
+        raise KeyboardInterrupt to stop the solve.
 
     Returns
     -------
     Solution
-        Also where no solver converged: look at ``status``.
+        Also where no solver converged: look at ``status``. After Ctrl-C it is the last iterate,
+        with the status INTERRUPTED; fatrop cannot be stopped and runs to its end first.
 
     Raises
     ------
     InputError
-        The declaration, mesh or guess is not complete or not finite.
+        The declaration, mesh or guess is not complete or not finite, or the dynamics, constraints
+        or costs are not finite at the guess.
     """
     settings = settings or SolverSettings()
     start = time.perf_counter()
@@ -100,158 +134,263 @@ def solve(
     )
     layouts = transcription.layouts(mesh)
     program = assemble(transcription.problem, layouts, transcription.kernels)
-    x0 = pack(program, guess or default_guess(transcription.problem))
+    begin = start_from(program, transcription.problem, guess)
+    check_start(program, begin.x)
     build_time = time.perf_counter() - start
+    return run_chain(program, settings, begin, progress=progress, build_time=build_time)
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What one solver left."""
+
+    attempt: Attempt
+    x: FloatArray
+    row_multipliers: FloatArray
+    variable_multipliers: FloatArray
+
+
+Made = dict[tuple[str, bool], ca.Function]
+
+
+def run_chain(
+    program: Program,
+    settings: SolverSettings,
+    start: Start,
+    *,
+    progress: Progress | None = None,
+    build_time: float = 0.0,
+    made: Made | None = None,
+) -> Solution:
+    """Try the solvers of the settings in turn until one converges.
+
+    ``made`` keeps solvers for further solves of the same program.
+    """
+    turns = [(name, False) for name in settings.chain()]
+    if settings.solver == "sqp":
+        turns.append(("sqp", True))
+    if start.warm and settings.initial_barrier is None and settings.solver in ("auto", "ipopt"):
+        turns.insert(0, ("ipopt", True))
     attempts: list[Attempt] = []
-    best: tuple[Attempt, FloatArray, FloatArray, FloatArray] | None = None
-    for name in settings.chain():
-        best = _run(program, name, settings, x0)
-        attempt = best[0]
-        attempts.append(attempt)
-        if attempt.status in (Status.SOLVED, Status.INTERRUPTED):
+    outcome: Outcome | None = None
+    for name, variant in turns:
+        given = start if variant or name == "sqp" else Start(start.x)
+        outcome = _run(program, name, settings, given, variant, progress, made)
+        attempts.append(outcome.attempt)
+        if outcome.attempt.status in (Status.SOLVED, Status.INTERRUPTED):
             break
-    assert best is not None
-    attempt, x, row_multipliers, variable_multipliers = best
+    assert outcome is not None
     return Solution(
-        status=attempt.status,
-        cost=attempt.cost,
-        phases=unpack(program, x),
+        status=outcome.attempt.status,
+        cost=outcome.attempt.cost,
+        phases=unpack(program, outcome.x),
         attempts=tuple(attempts),
-        row_multipliers=row_multipliers,
+        row_multipliers=outcome.row_multipliers,
         build_time=build_time,
-        variable_multipliers=variable_multipliers,
+        variable_multipliers=outcome.variable_multipliers,
+        variables=outcome.x,
+        settings=settings.as_dict(),
     )
-
-
-def default_guess(problem: OptimalControlProblem) -> dict[str, Guess]:
-    """Straight lines between the end conditions, or the middle of the bounds, or zero."""
-    guesses = {}
-    for phase in problem.phases:
-        values = {}
-        for variable in node_variables(phase):
-            start, end = (_middle(variable, which) for which in ("initial", "final"))
-            values[variable.name] = _line(start, end)
-        low, high = phase.duration_bounds
-        guesses[phase.name] = Guess(float(np.sqrt(low * min(high, 1e3 * low))), values)
-    return guesses
-
-
-def _middle(variable: Any, which: str) -> FloatArray:
-    low, high = variable.lower, variable.upper
-    condition = getattr(variable, which)
-    if condition is not None:
-        low, high = np.maximum(low, condition[0]), np.minimum(high, condition[1])
-    both = np.isfinite(low) & np.isfinite(high)
-    with np.errstate(invalid="ignore"):
-        return np.where(both, (low + high) / 2, np.clip(0.0, low, high))
-
-
-def _line(start: FloatArray, end: FloatArray) -> Any:
-    return lambda s: start + s[:, None] * (end - start)
 
 
 def _run(
-    program: Program, name: str, settings: SolverSettings, x0: FloatArray
-) -> tuple[Attempt, FloatArray, FloatArray, FloatArray]:
+    program: Program,
+    name: str,
+    settings: SolverSettings,
+    start: Start,
+    variant: bool,
+    progress: Progress | None,
+    made: Made | None,
+) -> Outcome:
     begin = time.perf_counter()
-    solver = _create(program, name, settings)
+    watch = Watch(program, name, progress) if progress is not None else None
+    solver = None if made is None or watch is not None else made.get((name, variant))
+    if solver is None:
+        solver = _create(program, name, settings, variant=variant, watch=watch)
+        if made is not None and watch is None:
+            made[name, variant] = solver
     created = time.perf_counter()
-    result = solver(
-        x0=x0,
-        lbx=program.variable_lower,
-        ubx=program.variable_upper,
-        lbg=program.row_lower,
-        ubg=program.row_upper,
-    )
+    arguments: dict[str, Any] = {
+        "x0": start.x,
+        "p": program.parameters,
+        "lbx": program.variable_lower,
+        "ubx": program.variable_upper,
+        "lbg": program.row_lower,
+        "ubg": program.row_upper,
+    }
+    if start.warm:
+        arguments["lam_x0"], arguments["lam_g0"] = start.variable_multipliers, start.row_multipliers
+    result: Mapping[str, Any] = {}
+    with watching(name) as interrupted:
+        if watch is not None:
+            watch.asked = interrupted
+        # what stops the SQP method takes its result along
+        try:
+            result = solver(**arguments)
+        except (KeyboardInterrupt, RuntimeError):
+            if not (interrupted() or (watch is not None and watch.stopped)):
+                raise
     done = time.perf_counter()
-    stats = solver.stats()
-    x = np.array(result["x"]).ravel()
+    stopped = interrupted() or (watch is not None and watch.stopped)
+    if watch is not None and watch.failure is not None:
+        raise watch.failure
+    stats = _stats(solver) if result else {}
+    last = start.x if watch is None or watch.x is None else watch.x
+    x = np.array(result["x"]).ravel() if result else last
+    if stopped and watch is not None:
+        x = last
     cost, infeasibility = _checked(program, x)
     attempt = Attempt(
         solver=name,
-        status=_status(name, stats, settings, infeasibility),
+        status=Status.INTERRUPTED if stopped else _status(name, stats, settings, infeasibility),
         message=str(stats.get("return_status", "")),
-        iterations=int(stats.get("iter_count", -1)),
+        iterations=int(stats.get("iter_count", -1 if watch is None else watch.count)),
         cost=cost,
         infeasibility=infeasibility,
         wall_time=done - created,
         create_time=created - begin,
         function_time=sum(v for k, v in stats.items() if k.startswith("t_wall_nlp_")),
     )
-    # both solvers hand over the multipliers of their own bounds, though CasADi computes none
-    return attempt, x, np.array(result["lam_g"]).ravel(), np.array(result["lam_x"]).ravel()
+    # the solvers hand over the multipliers of their own bounds, though CasADi computes none
+    rows, variables = (
+        np.array(result[key]).ravel() if result else np.zeros(size)
+        for key, size in (("lam_g", program.row_lower.size), ("lam_x", x.size))
+    )
+    return Outcome(attempt, x, rows, variables)
+
+
+def _stats(solver: ca.Function) -> Mapping[str, Any]:
+    try:
+        return solver.stats()
+    except RuntimeError:  # the SQP method's, where its quadratic program had no answer
+        return {}
 
 
 def _checked(program: Program, x: FloatArray) -> tuple[float, float]:
     """Cost and largest violation of a bound or row at x, whatever the solver reports of them."""
-    cost = float(program.functions["gradient"](x, [])[0])
-    g = np.array(program.functions["jacobian"](x, [])[0]).ravel()
-    worst = 0.0
-    for value, low, high in (
-        (g, program.row_lower, program.row_upper),
-        (x, program.variable_lower, program.variable_upper),
-    ):
-        excess = np.maximum(low - value, value - high)
-        worst = max(worst, float(np.max(np.nan_to_num(excess, nan=np.inf), initial=0.0)))
+    cost = float(program.functions["gradient"](x, program.parameters)[0])
+    g = np.array(program.functions["jacobian"](x, program.parameters)[0]).ravel()
+    worst = violation(program, x, g)
     return cost, worst if np.isfinite(cost) else np.inf
 
 
-def _create(program: Program, name: str, settings: SolverSettings) -> ca.Function:
-    functions = program.functions
+def _create(
+    program: Program,
+    name: str,
+    settings: SolverSettings,
+    *,
+    variant: bool = False,
+    watch: Watch | None = None,
+) -> ca.Function:
     common: dict[str, Any] = {
         "print_time": False,
         "calc_lam_p": False,
         "calc_lam_x": False,
         "error_on_fail": False,
     }
-    extra = dict(settings.options.get(name, {}))
-    if name == "fatrop":
-        options = {**FATROP_OPTIONS, "tolerance": settings.tolerance}
-        options["max_iter"] = settings.max_iterations
-        if settings.initial_barrier is not None:
-            options["mu_init"] = settings.initial_barrier
-        equal = program.row_lower == program.row_upper
-        return ca.nlpsol(
-            "fatrop",
-            "fatrop",
-            dict(program.nlp),
-            {
-                **common,
-                "fatrop": {**options, **extra},
-                "structure_detection": "manual",
-                "N": len(program.nodes) - 1,
-                "nx": list(program.nodes),
-                "nu": list(program.controls),
-                "ng": list(program.constraints),
-                "equality": equal.tolist(),
-                "cache": {
-                    "nlp_grad": functions["lagrangian"],
-                    "nlp_jac_g": functions["jacobian"],
-                    "nlp_grad_f": functions["gradient_only"],
-                    "nlp_hess_l": functions["hessian"],
-                },
-            },
-        )
-    options = {**IPOPT_OPTIONS, "tol": settings.tolerance, "max_iter": settings.max_iterations}
+    plugin, options, cache = {
+        "fatrop": _fatrop,
+        "ipopt": _warm_ipopt if variant else _ipopt,
+        "sqp": _regularised_sqp if variant else _sqp,
+    }[name](program, settings)
+    if watch is not None:
+        hook = watch.hook(cache)
+        options, cache = {**options, **hook.options}, {**cache, **hook.cache}
+    nlp = dict(program.nlp)
+    return ca.nlpsol(name, plugin, nlp, {**common, **options, "cache": cache})
+
+
+Plugin = tuple[str, dict[str, Any], dict[str, ca.Function]]
+
+
+def _fatrop(program: Program, settings: SolverSettings) -> Plugin:
+    functions = program.functions
+    options: dict[str, Any] = {**FATROP_OPTIONS, "tolerance": settings.tolerance}
+    options["max_iter"] = settings.max_iterations
+    if settings.initial_barrier is not None:
+        options["mu_init"] = settings.initial_barrier
+    equal = program.row_lower == program.row_upper
+    structure = {
+        "structure_detection": "manual",
+        "N": len(program.nodes) - 1,
+        "nx": list(program.nodes),
+        "nu": list(program.controls),
+        "ng": list(program.constraints),
+        "equality": equal.tolist(),
+    }
+    cache = {
+        "nlp_grad": functions["lagrangian"],
+        "nlp_jac_g": functions["jacobian"],
+        "nlp_grad_f": functions["gradient_only"],
+        "nlp_hess_l": functions["hessian"],
+    }
+    own = {**options, **settings.options.get("fatrop", {})}
+    return "fatrop", {**structure, "fatrop": own}, cache
+
+
+def _ipopt(program: Program, settings: SolverSettings) -> Plugin:
+    functions = program.functions
+    options: dict[str, Any] = {
+        **IPOPT_OPTIONS,
+        "tol": settings.tolerance,
+        "max_iter": settings.max_iterations,
+    }
     if settings.initial_barrier is not None:
         options["mu_init"] = settings.initial_barrier
         options["warm_start_init_point"] = "no"
         options["bound_push"] = options["bound_frac"] = settings.initial_barrier
-    return ca.nlpsol(
-        "ipopt",
-        "ipopt",
-        dict(program.nlp),
-        {
-            **common,
-            "ipopt": {**options, **extra},
-            "cache": {
-                "nlp_grad": functions["lagrangian"],
-                "nlp_jac_g": functions["jacobian"],
-                "nlp_grad_f": functions["gradient"],
-                "nlp_hess_l": functions["hessian_upper"],
-            },
+    cache = {
+        "nlp_grad": functions["lagrangian"],
+        "nlp_jac_g": functions["jacobian"],
+        "nlp_grad_f": functions["gradient"],
+        "nlp_hess_l": functions["hessian_upper"],
+    }
+    return "ipopt", {"ipopt": {**options, **settings.options.get("ipopt", {})}}, cache
+
+
+def _warm_ipopt(program: Program, settings: SolverSettings) -> Plugin:
+    plugin, options, cache = _ipopt(program, settings)
+    warm = {
+        "warm_start_init_point": "yes",
+        "mu_init": WARM_BARRIER,
+        **{
+            f"warm_start_{what}": WARM_PUSH
+            for what in (
+                "bound_push",
+                "bound_frac",
+                "slack_bound_push",
+                "slack_bound_frac",
+                "mult_bound_push",
+            )
         },
-    )
+    }
+    return plugin, {"ipopt": {**warm, **options["ipopt"]}}, cache
+
+
+def _sqp(program: Program, settings: SolverSettings) -> Plugin:
+    functions = program.functions
+    x, p = (ca.MX.sym(k, functions["jacobian"].sparsity_in(i)) for i, k in enumerate("xp"))
+    lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", program.row_lower.size)
+    g, jacobian = functions["jacobian"](x, p)
+    f, slope = functions["gradient"](x, p)
+    hessian = functions["hessian"](x, p, lam_f, lam_g)[1]
+    cache = {
+        "nlp_grad": functions["lagrangian"],
+        "nlp_jac_fg": ca.Function("nlp_jac_fg", [x, p], [f, slope, g, jacobian]),
+        "nlp_hess_l": ca.Function("nlp_hess_l", [x, p, lam_f, lam_g], [hessian]),
+    }
+    options = {
+        **SQP_OPTIONS,
+        "max_iter": settings.max_iterations,
+        "tol_pr": settings.tolerance,
+        "tol_du": settings.tolerance,
+    }
+    return "sqpmethod", {**options, **settings.options.get("sqp", {})}, cache
+
+
+def _regularised_sqp(program: Program, settings: SolverSettings) -> Plugin:
+    plugin, options, cache = _sqp(program, settings)
+    return plugin, {**options, "convexify_strategy": "regularize"}, cache
 
 
 def _status(

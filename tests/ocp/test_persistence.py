@@ -1,0 +1,107 @@
+"""Solutions come back from their file as they were, and nothing else is taken for one."""
+
+import json
+import re
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from microbot_ocp.checks import InputError
+from microbot_ocp.ocp.persistence import load_solution, save_solution, saved_with
+from microbot_ocp.ocp.solvers import SolverSettings, solve
+from microbot_ocp.ocp.transcription import Transcription
+from ocp.textbook import double_integrator, through_half_way
+
+
+@pytest.fixture(scope="module")
+def transcription():
+    return Transcription(through_half_way(("x", "v")), scheme="radau")
+
+
+@pytest.fixture(scope="module")
+def solution(transcription):
+    settings = SolverSettings("ipopt", options={"ipopt": {"mu_strategy": "adaptive"}})
+    return solve(transcription, [6, np.linspace(0, 1, 9) ** 1.2], settings=settings)
+
+
+def test_a_solution_comes_back_as_it_was(solution, tmp_path):
+    again = load_solution(save_solution(solution, tmp_path / "run.npz"))
+    assert again.status is solution.status
+    assert again.cost == solution.cost
+    assert again.attempts == solution.attempts
+    assert again.settings == solution.settings
+    for key in ("row_multipliers", "variable_multipliers", "variables"):
+        np.testing.assert_array_equal(getattr(again, key), getattr(solution, key))
+    for before, after in zip(solution.phases, again.phases, strict=True):
+        assert (before.name, before.duration) == (after.name, after.duration)
+        np.testing.assert_array_equal(before.mesh, after.mesh)
+        assert before.values.keys() == after.values.keys()
+        for name in before.values:
+            np.testing.assert_array_equal(before[name], after[name])
+    assert [path.name for path in tmp_path.iterdir()] == ["run.npz"]
+
+
+def test_with_its_transcription_it_is_sampled_and_solved_again(solution, transcription, tmp_path):
+    again = load_solution(save_solution(solution, tmp_path / "run.npz"), transcription)
+    t = np.linspace(0.0, again["first"].duration, 7)
+    for name, values in solution["first"].sample(t).items():
+        np.testing.assert_array_equal(again["first"].sample(t)[name], values)
+    meshes = [phase.mesh for phase in again.phases]
+    once_more = solve(transcription, meshes, again, SolverSettings("ipopt"))
+    assert once_more.cost == pytest.approx(solution.cost, rel=1e-6)
+    assert once_more.attempts[0].iterations < solution.attempts[0].iterations
+
+
+def test_without_its_transcription_it_starts_another_solve(solution, transcription, tmp_path):
+    again = load_solution(save_solution(solution, tmp_path / "run.npz"))
+    assert solve(transcription, 10, again).status.ok
+    with pytest.raises(InputError, match="mesh values only"):
+        again["first"].sample(0.1)
+
+
+def test_what_is_needed_to_repeat_a_run_is_inside(solution, tmp_path):
+    inside = saved_with(save_solution(solution, tmp_path / "run.npz"))
+    assert inside["versions"]["casadi"] == ca.CasadiMeta.version()
+    assert inside["settings"]["solver"] == "ipopt"
+    assert inside["settings"]["options"] == {"ipopt": {"mu_strategy": "adaptive"}}
+    repeated = SolverSettings(**inside["settings"])
+    assert repeated.tolerance == 1e-7
+
+
+def test_another_problem_is_refused(solution, tmp_path):
+    path = save_solution(solution, tmp_path / "run.npz")
+    with pytest.raises(InputError, match=r"has the phases .* the transcription \['move'\]"):
+        load_solution(path, Transcription(double_integrator()))
+    with pytest.raises(InputError, match="'first' of the solution has other variables"):
+        load_solution(path, Transcription(through_half_way(("x", "v"))))
+
+
+def test_a_newer_or_broken_file_is_refused_in_one_line(solution, tmp_path):
+    path = save_solution(solution, tmp_path / "run.npz")
+    with np.load(path) as stored:
+        arrays = dict(stored)
+    newer = {**json.loads(str(arrays["metadata"])), "schema": 99}
+    np.savez(tmp_path / "newer.npz", **{**arrays, "metadata": json.dumps(newer)})
+    (tmp_path / "text.npz").write_text("no archive")
+    (tmp_path / "cut.npz").write_bytes(path.read_bytes()[:-200])
+    np.savez(tmp_path / "other.npz", t=np.zeros(3))
+    arrays.pop("row_multipliers")
+    np.savez(tmp_path / "less.npz", **arrays)
+    for name, said in (
+        ("newer", "written by a newer version (schema 99; this one reads up to 1)"),
+        ("text", "is not a saved solution"),
+        ("cut", "is not a saved solution"),
+        ("other", "is not a saved solution"),
+        ("less", "is not a saved solution"),
+        ("none", "is not a saved solution"),
+    ):
+        with pytest.raises(InputError, match=re.escape(said)) as raised:
+            load_solution(tmp_path / f"{name}.npz")
+        assert "\n" not in str(raised.value)
+
+
+def test_options_that_are_no_plain_values_are_refused(tmp_path):
+    settings = SolverSettings("ipopt", options={"ipopt": {"tol": np.array([1e-8])}})
+    with pytest.raises((InputError, NotImplementedError, RuntimeError)):
+        save_solution(solve(double_integrator(), 4, settings=settings), tmp_path / "run.npz")
