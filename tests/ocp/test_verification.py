@@ -209,6 +209,28 @@ def test_a_program_without_a_scalar_graph_is_checked_as_well():
     assert not certificate.hamiltonian("move").autonomous
 
 
+def test_a_phase_solved_with_other_numbers_is_checked_with_those():
+    """The layout of a solution holds the limits and parameters that it was solved with."""
+
+    def pushed(weight, top):
+        problem = OptimalControlProblem("pushed")
+        phase = problem.phase("move", (0.1, 10.0))
+        x = phase.state("x", initial=0.0, final=1.0)
+        v = phase.state("v", initial=0.0, final=0.0)
+        u = phase.control("u", lower=-1.0, upper=1.0)
+        mass = phase.parameter("mass", weight)
+        phase.derivative(x, v)
+        phase.derivative(v, u / mass)
+        phase.constraint("speed", v, upper=top)
+        phase.end_cost(phase.duration)
+        return problem
+
+    solution = solved(pushed(2.0, 0.5), 20)
+    certificate = verify(pushed(1.0, 10.0), solution)
+    assert certificate.ok, certificate.verdict
+    assert "speed" in {arc.name for arc in certificate.arcs}
+
+
 def test_a_transcription_serves_as_well_and_values_are_plain():
     transcription = Transcription(bryson_denham(1 / 9), duration_scale=2.0)
     certificate = verify(transcription, solved(transcription, 36))
@@ -231,7 +253,7 @@ def test_the_gradient_of_the_lagrangian_is_that_of_the_assembled_program(scheme)
     for label, i in zip(variable_labels(program), range(x.size), strict=True):
         x[i] = 0.9 if label.kind == "duration" else x[i]
     parts = [
-        verification._differentiate(phase, layout, 1.0, lam)
+        verification._differentiate(phase, verification._plain_kernels(layout, 1.0), lam)
         for phase, layout in zip(unpack(program, x), layouts, strict=True)
     ]
     expected = program.functions["lagrangian"](x, [], 1.0, lam)[2]

@@ -108,7 +108,7 @@ def point_values(phase: PhaseSolution, variable: Variable) -> FloatArray:
 
 def points_of(layout: PhaseLayout, variable: Variable) -> list[float]:
     """Fractions of an interval at which a variable has values."""
-    return [k.fraction for k in layout.inner if k.source is variable]
+    return [k.fraction for k in layout.inner if k.source.name == variable.name]
 
 
 def _interval_data(phase: PhaseSolution) -> FloatArray:

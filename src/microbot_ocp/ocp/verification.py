@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import casadi as ca
@@ -340,7 +340,19 @@ def verify(
     limits_of = thresholds or Thresholds()
     transcription = _transcription(problem, solution)
     layouts = tuple(phase_layout(phase) for phase in solution.phases)
-    program = assemble(transcription.problem, layouts, transcription.kernels)
+    plain = [_plain_kernels(layout, transcription.duration_scale) for layout in layouts]
+    # a phase of the solution may have been solved with other limits than those declared
+    kernels = [
+        replace(
+            kernel,
+            stage_lower=own.stage_lower,
+            stage_upper=own.stage_upper,
+            end_lower=own.end_lower,
+            end_upper=own.end_upper,
+        )
+        for kernel, own in zip(transcription.kernels, plain, strict=True)
+    ]
+    program = assemble(transcription.problem, layouts, kernels)
     x = _scaled_variables(program, solution)
     lam_g = np.asarray(solution.row_multipliers, dtype=float)
     if lam_g.size != program.row_lower.size:
@@ -349,8 +361,7 @@ def verify(
             f"problem {transcription.problem.name!r}"
         )
     parts = [
-        _differentiate(phase, layout, transcription.duration_scale, lam_g)
-        for phase, layout in zip(solution.phases, layouts, strict=True)
+        _differentiate(phase, own, lam_g) for phase, own in zip(solution.phases, plain, strict=True)
     ]
     gradient = _gradient(program, parts, lam_g)
     lam_x, computed = _bound_multipliers(program, solution, gradient)
@@ -487,11 +498,9 @@ def _plain_kernels(layout: PhaseLayout, duration_scale: float) -> Kernels:
     return build_kernels(layout.phase, duration_scale, layout.scheme, derive)
 
 
-def _differentiate(
-    phase: PhaseSolution, layout: PhaseLayout, duration_scale: float, lam_g: FloatArray
-) -> _Derivatives:
+def _differentiate(phase: PhaseSolution, kernels: Kernels, lam_g: FloatArray) -> _Derivatives:
+    layout = phase_layout(phase)
     assert phase.stages is not None
-    kernels = _plain_kernels(layout, duration_scale)
     n, nz = layout.intervals, layout.node_size
     rows = layout.stage_row[:, None] + np.arange(layout.rows_per_stage)
     lam = lam_g[rows]
