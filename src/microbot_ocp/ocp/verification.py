@@ -878,7 +878,7 @@ def _arcs(dense: _Dense, prices: _Prices, worth: float) -> list[Arc]:
                 np.maximum.at(strength, own[:, 1].astype(int), push * size)
                 active = slack <= ACTIVE
                 active |= (slack <= NEARLY_ACTIVE) & (strength[dense.interval] > slack)
-                for first, last in _runs(active):
+                for first, last in _joined_runs(dense, active):
                     start, end = float(dense.t[first]), float(dense.t[last])
                     # to the nearest dense point, as the multipliers stand at points of the mesh
                     reach = 1e-9 + float(np.diff(phase.mesh).max()) / POINTS
@@ -900,6 +900,23 @@ def _arcs(dense: _Dense, prices: _Prices, worth: float) -> list[Arc]:
                             )
                         )
     return sorted(found, key=lambda arc: (arc.name, arc.component, arc.start))
+
+
+def _joined_runs(dense: _Dense, active: np.ndarray) -> list[tuple[int, int]]:
+    """Runs of true values; those that are less than an interval apart are one.
+
+    A limit that is kept at a few points of every interval leaves it a little between them.
+    """
+    steps = np.diff(dense.phase.t)
+    found: list[tuple[int, int]] = []
+    for first, last in _runs(active):
+        if found:
+            begin, end = found[-1]
+            if dense.t[first] - dense.t[end] < (1 - 1e-6) * steps[dense.interval[end]]:
+                found[-1] = (begin, last)
+                continue
+        found.append((first, last))
+    return found
 
 
 def _runs(active: np.ndarray) -> list[tuple[int, int]]:
