@@ -1,0 +1,186 @@
+"""Changed numbers without rebuilding: what comes out is what a new problem would give."""
+
+import copy
+import pickle
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from microbot_ocp.checks import InputError
+from microbot_ocp.ocp import solvers
+from microbot_ocp.ocp.parametric import ParametricSolver
+from microbot_ocp.ocp.problem import OptimalControlProblem
+from microbot_ocp.ocp.solvers import SolverSettings, solve
+from microbot_ocp.ocp.transcription import Transcription
+from ocp.textbook import bryson_denham, everything, through_half_way
+
+
+def cart(mass=1.0, force=1.0, goal=1.0, top=9.0, power=9.0, longest=10.0):
+    """Shortest time over a distance: 2 sqrt(goal mass / force) where nothing else limits."""
+    problem = OptimalControlProblem("cart")
+    phase = problem.phase("move", (0.1, longest))
+    x = phase.state("x", initial=0.0, final=goal, unit="m")
+    v = phase.state("v", initial=0.0, final=0.0, upper=top, unit="m/s", between=True)
+    u = phase.control("u", lower=-force, upper=force, unit="N", scale=2.0)
+    m = phase.parameter("mass", mass)
+    phase.parameter("unused", [1.0, 2.0])
+    phase.derivative(x, v)
+    phase.derivative(v, u / m)
+    phase.constraint("power", u * v, upper=power, scale=3.0, unit="W")
+    phase.end_cost(phase.duration)
+    return problem
+
+
+@pytest.fixture(scope="module")
+def solver():
+    return ParametricSolver(cart(), 20, SolverSettings("ipopt"))
+
+
+@pytest.mark.parametrize(
+    ("changes", "declared"),
+    [
+        ({}, {}),
+        ({"parameters": {"move": {"mass": 1.3}}}, {"mass": 1.3}),
+        ({"bounds": {"move": {"u": (-0.8, 0.8)}}}, {"force": 0.8}),
+        ({"bounds": {"move": {"v": (None, 0.7)}}}, {"top": 0.7}),
+        ({"bounds": {"move": {"power": (None, 0.4)}}}, {"power": 0.4}),
+        ({"final": {"move": {"x": 1.5}}}, {"goal": 1.5}),
+        ({"initial": {"move": {"x": -0.5}}}, {"goal": 1.5}),
+        (
+            {"durations": {"move": (0.1, 2.5)}, "parameters": {"move": {"mass": 1.2}}},
+            {"longest": 2.5, "mass": 1.2},
+        ),
+    ],
+)
+def test_a_changed_number_is_a_newly_declared_one(solver, changes, declared):
+    expected = solve(cart(**declared), 20, settings=SolverSettings("ipopt"))
+    solution = solver.solve(**changes)
+    assert solution.status.ok
+    assert solution.cost == pytest.approx(expected.cost, rel=1e-6)
+    np.testing.assert_allclose(solution["move"]["u"], expected["move"]["u"], atol=2e-3)
+
+
+def test_the_next_solve_is_as_declared_again(solver):
+    solver.solve(bounds={"move": {"u": (-0.8, 0.8)}})
+    assert solver.solve().cost == pytest.approx(2.0, abs=1e-5)
+
+
+def test_a_fixed_duration_is_a_change_like_another(solver):
+    solution = solver.solve(durations={"move": 2.2})
+    assert solution.duration == pytest.approx(2.2, rel=1e-6)
+
+
+def test_a_neighbour_is_solved_in_a_fraction_of_the_iterations(solver):
+    first = solver.solve()
+    for change in (0.95, 1.05):
+        limits = {"move": {"u": (-change, change)}}
+        cold = solver.solve(bounds=limits)
+        warm = solver.solve(bounds=limits, guess=first)
+        assert warm.cost == pytest.approx(2.0 / np.sqrt(change), abs=2e-4)
+        assert warm.cost == pytest.approx(cold.cost, abs=1e-5)
+        assert warm.attempts[0].iterations <= cold.attempts[0].iterations / 2
+
+
+def test_solvers_are_made_once(monkeypatch):
+    made = []
+    create = solvers._create
+    monkeypatch.setattr(solvers, "_create", lambda *a, **k: (made.append(a[1]), create(*a, **k))[1])
+    solver = ParametricSolver(cart(), 10)
+    first = solver.solve()
+    for mass in (1.1, 1.2, 1.3):
+        assert solver.solve(parameters={"move": {"mass": mass}}, guess=first).status.ok
+    assert len(made) == len(set(made)) <= 2
+
+
+def test_samples_are_of_the_parameters_that_were_solved_for(solver):
+    solution = solver.solve(parameters={"move": {"mass": 4.0}})
+    phase = solution["move"]
+    t = phase.duration / 40
+    u = phase["u"][0, 0]
+    assert phase.sample(t)["v"][0, 0] == pytest.approx(u / 4.0 * t, rel=1e-6)
+
+
+def test_derivatives_know_parameters_as_arguments():
+    import casadi as ca
+
+    from microbot_ocp.ocp.assembly import assemble
+
+    problem = everything()
+    transcription = Transcription(problem, duration_scale=0.7)
+    fixed, free = (
+        assemble(problem, transcription.layouts([3, 4]), transcription.kernels, parametric=yes)
+        for yes in (False, True)
+    )
+    np.testing.assert_array_equal(free.parameters, [0.7, -1.3])
+    x = np.random.default_rng(0).uniform(0.2, 1.5, fixed.variable_lower.size)
+    lam = np.random.default_rng(1).normal(size=fixed.row_lower.size)
+    for name, rest in (("jacobian", []), ("gradient", []), ("hessian", [1.3, lam])):
+        values = (
+            program.functions[name].call([x, program.parameters, *rest])[-1]
+            for program in (fixed, free)
+        )
+        a, b = (np.array(ca.DM(v)) for v in values)
+        np.testing.assert_allclose(a, b, rtol=1e-14)
+
+
+def test_two_phases_are_changed_by_name():
+    solver = ParametricSolver(through_half_way(("x", "v")), 24, SolverSettings("ipopt"))
+    problem = through_half_way(("x", "v"))
+    expected = solve(problem, 24, settings=SolverSettings("ipopt"))
+    assert solver.solve().cost == pytest.approx(expected.cost, rel=1e-6)
+    slower = solver.solve(bounds={"second": {"u": (-1.0, 1.0)}}, guess=expected)
+    assert slower.cost == pytest.approx(2.0, abs=1e-3)
+
+
+def test_it_goes_through_a_pickle(solver):
+    again = pickle.loads(pickle.dumps(solver))
+    for changes in ({}, {"parameters": {"move": {"mass": 1.3}}}):
+        assert again.solve(**changes).cost == pytest.approx(solver.solve(**changes).cost, rel=1e-9)
+    assert copy.copy(again).solve().status.ok
+
+
+def test_another_process_takes_it(tmp_path):
+    solver = ParametricSolver(bryson_denham(1 / 9), 12)
+    (tmp_path / "solver.pickle").write_bytes(pickle.dumps(solver))
+    code = (
+        "import pickle, sys; s = pickle.load(open(sys.argv[1], 'rb')); "
+        "print(s.solve(bounds={'fly': {'x': (None, 0.125)}}).cost)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path / "solver.pickle")],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=True,
+    )
+    expected = solver.solve(bounds={"fly": {"x": (None, 0.125)}}).cost
+    assert float(done.stdout) == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"bounds": {"stay": {}}}, "bounds has no phase 'stay'; there are ['move']"),
+        ({"bounds": {"move": {"w": (0, 1)}}}, "phase 'move' has no limit 'w'; it has"),
+        ({"bounds": {"move": {"u": 1.0}}}, "bounds of 'u' must be a pair (lower, upper), not 1.0"),
+        ({"bounds": {"move": {"u": (1.0, -1.0)}}}, "bounds of 'u' are crossed: lower 1 is above"),
+        ({"bounds": {"move": {"u": ([1, 2], 3)}}}, "bounds of 'u' must have shape [1], not [2]"),
+        ({"parameters": {"move": {"k": 1.0}}}, "phase 'move' has no parameter 'k'; it has"),
+        ({"parameters": {"move": {"mass": [1, 2]}}}, "parameter 'mass' must have shape [1]"),
+        ({"parameters": {"move": {"mass": np.nan}}}, "parameter 'mass' must be finite"),
+        ({"initial": {"move": {"u": 1.0}}}, "phase 'move' has no initial 'u'; it has"),
+        ({"durations": {"move": (1.0, np.inf)}}, "upper duration of phase 'move' must be finite"),
+    ],
+)
+def test_a_wrong_change_is_refused_in_words(solver, changes, said, no_solver):
+    with pytest.raises(InputError, match=re.escape(said)):
+        solver.solve(**changes)
+
+
+def test_a_condition_that_was_not_declared_is_refused(no_solver):
+    solver = ParametricSolver(through_half_way(("x", "v")), 4)
+    with pytest.raises(InputError, match="'v' of phase 'first' was declared without final"):
+        solver.solve(final={"first": {"v": 0.0}})
