@@ -74,7 +74,7 @@ class Refiner:
     def solve(
         self,
         mesh: Sequence[int | ArrayLike] | int,
-        guesses: Mapping[str, Guess],
+        guesses: Mapping[str, Guess] | Solution,
         *,
         tolerance: float | None = None,
         solver: str | None = None,
@@ -104,9 +104,14 @@ class Refiner:
     def finer(self, before: Solution, meshes: Sequence[int | ArrayLike]) -> Solution:
         """Solve on another mesh from a solution; keep the old one where the new one is worse."""
         guesses = self.guess_from(before)
+        first: tuple[str, float | None, Mapping[str, Guess] | Solution]
+        first = (self.solver, WARM_BARRIER, guesses)
+        if self.solver == "ipopt" and before.status.ok and before.variable_multipliers is not None:
+            # with multipliers: 20 against 30 iterations on the Microbot task from 20 to 100
+            first = ("ipopt", None, before)
         after = before
-        for solver, barrier in ((self.solver, WARM_BARRIER), ("ipopt", None)):
-            after = self.solve(meshes, guesses, solver=solver, barrier=barrier)
+        for solver, barrier, start in (first, ("ipopt", None, guesses)):
+            after = self.solve(meshes, start, solver=solver, barrier=barrier)
             accepted = self._accepts(before, after)
             self.history[-1]["accepted"] = accepted
             sizes = " + ".join(str(phase.mesh.size - 1) for phase in after.phases)

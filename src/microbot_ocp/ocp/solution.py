@@ -26,7 +26,7 @@ class Status(Enum):
     )
     INFEASIBLE = (
         "converged to a point that violates constraints: look for limits that contradict each "
-        "other or an end that cannot be reached"
+        "other or an end that cannot be reached; ocp.diagnosis.explain names them"
     )
     INTERRUPTED = "interrupted: the last iterate is returned"
     FAILED = "the solver broke down: check scales and guess, try the other solver"
