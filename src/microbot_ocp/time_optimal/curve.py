@@ -149,12 +149,9 @@ class Curve:
     @classmethod
     def of(cls, path: PiecewisePolynomial) -> Curve:
         """A path between two stops with a regular parameter."""
-        first, last = float(path.breaks[0]), float(path.breaks[-1])
-        return cls(
-            tuple(curve_pieces(path)),
-            vanishing_order(path, first) > 0,
-            vanishing_order(path, last) > 0,
-        )
+        start = vanishing_order(path, float(path.breaks[0]))
+        end = vanishing_order(path, float(path.breaks[-1]))
+        return cls(tuple(_bent_pieces(path, start, end)), start > 0, end > 0)
 
     @property
     def breaks(self) -> FloatArray:
@@ -176,14 +173,12 @@ class Curve:
         return tuple(tables)
 
 
-def curve_pieces(path: PiecewisePolynomial) -> list[CurvePiece]:
-    """Pieces of a path with the ends of the whole path bent where they need it."""
+def _bent_pieces(path: PiecewisePolynomial, start: int, end: int) -> list[CurvePiece]:
+    """Pieces of a path with its ends bent where more than one derivative vanishes there."""
     pieces = [
         CurvePiece(table, float(length))
         for table, length in zip(path.coefficients, np.diff(path.breaks), strict=True)
     ]
-    start = vanishing_order(path, float(path.breaks[0]))
-    end = vanishing_order(path, float(path.breaks[-1]))
     if len(pieces) == 1 and start > 1 and end > 1:
         pieces = _halves(pieces[0])
     if start > 1:
@@ -195,7 +190,7 @@ def curve_pieces(path: PiecewisePolynomial) -> list[CurvePiece]:
 
 def vanishing_order(path: PiecewisePolynomial, s: float) -> int:
     """How many derivatives of the path vanish at s, up to its degree - 1."""
-    sizes = np.linspace(path.breaks[0], path.breaks[-1], 101)
+    sizes = np.linspace(path.breaks[0], path.breaks[-1], 21)
     curve = path
     for order in range(path.coefficients.shape[1] - 1):
         curve = curve.derivative()
