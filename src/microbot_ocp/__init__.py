@@ -15,6 +15,7 @@ from microbot_ocp.dynamics import (
     mass_matrix,
     mass_matrix_condition,
 )
+from microbot_ocp.fast import fast_call
 from microbot_ocp.inverse_kinematics import (
     IKPath,
     IKSolution,
@@ -71,6 +72,7 @@ __all__ = [
     "coriolis_matrix",
     "cubic",
     "energy",
+    "fast_call",
     "forward_dynamics",
     "forward_kinematics",
     "frame_origins",
