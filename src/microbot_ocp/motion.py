@@ -355,21 +355,28 @@ def sample_times(breaks: FloatArray, jumps: FloatArray, step: float) -> FloatArr
     return np.append(np.concatenate(pieces), breaks[-1])
 
 
-def _quintic(motion: Motion, i: np.ndarray, local: FloatArray) -> tuple[FloatArray, ...]:
-    """Quintic Hermite interpolation in interval i at ``local`` seconds after its start."""
-    h = (motion.t[i + 1] - motion.t[i])[:, None]
-    x = local[:, None]
-    q0, v0, a0 = motion.q[i], motion.qd[i], motion.qdd[i]
+def quintic_between(start: State, end: State, h: FloatArray) -> FloatArray:
+    """Coefficients [K,6,n] of the quintics that meet the states [K,n] at both ends of h [K] s."""
+    h = np.asarray(h, dtype=float)[:, None]
+    q, qd, qdd = start
     # what a constant acceleration leaves over, in units of the interval
-    dq = motion.q[i + 1] - (q0 + h * (v0 + 0.5 * h * a0))
-    dv = (motion.qd[i + 1] - (v0 + h * a0)) * h
-    da = (motion.qdd[i + 1] - a0) * h**2
+    dq = end.q - (q + h * (qd + 0.5 * h * qdd))
+    dv = (end.qd - (qd + h * qdd)) * h
+    da = (end.qdd - qdd) * h**2
     c3 = (10 * dq - 4 * dv + 0.5 * da) / h**3
     c4 = (-15 * dq + 7 * dv - da) / h**4
     c5 = (6 * dq - 3 * dv + 0.5 * da) / h**5
-    gap = h <= 2 * JUMP_GAP  # inside a jump the earlier acceleration goes on
-    c3, c4, c5 = (np.where(gap, 0.0, c) for c in (c3, c4, c5))
-    q = q0 + x * (v0 + x * (0.5 * a0 + x * (c3 + x * (c4 + x * c5))))
-    qd = v0 + x * (a0 + x * (3 * c3 + x * (4 * c4 + x * 5 * c5)))
-    qdd = a0 + x * (6 * c3 + x * (12 * c4 + x * 20 * c5))
+    return np.stack([q, qd, 0.5 * qdd, c3, c4, c5], axis=1)
+
+
+def _quintic(motion: Motion, i: np.ndarray, local: FloatArray) -> tuple[FloatArray, ...]:
+    """Quintic Hermite interpolation in interval i at ``local`` seconds after its start."""
+    h = motion.t[i + 1] - motion.t[i]
+    x = local[:, None]
+    start, end = (State(motion.q[k], motion.qd[k], motion.qdd[k]) for k in (i, i + 1))
+    c = quintic_between(start, end, h)
+    c[h <= 2 * JUMP_GAP, 3:] = 0.0  # inside a jump the earlier acceleration goes on
+    q = c[:, 0] + x * (c[:, 1] + x * (c[:, 2] + x * (c[:, 3] + x * (c[:, 4] + x * c[:, 5]))))
+    qd = c[:, 1] + x * (2 * c[:, 2] + x * (3 * c[:, 3] + x * (4 * c[:, 4] + x * 5 * c[:, 5])))
+    qdd = 2 * c[:, 2] + x * (6 * c[:, 3] + x * (12 * c[:, 4] + x * 20 * c[:, 5]))
     return q, qd, qdd

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp import checks
 from microbot_ocp.baselines.cubic import via_points, via_velocities
-from microbot_ocp.motion import PiecewisePolynomial
+from microbot_ocp.motion import PiecewisePolynomial, State, quintic_between
 
 
 def quintic(
@@ -56,13 +56,8 @@ def quintic(
     acceleration = (
         np.zeros(shape) if via_qdd is None else checks.array("via_qdd", via_qdd, shape, "rad/s^2")
     )
-    h = np.diff(via.t)[:, None]
-    q0, v0, a0 = via.q[:-1], velocity[:-1], acceleration[:-1]
-    # what a constant acceleration leaves over at the end of the segment
-    dq = via.q[1:] - (q0 + h * (v0 + 0.5 * h * a0))
-    dv = velocity[1:] - (v0 + h * a0)
-    da = acceleration[1:] - a0
-    c3 = (10 * dq - 4 * dv * h + 0.5 * da * h**2) / h**3
-    c4 = (-15 * dq + 7 * dv * h - da * h**2) / h**4
-    c5 = (6 * dq - 3 * dv * h + 0.5 * da * h**2) / h**5
-    return PiecewisePolynomial(via.t, np.stack([q0, v0, 0.5 * a0, c3, c4, c5], axis=1))
+    start, end = (
+        State(via.q[part], velocity[part], acceleration[part])
+        for part in (slice(None, -1), slice(1, None))
+    )
+    return PiecewisePolynomial(via.t, quintic_between(start, end, np.diff(via.t)))

@@ -27,7 +27,7 @@ from microbot_ocp.baselines.scaling import shortest_duration
 from microbot_ocp.checks import FloatArray, InputError
 from microbot_ocp.codegen import compile_functions, compiler
 from microbot_ocp.dynamics import inverse_dynamics
-from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial, State
+from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial, State, quintic_between
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.refinement import Progress, Refiner, quiet
 from microbot_ocp.ocp.solution import Solution
@@ -429,25 +429,9 @@ def polynomial(solution: Solution) -> PiecewisePolynomial:
     breaks, pieces = [np.zeros(1)], []
     start = 0.0
     for phase in solution.phases:
-        h = np.diff(phase.t)[:, None]
         q, qd, qdd = phase["q"], phase["qd"], phase["qdd"]
-        q0, v0, a0 = q[:-1], qd[:-1], qdd[:-1]
-        dq = q[1:] - (q0 + h * (v0 + 0.5 * h * a0))
-        dv = (qd[1:] - (v0 + h * a0)) * h
-        da = (qdd[1:] - a0) * h**2
-        pieces.append(
-            np.stack(
-                [
-                    q0,
-                    v0,
-                    0.5 * a0,
-                    (10 * dq - 4 * dv + 0.5 * da) / h**3,
-                    (-15 * dq + 7 * dv - da) / h**4,
-                    (6 * dq - 3 * dv + 0.5 * da) / h**5,
-                ],
-                axis=1,
-            )
-        )
+        ends = State(q[:-1], qd[:-1], qdd[:-1]), State(q[1:], qd[1:], qdd[1:])
+        pieces.append(quintic_between(*ends, np.diff(phase.t)))
         breaks.append(start + phase.t[1:])
         start += phase.duration
     return PiecewisePolynomial(np.concatenate(breaks), np.concatenate(pieces))
