@@ -6,7 +6,7 @@ import numpy as np
 
 import microbot_ocp as mo
 from helpers import two_link_arm
-from microbot_ocp.time_optimal.task import torque_rate
+from microbot_ocp.baselines.scaling import torque_and_rate
 
 VIA_Q = np.radians([[0, 0, 0], [-8, 45, 30], [-90, 90, 90]])  # report, part 5
 VIA_T = [0.0, 2.0, 4.0]
@@ -58,7 +58,7 @@ def dense_excess(robot: mo.Robot, motion: mo.Motion, points: int = 50) -> dict[s
     values = {
         **state._asdict(),
         "tau": np.array(mo.inverse_dynamics(robot)(*columns[:3])).T,
-        "taud": np.array(torque_rate(robot)(*columns)).T,
+        "taud": np.array(torque_and_rate(robot)(*columns)[1]).T,
     }
     result = {}
     for quantity, value in values.items():

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp import checks
 from microbot_ocp.baselines.cubic import cubic
-from microbot_ocp.baselines.scaling import shortest_duration
+from microbot_ocp.baselines.scaling import shortest_duration, torque_and_rate
 from microbot_ocp.checks import FloatArray, InputError
 from microbot_ocp.codegen import compile_functions, compiler
 from microbot_ocp.dynamics import inverse_dynamics
@@ -38,7 +38,6 @@ from microbot_ocp.time_optimal.task import (
     check_via,
     finite_scale,
     limit_excess,
-    torque_rate,
     verdict,
     whole,
 )
@@ -198,7 +197,7 @@ def free_problem(robot: Robot, via: FloatArray) -> OptimalControlProblem:
         if np.isfinite([limits.taud_min, limits.taud_max]).any():
             phase.constraint(
                 "torque rate",
-                torque_rate(robot)(q, qd, qdd, phase.rate(qdd)),
+                torque_and_rate(robot)(q, qd, qdd, phase.rate(qdd))[1],
                 limits.taud_min,
                 limits.taud_max,
                 scale=finite_scale(limits.taud_min, limits.taud_max),

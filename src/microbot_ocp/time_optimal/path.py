@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from microbot_ocp import checks
+from microbot_ocp.baselines.scaling import torque_and_rate
 from microbot_ocp.checks import FloatArray, InputError
 from microbot_ocp.codegen import compile_functions, compiler
 from microbot_ocp.dynamics import inverse_dynamics
@@ -49,7 +50,6 @@ from microbot_ocp.time_optimal.task import (
     check_rest,
     finite_scale,
     limit_excess,
-    torque_rate,
     verdict,
     whole,
 )
@@ -464,7 +464,7 @@ def _declare(
     _limit(phase, "torque", inverse_dynamics(robot)(q, qd, qdd), limits, "tau", "N m")
     jerk = tangent * phase.rate(a) + 3 * curvature * v * a + bend * v**3
     if rated:
-        rate = torque_rate(robot)(q, qd, qdd, jerk)
+        rate = torque_and_rate(robot)(q, qd, qdd, jerk)[1]
         _limit(phase, "torque rate", rate, limits, "taud", "N m/s")
     phase.end_cost(phase.duration)
     phase.running_cost(SMOOTHING * (phase.rate(a) / (10.0 * scales["a"])) ** 2)

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import lru_cache
 from typing import Any
 
-import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
 from microbot_ocp import checks
-from microbot_ocp.baselines.scaling import LimitUse
+from microbot_ocp.baselines.scaling import LimitUse, torque_and_rate
 from microbot_ocp.checks import FloatArray, InputError
-from microbot_ocp.dynamics import gravity_torque, inverse_dynamics
+from microbot_ocp.dynamics import gravity_torque
 from microbot_ocp.motion import State, torque_along
 from microbot_ocp.ocp.solution import Solution
 from microbot_ocp.robot import JointLimits, Limits, Robot
@@ -119,22 +117,13 @@ def limit_excess(robot: Robot, state: State, qddd: FloatArray) -> FloatArray:
     """
     values = {**state._asdict(), "tau": torque_along(robot, state)}
     if np.isfinite([robot.limits.taud_min, robot.limits.taud_max]).any():
-        values["taud"] = np.array(torque_rate(robot)(*(v.T for v in (*state, qddd)))).T
+        values["taud"] = np.array(torque_and_rate(robot)(*(v.T for v in (*state, qddd)))[1]).T
     excess = np.full(state.q.shape[0], -1.0)
     for quantity, value in values.items():
         use = LimitUse.of(robot.limits, quantity)
         if use.limited.any():
             excess = np.maximum(excess, use(value).max(axis=1) - 1.0)
     return excess
-
-
-@lru_cache(maxsize=64)
-def torque_rate(robot: Robot) -> ca.Function:
-    """Time derivative of the torque along a motion: ``(q, qd, qdd, qddd) -> taud``."""
-    q, qd, qdd, qddd = (ca.SX.sym(k, robot.joint_count) for k in ("q", "qd", "qdd", "qddd"))
-    tau = inverse_dynamics(robot)(q, qd, qdd)
-    state, slope = ca.vertcat(q, qd, qdd), ca.vertcat(qd, qdd, qddd)
-    return ca.Function("torque_rate", [q, qd, qdd, qddd], [ca.jtimes(tau, state, slope)])
 
 
 def finite_scale(lower: FloatArray, upper: FloatArray) -> FloatArray:
