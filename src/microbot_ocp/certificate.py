@@ -8,7 +8,7 @@ forward dynamics only.
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp import checks
 from microbot_ocp.baselines.scaling import LimitUse, torque_and_rate
-from microbot_ocp.checks import FloatArray, InputError
+from microbot_ocp.checks import FloatArray, InputError, plain
 from microbot_ocp.driven import Driven, Method, fitted, integrate
 from microbot_ocp.dynamics import forward_dynamics, mass_matrix_condition
 from microbot_ocp.motion import JUMP_GAP, Motion, State, torque_along
@@ -165,7 +165,7 @@ class Certificate:
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values for JSON; what is not finite becomes None."""
-        return _plain(self)
+        return plain(self)
 
 
 class _Resimulation(NamedTuple):
@@ -524,15 +524,3 @@ def _pose(robot: Robot, q: FloatArray) -> str:
         for value, kind in zip(q, robot.joint_types, strict=True)
     ]
     return "(" + ", ".join(entries) + ")"
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, Certificate | LimitCheck | ViaCheck):
-        return {f.name: _plain(getattr(value, f.name)) for f in fields(value)}
-    if isinstance(value, tuple | list | np.ndarray):
-        return [_plain(entry) for entry in value]
-    if isinstance(value, bool | np.bool_):
-        return bool(value)
-    if isinstance(value, float | np.floating):
-        return float(value) if np.isfinite(value) else None
-    return value

@@ -5,7 +5,8 @@ A message names the argument, the value that was given, its unit and what is all
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -97,3 +98,18 @@ def one_of(name: str, value: str, allowed: Iterable[str]) -> str:
     if value not in names:
         raise InputError(f"{name} must be one of {', '.join(names)}, not {value!r}")
     return value
+
+
+def plain(value: Any) -> Any:
+    """Dataclasses and arrays as plain values for strict JSON: what is not finite becomes None."""
+    if hasattr(type(value), "__dataclass_fields__"):
+        return {f.name: plain(getattr(value, f.name)) for f in fields(value)}
+    if isinstance(value, Mapping):
+        return {key: plain(entry) for key, entry in value.items()}
+    if isinstance(value, tuple | list | np.ndarray):
+        return [plain(entry) for entry in value]
+    if isinstance(value, bool | np.bool_):
+        return bool(value)
+    if isinstance(value, float | np.floating):
+        return float(value) if np.isfinite(value) else None
+    return int(value) if isinstance(value, np.integer) else value

@@ -22,13 +22,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from microbot_ocp.checks import FloatArray, InputError
+from microbot_ocp.checks import FloatArray, InputError, plain
 from microbot_ocp.ocp.assembly import Program, assemble
 from microbot_ocp.ocp.problem import OptimalControlProblem, Phase, Variable, node_variables
 from microbot_ocp.ocp.reintegration import (
@@ -291,7 +291,7 @@ class OCPCertificate:
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values for JSON; what is not finite becomes None."""
-        return _plain(self)
+        return plain(self)
 
 
 def verify(
@@ -1017,17 +1017,3 @@ def _praise(
     count = len(arcs)
     said.append(f"{count} arc{'' if count == 1 else 's'} on limits")
     return said
-
-
-def _plain(value: Any) -> Any:
-    if hasattr(type(value), "__dataclass_fields__"):
-        return {f.name: _plain(getattr(value, f.name)) for f in fields(value)}
-    if isinstance(value, Mapping):
-        return {key: _plain(entry) for key, entry in value.items()}
-    if isinstance(value, tuple | list | np.ndarray):
-        return [_plain(entry) for entry in value]
-    if isinstance(value, bool | np.bool_):
-        return bool(value)
-    if isinstance(value, float | np.floating):
-        return float(value) if np.isfinite(value) else None
-    return int(value) if isinstance(value, np.integer) else value
