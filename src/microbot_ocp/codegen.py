@@ -137,12 +137,39 @@ def _build(functions: Sequence[ca.Function], cc: str, optimization: str) -> Path
     generator = ca.CodeGenerator(f"{stem}.c", {"with_header": False})
     for function in functions:
         generator.add(function)
-    source = generator.dump()
+    return build_library(generator.dump(), stem, cc, optimization)
+
+
+def build_library(
+    source: str,
+    stem: str,
+    cc: str,
+    optimization: str,
+    *,
+    include: Sequence[str] = (),
+    suffix: str = ".so",
+    serves: str = "",
+) -> Path:
+    """Compile C text into a shared library, or find it in the cache.
+
+    Parameters
+    ----------
+    source, stem : C text, and the start of the library's name
+    cc, optimization : compiler, and "-O0" to "-O3"
+    include : folders of headers
+    suffix : end of the library's name
+    serves : what else the library depends on, for the key of the cache
+
+    Raises
+    ------
+    OSError, subprocess.SubprocessError, RuntimeError
+        The folder cannot be written, the compiler did not end, or it refused the text.
+    """
     flags = (optimization, *FLAGS)
-    identity = repr((source, cc, flags, NATIVE, processor()))
+    identity = repr((source, cc, flags, NATIVE, processor(), serves))
     key = hashlib.sha256(identity.encode()).hexdigest()[:24]
     folder = cache_folder()
-    library = folder / f"{stem}_{key}.so"
+    library = folder / f"{stem}_{key}{suffix}"
     if library.exists():
         return library
     folder.mkdir(parents=True, exist_ok=True)
@@ -150,7 +177,8 @@ def _build(functions: Sequence[ca.Function], cc: str, optimization: str) -> Path
         text = Path(work) / "function.c"
         text.write_text(source)
         made = Path(work) / "function.so"
-        rest = [*flags, str(text), "-o", str(made), "-lm"]
+        headers = [f"-I{header}" for header in include]
+        rest = [*flags, *headers, str(text), "-o", str(made), "-lm"]
         done = _run([cc, NATIVE, *rest])
         if done.returncode:  # a compiler that does not know the flag
             done = _run([cc, *rest])

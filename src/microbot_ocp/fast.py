@@ -9,11 +9,9 @@ inverse dynamics of three joints, and one loop in C over all rows of a batch.
 
 from __future__ import annotations
 
-import hashlib
 import subprocess
 import sys
 import sysconfig
-import tempfile
 from collections.abc import Callable
 from functools import lru_cache
 from importlib.machinery import EXTENSION_SUFFIXES, ExtensionFileLoader
@@ -25,7 +23,7 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp.checks import FloatArray, InputError
-from microbot_ocp.codegen import FLAGS, NATIVE, cache_folder, compile_function, compiler, processor
+from microbot_ocp.codegen import build_library, compile_function, compiler
 
 FastCall = Callable[..., Any]
 
@@ -195,22 +193,15 @@ def _build(function: ca.Function, cc: str, headers: list[str]) -> Path:
     name = function.name()
     generator = ca.CodeGenerator(f"{name}.c", {"with_header": False})
     generator.add(function)
-    source = generator.dump() + _glue(function)
-    identity = repr((source, cc, FLAGS, NATIVE, processor(), sys.version, np.__version__))
-    key = hashlib.sha256(identity.encode()).hexdigest()[:24]
-    folder = cache_folder()
-    library = folder / f"fast_{name}_{key}{EXTENSION_SUFFIXES[0]}"
-    if library.exists():
-        return library
-    folder.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=folder) as work:
-        text, made = Path(work) / "function.c", Path(work) / "function.so"
-        text.write_text(source)
-        include = [f"-I{header}" for header in headers]
-        command = [cc, "-O2", NATIVE, *FLAGS, *include, str(text), "-o", str(made), "-lm"]
-        subprocess.run(command, check=True, capture_output=True, timeout=120)
-        made.replace(library)  # atomic: a second process never loads half a file
-    return library
+    return build_library(
+        generator.dump() + _glue(function),
+        f"fast_{name}",
+        cc,
+        "-O2",
+        include=headers,
+        suffix=EXTENSION_SUFFIXES[0],
+        serves=f"{sys.version} {np.__version__}",
+    )
 
 
 def _glue(function: ca.Function) -> str:
