@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from types import ModuleType
 from typing import NamedTuple, TypeGuard
 
 import pytest
 
 import microbot_ocp
+import microbot_ocp.ocp
 
 PACKAGE = Path(microbot_ocp.__file__).parent
 
 # Every module or folder of the package has its place here; it may import those before it, and a
 # folder its own modules. A new one must be placed.
 ORDER = (
+    "lazy",
     "checks",
     "robot",
     "robots",
@@ -42,6 +46,7 @@ ORDER = (
 )
 # These know fewer than all before them.
 ONLY = {
+    "lazy": set(),
     "checks": set(),
     "robot": {"checks"},
     "robots": {"checks", "robot"},
@@ -216,7 +221,49 @@ def test_importing_the_package_leaves_drawing_libraries_unloaded() -> None:
     assert done.stdout.split() == []
 
 
-def test_every_public_name_is_there_and_documented() -> None:
-    assert len(set(microbot_ocp.__all__)) == len(microbot_ocp.__all__)
-    for name in microbot_ocp.__all__:
-        assert getattr(microbot_ocp, name).__doc__, name
+def test_importing_the_package_leaves_numbers_unloaded() -> None:
+    code = "import sys, microbot_ocp; print(*({'casadi', 'numpy'} & set(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == []
+
+
+PACKAGES = (microbot_ocp, microbot_ocp.ocp)
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_every_public_name_is_there_and_documented(package: ModuleType) -> None:
+    assert len(set(package.__all__)) == len(package.__all__)
+    assert set(package.__all__) <= set(dir(package))
+    for name in package.__all__:
+        assert getattr(package, name).__doc__, name
+
+
+def test_every_name_of_the_contents_is_public() -> None:
+    text = microbot_ocp.ocp.__doc__ or ""
+    mentioned = set(re.findall(r":(?:class|func|data):`(\w+)`", text))
+    assert mentioned <= set(microbot_ocp.ocp.__all__)
+    assert len(mentioned) > 20
+
+
+def test_the_stub_holds_nothing_but_public_names() -> None:
+    stub = PACKAGE / "__init__.pyi"
+    tree = ast.parse(stub.read_text("utf-8"))
+    aliases = [a for s in tree.body if isinstance(s, ast.ImportFrom) for a in s.names]
+    assert all(a.asname == a.name for a in aliases)  # else a type checker takes it for private
+    assert set(microbot_ocp.__all__) == {a.name for a in aliases}
+    assert [type(s) for s in tree.body[1:]] == [ast.ImportFrom] * len(tree.body[1:])
+
+
+def test_a_function_comes_before_the_folder_of_its_name() -> None:
+    code = (
+        "import microbot_ocp.time_optimal.path, microbot_ocp as mo\n"
+        "assert callable(mo.time_optimal)\n"
+        "import microbot_ocp.time_optimal.free\n"
+        "assert callable(mo.time_optimal)"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_a_name_that_is_not_there() -> None:
+    with pytest.raises(AttributeError, match="'microbot_ocp' has no attribute 'nothing'"):
+        _ = microbot_ocp.nothing

@@ -10,8 +10,7 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 import microbot_ocp as mo
 from helpers import RANDOM_CHAINS, any_robot, batch, difference, random_robot, random_states

@@ -4,8 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 import microbot_ocp as mo
 from microbot_ocp.baselines import cubic, lspb, quintic, shortest_duration

@@ -9,8 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 import microbot_ocp as mo
 from helpers import RANDOM_CHAINS, any_robot, batch, difference, random_link, random_states

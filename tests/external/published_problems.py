@@ -18,10 +18,14 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp.checks import FloatArray
-from microbot_ocp.ocp.problem import OptimalControlProblem, Phase
-from microbot_ocp.ocp.solution import Solution
-from microbot_ocp.ocp.solvers import SolverSettings, solve
-from microbot_ocp.ocp.transcription import Guess
+from microbot_ocp.ocp import (
+    Guess,
+    OptimalControlProblem,
+    Phase,
+    Solution,
+    SolverSettings,
+    solve,
+)
 
 
 @dataclass(frozen=True)

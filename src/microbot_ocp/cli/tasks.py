@@ -46,13 +46,11 @@ from microbot_ocp.cli.output import (
     make_table,
     shown_progress,
 )
-from microbot_ocp.comparison import METHODS, Comparison, Progress, Step
-from microbot_ocp.comparison import compare as compare_methods
+from microbot_ocp.comparison import METHODS, Comparison, Progress, Step, compare as compare_methods
 from microbot_ocp.motion import Motion
 from microbot_ocp.robot import Robot
 from microbot_ocp.task_file import OUTPUTS, read_task
-from microbot_ocp.time_optimal.free import TimeOptimalSettings
-from microbot_ocp.time_optimal.free import time_optimal as find_time_optimal
+from microbot_ocp.time_optimal.free import TimeOptimalSettings, time_optimal as find_time_optimal
 
 if TYPE_CHECKING:
     from rich.console import Console

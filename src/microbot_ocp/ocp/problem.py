@@ -309,7 +309,7 @@ class OptimalControlProblem:
     >>> phase.derivative(x, v)
     >>> phase.derivative(v, u)
     >>> phase.end_cost(phase.duration)
-    >>> from microbot_ocp.ocp.solvers import solve
+    >>> from microbot_ocp.ocp import solve
     >>> round(solve(problem, mesh=20).cost, 5)
     2.0
     """

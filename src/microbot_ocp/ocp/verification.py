@@ -321,7 +321,7 @@ def verify(
 
     Examples
     --------
-    >>> from microbot_ocp.ocp.solvers import solve
+    >>> from microbot_ocp.ocp import solve
     >>> problem = OptimalControlProblem("double integrator")
     >>> phase = problem.phase("move", duration=(0.1, 10.0))
     >>> x = phase.state("x", initial=0.0, final=1.0, unit="m")
