@@ -18,6 +18,7 @@ import sys
 import numpy as np
 
 import microbot_ocp as mo
+import script
 from microbot_ocp.views.symbolic import Matrix, matrix_text, product, symbolic_row
 
 COLUMNS = {"alpha_deg": "twist, deg", "a": "length, m", "d": "offset, m", "theta_deg": "angle, deg"}
@@ -48,40 +49,31 @@ def ask() -> list[str]:
     return [",".join(column) for column in zip(*rows, strict=True)] or REPORT
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    for name, meaning in COLUMNS.items():
-        parser.add_argument(f"--{name.replace('_', '-')}", help=f"{meaning}, one a row: 0,90,...")
-    parser.add_argument("--symbolic", action="store_true", help="names for a, d and the angles")
-    # a list that begins with a minus sign is a value, not an option
-    given = [" " + word if re.match(r"-[\d.]", word) else word for word in sys.argv[1:]]
-    arguments = parser.parse_args(given)
-    symbolic = arguments.symbolic
-    try:
-        texts = [getattr(arguments, name) for name in COLUMNS]
-        if not any(texts):
-            texts = ask() if sys.stdin.isatty() and not symbolic else REPORT
-            if symbolic:
-                texts[3] = "x,x,x,0"
-        elif symbolic and texts[3] is None and texts[0]:
-            texts[3] = ",".join("x" * len(texts[0].split(",")))
-        if not all(texts):
-            raise mo.InputError("give all of --alpha-deg, --a, --d and --theta-deg")
-        table = [entries(n, t, symbolic) for n, t in zip(COLUMNS, texts, strict=True)]
-        if len({len(column) for column in table}) > 1:
-            raise mo.InputError(f"columns differ in length: {[len(column) for column in table]}")
-        print("  i   alpha(i-1) [deg]   a(i-1) [m]   d(i) [m]   theta(i) [deg]")
-        for i, row in enumerate(zip(*table, strict=True), 1):
-            print(f"  {i}   {row[0]!s:>16}   {row[1]!s:>10}   {row[2]!s:>8}   {row[3]!s:>14}")
-        show_symbols(table) if symbolic else show_numbers(table)
-        if texts == REPORT:
-            print("report: entry (2,2) of frame 3 in base is printed as -0.0305; its sign is wrong")
-    except (mo.InputError, EOFError, KeyboardInterrupt) as problem:
-        print(f"error: {str(problem) or 'interrupted'}", file=sys.stderr)
-        return 2
-    return 0
+def columns(arguments: argparse.Namespace) -> list[str]:
+    """The four columns of the table as texts."""
+    texts = [getattr(arguments, name) for name in COLUMNS]
+    if not any(texts):
+        texts = ask() if sys.stdin.isatty() and not arguments.symbolic else list(REPORT)
+        if arguments.symbolic:
+            texts[3] = "x,x,x,0"
+    elif arguments.symbolic and texts[3] is None and texts[0]:
+        texts[3] = ",".join("x" * len(texts[0].split(",")))
+    if not all(texts):
+        raise mo.InputError("give all of --alpha-deg, --a, --d and --theta-deg")
+    return texts
+
+
+def main(arguments: argparse.Namespace) -> None:
+    texts = columns(arguments)
+    table = [entries(n, t, arguments.symbolic) for n, t in zip(COLUMNS, texts, strict=True)]
+    if len({len(column) for column in table}) > 1:
+        raise mo.InputError(f"columns differ in length: {[len(column) for column in table]}")
+    print("  i   alpha(i-1) [deg]   a(i-1) [m]   d(i) [m]   theta(i) [deg]")
+    for i, row in enumerate(zip(*table, strict=True), 1):
+        print(f"  {i}   {row[0]!s:>16}   {row[1]!s:>10}   {row[2]!s:>8}   {row[3]!s:>14}")
+    show_symbols(table) if arguments.symbolic else show_numbers(table)
+    if texts == REPORT:
+        print("report: entry (2,2) of frame 3 in base is printed as -0.0305; its sign is wrong")
 
 
 def show_symbols(table: list[list[float | str]]) -> None:
@@ -112,4 +104,10 @@ def show(i: int, row: Matrix | np.ndarray, whole: Matrix | np.ndarray) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    options = script.parser(__doc__)
+    for column, meaning in COLUMNS.items():
+        options.add_argument(
+            f"--{column.replace('_', '-')}", help=f"{meaning}, one a row: 0,90,..."
+        )
+    options.add_argument("--symbolic", action="store_true", help="names for a, d and the angles")
+    script.run(main, options)

@@ -10,21 +10,13 @@ many damped Gauss-Newton starts, from an NLP solved by IPOPT, and from the repor
 from __future__ import annotations
 
 import argparse
-import re
-import sys
 
 import numpy as np
 
 import microbot_ocp as mo
+import script
 from microbot_ocp.inverse_kinematics import branches_by_nlp, elbow_arm_branches
 from microbot_ocp.views.symbolic import matrix_text
-
-
-def numbers(name: str, text: str) -> list[float]:
-    try:
-        return [float(entry) for entry in text.split(",")]
-    except ValueError:
-        raise mo.InputError(f"{name} must be numbers with commas between, not {text!r}") from None
 
 
 def unit(robot: mo.Robot) -> np.ndarray:
@@ -41,7 +33,7 @@ def apart(q: np.ndarray, others: np.ndarray) -> np.ndarray:
     return np.abs((q - others + np.pi) % (2 * np.pi) - np.pi).max(axis=1)
 
 
-def show(robot: mo.Robot, position: list[float]) -> None:
+def show(robot: mo.Robot, position: np.ndarray) -> None:
     solutions = list(mo.solve_ik_all(robot, position))
     if not solutions[0].solved:
         print(f"{solutions[0].status}: {solutions[0].advice}")
@@ -64,32 +56,21 @@ def show(robot: mo.Robot, position: list[float]) -> None:
         print(matrix_text(solution.pose))
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--position", default="3,-1,4.5", help="tool position x,y,z in base, m")
-    parser.add_argument("--robot", default="microbot", help="packaged robot or a robot file")
-    parser.add_argument("--seed-deg", help="show the branch nearest to these (prismatic: m)")
-    # a list that begins with a minus sign is a value, not an option
-    given = [" " + word if re.match(r"-[\d.]", word) else word for word in sys.argv[1:]]
-    arguments = parser.parse_args(given)
-    try:
-        robot = mo.load_robot(arguments.robot)
-        position = numbers("position", arguments.position)
-        print(f"{robot.name}: tool to ({', '.join(f'{x:g}' for x in position)}) m")
-        show(robot, position)
-        if arguments.seed_deg:
-            seed = numbers("seed-deg", arguments.seed_deg)
-            if len(seed) == robot.joint_count:
-                seed = seed / unit(robot)
-            nearest = mo.solve_ik(robot, position, seed=seed)
-            print(f"\nnearest to the seed [deg] {shown(robot, nearest.q)}   {nearest.status}")
-    except mo.InputError as problem:
-        print(f"error: {problem}", file=sys.stderr)
-        return 2
-    return 0
+def main(arguments: argparse.Namespace) -> None:
+    robot = mo.load_robot(arguments.robot)
+    position = script.numbers("position", arguments.position, 3)
+    given = arguments.seed_deg
+    seed = script.numbers("seed-deg", given, robot.joint_count) / unit(robot) if given else None
+    print(f"{robot.name}: tool to ({', '.join(f'{x:g}' for x in position)}) m")
+    show(robot, position)
+    if seed is not None:
+        nearest = mo.solve_ik(robot, position, seed=seed)
+        print(f"\nnearest to the seed [deg] {shown(robot, nearest.q)}   {nearest.status}")
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    options = script.parser(__doc__)
+    options.add_argument("--position", default="3,-1,4.5", help="tool position x,y,z in base, m")
+    options.add_argument("--robot", default="microbot", help="packaged robot or a robot file")
+    options.add_argument("--seed-deg", help="show the branch nearest to these (prismatic: m)")
+    script.run(main, options)

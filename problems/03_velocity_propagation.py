@@ -9,12 +9,11 @@ printed figures beside ours.
 from __future__ import annotations
 
 import argparse
-import re
-import sys
 
 import numpy as np
 
 import microbot_ocp as mo
+import script
 from microbot_ocp.views.symbolic import symbolic_row, symbolic_velocities
 
 THETA, RATE = "-18.43,-29.18,-111.38", "35,20,45"
@@ -24,13 +23,6 @@ PRINTED_V = [[0, 0, 0], [0, 0, 0], [-0.9751, -0.3818, 1.6], [-0.9751, 4.1561, 0.
 
 def row(values: np.ndarray) -> str:
     return "[" + " ".join(f"{round(float(x), 4) + 0.0:8.4f}" for x in values) + " ]"
-
-
-def numbers(name: str, text: str) -> np.ndarray:
-    try:
-        return np.array([float(entry) for entry in text.split(",")])
-    except ValueError:
-        raise mo.InputError(f"{name} must be numbers with commas between, not {text!r}") from None
 
 
 def show_symbols() -> None:
@@ -45,8 +37,7 @@ def show_symbols() -> None:
 def show_numbers(q: np.ndarray, qd: np.ndarray, force: np.ndarray) -> None:
     robot = mo.load_robot("microbot")
     v, omega = (np.array(x) for x in mo.velocity_propagation(robot)(q, qd))
-    printed = q.tolist() == np.radians(numbers("", THETA)).tolist()
-    printed = printed and qd.tolist() == np.radians(numbers("", RATE)).tolist()
+    printed = np.array_equal([q, qd], np.radians([script.numbers("", x, 3) for x in (THETA, RATE)]))
     print(f"Part 3.2, Microbot at {np.degrees(q).round(4).tolist()} deg, each in its own frame")
     for name, ours, theirs in (("omega", omega, PRINTED_OMEGA), ("v", v, PRINTED_V)):
         for i in range(4):
@@ -70,28 +61,16 @@ def show_numbers(q: np.ndarray, qd: np.ndarray, force: np.ndarray) -> None:
     print(f"  power by force {force @ twist[:3]:.6f} W, by torque {torque @ qd:.6f} W")
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--theta-deg", default=THETA, help="joint angles, deg")
-    parser.add_argument("--rate-deg", default=RATE, help="joint speeds, deg/s")
-    parser.add_argument("--force", default="0,0,10", help="force of the tool on its surroundings")
-    # a list that begins with a minus sign is a value, not an option
-    given = [" " + word if re.match(r"-[\d.]", word) else word for word in sys.argv[1:]]
-    arguments = parser.parse_args(given)
-    try:
-        state = [numbers(n, getattr(arguments, n)) for n in ("theta_deg", "rate_deg", "force")]
-        for name, values in zip(("theta_deg", "rate_deg", "force"), state, strict=True):
-            if values.shape != (3,) or not np.isfinite(values).all():
-                raise mo.InputError(f"{name} must be 3 finite numbers, not {values.tolist()}")
-        show_symbols()
-        show_numbers(np.radians(state[0]), np.radians(state[1]), state[2])
-    except mo.InputError as problem:
-        print(f"error: {problem}", file=sys.stderr)
-        return 2
-    return 0
+def main(arguments: argparse.Namespace) -> None:
+    names = ("theta_deg", "rate_deg", "force")
+    theta, rate, force = (script.numbers(n, getattr(arguments, n), 3) for n in names)
+    show_symbols()
+    show_numbers(np.radians(theta), np.radians(rate), force)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    options = script.parser(__doc__)
+    options.add_argument("--theta-deg", default=THETA, help="joint angles, deg")
+    options.add_argument("--rate-deg", default=RATE, help="joint speeds, deg/s")
+    options.add_argument("--force", default="0,0,10", help="force of the tool on its surroundings")
+    script.run(main, options)

@@ -3,41 +3,27 @@
 Via points (0, 0, 0), (-8, 45, 30), (-90, 90, 90) deg at 0, 2, 4 s, via velocity (10, 40, 20) deg/s,
 blend time 0.5 s, as in the report's code. The splines choose the velocity at the via point.
 
-    python problems/05_baselines.py --out out/05
+example: python problems/05_baselines.py --out out/05
 """
 
 from __future__ import annotations
 
 import argparse
-import sys
-from pathlib import Path
 
 import numpy as np
 
 import microbot_ocp as mo
+import script
 from microbot_ocp.views.joint_plots import Curve, joint_figure, joints_figure, save_figures
+from report import BLEND, PEAKS, VIA_Q, VIA_QD, VIA_T
 
-VIA_Q = np.radians([[0, 0, 0], [-8, 45, 30], [-90, 90, 90]])  # report, part 5
-VIA_QD = np.radians([[0, 0, 0], [10, 40, 20], [0, 0, 0]])
-VIA_T = np.array([0.0, 2.0, 4.0])
-BLEND = 0.5  # s
-# Recomputed from the report's formulas as its code has them: peak |torque| with gravity along Z and
-# peak speed; the report itself shows curves only (figures 12 to 17).
-REPORT = {
-    "cubic": ([86.57, 276.11, 132.85], [1.119, 0.698, 0.713]),
-    "LSPB": ([81.36, 323.06, 149.06], [0.983, 0.698, 0.640]),
+SHAPES = {
+    "cubic": mo.cubic(VIA_Q, VIA_T, VIA_QD),
+    "LSPB": mo.lspb(VIA_Q, VIA_T, BLEND, VIA_QD),
+    "quintic": mo.quintic(VIA_Q, VIA_T, VIA_QD),
+    "clamped spline": mo.spline(VIA_Q, VIA_T, "clamped"),
+    "natural spline": mo.spline(VIA_Q, VIA_T, "natural"),
 }
-
-
-def shapes() -> dict[str, mo.PiecewisePolynomial]:
-    """Every trajectory by its name."""
-    return {
-        "cubic": mo.cubic(VIA_Q, VIA_T, VIA_QD),
-        "LSPB": mo.lspb(VIA_Q, VIA_T, BLEND, VIA_QD),
-        "quintic": mo.quintic(VIA_Q, VIA_T, VIA_QD),
-        "clamped spline": mo.spline(VIA_Q, VIA_T, "clamped"),
-        "natural spline": mo.spline(VIA_Q, VIA_T, "natural"),
-    }
 
 
 def triple(values: np.ndarray, form: str = "9.3f") -> str:
@@ -45,32 +31,21 @@ def triple(values: np.ndarray, form: str = "9.3f") -> str:
     return "".join(f"{value:{form}}" for value in values)
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(
-        description=__doc__.splitlines()[0],
-        epilog="example: python problems/05_baselines.py --out out/05",
-    )
-    parser.add_argument("--out", type=Path, default=Path("out/05"), help="folder to write into")
-    parser.add_argument("--robot", default="microbot", help="packaged 3-joint robot or .toml file")
-    arguments = parser.parse_args()
-    try:
-        robot = mo.load_robot(arguments.robot)
-        made = shapes()
-        motions = {k: mo.Motion.from_polynomial(robot, v, label=k) for k, v in made.items()}
-        curves = [Curve.of(motion) for motion in motions.values()]
-        figures = {
-            f"joint_{j + 1}": joint_figure(
-                robot, curves, j, title="Part 5", marks=list(zip(VIA_T, VIA_Q[:, j], strict=True))
-            )
-            for j in range(robot.joint_count)
-        }
-        figures["torques"] = joints_figure(robot, curves, title="Part 5: torques")
-        written = save_figures(figures, arguments.out)
-    except (mo.InputError, OSError) as problem:
-        print(f"error: {problem}", file=sys.stderr)
-        return 2
+def main(arguments: argparse.Namespace) -> None:
+    robot = mo.load_robot(arguments.robot)
+    motions = {k: mo.Motion.from_polynomial(robot, v, label=k) for k, v in SHAPES.items()}
+    curves = [Curve.of(motion) for motion in motions.values()]
+    figures = {
+        f"joint_{j + 1}": joint_figure(
+            robot, curves, j, title="Part 5", marks=list(zip(VIA_T, VIA_Q[:, j], strict=True))
+        )
+        for j in range(robot.joint_count)
+    }
+    figures["torques"] = joints_figure(robot, curves, title="Part 5: torques")
+    written = save_figures(figures, arguments.out)
+
     print("via point at 2 s, and the jump of the acceleration there (deg/s, rad/s^2):")
-    for name, shape in made.items():
+    for name, shape in SHAPES.items():
         qd, qdd = shape.derivative(), shape.derivative().derivative()
         jump = (qdd(2.0) - qdd(2.0, from_left=True))[0].round(9) + 0.0
         print(f"  {name:16s} qd{triple(np.degrees(qd(2.0)[0]))}   jump{triple(jump)}")
@@ -79,22 +54,16 @@ def main() -> int:
     for name, motion in motions.items():
         row = "".join(triple(np.abs(v).max(axis=0)) for v in (motion.qd, motion.qdd, motion.tau))
         print(f"  {name:16s}{row}")
-        if name in REPORT:
-            tau, speed = REPORT[name]
-            print(f"    {'recomputed':14s}{triple(np.array(speed))}{'':27s}{triple(np.array(tau))}")
-    print(
-        "why the report differs: the signs of (v0 + vf) in its text's a3 and V are wrong, its code"
-    )
-    print(
-        "  is right; it says no word of the jumps at 2 s, (-3.05, -0.44, 0.96) rad/s^2 of the cubic"
-    )
-    print(
-        "  and (-2.91, -1.16, 0.47) of the LSPB; quintic and splines have none; the natural spline"
-    )
-    print("  starts and ends at full speed, so no arm at rest can follow it")
+        if name in PEAKS:
+            tau, speed = (triple(np.array(peak)) for peak in PEAKS[name])
+            print(f"    {'recomputed':14s}{speed}{'':27s}{tau}")
+    print("""\
+why the report differs: the signs of (v0 + vf) in its text's a3 and V are wrong, its code
+  is right; it says no word of the jumps at 2 s, (-3.05, -0.44, 0.96) rad/s^2 of the cubic
+  and (-2.91, -1.16, 0.47) of the LSPB; quintic and splines have none; the natural spline
+  starts and ends at full speed, so no arm at rest can follow it""")
     print(f"{len(written)} files in {arguments.out}")
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    script.run(main, script.parser(__doc__, out="out/05"))

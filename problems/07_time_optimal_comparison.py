@@ -13,16 +13,12 @@ import sys
 import time
 from pathlib import Path
 
-import numpy as np
 from rich.console import Console
 
 import microbot_ocp as mo
+import report
 from microbot_ocp.views.progress import show_progress
 from microbot_ocp.views.tables import comparison_notes
-
-VIA_Q_DEG = [[0, 0, 0], [-8, 45, 30], [-90, 90, 90]]  # report, part 5
-VIA_QD_DEG = [[0, 0, 0], [10, 40, 20], [0, 0, 0]]
-VIA_T = [0.0, 2.0, 4.0]
 
 
 def main() -> int:
@@ -38,9 +34,9 @@ def main() -> int:
         with show_progress(console) as progress:
             comparison = mo.compare(
                 robot,
-                np.radians(VIA_Q_DEG),
-                via_t=VIA_T,
-                via_qd=np.radians(VIA_QD_DEG),
+                report.VIA_Q,
+                via_t=report.VIA_T,
+                via_qd=report.VIA_QD,
                 mesh=arguments.mesh,
                 progress=progress,
             )

@@ -138,9 +138,9 @@ def test_velocities_of_another_state_stand_alone() -> None:
         (FORWARD, [*MICROBOT, "--theta-deg", "0,x,0,0"], "theta_deg must be numbers, not 'x'"),
         (FORWARD, [*MICROBOT, "--theta-deg", "0,0,0"], "columns differ in length"),
         (FORWARD, [*MICROBOT, "--theta-deg", "0,nan,0,0"], "theta_deg must be finite"),
-        (INVERSE, ["--position", "1,2"], r"position must have shape [3], not [2]"),
+        (INVERSE, ["--position", "1,2"], "position must be 3 finite numbers, not 1,2"),
         (INVERSE, ["--position", "1,2,up"], "position must be numbers"),
-        (INVERSE, ["--seed-deg", "1"], "seed must have shape [3]"),
+        (INVERSE, ["--seed-deg", "1"], "seed-deg must be 3 finite numbers, not 1"),
         (INVERSE, ["--robot", "nowhere"], "nowhere"),
         (VELOCITY, ["--theta-deg", "1,2"], "theta_deg must be 3 finite numbers"),
         (VELOCITY, ["--force", "0,0,inf"], "force must be 3 finite numbers"),
@@ -154,6 +154,7 @@ def test_bad_input_is_one_line_and_exit_code_2(
     assert done.stderr.startswith("error: ")
     assert message in done.stderr
     assert len(done.stderr.strip().split("\n")) == 1
+    assert done.stdout == ""
 
 
 @pytest.mark.parametrize("script", [FORWARD, INVERSE, VELOCITY])

@@ -1,0 +1,54 @@
+"""What the scripts share: their arguments, and one line with exit code 2 for bad input."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import NoReturn
+
+import numpy as np
+
+import microbot_ocp as mo
+
+
+def parser(text: str | None, out: str = "") -> argparse.ArgumentParser:
+    """Arguments of a script with its docstring; a folder ``out`` adds --out and --robot."""
+    made = argparse.ArgumentParser(
+        description=text, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    if out:
+        made.add_argument("--out", type=Path, default=Path(out), help="folder to write into")
+        made.add_argument(
+            "--robot", default="microbot", help="packaged 3-joint robot or .toml file"
+        )
+    return made
+
+
+def numbers(name: str, text: str, size: int | None = None) -> np.ndarray:
+    """Finite numbers from a list with commas between."""
+    try:
+        found = np.array([float(entry) for entry in text.split(",")])
+    except ValueError:
+        raise mo.InputError(f"{name} must be numbers with commas between, not {text!r}") from None
+    if (size and found.size != size) or not np.isfinite(found).all():
+        raise mo.InputError(f"{name} must be {size or 'all'} finite numbers, not {text}")
+    return found
+
+
+def run(main: Callable[[argparse.Namespace], None], arguments: argparse.ArgumentParser) -> NoReturn:
+    """Call ``main`` with the arguments of the command line, and end the program."""
+    # a list that begins with a minus sign is a value, not an option
+    given = [" " + word if re.match(r"-[\d.]", word) else word for word in sys.argv[1:]]
+    try:
+        main(arguments.parse_args(given))
+        sys.stdout.flush()
+    except BrokenPipeError:  # the reader has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except (mo.InputError, OSError, EOFError, KeyboardInterrupt) as problem:
+        print(f"error: {str(problem) or 'interrupted'}", file=sys.stderr)
+        sys.exit(2)
+    sys.exit(0)
