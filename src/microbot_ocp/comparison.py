@@ -290,9 +290,9 @@ class Comparison:
 
     def to_rerun(self, path: str | Path) -> Path:
         """Write a Rerun recording with its blueprint inside."""
-        from microbot_ocp.views.rerun_log import write_recording
+        from microbot_ocp.views.recording import of_comparison
 
-        return write_recording(self, path)
+        return of_comparison(self).save(path)
 
     def save(self, folder: str | Path) -> list[Path]:
         """Write tables, figures, the recording and every motion into a folder.

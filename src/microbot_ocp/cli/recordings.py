@@ -103,9 +103,9 @@ def show_motion(
     """Write and open the recording of one motion, as asked; the file that was written, if any."""
 
     def write(path: Path) -> Path:
-        from microbot_ocp.views.rerun_log import write_motion_recording
+        from microbot_ocp.views.recording import of_motion
 
-        return write_motion_recording(robot, motion, path, certificate)
+        return of_motion(robot, motion, certificate).save(path)
 
     return _written(write, rerun, open_viewer)
 

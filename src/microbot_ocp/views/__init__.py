@@ -1,4 +1,4 @@
 """Pictures, tables and recordings of a comparison; nothing here is imported unless it is asked for.
 
-``plots`` needs matplotlib, ``rerun_log`` needs rerun, ``tables`` needs rich.
+``plots`` needs matplotlib, ``recording`` needs rerun, ``tables`` needs rich.
 """

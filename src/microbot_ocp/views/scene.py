@@ -10,7 +10,7 @@ from microbot_ocp.checks import FloatArray
 from microbot_ocp.comparison import Comparison, Entry
 from microbot_ocp.kinematics import forward_kinematics, frame_origins
 from microbot_ocp.motion import Motion
-from microbot_ocp.robot import Robot
+from microbot_ocp.robot import LIMIT_UNITS, JointLimits, Robot
 
 VIA_TOLERANCE = 0.02  # rad or m: how near a mark's position must be to its via point
 LIMIT_STRETCH = 2.0  # a limit that would stretch the data's axis by more is told, not drawn
@@ -109,34 +109,43 @@ class AxisLimits(NamedTuple):
 
 def axis_limits(comparison: Comparison, quantity: str, joint: int) -> AxisLimits:
     """Range of the curves of all motions with the limits near enough to be drawn beside them."""
-    factor = display_factor(comparison.robot, quantity, joint)
-    low, high = _data_range(comparison, quantity, joint, factor)
-    bounds = comparison.limits.bounds(quantity)
-    lower, upper = (float(bound[joint]) * factor for bound in bounds)
+    columns = [getattr(m, quantity)[:, joint] for _, m in solved_entries(comparison)]
+    if quantity == "q":
+        columns.append(comparison.via_q[:, joint])
+    values = np.concatenate(columns) if columns else np.zeros(0)
+    return near_limits(comparison.robot, comparison.limits, quantity, joint, values)
+
+
+def near_limits(
+    robot: Robot, limits: JointLimits, quantity: str, joint: int, values: FloatArray
+) -> AxisLimits:
+    """Range of values [N] in stored units with the limits near enough to be drawn beside them."""
+    factor = display_factor(robot, quantity, joint)
+    low, high = _data_range(values * factor)
+    lower, upper = -np.inf, np.inf
+    if quantity in LIMIT_UNITS:
+        lower, upper = (float(bound[joint]) * factor for bound in limits.bounds(quantity))
     span = max(high - low, 1e-9)
     near_lower = np.isfinite(lower) and high - lower <= LIMIT_STRETCH * span
     near_upper = np.isfinite(upper) and upper - low <= LIMIT_STRETCH * span
     axis_low = min(low, lower) if near_lower else low
     axis_high = max(high, upper) if near_upper else high
     margin = 0.06 * max(axis_high - axis_low, 1e-6)
-    unit = display_unit(comparison.robot, quantity, joint)
     return AxisLimits(
         lower if near_lower else None,
         upper if near_upper else None,
         (axis_low - margin, axis_high + margin),
-        _far_limits(None if near_lower else lower, None if near_upper else upper, unit),
+        _far_limits(
+            None if near_lower else lower,
+            None if near_upper else upper,
+            display_unit(robot, quantity, joint),
+        ),
     )
 
 
-def _data_range(
-    comparison: Comparison, quantity: str, joint: int, factor: float
-) -> tuple[float, float]:
-    columns = [getattr(m, quantity)[:, joint] * factor for _, m in solved_entries(comparison)]
-    if quantity == "q":
-        columns.append(comparison.via_q[:, joint] * factor)
-    if not columns:
+def _data_range(values: FloatArray) -> tuple[float, float]:
+    if not values.size:
         return 0.0, 1.0
-    values = np.concatenate(columns)
     low, high = float(values.min()), float(values.max())
     if high - low > 1e-6 * max(1.0, abs(low)):
         return low, high

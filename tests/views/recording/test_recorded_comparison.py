@@ -12,7 +12,8 @@ from microbot_ocp.comparison import Comparison
 from microbot_ocp.kinematics import forward_kinematics
 from microbot_ocp.motion import Motion, State
 from microbot_ocp.robot import Limits, Link, Robot
-from microbot_ocp.views import rerun_log, scene
+from microbot_ocp.views import scene
+from microbot_ocp.views.recording import curves, entities, of_comparison
 
 FLOAT32 = 2e-6  # relative rounding of what Rerun stores
 
@@ -26,7 +27,7 @@ def _strict():
 
 @pytest.fixture(scope="module")
 def recording(comparison, tmp_path_factory):
-    return rerun_log.write_recording(comparison, tmp_path_factory.mktemp("rrd") / "run.rrd")
+    return of_comparison(comparison).save(tmp_path_factory.mktemp("rrd") / "run.rrd")
 
 
 def read(path, entity, component):
@@ -67,7 +68,7 @@ def test_curves_hold_the_samples_of_the_motion(comparison, recording):
                 index = np.abs(motion.t[:, None] - t).argmin(axis=0)
                 np.testing.assert_allclose(t, motion.t[index], atol=1e-9)
                 expected = getattr(motion, quantity)[index, joint] * factor
-                np.testing.assert_allclose(values, expected, rtol=1e-12)
+                np.testing.assert_allclose(values, expected, rtol=1e-12, atol=1e-12)
                 assert t[-1] == pytest.approx(motion.duration)
 
 
@@ -139,14 +140,14 @@ def test_limits_are_dashed_and_far_ones_left_out(recording):
     t, rows = read(recording, "/plots/qd/waist/limit_upper", "Scalars:scalars")
     assert t[-1] <= 3.4 + 1e-9
     assert {tuple(row) for row in rows} == {(2.0,), ()}
-    assert rows[2::3] == [[]] * rerun_log.DASHES
+    assert rows[2::3] == [[]] * curves.DASHES
     with pytest.raises(ValueError, match="not enough values"):
         static(recording, "/plots/q/waist/limit_upper", "SeriesLines:names")
-    assert "q of waist: limits ±360 deg" in static(recording, "/comparison", "TextDocument:text")[0]
+    assert "q of waist: limits ±360 deg" in static(recording, "/summary", "TextDocument:text")[0]
 
 
 def test_words_and_marks(recording):
-    text = static(recording, "/comparison", "TextDocument:text")[0]
+    text = static(recording, "/summary", "TextDocument:text")[0]
     assert "not solved: infeasible" in text
     t, rows = read(recording, "/marks/cubic", "TextLog:text")
     np.testing.assert_allclose(t, [0, 1.2, 2.6])
@@ -176,8 +177,8 @@ def test_file_is_valid_small_and_holds_its_layout(recording):
 
 def test_failures_alone_can_be_recorded(comparison, tmp_path):
     nothing = replace(comparison, entries=comparison.entries[3:])
-    path = rerun_log.write_recording(nothing, tmp_path / "nothing.rrd")
-    assert "not solved" in static(path, "/comparison", "TextDocument:text")[0]
+    path = of_comparison(nothing).save(tmp_path / "nothing.rrd")
+    assert "not solved" in static(path, "/summary", "TextDocument:text")[0]
 
 
 def test_prismatic_joint_stretches_its_link(solved_entry, tmp_path):
@@ -197,12 +198,12 @@ def test_prismatic_joint_stretches_its_link(solved_entry, tmp_path):
     motion = Motion.from_state(robot, t, state, label="line")
     entry = solved_entry(robot, robot.limits, "line", "line", motion)
     comparison = Comparison(robot, q[[0, -1]], robot.limits, (entry,), "line")
-    path = rerun_log.write_recording(comparison, tmp_path / "slide.rrd")
+    path = of_comparison(comparison).save(tmp_path / "slide.rrd")
     times, lengths = read(path, "/world/line/link_1", "Capsules3D:lengths")
     np.testing.assert_allclose(
         np.array(lengths)[:, 0], np.hypot(0.5, 0.1 + 0.4 * times), rtol=FLOAT32
     )
-    _, values = scalars(path, "/" + rerun_log.joint_path(robot, "q", 0, "line").strip("/"))
+    _, values = scalars(path, "/" + entities.curve(robot, "q", 0, "line").strip("/"))
     assert values[-1] == pytest.approx(180 / np.pi)
     _, values = scalars(path, "/plots/q/slide/line")
     assert values[-1] == pytest.approx(0.4)

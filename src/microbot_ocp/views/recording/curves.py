@@ -1,0 +1,61 @@
+"""Curves of every joint with its limits."""
+
+from __future__ import annotations
+
+import numpy as np
+import rerun as rr
+
+from microbot_ocp.robot import JointLimits, Robot
+from microbot_ocp.views import scene
+from microbot_ocp.views.recording import entities
+from microbot_ocp.views.recording.actors import Actor
+from microbot_ocp.views.recording.writer import Times, Writer
+
+DASHES = 40  # of a limit's line, over the whole timeline
+LIMIT_COLOR = (165, 165, 165, 255)
+
+
+def draw(writer: Writer, robot: Robot, actor: Actor) -> None:
+    """Every quantity of every joint over the time."""
+    look = rr.SeriesLines.from_fields(
+        names=[actor.title],
+        colors=[actor.look.line_color],
+        widths=[2.5 if actor.look.solid else 1.6],
+    )
+    for quantity, values in actor.curves.items():
+        for joint in range(robot.joint_count):
+            path = entities.curve(robot, quantity, joint, actor.name)
+            writer.static(path, look)
+            shown = values[:, joint] * scene.display_factor(robot, quantity, joint)
+            writer.columns(path, actor.times, rr.Scalars.columns(scalars=shown))
+
+
+def near_limits(
+    robot: Robot, limits: JointLimits, actors: tuple[Actor, ...], quantity: str, joint: int
+) -> scene.AxisLimits:
+    """Limits near enough to the curves of all actors to be drawn beside them."""
+    values = [actor.curves[quantity][:, joint] for actor in actors if quantity in actor.curves]
+    joined = np.concatenate(values) if values else np.zeros(0)
+    return scene.near_limits(robot, limits, quantity, joint, joined)
+
+
+def draw_limits(
+    writer: Writer, robot: Robot, quantity: str, joint: int, limits: scene.AxisLimits, end: Times
+) -> None:
+    """Dashed lines: rows without a value interrupt them."""
+    if any(value[0] <= 0.0 for value in end.values()):
+        return
+    gap = 1e-6  # share of the timeline after a dash, where the row without a value is
+    edges = np.linspace(0.0, 1.0 - gap, 2 * DASHES)
+    share = np.column_stack([edges[::2], edges[1::2], edges[1::2] + gap]).ravel()
+    times = {key: value[0] * share for key, value in end.items()}
+    lengths = np.tile([1, 1, 0], DASHES)
+    look = rr.SeriesLines.from_fields(names=["limit"], colors=[LIMIT_COLOR], widths=[1.2])
+    for leaf, value in (("limit_lower", limits.lower), ("limit_upper", limits.upper)):
+        if value is None:
+            continue
+        path = entities.curve(robot, quantity, joint, leaf)
+        writer.static(path, look)
+        values = np.full(2 * DASHES, value)
+        dashes = rr.Scalars.columns(scalars=values).partition(lengths=lengths)
+        writer.columns(path, times, dashes)
