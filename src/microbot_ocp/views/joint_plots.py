@@ -13,7 +13,6 @@ from typing import Any
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
@@ -22,7 +21,7 @@ from microbot_ocp.motion import Motion
 from microbot_ocp.robot import Robot
 from microbot_ocp.simulation import Simulation, Tracking
 from microbot_ocp.views import scene
-from microbot_ocp.views.plots import HALO, LIMIT_COLOR, SETTINGS, save_figure
+from microbot_ocp.views.plots import HALO, LIMIT_COLOR, SETTINGS, page, save_figure
 from microbot_ocp.views.style import FIXED, SPARE
 
 A4_PORTRAIT = (8.27, 9.6)  # inches; shorter than the page, so that a caption fits below
@@ -182,10 +181,7 @@ def save_figures(figures: Mapping[str, Figure], folder: str | Path) -> list[Path
 
 
 def _page(title: str, size: tuple[float, float]) -> Figure:
-    figure = Figure(figsize=size, layout=ConstrainedLayoutEngine(w_pad=0.1, h_pad=0.06))
-    FigureCanvasAgg(figure)
-    figure.suptitle(title, fontsize=13, fontweight="bold")
-    return figure
+    return page(title, size, ConstrainedLayoutEngine(w_pad=0.1, h_pad=0.06))
 
 
 def _draw(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Callable
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from microbot_ocp.views import scene
 from microbot_ocp.views.style import EntryStyle, entry_styles, failure_sentence
 
 A4_LANDSCAPE = (11.69, 8.27)  # inches
+NOTEBOOK_DPI = 90  # a page is as wide as a notebook's column
 LIMIT_COLOR = "0.25"
 WARNING_COLOR = "#B00020"
 HALO = [withStroke(linewidth=2.5, foreground="white")]  # text stays legible on curves
@@ -60,7 +62,7 @@ def comparison_figure(comparison: Comparison) -> Figure:
     robot = comparison.robot
     styles = entry_styles(comparison)
     with matplotlib.rc_context(SETTINGS):
-        figure = _page(f"{robot.name}: the same task, the same limits")
+        figure = page(f"{robot.name}: the same task, the same limits")
         grid = figure.subplots(len(scene.QUANTITIES), robot.joint_count, sharex=True, squeeze=False)
         for row, quantity in zip(grid, scene.QUANTITIES, strict=True):
             for joint, axes in enumerate(row):
@@ -97,7 +99,7 @@ def paths_figure(comparison: Comparison) -> Figure:
     robot = comparison.robot
     styles = entry_styles(comparison)
     with matplotlib.rc_context(SETTINGS):
-        figure = _page(f"{robot.name}: tool paths")
+        figure = page(f"{robot.name}: tool paths")
         layout = figure.add_gridspec(2, 2, width_ratios=(1.35, 1.0))
         space: Any = figure.add_subplot(layout[:, 0], projection="3d")
         above = figure.add_subplot(layout[0, 1])
@@ -153,8 +155,19 @@ def has_vertical_waist(comparison: Comparison) -> bool:
     return bool(upright) and robot.joint_types[0] == "revolute"
 
 
-def _page(title: str) -> Figure:
-    figure = Figure(figsize=A4_LANDSCAPE, layout="constrained")
+class Page(Figure):
+    """A figure that a notebook shows by itself: without pyplot nobody else would draw it."""
+
+    def _repr_png_(self) -> bytes:
+        stream = BytesIO()
+        with matplotlib.rc_context(SETTINGS):
+            self.savefig(stream, format="png", dpi=NOTEBOOK_DPI)
+        return stream.getvalue()
+
+
+def page(title: str, size: tuple[float, float] = A4_LANDSCAPE, layout: Any = "constrained") -> Page:
+    """An empty figure of a size in inches with its title."""
+    figure = Page(figsize=size, layout=layout)
     FigureCanvasAgg(figure)
     figure.suptitle(title, fontsize=13, fontweight="bold")
     return figure
@@ -334,16 +347,16 @@ def _draw_paths_in_space(axes: Any, comparison: Comparison, styles: dict[str, En
         axes.text(
             *place, f"  {number}", fontsize=10, fontweight="bold", zorder=8, path_effects=HALO
         )
-    _equal_box(axes, np.concatenate(drawn))
+    equal_box(axes, np.concatenate(drawn))
     axes.set_title("in space", y=1.04)
     axes.set_xlabel("x [m]", labelpad=8)
     axes.set_ylabel("y [m]", labelpad=8)
     axes.zaxis.set_rotate_label(False)  # matplotlib's own choice may stand on its head
     axes.set_zlabel("z [m]", rotation=90)
-    axes.view_init(elev=24, azim=_azimuth(vias))
+    axes.view_init(elev=24, azim=azimuth(vias))
 
 
-def _equal_box(axes: Any, points: FloatArray) -> None:
+def equal_box(axes: Any, points: FloatArray) -> None:
     """Fit the axes to the points [N,3] with one scale for all three directions."""
     low, high = points.min(axis=0), points.max(axis=0)
     span = np.maximum(high - low, 0.15 * (high - low).max())
@@ -353,7 +366,7 @@ def _equal_box(axes: Any, points: FloatArray) -> None:
     axes.set_box_aspect(span, zoom=1.0)
 
 
-def _azimuth(vias: FloatArray) -> float:
+def azimuth(vias: FloatArray) -> float:
     """Angle, deg, from which the tool's places [m,3] spread across the picture."""
     center = vias[:, :2].mean(axis=0)
     return float(np.degrees(np.arctan2(center[1], center[0]))) if np.any(center) else -60.0

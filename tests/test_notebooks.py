@@ -1,0 +1,83 @@
+"""Notebooks as a reader runs them: from top to bottom, in a new kernel, without a complaint."""
+
+from __future__ import annotations
+
+import re
+import tempfile
+from pathlib import Path
+
+import nbformat
+import pytest
+from nbclient import NotebookClient
+from traitlets.config import Config
+
+NOTEBOOKS = sorted((Path(__file__).parent.parent / "notebooks").glob("*.ipynb"))
+WORDS_A_MINUTE = 180
+SECONDS_A_LINE_OF_CODE = 3.0
+
+
+def read(path: Path) -> nbformat.NotebookNode:
+    return nbformat.read(path, as_version=4)
+
+
+def outputs(notebook: nbformat.NotebookNode) -> list[nbformat.NotebookNode]:
+    return [out for cell in notebook.cells for out in cell.get("outputs", [])]
+
+
+def test_there_are_notebooks() -> None:
+    assert [path.name[:3] for path in NOTEBOOKS] == [
+        f"{i:02d}_" for i in range(1, 1 + len(NOTEBOOKS))
+    ]
+    assert NOTEBOOKS
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_runs_from_clean(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("IPYTHONDIR", str(tmp_path / "ipython"))
+    folder = tmp_path / "work"
+    folder.mkdir()
+    notebook = read(path)
+    with tempfile.TemporaryDirectory(prefix="k") as sockets:  # a socket's path must be short
+        # files in place of ports: two kernels that start at once cannot take the same one
+        ipc = {"KernelManager": {"transport": "ipc", "ip": f"{sockets}/k"}}
+        client = NotebookClient(
+            notebook,
+            timeout=120,
+            startup_timeout=60,
+            kernel_name="python3",
+            resources={"metadata": {"path": str(folder)}},
+            config=Config(ipc),
+        )
+        client.execute()  # raises with the traceback of the cell that fails
+    complaints = [out.text for out in outputs(notebook) if out.get("name") == "stderr"]
+    assert not complaints
+    assert not list(folder.iterdir()), "a notebook leaves nothing behind"
+    images = [out for out in outputs(notebook) if "image/png" in out.get("data", {})]
+    assert images, "a notebook shows at least one picture"
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_committed_without_outputs(path: Path) -> None:
+    notebook = read(path)
+    nbformat.validate(notebook)
+    assert not outputs(notebook)
+    code = [cell for cell in notebook.cells if cell.cell_type == "code"]
+    assert all(cell.execution_count is None for cell in code)
+    assert not any(cell.metadata for cell in notebook.cells)
+    assert set(notebook.metadata) == {"kernelspec", "language_info"}
+    assert notebook.metadata.language_info == {"name": "python"}
+    names = [cell.id for cell in notebook.cells]
+    assert len(set(names)) == len(names)
+    assert all(re.fullmatch(r"[a-z][a-z_]*", name) for name in names), "words, which stay"
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_is_read_in_five_minutes_and_ends_with_exercises(path: Path) -> None:
+    cells = read(path).cells
+    prose = [cell.source for cell in cells if cell.cell_type == "markdown"]
+    words = sum(len(re.sub(r"\$\$.*?\$\$", "", text, flags=re.DOTALL).split()) for text in prose)
+    lines = sum(len(cell.source.splitlines()) for cell in cells if cell.cell_type == "code")
+    assert words / WORDS_A_MINUTE + lines * SECONDS_A_LINE_OF_CODE / 60 < 5.0
+    assert prose[0].startswith(f"# {path.stem[:2]} ")
+    assert prose[-1].startswith("## Exercises")
+    assert len(re.findall(r"(?m)^\d\. ", prose[-1])) in (2, 3)
