@@ -58,6 +58,7 @@ def test_under_torque_rate_limits_jumps_of_the_curvature_are_stops():
         ({"tau_max": 4.0}, 2 * np.sqrt(1.5 / 2.0)),
         ({"qdd_max": 3.0}, 2 * np.sqrt(1.5 / 3.0)),
         ({"qd_max": 1.2, "tau_max": 4.0}, 1.5 / 1.2 + 1.2 / 2.0),
+        ({"qd_max": 0.2, "tau_max": 4.0}, 1.5 / 0.2 + 0.2 / 2.0),  # hardly a grid point accelerates
         ({"tau_max": (-2.0, 4.0)}, np.sqrt(2 * 1.5 * (1 / 2.0 + 1 / 1.0))),
         # the force may jump at rest: x'' falls in one straight line, at 10 N/s over 2 kg
         ({"tau_max": 100.0, "taud_max": 10.0}, (12 * 1.5 / 5.0) ** (1 / 3)),
@@ -274,6 +275,16 @@ def test_a_solver_that_converged_is_not_believed_between_mesh_points():
     if motion.provenance["status"] == "limits_exceeded":
         assert motion.provenance["excess"] > 0.05
         assert "between mesh points" in motion.note
+
+
+def test_a_timing_slower_than_reachability_is_not_believed():
+    """Four intervals are too few for short ramps: the solver converges far from the optimum."""
+    path = straight_path([[0.0], [1.5]])
+    motion = time_optimal_path(slider(qd_max=0.2, tau_max=4.0), path, mesh=4)
+    assert motion.duration > 1.05 * motion.provenance["reachability_duration"]
+    assert not motion.solved
+    assert motion.provenance["status"] == "slower_than_reachability"
+    assert "finer mesh" in motion.note
 
 
 def test_more_viscous_friction_than_reachability_can_follow_is_said():

@@ -56,6 +56,7 @@ from microbot_ocp.time_optimal.task import (
 
 SMOOTHING = 1e-8  # weight of the squared rate of s'': picks one timing where many are equally fast
 CHECKS_PER_INTERVAL = 20
+SLOWER = 0.05  # share by which the timing may be slower than reachability, which is the optimum
 CORNER = 1e-6  # relative jump of the tangent that counts as a corner
 
 
@@ -378,6 +379,9 @@ class _PathSearch:
         state = State(*(np.concatenate(parts) for parts in zip(*states, strict=True)))
         passed = [0.0, *(at for at, k in zip(edges[1:], self.pieces, strict=True) if k.via)]
         outcome = verdict(solution, self._excess(solution), self.settings.violation)
+        # the passes know nothing of torque rates
+        if not _rated(self.robot.limits) and solution.duration > (1 + SLOWER) * reached:
+            outcome |= _too_slow(outcome, solution.duration, reached)
         blocked = [timing.blocked_at for timing in timings if not timing.feasible]
         return Motion.from_state(
             self.robot,
@@ -402,6 +406,18 @@ class _PathSearch:
             },
             note=_note(outcome, self.stops, corners(self.path).size, blocked, reached),
         )
+
+
+def _too_slow(outcome: dict[str, Any], duration: float, reached: float) -> dict[str, Any]:
+    if outcome["status"] != "solved":
+        return {}
+    return {
+        "status": "slower_than_reachability",
+        "advice": (
+            f"the solver converged at {duration:.4g} s, but reachability on a grid finds "
+            f"{reached:.4g} s: give a finer mesh"
+        ),
+    }
 
 
 def _note(
@@ -494,7 +510,7 @@ def _piece_guess(piece: _Piece, timing: PathTiming) -> tuple[Guess, float, float
     v = np.sqrt(x)
     a = np.append(np.diff(x) / (2 * np.diff(s)), 0.0)
     a[-1] = a[-2]
-    typical = max(float(np.percentile(np.abs(a), 90)), 1e-6)
+    typical = max(float(np.percentile(np.abs(a), 90)), _where_speed_changes(a, t), 1e-6)
     # near a vanishing tangent s'' hardly matters and the grid makes it jump
     a = np.clip(a, -3 * typical, 3 * typical)
 
@@ -507,6 +523,17 @@ def _piece_guess(piece: _Piece, timing: PathTiming) -> tuple[Guess, float, float
         "a": partial(at, a),
     }
     return Guess(float(t[-1]), values), float(v.max()), typical
+
+
+def _where_speed_changes(a: FloatArray, t: FloatArray) -> float:
+    """Magnitude of s'' below which half of the change of s' happens.
+
+    On a path that runs at a velocity limit but for its ends hardly any grid point accelerates.
+    """
+    size, change = np.abs(a[:-1]), np.abs(a[:-1]) * np.diff(t)
+    order = np.argsort(size)
+    half = np.searchsorted(np.cumsum(change[order]), 0.5 * change.sum())
+    return float(size[order][min(half, size.size - 1)])
 
 
 def guess_from(solution: Solution) -> dict[str, Guess]:
