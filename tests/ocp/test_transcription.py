@@ -17,7 +17,7 @@ MESHES = [[0.0, 0.2, 0.35, 0.7, 1.0], 3]
 
 def program_of(problem, meshes):
     transcription = Transcription(problem, duration_scale=0.7)
-    return assemble(problem, transcription.layouts(meshes), transcription.kernels)
+    return assemble(problem, transcription.layouts(meshes))
 
 
 @pytest.fixture(scope="module")
@@ -208,7 +208,7 @@ def test_a_prepared_kernel_takes_the_place_of_the_built_one():
     values = []
     for prepare in (None, doubled_cost):
         transcription = Transcription(problem, prepare=prepare)
-        program = assemble(problem, transcription.layouts(3), transcription.kernels)
+        program = assemble(problem, transcription.layouts(3))
         f = ca.Function("f", [program.nlp["x"]], [program.nlp["f"]])
         values.append(float(f(pack(program, guess))))
     assert values == pytest.approx([1.5, 3.0])

@@ -245,7 +245,7 @@ def test_a_transcription_serves_as_well_and_values_are_plain():
 def test_the_gradient_of_the_lagrangian_is_that_of_the_assembled_program(scheme):
     transcription = Transcription(everything(), scheme=scheme)
     layouts = transcription.layouts([3, 4])
-    program = assemble(transcription.problem, layouts, transcription.kernels)
+    program = assemble(transcription.problem, layouts)
     random = np.random.default_rng(3)
     x = random.uniform(0.2, 0.8, program.variable_lower.size)
     lam = random.normal(size=program.row_lower.size)
@@ -265,7 +265,7 @@ def test_the_gradient_of_the_lagrangian_is_that_of_the_assembled_program(scheme)
 def test_every_row_and_variable_has_its_name(scheme):
     problem = everything()
     transcription = Transcription(problem, scheme=scheme)
-    program = assemble(problem, transcription.layouts([3, 4]), transcription.kernels)
+    program = assemble(problem, transcription.layouts([3, 4]))
     rows, variables = row_labels(program), variable_labels(program)
     assert len(rows) == program.row_lower.size
     assert len(variables) == program.variable_lower.size
@@ -316,18 +316,18 @@ def flight():
 
 
 def tampered(solution: Solution, change) -> Solution:
-    """The solution with its scaled stages changed and the values with them."""
+    """The solution with its scaled stages [N, ...] changed and the values with them."""
     (phase,) = solution.phases
-    stages = phase.stages.copy()
-    change(stages)
     layout = phase.layout
+    stages = phase.stages.reshape(layout.intervals, -1).copy()
+    change(stages)
     nodes = stages[:, : layout.node_size] * layout.node_scale
     values = dict(phase.values)
     for offset, name in enumerate(("x", "v", "u")):
         column = values[name].copy()
         column[:-1, 0] = nodes[:, offset]
         values[name] = column
-    made = PhaseSolution(phase.name, phase.duration, phase.mesh, values, layout, stages)
+    made = PhaseSolution(phase.name, phase.duration, phase.mesh, values, layout, stages.ravel())
     return replace(solution, phases=(made,))
 
 
@@ -373,7 +373,7 @@ def test_wrong_multipliers_are_not_stationary(flight):
 def test_multipliers_at_bounds_that_do_not_act_are_found(flight):
     problem, solution = flight
     transcription = Transcription(problem, scheme="hermite_simpson")
-    program = assemble(problem, transcription.layouts([36]), transcription.kernels)
+    program = assemble(problem, transcription.layouts([36]))
     names = [(label.kind, label.name, label.interval) for label in variable_labels(program)]
     for name, interval, amount, said in (
         ("x", 3, 0.5, "not complementary: state x in phase 'fly', interval 4"),

@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from microbot_ocp.checks import FloatArray
+from microbot_ocp.ocp.kernels import joined
+from microbot_ocp.ocp.layout import PhaseLayout, StageGroup, condition_bounds
 from microbot_ocp.ocp.problem import Link, OptimalControlProblem, node_variables
-from microbot_ocp.ocp.transcription import Kernels, PhaseLayout, condition_bounds, joined
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +75,6 @@ class _Entries:
 def assemble(
     problem: OptimalControlProblem,
     layouts: Sequence[PhaseLayout],
-    kernels: Sequence[Kernels],
     *,
     parametric: bool = False,
 ) -> Program:
@@ -91,26 +91,24 @@ def assemble(
     p = ca.MX.sym("p", parameters.size)
     offsets = np.cumsum([0, *(d.size for d in declared)]).tolist()
     lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", height)
-    cost, rows = ca.MX(0), []
-    cost_again, rows_again, gradient = ca.MX(0), [], []
+    cost, rows = ca.MX(0), _Parts()
+    cost_again, rows_again, gradient = ca.MX(0), _Parts(), _Parts()
     jacobian, hessian = _Entries(), _Entries()
-    for index, (layout, kernel) in enumerate(zip(layouts, kernels, strict=True)):
+    for index, layout in enumerate(layouts):
         after = layouts[index + 1] if index + 1 < len(layouts) else None
         link = _link_rows(problem, index, layout, after, x)
         begin, end = offsets[index : index + 2]
         constants = p[begin:end] if parametric else ca.MX(ca.DM(declared[index]))
-        piece = _PhasePiece(layout, kernel, x, constants)
-        f, g = piece.values(link.values)
-        cost, rows = cost + f, [*rows, g]
-        f, g, slope = piece.first_order(link.values, jacobian)
-        cost_again, rows_again, gradient = cost_again + f, [*rows_again, g], [*gradient, slope]
+        piece = _PhasePiece(layout, x, constants)
+        cost = cost + piece.values(link.values, rows)
+        cost_again = cost_again + piece.first_order(link.values, rows_again, gradient, jacobian)
         jacobian.add(layout.last_row + link.rows, link.columns, link.entries)
         piece.second_order(lam_f, lam_g, hessian)
-    bounds = [phase_bounds(layout, kernel) for layout, kernel in zip(layouts, kernels, strict=True)]
+    bounds = [phase_bounds(layout) for layout in layouts]
     curvature = [x, p, lam_f, lam_g]
     slope_of_p = ca.MX.zeros(parameters.size)  # solvers take it only if they are asked for it
     # solvers take the gradient for dense, whatever its sparsity says
-    g_again, slope = ca.vertcat(*rows_again), ca.densify(ca.vertcat(*gradient))
+    g_again, slope = rows_again.vector(), ca.densify(gradient.vector())
     jacobian_matrix = jacobian.matrix(height, width)
     stationarity = lam_f * slope + jacobian_matrix.T @ lam_g
     functions = {
@@ -130,7 +128,7 @@ def assemble(
     return Program(
         layouts=tuple(layouts),
         links=tuple(problem.links),
-        nlp={"x": x, "f": cost, "g": ca.vertcat(*rows), **({"p": p} if parametric else {})},
+        nlp={"x": x, "f": cost, "g": rows.vector(), **({"p": p} if parametric else {})},
         functions=functions,
         variable_lower=joined([b.variables[0] for b in bounds]),
         variable_upper=joined([b.variables[1] for b in bounds]),
@@ -138,17 +136,11 @@ def assemble(
         row_upper=joined([b.rows[1] for b in bounds]),
         nodes=tuple(n for k in layouts for n in [k.node_size] * (k.intervals + 1)),
         controls=tuple(
-            n for k in layouts for n in ([k.control_size] * k.intervals + [k.transition])
-        ),
-        constraints=tuple(
             n
             for k in layouts
-            for n in (
-                [k.stage_rows + len(k.initial_rows)]
-                + [k.stage_rows] * (k.intervals - 1)
-                + [k.end_rows + len(k.final_rows)]
-            )
+            for n in [*(k.kinds[i].control_size for i in k.kind_of), k.transition]
         ),
+        constraints=tuple(n for k in layouts for n in _constraint_counts(k)),
         parameters=parameters,
     )
 
@@ -158,86 +150,133 @@ def phase_constants(layout: PhaseLayout) -> FloatArray:
     return joined([p.value for p in layout.phase.parameters])
 
 
+class _Parts:
+    """A vector, gathered part by part."""
+
+    def __init__(self) -> None:
+        self.places: list[np.ndarray] = []
+        self.values: list[ca.MX] = []
+
+    def add(self, places: np.ndarray, values: ca.MX) -> None:
+        """Values at places; of a matrix [..., M] those of column m are at the places [m, ...]."""
+        self.places.append(np.asarray(places, dtype=int).ravel())
+        self.values.append(ca.vec(values))
+
+    def vector(self) -> ca.MX:
+        # every place is filled once
+        order = np.argsort(np.concatenate(self.places))
+        return ca.vertcat(*self.values)[order.tolist()]
+
+
 class _PhasePiece:
     """Values and derivatives of one phase as expressions of all variables."""
 
-    def __init__(self, layout: PhaseLayout, kernel: Kernels, x: ca.MX, constants: ca.MX) -> None:
-        n, s, nz = layout.intervals, layout.stage_size, layout.node_size
-        first, last = layout.variable_offset, layout.last_node
-        self.layout, self.kernel = layout, kernel
-        self.stage_columns = first + s * np.arange(n)
-        self.arrivals = ((self.stage_columns + s)[:, None] + np.arange(nz)).ravel()
-        self.v = ca.reshape(x[first:last], s, n)
-        self.z_next = ca.reshape(x[self.arrivals.tolist()], nz, n)
-        self.z_last = x[last : last + nz]
-        self.at_start = x[[first + i for i in layout.initial_rows]]
-        self.at_end = x[[last + i for i in layout.final_rows]]
-        grid = ca.MX(ca.DM(np.vstack([layout.mesh[:-1], np.diff(layout.mesh)])))
+    def __init__(self, layout: PhaseLayout, x: ca.MX, constants: ca.MX) -> None:
+        nodes = layout.nodes
+        self.layout = layout
+        self.end = layout.kinds[0].kernels
+        self.z_last = x[nodes[-1].tolist()]
+        self.at_start = x[nodes[0, list(layout.initial_rows)].tolist()]
+        self.at_end = x[nodes[-1, list(layout.final_rows)].tolist()]
         self.constants = constants
-        self.grid = ca.vertcat(grid, ca.repmat(constants, 1, n))
+        grid = np.vstack([layout.mesh[:-1], np.diff(layout.mesh)])
+        self.groups = [
+            _GroupPiece(
+                group=group,
+                v=_gathered(x, group.variables),
+                z_next=_gathered(x, nodes[group.intervals + 1]),
+                arrivals=nodes[group.intervals + 1],
+                grid=ca.vertcat(
+                    ca.MX(ca.DM(grid[:, group.intervals])),
+                    ca.repmat(constants, 1, group.intervals.size),
+                ),
+            )
+            for group in layout.groups
+        ]
+        self.start_rows = layout.start_row + np.arange(len(layout.initial_rows))
+        tail = layout.last_row + np.arange(layout.row_offset + layout.row_count - layout.last_row)
+        self.link_rows, self.end_rows, self.final_rows = np.split(
+            tail, np.cumsum([layout.next_nodes, layout.end_rows])
+        )
 
-    def _rows(self, gap: ca.MX, constraints: ca.MX, link: ca.MX, tail: ca.MX) -> ca.MX:
-        stages = ca.vertcat(gap, constraints)
-        head, body = ca.vec(stages[:, 0]), ca.vec(stages[:, 1:])
-        return ca.vertcat(head, self.at_start, body, link, tail, self.at_end)
+    def _common_rows(self, rows: _Parts, link: ca.MX, tail: ca.MX) -> None:
+        rows.add(self.start_rows, self.at_start)
+        rows.add(self.link_rows, link)
+        rows.add(self.end_rows, tail)
+        rows.add(self.final_rows, self.at_end)
 
-    def values(self, link: ca.MX) -> tuple[ca.MX, ca.MX]:
-        following, constraints, running = self.kernel.stage.map(self.layout.intervals)(
-            self.v, self.grid
-        )
-        tail, end_cost = self.kernel.end(self.z_last, self.constants)
-        rows = self._rows(self.z_next - following, constraints, link, tail)
-        return ca.sum2(running) + end_cost, rows
+    def values(self, link: ca.MX, rows: _Parts) -> ca.MX:
+        """Cost; rows are added to those of the program."""
+        tail, cost = self.end.end(self.z_last, self.constants)
+        self._common_rows(rows, link, tail)
+        for own in self.groups:
+            kernel = own.group.kind.kernels.stage.map(own.count)
+            following, constraints, running = kernel(own.v, own.grid)
+            rows.add(own.group.rows, ca.vertcat(own.z_next - following, constraints))
+            cost = cost + ca.sum2(running)
+        return cost
 
-    def first_order(self, link: ca.MX, jacobian: _Entries) -> tuple[ca.MX, ca.MX, ca.MX]:
-        layout, kernel = self.layout, self.kernel
-        n, nz = layout.intervals, layout.node_size
-        both, block, running, slope = kernel.stage_jacobian.map(n)(self.v, self.grid)
-        tail, end_block, end_cost, end_slope = kernel.end_jacobian(self.z_last, self.constants)
-        rows, columns = _triplet(kernel.stage_jacobian, 1)
-        sign = np.tile(np.where(rows < nz, -1.0, 1.0), n)
-        stage_row = layout.stage_row[:, None]
-        jacobian.add(
-            stage_row + rows, self.stage_columns[:, None] + columns, block.nz[:] * ca.DM(sign)
-        )
-        jacobian.add(stage_row + np.arange(nz), self.arrivals, np.ones(n * nz))
-        start = np.arange(len(layout.initial_rows))
-        jacobian.add(
-            layout.row_offset + layout.rows_per_stage + start,
-            layout.variable_offset + np.array(layout.initial_rows, dtype=int),
-            np.ones(start.size),
-        )
-        end_row = layout.last_row + layout.next_nodes
-        rows, columns = _triplet(kernel.end_jacobian, 1)
-        jacobian.add(end_row + rows, layout.last_node + columns, end_block.nz[:])
-        end = np.arange(len(layout.final_rows))
-        jacobian.add(
-            end_row + layout.end_rows + end,
-            layout.last_node + np.array(layout.final_rows, dtype=int),
-            np.ones(end.size),
-        )
-        gap, constraints = self.z_next - both[:nz, :], both[nz:, :]
-        gradient = ca.vertcat(ca.vec(slope), end_slope, ca.MX.zeros(layout.transition))
-        return (
-            ca.sum2(running) + end_cost,
-            self._rows(gap, constraints, link, tail),
-            gradient,
-        )
+    def first_order(self, link: ca.MX, rows: _Parts, gradient: _Parts, jacobian: _Entries) -> ca.MX:
+        """Cost; rows, its gradient and the Jacobian are added to those of the program."""
+        layout = self.layout
+        nz, last = layout.node_size, layout.nodes[-1]
+        tail, block, cost, slope = self.end.end_jacobian(self.z_last, self.constants)
+        self._common_rows(rows, link, tail)
+        gradient.add(last, slope)
+        transition = layout.last_node + nz + np.arange(layout.transition)
+        gradient.add(transition, ca.MX.zeros(layout.transition))
+        at, column = _triplet(self.end.end_jacobian, 1)
+        jacobian.add(self.end_rows[at], last[column], block.nz[:])
+        for conditions, node, which in (
+            (self.start_rows, layout.nodes[0], layout.initial_rows),
+            (self.final_rows, last, layout.final_rows),
+        ):
+            jacobian.add(conditions, node[list(which)], np.ones(len(which)))
+        for own in self.groups:
+            group, kernel = own.group, own.group.kind.kernels.stage_jacobian
+            both, block, running, slope = kernel.map(own.count)(own.v, own.grid)
+            at, column = _triplet(kernel, 1)
+            sign = np.tile(np.where(at < nz, -1.0, 1.0), own.count)
+            jacobian.add(group.rows[:, at], group.variables[:, column], block.nz[:] * ca.DM(sign))
+            jacobian.add(group.rows[:, :nz], own.arrivals, np.ones(own.arrivals.size))
+            rows.add(group.rows, ca.vertcat(own.z_next - both[:nz, :], both[nz:, :]))
+            gradient.add(group.variables, slope)
+            cost = cost + ca.sum2(running)
+        return cost
 
     def second_order(self, lam_f: ca.MX, lam_g: ca.MX, hessian: _Entries) -> None:
-        layout, kernel = self.layout, self.kernel
-        n, per_stage = layout.intervals, layout.rows_per_stage
-        rows = (layout.stage_row[:, None] + np.arange(per_stage)).ravel()
-        lam = ca.reshape(lam_g[rows.tolist()], per_stage, n)
-        block = kernel.stage_hessian.map(n)(self.v, self.grid, lam, ca.repmat(lam_f, 1, n))
-        rows, columns = _triplet(kernel.stage_hessian, 0)
-        corner = self.stage_columns[:, None]
-        hessian.add(corner + rows, corner + columns, block.nz[:])
-        end_row = layout.last_row + layout.next_nodes
-        lam_end = lam_g[end_row : end_row + layout.end_rows]
-        block = kernel.end_hessian(self.z_last, self.constants, lam_end, lam_f)
-        rows, columns = _triplet(kernel.end_hessian, 0)
-        hessian.add(layout.last_node + rows, layout.last_node + columns, block.nz[:])
+        """The Hessian is added to that of the program."""
+        lam_end = lam_g[self.end_rows.tolist()]
+        block = self.end.end_hessian(self.z_last, self.constants, lam_end, lam_f)
+        row, column = _triplet(self.end.end_hessian, 0)
+        last = self.layout.nodes[-1]
+        hessian.add(last[row], last[column], block.nz[:])
+        for own in self.groups:
+            group, kernel = own.group, own.group.kind.kernels.stage_hessian
+            lam = _gathered(lam_g, group.rows)
+            block = kernel.map(own.count)(own.v, own.grid, lam, ca.repmat(lam_f, 1, own.count))
+            row, column = _triplet(kernel, 0)
+            hessian.add(group.variables[:, row], group.variables[:, column], block.nz[:])
+
+
+@dataclass(frozen=True, eq=False)
+class _GroupPiece:
+    """Stages of one kind: their (z, w), the next z with its indices, and their constants."""
+
+    group: StageGroup
+    v: ca.MX
+    z_next: ca.MX
+    arrivals: np.ndarray
+    grid: ca.MX
+
+    @property
+    def count(self) -> int:
+        return self.group.intervals.size
+
+
+def _gathered(x: ca.MX, places: np.ndarray) -> ca.MX:
+    """Entries of x: a column for every row of places [M, ...]."""
+    return ca.reshape(x[places.ravel().tolist()], places.shape[1], places.shape[0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -294,6 +333,12 @@ def _triplet(function: ca.Function, output: int) -> tuple[np.ndarray, np.ndarray
     return np.asarray(rows, dtype=int), np.asarray(columns, dtype=int)
 
 
+def _constraint_counts(layout: PhaseLayout) -> list[int]:
+    counts = layout.stage_row_counts.tolist()
+    counts[0] += len(layout.initial_rows)
+    return [*counts, layout.end_rows + len(layout.final_rows)]
+
+
 @dataclass(frozen=True, eq=False)
 class PhaseBounds:
     """Lower and upper bounds of the variables and rows of a phase."""
@@ -302,50 +347,40 @@ class PhaseBounds:
     rows: tuple[FloatArray, FloatArray]
 
 
-def phase_bounds(layout: PhaseLayout, kernel: Kernels) -> PhaseBounds:
+def phase_bounds(layout: PhaseLayout) -> PhaseBounds:
     """Lower and upper bounds of the phase's variables and rows."""
-    initial = condition_bounds(layout, "initial", layout.initial_rows)
-    final = condition_bounds(layout, "final", layout.final_rows)
-    fixed = layout.phase.duration_bounds[0] == layout.phase.duration_bounds[1]
-    variables, rows = [], []
-    for side, (infinite, which, duration) in enumerate(
-        (
-            (-np.inf, "lower", layout.phase.duration_bounds[0]),
-            (np.inf, "upper", layout.phase.duration_bounds[1]),
-        )
-    ):
-        node = joined([getattr(v, which) / v.scale for v in node_variables(layout.phase)])
-        node = np.append(node, duration / layout.node_scale[-1])
-        control = joined(
-            [
-                # a linear control is bounded as the node that it becomes
-                np.full(k.source.size, infinite)
-                if k.source.shape == "linear"
-                else getattr(k.source, which) / k.source.scale
-                for k in layout.inner
-            ]
-        )
-        stage = np.concatenate([node, control])
-        free = np.full(layout.transition, infinite)  # bounded as the node that it becomes
-        every = np.concatenate([np.tile(stage, layout.intervals), node, free])
-        if fixed:  # at the first node; to fix the others as well would say the same twice
-            later = layout.stage_size * np.arange(1, layout.intervals + 1) + layout.node_size - 1
-            every[later] = infinite
-        variables.append(every)
-        path = (kernel.stage_lower, kernel.stage_upper)[side]
-        end = (kernel.end_lower, kernel.end_upper)[side]
-        step = np.concatenate([np.zeros(layout.node_size), path])
-        linked = np.zeros(layout.next_nodes)
-        rows.append(
-            np.concatenate(
-                [
-                    step,
-                    initial[side],
-                    np.tile(step, layout.intervals - 1),
-                    linked,
-                    end,
-                    final[side],
-                ]
-            )
-        )
-    return PhaseBounds((variables[0], variables[1]), (rows[0], rows[1]))
+    lower, upper = _one_side(layout, "lower"), _one_side(layout, "upper")
+    return PhaseBounds((lower[0], upper[0]), (lower[1], upper[1]))
+
+
+def _one_side(layout: PhaseLayout, which: str) -> tuple[FloatArray, FloatArray]:
+    """Bounds of the variables and rows of a phase, on one side."""
+    side = ("lower", "upper").index(which)
+    infinite, duration = (-np.inf, np.inf)[side], layout.phase.duration_bounds[side]
+    variables = np.full(layout.variable_count, infinite)
+    rows = np.zeros(layout.row_count)  # steps and links are equations
+    nodes = layout.nodes - layout.variable_offset
+    node = joined([getattr(v, which) / v.scale for v in node_variables(layout.phase)])
+    variables[nodes] = np.append(node, duration / layout.node_scale[-1])
+    if layout.phase.duration_bounds[0] == layout.phase.duration_bounds[1]:
+        # at the first node; to fix the others as well would say the same twice
+        variables[nodes[1:, -1]] = infinite
+    kernels = layout.kinds[0].kernels
+    for group in layout.groups:
+        own = [
+            # a linear control is bounded as the node that it becomes
+            np.full(k.source.size, infinite)
+            if k.source.shape == "linear"
+            else getattr(k.source, which) / k.source.scale
+            for k in group.kind.inner
+        ]
+        variables[group.variables[:, layout.node_size :] - layout.variable_offset] = joined(own)
+        limits = getattr(group.kind.kernels, f"stage_{which}")
+        rows[group.rows[:, layout.node_size :] - layout.row_offset] = limits
+    initial = condition_bounds(layout, "initial", layout.initial_rows)[side]
+    start = layout.start_row - layout.row_offset
+    rows[start : start + initial.size] = initial
+    final = condition_bounds(layout, "final", layout.final_rows)[side]
+    tail = np.concatenate([getattr(kernels, f"end_{which}"), final])
+    rows[rows.size - tail.size :] = tail
+    return variables, rows

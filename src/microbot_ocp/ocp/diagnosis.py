@@ -14,10 +14,10 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike
 
 from microbot_ocp.checks import FloatArray
 from microbot_ocp.ocp.assembly import Program, assemble
+from microbot_ocp.ocp.mesh import Meshes
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.rows import RowLabel, VariableLabel, row_labels, variable_labels
 from microbot_ocp.ocp.solution import Solution, unpack
@@ -124,7 +124,7 @@ class Explanation:
 
 def explain(
     problem: OptimalControlProblem | Transcription,
-    mesh: Sequence[int | ArrayLike] | int = 50,
+    mesh: Meshes = 50,
     guess: Mapping[str, Guess] | Solution | None = None,
     *,
     max_iterations: int = 500,
@@ -134,7 +134,7 @@ def explain(
     Parameters
     ----------
     problem : OptimalControlProblem or Transcription
-    mesh : int, or one int or array of fractions [N+1] a phase
+    mesh : int, Mesh, or one int, Mesh or array of fractions [N+1] a phase
         A coarse one does.
     guess : guesses or Solution, optional
         The solution of the solve that failed, for example.
@@ -143,7 +143,7 @@ def explain(
     """
     transcription = problem if isinstance(problem, Transcription) else Transcription(problem)
     layouts = transcription.layouts(mesh)
-    program = assemble(transcription.problem, layouts, transcription.kernels)
+    program = assemble(transcription.problem, layouts)
     start = start_from(program, transcription.problem, guess)
     check_start(program, start.x)
     elastic = _Elastic(program, max_iterations)

@@ -19,12 +19,11 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any
 
-import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike
 
 from microbot_ocp import checks
 from microbot_ocp.checks import FloatArray
+from microbot_ocp.ocp.mesh import Meshes
 from microbot_ocp.ocp.problem import OptimalControlProblem, Variable, node_variables
 from microbot_ocp.ocp.refinement import Progress, Refiner, quiet
 from microbot_ocp.ocp.reintegration import (
@@ -32,10 +31,9 @@ from microbot_ocp.ocp.reintegration import (
     mesh_states,
     phase_layout,
     point_values,
-    points_of,
     state_weights,
 )
-from microbot_ocp.ocp.schemes import Scheme
+from microbot_ocp.ocp.schemes import Collocation, Scheme
 from microbot_ocp.ocp.solution import PhaseSolution, Solution
 from microbot_ocp.ocp.solvers import SolverSettings, default_guess
 from microbot_ocp.ocp.transcription import Guess, Transcription
@@ -180,41 +178,51 @@ def find_switches(phase: PhaseSolution) -> tuple[Switch, ...]:
     """
     found = []
     for control in phase_layout(phase).phase.controls:
-        values, means = _interval_values(phase, control)
+        values = _interval_values(phase, control)
         for i in range(control.size):
-            low, high = control.lower[i], control.upper[i]
-            if np.isfinite(low) and np.isfinite(high) and high > low:
-                found += _component_switches(
-                    phase.mesh, control, i, values[..., i], means[:, i], low, high
-                )
+            if np.isfinite(control.lower[i] - control.upper[i]):
+                found += _component_switches(phase.mesh, control, i, values)
     return tuple(found)
 
 
-def _interval_values(phase: PhaseSolution, control: Variable) -> tuple[FloatArray, FloatArray]:
-    """Values of a control in every interval [N, points, size], and its mean there [N, size]."""
+@dataclass(frozen=True, eq=False)
+class _IntervalValues:
+    """Least, largest and mean value [N, size] of a control in every interval."""
+
+    least: FloatArray
+    largest: FloatArray
+    mean: FloatArray
+
+
+def _interval_values(phase: PhaseSolution, control: Variable) -> _IntervalValues:
     if control.shape == "linear":
         nodes = phase.values[control.name]
-        values = np.stack([nodes[:-1], nodes[1:]], axis=1)
-        return values, values.mean(axis=1)
-    values = point_values(phase, control)
-    if control.shape == "constant":
-        return values, values[:, 0]
-    _, _, weights = ca.collocation_coeff(points_of(phase_layout(phase), control))
-    return values, np.einsum("j,kji->ki", np.array(weights).ravel(), values)
+        values = np.stack([nodes[:-1], nodes[1:]])
+        return _IntervalValues(values.min(axis=0), values.max(axis=0), values.mean(axis=0))
+    layout = phase_layout(phase)
+    least, largest, mean = (np.zeros((layout.intervals, control.size)) for _ in range(3))
+    for group in layout.groups:
+        values, own = point_values(phase, group, control), group.intervals
+        least[own], largest[own] = values.min(axis=1), values.max(axis=1)
+        scheme = group.kind.scheme
+        if control.shape == "polynomial" and isinstance(scheme, Collocation):
+            mean[own] = np.einsum("j,kji->ki", scheme.weights, values)
+        else:
+            mean[own] = values[:, 0]
+    return _IntervalValues(least, largest, mean)
 
 
 def _component_switches(
-    mesh: FloatArray,
-    control: Variable,
-    component: int,
-    values: FloatArray,
-    means: FloatArray,
-    low: float,
-    high: float,
+    mesh: FloatArray, control: Variable, component: int, values: _IntervalValues
 ) -> list[Switch]:
+    low, high = float(control.lower[component]), float(control.upper[component])
+    if low == high:
+        return []
     continuous = control.shape == "linear"
-    tight = _at_bounds(values, low, high, RAMP_AT_BOUND if continuous else AT_BOUND)
-    loose = _at_bounds(values, low, high, NEARLY_AT_BOUND)
+    ends = values.least[:, component], values.largest[:, component]
+    means = values.mean[:, component]
+    tight = _at_bounds(*ends, low, high, RAMP_AT_BOUND if continuous else AT_BOUND)
+    loose = _at_bounds(*ends, low, high, NEARLY_AT_BOUND)
     steps = np.diff(mesh)
     found = []
     for before, after in itertools.pairwise(np.flatnonzero(loose)):
@@ -235,11 +243,12 @@ def _component_switches(
     return found
 
 
-def _at_bounds(values: FloatArray, low: float, high: float, share: float) -> np.ndarray:
+def _at_bounds(
+    least: FloatArray, largest: FloatArray, low: float, high: float, share: float
+) -> np.ndarray:
     """1 for intervals [N] at the upper bound, -1 at the lower one, else 0."""
     near = share * (high - low)
-    upper, lower = (values >= high - near).all(axis=1), (values <= low + near).all(axis=1)
-    return upper.astype(int) - lower.astype(int)
+    return (least >= high - near).astype(int) - (largest <= low + near).astype(int)
 
 
 def divide(mesh: FloatArray, errors: FloatArray, accuracy: float, order: int) -> FloatArray:
@@ -298,7 +307,7 @@ def move_to_switches(mesh: FloatArray, switches: Sequence[Switch], accuracy: flo
 def solve_refined(
     problem: OptimalControlProblem | Transcription,
     accuracy: float = 1e-6,
-    mesh: Sequence[int | ArrayLike] | int = 20,
+    mesh: Meshes = 20,
     scheme: str | Scheme = "shooting",
     guess: Mapping[str, Guess] | None = None,
     settings: SolverSettings | None = None,
@@ -316,7 +325,7 @@ def solve_refined(
         A transcription keeps its scheme; ``scheme`` is that of a problem.
     accuracy : float
         Relative state error of any interval that is accepted; see :func:`state_errors`.
-    mesh : int, or one int or array of fractions [N+1] a phase
+    mesh : int, Mesh, or one int, Mesh or array of fractions [N+1] a phase
         The first mesh.
     scheme : str or Scheme
     guess : mapping from phase name to Guess, optional

@@ -9,24 +9,25 @@ from __future__ import annotations
 import copy
 import pickle
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike
 
 from microbot_ocp import checks
 from microbot_ocp.checks import FloatArray, InputError
 from microbot_ocp.ocp.assembly import Program, assemble, phase_bounds, phase_constants
+from microbot_ocp.ocp.layout import PhaseLayout
+from microbot_ocp.ocp.mesh import Meshes
 from microbot_ocp.ocp.problem import OptimalControlProblem, Phase, node_variables
 from microbot_ocp.ocp.progress import Progress
 from microbot_ocp.ocp.rows import row_labels
 from microbot_ocp.ocp.solution import Solution
 from microbot_ocp.ocp.solvers import Made, SolverSettings, run_chain
 from microbot_ocp.ocp.start import check_start, start_from
-from microbot_ocp.ocp.transcription import Guess, Kernels, PhaseLayout, Transcription
+from microbot_ocp.ocp.transcription import Guess, Transcription
 
 Changes = Mapping[str, Mapping[str, Any]]
 
@@ -40,7 +41,7 @@ class ParametricSolver:
     Parameters
     ----------
     transcription : Transcription or OptimalControlProblem
-    mesh : int, or one int or array of fractions [N+1] a phase
+    mesh : int, Mesh, or one int, Mesh or array of fractions [N+1] a phase
     settings : SolverSettings, optional
 
     Examples
@@ -64,7 +65,7 @@ class ParametricSolver:
     def __init__(
         self,
         transcription: Transcription | OptimalControlProblem,
-        mesh: Sequence[int | ArrayLike] | int = 50,
+        mesh: Meshes = 50,
         settings: SolverSettings | None = None,
     ) -> None:
         if not isinstance(transcription, Transcription):
@@ -73,9 +74,7 @@ class ParametricSolver:
         self.mesh = mesh
         self.settings = settings or SolverSettings()
         problem = transcription.problem
-        self.program = assemble(
-            problem, transcription.layouts(mesh), transcription.kernels, parametric=True
-        )
+        self.program = assemble(problem, transcription.layouts(mesh), parametric=True)
         self._labels = row_labels(self.program)
         self._made: Made = {}
 
@@ -134,13 +133,13 @@ class ParametricSolver:
             for name in changes:
                 if name not in names:
                     raise InputError(f"{what} has no phase {name!r}; there are {names}")
-        layouts, kernels = [], []
-        for layout, kernel in zip(self.program.layouts, self.transcription.kernels, strict=True):
+        layouts = []
+        for layout in self.program.layouts:
             own = {what: changes.get(layout.phase.name) for what, changes in given.items()}
             phase = _with_changes(layout.phase, own)
-            layouts.append(_with_phase(layout, phase))
-            kernels.append(self._with_limits(kernel, layout, phase) if own["bounds"] else kernel)
-        found = [phase_bounds(*pair) for pair in zip(layouts, kernels, strict=True)]
+            changed = _with_phase(layout, phase)
+            layouts.append(self._with_limits(changed) if own["bounds"] else changed)
+        found = [phase_bounds(layout) for layout in layouts]
         return replace(
             self.program,
             layouts=tuple(layouts),
@@ -151,28 +150,30 @@ class ParametricSolver:
             parameters=np.concatenate([phase_constants(layout) for layout in layouts]),
         )
 
-    def _with_limits(self, kernel: Kernels, layout: PhaseLayout, phase: Phase) -> Kernels:
-        """Kernels whose rows have the limits of a phase."""
+    def _with_limits(self, layout: PhaseLayout) -> PhaseLayout:
+        """A layout whose rows have the limits of its phase."""
+        phase = layout.phase
         pools: dict[str, Mapping[str, Any]] = {
             "bound": {s.name: s for s in phase.states},
             "constraint": {c.name: c for c in phase.constraints},
             "end": {c.name: c for c in phase.end_constraints},
         }
-        limits: dict[str, FloatArray] = {}
-        stage_first = int(layout.stage_row[0]) + layout.node_size
         end_first = layout.last_row + layout.next_nodes
-        for where, first, count in (
-            ("stage", stage_first, layout.stage_rows),
-            ("end", end_first, layout.end_rows),
-        ):
-            for side in ("lower", "upper"):
-                values = np.array(getattr(kernel, f"{where}_{side}"))
-                for i, label in enumerate(self._labels[first : first + count]):
-                    if label.kind in pools:
-                        limit = pools[label.kind][label.name]
-                        values[i] = getattr(limit, side)[label.component] / label.scale
-                limits[f"{where}_{side}"] = values
-        return replace(kernel, **limits)
+        end_rows = np.arange(end_first, end_first + layout.end_rows)
+        kinds = []
+        for group in layout.groups:
+            kernels = group.kind.kernels
+            limits: dict[str, FloatArray] = {}
+            for where, rows in (("stage", group.rows[0, layout.node_size :]), ("end", end_rows)):
+                for side in ("lower", "upper"):
+                    values = np.array(getattr(kernels, f"{where}_{side}"))
+                    for i, label in enumerate(self._labels[row] for row in rows):
+                        if label.kind in pools:
+                            limit = pools[label.kind][label.name]
+                            values[i] = getattr(limit, side)[label.component] / label.scale
+                    limits[f"{where}_{side}"] = values
+            kinds.append(replace(group.kind, kernels=replace(kernels, **limits)))
+        return replace(layout, kinds=tuple(kinds))
 
     def __reduce__(self) -> tuple[Any, ...]:
         # expressions are written into one context, so that symbols stay the same in all of them
@@ -189,8 +190,11 @@ def _restored(state: bytes) -> ParametricSolver:
 
 def _with_phase(layout: PhaseLayout, phase: Phase) -> PhaseLayout:
     variables = {v.name: v for v in (*phase.states, *phase.controls, *phase.algebraics)}
-    inner = tuple(replace(k, source=variables[k.source.name]) for k in layout.inner)
-    return replace(layout, phase=phase, inner=inner)
+    kinds = tuple(
+        replace(kind, inner=tuple(replace(k, source=variables[k.source.name]) for k in kind.inner))
+        for kind in layout.kinds
+    )
+    return replace(layout, phase=phase, kinds=kinds)
 
 
 def _with_changes(phase: Phase, own: Mapping[str, Any]) -> Phase:

@@ -17,8 +17,10 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp.checks import FloatArray, InputError
+from microbot_ocp.ocp.layout import PhaseLayout
+from microbot_ocp.ocp.mesh import Mesh
 from microbot_ocp.ocp.solution import Attempt, PhaseSolution, Solution, Status
-from microbot_ocp.ocp.transcription import PhaseLayout, Transcription
+from microbot_ocp.ocp.transcription import Transcription
 
 SCHEMA = 1
 _BROKEN = (
@@ -61,6 +63,8 @@ def save_solution(solution: Solution, path: str | Path) -> Path:
     phases = []
     for index, phase in enumerate(solution.phases):
         arrays[f"phase{index}.mesh"] = phase.mesh
+        if phase.degrees is not None:
+            arrays[f"phase{index}.degrees"] = phase.degrees
         if phase.stages is not None:
             arrays[f"phase{index}.stages"] = phase.stages
         for place, value in enumerate(phase.values.values()):
@@ -154,7 +158,8 @@ def _restored(
                 name: arrays[f"phase{i}.value{k}"] for k, name in enumerate(described["values"])
             },
             layout=layouts[i],
-            stages=arrays.get(f"phase{i}.stages"),
+            stages=_flat(arrays.get(f"phase{i}.stages")),
+            degrees=arrays.get(f"phase{i}.degrees"),
         )
         for i, described in enumerate(metadata["phases"])
     )
@@ -174,6 +179,11 @@ def _restored(
     )
 
 
+def _flat(stages: FloatArray | None) -> FloatArray | None:
+    # earlier versions wrote a table [N, components]
+    return None if stages is None else stages.ravel()
+
+
 def _layouts(
     metadata: dict[str, Any],
     arrays: dict[str, FloatArray],
@@ -184,10 +194,12 @@ def _layouts(
     own = [phase.name for phase in transcription.problem.phases]
     if names != own:
         raise InputError(f"the solution has the phases {names}, the transcription {own}")
-    layouts = transcription.layouts(meshes)
+    layouts = transcription.layouts(
+        [Mesh(mesh, arrays.get(f"phase{i}.degrees")) for i, mesh in enumerate(meshes)]
+    )
     for i, layout in enumerate(layouts):
         stages = arrays.get(f"phase{i}.stages")
-        if stages is not None and stages.shape != (layout.intervals, layout.stage_size):
+        if stages is not None and stages.size != layout.last_node - layout.variable_offset:
             raise InputError(
                 f"phase {names[i]!r} of the solution has other variables than the transcription"
             )

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from microbot_ocp.checks import FloatArray
+from microbot_ocp.ocp.mesh import Meshes
 from microbot_ocp.ocp.solution import Solution
 from microbot_ocp.ocp.solvers import SolverSettings, solve
 from microbot_ocp.ocp.transcription import Guess, Transcription
@@ -73,7 +74,7 @@ class Refiner:
 
     def solve(
         self,
-        mesh: Sequence[int | ArrayLike] | int,
+        mesh: Meshes,
         guesses: Mapping[str, Guess] | Solution,
         *,
         tolerance: float | None = None,

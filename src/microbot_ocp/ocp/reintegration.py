@@ -8,15 +8,16 @@ anew at every mesh point, so a control that jumps there costs no accuracy.
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Callable
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from microbot_ocp.checks import FloatArray, InputError
+from microbot_ocp.ocp.layout import PhaseLayout, StageGroup, StageKind
 from microbot_ocp.ocp.problem import Phase, Variable
 from microbot_ocp.ocp.solution import PhaseSolution
-from microbot_ocp.ocp.transcription import PhaseLayout
 
 INTEGRATOR_TOLERANCE = 1e-11  # absolute (of the scaled states) and relative
 MOST_STEPS = 20_000  # of the integrator on one interval
@@ -51,39 +52,68 @@ def each_interval(
 ) -> tuple[FloatArray, str]:
     """Integrate every interval from its own mesh state; states [N, n] at the ends, and a status.
 
-    All intervals are one call of one mapped integrator. Where the integrator fails the states are
-    not numbers.
+    All intervals of one degree are one call of one mapped integrator. Where the integrator fails
+    the states are not numbers.
     """
-    data = _interval_data(phase)
     start = mesh_states(phase)[:-1]
-    status = "ok"
-    for method in _methods(phase_layout(phase).phase):
-        run = _integrator(phase_layout(phase), method, tolerance)
-        try:
-            ends = run.map(start.shape[0])(start.T, data.T)
-        except RuntimeError as problem:
-            status = _why(problem)
-            continue
-        return ends.full().T, "ok"
-    return np.full_like(start, np.nan), status
+    layout, ends = phase_layout(phase), np.full_like(start, np.nan)
+    for group in layout.groups:
+        own = group.intervals
+        data = _interval_data(phase, group)
+        found, status = _first_that_works(
+            layout,
+            group.kind,
+            tolerance,
+            lambda run, own=own, data=data: run.map(own.size)(start[own].T, data.T),
+        )
+        if found is None:
+            return np.full_like(start, np.nan), status
+        ends[own] = found
+    return ends, "ok"
 
 
 def open_loop(
     phase: PhaseSolution, tolerance: float = INTEGRATOR_TOLERANCE
 ) -> tuple[FloatArray, str]:
     """Integrate the phase from its first state on; states [N, n] at the later mesh points."""
-    data = _interval_data(phase)
-    start = mesh_states(phase)
+    layout, states = phase_layout(phase), mesh_states(phase)
+    data = [_interval_data(phase, group) for group in layout.groups]
+    reached, ends = states[0], np.full_like(states[1:], np.nan)
+    # a run of intervals of one kind is one call
+    changes = np.flatnonzero(np.diff(layout.kind_of)) + 1
+    for own in np.split(np.arange(layout.intervals), changes):
+        index = int(layout.kind_of[own[0]])
+        group = layout.groups[index]
+        table = data[index][np.searchsorted(group.intervals, own)]
+        found, status = _first_that_works(
+            layout,
+            group.kind,
+            tolerance,
+            lambda run, own=own, table=table, reached=reached: run.mapaccum(own.size)(
+                reached, table.T
+            ),
+        )
+        if found is None:
+            return np.full_like(ends, np.nan), status
+        ends[own] = found
+        reached = found[-1]
+    return ends, "ok"
+
+
+def _first_that_works(
+    layout: PhaseLayout,
+    kind: StageKind,
+    tolerance: float,
+    call: Callable[[ca.Function], ca.DM],
+) -> tuple[FloatArray | None, str]:
+    """States [M, n] by the first integrator that gets through, or why the last did not."""
     status = "ok"
-    for method in _methods(phase_layout(phase).phase):
-        run = _integrator(phase_layout(phase), method, tolerance)
+    for method in _methods(layout.phase):
         try:
-            ends = run.mapaccum(start.shape[0] - 1)(start[0], data.T)
+            return call(_integrator(layout, kind, method, tolerance)).full().T, "ok"
         except RuntimeError as problem:
             status = _why(problem)
-            continue
-        return ends.full().T, "ok"
-    return np.full_like(start[1:], np.nan), status
+    return None, status
 
 
 def _methods(phase: Phase) -> tuple[str, ...]:
@@ -100,40 +130,41 @@ def _of_shape(phase: Phase, shape: str) -> list[Variable]:
     return [control for control in phase.controls if control.shape == shape]
 
 
-def point_values(phase: PhaseSolution, variable: Variable) -> FloatArray:
-    """Values [N, points, size] of a polynomial control or algebraic variable."""
-    intervals = phase.mesh.size - 1
-    return np.reshape(phase.values[variable.name], (intervals, -1, variable.size))
-
-
-def points_of(layout: PhaseLayout, variable: Variable) -> list[float]:
+def points_of(kind: StageKind, variable: Variable) -> list[float]:
     """Fractions of an interval at which a variable has values."""
-    return [k.fraction for k in layout.inner if k.source.name == variable.name]
+    return [k.fraction for k in kind.inner if k.source.name == variable.name]
 
 
-def _interval_data(phase: PhaseSolution) -> FloatArray:
-    """What the integrator needs to know of every interval [N, ...], in its order."""
+def point_values(phase: PhaseSolution, group: StageGroup, variable: Variable) -> FloatArray:
+    """Values [M, points, size] of a polynomial control or algebraic variable in a group."""
     layout = phase_layout(phase)
-    own = layout.phase
-    intervals = phase.mesh.size - 1
+    counts = np.array([len(points_of(kind, variable)) for kind in layout.kinds])[layout.kind_of]
+    first = np.cumsum(counts) - counts
+    places = first[group.intervals, None] + np.arange(len(points_of(group.kind, variable)))
+    return phase.values[variable.name].reshape(-1, variable.size)[places]
+
+
+def _interval_data(phase: PhaseSolution, group: StageGroup) -> FloatArray:
+    """What the integrator needs to know of every interval of a group [M, ...], in its order."""
+    own, k = phase_layout(phase).phase, group.intervals
     linear = [phase.values[v.name] for v in _of_shape(own, "linear")]
-    polynomial = [point_values(phase, v) for v in _of_shape(own, "polynomial")]
-    algebraic = [point_values(phase, v)[:, 0] for v in own.algebraics]  # first guess
+    polynomial = [point_values(phase, group, v) for v in _of_shape(own, "polynomial")]
+    algebraic = [point_values(phase, group, v)[:, 0] for v in own.algebraics]  # first guess
     columns = [
-        phase.t[:-1, None],
-        np.diff(phase.t)[:, None],
-        np.full((intervals, 1), phase.duration),
-        *(np.tile(p.value, (intervals, 1)) for p in own.parameters),
-        *(phase.values[v.name] for v in _of_shape(own, "constant")),
-        *(values[:-1] for values in linear),
-        *(values[1:] for values in linear),
-        *(values.reshape(intervals, -1) for values in polynomial),
+        phase.t[k, None],
+        np.diff(phase.t)[k, None],
+        np.full((k.size, 1), phase.duration),
+        *(np.tile(p.value, (k.size, 1)) for p in own.parameters),
+        *(phase.values[v.name][k] for v in _of_shape(own, "constant")),
+        *(values[k] for values in linear),
+        *(values[k + 1] for values in linear),
+        *(values.reshape(k.size, -1) for values in polynomial),
         *algebraic,
     ]
     return np.hstack(columns)
 
 
-def _integrator(layout: PhaseLayout, method: str, tolerance: float) -> ca.Function:
+def _integrator(layout: PhaseLayout, kind: StageKind, method: str, tolerance: float) -> ca.Function:
     """``(x at the start, data of the interval) -> x at the end``, in the units of the problem.
 
     The independent variable is the fraction of the interval and the states are divided by their
@@ -160,7 +191,7 @@ def _integrator(layout: PhaseLayout, method: str, tolerance: float) -> ca.Functi
             (variable.rate, (end - begin) / length),
         ]
     for variable in polynomial:
-        points = points_of(layout, variable)
+        points = points_of(kind, variable)
         values = ca.reshape(part(variable.size * len(points)), variable.size, len(points))
         known.append((variable.symbol, values @ lagrange(points, s)))
     guesses = [part(v.size) for v in phase.algebraics]

@@ -6,9 +6,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from microbot_ocp.ocp.assembly import Program
+from microbot_ocp.ocp.kernels import constraints_at_end, path_points
+from microbot_ocp.ocp.layout import PhaseLayout, StageKind
 from microbot_ocp.ocp.problem import Link, PathConstraint, Phase, Variable, node_variables
 from microbot_ocp.ocp.schemes import Scheme
-from microbot_ocp.ocp.transcription import PhaseLayout, constraints_at_end, path_points
 
 DURATION = "duration"
 
@@ -99,7 +100,7 @@ class VariableLabel(_Label):
     """
 
 
-_Entry = tuple[str, str, int, int, float, str, float]  # kind, name, component, size, ...
+Entry = tuple[str, str, int, int, float, str, float]  # kind, name, component, size, ...
 
 
 def row_labels(program: Program) -> list[RowLabel]:
@@ -107,12 +108,12 @@ def row_labels(program: Program) -> list[RowLabel]:
     labels: list[RowLabel] = []
     for index, layout in enumerate(program.layouts):
         phase, last = layout.phase, layout.intervals
-        stage = list(_stage_rows(phase, layout))
+        stages = [list(stage_rows(layout, kind)) for kind in layout.kinds]
         nodes = list(_nodes(phase, layout))
 
-        rows = [(0, entry) for entry in stage]
+        rows = [(0, entry) for entry in stages[layout.kind_of[0]]]
         rows += [(0, _at_node("initial", nodes[i])) for i in layout.initial_rows]
-        rows += [(k, entry) for k in range(1, last) for entry in stage]
+        rows += [(k, entry) for k in range(1, last) for entry in stages[layout.kind_of[k]]]
         if layout.next_nodes:
             after = program.layouts[index + 1]
             rows += [(last, _at_node("link", entry)) for entry in _nodes(after.phase, after)]
@@ -134,12 +135,8 @@ def variable_labels(program: Program) -> list[VariableLabel]:
             _at_node(_kind(variable), entry)
             for variable, entry in _node_entries(layout.phase, layout)
         ]
-        inner = [
-            (_kind(k.source), *_component(k.source, i), k.fraction, *_unit(k.source, i))
-            for k in layout.inner
-            for i in range(k.source.size)
-        ]
-        stages = [(k, entry) for k in range(last) for entry in (*nodes, *inner)]
+        inner = [list(inner_variables(kind)) for kind in layout.kinds]
+        stages = [(k, entry) for k in range(last) for entry in (*nodes, *inner[layout.kind_of[k]])]
         stages += [(last, entry) for entry in nodes]
         if layout.transition:
             after = program.layouts[index + 1]
@@ -156,7 +153,7 @@ def variable_labels(program: Program) -> list[VariableLabel]:
     return labels
 
 
-def _at_node(kind: str, entry: _Entry) -> _Entry:
+def _at_node(kind: str, entry: Entry) -> Entry:
     _, name, component, size, _, unit, scale = entry
     return kind, name, component, size, 0.0, unit, scale
 
@@ -179,23 +176,32 @@ def _unit(variable: Variable | PathConstraint, i: int) -> tuple[str, float]:
     return variable.unit, float(variable.scale[i])
 
 
-def _node_entries(phase: Phase, layout: PhaseLayout) -> Iterator[tuple[Variable | None, _Entry]]:
+def _node_entries(phase: Phase, layout: PhaseLayout) -> Iterator[tuple[Variable | None, Entry]]:
     for variable in node_variables(phase):
         for i in range(variable.size):
             yield variable, ("step", *_component(variable, i), 1.0, *_unit(variable, i))
     yield None, ("step", DURATION, 0, 1, 1.0, "s", float(layout.node_scale[-1]))
 
 
-def _nodes(phase: Phase, layout: PhaseLayout) -> Iterator[_Entry]:
+def _nodes(phase: Phase, layout: PhaseLayout) -> Iterator[Entry]:
     return (entry for _, entry in _node_entries(phase, layout))
 
 
-def _stage_rows(phase: Phase, layout: PhaseLayout) -> Iterator[_Entry]:
+def inner_variables(kind: StageKind) -> Iterator[Entry]:
+    """What the components of w are, in stages of one kind."""
+    for k in kind.inner:
+        for i in range(k.source.size):
+            yield (_kind(k.source), *_component(k.source, i), k.fraction, *_unit(k.source, i))
+
+
+def stage_rows(layout: PhaseLayout, kind: StageKind) -> Iterator[Entry]:
+    """What the rows of a stage of one kind are: the step, defects, path constraints."""
+    phase = layout.phase
     yield from _nodes(phase, layout)
-    path = list(_path_rows(phase, layout.scheme))
+    path = list(_path_rows(phase, kind.scheme))
     states = [(s, i) for s in phase.states for i in range(s.size)]
-    count = (layout.stage_rows - len(path)) // len(states)
-    points = layout.scheme.points
+    count = (kind.row_count - len(path)) // len(states)
+    points = kind.scheme.points
     fractions = points if len(points) == count else (0.5,) * count
     for fraction in fractions:
         for state, i in states:
@@ -203,7 +209,7 @@ def _stage_rows(phase: Phase, layout: PhaseLayout) -> Iterator[_Entry]:
     yield from path
 
 
-def _end_rows(phase: Phase) -> Iterator[_Entry]:
+def _end_rows(phase: Phase) -> Iterator[Entry]:
     for kind, limits in (
         ("constraint", constraints_at_end(phase)),
         ("end", phase.end_constraints),
@@ -213,7 +219,7 @@ def _end_rows(phase: Phase) -> Iterator[_Entry]:
                 yield (kind, *_component(limit, i), 0.0, *_unit(limit, i))
 
 
-def _path_rows(phase: Phase, scheme: Scheme) -> Iterator[_Entry]:
+def _path_rows(phase: Phase, scheme: Scheme) -> Iterator[Entry]:
     for point in path_points(phase, scheme):
         for variable in point.states:
             for i in range(variable.size):

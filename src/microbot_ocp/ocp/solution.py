@@ -12,8 +12,10 @@ from numpy.typing import ArrayLike
 from microbot_ocp import checks
 from microbot_ocp.checks import FloatArray, InputError
 from microbot_ocp.ocp.assembly import Program
+from microbot_ocp.ocp.layout import PhaseLayout
+from microbot_ocp.ocp.mesh import IntArray
 from microbot_ocp.ocp.problem import Variable, node_variables
-from microbot_ocp.ocp.transcription import Guess, PhaseLayout
+from microbot_ocp.ocp.transcription import Guess
 
 
 class Status(Enum):
@@ -67,8 +69,11 @@ class PhaseSolution:
     mesh : array [N+1], fractions of the phase
     values : mapping from the name of a state or control to [N+1, size] (states and linear
         controls), [N, size] (constant controls) or [N, points, size] (polynomial controls and
-        algebraic variables), in the units of the declaration
-    layout, stages : where the values stand in the program, and its scaled stages
+        algebraic variables), in the units of the declaration; where the degree differs from
+        interval to interval [sum of the points, size], one after the other
+    layout : where the values stand in the program
+    stages : its scaled stages, in turn
+    degrees : of the intervals [N], where they were chosen one by one
     """
 
     name: str
@@ -77,6 +82,7 @@ class PhaseSolution:
     values: Mapping[str, FloatArray]
     layout: PhaseLayout | None = None
     stages: FloatArray | None = None
+    degrees: IntArray | None = None
 
     @property
     def t(self) -> FloatArray:
@@ -99,10 +105,7 @@ class PhaseSolution:
         share = np.clip(times / self.duration, 0.0, 1.0)
         k = np.clip(np.searchsorted(self.mesh, share, side="right") - 1, 0, self.mesh.size - 2)
         step = np.diff(self.mesh)[k]
-        constants = [p.value for p in self.layout.phase.parameters]
-        fixed = np.tile(np.concatenate([*constants, np.zeros(0)])[:, None], (1, times.size))
-        grid = np.vstack([self.mesh[k], step, fixed])
-        x, u = self.layout.dense(self.stages[k].T, grid, ((share - self.mesh[k]) / step)[None, :])
+        x, u = self.layout.dense(self.stages, k, (share - self.mesh[k]) / step)
         phase = self.layout.phase
         by_shape = [
             *phase.states,
@@ -114,7 +117,7 @@ class PhaseSolution:
             ),
             *phase.algebraics,
         ]
-        table = np.vstack([np.array(x), np.array(u)]).T
+        table = np.vstack([x, u]).T
         return {v.name: table[:, columns] for v, columns in _columns(by_shape)}
 
 
@@ -168,23 +171,34 @@ def unpack(program: Program, x: FloatArray) -> tuple[PhaseSolution, ...]:
 
 
 def _phase_values(layout: PhaseLayout, x: FloatArray) -> PhaseSolution:
-    n, s, nz = layout.intervals, layout.stage_size, layout.node_size
-    first, last = layout.variable_offset, layout.last_node
-    stages = x[first:last].reshape(n, s)
-    nodes = np.vstack([stages[:, :nz], x[last : last + nz]]) * layout.node_scale
-    controls = stages[:, nz:] * layout.control_scale
+    nodes = x[layout.nodes] * layout.node_scale
+    stages = x[layout.variable_offset : layout.last_node]
     values: dict[str, FloatArray] = {}
     for variable, columns in _columns(node_variables(layout.phase)):
         values[variable.name] = nodes[:, columns]
-    inside: dict[str, list[FloatArray]] = {}
-    for variable, columns in _columns([k.source for k in layout.inner]):
-        if variable.shape in ("constant", "polynomial", "algebraic"):
-            inside.setdefault(variable.name, []).append(controls[:, columns])
-    for name, parts in inside.items():  # [N, size], or [N, points, size]
-        values[name] = parts[0] if len(parts) == 1 else np.stack(parts, axis=1)
+    inside: dict[str, list[tuple[np.ndarray, FloatArray]]] = {}
+    for group in layout.groups:
+        controls = x[group.variables[:, layout.node_size :]] * group.kind.control_scale
+        own: dict[str, list[FloatArray]] = {}
+        for variable, columns in _columns([k.source for k in group.kind.inner]):
+            if variable.shape in ("constant", "polynomial", "algebraic"):
+                own.setdefault(variable.name, []).append(controls[:, columns])
+        for name, parts in own.items():
+            inside.setdefault(name, []).append((group.intervals, np.stack(parts, axis=1)))
+    values.update({name: _in_turn(parts) for name, parts in inside.items()})
     return PhaseSolution(
-        layout.phase.name, float(nodes[0, -1]), layout.mesh, values, layout, stages
+        layout.phase.name, float(nodes[0, -1]), layout.mesh, values, layout, stages, layout.degrees
     )
+
+
+def _in_turn(parts: Sequence[tuple[np.ndarray, FloatArray]]) -> FloatArray:
+    """Values of groups of intervals, each [M, points, size], by interval."""
+    if len(parts) == 1:
+        table = parts[0][1]
+        return table[:, 0] if table.shape[1] == 1 else table
+    owners = [np.repeat(intervals, table.shape[1]) for intervals, table in parts]
+    flat = np.concatenate([table.reshape(-1, table.shape[2]) for _, table in parts])
+    return flat[np.argsort(np.concatenate(owners), kind="stable")]
 
 
 def _columns(variables: Sequence[Variable]) -> list[tuple[Variable, slice]]:
@@ -208,21 +222,22 @@ def pack(program: Program, guesses: Mapping[str, Guess]) -> FloatArray:
         table = [_guess_table(layout, guess, v, layout.mesh) for v in nodes]
         table.append(np.full((layout.intervals + 1, 1), guess.duration))
         z = np.hstack(table) / layout.node_scale
+        x[layout.nodes] = z
         steps = np.diff(layout.mesh)
-        w = [
-            _guess_table(
-                layout,
-                guess,
-                k.source,
-                layout.mesh[:-1] + k.fraction * steps,
-                default=None if k.source.shape in ("state", "linear") else 0.0,
-            )
-            for k in layout.inner
-        ]
-        w_scaled = np.hstack(w) / layout.control_scale if w else np.zeros((layout.intervals, 0))
-        first, end = layout.variable_offset, layout.last_node
-        x[first:end] = np.hstack([z[:-1], w_scaled]).ravel()
-        x[end : end + layout.node_size] = z[-1]
+        for group in layout.groups:
+            w = [
+                _guess_table(
+                    layout,
+                    guess,
+                    k.source,
+                    layout.mesh[:-1] + k.fraction * steps,
+                    default=None if k.source.shape in ("state", "linear") else 0.0,
+                )[group.intervals]
+                for k in group.kind.inner
+            ]
+            if w:
+                places = group.variables[:, layout.node_size :]
+                x[places] = np.hstack(w) / group.kind.control_scale
         if layout.transition:
             after = program.layouts[index + 1]
             _guess_transition(program, index, after, guesses, x)

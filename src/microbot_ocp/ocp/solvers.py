@@ -13,17 +13,17 @@ regularised one.
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike
 
 from microbot_ocp import checks
 from microbot_ocp.checks import FloatArray
 from microbot_ocp.ocp.assembly import Program, assemble
+from microbot_ocp.ocp.mesh import Meshes
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.progress import Progress, Watch, violation, watching
 from microbot_ocp.ocp.schemes import Scheme
@@ -90,7 +90,7 @@ class SolverSettings:
 
 def solve(
     problem: OptimalControlProblem | Transcription,
-    mesh: Sequence[int | ArrayLike] | int = 50,
+    mesh: Meshes = 50,
     guess: Mapping[str, Guess] | Solution | None = None,
     settings: SolverSettings | None = None,
     *,
@@ -103,7 +103,7 @@ def solve(
     ----------
     problem : OptimalControlProblem or Transcription
         A transcription keeps its kernels from solve to solve.
-    mesh : int, or one int or array of fractions [N+1] a phase
+    mesh : int, Mesh, or one int, Mesh or array of fractions [N+1] a phase
     guess : mapping from phase name to Guess, or Solution, optional
         Default: straight lines between the end conditions. A solution may be of another mesh or of
         other phases; with the same phases its multipliers are used as well.
@@ -133,7 +133,7 @@ def solve(
         problem if isinstance(problem, Transcription) else Transcription(problem, scheme=scheme)
     )
     layouts = transcription.layouts(mesh)
-    program = assemble(transcription.problem, layouts, transcription.kernels)
+    program = assemble(transcription.problem, layouts)
     begin = start_from(program, transcription.problem, guess)
     check_start(program, begin.x)
     build_time = time.perf_counter() - start

@@ -7,7 +7,7 @@ are, those of path constraints and bounds stand for an interval and are interpol
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -16,10 +16,13 @@ import numpy as np
 
 from microbot_ocp.checks import FloatArray, InputError
 from microbot_ocp.ocp.assembly import Program
+from microbot_ocp.ocp.layout import PhaseLayout
 from microbot_ocp.ocp.problem import OptimalControlProblem, Phase, Variable, node_variables
+from microbot_ocp.ocp.rows import Entry, inner_variables, stage_rows
+from microbot_ocp.ocp.schemes import Collocation
 from microbot_ocp.ocp.schemes.base import pointwise
 from microbot_ocp.ocp.solution import PhaseSolution, Solution, pack, unpack
-from microbot_ocp.ocp.transcription import Guess, GuessValue, PhaseLayout
+from microbot_ocp.ocp.transcription import Guess, GuessValue
 
 PUSH = 1e-2  # how far solvers move a guess off its bounds, as a share of their size or distance
 
@@ -53,7 +56,7 @@ def start_from(
     )
     if not comparable or guess.variables is None:
         return Start(pack(program, guess_from(problem, guess)))
-    same = all(np.array_equal(a.mesh, b.mesh) for a, b in zip(old, program.layouts, strict=True))
+    same = all(_same_mesh(a, b) for a, b in zip(old, program.layouts, strict=True))
     x = guess.variables if same else pack(program, guess_from(problem, guess))
     rows, variables = guess.row_multipliers, guess.variable_multipliers
     if not guess.status.ok or variables is None:
@@ -64,20 +67,31 @@ def start_from(
 
 
 def _alike(a: PhaseLayout, b: PhaseLayout) -> bool:
-    """Whether two layouts differ in their meshes only."""
-    names = [[v.name for v in node_variables(k.phase)] for k in (a, b)]
-    inner = [[(v.source.name, v.fraction) for v in k.inner] for k in (a, b)]
-    counts = [
-        (k.stage_rows, k.initial_rows, k.final_rows, k.end_rows, k.transition, k.next_nodes)
-        for k in (a, b)
+    """Whether two layouts differ in their meshes and degrees only."""
+    conditions = [
+        (k.initial_rows, k.final_rows, k.end_rows, k.transition, k.next_nodes) for k in (a, b)
     ]
     return (
-        names[0] == names[1]
-        and inner[0] == inner[1]
-        and counts[0] == counts[1]
-        and np.array_equal(a.node_scale, b.node_scale)
-        and np.array_equal(a.control_scale, b.control_scale)
+        type(a.scheme) is type(b.scheme)
+        and conditions[0] == conditions[1]
+        and _content(a) == _content(b)
     )
+
+
+def _content(layout: PhaseLayout) -> set[tuple[str, str, int, float]]:
+    """Kind, name, component and scale of everything that a stage may hold."""
+    entries = [
+        entry
+        for kind in layout.kinds
+        for entry in (*stage_rows(layout, kind), *inner_variables(kind))
+    ]
+    return {(kind, name, i, scale) for kind, name, i, _, _, _, scale in entries}
+
+
+def _same_mesh(a: PhaseLayout, b: PhaseLayout) -> bool:
+    schemes = [[k.kinds[i].scheme for i in k.kind_of] for k in (a, b)]
+    sizes = [(k.variable_count, k.row_count) for k in (a, b)]
+    return np.array_equal(a.mesh, b.mesh) and sizes[0] == sizes[1] and schemes[0] == schemes[1]
 
 
 # guesses ------------------------------------------------------------------------------------------
@@ -163,8 +177,12 @@ def _values(piece: PhaseSolution, name: str, t: FloatArray) -> FloatArray:
     table, share = piece[name], np.clip(t / piece.duration, 0.0, 1.0)
     if table.ndim == 2 and table.shape[0] == piece.mesh.size:
         return np.column_stack([np.interp(share, piece.mesh, column) for column in table.T])
-    flat = table if table.ndim == 2 else table.mean(axis=1)  # of the points of every interval
     k = np.searchsorted(piece.mesh, share, side="right") - 1
+    if piece.degrees is not None and table.shape[0] == piece.degrees.sum():
+        first = np.cumsum(piece.degrees) - piece.degrees
+        flat = np.add.reduceat(table, first) / piece.degrees[:, None]
+    else:
+        flat = table if table.ndim == 2 else table.mean(axis=1)  # of the points of every interval
     return flat[np.clip(k, 0, flat.shape[0] - 1)]
 
 
@@ -177,71 +195,104 @@ def _moved_multipliers(
     """Multipliers for a program from those of the same problem on another mesh."""
     new_rows = np.zeros(program.row_lower.size)
     new_variables = np.zeros(program.variable_lower.size)
-    equal = program.row_lower == program.row_upper
     for before, after in zip(old, program.layouts, strict=True):
-        _move_rows(before, after, equal, rows, new_rows)
-        _move_variables(before, after, variables, new_variables)
+        for which in ("start", "end"):
+            new_rows[_fixed_rows(after, which)] = rows[_fixed_rows(before, which)]
+        _move(_row_series(before), _row_series(after), rows, new_rows)
+        _move(_variable_series(before), _variable_series(after), variables, new_variables)
+        _move_nodes(before, after, variables, new_variables)
     return new_rows, new_variables
-
-
-def _move_rows(
-    before: PhaseLayout,
-    after: PhaseLayout,
-    equal: np.ndarray,
-    rows: FloatArray,
-    new_rows: FloatArray,
-) -> None:
-    size = after.rows_per_stage
-    table = rows[before.stage_row[:, None] + np.arange(size)]
-    place = after.stage_row[:, None] + np.arange(size)
-    for column in range(size):
-        # rows that are equations belong to the dynamics: their multipliers are a costate
-        per_length = column >= after.node_size and not equal[place[0, column]]
-        ends = column < after.node_size
-        new_rows[place[:, column]] = _moved(before, after, table[:, column], per_length, ends)
-    for layout_row in ("start", "end"):
-        source, target = (_fixed_rows(k, layout_row) for k in (before, after))
-        new_rows[target] = rows[source]
 
 
 def _fixed_rows(layout: PhaseLayout, which: str) -> np.ndarray:
     """Rows that do not belong to an interval."""
     if which == "start":
-        return layout.row_offset + layout.rows_per_stage + np.arange(len(layout.initial_rows))
+        return layout.start_row + np.arange(len(layout.initial_rows))
     return np.arange(layout.last_row, layout.row_offset + layout.row_count)
 
 
-def _moved(
-    before: PhaseLayout, after: PhaseLayout, values: FloatArray, per_length: bool, ends: bool
-) -> FloatArray:
-    points = [k.mesh[1:] if ends else (k.mesh[:-1] + k.mesh[1:]) / 2 for k in (before, after)]
-    if not per_length:
-        return np.interp(points[1], points[0], values)
-    old, new = (np.diff(k.mesh) for k in (before, after))
-    return np.interp(points[1], points[0], values / old) * new
+@dataclass(frozen=True, eq=False)
+class _Series:
+    """Multipliers of one kind along a phase: where they stand, and what they weigh.
+
+    Attributes
+    ----------
+    places : fractions of the phase [M], increasing
+    indices : in the program [M]
+    weights : of a multiplier against its density along the phase [M]
+    """
+
+    places: FloatArray
+    indices: np.ndarray
+    weights: FloatArray
 
 
-def _move_variables(
+Key = tuple[str, str, int, float]
+
+
+def _row_series(layout: PhaseLayout) -> dict[Key, _Series]:
+    return _series(layout, [(stage_rows(layout, g.kind), g.rows) for g in layout.groups])
+
+
+def _variable_series(layout: PhaseLayout) -> dict[Key, _Series]:
+    inner = [g.variables[:, layout.node_size :] for g in layout.groups]
+    kinds = [inner_variables(g.kind) for g in layout.groups]
+    return _series(layout, list(zip(kinds, inner, strict=True)))
+
+
+def _series(
+    layout: PhaseLayout, tables: Sequence[tuple[Iterable[Entry], np.ndarray]]
+) -> dict[Key, _Series]:
+    """Everything that has the same name and stands at the same kind of point."""
+    found: dict[Key, list[FloatArray]] = {}
+    for group, (entries, table) in zip(layout.groups, tables, strict=True):
+        start, h = layout.mesh[group.intervals], np.diff(layout.mesh)[group.intervals]
+        scheme = group.kind.scheme
+        shares = (
+            dict(zip(scheme.points, scheme.weights, strict=True))
+            if isinstance(scheme, Collocation)
+            else {}
+        )
+        for column, (kind, name, i, _, fraction, _, _) in enumerate(entries):
+            # at points of collocation all belongs together, whatever the degree
+            point = np.inf if fraction in shares else fraction
+            weight = np.full(h.size, shares.get(fraction, 1.0) if kind != "step" else 1.0)
+            if kind not in ("step", "defect"):  # those are values of the costate
+                weight = weight * h
+            part = np.vstack([start + fraction * h, table[:, column], weight])
+            found.setdefault((kind, name, i, point), []).append(part)
+    series = {}
+    for key, parts in found.items():
+        places, indices, weights = np.hstack(parts)
+        order = np.argsort(places, kind="stable")
+        series[key] = _Series(places[order], indices[order].astype(int), weights[order])
+    return series
+
+
+def _move(
+    before: Mapping[Key, _Series],
+    after: Mapping[Key, _Series],
+    values: FloatArray,
+    new_values: FloatArray,
+) -> None:
+    for key, new in after.items():
+        if key in before:
+            old = before[key]
+            density = values[old.indices] / old.weights
+            moved = np.interp(new.places, old.places, density)
+            new_values[new.indices] = moved * new.weights
+
+
+def _move_nodes(
     before: PhaseLayout, after: PhaseLayout, variables: FloatArray, new_variables: FloatArray
 ) -> None:
-    nz = after.node_size
-    tables = []
-    for layout in (before, after):
-        corner = layout.variable_offset + layout.stage_size * np.arange(layout.intervals + 1)
-        nodes = corner[:, None] + np.arange(nz)
-        inner = corner[:-1, None] + nz + np.arange(layout.control_size)
-        h = np.diff(layout.mesh)
-        around = (np.append(h, 0.0) + np.insert(h, 0, 0.0)) / 2
-        tables.append((nodes, inner, around))
-    (old_nodes, old_inner, old_around), (new_nodes, new_inner, new_around) = tables
-    for column in range(nz):
-        density = variables[old_nodes[:, column]] / old_around
-        new_variables[new_nodes[:, column]] = (
-            np.interp(after.mesh, before.mesh, density) * new_around
-        )
-    for column in range(after.control_size):
-        values = variables[old_inner[:, column]]
-        new_variables[new_inner[:, column]] = _moved(before, after, values, True, False)
+    old_around, new_around = (
+        (np.append(h, 0.0) + np.insert(h, 0, 0.0)) / 2
+        for h in (np.diff(before.mesh), np.diff(after.mesh))
+    )
+    for old, new in zip(before.nodes.T, after.nodes.T, strict=True):
+        density = variables[old] / old_around
+        new_variables[new] = np.interp(after.mesh, before.mesh, density) * new_around
 
 
 # what is not a number -----------------------------------------------------------------------------
@@ -373,10 +424,7 @@ def _dense(
 ) -> tuple[FloatArray, FloatArray]:
     """States and controls at fractions of intervals; values at mesh points as they are guessed."""
     assert values.stages is not None
-    constants = [p.value for p in layout.phase.parameters]
-    fixed = np.tile(np.concatenate([*constants, np.zeros(0)])[:, None], (1, k.size))
-    grid = np.vstack([layout.mesh[k], np.diff(layout.mesh)[k], fixed])
-    x, u = (np.array(v) for v in layout.dense(values.stages[k].T, grid, share[None, :]))
+    x, u = layout.dense(values.stages, k, share)
     # inside an interval the state follows from the dynamics, which may be what is wrong
     start = np.vstack([values[v.name][:-1].T for v in layout.phase.states])
     end = np.vstack([values[v.name][1:].T for v in layout.phase.states])

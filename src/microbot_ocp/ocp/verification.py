@@ -30,6 +30,8 @@ import numpy as np
 
 from microbot_ocp.checks import FloatArray, InputError, plain
 from microbot_ocp.ocp.assembly import Program, assemble
+from microbot_ocp.ocp.kernels import Kernels, build_kernels, joined
+from microbot_ocp.ocp.layout import PhaseLayout
 from microbot_ocp.ocp.problem import OptimalControlProblem, Phase, Variable, node_variables
 from microbot_ocp.ocp.reintegration import (
     each_interval,
@@ -41,13 +43,7 @@ from microbot_ocp.ocp.reintegration import (
 from microbot_ocp.ocp.rows import DURATION, row_labels, variable_labels
 from microbot_ocp.ocp.schemes import Collocation
 from microbot_ocp.ocp.solution import PhaseSolution, Solution, unpack
-from microbot_ocp.ocp.transcription import (
-    Kernels,
-    PhaseLayout,
-    Transcription,
-    build_kernels,
-    joined,
-)
+from microbot_ocp.ocp.transcription import Transcription
 
 POINTS = 20  # dense points to an interval
 ACTIVE = 1e-4  # of the size of a limit: nearer it is active
@@ -341,18 +337,10 @@ def verify(
     transcription = _transcription(problem, solution)
     layouts = tuple(phase_layout(phase) for phase in solution.phases)
     plain = [_plain_kernels(layout, transcription.duration_scale) for layout in layouts]
-    # a phase of the solution may have been solved with other limits than those declared
-    kernels = [
-        replace(
-            kernel,
-            stage_lower=own.stage_lower,
-            stage_upper=own.stage_upper,
-            end_lower=own.end_lower,
-            end_upper=own.end_upper,
-        )
-        for kernel, own in zip(transcription.kernels, plain, strict=True)
-    ]
-    program = assemble(transcription.problem, layouts, kernels)
+    program = assemble(
+        transcription.problem,
+        [_limited_alike(layout, own) for layout, own in zip(layouts, plain, strict=True)],
+    )
     x = _scaled_variables(program, solution)
     lam_g = np.asarray(solution.row_multipliers, dtype=float)
     if lam_g.size != program.row_lower.size:
@@ -411,9 +399,9 @@ def _transcription(
     else:
         scale = float(layouts[0].node_scale[-1])
         made = Transcription(problem, scheme=layouts[0].scheme, duration_scale=scale)
-    fresh = made.layouts([phase.mesh for phase in solution.phases])
+    fresh = made.layouts([layout.chosen for layout in layouts])
     for mine, given in zip(fresh, layouts, strict=True):
-        if mine.stage_size != given.stage_size or mine.row_count != given.row_count:
+        if mine.variable_count != given.variable_count or mine.row_count != given.row_count:
             raise InputError(
                 f"phase {mine.phase.name!r} of the solution has other variables or constraints "
                 f"than that of problem {own.name!r}"
@@ -428,7 +416,7 @@ def _scaled_variables(program: Program, solution: Solution) -> FloatArray:
     for layout, phase in zip(program.layouts, solution.phases, strict=True):
         assert phase.stages is not None
         end = [phase.values[v.name][-1] for v in node_variables(layout.phase)]
-        x[layout.variable_offset : layout.last_node] = phase.stages.ravel()
+        x[layout.variable_offset : layout.last_node] = phase.stages
         node = np.append(np.concatenate(end), phase.duration) / layout.node_scale
         x[layout.last_node : layout.last_node + layout.node_size] = node
     for index, layout in enumerate(program.layouts[:-1]):
@@ -471,12 +459,11 @@ class _Derivatives:
     Attributes
     ----------
     layout : PhaseLayout
-    by_stage : [N, stage size], without the row that the stage arrives at
+    by_stage : of the variables of the stages in turn, without the row that a stage arrives at
     by_start, by_length : with respect to start and length of the interval, as fractions [N]
     by_end : [node size], of end costs and end constraints
     end_cost : of the end costs alone [node size]
     step : multipliers of the steps [N, node size]
-    defects : multipliers of the other rows of the stages [N, ...]
     """
 
     layout: PhaseLayout
@@ -486,43 +473,60 @@ class _Derivatives:
     by_end: FloatArray
     end_cost: FloatArray
     step: FloatArray
-    defects: FloatArray
 
 
-def _plain_kernels(layout: PhaseLayout, duration_scale: float) -> Kernels:
+def _plain_kernels(layout: PhaseLayout, duration_scale: float) -> list[Kernels]:
     """Kernels without derivatives and not compiled: what is differentiated here is the original."""
 
     def derive(stage: ca.Function, end: ca.Function) -> Sequence[ca.Function]:
         return [stage, stage, stage, end, end, end]
 
-    return build_kernels(layout.phase, duration_scale, layout.scheme, derive)
+    return [
+        build_kernels(layout.phase, duration_scale, kind.scheme, derive) for kind in layout.kinds
+    ]
 
 
-def _differentiate(phase: PhaseSolution, kernels: Kernels, lam_g: FloatArray) -> _Derivatives:
+def _limited_alike(layout: PhaseLayout, plain: Sequence[Kernels]) -> PhaseLayout:
+    """The layout with the limits of its phase, which may be others than those declared."""
+    limits = [
+        {name: getattr(own, name) for name in vars(own) if name.endswith(("_lower", "_upper"))}
+        for own in plain
+    ]
+    kinds = tuple(
+        replace(kind, kernels=replace(kind.kernels, **own))
+        for kind, own in zip(layout.kinds, limits, strict=True)
+    )
+    return replace(layout, kinds=kinds)
+
+
+def _differentiate(
+    phase: PhaseSolution, kernels: Sequence[Kernels], lam_g: FloatArray
+) -> _Derivatives:
     layout = phase_layout(phase)
     assert phase.stages is not None
     n, nz = layout.intervals, layout.node_size
-    rows = layout.stage_row[:, None] + np.arange(layout.rows_per_stage)
-    lam = lam_g[rows]
+    by_stage = np.zeros_like(phase.stages)
+    by_grid = np.zeros((2, n))
+    for group, kernel in zip(layout.groups, kernels, strict=True):
+        table = layout.table(phase.stages, group)
+        run = _stage_gradient(kernel.stage).map(group.intervals.size)
+        slope, slope_of_grid = run(table.T, layout.constants(group.intervals), lam_g[group.rows].T)
+        by_stage[group.variables - layout.variable_offset] = slope.full().T
+        by_grid[:, group.intervals] = slope_of_grid.full()
     constants = joined([p.value for p in layout.phase.parameters])
-    grid = np.hstack(
-        [layout.mesh[:-1, None], np.diff(layout.mesh)[:, None], np.tile(constants, (n, 1))]
-    )
-    slope, slope_of_grid = _stage_gradient(kernels.stage).map(n)(phase.stages.T, grid.T, lam.T)
     node = [phase.values[v.name][-1] for v in node_variables(layout.phase)]
     z = np.append(np.concatenate(node), phase.duration) / layout.node_scale
     end_row = layout.last_row + layout.next_nodes
     lam_end = lam_g[end_row : end_row + layout.end_rows]
-    run = _end_gradient(kernels.end)
+    run = _end_gradient(kernels[0].end)
     return _Derivatives(
         layout=layout,
-        by_stage=slope.full().T,
-        by_start=slope_of_grid.full()[0],
-        by_length=slope_of_grid.full()[1],
+        by_stage=by_stage,
+        by_start=by_grid[0],
+        by_length=by_grid[1],
         by_end=run(z, constants, lam_end).full().ravel(),
         end_cost=run(z, constants, np.zeros(layout.end_rows)).full().ravel(),
-        step=lam[:, :nz],
-        defects=lam[:, nz:],
+        step=lam_g[layout.stage_row[:, None] + np.arange(nz)],
     )
 
 
@@ -554,12 +558,10 @@ def _gradient(program: Program, parts: Sequence[_Derivatives], lam_g: FloatArray
     gradient = np.zeros(program.variable_lower.size)
     for index, part in enumerate(parts):
         layout = part.layout
-        n, s, nz = layout.intervals, layout.stage_size, layout.node_size
-        first, last = layout.variable_offset, layout.last_node
-        gradient[first:last] += part.by_stage.ravel()
-        arrivals = first + s * np.arange(1, n + 1)[:, None] + np.arange(nz)
-        gradient[arrivals] += part.step
-        begin = layout.row_offset + layout.rows_per_stage
+        nz, first, last = layout.node_size, layout.variable_offset, layout.last_node
+        gradient[first:last] += part.by_stage
+        gradient[layout.nodes[1:]] += part.step
+        begin = layout.start_row
         for i, place in enumerate(layout.initial_rows):
             gradient[first + place] += lam_g[begin + i]
         gradient[last : last + nz] += part.by_end
@@ -637,17 +639,22 @@ def _costates(phase: PhaseSolution, part: _Derivatives, lam_g: FloatArray) -> Co
     states = layout.phase.states
     size = sum(s.size for s in states)
     scale = layout.node_scale[:size]
-    after = part.by_stage[:, :size] / scale
+    after = part.by_stage[layout.nodes[:-1, :size] - layout.variable_offset] / scale
     values = np.vstack([after[:1], -part.step[:, :size] / scale])
     point_t, point_values = np.zeros(0), np.zeros((0, size))
-    if isinstance(layout.scheme, Collocation):
-        points = list(layout.scheme.points)
-        weights = np.array(ca.collocation_coeff(points)[2]).ravel()
-        count = len(points)
-        mu = part.defects[:, : count * size].reshape(-1, count, size)
-        point_values = (-mu / (scale * weights[:, None])).reshape(-1, size)
-        steps = np.diff(phase.t)[:, None]
-        point_t = (phase.t[:-1, None] + steps * np.array(points)).ravel()
+    for group in layout.groups:
+        scheme = group.kind.scheme
+        if isinstance(scheme, Collocation):
+            defects = group.rows[:, layout.node_size :][:, : scheme.degree * size]
+            mu = lam_g[defects].reshape(-1, scheme.degree, size)
+            own = -mu / (scale * scheme.weights[:, None])
+            t = phase.t[group.intervals, None] + np.outer(
+                np.diff(phase.t)[group.intervals], scheme.points
+            )
+            point_t = np.concatenate([point_t, t.ravel()])
+            point_values = np.vstack([point_values, own.reshape(-1, size)])
+    in_turn = np.argsort(point_t, kind="stable")
+    point_t, point_values = point_t[in_turn], point_values[in_turn]
     return Costates(
         phase=phase.name,
         t=phase.t,
@@ -669,8 +676,7 @@ def _hamiltonian(phase: PhaseSolution, part: _Derivatives, lam_x: FloatArray) ->
     along = [*own.derivatives.values(), *own.running_costs, *own.algebraic_equations]
     along += [c.expression for c in own.constraints]
     used = ca.vertcat(*along)
-    nodes = layout.variable_offset + layout.stage_size * np.arange(layout.intervals + 1)
-    price = -float(lam_x[nodes + layout.node_size - 1].sum()) / layout.node_scale[-1]
+    price = -float(lam_x[layout.nodes[:, -1]].sum()) / layout.node_scale[-1]
     low, high = own.duration_bounds
     free = low < high and min(phase.duration - low, high - phase.duration) > INSIDE * phase.duration
     constraints = [c.expression for c in own.end_constraints]
@@ -758,9 +764,7 @@ def _dense(phase: PhaseSolution) -> _Dense:
     place = np.tile(share, n)
     steps = np.diff(layout.mesh)
     constants = np.tile(joined([p.value for p in own.parameters]), (place.size, 1))
-    grid = np.hstack([layout.mesh[interval, None], steps[interval, None], constants])
-    x, u = layout.dense(phase.stages[interval].T, grid.T, place[None, :])
-    table = np.vstack([np.array(x), np.array(u)]).T
+    table = np.vstack(layout.dense(phase.stages, interval, place)).T
     t = (layout.mesh[interval] + place * steps[interval]) * phase.duration
     dense = _Dense(phase, t, interval)
     ordered = [

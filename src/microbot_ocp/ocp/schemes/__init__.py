@@ -1,5 +1,8 @@
 """Ways to step over an interval, one file each; a problem changes its scheme by one argument."""
 
+from dataclasses import replace
+
+from microbot_ocp.checks import InputError
 from microbot_ocp.ocp.schemes.base import Scheme
 from microbot_ocp.ocp.schemes.collocation import Collocation
 from microbot_ocp.ocp.schemes.shooting import IntegratorShooting, Shooting
@@ -13,6 +16,21 @@ SCHEMES: dict[str, Scheme] = {
     "hermite_simpson": HermiteSimpson(),
 }
 
+
+def with_degree(scheme: Scheme, degree: int) -> Scheme:
+    """The scheme with another degree.
+
+    Raises
+    ------
+    InputError
+        The scheme has no degree, or not this one.
+    """
+    if isinstance(scheme, Collocation):
+        return replace(scheme, degree=degree)
+    name = type(scheme).__name__
+    raise InputError(f"a mesh with degrees needs collocation ('radau' or 'gauss'), not {name}")
+
+
 __all__ = [
     "SCHEMES",
     "Collocation",
@@ -21,4 +39,5 @@ __all__ = [
     "Scheme",
     "Shooting",
     "Trapezoidal",
+    "with_degree",
 ]

@@ -44,6 +44,11 @@ class Collocation:
         return tuple(_coefficients(self.kind, self.degree)[0])
 
     @property
+    def weights(self) -> FloatArray:
+        """Weights [degree] of the quadrature at the points, on an interval of length 1."""
+        return _coefficients(self.kind, self.degree)[3]
+
+    @property
     def order(self) -> int:
         """Order of the state at the mesh points."""
         return 2 * self.degree - (self.kind == "radau")

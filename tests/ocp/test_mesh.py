@@ -1,0 +1,191 @@
+"""Meshes whose degree differs from interval to interval."""
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from microbot_ocp.checks import InputError
+from microbot_ocp.ocp.assembly import assemble
+from microbot_ocp.ocp.mesh import Mesh, mesh_of
+from microbot_ocp.ocp.parametric import ParametricSolver
+from microbot_ocp.ocp.persistence import load_solution, save_solution
+from microbot_ocp.ocp.problem import OptimalControlProblem
+from microbot_ocp.ocp.reintegration import each_interval, mesh_states, open_loop
+from microbot_ocp.ocp.rows import row_labels, variable_labels
+from microbot_ocp.ocp.schemes import Collocation
+from microbot_ocp.ocp.solution import pack, unpack
+from microbot_ocp.ocp.solvers import SolverSettings, solve
+from microbot_ocp.ocp.transcription import Transcription
+from microbot_ocp.ocp.verification import verify
+from ocp.test_transcription import guesses
+from ocp.textbook import bryson_denham, everything, regulator
+
+MIXED = [Mesh([0.0, 0.2, 0.35, 0.7, 1.0], [2, 4, 2, 3]), Mesh(3, [1, 1, 5])]
+EXACT = SolverSettings("ipopt", tolerance=1e-10)
+
+
+def pendulum():
+    """A swing with a polynomial control, an algebraic variable and a parameter."""
+    problem = OptimalControlProblem("pendulum")
+    phase = problem.phase("swing", 2.0)
+    q = phase.state("q", initial=0.0, final=1.0)
+    w = phase.state("w", initial=0.0, final=0.0)
+    u = phase.control("u", shape="polynomial")
+    pull = phase.algebraic("pull")
+    gravity = phase.parameter("gravity", 1.0)
+    phase.derivative(q, w)
+    phase.derivative(w, u - pull)
+    phase.algebraic_equation(pull - gravity * ca.sin(q))
+    phase.running_cost(u**2)
+    return problem
+
+
+@pytest.fixture(scope="module", params=["radau", "gauss"])
+def program(request):
+    problem = everything()
+    transcription = Transcription(problem, scheme=request.param, duration_scale=0.7)
+    return assemble(problem, transcription.layouts(MIXED))
+
+
+def test_derivatives_are_those_of_the_expressions(program):
+    x, f, g = (program.nlp[key] for key in "xfg")
+    lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", g.shape[0])
+    lagrangian = lam_f * f + ca.dot(lam_g, g)
+    outputs = [f, g, ca.gradient(f, x), ca.jacobian(g, x), ca.hessian(lagrangian, x)[0]]
+    automatic = ca.Function("automatic", [x, lam_f, lam_g], outputs)
+    random = np.random.default_rng(5)
+    point = random.uniform(0.2, 1.5, x.shape[0]), random.normal(), random.normal(size=g.shape[0])
+    f, g, gradient, jacobian, hessian = map(np.array, automatic(*point))
+    again, block = program.functions["jacobian"](point[0], [])
+    np.testing.assert_allclose(again, g, rtol=1e-11, atol=1e-11)
+    np.testing.assert_allclose(np.array(block), jacobian, rtol=1e-10, atol=1e-11)
+    value, slope = program.functions["gradient"](point[0], [])
+    np.testing.assert_allclose(value, f, rtol=1e-12)
+    np.testing.assert_allclose(slope, gradient, rtol=1e-11, atol=1e-11)
+    block = program.functions["hessian"].call([point[0], [], *point[1:]])[-1]
+    size = np.abs(hessian).max()
+    np.testing.assert_allclose(np.array(block), hessian, rtol=1e-9, atol=1e-12 * size)
+
+
+def test_every_row_and_variable_has_its_place_and_name(program):
+    sizes = program.variable_lower.size, program.row_lower.size
+    assert sum(program.nodes) + sum(program.controls) == sizes[0]
+    assert sum(program.nodes[1:]) + sum(program.constraints) == sizes[1]
+    assert (len(variable_labels(program)), len(row_labels(program))) == sizes
+    defects = [
+        k for k in row_labels(program) if (k.kind, k.phase, k.name) == ("defect", "first", "y")
+    ]
+    assert [k.interval for k in defects] == [0, 0, 1, 1, 1, 1, 2, 2, 3, 3, 3]
+
+
+def test_a_guess_comes_back_as_it_was_given(program):
+    given = guesses()
+    for phase in unpack(program, pack(program, given)):
+        assert phase.duration == pytest.approx(given[phase.name].duration, rel=1e-14)
+        for name, value in given[phase.name].values.items():
+            np.testing.assert_allclose(phase[name], value, rtol=1e-14)
+
+
+@pytest.mark.parametrize("solver", ["ipopt", "fatrop"])
+def test_equal_degrees_one_by_one_are_the_scheme_with_that_degree(solver):
+    settings = SolverSettings(solver, tolerance=1e-9)
+    whole = solve(bryson_denham(1 / 9), 12, None, settings, scheme=Collocation("radau", 4))
+    single = solve(bryson_denham(1 / 9), [Mesh(12, 4)], None, settings, scheme="radau")
+    assert single.cost == pytest.approx(whole.cost, rel=1e-12)
+    assert single.attempts[-1].iterations == whole.attempts[-1].iterations
+    np.testing.assert_allclose(single.variables, whole.variables, atol=1e-10)
+
+
+@pytest.fixture(scope="module")
+def swing():
+    mesh = Mesh([0.0, 0.1, 0.4, 0.5, 1.0], [5, 6, 4, 8])
+    return solve(pendulum(), [mesh], settings=EXACT, scheme="gauss")
+
+
+def test_a_solution_with_mixed_degrees_passes_the_certificate(swing):
+    assert swing.status.ok
+    assert swing.cost == pytest.approx(
+        solve(pendulum(), 30, settings=EXACT, scheme="gauss").cost, rel=1e-9
+    )
+    certificate = verify(pendulum(), swing)
+    assert certificate.ok, certificate.verdict
+    assert certificate.hamiltonians[0].drift < 1e-6
+    costates = certificate.costates[0]
+    assert costates.point_t.size == 23
+    assert np.all(np.diff(costates.point_t) > 0)
+    # the control minimises u^2 + costate * u
+    u = swing["swing"]["u"]
+    assert u.shape == (23, 1)
+    np.testing.assert_allclose(u, -costates.point_values["w"] / 2, atol=1e-7)
+
+
+def test_it_is_integrated_again_interval_by_interval_and_as_a_whole(swing):
+    phase = swing["swing"]
+    for method in (each_interval, open_loop):
+        reached, status = method(phase)
+        assert status == "ok"
+        np.testing.assert_allclose(reached, mesh_states(phase)[1:], atol=1e-6)
+
+
+def test_it_is_sampled_between_the_points(swing):
+    phase = swing["swing"]
+    t = np.linspace(0.0, 2.0, 201)
+    sampled = phase.sample(t)
+    np.testing.assert_allclose(sampled["pull"], np.sin(sampled["q"]), atol=1e-5)
+    np.testing.assert_allclose(
+        np.gradient(sampled["q"].ravel(), t)[1:-1], sampled["w"][1:-1, 0], atol=1e-4
+    )
+
+
+def test_it_is_saved_with_its_degrees_and_starts_another_mesh(swing, tmp_path):
+    transcription = Transcription(pendulum(), scheme="gauss")
+    path = save_solution(swing, tmp_path / "swing.npz")
+    loaded = load_solution(path, transcription)
+    np.testing.assert_array_equal(loaded["swing"].degrees, [5, 6, 4, 8])
+    again = solve(transcription, [loaded["swing"].layout.chosen], loaded, EXACT)
+    assert again.attempts[-1].iterations <= 1
+    other = Mesh([0.0, 0.3, 0.5, 0.6, 1.0], [6, 4, 4, 7])
+    moved = solve(transcription, [other], loaded, EXACT)
+    assert moved.attempts[-1].iterations <= 4
+    assert moved.cost == pytest.approx(swing.cost, rel=1e-8)
+    bare = load_solution(path)
+    assert solve(transcription, [other], bare, EXACT).cost == pytest.approx(swing.cost, rel=1e-8)
+
+
+def test_numbers_change_on_a_mesh_with_mixed_degrees(swing):
+    solver = ParametricSolver(
+        Transcription(pendulum(), scheme="gauss"), [Mesh(4, [5, 6, 4, 8])], EXACT
+    )
+    heavy = solver.solve(
+        parameters={"swing": {"gravity": 2.0}}, bounds={"swing": {"u": (-9.0, 9.0)}}
+    )
+    assert heavy.status.ok
+    assert heavy.cost > 1.5 * swing.cost
+
+
+# bad meshes ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("degrees", [[3], [3, 3, 3], [2.5, 3.0], "fine", [[3, 3]]])
+def test_degrees_of_the_wrong_kind_are_refused(degrees):
+    with pytest.raises(InputError, match="degrees must be"):
+        Mesh(2, degrees)
+
+
+@pytest.mark.parametrize("degree", [0, 10])
+def test_a_degree_that_there_is_not_is_refused(degree, no_solver):
+    with pytest.raises(InputError, match=f"degree must be 1 to 9, not {degree}"):
+        solve(regulator(), [Mesh(2, [3, degree])], scheme="radau")
+
+
+@pytest.mark.parametrize("scheme", ["shooting", "trapezoidal", "hermite_simpson"])
+def test_schemes_without_a_degree_say_so(scheme, no_solver):
+    with pytest.raises(InputError, match="needs collocation"):
+        solve(regulator(), [Mesh(2, 3)], scheme=scheme)
+
+
+def test_a_mesh_is_taken_as_it_is_and_says_what_it_holds():
+    mesh = Mesh(2, [3, 4])
+    assert mesh_of(mesh) is mesh
+    assert repr(mesh) == "Mesh([0.0, 0.5, 1.0], degrees=[3, 4])"
+    assert mesh_of(4).intervals == 4
