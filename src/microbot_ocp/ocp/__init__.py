@@ -6,7 +6,8 @@ declare                               :class:`OptimalControlProblem`, whose :cla
 transcribe                            :class:`Transcription` with one of the :data:`SCHEMES`:
                                       :class:`Shooting`, :class:`IntegratorShooting`,
                                       :class:`Collocation`, :class:`Trapezoidal`,
-                                      :class:`HermiteSimpson`
+                                      :class:`HermiteSimpson`; a :class:`Mesh` chooses the degree
+                                      of collocation interval by interval
 solve                                 :func:`solve` with :class:`SolverSettings` from a
                                       :class:`Guess` a phase or from an earlier :class:`Solution`;
                                       :class:`Iteration` is what a progress function gets
@@ -22,6 +23,7 @@ keep it                               :func:`save_solution`, :func:`load_solutio
 
 from microbot_ocp.checks import InputError
 from microbot_ocp.ocp.diagnosis import Explanation, Relaxation, explain
+from microbot_ocp.ocp.mesh import Mesh
 from microbot_ocp.ocp.mesh_error import Refined, RefinementStatus, find_switches, solve_refined
 from microbot_ocp.ocp.parametric import ParametricSolver
 from microbot_ocp.ocp.persistence import load_solution, save_solution, saved_with
@@ -53,6 +55,7 @@ __all__ = [
     "InputError",
     "IntegratorShooting",
     "Iteration",
+    "Mesh",
     "OCPCertificate",
     "OptimalControlProblem",
     "ParametricSolver",
