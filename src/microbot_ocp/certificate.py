@@ -20,9 +20,8 @@ from microbot_ocp.baselines.scaling import LimitUse, torque_and_rate
 from microbot_ocp.checks import FloatArray, InputError, plain
 from microbot_ocp.driven import Driven, Method, fitted, integrate
 from microbot_ocp.dynamics import forward_dynamics, mass_matrix_condition
-from microbot_ocp.motion import JUMP_GAP, Motion, State, torque_along
+from microbot_ocp.motion import JUMP_GAP, Motion, State, mesh_of, torque_along
 from microbot_ocp.robot import JointLimits, Limits, Robot
-from microbot_ocp.simulation import mesh_of
 
 GRID_STEP = 0.25e-3  # s, the longest step of the dense grid
 GRID_RATIO = 20  # dense grid points to each mesh interval, at least

@@ -380,3 +380,11 @@ def _quintic(motion: Motion, i: np.ndarray, local: FloatArray) -> tuple[FloatArr
     qd = c[:, 1] + x * (2 * c[:, 2] + x * (3 * c[:, 3] + x * (4 * c[:, 4] + x * 5 * c[:, 5])))
     qdd = 2 * c[:, 2] + x * (6 * c[:, 3] + x * (12 * c[:, 4] + x * 20 * c[:, 5]))
     return q, qd, qdd
+
+
+def mesh_of(motion: Motion) -> FloatArray:
+    """Breaks of a motion with both ends; the gap that stands for a jump is not an interval."""
+    breaks = motion.t if motion.breaks is None else motion.breaks
+    inner = breaks[(breaks > 0.0) & (breaks < motion.duration)]
+    mesh = np.concatenate([[0.0], inner, [motion.duration]])
+    return mesh[np.append(np.diff(mesh) > 2 * JUMP_GAP, True)]
