@@ -314,3 +314,36 @@ def test_functions_name_their_arguments_and_need_links(
     bare = replace(microbot, links=(), name="bare")
     with pytest.raises(InputError, match="robot 'bare' has no links with masses"):
         make(bare)  # type: ignore[operator]
+
+
+# payload ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["microbot", "stanford", "ur5e"])
+def test_a_payload_adds_what_its_own_motion_asks_for(name):
+    robot, mass, place = mo.load_robot(name), 1.7, np.array([0.1, -0.2, 0.3])
+    q, qd, qdd = (ca.SX.sym(key, robot.joint_count) for key in ("q", "qd", "qdd"))
+    point = (mo.forward_kinematics(robot)(q) @ ca.vertcat(*place, 1.0))[:3]
+    jacobian = ca.jacobian(point, q)
+    acceleration = jacobian @ qdd + ca.jtimes(jacobian @ qd, q, qd)
+    added = jacobian.T @ (mass * (acceleration - ca.DM(robot.gravity)))
+    expected = ca.Function("tau", [q, qd, qdd], [mo.inverse_dynamics(robot)(q, qd, qdd) + added])
+    state = np.random.default_rng(1).uniform(-1.5, 1.5, (3, robot.joint_count))
+    loaded = mo.inverse_dynamics(robot.with_payload(mass, place))
+    assert loaded(*state).full() == pytest.approx(expected(*state).full(), rel=1e-10, abs=1e-10)
+
+
+def test_no_payload_is_the_same_robot():
+    robot = mo.load_robot("microbot")
+    assert robot.with_payload(0.0) is robot
+
+
+@pytest.mark.parametrize("arguments", [(-1.0,), (np.inf,), (1.0, [0.0, 0.0])])
+def test_a_bad_payload_is_refused(arguments):
+    with pytest.raises(mo.InputError, match="payload"):
+        mo.load_robot("microbot").with_payload(*arguments)
+
+
+def test_a_payload_needs_masses():
+    with pytest.raises(mo.InputError, match="no links with masses"):
+        mo.Robot.from_dh(alpha=[0.0], a=[1.0], d=[0.0]).with_payload(1.0)

@@ -96,3 +96,6 @@ from microbot_ocp.time_optimal.path import (
     straight_path as straight_path,
     time_optimal_path as time_optimal_path,
 )
+from microbot_ocp.time_optimal.prepared import (
+    TimeOptimalSolver as TimeOptimalSolver,
+)

@@ -409,6 +409,43 @@ class Robot:
         """Return the same robot with other links (payload, model mismatch, rotor inertia)."""
         return replace(self, links=_chain(links, self.joint_count))
 
+    def with_payload(self, mass: float, center_of_mass: ArrayLike = (0.0, 0.0, 0.0)) -> Robot:
+        """Return the same robot holding a point mass: part of its last link from then on.
+
+        Parameters
+        ----------
+        mass : float
+            kg; 0 is no payload.
+        center_of_mass : array_like [3]
+            Where, in the tool frame, m.
+
+        Raises
+        ------
+        InputError
+            A negative mass, a place that is not finite, a robot without masses.
+
+        Examples
+        --------
+        >>> import microbot_ocp as mo
+        >>> loaded = mo.load_robot("microbot").with_payload(3.0)
+        >>> loaded.links[-1].mass, loaded.links[-1].center_of_mass.tolist()
+        (5.0, [4.0, 0.0, 0.0])
+        """
+        load = checks.number("mass of the payload", mass, "kg", at_least=0.0)
+        place = checks.array("center_of_mass of the payload", center_of_mass, (3,), "m")
+        if not self.has_dynamics:
+            raise InputError(f"robot {self.name!r} has no links with masses to add a payload to")
+        if load == 0.0:
+            return self
+        last = self.links[-1]
+        held = self.tool[:3, :3] @ place + self.tool[:3, 3]
+        total = last.mass + load
+        center = (last.mass * last.center_of_mass + load * held) / total
+        inertia = last.inertia + last.mass * _of_unit_mass(last.center_of_mass - center)
+        inertia = inertia + load * _of_unit_mass(held - center)
+        loaded = replace(last, mass=total, center_of_mass=center, inertia=inertia)
+        return self.with_links([*self.links[:-1], loaded])
+
     def with_gravity(self, gravity: ArrayLike) -> Robot:
         """Return the same robot under another gravity vector [3], m/s^2, in the base frame."""
         return replace(self, gravity=checks.array("gravity", gravity, (3,), "m/s^2"))
@@ -436,6 +473,11 @@ class Robot:
 
     def __hash__(self) -> int:
         return hash(self._digest)
+
+
+def _of_unit_mass(offset: FloatArray) -> FloatArray:
+    """Inertia [3,3] of a unit mass at ``offset``."""
+    return offset @ offset * np.eye(3) - np.outer(offset, offset)
 
 
 def _chain(links: Any, count: int) -> tuple[Link, ...]:

@@ -9,12 +9,10 @@ finer ones, and a finer mesh whose optimum is worse than the coarse one is not a
 
 from __future__ import annotations
 
-import contextlib
 import itertools
 import time
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from functools import lru_cache
 from typing import Any
 
 import casadi as ca
@@ -22,17 +20,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from microbot_ocp import checks
-from microbot_ocp.baselines.cubic import cubic
-from microbot_ocp.baselines.scaling import shortest_duration, torque_and_rate
-from microbot_ocp.checks import FloatArray, InputError
+from microbot_ocp.baselines.scaling import torque_and_rate
+from microbot_ocp.checks import FloatArray
 from microbot_ocp.codegen import compile_functions, compiler
-from microbot_ocp.dynamics import inverse_dynamics
 from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial, State, quintic_between
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.refinement import Progress, Refiner, quiet
 from microbot_ocp.ocp.solution import Solution
 from microbot_ocp.ocp.transcription import Guess, Transcription
 from microbot_ocp.robot import JointLimits, Limits, Robot
+from microbot_ocp.time_optimal.starts import guesses_along, starting_motions
 from microbot_ocp.time_optimal.task import (
     check_limits,
     check_via,
@@ -135,19 +132,24 @@ def time_optimal(
 
 
 @lru_cache(maxsize=16)
-def _transcription(robot: Robot, via_bytes: bytes, count: int, compiled: bool) -> Transcription:
+def transcription(
+    robot: Robot, via_bytes: bytes, count: int, compiled: bool, *, payload: bool = False
+) -> Transcription:
     """Kernels for a robot (its own limits) and via points, built once."""
     via = np.frombuffer(via_bytes).reshape(count, -1)
     prepare = None
     if compiled and compiler() is not None:
         prepare = compile_functions
-    return Transcription(free_problem(robot, via), prepare=prepare)
+    return Transcription(free_problem(robot, via, payload=payload), prepare=prepare)
 
 
-def free_problem(robot: Robot, via: FloatArray) -> OptimalControlProblem:
-    """The optimal-control problem of a robot (with its limits) through via points [m,n]."""
+def free_problem(robot: Robot, via: FloatArray, *, payload: bool = False) -> OptimalControlProblem:
+    """The optimal-control problem of a robot (with its limits) through via points [m,n].
+
+    With ``payload`` every phase has the parameter "payload": a mass at the tool, kg, zero at first.
+    """
     count, limits = robot.joint_count, robot.limits
-    tau = inverse_dynamics(robot)
+    torques = _torque_and_rate_with_payload(robot) if payload else torque_and_rate(robot)
     acceleration_scale = _acceleration_scale(robot)
     torque_scale = finite_scale(limits.tau_min, limits.tau_max)
     problem = OptimalControlProblem(f"time-optimal motion of {robot.name}")
@@ -185,10 +187,13 @@ def free_problem(robot: Robot, via: FloatArray) -> OptimalControlProblem:
         )
         phase.derivative(q, qd)
         phase.derivative(qd, qdd)
+        jerk = phase.rate(qdd)
+        held = [phase.parameter("payload", 0.0)] if payload else []
+        torque, torque_rate = torques(q, qd, qdd, jerk, *held)
         if np.isfinite(torque_scale).all() and np.isfinite([limits.tau_min, limits.tau_max]).any():
             phase.constraint(
                 "torque",
-                tau(q, qd, qdd),
+                torque,
                 limits.tau_min,
                 limits.tau_max,
                 scale=torque_scale,
@@ -197,17 +202,27 @@ def free_problem(robot: Robot, via: FloatArray) -> OptimalControlProblem:
         if np.isfinite([limits.taud_min, limits.taud_max]).any():
             phase.constraint(
                 "torque rate",
-                torque_and_rate(robot)(q, qd, qdd, phase.rate(qdd))[1],
+                torque_rate,
                 limits.taud_min,
                 limits.taud_max,
                 scale=finite_scale(limits.taud_min, limits.taud_max),
                 unit="N m/s",
             )
         phase.end_cost(phase.duration)
-        phase.running_cost(SMOOTHING * ca.sumsqr(phase.rate(qdd) / (10.0 * acceleration_scale)))
+        phase.running_cost(SMOOTHING * ca.sumsqr(jerk / (10.0 * acceleration_scale)))
     for before, after in itertools.pairwise(problem.phases):
         problem.link(before, after, names=("q", "qd", "qdd"))
     return problem
+
+
+def _torque_and_rate_with_payload(robot: Robot) -> ca.Function:
+    """As :func:`torque_and_rate`, with the mass of a payload as a fifth argument: linear in it."""
+    functions = [torque_and_rate(held) for held in (robot, robot.with_payload(1.0))]
+    state = [ca.SX.sym(name, robot.joint_count) for name in ("q", "qd", "qdd", "qddd")]
+    payload = ca.SX.sym("payload")
+    pairs = zip(*(function(*state) for function in functions), strict=True)
+    values = [empty + payload * (holding_one - empty) for empty, holding_one in pairs]
+    return ca.Function("torque_and_rate", [*state, payload], values)
 
 
 def _acceleration_scale(robot: Robot) -> FloatArray:
@@ -215,12 +230,6 @@ def _acceleration_scale(robot: Robot) -> FloatArray:
     return np.where(
         np.isfinite(robot.limits.qdd_max) & (robot.limits.qdd_max > 0), robot.limits.qdd_max, 10.0
     )
-
-
-@dataclass(frozen=True, eq=False)
-class _Start:
-    name: str
-    guesses: Mapping[str, Guess]
 
 
 class _Search:
@@ -238,12 +247,10 @@ class _Search:
         self.progress = progress
         self.names = [f"phase {i + 1}" for i in range(len(via) - 1)]
         begin = time.perf_counter()
-        transcription = _transcription(
-            self.robot, self.via.tobytes(), len(self.via), settings.compiled
-        )
+        kernels = transcription(self.robot, self.via.tobytes(), len(self.via), settings.compiled)
         self.kernel_time = time.perf_counter() - begin
         self.refiner = Refiner(
-            transcription,
+            kernels,
             self._guess_from,
             self._excess,
             settings.violation,
@@ -263,7 +270,8 @@ class _Search:
         mesh = min(EXPLORE_MESH, self.settings.mesh)
         tried: list[dict[str, Any]] = []
         best: Solution | None = None
-        for start in self._starts():
+        chosen = self.settings.starts, self.settings.seed
+        for start in starting_motions(self.robot, self.via, self.names, *chosen):
             solution = self.refiner.solve(
                 mesh, start.guesses, tolerance=EXPLORE_TOLERANCE, solver=self.settings.solver
             )
@@ -283,64 +291,6 @@ class _Search:
         assert best is not None
         return tried, best
 
-    def _starts(self) -> list[_Start]:
-        starts = [self._cubic_start(), self._bowed_start("straight", np.zeros(self.via.shape[1]))]
-        random = np.random.default_rng(self.settings.seed)
-        while len(starts) < self.settings.starts:
-            bow = random.uniform(-0.7, 0.7, self.via.shape[1])
-            starts.append(self._bowed_start(f"bow {len(starts) - 1}", bow))
-        return starts[: self.settings.starts]
-
-    def _cubic_start(self) -> _Start:
-        """The cubic through the via points at the shortest duration that keeps the limits."""
-        steps = np.abs(np.diff(self.via, axis=0)).max(axis=1)
-        shape = cubic(self.via, np.concatenate([[0.0], np.cumsum(np.maximum(steps, 1e-3))]))
-        # where gravity forbids rest on the way it is a start all the same, only not a feasible one
-        with contextlib.suppress(InputError):
-            shape = shortest_duration(self.robot, shape).polynomial
-        return _Start("cubic", self._guesses(shape, shape.breaks))
-
-    def _bowed_start(self, name: str, bow: FloatArray) -> _Start:
-        """Straight stretches bent sideways, at a speed that the velocity limits would allow."""
-        limit = np.where(np.isfinite(self.robot.limits.qd_max), self.robot.limits.qd_max, 2.0)
-        guesses = {}
-        for phase, start, end in zip(self.names, self.via[:-1], self.via[1:], strict=True):
-            duration = max(1.5 * float(np.max(np.abs(end - start) / limit)), 1e-2)
-
-            def position(
-                s: FloatArray, start: FloatArray = start, end: FloatArray = end
-            ) -> FloatArray:
-                return start + s[:, None] * (end - start) + np.sin(np.pi * s)[:, None] * bow
-
-            def velocity(
-                s: FloatArray,
-                start: FloatArray = start,
-                end: FloatArray = end,
-                duration: float = duration,
-            ) -> FloatArray:
-                slope = (end - start) + np.pi * np.cos(np.pi * s)[:, None] * bow
-                return np.clip(slope / duration, -limit, limit)
-
-            guesses[phase] = Guess(duration, {"q": position, "qd": velocity, "qdd": 0.0})
-        return _Start(name, guesses)
-
-    def _guesses(self, shape: PiecewisePolynomial, times: FloatArray) -> dict[str, Guess]:
-        """A guess for every phase from a motion that passes the via points at ``times``."""
-        velocity = shape.derivative()
-        acceleration = velocity.derivative()
-        curves = {"q": shape, "qd": velocity, "qdd": acceleration}
-        guesses = {}
-        for phase, start, end in zip(self.names, times[:-1], times[1:], strict=True):
-
-            def along(
-                curve: PiecewisePolynomial, s: FloatArray, start: float = start, end: float = end
-            ) -> FloatArray:
-                return curve(start + s * (end - start))
-
-            values = {name: partial(along, curve) for name, curve in curves.items()}
-            guesses[phase] = Guess(float(end - start), values)
-        return guesses
-
     # refinement -----------------------------------------------------------------------------
 
     def _finish(self, best: Solution) -> Solution:
@@ -349,20 +299,10 @@ class _Search:
         return self.refiner.refine(best)
 
     def _guess_from(self, solution: Solution) -> dict[str, Guess]:
-        return self._guesses(polynomial(solution), via_times(solution))
+        return guesses_along(self.names, polynomial(solution), via_times(solution))
 
     def _excess(self, solution: Solution) -> list[FloatArray]:
-        """Largest relative excess of any limit inside every interval of every phase."""
-        shape = polynomial(solution)
-        velocity = shape.derivative()
-        inside = np.linspace(0, 1, CHECKS_PER_INTERVAL + 1)
-        t = (shape.breaks[:-1, None] + inside * np.diff(shape.breaks)[:, None]).ravel()
-        acceleration = velocity.derivative()
-        state = State(shape(t), velocity(t), acceleration(t))
-        excess = limit_excess(self.robot, state, acceleration.derivative()(t))
-        per_interval = excess.reshape(-1, inside.size).max(axis=1)
-        edges = np.cumsum([phase.mesh.size - 1 for phase in solution.phases])[:-1]
-        return np.split(per_interval, edges)
+        return excess_between(self.robot, solution)
 
     # result ---------------------------------------------------------------------------------
 
@@ -412,6 +352,20 @@ def _better(solution: Solution, best: Solution | None) -> bool:
     if best is None or solution.status.ok != best.status.ok:
         return best is None or solution.status.ok
     return solution.duration < best.duration
+
+
+def excess_between(robot: Robot, solution: Solution) -> list[FloatArray]:
+    """Largest relative excess of any limit inside every interval: an array [N] a phase."""
+    shape = polynomial(solution)
+    velocity = shape.derivative()
+    inside = np.linspace(0, 1, CHECKS_PER_INTERVAL + 1)
+    t = (shape.breaks[:-1, None] + inside * np.diff(shape.breaks)[:, None]).ravel()
+    acceleration = velocity.derivative()
+    state = State(shape(t), velocity(t), acceleration(t))
+    excess = limit_excess(robot, state, acceleration.derivative()(t))
+    per_interval = excess.reshape(-1, inside.size).max(axis=1)
+    edges = np.cumsum([phase.mesh.size - 1 for phase in solution.phases])[:-1]
+    return np.split(per_interval, edges)
 
 
 def via_times(solution: Solution) -> FloatArray:
