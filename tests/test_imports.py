@@ -24,6 +24,7 @@ ORDER = (
     "lazy",
     "checks",
     "robot",
+    "limit_use",
     "robots",
     "codegen",
     "fast",

@@ -8,7 +8,8 @@ from hypothesis import given, settings, strategies as st
 
 import microbot_ocp as mo
 from microbot_ocp.baselines import cubic, lspb, quintic, shortest_duration
-from microbot_ocp.baselines.scaling import LimitUse, torque_and_rate
+from microbot_ocp.dynamics import torque_and_rate
+from microbot_ocp.limit_use import LimitUse
 from microbot_ocp.motion import State, torque_along
 
 VIA_Q = np.radians([[0, 0, 0], [-8, 45, 30], [-90, 90, 90]])

@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from microbot_ocp import checks
-from microbot_ocp.baselines.scaling import LimitUse, torque_and_rate
 from microbot_ocp.checks import FloatArray, InputError, plain
 from microbot_ocp.driven import Driven, Method, fitted, integrate
-from microbot_ocp.dynamics import forward_dynamics, mass_matrix_condition
+from microbot_ocp.dynamics import forward_dynamics, mass_matrix_condition, torque_and_rate
+from microbot_ocp.limit_use import LimitUse
 from microbot_ocp.motion import JUMP_GAP, Motion, State, mesh_of, torque_along
 from microbot_ocp.robot import JointLimits, Limits, Robot
 

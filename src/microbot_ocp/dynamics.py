@@ -289,3 +289,19 @@ def energy(robot: Robot, *, compiled: bool = False) -> ca.Function:
         "energy", [q, qd], [kinetic, potential], ["q", "qd"], ["kinetic", "potential"]
     )
     return maybe_compiled(function, compiled)
+
+
+@lru_cache(maxsize=64)
+def torque_and_rate(robot: Robot) -> ca.Function:
+    """Torque and its exact time derivative along a motion.
+
+    Returns
+    -------
+    casadi.Function
+        ``(q[n], qd[n], qdd[n], qddd[n]) -> tau[n], taud[n]``, N m and N m/s.
+    """
+    state = [ca.SX.sym(name, robot.joint_count) for name in ("q", "qd", "qdd", "qddd")]
+    tau = inverse_dynamics(robot)(*state[:3])
+    taud = ca.jtimes(tau, ca.vertcat(*state[:3]), ca.vertcat(*state[1:]))
+    names = ["q", "qd", "qdd", "qddd"]
+    return ca.Function("torque_and_rate", state, [tau, ca.densify(taud)], names, ["tau", "taud"])

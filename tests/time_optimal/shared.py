@@ -6,7 +6,7 @@ import numpy as np
 
 import microbot_ocp as mo
 from helpers import two_link_arm
-from microbot_ocp.baselines.scaling import torque_and_rate
+from microbot_ocp.dynamics import torque_and_rate
 
 VIA_Q = np.radians([[0, 0, 0], [-8, 45, 30], [-90, 90, 90]])  # report, part 5
 VIA_T = [0.0, 2.0, 4.0]

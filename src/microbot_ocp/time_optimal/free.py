@@ -20,9 +20,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from microbot_ocp import checks
-from microbot_ocp.baselines.scaling import torque_and_rate
 from microbot_ocp.checks import FloatArray
 from microbot_ocp.codegen import compile_functions, compiler
+from microbot_ocp.dynamics import torque_and_rate
 from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial, State, quintic_between
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.refinement import Progress, Refiner, quiet

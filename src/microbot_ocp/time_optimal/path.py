@@ -20,10 +20,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from microbot_ocp import checks
-from microbot_ocp.baselines.scaling import torque_and_rate
 from microbot_ocp.checks import FloatArray, InputError
 from microbot_ocp.codegen import compile_functions, compiler
-from microbot_ocp.dynamics import inverse_dynamics
+from microbot_ocp.dynamics import inverse_dynamics, torque_and_rate
 from microbot_ocp.motion import (
     SAMPLE_STEP,
     Mark,

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from microbot_ocp import checks
-from microbot_ocp.baselines.scaling import LimitUse, torque_and_rate
 from microbot_ocp.checks import FloatArray, InputError
-from microbot_ocp.dynamics import gravity_torque
+from microbot_ocp.dynamics import gravity_torque, torque_and_rate
+from microbot_ocp.limit_use import LimitUse
 from microbot_ocp.motion import State, torque_along
 from microbot_ocp.ocp.solution import Solution
 from microbot_ocp.robot import JointLimits, Limits, Robot
