@@ -16,7 +16,6 @@ import microbot_ocp as mo
 import report
 import script
 from microbot_ocp.closed_form import closed_form
-from microbot_ocp.views.joint_plots import Curve, joints_figure, save_figures
 
 
 def row(values: np.ndarray) -> str:
@@ -33,12 +32,14 @@ def main(arguments: argparse.Namespace) -> None:
     }
     form = closed_form(robot)
     first = next(iter(motions.values()))
-    curves = [Curve.of(motion) for motion in motions.values()]
+    curves = [mo.plots.Curve.of(motion) for motion in motions.values()]
     title = "Part 4a: the given motion (report, figures 5 to 7)"
-    given = joints_figure(robot, [Curve.of(first, "given")], ("q", "qd", "qdd"), title=title)
+    given = mo.plots.curves(
+        robot, [mo.plots.Curve.of(first, "given")], ("q", "qd", "qdd"), title=title
+    )
     title = "Part 4a: torques (report, figure 4)"
-    torques = joints_figure(robot, curves, base=True, title=title)
-    written = save_figures({"motion": given, "torques": torques}, arguments.out)
+    torques = mo.plots.curves(robot, curves, ("tau",), base=True, title=title)
+    written = mo.plots.save({"motion": given, "torques": torques}, arguments.out)
 
     print(f"M(q) qdd + C(q, qd) qd + G(q) = tau of {robot.name}, kg m^2 and N m:")
     print("\n".join(f"  {line}" for line in form.lines()))

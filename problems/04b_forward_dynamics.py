@@ -16,7 +16,6 @@ import numpy as np
 import microbot_ocp as mo
 import report
 import script
-from microbot_ocp.views.joint_plots import Curve, joints_figure, save_figures
 
 TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
 
@@ -44,22 +43,22 @@ def main(arguments: argparse.Namespace) -> None:
             row += f"{error:10.1e} ({1e3 * best.wall_time:5.1f}) "
         print(f"  {name:12s}{row}" + ("" if best.ok else f" {best.status}"))
 
-    def euler(step: float) -> Curve:
+    def euler(step: float) -> mo.plots.Curve:
         values = {"q": report.euler(robot, motion, step)}
-        return Curve(f"Euler, step {step:g} s", report.grid(step), values)
+        return mo.plots.Curve(f"Euler, step {step:g} s", report.grid(step), values)
 
     sampled = mo.simulate(robot, motion.resample(1 / report.STEP).tau, wanted.q[0], t=grid)
     curves = [
-        Curve.of(motion),
-        Curve.of(best, "Runge-Kutta, tolerance 1e-12"),
-        Curve.of(sampled, "torques each 0.05 s, linear between"),
+        mo.plots.Curve.of(motion),
+        mo.plots.Curve.of(best, "Runge-Kutta, tolerance 1e-12"),
+        mo.plots.Curve.of(sampled, "torques each 0.05 s, linear between"),
         euler(report.STEP),
-        Curve("the report's Euler loop", grid, {"q": report.code_euler(motion)}),
+        mo.plots.Curve("the report's Euler loop", grid, {"q": report.code_euler(motion)}),
     ]
     title = "Part 4b: forward dynamics (report, figures 8 to 10)"
     shown = ("q", "qd", "qdd")
-    figure = joints_figure(robot, curves, shown, title=title, bounds={"q": 300.0}, base=True)
-    written = save_figures({"forward": figure}, arguments.out)
+    figure = mo.plots.curves(robot, curves, shown, title=title, bounds={"q": 300.0}, base=True)
+    written = mo.plots.save({"forward": figure}, arguments.out)
     print("beside them, error of q at 2 s of each joint, deg:")
     for curve in [*curves[2:], euler(0.005), euler(0.0005)]:
         error = np.degrees(curve.values["q"][-1] - wanted.q[-1])

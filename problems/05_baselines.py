@@ -14,7 +14,6 @@ import numpy as np
 
 import microbot_ocp as mo
 import script
-from microbot_ocp.views.joint_plots import Curve, joint_figure, joints_figure, save_figures
 from report import BLEND, PEAKS, VIA_Q, VIA_QD, VIA_T
 
 SHAPES = {
@@ -34,15 +33,20 @@ def triple(values: np.ndarray, form: str = "9.3f") -> str:
 def main(arguments: argparse.Namespace) -> None:
     robot = mo.load_robot(arguments.robot)
     motions = {k: mo.Motion.from_polynomial(robot, v, label=k) for k, v in SHAPES.items()}
-    curves = [Curve.of(motion) for motion in motions.values()]
+    curves = [mo.plots.Curve.of(motion) for motion in motions.values()]
     figures = {
-        f"joint_{j + 1}": joint_figure(
-            robot, curves, j, title="Part 5", marks=list(zip(VIA_T, VIA_Q[:, j], strict=True))
+        f"joint_{j + 1}": mo.plots.curves(
+            robot,
+            curves,
+            ("q", "qd", "qdd"),
+            joints=[j],
+            via=(VIA_T, VIA_Q),
+            title=f"Part 5, joint {j + 1}",
         )
         for j in range(robot.joint_count)
     }
-    figures["torques"] = joints_figure(robot, curves, title="Part 5: torques")
-    written = save_figures(figures, arguments.out)
+    figures["torques"] = mo.plots.curves(robot, curves, ("tau",), title="Part 5: torques")
+    written = mo.plots.save(figures, arguments.out)
 
     print("via point at 2 s, and the jump of the acceleration there (deg/s, rad/s^2):")
     for name, shape in SHAPES.items():

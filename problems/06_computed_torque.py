@@ -18,7 +18,6 @@ import numpy as np
 import microbot_ocp as mo
 import report
 import script
-from microbot_ocp.views.joint_plots import Curve, joints_figure, save_figures
 
 SWEEP = (0.1, 1.0, 10.0, 25.0, 100.0, 400.0)  # kp, 1/s^2, the report's first
 NOISE = mo.SensorNoise(q=np.radians(0.05), qd=np.radians(1.0), seed=1)
@@ -96,22 +95,22 @@ def main(arguments: argparse.Namespace) -> None:
     cases = compare_rivals(robot, arguments.kp, motion)
     start = np.zeros(robot.joint_count)
     own = mo.track(robot, report.motion, law, q0=start, **GIVEN)
-    runs = [Curve.of(motion, "given"), Curve.of(own, f"kp = {arguments.kp:g}"),
-            Curve.of(sweep[0.1], "kp = 0.1, the report's")]  # fmt: skip
-    troubled = [Curve.of(run, case) for case, run in cases.items()]
-    gains = [Curve.of(run, f"kp = {kp:g}") for kp, run in sweep.items()]
+    runs = [mo.plots.Curve.of(motion, "given"), mo.plots.Curve.of(own, f"kp = {arguments.kp:g}"),
+            mo.plots.Curve.of(sweep[0.1], "kp = 0.1, the report's")]  # fmt: skip
+    troubled = [mo.plots.Curve.of(run, case) for case, run in cases.items()]
+    gains = [mo.plots.Curve.of(run, f"kp = {kp:g}") for kp, run in sweep.items()]
     quantities = ("error", "tau")
     title = "Part 6, computed torque"
     figures = {
-        "tracking": joints_figure(robot, runs, ("q", "qd", "qdd", "tau"), base=True,
+        "tracking": mo.plots.curves(robot, runs, ("q", "qd", "qdd", "tau"), base=True,
                                   title=f"{title} from a start 45 deg off"),
-        "gains": joints_figure(robot, gains, ("error",), title=f"{title}: error by gain"),
-        "model": joints_figure(robot, troubled[:5], quantities, base=True,
+        "gains": mo.plots.curves(robot, gains, ("error",), title=f"{title}: error by gain"),
+        "model": mo.plots.curves(robot, troubled[:5], quantities, base=True,
                                title=f"{title}: limits and a wrong model"),
-        "sampling": joints_figure(robot, troubled[:4:-1], quantities,
+        "sampling": mo.plots.curves(robot, troubled[:4:-1], quantities,
                                   title=f"{title}: sampling and noise"),
     }  # fmt: skip
-    written = save_figures(figures, arguments.out)
+    written = mo.plots.save(figures, arguments.out)
     print("""\
 why the report differs: its feedback state is frozen at zero and its velocities and
   positions integrate the reference, so no loop is closed; kp = 0.1 settles in tens of

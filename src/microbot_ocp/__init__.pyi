@@ -99,3 +99,6 @@ from microbot_ocp.time_optimal.path import (
 from microbot_ocp.time_optimal.prepared import (
     TimeOptimalSolver as TimeOptimalSolver,
 )
+from microbot_ocp.views import (
+    plots as plots,
+)

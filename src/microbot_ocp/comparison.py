@@ -26,8 +26,9 @@ from microbot_ocp.time_optimal.path import PathTimingSettings, straight_path, ti
 from microbot_ocp.time_optimal.task import check_limits, check_via
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
     from rich.table import Table
+
+    from microbot_ocp.views.page import AxesGrid, Axis
 
 REFERENCE = "cubic"
 
@@ -276,17 +277,17 @@ class Comparison:
 
         return comparison_table(self)
 
-    def plot(self) -> Figure:
-        """Position, velocity and torque of every method over time, with the limits."""
-        from microbot_ocp.views.plots import comparison_figure
+    def plot(self, axes: Axis | None = None, **options: Any) -> AxesGrid:
+        """Position, velocity and torque of every method: :func:`microbot_ocp.plots.comparison`."""
+        from microbot_ocp.views.plots import comparison
 
-        return comparison_figure(self)
+        return comparison(self, axes, **options)
 
-    def plot_paths(self) -> Figure:
-        """The tool paths in space."""
-        from microbot_ocp.views.plots import paths_figure
+    def plot_paths(self, axes: Axis | None = None) -> AxesGrid:
+        """The tool paths in space: :func:`microbot_ocp.plots.paths`."""
+        from microbot_ocp.views.plots import paths
 
-        return paths_figure(self)
+        return paths(self, axes)
 
     def to_rerun(self, path: str | Path) -> Path:
         """Write a Rerun recording with its blueprint inside."""
@@ -303,7 +304,7 @@ class Comparison:
             ``comparison.json``, ``.csv``, ``.rrd``, ``.png``, ``.pdf``, ``paths.png``, ``.pdf``,
             ``motions/NAME.npz``.
         """
-        from microbot_ocp.views.plots import save_figure
+        from microbot_ocp.views import plots
         from microbot_ocp.views.tables import write_csv, write_json
 
         target = Path(folder)
@@ -314,8 +315,7 @@ class Comparison:
         for write, name in ((write_json, "comparison.json"), (write_csv, "comparison.csv")):
             write(self, target / name)
             written.append(target / name)
-        written += save_figure(self.plot(), target, "comparison")
-        written += save_figure(self.plot_paths(), target, "paths")
+        written += plots.save({"comparison": self.plot(), "paths": self.plot_paths()}, target)
         written.append(self.to_rerun(target / "comparison.rrd"))
         return written
 

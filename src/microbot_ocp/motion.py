@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 from zipfile import BadZipFile
 from zlib import error as zlib_error
 
@@ -23,6 +23,9 @@ from microbot_ocp import checks
 from microbot_ocp.checks import FloatArray, InputError
 from microbot_ocp.dynamics import inverse_dynamics
 from microbot_ocp.robot import Robot
+
+if TYPE_CHECKING:
+    from microbot_ocp.views.page import AxesGrid, Axis
 
 SCHEMA = 1
 _BROKEN = (BadZipFile, zlib_error, AttributeError, NotImplementedError)
@@ -272,6 +275,12 @@ class Motion:
         return Motion(
             t, *state, tau, self.label, None, self.marks, dict(self.provenance), self.note
         )
+
+    def plot(self, robot: Robot, axes: Axis | None = None, **options: Any) -> AxesGrid:
+        """Position, velocity and torque over time: :func:`microbot_ocp.plots.motion`."""
+        from microbot_ocp.views import plots
+
+        return plots.motion(robot, self, axes, **options)
 
     def save(self, path: str | Path) -> Path:
         """Write one ``.npz``: arrays t, q, qd, qdd, tau, breaks and a JSON string ``metadata``."""

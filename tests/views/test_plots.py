@@ -7,20 +7,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
 
+import microbot_ocp as mo
 from microbot_ocp.robot import Limits
 from microbot_ocp.views import plots
+from microbot_ocp.views.comparison_plots import legend_title
 from microbot_ocp.views.style import entry_styles
 
 
 @pytest.fixture(scope="module")
 def curves(comparison):
-    return plots.comparison_figure(comparison)
+    return plots.comparison(comparison).figure
 
 
 @pytest.fixture(scope="module")
 def paths(comparison):
-    return plots.paths_figure(comparison)
+    return plots.paths(comparison).figure
 
 
 def legend_texts(figure):
@@ -36,7 +39,7 @@ def test_grid_titles_and_units(curves):
     assert len(curves.axes) == 9
     assert [a.get_title() for a in curves.axes[:3]] == ["waist", "shoulder", "elbow"]
     labels = [a.get_ylabel() for a in curves.axes]
-    assert labels == ["q [deg]"] * 3 + ["qd [rad/s]"] * 3 + ["tau [N m]"] * 3
+    assert labels == ["q [deg]", "", "", "qd [rad/s]", "", "", "tau [N m]", "", ""]
     assert {a.get_xlabel() for a in curves.axes[6:]} == {"t [s]"}
 
 
@@ -46,7 +49,8 @@ def test_curves_are_the_motions(comparison, curves):
         motion, style = entry.motion, styles[entry.name]
         for row, (quantity, factor) in enumerate((("q", 180 / np.pi), ("qd", 1), ("tau", 1))):
             for joint in range(3):
-                (line,) = named_lines(curves.axes[3 * row + joint], style.title)
+                title = legend_title(entry, motion)
+                (line,) = named_lines(curves.axes[3 * row + joint], title)
                 np.testing.assert_allclose(line.get_xdata(), motion.t)
                 expected = getattr(motion, quantity)[:, joint] * factor
                 np.testing.assert_allclose(line.get_ydata(), expected)
@@ -80,7 +84,7 @@ def test_legend_tells_durations_refusals_and_failures(curves):
 def test_certified_entry_is_not_accused(comparison):
     entry = comparison.entries[0]
     good = replace(entry, certificate=replace(entry.certificate, ok=True))
-    figure = plots.comparison_figure(replace(comparison, entries=(good,)))
+    figure = plots.comparison(replace(comparison, entries=(good,))).figure
     assert legend_texts(figure)[0] == "cubic, as in the report, 3.400 s"
 
 
@@ -104,9 +108,9 @@ def test_paths_views(comparison, paths):
     assert (line.get_xdata()[-1], line.get_ydata()[-1]) == pytest.approx((-4.0, 5.0))
 
 
-@pytest.mark.parametrize("make", [plots.comparison_figure, plots.paths_figure])
+@pytest.mark.parametrize("make", [plots.comparison, plots.paths])
 def test_nothing_is_outside_the_page(comparison, make):
-    figure = make(comparison)
+    figure = make(comparison).figure
     figure.canvas.draw()
     page = figure.bbox
     box = figure.get_tightbbox(figure.canvas.get_renderer()).transformed(figure.dpi_scale_trans)
@@ -116,22 +120,58 @@ def test_nothing_is_outside_the_page(comparison, make):
     assert box.y1 <= page.y1 + 1
 
 
-@pytest.mark.parametrize("make", [plots.comparison_figure, plots.paths_figure])
+@pytest.mark.parametrize("make", [plots.comparison, plots.paths])
 def test_without_any_motion_or_limit(comparison, make):
     nothing = replace(comparison, entries=comparison.entries[3:], limits=Limits().for_joints(3))
-    figure = make(nothing)
+    figure = make(nothing).figure
     figure.canvas.draw()
     assert "not solved" in figure.legends[0].get_title().get_text()
 
 
 def test_save(paths, tmp_path):
-    png, pdf = plots.save_figure(paths, tmp_path / "new", "paths")
+    png, pdf = plots.save(paths, tmp_path / "new", "paths")
+    assert (png.name, pdf.name) == ("paths.png", "paths.pdf")
     assert png.read_bytes().startswith(b"\x89PNG")
     assert pdf.read_bytes().startswith(b"%PDF")
 
 
-def test_no_global_state():
-    code = (
-        "import sys, microbot_ocp.views.plots; raise SystemExit('matplotlib.pyplot' in sys.modules)"
+def test_a_motion_that_its_solver_disowns_says_so(comparison):
+    entry = comparison.entries[2]
+    provenance = {"status": "iteration_limit"}
+    doubtful = replace(
+        entry, motion=replace(entry.motion, provenance=provenance), status="iteration limit"
     )
+    figure = plots.comparison(replace(comparison, entries=(doubtful,))).figure
+    title = "time-optimal, free, 1.500 s (NOT SOLVED: iteration limit)"
+    assert legend_texts(figure)[0] == title
+
+
+def test_comparison_of_some_methods_quantities_and_joints(comparison):
+    grid = plots.comparison(comparison, quantities=["qdd"], joints=[2], methods=["cubic"])
+    assert grid.shape == (1, 1)
+    assert grid[0, 0].get_ylabel() == "qdd [rad/s^2]"
+    assert legend_texts(grid.figure)[0] == "cubic, scaled, 2.600 s (NOT CERTIFIED)"
+    with pytest.raises(KeyError):
+        plots.comparison(comparison, methods=["mine"])
+
+
+def test_paths_on_given_axes(comparison):
+    figure = Figure()
+    own = [figure.add_subplot(1, 3, 1, projection="3d")]
+    own += [figure.add_subplot(1, 3, k) for k in (2, 3)]
+    assert list(plots.paths(comparison, own).flat) == own
+    with pytest.raises(mo.InputError, match="three-dimensional"):
+        plots.paths(comparison, figure.subplots(1, 3))
+
+
+def test_no_global_state():
+    code = """
+import sys, matplotlib, microbot_ocp as mo
+before = matplotlib.rcParams.copy()
+robot = mo.load_robot("planar_2r")
+shape = mo.cubic([[0.0, 0.0], [0.5, 0.4]], [0.0, 1.0])
+mo.Motion.from_polynomial(robot, shape, label="cubic").plot(robot)
+assert matplotlib.rcParams.copy() == before
+assert "matplotlib.pyplot" not in sys.modules
+"""
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -216,10 +216,10 @@ def _save(comparison: Comparison, folder: Path | None, outputs: Sequence[str]) -
     if "csv" in outputs:
         written.append(tables.write_csv(comparison, folder / "comparison.csv"))
     if "figures" in outputs:
-        from microbot_ocp.views.plots import save_figure
+        from microbot_ocp.views import plots
 
-        written += save_figure(comparison.plot(), folder, "comparison")
-        written += save_figure(comparison.plot_paths(), folder, "paths")
+        figures = {"comparison": comparison.plot(), "paths": comparison.plot_paths()}
+        written += plots.save(figures, folder)
     if "recording" in outputs:
         written.append(comparison.to_rerun(folder / "comparison.rrd"))
     return [str(path) for path in written]

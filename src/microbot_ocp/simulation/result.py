@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from microbot_ocp import checks
 from microbot_ocp.checks import FloatArray
 from microbot_ocp.motion import Motion, State
+from microbot_ocp.robot import Robot
+
+if TYPE_CHECKING:
+    from microbot_ocp.views.page import AxesGrid, Axis
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +69,12 @@ class Simulation:
             The integrator did not arrive.
         """
         return Motion(self.t - self.t[0], self.q, self.qd, self.qdd, self.tau, label)
+
+    def plot(self, robot: Robot, axes: Axis | None = None, **options: Any) -> AxesGrid:
+        """Position, velocity and torque over time: :func:`microbot_ocp.plots.simulation`."""
+        from microbot_ocp.views import plots
+
+        return plots.simulation(robot, self, axes, **options)
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,3 +2,7 @@
 
 ``plots`` needs matplotlib, ``recording`` needs rerun, ``tables`` needs rich.
 """
+
+from microbot_ocp.lazy import load_on_demand
+
+load_on_demand(__name__)

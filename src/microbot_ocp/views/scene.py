@@ -117,13 +117,16 @@ def axis_limits(comparison: Comparison, quantity: str, joint: int) -> AxisLimits
 
 
 def near_limits(
-    robot: Robot, limits: JointLimits, quantity: str, joint: int, values: FloatArray
+    robot: Robot, limits: JointLimits | None, quantity: str, joint: int, values: FloatArray
 ) -> AxisLimits:
-    """Range of values [N] in stored units with the limits near enough to be drawn beside them."""
+    """Range of values [N] in stored units with the limits near enough to be drawn beside them.
+
+    What is not finite is left out.
+    """
     factor = display_factor(robot, quantity, joint)
     low, high = _data_range(values * factor)
     lower, upper = -np.inf, np.inf
-    if quantity in LIMIT_UNITS:
+    if limits is not None and quantity in LIMIT_UNITS:
         lower, upper = (float(bound[joint]) * factor for bound in limits.bounds(quantity))
     span = max(high - low, 1e-9)
     near_lower = np.isfinite(lower) and high - lower <= LIMIT_STRETCH * span
@@ -144,6 +147,7 @@ def near_limits(
 
 
 def _data_range(values: FloatArray) -> tuple[float, float]:
+    values = values[np.isfinite(values)]
     if not values.size:
         return 0.0, 1.0
     low, high = float(values.min()), float(values.max())
@@ -160,5 +164,7 @@ def _far_limits(lower: float | None, upper: float | None, unit: str) -> str:
     ]
     if len(known) == 2 and np.isclose(known[0][1], -known[1][1]):
         return f"limits ±{known[1][1]:.4g} {unit}"
+    if len(known) == 2:
+        return f"limits {known[0][1]:.3g} to {known[1][1]:.3g} {unit}".replace("-", "−")
     words = " and ".join(f"{side} limit {value:+.4g} {unit}" for side, value in known)
     return words.replace("-", "−")

@@ -28,6 +28,12 @@ SPARE: tuple[tuple[str, LineStyle], ...] = (
     ("#88CCEE", (0.0, (4.0, 1.0, 1.0, 1.0))),
     ("#B8A038", (0.0, (1.0, 2.0))),
 )
+# Curves without a method, the strongest first.
+LOOKS: tuple[tuple[str, LineStyle], ...] = (
+    *(FIXED[name] for name in ("time_optimal", "cubic_report", "lspb", "straight_path")),
+    *(FIXED[name] for name in ("cubic_path", "cubic")),
+    *SPARE,
+)
 PREFERRED = "time_optimal"
 
 
@@ -74,6 +80,11 @@ def entry_styles(comparison: Comparison) -> dict[str, EntryStyle]:
             highlighted=entry.name == highlighted,
         )
     return styles
+
+
+def look(place: int) -> tuple[str, LineStyle]:
+    """Colour and line style of the curve at a place among others."""
+    return LOOKS[place % len(LOOKS)]
 
 
 def highlighted_name(comparison: Comparison) -> str | None:
