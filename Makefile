@@ -1,6 +1,6 @@
 # make demo   the method comparison, into out/demo     make lint   ruff and pyright
 # make test   the whole test suite                     make clean  remove all that make made
-# make bench  speed ratios against peers
+# make bench  speed ratios against peers               make docs   the documentation, into out/docs
 # Everything is installed by pip, from the index it is configured for, into .venv.
 
 SHELL := /bin/bash
@@ -13,8 +13,9 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := PIP_DISABLE_PIP_VERSION_CHECK=1 $(BIN)/python -m pip install -qq
 OUT := out/demo
+SITE := out/docs
 
-.PHONY: help demo test test-environment bench lint clean
+.PHONY: help demo test test-environment bench docs lint clean
 
 help:
 	@sed -n 's/^# \{0,1\}//p' Makefile | head -4
@@ -59,6 +60,12 @@ test: test-environment
 
 bench: $(VENV)/.ready-bench
 	@$(BIN)/python -m benchmarks
+
+docs: $(VENV)/.ready-docs
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet
+	@$(BIN)/python docs/tools/links.py $(SITE) >/dev/null
+	@echo "Open $(SITE)/index.html, or with search:"
+	@echo "  $(BIN)/python -m http.server --bind 127.0.0.1 --directory $(SITE) 8000"
 
 lint: $(VENV)/.ready-test
 	@$(BIN)/ruff check

@@ -1,0 +1,48 @@
+"""Draw the figures of the documentation again, into ``docs/images``.
+
+Figures of a page are what the page's own code writes; the others have their own scripts.
+
+    python docs/make_figures.py
+"""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parent / "tools"))
+
+from blocks import run_page
+
+DOCS = Path(__file__).resolve().parent
+IMAGES = DOCS / "images"
+# page -> what its code writes -> name of the figure
+WRITTEN = {
+    "tutorial.md": {
+        "out/comparison.png": "tutorial_comparison.png",
+        "out/paths.png": "tutorial_paths.png",
+    },
+}
+DEMO = DOCS.parent / "problems" / "07_time_optimal_comparison.py"
+SCRIPTS = ("make_order_plot.py", "make_import_diagram.py")
+
+
+def main() -> None:
+    for page, figures in WRITTEN.items():
+        with tempfile.TemporaryDirectory() as folder:
+            run_page(DOCS / page, Path(folder))
+            for written, name in figures.items():
+                shutil.copyfile(Path(folder) / written, IMAGES / name)
+                print(IMAGES / name)
+    with tempfile.TemporaryDirectory() as folder:
+        subprocess.run([sys.executable, str(DEMO), "--out", folder], check=True)
+        shutil.copyfile(Path(folder) / "comparison.png", IMAGES / "comparison.png")
+    for script in SCRIPTS:
+        subprocess.run([sys.executable, str(DOCS / script)], check=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,198 @@
+"""The documentation: built strictly, complete, true, and loading nothing from elsewhere."""
+
+from __future__ import annotations
+
+import inspect
+import os
+import subprocess
+import sys
+from importlib import import_module
+from importlib.util import find_spec
+from operator import attrgetter
+from pathlib import Path
+
+import pytest
+
+import blocks
+import formulas
+import links
+import make_import_diagram
+import microbot_ocp
+import microbot_ocp.ocp
+
+ROOT = Path(__file__).resolve().parent.parent
+DOCS = ROOT / "docs"
+RUN = [ROOT / "README.md", DOCS / "tutorial.md", *sorted((DOCS / "how-to").glob("*.md"))]
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The built site; a warning of the builder is an error."""
+    folder = tmp_path_factory.mktemp("site")
+    command = [sys.executable, "-m", "mkdocs", "build", "--quiet", "--site-dir", str(folder)]
+    quiet = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, env=quiet)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    return folder
+
+
+# the site -----------------------------------------------------------------------------------------
+
+
+def test_nothing_is_loaded_from_elsewhere(site: Path) -> None:
+    assert links.loaded_from_elsewhere(site) == []
+    # the theme would fetch a drawing library for these
+    assert not [page for page in site.rglob("*.html") if 'class="mermaid"' in page.read_text()]
+
+
+def test_every_link_and_anchor_inside_leads_somewhere(site: Path) -> None:
+    assert links.broken(site) == []
+
+
+def test_addresses_outside_are_well_formed(site: Path) -> None:
+    assert links.malformed(links.addresses_outside(site)) == []
+
+
+def test_every_page_is_in_the_site(site: Path) -> None:
+    pages = {path.relative_to(DOCS).with_suffix(".html") for path in DOCS.rglob("*.md")}
+    built = {path.relative_to(site) for path in site.rglob("*.html")}
+    renamed = {p.with_name("index.html") if p.stem == "README" else p for p in pages}
+    assert built == renamed | {Path("404.html")}
+
+
+def is_module(name: str) -> bool:
+    try:
+        return find_spec(name) is not None
+    except ModuleNotFoundError:  # its parent is none
+        return False
+
+
+def home(path: str) -> str:
+    """Where the object behind a dotted name is defined; of a constant the name itself."""
+    parts = path.split(".")
+    # a function may have the name of its module
+    count = max(i for i in range(1, len(parts)) if is_module(".".join(parts[:i])))
+    found = attrgetter(".".join(parts[count:]))(import_module(".".join(parts[:count])))
+    if inspect.isclass(found) or inspect.isroutine(found):
+        return f"{found.__module__}.{found.__qualname__}"
+    return path
+
+
+def test_every_public_name_is_in_the_api_reference(site: Path) -> None:
+    pages = [links.Page.of(path.read_text("utf-8")) for path in (site / "api").glob("*.html")]
+    anchors = set().union(*(page.anchors for page in pages))
+    documented = {home(anchor) for anchor in anchors if anchor.startswith("microbot_ocp.")}
+    public = {
+        f"{package.__name__}.{name}"
+        for package in (microbot_ocp, microbot_ocp.ocp)
+        for name in package.__all__
+        if not is_module(f"{package.__name__}.{name}")
+    }
+    assert {path for path in public if home(path) not in documented} == set()
+
+
+def test_references_of_docstrings_became_links(site: Path) -> None:
+    for page in (site / "api").glob("*.html"):
+        text = page.read_text("utf-8")
+        for role in (":func:", ":class:", ":meth:", ":mod:", ":data:"):
+            assert role not in text, page.name
+
+
+# what the pages say -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("page", RUN, ids=lambda page: page.stem)
+def test_the_code_of_a_page_runs_and_prints_what_it_says(page: Path, tmp_path: Path) -> None:
+    assert blocks.run_page(page, tmp_path) > 0
+
+
+def test_the_import_diagram_is_that_of_the_source() -> None:
+    drawn = make_import_diagram.svg(make_import_diagram.loaded())
+    assert make_import_diagram.TARGET.read_text("utf-8") == drawn, "run docs/make_import_diagram.py"
+
+
+# the tools themselves -----------------------------------------------------------------------------
+
+PAGE = """
+```toml title="a.toml"
+x = 1
+```
+
+```python
+print(open("a.toml").read())
+```
+
+```text
+{}
+```
+
+<!-- not run: there is no such module -->
+
+```python
+import no_such_module
+```
+
+1. In a list:
+
+    ```python
+    y = 2
+    ```
+"""
+
+
+def test_blocks_share_a_folder_and_print_what_the_page_says(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text(PAGE.format("x = ..."), "utf-8")
+    assert blocks.run_page(page, tmp_path) == 2
+    page.write_text(PAGE.format("x = 2"), "utf-8")
+    with pytest.raises(blocks.Different, match="line 6"):
+        blocks.run_page(page, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("text", "loads", "link"),
+    [
+        ('<script src="https://a.org/x.js"></script>', 1, None),
+        ('<link rel="stylesheet" href="https://a.org/x.css">', 1, None),
+        ('<link rel="canonical" href="https://a.org/">', 0, None),
+        ('<p style="background: url(https://a.org/x.png)">', 1, None),
+        ("<style>@import 'https://a.org/x.css';</style>", 1, None),
+        ('<a href="https://a.org/">a</a>', 0, None),
+        ('<a href="other.html">a</a>', 0, "page.html: other.html"),
+        ('<a href="#there">a</a>', 0, "page.html: #there"),
+        ('<a href="page.html#here">a</a><p id="here">', 0, None),
+        ('<img src="no.png">', 0, "page.html: no.png"),
+    ],
+)
+def test_the_link_checker_itself(tmp_path: Path, text: str, loads: int, link: str | None) -> None:
+    (tmp_path / "page.html").write_text(text, "utf-8")
+    assert len(links.loaded_from_elsewhere(tmp_path)) == loads
+    assert links.broken(tmp_path) == ([link] if link else [])
+
+
+@pytest.mark.parametrize(
+    ("address", "good"),
+    [
+        ("https://web.casadi.org/docs/", True),
+        ("http://web.casadi.org", False),
+        ("https://casadi", False),
+        ("https://a.org/a b", False),
+    ],
+)
+def test_the_check_of_addresses_itself(address: str, good: bool) -> None:
+    assert links.malformed({address: {"page.html"}}) == ([] if good else [address])
+
+
+def test_formulas_become_mathml() -> None:
+    page = r'<p>a <span class="arithmatex">\(x &lt; \dot q\)</span></p>'
+    made = formulas.on_page_content(page)
+    assert "<math" in made
+    assert "arithmatex" not in made
+    assert r'aria-label="x &lt; \dot q"' in made
+
+
+@pytest.mark.parametrize("tex", [r"\nosuchcommand x", r"\begin{aligned} a & b \end{aligned}"])
+def test_tex_that_is_not_known_is_an_error(tex: str) -> None:
+    with pytest.raises(formulas.UnknownCommand):
+        formulas.mathml(tex, block=True)
