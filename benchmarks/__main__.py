@@ -3,7 +3,7 @@
 import argparse
 import importlib
 
-BENCHMARKS = ("rnea", "path_timing", "free_time_optimal")
+BENCHMARKS = ("rnea", "path_timing", "free_time_optimal", "units")
 
 
 def main() -> None:
