@@ -20,7 +20,6 @@ from microbot_ocp.ocp.assembly import Program, assemble
 from microbot_ocp.ocp.mesh import Meshes
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.rows import RowLabel, VariableLabel, row_labels, variable_labels
-from microbot_ocp.ocp.scaling import scaled
 from microbot_ocp.ocp.solution import Solution, unpack
 from microbot_ocp.ocp.start import check_start, start_from
 from microbot_ocp.ocp.transcription import Guess, Transcription
@@ -142,9 +141,7 @@ def explain(
     max_iterations : int
         Of each elastic solve.
     """
-    if not isinstance(problem, Transcription):
-        problem = Transcription(scaled(problem, guess))
-    transcription = problem
+    transcription = problem if isinstance(problem, Transcription) else Transcription(problem)
     layouts = transcription.layouts(mesh)
     program = assemble(transcription.problem, layouts)
     start = start_from(program, transcription.problem, guess)
