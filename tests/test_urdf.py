@@ -14,7 +14,8 @@ from hypothesis import given, strategies as st
 import microbot_ocp as mo
 from helpers import RANDOM_CHAINS, any_robot, batch, difference, random_link, random_states
 from microbot_ocp import InputError
-from microbot_ocp.robots.urdf_file import parse_urdf, robot_to_urdf
+from microbot_ocp.robots.urdf_reader import parse_urdf
+from microbot_ocp.robots.urdf_writer import robot_to_urdf
 
 yourdfpy = pytest.importorskip("yourdfpy")
 pin = pytest.importorskip("pinocchio")

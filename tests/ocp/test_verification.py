@@ -253,7 +253,7 @@ def test_the_gradient_of_the_lagrangian_is_that_of_the_assembled_program(scheme)
     for label, i in zip(variable_labels(program), range(x.size), strict=True):
         x[i] = 0.9 if label.kind == "duration" else x[i]
     parts = [
-        verification._differentiate(phase, verification._plain_kernels(layout, 1.0), lam)
+        verification._differentiate(phase, verification._plain_kernels(layout), lam)
         for phase, layout in zip(unpack(program, x), layouts, strict=True)
     ]
     expected = program.functions["lagrangian"](x, [], 1.0, lam)[2]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,7 +23,10 @@ if TYPE_CHECKING:
 POSES = 4000  # in each round of the search for the largest reach
 ROUNDS = 12
 SWEEP = np.pi / 3  # how far `show` turns a joint to either side, rad (a third of it in m)
-SWEEP_TIME = 1.0  # s for each way
+SWEEP_TIME = 1.0  # s for each way, at least
+CALM = 0.9  # share of the limits of velocity and acceleration that it uses at most
+# Peaks of a quintic from rest to rest over a unit distance in a unit time.
+PEAK_SPEED, PEAK_ACCELERATION = 15 / 8, 10 / np.sqrt(3)
 
 
 def robots(as_json: Json = False) -> int:
@@ -128,13 +132,15 @@ def joint_sweep(robot: Robot) -> Motion:
     rest = _nearest_zero(robot)
     low, high = robot.limits.bounds("q")
     points = [rest]
+    free = np.minimum(*(_symmetric(robot, quantity) for quantity in ("qd", "qdd"))) > 0.0
     for joint, kind in enumerate(robot.joint_types):
         step = SWEEP if kind == "revolute" else SWEEP / 3
+        step *= free[joint]
         for target in (rest[joint] + step, rest[joint] - step, rest[joint]):
             point = rest.copy()
             point[joint] = np.clip(target, low[joint], high[joint])
             points.append(point)
-    breaks = np.array([SWEEP_TIME * index for index in range(len(points))])
+    breaks = np.append(0.0, np.cumsum([_sweep_time(robot, *pair) for pair in pairwise(points)]))
     shape = quintic(points, breaks)
     if robot.has_dynamics:
         return Motion.from_polynomial(robot, shape, label="joint by joint")
@@ -144,6 +150,22 @@ def joint_sweep(robot: Robot) -> Motion:
     return Motion(
         t, q, velocity(t), velocity.derivative()(t), np.zeros_like(q), "joint by joint", breaks
     )
+
+
+def _sweep_time(robot: Robot, start: FloatArray, end: FloatArray) -> float:
+    """Duration of one way of the sweep within the limits of velocity and acceleration, s."""
+    distance = np.abs(end - start)
+    speed, acceleration = (CALM * _symmetric(robot, quantity) for quantity in ("qd", "qdd"))
+    moving = distance > 0.0
+    by_speed = PEAK_SPEED * distance[moving] / speed[moving]
+    by_acceleration = np.sqrt(PEAK_ACCELERATION * distance[moving] / acceleration[moving])
+    return float(max([SWEEP_TIME, *by_speed, *by_acceleration]))
+
+
+def _symmetric(robot: Robot, quantity: str) -> FloatArray:
+    """What every joint may have of a quantity in either direction [n]."""
+    lower, upper = robot.limits.bounds(quantity)
+    return np.minimum(-lower, upper)
 
 
 def _nearest_zero(robot: Robot) -> FloatArray:

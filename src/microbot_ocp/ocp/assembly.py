@@ -34,6 +34,7 @@ class Program:
     variable_lower, variable_upper, row_lower, row_upper : bounds, scaled
     nodes, controls, constraints : sizes of z, w and the constraints, stage by stage
     parameters : values of p as declared; empty where the parameters are constants of the program
+    cost_scale : what solvers divide the cost by; it is whole in ``nlp`` and ``functions``
     """
 
     layouts: tuple[PhaseLayout, ...]
@@ -48,6 +49,7 @@ class Program:
     controls: tuple[int, ...]
     constraints: tuple[int, ...]
     parameters: FloatArray
+    cost_scale: float = 1.0
 
 
 class _Entries:

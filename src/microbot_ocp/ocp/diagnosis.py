@@ -20,6 +20,7 @@ from microbot_ocp.ocp.assembly import Program, assemble
 from microbot_ocp.ocp.mesh import Meshes
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.rows import RowLabel, VariableLabel, row_labels, variable_labels
+from microbot_ocp.ocp.scaling import scaled
 from microbot_ocp.ocp.solution import Solution, unpack
 from microbot_ocp.ocp.start import check_start, start_from
 from microbot_ocp.ocp.transcription import Guess, Transcription
@@ -141,7 +142,9 @@ def explain(
     max_iterations : int
         Of each elastic solve.
     """
-    transcription = problem if isinstance(problem, Transcription) else Transcription(problem)
+    if not isinstance(problem, Transcription):
+        problem = Transcription(scaled(problem, guess))
+    transcription = problem
     layouts = transcription.layouts(mesh)
     program = assemble(transcription.problem, layouts)
     start = start_from(program, transcription.problem, guess)

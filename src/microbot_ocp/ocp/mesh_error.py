@@ -35,7 +35,7 @@ from microbot_ocp.ocp.reintegration import (
 )
 from microbot_ocp.ocp.schemes import Collocation, Scheme
 from microbot_ocp.ocp.solution import PhaseSolution, Solution
-from microbot_ocp.ocp.solvers import SolverSettings, default_guess
+from microbot_ocp.ocp.solvers import SolverSettings, default_guess, transcribed
 from microbot_ocp.ocp.transcription import Guess, Transcription
 
 MOST_PIECES = 6  # into which an interval is divided at once: its error may be estimated badly
@@ -361,10 +361,8 @@ def solve_refined(
     """
     accuracy = checks.number("accuracy", accuracy, above=0.0)
     switch_accuracy = checks.number("switch_accuracy", switch_accuracy, above=0.0)
-    transcription = (
-        problem if isinstance(problem, Transcription) else Transcription(problem, scheme=scheme)
-    )
     settings = settings or SolverSettings()
+    transcription = transcribed(problem, settings, scheme=scheme, guess=guess)
     settings = replace(settings, tolerance=min(settings.tolerance, max(accuracy / 10, 1e-10)))
     refiner = Refiner(
         transcription,

@@ -25,7 +25,7 @@ from microbot_ocp.ocp.problem import OptimalControlProblem, Phase, node_variable
 from microbot_ocp.ocp.progress import Progress
 from microbot_ocp.ocp.rows import row_labels
 from microbot_ocp.ocp.solution import Solution
-from microbot_ocp.ocp.solvers import Made, SolverSettings, run_chain
+from microbot_ocp.ocp.solvers import Made, SolverSettings, run_chain, transcribed, with_cost_scale
 from microbot_ocp.ocp.start import check_start, start_from
 from microbot_ocp.ocp.transcription import Guess, Transcription
 
@@ -68,15 +68,14 @@ class ParametricSolver:
         mesh: Meshes = 50,
         settings: SolverSettings | None = None,
     ) -> None:
-        if not isinstance(transcription, Transcription):
-            transcription = Transcription(transcription)
-        self.transcription = transcription
-        self.mesh = mesh
         self.settings = settings or SolverSettings()
+        self.transcription = transcription = transcribed(transcription, self.settings)
+        self.mesh = mesh
         problem = transcription.problem
         self.program = assemble(problem, transcription.layouts(mesh), parametric=True)
         self._labels = row_labels(self.program)
         self._made: Made = {}
+        self._cost_scale: float | None = None
 
     def solve(
         self,
@@ -122,6 +121,9 @@ class ParametricSolver:
         problem.phases = [layout.phase for layout in program.layouts]
         start = start_from(program, problem, guess)
         check_start(program, start.x)
+        if self._cost_scale is None:  # the same for all solves: solvers are made for it
+            self._cost_scale = with_cost_scale(program, start.x, self.settings).cost_scale
+        program = replace(program, cost_scale=self._cost_scale)
         spent = time.perf_counter() - begin
         return run_chain(
             program, self.settings, start, progress=progress, build_time=spent, made=self._made

@@ -85,6 +85,7 @@ def save_solution(solution: Solution, path: str | Path) -> Path:
         "schema": SCHEMA,
         "status": solution.status.name,
         "cost": solution.cost,
+        "cost_scale": solution.cost_scale,
         "build_time": solution.build_time,
         "attempts": [{**vars(a), "status": a.status.name} for a in solution.attempts],
         "settings": dict(solution.settings),
@@ -176,6 +177,7 @@ def _restored(
         variable_multipliers=arrays.get("variable_multipliers"),
         variables=arrays.get("variables"),
         settings=metadata["settings"],
+        cost_scale=float(metadata.get("cost_scale", 1.0)),
     )
 
 

@@ -34,6 +34,7 @@ class Variable:
     shape: str  # "state", "constant", "linear", "polynomial" or "algebraic"
     between: bool = False
     rate: ca.MX | None = None
+    scaled: bool = True  # whether the scale was declared
 
     @property
     def size(self) -> int:
@@ -51,6 +52,7 @@ class PathConstraint:
     upper: FloatArray
     scale: FloatArray
     unit: str
+    scaled: bool = True  # whether the scale was declared
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +84,7 @@ class Phase:
     name: str
     duration_bounds: tuple[float, float]
     between: tuple[float, ...] | None = None
+    duration_scale: float | None = None
     states: list[Variable] = field(default_factory=list)
     controls: list[Variable] = field(default_factory=list)
     parameters: list[Parameter] = field(default_factory=list)
@@ -106,7 +109,7 @@ class Phase:
         upper: ArrayLike = np.inf,
         initial: Bound = None,
         final: Bound = None,
-        scale: ArrayLike = 1.0,
+        scale: ArrayLike | None = None,
         unit: str = "",
         between: bool = False,
     ) -> ca.MX:
@@ -120,8 +123,9 @@ class Phase:
             Bounds at the mesh points, and at the points between where ``between`` is set.
         initial, final : value, (lower, upper) or None
             At the two ends of the phase; None leaves them free.
-        scale : array_like [size]
-            Typical size; the solver sees the state divided by it.
+        scale : array_like [size], optional
+            Typical size; the solver sees the state divided by it. Where none is given,
+            :func:`microbot_ocp.ocp.scaling.scaled` finds one.
         unit : str
             For messages.
         """
@@ -140,7 +144,7 @@ class Phase:
         upper: ArrayLike = np.inf,
         initial: Bound = None,
         final: Bound = None,
-        scale: ArrayLike = 1.0,
+        scale: ArrayLike | None = None,
         unit: str = "",
         shape: str = "constant",
     ) -> ca.MX:
@@ -163,7 +167,7 @@ class Phase:
         *,
         lower: ArrayLike = -np.inf,
         upper: ArrayLike = np.inf,
-        scale: ArrayLike = 1.0,
+        scale: ArrayLike | None = None,
         unit: str = "",
     ) -> ca.MX:
         """Declare an algebraic variable; :meth:`algebraic_equation` determines it (collocation)."""
@@ -215,16 +219,14 @@ class Phase:
         lower: ArrayLike = -np.inf,
         upper: ArrayLike = np.inf,
         *,
-        scale: ArrayLike = 1.0,
+        scale: ArrayLike | None = None,
         unit: str = "",
     ) -> None:
         """Keep ``lower <= expression <= upper`` on the mesh points and at the points between."""
         expression = ca.MX(expression)
         size = expression.shape[0]
         low, high = _ordered(name, lower, upper, size, unit)
-        self.constraints.append(
-            PathConstraint(name, expression, low, high, _scale(name, scale, size), unit)
-        )
+        self.constraints.append(_limit(name, expression, (low, high), scale, unit))
 
     def end_constraint(
         self,
@@ -233,7 +235,7 @@ class Phase:
         lower: ArrayLike = -np.inf,
         upper: ArrayLike = np.inf,
         *,
-        scale: ArrayLike = 1.0,
+        scale: ArrayLike | None = None,
         unit: str = "",
     ) -> None:
         """Demand ``lower <= expression <= upper`` of the state at the end of the phase.
@@ -244,9 +246,7 @@ class Phase:
         expression = ca.MX(expression)
         size = expression.shape[0]
         low, high = _ordered(name, lower, upper, size, unit)
-        self.end_constraints.append(
-            PathConstraint(name, expression, low, high, _scale(name, scale, size), unit)
-        )
+        self.end_constraints.append(_limit(name, expression, (low, high), scale, unit))
 
     def running_cost(self, expression: ca.MX) -> None:
         """Add the time integral of ``expression`` to the cost."""
@@ -273,7 +273,7 @@ class Phase:
         upper: ArrayLike,
         initial: Bound,
         final: Bound,
-        scale: ArrayLike,
+        scale: ArrayLike | None,
         unit: str,
         shape: str,
     ) -> Variable:
@@ -288,6 +288,7 @@ class Phase:
             initial=_range(f"initial {name}", initial, size, unit),
             final=_range(f"final {name}", final, size, unit),
             scale=_scale(name, scale, size),
+            scaled=scale is not None,
             unit=unit,
             shape=shape,
             rate=ca.MX.sym(f"{self.name}.{name}.rate", size) if shape == "linear" else None,
@@ -325,11 +326,12 @@ class OptimalControlProblem:
         duration: float | tuple[float, float],
         *,
         between: Sequence[float] | None = None,
+        scale: float | None = None,
     ) -> Phase:
         """Add a phase of fixed duration, or free within (lower, upper), s.
 
         ``between`` are the fractions of every interval at which path constraints hold besides the
-        mesh points; by default those of the scheme.
+        mesh points; by default those of the scheme. ``scale`` is a typical duration, s.
         """
         if name in {phase.name for phase in self.phases}:
             raise InputError(f"phase {name!r} is declared twice")
@@ -339,7 +341,9 @@ class OptimalControlProblem:
         inner = None if between is None else tuple(between)
         if any(not 0 < fraction < 1 for fraction in inner or ()):
             raise InputError(f"between must be fractions inside (0, 1), not {inner}")
-        self.phases.append(Phase(name, (low, high), inner))
+        if scale is not None:
+            scale = checks.number(f"scale of the duration of phase {name!r}", scale, "s", above=0.0)
+        self.phases.append(Phase(name, (low, high), inner, scale))
         return self.phases[-1]
 
     def link(self, before: Phase, after: Phase, names: Sequence[str] | None = None) -> None:
@@ -463,7 +467,20 @@ def _range(name: str, value: Bound, size: int, unit: str) -> tuple[FloatArray, F
     return _ordered(name, low, high, size, unit)
 
 
-def _scale(name: str, value: ArrayLike, size: int) -> FloatArray:
+def _limit(
+    name: str,
+    expression: ca.MX,
+    bounds: tuple[FloatArray, FloatArray],
+    scale: ArrayLike | None,
+    unit: str,
+) -> PathConstraint:
+    size = _scale(name, scale, expression.shape[0])
+    return PathConstraint(name, expression, *bounds, size, unit, scaled=scale is not None)
+
+
+def _scale(name: str, value: ArrayLike | None, size: int) -> FloatArray:
+    if value is None:
+        return np.ones(size)
     scale = _fill(f"scale of {name}", value, size)
     if np.any(~np.isfinite(scale)) or np.any(scale <= 0):
         raise InputError(f"scale of {name!r} must be finite and above 0, not {value}")

@@ -146,7 +146,8 @@ class _IterationCall(ca.Callback):
 
     def eval(self, arguments: Any) -> list[float]:
         x, f, g = (np.array(arguments[i]).ravel() for i in range(3))
-        return [0.0 if self.watch.report(x, g, float(f[0])) else 1.0]
+        cost = float(f[0]) * self.watch.program.cost_scale
+        return [0.0 if self.watch.report(x, g, cost) else 1.0]
 
 
 class _JacobianCall(ca.Callback):

@@ -136,6 +136,7 @@ class Solution:
     build_time : wall time of the transcription, s
     variables : the scaled variables
     settings : how it was solved, as plain values
+    cost_scale : what the solver divided the cost by; cost and multipliers are whole
     """
 
     status: Status
@@ -147,6 +148,7 @@ class Solution:
     variable_multipliers: FloatArray | None = None
     variables: FloatArray | None = None
     settings: Mapping[str, object] = field(default_factory=dict)
+    cost_scale: float = 1.0
 
     def __getitem__(self, name: str) -> PhaseSolution:
         for phase in self.phases:

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import casadi as ca
@@ -26,6 +26,7 @@ from microbot_ocp.ocp.assembly import Program, assemble
 from microbot_ocp.ocp.mesh import Meshes
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.progress import Progress, Watch, violation, watching
+from microbot_ocp.ocp.scaling import cost_scale, scaled
 from microbot_ocp.ocp.schemes import Scheme
 from microbot_ocp.ocp.solution import Attempt, Solution, Status, unpack
 from microbot_ocp.ocp.start import Start, check_start, default_guess, start_from
@@ -34,6 +35,7 @@ from microbot_ocp.ocp.transcription import Guess, Transcription
 __all__ = ["SOLVERS", "SolverSettings", "default_guess", "solve"]
 
 SOLVERS = ("fatrop", "ipopt", "sqp")
+SCALINGS = ("auto", "declared")
 CHAIN = ("fatrop", "ipopt")  # of "auto"
 FEASIBLE = 1e-4  # largest violation, scaled, at which a solver's success is believed
 
@@ -70,6 +72,8 @@ class SolverSettings:
     max_iterations : limit for each solver
     initial_barrier : start of the barrier parameter; small for a warm start
     options : further options by solver name
+    scaling : "auto" (sizes that were not declared are found, see
+        :mod:`microbot_ocp.ocp.scaling`) or "declared" (one where no scale was declared)
     """
 
     solver: str = "auto"
@@ -77,6 +81,10 @@ class SolverSettings:
     max_iterations: int = 300
     initial_barrier: float | None = None
     options: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    scaling: str = "auto"
+
+    def __post_init__(self) -> None:
+        checks.one_of("scaling", self.scaling, SCALINGS)
 
     def chain(self) -> tuple[str, ...]:
         """Solvers to try in turn."""
@@ -129,15 +137,35 @@ def solve(
     """
     settings = settings or SolverSettings()
     start = time.perf_counter()
-    transcription = (
-        problem if isinstance(problem, Transcription) else Transcription(problem, scheme=scheme)
-    )
+    transcription = transcribed(problem, settings, scheme=scheme, guess=guess)
     layouts = transcription.layouts(mesh)
     program = assemble(transcription.problem, layouts)
     begin = start_from(program, transcription.problem, guess)
     check_start(program, begin.x)
+    program = with_cost_scale(program, begin.x, settings)
     build_time = time.perf_counter() - start
     return run_chain(program, settings, begin, progress=progress, build_time=build_time)
+
+
+def transcribed(
+    problem: OptimalControlProblem | Transcription,
+    settings: SolverSettings,
+    *,
+    scheme: str | Scheme = "shooting",
+    guess: Mapping[str, Guess] | Solution | None = None,
+) -> Transcription:
+    """A transcription as it is, or that of a problem, with the scales that the settings want."""
+    if isinstance(problem, Transcription):
+        return problem
+    own = scaled(problem, guess) if settings.scaling == "auto" else problem
+    return Transcription(own, scheme=scheme)
+
+
+def with_cost_scale(program: Program, x: FloatArray, settings: SolverSettings) -> Program:
+    """The program with the scale of its cost that the settings want, seen from a start."""
+    if settings.scaling == "declared":
+        return program
+    return replace(program, cost_scale=cost_scale(program, x))
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,7 +178,7 @@ class Outcome:
     variable_multipliers: FloatArray
 
 
-Made = dict[tuple[str, bool], ca.Function]
+Made = dict[tuple[str, bool, float], ca.Function]
 
 
 def run_chain(
@@ -190,6 +218,7 @@ def run_chain(
         variable_multipliers=outcome.variable_multipliers,
         variables=outcome.x,
         settings=settings.as_dict(),
+        cost_scale=program.cost_scale,
     )
 
 
@@ -204,11 +233,12 @@ def _run(
 ) -> Outcome:
     begin = time.perf_counter()
     watch = Watch(program, name, progress) if progress is not None else None
-    solver = None if made is None or watch is not None else made.get((name, variant))
+    key = (name, variant, program.cost_scale)
+    solver = None if made is None or watch is not None else made.get(key)
     if solver is None:
         solver = _create(program, name, settings, variant=variant, watch=watch)
         if made is not None and watch is None:
-            made[name, variant] = solver
+            made[key] = solver
     created = time.perf_counter()
     arguments: dict[str, Any] = {
         "x0": start.x,
@@ -219,7 +249,11 @@ def _run(
         "ubg": program.row_upper,
     }
     if start.warm:
-        arguments["lam_x0"], arguments["lam_g0"] = start.variable_multipliers, start.row_multipliers
+        for key, value in (
+            ("lam_x0", start.variable_multipliers),
+            ("lam_g0", start.row_multipliers),
+        ):
+            arguments[key] = np.asarray(value) / program.cost_scale
     result: Mapping[str, Any] = {}
     with watching(name) as interrupted:
         if watch is not None:
@@ -253,7 +287,7 @@ def _run(
     )
     # the solvers hand over the multipliers of their own bounds, though CasADi computes none
     rows, variables = (
-        np.array(result[key]).ravel() if result else np.zeros(size)
+        np.array(result[key]).ravel() * program.cost_scale if result else np.zeros(size)
         for key, size in (("lam_g", program.row_lower.size), ("lam_x", x.size))
     )
     return Outcome(attempt, x, rows, variables)
@@ -296,15 +330,37 @@ def _create(
     if watch is not None:
         hook = watch.hook(cache)
         options, cache = {**options, **hook.options}, {**cache, **hook.cache}
-    nlp = dict(program.nlp)
+    nlp = {**program.nlp, "f": program.nlp["f"] / program.cost_scale}
     return ca.nlpsol(name, plugin, nlp, {**common, **options, "cache": cache})
 
 
 Plugin = tuple[str, dict[str, Any], dict[str, ca.Function]]
 
 
+def _with_scaled_cost(program: Program) -> Mapping[str, ca.Function]:
+    """The functions of a program as solvers get them."""
+    functions, scale = program.functions, program.cost_scale
+    if scale == 1.0:
+        return functions
+    whole = functions["lagrangian"]
+    x, p, lam_f, lam_g = (ca.MX.sym(k, whole.sparsity_in(i)) for i, k in enumerate("xpfg"))
+    cost, g, stationarity, slope_of_p = whole(x, p, lam_f / scale, lam_g)
+    f, slope = functions["gradient"](x, p)
+    made = {
+        "lagrangian": ca.Function(
+            "nlp_grad", [x, p, lam_f, lam_g], [cost / scale, g, stationarity, slope_of_p]
+        ),
+        "gradient": ca.Function("nlp_grad_f", [x, p], [f / scale, slope / scale]),
+        "gradient_only": ca.Function("nlp_grad_f", [x, p], [slope / scale]),
+    }
+    for name in ("hessian", "hessian_upper"):
+        outputs = functions[name].call([x, p, lam_f / scale, lam_g])
+        made[name] = ca.Function("nlp_hess_l", [x, p, lam_f, lam_g], outputs)
+    return {**functions, **made}
+
+
 def _fatrop(program: Program, settings: SolverSettings) -> Plugin:
-    functions = program.functions
+    functions = _with_scaled_cost(program)
     options: dict[str, Any] = {**FATROP_OPTIONS, "tolerance": settings.tolerance}
     options["max_iter"] = settings.max_iterations
     if settings.initial_barrier is not None:
@@ -329,7 +385,7 @@ def _fatrop(program: Program, settings: SolverSettings) -> Plugin:
 
 
 def _ipopt(program: Program, settings: SolverSettings) -> Plugin:
-    functions = program.functions
+    functions = _with_scaled_cost(program)
     options: dict[str, Any] = {
         **IPOPT_OPTIONS,
         "tol": settings.tolerance,
@@ -368,7 +424,7 @@ def _warm_ipopt(program: Program, settings: SolverSettings) -> Plugin:
 
 
 def _sqp(program: Program, settings: SolverSettings) -> Plugin:
-    functions = program.functions
+    functions = _with_scaled_cost(program)
     x, p = (ca.MX.sym(k, functions["jacobian"].sparsity_in(i)) for i, k in enumerate("xp"))
     lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", program.row_lower.size)
     g, jacobian = functions["jacobian"](x, p)

@@ -18,7 +18,7 @@ from microbot_ocp.checks import FloatArray, InputError
 from microbot_ocp.ocp.kernels import build_kernels, stacked, stage_variables, with_derivatives
 from microbot_ocp.ocp.layout import PhaseLayout, StageKind, conditioned
 from microbot_ocp.ocp.mesh import Mesh, Meshes, mesh_of
-from microbot_ocp.ocp.problem import OptimalControlProblem, node_variables
+from microbot_ocp.ocp.problem import OptimalControlProblem, Phase, node_variables
 from microbot_ocp.ocp.schemes import SCHEMES, Scheme, with_degree
 
 GuessValue = ArrayLike | Callable[[FloatArray], ArrayLike]
@@ -45,7 +45,7 @@ class Transcription:
     scheme : str or Scheme
         "shooting", "radau", "gauss", "trapezoidal", "hermite_simpson", or one with settings.
     duration_scale : float
-        Typical duration of a phase, s.
+        Typical duration of the phases that declare none, s.
     prepare : callable, optional
         Turns each kernel function into a faster equal one (compiled code).
     """
@@ -77,6 +77,9 @@ class Transcription:
             self._known[key] = made if self._prepare is None else self._prepare(made)
         return self._known[key]
 
+    def _duration_scale(self, phase: Phase) -> float:
+        return self.duration_scale if phase.duration_scale is None else phase.duration_scale
+
     def _kind(self, index: int, degree: int | None) -> StageKind:
         if (index, degree) not in self._kinds:
             phase = self.problem.phases[index]
@@ -86,7 +89,7 @@ class Transcription:
                 scheme=scheme,
                 inner=inner,
                 control_scale=stacked([k.source for k in inner], "scale"),
-                kernels=build_kernels(phase, self.duration_scale, scheme, self._derive),
+                kernels=build_kernels(phase, self._duration_scale(phase), scheme, self._derive),
             )
         return self._kinds[index, degree]
 
@@ -118,7 +121,7 @@ class Transcription:
                 phase=phase,
                 mesh=mesh.fractions,
                 degrees=mesh.degrees,
-                node_scale=np.append(stacked(nodes, "scale"), self.duration_scale),
+                node_scale=np.append(stacked(nodes, "scale"), self._duration_scale(phase)),
                 scheme=self.scheme,
                 kinds=kinds,
                 kind_of=kind_of,

@@ -336,7 +336,7 @@ def verify(
     limits_of = thresholds or Thresholds()
     transcription = _transcription(problem, solution)
     layouts = tuple(phase_layout(phase) for phase in solution.phases)
-    plain = [_plain_kernels(layout, transcription.duration_scale) for layout in layouts]
+    plain = [_plain_kernels(layout) for layout in layouts]
     program = assemble(
         transcription.problem,
         [_limited_alike(layout, own) for layout, own in zip(layouts, plain, strict=True)],
@@ -353,7 +353,7 @@ def verify(
     ]
     gradient = _gradient(program, parts, lam_g)
     lam_x, computed = _bound_multipliers(program, solution, gradient)
-    optimality = _optimality(program, x, gradient, lam_g, lam_x, computed)
+    optimality = _optimality(program, x, gradient, lam_g, lam_x, computed, solution.cost_scale)
     resimulations = tuple(_resimulate(phase) for phase in solution.phases)
     dense = [_dense(phase) for phase in solution.phases]
     uses = tuple(use for d in dense for use in _limit_uses(d))
@@ -397,8 +397,7 @@ def _transcription(
     if isinstance(problem, Transcription):
         made = problem
     else:
-        scale = float(layouts[0].node_scale[-1])
-        made = Transcription(problem, scheme=layouts[0].scheme, duration_scale=scale)
+        made = Transcription(problem, scheme=layouts[0].scheme)
     fresh = made.layouts([layout.chosen for layout in layouts])
     for mine, given in zip(fresh, layouts, strict=True):
         if mine.variable_count != given.variable_count or mine.row_count != given.row_count:
@@ -475,15 +474,14 @@ class _Derivatives:
     step: FloatArray
 
 
-def _plain_kernels(layout: PhaseLayout, duration_scale: float) -> list[Kernels]:
+def _plain_kernels(layout: PhaseLayout) -> list[Kernels]:
     """Kernels without derivatives and not compiled: what is differentiated here is the original."""
 
     def derive(stage: ca.Function, end: ca.Function) -> Sequence[ca.Function]:
         return [stage, stage, stage, end, end, end]
 
-    return [
-        build_kernels(layout.phase, duration_scale, kind.scheme, derive) for kind in layout.kinds
-    ]
+    scale = float(layout.node_scale[-1])
+    return [build_kernels(layout.phase, scale, kind.scheme, derive) for kind in layout.kinds]
 
 
 def _limited_alike(layout: PhaseLayout, plain: Sequence[Kernels]) -> PhaseLayout:
@@ -592,6 +590,7 @@ def _optimality(
     lam_g: FloatArray,
     lam_x: FloatArray,
     computed: bool,
+    cost_scale: float,
 ) -> Optimality:
     g = np.array(program.functions["jacobian"](x, program.parameters)[0]).ravel()
     labels = [*variable_labels(program), *row_labels(program)]
@@ -599,7 +598,7 @@ def _optimality(
     value, lam = np.concatenate([x, g]), np.concatenate([lam_x, lam_g])
     low = np.concatenate([program.variable_lower, program.row_lower])
     high = np.concatenate([program.variable_upper, program.row_upper])
-    size = max(100.0, float(np.mean(np.abs(lam)))) / 100.0
+    size = max(100.0 * cost_scale, float(np.mean(np.abs(lam)))) / 100.0
     excess = np.maximum(np.maximum(low - value, value - high), 0.0)
     with np.errstate(invalid="ignore"):
         distance = np.where(lam > 0, high - value, value - low)

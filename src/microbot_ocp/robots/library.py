@@ -25,7 +25,7 @@ def load_robot(source: str | Path, tip: str | None = None) -> Robot:
         A name from :func:`packaged_robots`, or the path of a ``.toml`` or ``.urdf`` file.
     tip : str, optional
         Of a URDF file: the link at the end of the chain, whose frame is the tool; needed where
-        the file has several ends (see :func:`microbot_ocp.robots.urdf_file.read_urdf`).
+        the file has several ends (see :func:`microbot_ocp.robots.urdf_reader.read_urdf`).
 
     Returns
     -------
@@ -45,7 +45,7 @@ def load_robot(source: str | Path, tip: str | None = None) -> Robot:
     name = str(source)
     path = Path(name)
     if name not in packaged_robots() and path.suffix == ".urdf":
-        from microbot_ocp.robots.urdf_file import read_urdf  # its parser is an extra
+        from microbot_ocp.robots.urdf_reader import read_urdf  # its parser is an extra
 
         return read_urdf(path, tip)
     if tip is not None:

@@ -53,7 +53,7 @@ def link_origins(robot: Robot, q: FloatArray) -> FloatArray:
 
 
 def link_rotations(robot: Robot, q: FloatArray, frame: int) -> FloatArray:
-    """Rotations [N,3,3] of link frame ``frame`` (1 to n) in the base frame at positions q [N,n]."""
+    """Rotations [N,3,3] of frame ``frame`` (n+1: the tool) in the base frame at q [N,n]."""
     columns = np.array(forward_kinematics(robot, frame)(q.T))
     return columns.reshape(4, len(q), 4).transpose(1, 0, 2)[:, :3, :3]
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from reading import FLOAT32, poses, read, rotations, scalars, static
 from rerun.chunk import RrdReader
 
 from microbot_ocp.comparison import Comparison
@@ -14,49 +15,6 @@ from microbot_ocp.motion import Motion, State
 from microbot_ocp.robot import Limits, Link, Robot
 from microbot_ocp.views import scene
 from microbot_ocp.views.recording import curves, entities, of_comparison
-
-FLOAT32 = 2e-6  # relative rounding of what Rerun stores
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _strict():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("RERUN_STRICT", "1")
-        yield
-
-
-@pytest.fixture(scope="module")
-def recording(comparison, tmp_path_factory):
-    return of_comparison(comparison).save(tmp_path_factory.mktemp("rrd") / "run.rrd")
-
-
-def read(path, entity, component):
-    """Times [N], s, and the rows of a component as lists, in the order of time."""
-    stream = RrdReader(path).stream()
-    chunks = stream.filter(content=entity, components=component, is_static=False).to_chunks()
-    times, rows = [], []
-    for chunk in chunks:
-        batch = chunk.to_record_batch()
-        times += [t.value for t in batch.column("sim_time")]
-        rows += batch.column(component).to_pylist()
-    order = np.argsort(times, kind="stable")
-    return np.array(times)[order] * 1e-9, [rows[i] for i in order]
-
-
-def scalars(path, entity):
-    t, rows = read(path, entity, "Scalars:scalars")
-    return t, np.array([row[0] for row in rows])
-
-
-def poses(path, entity):
-    t, places = read(path, entity, "Transform3D:translation")
-    return t, np.array(places)[:, 0]
-
-
-def static(path, entity, component):
-    stream = RrdReader(path).stream()
-    (chunk,) = stream.filter(content=entity, components=component, is_static=True).to_chunks()
-    return chunk.to_record_batch().column(component).to_pylist()[0]
 
 
 def test_curves_hold_the_samples_of_the_motion(comparison, recording):
@@ -92,30 +50,25 @@ def test_tool_follows_forward_kinematics(comparison, recording):
         np.testing.assert_allclose(tool, expected, atol=FLOAT32 * size)
 
 
-def test_links_have_the_pose_of_their_frames(comparison, recording):
-    for frame in (1, 2, 3):
-        entity = f"/world/cubic/link_{frame}"
-        t, rows = read(recording, entity, "Transform3D:quaternion")
-        x, y, z, w = np.array(rows)[:, 0].T
+def test_links_and_tool_have_the_pose_of_their_frames(comparison, recording):
+    robot, count = comparison.robot, comparison.robot.joint_count
+    for frame in range(1, count + 2):
+        turning = f"link_{frame}" if frame <= count else "tool/frame"
+        placed = f"link_{frame}" if frame <= count else "tool"
+        t, rows = read(recording, f"/world/cubic/{turning}", "Transform3D:quaternion")
+        turned = rotations(np.array(rows)[:, 0])
+        _, places = poses(recording, f"/world/cubic/{placed}")
         q = comparison.entries[1].motion.sample(np.minimum(t, 2.6)).q
         for i in (0, 100, 317, len(t) - 1):
-            pose = np.array(forward_kinematics(comparison.robot, frame)(q[i]))
-            x_axis = [
-                1 - 2 * (y[i] ** 2 + z[i] ** 2),
-                2 * (x[i] * y[i] + z[i] * w[i]),
-                2 * (x[i] * z[i] - y[i] * w[i]),
-            ]
-            z_axis = [
-                2 * (x[i] * z[i] + y[i] * w[i]),
-                2 * (y[i] * z[i] - x[i] * w[i]),
-                1 - 2 * (x[i] ** 2 + y[i] ** 2),
-            ]
-            np.testing.assert_allclose(x_axis, pose[:3, 0], atol=1e-5)
-            np.testing.assert_allclose(z_axis, pose[:3, 2], atol=1e-5)
+            pose = np.array(forward_kinematics(robot, frame)(q[i]))
+            np.testing.assert_allclose(turned[i], pose[:3, :3], atol=1e-5)
+            np.testing.assert_allclose(places[i], pose[:3, 3], atol=1e-5)
 
 
 def test_links_have_their_lengths(recording):
-    lengths = [static(recording, f"/world/cubic/link_{k}", "Capsules3D:lengths") for k in (0, 2, 3)]
+    lengths = [
+        static(recording, f"/world/cubic/link_{k}/shape", "Capsules3D:lengths") for k in (0, 2, 3)
+    ]
     np.testing.assert_allclose(lengths, [[2.0], [3.0], [4.0]])
 
 
@@ -150,19 +103,22 @@ def test_words_and_marks(recording):
     text = static(recording, "/summary", "TextDocument:text")[0]
     assert "not solved: infeasible" in text
     t, rows = read(recording, "/marks/cubic", "TextLog:text")
-    np.testing.assert_allclose(t, [0, 1.2, 2.6])
-    assert rows[1] == ["via 2: cubic, scaled"]
+    told = {row[0]: time for time, row in zip(t, rows, strict=True)}
+    for number, time in enumerate((0.0, 1.2, 2.6), start=1):
+        assert told[f"via {number}: cubic, scaled"] == pytest.approx(time)
     vias = static(recording, "/world/via_points", "Points3D:labels")
     assert vias == ["via 1", "via 2", "via 3"]
 
 
 def test_one_solid_arm_among_ghosts(recording):
     alphas = {
-        name: static(recording, f"/world/{name}/link_2", "Capsules3D:colors")[0] & 0xFF
+        name: static(recording, f"/world/{name}/link_2/shape", "Capsules3D:colors")[0] & 0xFF
         for name in ("cubic_report", "cubic", "time_optimal")
     }
     assert alphas == {"cubic_report": 110, "cubic": 110, "time_optimal": 255}
-    radii = {static(recording, f"/world/{name}/link_2", "Capsules3D:radii")[0] for name in alphas}
+    radii = {
+        static(recording, f"/world/{name}/link_2/shape", "Capsules3D:radii")[0] for name in alphas
+    }
     assert len(radii) == 3
 
 
@@ -199,7 +155,7 @@ def test_prismatic_joint_stretches_its_link(solved_entry, tmp_path):
     entry = solved_entry(robot, robot.limits, "line", "line", motion)
     comparison = Comparison(robot, q[[0, -1]], robot.limits, (entry,), "line")
     path = of_comparison(comparison).save(tmp_path / "slide.rrd")
-    times, lengths = read(path, "/world/line/link_1", "Capsules3D:lengths")
+    times, lengths = read(path, "/world/line/link_1/shape", "Capsules3D:lengths")
     np.testing.assert_allclose(
         np.array(lengths)[:, 0], np.hypot(0.5, 0.1 + 0.4 * times), rtol=FLOAT32
     )

@@ -12,13 +12,13 @@ from microbot_ocp.motion import JUMP_GAP, Mark, Motion, State
 from microbot_ocp.robot import Robot
 from microbot_ocp.views import scene
 from microbot_ocp.views.recording import entities
+from microbot_ocp.views.recording.palette import Color
 from microbot_ocp.views.recording.writer import Times
 from microbot_ocp.views.style import EntryStyle
 
 RATE = 200.0  # Hz, of what is drawn: smoother than any screen
 GHOST_ALPHA = 110
 BRIGHTER = 0.25  # share of white in colours, which are chosen for paper, on a dark screen
-Color = tuple[int, int, int, int]
 
 
 @dataclass(frozen=True)
@@ -98,13 +98,22 @@ class Actor:
 
     @property
     def title(self) -> str:
-        """What people read."""
+        """What people read; empty for an arm that has the scene to itself."""
         return self.look.style.title
 
     @property
     def q(self) -> FloatArray:
         """Joint positions [N,n], rad or m."""
         return self.state.q
+
+    @property
+    def moves(self) -> bool:
+        """Whether it plays in time; otherwise it stands in one pose after the other."""
+        return entities.TIME in self.times
+
+    def values(self, quantity: str) -> FloatArray:
+        """Values [N,n] of a quantity, plotted or not."""
+        return self.state.qdd if quantity == "qdd" else self.curves[quantity]
 
     @classmethod
     def of(cls, motion: Motion, look: Look, rate: float = RATE) -> Actor:

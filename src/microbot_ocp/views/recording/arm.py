@@ -1,4 +1,4 @@
-"""One arm in space: links, joints, tool, label and trail."""
+"""One arm in space: links, joints, centres of mass, frames, tool, label and trail."""
 
 from __future__ import annotations
 
@@ -10,8 +10,15 @@ from microbot_ocp.robot import Robot
 from microbot_ocp.views import scene
 from microbot_ocp.views.recording import entities
 from microbot_ocp.views.recording.actors import Actor, Look
+from microbot_ocp.views.recording.camera import upward
+from microbot_ocp.views.recording.palette import MASS_COLOR
 from microbot_ocp.views.recording.rotations import along_z, quaternions
 from microbot_ocp.views.recording.writer import Times, Writer
+
+NOWHERE = 1e-6  # m, below which a link has no length
+JOINT = (1.5, 3.6)  # radius and length of a joint in link radii
+MASS = (1.3, 2.2)  # radius of the smallest and the largest mass in link radii
+FRAME = 0.07  # length of a frame's axes as a share of the reach
 
 
 def draw(writer: Writer, robot: Robot, actor: Actor, end: Times) -> None:
@@ -19,22 +26,28 @@ def draw(writer: Writer, robot: Robot, actor: Actor, end: Times) -> None:
     look = actor.look
     times, q = held(actor.times, actor.q, end)
     origins = scene.link_origins(robot, q)
-    _link(writer, entities.link(actor.name, 0), look, times, origins[:, 1] - origins[:, 0])
-    for frame in range(1, robot.joint_count + 1):
-        path = entities.link(actor.name, frame)
+    start = np.broadcast_to(robot.base[:3, 3], origins[:, 0].shape)
+    _link(writer, entities.link(actor.name, 0, "shape"), look, times, start, origins[:, 1])
+    count = robot.joint_count
+    for frame in range(1, count + 2):
+        path = entities.link(actor.name, frame) if frame <= count else entities.tool(actor.name)
         rotations = scene.link_rotations(robot, q, frame)
-        pose = rr.Transform3D.columns(
-            translation=origins[:, frame], quaternion=quaternions(rotations)
-        )
-        writer.columns(path, times, pose)
-        step = origins[:, frame + 1] - origins[:, frame]
-        _link(writer, path, look, times, np.einsum("nij,ni->nj", rotations, step))
-        joint = rr.Points3D([[0, 0, 0]], radii=1.4 * look.radius, colors=[look.color])
-        writer.static(f"{path}/joint", joint)
-    tool = origins[:, -1]
-    writer.columns(entities.tool(actor.name), times, rr.Transform3D.columns(translation=tool))
-    _tool(writer, actor)
-    _trail(writer, actor, times, tool)
+        turned = quaternions(rotations)
+        if frame > count:  # the tool itself does not turn: labels and arrows hang on it
+            writer.columns(path, times, rr.Transform3D.columns(translation=origins[:, frame]))
+            turn = rr.Transform3D.columns(quaternion=turned)
+            writer.columns(f"{path}/frame", times, turn)
+        else:
+            pose = rr.Transform3D.columns(translation=origins[:, frame], quaternion=turned)
+            writer.columns(path, times, pose)
+            step = np.einsum("nij,ni->nj", rotations, origins[:, frame + 1] - origins[:, frame])
+            _link(writer, f"{path}/shape", look, times, np.zeros_like(step), step)
+            _joint(writer, f"{path}/joint", look, robot.joint_types[frame - 1])
+        axes = rr.TransformAxes3D(FRAME * scene.reach(robot))
+        writer.static(f"{path}/frame", axes)
+    _masses(writer, robot, actor)
+    _tool(writer, robot, actor)
+    _trail(writer, actor, times, origins[:, -1])
 
 
 def held(times: Times, values: FloatArray, end: Times) -> tuple[Times, FloatArray]:
@@ -45,15 +58,19 @@ def held(times: Times, values: FloatArray, end: Times) -> tuple[Times, FloatArra
     return longer, np.concatenate([values, values[-1:]])
 
 
-def _link(writer: Writer, path: str, look: Look, times: Times, vectors: FloatArray) -> None:
-    """Capsule from the frame's origin along ``vectors`` [N,3] in that frame, to the next origin."""
+def _link(
+    writer: Writer, path: str, look: Look, times: Times, start: FloatArray, end: FloatArray
+) -> None:
+    """Capsule between points [N,3] in the link frame."""
+    vectors = end - start
     lengths = np.linalg.norm(vectors, axis=1)
-    if lengths.max() < 1e-6:
+    if lengths.max() < NOWHERE:
         return
     fixed = np.ptp(vectors, axis=0).max() < 1e-9 * max(1.0, lengths.max())
     shape = rr.Capsules3D.from_fields(
         lengths=lengths[:1] if fixed else None,
         quaternions=along_z(vectors[:1]) if fixed else None,
+        translations=start[:1],
         radii=[look.radius],
         colors=[look.color],
         fill_mode="solid",
@@ -64,13 +81,51 @@ def _link(writer: Writer, path: str, look: Look, times: Times, vectors: FloatArr
         writer.columns(path, times, stretched)
 
 
-def _tool(writer: Writer, actor: Actor) -> None:
+def _joint(writer: Writer, path: str, look: Look, kind: str) -> None:
+    """A drum about the axis of a revolute joint, a box along that of a prismatic one."""
+    radius, length = (factor * look.radius for factor in JOINT)
+    if kind == "revolute":
+        shape = rr.Cylinders3D(
+            lengths=[length], radii=[radius], colors=[look.color], fill_mode="solid"
+        )
+    else:
+        half = [[radius, radius, length / 2]]
+        shape = rr.Boxes3D(half_sizes=half, colors=[look.color], fill_mode="solid")
+    writer.static(path, shape)
+
+
+def _masses(writer: Writer, robot: Robot, actor: Actor) -> None:
+    """A ball at every centre of mass, its volume in proportion to the mass."""
+    for frame, radius in enumerate(mass_radii(robot), start=1):
+        ball = rr.Points3D(
+            [robot.links[frame - 1].center_of_mass],
+            radii=radius * actor.look.radius,
+            colors=[MASS_COLOR],
+        )
+        writer.static(entities.link(actor.name, frame, "center_of_mass"), ball)
+
+
+def mass_radii(robot: Robot) -> FloatArray:
+    """Radii [n] of the balls in link radii: their volumes are as the masses, down to a least one.
+
+    Empty for a robot without masses.
+    """
+    masses = np.array([link.mass for link in robot.links])
+    if not masses.size:
+        return masses
+    least, most = MASS
+    return np.maximum(least, most * np.cbrt(masses / masses.max()))
+
+
+def _tool(writer: Writer, robot: Robot, actor: Actor) -> None:
     look = actor.look
     ball = rr.Points3D([[0, 0, 0]], radii=1.4 * look.radius, colors=[look.color])
     writer.static(entities.tool(actor.name, "ball"), ball)
+    if not actor.title:
+        return
     # all arms meet at their ends, so every label hangs at its own height
     label = rr.Points3D(
-        [[0, 0, look.label_height]],
+        [look.label_height * upward(robot)],
         radii=1e-3 * look.radius,
         colors=[look.line_color],
         labels=[actor.title],

@@ -1,90 +1,132 @@
-"""The layout of every recording: the arms, the words, the curves."""
+"""The layout of every recording: the arms and the words to the left, the curves to the right."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-import numpy as np
 import rerun.blueprint as rrb
+from rerun.components import Plane3D
 
 from microbot_ocp.views import scene
 from microbot_ocp.views.recording import camera, entities
+from microbot_ocp.views.recording.saturation import QUANTITIES
 
 if TYPE_CHECKING:
     from microbot_ocp.views.recording.recording import Recording
 
+SHORT = 4.0  # s; what is shorter plays at half its speed
 WIDE_ROBOT = 4  # more joints than this: one tab a quantity
-AxisLimits = Mapping[tuple[str, int], scene.AxisLimits]
+LANES = (0.13, 0.055)  # height of the state timeline, and of a lane, by that of the curves
+TOOL_CURVES = {
+    "tool speed [m/s]": ("speed",),
+    "force in the wrist [N]": ("force",),
+    "progress [%] over time; elapsed time [s] over progress": ("progress", "elapsed"),
+}
 
 
-def blueprint(recording: Recording, limits: AxisLimits) -> rrb.Blueprint:
-    """Arms and words to the left, curves to the right; it plays when opened."""
-    words = rrb.TextDocumentView(origin=entities.SUMMARY, name="summary")
+def blueprint(recording: Recording) -> rrb.Blueprint:
+    """Ready to play on the recording's first timeline."""
     marks = rrb.TextLogView(
         origin=entities.MARKS,
-        name="marks",
+        name="marks and switches",
         columns=rrb.TextLogColumns(text_log_columns=["Body"]),
     )
-    below = rrb.Horizontal(words, marks, column_shares=[2.5, 1.0])
-    left = rrb.Vertical(_space(recording), below, row_shares=[2.2, 1.0])
+    words = rrb.TextDocumentView(origin=entities.SUMMARY, name="summary")
+    below = rrb.Horizontal(words, marks, column_shares=[1.6, 1.0])
+    left = rrb.Vertical(_space(recording), below, row_shares=[2.4, 1.0])
+    timed = recording.timeline == entities.TIME
+    short = timed and max(recording.end.get(entities.TIME, [0.0])) < SHORT
     return rrb.Blueprint(
-        rrb.Horizontal(left, _plots(recording, limits), column_shares=[1.15, 1.0]),
+        rrb.Horizontal(left, _right(recording), column_shares=[1.15, 1.0]),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
         rrb.TimePanel(
             state="collapsed",
-            timeline=entities.TIME,
+            timeline=recording.timeline,
             play_state="playing",
             loop_mode="all",
-            playback_speed=0.5,
+            playback_speed=0.5 if short else 1.0,
+            fps=None if timed else 1.0,
         ),
     )
 
 
 def _space(recording: Recording) -> rrb.Spatial3DView:
-    to_cursor = [
-        rrb.VisibleTimeRanges(
-            timeline=timeline,
-            start=rrb.TimeRangeBoundary.infinite(),
-            end=rrb.TimeRangeBoundary.cursor_relative(),
-        )
-        for timeline in (entities.TIME,)
-    ]
     robot, actors = recording.robot, recording.actors
-    headroom = max((actor.look.label_height for actor in actors), default=0.0)
-    positions = np.vstack([recording.via_q, *(actor.q for actor in actors)])
-    eye, target = camera.eye(robot, positions, recording.via_q, headroom)
+    to_cursor = rrb.VisibleTimeRanges(
+        [
+            rrb.VisibleTimeRange(
+                timeline,
+                start=rrb.TimeRangeBoundary.infinite(),
+                end=rrb.TimeRangeBoundary.cursor_relative(),
+            )
+            for timeline in recording.timelines
+        ]
+    )
+    overrides = {}
+    for actor in actors:
+        for path in (entities.trail(actor.name), entities.switches(actor.name)):
+            overrides[path] = to_cursor
+    for path in recording.hidden:
+        overrides[path] = rrb.EntityBehavior(visible=False)
+    position, target, up = recording.eye
     return rrb.Spatial3DView(
         origin=entities.WORLD,
         name=robot.name,
-        line_grid=rrb.LineGrid3D(visible=True, spacing=camera.grid_spacing(robot)),
-        eye_controls=rrb.EyeControls3D(
-            kind=rrb.Eye3DKind.Orbital, position=eye, look_target=target, eye_up=(0.0, 0.0, 1.0)
+        line_grid=rrb.LineGrid3D(
+            visible=True,
+            spacing=camera.grid_spacing(robot),
+            plane=Plane3D(camera.upward(robot)),
         ),
-        overrides={entities.trail(actor.name): to_cursor for actor in actors},
+        eye_controls=rrb.EyeControls3D(
+            kind=rrb.Eye3DKind.Orbital, position=position, look_target=target, eye_up=up
+        ),
+        overrides=overrides,
     )
 
 
-def _plots(recording: Recording, limits: AxisLimits) -> rrb.Container:
+def _right(recording: Recording) -> rrb.Container:
     count = recording.robot.joint_count
     rows = {
-        quantity: [
-            _plot(recording, quantity, joint, limits[quantity, joint]) for joint in range(count)
-        ]
+        quantity: [_plot(recording, quantity, joint) for joint in range(count)]
         for quantity in recording.quantities
     }
     if count > WIDE_ROBOT:
-        tabs = [rrb.Grid(*views, grid_columns=2, name=q) for q, views in rows.items()]
-        return rrb.Tabs(*tabs, active_tab=0)
-    every = [view for views in rows.values() for view in views]
-    return rrb.Grid(*every, grid_columns=count)
+        tabs: list[rrb.Container] = [
+            rrb.Grid(*views, grid_columns=2, name=q) for q, views in rows.items()
+        ]
+    else:
+        every = [view for views in rows.values() for view in views]
+        tabs = [rrb.Grid(*every, grid_columns=count, name="joints")]
+    if recording.timeline == entities.TIME:
+        tool = [
+            rrb.TimeSeriesView(
+                contents=[f"{entities.tool_curve(quantity)}/**" for quantity in quantities],
+                name=name,
+                plot_legend=rrb.PlotLegend(visible=False),
+            )
+            for name, quantities in TOOL_CURVES.items()
+        ]
+        tabs.append(rrb.Vertical(*tool, name="tool and progress"))
+    curves = rrb.Tabs(*tabs, active_tab=0)
+    lanes = _lanes(recording)
+    if lanes is None:
+        return curves
+    return rrb.Vertical(curves, lanes, row_shares=[1.0, LANES[0] + LANES[1] * count])
 
 
-def _plot(
-    recording: Recording, quantity: str, joint: int, limits: scene.AxisLimits
-) -> rrb.TimeSeriesView:
+def _lanes(recording: Recording) -> rrb.StateTimelineView | None:
+    """Which limit every joint of the solid arm is at; None where there is no limit."""
+    solid = next((actor for actor in recording.actors if actor.look.solid), None)
+    if solid is None or not recording.has_limits(QUANTITIES):
+        return None
+    name = f"limits met: {solid.title}" if solid.title else "limits met"
+    return rrb.StateTimelineView(origin=entities.saturation(solid.name), name=name)
+
+
+def _plot(recording: Recording, quantity: str, joint: int) -> rrb.TimeSeriesView:
     robot = recording.robot
+    limits = recording.axis_limits[quantity, joint]
     unit = scene.display_unit(robot, quantity, joint)
     return rrb.TimeSeriesView(
         origin=entities.curve(robot, quantity, joint),

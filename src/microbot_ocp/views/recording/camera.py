@@ -1,6 +1,8 @@
-"""Where the eye stands, and the grid under the arm."""
+"""Where the eye stands, which way is up, and the grid under the arm."""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 
@@ -8,27 +10,74 @@ from microbot_ocp.checks import FloatArray
 from microbot_ocp.robot import Robot
 from microbot_ocp.views import scene
 
-EYE_DISTANCE = 0.84  # times the diagonal of everything that moves
-TILT = np.radians(22.0)
+FIELD_OF_VIEW = np.radians(55.0)  # of Rerun's eye, from bottom to top
+ASPECT = 1.25  # width of the view to its height, about
+MARGIN = 1.15  # room for labels and for what is thick
+TILT = np.radians(20.0)  # of the line of sight, from above
+STEEP_TILT = np.radians(60.0)  # the same where all that moves is level
+FLAT = 0.12  # height to width from which on a motion counts as level
+AXES = ("X", "Y", "Z")
 
 
-def eye(
-    robot: Robot, q: FloatArray, via_q: FloatArray, headroom: float
-) -> tuple[FloatArray, FloatArray]:
-    """Place and target of the eye [3], m: everything that moves, seen from the tool's side.
+class Eye(NamedTuple):
+    """Place of the eye and what it looks at [3], m, and what is up for it [3]."""
 
-    ``headroom`` (m) is for the labels above.
+    position: FloatArray
+    target: FloatArray
+    up: FloatArray
+
+
+def up_axis(robot: Robot) -> int:
+    """Axis of the base frame against which things fall, 0 to 2; z without gravity."""
+    size = np.abs(robot.gravity)
+    return int(size.argmax()) if size.any() else 2
+
+
+def upward(robot: Robot) -> FloatArray:
+    """Unit vector [3] of the base frame nearest to upward."""
+    axis = up_axis(robot)
+    sign = -1.0 if robot.gravity[axis] > 0.0 else 1.0
+    return sign * np.eye(3)[axis]
+
+
+def eye(robot: Robot, q: FloatArray, headroom: float) -> Eye:
+    """An eye that sees the arm at all positions q [N,n] from its broad side, on the tool's side.
+
+    ``headroom`` (m) is for the labels above the tool.
     """
-    points = scene.link_origins(robot, np.vstack([via_q, q])).reshape(-1, 3)
-    low, high = points.min(axis=0), points.max(axis=0)
-    high[2] += headroom
-    middle = (low + high) / 2
-    level = scene.link_origins(robot, via_q)[:, -1].mean(axis=0)[:2]
-    angle = np.arctan2(level[1], level[0]) if np.linalg.norm(level) > 1e-6 else -np.pi / 4
-    towards_eye = np.array(
-        [np.cos(TILT) * np.cos(angle), np.cos(TILT) * np.sin(angle), np.sin(TILT)]
-    )
-    return middle + EYE_DISTANCE * np.linalg.norm(high - low) * towards_eye, middle
+    up = upward(robot)
+    origins = scene.link_origins(robot, q)
+    points = np.vstack([origins.reshape(-1, 3), origins[:, -1] + headroom * up])
+    middle = (points.min(axis=0) + points.max(axis=0)) / 2
+    level = points - np.outer(points @ up, up)
+    spread, directions = np.linalg.eigh(np.cov((level - level.mean(axis=0)).T) + np.outer(up, up))
+    sideways = np.abs(directions.T @ up) < 0.5
+    broad = spread[sideways].max() if sideways.any() else 0.0
+    towards = directions[:, np.flatnonzero(sideways)[0]]
+    side = float((origins[:, -1] - middle).mean(axis=0) @ towards)
+    preferred = np.array([1.0, -1.0, 1.0]) @ towards
+    if side * np.sign(side) < 1e-3 * np.sqrt(broad):
+        side = preferred
+    towards = towards * (1.0 if side >= 0.0 else -1.0)
+    height, width = np.ptp(points @ up), np.linalg.norm(np.ptp(level, axis=0))
+    tilt = STEEP_TILT if height - headroom < FLAT * width else TILT
+    towards = np.cos(tilt) * towards + np.sin(tilt) * up
+    return _fitted(points, middle, towards, up)
+
+
+def _fitted(points: FloatArray, middle: FloatArray, towards: FloatArray, up: FloatArray) -> Eye:
+    """The nearest eye in a direction that sees all points [N,3]."""
+    right = np.cross(up, towards)
+    right /= np.linalg.norm(right)
+    above = np.cross(towards, right)
+    across, high = ((points - middle) @ axis for axis in (right, above))
+    centre = [(values.min() + values.max()) / 2 for values in (across, high)]
+    target = middle + centre[0] * right + centre[1] * above
+    depth = (points - target) @ towards
+    half_height = np.tan(FIELD_OF_VIEW / 2)
+    need = np.maximum(np.abs(high - centre[1]), np.abs(across - centre[0]) / ASPECT) / half_height
+    distance = float((depth + MARGIN * need).max())
+    return Eye(target + distance * towards, target, up)
 
 
 def grid_spacing(robot: Robot) -> float:

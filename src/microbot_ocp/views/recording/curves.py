@@ -5,29 +5,53 @@ from __future__ import annotations
 import numpy as np
 import rerun as rr
 
+from microbot_ocp.checks import FloatArray
 from microbot_ocp.robot import JointLimits, Robot
 from microbot_ocp.views import scene
 from microbot_ocp.views.recording import entities
 from microbot_ocp.views.recording.actors import Actor
+from microbot_ocp.views.recording.palette import LIMIT_COLOR
 from microbot_ocp.views.recording.writer import Times, Writer
 
 DASHES = 40  # of a limit's line, over the whole timeline
-LIMIT_COLOR = (165, 165, 165, 255)
 
 
 def draw(writer: Writer, robot: Robot, actor: Actor) -> None:
     """Every quantity of every joint over the time."""
-    look = rr.SeriesLines.from_fields(
-        names=[actor.title],
-        colors=[actor.look.line_color],
-        widths=[2.5 if actor.look.solid else 1.6],
-    )
+    look = _look(actor)
     for quantity, values in actor.curves.items():
         for joint in range(robot.joint_count):
             path = entities.curve(robot, quantity, joint, actor.name)
             writer.static(path, look)
             shown = values[:, joint] * scene.display_factor(robot, quantity, joint)
             writer.columns(path, actor.times, rr.Scalars.columns(scalars=shown))
+
+
+def _look(actor: Actor) -> rr.SeriesLines:
+    return rr.SeriesLines.from_fields(
+        names=[actor.title or actor.name],
+        colors=[actor.look.line_color],
+        widths=[2.5 if actor.look.solid else 1.6],
+    )
+
+
+def draw_tool(writer: Writer, actor: Actor, quantity: str, values: FloatArray) -> None:
+    """A quantity [N] of the tool over the time."""
+    path = entities.tool_curve(quantity, actor.name)
+    writer.static(path, _look(actor))
+    writer.columns(path, actor.times, rr.Scalars.columns(scalars=values))
+
+
+def draw_progress(writer: Writer, actor: Actor) -> None:
+    """How far the arm is over the time, %, and the time over how far it is, s."""
+    for quantity, over, factor, of in (
+        ("progress", entities.TIME, 100.0 / entities.WHOLE, entities.PROGRESS),
+        ("elapsed", entities.PROGRESS, 1.0, entities.TIME),
+    ):
+        path = entities.tool_curve(quantity, actor.name)
+        writer.static(path, _look(actor))
+        scalars = rr.Scalars.columns(scalars=factor * actor.times[of])
+        writer.columns(path, {over: actor.times[over]}, scalars)
 
 
 def near_limits(

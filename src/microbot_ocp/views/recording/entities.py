@@ -13,6 +13,7 @@ WHOLE = 1000  # the last value of PROGRESS
 
 SUMMARY = "summary"
 MARKS = "marks"
+SATURATION = "saturation"
 WORLD = "world"
 BASE = "world/base"
 VIA_POINTS = "world/via_points"
@@ -47,3 +48,18 @@ def curve(robot: Robot, quantity: str, joint: int, leaf: str = "") -> str:
 def marks(name: str) -> str:
     """Path of the named instants of a motion."""
     return f"{MARKS}/{name}"
+
+
+def saturation(name: str, joint: str = "") -> str:
+    """Path of the lanes that show the limits an arm is at, or of one joint's."""
+    return rr.new_entity_path([SATURATION, name, *([joint] if joint else [])])
+
+
+def switches(name: str) -> str:
+    """Path of the places on the trail where limits are reached or left."""
+    return arm(name, "switches")
+
+
+def tool_curve(quantity: str, name: str = "") -> str:
+    """Path of the curves of the tool's speed or force, or of progress; or of one arm's."""
+    return "/".join(["plots", quantity, *([name] if name else [])])

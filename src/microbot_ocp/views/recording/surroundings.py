@@ -1,36 +1,54 @@
-"""What does not move: axes, base, via points, the words."""
+"""What does not move: which way is up, the base, the via points, the words."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+import numpy as np
 import rerun as rr
 
 from microbot_ocp.checks import FloatArray
 from microbot_ocp.robot import Robot
 from microbot_ocp.views import scene
-from microbot_ocp.views.recording import entities
+from microbot_ocp.views.recording import camera, entities
+from microbot_ocp.views.recording.palette import BASE_COLOR, VIA_COLOR
+from microbot_ocp.views.recording.rotations import quaternions
 from microbot_ocp.views.recording.writer import Writer
 
-BASE_COLOR = (120, 120, 125, 255)
-VIA_COLOR = (245, 245, 245, 255)
 
-
-def draw(writer: Writer, robot: Robot, via_q: FloatArray) -> None:
-    """Axes, base plate and via points."""
+def draw(writer: Writer, robot: Robot, via_q: FloatArray, names: Sequence[str]) -> None:
+    """Base plate, a post from the base frame to it where they differ, and the via points."""
     size = scene.reach(robot)
-    writer.static(entities.WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP)
-    half = [[0.07 * size, 0.07 * size, 0.008 * size]]
-    writer.static(
-        entities.BASE, rr.Boxes3D(half_sizes=half, colors=[BASE_COLOR], fill_mode="solid")
+    axis, up = camera.up_axis(robot), camera.upward(robot)
+    direction = "UP" if up[axis] > 0 else "DOWN"
+    view = getattr(rr.ViewCoordinates, f"RIGHT_HAND_{camera.AXES[axis]}_{direction}")
+    writer.static(entities.WORLD, view)
+    place = robot.base[:3, 3]
+    plate = rr.Boxes3D(
+        half_sizes=[[0.07 * size, 0.07 * size, 0.008 * size]],
+        centers=[place],
+        quaternions=quaternions(robot.base[None, :3, :3]),
+        colors=[BASE_COLOR],
+        fill_mode="solid",
     )
+    writer.static(entities.BASE, plate)
+    if np.linalg.norm(place) > 1e-9:
+        post = rr.LineStrips3D([[np.zeros(3), place]], radii=0.006 * size, colors=[BASE_COLOR])
+        writer.static(f"{entities.BASE}/post", post)
+    if not len(via_q):
+        return
     places = scene.link_origins(robot, via_q)[:, -1]
+    labels = [_label(place, places, names) for place in places]
     spheres = rr.Points3D(
-        places,
-        radii=0.022 * size,
-        colors=[VIA_COLOR],
-        labels=[f"via {k}" for k in range(1, len(places) + 1)],
-        show_labels=True,
+        places, radii=0.022 * size, colors=[VIA_COLOR], labels=labels, show_labels=True
     )
     writer.static(entities.VIA_POINTS, spheres)
+
+
+def _label(place: FloatArray, places: FloatArray, names: Sequence[str]) -> str:
+    """Names of all that are at one place, lest their labels hide each other."""
+    here = np.linalg.norm(places - place, axis=1) < 1e-6
+    return ", ".join(name for name, same in zip(names, here, strict=True) if same)
 
 
 def write_words(writer: Writer, markdown: str) -> None:
