@@ -102,3 +102,9 @@ from microbot_ocp.time_optimal.prepared import (
 from microbot_ocp.views import (
     plots as plots,
 )
+from microbot_ocp.views.embedded import (
+    show as show,
+)
+from microbot_ocp.views.sliders import (
+    TimeOptimalSliders as TimeOptimalSliders,
+)
