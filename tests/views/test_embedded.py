@@ -1,10 +1,7 @@
 """The embedded viewer: what it is sent, and where its program comes from."""
 
-import importlib.util
-import os
-import subprocess
-import sys
-import textwrap
+import base64
+import re
 from urllib.request import urlopen
 
 import pytest
@@ -24,29 +21,24 @@ def motion(robot):
     return mo.Motion.from_polynomial(robot, shape, label="cubic")
 
 
-def test_the_viewer_is_sent_the_recording_and_its_program_is_local(tmp_path):
-    # in another process: Rerun reads the address once, when it is imported
-    code = """
-    import microbot_ocp as mo, rerun_notebook
-    robot = mo.load_robot("microbot")
-    comparison = mo.compare(robot, [[0.0, 0.0, 0.0], [0.5, 0.8, 0.4]], ["cubic"])
-    viewer = mo.show(comparison)
-    sent = sum(len(buffer) for _, buffers in viewer._viewer._event_queue for buffer in buffers)
-    print(sent > 50_000, rerun_notebook.ESM_MOD)
-    """
-    environment = {k: v for k, v in os.environ.items() if k != embedded.ASSET}
-    done = subprocess.run(
-        [sys.executable, "-c", textwrap.dedent(code)],
-        capture_output=True,
-        text=True,
-        check=False,
-        env={**environment, "PYTHONPATH": os.pathsep.join(sys.path)},
+def test_the_viewer_is_sent_the_recording_and_its_program_is_local(robot, motion, monkeypatch):
+    monkeypatch.delenv(embedded.ASSET, raising=False)
+    viewer = mo.show(motion, robot)
+    sent = sum(len(part) for _, parts in viewer._viewer._event_queue for part in parts)
+    assert sent > 50_000
+    assert viewer._viewer._esm == f"{embedded._local_server()}/widget.js"
+    assert (
+        viewer._viewer._esm
+        in base64.b64decode(
+            re.findall(r"atob\('([^']*)'", viewer._error_widget._html.value)[0]
+        ).decode()
     )
-    assert done.returncode == 0, done.stderr
-    assert done.stderr == ""
-    enough, address = done.stdout.split()
-    assert enough == "True"
-    assert address.startswith("http://127.0.0.1:")
+
+
+def test_a_chosen_address_of_the_program_is_left(robot, motion, monkeypatch):
+    monkeypatch.setenv(embedded.ASSET, "https://example.org/widget.js")
+    viewer = mo.show(motion, robot)
+    assert not viewer._viewer._esm.startswith("http://127.0.0.1")
 
 
 def test_the_server_has_the_program_and_nothing_else():
@@ -63,10 +55,7 @@ def test_the_server_has_the_program_and_nothing_else():
 
 
 def test_without_the_extra_one_line_says_what_to_install(robot, motion, monkeypatch, capsys):
-    found = importlib.util.find_spec
-    monkeypatch.setattr(
-        embedded, "find_spec", lambda n: None if n == "rerun_notebook" else found(n)
-    )
+    monkeypatch.setattr(embedded, "find_spec", lambda name: None)
     assert embedded.show(motion, robot) is None
     assert "pip install 'microbot_ocp[notebook]'" in capsys.readouterr().out
 

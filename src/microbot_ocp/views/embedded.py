@@ -3,8 +3,8 @@
 The viewer is a program of 67 MB that runs in the browser. Left alone Rerun fetches it from its own
 server; here it comes from the installed package by a small server on this machine's loopback, so
 that no network is needed. Where the browser is on another machine (JupyterHub, Colab), set the
-environment variable ``RERUN_NOTEBOOK_ASSET`` to ``inline`` or to the address of Rerun's server
-before the first call: it is left as it is.
+environment variable ``RERUN_NOTEBOOK_ASSET`` to ``inline`` or to an address before Python starts,
+as Rerun documents it: then it decides.
 """
 
 from __future__ import annotations
@@ -66,9 +66,8 @@ def show(
     if find_spec("rerun_notebook") is None:
         print(MISSING)
         return None
-    if not os.environ.get(ASSET):
-        os.environ[ASSET] = f"{_local_server()}/widget.js"
     import rerun as rr
+    import rerun_notebook
     from rerun.notebook import Viewer
 
     from microbot_ocp.views.recording import Writer, of_comparison, of_motion
@@ -79,6 +78,9 @@ def show(
     else:
         assert robot is not None
         recording = of_motion(robot, what)
+    address = None if os.environ.get(ASSET) else f"{_local_server()}/widget.js"
+    if address is not None:  # Rerun itself chooses once, when it is imported
+        rerun_notebook.ASSET_ENV = address
     stream = rr.RecordingStream(APPLICATION)
     viewer = Viewer(
         width=width,  # type: ignore[arg-type]
@@ -87,6 +89,8 @@ def show(
         blueprint=recording.blueprint(),
         use_global_recording=False,
     )
+    if address is not None:
+        viewer._viewer._esm = address
     recording.write(Writer(stream))
     stream.flush()
     return viewer

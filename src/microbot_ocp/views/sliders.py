@@ -188,7 +188,7 @@ class TimeOptimalSliders:
     def _repr_mimebundle_(self, **options: Any) -> dict[str, Any]:
         bundle = self._box._repr_mimebundle_(**options)
         # where no widget can live, in a file or a mail, its picture does
-        return {**bundle, "image/png": self._picture.value, "text/plain": self.message}
+        return {**bundle, "image/png": bytes(self._picture.value), "text/plain": self.message}
 
 
 def _saturated(robot: Robot, motion: Motion) -> str:
