@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 from microbot_ocp.ocp.assembly import assemble
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.solution import pack, unpack
-from microbot_ocp.ocp.solvers import solve
+from microbot_ocp.ocp.solvers import SolverSettings, solve
 from microbot_ocp.ocp.transcription import Guess, Transcription
 from ocp.textbook import everything, spline
 
@@ -175,6 +175,17 @@ def test_a_solution_is_a_trajectory_of_the_dynamics():
     )
     np.testing.assert_allclose(phase["x"], exact.y.T, atol=2e-6)
     assert np.abs(phase["u"]).max() == pytest.approx(0.75, abs=1e-6)
+
+
+@pytest.mark.parametrize("solver", ["ipopt", "fatrop"])
+def test_a_problem_without_a_cost_is_one_of_feasibility(solver):
+    problem = OptimalControlProblem("reach")
+    phase = problem.phase("run", 1.0)
+    x = phase.state("x", initial=1.0, final=0.0)
+    phase.derivative(x, phase.control("u", lower=-3.0, upper=3.0) - x)
+    solution = solve(problem, 5, settings=SolverSettings(solver))
+    assert solution.status.ok
+    assert solution.cost == 0.0
 
 
 def test_kernels_are_built_once_for_all_meshes():

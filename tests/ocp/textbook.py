@@ -114,3 +114,27 @@ def everything() -> OptimalControlProblem:
     second.end_cost(ca.sumsqr(x) * z[0] * second.duration)
     problem.link(first, second, ("x", "pull"))
     return problem
+
+
+def oscillator(shape: str = "linear") -> OptimalControlProblem:
+    """Van der Pol's oscillator brought to rest, without bounds that act."""
+    problem = OptimalControlProblem("oscillator")
+    phase = problem.phase("calm", 4.0)
+    x = phase.state("x", 2, initial=[0.0, 1.0])
+    u = phase.control("u", lower=-2.0, upper=2.0, shape=shape)
+    phase.derivative(x, ca.vertcat((1 - x[1] ** 2) * x[0] - x[1] + u, x[0]))
+    phase.running_cost(ca.sumsqr(x) + u**2)
+    return problem
+
+
+def pendulum() -> OptimalControlProblem:
+    """The shortest swing up with a torque of less than the weight, one switch."""
+    problem = OptimalControlProblem("pendulum")
+    phase = problem.phase("swing", (0.5, 10.0))
+    q = phase.state("q", initial=0.0, final=np.pi, unit="rad")
+    w = phase.state("w", initial=0.0, final=0.0, scale=3.0, unit="rad/s")
+    u = phase.control("u", lower=-2.0, upper=2.0, unit="1/s^2")
+    phase.derivative(q, w)
+    phase.derivative(w, u - ca.sin(q))
+    phase.end_cost(phase.duration)
+    return problem

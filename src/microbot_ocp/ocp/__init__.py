@@ -22,9 +22,9 @@ keep it                               :func:`save_solution`, :func:`load_solutio
 """
 
 from microbot_ocp.checks import InputError
+from microbot_ocp.ocp.adaptive import Refined, RefinementStatus, solve_refined
 from microbot_ocp.ocp.diagnosis import Explanation, Relaxation, explain
 from microbot_ocp.ocp.mesh import Mesh
-from microbot_ocp.ocp.mesh_error import Refined, RefinementStatus, find_switches, solve_refined
 from microbot_ocp.ocp.parametric import ParametricSolver
 from microbot_ocp.ocp.persistence import load_solution, save_solution, saved_with
 from microbot_ocp.ocp.problem import OptimalControlProblem, Phase
@@ -41,6 +41,7 @@ from microbot_ocp.ocp.schemes import (
 from microbot_ocp.ocp.solution import Attempt, PhaseSolution, Solution, Status
 from microbot_ocp.ocp.solvers import SOLVERS, SolverSettings, solve
 from microbot_ocp.ocp.start import default_guess, guess_from
+from microbot_ocp.ocp.switches import find_switches
 from microbot_ocp.ocp.transcription import Guess, Transcription
 from microbot_ocp.ocp.verification import OCPCertificate, Thresholds, verify
 

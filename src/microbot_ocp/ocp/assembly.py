@@ -106,6 +106,8 @@ def assemble(
         cost_again = cost_again + piece.first_order(link.values, rows_again, gradient, jacobian)
         jacobian.add(layout.last_row + link.rows, link.columns, link.entries)
         piece.second_order(lam_f, lam_g, hessian)
+    # without a cost it is a sparse zero, which solvers refuse
+    cost, cost_again = ca.densify(cost), ca.densify(cost_again)
     bounds = [phase_bounds(layout) for layout in layouts]
     curvature = [x, p, lam_f, lam_g]
     slope_of_p = ca.MX.zeros(parameters.size)  # solvers take it only if they are asked for it

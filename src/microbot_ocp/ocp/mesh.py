@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -43,6 +44,11 @@ class Mesh:
     def intervals(self) -> int:
         """Number of intervals N."""
         return self.fractions.size - 1
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        degrees = None if self.degrees is None else self.degrees.tolist()
+        return {"fractions": self.fractions.tolist(), "degrees": degrees}
 
     def __repr__(self) -> str:
         degrees = "" if self.degrees is None else f", degrees={self.degrees.tolist()}"

@@ -11,11 +11,10 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from microbot_ocp.checks import FloatArray
-from microbot_ocp.ocp.mesh import Meshes
-from microbot_ocp.ocp.solution import Solution
+from microbot_ocp.ocp.mesh import Meshes, MeshLike
+from microbot_ocp.ocp.solution import Solution, Status
 from microbot_ocp.ocp.solvers import SolverSettings, solve
 from microbot_ocp.ocp.transcription import Guess, Transcription
 
@@ -71,6 +70,7 @@ class Refiner:
     settings: SolverSettings = field(default_factory=SolverSettings)
     worse: float = WORSE
     history: list[dict[str, Any]] = field(default_factory=list)
+    last: Solution | None = None  # of any solve, accepted or not
 
     def solve(
         self,
@@ -88,7 +88,7 @@ class Refiner:
             tolerance=tolerance or self.tolerance,
             initial_barrier=barrier,
         )
-        solution = solve(self.transcription, mesh, guesses, settings)
+        self.last = solution = solve(self.transcription, mesh, guesses, settings)
         self.history.append(
             {
                 "intervals": [phase.mesh.size - 1 for phase in solution.phases],
@@ -102,7 +102,7 @@ class Refiner:
         )
         return solution
 
-    def finer(self, before: Solution, meshes: Sequence[int | ArrayLike]) -> Solution:
+    def finer(self, before: Solution, meshes: Sequence[MeshLike]) -> Solution:
         """Solve on another mesh from a solution; keep the old one where the new one is worse."""
         guesses = self.guess_from(before)
         first: tuple[str, float | None, Mapping[str, Guess] | Solution]
@@ -123,6 +123,8 @@ class Refiner:
             )
             if accepted:
                 return after
+            if after.status is Status.INTERRUPTED:
+                break
         return before if before.status.ok else after
 
     def _accepts(self, before: Solution, after: Solution) -> bool:

@@ -1,0 +1,213 @@
+"""Meshes that become as fine as an accuracy asks for."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from microbot_ocp.checks import InputError
+from microbot_ocp.ocp.adaptive import RefinementStatus, solve_refined
+from microbot_ocp.ocp.mesh import Mesh
+from microbot_ocp.ocp.mesh_error import state_errors
+from microbot_ocp.ocp.schemes import SCHEMES, Collocation
+from microbot_ocp.ocp.solution import Status
+from microbot_ocp.ocp.solvers import SolverSettings, solve
+from microbot_ocp.ocp.verification import verify
+from ocp.textbook import bryson_denham, double_integrator, oscillator, pendulum, through_half_way
+
+FINE = SolverSettings("ipopt", tolerance=1e-10)
+by_every_scheme = pytest.mark.parametrize("scheme", SCHEMES)
+
+
+@by_every_scheme
+def test_the_accuracy_is_reached_and_the_errors_fall(scheme):
+    refined = solve_refined(oscillator(), 1e-6, mesh=10, scheme=scheme)
+    assert refined.status is RefinementStatus.REACHED
+    assert "reached" in refined.advice
+    errors = [step.state_error for step in refined.history]
+    assert errors == sorted(errors, reverse=True)
+    assert errors[0] > 1e-6 >= errors[-1]
+    assert refined.history[-1].intervals[0] == refined.solution["calm"].mesh.size - 1 > 10
+    assert refined.history[-1].cost == refined.solution.cost
+    assert max(e.max() for e in state_errors(refined.solution)) == errors[-1]
+    assert refined.solution.cost == pytest.approx(COST, rel=1e-3)
+    certificate = verify(oscillator(), refined.solution)
+    assert certificate.ok, certificate.verdict
+    assert certificate.resimulations[0].error < 1e-3
+
+
+COST = solve(oscillator(), 200, settings=FINE).cost
+
+
+@by_every_scheme
+def test_a_mesh_point_moves_to_the_switch(scheme):
+    refined = solve_refined(pendulum(), 1e-6, mesh=11, scheme=scheme)
+    assert refined.status is RefinementStatus.REACHED
+    (switch,) = refined.history[-1].switches[0]
+    mesh = refined.solution["swing"].mesh
+    assert np.abs(mesh - switch.place).min() <= 1e-3
+    before = refined.history[0]
+    assert before.switch_offset > 0.01
+    assert refined.history[-1].switch_offset <= 1e-3
+    assert refined.solution.cost == pytest.approx(2.56664, abs=2e-4)
+    assert refined.solution.cost < before.cost + 1e-4 or scheme == "trapezoidal"
+
+
+def test_points_gather_at_the_ramp_of_a_continuous_control():
+    refined = solve_refined(double_integrator("linear"), 1e-6, mesh=10)
+    assert refined.status is RefinementStatus.REACHED
+    costs = [step.cost for step in refined.history]
+    offsets = [step.switch_offset for step in refined.history]
+    assert costs == sorted(costs, reverse=True)
+    assert offsets == sorted(offsets, reverse=True)
+    mesh = refined.solution["move"].mesh
+    assert np.count_nonzero(np.abs(mesh - 0.5) < 0.05) > 3
+    assert mesh.size < 20
+    assert refined.solution.cost == pytest.approx(2.0, abs=2e-6)
+
+
+def test_every_phase_has_its_own_mesh():
+    refined = solve_refined(through_half_way(("x", "v")), mesh=[4, 7], switch_accuracy=1e-4)
+    assert refined.status is RefinementStatus.REACHED
+    assert refined.solution.duration == pytest.approx(0.5 + np.sqrt(1.5), abs=1e-5)
+    assert refined.history[-1].intervals[0] == 4
+
+
+def test_a_certificate_follows_a_refinement():
+    settings = SolverSettings("ipopt")
+    refined = solve_refined(pendulum(), 1e-7, 11, settings=settings, switch_accuracy=1e-5)
+    certificate = verify(pendulum(), refined.solution)
+    assert certificate.ok, certificate.verdict
+    hamiltonian = certificate.hamiltonian("swing")
+    assert hamiltonian.mean == pytest.approx(-1.0, abs=1e-5)
+    assert hamiltonian.drift < 0.01
+    assert [(a.name, a.side) for a in certificate.arcs] == [("u", "upper"), ("u", "lower")]
+
+
+def test_what_is_not_reached_is_said():
+    late = solve_refined(oscillator(), 1e-6, mesh=10, scheme="trapezoidal", rounds=1)
+    assert late.status is RefinementStatus.ROUND_LIMIT
+    assert len(late.history) == 2
+    large = solve_refined(oscillator(), 1e-6, mesh=10, scheme="trapezoidal", most_intervals=30)
+    assert large.status is RefinementStatus.SIZE_LIMIT
+    assert large.solution.status.ok
+    settings = SolverSettings("ipopt", max_iterations=2)
+    broken = solve_refined(bryson_denham(1 / 9), mesh=10, settings=settings)
+    assert broken.status is RefinementStatus.NOT_SOLVED
+    assert not broken.status.ok
+    for refined in (late, large, broken):
+        assert refined.advice == refined.status.value
+
+
+def test_a_finer_mesh_that_is_not_accepted_ends_the_refinement_and_is_shown(monkeypatch):
+    from microbot_ocp.ocp import refinement
+
+    monkeypatch.setattr(refinement.Refiner, "_accepts", lambda self, before, after: False)
+    refined = solve_refined(oscillator(), 1e-6, mesh=10)
+    assert refined.status is RefinementStatus.NOT_ACCEPTED
+    assert [step.accepted for step in refined.history] == [True, False]
+    assert refined.solution["calm"].mesh.size == 11
+    assert "not accepted" in str(refined.history).splitlines()[-1]
+
+
+@pytest.mark.parametrize("solves", [1, 2, 3])
+def test_an_interruption_returns_the_last_accepted_solution(monkeypatch, solves):
+    """The solver's own answer to Ctrl-C, in the first solve or a later one."""
+    from microbot_ocp.ocp import refinement
+
+    calls = []
+
+    def interrupted(*arguments):
+        made = solve(*arguments)
+        calls.append(made)
+        if len(calls) < solves:
+            return made
+        return replace(made, status=Status.INTERRUPTED)
+
+    monkeypatch.setattr(refinement, "solve", interrupted)
+    refined = solve_refined(oscillator(), 1e-9, mesh=10)
+    assert refined.status is RefinementStatus.INTERRUPTED
+    assert not refined.status.ok
+    assert len(calls) == solves  # nothing is begun after it
+    assert refined.solution.phases == calls[max(solves - 2, 0)].phases
+
+
+def test_an_interruption_of_the_estimate_returns_the_last_accepted_solution(monkeypatch):
+    from microbot_ocp.ocp import adaptive
+
+    found = []
+
+    def estimate(solution):
+        if found:
+            raise KeyboardInterrupt
+        found.append(solution)
+        return state_errors(solution)
+
+    monkeypatch.setattr(adaptive, "state_errors", estimate)
+    refined = solve_refined(oscillator(), 1e-9, mesh=10)
+    assert refined.status is RefinementStatus.INTERRUPTED
+    assert refined.solution is found[0]
+    assert len(refined.history) == 1
+
+
+def test_the_time_limit_is_said():
+    refined = solve_refined(oscillator(), 1e-9, mesh=10, most_time=1e-3)
+    assert refined.status is RefinementStatus.TIME_LIMIT
+    assert len(refined.history) == 1
+    with pytest.raises(InputError, match="most_time must be above 0 s"):
+        solve_refined(oscillator(), 1e-9, most_time=0.0)
+
+
+# raising the degree -------------------------------------------------------------------------------
+
+
+def test_a_smooth_solution_needs_fewer_variables_where_the_degree_is_raised():
+    smooth = oscillator("polynomial")
+    exact = solve(smooth, [Mesh(30, 9)], settings=FINE, scheme="radau").cost
+    divided = solve_refined(smooth, 1e-8, 6, Collocation("radau", 4), settings=FINE)
+    raised = solve_refined(smooth, 1e-8, 6, Collocation("radau", 4), settings=FINE, degrees=(3, 9))
+    assert divided.status.ok
+    assert raised.status.ok
+    assert raised.history[-1].degrees[1] > 5
+    assert raised.history[-1].variables < 0.7 * divided.history[-1].variables
+    for refined in (divided, raised):
+        assert refined.solution.cost == pytest.approx(exact, rel=1e-7)
+    certificate = verify(smooth, raised.solution)
+    assert certificate.ok, certificate.verdict
+
+
+def test_intervals_with_a_switch_are_not_raised():
+    refined = solve_refined(pendulum(), 1e-8, 11, "radau", degrees=(3, 8), switch_accuracy=1e-5)
+    assert refined.status.ok
+    assert refined.history[-1].switch_offset <= 1e-5
+
+
+def test_degrees_ask_for_collocation(no_solver):
+    with pytest.raises(InputError, match="needs collocation"):
+        solve_refined(oscillator(), degrees=(3, 8))
+    with pytest.raises(InputError, match="least <= most"):
+        solve_refined(oscillator(), scheme="radau", degrees=(5, 3))
+
+
+def test_the_history_is_printed_as_a_table():
+    refined = solve_refined(oscillator(), 1e-4, 8, "radau", degrees=(2, 6))
+    lines = str(refined).splitlines()
+    assert len(lines) == len(refined.history) + 2
+    assert "intervals  degree  variables  state error" in lines[0]
+    assert lines[-1] == refined.advice
+
+
+def test_the_history_is_plain_values_and_progress_is_told():
+    lines = []
+    refined = solve_refined(oscillator(), 1e-4, mesh=10, progress=lines.append)
+    stored = json.loads(json.dumps([step.as_dict() for step in refined.history]))
+    assert stored[0]["intervals"] == [10]
+    assert stored[0]["status"] == "solved"
+    assert any("state error" in line for line in lines)
+
+
+@pytest.mark.parametrize("accuracy", [0.0, -1.0, np.nan, "fine"])
+def test_a_bad_accuracy_is_refused(accuracy, no_solver):
+    with pytest.raises(InputError, match="accuracy"):
+        solve_refined(oscillator(), accuracy)
