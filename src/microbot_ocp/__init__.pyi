@@ -96,6 +96,10 @@ from microbot_ocp.time_optimal.path import (
     straight_path as straight_path,
     time_optimal_path as time_optimal_path,
 )
+from microbot_ocp.time_optimal.phase_plane import (
+    PhasePlane as PhasePlane,
+    phase_plane as phase_plane,
+)
 from microbot_ocp.time_optimal.prepared import (
     TimeOptimalSolver as TimeOptimalSolver,
 )

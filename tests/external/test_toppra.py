@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 import microbot_ocp as mo
-from external.toppra_timing import even_grid, graded_grid, toppra_duration
+from external.toppra_timing import even_grid, graded_grid, toppra_duration, toppra_problem
 from helpers import random_robot
 from microbot_ocp.motion import PiecewisePolynomial
+from microbot_ocp.time_optimal.phase_plane import phase_plane
 from microbot_ocp.time_optimal.reachability import time_path
 
 VIA_Q = np.radians([[0, 0, 0], [-8, 45, 30], [-90, 90, 90]])
@@ -62,3 +63,16 @@ def test_best_timing_agrees(name: str) -> None:
     motion = mo.time_optimal_path(robot, path, grid=1000)
     assert motion.solved
     assert motion.duration == pytest.approx(theirs, rel=RELATIVE)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_the_maximum_velocity_curve_agrees(name: str) -> None:
+    """toppra's sets of (ds/dt)^2 that leave an acceleration: a pair of programs for each point."""
+    robot, path = CASES[name]()
+    plane = phase_plane(robot, path, grid=60)
+    inner = slice(1, -1)  # at the ends the path itself is at rest, and nothing bounds the speed
+    own = np.flatnonzero(~np.isin(plane.s, path.breaks))
+    grid = np.concatenate([path.breaks[:1], plane.s[1:-1], path.breaks[-1:]])
+    theirs = toppra_problem(robot, path, grid).compute_feasible_sets()
+    ours = np.column_stack([plane.least, plane.bound]) ** 2
+    np.testing.assert_allclose(ours[own][inner], theirs[own][inner], rtol=1e-5, atol=1e-6)

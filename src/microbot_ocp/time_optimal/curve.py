@@ -9,6 +9,7 @@ that r' is continuous there. Every other piece keeps r = s.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -82,17 +83,7 @@ def derivatives(
     exponent : power of r in s
     r : parameter, a number or a symbol
     """
-    if exponent == 1.0:
-        s, slopes = r, [1.0, 0.0, 0.0]
-    else:
-        span = length * exponent
-        sign = 1.0 - 2.0 * at_end
-        x = (at_end * span + sign * r) / span  # distance from the bent end, 0 to 1
-        s = at_end * length + sign * length * x**exponent
-        slopes, factor = [], length * sign
-        for k in range(3):
-            factor = factor * (exponent - k) * sign / span
-            slopes.append(factor * x ** (exponent - k - 1))
+    s, slopes = _bend(length, at_end, exponent, r)
     first, second, third = slopes
     along = [_power_sum(table, s, order) for order in range(highest + 1)]
     result = [along[0], along[1] * first]
@@ -101,6 +92,20 @@ def derivatives(
     if highest >= 3:
         result.append(along[3] * first**3 + 3 * along[2] * first * second + along[1] * third)
     return result
+
+
+def _bend(length: Any, at_end: Any, exponent: float, r: Any) -> tuple[Any, list[Any]]:
+    """s since the start of a piece and its first three derivatives with respect to r."""
+    if exponent == 1.0:
+        return r, [1.0, 0.0, 0.0]
+    span = length * exponent
+    sign = 1.0 - 2.0 * at_end
+    x = (at_end * span + sign * r) / span  # distance from the bent end, 0 to 1
+    slopes, factor = [], length * sign
+    for k in range(3):
+        factor = factor * (exponent - k) * sign / span
+        slopes.append(factor * x ** (exponent - k - 1))
+    return at_end * length + sign * length * x**exponent, slopes
 
 
 def _power_sum(table: Any, s: Any, order: int) -> Any:
@@ -161,16 +166,29 @@ class Curve:
 
     def evaluate(self, r: FloatArray, *, from_left: bool = False) -> tuple[FloatArray, ...]:
         """Position, tangent and curvature [N,n]; at a break of the later piece, or the earlier."""
-        breaks = self.breaks
-        side = "left" if from_left else "right"
-        index = np.clip(np.searchsorted(breaks, r, side=side) - 1, 0, len(self.pieces) - 1)
         tables = [np.zeros((r.size, self.pieces[0].coefficients.shape[1])) for _ in range(3)]
-        for i, piece in enumerate(self.pieces):
-            here = index == i
-            local = r[here] - breaks[i] + piece.limits[0]
+        for piece, here, local in self._by_piece(r, from_left):
             for table, values in zip(tables, evaluate(piece, local), strict=True):
                 table[here] = values
         return tuple(tables)
+
+    def parameter(self, r: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The path's own parameter s since the start of the curve, and ds/dr, both [N]."""
+        s, slope, begin = np.zeros_like(r), np.zeros_like(r), 0.0
+        for piece, here, local in self._by_piece(r, False):
+            own, slopes = _bend(piece.length, float(piece.bent_at_end), piece.exponent, local)
+            s[here], slope[here] = begin + own, slopes[0]
+            begin += piece.length
+        return s, slope
+
+    def _by_piece(self, r: FloatArray, from_left: bool) -> Iterator[tuple[CurvePiece, Any, Any]]:
+        """Every piece with the places of its parameters and their values within it."""
+        breaks = self.breaks
+        side = "left" if from_left else "right"
+        index = np.clip(np.searchsorted(breaks, r, side=side) - 1, 0, len(self.pieces) - 1)
+        for i, piece in enumerate(self.pieces):
+            here = index == i
+            yield piece, here, r[here] - breaks[i] + piece.limits[0]
 
 
 def _bent_pieces(path: PiecewisePolynomial, start: int, end: int) -> list[CurvePiece]:

@@ -188,6 +188,17 @@ def stops(path: PiecewisePolynomial, limits: JointLimits) -> FloatArray:
     return np.union1d(found, _jumps(path, tangent.derivative()))
 
 
+def stretches(path: PiecewisePolynomial, limits: JointLimits) -> list[Curve]:
+    """What lies between two stops, with a regular parameter."""
+    ends = [path.breaks[0], *stops(path, limits), path.breaks[-1]]
+    curves = []
+    for before, after in itertools.pairwise(ends):
+        keep = (path.breaks[:-1] >= before) & (path.breaks[:-1] < after)
+        breaks = np.append(path.breaks[:-1][keep], after)
+        curves.append(Curve.of(PiecewisePolynomial(breaks, path.coefficients[keep])))
+    return curves
+
+
 def _jumps(path: PiecewisePolynomial, curve: PiecewisePolynomial) -> FloatArray:
     """Breaks of the path at which a derivative of it jumps."""
     inner = path.breaks[1:-1]
@@ -240,18 +251,8 @@ class _PathSearch:
         self.robot, self.path, self.settings = robot, path, settings
         self.label, self.progress = label, progress
         self.stops = stops(path, robot.limits)
-        self.curves = self._curves()
+        self.curves = stretches(path, robot.limits)
         self.pieces = self._pieces()
-
-    def _curves(self) -> list[Curve]:
-        """What lies between two stops, with a regular parameter."""
-        ends = [self.path.breaks[0], *self.stops, self.path.breaks[-1]]
-        curves = []
-        for before, after in itertools.pairwise(ends):
-            keep = (self.path.breaks[:-1] >= before) & (self.path.breaks[:-1] < after)
-            breaks = np.append(self.path.breaks[:-1][keep], after)
-            curves.append(Curve.of(PiecewisePolynomial(breaks, self.path.coefficients[keep])))
-        return curves
 
     def _pieces(self) -> list[_Piece]:
         pieces: list[_Piece] = []

@@ -22,6 +22,7 @@ from microbot_ocp.views.curves import Curve, curves
 from microbot_ocp.views.motion_plots import motion, simulation
 from microbot_ocp.views.page import AxesGrid, figure_of, save, styled, write
 from microbot_ocp.views.path_plots import paths
+from microbot_ocp.views.phase_plots import phase_plane
 
 __all__ = [
     "AxesGrid",
@@ -32,6 +33,7 @@ __all__ = [
     "figure_of",
     "motion",
     "paths",
+    "phase_plane",
     "save",
     "simulation",
     "styled",

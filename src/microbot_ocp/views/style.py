@@ -34,6 +34,10 @@ LOOKS: tuple[tuple[str, LineStyle], ...] = (
     *(FIXED[name] for name in ("cubic_path", "cubic")),
     *SPARE,
 )
+# One colour a joint where a figure shows joints beside each other; light and dark take turns.
+JOINT_COLORS = (
+    "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#882255", "#56B4E9", "#661100",
+)  # fmt: skip
 PREFERRED = "time_optimal"
 
 
