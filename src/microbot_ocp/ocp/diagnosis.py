@@ -17,12 +17,13 @@ import numpy as np
 
 from microbot_ocp.checks import FloatArray
 from microbot_ocp.ocp.assembly import Program, assemble
+from microbot_ocp.ocp.finiteness import check_start
 from microbot_ocp.ocp.mesh import Meshes
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.rows import RowLabel, VariableLabel, row_labels, variable_labels
 from microbot_ocp.ocp.scaling import scaled
 from microbot_ocp.ocp.solution import Solution, unpack
-from microbot_ocp.ocp.start import check_start, start_from
+from microbot_ocp.ocp.start import start_from
 from microbot_ocp.ocp.transcription import Guess, Transcription
 
 GIVES = 1e-4  # scaled amount below which a limit is said to hold

@@ -19,6 +19,7 @@ import numpy as np
 from microbot_ocp import checks
 from microbot_ocp.checks import FloatArray, InputError
 from microbot_ocp.ocp.assembly import Program, assemble, phase_bounds, phase_constants
+from microbot_ocp.ocp.finiteness import check_start
 from microbot_ocp.ocp.layout import PhaseLayout
 from microbot_ocp.ocp.mesh import Meshes
 from microbot_ocp.ocp.problem import OptimalControlProblem, Phase, node_variables
@@ -26,7 +27,7 @@ from microbot_ocp.ocp.progress import Progress
 from microbot_ocp.ocp.rows import row_labels
 from microbot_ocp.ocp.solution import Solution
 from microbot_ocp.ocp.solvers import Made, SolverSettings, run_chain, transcribed, with_cost_scale
-from microbot_ocp.ocp.start import check_start, start_from
+from microbot_ocp.ocp.start import start_from
 from microbot_ocp.ocp.transcription import Guess, Transcription
 
 Changes = Mapping[str, Mapping[str, Any]]

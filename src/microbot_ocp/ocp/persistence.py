@@ -87,6 +87,7 @@ def save_solution(solution: Solution, path: str | Path) -> Path:
         "cost": solution.cost,
         "cost_scale": solution.cost_scale,
         "build_time": solution.build_time,
+        "advice": solution.said,
         "attempts": [{**vars(a), "status": a.status.name} for a in solution.attempts],
         "settings": dict(solution.settings),
         "phases": phases,
@@ -178,6 +179,7 @@ def _restored(
         variables=arrays.get("variables"),
         settings=metadata["settings"],
         cost_scale=float(metadata.get("cost_scale", 1.0)),
+        said=str(metadata.get("advice", "")),
     )
 
 

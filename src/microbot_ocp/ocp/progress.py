@@ -51,16 +51,21 @@ class Iteration:
 Progress = Callable[[Iteration], object]
 
 
-def violation(program: Program, x: FloatArray, g: FloatArray) -> float:
-    """Largest violation of a bound or row of the scaled program; infinite if not finite."""
-    worst = 0.0
+def violations(program: Program, x: FloatArray, g: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Violation of every row and of every bound of the scaled program; infinite if not finite."""
+    found = []
     for value, low, high in (
         (g, program.row_lower, program.row_upper),
         (x, program.variable_lower, program.variable_upper),
     ):
-        excess = np.maximum(low - value, value - high)
-        worst = max(worst, float(np.max(np.nan_to_num(excess, nan=np.inf), initial=0.0)))
-    return worst
+        excess = np.maximum(np.maximum(low - value, value - high), 0.0)
+        found.append(np.nan_to_num(excess, nan=np.inf, posinf=np.inf))
+    return found[0], found[1]
+
+
+def violation(program: Program, x: FloatArray, g: FloatArray) -> float:
+    """Largest violation of a bound or row of the scaled program; infinite if not finite."""
+    return max(float(np.max(own, initial=0.0)) for own in violations(program, x, g))
 
 
 @dataclass(frozen=True, eq=False)

@@ -76,9 +76,13 @@ class _Label:
         start, end = layout.mesh[self.interval : self.interval + 2]
         return float(start + self.fraction * (end - start))
 
+    @property
+    def words(self) -> str:
+        """What it is, without its place."""
+        return _SAID[self.kind].format(self.component_name)
+
     def __str__(self) -> str:
-        said = _SAID[self.kind].format(self.component_name)
-        return f"{said} in phase {self.phase!r}, interval {self.interval + 1}"
+        return f"{self.words} in phase {self.phase!r}, interval {self.interval + 1}"
 
 
 @dataclass(frozen=True)

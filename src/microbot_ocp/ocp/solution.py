@@ -28,7 +28,7 @@ class Status(Enum):
     )
     INFEASIBLE = (
         "converged to a point that violates constraints: look for limits that contradict each "
-        "other or an end that cannot be reached; ocp.diagnosis.explain names them"
+        "other or an end that cannot be reached; explain names them"
     )
     INTERRUPTED = "interrupted: the last iterate is returned"
     FAILED = "the solver broke down: check scales and guess, try the other solver"
@@ -52,6 +52,7 @@ class Attempt:
     wall_time: float
     create_time: float
     function_time: float
+    broke_down: bool = False  # with an error of its own, which is the message
 
     def as_dict(self) -> dict[str, object]:
         """Plain values for JSON."""
@@ -137,6 +138,7 @@ class Solution:
     variables : the scaled variables
     settings : how it was solved, as plain values
     cost_scale : what the solver divided the cost by; cost and multipliers are whole
+    said : advice where the solve did not converge
     """
 
     status: Status
@@ -149,6 +151,7 @@ class Solution:
     variables: FloatArray | None = None
     settings: Mapping[str, object] = field(default_factory=dict)
     cost_scale: float = 1.0
+    said: str = ""
 
     def __getitem__(self, name: str) -> PhaseSolution:
         for phase in self.phases:
@@ -163,8 +166,8 @@ class Solution:
 
     @property
     def advice(self) -> str:
-        """The status in words."""
-        return self.status.value
+        """The status in words; of a solve that did not converge also what would help, by lines."""
+        return self.said or self.status.value
 
 
 def unpack(program: Program, x: FloatArray) -> tuple[PhaseSolution, ...]:

@@ -12,6 +12,7 @@ regularised one.
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
@@ -21,15 +22,17 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp import checks
-from microbot_ocp.checks import FloatArray
+from microbot_ocp.checks import FloatArray, InputError
+from microbot_ocp.ocp.advice import advice
 from microbot_ocp.ocp.assembly import Program, assemble
+from microbot_ocp.ocp.finiteness import check_start
 from microbot_ocp.ocp.mesh import Meshes
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.progress import Progress, Watch, violation, watching
 from microbot_ocp.ocp.scaling import cost_scale, scaled
 from microbot_ocp.ocp.schemes import Scheme
 from microbot_ocp.ocp.solution import Attempt, Solution, Status, unpack
-from microbot_ocp.ocp.start import Start, check_start, default_guess, start_from
+from microbot_ocp.ocp.start import Start, default_guess, start_from
 from microbot_ocp.ocp.transcription import Guess, Transcription
 
 __all__ = ["SOLVERS", "SolverSettings", "default_guess", "solve"]
@@ -37,6 +40,8 @@ __all__ = ["SOLVERS", "SolverSettings", "default_guess", "solve"]
 SOLVERS = ("fatrop", "ipopt", "sqp")
 SCALINGS = ("auto", "declared")
 CHAIN = ("fatrop", "ipopt")  # of "auto"
+FAR = 1e10  # value and violation that fatrop sees where there is none
+LARGEST = 1e300
 FEASIBLE = 1e-4  # largest violation, scaled, at which a solver's success is believed
 
 # Barrier parameters lowered gently: with the default jumps fatrop stalls on the flat minima that
@@ -219,6 +224,7 @@ def run_chain(
         variables=outcome.x,
         settings=settings.as_dict(),
         cost_scale=program.cost_scale,
+        said=advice(program, start.x, outcome.x, attempts),
     )
 
 
@@ -235,9 +241,13 @@ def _run(
     watch = Watch(program, name, progress) if progress is not None else None
     key = (name, variant, program.cost_scale)
     solver = None if made is None or watch is not None else made.get(key)
+    broken = ""
     if solver is None:
-        solver = _create(program, name, settings, variant=variant, watch=watch)
-        if made is not None and watch is None:
+        try:
+            solver = _create(program, name, settings, variant=variant, watch=watch)
+        except RuntimeError as problem:
+            broken = _first_cause(problem)
+        if made is not None and watch is None and solver is not None:
             made[key] = solver
     created = time.perf_counter()
     arguments: dict[str, Any] = {
@@ -260,15 +270,19 @@ def _run(
             watch.asked = interrupted
         # what stops the SQP method takes its result along
         try:
-            result = solver(**arguments)
-        except (KeyboardInterrupt, RuntimeError):
-            if not (interrupted() or (watch is not None and watch.stopped)):
+            result = {} if solver is None else solver(**arguments)
+        except (KeyboardInterrupt, RuntimeError) as problem:
+            asked = interrupted() or (watch is not None and watch.stopped)
+            if isinstance(problem, KeyboardInterrupt) and not asked:
                 raise
+            broken = "" if asked else _first_cause(problem)
+    if broken and settings.options.get(name) and "option" in broken.lower():
+        raise InputError(f"options of {name} were refused: {broken}")
     done = time.perf_counter()
     stopped = interrupted() or (watch is not None and watch.stopped)
     if watch is not None and watch.failure is not None:
         raise watch.failure
-    stats = _stats(solver) if result else {}
+    stats = _stats(solver) if solver is not None and result else {}
     last = start.x if watch is None or watch.x is None else watch.x
     x = np.array(result["x"]).ravel() if result else last
     if stopped and watch is not None:
@@ -277,13 +291,14 @@ def _run(
     attempt = Attempt(
         solver=name,
         status=Status.INTERRUPTED if stopped else _status(name, stats, settings, infeasibility),
-        message=str(stats.get("return_status", "")),
+        message=broken or str(stats.get("return_status", "")),
         iterations=int(stats.get("iter_count", -1 if watch is None else watch.count)),
         cost=cost,
         infeasibility=infeasibility,
         wall_time=done - created,
         create_time=created - begin,
         function_time=sum(v for k, v in stats.items() if k.startswith("t_wall_nlp_")),
+        broke_down=bool(broken),
     )
     # the solvers hand over the multipliers of their own bounds, though CasADi computes none
     rows, variables = (
@@ -291,6 +306,13 @@ def _run(
         for key, size in (("lam_g", program.row_lower.size), ("lam_x", x.size))
     )
     return Outcome(attempt, x, rows, variables)
+
+
+def _first_cause(problem: BaseException) -> str:
+    """The innermost line of an error of CasADi, without the places in its source."""
+    lines = [line.strip() for line in str(problem).splitlines() if line.strip()]
+    own = [line for line in lines if not line.startswith("Error in ")] or lines or [repr(problem)]
+    return re.sub(r"^\S+\.\w+:\d+: | (at: /|\[\.\.\./).*$", "", own[-1])
 
 
 def _stats(solver: ca.Function) -> Mapping[str, Any]:
@@ -321,6 +343,7 @@ def _create(
         "calc_lam_p": False,
         "calc_lam_x": False,
         "error_on_fail": False,
+        "show_eval_warnings": False,  # the advice says it once
     }
     plugin, options, cache = {
         "fatrop": _fatrop,
@@ -331,6 +354,8 @@ def _create(
         hook = watch.hook(cache)
         options, cache = {**options, **hook.options}, {**cache, **hook.cache}
     nlp = {**program.nlp, "f": program.nlp["f"] / program.cost_scale}
+    if name == "fatrop":  # which tries steps for ever where the values there are no numbers
+        nlp = {**nlp, "f": ca.fmin(nlp["f"], FAR), "g": ca.fmin(nlp["g"], FAR)}
     return ca.nlpsol(name, plugin, nlp, {**common, **options, "cache": cache})
 
 
@@ -376,12 +401,25 @@ def _fatrop(program: Program, settings: SolverSettings) -> Plugin:
     }
     cache = {
         "nlp_grad": functions["lagrangian"],
-        "nlp_jac_g": functions["jacobian"],
-        "nlp_grad_f": functions["gradient_only"],
-        "nlp_hess_l": functions["hessian"],
+        "nlp_jac_g": _finite(functions["jacobian"]),
+        "nlp_grad_f": _finite(functions["gradient_only"]),
+        "nlp_hess_l": _finite(functions["hessian"]),
     }
     own = {**options, **settings.options.get("fatrop", {})}
     return "fatrop", {**structure, "fatrop": own}, cache
+
+
+def _finite(function: ca.Function) -> ca.Function:
+    """The function with zeros where it has no value."""
+    inputs = [ca.MX.sym(f"i{k}", function.sparsity_in(k)) for k in range(function.n_in())]
+    outputs = []
+    for value in function.call(inputs):
+        entries = value.nz[:]
+        # the smaller of a number and what is none is the number
+        kept = ca.fmax(ca.fmin(entries, LARGEST), -LARGEST)
+        kept = ca.if_else(ca.fabs(kept) < LARGEST, kept, 0)
+        outputs.append(ca.MX(value.sparsity(), kept))
+    return ca.Function(function.name(), inputs, outputs)
 
 
 def _ipopt(program: Program, settings: SolverSettings) -> Plugin:
