@@ -23,6 +23,7 @@ from microbot_ocp.views.motion_plots import motion, simulation
 from microbot_ocp.views.page import AxesGrid, figure_of, save, styled, write
 from microbot_ocp.views.path_plots import paths
 from microbot_ocp.views.phase_plots import phase_plane
+from microbot_ocp.views.solution_plots import solution
 
 __all__ = [
     "AxesGrid",
@@ -36,6 +37,7 @@ __all__ = [
     "phase_plane",
     "save",
     "simulation",
+    "solution",
     "styled",
     "write",
 ]
