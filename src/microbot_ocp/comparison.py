@@ -20,6 +20,7 @@ from microbot_ocp.baselines.cubic import via_points, via_velocities
 from microbot_ocp.certificate import Certificate, certify
 from microbot_ocp.checks import FloatArray, InputError
 from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial
+from microbot_ocp.ocp.progress import Iteration, StepProgress, quiet
 from microbot_ocp.robot import JointLimits, Limits, Robot
 from microbot_ocp.time_optimal.free import TimeOptimalSettings, time_optimal
 from microbot_ocp.time_optimal.path import PathTimingSettings, straight_path, time_optimal_path
@@ -41,6 +42,7 @@ class Step:
     total: int
     stage: str  # "solve", "certify" or "done"
     text: str
+    iteration: Iteration | None = None  # where a solver is at work
 
 
 Progress = Callable[[Step], None]
@@ -63,7 +65,7 @@ class Task:
     free_settings, path_settings
         For the time-optimal solvers.
     tell : callable
-        Takes a line of progress.
+        Takes a line of progress, or an iteration.
     """
 
     robot: Robot
@@ -73,7 +75,7 @@ class Task:
     blend: float
     free_settings: TimeOptimalSettings
     path_settings: PathTimingSettings
-    tell: Callable[[str], None]
+    tell: StepProgress
 
     def cubic(self) -> PiecewisePolynomial:
         """Cubic segments at the given timing."""
@@ -384,12 +386,17 @@ def compare(
     entries: list[Entry] = []
     for index, name in enumerate(names):
 
-        def tell(text: str, stage: str = "solve", index: int = index, name: str = name) -> None:
+        def tell(
+            event: Iteration | str, stage: str = "solve", index: int = index, name: str = name
+        ) -> None:
             if progress is not None:
                 done = 2 * index + (stage == "certify")
-                progress(Step(done, total, stage, f"{METHODS[name].title}: {text}"))
+                iteration = event if isinstance(event, Iteration) else None
+                text = f"{METHODS[name].title}: {event}"
+                progress(Step(done, total, stage, text, iteration))
 
-        task = Task(robot.with_limits(bounds), via, times, velocities, share, free, path, tell)
+        told = quiet if progress is None else tell
+        task = Task(robot.with_limits(bounds), via, times, velocities, share, free, path, told)
         tell("solving")
         entries.append(_entry(name, task, tell))
     if progress is not None:

@@ -20,7 +20,8 @@ from microbot_ocp.ocp.hp import Degrees, decay_rates, degrees_on, refine_hp
 from microbot_ocp.ocp.mesh import Mesh, Meshes
 from microbot_ocp.ocp.mesh_error import divide, state_errors
 from microbot_ocp.ocp.problem import OptimalControlProblem, node_variables
-from microbot_ocp.ocp.refinement import Progress, Refiner, quiet
+from microbot_ocp.ocp.progress import StepProgress, quiet
+from microbot_ocp.ocp.refinement import Refiner
 from microbot_ocp.ocp.reintegration import phase_layout
 from microbot_ocp.ocp.schemes import Collocation, Scheme
 from microbot_ocp.ocp.solution import PhaseSolution, Solution, Status
@@ -167,7 +168,7 @@ def solve_refined(
     rounds: int = 10,
     most_intervals: int = 2000,
     most_time: float = np.inf,
-    progress: Progress = quiet,
+    progress: StepProgress = quiet,
 ) -> Refined:
     """Solve on finer and finer meshes until the state error is within an accuracy.
 
@@ -196,7 +197,7 @@ def solve_refined(
     most_time : float
         Wall time after which no other mesh is begun, s.
     progress : callable
-        Called with a line of text for every mesh.
+        Called with a line of text for every mesh, and with every iteration of the solvers.
 
     Returns
     -------

@@ -42,6 +42,13 @@ class Iteration:
     program: Program = field(repr=False)
     x: FloatArray = field(repr=False)
 
+    def __str__(self) -> str:
+        """One line for people."""
+        return (
+            f"{self.solver} {self.number}: cost {self.cost:.6g}, "
+            f"infeasibility {self.infeasibility:.1e}"
+        )
+
     @property
     def phases(self) -> tuple[PhaseSolution, ...]:
         """Values by phase and name, as of a solution."""
@@ -49,6 +56,12 @@ class Iteration:
 
 
 Progress = Callable[[Iteration], object]
+# of what takes several solves: their iterations, and a line of text at every step between them
+StepProgress = Callable[[Iteration | str], object]
+
+
+def quiet(_: Iteration | str) -> None:
+    """Progress that nobody sees; solves are not watched for it."""
 
 
 def violations(program: Program, x: FloatArray, g: FloatArray) -> tuple[FloatArray, FloatArray]:

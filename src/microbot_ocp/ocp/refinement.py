@@ -14,11 +14,11 @@ import numpy as np
 
 from microbot_ocp.checks import FloatArray
 from microbot_ocp.ocp.mesh import Meshes, MeshLike
+from microbot_ocp.ocp.progress import StepProgress, quiet
 from microbot_ocp.ocp.solution import Solution, Status
 from microbot_ocp.ocp.solvers import SolverSettings, solve
 from microbot_ocp.ocp.transcription import Guess, Transcription
 
-Progress = Callable[[str], None]
 GuessFrom = Callable[[Solution], Mapping[str, Guess]]
 Excess = Callable[[Solution], Sequence[FloatArray]]
 
@@ -26,10 +26,6 @@ WORSE = 1e-3  # of the cost
 # Barrier parameter of warm starts; with the usual start at 0.1 IPOPT leaves the good guess and
 # comes back late or elsewhere (146 against 35 iterations on one task with four via points).
 WARM_BARRIER = 1e-4
-
-
-def quiet(_: str) -> None:
-    """Progress that nobody sees."""
 
 
 @dataclass(eq=False)
@@ -52,7 +48,7 @@ class Refiner:
     rounds : int
         Largest number of local refinements.
     progress : callable
-        Called with a line of text at every step.
+        Called with a line of text at every step, and with every iteration of the solvers.
     settings : SolverSettings
         What else the solvers are told.
     worse : float
@@ -66,7 +62,7 @@ class Refiner:
     solver: str = "ipopt"
     tolerance: float = 1e-8
     rounds: int = 5
-    progress: Progress = quiet
+    progress: StepProgress = quiet
     settings: SolverSettings = field(default_factory=SolverSettings)
     worse: float = WORSE
     history: list[dict[str, Any]] = field(default_factory=list)
@@ -88,7 +84,9 @@ class Refiner:
             tolerance=tolerance or self.tolerance,
             initial_barrier=barrier,
         )
-        self.last = solution = solve(self.transcription, mesh, guesses, settings)
+        watched = None if self.progress is quiet else self.progress
+        solution = solve(self.transcription, mesh, guesses, settings, progress=watched)
+        self.last = solution
         self.history.append(
             {
                 "intervals": [phase.mesh.size - 1 for phase in solution.phases],

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import itertools
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -25,10 +26,12 @@ from microbot_ocp.codegen import compile_functions, compiler
 from microbot_ocp.dynamics import torque_and_rate
 from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial, State, quintic_between
 from microbot_ocp.ocp.problem import OptimalControlProblem
-from microbot_ocp.ocp.refinement import Progress, Refiner, quiet
-from microbot_ocp.ocp.solution import Solution
+from microbot_ocp.ocp.progress import StepProgress, quiet
+from microbot_ocp.ocp.refinement import Refiner
+from microbot_ocp.ocp.solution import PhaseSolution, Solution
 from microbot_ocp.ocp.transcription import Guess, Transcription
 from microbot_ocp.robot import JointLimits, Limits, Robot
+from microbot_ocp.time_optimal.progress import Samples, with_motion
 from microbot_ocp.time_optimal.starts import guesses_along, starting_motions
 from microbot_ocp.time_optimal.task import (
     check_limits,
@@ -83,7 +86,7 @@ def time_optimal(
     limits: Limits | JointLimits | None = None,
     *,
     settings: TimeOptimalSettings | None = None,
-    progress: Progress | None = None,
+    progress: StepProgress | None = None,
     **changes: Any,
 ) -> Motion:
     """The fastest motion through via points: at rest at both ends, passing the others at any speed.
@@ -102,7 +105,8 @@ def time_optimal(
         Single settings may be given as keywords instead: ``mesh``, ``starts``, ``violation``,
         ``solver``, ``compiled``, ``seed``.
     progress : callable, optional
-        Called with a line of text at every step.
+        Called with a line of text at every step, and at every iteration of a solver with a
+        :class:`~microbot_ocp.time_optimal.progress.MotionIteration`.
 
     Returns
     -------
@@ -241,7 +245,7 @@ class _Search:
         via: FloatArray,
         limits: JointLimits,
         settings: TimeOptimalSettings,
-        progress: Progress,
+        progress: StepProgress,
     ) -> None:
         self.robot, self.via, self.settings = robot.with_limits(limits), via, settings
         self.progress = progress
@@ -255,7 +259,7 @@ class _Search:
             self._excess,
             settings.violation,
             solver="ipopt" if settings.solver == "auto" else settings.solver,
-            progress=progress,
+            progress=with_motion(progress, self.robot, via, _motion_at_mesh),
         )
 
     def run(self) -> Motion:
@@ -336,6 +340,19 @@ class _Search:
             },
             note=_note(outcome, starts, found),
         )
+
+
+def _motion_at_mesh(phases: Sequence[PhaseSolution]) -> Samples:
+    starts = np.cumsum([0.0, *(phase.duration for phase in phases)])
+    # where a phase ends the next begins
+    last = len(phases) - 1
+    kept = [slice(None) if k == last else slice(-1) for k in range(len(phases))]
+    parts = list(zip(phases, kept, strict=True))
+    t = [start + phase.t[part] for start, (phase, part) in zip(starts, parts, strict=False)]
+    states = (
+        np.concatenate([phase[name][part] for phase, part in parts]) for name in State._fields
+    )
+    return np.concatenate(t), State(*states)
 
 
 def _note(outcome: dict[str, Any], starts: list[dict[str, Any]], found: list[float]) -> str:

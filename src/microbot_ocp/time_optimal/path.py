@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import itertools
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -32,8 +33,9 @@ from microbot_ocp.motion import (
     sample_times,
 )
 from microbot_ocp.ocp.problem import OptimalControlProblem, Phase
-from microbot_ocp.ocp.refinement import Progress, Refiner, quiet
-from microbot_ocp.ocp.solution import Solution
+from microbot_ocp.ocp.progress import StepProgress, quiet
+from microbot_ocp.ocp.refinement import Refiner
+from microbot_ocp.ocp.solution import PhaseSolution, Solution
 from microbot_ocp.ocp.transcription import Guess, Transcription
 from microbot_ocp.robot import JointLimits, Limits, Robot
 from microbot_ocp.time_optimal.curve import (
@@ -42,6 +44,7 @@ from microbot_ocp.time_optimal.curve import (
     evaluate,
     symbolic_derivatives,
 )
+from microbot_ocp.time_optimal.progress import Samples, with_motion
 from microbot_ocp.time_optimal.reachability import PathTiming, time_path
 from microbot_ocp.time_optimal.task import (
     check_limits,
@@ -106,7 +109,7 @@ def time_optimal_path(
     *,
     settings: PathTimingSettings | None = None,
     label: str = "path, best timing",
-    progress: Progress | None = None,
+    progress: StepProgress | None = None,
     **changes: Any,
 ) -> Motion:
     """The fastest motion along a path, at rest at both ends and at its corners.
@@ -246,7 +249,7 @@ class _PathSearch:
         path: PiecewisePolynomial,
         settings: PathTimingSettings,
         label: str,
-        progress: Progress,
+        progress: StepProgress,
     ) -> None:
         self.robot, self.path, self.settings = robot, path, settings
         self.label, self.progress = label, progress
@@ -302,7 +305,7 @@ class _PathSearch:
             self._excess,
             self.settings.violation,
             solver=self.settings.solver,
-            progress=self.progress,
+            progress=with_motion(self.progress, self.robot, self._via_q(), self._at_mesh),
         )
         solution = refiner.solve(self.settings.mesh, guesses)
         if not solution.status.ok and self.settings.solver != "ipopt":
@@ -346,6 +349,19 @@ class _PathSearch:
             kept = ("v", "a") if _rated(self.robot.limits) else ("v",)
             problem.link(before[0], after[0], names=() if after[1].begins else kept)
         return problem
+
+    def _via_q(self) -> FloatArray:
+        return self.path(self.path.breaks)
+
+    def _at_mesh(self, phases: Sequence[PhaseSolution]) -> Samples:
+        starts = np.cumsum([0.0, *(phase.duration for phase in phases)])
+        states = [
+            _state_and_jerk(phase_polynomial(phase), piece, phase.t)[0]
+            for phase, piece in zip(phases, self.pieces, strict=True)
+        ]
+        t = [start + phase.t for start, phase in zip(starts, phases, strict=False)]
+        joined = (np.concatenate(parts) for parts in zip(*states, strict=True))
+        return np.concatenate(t), State(*joined)
 
     def _excess(self, solution: Solution) -> list[FloatArray]:
         result = []
