@@ -118,8 +118,8 @@ def test_an_interruption_returns_the_last_accepted_solution(monkeypatch, solves)
 
     calls = []
 
-    def interrupted(*arguments):
-        made = solve(*arguments)
+    def interrupted(*arguments, **named):
+        made = solve(*arguments, **named)
         calls.append(made)
         if len(calls) < solves:
             return made
@@ -204,7 +204,7 @@ def test_the_history_is_plain_values_and_progress_is_told():
     stored = json.loads(json.dumps([step.as_dict() for step in refined.history]))
     assert stored[0]["intervals"] == [10]
     assert stored[0]["status"] == "solved"
-    assert any("state error" in line for line in lines)
+    assert any("state error" in str(line) for line in lines)
 
 
 @pytest.mark.parametrize("accuracy", [0.0, -1.0, np.nan, "fine"])

@@ -42,7 +42,7 @@ def pretend(monkeypatch):
     def prepare(answers, excess=lambda _: [np.zeros(4)], **options):
         calls = []
 
-        def fake(transcription, mesh, guesses, settings):
+        def fake(transcription, mesh, guesses, settings, progress):
             calls.append((mesh[0] if isinstance(mesh, list) else mesh, guesses, settings))
             return answers[len(calls) - 1]
 

@@ -181,9 +181,20 @@ def test_settings_are_given_as_one_or_singly(microbot):
     assert one.duration == other.duration
 
 
-def test_progress_is_told_in_lines(microbot):
-    said = []
-    time_optimal(arm(), ARM_VIA, mesh=30, starts=2, progress=said.append)
+def test_progress_is_told_in_lines_and_iterations(microbot):
+    told = []
+    motion = time_optimal(arm(), ARM_VIA, mesh=30, starts=2, progress=told.append)
+    said = [event for event in told if isinstance(event, str)]
+    iterations = [event for event in told if not isinstance(event, str)]
+    solves = [attempt for one in motion.provenance["solves"] for attempt in one["attempts"]]
+    # fatrop asks for a Jacobian at every iterate, the first included
+    assert len(iterations) >= sum(attempt["iterations"] for attempt in solves)
+    t, state = iterations[-1].motion()
+    assert t[-1] == pytest.approx(motion.duration, rel=1e-6)
+    np.testing.assert_allclose(state.q[[0, -1]], ARM_VIA[[0, -1]], atol=1e-6)
+    np.testing.assert_allclose(state.q, motion.sample(t).q, atol=1e-6)
+    limit = iterations[-1].robot.limits.tau_max
+    assert np.abs(iterations[-1].torque() / limit).max() == pytest.approx(1.0, abs=1e-5)
     assert sum(line.startswith("start ") for line in said) == 2
     assert any(line.startswith("mesh ") for line in said)
     assert all(line and "\n" not in line for line in said)
@@ -244,7 +255,7 @@ def test_torque_limits_hold_with_friction(friction, allowed):
 
 
 def test_a_motion_that_was_not_solved_says_so(monkeypatch):
-    def stopped(problem, mesh, guess, settings):
+    def stopped(problem, mesh, guess, settings, **_):
         return solve(problem, mesh, guess, replace(settings, max_iterations=2))
 
     monkeypatch.setattr(refinement, "solve", stopped)

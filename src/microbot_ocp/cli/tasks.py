@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -48,6 +48,7 @@ from microbot_ocp.cli.output import (
 )
 from microbot_ocp.comparison import METHODS, Comparison, Progress, Step, compare as compare_methods
 from microbot_ocp.motion import Motion
+from microbot_ocp.ocp.progress import Iteration, StepProgress
 from microbot_ocp.robot import Robot
 from microbot_ocp.task_file import OUTPUTS, read_task
 from microbot_ocp.time_optimal.free import TimeOptimalSettings, time_optimal as find_time_optimal
@@ -151,9 +152,9 @@ def time_optimal(
     settings = TimeOptimalSettings(mesh=mesh, starts=starts)
     with shown_progress(as_json) as progress:
         motion = find_time_optimal(
-            limited, points, settings=settings, progress=_lines(progress, "solve")
+            limited, points, settings=settings, progress=_steps(progress, "solve")
         )
-        _lines(progress, "certify")(f"{motion.duration:.4f} s")
+        _steps(progress, "certify")(f"{motion.duration:.4f} s")
         certificate = certify(limited, motion, via_q=points)
     motion = replace(motion, provenance={**motion.provenance, "robot": robot.name})
     written = [str(motion.save(out))] if out is not None else []
@@ -294,10 +295,11 @@ def _share(value: float) -> str:
     return "–" if not np.isfinite(value) else f"{100 * value:.1f}"
 
 
-def _lines(progress: Progress, stage: str) -> Callable[[str], None]:
-    """A callable that takes a line of text, for solvers whose steps are not counted."""
+def _steps(progress: Progress, stage: str) -> StepProgress:
+    """Progress of a solver, whose steps are not counted, as steps of a task."""
 
-    def tell(text: str) -> None:
-        progress(Step(stage == "certify", 2, stage, text))
+    def tell(event: Iteration | str) -> None:
+        iteration = event if isinstance(event, Iteration) else None
+        progress(Step(stage == "certify", 2, stage, str(event), iteration))
 
     return tell
