@@ -20,6 +20,7 @@ import tempfile
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import zip_longest
 from pathlib import Path
 
 FENCE = re.compile(
@@ -61,7 +62,7 @@ def blocks(page: str) -> list[Block]:
     """The blocks of a page, in their order."""
     fences = list(FENCE.finditer(page))
     found = []
-    for here, after in zip(fences, [*fences[1:], None], strict=True):
+    for here, after in zip_longest(fences, fences[1:]):
         shown = None
         if after and after["language"] == "text" and not page[here.end() : after.start()].strip():
             shown = _text(after)
