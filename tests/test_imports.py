@@ -33,7 +33,6 @@ ORDER = (
     "closed_form",
     "inverse_kinematics",
     "motion",
-    "limit_history",
     "baselines",
     "driven",
     "control",

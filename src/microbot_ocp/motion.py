@@ -282,6 +282,12 @@ class Motion:
 
         return plots.motion(robot, self, axes, **options)
 
+    def to_rerun(self, robot: Robot, path: str | Path) -> Path:
+        """Write a Rerun recording (``.rrd``) of the robot on this motion, under its limits."""
+        from microbot_ocp.views.recording import of_motion
+
+        return of_motion(robot, self).save(path)
+
     def save(self, path: str | Path) -> Path:
         """Write one ``.npz``: arrays t, q, qd, qdd, tau, breaks and a JSON string ``metadata``."""
         target = Path(path)

@@ -8,10 +8,13 @@ import numpy as np
 import typer
 
 from microbot_ocp.checks import FloatArray, InputError
+from microbot_ocp.cli import recordings
 from microbot_ocp.cli.options import (
     Json,
+    Open,
     Q,
     QDeg,
+    Recording,
     RobotName,
     Tip,
     chosen_robot,
@@ -87,6 +90,8 @@ def ik(
         option("--seed-deg", what="Only the solution nearest to these joints, deg (m)."),
     ] = None,
     seed: Annotated[str | None, option("--seed", what="The same in rad (m).")] = None,
+    rerun: Recording = None,
+    open_viewer: Open = False,
     tip: Tip = None,
     as_json: Json = False,
 ) -> int:
@@ -100,6 +105,7 @@ def ik(
     target = numbers("--position", position, 3, "x, y, z")
     rotation = _orientation(rpy, rpy_deg)
     start = optional_joint_values(robot, "seed", seed, seed_deg)
+    recordings.check(rerun, open_viewer)
     if start is None:
         found = solve_ik_all(robot, target, rotation)
     else:
@@ -139,7 +145,9 @@ def ik(
         for sentence in dict.fromkeys(s.advice for s in found if not s.solved or s.self_motion):
             console.print(sentence)
 
-    return answer(as_json, document, text, 0 if solved else 1)
+    code = answer(as_json, document, text, 0 if solved else 1)
+    recordings.show_branches(robot, found, target, rotation, rerun, open_viewer)
+    return code
 
 
 def _pose(robot: Robot, q: FloatArray, frame: int | None = None) -> FloatArray:

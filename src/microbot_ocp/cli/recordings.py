@@ -8,7 +8,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -17,10 +17,11 @@ import typer
 
 from microbot_ocp import checks
 from microbot_ocp.certificate import Certificate, certify
-from microbot_ocp.checks import InputError
+from microbot_ocp.checks import FloatArray, InputError
 from microbot_ocp.cli.options import Json, Open, Recording, chosen_robot, option, writable
 from microbot_ocp.cli.output import answer
 from microbot_ocp.comparison import Comparison, Entry
+from microbot_ocp.inverse_kinematics import IKSolution
 from microbot_ocp.motion import Motion
 from microbot_ocp.robot import JointLimits, Robot
 from microbot_ocp.robots import packaged_robots
@@ -106,6 +107,24 @@ def show_motion(
         from microbot_ocp.views.recording import of_motion
 
         return of_motion(robot, motion, certificate).save(path)
+
+    return _written(write, rerun, open_viewer)
+
+
+def show_branches(
+    robot: Robot,
+    solutions: Sequence[IKSolution],
+    position: FloatArray,
+    orientation: FloatArray | None,
+    rerun: Path | None,
+    open_viewer: bool,
+) -> Path | None:
+    """The same for solutions of inverse kinematics."""
+
+    def write(path: Path) -> Path:
+        from microbot_ocp.views.recording import of_branches
+
+        return of_branches(robot, solutions, position, orientation).save(path)
 
     return _written(write, rerun, open_viewer)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,7 +11,7 @@ import numpy as np
 from microbot_ocp import checks
 from microbot_ocp.checks import FloatArray
 from microbot_ocp.motion import Motion, State
-from microbot_ocp.robot import Robot
+from microbot_ocp.robot import JointLimits, Limits, Robot
 
 if TYPE_CHECKING:
     from microbot_ocp.views.page import AxesGrid, Axis
@@ -105,6 +106,17 @@ class Tracking(Simulation):
     def error(self) -> FloatArray:
         """Reference less position [N,n], rad (m)."""
         return self.reference.q - self.q
+
+    def to_rerun(
+        self, robot: Robot, path: str | Path, limits: Limits | JointLimits | None = None
+    ) -> Path:
+        """Write a Rerun recording (``.rrd``) of the arm beside the ghost of its reference.
+
+        ``limits`` are those of its drives; default ``robot.limits``.
+        """
+        from microbot_ocp.views.recording import of_tracking
+
+        return of_tracking(robot, self, limits).save(path)
 
     @property
     def rms(self) -> FloatArray:

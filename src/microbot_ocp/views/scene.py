@@ -15,6 +15,7 @@ from microbot_ocp.robot import LIMIT_UNITS, JointLimits, Robot
 VIA_TOLERANCE = 0.02  # rad or m: how near a mark's position must be to its via point
 LIMIT_STRETCH = 2.0  # a limit that would stretch the data's axis by more is told, not drawn
 QUANTITIES = ("q", "qd", "tau")
+POSITIONS = ("q", "error")  # drawn in degrees for revolute joints
 
 
 class Passage(NamedTuple):
@@ -84,14 +85,18 @@ def via_passages(comparison: Comparison, motion: Motion) -> list[Passage]:
 
 def display_factor(robot: Robot, quantity: str, joint: int) -> float:
     """Factor from stored to drawn units: revolute positions are drawn in degrees."""
-    turns = quantity == "q" and robot.joint_types[joint] == "revolute"
-    return 180.0 / np.pi if turns else 1.0
+    return 180.0 / np.pi if _in_degrees(robot, quantity, joint) else 1.0
 
 
 def display_unit(robot: Robot, quantity: str, joint: int) -> str:
     """Unit in which a quantity of a joint (0-based) is drawn."""
-    turns = quantity == "q" and robot.joint_types[joint] == "revolute"
-    return "deg" if turns else robot.unit(quantity, joint)
+    if _in_degrees(robot, quantity, joint):
+        return "deg"
+    return robot.unit("q" if quantity in POSITIONS else quantity, joint)
+
+
+def _in_degrees(robot: Robot, quantity: str, joint: int) -> bool:
+    return quantity in POSITIONS and robot.joint_types[joint] == "revolute"
 
 
 class AxisLimits(NamedTuple):

@@ -106,7 +106,7 @@ def test_words_and_marks(recording):
     told = {row[0]: time for time, row in zip(t, rows, strict=True)}
     for number, time in enumerate((0.0, 1.2, 2.6), start=1):
         assert told[f"via {number}: cubic, scaled"] == pytest.approx(time)
-    vias = static(recording, "/world/via_points", "Points3D:labels")
+    vias = static(recording, "/world/places", "Points3D:labels")
     assert vias == ["via 1", "via 2", "via 3"]
 
 

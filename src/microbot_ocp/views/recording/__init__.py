@@ -4,8 +4,21 @@ A kind of recording is a function in :mod:`~microbot_ocp.views.recording.kinds` 
 :class:`Recording`, which is saved to a file or sent to a stream.
 """
 
-from microbot_ocp.views.recording.kinds import of_comparison, of_motion
+from microbot_ocp.views.recording.kinds import (
+    of_branches,
+    of_comparison,
+    of_motion,
+    of_tracking,
+)
 from microbot_ocp.views.recording.recording import Recording
 from microbot_ocp.views.recording.writer import Writer, file_writer
 
-__all__ = ["Recording", "Writer", "file_writer", "of_comparison", "of_motion"]
+__all__ = [
+    "Recording",
+    "Writer",
+    "file_writer",
+    "of_branches",
+    "of_comparison",
+    "of_motion",
+    "of_tracking",
+]

@@ -126,6 +126,13 @@ class Actor:
         return cls(look, times, state, curves, motion.marks)
 
 
+def standing(q: FloatArray, look: Look) -> Actor:
+    """An arm that stands in poses q [N,n] one after the other, counted on the BRANCH timeline."""
+    still = np.zeros_like(q)
+    times = {entities.BRANCH: np.arange(1.0, len(q) + 1.0)}
+    return Actor(look, times, State(q, still, still), {})
+
+
 def drawn_times(t: FloatArray, rate: float) -> FloatArray:
     """Samples of t [N] about 1/rate apart, with both ends, both sides of jumps, and no wide gaps.
 

@@ -9,12 +9,12 @@ from rerun.components import Plane3D
 
 from microbot_ocp.views import scene
 from microbot_ocp.views.recording import camera, entities
-from microbot_ocp.views.recording.saturation import QUANTITIES
 
 if TYPE_CHECKING:
     from microbot_ocp.views.recording.recording import Recording
 
 SHORT = 4.0  # s; what is shorter plays at half its speed
+PROGRESS_TIME = 5.0  # s that the whole progress takes to play
 WIDE_ROBOT = 4  # more joints than this: one tab a quantity
 LANES = (0.13, 0.055)  # height of the state timeline, and of a lane, by that of the curves
 TOOL_CURVES = {
@@ -32,12 +32,17 @@ def blueprint(recording: Recording) -> rrb.Blueprint:
         columns=rrb.TextLogColumns(text_log_columns=["Body"]),
     )
     words = rrb.TextDocumentView(origin=entities.SUMMARY, name="summary")
-    below = rrb.Horizontal(words, marks, column_shares=[1.6, 1.0])
-    left = rrb.Vertical(_space(recording), below, row_shares=[2.4, 1.0])
+    space = _space(recording)
+    if recording.quantities:
+        below = rrb.Horizontal(words, marks, column_shares=[1.6, 1.0])
+        left = rrb.Vertical(space, below, row_shares=[2.4, 1.0])
+        whole = rrb.Horizontal(left, _right(recording), column_shares=[1.15, 1.0])
+    else:
+        whole = rrb.Horizontal(space, words, column_shares=[1.4, 1.0])
     timed = recording.timeline == entities.TIME
     short = timed and max(recording.end.get(entities.TIME, [0.0])) < SHORT
     return rrb.Blueprint(
-        rrb.Horizontal(left, _right(recording), column_shares=[1.15, 1.0]),
+        whole,
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
         rrb.TimePanel(
@@ -46,7 +51,7 @@ def blueprint(recording: Recording) -> rrb.Blueprint:
             play_state="playing",
             loop_mode="all",
             playback_speed=0.5 if short else 1.0,
-            fps=None if timed else 1.0,
+            fps=entities.WHOLE / PROGRESS_TIME if timed else 1.0,  # of counted timelines
         ),
     )
 
@@ -116,9 +121,9 @@ def _right(recording: Recording) -> rrb.Container:
 
 
 def _lanes(recording: Recording) -> rrb.StateTimelineView | None:
-    """Which limit every joint of the solid arm is at; None where there is no limit."""
+    """Which limit every joint of the solid arm is at; None where it is at none."""
     solid = next((actor for actor in recording.actors if actor.look.solid), None)
-    if solid is None or not recording.has_limits(QUANTITIES):
+    if solid is None or not recording.spells.get(solid.name):
         return None
     name = f"limits met: {solid.title}" if solid.title else "limits met"
     return rrb.StateTimelineView(origin=entities.saturation(solid.name), name=name)

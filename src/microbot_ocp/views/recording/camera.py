@@ -12,7 +12,8 @@ from microbot_ocp.views import scene
 
 FIELD_OF_VIEW = np.radians(55.0)  # of Rerun's eye, from bottom to top
 ASPECT = 1.25  # width of the view to its height, about
-MARGIN = 1.15  # room for labels and for what is thick
+MARGIN = 1.05
+THICK = 0.14  # share of the reach that arrows, arcs and masses stand out from the links
 TILT = np.radians(20.0)  # of the line of sight, from above
 STEEP_TILT = np.radians(60.0)  # the same where all that moves is level
 FLAT = 0.12  # height to width from which on a motion counts as level
@@ -40,14 +41,15 @@ def upward(robot: Robot) -> FloatArray:
     return sign * np.eye(3)[axis]
 
 
-def eye(robot: Robot, q: FloatArray, headroom: float) -> Eye:
+def eye(robot: Robot, q: FloatArray, marked: FloatArray, headroom: float) -> Eye:
     """An eye that sees the arm at all positions q [N,n] from its broad side, on the tool's side.
 
-    ``headroom`` (m) is for the labels above the tool.
+    It sees the places ``marked`` [m,3] as well; ``headroom`` (m) is for the labels above the tool.
     """
     up = upward(robot)
-    origins = scene.link_origins(robot, q)
-    points = np.vstack([origins.reshape(-1, 3), origins[:, -1] + headroom * up])
+    at_zero = np.zeros((1, robot.joint_count))
+    origins = scene.link_origins(robot, q if len(q) else at_zero)
+    points = np.vstack([origins.reshape(-1, 3), marked, origins[:, -1] + headroom * up])
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
     level = points - np.outer(points @ up, up)
     spread, directions = np.linalg.eigh(np.cov((level - level.mean(axis=0)).T) + np.outer(up, up))
@@ -62,11 +64,13 @@ def eye(robot: Robot, q: FloatArray, headroom: float) -> Eye:
     height, width = np.ptp(points @ up), np.linalg.norm(np.ptp(level, axis=0))
     tilt = STEEP_TILT if height - headroom < FLAT * width else TILT
     towards = np.cos(tilt) * towards + np.sin(tilt) * up
-    return _fitted(points, middle, towards, up)
+    return _fitted(points, THICK * scene.reach(robot), middle, towards, up)
 
 
-def _fitted(points: FloatArray, middle: FloatArray, towards: FloatArray, up: FloatArray) -> Eye:
-    """The nearest eye in a direction that sees all points [N,3]."""
+def _fitted(
+    points: FloatArray, radius: float, middle: FloatArray, towards: FloatArray, up: FloatArray
+) -> Eye:
+    """The nearest eye in a direction that sees the balls around all points [N,3]."""
     right = np.cross(up, towards)
     right /= np.linalg.norm(right)
     above = np.cross(towards, right)
@@ -75,7 +79,8 @@ def _fitted(points: FloatArray, middle: FloatArray, towards: FloatArray, up: Flo
     target = middle + centre[0] * right + centre[1] * above
     depth = (points - target) @ towards
     half_height = np.tan(FIELD_OF_VIEW / 2)
-    need = np.maximum(np.abs(high - centre[1]), np.abs(across - centre[0]) / ASPECT) / half_height
+    away = np.maximum(np.abs(high - centre[1]), (np.abs(across - centre[0])) / ASPECT) + radius
+    need = away / half_height
     distance = float((depth + MARGIN * need).max())
     return Eye(target + distance * towards, target, up)
 

@@ -16,7 +16,8 @@ MARKS = "marks"
 SATURATION = "saturation"
 WORLD = "world"
 BASE = "world/base"
-VIA_POINTS = "world/via_points"
+PLACES = "world/places"
+TARGET = "world/target"
 
 
 def arm(name: str, *below: str) -> str:
@@ -55,9 +56,9 @@ def saturation(name: str, joint: str = "") -> str:
     return rr.new_entity_path([SATURATION, name, *([joint] if joint else [])])
 
 
-def switches(name: str) -> str:
+def switches(name: str, *below: str) -> str:
     """Path of the places on the trail where limits are reached or left."""
-    return arm(name, "switches")
+    return arm(name, "switches", *below)
 
 
 def tool_curve(quantity: str, name: str = "") -> str:

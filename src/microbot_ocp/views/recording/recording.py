@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -27,7 +28,7 @@ from microbot_ocp.views.recording import (
 )
 from microbot_ocp.views.recording.actors import Actor
 from microbot_ocp.views.recording.blueprint import blueprint
-from microbot_ocp.views.recording.writer import Times, Writer, file_writer
+from microbot_ocp.views.recording.writer import APPLICATION, Times, Writer, file_writer
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,28 +37,34 @@ class Recording:
 
     Attributes
     ----------
+    title : str
+        What it is of; recordings of one title share a layout in the viewer.
     robot : Robot
     limits : JointLimits
         Those that are drawn.
     actors : tuple of Actor
         Every arm with its motion.
-    via_q : array [m,n]
-        Poses whose tool positions are marked, rad or m.
+    marked : array [m,3]
+        Places that are marked in space, m.
+    mark_names : tuple of str, m
     summary : str
         Markdown.
-    via_names : tuple of str, m
+    target : array [4,4], optional
+        A pose whose axes are drawn.
     quantities : tuple of str
         What is plotted.
     timeline : str
         The one that plays.
     """
 
+    title: str
     robot: Robot
     limits: JointLimits
     actors: tuple[Actor, ...]
-    via_q: FloatArray
+    marked: FloatArray
+    mark_names: tuple[str, ...]
     summary: str
-    via_names: tuple[str, ...]
+    target: FloatArray | None = None
     quantities: tuple[str, ...] = scene.QUANTITIES
     timeline: str = entities.TIME
 
@@ -71,6 +78,11 @@ class Recording:
             for quantity in self.quantities
             for joint in range(self.robot.joint_count)
         }
+
+    @property
+    def application(self) -> str:
+        """What the viewer files it under; it takes few characters."""
+        return f"{APPLICATION} {re.sub(r'[^A-Za-z0-9]+', ' ', self.title).strip()}"
 
     @property
     def timelines(self) -> tuple[str, ...]:
@@ -89,8 +101,8 @@ class Recording:
     def eye(self) -> camera.Eye:
         """Where everything that moves is seen from."""
         headroom = max((actor.look.label_height for actor in self.actors), default=0.0)
-        q = np.vstack([self.via_q, *(actor.q for actor in self.actors)])
-        return camera.eye(self.robot, q, headroom)
+        q = np.vstack([np.zeros((0, self.robot.joint_count)), *(actor.q for actor in self.actors)])
+        return camera.eye(self.robot, q, self.marked, headroom)
 
     @property
     def hidden(self) -> list[str]:
@@ -104,14 +116,16 @@ class Recording:
             if crowd:
                 paths += [entities.link(actor.name, k, "center_of_mass") for k in frames]
                 paths.append(entities.tool(actor.name, "force"))
+                paths.append(entities.switches(actor.name, "latest"))
             if not actor.look.solid:
                 paths.append(entities.tool(actor.name, "velocity"))
                 paths.append(entities.switches(actor.name))
         return paths
 
-    def has_limits(self, quantities: Iterable[str]) -> bool:
-        """Whether any joint has a limit of one of the quantities."""
-        return any(np.isfinite(self.limits.bounds(quantity)).any() for quantity in quantities)
+    @cached_property
+    def spells(self) -> Mapping[str, list[saturation.Spell]]:
+        """Spells at limits by the name of the arm."""
+        return {actor.name: saturation.spells(self.limits, actor) for actor in self._moving}
 
     def blueprint(self) -> rrb.Blueprint:
         """The layout."""
@@ -119,7 +133,7 @@ class Recording:
 
     def write(self, writer: Writer) -> None:
         """Send everything but the layout."""
-        surroundings.draw(writer, self.robot, self.via_q, self.via_names)
+        surroundings.draw(writer, self.robot, self.marked, self.mark_names, self.target)
         surroundings.write_words(writer, self.summary + self._more_words())
         if not self.actors:
             return
@@ -128,24 +142,24 @@ class Recording:
             curves.draw(writer, self.robot, actor)
             if actor.moves:
                 self._write_motion(writer, actor)
-        for (quantity, joint), limits in self.axis_limits.items():
-            curves.draw_limits(writer, self.robot, quantity, joint, limits, self.end)
+        for (quantity, joint), near in self.axis_limits.items():
+            curves.draw_limits(writer, self.robot, quantity, joint, near, self.end)
         for kind in self._arrows:
             vectors.draw(writer, self._moving, kind)
 
     def _write_motion(self, writer: Writer, actor: Actor) -> None:
-        found = saturation.spells(self.limits, actor)
+        found = self.spells[actor.name]
         tool = scene.link_origins(self.robot, actor.q)[:, -1]
         saturation.draw_lanes(writer, self.robot, actor, found)
         saturation.draw_switches(writer, self.robot, actor, found, tool)
         marks.draw(writer, self.robot, actor, found)
         curves.draw_progress(writer, actor)
-        if actor.look.solid and self.robot.has_dynamics:
+        if actor.look.solid and "tau" in actor.curves and self.robot.has_dynamics:
             torque.draw(writer, self.robot, self.limits, actor)
 
     def save(self, path: str | Path) -> Path:
         """Write an ``.rrd`` with its layout, whole or not at all; it plays when opened."""
-        with file_writer(path, self.blueprint()) as writer:
+        with file_writer(path, self.blueprint(), self.application) as writer:
             self.write(writer)
         return Path(path)
 
@@ -166,5 +180,6 @@ class Recording:
         ]
         items = [f"Too far off to be drawn: {'; '.join(told)}."] if told else []
         if self._moving:
-            items.append(words.legend(self.robot, *(kind.scale for kind in self._arrows)))
+            scales = [kind.scale for kind in self._arrows]
+            items.append(words.legend(self.robot, len(self._moving) == 1, scales))
         return "".join(f"- {item}\n" for item in items if item)

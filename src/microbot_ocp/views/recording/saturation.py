@@ -11,7 +11,8 @@ import rerun as rr
 from microbot_ocp.certificate import QUANTITY_NAMES, SATURATED
 from microbot_ocp.checks import FloatArray
 from microbot_ocp.robot import JointLimits, Robot
-from microbot_ocp.views.recording import entities
+from microbot_ocp.views import scene
+from microbot_ocp.views.recording import camera, entities
 from microbot_ocp.views.recording.actors import Actor
 from microbot_ocp.views.recording.palette import (
     BEYOND_COLOR,
@@ -24,6 +25,7 @@ from microbot_ocp.views.recording.writer import Times, Writer
 
 BEYOND = 1.005  # share of a limit from which on it counts as broken, as certificates have it
 QUANTITIES = ("qd", "qdd", "tau")  # every motion comes near some limit of its positions
+LABEL_HEIGHT = 0.05  # of a switch, share of the reach
 FREE = "within"
 SIDES = ("min", "max")
 
@@ -49,6 +51,8 @@ def spells(limits: JointLimits, actor: Actor) -> list[Spell]:
     """Every spell of an actor at a limit of velocity, acceleration or torque."""
     found = []
     for quantity in QUANTITIES:
+        if quantity != "qdd" and quantity not in actor.curves:
+            continue
         values = actor.values(quantity)
         for side, bound in zip(SIDES, limits.bounds(quantity), strict=True):
             sign = 1.0 if side == "max" else -1.0
@@ -131,6 +135,7 @@ def draw_switches(
     # all labels at once would hide each other: the latest one stands until the next
     words = [event.text(robot) for event in events]
     tiny = rr.Points3D.from_fields(radii=[1e-3 * actor.look.radius], show_labels=True)
-    writer.static(f"{path}/latest", tiny)
-    labelled = rr.Points3D.columns(positions=tool[at], colors=colors, labels=words)
-    writer.columns(f"{path}/latest", times, labelled)
+    writer.static(entities.switches(actor.name, "latest"), tiny)
+    above = tool[at] + LABEL_HEIGHT * scene.reach(robot) * camera.upward(robot)
+    labelled = rr.Points3D.columns(positions=above, colors=colors, labels=words)
+    writer.columns(entities.switches(actor.name, "latest"), times, labelled)

@@ -16,8 +16,17 @@ from microbot_ocp.views.recording.rotations import quaternions
 from microbot_ocp.views.recording.writer import Writer
 
 
-def draw(writer: Writer, robot: Robot, via_q: FloatArray, names: Sequence[str]) -> None:
-    """Base plate, a post from the base frame to it where they differ, and the via points."""
+def draw(
+    writer: Writer,
+    robot: Robot,
+    places: FloatArray,
+    names: Sequence[str],
+    target: FloatArray | None,
+) -> None:
+    """Base plate, a post from the base frame to it where they differ, marked places [m,3], target.
+
+    Of the target [4,4] the axes are drawn.
+    """
     size = scene.reach(robot)
     axis, up = camera.up_axis(robot), camera.upward(robot)
     direction = "UP" if up[axis] > 0 else "DOWN"
@@ -35,14 +44,16 @@ def draw(writer: Writer, robot: Robot, via_q: FloatArray, names: Sequence[str]) 
     if np.linalg.norm(place) > 1e-9:
         post = rr.LineStrips3D([[np.zeros(3), place]], radii=0.006 * size, colors=[BASE_COLOR])
         writer.static(f"{entities.BASE}/post", post)
-    if not len(via_q):
+    if target is not None:
+        pose = rr.Transform3D(translation=target[:3, 3], mat3x3=target[:3, :3])
+        writer.static(entities.TARGET, pose, rr.TransformAxes3D(0.12 * size))
+    if not len(places):
         return
-    places = scene.link_origins(robot, via_q)[:, -1]
     labels = [_label(place, places, names) for place in places]
     spheres = rr.Points3D(
         places, radii=0.022 * size, colors=[VIA_COLOR], labels=labels, show_labels=True
     )
-    writer.static(entities.VIA_POINTS, spheres)
+    writer.static(entities.PLACES, spheres)
 
 
 def _label(place: FloatArray, places: FloatArray, names: Sequence[str]) -> str:

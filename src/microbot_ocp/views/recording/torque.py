@@ -77,12 +77,15 @@ def _arc(
 def _arrow(
     writer: Writer, path: str, look: Look, times: Times, share: FloatArray, full: float
 ) -> None:
-    length = SLIDE * look.radius
-    ends = np.array([[[0.0, 0.0, -length], [0.0, 0.0, length]]])
+    whole = np.array([0.0, 0.0, SLIDE * look.radius])
+    beside = np.array([RING * look.radius, 0.0, 0.0])  # the link itself lies along the axis
+    ends = np.array([[beside - whole, beside + whole]])
     thin = rr.LineStrips3D(ends, radii=[0.06 * look.radius], colors=[NEUTRAL_COLOR])
     writer.static(f"{path}/limit", thin)
-    vectors = np.zeros((len(share), 3))
-    vectors[:, 2] = length * np.clip(share, -1.0, 1.0)
-    thick = np.where(np.abs(share) >= full, 0.8, 0.5) * look.radius
-    columns = rr.Arrows3D.columns(vectors=vectors, radii=thick, colors=share_colors(share, full))
+    columns = rr.Arrows3D.columns(
+        vectors=np.clip(share, -1.0, 1.0)[:, None] * whole,
+        origins=np.tile(beside, (len(share), 1)),
+        radii=np.where(np.abs(share) >= full, 0.8, 0.5) * look.radius,
+        colors=share_colors(share, full),
+    )
     writer.columns(path, times, columns)

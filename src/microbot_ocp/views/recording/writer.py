@@ -43,11 +43,16 @@ def _time_column(timeline: str, values: FloatArray) -> rr.TimeColumn:
 
 
 @contextmanager
-def file_writer(path: str | Path, blueprint: rrb.Blueprint) -> Iterator[Writer]:
-    """Writer of a file with its layout inside; the file appears when all is written."""
+def file_writer(
+    path: str | Path, blueprint: rrb.Blueprint, application: str = APPLICATION
+) -> Iterator[Writer]:
+    """Writer of a file with its layout inside; the file appears when all is written.
+
+    A viewer keeps one layout for each ``application``.
+    """
     target = Path(path)
     partial = target.with_name(target.name + ".part")
-    stream = rr.RecordingStream(APPLICATION)
+    stream = rr.RecordingStream(application)
     try:
         stream.save(partial, default_blueprint=blueprint)
         yield Writer(stream)

@@ -1,0 +1,61 @@
+"""Make every kind of recording and its picture: ``docs/images/recordings/NAME.png``.
+
+    python docs/make_screenshots.py [NAME ...] [--keep FOLDER]
+
+It needs a Vulkan driver; without a graphics card that of the package mesa-vulkan-drivers.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+from pathlib import Path
+
+from PIL import Image
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests" / "views" / "recording"))
+
+from every_kind import KINDS
+from headless_viewer import HeadlessViewer, missing_driver
+
+TARGET = Path(__file__).resolve().parent / "images" / "recordings"
+COLORS = 192  # of a picture's palette: a third of the size of a full one
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join(KINDS))
+    parser.add_argument("--keep", type=Path, help="folder to keep the recordings in")
+    arguments = parser.parse_args()
+    unknown = sorted(set(arguments.names) - set(KINDS))
+    if unknown:
+        parser.error(f"NAME must be one of {', '.join(KINDS)}, not {unknown[0]!r}")
+    reason = missing_driver()
+    if reason:
+        print(f"error: {reason}", file=sys.stderr)
+        return 1
+    TARGET.mkdir(parents=True, exist_ok=True)
+    problems = []
+    with tempfile.TemporaryDirectory() as folder:
+        kept = arguments.keep or Path(folder)
+        kept.mkdir(parents=True, exist_ok=True)
+        for name in arguments.names or KINDS:
+            kind = KINDS[name]
+            recording = kind.make().save(kept / f"{name}.rrd")
+            with HeadlessViewer() as viewer:
+                viewer.open(recording)
+                moment = kind.moments[-1]
+                viewer.seek(moment.timeline, **moment.as_argument())
+                picture = Image.fromarray(viewer.picture())
+                problems += [f"{name}: {problem}" for problem in viewer.problems()]
+            path = TARGET / f"{name}.png"
+            picture.quantize(COLORS).save(path, optimize=True)
+            print(f"{path} ({path.stat().st_size / 1e3:.0f} kB)")
+    for problem in problems:
+        print(f"error: {problem}", file=sys.stderr)
+    return 1 if problems else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
