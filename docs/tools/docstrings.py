@@ -23,8 +23,9 @@ class References(griffe.Extension):
 
         def link(found: re.Match[str]) -> str:
             name = found["name"]
+            first, dot, rest = name.partition(".")
             try:
-                target = obj.resolve(name)
+                target = obj.resolve(first) + dot + rest
             except griffe.NameResolutionError:
                 target = name
             short = name.removeprefix("microbot_ocp.").rsplit(".", 1)[-1]
