@@ -28,6 +28,22 @@ def test_bad_intervals_and_their_neighbours_are_halved(bad, expected):
     np.testing.assert_allclose(split(mesh, np.array(bad, dtype=bool)), expected, rtol=1e-15)
 
 
+@pytest.mark.parametrize(
+    ("row", "bad", "expected"),
+    [
+        (1, [1, 1, 1, 1, 1], [0.0, 0.05, 0.1, 0.25, 0.4, 0.5, 0.6, 1.0]),
+        (1, [0, 0, 1, 0, 0], [0.0, 0.05, 0.1, 0.175, 0.25, 0.325, 0.4, 0.5, 0.6, 1.0]),
+        (1, [0, 0, 0, 1, 1], [0.0, 0.05, 0.1, 0.25, 0.325, 0.4, 0.5, 0.6, 1.0]),
+        (3, [1, 0, 0, 0, 0], [0.0, 0.1, 0.4, 0.5, 0.6, 0.65, 0.7, 1.0]),
+    ],
+)
+def test_the_bad_stretch_of_an_interval_is_cut_out_and_halved(row, bad, expected):
+    mesh = np.array([0.0, 0.1, 0.4, 0.6, 1.0])
+    table = np.zeros((4, 5), dtype=bool)
+    table[row] = bad
+    np.testing.assert_allclose(split(mesh, table), expected, rtol=1e-14)
+
+
 def solution(cost, status=Status.SOLVED, mesh=4, solver="ipopt"):
     fractions = np.linspace(0.0, 1.0, mesh + 1) if isinstance(mesh, int) else np.asarray(mesh)
     attempt = Attempt(solver, status, "", 1, cost, 0.0, 0.0, 0.0, 0.0)

@@ -38,8 +38,8 @@ class Refiner:
     guess_from : callable
         Turns a solution into guesses for another mesh.
     excess : callable
-        For a solution, the largest relative excess of any constraint inside every interval: one
-        array [N] a phase.
+        For a solution, the largest relative excess of any constraint inside every interval, or at K
+        evenly spaced places of it with both its ends: one array [N] or [N, K] a phase.
     violation : float
         Excess that is accepted.
     solver : str
@@ -61,7 +61,7 @@ class Refiner:
     violation: float
     solver: str = "ipopt"
     tolerance: float = 1e-8
-    rounds: int = 5
+    rounds: int = 10
     progress: StepProgress = quiet
     settings: SolverSettings = field(default_factory=SolverSettings)
     worse: float = WORSE
@@ -152,9 +152,29 @@ class Refiner:
 
 
 def split(mesh: FloatArray, bad: np.ndarray) -> FloatArray:
-    """Halve the bad intervals and their neighbours."""
-    near = bad.copy()
-    near[:-1] |= bad[1:]
-    near[1:] |= bad[:-1]
-    middles = (mesh[:-1] + mesh[1:])[near] / 2
-    return np.sort(np.concatenate([mesh, middles]))
+    """Split the bad intervals, where they are bad, and halve their neighbours.
+
+    Parameters
+    ----------
+    mesh : array [N+1]
+    bad : array of bool [N] or [N, K]
+        Whole intervals, which are halved, or K evenly spaced places of each with both its ends:
+        the stretch that is bad is cut out and halved. A sudden change, such as that of dry friction
+        where a joint turns back, is so closed in on by much more than a half at a time.
+    """
+    table = bad.reshape(mesh.size - 1, -1)
+    places = table.shape[1]
+    rows = np.flatnonzero(table.any(axis=1))
+    near = np.zeros(mesh.size - 1, dtype=bool)
+    near[np.maximum(rows - 1, 0)] = near[np.minimum(rows + 1, near.size - 1)] = True
+    near[rows] = False
+    added = [(mesh[:-1] + mesh[1:])[near] / 2]
+    for row in rows:
+        inside = np.flatnonzero(table[row])
+        first, last = max(inside[0] - 1, 0), min(inside[-1] + 1, places - 1)
+        cuts = np.array([first, (first + last) / 2, last]) / max(places - 1, 1)
+        if places == 1:
+            cuts = np.array([0.5])
+        cuts = cuts[(cuts > 0) & (cuts < 1)]
+        added.append(mesh[row] + cuts * (mesh[row + 1] - mesh[row]))
+    return np.unique(np.concatenate([mesh, *added]))

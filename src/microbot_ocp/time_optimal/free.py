@@ -372,7 +372,7 @@ def _better(solution: Solution, best: Solution | None) -> bool:
 
 
 def excess_between(robot: Robot, solution: Solution) -> list[FloatArray]:
-    """Largest relative excess of any limit inside every interval: an array [N] a phase."""
+    """Largest relative excess of any limit along every interval: an array [N, K] a phase."""
     shape = polynomial(solution)
     velocity = shape.derivative()
     inside = np.linspace(0, 1, CHECKS_PER_INTERVAL + 1)
@@ -380,9 +380,8 @@ def excess_between(robot: Robot, solution: Solution) -> list[FloatArray]:
     acceleration = velocity.derivative()
     state = State(shape(t), velocity(t), acceleration(t))
     excess = limit_excess(robot, state, acceleration.derivative()(t))
-    per_interval = excess.reshape(-1, inside.size).max(axis=1)
     edges = np.cumsum([phase.mesh.size - 1 for phase in solution.phases])[:-1]
-    return np.split(per_interval, edges)
+    return np.split(excess.reshape(-1, inside.size), edges)
 
 
 def via_times(solution: Solution) -> FloatArray:

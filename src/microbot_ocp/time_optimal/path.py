@@ -369,7 +369,7 @@ class _PathSearch:
             inside = np.linspace(0, 1, CHECKS_PER_INTERVAL + 1)
             t = (phase.t[:-1, None] + inside * np.diff(phase.t)[:, None]).ravel()
             excess = limit_excess(self.robot, *_state_and_jerk(phase_polynomial(phase), piece, t))
-            result.append(excess.reshape(-1, inside.size).max(axis=1))
+            result.append(excess.reshape(-1, inside.size))
         return result
 
     def _motion(
