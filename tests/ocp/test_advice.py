@@ -82,7 +82,7 @@ def overdetermined() -> OptimalControlProblem:
     problem = OptimalControlProblem("overdetermined")
     phase = problem.phase("one", 1.0)
     x = phase.state("x", initial=0.0, final=1.0)
-    u = phase.control("u")
+    u = phase.control("u", lower=-5.0, upper=5.0)
     phase.derivative(x, u)
     for name, value in (("a", u + x), ("b", u - x), ("c", 2 * u - x)):
         phase.constraint(name, value, 1.0, 1.0)

@@ -2,15 +2,19 @@
 
 import json
 import re
+from dataclasses import replace
 
 import casadi as ca
 import numpy as np
 import pytest
 
 from microbot_ocp.checks import InputError
-from microbot_ocp.ocp.persistence import load_solution, save_solution, saved_with
+from microbot_ocp.ocp.parametric import ParametricSolver
+from microbot_ocp.ocp.persistence import load_solution, repeat, save_solution, saved_with
+from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.solvers import SolverSettings, solve
-from microbot_ocp.ocp.transcription import Transcription
+from microbot_ocp.ocp.transcription import Guess, Transcription
+from microbot_ocp.ocp.verification import verify
 from ocp.textbook import double_integrator, through_half_way
 
 
@@ -71,7 +75,7 @@ def test_what_is_needed_to_repeat_a_run_is_inside(solution, tmp_path):
 
 def test_another_problem_is_refused(solution, tmp_path):
     path = save_solution(solution, tmp_path / "run.npz")
-    with pytest.raises(InputError, match=r"has the phases .* the transcription \['move'\]"):
+    with pytest.raises(InputError, match=r"has the phases .* the problem \['move'\]"):
         load_solution(path, Transcription(double_integrator()))
     with pytest.raises(InputError, match="'first' of the solution has other variables"):
         load_solution(path, Transcription(through_half_way(("x", "v"))))
@@ -105,3 +109,67 @@ def test_options_that_are_no_plain_values_are_refused(tmp_path):
     settings = SolverSettings("ipopt", options={"ipopt": {"tol": np.array([1e-8])}})
     with pytest.raises((InputError, NotImplementedError, RuntimeError)):
         save_solution(solve(double_integrator(), 4, settings=settings), tmp_path / "run.npz")
+
+
+def pull(mass=1.0, strength=1.0):
+    problem = OptimalControlProblem("pull")
+    phase = problem.phase("move", (1.0, 1e4))
+    x = phase.state("x", initial=0.0, final=5e4, unit="mm")
+    v = phase.state("v", initial=0.0, final=0.0, unit="mm/s")
+    u = phase.control("u", lower=-strength, upper=strength)
+    constant = phase.parameter("mass", mass)
+    phase.derivative(x, v)
+    phase.derivative(v, u / constant)
+    phase.constraint("power", u * v, upper=3e3)
+    phase.end_cost(1e6 * phase.duration)
+    return problem
+
+
+@pytest.mark.parametrize("solver", ["auto", "ipopt", "fatrop"])
+def test_a_run_is_repeated_from_its_file(solver, tmp_path):
+    guess = {"move": Guess(400.0, {"x": lambda s: 5e4 * s[:, None], "v": 100.0, "u": 0.1})}
+    settings = SolverSettings(solver, tolerance=1e-8)
+    first = solve(pull(), [np.linspace(0, 1, 17) ** 1.1], guess, settings, scheme="radau")
+    assert first.status.ok
+    assert first.cost_scale != 1.0
+    path = save_solution(first, tmp_path / "run.npz")
+    again = repeat(path, pull(mass=7.0, strength=9.0))  # what the file says counts
+    assert again.cost == first.cost
+    assert again.cost_scale == first.cost_scale
+    assert [a.iterations for a in again.attempts] == [a.iterations for a in first.attempts]
+    for name, values in first["move"].values.items():
+        np.testing.assert_array_equal(again["move"][name], values)
+    # a warm start is repeated, too
+    warm = solve(pull(1.1), 20, first, settings, scheme="radau")
+    assert repeat(save_solution(warm, tmp_path / "warm.npz"), pull()).cost == warm.cost
+
+
+def test_a_parametric_solve_keeps_what_it_was_solved_with(tmp_path):
+    solver = ParametricSolver(pull(), 20, SolverSettings("ipopt"))
+    changes = {
+        "parameters": {"move": {"mass": 2.5}},
+        "bounds": {"move": {"u": (-0.5, 2.0), "power": (None, 1e9)}},
+        "final": {"move": {"x": 3e4}},
+        "durations": {"move": (2.0, 5e3)},
+    }
+    solved = solver.solve(**changes)
+    assert solved.status.ok
+    path = save_solution(solved, tmp_path / "run.npz")
+    for given in (pull(), solver.transcription):
+        loaded = load_solution(path, given)
+        phase = loaded["move"].layout.phase
+        assert phase.parameters[0].value == [2.5]
+        assert (phase.controls[0].lower, phase.controls[0].upper) == ([-0.5], [2.0])
+        assert phase.duration_bounds == (2.0, 5e3)
+        t = np.linspace(0.0, loaded.duration, 33)
+        np.testing.assert_array_equal(loaded["move"].sample(t)["v"], solved["move"].sample(t)["v"])
+        certificate = verify(given, loaded)
+        assert certificate.optimality.stationarity.scaled < 1e-6
+        assert certificate.optimality.feasibility.scaled < 1e-6
+    assert repeat(path, pull()).cost == pytest.approx(solved.cost, rel=1e-9)
+
+
+def test_a_file_without_a_start_is_not_repeated(transcription, solution, tmp_path):
+    path = save_solution(replace(solution, start=None), tmp_path / "run.npz")
+    with pytest.raises(InputError, match="written without the start of its solve"):
+        repeat(path, transcription)

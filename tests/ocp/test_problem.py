@@ -88,6 +88,8 @@ def test_a_control_that_is_used_by_its_rate_only_is_used():
         (lambda p: p.state("x", upper=np.nan), "upper x must be finite, but entry [0] is nan"),
         (lambda p: p.state("x", scale=0.0), "scale of 'x' must be finite and above 0, not 0.0"),
         (lambda p: (p.state("x"), p.control("x")), "'x' is declared twice in phase 'move'"),
+        (lambda p: p.state("x", 0), "size of 'x' must be a whole number from 1 up, not 0"),
+        (lambda p: p.state("x", 1.5), "size of 'x' must be a whole number from 1 up, not 1.5"),
         (lambda p: (p.parameter("k", 1), p.parameter("k", 2)), "parameter 'k' is declared twice"),
         (lambda p: p.parameter("k", np.inf), "parameter 'k' must be finite"),
         (lambda p: p.control("u", shape="cubic"), "shape must be one of constant, linear"),
@@ -203,3 +205,23 @@ def test_links_default_to_the_states_of_both_phases():
     problem.links.clear()
     problem.link(*problem.phases)
     assert problem.links[0].names == ("x", "v")
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        ({"tolerance": -1.0}, "tolerance must be above 0, not -1"),
+        ({"max_iterations": 0.5}, "max_iterations must be a whole number, not 0.5"),
+        ({"max_iterations": -1}, "max_iterations must be at least 0, not -1"),
+        ({"initial_barrier": 0.0}, "initial_barrier must be above 0, not 0"),
+    ],
+)
+def test_wrong_settings_are_refused(settings, said):
+    with pytest.raises(InputError, match=said):
+        SolverSettings(**settings)
+
+
+def test_a_guess_of_what_there_is_not_is_refused(no_solver):
+    guess = {"move": Guess(1.0, {"x": 0.0, "v": 0.0, "u": 0.0, "speed": 1.0})}
+    with pytest.raises(InputError, match="guess of phase 'move' has 'speed', which is none of its"):
+        solve(double_integrator(), 5, guess)

@@ -17,7 +17,8 @@ look at the result                    :class:`Solution` with its :class:`Status`
                                       :class:`Attempt`, and a :class:`PhaseSolution` a phase
 check it                              :func:`verify` makes an :class:`OCPCertificate`
 no solution                           :func:`explain` names the limits that contradict each other
-keep it                               :func:`save_solution`, :func:`load_solution`
+keep it                               :func:`save_solution`, :func:`load_solution`; :func:`repeat`
+                                      solves again as it was solved
 ====================================  ==============================================================
 """
 
@@ -26,7 +27,7 @@ from microbot_ocp.ocp.adaptive import Refined, RefinementStatus, solve_refined
 from microbot_ocp.ocp.diagnosis import Explanation, Relaxation, explain
 from microbot_ocp.ocp.mesh import Mesh
 from microbot_ocp.ocp.parametric import ParametricSolver
-from microbot_ocp.ocp.persistence import load_solution, save_solution, saved_with
+from microbot_ocp.ocp.persistence import load_solution, repeat, save_solution, saved_with
 from microbot_ocp.ocp.problem import OptimalControlProblem, Phase
 from microbot_ocp.ocp.progress import Iteration
 from microbot_ocp.ocp.schemes import (
@@ -78,6 +79,7 @@ __all__ = [
     "find_switches",
     "guess_from",
     "load_solution",
+    "repeat",
     "save_solution",
     "saved_with",
     "solve",

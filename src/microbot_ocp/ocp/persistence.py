@@ -6,8 +6,11 @@ settings of the solver and the versions of the packages.
 
 from __future__ import annotations
 
+import copy
 import json
 import platform
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
@@ -17,12 +20,28 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp.checks import FloatArray, InputError
+from microbot_ocp.ocp.assembly import assemble
 from microbot_ocp.ocp.layout import PhaseLayout
 from microbot_ocp.ocp.mesh import Mesh
-from microbot_ocp.ocp.solution import Attempt, PhaseSolution, Solution, Status
+from microbot_ocp.ocp.numbers import numbers_of, with_numbers
+from microbot_ocp.ocp.problem import OptimalControlProblem
+from microbot_ocp.ocp.schemes import (
+    Collocation,
+    HermiteSimpson,
+    IntegratorShooting,
+    Scheme,
+    Shooting,
+    Trapezoidal,
+)
+from microbot_ocp.ocp.solution import Attempt, PhaseSolution, Solution, Start, Status
+from microbot_ocp.ocp.solvers import SolverSettings, run_chain
 from microbot_ocp.ocp.transcription import Transcription
 
 SCHEMA = 1
+_SCHEMES: dict[str, Callable[..., Scheme]] = {
+    kind.__name__: kind
+    for kind in (Collocation, HermiteSimpson, IntegratorShooting, Shooting, Trapezoidal)
+}
 _BROKEN = (
     OSError,
     EOFError,
@@ -60,6 +79,11 @@ def save_solution(solution: Solution, path: str | Path) -> Path:
         value = getattr(solution, name)
         if value is not None:
             arrays[name] = value
+    if solution.start is not None:
+        arrays["start.x"] = solution.start.x
+        if solution.start.warm:
+            arrays["start.rows"] = solution.start.row_multipliers
+            arrays["start.variables"] = solution.start.variable_multipliers
     phases = []
     for index, phase in enumerate(solution.phases):
         arrays[f"phase{index}.mesh"] = phase.mesh
@@ -78,8 +102,9 @@ def save_solution(solution: Solution, path: str | Path) -> Path:
             own = phase.layout.phase
             variables = (*own.states, *own.controls, *own.algebraics)
             described["units"] = {v.name: v.unit for v in variables}
-            described["parameters"] = {p.name: p.value.tolist() for p in own.parameters}
-            described["scheme"] = repr(phase.layout.scheme)
+            described["numbers"] = numbers_of(phase.layout)
+            scheme = phase.layout.scheme
+            described["scheme"] = [type(scheme).__name__, dict(vars(scheme))]
         phases.append(described)
     metadata = {
         "schema": SCHEMA,
@@ -96,7 +121,9 @@ def save_solution(solution: Solution, path: str | Path) -> Path:
     try:
         text = json.dumps(metadata)
     except TypeError as problem:
-        raise InputError(f"solver options must be plain JSON values: {problem}") from None
+        raise InputError(
+            f"options of solvers and schemes must be plain JSON values: {problem}"
+        ) from None
     partial = target.with_name(target.name + ".part")
     with partial.open("wb") as stream:
         np.savez_compressed(stream, metadata=np.array(text), **arrays)
@@ -104,15 +131,18 @@ def save_solution(solution: Solution, path: str | Path) -> Path:
     return target
 
 
-def load_solution(path: str | Path, transcription: Transcription | None = None) -> Solution:
+def load_solution(
+    path: str | Path, problem: OptimalControlProblem | Transcription | None = None
+) -> Solution:
     """Read a solution that :func:`save_solution` wrote.
 
     Parameters
     ----------
     path : str or Path
-    transcription : Transcription, optional
-        Of the same problem: the solution can then be sampled between its mesh points and start
-        another solve with its multipliers.
+    problem : OptimalControlProblem or Transcription, optional
+        The same problem: the solution can then be sampled between its mesh points, verified, and
+        start another solve with its multipliers. Its limits, conditions, parameters and scales are
+        those that it was solved with, whatever the problem says.
 
     Raises
     ------
@@ -125,15 +155,36 @@ def load_solution(path: str | Path, transcription: Transcription | None = None) 
             schema = int(metadata["schema"])
             arrays = {key: stored[key] for key in stored.files if key != "metadata"}
         if schema <= SCHEMA:
-            return _restored(metadata, arrays, transcription)
+            return _restored(metadata, arrays, problem)
     except InputError:
         raise
-    except _BROKEN as problem:
-        said = " ".join(str(problem).split())
+    except _BROKEN as failure:
+        said = " ".join(str(failure).split())
         raise InputError(f"{path} is not a saved solution: {said}") from None
     raise InputError(
         f"{path} was written by a newer version (schema {schema}; this one reads up to {SCHEMA})"
     )
+
+
+def repeat(path: str | Path, problem: OptimalControlProblem | Transcription) -> Solution:
+    """Solve again as a saved solution was solved: numbers, mesh, scheme, settings and start.
+
+    On the same machine with the same versions (see :func:`saved_with`) the outcome is the same.
+
+    Parameters
+    ----------
+    path : str or Path
+    problem : OptimalControlProblem or Transcription
+        The same problem.
+    """
+    before = load_solution(path, problem)
+    layouts = [phase.layout for phase in before.phases if phase.layout is not None]
+    if before.start is None or len(layouts) < len(before.phases):
+        raise InputError(f"{path} was written without the start of its solve")
+    given = problem.problem if isinstance(problem, Transcription) else problem
+    program = replace(assemble(given, layouts), cost_scale=before.cost_scale)
+    settings = SolverSettings(**dict(before.settings))  # type: ignore[arg-type]
+    return run_chain(program, settings, before.start)
 
 
 def saved_with(path: str | Path) -> dict[str, Any]:
@@ -145,11 +196,14 @@ def saved_with(path: str | Path) -> dict[str, Any]:
 
 
 def _restored(
-    metadata: dict[str, Any], arrays: dict[str, FloatArray], transcription: Transcription | None
+    metadata: dict[str, Any],
+    arrays: dict[str, FloatArray],
+    problem: OptimalControlProblem | Transcription | None,
 ) -> Solution:
     meshes = [arrays[f"phase{i}.mesh"] for i in range(len(metadata["phases"]))]
     layouts: tuple[PhaseLayout | None, ...] = (None,) * len(meshes)
-    if transcription is not None:
+    if problem is not None:
+        transcription = _as_solved(metadata, problem)
         layouts = _layouts(metadata, arrays, meshes, transcription)
     phases = tuple(
         PhaseSolution(
@@ -180,12 +234,38 @@ def _restored(
         settings=metadata["settings"],
         cost_scale=float(metadata.get("cost_scale", 1.0)),
         said=str(metadata.get("advice", "")),
+        start=Start(arrays["start.x"], arrays.get("start.rows"), arrays.get("start.variables"))
+        if "start.x" in arrays
+        else None,
     )
 
 
 def _flat(stages: FloatArray | None) -> FloatArray | None:
     # earlier versions wrote a table [N, components]
     return None if stages is None else stages.ravel()
+
+
+def _as_solved(
+    metadata: dict[str, Any], problem: OptimalControlProblem | Transcription
+) -> Transcription:
+    """The problem with the numbers, and by the scheme, of a solve."""
+    given = problem.problem if isinstance(problem, Transcription) else problem
+    described = metadata["phases"]
+    names, own = [d["name"] for d in described], [phase.name for phase in given.phases]
+    if names != own:
+        raise InputError(f"the solution has the phases {names}, the problem {own}")
+    if not all("numbers" in d for d in described):
+        if isinstance(problem, Transcription):
+            return problem
+        raise InputError("the solution was written without its numbers: give its transcription")
+    made = copy.copy(given)
+    made.phases = [
+        with_numbers(phase, d["numbers"]) for phase, d in zip(given.phases, described, strict=True)
+    ]
+    if isinstance(problem, Transcription):
+        return Transcription(made, scheme=problem.scheme)
+    name, settings = described[0]["scheme"]
+    return Transcription(made, scheme=_SCHEMES[name](**settings))
 
 
 def _layouts(
@@ -195,9 +275,6 @@ def _layouts(
     transcription: Transcription,
 ) -> tuple[PhaseLayout, ...]:
     names = [described["name"] for described in metadata["phases"]]
-    own = [phase.name for phase in transcription.problem.phases]
-    if names != own:
-        raise InputError(f"the solution has the phases {names}, the transcription {own}")
     layouts = transcription.layouts(
         [Mesh(mesh, arrays.get(f"phase{i}.degrees")) for i, mesh in enumerate(meshes)]
     )

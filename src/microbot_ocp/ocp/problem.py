@@ -279,6 +279,8 @@ class Phase:
     ) -> Variable:
         if name in {v.name for v in (*self.states, *self.controls, *self.algebraics)}:
             raise InputError(f"{name!r} is declared twice in phase {self.name!r}")
+        if not isinstance(size, int | np.integer) or size < 1:
+            raise InputError(f"size of {name!r} must be a whole number from 1 up, not {size!r}")
         low, high = _ordered(name, lower, upper, size, unit)
         return Variable(
             name=name,

@@ -14,7 +14,7 @@ from microbot_ocp.checks import FloatArray, InputError
 from microbot_ocp.ocp.assembly import Program
 from microbot_ocp.ocp.layout import PhaseLayout
 from microbot_ocp.ocp.mesh import IntArray
-from microbot_ocp.ocp.problem import Variable, node_variables
+from microbot_ocp.ocp.problem import Phase, Variable, node_variables
 from microbot_ocp.ocp.transcription import Guess
 
 
@@ -123,6 +123,20 @@ class PhaseSolution:
 
 
 @dataclass(frozen=True, eq=False)
+class Start:
+    """Scaled variables to start from, with multipliers where an earlier solve knows them."""
+
+    x: FloatArray
+    row_multipliers: FloatArray | None = None
+    variable_multipliers: FloatArray | None = None
+
+    @property
+    def warm(self) -> bool:
+        """Whether there are multipliers."""
+        return self.row_multipliers is not None and self.variable_multipliers is not None
+
+
+@dataclass(frozen=True, eq=False)
 class Solution:
     """Result of an optimal-control solve, converged or not.
 
@@ -139,6 +153,7 @@ class Solution:
     settings : how it was solved, as plain values
     cost_scale : what the solver divided the cost by; cost and multipliers are whole
     said : advice where the solve did not converge
+    start : where it started from
     """
 
     status: Status
@@ -152,6 +167,7 @@ class Solution:
     settings: Mapping[str, object] = field(default_factory=dict)
     cost_scale: float = 1.0
     said: str = ""
+    start: Start | None = field(default=None, repr=False)
 
     def __getitem__(self, name: str) -> PhaseSolution:
         for phase in self.phases:
@@ -223,6 +239,7 @@ def pack(program: Program, guesses: Mapping[str, Guess]) -> FloatArray:
     x = np.zeros(last.variable_offset + last.variable_count)
     for index, layout in enumerate(program.layouts):
         guess = _guess_for(layout.phase.name, guesses)
+        _check_names(layout.phase, guess)
         nodes = node_variables(layout.phase)
         table = [_guess_table(layout, guess, v, layout.mesh) for v in nodes]
         table.append(np.full((layout.intervals + 1, 1), guess.duration))
@@ -271,8 +288,19 @@ def _guess_transition(
 def _guess_for(name: str, guesses: Mapping[str, Guess]) -> Guess:
     if name not in guesses:
         raise InputError(f"guess has no entry for phase {name!r}; it has {sorted(guesses)}")
-    checks.number(f"guess of the duration of phase {name!r}", guesses[name].duration, "s")
+    label = f"guess of the duration of phase {name!r}"
+    checks.number(label, guesses[name].duration, "s", above=0.0)
     return guesses[name]
+
+
+def _check_names(phase: Phase, guess: Guess) -> None:
+    known = [v.name for v in (*phase.states, *phase.controls, *phase.algebraics)]
+    for name in guess.values:
+        if name not in known:
+            raise InputError(
+                f"guess of phase {phase.name!r} has {name!r}, which is none of its variables: "
+                f"{', '.join(known)}"
+            )
 
 
 def _guess_table(

@@ -31,8 +31,8 @@ from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.progress import Progress, Watch, violation, watching
 from microbot_ocp.ocp.scaling import cost_scale, scaled
 from microbot_ocp.ocp.schemes import Scheme
-from microbot_ocp.ocp.solution import Attempt, Solution, Status, unpack
-from microbot_ocp.ocp.start import Start, default_guess, start_from
+from microbot_ocp.ocp.solution import Attempt, Solution, Start, Status, unpack
+from microbot_ocp.ocp.start import default_guess, start_from
 from microbot_ocp.ocp.transcription import Guess, Transcription
 
 __all__ = ["SOLVERS", "SolverSettings", "default_guess", "solve"]
@@ -90,6 +90,12 @@ class SolverSettings:
 
     def __post_init__(self) -> None:
         checks.one_of("scaling", self.scaling, SCALINGS)
+        checks.number("tolerance", self.tolerance, above=0.0)
+        checks.number("max_iterations", self.max_iterations, at_least=0)
+        if self.max_iterations != int(self.max_iterations):
+            raise InputError(f"max_iterations must be a whole number, not {self.max_iterations}")
+        if self.initial_barrier is not None:
+            checks.number("initial_barrier", self.initial_barrier, above=0.0)
 
     def chain(self) -> tuple[str, ...]:
         """Solvers to try in turn."""
@@ -224,6 +230,7 @@ def run_chain(
         variables=outcome.x,
         settings=settings.as_dict(),
         cost_scale=program.cost_scale,
+        start=start,
         said=advice(program, start.x, outcome.x, attempts),
     )
 

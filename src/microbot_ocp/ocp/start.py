@@ -19,22 +19,8 @@ from microbot_ocp.ocp.layout import PhaseLayout
 from microbot_ocp.ocp.problem import OptimalControlProblem, Variable, node_variables
 from microbot_ocp.ocp.rows import Entry, inner_variables, stage_rows
 from microbot_ocp.ocp.schemes import Collocation
-from microbot_ocp.ocp.solution import PhaseSolution, Solution, pack
+from microbot_ocp.ocp.solution import PhaseSolution, Solution, Start, pack
 from microbot_ocp.ocp.transcription import Guess, GuessValue
-
-
-@dataclass(frozen=True, eq=False)
-class Start:
-    """Scaled variables to start from, with multipliers where an earlier solve knows them."""
-
-    x: FloatArray
-    row_multipliers: FloatArray | None = None
-    variable_multipliers: FloatArray | None = None
-
-    @property
-    def warm(self) -> bool:
-        """Whether there are multipliers."""
-        return self.row_multipliers is not None and self.variable_multipliers is not None
 
 
 def start_from(
