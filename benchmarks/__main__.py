@@ -3,7 +3,7 @@
 import argparse
 import importlib
 
-BENCHMARKS = ("rnea", "path_timing", "free_time_optimal", "units", "cops_arm")
+BENCHMARKS = ("rnea", "path_timing", "free_time_optimal", "units", "cops_arm", "recording")
 
 
 def main() -> None:

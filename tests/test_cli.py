@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rerun.chunk import RrdReader
 
 import microbot_ocp as mo
 from microbot_ocp.cli import interrupt, main, recordings
@@ -330,6 +331,16 @@ def test_a_target_out_of_reach_is_not_solved(call, ask):
     assert "out of reach" in out
     assert "nearest pose" in out
     assert ask("ik", "microbot", "--position", "9,9,9")[1]["solved"] is False
+
+
+def test_ik_records_every_branch(call, tmp_path):
+    path = tmp_path / "branches.rrd"
+    code, _, err = call("ik", "microbot", "--position", "3,-1,4.5", "--rerun", str(path))
+    assert (code, err) == (0, "")
+    chunks = RrdReader(path).stream().to_chunks()
+    arms = {chunk.entity_path.split("/")[2] for chunk in chunks if "/link_3" in chunk.entity_path}
+    assert arms == {"branch_1", "branch_2", "branch_3", "branch_4", "solution"}
+    assert call("ik", "microbot", "--position", "3,-1,4.5", "--rerun", "branches.png")[0] == 2
 
 
 # --- motions -----------------------------------------------------------------------------------

@@ -14,12 +14,14 @@ def test_origins_and_rotations_agree_with_single_poses(comparison):
     robot, q = comparison.robot, comparison.via_q
     origins = scene.link_origins(robot, q)
     assert origins.shape == (3, 5, 3)
+    poses = scene.link_poses(robot, q)
+    assert poses.shape == (3, 5, 4, 4)
+    np.testing.assert_array_equal(poses[:, 0], np.broadcast_to(np.eye(4), (3, 4, 4)))
     for frame in (1, 2, 3, 4):
-        rotations = scene.link_rotations(robot, q, frame)
         for i, row in enumerate(q):
             pose = np.array(forward_kinematics(robot, frame)(row))
             np.testing.assert_allclose(origins[i, frame], pose[:3, 3], atol=1e-12)
-            np.testing.assert_allclose(rotations[i], pose[:3, :3], atol=1e-12)
+            np.testing.assert_allclose(poses[i, frame], pose, atol=1e-12)
 
 
 def test_via_passages_follow_the_marks(comparison):

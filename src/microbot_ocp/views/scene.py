@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import NamedTuple
 
+import casadi as ca
 import numpy as np
 
 from microbot_ocp.checks import FloatArray
 from microbot_ocp.comparison import Comparison, Entry
+from microbot_ocp.fast import buffered_call
 from microbot_ocp.kinematics import forward_kinematics, frame_origins
 from microbot_ocp.motion import Motion
 from microbot_ocp.robot import LIMIT_UNITS, JointLimits, Robot
@@ -49,14 +52,23 @@ def longest_duration(comparison: Comparison) -> float:
 
 def link_origins(robot: Robot, q: FloatArray) -> FloatArray:
     """Origins [N,n+2,3] of the base, every link frame and the tool at positions q [N,n], m."""
-    columns = np.array(frame_origins(robot)(q.T))
+    columns = buffered_call(frame_origins(robot).map(len(q)))(q.T)
     return columns.T.reshape(len(q), robot.joint_count + 2, 3)
 
 
-def link_rotations(robot: Robot, q: FloatArray, frame: int) -> FloatArray:
-    """Rotations [N,3,3] of frame ``frame`` (n+1: the tool) in the base frame at q [N,n]."""
-    columns = np.array(forward_kinematics(robot, frame)(q.T))
-    return columns.reshape(4, len(q), 4).transpose(1, 0, 2)[:, :3, :3]
+def link_poses(robot: Robot, q: FloatArray) -> FloatArray:
+    """Poses [N,n+2,4,4] of the base, every link frame and the tool in the base frame at q [N,n]."""
+    count = robot.joint_count + 2
+    columns = buffered_call(_poses(robot).map(len(q)))(q.T)
+    return columns.T.reshape(len(q), count, 4, 4).transpose(0, 1, 3, 2)
+
+
+@lru_cache(maxsize=64)
+def _poses(robot: Robot) -> ca.Function:
+    """``(q[n]) -> T[4, 4 (n+2)]``, all poses side by side."""
+    q = ca.SX.sym("q", robot.joint_count)
+    poses = [forward_kinematics(robot, frame)(q) for frame in range(robot.joint_count + 2)]
+    return ca.Function("poses", [q], [ca.cse(ca.densify(ca.horzcat(*poses)))])
 
 
 def reach(robot: Robot) -> float:

@@ -25,13 +25,14 @@ def draw(writer: Writer, robot: Robot, actor: Actor, end: Times) -> None:
     """Draw an arm along its motion; until ``end`` (last values [1]) it stays in its last pose."""
     look = actor.look
     times, q = held(actor.times, actor.q, end)
-    origins = scene.link_origins(robot, q)
+    poses = scene.link_poses(robot, q)
+    origins = poses[:, :, :3, 3]
     start = np.broadcast_to(robot.base[:3, 3], origins[:, 0].shape)
     _link(writer, entities.link(actor.name, 0, "shape"), look, times, start, origins[:, 1])
     count = robot.joint_count
     for frame in range(1, count + 2):
         path = entities.link(actor.name, frame) if frame <= count else entities.tool(actor.name)
-        rotations = scene.link_rotations(robot, q, frame)
+        rotations = poses[:, frame, :3, :3]
         turned = quaternions(rotations)
         if frame > count:  # the tool itself does not turn: labels and arrows hang on it
             writer.columns(path, times, rr.Transform3D.columns(translation=origins[:, frame]))

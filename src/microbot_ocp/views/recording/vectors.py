@@ -11,6 +11,7 @@ import numpy as np
 import rerun as rr
 
 from microbot_ocp.checks import FloatArray
+from microbot_ocp.fast import buffered_call
 from microbot_ocp.kinematics import forward_kinematics, jacobian
 from microbot_ocp.motion import State
 from microbot_ocp.robot import Robot
@@ -26,8 +27,8 @@ LONGEST = 0.3  # share of the reach that the largest arrow of a recording is lon
 def tool_velocity(robot: Robot, state: State) -> FloatArray:
     """Velocity [N,3] of the tool's origin in the base frame, m/s."""
     count = len(state.q)
-    columns = np.array(jacobian(robot).map(count)(state.q.T))
-    linear = columns.reshape(6, count, robot.joint_count)[:3]
+    columns = buffered_call(jacobian(robot).map(count))(state.q.T)
+    linear = columns[:3].reshape(3, count, robot.joint_count)
     return np.einsum("cni,ni->nc", linear, state.qd)
 
 
@@ -38,9 +39,9 @@ def wrist_force(robot: Robot, state: State) -> FloatArray:
     acceleration of free fall: what a force sensor in the last joint would read.
     """
     count = len(state.q)
-    acceleration = _last_acceleration(robot).map(count)
-    columns = np.array(acceleration(state.q.T, state.qd.T, state.qdd.T)).T
-    return robot.links[-1].mass * (columns - robot.gravity)
+    acceleration = buffered_call(_last_acceleration(robot).map(count))
+    columns = acceleration(state.q.T, state.qd.T, state.qdd.T)
+    return robot.links[-1].mass * (columns.T - robot.gravity)
 
 
 @lru_cache(maxsize=64)
@@ -51,7 +52,7 @@ def _last_acceleration(robot: Robot) -> ca.Function:
     place = (pose @ ca.vertcat(ca.DM(robot.links[-1].center_of_mass), 1))[:3]
     velocity = ca.jtimes(place, q, qd)
     acceleration = ca.jtimes(velocity, q, qd) + ca.jtimes(velocity, qd, qdd)
-    return ca.Function("last_acceleration", [q, qd, qdd], [acceleration])
+    return ca.Function("last_acceleration", [q, qd, qdd], [ca.densify(acceleration)])
 
 
 class Arrows(NamedTuple):
