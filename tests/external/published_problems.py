@@ -26,6 +26,7 @@ from microbot_ocp.ocp import (
     SolverSettings,
     solve,
 )
+from microbot_ocp.ocp.progress import Progress
 
 
 @dataclass(frozen=True)
@@ -66,10 +67,23 @@ class PublishedProblem:
     guess: Mapping[str, Guess] | None = None
     tolerance: float = 1e-5
 
-    def solve(self, scheme: str, solver: str, mesh: int | None = None) -> Solution:
+    def solve(
+        self,
+        scheme: str,
+        solver: str,
+        mesh: int | None = None,
+        progress: Progress | None = None,
+    ) -> Solution:
         """The solution by one scheme and solver."""
         settings = SolverSettings(solver=solver, tolerance=1e-9)
-        return solve(self.build(), mesh or self.mesh, self.guess, settings, scheme=scheme)
+        return solve(
+            self.build(),
+            mesh or self.mesh,
+            self.guess,
+            settings,
+            scheme=scheme,
+            progress=progress,
+        )
 
     def error(self, solution: Solution) -> float:
         """Difference to the optimum, relative."""

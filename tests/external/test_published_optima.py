@@ -169,6 +169,21 @@ def test_the_script_prints_the_table_and_succeeds_where_all_is_met():
     assert "2 optima met" in done.stdout
 
 
+def test_the_script_has_a_column_for_every_solver():
+    done = run("--only", "double_integrator", "--by-solver", "--solver", "fatrop", "ipopt", "sqp")
+    assert done.returncode == 0, done.stderr
+    (head,) = [line for line in done.stdout.splitlines() if "fatrop" in line]
+    assert head.index("fatrop") < head.index("ipopt") < head.index("sqp")
+    assert "double_integrator" in done.stdout
+
+
+def test_a_solver_that_misses_is_shown_in_its_column():
+    done = run("--only", "bryson_denham", "--scheme", "radau", "--by-solver", "--solver", "sqp")
+    assert done.returncode == 1
+    assert "iteration limit" in done.stdout
+    assert "missed: bryson_denham" in done.stdout
+
+
 def test_the_script_fails_where_an_optimum_is_missed():
     done = run("--only", "van_der_pol_time", "--mesh", "12", "--solver", "ipopt")
     assert done.returncode == 1

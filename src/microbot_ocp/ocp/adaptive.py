@@ -16,6 +16,7 @@ import numpy as np
 
 from microbot_ocp import checks
 from microbot_ocp.checks import FloatArray, InputError
+from microbot_ocp.ocp.arcs import distance, hold, place_junctions
 from microbot_ocp.ocp.hp import Degrees, decay_rates, degrees_on, refine_hp
 from microbot_ocp.ocp.mesh import Mesh, Meshes
 from microbot_ocp.ocp.mesh_error import divide, state_errors
@@ -29,6 +30,7 @@ from microbot_ocp.ocp.solvers import SolverSettings, default_guess, transcribed
 from microbot_ocp.ocp.switches import Switch, find_switches, move_to_switches
 from microbot_ocp.ocp.transcription import Guess, Transcription
 
+MOST_VAIN = 2  # solves with one phase an arc that may find nothing
 PROGRESS = 0.9  # share of the former error that counts as an improvement
 # A finer mesh meets constraints and dynamics that the coarser one cut short, and may honestly cost
 # more by this share.
@@ -165,6 +167,7 @@ def solve_refined(
     *,
     degrees: tuple[int, int] | None = None,
     switch_accuracy: float = 1e-3,
+    arcs: bool = True,
     rounds: int = 10,
     most_intervals: int = 2000,
     most_time: float = np.inf,
@@ -190,6 +193,9 @@ def solve_refined(
         where it is not (hp). Default: intervals are divided, the degree stays.
     switch_accuracy : float
         Distance of a switch from the mesh that is accepted, as a fraction of its phase.
+    arcs : bool
+        Whether the problem may be solved with one phase an arc, too, to find where its arcs meet:
+        see :func:`~microbot_ocp.ocp.arcs.place_junctions`. Default: it may.
     rounds : int
         Most finer meshes.
     most_intervals : int
@@ -243,7 +249,7 @@ def solve_refined(
         worse=DEARER,
     )
     goal = _Goal(accuracy, switch_accuracy, None if degrees is None else Degrees(*degrees))
-    limits = _Limits(rounds, most_intervals, time.perf_counter() + most_time)
+    limits = _Limits(rounds, most_intervals, time.perf_counter() + most_time, arcs)
     return _Refinement(refiner, goal, limits).run(mesh, guess)
 
 
@@ -258,7 +264,11 @@ class _Goal:
         return step.state_error <= self.accuracy and step.switch_offset <= self.switch_accuracy
 
     def next_mesh(
-        self, phase: PhaseSolution, errors: FloatArray, switches: Sequence[Switch]
+        self,
+        phase: PhaseSolution,
+        errors: FloatArray,
+        switches: Sequence[Switch],
+        places: FloatArray | None,
     ) -> Mesh:
         """A mesh for a phase that comes nearer."""
         layout = phase_layout(phase)
@@ -269,7 +279,10 @@ class _Goal:
             finer = refine_hp(
                 layout.chosen, errors, decay_rates(phase), self.accuracy, self.degrees
             )
-        moved = move_to_switches(finer.fractions, switches, self.switch_accuracy)
+        if places is not None:
+            moved = hold(finer.fractions, places, self.switch_accuracy)
+        else:
+            moved = move_to_switches(finer.fractions, switches, self.switch_accuracy)
         if self.degrees is not None:
             return Mesh(moved, degrees_on(moved, finer))
         if layout.degrees is not None:
@@ -282,6 +295,7 @@ class _Limits:
     rounds: int
     intervals: int
     until: float
+    arcs: bool
 
 
 class _Refinement:
@@ -291,6 +305,8 @@ class _Refinement:
         self.refiner, self.goal, self.limits = refiner, goal, limits
         self.best: Solution | None = None
         self.errors: list[FloatArray] = []
+        self.places: list[FloatArray] | None = None  # where arcs meet, once it is known
+        self.vain = 0  # solves with one phase an arc that found nothing
         self.history: list[RefinementStep] = []
         self.started = time.perf_counter()
 
@@ -311,7 +327,7 @@ class _Refinement:
     def _rounds(self) -> RefinementStatus:
         for done in range(self.limits.rounds + 1):
             assert self.best is not None
-            step = next(step for step in reversed(self.history) if step.accepted)
+            step = self._placed()
             if self.goal.met(step):
                 return RefinementStatus.REACHED
             if done == self.limits.rounds:
@@ -321,9 +337,13 @@ class _Refinement:
             if time.perf_counter() > self.limits.until:
                 return RefinementStatus.TIME_LIMIT
             meshes = [
-                self.goal.next_mesh(phase, errors, switches)
-                for phase, errors, switches in zip(
-                    self.best.phases, self.errors, step.switches, strict=True
+                self.goal.next_mesh(phase, errors, switches, places)
+                for phase, errors, switches, places in zip(
+                    self.best.phases,
+                    self.errors,
+                    step.switches,
+                    self.places or [None] * len(self.best.phases),
+                    strict=True,
                 )
             ]
             if sum(m.intervals for m in meshes) > self.limits.intervals:
@@ -338,6 +358,32 @@ class _Refinement:
                 return RefinementStatus.NOT_ACCEPTED
             self._enter(finer, True)
         return RefinementStatus.ROUND_LIMIT
+
+    def _placed(self) -> RefinementStep:
+        """The last step, with the distance of the mesh from where arcs meet."""
+        assert self.best is not None
+        step, found = self.history[-1], None
+        if not self.limits.arcs:
+            return step
+        if self.vain < MOST_VAIN:
+            transcription = self.refiner.transcription
+            found = place_junctions(
+                transcription.problem, self.best, transcription.scheme, self.refiner.settings
+            )
+        if found is None:
+            self.vain += 1
+            if self.places is not None:  # what was not confirmed is as far away as it was
+                offset = max(step.switch_offset, self.history[-2].switch_offset)
+                step = self.history[-1] = replace(step, switch_offset=offset)
+            return step
+        self.places = found
+        meshes = [mesh.fractions for mesh in step.meshes]
+        step = replace(step, switch_offset=max(map(distance, meshes, self.places)))
+        self.history[-1] = step
+        self.refiner.progress(
+            f"arcs meet {step.switch_offset:.2g} of a phase away from the mesh, at most"
+        )
+        return step
 
     def _enter(self, made: Solution, accepted: bool) -> None:
         """Put a solve into the history; an accepted one is the best so far."""

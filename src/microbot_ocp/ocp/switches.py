@@ -61,7 +61,7 @@ def find_switches(phase: PhaseSolution) -> tuple[Switch, ...]:
     """
     found = []
     for control in phase_layout(phase).phase.controls:
-        values = _interval_values(phase, control)
+        values = interval_values(phase, control)
         for i in range(control.size):
             if np.isfinite(control.lower[i] - control.upper[i]):
                 found += _component_switches(phase.mesh, control, i, values)
@@ -69,7 +69,7 @@ def find_switches(phase: PhaseSolution) -> tuple[Switch, ...]:
 
 
 @dataclass(frozen=True, eq=False)
-class _IntervalValues:
+class IntervalValues:
     """Least, largest and mean value [N, size] of a control in every interval."""
 
     least: FloatArray
@@ -77,11 +77,11 @@ class _IntervalValues:
     mean: FloatArray
 
 
-def _interval_values(phase: PhaseSolution, control: Variable) -> _IntervalValues:
+def interval_values(phase: PhaseSolution, control: Variable) -> IntervalValues:
     if control.shape == "linear":
         nodes = phase.values[control.name]
         values = np.stack([nodes[:-1], nodes[1:]])
-        return _IntervalValues(values.min(axis=0), values.max(axis=0), values.mean(axis=0))
+        return IntervalValues(values.min(axis=0), values.max(axis=0), values.mean(axis=0))
     layout = phase_layout(phase)
     least, largest, mean = (np.zeros((layout.intervals, control.size)) for _ in range(3))
     for group in layout.groups:
@@ -92,11 +92,11 @@ def _interval_values(phase: PhaseSolution, control: Variable) -> _IntervalValues
             mean[own] = np.einsum("j,kji->ki", scheme.weights, values)
         else:
             mean[own] = values[:, 0]
-    return _IntervalValues(least, largest, mean)
+    return IntervalValues(least, largest, mean)
 
 
 def _component_switches(
-    mesh: FloatArray, control: Variable, component: int, values: _IntervalValues
+    mesh: FloatArray, control: Variable, component: int, values: IntervalValues
 ) -> list[Switch]:
     low, high = float(control.lower[component]), float(control.upper[component])
     if low == high:

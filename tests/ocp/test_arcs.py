@@ -1,0 +1,155 @@
+"""One phase an arc: where arcs meet, against closed forms."""
+
+from math import sqrt
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from external.published_problems import PROBLEMS
+from microbot_ocp.ocp.adaptive import solve_refined
+from microbot_ocp.ocp.arcs import distance, find_junctions, hold, place_junctions
+from microbot_ocp.ocp.problem import OptimalControlProblem
+from microbot_ocp.ocp.schemes import SCHEMES
+from microbot_ocp.ocp.solvers import SolverSettings, solve
+from ocp.textbook import bryson_denham, double_integrator, oscillator
+
+FINE = SolverSettings("ipopt", tolerance=1e-10)
+BY_NAME = {problem.name: problem for problem in PROBLEMS}
+
+
+def along(top_speed: float = np.inf, *, growing: bool = False) -> OptimalControlProblem:
+    """5 m from rest to rest in the shortest time; |u| <= 1, which may grow with the time."""
+    problem = OptimalControlProblem("along")
+    phase = problem.phase("move", (0.1, 10.0))
+    x = phase.state("x", initial=0.0, final=5.0)
+    v = phase.state("v", initial=0.0, final=0.0, upper=top_speed)
+    u = phase.control("u", lower=-1.0, upper=1.0)
+    phase.derivative(x, v)
+    phase.derivative(v, u * (1 + phase.time) if growing else u)
+    phase.end_cost(phase.duration)
+    return problem
+
+
+def two_moves() -> OptimalControlProblem:
+    """1 m to rest, and back with twice the force: two switches, in two phases."""
+    problem = OptimalControlProblem("there and back")
+    for name, ends, force in (("there", (0.0, 1.0), 1.0), ("back", (None, 0.0), 2.0)):
+        phase = problem.phase(name, (0.1, 10.0))
+        x = phase.state("x", initial=ends[0], final=ends[1])
+        v = phase.state("v", initial=0.0, final=0.0)
+        u = phase.control("u", lower=-force, upper=force)
+        strength = phase.parameter("strength", 1.0)
+        phase.derivative(x, v)
+        phase.derivative(v, u * strength)
+        phase.end_cost(phase.duration)
+    problem.link(*problem.phases, ("x",))
+    return problem
+
+
+def placed(problem, mesh, scheme="radau", guess=None):
+    solution = solve(problem, mesh, guess, FINE, scheme=scheme)
+    return solution, place_junctions(problem, solution, SCHEMES[scheme], FINE)
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_the_switch_of_a_double_integrator_is_in_the_middle(scheme):
+    solution, places = placed(double_integrator(), 7, scheme)
+    assert solution.cost > 2.001
+    assert places is not None
+    np.testing.assert_allclose(places[0], [0.5], atol=1e-6)
+
+
+def test_entry_to_and_exit_from_a_limit_of_a_state():
+    """With v <= 2: 2 s, 0.5 s and 2 s."""
+    problem = along(2.0)
+    solution, places = placed(problem, 10)
+    assert solution.cost > 4.52
+    assert places is not None
+    assert np.abs(places[0] - 2.0 / 4.5).min() < 1e-6
+    assert np.abs(places[0] - 2.5 / 4.5).min() < 1e-6
+    mesh = hold(solution["move"].mesh, places[0], 1e-6)
+    again = solve(problem, [mesh], solution, FINE, scheme="radau")
+    assert again.cost == pytest.approx(4.5, abs=1e-6)
+
+
+def test_a_limit_of_second_order():
+    """Bryson and Ho: on the ceiling from 3 L to 1 - 3 L.
+
+    The contact is of third order: the cost hardly depends on the place.
+    """
+    _, places = placed(bryson_denham(1 / 9), 40)
+    assert places is not None
+    np.testing.assert_allclose(places[0], [1 / 3, 2 / 3], atol=5e-3)
+    refined = solve_refined(bryson_denham(1 / 9), 1e-8, 10, "radau", settings=FINE)
+    assert refined.history[0].cost == pytest.approx(4.0, abs=2e-3)
+    assert refined.solution.cost == pytest.approx(4.0, abs=2e-5)
+    assert abs(refined.history[0].cost - 4.0) > 1e-3
+
+
+def test_the_clock_goes_on_from_arc_to_arc():
+    """v' = u (1 + t): full force up to a, full brake to T: 2 (1 + a)^2 = 1 + (1 + T)^2."""
+    problem = along(growing=True)
+    solution, places = placed(problem, 12)
+    assert places is not None
+    refined = solve_refined(problem, 1e-8, 12, "radau", settings=FINE, switch_accuracy=1e-7)
+    assert refined.status.ok
+    (switch,) = refined.history[-1].switches[0]
+    a, whole = switch.place * refined.solution.duration, refined.solution.duration
+    assert a == pytest.approx(sqrt((1 + (1 + whole) ** 2) / 2) - 1, abs=1e-6)
+    assert places[0][0] == pytest.approx(switch.place, abs=1e-6)
+    assert solution.cost > whole + 1e-5
+
+
+def test_every_phase_is_cut_by_itself():
+    solution, places = placed(two_moves(), [7, 9])
+    assert solution.cost > 2 + sqrt(2) + 1e-4
+    assert places is not None
+    for own in places:
+        np.testing.assert_allclose(own, [0.5], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("name", "mesh", "before", "after"),
+    [
+        ("van_der_pol_time", 20, 1e-4, 1e-7),
+        ("pendulum", 40, 1e-3, 2e-7),
+        ("cart_pole", 40, 1e-3, 1e-7),
+        ("goddard_rocket", 20, 1e-6, 1e-7),
+    ],
+)
+def test_the_cost_gains_digits(name, mesh, before, after):
+    problem = BY_NAME[name]
+    optimum = {"goddard_rocket": 1.01283691}.get(name, problem.optimum)
+    refined = solve_refined(
+        problem.build(), 1e-7, mesh, "radau", problem.guess, FINE, switch_accuracy=1e-4
+    )
+    errors = [abs(problem.sign * step.cost / optimum - 1) for step in refined.history]
+    assert errors[0] > before
+    assert errors[-1] < after
+
+
+def test_nothing_is_placed_where_nothing_changes():
+    _, places = placed(oscillator("polynomial"), 10)
+    assert places is None
+    assert [k.size for k in find_junctions(solve(double_integrator(), 6, settings=FINE))] == [1]
+
+
+def test_dynamics_with_the_duration_of_their_phase_are_not_cut():
+    problem = double_integrator()
+    phase = problem.phases[0]
+    phase.derivatives["v"] = phase.derivatives["v"] * (1 + 0.1 * ca.sin(phase.duration))
+    assert placed(problem, 7)[1] is None
+
+
+def test_points_are_moved_or_added():
+    mesh = np.linspace(0, 1, 6)
+    np.testing.assert_allclose(
+        hold(mesh, np.array([0.45]), 1e-3), [0, 0.2, 0.435, 0.45, 0.465, 0.6, 0.8, 1]
+    )
+    np.testing.assert_allclose(hold(mesh, np.array([0.4005]), 1e-3)[2], 0.4005)
+    assert hold(mesh, np.array([0.4005]), 1e-3).size == 6
+    two = hold(mesh, np.array([0.4, 0.45]), 1e-3)
+    assert {0.4, 0.45} <= set(two)
+    assert distance(mesh, np.array([0.45, 0.2])) == pytest.approx(0.05)
+    assert distance(mesh, np.zeros(0)) == 0.0
