@@ -4,7 +4,7 @@ On an arc every control component is at one bound or free, and every limit of th
 does not. Between mesh points nothing says where an arc begins. Solved again with one phase an arc,
 of free duration and with its controls held at their bounds, the problem has its junctions among its
 unknowns. A limit that acts on an arc is met at both of its ends. Source: J. T. Betts, *Practical
-Methods for Optimal Control and Estimation*, 2nd ed., section 4.10 (a phase an arc).
+Methods for Optimal Control and Estimation*, 2nd ed., chapter 4.
 
 Continuous controls are left free. Limits that depend on controls are not looked at.
 """
