@@ -80,7 +80,7 @@ def show(
         recording = of_motion(robot, what)
     address = None if os.environ.get(ASSET) else f"{_local_server()}/widget.js"
     if address is not None:  # Rerun itself chooses once, when it is imported
-        rerun_notebook.ASSET_ENV = address
+        rerun_notebook.ASSET_ENV = rerun_notebook.Viewer._esm = address
     stream = rr.RecordingStream(APPLICATION)
     viewer = Viewer(
         width=width,  # type: ignore[arg-type]
@@ -89,8 +89,6 @@ def show(
         blueprint=recording.blueprint(),
         use_global_recording=False,
     )
-    if address is not None:
-        viewer._viewer._esm = address
     recording.write(Writer(stream))
     stream.flush()
     return viewer

@@ -119,8 +119,8 @@ class TimeOptimalSliders:
                 max=round(100 * high),
                 description=name,
                 readout_format="d",
-                style={"description_width": "11em"},
-                layout={"width": "30em"},
+                style={"description_width": "13em"},
+                layout={"width": "40em"},
             )
             for name, (low, high) in zip(
                 ("torque limits [%]", "speed limits [%]"), ranges.values(), strict=True
@@ -133,8 +133,8 @@ class TimeOptimalSliders:
             step=most / 40,
             description="payload at the tool [kg]",
             readout_format=".2f",
-            style={"description_width": "11em"},
-            layout={"width": "30em"},
+            style={"description_width": "13em"},
+            layout={"width": "40em"},
         )
         self._said, self._picture = widgets.HTML(), widgets.Image(format="png")
         self._box = widgets.VBox([self.torque, self.speed, self.payload, self._said, self._picture])
