@@ -11,7 +11,7 @@ from microbot_ocp.ocp.assembly import Program
 from microbot_ocp.ocp.finiteness import not_finite
 from microbot_ocp.ocp.progress import violations
 from microbot_ocp.ocp.rows import RowLabel, VariableLabel, row_labels, variable_labels
-from microbot_ocp.ocp.solution import Attempt, Status
+from microbot_ocp.ocp.solution import Attempt, Start, Status
 
 VIOLATED = 1e-6  # scaled; less is no reason to fail
 POOR = 1e3  # a variable this many times its scale, or a row that changes so much, is badly scaled
@@ -19,16 +19,17 @@ FAR = 0.1  # scaled violation of the dynamics by a guess that is worth a word
 DYNAMICS = ("step", "defect", "equation")
 
 
-def advice(program: Program, start: FloatArray, x: FloatArray, attempts: Sequence[Attempt]) -> str:
+def advice(program: Program, begin: Start, x: FloatArray, attempts: Sequence[Attempt]) -> str:
     """What went wrong and what would help, one sentence a line.
 
     Parameters
     ----------
     program : Program
-    start, x : scaled variables at the start and at the end of the solve
+    begin : where the solve started
+    x : scaled variables at its end
     attempts : the solvers that were tried; the last one left x
     """
-    status = attempts[-1].status
+    status, start = attempts[-1].status, begin.x
     if status in (Status.SOLVED, Status.INTERRUPTED):
         return status.value
     lines = [status.value]
@@ -48,6 +49,8 @@ def advice(program: Program, start: FloatArray, x: FloatArray, attempts: Sequenc
     else:
         lines += _most_violated(program, rows, variables, x)
     lines += _guess(program, rows, start)
+    if begin.missing:
+        lines.append(f"not in the solution that it started from: {', '.join(begin.missing)}")
     lines += _badly_scaled(program, rows, variables, x)
     if said is None and attempts[-1].infeasibility > VIOLATED:
         lines.append("explain(problem, mesh, solution) tells whether the limits fight each other")

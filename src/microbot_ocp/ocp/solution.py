@@ -129,6 +129,7 @@ class Start:
     x: FloatArray
     row_multipliers: FloatArray | None = None
     variable_multipliers: FloatArray | None = None
+    missing: tuple[str, ...] = ()  # what the earlier solution did not have, in words
 
     @property
     def warm(self) -> bool:

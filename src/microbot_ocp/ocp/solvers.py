@@ -231,7 +231,7 @@ def run_chain(
         settings=settings.as_dict(),
         cost_scale=program.cost_scale,
         start=start,
-        said=advice(program, start.x, outcome.x, attempts),
+        said=advice(program, start, outcome.x, attempts),
     )
 
 

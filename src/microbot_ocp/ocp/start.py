@@ -7,7 +7,7 @@ are, those of path constraints and bounds stand for an interval and are interpol
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -37,7 +37,8 @@ def start_from(
         _alike(a, b) for a, b in zip(old, program.layouts, strict=True)
     )
     if not comparable or guess.variables is None:
-        return Start(pack(program, guess_from(problem, guess)))
+        missing = tuple(missing_from(problem, guess))
+        return Start(pack(program, guess_from(problem, guess)), missing=missing)
     same = all(_same_mesh(a, b) for a, b in zip(old, program.layouts, strict=True))
     x = guess.variables if same else pack(program, guess_from(problem, guess))
     rows, variables = guess.row_multipliers, guess.variable_multipliers
@@ -132,6 +133,17 @@ def guess_from(problem: OptimalControlProblem, solution: Solution) -> dict[str, 
         duration = float(np.clip(whole * (share[1] - share[0]), *phase.duration_bounds))
         guesses[phase.name] = Guess(duration, values)
     return guesses
+
+
+def missing_from(problem: OptimalControlProblem, solution: Solution) -> Iterator[str]:
+    """What of a problem starts from the default guess, as a solution does not have it."""
+    known = {phase.name: phase for phase in solution.phases}
+    matched = all(phase.name in known for phase in problem.phases)
+    for phase in problem.phases:
+        pieces = (known[phase.name],) if matched else solution.phases
+        for variable in [*phase.states, *phase.controls, *phase.algebraics]:
+            if not all(_has(piece, variable) for piece in pieces):
+                yield f"{variable.name} of phase {phase.name!r}"
 
 
 def _has(piece: PhaseSolution, variable: Variable) -> bool:
