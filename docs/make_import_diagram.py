@@ -20,7 +20,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
 from test_imports import ORDER, RIM, imports
 
 TARGET = Path(__file__).resolve().parent / "images" / "imports.svg"
-BOX, GAP, LAYER = (148.0, 34.0), 22.0, 78.0  # width and height, px
+BOX, GAP, LAYER = (134.0, 34.0), 18.0, 78.0  # width and height, px
 SLOT = 26.0  # width of the gap for a long arrow
 MARGIN, NOTE = 16.0, 34.0
 SWEEPS = 40

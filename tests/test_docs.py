@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import inspect
 import os
+import re
 import subprocess
 import sys
+from contextlib import nullcontext
 from importlib import import_module
 from importlib.util import find_spec
 from operator import attrgetter
@@ -19,6 +21,7 @@ import formulas
 import links
 import make_import_diagram
 import microbot_ocp
+from test_imports import ORDER
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
@@ -26,15 +29,22 @@ HOW_TO = [path for path in sorted((DOCS / "how-to").glob("*.md")) if path.stem !
 RUN = [ROOT / "README.md", DOCS / "tutorial.md", *HOW_TO]
 
 
+def build(folder: Path, site: Path) -> subprocess.CompletedProcess[str]:
+    """Build the site of ``folder``; --quiet would keep warnings from being counted."""
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(site)]
+    quiet = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}
+    return subprocess.run(
+        command, cwd=folder, capture_output=True, text=True, check=False, env=quiet
+    )
+
+
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The built site; a warning of the builder is an error."""
     folder = tmp_path_factory.mktemp("site")
-    command = [sys.executable, "-m", "mkdocs", "build", "--quiet", "--site-dir", str(folder)]
-    quiet = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, env=quiet)
+    done = build(ROOT, folder)
     assert done.returncode == 0, done.stderr
-    assert done.stderr == ""
+    assert "WARNING" not in done.stderr
     return folder
 
 
@@ -114,12 +124,35 @@ def test_the_code_of_a_page_runs_and_prints_what_it_says(page: Path, tmp_path: P
     assert blocks.run_page(page, tmp_path) > 0
 
 
+def test_every_module_has_its_room_on_the_architecture_page() -> None:
+    table = (DOCS / "architecture.md").read_text("utf-8")
+    missing = [name for name in ORDER if not re.search(rf"^\|[^|]*`{name}/?`", table, re.MULTILINE)]
+    assert not missing, f"place {missing} in docs/architecture.md"
+
+
+def test_files_that_the_readme_links_to_exist() -> None:
+    text = (ROOT / "README.md").read_text("utf-8")
+    local = [link for link in re.findall(r"\]\(([^)#]+)[^)]*\)", text) if not links.outside(link)]
+    assert local
+    assert [link for link in local if not (ROOT / link).exists()] == []
+
+
 def test_the_import_diagram_is_that_of_the_source() -> None:
     drawn = make_import_diagram.svg(make_import_diagram.loaded())
     assert make_import_diagram.TARGET.read_text("utf-8") == drawn, "run docs/make_import_diagram.py"
 
 
 # the tools themselves -----------------------------------------------------------------------------
+
+
+def test_a_page_that_leads_nowhere_fails_the_build(tmp_path: Path) -> None:
+    (tmp_path / "docs").mkdir()
+    (tmp_path / "docs" / "index.md").write_text("[nowhere](no_such_page.md)", "utf-8")
+    (tmp_path / "mkdocs.yml").write_text("site_name: a site", "utf-8")
+    done = build(tmp_path, tmp_path / "site")
+    assert done.returncode != 0
+    assert "no_such_page.md" in done.stderr
+
 
 PAGE = """
 ```toml title="a.toml"
@@ -154,6 +187,14 @@ def test_blocks_share_a_folder_and_print_what_the_page_says(tmp_path: Path) -> N
     assert blocks.run_page(page, tmp_path) == 2
     page.write_text(PAGE.format("x = 2"), "utf-8")
     with pytest.raises(blocks.Different, match="line 6"):
+        blocks.run_page(page, tmp_path)
+
+
+@pytest.mark.parametrize(("command", "fails"), [("robots", False), ("show no_such_robot", True)])
+def test_commands_of_a_page_are_run(tmp_path: Path, command: str, fails: bool) -> None:
+    page = tmp_path / "page.md"
+    page.write_text(f"```console\n$ microbot-ocp {command}  # a remark\n```\n", "utf-8")
+    with pytest.raises(blocks.Different, match="no_such") if fails else nullcontext():
         blocks.run_page(page, tmp_path)
 
 

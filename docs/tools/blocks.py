@@ -2,7 +2,8 @@
 
 Python blocks run in one namespace, in the order of the page. A ``text`` block right after one is
 what it prints, with ``...`` for what may differ. Other blocks with a ``title`` are files that
-they need. A block that cannot run stands after ``<!-- not run: why -->``.
+they need. Lines ``$ microbot-ocp ...`` of a ``console`` block are run, too. A block that cannot run
+stands after ``<!-- not run: why -->``.
 
     python docs/tools/blocks.py docs/tutorial.md
 """
@@ -15,6 +16,8 @@ import doctest
 import io
 import os
 import re
+import shlex
+import subprocess
 import sys
 import tempfile
 import time
@@ -55,7 +58,7 @@ class Block:
 
 
 class Different(AssertionError):
-    """A block printed something else than the page says."""
+    """A block printed something else than the page says, or a command failed."""
 
 
 def blocks(page: str) -> list[Block]:
@@ -92,7 +95,7 @@ def run_page(path: Path, folder: Path) -> int:
     Raises
     ------
     Different
-        A block prints something else than the page says.
+        A block prints something else than the page says, or a command fails.
     Exception
         Whatever a block raises.
     """
@@ -107,6 +110,8 @@ def run_page(path: Path, folder: Path) -> int:
             elif block.language == "python":
                 run_block(block, path, namespace)
                 count += 1
+            elif block.language == "console":
+                run_commands(block, path)
     return count
 
 
@@ -123,6 +128,18 @@ def run_block(block: Block, path: Path, namespace: dict[str, object]) -> None:
     if not checker.check_output(block.output, printed.getvalue(), COMPARE):
         difference = checker.output_difference(example, printed.getvalue(), COMPARE)
         raise Different(f"{path}, line {block.line}\n{difference}")
+
+
+def run_commands(block: Block, path: Path) -> None:
+    """Run the commands of this program in a console block."""
+    for line in block.text.splitlines():
+        program, *words = shlex.split(line.removeprefix("$ "), comments=True) or [""]
+        if program != "microbot-ocp":
+            continue
+        command = [sys.executable, "-m", "microbot_ocp.cli", *words]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        if done.returncode:
+            raise Different(f"{path}, line {block.line}: {line} ends with {done.stderr}")
 
 
 @contextlib.contextmanager
