@@ -25,15 +25,11 @@ from external.published_problems import (
 
 BY_NAME = {problem.name: problem for problem in PROBLEMS}
 SCRIPT = Path(__file__).resolve().parents[2] / "problems" / "10_published_optima.py"
-# where fatrop says that it has not converged, at the optimum
-NOT_BY_FATROP = {("zermelo_vortex", "radau"), ("zermelo_vortex", "hermite_simpson")}
-NOT_BY_FATROP |= {("cart_pole_arcs", "hermite_simpson")}
 CASES = [
     pytest.param(problem, scheme, solver, id=f"{problem.name}-{scheme}-{solver}")
     for problem in PROBLEMS
     for scheme in ("radau", "hermite_simpson")
     for solver in ("fatrop", "ipopt")
-    if solver == "ipopt" or (problem.name, scheme) not in NOT_BY_FATROP
 ]
 
 

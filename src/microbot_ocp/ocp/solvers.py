@@ -4,7 +4,8 @@ All get the derivatives of the stage kernels instead of an automatic differentia
 program, which would cost more time than the solve; fatrop gets the stages, too.
 
 The chain of "auto" is: from an earlier solution with multipliers IPOPT, warm; then fatrop; then
-IPOPT. The first that converges ends it, and the solution lists every attempt. The SQP method is
+IPOPT; the other way round where there are no inequalities. The first that converges ends it, and
+the solution lists every attempt. The SQP method is
 active-set: good for small programs and for solves from a neighbouring solution, never chosen by
 itself; it clips the eigenvalues of the Hessian, and where that fails it tries once more with a
 regularised one.
@@ -23,6 +24,7 @@ import numpy as np
 
 from microbot_ocp import checks
 from microbot_ocp.checks import FloatArray, InputError
+from microbot_ocp.ocp.acceptance import accepted
 from microbot_ocp.ocp.advice import advice
 from microbot_ocp.ocp.assembly import Program, assemble
 from microbot_ocp.ocp.finiteness import check_start
@@ -205,7 +207,10 @@ def run_chain(
 
     ``made`` keeps solvers for further solves of the same program.
     """
-    turns = [(name, False) for name in settings.chain()]
+    chain = settings.chain()
+    if settings.solver == "auto" and not _has_inequalities(program):
+        chain = chain[::-1]  # IPOPT needs two iterations where fatrop does not see that it is done
+    turns = [(name, False) for name in chain]
     if settings.solver == "sqp":
         turns.append(("sqp", True))
     if start.warm and settings.initial_barrier is None and settings.solver in ("auto", "ipopt"):
@@ -232,6 +237,16 @@ def run_chain(
         cost_scale=program.cost_scale,
         start=start,
         said=advice(program, start, outcome.x, attempts),
+    )
+
+
+def _has_inequalities(program: Program) -> bool:
+    return any(
+        bool(np.any((low < high) & (np.isfinite(low) | np.isfinite(high))))
+        for low, high in (
+            (program.row_lower, program.row_upper),
+            (program.variable_lower, program.variable_upper),
+        )
     )
 
 
@@ -312,6 +327,12 @@ def _run(
         np.array(result[key]).ravel() * program.cost_scale if result else np.zeros(size)
         for key, size in (("lam_g", program.row_lower.size), ("lam_x", x.size))
     )
+    if name == "fatrop" and attempt.status in (Status.ITERATION_LIMIT, Status.FAILED) and result:
+        passed = accepted(program, x, rows, variables, settings.tolerance)
+        if passed is not None:
+            said = f"stopped, but its point is an optimum to {passed.error:.1e}"
+            attempt = replace(attempt, status=Status.SOLVED, message=said)
+            rows, variables = passed.row_multipliers, passed.variable_multipliers
     return Outcome(attempt, x, rows, variables)
 
 
