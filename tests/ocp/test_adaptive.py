@@ -14,6 +14,7 @@ from microbot_ocp.ocp.schemes import SCHEMES, Collocation
 from microbot_ocp.ocp.solution import Status
 from microbot_ocp.ocp.solvers import SolverSettings, solve
 from microbot_ocp.ocp.verification import verify
+from ocp.test_mesh import pendulum as swing
 from ocp.textbook import bryson_denham, double_integrator, oscillator, pendulum, through_half_way
 
 FINE = SolverSettings("ipopt", tolerance=1e-10)
@@ -181,6 +182,14 @@ def test_intervals_with_a_switch_are_not_raised():
     refined = solve_refined(pendulum(), 1e-8, 11, "radau", degrees=(3, 8), switch_accuracy=1e-5)
     assert refined.status.ok
     assert refined.history[-1].switch_offset <= 1e-5
+
+
+@pytest.mark.parametrize("degrees", [None, (3, 8)])
+def test_algebraic_variables_and_parameters_are_refined_as_well(degrees):
+    refined = solve_refined(swing(), 1e-9, 4, "gauss", settings=FINE, degrees=degrees)
+    assert refined.status.ok
+    exact = solve(swing(), [Mesh(12, 8)], settings=FINE, scheme="gauss").cost
+    assert refined.solution.cost == pytest.approx(exact, rel=1e-7)
 
 
 def test_degrees_ask_for_collocation(no_solver):

@@ -1,5 +1,6 @@
 """One phase an arc: where arcs meet, against closed forms."""
 
+from dataclasses import replace
 from math import sqrt
 
 import casadi as ca
@@ -7,10 +8,11 @@ import numpy as np
 import pytest
 
 from external.published_problems import PROBLEMS
-from microbot_ocp.ocp.adaptive import solve_refined
+from microbot_ocp.ocp.adaptive import RefinementStatus, solve_refined
 from microbot_ocp.ocp.arcs import distance, find_junctions, hold, place_junctions
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.schemes import SCHEMES
+from microbot_ocp.ocp.solution import Status
 from microbot_ocp.ocp.solvers import SolverSettings, solve
 from ocp.textbook import bryson_denham, double_integrator, oscillator
 
@@ -140,6 +142,19 @@ def test_dynamics_with_the_duration_of_their_phase_are_not_cut():
     phase = problem.phases[0]
     phase.derivatives["v"] = phase.derivatives["v"] * (1 + 0.1 * ca.sin(phase.duration))
     assert placed(problem, 7)[1] is None
+
+
+def test_an_interruption_is_not_taken_for_a_failure(monkeypatch):
+    from microbot_ocp.ocp import arcs
+
+    def interrupted(*arguments, **options):
+        return replace(solve(*arguments, **options), status=Status.INTERRUPTED)
+
+    monkeypatch.setattr(arcs, "solve", interrupted)
+    refined = solve_refined(double_integrator(), 1e-8, 7, "radau", settings=FINE)
+    assert refined.status is RefinementStatus.INTERRUPTED
+    assert refined.solution.status.ok
+    assert len(refined.history) == 1
 
 
 def test_points_are_moved_or_added():

@@ -31,7 +31,7 @@ from microbot_ocp.ocp.problem import (
 )
 from microbot_ocp.ocp.reintegration import phase_layout
 from microbot_ocp.ocp.schemes import Scheme
-from microbot_ocp.ocp.solution import PhaseSolution, Solution
+from microbot_ocp.ocp.solution import PhaseSolution, Solution, Status
 from microbot_ocp.ocp.solvers import SolverSettings, solve
 from microbot_ocp.ocp.switches import AT_BOUND, BRACKET, interval_values
 from microbot_ocp.ocp.transcription import Guess
@@ -85,6 +85,11 @@ def place_junctions(
 
     None where there is nothing to place, where the problem cannot be cut (dynamics that depend on
     the duration of their phase), or where the solve fails or does not come as low.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        The solve was interrupted.
     """
     found = [_arcs(phase) for phase in solution.phases]
     if all(len(arcs) < 2 for arcs, _ in found):
@@ -105,6 +110,8 @@ def place_junctions(
         meshes += own_meshes
     cut.links = _links(problem, groups)
     solved = solve(cut, meshes, guesses, replace(settings, solver="ipopt"), scheme=scheme)
+    if solved.status is Status.INTERRUPTED:
+        raise KeyboardInterrupt  # the solver kept it to itself
     if not solved.status.ok or solved.cost > solution.cost + WORSE * abs(solution.cost):
         return None
     return [
