@@ -33,6 +33,7 @@ ORDER = (
     "closed_form",
     "inverse_kinematics",
     "motion",
+    "limit_history",
     "baselines",
     "driven",
     "control",

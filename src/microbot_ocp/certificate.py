@@ -18,26 +18,15 @@ from numpy.typing import ArrayLike
 from microbot_ocp import checks
 from microbot_ocp.checks import FloatArray, InputError, plain
 from microbot_ocp.driven import Driven, Method, fitted, integrate
-from microbot_ocp.dynamics import forward_dynamics, mass_matrix_condition, torque_and_rate
-from microbot_ocp.limit_use import LimitUse
+from microbot_ocp.dynamics import forward_dynamics, mass_matrix_condition
+from microbot_ocp.limit_history import QUANTITY_NAMES, SATURATED, LimitHistory, dense_times
 from microbot_ocp.motion import JUMP_GAP, Motion, State, mesh_of, torque_along
 from microbot_ocp.robot import JointLimits, Limits, Robot
 
-GRID_STEP = 0.25e-3  # s, the longest step of the dense grid
-GRID_RATIO = 20  # dense grid points to each mesh interval, at least
-SATURATED = 0.99  # share of a limit from which on it counts as used up
 ROUNDING = 1e-7  # relative excess over a limit that is put down to the solver's tolerance
 NEAR_SINGULAR = 1e6  # condition number of the mass matrix
 TORQUE_FIT = 1e-8  # error of the torque in the re-simulation, relative to the largest
 BETWEEN_SAMPLES = 0.05  # of the largest torque: how far it may stray between two samples
-
-QUANTITY_NAMES = {
-    "q": "position",
-    "qd": "velocity",
-    "qdd": "acceleration",
-    "tau": "torque",
-    "taud": "torque rate",
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -260,7 +249,7 @@ def certify(
     chosen = (robot.limits if limits is None else limits).for_joints(count)
     via = None if via_q is None else checks.array("via_q", via_q, (None, count), "rad")
 
-    t, ratio = _dense_times(motion)
+    t, ratio = dense_times(motion)
     state = motion.sample(t)
     limit_checks, saturated = _check_limits(robot, motion, chosen, t, state)
     condition, at = _condition(robot, t, state)
@@ -313,51 +302,17 @@ def certify(
     )
 
 
-def _dense_times(motion: Motion) -> tuple[FloatArray, float]:
-    """Dense grid and its least number of points to a mesh interval."""
-    mesh = mesh_of(motion)
-    lengths = np.diff(mesh)
-    points = np.maximum(GRID_RATIO, np.ceil(lengths / GRID_STEP - 1e-9)).astype(int)
-    first = np.repeat(np.cumsum(points) - points, points)
-    place = (np.arange(points.sum()) - first) / np.repeat(points, points)
-    grid = np.repeat(mesh[:-1], points) + place * np.repeat(lengths, points)
-    # Just before each break as well, for the limits from the left.
-    before = mesh[1:-1] - np.minimum(2 * JUMP_GAP, 1e-3 * lengths[:-1])
-    return np.unique(np.concatenate([grid, before, motion.t])), float(points.min())
-
-
-def _jerk(motion: Motion, t: FloatArray) -> FloatArray:
-    """Slope of the acceleration [N,n], by differences inside the interval between two samples."""
-    i = np.clip(np.searchsorted(motion.t, t, side="right") - 1, 0, motion.t.size - 2)
-    start, end = motion.t[i], motion.t[i + 1]
-    reach = 0.05 * (end - start)
-    low = np.clip(t - reach, start, end)
-    # The end of an interval belongs to the next one when sampled.
-    high = np.clip(t + reach, start, end - 1e-3 * (end - start))
-    step = (high - low)[:, None]
-    return (motion.sample(high).qdd - motion.sample(low).qdd) / step
-
-
 def _check_limits(
     robot: Robot, motion: Motion, limits: JointLimits, t: FloatArray, state: State
 ) -> tuple[tuple[LimitCheck, ...], float]:
-    uses = [LimitUse.of(limits, quantity) for quantity in QUANTITY_NAMES]
-    uses = [use for use in uses if use.limited.any()]
-    values = {"q": state.q, "qd": state.qd, "qdd": state.qdd}
-    if any(use.quantity == "taud" for use in uses):
-        columns = (*state, _jerk(motion, t))
-        tau, taud = torque_and_rate(robot)(*(column.T for column in columns))
-        values["tau"], values["taud"] = np.array(tau).T, np.array(taud).T
-        _add_jumps(robot, motion, t, values["taud"])
-    elif any(use.quantity == "tau" for use in uses):
-        values["tau"] = torque_along(robot, state)
+    history = LimitHistory.of(robot, limits, motion, t, state)
     found = []
     busy = np.zeros(t.size, dtype=bool)
-    for use in uses:
-        share = use(values[use.quantity])
+    for use in history.uses:
+        share = history.shares[use.quantity]
         if use.quantity != "q":
             busy |= (share >= SATURATED).any(axis=1)
-        own = values[use.quantity]
+        own = history.values[use.quantity]
         worst = share.argmax(axis=0)
         violations = np.array(
             [use.violation(share[i, j], float(own[i, j]), j) for j, i in enumerate(worst)]
@@ -380,17 +335,6 @@ def _check_limits(
     spans = np.diff(t)
     share_of_time = float((0.5 * (busy[:-1] + 0.0 + busy[1:]) * spans).sum() / motion.duration)
     return tuple(found), share_of_time
-
-
-def _add_jumps(robot: Robot, motion: Motion, t: FloatArray, taud: FloatArray) -> None:
-    """Where two samples stand for a jump, the torque rate is their difference over the gap."""
-    first = np.flatnonzero(np.diff(motion.t) <= 2 * JUMP_GAP)
-    if not first.size:
-        return
-    ends = np.concatenate([first, first + 1])
-    tau = torque_along(robot, State(motion.q[ends], motion.qd[ends], motion.qdd[ends]))
-    gap = (motion.t[first + 1] - motion.t[first])[:, None]
-    taud[np.searchsorted(t, motion.t[first])] = (tau[first.size :] - tau[: first.size]) / gap
 
 
 def _condition(robot: Robot, t: FloatArray, state: State) -> tuple[float, int]:

@@ -19,6 +19,7 @@ from __future__ import annotations
 from microbot_ocp.views.arm_plots import arms
 from microbot_ocp.views.comparison_plots import comparison
 from microbot_ocp.views.curves import Curve, curves
+from microbot_ocp.views.limit_plots import limit_use, saturation
 from microbot_ocp.views.motion_plots import motion, simulation
 from microbot_ocp.views.page import AxesGrid, figure_of, save, styled, write
 from microbot_ocp.views.path_plots import paths
@@ -32,9 +33,11 @@ __all__ = [
     "comparison",
     "curves",
     "figure_of",
+    "limit_use",
     "motion",
     "paths",
     "phase_plane",
+    "saturation",
     "save",
     "simulation",
     "solution",
