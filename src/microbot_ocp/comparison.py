@@ -291,6 +291,12 @@ class Comparison:
 
         return paths(self, axes)
 
+    def report(self, path: str | Path) -> Path:
+        """Write one printed page (``.pdf``): :func:`microbot_ocp.plots.report`."""
+        from microbot_ocp.views import plots
+
+        return plots.report(self, path)
+
     def to_rerun(self, path: str | Path) -> Path:
         """Write a Rerun recording with its blueprint inside."""
         from microbot_ocp.views.recording import of_comparison
@@ -304,7 +310,7 @@ class Comparison:
         -------
         list of Path
             ``comparison.json``, ``.csv``, ``.rrd``, ``.png``, ``.pdf``, ``paths.png``, ``.pdf``,
-            ``motions/NAME.npz``.
+            ``report.pdf``, ``motions/NAME.npz``.
         """
         from microbot_ocp.views import plots
         from microbot_ocp.views.tables import write_csv, write_json
@@ -318,6 +324,7 @@ class Comparison:
             write(self, target / name)
             written.append(target / name)
         written += plots.save({"comparison": self.plot(), "paths": self.plot_paths()}, target)
+        written.append(self.report(target / "report.pdf"))
         written.append(self.to_rerun(target / "comparison.rrd"))
         return written
 

@@ -221,6 +221,7 @@ def _save(comparison: Comparison, folder: Path | None, outputs: Sequence[str]) -
 
         figures = {"comparison": comparison.plot(), "paths": comparison.plot_paths()}
         written += plots.save(figures, folder)
+        written.append(comparison.report(folder / "report.pdf"))
     if "recording" in outputs:
         written.append(comparison.to_rerun(folder / "comparison.rrd"))
     return [str(path) for path in written]

@@ -150,7 +150,7 @@ def curves(
     page = curve_page(robot, axes, len(quantities), shown, title)
     for row, quantity in zip(page.axes, quantities, strict=True):
         for panel, joint in zip(row, shown, strict=True):
-            _draw_panel(panel, robot, curves, quantity, joint, limits, via, base)
+            draw_panel(panel, robot, curves, quantity, joint, limits, via, base)
             if bounds and quantity in bounds:
                 _cut(panel, bounds[quantity])
     _label_panels(page, robot, quantities, shown, symbols)
@@ -189,16 +189,17 @@ def _shown_joints(robot: Robot, joints: Sequence[int] | None) -> list[int]:
     return list(chosen)
 
 
-def _draw_panel(
+def draw_panel(
     axes: Axes,
     robot: Robot,
     curves: Sequence[Curve],
     quantity: str,
     joint: int,
     limits: JointLimits | None,
-    via: tuple[FloatArray, FloatArray] | None,
-    base: bool,
+    via: tuple[FloatArray, FloatArray] | None = None,
+    base: bool = False,
 ) -> None:
+    """One quantity of one joint of every curve, with what :func:`curves` tells of its arguments."""
     kind = _kind(quantity)
     factor = scene.display_factor(robot, kind, joint)
     columns = []

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -55,18 +56,7 @@ def paths(comparison: Comparison, axes: Axis | None = None) -> AxesGrid:
     page = _page(comparison, axes)
     space, above, side = page.axes.flat
     _draw_paths_in_space(space, comparison, styles)
-    _draw_projection(above, comparison, styles, _from_above)
-    above.set(title="from above", xlabel="x [m]", ylabel="y [m]")
-    around_waist = has_vertical_waist(comparison)
-    _draw_projection(side, comparison, styles, _in_arm_plane if around_waist else _from_side)
-    side.set(
-        title="in the plane of the arm" if around_waist else "from the side",
-        xlabel="r from the waist's axis [m]" if around_waist else "x [m]",
-        ylabel="z [m]",
-    )
-    for flat in (above, side):
-        flat.margins(0.1)
-        flat.set_aspect("equal", adjustable="datalim")
+    draw_paths(above, side, comparison)
     handles = [
         Line2D([], [], label=legend_title(entry, motion), **_path_line(styles[entry.name]))
         for entry, motion in scene.solved_entries(comparison)
@@ -77,6 +67,28 @@ def paths(comparison: Comparison, axes: Axis | None = None) -> AxesGrid:
     ]
     page.legend(handles, 4, "\n".join(failures(comparison)))
     return page.axes
+
+
+def draw_paths(
+    above: Axes, side: Axes, comparison: Comparison, methods: Sequence[str] | None = None
+) -> None:
+    """Tool paths from above and from the side, of some methods or all, on given axes."""
+    chosen = comparison
+    if methods is not None:
+        chosen = replace(comparison, entries=tuple(comparison[name] for name in methods))
+    styles = {name: entry_styles(comparison)[name] for name in (e.name for e in chosen.entries)}
+    _draw_projection(above, chosen, styles, _from_above)
+    above.set(title="from above", xlabel="x [m]", ylabel="y [m]")
+    around_waist = has_vertical_waist(comparison)
+    _draw_projection(side, chosen, styles, _in_arm_plane if around_waist else _from_side)
+    side.set(
+        title="in the plane of the arm" if around_waist else "from the side",
+        xlabel="r from the waist's axis [m]" if around_waist else "x [m]",
+        ylabel="z [m]",
+    )
+    for flat in (above, side):
+        flat.margins(0.1)
+        flat.set_aspect("equal", adjustable="datalim")
 
 
 def _page(comparison: Comparison, axes: Axis | None) -> Page:

@@ -24,6 +24,7 @@ from microbot_ocp.views.motion_plots import motion, simulation
 from microbot_ocp.views.page import AxesGrid, figure_of, save, styled, write
 from microbot_ocp.views.path_plots import paths
 from microbot_ocp.views.phase_plots import phase_plane
+from microbot_ocp.views.report import report, report_figure
 from microbot_ocp.views.solution_plots import solution
 
 __all__ = [
@@ -37,6 +38,8 @@ __all__ = [
     "motion",
     "paths",
     "phase_plane",
+    "report",
+    "report_figure",
     "saturation",
     "save",
     "simulation",

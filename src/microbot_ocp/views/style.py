@@ -16,7 +16,7 @@ FIXED: dict[str, tuple[str, LineStyle]] = {
     "cubic": ("#56B4E9", (0.0, (5.0, 2.0))),
     "lspb": ("#009E73", (0.0, (9.0, 2.5))),
     "straight_path": ("#CC79A7", (0.0, (1.5, 1.2))),
-    "cubic_path": ("#E69F00", (0.0, (3.0, 1.2))),
+    "cubic_path": ("#E69F00", (0.0, (5.0, 1.2, 1.2, 1.2, 1.2, 1.2))),
     "time_optimal": ("#D55E00", "solid"),
 }
 # Tol's muted palette for any other method, in the order of the entries.

@@ -51,7 +51,7 @@ def comparison_table(comparison: Comparison) -> Table:
     rows = comparison_rows(comparison)
     limited = [q for q in ("qd", "tau") if any(_shares(row, q) for row in rows)]
     table = Table(
-        title=Text(_table_title(comparison), style="bold"),
+        title=Text(table_title(comparison), style="bold"),
         title_justify="left",
         box=box.SIMPLE_HEAD,
         pad_edge=False,
@@ -79,28 +79,33 @@ def _row_style(row: Row) -> str | None:
 
 def comparison_notes(comparison: Comparison) -> Group:
     """What the table has no room for: failures, refused certificates, notes, how to read it."""
-    lines = [Text("• ").append(sentence) for sentence in _note_sentences(comparison)]
+    lines = [Text("• ").append(sentence) for sentence in note_sentences(comparison)]
     return Group(*lines)
 
 
 def comparison_markdown(comparison: Comparison) -> str:
     """The table and its notes as Markdown."""
-    rows = comparison_rows(comparison)
-    limited = [q for q in ("qd", "tau") if any(_shares(row, q) for row in rows)]
-    peaks = [f"peak {quantity} [%]" for quantity in limited]
-    heads = ["method", "T [s]", "ratio", *peaks, "certificate", "solve [s]"]
+    heads, rows = narrow_table(comparison)
     lines = [
-        f"### {_table_title(comparison)}",
+        f"### {table_title(comparison)}",
         "",
         "| " + " | ".join(heads) + " |",
         "|" + " --- |" * len(heads),
     ]
     for row in rows:
-        cells = _cells(row, limited)
-        kept = [*cells[: 3 + len(limited)], *cells[-2:]]  # the panel is narrow
-        lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in kept) + " |")
-    notes = [f"- {sentence}" for sentence in _note_sentences(comparison)]
+        lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |")
+    notes = [f"- {sentence}" for sentence in note_sentences(comparison)]
     return "\n".join([*lines, "", *notes, ""])
+
+
+def narrow_table(comparison: Comparison) -> tuple[list[str], list[list[str]]]:
+    """Heads and rows of text where there is room for the main columns only."""
+    rows = comparison_rows(comparison)
+    limited = [q for q in ("qd", "tau") if any(_shares(row, q) for row in rows)]
+    peaks = [f"peak {quantity} [%]" for quantity in limited]
+    cells = [_cells(row, limited) for row in rows]
+    kept = [[*row[: 3 + len(limited)], *row[-2:]] for row in cells]
+    return ["method", "T [s]", "ratio", *peaks, "certificate", "solve [s]"], kept
 
 
 def write_csv(comparison: Comparison, path: str | Path) -> Path:
@@ -300,7 +305,7 @@ def _significant(value: float | None) -> str:
     return f"{value:,.{digits}f}"
 
 
-def _table_title(comparison: Comparison) -> str:
+def table_title(comparison: Comparison) -> str:
     robot = comparison.robot
     shown = ", ".join(
         f"({_point(comparison, via)})" for via in range(min(len(comparison.via_q), 4))
@@ -317,7 +322,7 @@ def _point(comparison: Comparison, via: int) -> str:
     return ", ".join(f"{round(value, 6) + 0.0:.4g}" for value in values)
 
 
-def _note_sentences(comparison: Comparison) -> Iterator[str]:
+def note_sentences(comparison: Comparison) -> Iterator[str]:
     rows = comparison_rows(comparison)
     joints = comparison.robot.joint_names
     order = "/".join(joints) if len(joints) <= SHOWN_JOINTS else "busiest joint only"
