@@ -77,6 +77,27 @@ QddMax = Annotated[str | None, option("--qdd-max", what="Largest acceleration, r
 TauMax = Annotated[str | None, option("--tau-max", what="Largest torque, N m (force, N).")]
 TaudMax = Annotated[str | None, option("--taud-max", what="Largest torque rate, N m/s (N/s).")]
 
+Live = Annotated[
+    bool,
+    typer.Option("--live", help="Watch the solvers in a Rerun viewer, bound to 127.0.0.1."),
+]
+LiveServe = Annotated[
+    bool,
+    typer.Option("--live-serve", help="The same in a browser on this machine; Ctrl-C ends it."),
+]
+LiveConnect = Annotated[
+    str | None,
+    option("--live-connect", what="The same in a viewer that is open.", metavar="HOST:PORT"),
+]
+Iterations = Annotated[
+    Path | None,
+    option(
+        "--rerun-iterations",
+        what="Write a recording of the solvers' iterations (.rrd) to this file.",
+        metavar="FILE",
+    ),
+]
+
 OutFolder = Annotated[
     Path | None,
     option("--out", what="Folder for tables, figures, recording, motions.", metavar="FOLDER"),

@@ -91,7 +91,7 @@ def check(rerun: Path | None, open_viewer: bool) -> None:
     """Refuse a recording that could not be written or shown, before any work is done."""
     writable(rerun, ".rrd", "--rerun")
     if open_viewer:
-        _viewer()
+        check_viewer("--open")
 
 
 def show_motion(
@@ -201,7 +201,7 @@ def _written(write: Callable[[Path], Path], rerun: Path | None, open_viewer: boo
     if open_viewer:
         with tempfile.TemporaryDirectory(prefix="microbot_ocp_") as folder:
             # a new viewer each time: one that is open already may listen on every interface
-            command = [_viewer(), "--bind", LOOPBACK, "--new"]
+            command = [check_viewer("--open"), "--bind", LOOPBACK, "--new"]
             command.append(str(path or write(Path(folder) / "motion.rrd")))
             quiet = {"RUST_LOG": "error", **os.environ}
             done = subprocess.run(command, check=False, stdout=sys.stderr, env=quiet)
@@ -222,13 +222,15 @@ def has_display() -> bool:
     return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
-def _viewer() -> str:
+def check_viewer(option: str, screen: bool = True) -> str:
+    """Path of the Rerun viewer; refuse an option where it, or a screen, is needed and missing."""
     viewer = find_viewer()
     if viewer is None:
-        raise InputError("--open needs the Rerun viewer: pip install rerun-sdk")
-    if not has_display():
+        raise InputError(f"{option} needs the Rerun viewer: pip install rerun-sdk")
+    if screen and not has_display():
         raise InputError(
-            "--open needs a screen (DISPLAY or WAYLAND_DISPLAY); write the recording with --rerun "
-            "FILE.rrd and open it where there is one"
+            f"{option} needs a screen (DISPLAY or WAYLAND_DISPLAY); write the recording with "
+            "--rerun FILE.rrd, or of a solve --rerun-iterations FILE.rrd, and open it where there "
+            "is one"
         )
     return viewer

@@ -13,7 +13,11 @@ import typer
 from microbot_ocp.certificate import Certificate, certify
 from microbot_ocp.cli import recordings
 from microbot_ocp.cli.options import (
+    Iterations,
     Json,
+    Live,
+    LiveConnect,
+    LiveServe,
     Open,
     OutFolder,
     OutMotion,
@@ -39,13 +43,8 @@ from microbot_ocp.cli.options import (
     via_points,
     writable,
 )
-from microbot_ocp.cli.output import (
-    answer,
-    close,
-    joint_text,
-    make_table,
-    shown_progress,
-)
+from microbot_ocp.cli.output import answer, close, joint_text, make_table
+from microbot_ocp.cli.watching import Watchers
 from microbot_ocp.comparison import METHODS, Comparison, Progress, Step, compare as compare_methods
 from microbot_ocp.motion import Motion
 from microbot_ocp.ocp.progress import Iteration, StepProgress
@@ -90,6 +89,10 @@ def compare(
     taud_max: TaudMax = None,
     mesh: Mesh = TimeOptimalSettings.mesh,
     out: OutFolder = None,
+    iterations: Iterations = None,
+    live: Live = False,
+    live_serve: LiveServe = False,
+    live_connect: LiveConnect = None,
     tip: Tip = None,
     as_json: Json = False,
 ) -> int:
@@ -101,7 +104,8 @@ def compare(
     robot = chosen_robot(robot_name, tip)
     points = via_points(robot, via, via_deg)
     output_folder(out)
-    with shown_progress(as_json) as progress:
+    watchers = Watchers(live, live_serve, live_connect, iterations)
+    with watchers.progress(as_json) as progress:
         result = compare_methods(
             robot,
             points,
@@ -111,8 +115,7 @@ def compare(
             mesh=mesh,
             progress=progress,
         )
-    written = _save(result, out, OUTPUTS)
-    return _tell_comparison(as_json, result, written)
+    return _tell_comparison(as_json, result, _save(result, out, OUTPUTS), watchers)
 
 
 def time_optimal(
@@ -136,6 +139,10 @@ def time_optimal(
     out: OutMotion = None,
     rerun: Recording = None,
     open_viewer: Open = False,
+    iterations: Iterations = None,
+    live: Live = False,
+    live_serve: LiveServe = False,
+    live_connect: LiveConnect = None,
     tip: Tip = None,
     as_json: Json = False,
 ) -> int:
@@ -149,8 +156,9 @@ def time_optimal(
     limited = robot.with_limits(limits_of(robot, context.params))
     writable(out, ".npz", "--out")
     recordings.check(rerun, open_viewer)
+    watchers = Watchers(live, live_serve, live_connect, iterations)
     settings = TimeOptimalSettings(mesh=mesh, starts=starts)
-    with shown_progress(as_json) as progress:
+    with watchers.progress(as_json) as progress:
         motion = find_time_optimal(
             limited, points, settings=settings, progress=_steps(progress, "solve")
         )
@@ -160,6 +168,7 @@ def time_optimal(
     written = [str(motion.save(out))] if out is not None else []
     if recordings.show_motion(limited, motion, rerun, open_viewer, certificate):
         written.append(str(rerun))
+    written += watchers.written()
     document = {
         "robot": robot.name,
         "via_q": points,
@@ -177,7 +186,9 @@ def time_optimal(
         _show_motion(console, limited, points, motion, certificate)
         close(console, "" if motion.solved else str(document["advice"]), written)
 
-    return answer(as_json, document, text, 0 if motion.solved else 1)
+    code = answer(as_json, document, text, 0 if motion.solved else 1)
+    watchers.linger()
+    return code
 
 
 def solve(
@@ -185,6 +196,10 @@ def solve(
         Path, typer.Argument(metavar="FILE", help="Task in TOML; docs/task_file.md has the keys.")
     ],
     out: OutFolder = None,
+    iterations: Iterations = None,
+    live: Live = False,
+    live_serve: LiveServe = False,
+    live_connect: LiveConnect = None,
     as_json: Json = False,
 ) -> int:
     """Solve the task of a TOML file.
@@ -193,9 +208,10 @@ def solve(
     """
     task = read_task(file)
     output_folder(out)
-    with shown_progress(as_json) as progress:
+    watchers = Watchers(live, live_serve, live_connect, iterations)
+    with watchers.progress(as_json) as progress:
         result = task.compare(progress)
-    return _tell_comparison(as_json, result, _save(result, out, task.outputs))
+    return _tell_comparison(as_json, result, _save(result, out, task.outputs), watchers)
 
 
 def _save(comparison: Comparison, folder: Path | None, outputs: Sequence[str]) -> list[str]:
@@ -227,9 +243,12 @@ def _save(comparison: Comparison, folder: Path | None, outputs: Sequence[str]) -
     return [str(path) for path in written]
 
 
-def _tell_comparison(as_json: bool, comparison: Comparison, written: list[str]) -> int:
+def _tell_comparison(
+    as_json: bool, comparison: Comparison, saved: list[str], watchers: Watchers
+) -> int:
     from microbot_ocp.views.tables import comparison_notes, comparison_rows
 
+    written = [*saved, *watchers.written()]
     document = {
         "robot": comparison.robot.name,
         "via_q": comparison.via_q,
@@ -248,7 +267,9 @@ def _tell_comparison(as_json: bool, comparison: Comparison, written: list[str]) 
         console.print(comparison_notes(comparison))
         close(console, "", written)
 
-    return answer(as_json, document, text, 0 if comparison.solved else 1)
+    code = answer(as_json, document, text, 0 if comparison.solved else 1)
+    watchers.linger()
+    return code
 
 
 def _narrow_table(rows: Sequence[dict[str, Any]]) -> Any:

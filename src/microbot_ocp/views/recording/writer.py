@@ -35,6 +35,10 @@ class Writer:
         indexes = [_time_column(timeline, values) for timeline, values in times.items()]
         self.stream.send_columns(path, indexes=indexes, columns=columns, strict=True)
 
+    def layout(self, blueprint: rrb.Blueprint) -> None:
+        """Send a layout that was not known at the start."""
+        self.stream.send_blueprint(blueprint)
+
 
 def _time_column(timeline: str, values: FloatArray) -> rr.TimeColumn:
     if timeline == entities.TIME:
@@ -44,7 +48,7 @@ def _time_column(timeline: str, values: FloatArray) -> rr.TimeColumn:
 
 @contextmanager
 def file_writer(
-    path: str | Path, blueprint: rrb.Blueprint, application: str = APPLICATION
+    path: str | Path, blueprint: rrb.Blueprint | None = None, application: str = APPLICATION
 ) -> Iterator[Writer]:
     """Writer of a file with its layout inside; the file appears when all is written.
 
