@@ -33,6 +33,12 @@ def saved(comparison, tmp_path_factory):
     return folder, comparison.save(folder)
 
 
+def test_a_notebook_shows_its_table(comparison):
+    shown = comparison._repr_markdown_()
+    for entry in comparison.entries:
+        assert f"| {entry.title} | {entry.motion.duration:.3f} |" in shown
+
+
 # durations ----------------------------------------------------------------------------------------
 
 
