@@ -1,7 +1,7 @@
 # make demo   the method comparison, into out/demo     make lint   ruff and pyright
 # make test   the whole test suite                     make clean  remove all that make made
 # make bench  speed ratios against peers               make docs   the documentation, into out/docs
-# make screenshots   pictures of recordings, into docs/images/recordings
+# make figures, make screenshots   figures of the documentation, pictures of recordings: docs/images
 # Everything is installed by pip, from the index it is configured for, into .venv.
 
 SHELL := /bin/bash
@@ -16,7 +16,7 @@ PIP := PIP_DISABLE_PIP_VERSION_CHECK=1 $(BIN)/python -m pip install -qq
 OUT := out/demo
 SITE := out/docs
 
-.PHONY: help demo test test-environment bench docs screenshots lint clean
+.PHONY: help demo test test-environment bench docs figures screenshots lint clean
 
 help:
 	@sed -n 's/^# \{0,1\}//p' Makefile | head -5
@@ -67,6 +67,9 @@ docs: $(VENV)/.ready-docs
 	@$(BIN)/python docs/tools/links.py $(SITE) >/dev/null
 	@echo "Open $(SITE)/index.html, or with search:"
 	@echo "  $(BIN)/python -m http.server --bind 127.0.0.1 --directory $(SITE) 8000"
+
+figures: test-environment
+	@$(BIN)/python docs/make_figures.py
 
 screenshots: test-environment
 	@$(BIN)/python docs/make_screenshots.py

@@ -1,12 +1,14 @@
 """Draw the figures of the documentation again, into ``docs/images``.
 
-Figures of a page are what the page's own code writes; the others have their own scripts.
+Figures of a page are what the page's own code writes; the others have their own scripts. Pictures
+of recordings need a Vulkan driver, those of notebooks need Chromium: they are drawn with --all.
 
-    python docs/make_figures.py
+    python docs/make_figures.py [--all]
 """
 
 from __future__ import annotations
 
+import argparse
 import shutil
 import subprocess
 import sys
@@ -29,9 +31,13 @@ WRITTEN = {
 }
 DEMO = DOCS.parent / "problems" / "07_time_optimal_comparison.py"
 SCRIPTS = ("make_order_plot.py", "make_import_diagram.py")
+VIEWERS = ("make_screenshots.py", "make_notebook_pictures.py")
 
 
 def main() -> None:
+    parser = argparse.ArgumentParser(description="Draw the figures of the documentation again.")
+    parser.add_argument("--all", action="store_true", help="recordings and notebooks, too")
+    scripts = (*SCRIPTS, *VIEWERS) if parser.parse_args().all else SCRIPTS
     for page, figures in WRITTEN.items():
         with tempfile.TemporaryDirectory() as folder:
             run_page(DOCS / page, Path(folder))
@@ -41,7 +47,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         subprocess.run([sys.executable, str(DEMO), "--out", folder], check=True)
         shutil.copyfile(Path(folder) / "comparison.png", IMAGES / "comparison.png")
-    for script in SCRIPTS:
+    for script in scripts:
         subprocess.run([sys.executable, str(DOCS / script)], check=True)
 
 
