@@ -58,7 +58,9 @@ ONLY = {
 }
 RIM = {"views", "cli"}  # imported by no other module while it loads
 # Inside functions these may call on what comes after them.
-LATER_ON_CALL = {key: {"views"} for key in ("certificate", "comparison", "motion", "simulation")}
+LATER_ON_CALL = {
+    key: {"views"} for key in ("certificate", "comparison", "motion", "robot", "simulation")
+}
 HEAVY = {"matplotlib", "rerun", "rich", "typer"}
 
 

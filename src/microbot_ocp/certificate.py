@@ -142,6 +142,14 @@ class Certificate:
     via_checks: tuple[ViaCheck, ...] = ()
     wall_time: float = np.nan
 
+    def __repr__(self) -> str:
+        return f"<Certificate of {self.label!r}: {'passed' if self.ok else 'FAILED'}>"
+
+    def _repr_html_(self) -> str:
+        from microbot_ocp.views import jupyter
+
+        return jupyter.certificate(self)
+
     def limit_check(self, quantity: str) -> LimitCheck | None:
         """The check of one kind of limit; None where the robot has none of it."""
         return next((c for c in self.limit_checks if c.quantity == quantity), None)

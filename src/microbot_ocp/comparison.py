@@ -252,6 +252,16 @@ class Comparison:
     reference: str  # name of the entry to which durations are compared
     details: Mapping[str, Any] = field(default_factory=dict)
 
+    def __repr__(self) -> str:
+        solved = sum(entry.solved for entry in self.entries)
+        count = len(self.entries)
+        return f"<Comparison of {count} methods on {self.robot.name!r}: {solved} solved>"
+
+    def _repr_html_(self) -> str:
+        from microbot_ocp.views import jupyter
+
+        return jupyter.comparison(self)
+
     def __getitem__(self, name: str) -> Entry:
         for entry in self.entries:
             if entry.name == name:

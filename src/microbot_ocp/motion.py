@@ -171,6 +171,17 @@ class Motion:
         """Length in time, s."""
         return float(self.t[-1])
 
+    def __repr__(self) -> str:
+        status = str(self.provenance.get("status", "solved")).replace("_", " ")
+        return (
+            f"<Motion {self.label!r}: {self.duration:.4g} s, {self.joint_count} joints, {status}>"
+        )
+
+    def _repr_html_(self) -> str:
+        from microbot_ocp.views import jupyter
+
+        return jupyter.motion(self)
+
     @property
     def joint_count(self) -> int:
         """Number of joints n."""

@@ -387,6 +387,14 @@ class Robot:
             base=_rigid_transform("base", base),
         )
 
+    def __repr__(self) -> str:
+        return f"<Robot {self.name!r}: {self.joint_count} joints>"
+
+    def _repr_html_(self) -> str:
+        from microbot_ocp.views import jupyter
+
+        return jupyter.robot(self)
+
     @property
     def joint_count(self) -> int:
         """Number of joints n."""

@@ -1,0 +1,34 @@
+"""Reprs: one line each as text, a table as HTML, names of users escaped."""
+
+from dataclasses import replace
+from xml.etree import ElementTree
+
+import pytest
+
+
+@pytest.fixture(params=["robot", "motion", "comparison", "certificate"])
+def shown(request, comparison):
+    entry = comparison.entries[0]
+    things = {
+        "robot": replace(comparison.robot, name="<b>&"),
+        "motion": replace(entry.motion, label="<b>&"),
+        "comparison": comparison,
+        "certificate": replace(entry.certificate, label="<b>&"),
+    }
+    return things[request.param]
+
+
+def test_one_line_and_well_formed_html(shown):
+    assert len(repr(shown).splitlines()) == 1
+    assert len(repr(shown)) < 100
+    page = ElementTree.fromstring(shown._repr_html_())
+    assert "".join(page.find("b").itertext()) == repr(shown)
+    assert page.find("table") is not None
+
+
+def test_a_method_without_a_motion_and_a_broken_limit_are_told(comparison):
+    text = comparison._repr_html_()
+    assert "not solved: infeasible" in text
+    assert text.count("inline-block") == 3  # a bar for each ratio
+    assert "FAILED" in repr(comparison.entries[2].certificate)
+    assert repr(comparison) == "<Comparison of 4 methods on 'microbot': 3 solved>"
