@@ -41,7 +41,7 @@ def motion(motion: Motion) -> str:
     heads = ["joint", "q from", "q to", "peak |qd|", "peak |qdd|", "peak |tau|"]
     peaks = [np.abs(v).max(axis=0) for v in (motion.qd, motion.qdd, motion.tau)]
     rows = [
-        [str(j + 1), *(f"{round(value, 9) + 0.0:.4g}" for value in (motion.q[0, j], motion.q[-1, j])),
+        [str(j + 1), *(f"{round(value, 9) + 0.0:.4g}" for value in motion.q[[0, -1], j]),
          *(f"{peak[j]:.4g}" for peak in peaks)]
         for j in range(motion.joint_count)
     ]  # fmt: skip
