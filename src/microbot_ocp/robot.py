@@ -45,6 +45,14 @@ def dh_transform(alpha: float, a: float, d: float, theta: float) -> FloatArray:
     )
 
 
+def _point_mass() -> FloatArray:
+    return np.zeros((3, 3))
+
+
+def _identity() -> FloatArray:
+    return _rigid_transform("base", None)
+
+
 @dataclass(frozen=True, eq=False)
 class Link:
     """One rigid link with what its joint carries.
@@ -75,7 +83,7 @@ class Link:
 
     mass: float
     center_of_mass: FloatArray
-    inertia: FloatArray = field(default_factory=lambda: np.zeros((3, 3)))
+    inertia: FloatArray = field(default_factory=_point_mass)
     armature: float = 0.0
     viscous_friction: float = 0.0
     coulomb_friction: float = 0.0
@@ -278,7 +286,7 @@ class Robot:
     gravity: FloatArray
     tool: FloatArray
     description: str = ""
-    base: FloatArray = field(default_factory=lambda: _rigid_transform("base", None))
+    base: FloatArray = field(default_factory=_identity)
     _digest: str = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
