@@ -9,11 +9,14 @@ from typing import NamedTuple
 import numpy as np
 
 import microbot_ocp as mo
+from microbot_ocp.ocp.solvers import solve
 from microbot_ocp.views.recording import (
     Recording,
+    SolutionRecording,
     of_branches,
     of_comparison,
     of_motion,
+    of_solution,
     of_tracking,
 )
 from microbot_ocp.views.recording.entities import BRANCH, PROGRESS, TIME
@@ -37,14 +40,15 @@ class Moment(NamedTuple):
 class Kind(NamedTuple):
     """How a kind of recording is made, and when to look at it."""
 
-    make: Callable[[], Recording]
+    make: Callable[[], Recording | SolutionRecording]
     moments: tuple[Moment, Moment]
+    view: str = "3D"  # class of the view to look at
 
 
 @cache  # two kinds show it
 def comparison() -> Recording:
-    """Cubic segments, LSPB and the cubic's path at its best timing."""
-    methods = ["cubic", "lspb", "cubic_path"]
+    """Cubic segments, LSPB, the cubic's path at its best timing, and the best of all motions."""
+    methods = ["cubic", "lspb", "cubic_path", "time_optimal"]
     return of_comparison(mo.compare(mo.load_robot("microbot"), VIA_Q, methods))
 
 
@@ -98,6 +102,23 @@ def branches() -> Recording:
     return of_branches(robot, found, pose[:3, 3], pose[:3, :3])
 
 
+def solution() -> SolutionRecording:
+    """A cart that is to stand still 1 m further on, pushed, then braked by less."""
+    problem = mo.OptimalControlProblem("cart")
+    for name, push in (("push", (0.0, 1.0)), ("brake", (-0.5, 0.0))):
+        phase = problem.phase(name, duration=(0.1, 10.0))
+        x = phase.state("x", initial=0.0 if name == "push" else None,
+                        final=1.0 if name == "brake" else None, unit="m")  # fmt: skip
+        v = phase.state("v", initial=0.0 if name == "push" else None,
+                        final=0.0 if name == "brake" else None, upper=0.7, unit="m/s")  # fmt: skip
+        a = phase.control("a", lower=push[0], upper=push[1], unit="m/s^2")
+        phase.derivative(x, v)
+        phase.derivative(v, a)
+        phase.end_cost(phase.duration)
+    problem.link(*problem.phases)
+    return of_solution(solve(problem, mesh=20), "cart")
+
+
 KINDS: Mapping[str, Kind] = {
     "comparison": Kind(comparison, (Moment(TIME, 0.3), Moment(TIME, 1.2))),
     "comparison_progress": Kind(comparison, (Moment(PROGRESS, 200), Moment(PROGRESS, 600))),
@@ -105,5 +126,6 @@ KINDS: Mapping[str, Kind] = {
     "planar": Kind(planar, (Moment(TIME, 0.1), Moment(TIME, 0.55))),
     "prismatic": Kind(prismatic, (Moment(TIME, 0.2), Moment(TIME, 0.8))),
     "tracking": Kind(tracking, (Moment(TIME, 0.1), Moment(TIME, 1.3))),
+    "solution": Kind(solution, (Moment(TIME, 0.5), Moment(TIME, 1.5)), "TimeSeries"),
     "inverse_kinematics": Kind(branches, (Moment(BRANCH, 1), Moment(BRANCH, 2))),
 }

@@ -39,7 +39,7 @@ def test_picture_shows_the_arm_and_the_arm_moves(name, viewer, tmp_path):
 
     for moment in kind.moments:
         viewer.seek(moment.timeline, **moment.as_argument())
-        picture = viewer.picture("3D", drawn)
+        picture = viewer.picture(kind.view, drawn)
         assert colourful(picture) > DRAWN
         assert all(moved(picture, other) for other in before)
         before.append(picture)

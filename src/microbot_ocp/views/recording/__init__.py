@@ -11,14 +11,17 @@ from microbot_ocp.views.recording.kinds import (
     of_tracking,
 )
 from microbot_ocp.views.recording.recording import Recording
+from microbot_ocp.views.recording.solution import SolutionRecording, of_solution
 from microbot_ocp.views.recording.writer import Writer, file_writer
 
 __all__ = [
     "Recording",
+    "SolutionRecording",
     "Writer",
     "file_writer",
     "of_branches",
     "of_comparison",
     "of_motion",
+    "of_solution",
     "of_tracking",
 ]

@@ -8,7 +8,7 @@ import rerun.blueprint as rrb
 from rerun.components import Plane3D
 
 from microbot_ocp.views import scene
-from microbot_ocp.views.recording import camera, entities
+from microbot_ocp.views.recording import camera, entities, saturation
 
 if TYPE_CHECKING:
     from microbot_ocp.views.recording.recording import Recording
@@ -39,18 +39,23 @@ def blueprint(recording: Recording) -> rrb.Blueprint:
         whole = rrb.Horizontal(left, _right(recording), column_shares=[1.15, 1.0])
     else:
         whole = rrb.Horizontal(space, words, column_shares=[1.4, 1.0])
-    timed = recording.timeline == entities.TIME
-    short = timed and max(recording.end.get(entities.TIME, [0.0])) < SHORT
+    last = float(max(recording.end.get(recording.timeline, [0.0])))
+    return playing(whole, recording.timeline, last)
+
+
+def playing(whole: rrb.Container, timeline: str, last: float) -> rrb.Blueprint:
+    """A layout that plays a timeline, which ends at ``last``, over and over."""
+    timed = timeline == entities.TIME
     return rrb.Blueprint(
         whole,
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
         rrb.TimePanel(
             state="collapsed",
-            timeline=recording.timeline,
+            timeline=timeline,
             play_state="playing",
             loop_mode="all",
-            playback_speed=0.5 if short else 1.0,
+            playback_speed=0.5 if timed and last < SHORT else 1.0,
             fps=entities.WHOLE / PROGRESS_TIME if timed else 1.0,  # of counted timelines
         ),
     )
@@ -114,19 +119,26 @@ def _right(recording: Recording) -> rrb.Container:
         ]
         tabs.append(rrb.Vertical(*tool, name="tool and progress"))
     curves = rrb.Tabs(*tabs, active_tab=0)
-    lanes = _lanes(recording)
-    if lanes is None:
+    met = _joints_at_limits(recording)
+    if not met:
         return curves
-    return rrb.Vertical(curves, lanes, row_shares=[1.0, LANES[0] + LANES[1] * count])
+    (solid,) = {name for name, _ in met}
+    title = next(actor.title for actor in recording.actors if actor.name == solid)
+    lanes = rrb.StateTimelineView(
+        contents=[saturation.lane(recording.robot, name, joint) for name, joint in met],
+        name=f"limits met: {title}" if title else "limits met",
+    )
+    return rrb.Vertical(curves, lanes, row_shares=[1.0, LANES[0] + LANES[1] * len(met)])
 
 
-def _lanes(recording: Recording) -> rrb.StateTimelineView | None:
-    """Which limit every joint of the solid arm is at; None where it is at none."""
-    solid = next((actor for actor in recording.actors if actor.look.solid), None)
-    if solid is None or not recording.spells.get(solid.name):
-        return None
-    name = f"limits met: {solid.title}" if solid.title else "limits met"
-    return rrb.StateTimelineView(origin=entities.saturation(solid.name), name=name)
+def _joints_at_limits(recording: Recording) -> list[tuple[str, int]]:
+    """Name of the solid arm with every joint (0-based) of it that is ever at a limit."""
+    return [
+        (actor.name, joint)
+        for actor in recording.actors
+        if actor.look.solid
+        for joint in sorted({spell.joint for spell in recording.spells.get(actor.name, [])})
+    ]
 
 
 def _plot(recording: Recording, quantity: str, joint: int) -> rrb.TimeSeriesView:

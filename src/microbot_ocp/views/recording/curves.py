@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 import rerun as rr
 
@@ -66,20 +68,33 @@ def near_limits(
 def draw_limits(
     writer: Writer, robot: Robot, quantity: str, joint: int, limits: scene.AxisLimits, end: Times
 ) -> None:
-    """Dashed lines: rows without a value interrupt them."""
-    if any(value[0] <= 0.0 for value in end.values()):
+    """Dashed lines over all timelines."""
+    whole = {key: (0.0, float(value[0])) for key, value in end.items()}
+    for leaf, value in (("limit_lower", limits.lower), ("limit_upper", limits.upper)):
+        if value is not None:
+            path = entities.curve(robot, quantity, joint, leaf)
+            dashed(writer, path, [(whole, value)])
+
+
+def dashed(
+    writer: Writer, path: str, spans: Sequence[tuple[Mapping[str, tuple[float, float]], float]]
+) -> None:
+    """Dashes at a value from begin to end on every timeline, for each span.
+
+    Rows without a value interrupt the line.
+    """
+    spans = [span for span in spans if all(begin < end for begin, end in span[0].values())]
+    if not spans:
         return
-    gap = 1e-6  # share of the timeline after a dash, where the row without a value is
+    gap = 1e-6  # share of the span after a dash, where the row without a value is
     edges = np.linspace(0.0, 1.0 - gap, 2 * DASHES)
     share = np.column_stack([edges[::2], edges[1::2], edges[1::2] + gap]).ravel()
-    times = {key: value[0] * share for key, value in end.items()}
-    lengths = np.tile([1, 1, 0], DASHES)
+    times = {
+        key: np.concatenate([span[key][0] + np.diff(span[key]) * share for span, _ in spans])
+        for key in spans[0][0]
+    }
     look = rr.SeriesLines.from_fields(names=["limit"], colors=[LIMIT_COLOR], widths=[1.2])
-    for leaf, value in (("limit_lower", limits.lower), ("limit_upper", limits.upper)):
-        if value is None:
-            continue
-        path = entities.curve(robot, quantity, joint, leaf)
-        writer.static(path, look)
-        values = np.full(2 * DASHES, value)
-        dashes = rr.Scalars.columns(scalars=values).partition(lengths=lengths)
-        writer.columns(path, times, dashes)
+    writer.static(path, look)
+    values = np.repeat([value for _, value in spans], 2 * DASHES)
+    lengths = np.tile([1, 1, 0], DASHES * len(spans))
+    writer.columns(path, times, rr.Scalars.columns(scalars=values).partition(lengths=lengths))

@@ -14,6 +14,7 @@ WHOLE = 1000  # the last value of PROGRESS
 SUMMARY = "summary"
 MARKS = "marks"
 SATURATION = "saturation"
+PHASES = "phases"
 WORLD = "world"
 BASE = "world/base"
 PLACES = "world/places"
@@ -64,3 +65,8 @@ def switches(name: str, *below: str) -> str:
 def tool_curve(quantity: str, name: str = "") -> str:
     """Path of the curves of the tool's speed or force, or of progress; or of one arm's."""
     return "/".join(["plots", quantity, *([name] if name else [])])
+
+
+def variable(name: str) -> str:
+    """Path of the curves of a variable of an optimal-control problem."""
+    return rr.new_entity_path(["plots", name])

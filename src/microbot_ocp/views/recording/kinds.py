@@ -21,6 +21,7 @@ from microbot_ocp.views.recording.recording import Recording
 from microbot_ocp.views.style import FIXED, PREFERRED, EntryStyle, entry_styles
 from microbot_ocp.views.tables import comparison_markdown
 
+FEW_JOINTS = 4  # more joints than this: q1 and so on stand for their names
 BEHIND = "#56B4E9"  # of ghosts that are no method
 
 
@@ -146,8 +147,8 @@ def of_branches(
         raise InputError("solutions must hold at least one IKSolution, not none")
     _same_joints(robot, len(solutions[0].q), "solutions")
     q = np.array([solution.q for solution in solutions])
-    names = [f"branch_{k}" for k in range(1, len(q) + 1)]
-    shown = looks(robot, [*(_ghost(name, "") for name in names), _solid("solution", "")])
+    styles = [_ghost(f"branch_{k}", "") for k in range(1, len(q) + 1)]
+    shown = looks(robot, [*styles, _solid("solution", "")])
     ghosts = [standing(q[k : k + 1], look) for k, look in enumerate(shown[:-1])]
     target = None
     if orientation is not None:
@@ -155,7 +156,9 @@ def of_branches(
         target[:3, :3], target[:3, 3] = orientation, position
     units = [scene.display_unit(robot, "q", joint) for joint in range(robot.joint_count)]
     factors = [scene.display_factor(robot, "q", joint) for joint in range(robot.joint_count)]
-    heads = [f"{name} [{unit}]" for name, unit in zip(robot.joint_names, units, strict=True)]
+    few = robot.joint_count <= FEW_JOINTS
+    names = robot.joint_names if few else [f"q{j + 1}" for j in range(robot.joint_count)]
+    heads = [f"{name} [{unit}]" for name, unit in zip(names, units, strict=True)]
     rows = [
         [str(k), *(f"{value:.2f}" for value in factors * s.q), f"{s.position_error:.1e}", s.status]
         for k, s in enumerate(solutions, start=1)

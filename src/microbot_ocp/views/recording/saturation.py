@@ -91,10 +91,17 @@ def _runs(flags: np.ndarray) -> Iterable[tuple[int, int]]:
     return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
+def lane(robot: Robot, name: str, joint: int) -> str:
+    """Entity of the lane of a joint (0-based); lanes stand in the order of their paths."""
+    digits = len(str(robot.joint_count))
+    label = robot.joint_names[joint].replace(" ", "_")
+    return entities.saturation(name, f"{joint + 1:0{digits}d}_{label}")
+
+
 def draw_lanes(writer: Writer, robot: Robot, actor: Actor, found: list[Spell]) -> None:
     """A lane for every joint that shows at which limit it is, for the state timeline."""
-    count, digits = len(actor.q), len(str(robot.joint_count))  # lanes stand in order of text
-    for joint, name in enumerate(robot.joint_names):
+    count = len(actor.q)
+    for joint in range(robot.joint_count):
         words = np.full(count, "", dtype=object)
         for spell in found:
             if spell.joint != joint:
@@ -104,7 +111,7 @@ def draw_lanes(writer: Writer, robot: Robot, actor: Actor, found: list[Spell]) -
         words[words == ""] = FREE
         words[-1] = FREE  # the lane ends where the motion does
         change = np.flatnonzero(np.append(True, words[1:] != words[:-1]))
-        path = entities.saturation(actor.name, f"{joint + 1:0{digits}d}_{name.replace(' ', '_')}")
+        path = lane(robot, actor.name, joint)
         told = sorted(set(words))
         colors = [_lane_color(word) for word in told]
         visible = [word != FREE for word in told]
