@@ -639,3 +639,32 @@ def test_help_loads_nothing_to_draw_with():
 
 def test_every_command_takes_json():
     assert [command.name for command in app.registered_commands] == COMMANDS
+
+
+# watching a solve ---------------------------------------------------------------------------------
+
+
+def test_the_iterations_of_a_solve_are_recorded(ask, tmp_path):
+    path = tmp_path / "iterations.rrd"
+    given = ["--via-deg", "0,0,0 -90,90,90", "--mesh", "20", "--starts", "1"]
+    code, answer = ask("time-optimal", "microbot", *given, "--rerun-iterations", str(path))
+    assert code == 0
+    assert answer["written"] == [str(path)]
+    chunks = RrdReader(path).stream().filter(content="/convergence/cost", is_static=False)
+    batches = [chunk.to_record_batch() for chunk in chunks.to_chunks()]
+    costs = [v[0] for batch in batches for v in batch.column("Scalars:scalars").to_pylist()]
+    assert costs[-1] == pytest.approx(answer["duration"], rel=1e-4)
+    assert len(costs) > 10
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--live", "--live-serve"], "give one of --live, --live-serve and --live-connect"),
+        (["--live-connect", "10.0.0.1:9876"], "must be HOST:PORT with one of 127.0.0.1"),
+        (["--rerun-iterations", "a.txt"], "--rerun-iterations must end in .rrd"),
+    ],
+)
+def test_who_watches_is_checked_before_the_solve(refused, arguments, words):
+    via = ["--via-deg", "0,0,0 -90,90,90"]
+    assert words in refused("time-optimal", "microbot", *via, *arguments)

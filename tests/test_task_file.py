@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import microbot_ocp as mo
-from microbot_ocp.task_file import KEYS, OUTPUTS, changed_limits, parse_task, read_task
+from microbot_ocp.comparison import OUTPUTS
+from microbot_ocp.task_file import KEYS, changed_limits, parse_task, read_task
 
 DOCUMENT = Path(__file__).parent.parent / "docs" / "task_file.md"
 VIA = "[via]\nq_deg = [[0, 0, 0], [-90, 90, 90]]\n"

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from microbot_ocp.views.page import AxesGrid, Axis
 
 REFERENCE = "cubic"
+OUTPUTS = ("json", "csv", "figures", "report", "recording", "motions")  # of a comparison
 
 
 @dataclass(frozen=True)
@@ -319,8 +320,8 @@ class Comparison:
 
         return of_comparison(self).save(path)
 
-    def save(self, folder: str | Path) -> list[Path]:
-        """Write tables, figures, the recording and every motion into a folder.
+    def save(self, folder: str | Path, outputs: Sequence[str] = OUTPUTS) -> list[Path]:
+        """Write some of :data:`OUTPUTS` into a folder, by default all.
 
         Returns
         -------
@@ -328,21 +329,49 @@ class Comparison:
             ``comparison.json``, ``.csv``, ``.rrd``, ``.png``, ``.pdf``, ``paths.png``, ``.pdf``,
             ``report.pdf``, ``motions/NAME.npz``.
         """
-        from microbot_ocp.views import plots
+        for output in outputs:
+            checks.one_of("outputs", output, OUTPUTS)
+        target = Path(folder)
+        target.mkdir(parents=True, exist_ok=True)
+        makers = (
+            self._save_motions,
+            self._save_tables,
+            self._save_figures,
+            self._save_report,
+            self._save_recording,
+        )
+        return [path for make in makers for path in make(target, outputs)]
+
+    def _save_motions(self, folder: Path, outputs: Sequence[str]) -> list[Path]:
+        if "motions" not in outputs:
+            return []
+        (folder / "motions").mkdir(exist_ok=True)
+        return [
+            motion.save(folder / "motions" / f"{name}.npz") for name, motion in self.motions.items()
+        ]
+
+    def _save_tables(self, folder: Path, outputs: Sequence[str]) -> list[Path]:
         from microbot_ocp.views.tables import write_csv, write_json
 
-        target = Path(folder)
-        (target / "motions").mkdir(parents=True, exist_ok=True)
-        written = [
-            motion.save(target / "motions" / f"{name}.npz") for name, motion in self.motions.items()
+        writers = {"json": write_json, "csv": write_csv}
+        return [
+            write(self, folder / f"comparison.{name}")
+            for name, write in writers.items()
+            if name in outputs
         ]
-        for write, name in ((write_json, "comparison.json"), (write_csv, "comparison.csv")):
-            write(self, target / name)
-            written.append(target / name)
-        written += plots.save({"comparison": self.plot(), "paths": self.plot_paths()}, target)
-        written.append(self.report(target / "report.pdf"))
-        written.append(self.to_rerun(target / "comparison.rrd"))
-        return written
+
+    def _save_figures(self, folder: Path, outputs: Sequence[str]) -> list[Path]:
+        if "figures" not in outputs:
+            return []
+        from microbot_ocp.views import plots
+
+        return plots.save({"comparison": self.plot(), "paths": self.plot_paths()}, folder)
+
+    def _save_report(self, folder: Path, outputs: Sequence[str]) -> list[Path]:
+        return [self.report(folder / "report.pdf")] if "report" in outputs else []
+
+    def _save_recording(self, folder: Path, outputs: Sequence[str]) -> list[Path]:
+        return [self.to_rerun(folder / "comparison.rrd")] if "recording" in outputs else []
 
 
 def compare(

@@ -19,14 +19,13 @@ import numpy as np
 
 from microbot_ocp import checks
 from microbot_ocp.checks import FloatArray, InputError
-from microbot_ocp.comparison import METHODS, Comparison, Progress, compare
+from microbot_ocp.comparison import METHODS, OUTPUTS, Comparison, Progress, compare
 from microbot_ocp.robot import LIMIT_UNITS, JointLimits, Limits, Robot
 from microbot_ocp.robots import load_robot, packaged_robots
 from microbot_ocp.time_optimal.free import TimeOptimalSettings
 from microbot_ocp.time_optimal.path import PathTimingSettings
 
 SCHEMA = 1
-OUTPUTS = ("json", "csv", "figures", "recording", "motions")
 LIMIT_KEYS = tuple(f"{quantity}_{side}" for quantity in LIMIT_UNITS for side in ("min", "max"))
 ANGULAR = ("q", "qd", "qdd")  # quantities that may be given in degrees
 _SETTINGS: dict[str, Callable[..., Any]] = {

@@ -45,11 +45,18 @@ from microbot_ocp.cli.options import (
 )
 from microbot_ocp.cli.output import answer, close, joint_text, make_table
 from microbot_ocp.cli.watching import Watchers
-from microbot_ocp.comparison import METHODS, Comparison, Progress, Step, compare as compare_methods
+from microbot_ocp.comparison import (
+    METHODS,
+    OUTPUTS,
+    Comparison,
+    Progress,
+    Step,
+    compare as compare_methods,
+)
 from microbot_ocp.motion import Motion
 from microbot_ocp.ocp.progress import Iteration, StepProgress
 from microbot_ocp.robot import Robot
-from microbot_ocp.task_file import OUTPUTS, read_task
+from microbot_ocp.task_file import read_task
 from microbot_ocp.time_optimal.free import TimeOptimalSettings, time_optimal as find_time_optimal
 
 if TYPE_CHECKING:
@@ -216,31 +223,7 @@ def solve(
 
 def _save(comparison: Comparison, folder: Path | None, outputs: Sequence[str]) -> list[str]:
     """Write some of :data:`OUTPUTS` into a folder, if there is one."""
-    if folder is None:
-        return []
-    if set(outputs) == set(OUTPUTS):
-        return [str(path) for path in comparison.save(folder)]
-    from microbot_ocp.views import tables
-
-    folder.mkdir(parents=True, exist_ok=True)
-    written: list[Path] = []
-    if "motions" in outputs:
-        (folder / "motions").mkdir(exist_ok=True)
-        for name, motion in comparison.motions.items():
-            written.append(motion.save(folder / "motions" / f"{name}.npz"))
-    if "json" in outputs:
-        written.append(tables.write_json(comparison, folder / "comparison.json"))
-    if "csv" in outputs:
-        written.append(tables.write_csv(comparison, folder / "comparison.csv"))
-    if "figures" in outputs:
-        from microbot_ocp.views import plots
-
-        figures = {"comparison": comparison.plot(), "paths": comparison.plot_paths()}
-        written += plots.save(figures, folder)
-        written.append(comparison.report(folder / "report.pdf"))
-    if "recording" in outputs:
-        written.append(comparison.to_rerun(folder / "comparison.rrd"))
-    return [str(path) for path in written]
+    return [] if folder is None else [str(path) for path in comparison.save(folder, outputs)]
 
 
 def _tell_comparison(
