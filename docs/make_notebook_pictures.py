@@ -34,7 +34,7 @@ WIDGET = "application/vnd.jupyter.widget-view+json"
 VIEWER = "<p><em>Here stands the Rerun viewer, in a notebook that runs.</em></p>"
 FORMULA = re.compile(r"\$\$(?P<block>.+?)\$\$|(?<!\\)\$(?P<inline>[^$]+?)\$", re.DOTALL)
 WIDTH, HEIGHT = 1000, 9000  # pixels; what is not used is cut off
-COLORS = 128
+COLORS = 256
 
 
 def run(path: Path) -> NotebookNode:
@@ -93,7 +93,7 @@ def picture(page: Path, target: Path) -> None:
     pixels = np.asarray(image)
     used = np.flatnonzero((pixels != pixels[-1, -1]).any(axis=(1, 2)))
     kept = image.crop((0, 0, image.width, min(image.height, int(used[-1]) + 30)))
-    kept.quantize(COLORS).save(target, optimize=True)
+    kept.quantize(COLORS, Image.Quantize.MAXCOVERAGE).save(target, optimize=True)
 
 
 def main() -> None:
