@@ -88,6 +88,7 @@ def show(
         recording=stream,
         blueprint=recording.blueprint(),
         use_global_recording=False,
+        theme="dark",  # which the recordings' colours are made for
     )
     recording.write(Writer(stream))
     stream.flush()
