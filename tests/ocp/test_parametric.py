@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 
 from microbot_ocp.checks import InputError
-from microbot_ocp.ocp import solvers
 from microbot_ocp.ocp.parametric import ParametricSolver
 from microbot_ocp.ocp.problem import OptimalControlProblem
-from microbot_ocp.ocp.solvers import SolverSettings, solve
+from microbot_ocp.ocp.solvers import SolverSettings, run, solve
 from microbot_ocp.ocp.transcription import Transcription
 from ocp.textbook import bryson_denham, everything, through_half_way
 
@@ -86,8 +85,8 @@ def test_a_neighbour_is_solved_in_a_fraction_of_the_iterations(solver):
 
 def test_solvers_are_made_once(monkeypatch):
     made = []
-    create = solvers._create
-    monkeypatch.setattr(solvers, "_create", lambda *a, **k: (made.append(a[1]), create(*a, **k))[1])
+    create = run.create
+    monkeypatch.setattr(run, "create", lambda *a, **k: (made.append(a[1]), create(*a, **k))[1])
     solver = ParametricSolver(cart(), 10)
     first = solver.solve()
     for mass in (1.1, 1.2, 1.3):

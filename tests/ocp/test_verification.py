@@ -9,7 +9,6 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from microbot_ocp.checks import InputError
-from microbot_ocp.ocp import verification
 from microbot_ocp.ocp.assembly import assemble
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.rows import row_labels, variable_labels
@@ -18,6 +17,8 @@ from microbot_ocp.ocp.solution import PhaseSolution, Solution, Status, unpack
 from microbot_ocp.ocp.solvers import SolverSettings, solve
 from microbot_ocp.ocp.transcription import Transcription
 from microbot_ocp.ocp.verification import Thresholds, verify
+from microbot_ocp.ocp.verification.program import plain_kernels
+from microbot_ocp.ocp.verification.stationarity import differentiate, lagrangian_gradient
 from ocp.textbook import (
     bryson_denham,
     double_integrator,
@@ -253,11 +254,11 @@ def test_the_gradient_of_the_lagrangian_is_that_of_the_assembled_program(scheme)
     for label, i in zip(variable_labels(program), range(x.size), strict=True):
         x[i] = 0.9 if label.kind == "duration" else x[i]
     parts = [
-        verification._differentiate(phase, verification._plain_kernels(layout), lam)
+        differentiate(phase, plain_kernels(layout), lam)
         for phase, layout in zip(unpack(program, x), layouts, strict=True)
     ]
     expected = program.functions["lagrangian"](x, [], 1.0, lam)[2]
-    found = verification._gradient(program, parts, lam)
+    found = lagrangian_gradient(program, parts, lam)
     np.testing.assert_allclose(found, np.array(expected).ravel(), atol=1e-11)
 
 
