@@ -14,8 +14,7 @@ import pytest
 from rerun.chunk import RrdReader
 
 import microbot_ocp as mo
-from microbot_ocp.cli import interrupt, main, recordings
-from microbot_ocp.cli.app import app
+from microbot_ocp.cli import commands, interrupt, main, recordings
 from microbot_ocp.cli.poses import fixed_angles
 from microbot_ocp.cli.robots import joint_sweep, largest_reach
 
@@ -627,18 +626,28 @@ def test_ctrl_c_is_130_without_a_traceback(tmp_path):
     assert "Traceback" not in err
 
 
-def test_help_loads_nothing_to_draw_with():
+@pytest.mark.parametrize(
+    ("words", "unloaded"), [("--help", {"rich", "casadi"}), ("robots", {"casadi"})]
+)
+def test_what_is_not_needed_is_not_loaded(words, unloaded):
     code = (
-        "import sys\nfrom microbot_ocp.cli import main\nmain(['--help'])\n"
-        "heavy = {'matplotlib', 'rerun', 'rich', 'yourdfpy'}\n"
+        f"import sys\nfrom microbot_ocp.cli import main\nmain(['{words}'])\n"
+        f"heavy = {unloaded | {'matplotlib', 'rerun', 'yourdfpy'}!r}\n"
         "sys.exit(bool(heavy & set(sys.modules)))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
 
 
+def test_the_list_of_commands_says_what_each_says_of_itself():
+    for name, entry in commands.COMMANDS.items():
+        command = commands.Command(name, entry)
+        assert command.get_short_help_str() == command.whole.get_short_help_str()
+        assert command.whole.name == name
+
+
 def test_every_command_takes_json():
-    assert [command.name for command in app.registered_commands] == COMMANDS
+    assert list(commands.COMMANDS) == COMMANDS
 
 
 # watching a solve ---------------------------------------------------------------------------------

@@ -25,6 +25,7 @@ ORDER = (
     "checks",
     "robot",
     "limit_use",
+    "limit_changes",
     "robots",
     "codegen",
     "fast",

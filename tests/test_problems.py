@@ -35,7 +35,7 @@ def test_the_comparison_writes_its_files(comparison):
     done, folder = comparison
     assert done.returncode == 0, done.stderr
     names = {str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file()}
-    expected = {"comparison.json", "comparison.csv", "comparison.rrd"}
+    expected = {"comparison.json", "comparison.csv", "comparison.rrd", "report.pdf"}
     expected |= {f"{name}.{kind}" for name in ("comparison", "paths") for kind in ("png", "pdf")}
     expected |= {f"motions/{name}.npz" for name in mo.METHODS}
     assert names == {f"out/{name}" for name in expected}
@@ -50,7 +50,7 @@ def test_the_comparison_prints_plain_lines_where_there_is_no_terminal(comparison
     for method in mo.METHODS.values():
         assert any(line.startswith(f"solve   {method.title}: solving") for line in lines)
         assert any(line.startswith(f" {method.title}  ") for line in lines)
-    assert "13 files in" in lines[-1]
+    assert "14 files in" in lines[-1]
     assert "Traceback" not in done.stderr
 
 

@@ -20,7 +20,8 @@ import numpy as np
 from microbot_ocp import checks
 from microbot_ocp.checks import FloatArray, InputError
 from microbot_ocp.comparison import METHODS, OUTPUTS, Comparison, Progress, compare
-from microbot_ocp.robot import LIMIT_UNITS, JointLimits, Limits, Robot
+from microbot_ocp.limit_changes import changed_limits, joint_scale, per_joint
+from microbot_ocp.robot import LIMIT_UNITS, JointLimits, Robot
 from microbot_ocp.robots import load_robot, packaged_robots
 from microbot_ocp.time_optimal.free import TimeOptimalSettings
 from microbot_ocp.time_optimal.path import PathTimingSettings
@@ -156,37 +157,6 @@ def parse_task(text: str, origin: str, folder: Path) -> TaskFile:
         raise InputError(f"{origin}: {problem}") from None
 
 
-def joint_scale(robot: Robot) -> FloatArray:
-    """Factors [n] from degrees to radians; 1 for prismatic joints, which are in metres."""
-    return np.where(np.array(robot.joint_types) == "revolute", np.pi / 180.0, 1.0)
-
-
-def changed_limits(robot: Robot, changes: Mapping[str, Any]) -> JointLimits:
-    """Limits of a robot with some of them replaced.
-
-    Parameters
-    ----------
-    robot : Robot
-    changes : mapping
-        Keys of :data:`LIMIT_KEYS`, each a number for all joints or one a joint, in SI units. A
-        ``qd_max`` without ``qd_min`` holds in both directions, as in :class:`Limits`.
-
-    Raises
-    ------
-    InputError
-        Wrong length, NaN, a lower limit above its upper one, a negative bound.
-    """
-    given: dict[str, Any] = {}
-    for quantity in LIMIT_UNITS:
-        low, high = f"{quantity}_min", f"{quantity}_max"
-        lower, upper = robot.limits.bounds(quantity)
-        if quantity == "q" or low in changes:
-            given[low], given[high] = changes.get(low, lower), changes.get(high, upper)
-        else:
-            given[high] = changes.get(high, (lower, upper))
-    return Limits(**given).for_joints(robot.joint_count)
-
-
 def _task(data: dict[str, Any], origin: str, folder: Path) -> TaskFile:
     known_keys(data, "")
     if type(data.get("schema")) is not int or data["schema"] != SCHEMA:
@@ -296,21 +266,6 @@ def _limits(robot: Robot, table: Mapping[str, Any]) -> JointLimits:
         return changed_limits(robot, changes)
     except InputError as problem:
         raise InputError(f"limits.{problem}") from None
-
-
-def per_joint(robot: Robot, name: str, value: Any) -> FloatArray:
-    """One number a joint [n] from a single number or a list; infinite is allowed, NaN is not."""
-    count = robot.joint_count
-    several = value if isinstance(value, list) else [value] * count
-    if len(several) != count:
-        raise InputError(
-            f"{name} must be one number, or {count} with one a joint "
-            f"({', '.join(robot.joint_names)}), not {value}"
-        )
-    for entry in several:
-        if isinstance(entry, bool) or not isinstance(entry, int | float) or entry != entry:
-            raise InputError(f"{name} must be numbers, not {value!r}")
-    return checks.array(name, several, (count,), finite=False)
 
 
 def _settings(table: Mapping[str, Any]) -> dict[str, Any]:

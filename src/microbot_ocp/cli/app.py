@@ -14,40 +14,17 @@ from typing import Annotated
 import typer
 
 from microbot_ocp.checks import InputError
-from microbot_ocp.cli import doctor, interrupt, poses, recordings, robots, simulation, tasks
+from microbot_ocp.cli import interrupt
+from microbot_ocp.cli.commands import PROGRAM, SETTINGS, Commands, example
 
-PROGRAM = "microbot-ocp"
 BAD_INPUT = 2
 INTERRUPTED = 130
 
-# Help is plain text: drawing it with rich would take as long as everything else together.
 app = typer.Typer(
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
-    epilog=f"\b\nExample:\n  {PROGRAM} compare microbot --via-deg '0,0,0 -8,45,30 -90,90,90'",
+    cls=Commands,
+    epilog=example("compare microbot --via-deg '0,0,0 -8,45,30 -90,90,90'"),
+    **SETTINGS,
 )
-for _command, _name, _example in (
-    (robots.robots, "robots", "robots"),
-    (robots.show, "show", "show panda"),
-    (poses.fk, "fk", "fk microbot --q-deg 0,45,30"),
-    (poses.ik, "ik", "ik microbot --position 3,-1,4.5"),
-    (
-        simulation.simulate,
-        "simulate",
-        "simulate microbot --q-deg 0,30,20 --out fall.npz",
-    ),
-    (tasks.compare, "compare", "compare microbot --via-deg '0,0,0 -8,45,30 -90,90,90' --out out"),
-    (
-        tasks.time_optimal,
-        "time-optimal",
-        "time-optimal microbot --via-deg '0,0,0 -90,90,90' --qd-max 2",
-    ),
-    (tasks.solve, "solve", "solve task.toml --out out"),
-    (recordings.replay, "replay", "replay best.npz --rerun best.rrd"),
-    (doctor.doctor, "doctor", "doctor"),
-):
-    app.command(_name, epilog=f"\b\nExample:\n  {PROGRAM} {_example}")(_command)
 
 
 def _version(wanted: bool) -> None:

@@ -15,9 +15,9 @@ import typer
 
 from microbot_ocp import checks
 from microbot_ocp.checks import FloatArray, InputError
+from microbot_ocp.limit_changes import changed_limits, joint_scale, per_joint
 from microbot_ocp.robot import JointLimits, Robot
 from microbot_ocp.robots import load_robot, packaged_robots
-from microbot_ocp.task_file import changed_limits, joint_scale, per_joint
 
 
 def _robot_names(incomplete: str) -> list[str]:

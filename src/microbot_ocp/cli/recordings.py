@@ -15,14 +15,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
+import microbot_ocp as mo
 from microbot_ocp import checks
-from microbot_ocp.certificate import Certificate, certify
 from microbot_ocp.checks import FloatArray, InputError
 from microbot_ocp.cli.options import Json, Open, Recording, chosen_robot, option, writable
 from microbot_ocp.cli.output import answer
-from microbot_ocp.comparison import Comparison, Entry
-from microbot_ocp.inverse_kinematics import IKSolution
-from microbot_ocp.motion import Motion
 from microbot_ocp.robot import JointLimits, Robot
 from microbot_ocp.robots import packaged_robots
 
@@ -30,6 +27,11 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rich.console import Console
+
+    from microbot_ocp.certificate import Certificate
+    from microbot_ocp.comparison import Comparison, Entry
+    from microbot_ocp.inverse_kinematics import IKSolution
+    from microbot_ocp.motion import Motion
 
 LOOPBACK = "127.0.0.1"
 
@@ -66,7 +68,7 @@ def replay(
             raise InputError(f"{source}: none of the saved methods has a motion")
         path = _written(comparison.to_rerun, rerun, open_viewer)
     else:
-        motion = Motion.load(file)
+        motion = mo.Motion.load(file)
         robot = robot_of(motion, str(file), robot_name)
         motions = {"motion": motion}
         path = show_motion(robot, motion, rerun, open_viewer)
@@ -163,7 +165,7 @@ def load_comparison(folder: Path, robot_name: str | None) -> Comparison:
     via = checks.array(f"via_q of {origin}", via_q, (None, robot.joint_count))
     robot = robot.with_limits(limits.for_joints(robot.joint_count))
     made = tuple(_entry(robot, via, folder, key, row) for key, row in rows)
-    return Comparison(robot, via, robot.limits, made, reference)
+    return mo.Comparison(robot, via, robot.limits, made, reference)
 
 
 def _stored_limits(saved: Mapping[str, Any]) -> JointLimits:
@@ -177,14 +179,14 @@ def _stored_limits(saved: Mapping[str, Any]) -> JointLimits:
 
 def _entry(robot: Robot, via: Any, folder: Path, name: str, row: Mapping[str, Any]) -> Entry:
     path = folder / "motions" / f"{name}.npz"
-    motion = Motion.load(path) if path.exists() else None
+    motion = mo.Motion.load(path) if path.exists() else None
     if motion is not None and motion.joint_count != robot.joint_count:
         raise InputError(f"{path} has {motion.joint_count} joints, the robot {robot.joint_count}")
-    return Entry(
+    return mo.Entry(
         name=name,
         title=str(row.get("title", name)),
         motion=motion,
-        certificate=None if motion is None else certify(robot, motion, via_q=via),
+        certificate=None if motion is None else mo.certify(robot, motion, via_q=via),
         status=str(row.get("status", "")),
         note=str(row.get("note", "")),
         **{key: _float(row.get(key)) for key in ("solve_time", "torque_squared", "work")},

@@ -7,18 +7,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from microbot_ocp.baselines import quintic
+import microbot_ocp as mo
 from microbot_ocp.checks import FloatArray
 from microbot_ocp.cli import recordings
 from microbot_ocp.cli.options import Json, Open, Recording, RobotName, Tip, chosen_robot
 from microbot_ocp.cli.output import answer, joint_text, make_table, number, point_text, span
-from microbot_ocp.kinematics import forward_kinematics
-from microbot_ocp.motion import Motion, sample_times
 from microbot_ocp.robot import LIMIT_UNITS, Robot
 from microbot_ocp.robots import load_robot, packaged_robots
 
 if TYPE_CHECKING:
     from rich.console import Console
+
+    from microbot_ocp.motion import Motion
 
 POSES = 4000  # in each round of the search for the largest reach
 ROUNDS = 12
@@ -66,7 +66,7 @@ def show(
     robot = chosen_robot(robot_name, tip)
     recordings.check(rerun, open_viewer)
     rest = _nearest_zero(robot)
-    pose = np.array(forward_kinematics(robot)(rest))
+    pose = np.array(mo.forward_kinematics(robot)(rest))
     found, bound = largest_reach(robot)
     document = {
         "name": robot.name,
@@ -115,7 +115,7 @@ def largest_reach(robot: Robot) -> tuple[float, float]:
     low, high = np.minimum(low, high), np.maximum(low, high)
     rng = np.random.default_rng(0)
     width, best = high - low, _nearest_zero(robot)
-    batch = forward_kinematics(robot).map(POSES + 1)
+    batch = mo.forward_kinematics(robot).map(POSES + 1)
     distance = 0.0
     for round_ in range(ROUNDS):
         spread = width * 0.5**round_
@@ -141,13 +141,15 @@ def joint_sweep(robot: Robot) -> Motion:
             point[joint] = np.clip(target, low[joint], high[joint])
             points.append(point)
     breaks = np.append(0.0, np.cumsum([_sweep_time(robot, *pair) for pair in pairwise(points)]))
-    shape = quintic(points, breaks)
+    shape = mo.quintic(points, breaks)
     if robot.has_dynamics:
-        return Motion.from_polynomial(robot, shape, label="joint by joint")
+        return mo.Motion.from_polynomial(robot, shape, label="joint by joint")
+    from microbot_ocp.motion import sample_times
+
     t = sample_times(breaks, np.array([]), 1e-2)
     velocity = shape.derivative()
     q = shape(t)
-    return Motion(
+    return mo.Motion(
         t, q, velocity(t), velocity.derivative()(t), np.zeros_like(q), "joint by joint", breaks
     )
 

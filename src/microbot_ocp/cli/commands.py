@@ -1,0 +1,98 @@
+"""The commands of the program, each loaded when it is called.
+
+A list of them needs their names and first lines only, which are read from the source: so ``--help``
+does not wait for CasADi.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Sequence
+from functools import cached_property
+from importlib import import_module
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import typer
+from typer.core import TyperCommand, TyperGroup
+
+PROGRAM = "microbot-ocp"
+# Help is plain text: drawing it with rich would take as long as everything else together.
+SETTINGS: dict[str, Any] = {
+    "rich_markup_mode": None,
+    "pretty_exceptions_enable": False,
+    "context_settings": {"help_option_names": ["-h", "--help"]},
+}
+
+
+class Entry(NamedTuple):
+    """Where a command is, and how it is called for example."""
+
+    module: str
+    function: str
+    example: str
+
+
+COMMANDS = {
+    "robots": Entry("robots", "robots", "robots"),
+    "show": Entry("robots", "show", "show panda"),
+    "fk": Entry("poses", "fk", "fk microbot --q-deg 0,45,30"),
+    "ik": Entry("poses", "ik", "ik microbot --position 3,-1,4.5"),
+    "simulate": Entry("simulation", "simulate", "simulate microbot --q-deg 0,30,20 --out fall.npz"),
+    "compare": Entry(
+        "tasks", "compare", "compare microbot --via-deg '0,0,0 -8,45,30 -90,90,90' --out out"
+    ),
+    "time-optimal": Entry(
+        "tasks", "time_optimal", "time-optimal microbot --via-deg '0,0,0 -90,90,90' --qd-max 2"
+    ),
+    "solve": Entry("tasks", "solve", "solve task.toml --out out"),
+    "replay": Entry("recordings", "replay", "replay best.npz --rerun best.rrd"),
+    "doctor": Entry("doctor", "doctor", "doctor"),
+}
+
+
+def example(words: str) -> str:
+    """End of a help text."""
+    return f"\b\nExample:\n  {PROGRAM} {words}"
+
+
+class Commands(TyperGroup):
+    """All commands, in the order of the table."""
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(**settings)
+        self.commands = {name: Command(name, entry) for name, entry in COMMANDS.items()}
+
+
+class Command(TyperCommand):
+    """A command that knows its name and first line, and loads itself to do anything else."""
+
+    def __init__(self, name: str, entry: Entry) -> None:
+        self.entry = entry
+        super().__init__(name, help=_docstring(entry))
+
+    @cached_property
+    def whole(self) -> Any:
+        """The command with its options."""
+        function = getattr(
+            import_module(f"microbot_ocp.cli.{self.entry.module}"), self.entry.function
+        )
+        alone = typer.Typer(**SETTINGS)
+        alone.command(self.name, epilog=example(self.entry.example))(function)
+        return typer.main.get_command(alone)
+
+    def make_context(
+        self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any
+    ) -> Any:
+        """The context of the whole command: from here on it stands for this one."""
+        return self.whole.make_context(info_name, args, parent=parent, **extra)
+
+
+def _docstring(entry: Entry) -> str:
+    source = (Path(__file__).parent / f"{entry.module}.py").read_text("utf-8")
+    found: Sequence[ast.FunctionDef] = [
+        node
+        for node in ast.parse(source).body
+        if isinstance(node, ast.FunctionDef) and node.name == entry.function
+    ]
+    return ast.get_docstring(found[0]) or ""
