@@ -178,12 +178,12 @@ def look(iteration):
         os.kill(os.getpid(), signal.SIGINT)
     time.sleep(0.001)
 if not watched:  # what the solver evaluates sends the signal, in the middle of it
-    from microbot_ocp.ocp import solvers
-    made = solvers._create
+    from microbot_ocp.ocp.solvers import run
+    made = run.create
     def create(*arguments, **options):
         threading.Timer(0.05, os.kill, (os.getpid(), signal.SIGINT)).start()
         return made(*arguments, **options)
-    solvers._create = create
+    run.create = create
 settings = SolverSettings(sys.argv[1], tolerance=1e-300, max_iterations=3000)
 problem = double_integrator("linear")
 solution = solve(problem, 20 if watched else 1500, settings=settings,
@@ -204,7 +204,7 @@ def test_a_real_signal_ends_a_solve_with_its_iterate(solver, how):
         capture_output=True,
         text=True,
         timeout=60,
-        env={**os.environ, "PYTHONPATH": here},
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([here, *filter(None, sys.path)])},
         check=False,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
     )
