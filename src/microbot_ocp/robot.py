@@ -35,7 +35,7 @@ LIMIT_UNITS: dict[str, tuple[str, str]] = {
 def dh_transform(alpha: float, a: float, d: float, theta: float) -> FloatArray:
     """Homogeneous transform [4,4] of one modified-DH row (Craig, equation 3.6)."""
     ca, sa, ct, st = np.cos(alpha), np.sin(alpha), np.cos(theta), np.sin(theta)
-    return np.array(
+    matrix = np.array(
         [
             [ct, -st, 0.0, a],
             [st * ca, ct * ca, -sa, -sa * d],
@@ -43,6 +43,7 @@ def dh_transform(alpha: float, a: float, d: float, theta: float) -> FloatArray:
             [0.0, 0.0, 0.0, 1.0],
         ]
     )
+    return matrix + 0.0  # no -0.0, which would be printed and written
 
 
 def _point_mass() -> FloatArray:
