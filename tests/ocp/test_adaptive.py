@@ -160,6 +160,49 @@ def test_the_time_limit_is_said():
         solve_refined(oscillator(), 1e-9, most_time=0.0)
 
 
+# limits between the mesh points -------------------------------------------------------------------
+
+TOP = 1 / 9  # the ceiling of the Bryson-Denham problem at which its cost is 4
+
+
+def under_a_path_constraint():
+    """The Bryson-Denham problem with its ceiling as a constraint of an expression."""
+    problem = bryson_denham(1.0, "polynomial")
+    phase = problem.phases[0]
+    x = phase.states[0]
+    phase.constraint("ceiling", 2 * x.symbol, upper=2 * TOP)
+    return problem
+
+
+@pytest.mark.parametrize("degrees", [None, (3, 8)])
+@pytest.mark.parametrize(
+    "made", [lambda: bryson_denham(TOP, "polynomial"), under_a_path_constraint]
+)
+def test_a_limit_exceeded_between_mesh_points_is_refined(made, degrees):
+    loose = solve_refined(made(), scheme="radau", degrees=degrees, limit_accuracy=1.0)
+    refined = solve_refined(made(), scheme="radau", degrees=degrees)
+    assert loose.status.ok
+    assert refined.status.ok
+    assert loose.history[-1].limit_excess > 5e-5
+    assert refined.history[-1].limit_excess <= 1e-5
+    for own in (loose, refined):
+        phase = own.solution["fly"]
+        highest = phase.sample(np.linspace(0.0, 1.0, 20001))["x"].max()
+        assert highest / TOP - 1 == pytest.approx(own.history[-1].limit_excess, rel=0.05, abs=1e-8)
+    # who rises above the ceiling gets there cheaper than anyone can
+    assert loose.solution.cost < 4 - 5e-5
+    assert refined.solution.cost == pytest.approx(4.0, abs=5e-6)
+
+
+def test_a_limit_that_stays_exceeded_is_said():
+    refined = solve_refined(bryson_denham(TOP, "polynomial"), scheme="radau", rounds=0)
+    assert refined.status is RefinementStatus.ROUND_LIMIT
+    assert refined.advice.startswith(refined.status.value)
+    assert "state x of phase 'fly' is still 1e-05 m beyond its limit of 0.111111" in refined.advice
+    assert "limit excess" in str(refined)
+    assert refined.history[0].as_dict()["worst_limit"]["name"] == "x"
+
+
 # raising the degree -------------------------------------------------------------------------------
 
 
@@ -220,3 +263,5 @@ def test_the_history_is_plain_values_and_progress_is_told():
 def test_a_bad_accuracy_is_refused(accuracy, no_solver):
     with pytest.raises(InputError, match="accuracy"):
         solve_refined(oscillator(), accuracy)
+    with pytest.raises(InputError, match="limit_accuracy"):
+        solve_refined(oscillator(), limit_accuracy=accuracy)

@@ -1,6 +1,7 @@
 """A mesh as fine as an accuracy asks for: divided, raised in degree, moved to the switches.
 
-The accuracy is that of the dynamics: how near the control is to the optimal one is another matter.
+The accuracy is that of the dynamics and of the limits between the mesh points: how near the control
+is to the optimal one is another matter.
 """
 
 from __future__ import annotations
@@ -9,152 +10,33 @@ import contextlib
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from enum import Enum
-from typing import Any
 
 import numpy as np
 
 from microbot_ocp import checks
 from microbot_ocp.checks import FloatArray, InputError
 from microbot_ocp.ocp.arcs import distance, hold, place_junctions
+from microbot_ocp.ocp.history import History, Refined, RefinementStatus, RefinementStep, step_of
 from microbot_ocp.ocp.hp import Degrees, decay_rates, degrees_on, refine_hp
 from microbot_ocp.ocp.mesh import Mesh, Meshes
 from microbot_ocp.ocp.mesh_error import divide, state_errors
 from microbot_ocp.ocp.problem import OptimalControlProblem, node_variables
 from microbot_ocp.ocp.progress import StepProgress, quiet
-from microbot_ocp.ocp.refinement import Refiner
+from microbot_ocp.ocp.refinement import Refiner, split
 from microbot_ocp.ocp.reintegration import phase_layout
-from microbot_ocp.ocp.schemes import Collocation, Scheme
+from microbot_ocp.ocp.schemes import Scheme
 from microbot_ocp.ocp.solution import PhaseSolution, Solution, Status
 from microbot_ocp.ocp.solvers import SolverSettings, default_guess, transcribed
-from microbot_ocp.ocp.switches import Switch, find_switches, move_to_switches
+from microbot_ocp.ocp.switches import Switch, move_to_switches
 from microbot_ocp.ocp.transcription import Guess, Transcription
+from microbot_ocp.ocp.verification.certificate import LimitUse
+from microbot_ocp.ocp.verification.limits import ALONG, dense_phase, limit_uses, relative_excess
 
 MOST_VAIN = 2  # solves with one phase an arc that may find nothing
 PROGRESS = 0.9  # share of the former error that counts as an improvement
 # A finer mesh meets constraints and dynamics that the coarser one cut short, and may honestly cost
 # more by this share.
 DEARER = 0.05
-
-HEAD = (
-    *("round", "intervals", "degree", "variables", "state error"),
-    *("switch offset", "cost", "iterations", "time", ""),
-)
-
-
-class RefinementStatus(Enum):
-    """How a refinement ended; the value is the explanation."""
-
-    REACHED = "the requested accuracy is reached"
-    NOT_SOLVED = "the first mesh was not solved: give a better guess or another mesh"
-    NOT_ACCEPTED = (
-        "a finer mesh was not solved, or only at a higher cost: the last accepted solution is "
-        "returned"
-    )
-    NO_PROGRESS = (
-        "the accuracy is not reached, and the last finer meshes came no nearer: lower the "
-        "solver's tolerance or ask for less"
-    )
-    ROUND_LIMIT = "the accuracy is not reached within the allowed number of rounds"
-    SIZE_LIMIT = "the accuracy is not reached within the allowed number of intervals"
-    TIME_LIMIT = "the accuracy is not reached within the allowed time"
-    INTERRUPTED = "interrupted: the last accepted solution is returned"
-
-    @property
-    def ok(self) -> bool:
-        """Whether the accuracy is reached."""
-        return self is RefinementStatus.REACHED
-
-
-@dataclass(frozen=True, eq=False)
-class RefinementStep:
-    """One mesh of a refinement.
-
-    Attributes
-    ----------
-    meshes : of every phase
-    degrees : least and most degree of collocation, None for other schemes
-    variables : of the program
-    state_error : largest relative state error of any interval; infinite where nothing was solved
-    switch_offset : largest distance of a switch from the mesh, as a fraction of its phase
-    switches : of every phase
-    cost, duration, status, accepted, iterations : of the solve
-    wall_time : of solve and error estimate, s
-    """
-
-    meshes: tuple[Mesh, ...]
-    degrees: tuple[int, int] | None
-    variables: int
-    state_error: float
-    switch_offset: float
-    switches: tuple[tuple[Switch, ...], ...]
-    cost: float
-    duration: float
-    status: str
-    accepted: bool
-    iterations: int
-    wall_time: float
-
-    @property
-    def intervals(self) -> tuple[int, ...]:
-        """Number of intervals of every phase."""
-        return tuple(mesh.intervals for mesh in self.meshes)
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
-        return {
-            **vars(self),
-            "meshes": [mesh.as_dict() for mesh in self.meshes],
-            "intervals": list(self.intervals),
-            "switches": [[vars(switch) for switch in phase] for phase in self.switches],
-        }
-
-
-class History(tuple[RefinementStep, ...]):
-    """Meshes of a refinement in turn; printed as a table."""
-
-    __slots__ = ()
-
-    def __str__(self) -> str:
-        rows: list[tuple[str, ...]] = [HEAD]
-        for number, step in enumerate(self):
-            low, high = step.degrees or ("", "")
-            rows.append(
-                (
-                    str(number),
-                    " + ".join(map(str, step.intervals)),
-                    f"{low}" if low == high else f"{low} to {high}",
-                    str(step.variables),
-                    f"{step.state_error:.1e}",
-                    f"{step.switch_offset:.1e}",
-                    f"{step.cost:.9g}",
-                    str(step.iterations),
-                    f"{step.wall_time:.2f} s",
-                    "" if step.accepted else f"{step.status.replace('_', ' ')}, not accepted",
-                )
-            )
-        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-        return "\n".join(
-            "  ".join(cell.rjust(w) for cell, w in zip(row, widths, strict=True)).rstrip()
-            for row in rows
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class Refined:
-    """A solution, the meshes that led to it, and whether its accuracy is the one asked for."""
-
-    solution: Solution
-    history: History
-    status: RefinementStatus
-
-    @property
-    def advice(self) -> str:
-        """The status in words."""
-        return self.status.value
-
-    def __str__(self) -> str:
-        return f"{self.history}\n{self.advice}"
 
 
 def solve_refined(
@@ -167,13 +49,14 @@ def solve_refined(
     *,
     degrees: tuple[int, int] | None = None,
     switch_accuracy: float = 1e-3,
+    limit_accuracy: float = 1e-5,
     arcs: bool = True,
     rounds: int = 10,
     most_intervals: int = 2000,
     most_time: float = np.inf,
     progress: StepProgress = quiet,
 ) -> Refined:
-    """Solve on finer and finer meshes until the state error is within an accuracy.
+    """Solve on finer and finer meshes until state error and limits are within an accuracy.
 
     Parameters
     ----------
@@ -193,6 +76,12 @@ def solve_refined(
         where it is not (hp). Default: intervals are divided, the degree stays.
     switch_accuracy : float
         Distance of a switch from the mesh that is accepted, as a fraction of its phase.
+    limit_accuracy : float
+        Excess of a state, an algebraic variable or a path constraint between the mesh points that
+        is accepted, relative to half the range of its limits, or to the limit where there is only
+        one. Meshes are divided where it is more. Bounds of the controls are left to
+        :func:`~microbot_ocp.ocp.verify`: only polynomials leave them, and most of all where they
+        jump.
     arcs : bool
         Whether the problem may be solved with one phase an arc, too, to find where its arcs meet:
         see :func:`~microbot_ocp.ocp.arcs.place_junctions`. Default: it may.
@@ -232,6 +121,7 @@ def solve_refined(
     """
     accuracy = checks.number("accuracy", accuracy, above=0.0)
     switch_accuracy = checks.number("switch_accuracy", switch_accuracy, above=0.0)
+    limit_accuracy = checks.number("limit_accuracy", limit_accuracy, above=0.0)
     if not most_time > 0:
         raise InputError(f"most_time must be above 0 s, not {most_time}")
     settings = settings or SolverSettings()
@@ -248,7 +138,8 @@ def solve_refined(
         settings=settings,
         worse=DEARER,
     )
-    goal = _Goal(accuracy, switch_accuracy, None if degrees is None else Degrees(*degrees))
+    hp = None if degrees is None else Degrees(*degrees)
+    goal = _Goal(accuracy, switch_accuracy, limit_accuracy, hp)
     limits = _Limits(rounds, most_intervals, time.perf_counter() + most_time, arcs)
     return _Refinement(refiner, goal, limits).run(mesh, guess)
 
@@ -257,16 +148,22 @@ def solve_refined(
 class _Goal:
     accuracy: float
     switch_accuracy: float
+    limit_accuracy: float
     degrees: Degrees | None
 
     def met(self, step: RefinementStep) -> bool:
         """Whether a mesh is good enough."""
-        return step.state_error <= self.accuracy and step.switch_offset <= self.switch_accuracy
+        return (
+            step.state_error <= self.accuracy
+            and step.switch_offset <= self.switch_accuracy
+            and step.limit_excess <= self.limit_accuracy
+        )
 
     def next_mesh(
         self,
         phase: PhaseSolution,
         errors: FloatArray,
+        excess: FloatArray,
         switches: Sequence[Switch],
         places: FloatArray | None,
     ) -> Mesh:
@@ -279,6 +176,7 @@ class _Goal:
             finer = refine_hp(
                 layout.chosen, errors, decay_rates(phase), self.accuracy, self.degrees
             )
+        finer = self._divided_at_limits(layout.mesh, finer, excess)
         if places is not None:
             moved = hold(finer.fractions, places, self.switch_accuracy)
         else:
@@ -288,6 +186,21 @@ class _Goal:
         if layout.degrees is not None:
             return Mesh(moved, degrees_on(moved, layout.chosen))
         return Mesh(moved)
+
+    def _divided_at_limits(self, mesh: FloatArray, finer: Mesh, excess: FloatArray) -> Mesh:
+        """Divide where a limit is exceeded, but for intervals that are divided already."""
+        bad = excess > self.limit_accuracy
+        if not bad.any():
+            return finer
+        cuts = split(mesh, bad)
+        owner = np.searchsorted(mesh, cuts, side="right") - 1
+        pieces = np.histogram(finer.fractions, mesh)[0]
+        whole = np.append(pieces[:-1] == 1, pieces[-1] == 2)  # the last bin has both its ends
+        fresh = cuts[~np.isin(cuts, mesh) & whole[np.minimum(owner, whole.size - 1)]]
+        fractions = np.union1d(finer.fractions, fresh)
+        if finer.degrees is None:
+            return Mesh(fractions)
+        return Mesh(fractions, degrees_on(fractions, finer))
 
 
 @dataclass(frozen=True)
@@ -305,6 +218,8 @@ class _Refinement:
         self.refiner, self.goal, self.limits = refiner, goal, limits
         self.best: Solution | None = None
         self.errors: list[FloatArray] = []
+        self.excess: list[FloatArray] = []
+        self.exceeded: LimitUse | None = None  # what the best solution exceeds most
         self.places: list[FloatArray] | None = None  # where arcs meet, once it is known
         self.vain = 0  # solves with one phase an arc that found nothing
         self.history: list[RefinementStep] = []
@@ -322,7 +237,9 @@ class _Refinement:
             with contextlib.suppress(KeyboardInterrupt):
                 self._enter(first, first.status.ok)
                 status = RefinementStatus.NOT_SOLVED if not first.status.ok else self._rounds()
-        return Refined(self.best, History(self.history), status)
+        use = self.exceeded
+        over = use is not None and use.relative > self.goal.limit_accuracy
+        return Refined(self.best, History(self.history), status, use if over else None)
 
     def _rounds(self) -> RefinementStatus:
         for done in range(self.limits.rounds + 1):
@@ -337,10 +254,11 @@ class _Refinement:
             if time.perf_counter() > self.limits.until:
                 return RefinementStatus.TIME_LIMIT
             meshes = [
-                self.goal.next_mesh(phase, errors, switches, places)
-                for phase, errors, switches, places in zip(
+                self.goal.next_mesh(phase, errors, excess, switches, places)
+                for phase, errors, excess, switches, places in zip(
                     self.best.phases,
                     self.errors,
+                    self.excess,
                     step.switches,
                     self.places or [None] * len(self.best.phases),
                     strict=True,
@@ -388,15 +306,19 @@ class _Refinement:
     def _enter(self, made: Solution, accepted: bool) -> None:
         """Put a solve into the history; an accepted one is the best so far."""
         solved = made.status.ok
-        errors = state_errors(made) if solved else [np.array([np.inf])]
-        step = _step(made, errors, accepted, time.perf_counter() - self.started)
+        errors, excess, worst = [np.array([np.inf])], [np.array([np.inf])], None
+        if solved:
+            errors = state_errors(made)
+            excess, worst = excess_of_limits(made)
+        taken = time.perf_counter() - self.started
+        step = step_of(made, errors, excess, worst, accepted, taken)
         if accepted:
-            self.best, self.errors = made, errors
+            self.best, self.errors, self.excess, self.exceeded = made, errors, excess, worst
         self.history.append(step)
         self.started = time.perf_counter()
         self.refiner.progress(
             f"mesh {' + '.join(map(str, step.intervals))}: state error {step.state_error:.2g}, "
-            f"cost {step.cost:.8g}"
+            f"limits exceeded by {step.limit_excess:.2g}, cost {step.cost:.8g}"
         )
 
 
@@ -412,41 +334,24 @@ def _with_degrees(transcription: Transcription, mesh: Meshes, degrees: Degrees) 
 
 
 def _stalled(history: Sequence[RefinementStep]) -> bool:
-    """Whether the last two meshes improved neither the state error nor the switches."""
+    """Whether the last two meshes improved neither the state error, the switches nor the limits."""
     if len(history) < 3:
         return False
     before, *later = history[-3:]
     return all(
         step.state_error > PROGRESS * before.state_error
         and step.switch_offset >= PROGRESS * before.switch_offset
+        and step.limit_excess >= PROGRESS * before.limit_excess
         for step in later
     )
 
 
-def _step(
-    solution: Solution, errors: Sequence[FloatArray], accepted: bool, wall_time: float
-) -> RefinementStep:
-    layouts = [phase_layout(phase) for phase in solution.phases]
-    switches = tuple(find_switches(phase) for phase in solution.phases)
-    used = [
-        kind.scheme.degree
-        for layout in layouts
-        for kind in layout.kinds
-        if isinstance(kind.scheme, Collocation)
-    ]
-    return RefinementStep(
-        meshes=tuple(layout.chosen for layout in layouts),
-        degrees=(min(used), max(used)) if used else None,
-        variables=sum(layout.variable_count for layout in layouts),
-        state_error=max(float(own.max()) for own in errors),
-        switch_offset=max((s.offset for own in switches for s in own), default=0.0),
-        switches=switches,
-        cost=solution.cost,
-        duration=solution.duration,
-        status=solution.status.name.lower(),
-        accepted=accepted,
-        iterations=sum(attempt.iterations for attempt in solution.attempts),
-        wall_time=wall_time,
+def excess_of_limits(solution: Solution) -> tuple[list[FloatArray], LimitUse | None]:
+    """Relative excess of limits on a dense grid, [N, K] a phase, and the worst of all."""
+    dense = [dense_phase(phase) for phase in solution.phases]
+    uses = [use for own in dense for use in limit_uses(own) if use.kind in ALONG and use.excess > 0]
+    return [relative_excess(own) for own in dense], max(
+        uses, key=lambda use: use.relative, default=None
     )
 
 

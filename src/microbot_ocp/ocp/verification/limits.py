@@ -17,6 +17,7 @@ from microbot_ocp.ocp.solution import PhaseSolution
 from microbot_ocp.ocp.verification.certificate import LimitUse
 
 POINTS = 20  # dense points to an interval
+ALONG = ("state", "algebraic", "constraint")  # what a mesh is refined for
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +40,13 @@ class Limited:
             return (high - low) / 2
         limit = max((abs(k) for k in (low, high) if np.isfinite(k)), default=0.0)
         return limit if limit > 0 else float(self.scale[i])
+
+    def beyond(self, i: int) -> FloatArray:
+        """How far the values [M] are beyond a limit; infinite where they are no numbers."""
+        value = self.values[:, i]
+        return np.nan_to_num(
+            np.maximum(self.lower[i] - value, value - self.upper[i]), nan=np.inf, neginf=-np.inf
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +126,7 @@ def limit_uses(dense: DensePhase) -> list[LimitUse]:
             if not (np.isfinite(low) or np.isfinite(high)):
                 continue
             value = limited.values[:, i]
-            beyond = np.nan_to_num(np.maximum(low - value, value - high), nan=np.inf)
+            beyond = limited.beyond(i)
             k = int(beyond.argmax())
             excess = max(0.0, float(beyond[k]))
             found.append(
@@ -136,3 +144,16 @@ def limit_uses(dense: DensePhase) -> list[LimitUse]:
                 )
             )
     return found
+
+
+def relative_excess(dense: DensePhase) -> FloatArray:
+    """Largest relative excess of a state, algebraic variable or path constraint on the dense grid.
+
+    Array [N, K] with both ends of every interval among the K places of it; 0 where all are kept.
+    """
+    worst = np.zeros(dense.t.size)
+    for limited in dense.limited:
+        if limited.kind in ALONG:
+            for i in range(limited.lower.size):
+                np.maximum(worst, limited.beyond(i) / limited.size(i), out=worst)
+    return worst.reshape(-1, POINTS + 1)
