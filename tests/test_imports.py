@@ -25,7 +25,7 @@ ORDER = (
     "checks",
     "robot",
     "limit_use",
-    "limit_changes",
+    "joint_values",
     "robots",
     "codegen",
     "fast",

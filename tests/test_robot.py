@@ -182,6 +182,37 @@ def test_limits_of_another_robot_are_refused(microbot: Robot) -> None:
         planar(limits=microbot.limits)
 
 
+def test_some_limits_are_changed_and_the_others_stay(microbot: Robot) -> None:
+    changed = microbot.with_limits(tau_min=-100.0, qd_max=1.0, taud_max=([-1, -2, -3], 4.0)).limits
+    assert changed.tau_min.tolist() == [-100, -100, -100]
+    assert changed.tau_max.tolist() == [400, 500, 200]
+    assert changed.qd_min.tolist() == [-1, -1, -1]
+    assert changed.taud_min.tolist() == [-1, -2, -3]
+    assert changed.taud_max.tolist() == [4, 4, 4]
+    assert changed.q_max.tolist() == microbot.limits.q_max.tolist()
+    upper = microbot.with_limits(q_max=[1.0, 2.0, 3.0]).limits
+    assert upper.q_max.tolist() == [1, 2, 3]
+    assert upper.q_min.tolist() == microbot.limits.q_min.tolist()
+    assert microbot.with_limits() == microbot
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"limits": Limits(), "qd_max": 1.0}, "give limits or qd_max, not both"),
+        ({"tau_max": -1.0}, "tau_max of joint 1 must be at least 0"),
+        ({"q_max": -9.0}, "q_min of joint 1 must be finite or -inf and at most its q_max of -9"),
+        ({"qdd_max": [1.0, 2.0]}, "qdd_max"),
+        ({"qd_max": (-1.0, 1.0), "qd_min": -2.0}, "qd_min is given twice"),
+    ],
+)
+def test_changes_of_limits_that_are_refused(
+    microbot: Robot, given: dict[str, Any], words: str
+) -> None:
+    with pytest.raises(InputError, match=words):
+        microbot.with_limits(**given)
+
+
 def test_limits_as_plain_lists(microbot: Robot) -> None:
     plain = microbot.limits.as_dict()
     assert plain["tau_max"] == [400.0, 500.0, 200.0]
@@ -340,7 +371,7 @@ def test_with_methods_check_what_they_are_given(microbot: Robot) -> None:
     with pytest.raises(InputError, match=re.escape("gravity must have shape [3], not [2]")):
         microbot.with_gravity([0, 0])
     with pytest.raises(InputError, match="limits must be Limits"):
-        microbot.with_limits(None)  # type: ignore[arg-type]
+        microbot.with_limits(5.0)  # type: ignore[arg-type]
     with pytest.raises(InputError, match=re.escape("tau_max must have shape [3], not [2]")):
         microbot.with_limits(Limits(tau_max=[1.0, 2.0]))
 

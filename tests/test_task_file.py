@@ -8,7 +8,7 @@ import pytest
 
 import microbot_ocp as mo
 from microbot_ocp.comparison import OUTPUTS
-from microbot_ocp.task_file import KEYS, changed_limits, parse_task, read_task
+from microbot_ocp.task_file import KEYS, parse_task, read_task
 
 DOCUMENT = Path(__file__).parent.parent / "docs" / "task_file.md"
 VIA = "[via]\nq_deg = [[0, 0, 0], [-90, 90, 90]]\n"
@@ -69,14 +69,6 @@ def test_a_robot_file_is_sought_beside_the_task(tmp_path):
     mo.write_toml(mo.load_robot("microbot"), tmp_path / "arm.toml")
     (tmp_path / "task.toml").write_text(TASK.replace("microbot", "arm.toml"))
     assert read_task(tmp_path / "task.toml").robot == mo.load_robot("microbot")
-
-
-def test_lower_limits_of_their_own():
-    robot = mo.load_robot("microbot")
-    limits = changed_limits(robot, {"tau_min": -100.0, "qd_max": 1.0})
-    assert limits.tau_min.tolist() == [-100, -100, -100]
-    assert limits.tau_max.tolist() == [400, 500, 200]
-    assert limits.qd_min.tolist() == [-1, -1, -1]
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ by another (the identity, unless a robot says otherwise).
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, Literal
 
@@ -256,6 +256,19 @@ class JointLimits:
         return {f.name: getattr(self, f.name).tolist() for f in fields(self)}
 
 
+def _changed(limits: JointLimits, changes: Mapping[str, Any]) -> Limits:
+    """Limits with some replaced; of a pair that has a new upper one alone, both are new."""
+    given: dict[str, Any] = {}
+    for quantity in LIMIT_UNITS:
+        low, high = f"{quantity}_min", f"{quantity}_max"
+        lower, upper = limits.bounds(quantity)
+        if quantity == "q" or low in changes:
+            given[low], given[high] = changes.get(low, lower), changes.get(high, upper)
+        else:
+            given[high] = changes.get(high, (lower, upper))
+    return Limits(**given)
+
+
 def _per_joint(name: str, value: Any, count: int) -> FloatArray:
     if np.ndim(np.asarray(value, dtype=object)) == 0:
         value = [value] * count
@@ -418,8 +431,55 @@ class Robot:
         """Unit of ``q``, ``qd``, ``qdd``, ``tau`` or ``taud`` at joint index ``joint`` (from 0)."""
         return LIMIT_UNITS[quantity][self.joint_types[joint] == "prismatic"]
 
-    def with_limits(self, limits: Limits | JointLimits) -> Robot:
-        """Return the same robot with other limits."""
+    def with_limits(
+        self,
+        limits: Limits | JointLimits | None = None,
+        *,
+        q_min: ArrayLike | None = None,
+        q_max: ArrayLike | None = None,
+        qd_max: LimitArgument | None = None,
+        qdd_max: LimitArgument | None = None,
+        tau_max: LimitArgument | None = None,
+        taud_max: LimitArgument | None = None,
+        qd_min: ArrayLike | None = None,
+        qdd_min: ArrayLike | None = None,
+        tau_min: ArrayLike | None = None,
+        taud_min: ArrayLike | None = None,
+    ) -> Robot:
+        """Return the same robot with other limits: all of them, or those given by name.
+
+        Parameters
+        ----------
+        limits : Limits or JointLimits, optional
+            In the place of all that the robot has.
+        q_min, q_max, qd_max, qdd_max, tau_max, taud_max, qd_min, qdd_min, tau_min, taud_min
+            In the place of these alone, given as in :class:`Limits`: a number for all joints, one a
+            joint, or ``(lower, upper)``, in SI units. ``qd_max`` without ``qd_min`` means plus and
+            minus; ``qd_min`` without ``qd_max`` leaves the upper limit as it is.
+
+        Raises
+        ------
+        InputError
+            Both ways at once, wrong length, NaN, a lower limit above its upper one, a negative
+            bound.
+
+        Examples
+        --------
+        >>> import microbot_ocp as mo
+        >>> robot = mo.load_robot("microbot").with_limits(qdd_max=40.0)
+        >>> robot.limits.qdd_min.tolist(), robot.limits.tau_max.tolist()
+        ([-40.0, -40.0, -40.0], [400.0, 500.0, 200.0])
+        """
+        named = {
+            "q_min": q_min, "q_max": q_max, "qd_min": qd_min, "qd_max": qd_max,
+            "qdd_min": qdd_min, "qdd_max": qdd_max, "tau_min": tau_min, "tau_max": tau_max,
+            "taud_min": taud_min, "taud_max": taud_max,
+        }  # fmt: skip
+        changes = {name: value for name, value in named.items() if value is not None}
+        if limits is None:
+            limits = _changed(self.limits, changes)
+        elif changes:
+            raise InputError(f"give limits or {', '.join(changes)}, not both")
         return replace(self, limits=_joint_limits(limits, self.joint_count))
 
     def with_links(self, links: Sequence[Link]) -> Robot:

@@ -20,7 +20,7 @@ import numpy as np
 from microbot_ocp import checks
 from microbot_ocp.checks import FloatArray, InputError
 from microbot_ocp.comparison import METHODS, OUTPUTS, Comparison, Progress, compare
-from microbot_ocp.limit_changes import changed_limits, joint_scale, per_joint
+from microbot_ocp.joint_values import joint_scale, per_joint
 from microbot_ocp.robot import LIMIT_UNITS, JointLimits, Robot
 from microbot_ocp.robots import load_robot, packaged_robots
 from microbot_ocp.time_optimal.free import TimeOptimalSettings
@@ -263,7 +263,7 @@ def _limits(robot: Robot, table: Mapping[str, Any]) -> JointLimits:
         values = per_joint(robot, f"limits.{name}", value)
         changes[key] = values * joint_scale(robot) if name != key else values
     try:
-        return changed_limits(robot, changes)
+        return robot.with_limits(**changes).limits
     except InputError as problem:
         raise InputError(f"limits.{problem}") from None
 

@@ -9,6 +9,7 @@ import rerun_notebook
 
 import microbot_ocp as mo
 from microbot_ocp.views import embedded
+from microbot_ocp.views.recording import of_motion
 
 
 @pytest.fixture(scope="module")
@@ -25,8 +26,9 @@ def motion(robot):
 def test_the_viewer_is_sent_the_recording_and_its_program_is_local(robot, motion, monkeypatch):
     monkeypatch.delenv(embedded.ASSET, raising=False)
     viewer = mo.show(motion, robot)
-    sent = sum(len(part) for _, parts in viewer._viewer._event_queue for part in parts)
-    assert sent > 50_000
+    sent = b"".join(bytes(part) for _, parts in viewer._viewer._event_queue for part in parts)
+    assert len(sent) > 50_000
+    assert of_motion(robot, motion).application.encode() in sent  # a layout of its own
     assert viewer._viewer._esm == f"{embedded._local_server()}/widget.js"
     assert (
         viewer._viewer._esm

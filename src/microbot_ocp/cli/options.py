@@ -15,7 +15,7 @@ import typer
 
 from microbot_ocp import checks
 from microbot_ocp.checks import FloatArray, InputError
-from microbot_ocp.limit_changes import changed_limits, joint_scale, per_joint
+from microbot_ocp.joint_values import joint_scale, per_joint
 from microbot_ocp.robot import JointLimits, Robot
 from microbot_ocp.robots import load_robot, packaged_robots
 
@@ -188,7 +188,7 @@ def limits_of(robot: Robot, given: Mapping[str, Any]) -> JointLimits:
         array = per_joint(robot, name, values if len(values) > 1 else values[0])
         changes[plain] = array * joint_scale(robot) if key != plain else array
     try:
-        return changed_limits(robot, changes)
+        return robot.with_limits(**changes).limits
     except InputError as problem:
         raise InputError(f"limits: {problem}") from None
 

@@ -71,7 +71,6 @@ def show(
     from rerun.notebook import Viewer
 
     from microbot_ocp.views.recording import Writer, of_comparison, of_motion
-    from microbot_ocp.views.recording.writer import APPLICATION
 
     if isinstance(what, Comparison):
         recording = of_comparison(what)
@@ -81,7 +80,7 @@ def show(
     address = None if os.environ.get(ASSET) else f"{_local_server()}/widget.js"
     if address is not None:  # Rerun itself chooses once, when it is imported
         rerun_notebook.ASSET_ENV = rerun_notebook.Viewer._esm = address
-    stream = rr.RecordingStream(APPLICATION)
+    stream = rr.RecordingStream(recording.application)
     viewer = Viewer(
         width=width,  # type: ignore[arg-type]
         height=height,
