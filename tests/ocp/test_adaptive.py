@@ -203,6 +203,17 @@ def test_a_limit_that_stays_exceeded_is_said():
     assert refined.history[0].as_dict()["worst_limit"]["name"] == "x"
 
 
+def test_a_constraint_that_jumps_with_its_control_is_not_called_kept():
+    problem = double_integrator("polynomial")
+    phase = problem.phases[0]
+    v, u = phase.states[1].symbol, phase.controls[0].symbol
+    phase.constraint("power", u * v, lower=-0.3, upper=0.3, unit="W")
+    refined = solve_refined(problem, scheme="radau", rounds=4)
+    assert not refined.status.ok
+    assert "constraint power of phase 'move' is still" in refined.advice
+    assert verify(problem, refined.solution).worst_limit.relative > 1e-3
+
+
 # raising the degree -------------------------------------------------------------------------------
 
 

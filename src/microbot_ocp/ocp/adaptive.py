@@ -81,7 +81,8 @@ def solve_refined(
         is accepted, relative to half the range of its limits, or to the limit where there is only
         one. Meshes are divided where it is more. Bounds of the controls are left to
         :func:`~microbot_ocp.ocp.verify`: only polynomials leave them, and most of all where they
-        jump.
+        jump. A path constraint of a polynomial control may stay exceeded at such a jump, on however
+        short an interval; the result then names it.
     arcs : bool
         Whether the problem may be solved with one phase an arc, too, to find where its arcs meet:
         see :func:`~microbot_ocp.ocp.arcs.place_junctions`. Default: it may.
