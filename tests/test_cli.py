@@ -117,21 +117,33 @@ def test_the_version(call):
     assert (code, out) == (0, "microbot-ocp 0.1.0\n")
 
 
-def test_completion_prints_a_script_and_the_robots(call, monkeypatch):
+@pytest.mark.parametrize(
+    ("words", "offered", "kept_back"),
+    [
+        ("ti", {"time-optimal"}, {"robots"}),
+        ("show p", {"panda", "puma560"}, {"microbot"}),
+        ("show panda --", {"--tip", "--toml", "--json"}, {"--install-completion"}),
+        ("compare microbot --qd", {"--qd-max", "--qdd-max"}, {"--q-max"}),
+        ("compare microbot --methods cubic,l", {"cubic,lspb"}, {"lspb"}),
+        ("replay best.npz --robot s", {"stanford"}, {"panda"}),
+    ],
+)
+def test_completion(call, monkeypatch, words, offered, kept_back):
     monkeypatch.setenv("_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION", "1")
     monkeypatch.setenv("_MICROBOT_OCP_COMPLETE", "complete_bash")
-    monkeypatch.setenv("COMP_WORDS", "microbot-ocp show p")
-    monkeypatch.setenv("COMP_CWORD", "2")
+    monkeypatch.setenv("COMP_WORDS", f"microbot-ocp {words}")
+    monkeypatch.setenv("COMP_CWORD", str(len(words.split())))
     code, out, _ = call()
     assert code == 0
-    assert {"panda", "puma560"} <= set(out.split())
-    assert "microbot" not in out.split()
+    assert offered <= set(out.split())
+    assert not kept_back & set(out.split())
 
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["nope"], ["nope"]),
+        (["nope"], ["nope", "robots, show"]),
+        (["simulat"], ["did you mean 'simulate'?"]),
         (["--bogus"], ["--bogus"]),
         (["show"], ["ROBOT"]),
         (["show", "robbie"], ["robbie", "microbot", "panda"]),
@@ -144,12 +156,13 @@ def test_completion_prints_a_script_and_the_robots(call, monkeypatch):
         (["fk", "microbot", "--q", "1,2,nan"], ["--q", "finite"]),
         (["fk", "microbot", "--q", "1,2,3", "--q-deg", "1,2,3"], ["not both"]),
         (["fk", "microbot", "--q", "1,2,3", "--frame", "4"], ["--frame", "1 to 3", "4"]),
-        (["fk", "microbot", "--q", "1,2,3", "--frame", "x"], ["--frame"]),
+        (["fk", "microbot", "--q", "1,2,3", "--frame", "x"], ["--frame", "whole number", "'x'"]),
         (["ik", "microbot"], ["--position"]),
         (["ik", "microbot", "--position", "1,2"], ["x, y, z", "1,2"]),
         (["ik", "microbot", "--position", "1,2,3", "--rpy", "1"], ["roll, pitch, yaw"]),
         (["simulate", "microbot"], ["--q-deg"]),
         (["simulate", "microbot", "--q", "0,0,0", "--duration", "-1"], ["--duration", "-1"]),
+        (["simulate", "microbot", "--q", "0,0,0", "--step", "x"], ["--step", "number", "'x'"]),
         (["simulate", "microbot", "--motion", "none.npz"], ["none.npz"]),
         (["simulate", "microbot", "--q-deg", "0,90,0"], ["singular", "armature"]),
         (["compare", "microbot"], ["--via-deg"]),
@@ -231,6 +244,32 @@ def test_show_fits_80_columns_and_tells_everything(call, ask, name):
     reach = document["workspace"]
     if reach["reach_bound"] is not None:
         assert 0 < reach["reach_found"] <= reach["reach_bound"]
+
+
+@pytest.mark.parametrize("name", mo.packaged_robots())
+def test_a_packaged_robot_is_a_start_for_a_robot_file(call, tmp_path, name):
+    code, out, err = call("show", name, "--toml")
+    assert (code, err) == (0, "")
+    (tmp_path / "arm.toml").write_text(out)
+    assert mo.load_robot(tmp_path / "arm.toml") == mo.load_robot(name)
+    assert "[sources]" in out
+
+
+def test_a_robot_is_copied_from_one_format_to_the_other(call, ask, refused, tmp_path):
+    assert ask("show", "panda", "--out", "arm.urdf")[1]["written"] == ["arm.urdf"]
+    code, out, _ = call("show", "arm.urdf", "--out", "arm.toml")
+    assert code == 0
+    assert out.endswith("written: arm.toml\n")
+    assert mo.load_robot(tmp_path / "arm.toml") == mo.load_robot(tmp_path / "arm.urdf")
+    assert call("show", "arm.urdf", "--toml")[1] == (tmp_path / "arm.toml").read_text()
+    (tmp_path / "arm.toml").write_text('name = "broken"')
+    for arguments, words in [
+        (["microbot", "--toml", "--json"], "not both"),
+        (["microbot", "--out", "arm.yaml"], ".toml or .urdf"),
+        (["arm.toml", "--out", "copy.toml"], "[[joint]]"),
+    ]:
+        assert words in refused("show", *arguments)
+    assert {path.name for path in tmp_path.iterdir()} == {"arm.toml", "arm.urdf"}
 
 
 def test_the_reach_of_an_arm_that_stretches_out():

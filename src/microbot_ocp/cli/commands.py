@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Sequence
+from difflib import get_close_matches
 from functools import cached_property
 from importlib import import_module
 from pathlib import Path
@@ -15,6 +16,8 @@ from typing import Any, NamedTuple
 
 import typer
 from typer.core import TyperCommand, TyperGroup
+
+from microbot_ocp.checks import InputError
 
 PROGRAM = "microbot-ocp"
 # Help is plain text: drawing it with rich would take as long as everything else together.
@@ -63,6 +66,14 @@ class Commands(TyperGroup):
         super().__init__(**settings)
         self.commands = {name: Command(name, entry) for name, entry in COMMANDS.items()}
 
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """The command of the first word; a wrong one is told what is allowed."""
+        if args and args[0] not in self.commands and not args[0].startswith("-"):
+            near = get_close_matches(args[0], self.commands, 1)
+            hint = f"did you mean {near[0]!r}? " if near else ""
+            raise InputError(f"no command {args[0]!r}; {hint}allowed: {', '.join(self.commands)}")
+        return super().resolve_command(ctx, args)
+
 
 class Command(TyperCommand):
     """A command that knows its name and first line, and loads itself to do anything else."""
@@ -77,7 +88,7 @@ class Command(TyperCommand):
         function = getattr(
             import_module(f"microbot_ocp.cli.{self.entry.module}"), self.entry.function
         )
-        alone = typer.Typer(**SETTINGS)
+        alone = typer.Typer(add_completion=False, **SETTINGS)
         alone.command(self.name, epilog=example(self.entry.example))(function)
         return typer.main.get_command(alone)
 

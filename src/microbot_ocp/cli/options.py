@@ -6,8 +6,9 @@ joints are in metres in both.
 
 from __future__ import annotations
 
+import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -20,13 +21,21 @@ from microbot_ocp.robot import JointLimits, Robot
 from microbot_ocp.robots import load_robot, packaged_robots
 
 
-def _robot_names(incomplete: str) -> list[str]:
+def robot_names(incomplete: str) -> list[str]:
+    """Packaged robots to complete a word with."""
     return [name for name in packaged_robots() if name.startswith(incomplete)]
 
 
-def option(*names: str, what: str, metavar: str | None = "LIST") -> Any:
+def option(
+    *names: str,
+    what: str,
+    metavar: str | None = "LIST",
+    completion: Callable[[str], list[str]] | None = None,
+) -> Any:
     """A typer option whose value is text."""
-    return typer.Option(*names, help=what, metavar=metavar, show_default=False)
+    return typer.Option(
+        *names, help=what, metavar=metavar, autocompletion=completion, show_default=False
+    )
 
 
 RobotName = Annotated[
@@ -34,7 +43,7 @@ RobotName = Annotated[
     typer.Argument(
         metavar="ROBOT",
         help="Packaged robot, or the path of a .toml or .urdf file.",
-        autocompletion=_robot_names,
+        autocompletion=robot_names,
         show_default=False,
     ),
 ]
@@ -130,6 +139,22 @@ def _floats(name: str, text: str) -> list[float]:
         raise InputError(f"{name} must be numbers with commas between, not {text!r}") from None
 
 
+def one_number(text: str | float) -> float:
+    """Parser of an option that is one number."""
+    try:
+        return float(text)
+    except ValueError:
+        raise typer.BadParameter(f"it must be a number, not {text!r}") from None
+
+
+def whole_number(text: str | int) -> int:
+    """Parser of an option that is a whole number."""
+    try:
+        return int(text)
+    except ValueError:
+        raise typer.BadParameter(f"it must be a whole number, not {text!r}") from None
+
+
 def joint_values(robot: Robot, name: str, radians: str | None, degrees: str | None) -> FloatArray:
     """Joint values [n] in SI units from exactly one of ``--name`` and ``--name-deg``."""
     found = optional_joint_values(robot, name, radians, degrees)
@@ -198,14 +223,21 @@ def chosen_robot(name: str, tip: str | None = None) -> Robot:
     return load_robot(name, tip)
 
 
-def writable(path: Path | None, ending: str, name: str) -> Path | None:
+def writable(path: Path | None, ending: str | tuple[str, ...], name: str) -> Path | None:
     """A file to write, checked before any work: its ending and its folder."""
     if path is None:
         return None
-    if path.suffix != ending:
-        raise InputError(f"{name} must end in {ending}, not {str(path)!r}")
-    if path.is_dir() or not path.parent.is_dir():
-        reason = "it is a folder" if path.is_dir() else "its folder does not exist"
+    endings = (ending,) if isinstance(ending, str) else ending
+    if path.suffix not in endings:
+        raise InputError(f"{name} must end in {' or '.join(endings)}, not {str(path)!r}")
+    reason = ""
+    if path.is_dir():
+        reason = "it is a folder"
+    elif not path.parent.is_dir():
+        reason = "its folder does not exist"
+    elif not os.access(path if path.exists() else path.parent, os.W_OK):
+        reason = "permission denied"
+    if reason:
         raise InputError(f"{name} cannot be written to {str(path)!r}: {reason}")
     return path
 
@@ -216,4 +248,6 @@ def output_folder(path: Path | None) -> Path | None:
         existing = next(p for p in (path, *path.absolute().parents) if p.exists())
         if not existing.is_dir():
             raise InputError(f"--out must be a folder, but {str(existing)!r} is a file")
+        if not os.access(existing, os.W_OK):
+            raise InputError(f"--out cannot be written to {str(path)!r}: permission denied")
     return path

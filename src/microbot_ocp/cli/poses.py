@@ -22,6 +22,7 @@ from microbot_ocp.cli.options import (
     numbers,
     option,
     optional_joint_values,
+    whole_number,
 )
 from microbot_ocp.cli.output import (
     answer,
@@ -47,7 +48,12 @@ def fk(
     q_deg: QDeg = None,
     q: Q = None,
     frame: Annotated[
-        int | None, typer.Option(help="Link frame 1 to n instead of the tool.", metavar="K")
+        int | None,
+        typer.Option(
+            help="Link frame 1 to n instead of the tool.",
+            metavar="K",
+            parser=whole_number,
+        ),
     ] = None,
     tip: Tip = None,
     as_json: Json = False,

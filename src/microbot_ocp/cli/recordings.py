@@ -18,7 +18,15 @@ import typer
 import microbot_ocp as mo
 from microbot_ocp import checks
 from microbot_ocp.checks import FloatArray, InputError
-from microbot_ocp.cli.options import Json, Open, Recording, chosen_robot, option, writable
+from microbot_ocp.cli.options import (
+    Json,
+    Open,
+    Recording,
+    chosen_robot,
+    option,
+    robot_names,
+    writable,
+)
 from microbot_ocp.cli.output import answer
 from microbot_ocp.robot import JointLimits, Robot
 from microbot_ocp.robots import packaged_robots
@@ -45,7 +53,12 @@ def replay(
     ],
     robot_name: Annotated[
         str | None,
-        option("--robot", what="Robot of the motion, where the file names none.", metavar="ROBOT"),
+        option(
+            "--robot",
+            what="Robot of the motion, where the file names none.",
+            metavar="ROBOT",
+            completion=robot_names,
+        ),
     ] = None,
     rerun: Recording = None,
     open_viewer: Open = False,

@@ -3,17 +3,30 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
+import typer
 
 import microbot_ocp as mo
-from microbot_ocp.checks import FloatArray
+from microbot_ocp.checks import FloatArray, InputError
 from microbot_ocp.cli import recordings
-from microbot_ocp.cli.options import Json, Open, Recording, RobotName, Tip, chosen_robot
-from microbot_ocp.cli.output import answer, joint_text, make_table, number, point_text, span
+from microbot_ocp.cli.options import (
+    Json,
+    Open,
+    Recording,
+    RobotName,
+    Tip,
+    chosen_robot,
+    option,
+    writable,
+)
+from microbot_ocp.cli.output import answer, close, joint_text, make_table, number, point_text, span
 from microbot_ocp.robot import LIMIT_UNITS, Robot
 from microbot_ocp.robots import load_robot, packaged_robots
+from microbot_ocp.robots.library import robot_text
+from microbot_ocp.robots.toml_file import save_text
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -55,16 +68,27 @@ def robots(as_json: Json = False) -> int:
 def show(
     robot_name: RobotName,
     tip: Tip = None,
+    toml: Annotated[
+        bool, typer.Option("--toml", help="Print its TOML file instead: a start for your own.")
+    ] = False,
+    out: Annotated[
+        Path | None,
+        option("--out", what="Write the robot to this .toml or .urdf file.", metavar="FILE"),
+    ] = None,
     rerun: Recording = None,
     open_viewer: Open = False,
     as_json: Json = False,
 ) -> int:
     """Show a robot: DH rows, masses, limits, workspace.
 
-    In Rerun every joint moves in turn.
+    --toml and --out copy it. In Rerun every joint moves in turn.
     """
     robot = chosen_robot(robot_name, tip)
+    if toml and as_json:
+        raise InputError("give --toml or --json, not both")
+    writable(out, (".toml", ".urdf"), "--out")
     recordings.check(rerun, open_viewer)
+    written = [] if out is None else [str(_write(robot_name, tip, robot, out))]
     rest = _nearest_zero(robot)
     pose = np.array(mo.forward_kinematics(robot)(rest))
     found, bound = largest_reach(robot)
@@ -82,6 +106,7 @@ def show(
             "reach_found": found,
             "reach_bound": bound,
         },
+        "written": written,
     }
 
     def tables(console: Console) -> None:
@@ -91,10 +116,23 @@ def show(
         reach = f"{number(found, 3)} m from the base origin found within the limits"
         most = f"; at most {number(bound, 3)} m with every link stretched out"
         console.print(f"Reach: {reach}{most if np.isfinite(bound) else ''}")
+        close(console, "", written)
 
-    code = answer(as_json, document, tables)
+    def file(console: Console) -> None:
+        console.file.write(robot_text(robot_name, tip))
+
+    code = answer(as_json, document, file if toml else tables)
     recordings.show_motion(robot, joint_sweep(robot), rerun, open_viewer)
     return code
+
+
+def _write(source: str, tip: str | None, robot: Robot, path: Path) -> Path:
+    """Write a robot into a file of its own, in the format that the ending says."""
+    if path.suffix == ".urdf":
+        mo.write_urdf(robot, path)
+    else:
+        save_text(robot_text(source, tip), path, ".toml")
+    return path
 
 
 def largest_reach(robot: Robot) -> tuple[float, float]:

@@ -23,6 +23,7 @@ from microbot_ocp.cli.options import (
     Tip,
     chosen_robot,
     numbers,
+    one_number,
     option,
     optional_joint_values,
     writable,
@@ -53,9 +54,17 @@ def simulate(
     qd: Annotated[str | None, option("--qd", what="The same in rad/s (m/s).")] = None,
     duration: Annotated[
         float | None,
-        typer.Option(help="s; default 1, or that of the motion.", show_default=False, metavar="S"),
+        typer.Option(
+            help="s; default 1, or that of the motion.",
+            show_default=False,
+            metavar="S",
+            parser=one_number,
+        ),
     ] = None,
-    step: Annotated[float, typer.Option(help="Between the samples, s.", metavar="S")] = SAMPLE_STEP,
+    step: Annotated[
+        float,
+        typer.Option(help="Between the samples, s.", metavar="S", parser=one_number),
+    ] = SAMPLE_STEP,
     out: OutMotion = None,
     rerun: Recording = None,
     open_viewer: Open = False,

@@ -41,6 +41,7 @@ from microbot_ocp.cli.options import (
     option,
     output_folder,
     via_points,
+    whole_number,
     writable,
 )
 from microbot_ocp.cli.output import answer, close, joint_text, make_table
@@ -65,7 +66,18 @@ if TYPE_CHECKING:
 WIDE = 110  # columns that the full table of a comparison needs
 FEW_JOINTS = 4  # more joints than this: the busiest one stands for them
 
-Mesh = Annotated[int, typer.Option(help="Intervals between two via points.", metavar="N")]
+Mesh = Annotated[
+    int,
+    typer.Option(help="Intervals between two via points.", metavar="N", parser=whole_number),
+]
+
+
+def _method_names(incomplete: str) -> list[str]:
+    """Methods to complete the last name of a list with."""
+    *named, last = incomplete.split(",")
+    return [
+        ",".join([*named, name]) for name in METHODS if name.startswith(last) and name not in named
+    ]
 
 
 def compare(
@@ -79,6 +91,7 @@ def compare(
             "--methods",
             what=f"Some of {', '.join(METHODS)}; default all, cubic_report with --time.",
             metavar="NAMES",
+            completion=_method_names,
         ),
     ] = None,
     time: Annotated[
@@ -141,7 +154,8 @@ def time_optimal(
     taud_max: TaudMax = None,
     mesh: Mesh = TimeOptimalSettings.mesh,
     starts: Annotated[
-        int, typer.Option(help="Starting motions to try.", metavar="N")
+        int,
+        typer.Option(help="Starting motions to try.", metavar="N", parser=whole_number),
     ] = TimeOptimalSettings.starts,
     out: OutMotion = None,
     rerun: Recording = None,

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from microbot_ocp.checks import InputError
 from microbot_ocp.robot import Robot
-from microbot_ocp.robots.toml_file import parse_robot
+from microbot_ocp.robots.toml_file import parse_robot, robot_to_toml
 
 
 def packaged_robots() -> tuple[str, ...]:
@@ -50,16 +50,49 @@ def load_robot(source: str | Path, tip: str | None = None) -> Robot:
         return read_urdf(path, tip)
     if tip is not None:
         raise InputError(f"tip is for URDF files, not for {name!r}")
+    return parse_robot(*_toml_file(name))
+
+
+def robot_text(source: str | Path, tip: str | None = None) -> str:
+    """Text of a robot's TOML file, to be changed into another robot.
+
+    Of a packaged robot and of a TOML file it is the file as it stands, with its comments and the
+    sources of its figures; of a URDF file, what :func:`microbot_ocp.write_toml` makes of it.
+
+    Parameters
+    ----------
+    source, tip
+        As in :func:`load_robot`.
+
+    Raises
+    ------
+    InputError
+        As from :func:`load_robot`: what cannot be loaded is not copied.
+
+    Examples
+    --------
+    >>> print(robot_text("microbot").splitlines()[1])
+    name = "microbot"
+    """
+    robot = load_robot(source, tip)
+    is_urdf = str(source) not in packaged_robots() and Path(source).suffix == ".urdf"
+    return robot_to_toml(robot) if is_urdf else _toml_file(str(source))[0]
+
+
+def _toml_file(name: str) -> tuple[str, str]:
+    """Text of a packaged robot or of a TOML file, and what to call it in messages."""
     if name in packaged_robots():
         text = (resources.files("microbot_ocp.robots") / f"{name}.toml").read_text("utf-8")
-        return parse_robot(text, f"{name}.toml")
+        return text, f"{name}.toml"
+    path = Path(name)
     if path.suffix != ".toml":
         raise InputError(
             f"robot must be one of {', '.join(packaged_robots())}, or the path of a .toml or "
             f".urdf file, not {name!r}"
         )
     try:
-        text = path.read_text("utf-8")
-    except (OSError, UnicodeDecodeError) as problem:
-        raise InputError(f"robot file {name!r} cannot be read: {problem}") from None
-    return parse_robot(text, path.name)
+        return path.read_text("utf-8"), path.name
+    except OSError as problem:
+        raise InputError(f"robot file {name!r} cannot be read: {problem.strerror}") from None
+    except UnicodeDecodeError:
+        raise InputError(f"robot file {name!r} cannot be read: it is not text") from None

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import cache
-from typing import NamedTuple
+from pathlib import Path
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from microbot_ocp.views.recording import (
     of_tracking,
 )
 from microbot_ocp.views.recording.entities import BRANCH, PROGRESS, TIME
+from microbot_ocp.views.recording.iterations import ITERATION, record_iterations
 
 VIA_Q = np.radians([[0, 0, 0], [-8, 45, 30], [-90, 90, 90]])
 
@@ -37,10 +39,18 @@ class Moment(NamedTuple):
         return {"sequence": int(self.value)}
 
 
+class Saved(Protocol):
+    """What can be saved."""
+
+    def save(self, path: Path) -> Path:
+        """Write an ``.rrd``."""
+        ...
+
+
 class Kind(NamedTuple):
     """How a kind of recording is made, and when to look at it."""
 
-    make: Callable[[], Recording | SolutionRecording]
+    make: Callable[[], Saved]
     moments: tuple[Moment, Moment]
     view: str = "3D"  # class of the view to look at
 
@@ -119,6 +129,16 @@ def solution() -> SolutionRecording:
     return of_solution(solve(problem, mesh=20), "cart")
 
 
+class Iterations:
+    """The free solver on its way to the best of all motions."""
+
+    def save(self, path: Path) -> Path:
+        """Solve, and write every iterate."""
+        with record_iterations(path) as progress:
+            mo.time_optimal(mo.load_robot("microbot"), VIA_Q, mesh=20, starts=1, progress=progress)
+        return path
+
+
 KINDS: Mapping[str, Kind] = {
     "comparison": Kind(comparison, (Moment(TIME, 0.3), Moment(TIME, 1.2))),
     "comparison_progress": Kind(comparison, (Moment(PROGRESS, 200), Moment(PROGRESS, 600))),
@@ -128,4 +148,6 @@ KINDS: Mapping[str, Kind] = {
     "tracking": Kind(tracking, (Moment(TIME, 0.1), Moment(TIME, 1.3))),
     "solution": Kind(solution, (Moment(TIME, 0.5), Moment(TIME, 1.5)), "TimeSeries"),
     "inverse_kinematics": Kind(branches, (Moment(BRANCH, 1), Moment(BRANCH, 2))),
+    "iterations_early": Kind(Iterations, (Moment(ITERATION, 0), Moment(ITERATION, 3))),
+    "iterations": Kind(Iterations, (Moment(ITERATION, 5), Moment(ITERATION, 90))),
 }
