@@ -290,12 +290,6 @@ class Comparison:
 
         return comparison_table(self)
 
-    def _repr_markdown_(self) -> str:
-        """What a notebook shows."""
-        from microbot_ocp.views.tables import comparison_markdown
-
-        return comparison_markdown(self)
-
     def plot(self, axes: Axis | None = None, **options: Any) -> AxesGrid:
         """Position, velocity and torque of every method: :func:`microbot_ocp.plots.comparison`."""
         from microbot_ocp.views.plots import comparison

@@ -298,7 +298,8 @@ def _label_panels(
                     panel.set_ylabel("")
     for panel, joint in zip(grid[0], joints, strict=True):
         if many:
-            panel.set_title(robot.joint_names[joint], fontweight="bold", loc="left", fontsize=9.5)
+            name = robot.joint_names[joint]  # above the words of far limits, which are at the right
+            panel.set_title(name, fontweight="bold", loc="left", fontsize=9.5, pad=12)
         else:
             panel.set_title(robot.joint_names[joint], fontweight="bold", pad=15)
     for panel in [row[-1] for row in grid] if many else grid[-1]:
