@@ -60,7 +60,7 @@ ONLY = {
 RIM = {"views", "cli"}  # imported by no other module while it loads
 # Inside functions these may call on what comes after them.
 LATER_ON_CALL = {
-    key: {"views"} for key in ("certificate", "comparison", "motion", "robot", "simulation")
+    key: {"views"} for key in ("certificate", "comparison", "motion", "ocp", "robot", "simulation")
 }
 HEAVY = {"matplotlib", "rerun", "rich", "typer"}
 

@@ -80,6 +80,10 @@ class IKSolution:
     singular: bool = False
     solve_time: float = 0.0
 
+    def __repr__(self) -> str:
+        values = ", ".join(f"{value:.6g}" for value in self.q)
+        return f"<IKSolution [{values}]: {self.status}, {self.position_error:.2g} m off>"
+
     @property
     def solved(self) -> bool:
         """Whether the target is reached."""

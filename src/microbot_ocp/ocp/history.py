@@ -161,6 +161,15 @@ class Refined:
     def __str__(self) -> str:
         return f"{self.history}\n{self.advice}"
 
+    def __repr__(self) -> str:
+        status = self.status.name.lower().replace("_", " ")
+        return f"<Refined: {status} in {len(self.history)} meshes, cost {self.solution.cost:.8g}>"
+
+    def _repr_html_(self) -> str:
+        from microbot_ocp.views import jupyter
+
+        return jupyter.refined(self)
+
 
 def step_of(
     solution: Solution,

@@ -85,6 +85,13 @@ class PhaseSolution:
     stages: FloatArray | None = None
     degrees: IntArray | None = None
 
+    def __repr__(self) -> str:
+        names = ", ".join(self.values)
+        return (
+            f"<PhaseSolution {self.name!r}: {self.duration:.6g} s, {self.mesh.size - 1} intervals; "
+            f"{names}>"
+        )
+
     @property
     def t(self) -> FloatArray:
         """Times of the mesh points since the start of the phase, s."""
@@ -169,6 +176,16 @@ class Solution:
     cost_scale: float = 1.0
     said: str = ""
     start: Start | None = field(default=None, repr=False)
+
+    def __repr__(self) -> str:
+        status = self.status.name.lower().replace("_", " ")
+        last = f", {self.attempts[-1].solver}" if self.attempts else ""
+        return f"<Solution: {status}, cost {self.cost:.8g}, {self.duration:.6g} s{last}>"
+
+    def _repr_html_(self) -> str:
+        from microbot_ocp.views import jupyter
+
+        return jupyter.solution(self)
 
     def __getitem__(self, name: str) -> PhaseSolution:
         for phase in self.phases:

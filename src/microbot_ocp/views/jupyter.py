@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from html import escape
 
@@ -10,6 +11,7 @@ import numpy as np
 from microbot_ocp.certificate import QUANTITY_NAMES, Certificate
 from microbot_ocp.comparison import Comparison
 from microbot_ocp.motion import Motion
+from microbot_ocp.ocp import OCPCertificate, Refined, Solution, Status
 from microbot_ocp.robot import Robot
 from microbot_ocp.views import scene
 from microbot_ocp.views.tables import narrow_table, note_sentences
@@ -73,6 +75,58 @@ def certificate(certificate: Certificate) -> str:
         f"ends {certificate.final_position_error:.2g} rad away"
     )
     return _page(repr(certificate), _table(heads, rows), [certificate.verdict, again])
+
+
+def solution(solution: Solution) -> str:
+    """How every solver fared, and what is in every phase."""
+    heads = ["solver", "status", "iterations", "cost", "infeasibility", "time [s]"]
+    rows = [
+        [a.solver, _words(a.status), str(a.iterations), f"{a.cost:.8g}", f"{a.infeasibility:.1e}",
+         f"{a.wall_time:.3f}"]
+        for a in solution.attempts
+    ]  # fmt: skip
+    advice = [] if solution.status.ok else solution.advice.splitlines()
+    told = [repr(phase).strip("<>") for phase in solution.phases]
+    return _page(repr(solution), _table(heads, rows), [*advice, *told])
+
+
+def refined(refined: Refined) -> str:
+    """The history of the meshes."""
+    lines = str(refined.history).splitlines()
+    heads, *rows = (re.split(r" {2,}", line.strip()) for line in lines)
+    return _page(repr(refined), _table(heads, rows), [refined.advice])
+
+
+def ocp_certificate(certificate: OCPCertificate) -> str:
+    """The conditions of an optimum, the worst limit, and what acts when."""
+    conditions = certificate.optimality
+    rows = [
+        [name, f"{residual.value:.1e} {residual.unit}", residual.where]
+        for name, residual in (
+            ("stationarity", conditions.stationarity),
+            ("feasibility", conditions.feasibility),
+            ("complementarity", conditions.complementarity),
+            ("sign", conditions.sign),
+        )
+    ]
+    rows += [
+        [f"re-simulation of {check.phase}", f"{check.error:.1e} relative", check.status]
+        for check in certificate.resimulations
+    ]
+    rows += [
+        [f"Hamiltonian of {h.phase}", f"{h.mean:.6g}", f"drift {h.drift:.1e}"]
+        for h in certificate.hamiltonians
+    ]
+    told = [certificate.verdict]
+    told += [
+        f"{arc.start:.4g} to {arc.end:.4g} s: {arc.kind} {arc.name} at its {arc.side} limit"
+        for arc in certificate.arcs
+    ]
+    return _page(repr(certificate), _table(["check", "value", "where"], rows), told)
+
+
+def _words(status: Status) -> str:
+    return status.name.lower().replace("_", " ")
 
 
 def _limits(robot: Robot, quantity: str, joint: int) -> str:

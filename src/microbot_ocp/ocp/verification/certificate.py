@@ -227,6 +227,14 @@ class OCPCertificate:
     thresholds: Thresholds
     wall_time: float
 
+    def __repr__(self) -> str:
+        return f"<OCPCertificate of {self.problem!r}: {'passed' if self.ok else 'FAILED'}>"
+
+    def _repr_html_(self) -> str:
+        from microbot_ocp.views import jupyter
+
+        return jupyter.ocp_certificate(self)
+
     def costate(self, phase: str) -> Costates:
         """Costates of a phase by its name."""
         return next(c for c in self.costates if c.phase == phase)
