@@ -21,6 +21,7 @@ from urllib.parse import quote, urlsplit
 import rerun as rr
 
 from microbot_ocp.checks import InputError
+from microbot_ocp.views.local_page import local_page
 from microbot_ocp.views.recording.iterations import APPLICATION, IterationRecorder
 from microbot_ocp.views.recording.writer import Writer
 
@@ -84,14 +85,17 @@ def served(tell: Callable[[str], object], every: int = 1) -> Iterator[IterationR
 def server(tell: Callable[[str], object]) -> Iterator[str]:
     """Address to connect to of a server for a browser on this machine, as long as the block lasts.
 
-    ``tell`` gets the address that the browser should open.
+    ``tell`` gets the address that the browser should open. Its theme is dark, which the recordings'
+    colours are made for.
     """
     port, page = _free_port(), _free_port()
     command = [viewer(), "--serve-web", "--bind", LOOPBACK, "--port", str(port)]
     process = _start([*command, "--web-viewer-port", str(page)], port, page)
     try:
-        tell(f"http://{LOOPBACK}:{page}?url={quote(_url(LOOPBACK, port), safe='')}")
-        yield f"{LOOPBACK}:{port}"
+        source, data = (f"http://{LOOPBACK}:{number}" for number in (page, port))
+        with local_page(source, data) as address:
+            tell(f"{address}/?theme=dark&url={quote(_url(LOOPBACK, port), safe='')}")
+            yield f"{LOOPBACK}:{port}"
     finally:
         _end(process)
 

@@ -4,6 +4,7 @@ import socket
 import sys
 import time
 from pathlib import Path
+from urllib.request import urlopen
 
 import numpy as np
 import pytest
@@ -186,7 +187,11 @@ def test_a_browser_is_served_on_loopback_only():
         (page,) = said
         port = int(address.split(":")[1])
         assert page.startswith("http://127.0.0.1:")
-        for number in (port, int(page.split(":")[2].split("?")[0])):
+        with urlopen(page) as answer:
+            assert f"127.0.0.1:{port}" in answer.headers["Content-Security-Policy"]
+            assert b"re_viewer" in (html := answer.read())
+            assert b"preconnect" not in html
+        for number in (port, int(page.split(":")[2].split("/")[0])):
             with socket.create_connection(("127.0.0.1", number), timeout=2):
                 pass
             with (
