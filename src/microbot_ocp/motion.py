@@ -339,6 +339,8 @@ class Motion:
         InputError
             No such file, not a motion, or written by a newer version.
         """
+        if not Path(path).is_file():
+            raise InputError(f"{path} is no file: give the path of a saved motion (.npz)")
         try:
             with np.load(Path(path), allow_pickle=False) as stored:
                 arrays = {key: stored[key] for key in ("t", "q", "qd", "qdd", "tau", "breaks")}

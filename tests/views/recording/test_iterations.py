@@ -160,6 +160,7 @@ def listener(tmp_path):
     live._end(process)
 
 
+@pytest.mark.filterwarnings("ignore:RRD file has no footer")  # it was received, not written
 def test_a_viewer_gets_every_iterate_while_the_solve_runs(listener):
     address, path = listener
     costs = []
