@@ -60,6 +60,7 @@ def report_figure(comparison: Comparison, *, footer: str | None = None) -> Figur
     chosen = _main_methods(comparison)
     lanes = len(chosen) * (robot.joint_count + 1) + 1
     heights = (
+        0.3,
         0.17 * _task_text(comparison).count("\n") + 0.35,
         0.19 * (len(comparison.entries) + 1) + 0.1,
         2.9,
@@ -68,14 +69,16 @@ def report_figure(comparison: Comparison, *, footer: str | None = None) -> Figur
         0.125 * (_closing_text(comparison).count("\n") + 2),
     )
     grid = figure.add_gridspec(len(heights), 1, height_ratios=heights)
-    figure.suptitle(
-        f"{robot.name}: the same task by every method", fontsize=13, fontweight="bold", y=0.972
-    )
-    _text(figure.add_subplot(grid[0]), _task_text(comparison))
-    _draw_table(figure.add_subplot(grid[1]), comparison)
-    _draw_curves(figure, grid[2], comparison, chosen)
-    _draw_paths(figure, grid[3], comparison, chosen)
-    panel = figure.add_subplot(grid[4])
+    # a row of its own: the layout leaves no room for a figure's title inside the margins
+    title = figure.add_subplot(grid[0])
+    title.axis("off")
+    words = f"{robot.name}: the same task by every method"
+    title.text(0.5, 1.0, words, fontsize=13, fontweight="bold", ha="center", va="top")
+    _text(figure.add_subplot(grid[1]), _task_text(comparison))
+    _draw_table(figure.add_subplot(grid[2]), comparison)
+    _draw_curves(figure, grid[3], comparison, chosen)
+    _draw_paths(figure, grid[4], comparison, chosen)
+    panel = figure.add_subplot(grid[5])
     saturation(comparison, panel, methods=chosen)
     panel.set_title("a limit used to 99 % or more", fontsize=8.5, loc="right", pad=3)
     panel.tick_params(axis="x", labelsize=SMALL)
@@ -85,7 +88,7 @@ def report_figure(comparison: Comparison, *, footer: str | None = None) -> Figur
         legend.set_loc("lower right")
         for text in legend.get_texts():
             text.set_fontsize(SMALL)
-    _text(figure.add_subplot(grid[5]), _closing_text(comparison))
+    _text(figure.add_subplot(grid[6]), _closing_text(comparison))
     figure.supxlabel(_footer() if footer is None else footer, fontsize=6.0, color="0.3", x=0.5)
     return figure
 
