@@ -152,6 +152,7 @@ def track(
         label=controller.label,
         sample_rate=sample_rate,
         saturated_fraction=float((span * at_limit[:-1]).sum() / span.sum()),
+        torque_limits=(lower, upper),
     )
 
 

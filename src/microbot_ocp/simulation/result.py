@@ -95,17 +95,26 @@ class Tracking(Simulation):
         Hz; None for continuous control.
     saturated_fraction : float
         Share of the time in which at least one torque is at its limit.
+    torque_limits : (lower [n], upper [n])
+        Those of the drives, N m (N); infinite where there is none.
     """
 
     reference: State = field(default_factory=lambda: State(*(np.zeros((0, 0)),) * 3))
     label: str = ""
     sample_rate: float | None = None
     saturated_fraction: float = 0.0
+    torque_limits: tuple[FloatArray, FloatArray] = field(kw_only=True)
 
     @property
     def error(self) -> FloatArray:
         """Reference less position [N,n], rad (m)."""
         return self.reference.q - self.q
+
+    def plot(self, robot: Robot, axes: Axis | None = None, **options: Any) -> AxesGrid:
+        """Errors and torques over time: :func:`microbot_ocp.plots.tracking`."""
+        from microbot_ocp.views import plots
+
+        return plots.tracking(robot, self, axes, **options)
 
     def to_rerun(
         self, robot: Robot, path: str | Path, limits: Limits | JointLimits | None = None

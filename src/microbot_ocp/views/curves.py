@@ -61,6 +61,8 @@ class Curve:
         Whether it is drawn on top and a little wider.
     warning : str
         What is wrong with it, such as "not solved: ..."; it stands above the legend in red.
+    torque_limits : (lower [n], upper [n]), optional
+        Its own, N m (N); where the torque is at one of them its axes are shaded.
     """
 
     label: str
@@ -71,20 +73,34 @@ class Curve:
     passages: Sequence[float] = ()
     prominent: bool = False
     warning: str = ""
+    torque_limits: tuple[FloatArray, FloatArray] | None = None
 
     @classmethod
     def of(cls, source: Motion | Simulation, label: str | None = None) -> Curve:
         """Curve of a motion, a simulation or a tracking; its own label where none is given."""
+        torque_limits = None
         values = {name: getattr(source, name) for name in ("q", "qd", "qdd", "tau")}
         name = label or str(getattr(source, "label", "simulation"))
         if isinstance(source, Tracking):
             values["error"] = source.error
+            torque_limits = source.torque_limits
         if isinstance(source, Motion):
             status = str(source.provenance.get("status", "solved")).replace("_", " ")
             inner = tuple(m.time for m in source.marks if 0 < m.time < source.duration)
             failure = "" if source.solved else f"{name}: not solved: {status}"
             return cls(name, source.t, values, passages=inner, warning=failure)
-        return cls(name, source.t, values, warning="" if source.ok else f"{name}: {source.status}")
+        warning = "" if source.ok else f"{name}: {source.status}"
+        return cls(name, source.t, values, warning=warning, torque_limits=torque_limits)
+
+    def saturated(self, joint: int) -> list[tuple[float, float]]:
+        """Stretches of time, s, in which the torque of a joint is at one of its own limits."""
+        if self.torque_limits is None or "tau" not in self.values:
+            return []
+        (lower, upper), tau = self.torque_limits, self.values["tau"][:, joint]
+        at_limit = (tau <= lower[joint]) | (tau >= upper[joint])
+        steps = np.diff(np.concatenate([[False], at_limit[:-1], [False]]).astype(int))
+        spans = zip(self.t[steps == 1], self.t[steps == -1], strict=True)
+        return [(float(start), float(end)) for start, end in spans]
 
 
 @styled()
@@ -200,8 +216,7 @@ def draw_panel(
     base: bool = False,
 ) -> None:
     """One quantity of one joint of every curve, with what :func:`curves` tells of its arguments."""
-    kind = _kind(quantity)
-    factor = scene.display_factor(robot, kind, joint)
+    factor = scene.display_factor(robot, quantity, joint)
     columns = []
     for place, curve in enumerate(curves):
         if quantity not in curve.values:
@@ -229,9 +244,46 @@ def draw_panel(
             via[0], via[1][:, joint] * factor, "o", color="black", markersize=6,
             markeredgecolor="white", zorder=6, label="_via point",
         )  # fmt: skip
-    known = limits if quantity == kind else None
     values = np.concatenate([*columns, np.zeros(0)])
-    draw_limits(axes, scene.near_limits(robot, known, kind, joint, values))
+    draw_limits(axes, scene.near_limits(robot, limits, quantity, joint, values))
+    if quantity == "tau":
+        _draw_saturation(axes, curves, joint, limits, base)
+
+
+def _draw_saturation(
+    axes: Axes, curves: Sequence[Curve], joint: int, limits: JointLimits | None, base: bool
+) -> None:
+    """Limits of single curves, and a lane of its own for each curve that is at them."""
+    lanes = [place for place, curve in enumerate(curves) if curve.saturated(joint)]
+    for place, curve in enumerate(curves):
+        if curve.torque_limits is None:
+            continue
+        color = line_of(curve, place, base)["color"]
+        common = () if limits is None else [bound[joint] for bound in limits.bounds("tau")]
+        for bound in curve.torque_limits:
+            if np.isfinite(bound[joint]) and bound[joint] not in common:
+                axes.axhline(
+                    bound[joint],
+                    color=color,
+                    linestyle=":",
+                    linewidth=1.2,
+                    zorder=2.5,
+                    label="_own limit",
+                )
+        if place in lanes:
+            top = 1.0 - lanes.index(place) / len(lanes)
+            for start, end in curve.saturated(joint):
+                axes.axvspan(
+                    start,
+                    end,
+                    top - 1.0 / len(lanes),
+                    top,
+                    color=color,
+                    alpha=0.2,
+                    linewidth=0,
+                    zorder=1.5,
+                    label="_saturated",
+                )
 
 
 def line_of(curve: Curve, place: int, base: bool = False) -> dict[str, Any]:
@@ -286,7 +338,7 @@ def _label_panels(
 ) -> None:
     grid, many = page.axes, len(joints) > COLUMN_JOINTS and page.own
     for i, quantity in enumerate(quantities):
-        units = [scene.display_unit(robot, _kind(quantity), joint) for joint in joints]
+        units = [scene.display_unit(robot, quantity, joint) for joint in joints]
         name = quantity if symbols else NAMES[quantity]
         for panel, unit in zip(grid[i], units, strict=True):
             panel.set_ylabel(f"{name} [{unit}]")
@@ -330,8 +382,34 @@ def _handles(curves: Sequence[Curve], marked: bool, page: Page) -> list[Any]:
             Line2D([], [], color=LIMIT_COLOR, linestyle="--", linewidth=1.0, label="limit"),
             Patch(facecolor="0.5", alpha=0.18, label="beyond a limit"),
         ]
+    return handles + _saturation_handles(curves, drawn, page)
+
+
+def _saturation_handles(curves: Sequence[Curve], drawn: set[str], page: Page) -> list[Any]:
+    shades = {
+        p.get_facecolor()
+        for a in page.axes.flat
+        for p in a.patches
+        if p.get_label() == "_saturated"
+    }
+    handles: list[Any] = []
+    if "_own limit" in drawn:
+        handles.append(
+            Line2D(
+                [],
+                [],
+                color="0.25",
+                linestyle=":",
+                linewidth=1.2,
+                label="torque limit of the curve of its colour",
+            )
+        )
+    if shades:
+        color = shades.pop() if len(shades) == 1 else ("0.4", 0.2)
+        text = (
+            "torque at its limit"
+            if len(curves) == 1
+            else "torque at its limit, of the curve of its colour"
+        )
+        handles.append(Patch(facecolor=color, label=text))
     return handles
-
-
-def _kind(quantity: str) -> str:
-    return "q" if quantity == "error" else quantity

@@ -26,6 +26,7 @@ from microbot_ocp.views.path_plots import paths
 from microbot_ocp.views.phase_plots import phase_plane
 from microbot_ocp.views.report import report, report_figure
 from microbot_ocp.views.solution_plots import solution
+from microbot_ocp.views.tracking_plots import tracking
 
 __all__ = [
     "AxesGrid",
@@ -45,5 +46,6 @@ __all__ = [
     "simulation",
     "solution",
     "styled",
+    "tracking",
     "write",
 ]

@@ -96,15 +96,17 @@ def via_passages(comparison: Comparison, motion: Motion) -> list[Passage]:
 
 
 def display_factor(robot: Robot, quantity: str, joint: int) -> float:
-    """Factor from stored to drawn units: revolute positions are drawn in degrees."""
-    return 180.0 / np.pi if _in_degrees(robot, quantity, joint) else 1.0
+    """Factor from stored to drawn units: revolute positions in degrees, linear errors in mm."""
+    if _in_degrees(robot, quantity, joint):
+        return 180.0 / np.pi
+    return 1000.0 if quantity == "error" else 1.0
 
 
 def display_unit(robot: Robot, quantity: str, joint: int) -> str:
     """Unit in which a quantity of a joint (0-based) is drawn."""
     if _in_degrees(robot, quantity, joint):
         return "deg"
-    return robot.unit("q" if quantity in POSITIONS else quantity, joint)
+    return "mm" if quantity == "error" else robot.unit(quantity, joint)
 
 
 def _in_degrees(robot: Robot, quantity: str, joint: int) -> bool:
