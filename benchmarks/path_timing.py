@@ -15,7 +15,7 @@ import microbot_ocp as mo
 from benchmarks.measure import Benchmark, timed
 from external.toppra_timing import even_grid, toppra_duration
 from microbot_ocp.motion import PiecewisePolynomial
-from microbot_ocp.time_optimal.reachability import time_path
+from microbot_ocp.planning import time_path
 
 GOAL = 3.0
 PROMISED = 1000

@@ -19,9 +19,8 @@ import rerun_cli
 
 import microbot_ocp as mo
 from benchmarks.measure import Benchmark, timed
-from microbot_ocp.views import scene
-from microbot_ocp.views.recording import of_comparison
-from microbot_ocp.views.recording.rotations import quaternions
+from microbot_ocp.views import _scene as scene
+from microbot_ocp.views.recording import of_comparison, quaternions
 
 SECONDS = 2.0  # promised
 DURATION = 3.0  # s of each motion

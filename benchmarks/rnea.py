@@ -8,7 +8,7 @@ import pinocchio as pin
 import microbot_ocp as mo
 from benchmarks.measure import Benchmark, timed
 from external.pinocchio_model import pinocchio_model
-from microbot_ocp.fast import fast_call
+from microbot_ocp._base.fast_calls import fast_call
 
 GOAL = 5.0
 CALLS = 20_000

@@ -14,7 +14,13 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from microbot_ocp.ocp.schemes import Collocation, HermiteSimpson, Scheme, Shooting, Trapezoidal
+from microbot_ocp.ocp.transcription.schemes import (
+    Collocation,
+    HermiteSimpson,
+    Scheme,
+    Shooting,
+    Trapezoidal,
+)
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
 

@@ -17,7 +17,7 @@ from rich.console import Console
 
 import microbot_ocp as mo
 import report
-from microbot_ocp.views.progress import show_progress
+from microbot_ocp.views.live import show_progress
 from microbot_ocp.views.tables import comparison_notes
 
 

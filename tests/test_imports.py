@@ -21,47 +21,24 @@ PACKAGE = Path(microbot_ocp.__file__).parent
 # Every module or folder of the package has its place here; it may import those before it, and a
 # folder its own modules. A new one must be placed.
 ORDER = (
-    "lazy",
-    "checks",
+    "_base",
     "robot",
-    "limit_use",
-    "joint_values",
-    "robots",
-    "codegen",
-    "fast",
-    "kinematics",
-    "dynamics",
-    "closed_form",
-    "inverse_kinematics",
     "motion",
-    "limit_history",
-    "baselines",
-    "driven",
-    "control",
+    "limits",
+    "inverse_kinematics",
+    "trajectories",
     "simulation",
     "ocp",
-    "time_optimal",
-    "certificate",
+    "planning",
     "comparison",
-    "task_file",
     "views",
     "cli",
 )
 # These know fewer than all before them.
-ONLY = {
-    "lazy": set(),
-    "checks": set(),
-    "robot": {"checks"},
-    "robots": {"checks", "robot"},
-    "codegen": {"checks"},
-    "driven": {"checks"},
-    "ocp": {"checks", "codegen", "fast"},  # any CasADi dynamics, no robot
-}
+ONLY = {"ocp": {"_base"}}  # any CasADi dynamics, no robot
 RIM = {"views", "cli"}  # imported by no other module while it loads
 # Inside functions these may call on what comes after them.
-LATER_ON_CALL = {
-    key: {"views"} for key in ("certificate", "comparison", "motion", "ocp", "robot", "simulation")
-}
+LATER_ON_CALL = {key: {"views"} for key in ("comparison", "motion", "ocp", "robot", "simulation")}
 HEAVY = {"matplotlib", "rerun", "rich", "typer"}
 
 
@@ -185,21 +162,22 @@ def test_drawing_libraries_are_imported_by_the_rim_only() -> None:
 @pytest.mark.parametrize(
     ("origin", "text", "refused"),
     [
-        ("robot.py", "from microbot_ocp.checks import InputError", False),
-        ("robot.py", "from microbot_ocp import checks", False),
-        ("robot.py", "from . import motion", True),
-        ("robot.py", "def f():\n    from microbot_ocp.motion import Motion", True),
-        ("ocp/start.py", "from microbot_ocp.robot import Robot", True),
-        ("ocp/start.py", "from ..dynamics import energy", True),
-        ("ocp/start.py", "from .problem import Phase", False),
-        ("motion.py", "import microbot_ocp.certificate", True),
-        ("motion.py", "from microbot_ocp import Motion", True),
-        ("comparison.py", "import microbot_ocp.views.plots", True),
-        ("comparison.py", "def f():\n    from microbot_ocp.views import plots", False),
-        ("baselines/cubic.py", "if True:\n    from microbot_ocp.ocp import problem", True),
-        ("cli.py", "from microbot_ocp.views import tables", False),
-        ("views/plots.py", "from microbot_ocp import cli", True),
-        ("motion.py", "import numpy", False),
+        ("robot/_model.py", "from microbot_ocp._base.checks import InputError", False),
+        ("robot/_model.py", "from microbot_ocp._base import checks", False),
+        ("robot/_model.py", "from . import motion", False),
+        ("robot/_model.py", "from .. import motion", True),
+        ("robot/_model.py", "def f():\n    from microbot_ocp.motion import Motion", True),
+        ("ocp/solution/_solution.py", "from microbot_ocp.robot import Robot", True),
+        ("ocp/solution/_solution.py", "from ...robot import energy", True),
+        ("ocp/solution/_solution.py", "from ..problem import Phase", False),
+        ("motion/_motion.py", "import microbot_ocp.comparison", True),
+        ("motion/_motion.py", "from microbot_ocp import Motion", True),
+        ("comparison/_comparison.py", "import microbot_ocp.views.plots", True),
+        ("comparison/_comparison.py", "def f():\n    from microbot_ocp.views import plots", False),
+        ("trajectories/_cubic.py", "if True:\n    from microbot_ocp.ocp import problem", True),
+        ("cli/_app.py", "from microbot_ocp.views import tables", False),
+        ("views/plots/_page.py", "from microbot_ocp import cli", True),
+        ("motion/_motion.py", "import numpy", False),
     ],
 )
 def test_the_rule_itself(origin: str, text: str, refused: bool) -> None:
@@ -209,11 +187,11 @@ def test_the_rule_itself(origin: str, text: str, refused: bool) -> None:
 @pytest.mark.parametrize(
     ("origin", "text", "refused"),
     [
-        ("comparison.py", "import matplotlib.figure", True),
-        ("comparison.py", "def f():\n    from rich.table import Table", True),
-        ("comparison.py", "if TYPE_CHECKING:\n    from rich.table import Table", False),
-        ("comparison.py", "if TYPE_CHECKING:\n    pass\nelse:\n    import rerun", True),
-        ("views/plots.py", "import matplotlib", False),
+        ("comparison/_comparison.py", "import matplotlib.figure", True),
+        ("comparison/_comparison.py", "def f():\n    from rich.table import Table", True),
+        ("comparison/_comparison.py", "if TYPE_CHECKING:\n    from rich.table import Table", False),
+        ("comparison/_comparison.py", "if TYPE_CHECKING:\n    pass\nelse:\n    import rerun", True),
+        ("views/plots/_page.py", "import matplotlib", False),
     ],
 )
 def test_the_rule_for_drawing_libraries_itself(origin: str, text: str, refused: bool) -> None:
@@ -261,14 +239,14 @@ def test_the_stub_holds_nothing_but_public_names() -> None:
 
 def test_a_function_comes_before_the_folder_of_its_name() -> None:
     code = (
-        "import microbot_ocp.time_optimal.path, microbot_ocp as mo\n"
+        "import microbot_ocp.planning._path, microbot_ocp as mo\n"
         "assert callable(mo.time_optimal)\n"
-        "import microbot_ocp.time_optimal.free\n"
+        "import microbot_ocp.planning._free\n"
         "assert callable(mo.time_optimal)"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
 def test_a_name_that_is_not_there() -> None:
-    with pytest.raises(AttributeError, match="'microbot_ocp' has no attribute 'nothing'"):
+    with pytest.raises(AttributeError, match="No microbot_ocp attribute nothing"):
         _ = microbot_ocp.nothing

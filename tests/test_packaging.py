@@ -34,7 +34,7 @@ def test_wheel_carries_every_source_and_data_file(wheel: zipfile.ZipFile) -> Non
     }
     carried = {name for name in wheel.namelist() if name.startswith("microbot_ocp/")}
     assert carried == wanted
-    assert {"microbot_ocp/py.typed", "microbot_ocp/robots/microbot.toml"} <= carried
+    assert {"microbot_ocp/py.typed", "microbot_ocp/robot/packaged/microbot.toml"} <= carried
 
 
 def test_wheel_carries_nothing_else_but_its_licence_and_metadata(wheel: zipfile.ZipFile) -> None:
@@ -53,5 +53,5 @@ def test_metadata_names_what_it_needs(wheel: zipfile.ZipFile) -> None:
         for line in metadata.get_all("Requires-Dist", [])
         if "extra" not in line
     }
-    assert needed == {"casadi", "numpy", "matplotlib", "rerun-sdk", "rich", "typer"}
+    assert needed == {"casadi", "lazy-loader", "numpy", "matplotlib", "rerun-sdk", "rich", "typer"}
     assert Path(wheel.filename or "").name.endswith("-py3-none-any.whl")

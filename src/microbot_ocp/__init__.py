@@ -3,6 +3,6 @@
 The public names stand in ``__init__.pyi``; each is loaded when it is first asked for.
 """
 
-from microbot_ocp.lazy import load_on_demand
+import lazy_loader
 
-load_on_demand(__name__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

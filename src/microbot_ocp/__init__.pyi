@@ -1,50 +1,29 @@
 """Public names of the package; ``__init__.py`` loads them when they are asked for."""
 
-from microbot_ocp import (
+from . import (
+    limits as limits,
     ocp as ocp,
 )
-from microbot_ocp.baselines import (
-    Scaled as Scaled,
-    cubic as cubic,
-    lspb as lspb,
-    quintic as quintic,
-    shortest_duration as shortest_duration,
-    spline as spline,
-)
-from microbot_ocp.certificate import (
-    Certificate as Certificate,
-    certify as certify,
-)
-from microbot_ocp.checks import (
+from ._base.checks import (
     InputError as InputError,
 )
-from microbot_ocp.comparison import (
-    METHODS as METHODS,
-    Comparison as Comparison,
-    Entry as Entry,
-    compare as compare,
+from ._base.codegen import (
+    NotCompiled as NotCompiled,
+    cache_folder as cache_folder,
+    compiler as compiler,
 )
-from microbot_ocp.control import (
-    ComputedTorque as ComputedTorque,
-    Controller as Controller,
-    Feedforward as Feedforward,
-    PDGravity as PDGravity,
-    SensorNoise as SensorNoise,
-)
-from microbot_ocp.dynamics import (
-    bias_torque as bias_torque,
-    coriolis_matrix as coriolis_matrix,
-    energy as energy,
-    forward_dynamics as forward_dynamics,
-    gravity_torque as gravity_torque,
-    inverse_dynamics as inverse_dynamics,
-    mass_matrix as mass_matrix,
-    mass_matrix_condition as mass_matrix_condition,
-)
-from microbot_ocp.fast import (
+from ._base.fast_calls import (
     fast_call as fast_call,
 )
-from microbot_ocp.inverse_kinematics import (
+from .comparison import (
+    METHODS as METHODS,
+    Certificate as Certificate,
+    Comparison as Comparison,
+    Entry as Entry,
+    certify as certify,
+    compare as compare,
+)
+from .inverse_kinematics import (
     IKPath as IKPath,
     IKSolution as IKSolution,
     IKStatus as IKStatus,
@@ -53,62 +32,71 @@ from microbot_ocp.inverse_kinematics import (
     solve_ik_batch as solve_ik_batch,
     solve_ik_path as solve_ik_path,
 )
-from microbot_ocp.kinematics import (
-    forward_kinematics as forward_kinematics,
-    frame_origins as frame_origins,
-    jacobian as jacobian,
-    velocity_propagation as velocity_propagation,
-)
-from microbot_ocp.motion import (
+from .motion import (
     Mark as Mark,
     Motion as Motion,
     PiecewisePolynomial as PiecewisePolynomial,
 )
-from microbot_ocp.ocp.problem import (
+from .ocp import (
     OptimalControlProblem as OptimalControlProblem,
 )
-from microbot_ocp.robot import (
+from .planning import (
+    PathTimingSettings as PathTimingSettings,
+    PhasePlane as PhasePlane,
+    TimeOptimalSettings as TimeOptimalSettings,
+    TimeOptimalSolver as TimeOptimalSolver,
+    phase_plane as phase_plane,
+    straight_path as straight_path,
+    time_optimal as time_optimal,
+    time_optimal_path as time_optimal_path,
+)
+from .robot import (
     JointLimits as JointLimits,
     Limits as Limits,
     Link as Link,
     Robot as Robot,
-)
-from microbot_ocp.robots import (
+    bias_torque as bias_torque,
+    coriolis_matrix as coriolis_matrix,
+    energy as energy,
+    forward_dynamics as forward_dynamics,
+    forward_kinematics as forward_kinematics,
+    frame_origins as frame_origins,
+    gravity_torque as gravity_torque,
+    inverse_dynamics as inverse_dynamics,
+    jacobian as jacobian,
     load_robot as load_robot,
+    mass_matrix as mass_matrix,
+    mass_matrix_condition as mass_matrix_condition,
     packaged_robots as packaged_robots,
     read_urdf as read_urdf,
+    velocity_propagation as velocity_propagation,
     write_toml as write_toml,
     write_urdf as write_urdf,
 )
-from microbot_ocp.simulation import (
+from .simulation import (
+    ComputedTorque as ComputedTorque,
+    Controller as Controller,
+    Feedforward as Feedforward,
+    PDGravity as PDGravity,
+    SensorNoise as SensorNoise,
     Simulation as Simulation,
     Tracking as Tracking,
     motion_from_formula as motion_from_formula,
     simulate as simulate,
     track as track,
 )
-from microbot_ocp.time_optimal.free import (
-    TimeOptimalSettings as TimeOptimalSettings,
-    time_optimal as time_optimal,
+from .trajectories import (
+    Scaled as Scaled,
+    cubic as cubic,
+    lspb as lspb,
+    quintic as quintic,
+    shortest_duration as shortest_duration,
+    spline as spline,
 )
-from microbot_ocp.time_optimal.path import (
-    PathTimingSettings as PathTimingSettings,
-    straight_path as straight_path,
-    time_optimal_path as time_optimal_path,
-)
-from microbot_ocp.time_optimal.phase_plane import (
-    PhasePlane as PhasePlane,
-    phase_plane as phase_plane,
-)
-from microbot_ocp.time_optimal.prepared import (
-    TimeOptimalSolver as TimeOptimalSolver,
-)
-from microbot_ocp.views import (
+from .views import (
     plots as plots,
 )
-from microbot_ocp.views.embedded import (
-    show as show,
-)
-from microbot_ocp.views.sliders import (
+from .views.notebook import (
     TimeOptimalSliders as TimeOptimalSliders,
+    show as show,
 )

@@ -17,7 +17,7 @@ from math import asinh, cos, cosh, log, pi, sin, sinh, sqrt, tan
 import casadi as ca
 import numpy as np
 
-from microbot_ocp.checks import FloatArray
+from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp import (
     Guess,
     OptimalControlProblem,
@@ -26,7 +26,7 @@ from microbot_ocp.ocp import (
     SolverSettings,
     solve,
 )
-from microbot_ocp.ocp.progress import Progress
+from microbot_ocp.ocp.solution import Progress
 
 
 @dataclass(frozen=True)

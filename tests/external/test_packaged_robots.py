@@ -15,7 +15,7 @@ import pytest
 
 import microbot_ocp as mo
 from helpers import batch, difference, random_states
-from microbot_ocp.robots.urdf_writer import robot_to_urdf
+from microbot_ocp.robot.files import robot_to_urdf
 
 STATES = 1000
 RELATIVE = 1e-9

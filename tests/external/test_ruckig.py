@@ -4,7 +4,12 @@ import numpy as np
 import pytest
 
 import microbot_ocp as mo
-from microbot_ocp.baselines import cubic, lspb, quintic, shortest_duration
+from microbot_ocp.trajectories import (
+    cubic,
+    lspb,
+    quintic,
+    shortest_duration,
+)
 
 ruckig = pytest.importorskip("ruckig")
 

@@ -9,8 +9,7 @@ import microbot_ocp as mo
 from external.toppra_timing import even_grid, graded_grid, toppra_duration, toppra_problem
 from helpers import random_robot
 from microbot_ocp.motion import PiecewisePolynomial
-from microbot_ocp.time_optimal.phase_plane import phase_plane
-from microbot_ocp.time_optimal.reachability import time_path
+from microbot_ocp.planning import phase_plane, time_path
 
 VIA_Q = np.radians([[0, 0, 0], [-8, 45, 30], [-90, 90, 90]])
 RELATIVE = 2e-3  # toppra itself is off by 3e-4 on 5,000 points: see the first test

@@ -19,8 +19,8 @@ from microbot_ocp.ocp import (
     solve,
     verify,
 )
-from microbot_ocp.ocp.acceptance import accepted
-from microbot_ocp.ocp.assembly import assemble
+from microbot_ocp.ocp.solvers import accepted
+from microbot_ocp.ocp.transcription import assemble
 
 
 def regulator() -> OptimalControlProblem:

@@ -6,13 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from microbot_ocp.checks import InputError
-from microbot_ocp.ocp.adaptive import RefinementStatus, solve_refined
-from microbot_ocp.ocp.mesh import Mesh
-from microbot_ocp.ocp.mesh_error import state_errors
-from microbot_ocp.ocp.schemes import SCHEMES, Collocation
+from microbot_ocp._base.checks import InputError
+from microbot_ocp.ocp.refinement import RefinementStatus, solve_refined, state_errors
 from microbot_ocp.ocp.solution import Status
 from microbot_ocp.ocp.solvers import SolverSettings, solve
+from microbot_ocp.ocp.transcription import Mesh
+from microbot_ocp.ocp.transcription.schemes import SCHEMES, Collocation
 from microbot_ocp.ocp.verification import verify
 from ocp.test_mesh import pendulum as swing
 from ocp.textbook import bryson_denham, double_integrator, oscillator, pendulum, through_half_way
@@ -102,7 +101,7 @@ def test_what_is_not_reached_is_said():
 
 
 def test_a_finer_mesh_that_is_not_accepted_ends_the_refinement_and_is_shown(monkeypatch):
-    from microbot_ocp.ocp import refinement
+    from microbot_ocp.ocp.refinement import _refiner as refinement
 
     monkeypatch.setattr(refinement.Refiner, "_accepts", lambda self, before, after: False)
     refined = solve_refined(oscillator(), 1e-6, mesh=10)
@@ -115,7 +114,7 @@ def test_a_finer_mesh_that_is_not_accepted_ends_the_refinement_and_is_shown(monk
 @pytest.mark.parametrize("solves", [1, 2, 3])
 def test_an_interruption_returns_the_last_accepted_solution(monkeypatch, solves):
     """The solver's own answer to Ctrl-C, in the first solve or a later one."""
-    from microbot_ocp.ocp import refinement
+    from microbot_ocp.ocp.refinement import _refiner as refinement
 
     calls = []
 
@@ -135,7 +134,7 @@ def test_an_interruption_returns_the_last_accepted_solution(monkeypatch, solves)
 
 
 def test_an_interruption_of_the_estimate_returns_the_last_accepted_solution(monkeypatch):
-    from microbot_ocp.ocp import adaptive
+    from microbot_ocp.ocp.refinement import _adaptive as adaptive
 
     found = []
 

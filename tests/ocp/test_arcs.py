@@ -8,12 +8,18 @@ import numpy as np
 import pytest
 
 from external.published_problems import PROBLEMS
-from microbot_ocp.ocp.adaptive import RefinementStatus, solve_refined
-from microbot_ocp.ocp.arcs import distance, find_junctions, hold, place_junctions
 from microbot_ocp.ocp.problem import OptimalControlProblem
-from microbot_ocp.ocp.schemes import SCHEMES
+from microbot_ocp.ocp.refinement import (
+    RefinementStatus,
+    distance,
+    find_junctions,
+    hold,
+    place_junctions,
+    solve_refined,
+)
 from microbot_ocp.ocp.solution import Status
 from microbot_ocp.ocp.solvers import SolverSettings, solve
+from microbot_ocp.ocp.transcription.schemes import SCHEMES
 from ocp.textbook import bryson_denham, double_integrator, oscillator
 
 FINE = SolverSettings("ipopt", tolerance=1e-10)
@@ -145,7 +151,7 @@ def test_dynamics_with_the_duration_of_their_phase_are_not_cut():
 
 
 def test_an_interruption_is_not_taken_for_a_failure(monkeypatch):
-    from microbot_ocp.ocp import arcs
+    from microbot_ocp.ocp.refinement import _arcs as arcs
 
     def interrupted(*arguments, **options):
         return replace(solve(*arguments, **options), status=Status.INTERRUPTED)

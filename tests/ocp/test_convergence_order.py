@@ -13,9 +13,11 @@ from math import exp, log, tanh
 import numpy as np
 import pytest
 
-from microbot_ocp.checks import FloatArray
+from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp.problem import OptimalControlProblem
-from microbot_ocp.ocp.schemes import (
+from microbot_ocp.ocp.solvers import SolverSettings, solve
+from microbot_ocp.ocp.transcription import Guess, Transcription
+from microbot_ocp.ocp.transcription.schemes import (
     Collocation,
     HermiteSimpson,
     IntegratorShooting,
@@ -23,8 +25,6 @@ from microbot_ocp.ocp.schemes import (
     Shooting,
     Trapezoidal,
 )
-from microbot_ocp.ocp.solvers import SolverSettings, solve
-from microbot_ocp.ocp.transcription import Guess, Transcription
 
 RADIUS, DURATION = 0.3, 2.0
 

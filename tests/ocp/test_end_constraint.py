@@ -6,11 +6,11 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from microbot_ocp.checks import InputError
+from microbot_ocp._base.checks import InputError
 from microbot_ocp.ocp.problem import OptimalControlProblem, Phase
-from microbot_ocp.ocp.schemes import SCHEMES
 from microbot_ocp.ocp.solvers import SolverSettings, solve
 from microbot_ocp.ocp.transcription import Guess, Transcription
+from microbot_ocp.ocp.transcription.schemes import SCHEMES
 
 
 def point(duration=(0.1, 10.0), shape="constant"):

@@ -4,10 +4,10 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from microbot_ocp.ocp.hp import Degrees, decay_rates, degrees_on, refine_hp
-from microbot_ocp.ocp.mesh import Mesh
 from microbot_ocp.ocp.problem import OptimalControlProblem
+from microbot_ocp.ocp.refinement import Degrees, decay_rates, degrees_on, refine_hp
 from microbot_ocp.ocp.solvers import SolverSettings, solve
+from microbot_ocp.ocp.transcription import Mesh
 from ocp.textbook import double_integrator
 
 FINE = SolverSettings("ipopt", tolerance=1e-10)

@@ -4,19 +4,26 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from microbot_ocp.checks import InputError
-from microbot_ocp.ocp.assembly import assemble
-from microbot_ocp.ocp.mesh import Mesh, mesh_of
-from microbot_ocp.ocp.parametric import ParametricSolver
-from microbot_ocp.ocp.persistence import load_solution, save_solution
+from microbot_ocp._base.checks import InputError
 from microbot_ocp.ocp.problem import OptimalControlProblem
-from microbot_ocp.ocp.reintegration import each_interval, mesh_states, open_loop
-from microbot_ocp.ocp.rows import row_labels, variable_labels
-from microbot_ocp.ocp.schemes import Collocation
 from microbot_ocp.ocp.solution import pack, unpack
-from microbot_ocp.ocp.solvers import SolverSettings, solve
-from microbot_ocp.ocp.transcription import Transcription
-from microbot_ocp.ocp.verification import verify
+from microbot_ocp.ocp.solvers import (
+    ParametricSolver,
+    SolverSettings,
+    load_solution,
+    save_solution,
+    solve,
+)
+from microbot_ocp.ocp.transcription import (
+    Mesh,
+    Transcription,
+    assemble,
+    mesh_of,
+    row_labels,
+    variable_labels,
+)
+from microbot_ocp.ocp.transcription.schemes import Collocation
+from microbot_ocp.ocp.verification import each_interval, mesh_states, open_loop, verify
 from ocp.test_transcription import guesses
 from ocp.textbook import bryson_denham, everything, regulator
 

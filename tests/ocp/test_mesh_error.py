@@ -4,12 +4,12 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from microbot_ocp.ocp.mesh_error import divide, state_errors
 from microbot_ocp.ocp.problem import OptimalControlProblem
-from microbot_ocp.ocp.reintegration import each_interval, mesh_states, open_loop
-from microbot_ocp.ocp.schemes import SCHEMES
+from microbot_ocp.ocp.refinement import divide, state_errors
 from microbot_ocp.ocp.solvers import SolverSettings, solve
 from microbot_ocp.ocp.transcription import Transcription
+from microbot_ocp.ocp.transcription.schemes import SCHEMES
+from microbot_ocp.ocp.verification import each_interval, mesh_states, open_loop
 from ocp.textbook import double_integrator, oscillator
 
 FINE = SolverSettings("ipopt", tolerance=1e-10)

@@ -9,10 +9,9 @@ import sys
 import numpy as np
 import pytest
 
-from microbot_ocp.checks import InputError
-from microbot_ocp.ocp.parametric import ParametricSolver
+from microbot_ocp._base.checks import InputError
 from microbot_ocp.ocp.problem import OptimalControlProblem
-from microbot_ocp.ocp.solvers import SolverSettings, run, solve
+from microbot_ocp.ocp.solvers import ParametricSolver, SolverSettings, _run as run, solve
 from microbot_ocp.ocp.transcription import Transcription
 from ocp.textbook import bryson_denham, everything, through_half_way
 
@@ -105,7 +104,7 @@ def test_samples_are_of_the_parameters_that_were_solved_for(solver):
 def test_derivatives_know_parameters_as_arguments():
     import casadi as ca
 
-    from microbot_ocp.ocp.assembly import assemble
+    from microbot_ocp.ocp.transcription import assemble
 
     problem = everything()
     transcription = Transcription(problem, duration_scale=0.7)

@@ -8,11 +8,17 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from microbot_ocp.checks import InputError
-from microbot_ocp.ocp.parametric import ParametricSolver
-from microbot_ocp.ocp.persistence import load_solution, repeat, save_solution, saved_with
+from microbot_ocp._base.checks import InputError
 from microbot_ocp.ocp.problem import OptimalControlProblem
-from microbot_ocp.ocp.solvers import SolverSettings, solve
+from microbot_ocp.ocp.solvers import (
+    ParametricSolver,
+    SolverSettings,
+    load_solution,
+    repeat,
+    save_solution,
+    saved_with,
+    solve,
+)
 from microbot_ocp.ocp.transcription import Guess, Transcription
 from microbot_ocp.ocp.verification import verify
 from ocp.textbook import double_integrator, through_half_way

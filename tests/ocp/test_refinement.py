@@ -5,8 +5,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from microbot_ocp.ocp import refinement
-from microbot_ocp.ocp.refinement import Refiner, split
+from microbot_ocp.ocp.refinement import Refiner, _refiner as refinement, split
 from microbot_ocp.ocp.solution import Attempt, PhaseSolution, Solution, Status
 from microbot_ocp.ocp.solvers import solve
 from microbot_ocp.ocp.transcription import Guess, Transcription

@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from microbot_ocp.checks import InputError
+from microbot_ocp._base.checks import InputError
 from microbot_ocp.ocp import (
     Guess,
     OptimalControlProblem,
@@ -17,7 +17,7 @@ from microbot_ocp.ocp import (
     solve,
     verify,
 )
-from microbot_ocp.ocp.scaling import scaled
+from microbot_ocp.ocp.solution import scaled
 from ocp.odd_units import EARTH, GODDARD, goddard_in_si, robot_arm
 
 

@@ -10,13 +10,11 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from microbot_ocp.checks import InputError
-from microbot_ocp.ocp.assembly import assemble
+from microbot_ocp._base.checks import InputError
 from microbot_ocp.ocp.problem import OptimalControlProblem
-from microbot_ocp.ocp.solution import Status
+from microbot_ocp.ocp.solution import Status, guess_from, start_from
 from microbot_ocp.ocp.solvers import SolverSettings, solve
-from microbot_ocp.ocp.start import guess_from, start_from
-from microbot_ocp.ocp.transcription import Guess, Transcription
+from microbot_ocp.ocp.transcription import Guess, Transcription, assemble
 from ocp.textbook import (
     bryson_denham,
     double_integrator,
@@ -178,7 +176,7 @@ def look(iteration):
         os.kill(os.getpid(), signal.SIGINT)
     time.sleep(0.001)
 if not watched:  # what the solver evaluates sends the signal, in the middle of it
-    from microbot_ocp.ocp.solvers import run
+    from microbot_ocp.ocp.solvers import _run as run
     made = run.create
     def create(*arguments, **options):
         threading.Timer(0.05, os.kill, (os.getpid(), signal.SIGINT)).start()

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from microbot_ocp.ocp.schemes import SCHEMES
+from microbot_ocp.ocp.refinement import Switch, find_switches, move_to_switches
 from microbot_ocp.ocp.solvers import SolverSettings, solve
-from microbot_ocp.ocp.switches import Switch, find_switches, move_to_switches
+from microbot_ocp.ocp.transcription.schemes import SCHEMES
 from ocp.textbook import double_integrator
 
 FINE = SolverSettings("ipopt", tolerance=1e-10)

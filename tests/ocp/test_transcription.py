@@ -5,11 +5,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from microbot_ocp.ocp.assembly import assemble
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.solution import pack, unpack
 from microbot_ocp.ocp.solvers import SolverSettings, solve
-from microbot_ocp.ocp.transcription import Guess, Transcription
+from microbot_ocp.ocp.transcription import Guess, Transcription, assemble
 from ocp.textbook import everything, spline
 
 MESHES = [[0.0, 0.2, 0.35, 0.7, 1.0], 3]

@@ -8,17 +8,19 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from microbot_ocp.checks import InputError
-from microbot_ocp.ocp.assembly import assemble
+from microbot_ocp._base.checks import InputError
 from microbot_ocp.ocp.problem import OptimalControlProblem
-from microbot_ocp.ocp.rows import row_labels, variable_labels
-from microbot_ocp.ocp.schemes import SCHEMES, Collocation, IntegratorShooting
 from microbot_ocp.ocp.solution import PhaseSolution, Solution, Status, unpack
 from microbot_ocp.ocp.solvers import SolverSettings, solve
-from microbot_ocp.ocp.transcription import Transcription
-from microbot_ocp.ocp.verification import Thresholds, verify
-from microbot_ocp.ocp.verification.program import plain_kernels
-from microbot_ocp.ocp.verification.stationarity import differentiate, lagrangian_gradient
+from microbot_ocp.ocp.transcription import Transcription, assemble, row_labels, variable_labels
+from microbot_ocp.ocp.transcription.schemes import SCHEMES, Collocation, IntegratorShooting
+from microbot_ocp.ocp.verification import (
+    Thresholds,
+    differentiate,
+    lagrangian_gradient,
+    plain_kernels,
+    verify,
+)
 from ocp.textbook import (
     bryson_denham,
     double_integrator,

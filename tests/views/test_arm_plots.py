@@ -3,7 +3,7 @@ import pytest
 from matplotlib.figure import Figure
 
 import microbot_ocp as mo
-from microbot_ocp.views.arm_plots import arms
+from microbot_ocp.views.plots import arms
 
 
 def test_every_arm_ends_where_forward_kinematics_puts_its_tool():

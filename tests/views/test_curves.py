@@ -9,8 +9,8 @@ import pytest
 from matplotlib.figure import Figure
 
 import microbot_ocp as mo
-from microbot_ocp.views.curves import Curve, curves
-from time_optimal.shared import slider
+from microbot_ocp.views.plots import Curve, curves
+from planning.shared import slider
 
 CUT = "curves go on beyond"
 VIA_Q, VIA_T = np.radians([[0, 0, 0], [-8, 45, 30], [-90, 90, 90]]), np.array([0.0, 2.0, 4.0])

@@ -8,7 +8,7 @@ import pytest
 import rerun_notebook
 
 import microbot_ocp as mo
-from microbot_ocp.views import embedded
+from microbot_ocp.views.notebook import _embedded as embedded
 from microbot_ocp.views.recording import of_motion
 
 

@@ -14,12 +14,12 @@ import matplotlib
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from test_limit_history import bang_cruise_bang
 
 import microbot_ocp as mo
 from microbot_ocp import ocp
 from microbot_ocp.comparison import Comparison
-from test_limit_history import bang_cruise_bang
-from time_optimal.shared import slider
+from planning.shared import slider
 
 MADE_WITH = "3.11"  # 3.10 sets text and layout otherwise: 21 to 39 grey levels RMS away
 pytestmark = pytest.mark.skipif(

@@ -1,6 +1,6 @@
 import threading
 
-from microbot_ocp.views.latest import LatestWins
+from microbot_ocp.views.live import LatestWins
 
 
 def test_of_a_burst_the_first_and_the_last_are_done():

@@ -8,7 +8,7 @@ from urllib.request import ProxyHandler, build_opener
 
 import pytest
 
-from microbot_ocp.views.local_page import local_page
+from microbot_ocp.views.live import local_page
 
 DATA = "http://127.0.0.1:9876"
 OPENER = build_opener(ProxyHandler({}))

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from microbot_ocp.checks import InputError
-from microbot_ocp.views import page
+from microbot_ocp._base.checks import InputError
+from microbot_ocp.views.plots import _page as page
 
 
 def test_a_new_page_shows_itself_in_a_notebook():

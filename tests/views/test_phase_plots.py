@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 import microbot_ocp as mo
 from microbot_ocp.motion import PiecewisePolynomial
-from time_optimal.shared import pendulum, slider
+from planning.shared import pendulum, slider
 from views.test_curves import assert_all_on_the_page, legend_texts
 
 VIA_Q = np.radians([[0, 0, 0], [-8, 45, 30], [-90, 90, 90]])

@@ -12,8 +12,7 @@ from matplotlib.figure import Figure
 import microbot_ocp as mo
 from microbot_ocp.robot import Limits
 from microbot_ocp.views import plots
-from microbot_ocp.views.comparison_plots import legend_title
-from microbot_ocp.views.style import entry_styles
+from microbot_ocp.views.plots import entry_styles, legend_title
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ from importlib.metadata import version
 import pytest
 
 from microbot_ocp.robot import Limits
-from microbot_ocp.views.report import report_figure
+from microbot_ocp.views.plots import report_figure
 
 
 def words(figure):

@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from microbot_ocp.kinematics import forward_kinematics
-from microbot_ocp.robot import Limits
-from microbot_ocp.views import scene
+from microbot_ocp.robot import Limits, forward_kinematics
+from microbot_ocp.views import _scene as scene
 
 
 def test_origins_and_rotations_agree_with_single_poses(comparison):

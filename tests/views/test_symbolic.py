@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from microbot_ocp.robot import dh_transform
-from microbot_ocp.views.symbolic import (
+from microbot_ocp.views.notebook import (
     Expression,
     Matrix,
     matrix_text,

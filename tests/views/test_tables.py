@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from microbot_ocp.views import tables
+from microbot_ocp.views.tables import _tables as tables
 
 
 def printed(renderable, width=120):

@@ -8,7 +8,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
 import microbot_ocp as mo
-from time_optimal.shared import slider
+from planning.shared import slider
 from views.test_curves import assert_all_on_the_page, legend_texts
 
 

@@ -1,5 +1,5 @@
 """The command line ``microbot-ocp``; docs/cli.md tells what each command does."""
 
-from microbot_ocp.cli.app import entry, main
+import lazy_loader
 
-__all__ = ["entry", "main"]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

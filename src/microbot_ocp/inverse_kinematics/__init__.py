@@ -4,24 +4,6 @@
 over where limits, a seed, a missed target or a continuum of solutions ask for an optimum.
 """
 
-from microbot_ocp.inverse_kinematics.closed_form import elbow_arm_branches
-from microbot_ocp.inverse_kinematics.path import solve_ik_path
-from microbot_ocp.inverse_kinematics.result import IKPath, IKSolution, IKStatus
-from microbot_ocp.inverse_kinematics.solve import (
-    branches_by_nlp,
-    solve_ik,
-    solve_ik_all,
-    solve_ik_batch,
-)
+import lazy_loader
 
-__all__ = [
-    "IKPath",
-    "IKSolution",
-    "IKStatus",
-    "branches_by_nlp",
-    "elbow_arm_branches",
-    "solve_ik",
-    "solve_ik_all",
-    "solve_ik_batch",
-    "solve_ik_path",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -22,67 +22,6 @@ keep it                               :func:`save_solution`, :func:`load_solutio
 ====================================  ==============================================================
 """
 
-from microbot_ocp.checks import InputError
-from microbot_ocp.ocp.adaptive import Refined, RefinementStatus, solve_refined
-from microbot_ocp.ocp.diagnosis import Explanation, Relaxation, explain
-from microbot_ocp.ocp.mesh import Mesh
-from microbot_ocp.ocp.parametric import ParametricSolver
-from microbot_ocp.ocp.persistence import load_solution, repeat, save_solution, saved_with
-from microbot_ocp.ocp.problem import OptimalControlProblem, Phase
-from microbot_ocp.ocp.progress import Iteration
-from microbot_ocp.ocp.schemes import (
-    SCHEMES,
-    Collocation,
-    HermiteSimpson,
-    IntegratorShooting,
-    Scheme,
-    Shooting,
-    Trapezoidal,
-)
-from microbot_ocp.ocp.solution import Attempt, PhaseSolution, Solution, Status
-from microbot_ocp.ocp.solvers import SOLVERS, SolverSettings, solve
-from microbot_ocp.ocp.start import default_guess, guess_from
-from microbot_ocp.ocp.switches import find_switches
-from microbot_ocp.ocp.transcription import Guess, Transcription
-from microbot_ocp.ocp.verification import OCPCertificate, Thresholds, verify
+import lazy_loader
 
-__all__ = [
-    "SCHEMES",
-    "SOLVERS",
-    "Attempt",
-    "Collocation",
-    "Explanation",
-    "Guess",
-    "HermiteSimpson",
-    "InputError",
-    "IntegratorShooting",
-    "Iteration",
-    "Mesh",
-    "OCPCertificate",
-    "OptimalControlProblem",
-    "ParametricSolver",
-    "Phase",
-    "PhaseSolution",
-    "Refined",
-    "RefinementStatus",
-    "Relaxation",
-    "Scheme",
-    "Shooting",
-    "Solution",
-    "SolverSettings",
-    "Status",
-    "Thresholds",
-    "Transcription",
-    "Trapezoidal",
-    "default_guess",
-    "explain",
-    "find_switches",
-    "guess_from",
-    "load_solution",
-    "repeat",
-    "save_solution",
-    "saved_with",
-    "solve",
-    "solve_refined",
-    "verify",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,8 +1,8 @@
-"""Pictures, tables and recordings of a comparison; nothing here is imported unless it is asked for.
+"""Pictures, tables and recordings; nothing here is imported unless it is asked for.
 
 ``plots`` needs matplotlib, ``recording`` needs rerun, ``tables`` needs rich.
 """
 
-from microbot_ocp.lazy import load_on_demand
+import lazy_loader
 
-load_on_demand(__name__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

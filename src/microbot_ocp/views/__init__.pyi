@@ -1,5 +1,5 @@
-"""Public names of the package; ``__init__.py`` loads them when they are asked for."""
+"""Public names; loaded when they are first asked for."""
 
-from microbot_ocp.views import (
+from . import (
     plots as plots,
 )

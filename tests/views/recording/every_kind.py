@@ -12,6 +12,10 @@ import numpy as np
 import microbot_ocp as mo
 from microbot_ocp.ocp.solvers import solve
 from microbot_ocp.views.recording import (
+    BRANCH,
+    ITERATION,
+    PROGRESS,
+    TIME,
     Recording,
     SolutionRecording,
     of_branches,
@@ -19,9 +23,8 @@ from microbot_ocp.views.recording import (
     of_motion,
     of_solution,
     of_tracking,
+    record_iterations,
 )
-from microbot_ocp.views.recording.entities import BRANCH, PROGRESS, TIME
-from microbot_ocp.views.recording.iterations import ITERATION, record_iterations
 
 VIA_Q = np.radians([[0, 0, 0], [-8, 45, 30], [-90, 90, 90]])
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from microbot_ocp.robot import Robot
-from microbot_ocp.views import scene
-from microbot_ocp.views.recording import camera
+from microbot_ocp.views import _scene as scene
+from microbot_ocp.views.recording import _camera as camera
 
 NOWHERE = np.zeros((0, 3))
 

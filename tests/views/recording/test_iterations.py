@@ -11,11 +11,10 @@ import pytest
 from reading import read, scalars
 
 import microbot_ocp as mo
-from microbot_ocp.checks import InputError
+from microbot_ocp._base.checks import InputError
 from microbot_ocp.ocp import OptimalControlProblem, SolverSettings, solve
-from microbot_ocp.views import live
-from microbot_ocp.views.recording.iterations import phase_curves, record_iterations
-from microbot_ocp.views.recording.panels import HEIGHT, WIDTH, rounded
+from microbot_ocp.views.live import _live as live
+from microbot_ocp.views.recording import HEIGHT, WIDTH, phase_curves, record_iterations, rounded
 
 VIA_Q = np.radians([[0, 0, 0], [-90, 90, 90]])
 TIMELINE = "iteration"

@@ -6,7 +6,7 @@ from every_kind import branches, tracking
 from reading import poses, read, scalars, static
 
 import microbot_ocp as mo
-from microbot_ocp.kinematics import forward_kinematics
+from microbot_ocp.robot import forward_kinematics
 from microbot_ocp.views.recording import file_writer, of_branches, of_motion, of_tracking
 
 

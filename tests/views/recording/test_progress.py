@@ -8,7 +8,7 @@ from reading import poses, read, scalars
 
 from microbot_ocp.comparison import Comparison
 from microbot_ocp.motion import Motion
-from microbot_ocp.views.recording import actors, of_comparison
+from microbot_ocp.views.recording import _animated_arm as actors, of_comparison
 
 PROGRESS = "progress_permille"
 

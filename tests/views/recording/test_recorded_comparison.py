@@ -10,11 +10,10 @@ from reading import FLOAT32, poses, read, rotations, scalars, static
 from rerun.chunk import RrdReader
 
 from microbot_ocp.comparison import Comparison
-from microbot_ocp.kinematics import forward_kinematics
 from microbot_ocp.motion import Motion, State
-from microbot_ocp.robot import Limits, Link, Robot
-from microbot_ocp.views import scene
-from microbot_ocp.views.recording import curves, entities, of_comparison
+from microbot_ocp.robot import Limits, Link, Robot, forward_kinematics
+from microbot_ocp.views import _scene as scene
+from microbot_ocp.views.recording import _curves as curves, _paths as entities, of_comparison
 
 
 def test_curves_hold_the_samples_of_the_motion(comparison, recording):

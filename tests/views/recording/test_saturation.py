@@ -6,8 +6,8 @@ from reading import read, static
 
 from microbot_ocp.motion import Mark, Motion
 from microbot_ocp.robot import Limits
-from microbot_ocp.views import scene
-from microbot_ocp.views.recording import of_motion, saturation
+from microbot_ocp.views import _scene as scene
+from microbot_ocp.views.recording import _saturation as saturation, of_motion
 
 
 @pytest.fixture(scope="module")

@@ -8,8 +8,7 @@ from rerun.chunk import RrdReader
 
 from microbot_ocp.motion import Motion
 from microbot_ocp.robot import Limits, Robot
-from microbot_ocp.views.recording import of_motion, torque
-from microbot_ocp.views.recording.palette import SATURATED_COLOR
+from microbot_ocp.views.recording import SATURATED_COLOR, _torque as torque, of_motion
 
 PINK = int.from_bytes(bytes(SATURATED_COLOR), "big")
 

@@ -5,12 +5,10 @@ import pytest
 from reading import read, scalars
 
 from helpers import any_robot
-from microbot_ocp.dynamics import inverse_dynamics
-from microbot_ocp.kinematics import forward_kinematics
 from microbot_ocp.motion import State
-from microbot_ocp.robot import Robot
-from microbot_ocp.views import scene
-from microbot_ocp.views.recording import vectors
+from microbot_ocp.robot import Robot, forward_kinematics, inverse_dynamics
+from microbot_ocp.views import _scene as scene
+from microbot_ocp.views.recording import _vectors as vectors
 
 H = 1e-4  # s, step of the differences
 

@@ -1,17 +1,5 @@
 """Solvers of staged programs: fatrop, IPOPT and an SQP method, with a fallback chain."""
 
-from microbot_ocp.ocp.solvers.chain import run_chain, solve, transcribed, with_cost_scale
-from microbot_ocp.ocp.solvers.run import Made
-from microbot_ocp.ocp.solvers.settings import SOLVERS, SolverSettings
-from microbot_ocp.ocp.start import default_guess
+import lazy_loader
 
-__all__ = [
-    "SOLVERS",
-    "Made",
-    "SolverSettings",
-    "default_guess",
-    "run_chain",
-    "solve",
-    "transcribed",
-    "with_cost_scale",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -5,28 +5,6 @@ again, the limits are looked at between the mesh points, and the conditions of K
 Tucker are formed anew from the declared problem.
 """
 
-from microbot_ocp.ocp.verification.certificate import (
-    Arc,
-    Costates,
-    Hamiltonian,
-    LimitUse,
-    OCPCertificate,
-    Optimality,
-    Residual,
-    ResimulationCheck,
-    Thresholds,
-)
-from microbot_ocp.ocp.verification.certification import verify
+import lazy_loader
 
-__all__ = [
-    "Arc",
-    "Costates",
-    "Hamiltonian",
-    "LimitUse",
-    "OCPCertificate",
-    "Optimality",
-    "Residual",
-    "ResimulationCheck",
-    "Thresholds",
-    "verify",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,1 @@
+"""Errors and border checks, compiled functions, fast calls: for the package itself."""

@@ -1,0 +1,13 @@
+"""Public names; loaded when they are first asked for."""
+
+from ._app import (
+    entry as entry,
+    main as main,
+)
+from ._poses import (
+    fixed_angles as fixed_angles,
+)
+from ._robots import (
+    joint_sweep as joint_sweep,
+    largest_reach as largest_reach,
+)

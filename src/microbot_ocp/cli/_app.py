@@ -1,0 +1,109 @@
+"""The program: its commands in order, and how an ending becomes an exit code.
+
+0 is success, 1 a task without a solution, 2 bad input (one line on standard error), 130 Ctrl-C.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import sys
+from collections.abc import Sequence
+from typing import Annotated
+
+import typer
+
+from microbot_ocp._base.checks import InputError
+from microbot_ocp.cli import _interrupt as interrupt
+from microbot_ocp.cli._commands import PROGRAM, SETTINGS, Commands, example
+
+BAD_INPUT = 2
+INTERRUPTED = 130
+
+app = typer.Typer(
+    cls=Commands,
+    epilog=example("compare microbot --via-deg '0,0,0 -8,45,30 -90,90,90'"),
+    **SETTINGS,
+)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        typer.echo(f"{PROGRAM} {version('microbot_ocp')}")
+        raise typer.Exit
+
+
+@app.callback(invoke_without_command=True)
+def _top(
+    context: typer.Context,
+    _: Annotated[
+        bool,
+        typer.Option(
+            "--version", callback=_version, is_eager=True, help="Print the version and exit."
+        ),
+    ] = False,
+) -> None:
+    """Time-optimal and textbook motions of serial manipulators, compared under the same limits.
+
+    ROBOT is a name from `microbot-ocp robots` or the path of a .toml or .urdf file.
+    Every command takes --json. Exit codes: 0 done, 1 not solved, 2 bad input.
+    """
+    if context.invoked_subcommand is None:
+        typer.echo(context.get_help())
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        Default those of the process.
+
+    Returns
+    -------
+    int
+        Exit code.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(AttributeError, ValueError):  # a stream of somebody's own
+            stream.reconfigure(errors="replace")  # type: ignore[union-attr]
+    command = typer.main.get_command(app)
+    given = None if arguments is None else list(arguments)
+    try:
+        code = command.main(args=given, prog_name=PROGRAM, standalone_mode=False)
+    except InputError as problem:
+        return _refuse(str(problem))
+    except typer.TyperException as problem:
+        return _refuse(_lowered(problem.format_message()))
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    except OSError as problem:
+        where = f"{problem.filename}: " if problem.filename is not None else ""
+        return _refuse(f"{where}{_lowered(problem.strerror or str(problem))}")
+    except Exception:
+        if interrupt.pressed():  # CasADi turned it into another error
+            return INTERRUPTED
+        raise
+    except SystemExit as ending:  # completion scripts end so
+        return ending.code if isinstance(ending.code, int) else 0
+    return int(code or 0)
+
+
+def entry() -> int:
+    """Entry point of the installed program; where its reader goes away it ends without a word."""
+    interrupt.watch()
+    if hasattr(signal, "SIGPIPE"):
+        signal.signal(signal.SIGPIPE, signal.SIG_DFL)
+    return main()
+
+
+def _refuse(sentence: str) -> int:
+    print(f"error: {' '.join(sentence.split())}", file=sys.stderr)
+    return BAD_INPUT
+
+
+def _lowered(sentence: str) -> str:
+    return sentence[:1].lower() + sentence[1:].rstrip(".")

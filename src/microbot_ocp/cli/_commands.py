@@ -1,0 +1,111 @@
+"""The commands of the program, each loaded when it is called.
+
+A list of them needs their names and first lines only, which are read from the source: so ``--help``
+does not wait for CasADi.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Sequence
+from difflib import get_close_matches
+from functools import cached_property
+from importlib import import_module
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import typer
+from typer.core import TyperCommand, TyperGroup
+
+from microbot_ocp._base.checks import InputError
+
+PROGRAM = "microbot-ocp"
+# Help is plain text: drawing it with rich would take as long as everything else together.
+SETTINGS: dict[str, Any] = {
+    "rich_markup_mode": None,
+    "pretty_exceptions_enable": False,
+    "context_settings": {"help_option_names": ["-h", "--help"]},
+}
+
+
+class Entry(NamedTuple):
+    """Where a command is, and how it is called for example."""
+
+    module: str
+    function: str
+    example: str
+
+
+COMMANDS = {
+    "robots": Entry("_robots", "robots", "robots"),
+    "show": Entry("_robots", "show", "show panda"),
+    "fk": Entry("_poses", "fk", "fk microbot --q-deg 0,45,30"),
+    "ik": Entry("_poses", "ik", "ik microbot --position 3,-1,4.5"),
+    "simulate": Entry(
+        "_simulation", "simulate", "simulate microbot --q-deg 0,30,20 --out fall.npz"
+    ),
+    "compare": Entry(
+        "_tasks", "compare", "compare microbot --via-deg '0,0,0 -8,45,30 -90,90,90' --out out"
+    ),
+    "time-optimal": Entry(
+        "_tasks", "time_optimal", "time-optimal microbot --via-deg '0,0,0 -90,90,90' --qd-max 2"
+    ),
+    "solve": Entry("_tasks", "solve", "solve task.toml --out out"),
+    "replay": Entry("_recordings", "replay", "replay best.npz --rerun best.rrd"),
+    "doctor": Entry("_doctor", "doctor", "doctor"),
+}
+
+
+def example(words: str) -> str:
+    """End of a help text."""
+    return f"\b\nExample:\n  {PROGRAM} {words}"
+
+
+class Commands(TyperGroup):
+    """All commands, in the order of the table."""
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(**settings)
+        self.commands = {name: Command(name, entry) for name, entry in COMMANDS.items()}
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """The command of the first word; a wrong one is told what is allowed."""
+        if args and args[0] not in self.commands and not args[0].startswith("-"):
+            near = get_close_matches(args[0], self.commands, 1)
+            hint = f"did you mean {near[0]!r}? " if near else ""
+            raise InputError(f"no command {args[0]!r}; {hint}allowed: {', '.join(self.commands)}")
+        return super().resolve_command(ctx, args)
+
+
+class Command(TyperCommand):
+    """A command that knows its name and first line, and loads itself to do anything else."""
+
+    def __init__(self, name: str, entry: Entry) -> None:
+        self.entry = entry
+        super().__init__(name, help=_docstring(entry))
+
+    @cached_property
+    def whole(self) -> Any:
+        """The command with its options."""
+        function = getattr(
+            import_module(f"microbot_ocp.cli.{self.entry.module}"), self.entry.function
+        )
+        alone = typer.Typer(add_completion=False, **SETTINGS)
+        alone.command(self.name, epilog=example(self.entry.example))(function)
+        return typer.main.get_command(alone)
+
+    def make_context(
+        self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any
+    ) -> Any:
+        """The context of the whole command: from here on it stands for this one."""
+        return self.whole.make_context(info_name, args, parent=parent, **extra)
+
+
+def _docstring(entry: Entry) -> str:
+    source = (Path(__file__).parent / f"{entry.module}.py").read_text("utf-8")
+    found: Sequence[ast.FunctionDef] = [
+        node
+        for node in ast.parse(source).body
+        if isinstance(node, ast.FunctionDef) and node.name == entry.function
+    ]
+    return ast.get_docstring(found[0]) or ""

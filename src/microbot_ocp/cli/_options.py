@@ -1,0 +1,252 @@
+"""Options that several commands share, and how their text becomes arrays.
+
+Lists are numbers with commas between. ``--q`` is in radians, ``--q-deg`` in degrees; prismatic
+joints are in metres in both.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp.robot import JointLimits, Robot, joint_scale, per_joint
+from microbot_ocp.robot.files import load_robot, packaged_robots
+
+
+def robot_names(incomplete: str) -> list[str]:
+    """Packaged robots to complete a word with."""
+    return [name for name in packaged_robots() if name.startswith(incomplete)]
+
+
+def option(
+    *names: str,
+    what: str,
+    metavar: str | None = "LIST",
+    completion: Callable[[str], list[str]] | None = None,
+) -> Any:
+    """A typer option whose value is text."""
+    return typer.Option(
+        *names, help=what, metavar=metavar, autocompletion=completion, show_default=False
+    )
+
+
+RobotName = Annotated[
+    str,
+    typer.Argument(
+        metavar="ROBOT",
+        help="Packaged robot, or the path of a .toml or .urdf file.",
+        autocompletion=robot_names,
+        show_default=False,
+    ),
+]
+Tip = Annotated[
+    str | None, option("--tip", what="Last link of a URDF file's chain.", metavar="LINK")
+]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON document.")]
+Recording = Annotated[
+    Path | None,
+    option("--rerun", what="Write a Rerun recording (.rrd) to this file.", metavar="FILE"),
+]
+Open = Annotated[
+    bool, typer.Option("--open", help="Open the Rerun viewer, bound to 127.0.0.1; wait for it.")
+]
+Q = Annotated[str | None, option("--q", what="Joint positions, rad (prismatic: m).")]
+QDeg = Annotated[str | None, option("--q-deg", what="Joint positions, deg (prismatic: m).")]
+Via = Annotated[
+    list[str] | None,
+    option(
+        "--via",
+        what="The same in rad (prismatic: m).",
+        metavar="POINTS",
+    ),
+]
+ViaDeg = Annotated[
+    list[str] | None,
+    option(
+        "--via-deg",
+        what="Via points, deg (prismatic: m): '0,0,0 45,30,0', or the option once a point.",
+        metavar="POINTS",
+    ),
+]
+QMin = Annotated[str | None, option("--q-min", what="The same in rad (m).")]
+QMax = Annotated[str | None, option("--q-max", what="The same in rad (m).")]
+QMinDeg = Annotated[str | None, option("--q-min-deg", what="Least position, deg (m).")]
+QMaxDeg = Annotated[str | None, option("--q-max-deg", what="Largest position, deg (m).")]
+QdMax = Annotated[str | None, option("--qd-max", what="Largest speed, rad/s (m/s).")]
+QdMaxDeg = Annotated[str | None, option("--qd-max-deg", what="The same in deg/s (m/s).")]
+QddMax = Annotated[str | None, option("--qdd-max", what="Largest acceleration, rad/s^2 (m/s^2).")]
+TauMax = Annotated[str | None, option("--tau-max", what="Largest torque, N m (force, N).")]
+TaudMax = Annotated[str | None, option("--taud-max", what="Largest torque rate, N m/s (N/s).")]
+
+Live = Annotated[
+    bool,
+    typer.Option("--live", help="Watch the solvers in a Rerun viewer, bound to 127.0.0.1."),
+]
+LiveServe = Annotated[
+    bool,
+    typer.Option("--live-serve", help="The same in a browser on this machine; Ctrl-C ends it."),
+]
+LiveConnect = Annotated[
+    str | None,
+    option("--live-connect", what="The same in a viewer that is open.", metavar="HOST:PORT"),
+]
+Iterations = Annotated[
+    Path | None,
+    option(
+        "--rerun-iterations",
+        what="Write a recording of the solvers' iterations (.rrd) to this file.",
+        metavar="FILE",
+    ),
+]
+
+OutFolder = Annotated[
+    Path | None,
+    option("--out", what="Folder for tables, figures, recording, motions.", metavar="FOLDER"),
+]
+OutMotion = Annotated[
+    Path | None, option("--out", what="Write the motion to this .npz file.", metavar="FILE")
+]
+
+LIMIT_OPTIONS = (
+    "q_min", "q_max", "q_min_deg", "q_max_deg", "qd_max", "qd_max_deg", "qdd_max", "tau_max",
+    "taud_max",
+)  # fmt: skip
+
+
+def numbers(name: str, text: str, count: int, what: str = "") -> FloatArray:
+    """Array [count] from numbers with commas between; ``what`` names them in a message."""
+    values = _floats(name, text)
+    if len(values) != count:
+        named = f" ({what})" if what else ""
+        raise InputError(
+            f"{name} must be {count} number{'s' * (count != 1)}{named}, not {len(values)}: {text!r}"
+        )
+    return checks.array(name, values, (count,))
+
+
+def _floats(name: str, text: str) -> list[float]:
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError:
+        raise InputError(f"{name} must be numbers with commas between, not {text!r}") from None
+
+
+def one_number(text: str | float) -> float:
+    """Parser of an option that is one number."""
+    try:
+        return float(text)
+    except ValueError:
+        raise typer.BadParameter(f"it must be a number, not {text!r}") from None
+
+
+def whole_number(text: str | int) -> int:
+    """Parser of an option that is a whole number."""
+    try:
+        return int(text)
+    except ValueError:
+        raise typer.BadParameter(f"it must be a whole number, not {text!r}") from None
+
+
+def joint_values(robot: Robot, name: str, radians: str | None, degrees: str | None) -> FloatArray:
+    """Joint values [n] in SI units from exactly one of ``--name`` and ``--name-deg``."""
+    found = optional_joint_values(robot, name, radians, degrees)
+    if found is None:
+        raise InputError(f"give --{name} (rad) or --{name}-deg")
+    return found
+
+
+def optional_joint_values(
+    robot: Robot, name: str, radians: str | None, degrees: str | None
+) -> FloatArray | None:
+    """The same; None where neither is given."""
+    if radians is not None and degrees is not None:
+        raise InputError(f"give --{name} or --{name}-deg, not both")
+    joints = ", ".join(robot.joint_names)
+    if degrees is not None:
+        return numbers(f"--{name}-deg", degrees, robot.joint_count, joints) * joint_scale(robot)
+    if radians is not None:
+        return numbers(f"--{name}", radians, robot.joint_count, joints)
+    return None
+
+
+def via_points(
+    robot: Robot, radians: Sequence[str] | None, degrees: Sequence[str] | None
+) -> FloatArray:
+    """Via points [m,n] in SI units from exactly one of ``--via`` and ``--via-deg``."""
+    if bool(radians) == bool(degrees):
+        raise InputError(
+            "give --via or --via-deg, not both"
+            if radians
+            else "give via points: --via-deg '0,0,0 -90,90,90', or --via in rad"
+        )
+    name = "--via-deg" if degrees else "--via"
+    given = [re.sub(r"\s*,\s*", ",", text) for text in degrees or radians or ()]
+    texts = [point for text in given for point in re.split(r"[\s;]+", text)]
+    joints = ", ".join(robot.joint_names)
+    rows = [numbers(name, text, robot.joint_count, joints) for text in texts if text]
+    if len(rows) < 2:
+        raise InputError(f"{name} must give at least 2 points, not {len(rows)}")
+    values = checks.array(name, [row.tolist() for row in rows], (None, robot.joint_count))
+    return values * joint_scale(robot) if degrees else values
+
+
+def limits_of(robot: Robot, given: Mapping[str, Any]) -> JointLimits:
+    """The robot's limits with those of the command line in their place."""
+    changes: dict[str, Any] = {}
+    for key in LIMIT_OPTIONS:
+        text = given.get(key)
+        if text is None:
+            continue
+        name = f"--{key.replace('_', '-')}"
+        plain = key.removesuffix("_deg")
+        if plain in changes:
+            raise InputError(f"give --{plain.replace('_', '-')} or {name}, not both")
+        values = _floats(name, text)
+        array = per_joint(robot, name, values if len(values) > 1 else values[0])
+        changes[plain] = array * joint_scale(robot) if key != plain else array
+    try:
+        return robot.with_limits(**changes).limits
+    except InputError as problem:
+        raise InputError(f"limits: {problem}") from None
+
+
+def chosen_robot(name: str, tip: str | None = None) -> Robot:
+    """The robot of a command line."""
+    return load_robot(name, tip)
+
+
+def writable(path: Path | None, ending: str | tuple[str, ...], name: str) -> Path | None:
+    """A file to write, checked before any work: its ending and its folder."""
+    if path is None:
+        return None
+    endings = (ending,) if isinstance(ending, str) else ending
+    if path.suffix not in endings:
+        raise InputError(f"{name} must end in {' or '.join(endings)}, not {str(path)!r}")
+    reason = ""
+    if path.is_dir():
+        reason = "it is a folder"
+    elif not path.parent.is_dir():
+        reason = "its folder does not exist"
+    elif not os.access(path if path.exists() else path.parent, os.W_OK):
+        reason = "permission denied"
+    if reason:
+        raise InputError(f"{name} cannot be written to {str(path)!r}: {reason}")
+    return path
+
+
+def output_folder(path: Path | None) -> Path | None:
+    """A folder to write into, made when the work is done; checked before."""
+    if path is not None:
+        existing = next(p for p in (path, *path.absolute().parents) if p.exists())
+        if not existing.is_dir():
+            raise InputError(f"--out must be a folder, but {str(existing)!r} is a file")
+        if not os.access(existing, os.W_OK):
+            raise InputError(f"--out cannot be written to {str(path)!r}: permission denied")
+    return path

@@ -1,0 +1,147 @@
+"""What commands print: text and tables for people, one strict JSON document for machines."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from microbot_ocp.cli import _interrupt as interrupt
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.table import Table
+
+    from microbot_ocp.comparison import Progress, Step
+    from microbot_ocp.robot import Robot
+
+PIPE_WIDTH = 120  # columns where there is no terminal to ask
+
+
+def make_console(*, errors: bool = False) -> Console:
+    """Console on standard output or error; plain where ``NO_COLOR`` is set or nobody watches."""
+    from rich.console import Console
+
+    stream = sys.stderr if errors else sys.stdout
+    known = stream.isatty() or "COLUMNS" in os.environ
+    return Console(
+        file=stream,
+        width=None if known else PIPE_WIDTH,
+        color_system=None if os.environ.get("NO_COLOR") else "auto",
+        highlight=False,
+        markup=False,
+        emoji=False,
+    )
+
+
+def answer(
+    as_json: bool, document: Mapping[str, Any], show: Callable[[Console], None], code: int = 0
+) -> int:
+    """Print the document as JSON, or let ``show`` print it for people; return the exit code."""
+    interrupt.check()
+    if as_json:
+        utf8 = (sys.stdout.encoding or "").lower().replace("-", "") == "utf8"
+        print(json.dumps(plain(document), indent=2, ensure_ascii=not utf8, allow_nan=False))
+    else:
+        show(make_console())
+    return code
+
+
+def plain(value: Any) -> Any:
+    """Plain JSON values; numbers that are not finite become None."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, np.generic):
+        return plain(value.item())
+    if isinstance(value, float):
+        return value + 0.0 if math.isfinite(value) else None  # no -0.0
+    return value
+
+
+def make_table(heads: Sequence[str], rows: Iterable[Sequence[str]], left: int = 1) -> Table:
+    """Plain table; the first ``left`` columns are words, the others numbers."""
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=(0, 1, 0, 0))
+    for index, head in enumerate(heads):
+        justify = "left" if index < left else "right"
+        table.add_column(Text(head), justify=justify, overflow="fold", no_wrap=index == 0)
+    for row in rows:
+        table.add_row(*map(Text, row))
+    return table
+
+
+def number(value: float, digits: int = 4) -> str:
+    """A number with so many decimals, without those that say nothing; a dash for none."""
+    if not math.isfinite(value):
+        return "–"
+    return f"{round(value, digits) + 0.0:.{digits}f}".rstrip("0").rstrip(".")
+
+
+def span(lower: float, upper: float, digits: int = 4) -> str:
+    """A range: ± where it is symmetric, a dash where there is none."""
+    if math.isinf(lower) and math.isinf(upper):
+        return "–"
+    if math.isclose(lower, -upper):
+        return f"±{number(upper, digits)}"
+    return f"{number(lower, digits)} to {number(upper, digits)}"
+
+
+def point_text(place: Any) -> str:
+    """A place as (x, y, z)."""
+    return f"({', '.join(number(float(x)) for x in place)})"
+
+
+def joint_text(robot: Robot, q: Any, digits: int = 4) -> str:
+    """Joint positions with their unit: degrees, or degrees and metres."""
+    shown = in_degrees(robot, q)
+    unit = "deg" if "prismatic" not in robot.joint_types else "deg, prismatic m"
+    return f"({', '.join(number(float(v), digits) for v in shown)}) {unit}"
+
+
+def in_degrees(robot: Robot, q: Any) -> np.ndarray:
+    """Joint values [..., n] in degrees; those of prismatic joints stay as they are."""
+    turns = np.array(robot.joint_types) == "revolute"
+    return np.round(np.asarray(q, dtype=float) * np.where(turns, 180.0 / np.pi, 1.0), 10)
+
+
+def close(console: Console, advice: str, written: Sequence[str]) -> None:
+    """Print what comes last: advice, and what was written where."""
+    if advice:
+        console.print(f"Advice: {advice}")
+    if len(written) == 1:
+        console.print(f"written: {written[0]}", soft_wrap=True)
+    elif written:
+        folders = {str(Path(path).parent) for path in written}
+        folder = min(folders, key=len)
+        console.print(f"written: {len(written)} files in {folder}", soft_wrap=True)
+
+
+@contextmanager
+def shown_progress(as_json: bool) -> Iterator[Progress]:
+    """Progress as a bar on standard error if that is a terminal; every step heeds Ctrl-C."""
+    if as_json or not sys.stderr.isatty():
+        yield lambda step: interrupt.check()
+        return
+    from microbot_ocp.views.live import show_progress
+
+    with show_progress(make_console(errors=True)) as report:
+
+        def show(step: Step) -> None:
+            interrupt.check()
+            report(step)
+
+        yield show

@@ -1,0 +1,326 @@
+"""``robots`` and ``show``: what there is, and what a robot is made of."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import typer
+
+import microbot_ocp as mo
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp.cli import _recordings as recordings
+from microbot_ocp.cli._options import (
+    Json,
+    Open,
+    Recording,
+    RobotName,
+    Tip,
+    chosen_robot,
+    option,
+    writable,
+)
+from microbot_ocp.cli._output import (
+    answer,
+    close,
+    joint_text,
+    make_table,
+    number,
+    point_text,
+    span,
+)
+from microbot_ocp.robot import LIMIT_UNITS, Robot
+from microbot_ocp.robot.files import load_robot, packaged_robots, robot_text, save_text
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from microbot_ocp.motion import Motion
+
+POSES = 4000  # in each round of the search for the largest reach
+ROUNDS = 12
+SWEEP = np.pi / 3  # how far `show` turns a joint to either side, rad (a third of it in m)
+SWEEP_TIME = 1.0  # s for each way, at least
+CALM = 0.9  # share of the limits of velocity and acceleration that it uses at most
+# Peaks of a quintic from rest to rest over a unit distance in a unit time.
+PEAK_SPEED, PEAK_ACCELERATION = 15 / 8, 10 / np.sqrt(3)
+
+
+def robots(as_json: Json = False) -> int:
+    """List the packaged robots."""
+    every = [load_robot(name) for name in packaged_robots()]
+    document = [
+        {
+            "name": name,
+            "joints": robot.joint_count,
+            "has_dynamics": robot.has_dynamics,
+            "description": robot.description,
+        }
+        for name, robot in zip(packaged_robots(), every, strict=True)
+    ]
+
+    def show_them(console: Console) -> None:
+        rows = [
+            [d["name"], _types(robot), "yes" if d["has_dynamics"] else "no", d["description"]]
+            for d, robot in zip(document, every, strict=True)
+        ]
+        console.print(make_table(["name", "joints", "masses", "what it is"], rows, left=4))
+
+    return answer(as_json, {"robots": document}, show_them)
+
+
+def show(
+    robot_name: RobotName,
+    tip: Tip = None,
+    toml: Annotated[
+        bool, typer.Option("--toml", help="Print its TOML file instead: a start for your own.")
+    ] = False,
+    out: Annotated[
+        Path | None,
+        option("--out", what="Write the robot to this .toml or .urdf file.", metavar="FILE"),
+    ] = None,
+    rerun: Recording = None,
+    open_viewer: Open = False,
+    as_json: Json = False,
+) -> int:
+    """Show a robot: DH rows, masses, limits, workspace.
+
+    --toml and --out copy it. In Rerun every joint moves in turn.
+    """
+    robot = chosen_robot(robot_name, tip)
+    if toml and as_json:
+        raise InputError("give --toml or --json, not both")
+    writable(out, (".toml", ".urdf"), "--out")
+    recordings.check(rerun, open_viewer)
+    written = [] if out is None else [str(_write(robot_name, tip, robot, out))]
+    rest = _nearest_zero(robot)
+    pose = np.array(mo.forward_kinematics(robot)(rest))
+    found, bound = largest_reach(robot)
+    document = {
+        "name": robot.name,
+        "description": robot.description,
+        "joints": [_joint_document(robot, joint) for joint in range(robot.joint_count)],
+        "tool": robot.tool,
+        "base": robot.base,
+        "gravity": robot.gravity,
+        "total_mass": sum(link.mass for link in robot.links) if robot.has_dynamics else None,
+        "workspace": {
+            "pose": rest,
+            "tool_position": pose[:3, 3],
+            "reach_found": found,
+            "reach_bound": bound,
+        },
+        "written": written,
+    }
+
+    def tables(console: Console) -> None:
+        _show_robot(console, robot)
+        at = "zero" if not rest.any() else f"{joint_text(robot, rest)} (nearest to zero in limits)"
+        console.print(f"Tool at {at}: {point_text(pose[:3, 3])} m")
+        reach = f"{number(found, 3)} m from the base origin found within the limits"
+        most = f"; at most {number(bound, 3)} m with every link stretched out"
+        console.print(f"Reach: {reach}{most if np.isfinite(bound) else ''}")
+        close(console, "", written)
+
+    def file(console: Console) -> None:
+        console.file.write(robot_text(robot_name, tip))
+
+    code = answer(as_json, document, file if toml else tables)
+    recordings.show_motion(robot, joint_sweep(robot), rerun, open_viewer)
+    return code
+
+
+def _write(source: str, tip: str | None, robot: Robot, path: Path) -> Path:
+    """Write a robot into a file of its own, in the format that the ending says."""
+    if path.suffix == ".urdf":
+        mo.write_urdf(robot, path)
+    else:
+        save_text(robot_text(source, tip), path, ".toml")
+    return path
+
+
+def largest_reach(robot: Robot) -> tuple[float, float]:
+    """Distance of the tool from the base origin, m: the largest found, and one never exceeded.
+
+    The search draws poses within the limits around the best so far, ever closer; what it finds is
+    a lower bound.
+    """
+    turns = np.array(robot.joint_types) == "revolute"
+    low, high = robot.limits.bounds("q")
+    slides = np.where(turns, 0.0, np.maximum(np.abs(robot.d + low), np.abs(robot.d + high)))
+    rows = np.hypot(robot.a, np.where(turns, robot.d, slides))
+    bound = rows.sum() + sum(np.linalg.norm(m[:3, 3]) for m in (robot.base, robot.tool))
+    if not np.isfinite(bound):
+        return float("inf"), float("inf")
+    low = np.where(turns, np.maximum(low, -np.pi), low)
+    high = np.where(turns, np.minimum(high, np.pi), high)
+    low, high = np.minimum(low, high), np.maximum(low, high)
+    rng = np.random.default_rng(0)
+    width, best = high - low, _nearest_zero(robot)
+    batch = mo.forward_kinematics(robot).map(POSES + 1)
+    distance = 0.0
+    for round_ in range(ROUNDS):
+        spread = width * 0.5**round_
+        q = np.clip(best + spread * rng.uniform(-1.0, 1.0, (POSES, low.size)), low, high)
+        q = np.vstack([best, q])
+        places = np.array(batch(q.T)).reshape(4, POSES + 1, 4)[:3, :, 3]
+        distances = np.linalg.norm(places, axis=0)
+        best, distance = q[distances.argmax()], float(distances.max())
+    return min(distance, float(bound)), float(bound)
+
+
+def joint_sweep(robot: Robot) -> Motion:
+    """Every joint in turn to either side and back, within its limits; torques at rest."""
+    rest = _nearest_zero(robot)
+    low, high = robot.limits.bounds("q")
+    points = [rest]
+    free = np.minimum(*(_symmetric(robot, quantity) for quantity in ("qd", "qdd"))) > 0.0
+    for joint, kind in enumerate(robot.joint_types):
+        step = SWEEP if kind == "revolute" else SWEEP / 3
+        step *= free[joint]
+        for target in (rest[joint] + step, rest[joint] - step, rest[joint]):
+            point = rest.copy()
+            point[joint] = np.clip(target, low[joint], high[joint])
+            points.append(point)
+    breaks = np.append(0.0, np.cumsum([_sweep_time(robot, *pair) for pair in pairwise(points)]))
+    shape = mo.quintic(points, breaks)
+    if robot.has_dynamics:
+        return mo.Motion.from_polynomial(robot, shape, label="joint by joint")
+    from microbot_ocp.motion import sample_times
+
+    t = sample_times(breaks, np.array([]), 1e-2)
+    velocity = shape.derivative()
+    q = shape(t)
+    return mo.Motion(
+        t, q, velocity(t), velocity.derivative()(t), np.zeros_like(q), "joint by joint", breaks
+    )
+
+
+def _sweep_time(robot: Robot, start: FloatArray, end: FloatArray) -> float:
+    """Duration of one way of the sweep within the limits of velocity and acceleration, s."""
+    distance = np.abs(end - start)
+    speed, acceleration = (CALM * _symmetric(robot, quantity) for quantity in ("qd", "qdd"))
+    moving = distance > 0.0
+    by_speed = PEAK_SPEED * distance[moving] / speed[moving]
+    by_acceleration = np.sqrt(PEAK_ACCELERATION * distance[moving] / acceleration[moving])
+    return float(max([SWEEP_TIME, *by_speed, *by_acceleration]))
+
+
+def _symmetric(robot: Robot, quantity: str) -> FloatArray:
+    """What every joint may have of a quantity in either direction [n]."""
+    lower, upper = robot.limits.bounds(quantity)
+    return np.minimum(-lower, upper)
+
+
+def _nearest_zero(robot: Robot) -> FloatArray:
+    return np.clip(np.zeros(robot.joint_count), robot.limits.q_min, robot.limits.q_max)
+
+
+def _types(robot: Robot) -> str:
+    return "".join("R" if kind == "revolute" else "P" for kind in robot.joint_types)
+
+
+def _joint_document(robot: Robot, joint: int) -> dict[str, Any]:
+    document: dict[str, Any] = {
+        "name": robot.joint_names[joint],
+        "type": robot.joint_types[joint],
+        **{key: getattr(robot, key)[joint] for key in ("alpha", "a", "d", "theta_offset")},
+        "limits": {
+            key: bound[joint]
+            for quantity in LIMIT_UNITS
+            for key, bound in zip(
+                (f"{quantity}_min", f"{quantity}_max"), robot.limits.bounds(quantity), strict=True
+            )
+        },
+    }
+    if robot.has_dynamics:
+        link = robot.links[joint]
+        keys = ("mass", "center_of_mass", "inertia", "armature")
+        keys += ("viscous_friction", "coulomb_friction")
+        document["link"] = {key: getattr(link, key) for key in keys}
+    return document
+
+
+def _show_robot(console: Console, robot: Robot) -> None:
+    about = f": {robot.description}" if robot.description else ""
+    console.print(f"{robot.name}{about}")
+    console.print("\nModified DH rows (Craig)")
+    heads = ["joint", "type", "alpha [deg]", "a [m]", "d [m]", "theta [deg]"]
+    rows = [_dh_row(robot, j) for j in range(robot.joint_count)]
+    console.print(make_table(heads, rows, left=2), "")
+    tool, base = robot.tool[:3, 3], robot.base[:3, 3]
+    console.print(f"Tool origin in the last link frame: {point_text(tool)} m")
+    if not np.array_equal(robot.base, np.eye(4)):
+        turned = "" if np.array_equal(robot.base[:3, :3], np.eye(3)) else ", turned"
+        console.print(f"Origin of frame 0 in the base frame: {point_text(base)} m{turned}")
+    console.print(f"Gravity: {point_text(robot.gravity)} m/s²\n")
+    joints = range(robot.joint_count)
+    if robot.has_dynamics:
+        total = number(sum(link.mass for link in robot.links))
+        console.print(f"Links, {total} kg in all; inertia about the centre of mass")
+        heads = ["link", "mass [kg]", "centre of mass [m]", "Ixx, Iyy, Izz [kg m²]"]
+        console.print(make_table(heads, [_link_row(robot, j) for j in joints]), "")
+        if any(any(_drive(robot, j)) for j in joints):
+            console.print("Joints")
+            heads = ["joint", "rotor inertia", "viscous friction", "Coulomb friction"]
+            rows = [[robot.joint_names[j], *(f"{x:.4g}" for x in _drive(robot, j))] for j in joints]
+            console.print(make_table(heads, rows), "")
+    else:
+        console.print("No masses: kinematics only.\n")
+    quantities = [q for q in LIMIT_UNITS if np.isfinite(robot.limits.bounds(q)).any()]
+    if not quantities:
+        console.print("Limits: none\n")
+        return
+    console.print("Limits")
+    alike = len(set(robot.joint_types)) == 1
+    heads = [f"{q} [{_shown_unit(robot, q, 0)}]" if alike else q for q in quantities]
+    rows = [
+        [robot.joint_names[j], *(_limit_cell(robot, q, j, alike) for q in quantities)]
+        for j in joints
+    ]
+    console.print(make_table(["joint", *heads], rows), "")
+
+
+def _dh_row(robot: Robot, joint: int) -> list[str]:
+    revolute = robot.joint_types[joint] == "revolute"
+    offset, d = number(np.degrees(robot.theta_offset[joint])), number(robot.d[joint])
+    theta = ("q" if offset == "0" else f"q + {offset}") if revolute else offset
+    return [
+        robot.joint_names[joint],
+        robot.joint_types[joint],
+        number(np.degrees(robot.alpha[joint])),
+        number(robot.a[joint]),
+        d if revolute else ("q" if d == "0" else f"q + {d}"),
+        theta.replace("+ -", "- "),
+    ]
+
+
+def _link_row(robot: Robot, joint: int) -> list[str]:
+    link = robot.links[joint]
+    return [
+        robot.joint_names[joint],
+        number(link.mass),
+        ", ".join(number(x) for x in link.center_of_mass),
+        ", ".join(f"{x:.3g}" for x in np.diag(link.inertia)),
+    ]
+
+
+def _drive(robot: Robot, joint: int) -> tuple[float, float, float]:
+    link = robot.links[joint]
+    return link.armature, link.viscous_friction, link.coulomb_friction
+
+
+def _shown_unit(robot: Robot, quantity: str, joint: int) -> str:
+    unit = robot.unit(quantity, joint)
+    return "deg" if unit == "rad" else unit.replace("^2", "²")
+
+
+def _limit_cell(robot: Robot, quantity: str, joint: int, bare: bool) -> str:
+    lower, upper = (float(bound[joint]) for bound in robot.limits.bounds(quantity))
+    unit = _shown_unit(robot, quantity, joint)
+    if unit == "deg":
+        lower, upper = float(np.degrees(lower)), float(np.degrees(upper))
+    text = span(lower, upper, 2 if unit == "deg" else 4)
+    return text if bare or text == "–" else f"{text} {unit}"

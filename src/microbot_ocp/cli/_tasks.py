@@ -1,0 +1,325 @@
+"""``compare``, ``time-optimal`` and ``solve``: motions found and told of."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import typer
+
+from microbot_ocp.cli import _recordings as recordings
+from microbot_ocp.cli._options import (
+    Iterations,
+    Json,
+    Live,
+    LiveConnect,
+    LiveServe,
+    Open,
+    OutFolder,
+    OutMotion,
+    QddMax,
+    QdMax,
+    QdMaxDeg,
+    QMax,
+    QMaxDeg,
+    QMin,
+    QMinDeg,
+    Recording,
+    RobotName,
+    TaudMax,
+    TauMax,
+    Tip,
+    Via,
+    ViaDeg,
+    chosen_robot,
+    limits_of,
+    numbers,
+    option,
+    output_folder,
+    via_points,
+    whole_number,
+    writable,
+)
+from microbot_ocp.cli._output import answer, close, joint_text, make_table
+from microbot_ocp.cli._watching import Watchers
+from microbot_ocp.comparison import (
+    METHODS,
+    OUTPUTS,
+    Certificate,
+    Comparison,
+    Progress,
+    Step,
+    certify,
+    compare as compare_methods,
+    read_task,
+)
+from microbot_ocp.motion import Motion
+from microbot_ocp.ocp.solution import Iteration, StepProgress
+from microbot_ocp.planning import TimeOptimalSettings, time_optimal as find_time_optimal
+from microbot_ocp.robot import Robot
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+WIDE = 110  # columns that the full table of a comparison needs
+FEW_JOINTS = 4  # more joints than this: the busiest one stands for them
+
+Mesh = Annotated[
+    int,
+    typer.Option(help="Intervals between two via points.", metavar="N", parser=whole_number),
+]
+
+
+def _method_names(incomplete: str) -> list[str]:
+    """Methods to complete the last name of a list with."""
+    *named, last = incomplete.split(",")
+    return [
+        ",".join([*named, name]) for name in METHODS if name.startswith(last) and name not in named
+    ]
+
+
+def compare(
+    context: typer.Context,
+    robot_name: RobotName,
+    via_deg: ViaDeg = None,
+    via: Via = None,
+    methods: Annotated[
+        str | None,
+        option(
+            "--methods",
+            what=f"Some of {', '.join(METHODS)}; default all, cubic_report with --time.",
+            metavar="NAMES",
+            completion=_method_names,
+        ),
+    ] = None,
+    time: Annotated[
+        str | None,
+        option("--time", what="Times at the via points for the textbook methods, s."),
+    ] = None,
+    q_min_deg: QMinDeg = None,
+    q_min: QMin = None,
+    q_max_deg: QMaxDeg = None,
+    q_max: QMax = None,
+    qd_max: QdMax = None,
+    qd_max_deg: QdMaxDeg = None,
+    qdd_max: QddMax = None,
+    tau_max: TauMax = None,
+    taud_max: TaudMax = None,
+    mesh: Mesh = TimeOptimalSettings.mesh,
+    out: OutFolder = None,
+    iterations: Iterations = None,
+    live: Live = False,
+    live_serve: LiveServe = False,
+    live_connect: LiveConnect = None,
+    tip: Tip = None,
+    as_json: Json = False,
+) -> int:
+    """Compare several methods on one task, under the same limits.
+
+    Every motion is certified. A limit is one number, or one a joint with commas between; those not
+    given are the robot's own. Exit code 1 where a method found no solution.
+    """
+    robot = chosen_robot(robot_name, tip)
+    points = via_points(robot, via, via_deg)
+    output_folder(out)
+    watchers = Watchers(live, live_serve, live_connect, iterations)
+    with watchers.progress(as_json) as progress:
+        result = compare_methods(
+            robot,
+            points,
+            [name.strip() for name in methods.split(",")] if methods is not None else None,
+            limits_of(robot, context.params),
+            via_t=numbers("--time", time, len(points)) if time is not None else None,
+            mesh=mesh,
+            progress=progress,
+        )
+    return _tell_comparison(as_json, result, _save(result, out, OUTPUTS), watchers)
+
+
+def time_optimal(
+    context: typer.Context,
+    robot_name: RobotName,
+    via_deg: ViaDeg = None,
+    via: Via = None,
+    q_min_deg: QMinDeg = None,
+    q_min: QMin = None,
+    q_max_deg: QMaxDeg = None,
+    q_max: QMax = None,
+    qd_max: QdMax = None,
+    qd_max_deg: QdMaxDeg = None,
+    qdd_max: QddMax = None,
+    tau_max: TauMax = None,
+    taud_max: TaudMax = None,
+    mesh: Mesh = TimeOptimalSettings.mesh,
+    starts: Annotated[
+        int,
+        typer.Option(help="Starting motions to try.", metavar="N", parser=whole_number),
+    ] = TimeOptimalSettings.starts,
+    out: OutMotion = None,
+    rerun: Recording = None,
+    open_viewer: Open = False,
+    iterations: Iterations = None,
+    live: Live = False,
+    live_serve: LiveServe = False,
+    live_connect: LiveConnect = None,
+    tip: Tip = None,
+    as_json: Json = False,
+) -> int:
+    """Find and certify the fastest motion through via points.
+
+    It is at rest at both ends. A limit is one number, or one a joint with commas between; those not
+    given are the robot's own. Exit code 1 where the solver did not converge.
+    """
+    robot = chosen_robot(robot_name, tip)
+    points = via_points(robot, via, via_deg)
+    limited = robot.with_limits(limits_of(robot, context.params))
+    writable(out, ".npz", "--out")
+    recordings.check(rerun, open_viewer)
+    watchers = Watchers(live, live_serve, live_connect, iterations)
+    settings = TimeOptimalSettings(mesh=mesh, starts=starts)
+    with watchers.progress(as_json) as progress:
+        motion = find_time_optimal(
+            limited, points, settings=settings, progress=_steps(progress, "solve")
+        )
+        _steps(progress, "certify")(f"{motion.duration:.4f} s")
+        certificate = certify(limited, motion, via_q=points)
+    motion = replace(motion, provenance={**motion.provenance, "robot": robot.name})
+    written = [str(motion.save(out))] if out is not None else []
+    if recordings.show_motion(limited, motion, rerun, open_viewer, certificate):
+        written.append(str(rerun))
+    written += watchers.written()
+    document = {
+        "robot": robot.name,
+        "via_q": points,
+        "limits": limited.limits.as_dict(),
+        "solved": motion.solved,
+        "status": motion.provenance.get("status", "solved"),
+        "advice": motion.provenance.get("advice", ""),
+        "duration": motion.duration,
+        "marks": [{"time": mark.time, "name": mark.name} for mark in motion.marks],
+        "certificate": certificate.as_dict(),
+        "written": written,
+    }
+
+    def text(console: Console) -> None:
+        _show_motion(console, limited, points, motion, certificate)
+        close(console, "" if motion.solved else str(document["advice"]), written)
+
+    code = answer(as_json, document, text, 0 if motion.solved else 1)
+    watchers.linger()
+    return code
+
+
+def solve(
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help="Task in TOML; docs/task_file.md has the keys.")
+    ],
+    out: OutFolder = None,
+    iterations: Iterations = None,
+    live: Live = False,
+    live_serve: LiveServe = False,
+    live_connect: LiveConnect = None,
+    as_json: Json = False,
+) -> int:
+    """Solve the task of a TOML file.
+
+    --out says where its outputs go. Exit code 1 where a method found no solution.
+    """
+    task = read_task(file)
+    output_folder(out)
+    watchers = Watchers(live, live_serve, live_connect, iterations)
+    with watchers.progress(as_json) as progress:
+        result = task.compare(progress)
+    return _tell_comparison(as_json, result, _save(result, out, task.outputs), watchers)
+
+
+def _save(comparison: Comparison, folder: Path | None, outputs: Sequence[str]) -> list[str]:
+    """Write some of :data:`OUTPUTS` into a folder, if there is one."""
+    return [] if folder is None else [str(path) for path in comparison.save(folder, outputs)]
+
+
+def _tell_comparison(
+    as_json: bool, comparison: Comparison, saved: list[str], watchers: Watchers
+) -> int:
+    from microbot_ocp.views.tables import comparison_notes, comparison_rows
+
+    written = [*saved, *watchers.written()]
+    document = {
+        "robot": comparison.robot.name,
+        "via_q": comparison.via_q,
+        "limits": comparison.limits.as_dict(),
+        "reference": comparison.reference,
+        "solved": comparison.solved,
+        "entries": comparison_rows(comparison),
+        "written": written,
+    }
+
+    def text(console: Console) -> None:
+        wide = console.width >= WIDE
+        console.print(comparison.table() if wide else _narrow_table(document["entries"]))
+        if not wide:
+            console.print()
+        console.print(comparison_notes(comparison))
+        close(console, "", written)
+
+    code = answer(as_json, document, text, 0 if comparison.solved else 1)
+    watchers.linger()
+    return code
+
+
+def _narrow_table(rows: Sequence[dict[str, Any]]) -> Any:
+    """The comparison for a terminal of 80 columns: one line a method."""
+    heads = ["method", "T [s]", "ratio", "peak qd [%]", "peak tau [%]", "certificate"]
+    cells = [
+        [
+            str(row["title"]),
+            *("–" if row[key] is None else f"{row[key]:.3f}" for key in ("duration", "ratio")),
+            *(_peaks(row["utilisation"].get(quantity, {})) for quantity in ("qd", "tau")),
+            str(row["verdict_short"] or row["status"]),
+        ]
+        for row in rows
+    ]
+    return make_table(heads, cells)
+
+
+def _peaks(shares: dict[str, float | None]) -> str:
+    known = [100 * share for share in shares.values() if share is not None]
+    if len(shares) > FEW_JOINTS or not known:
+        return f"{max(known):.0f}" if known else "–"
+    return "/".join("–" if s is None else f"{100 * s:.0f}" for s in shares.values())
+
+
+def _show_motion(
+    console: Console, robot: Robot, via_q: Any, motion: Motion, certificate: Certificate
+) -> None:
+    status = str(motion.provenance.get("status", "solved")).replace("_", " ")
+    console.print(f"{robot.name}, {motion.label}: {motion.duration:.4f} s, {status}")
+    times = [0.0, *(m.time for m in motion.marks if 0 < m.time < motion.duration), motion.duration]
+    for time, via in zip(times, via_q, strict=False):
+        console.print(f"  {time:8.4f} s  {joint_text(robot, via)}")
+    checked = [check for check in certificate.limit_checks if np.isfinite(check.utilisation).any()]
+    rows = [
+        [name, *(_share(float(check.utilisation[j])) for check in checked)]
+        for j, name in enumerate(robot.joint_names)
+    ]
+    console.print()
+    heads = ["share of limit", *(f"{c.quantity} [%]" for c in checked)]
+    console.print(make_table(heads, rows), "")
+    console.print(f"Certificate: {'ok' if certificate.ok else 'REFUSED'}; {certificate.verdict}")
+
+
+def _share(value: float) -> str:
+    return "–" if not np.isfinite(value) else f"{100 * value:.1f}"
+
+
+def _steps(progress: Progress, stage: str) -> StepProgress:
+    """Progress of a solver, whose steps are not counted, as steps of a task."""
+
+    def tell(event: Iteration | str) -> None:
+        iteration = event if isinstance(event, Iteration) else None
+        progress(Step(stage == "certify", 2, stage, str(event), iteration))
+
+    return tell

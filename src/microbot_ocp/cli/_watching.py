@@ -1,0 +1,91 @@
+"""Whoever watches a solve: the bar on a terminal, a viewer, a recording of the iterations."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from microbot_ocp._base.checks import InputError
+from microbot_ocp.cli._options import writable
+from microbot_ocp.cli._output import shown_progress
+from microbot_ocp.cli._recordings import check_viewer
+
+if TYPE_CHECKING:
+    from microbot_ocp.comparison import Progress, Step
+    from microbot_ocp.views.recording import IterationRecorder
+
+
+@dataclass(frozen=True)
+class Watchers:
+    """What the options ``--live``, ``--live-serve``, ``--live-connect`` and
+    ``--rerun-iterations`` say; checked when it is made.
+    """
+
+    live: bool = False
+    serve: bool = False
+    connect: str | None = None
+    iterations: Path | None = None
+    _server: ExitStack = field(default_factory=ExitStack, repr=False)
+
+    def __post_init__(self) -> None:
+        if self.live + self.serve + (self.connect is not None) > 1:
+            raise InputError("give one of --live, --live-serve and --live-connect")
+        writable(self.iterations, ".rrd", "--rerun-iterations")
+        if self.live or self.serve:
+            check_viewer("--live" if self.live else "--live-serve", screen=self.live)
+        if self.connect is not None:
+            from microbot_ocp.views.live import parse_address
+
+            parse_address(self.connect)
+
+    @contextmanager
+    def progress(self, as_json: bool) -> Iterator[Progress]:
+        """A progress function for all who watch."""
+        with ExitStack() as stack:
+            watchers = [stack.enter_context(shown_progress(as_json))]
+            if self.iterations is not None:
+                from microbot_ocp.views.recording import record_iterations
+
+                watchers.append(stack.enter_context(record_iterations(self.iterations)))
+            if self.live or self.serve or self.connect is not None:
+                watchers.append(stack.enter_context(self._viewer()))
+
+            def tell(step: Step) -> None:
+                for watcher in watchers:
+                    watcher(step)
+
+            try:
+                yield tell
+            except BaseException:
+                self._server.close()
+                raise
+
+    def _viewer(self) -> AbstractContextManager[IterationRecorder]:
+        from microbot_ocp.views.live import _live as live
+
+        if self.live:
+            return live.spawned()
+        address = self.connect or self._server.enter_context(live.server(_tell))
+        return live.connected(address)
+
+    def linger(self) -> None:
+        """Serve until Ctrl-C, if a browser is served."""
+        if not self.serve:
+            return
+        print("Ctrl-C ends the server", file=sys.stderr, flush=True)
+        with self._server, suppress(KeyboardInterrupt):
+            while True:
+                time.sleep(1.0)
+
+    def written(self) -> list[str]:
+        """Files that were written."""
+        return [] if self.iterations is None else [str(self.iterations)]
+
+
+def _tell(address: str) -> None:
+    print(f"open {address}", file=sys.stderr, flush=True)

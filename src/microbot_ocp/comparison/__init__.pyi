@@ -1,0 +1,23 @@
+"""Public names; loaded when they are first asked for."""
+
+from ._certificate import (
+    Certificate as Certificate,
+    LimitCheck as LimitCheck,
+    ViaCheck as ViaCheck,
+    certify as certify,
+)
+from ._comparison import (
+    METHODS as METHODS,
+    OUTPUTS as OUTPUTS,
+    Comparison as Comparison,
+    Entry as Entry,
+    Progress as Progress,
+    Step as Step,
+    compare as compare,
+)
+from ._task_file import (
+    KEYS as KEYS,
+    TaskFile as TaskFile,
+    parse_task as parse_task,
+    read_task as read_task,
+)

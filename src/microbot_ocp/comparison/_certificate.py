@@ -1,0 +1,476 @@
+"""Independent proof of a motion: re-simulation, dense limits, consistency.
+
+Nothing here trusts what made the motion: the limits are checked between its mesh points, the
+torques are computed again, and the arm is simulated with them by an integrator that knows the
+forward dynamics only.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import FloatArray, InputError, plain
+from microbot_ocp.limits import QUANTITY_NAMES, SATURATED, LimitHistory, dense_times
+from microbot_ocp.motion import JUMP_GAP, Motion, State, mesh_of, torque_along
+from microbot_ocp.robot import JointLimits, Limits, Robot, forward_dynamics, mass_matrix_condition
+from microbot_ocp.simulation import Driven, Method, fitted, integrate
+
+ROUNDING = 1e-7  # relative excess over a limit that is put down to the solver's tolerance
+NEAR_SINGULAR = 1e6  # condition number of the mass matrix
+TORQUE_FIT = 1e-8  # error of the torque in the re-simulation, relative to the largest
+BETWEEN_SAMPLES = 0.05  # of the largest torque: how far it may stray between two samples
+
+
+@dataclass(frozen=True, eq=False)
+class LimitCheck:
+    """How one kind of limit is used along a motion, on a dense grid.
+
+    Attributes
+    ----------
+    quantity : "q", "qd", "qdd", "tau" or "taud"
+    utilisation : array [n]
+        Largest share of the limit that each joint uses: 1 is the limit, NaN where there is none.
+        For q it is the place between the limits, 0 in the middle.
+    violation : float
+        Worst relative violation, 0 where none: excess over the limit, divided by the limit (by the
+        range for q).
+    joint, time, value, limit, unit
+        Where the worst utilisation is: joint name, s, value and limit in ``unit``.
+    """
+
+    quantity: str
+    utilisation: FloatArray
+    violation: float
+    joint: str
+    time: float
+    value: float
+    limit: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class ViaCheck:
+    """How near a motion comes to a via point.
+
+    Attributes
+    ----------
+    name : str
+    time : float
+        When it is nearest, s.
+    distance : float
+        Euclidean distance in joint space then, rad (m for prismatic joints).
+    """
+
+    name: str
+    time: float
+    distance: float
+
+
+@dataclass(frozen=True, eq=False)
+class Certificate:
+    """What was checked of a motion, and the verdict.
+
+    Attributes
+    ----------
+    label : str
+    ok : bool
+        Whether every check passed.
+    verdict : str
+        The result in words.
+    limit_checks : tuple of LimitCheck
+        One for every kind of limit that the robot has.
+    final_position_error, final_velocity_error : float
+        Largest joint error after re-simulation from the motion's own torque, rad and rad/s.
+    resimulation_status : str
+        "ok", or why the integrator stopped.
+    grid_step : float
+        Longest step of the dense grid, s.
+    grid_ratio : float
+        Dense grid points to each mesh interval, at least.
+    condition_peak, condition_time : float
+        Largest condition number of the mass matrix along the way and when, s.
+    saturated_fraction : float
+        Share of the time in which at least one limit (of velocity, acceleration, torque or torque
+        rate) is used to 99 % or more.
+    condition_pose : array [n]
+        Joint positions at the largest condition number, rad.
+    path_position_error, path_error_time : float
+        Largest joint error along the re-simulation, rad, and when, s.
+    stored_torque_error : float
+        Largest difference between the stored torques and inverse dynamics, divided by the largest
+        torque of the motion.
+    stored_torque_joint, stored_torque_time
+        Where that is: joint name and s.
+    between_samples_error, between_samples_time : float
+        How far the torque half-way between two samples lies outside those of the two (by more than
+        they differ), divided by the largest torque of the motion, and when, s. It is large where
+        the samples of position, velocity and acceleration deny each other.
+    via_checks : tuple of ViaCheck
+        One for every via point given.
+    wall_time : float
+        What the certificate took, s.
+    """
+
+    label: str
+    ok: bool
+    verdict: str
+    limit_checks: tuple[LimitCheck, ...]
+    final_position_error: float
+    final_velocity_error: float
+    resimulation_status: str
+    grid_step: float
+    grid_ratio: float
+    condition_peak: float
+    condition_time: float
+    saturated_fraction: float
+    condition_pose: FloatArray | None = None
+    path_position_error: float = np.nan
+    path_error_time: float = np.nan
+    stored_torque_error: float = np.nan
+    stored_torque_joint: str = ""
+    stored_torque_time: float = np.nan
+    between_samples_error: float = np.nan
+    between_samples_time: float = np.nan
+    via_checks: tuple[ViaCheck, ...] = ()
+    wall_time: float = np.nan
+
+    def __repr__(self) -> str:
+        return f"<Certificate of {self.label!r}: {'passed' if self.ok else 'FAILED'}>"
+
+    def _repr_html_(self) -> str:
+        from microbot_ocp.views.notebook import _html as jupyter
+
+        return jupyter.certificate(self)
+
+    def limit_check(self, quantity: str) -> LimitCheck | None:
+        """The check of one kind of limit; None where the robot has none of it."""
+        return next((c for c in self.limit_checks if c.quantity == quantity), None)
+
+    @property
+    def worst_violation(self) -> float:
+        """Worst relative violation of any limit, 0 where none."""
+        return max((check.violation for check in self.limit_checks), default=0.0)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values for JSON; what is not finite becomes None."""
+        return plain(self)
+
+
+class _Resimulation(NamedTuple):
+    status: str
+    final_position_error: float = np.nan
+    final_velocity_error: float = np.nan
+    path_position_error: float = np.nan
+    path_error_time: float = np.nan
+
+
+def certify(
+    robot: Robot,
+    motion: Motion,
+    limits: Limits | JointLimits | None = None,
+    *,
+    via_q: ArrayLike | None = None,
+    limit_tolerance: float = 0.005,
+    position_tolerance: float = 1e-3,
+    torque_tolerance: float = 1e-3,
+    via_tolerance: float = 1e-3,
+    integrator_tolerance: float = 1e-12,
+    max_steps: int = 20_000,
+) -> Certificate:
+    """Check a motion against the limits and against the arm's forward dynamics.
+
+    - Limits: on a dense grid (at least 20 points to each interval between ``motion.breaks``, steps
+      of at most 0.25 ms) with torques from inverse dynamics; the torque rate by exact
+      differentiation. At a break both one-sided values count.
+    - Stored torques: compared with inverse dynamics at every sample. Between samples the torque
+      must stay near those of its neighbours, or positions, velocities and accelerations do not
+      belong together.
+    - Re-simulation: CVODES integrates the forward dynamics from the motion's first state, open
+      loop, driven by the motion's own torque as a function of time (Chebyshev series on pieces
+      that follow it to 1e-8 of the largest torque; never across a jump). The state is compared
+      with the motion's along the way and at the end.
+    - Conditioning of the mass matrix along the way: where it is singular a torque need not
+      determine the acceleration.
+
+    Parameters
+    ----------
+    robot : Robot
+        A robot with masses.
+    motion : Motion
+    limits : Limits or JointLimits, optional
+        Default ``robot.limits``.
+    via_q : array_like [m,n], optional
+        Via points, rad (m), that the motion must pass; its marks name them if there are as many.
+    limit_tolerance : float
+        Relative violation of a limit that still passes.
+    position_tolerance : float
+        Error at the end of the re-simulation that still passes, rad (m).
+    torque_tolerance : float
+        Difference of the stored torques, relative to the largest, that still passes.
+    via_tolerance : float
+        Distance to a via point that still passes, rad (m).
+    integrator_tolerance : float
+        Absolute and relative tolerance of the integrator.
+    max_steps : int
+        Most integrator steps on one piece.
+
+    Returns
+    -------
+    Certificate
+
+    Raises
+    ------
+    InputError
+        A robot without masses or of another number of joints, a bad via point or tolerance.
+
+    Examples
+    --------
+    >>> import microbot_ocp as mo
+    >>> from microbot_ocp.trajectories import cubic
+    >>> robot = mo.load_robot("microbot")
+    >>> shape = cubic([[0.0, 0.0, 0.0], [0.5, 0.8, 0.4]], [0.0, 3.0])
+    >>> certificate = certify(robot, Motion.from_polynomial(robot, shape, label="cubic"))
+    >>> certificate.ok, certificate.resimulation_status
+    (True, 'ok')
+    """
+    started = time.perf_counter()
+    count = robot.joint_count
+    if motion.joint_count != count:
+        raise InputError(f"motion is of {motion.joint_count} joints, but the robot has {count}")
+    tolerances = {
+        "limit_tolerance": limit_tolerance,
+        "position_tolerance": position_tolerance,
+        "torque_tolerance": torque_tolerance,
+        "via_tolerance": via_tolerance,
+    }
+    for name, value in tolerances.items():
+        tolerances[name] = checks.number(name, value, at_least=0.0)
+    checks.number("integrator_tolerance", integrator_tolerance, above=0.0, at_most=1e-3)
+    chosen = (robot.limits if limits is None else limits).for_joints(count)
+    via = None if via_q is None else checks.array("via_q", via_q, (None, count), "rad")
+
+    t, ratio = dense_times(motion)
+    state = motion.sample(t)
+    limit_checks, saturated = _check_limits(robot, motion, chosen, t, state)
+    condition, at = _condition(robot, t, state)
+    torque_error, torque_sample, torque_joint = _stored_torque(robot, motion)
+    stray, stray_time = _between_samples(robot, motion)
+    vias = () if via is None else _check_vias(motion, via, t, state)
+    again = _resimulate(robot, motion, integrator_tolerance, max_steps)
+
+    problems = _problems(tolerances, limit_checks, again, vias)
+    if torque_error > tolerances["torque_tolerance"]:
+        problems.append(
+            f"stored torque of {robot.joint_names[torque_joint]} at "
+            f"{motion.t[torque_sample]:.4g} s is not that of inverse dynamics: it differs by "
+            f"{torque_error:.3g} of the largest torque"
+        )
+    if stray > BETWEEN_SAMPLES:
+        problems.append(
+            f"position, velocity and acceleration do not belong together: between the samples at "
+            f"{stray_time:.4g} s the torque strays by {stray:.3g} of the largest"
+        )
+    verdict = "; ".join(problems) if problems else _praise(limit_checks, again)
+    if condition > NEAR_SINGULAR:
+        verdict += (
+            f"; mass matrix near singular at {t[at]:.4g} s (condition number {condition:.2g} at "
+            f"q = {_pose(robot, state.q[at])}): there the torque hardly determines the motion"
+        )
+    return Certificate(
+        label=motion.label,
+        ok=not problems,
+        verdict=("Failed: " if problems else "Passed: ") + verdict + ".",
+        limit_checks=limit_checks,
+        final_position_error=again.final_position_error,
+        final_velocity_error=again.final_velocity_error,
+        resimulation_status=again.status,
+        grid_step=float(np.diff(t).max()),
+        grid_ratio=ratio,
+        condition_peak=condition,
+        condition_time=float(t[at]),
+        saturated_fraction=saturated,
+        condition_pose=state.q[at],
+        path_position_error=again.path_position_error,
+        path_error_time=again.path_error_time,
+        stored_torque_error=torque_error,
+        stored_torque_joint=robot.joint_names[torque_joint],
+        stored_torque_time=float(motion.t[torque_sample]),
+        between_samples_error=stray,
+        between_samples_time=stray_time,
+        via_checks=vias,
+        wall_time=time.perf_counter() - started,
+    )
+
+
+def _check_limits(
+    robot: Robot, motion: Motion, limits: JointLimits, t: FloatArray, state: State
+) -> tuple[tuple[LimitCheck, ...], float]:
+    history = LimitHistory.of(robot, limits, motion, t, state)
+    found = []
+    busy = np.zeros(t.size, dtype=bool)
+    for use in history.uses:
+        share = history.shares[use.quantity]
+        if use.quantity != "q":
+            busy |= (share >= SATURATED).any(axis=1)
+        own = history.values[use.quantity]
+        worst = share.argmax(axis=0)
+        violations = np.array(
+            [use.violation(share[i, j], float(own[i, j]), j) for j, i in enumerate(worst)]
+        )
+        joint = int(violations.argmax() if violations.any() else share.max(axis=0).argmax())
+        i = int(worst[joint])
+        value = float(own[i, joint])
+        found.append(
+            LimitCheck(
+                quantity=use.quantity,
+                utilisation=np.where(use.limited, share.max(axis=0), np.nan),
+                violation=float(violations.max()),
+                joint=robot.joint_names[joint],
+                time=float(t[i]),
+                value=value,
+                limit=use.limit(value, joint),
+                unit=robot.unit(use.quantity, joint),
+            )
+        )
+    spans = np.diff(t)
+    share_of_time = float((0.5 * (busy[:-1] + 0.0 + busy[1:]) * spans).sum() / motion.duration)
+    return tuple(found), share_of_time
+
+
+def _condition(robot: Robot, t: FloatArray, state: State) -> tuple[float, int]:
+    values = np.array(mass_matrix_condition(robot)(state.q.T)).ravel()
+    at = int(values.argmax())
+    return float(values[at]), at
+
+
+def _stored_torque(robot: Robot, motion: Motion) -> tuple[float, int, int]:
+    """Largest difference to inverse dynamics (relative), its sample and joint."""
+    again = torque_along(robot, State(motion.q, motion.qd, motion.qdd))
+    difference = np.abs(motion.tau - again)
+    i, joint = np.unravel_index(int(difference.argmax()), difference.shape)
+    size = max(float(np.abs(again).max()), 1e-9)
+    return float(difference[i, joint] / size), int(i), int(joint)
+
+
+def _between_samples(robot: Robot, motion: Motion) -> tuple[float, float]:
+    """How far the torque half-way between samples lies outside theirs (relative), and when."""
+    start, end = motion.t[:-1], motion.t[1:]
+    long = end - start > 2 * JUMP_GAP
+    middle = 0.5 * (start + end)[long]
+    tau = torque_along(robot, motion.sample(middle))
+    ends = torque_along(robot, State(motion.q, motion.qd, motion.qdd))
+    low, high = np.minimum(ends[:-1], ends[1:])[long], np.maximum(ends[:-1], ends[1:])[long]
+    # Interpolating over a jump between two samples overshoots by less than the jump.
+    outside = (np.maximum(tau - high, low - tau) - (high - low)).max(axis=1)
+    worst = int(outside.argmax())
+    size = max(float(np.abs(ends).max()), 1e-9)
+    return max(0.0, float(outside[worst] / size)), float(middle[worst])
+
+
+def _check_vias(
+    motion: Motion, via: FloatArray, t: FloatArray, state: State
+) -> tuple[ViaCheck, ...]:
+    names = [f"via point {k + 1}" for k in range(via.shape[0])]
+    if len(motion.marks) == via.shape[0]:
+        names = [mark.name for mark in motion.marks]
+    found = []
+    for name, target in zip(names, via, strict=True):
+        nearest = int(((state.q - target) ** 2).sum(axis=1).argmin())
+        moment = float(t[nearest])
+        reach = float(np.diff(t).max())
+        for _ in range(6):
+            around = np.clip(moment + reach * np.linspace(-1, 1, 17), 0.0, motion.duration)
+            distance = np.sqrt(((motion.sample(around).q - target) ** 2).sum(axis=1))
+            moment, reach = float(around[distance.argmin()]), reach / 8
+        found.append(ViaCheck(name, moment, float(distance.min())))
+    return tuple(found)
+
+
+def _resimulate(robot: Robot, motion: Motion, tolerance: float, max_steps: int) -> _Resimulation:
+    count = robot.joint_count
+
+    def torque(t: FloatArray) -> FloatArray:
+        return torque_along(robot, motion.sample(t))
+
+    def rate(_: ca.SX, x: ca.SX, tau: ca.SX) -> ca.SX:
+        return ca.vertcat(x[count:], forward_dynamics(robot)(x[:count], x[count:], tau))
+
+    fit = TORQUE_FIT * max(float(np.abs(motion.tau).max()), 1e-6)
+    signal = fitted(torque, mesh_of(motion), fit)
+    assert signal.pieces is not None
+    edges = signal.pieces.edges
+    start = np.concatenate([motion.q[0], motion.qd[0]])
+    method = Method("cvodes", tolerance, max_steps)
+    run = integrate(Driven(rate, 2 * count, signal), start, edges, method)
+    if run.status != "ok":
+        return _Resimulation(run.status)
+    wanted = motion.sample(edges[1:])
+    states = run.states[1:]
+    along = np.abs(states[:, :count] - wanted.q).max(axis=1)
+    worst = int(along.argmax())
+    return _Resimulation(
+        "ok",
+        float(along[-1]),
+        float(np.abs(states[-1, count:] - wanted.qd[-1]).max()),
+        float(along[worst]),
+        float(edges[worst + 1]),
+    )
+
+
+def _problems(
+    tolerances: dict[str, float],
+    limit_checks: tuple[LimitCheck, ...],
+    again: _Resimulation,
+    vias: tuple[ViaCheck, ...],
+) -> list[str]:
+    problems = [
+        f"{QUANTITY_NAMES[check.quantity]} of {check.joint} is {check.value:.5g} {check.unit} at "
+        f"{check.time:.4g} s, {100 * check.violation:.3g} % beyond its limit of "
+        f"{check.limit:.5g} {check.unit}"
+        for check in limit_checks
+        if check.violation > tolerances["limit_tolerance"]
+    ]
+    if again.status != "ok":
+        problems.append(f"re-simulation stopped: {again.status}")
+    elif not again.final_position_error <= tolerances["position_tolerance"]:
+        problems.append(
+            f"re-simulation ends {again.final_position_error:.3g} rad from the motion's end"
+        )
+    problems += [
+        f"{via.name} is missed by {via.distance:.3g} rad (nearest at {via.time:.4g} s)"
+        for via in vias
+        if via.distance > tolerances["via_tolerance"]
+    ]
+    return problems
+
+
+def _praise(limit_checks: tuple[LimitCheck, ...], again: _Resimulation) -> str:
+    parts = []
+    # Every motion fills the position range that its path needs; the others say how hard it is.
+    used = [check for check in limit_checks if check.quantity != "q"] or list(limit_checks)
+    if used:
+        tightest = max(used, key=lambda check: np.nanmax(check.utilisation))
+        worst = max(check.violation for check in limit_checks)
+        kept = "is kept" if worst <= ROUNDING else f"is kept to within {100 * worst:.2g} %"
+        parts.append(
+            f"every limit {kept}, the tightest being {QUANTITY_NAMES[tightest.quantity]} of "
+            f"{tightest.joint} with {100 * np.nanmax(tightest.utilisation):.4g} % at "
+            f"{tightest.time:.4g} s"
+        )
+    parts.append(f"re-simulation ends within {again.final_position_error:.2g} rad")
+    return "; ".join(parts)
+
+
+def _pose(robot: Robot, q: FloatArray) -> str:
+    entries = [
+        f"{value:.4g} m" if kind == "prismatic" else f"{np.degrees(value):.4g} deg"
+        for value, kind in zip(q, robot.joint_types, strict=True)
+    ]
+    return "(" + ", ".join(entries) + ")"

@@ -1,0 +1,538 @@
+"""The same task by every method under the same limits.
+
+A method is one line in :data:`METHODS`: a key, a title and a function from the task to a motion.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp.comparison._certificate import Certificate, certify
+from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial
+from microbot_ocp.ocp.solution import Iteration, StepProgress, quiet
+from microbot_ocp.planning import (
+    PathTimingSettings,
+    TimeOptimalSettings,
+    check_limits,
+    check_via,
+    straight_path,
+    time_optimal,
+    time_optimal_path,
+)
+from microbot_ocp.robot import JointLimits, Limits, Robot
+from microbot_ocp.trajectories import (
+    Scaled,
+    cubic,
+    lspb,
+    shortest_duration,
+    via_points,
+    via_velocities,
+)
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from microbot_ocp.views.plots import AxesGrid
+    from microbot_ocp.views.plots._page import Axis
+
+REFERENCE = "cubic"
+OUTPUTS = ("json", "csv", "figures", "report", "recording", "motions")  # of a comparison
+
+
+@dataclass(frozen=True)
+class Step:
+    """Progress of a comparison: what is done, of how much, and what happens now."""
+
+    done: int
+    total: int
+    stage: str  # "solve", "certify" or "done"
+    text: str
+    iteration: Iteration | None = None  # where a solver is at work
+
+
+Progress = Callable[[Step], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """Via points with the timing that the textbook methods start from.
+
+    Attributes
+    ----------
+    robot : Robot
+        With the limits of the task.
+    via_q : array [m,n], rad
+    via_t : array [m], s
+    via_qd : array [m,n], rad/s
+        Via velocities of the textbook methods at ``via_t``.
+    blend : float
+        Blend time of LSPB as a share of each segment.
+    free_settings, path_settings
+        For the time-optimal solvers.
+    tell : callable
+        Takes a line of progress, or an iteration.
+    """
+
+    robot: Robot
+    via_q: FloatArray
+    via_t: FloatArray
+    via_qd: FloatArray
+    blend: float
+    free_settings: TimeOptimalSettings
+    path_settings: PathTimingSettings
+    tell: StepProgress
+
+    def cubic(self) -> PiecewisePolynomial:
+        """Cubic segments at the given timing."""
+        return cubic(self.via_q, self.via_t, self.via_qd)
+
+    def lspb(self) -> PiecewisePolynomial:
+        """Linear segments with parabolic blends at the given timing."""
+        blends = self.blend * np.diff(self.via_t)
+        return lspb(self.via_q, self.via_t, blends, self.via_qd)
+
+
+@dataclass(frozen=True)
+class Method:
+    """One way to do a task."""
+
+    title: str
+    solve: Callable[[Task], Motion]
+
+
+def _as_given(task: Task) -> Motion:
+    return Motion.from_polynomial(
+        task.robot,
+        task.cubic(),
+        label="cubic as in the report",
+        marks=_via_marks(task.via_t),
+        provenance={"method": "cubic segments at the given timing", "status": "solved"},
+        note="as given: not scaled to the limits",
+    )
+
+
+def _scaled_motion(task: Task, scaled: Scaled, label: str, method: str, note: str) -> Motion:
+    where = f"{scaled.quantity} of {scaled.joint} at {scaled.time:.3f} s"
+    return Motion.from_polynomial(
+        task.robot,
+        scaled.polynomial,
+        label=label,
+        marks=_via_marks(task.via_t * scaled.factor),
+        provenance={
+            "method": method,
+            "status": "solved",
+            "factor": scaled.factor,
+            "met": where,
+            "iterations": scaled.iterations,
+            "wall_time": scaled.wall_time,
+        },
+        note=f"{note}; just meets the limit of {where}",
+    )
+
+
+def _scaled_cubic(task: Task) -> Motion:
+    scaled = shortest_duration(task.robot, task.cubic())
+    return _scaled_motion(
+        task,
+        scaled,
+        "cubic, scaled",
+        "cubic segments, one time scale",
+        f"all times x {scaled.factor:.4f}",
+    )
+
+
+def _scaled_lspb(task: Task) -> Motion:
+    scaled = shortest_duration(task.robot, task.lspb())
+    times = task.via_t[1:-1] * scaled.factor
+    state = scaled.polynomial(times), scaled.polynomial.derivative()(times)
+    passes = "; ".join(_passage(*point) for point in zip(task.via_q[1:-1], *state, strict=True))
+    motion = _scaled_motion(
+        task,
+        scaled,
+        "LSPB, scaled",
+        "linear segments with parabolic blends, one time scale",
+        f"all times x {scaled.factor:.4f}, blends {task.blend:g} of each segment",
+    )
+    return motion if not passes else _noted(motion, f"{motion.note}; {passes}")
+
+
+def _passage(via: FloatArray, q: FloatArray, qd: FloatArray) -> str:
+    miss = float(np.abs(q - via).max())
+    speeds = ", ".join(f"{v:.3f}" for v in qd)
+    if miss < 1e-9:
+        return f"passes the via point, at qd = ({speeds}) rad/s"
+    return f"does not pass the via point: misses it by {miss:.4f} rad, qd = ({speeds}) rad/s"
+
+
+def _straight_path(task: Task) -> Motion:
+    return time_optimal_path(
+        task.robot,
+        straight_path(task.via_q),
+        label="straight path, best timing",
+        progress=task.tell,
+        settings=task.path_settings,
+    )
+
+
+def _cubic_path(task: Task) -> Motion:
+    return time_optimal_path(
+        task.robot,
+        task.cubic(),
+        label="cubic's path, best timing",
+        progress=task.tell,
+        settings=task.path_settings,
+    )
+
+
+def _free(task: Task) -> Motion:
+    return time_optimal(
+        task.robot,
+        task.via_q,
+        progress=task.tell,
+        settings=task.free_settings,
+    )
+
+
+METHODS: dict[str, Method] = {
+    "cubic_report": Method("cubic, as in the report", _as_given),
+    "cubic": Method("cubic, scaled", _scaled_cubic),
+    "lspb": Method("LSPB, scaled", _scaled_lspb),
+    "straight_path": Method("straight path, best timing", _straight_path),
+    "cubic_path": Method("cubic's path, best timing", _cubic_path),
+    "time_optimal": Method("time-optimal, free", _free),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Entry:
+    """One method's motion with what it costs.
+
+    Attributes
+    ----------
+    name : str
+        Key of the method, also the file name of its motion.
+    title : str
+        What legends and tables print.
+    motion : Motion or None
+        None where the method has none; ``status`` and ``note`` then say why.
+    certificate : Certificate or None
+    status : str
+        "solved", or why not.
+    note : str
+    solve_time : float
+        Wall time, s.
+    torque_squared : float
+        Integral of tau' tau, (N m)^2 s.
+    work : float
+        Mechanical work: integral of the sum over the joints of abs(tau qd), J.
+    details : mapping
+        What else is known, plain values.
+    """
+
+    name: str
+    title: str
+    motion: Motion | None
+    certificate: Certificate | None
+    status: str
+    note: str
+    solve_time: float
+    torque_squared: float
+    work: float
+    details: Mapping[str, Any]
+
+    @property
+    def solved(self) -> bool:
+        """Whether the method has a motion that its solver stands by."""
+        return self.motion is not None and self.motion.solved
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Motions of one task by several methods, under the same limits."""
+
+    robot: Robot
+    via_q: FloatArray
+    limits: JointLimits
+    entries: tuple[Entry, ...]
+    reference: str  # name of the entry to which durations are compared
+    details: Mapping[str, Any] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        solved = sum(entry.solved for entry in self.entries)
+        count = len(self.entries)
+        return f"<Comparison of {count} methods on {self.robot.name!r}: {solved} solved>"
+
+    def _repr_html_(self) -> str:
+        from microbot_ocp.views.notebook import _html as jupyter
+
+        return jupyter.comparison(self)
+
+    def __getitem__(self, name: str) -> Entry:
+        for entry in self.entries:
+            if entry.name == name:
+                return entry
+        raise KeyError(name)
+
+    @property
+    def motions(self) -> dict[str, Motion]:
+        """Motions by method name, of the methods that have one."""
+        return {e.name: e.motion for e in self.entries if e.motion is not None}
+
+    @property
+    def certificates(self) -> dict[str, Certificate]:
+        """Certificates by method name."""
+        return {e.name: e.certificate for e in self.entries if e.certificate is not None}
+
+    @property
+    def solved(self) -> bool:
+        """Whether every method was solved."""
+        return all(entry.solved for entry in self.entries)
+
+    def table(self) -> Table:
+        """Table for the terminal (rich)."""
+        from microbot_ocp.views.tables import comparison_table
+
+        return comparison_table(self)
+
+    def plot(self, axes: Axis | None = None, **options: Any) -> AxesGrid:
+        """Position, velocity and torque of every method: :func:`microbot_ocp.plots.comparison`."""
+        from microbot_ocp.views.plots import comparison
+
+        return comparison(self, axes, **options)
+
+    def plot_paths(self, axes: Axis | None = None) -> AxesGrid:
+        """The tool paths in space: :func:`microbot_ocp.plots.paths`."""
+        from microbot_ocp.views.plots import paths
+
+        return paths(self, axes)
+
+    def report(self, path: str | Path) -> Path:
+        """Write one printed page (``.pdf``): :func:`microbot_ocp.plots.report`."""
+        from microbot_ocp.views import plots
+
+        return plots.report(self, path)
+
+    def to_rerun(self, path: str | Path) -> Path:
+        """Write a Rerun recording with its blueprint inside."""
+        from microbot_ocp.views.recording import of_comparison
+
+        return of_comparison(self).save(path)
+
+    def save(self, folder: str | Path, outputs: Sequence[str] = OUTPUTS) -> list[Path]:
+        """Write some of :data:`OUTPUTS` into a folder, by default all.
+
+        Returns
+        -------
+        list of Path
+            ``comparison.json``, ``.csv``, ``.rrd``, ``.png``, ``.pdf``, ``paths.png``, ``.pdf``,
+            ``report.pdf``, ``motions/NAME.npz``.
+        """
+        for output in outputs:
+            checks.one_of("outputs", output, OUTPUTS)
+        target = Path(folder)
+        target.mkdir(parents=True, exist_ok=True)
+        makers = (
+            self._save_motions,
+            self._save_tables,
+            self._save_figures,
+            self._save_report,
+            self._save_recording,
+        )
+        return [path for make in makers for path in make(target, outputs)]
+
+    def _save_motions(self, folder: Path, outputs: Sequence[str]) -> list[Path]:
+        if "motions" not in outputs:
+            return []
+        (folder / "motions").mkdir(exist_ok=True)
+        return [
+            motion.save(folder / "motions" / f"{name}.npz") for name, motion in self.motions.items()
+        ]
+
+    def _save_tables(self, folder: Path, outputs: Sequence[str]) -> list[Path]:
+        from microbot_ocp.views.tables import write_csv, write_json
+
+        writers = {"json": write_json, "csv": write_csv}
+        return [
+            write(self, folder / f"comparison.{name}")
+            for name, write in writers.items()
+            if name in outputs
+        ]
+
+    def _save_figures(self, folder: Path, outputs: Sequence[str]) -> list[Path]:
+        if "figures" not in outputs:
+            return []
+        from microbot_ocp.views import plots
+
+        return plots.save({"comparison": self.plot(), "paths": self.plot_paths()}, folder)
+
+    def _save_report(self, folder: Path, outputs: Sequence[str]) -> list[Path]:
+        return [self.report(folder / "report.pdf")] if "report" in outputs else []
+
+    def _save_recording(self, folder: Path, outputs: Sequence[str]) -> list[Path]:
+        return [self.to_rerun(folder / "comparison.rrd")] if "recording" in outputs else []
+
+
+def compare(
+    robot: Robot,
+    via_q: ArrayLike,
+    methods: Sequence[str] | None = None,
+    limits: Limits | JointLimits | None = None,
+    *,
+    via_t: ArrayLike | None = None,
+    via_qd: ArrayLike | None = None,
+    blend: float = 0.25,
+    progress: Progress | None = None,
+    **settings: Any,
+) -> Comparison:
+    """Do one task by several methods under the same limits, and certify every motion.
+
+    Parameters
+    ----------
+    robot : Robot
+        With masses.
+    via_q : array_like [m,n]
+        Via points, rad (m); at rest at both ends.
+    methods : sequence of str, optional
+        Keys of :data:`METHODS`; default all, without "cubic_report" where no ``via_t`` is given.
+    limits : Limits, optional
+        Default the robot's own.
+    via_t : array_like [m], optional
+        Timing of the textbook methods, s; default proportional to the largest joint step.
+    via_qd : array_like [m,n], optional
+        Via velocities of the textbook methods at ``via_t``, rad/s; default Craig's heuristic.
+    blend : float
+        Blend time of LSPB as a share of each segment, up to 0.5.
+    progress : callable, optional
+        Called with a :class:`Step`.
+    **settings
+        Fields of :class:`TimeOptimalSettings` and :class:`PathTimingSettings`.
+
+    Returns
+    -------
+    Comparison
+        A method without a motion is an entry whose ``status`` and ``note`` say why.
+
+    Raises
+    ------
+    InputError
+        Bad via points, timing, limits or method names, before any solver starts.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import microbot_ocp as mo
+    >>> via_q = np.radians([[0, 0, 0], [-8, 45, 30], [-90, 90, 90]])
+    >>> result = mo.compare(mo.load_robot("microbot"), via_q, ["cubic", "lspb"])
+    >>> [entry.status for entry in result.entries]
+    ['solved', 'solved']
+    """
+    bounds = check_limits(robot, limits)
+    via = check_via(robot, via_q, bounds)
+    names = _method_names(methods, via_t is not None)
+    share = checks.number("blend", blend, "of a segment", above=0.0, at_most=0.5)
+    free, path = _settings(settings)
+    times, velocities = _timing(via, via_t, via_qd)
+    total = 2 * len(names)
+    entries: list[Entry] = []
+    for index, name in enumerate(names):
+
+        def tell(
+            event: Iteration | str, stage: str = "solve", index: int = index, name: str = name
+        ) -> None:
+            if progress is not None:
+                done = 2 * index + (stage == "certify")
+                iteration = event if isinstance(event, Iteration) else None
+                text = f"{METHODS[name].title}: {event}"
+                progress(Step(done, total, stage, text, iteration))
+
+        told = quiet if progress is None else tell
+        task = Task(robot.with_limits(bounds), via, times, velocities, share, free, path, told)
+        tell("solving")
+        entries.append(_entry(name, task, tell))
+    if progress is not None:
+        progress(Step(total, total, "done", f"{len(names)} methods done"))
+    return Comparison(robot, via, bounds, tuple(entries), REFERENCE)
+
+
+def _method_names(methods: Sequence[str] | None, timed: bool) -> list[str]:
+    if methods is None:
+        return [name for name in METHODS if timed or name != "cubic_report"]
+    names = [checks.one_of("method", name, METHODS) for name in methods]
+    if not names or len(set(names)) != len(names):
+        raise InputError(f"methods must be different names, not {list(methods)}")
+    if "cubic_report" in names and not timed:
+        raise InputError("method 'cubic_report' needs via_t, the timing to take as it is, s")
+    return names
+
+
+def _settings(given: Mapping[str, Any]) -> tuple[TimeOptimalSettings, PathTimingSettings]:
+    """The given settings for the free motion and, as far as they have them, for path timing."""
+    for_free = {f.name for f in fields(TimeOptimalSettings)}
+    for_path = {f.name for f in fields(PathTimingSettings)} - {"solver"}
+    for key in given:
+        checks.one_of("setting of compare", key, sorted(for_free | for_path))
+    free = TimeOptimalSettings(**{k: v for k, v in given.items() if k in for_free})
+    return free, PathTimingSettings(**{k: v for k, v in given.items() if k in for_path})
+
+
+def _timing(
+    via: FloatArray, via_t: ArrayLike | None, via_qd: ArrayLike | None
+) -> tuple[FloatArray, FloatArray]:
+    if via_t is None:
+        steps = np.abs(np.diff(via, axis=0)).max(axis=1)
+        times = np.concatenate([[0.0], np.cumsum(2.0 * steps / steps.max())])
+    else:
+        times = checks.array("via_t", via_t, (len(via),), "s")
+        if times[0] != 0.0 or np.any(np.diff(times) <= 0):
+            raise InputError(
+                f"via_t must increase from 0 s without a duration of zero, not {times.tolist()}"
+            )
+    if via_qd is not None:
+        return times, checks.array("via_qd", via_qd, via.shape, "rad/s")
+    return times, via_velocities(via_points(via, times))
+
+
+def _entry(name: str, task: Task, tell: Callable[..., None]) -> Entry:
+    begin = time.perf_counter()
+    method = METHODS[name]
+    try:
+        motion = method.solve(task)
+    except InputError as problem:  # this method cannot do the task; the others may
+        wall = time.perf_counter() - begin
+        nothing = float("nan")
+        return Entry(
+            name, method.title, None, None, "not possible", str(problem), wall, nothing, nothing, {}
+        )
+    wall = time.perf_counter() - begin
+    motion = replace(motion, provenance={**motion.provenance, "robot": task.robot.name})
+    tell(f"{motion.duration:.4f} s, certifying", stage="certify")
+    certificate = certify(task.robot, motion, via_q=task.via_q)
+    return Entry(
+        name=name,
+        title=method.title,
+        motion=motion,
+        certificate=certificate,
+        status=str(motion.provenance.get("status", "solved")).replace("_", " "),
+        note=motion.note,
+        solve_time=wall,
+        torque_squared=float(np.trapezoid(np.sum(motion.tau**2, axis=1), motion.t)),
+        work=float(np.trapezoid(np.sum(np.abs(motion.tau * motion.qd), axis=1), motion.t)),
+        details={"certify_time": certificate.wall_time},
+    )
+
+
+def _via_marks(times: FloatArray) -> list[Mark]:
+    return [Mark(float(t), f"via {i + 1}") for i, t in enumerate(times)]
+
+
+def _noted(motion: Motion, note: str) -> Motion:
+    return Motion(**{**vars(motion), "note": note})

@@ -1,0 +1,19 @@
+"""Public names; loaded when they are first asked for."""
+
+from ._closed_form import (
+    elbow_arm_branches as elbow_arm_branches,
+)
+from ._path import (
+    solve_ik_path as solve_ik_path,
+)
+from ._result import (
+    IKPath as IKPath,
+    IKSolution as IKSolution,
+    IKStatus as IKStatus,
+)
+from ._solve import (
+    branches_by_nlp as branches_by_nlp,
+    solve_ik as solve_ik,
+    solve_ik_all as solve_ik_all,
+    solve_ik_batch as solve_ik_batch,
+)

@@ -1,0 +1,227 @@
+"""A line of targets followed on one branch, with shorter steps where the joints move fast."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import FloatArray
+from microbot_ocp.inverse_kinematics._kernels import joint_scale
+from microbot_ocp.inverse_kinematics._result import IKPath, IKStatus, read_only
+from microbot_ocp.inverse_kinematics._search import (
+    descend,
+    find_branches,
+    goal,
+    middle,
+    nearest_pose,
+    task_errors,
+    within_limits,
+)
+from microbot_ocp.inverse_kinematics._solve import checked_targets, nearest_solution
+from microbot_ocp.robot import Robot
+
+LARGEST_STEP = 0.1  # rad (prismatic: share of the reach); larger ones are halved
+HALVINGS = 20
+TRIES = 24  # branches of the first target, and those a whole turn away, tried in turn
+
+
+def solve_ik_path(
+    robot: Robot,
+    positions: ArrayLike,
+    orientations: ArrayLike | None = None,
+    seed: ArrayLike | None = None,
+) -> IKPath:
+    """Joint positions along a line of targets, continuous from row to row.
+
+    Between neighbouring targets the tool goes straight (its orientation about a fixed axis); where
+    a joint would move far in one step, points in between are solved as well, so that the branch is
+    kept.
+
+    Parameters
+    ----------
+    robot : Robot
+        Its position limits hold.
+    positions : array_like [N,3]
+        Tool origins in the base frame, m.
+    orientations : array_like [N,3,3], optional
+        Rotations of the tool in the base frame.
+    seed : array_like [n], optional
+        The branch nearest to these joint positions is followed, rad (prismatic: m). Default: of
+        the branches of the first target the most central one that can be followed to the end.
+
+    Returns
+    -------
+    IKPath
+        Always; rows that are not reached hold the nearest pose found and their status.
+
+    Raises
+    ------
+    InputError
+        Wrong shapes, numbers that are not finite, matrices that are not rotations.
+
+    Examples
+    --------
+    >>> import microbot_ocp as mo
+    >>> line = np.linspace([3, -1, 4.5], [3, 1, 4.5], 50)
+    >>> followed = mo.solve_ik_path(mo.load_robot("microbot"), line)
+    >>> followed.solved, followed.largest_step < 0.02
+    (True, True)
+    """
+    begin = time.perf_counter()
+    targets = checked_targets(robot, positions, orientations)
+    if seed is not None:
+        wanted = checks.array("seed", seed, (robot.joint_count,), "rad (prismatic: m)")
+        starts = nearest_solution(robot, targets[0], wanted, begin).q[None]
+    else:
+        found = find_branches(robot, targets[:1])[0]
+        rows, inside = within_limits(robot, found.q, middle(robot))
+        starts = rows[inside]
+        if not len(starts):
+            starts = nearest_solution(robot, targets[0], None, begin).q[None]
+        starts = _with_turns(robot, starts)
+    lengths = []  # rows that each start can be followed for
+    for start in starts if len(starts) > 1 else ():
+        lengths.append(_rows_followed(robot, targets, start))
+        if lengths[-1] == len(targets):
+            break
+    chosen = starts[int(np.argmax(lengths))] if lengths else starts[0]
+    return _followed(robot, targets, chosen, begin)
+
+
+def _with_turns(robot: Robot, starts: FloatArray) -> FloatArray:
+    """The starts [K,n], most central first, and those one turn of one joint away within limits."""
+    limits, rows = robot.limits, [starts]
+    for joint, kind in enumerate(robot.joint_types):
+        bounded = np.isfinite(limits.q_min[joint]) or np.isfinite(limits.q_max[joint])
+        if kind == "revolute" and bounded:
+            for turn in (-2 * np.pi, 2 * np.pi):
+                moved = np.array(starts)
+                moved[:, joint] += turn
+                value = moved[:, joint]
+                rows.append(moved[(value >= limits.q_min[joint]) & (value <= limits.q_max[joint])])
+    everything = np.concatenate(rows)
+    return everything[np.argsort(np.linalg.norm(everything - middle(robot), axis=1))][:TRIES]
+
+
+def _rows_followed(robot: Robot, targets: FloatArray, start: FloatArray) -> int:
+    bounds = robot.limits.q_min, robot.limits.q_max
+    here, where = start, targets[0]
+    for row, target in enumerate(targets):
+        following = _advance(robot, here, where, target, bounds, HALVINGS)
+        if following is None:
+            return row
+        here, where = following, target
+    return len(targets)
+
+
+def _followed(robot: Robot, targets: FloatArray, start: FloatArray, begin: float) -> IKPath:
+    bounds = robot.limits.q_min, robot.limits.q_max
+    q, statuses, jumps = [], [], []
+    here, where = start, targets[0]
+    reached = True  # whether the row before was, so that a branch exists to be kept
+    for row, target in enumerate(targets):
+        following = _advance(robot, here, where, target, bounds, HALVINGS) if reached else None
+        if following is not None:
+            here, status = following, IKStatus.SOLVED
+        else:
+            here, status = _elsewhere(robot, here, target, begin)
+            # after a stretch out of reach the arm may come back on the branch it left
+            lost = row > 0 and (reached or _step(robot, here, q[-1]) > 0.5)
+            if status is IKStatus.SOLVED and lost:
+                jumps.append(row)
+        reached, where = status is IKStatus.SOLVED, target
+        q.append(here)
+        statuses.append(status)
+    joints = np.array(q)
+    distance, angle = task_errors(robot, joints, targets)
+    largest = float(np.abs(np.diff(joints, axis=0)).max()) if len(joints) > 1 else 0.0
+    return IKPath(
+        q=read_only(joints),
+        statuses=tuple(statuses),
+        position_error=read_only(distance),
+        orientation_error=read_only(angle if targets.shape[1] == 12 else np.zeros(len(joints))),
+        largest_step=largest,
+        jumps=tuple(jumps),
+        advice=_path_advice(statuses, distance, jumps, largest),
+        solve_time=time.perf_counter() - begin,
+    )
+
+
+def _advance(
+    robot: Robot,
+    q: FloatArray,
+    origin: FloatArray,
+    target: FloatArray,
+    bounds: tuple[FloatArray, FloatArray],
+    halvings: int,
+) -> FloatArray | None:
+    """From q at ``origin`` to ``target`` on the same branch; None where that does not go."""
+    ended, errors = descend(robot, q[None], target[None], bounds)
+    if errors[0] < goal(robot) and _step(robot, ended[0], q) <= LARGEST_STEP:
+        return ended[0]
+    if halvings == 0 or np.array_equal(origin, target):
+        return None
+    between = _halfway(origin, target)
+    half = _advance(robot, q, origin, between, bounds, halvings - 1)
+    if half is None:
+        return None
+    return _advance(robot, half, between, target, bounds, halvings - 1)
+
+
+def _step(robot: Robot, ours: FloatArray, theirs: FloatArray) -> float:
+    """Largest joint change, whole turns included, rad (prismatic: share of the reach)."""
+    return float(np.abs((ours - theirs) / joint_scale(robot)).max())
+
+
+def _halfway(origin: FloatArray, target: FloatArray) -> FloatArray:
+    """Target in the middle: of the line, and of the turn about its fixed axis."""
+    middle_point = (origin + target) / 2
+    if origin.size == 3:
+        return middle_point
+    # The rotation nearest to the mean of two rotations is the one halfway between them.
+    left, _, right = np.linalg.svd(middle_point[3:].reshape(3, 3))
+    middle_point[3:] = (left @ right).ravel()
+    return middle_point
+
+
+def _elsewhere(
+    robot: Robot, q: FloatArray, target: FloatArray, begin: float
+) -> tuple[FloatArray, IKStatus]:
+    """The nearest branch there is, or else the nearest pose that the arm can slide into."""
+    other = nearest_solution(robot, target, q, begin)
+    if other.solved:
+        return other.q, other.status
+    local, converged = nearest_pose(robot, target, q)
+    distance = task_errors(robot, local[None], target[None])[0][0]
+    near = distance <= other.position_error + 1e-6
+    return (local if near and converged else other.q), other.status
+
+
+def _path_advice(
+    statuses: list[IKStatus], distance: FloatArray, jumps: list[int], largest: float
+) -> str:
+    missed = [row for row, entry in enumerate(statuses) if entry is not IKStatus.SOLVED]
+    parts = []
+    if missed:
+        worst = int(np.argmax(distance))
+        parts.append(
+            f"{len(missed)} of {len(statuses)} targets are missed, the first is row {missed[0]} "
+            f"({statuses[missed[0]]}), the worst row {worst} by {distance[worst]:.6g} m."
+        )
+    if jumps:
+        rows = ", ".join(map(str, jumps[:5])) + (", ..." if len(jumps) > 5 else "")
+        parts.append(
+            f"The branch ends before row {rows} (a limit or a fold); the joints jump to another "
+            "branch there. Another seed, a shorter line or a way round may keep one branch."
+        )
+    if not parts:
+        parts.append(f"All {len(statuses)} targets are reached on one branch.")
+    if largest > 0.5:
+        parts.append(
+            f"A joint moves {largest:.3g} between two rows: the line passes near a singularity; "
+            "more rows there make the motion smoother."
+        )
+    return " ".join(parts)

@@ -1,0 +1,139 @@
+"""What inverse kinematics answers: a status with its sentence, a solution, a followed line."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray
+
+
+class IKStatus(StrEnum):
+    """How a search for joint positions ended; :attr:`sentence` says it in words."""
+
+    SOLVED = "solved"
+    ORIENTATION_MISSED = "orientation missed"
+    OUT_OF_REACH = "out of reach"
+    LIMITS = "limits prevent it"
+    NOT_CONVERGED = "not converged"
+
+    @property
+    def sentence(self) -> str:
+        """One plain sentence."""
+        return SENTENCES[self]
+
+
+SENTENCES = {
+    IKStatus.SOLVED: "The tool reaches the target within the joint limits.",
+    IKStatus.ORIENTATION_MISSED: (
+        "The tool reaches the position, but no start found the orientation there as well; this "
+        "is the least angle found."
+    ),
+    IKStatus.OUT_OF_REACH: (
+        "No start reached the target, even without joint limits; this is the nearest pose found."
+    ),
+    IKStatus.LIMITS: (
+        "The target can be reached, but not within the joint limits; this is the nearest pose "
+        "found within them."
+    ),
+    IKStatus.NOT_CONVERGED: (
+        "Neither the target nor a nearest pose was found; this is the best iterate."
+    ),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class IKSolution:
+    """Joint positions for one target.
+
+    Attributes
+    ----------
+    q : array [n]
+        Joint positions within the limits, rad (prismatic: m).
+    status : IKStatus
+    position_error : float
+        Distance from the tool's origin to the target, m.
+    orientation_error : float
+        Angle between the tool's orientation and the target's, rad; 0 where none was asked.
+    advice : str
+        The status as a sentence, with figures and what may help.
+    pose : array [4,4]
+        Tool in base at ``q``, by forward kinematics.
+    self_motion : int
+        Number of directions in which the joints can move while the tool stays: 0 for an isolated
+        solution; otherwise ``q`` stands for a continuum.
+    singular : bool
+        Whether the Jacobian has lost rank at ``q`` beyond what the arm's redundancy explains.
+    solve_time : float
+        Wall time of the search, s; for a batch its share of it.
+    """
+
+    q: FloatArray
+    status: IKStatus
+    position_error: float
+    orientation_error: float
+    advice: str
+    pose: FloatArray
+    self_motion: int = 0
+    singular: bool = False
+    solve_time: float = 0.0
+
+    def __repr__(self) -> str:
+        values = ", ".join(f"{value:.6g}" for value in self.q)
+        return f"<IKSolution [{values}]: {self.status}, {self.position_error:.2g} m off>"
+
+    @property
+    def solved(self) -> bool:
+        """Whether the target is reached."""
+        return self.status is IKStatus.SOLVED
+
+
+@dataclass(frozen=True, eq=False)
+class IKPath:
+    """Joint positions that follow a line of targets.
+
+    Attributes
+    ----------
+    q : array [N,n]
+        One row a target, continuous: joints count on past a full turn where the limits allow it.
+    statuses : tuple of IKStatus, N
+    position_error : array [N], m
+    orientation_error : array [N], rad
+    largest_step : float
+        Largest change of one joint between neighbouring rows, rad (prismatic: m).
+    jumps : tuple of int
+        Rows that could not be joined to the row before without a jump; empty on success.
+    advice : str
+        What happened, as sentences.
+    solve_time : float
+        Wall time, s.
+    """
+
+    q: FloatArray
+    statuses: tuple[IKStatus, ...]
+    position_error: FloatArray
+    orientation_error: FloatArray
+    largest_step: float
+    jumps: tuple[int, ...]
+    advice: str
+    solve_time: float = 0.0
+
+    @property
+    def status(self) -> IKStatus:
+        """The first status that is not solved, else solved."""
+        failed = [entry for entry in self.statuses if entry is not IKStatus.SOLVED]
+        return failed[0] if failed else IKStatus.SOLVED
+
+    @property
+    def solved(self) -> bool:
+        """Whether every target is reached and the joints never jump."""
+        return self.status is IKStatus.SOLVED and not self.jumps
+
+
+def read_only(values: FloatArray) -> FloatArray:
+    """A copy that cannot be written to."""
+    result = np.array(values, dtype=float)
+    result.setflags(write=False)
+    return result

@@ -1,0 +1,452 @@
+"""Every branch of many targets at once: many starts, one compiled step, clusters modulo a turn.
+
+How completeness is judged: starts are added until every branch found was met by several of them
+and, for arms of revolute joints with as many joints as the task has equations, until the signs of
+the Jacobian's determinant over the branches add up to zero. They must: joint angles form a torus,
+which is compact, poses do not, so the map from one to the other has degree zero. A missed branch
+leaves a remainder.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray
+from microbot_ocp.inverse_kinematics._kernels import (
+    RANK_TOLERANCE,
+    descent_step,
+    generic_rank,
+    joint_scale,
+    nearest_joints_nlp,
+    nearest_pose_nlp,
+    pose_of,
+    reach,
+    scaled_jacobian,
+)
+from microbot_ocp.robot import Robot
+
+POSITION_TOLERANCE = 1e-8  # m, of what is handed out
+ORIENTATION_TOLERANCE = 1e-8  # rad
+STEPS = 50
+ROUNDS = 8
+MEETINGS = 3  # starts that must have led to every branch
+SAMPLES = 12  # of a continuum of solutions
+PROBE = 0.05  # rad (prismatic: share of the reach) along a suspected self-motion
+SAME = 1e-5  # rad between two runs that found the same solution
+SAME_ON_CONTINUUM = 0.02  # rad between representatives that settled at the same place
+
+
+@dataclass
+class Found:
+    """Solutions of one target: q [K,n], directions of self-motion [K]; whether any start got there.
+
+    A continuum may be reached and yet have no member within the limits.
+    """
+
+    q: FloatArray
+    self_motion: np.ndarray
+    reached: bool
+
+
+def quasi_random(count: int, dimensions: int, skip: int = 0) -> FloatArray:
+    """Points [count, dimensions] in the unit cube that fill it evenly (additive recurrence).
+
+    The steps are powers of the root of x^(d+1) = x + 1, the golden ratio's relatives.
+    """
+    root = 2.0
+    for _ in range(60):
+        root = (1.0 + root) ** (1.0 / (dimensions + 1))
+    step = root ** -np.arange(1.0, dimensions + 1)
+    return (0.5 + np.arange(skip, skip + count)[:, None] * step) % 1.0
+
+
+def middle(robot: Robot) -> FloatArray:
+    """Middle of the joint limits [n]; where a side is open, the allowed value nearest to zero."""
+    lower, upper = robot.limits.q_min, robot.limits.q_max
+    closed = np.isfinite(lower) & np.isfinite(upper)
+    half = (np.where(closed, lower, 0.0) + np.where(closed, upper, 0.0)) / 2
+    return np.where(closed, half, np.clip(0.0, lower, upper))
+
+
+def start_range(robot: Robot) -> tuple[FloatArray, FloatArray]:
+    """Where starts lie: within the limits, at most half a turn (the reach) from the middle."""
+    around = np.where(np.array(robot.joint_types) == "revolute", np.pi, reach(robot))
+    return (
+        np.maximum(robot.limits.q_min, middle(robot) - around),
+        np.minimum(robot.limits.q_max, middle(robot) + around),
+    )
+
+
+def free_range(robot: Robot) -> tuple[FloatArray, FloatArray]:
+    """No limits: -inf and inf [n]."""
+    return np.full(robot.joint_count, -np.inf), np.full(robot.joint_count, np.inf)
+
+
+def difference(robot: Robot, ours: FloatArray, theirs: FloatArray) -> FloatArray:
+    """Joint differences, revolute ones wrapped to half a turn, prismatic ones over the reach."""
+    gap = ours - theirs
+    turns = np.array(robot.joint_types) == "revolute"
+    return np.where(turns, (gap + np.pi) % (2 * np.pi) - np.pi, gap / joint_scale(robot))
+
+
+def within_limits(robot: Robot, q: FloatArray, near: FloatArray) -> tuple[FloatArray, np.ndarray]:
+    """Move joints [K,n] by whole turns into the limits, nearest to ``near``; whether that went."""
+    lower, upper = robot.limits.q_min, robot.limits.q_max
+    turn = 2 * np.pi
+    turns = np.array(robot.joint_types) == "revolute"
+    slack = 1e-9
+    first = np.ceil((lower - slack - q) / turn)
+    last = np.floor((upper + slack - q) / turn)
+    wished = np.round((near - q) / turn)
+    moved = q + turn * np.where(turns, np.clip(wished, first, np.maximum(first, last)), 0.0)
+    inside = (moved >= lower - slack) & (moved <= upper + slack)
+    return np.clip(moved, lower, upper), np.asarray(inside.all(axis=-1))
+
+
+def goal(robot: Robot) -> float:
+    """Scaled error below which a start has reached its target: within both tolerances."""
+    return max(min(1e-10, POSITION_TOLERANCE / reach(robot)), 1e-14)
+
+
+def descend(
+    robot: Robot,
+    q: FloatArray,
+    targets: FloatArray,
+    bounds: tuple[FloatArray, FloatArray] | None = None,
+    weight: float = 1.0,
+    steps: int = STEPS,
+) -> tuple[FloatArray, FloatArray]:
+    """Run every start [B,n] towards its target [B,w]; returns q [B,n] and scaled errors [B]."""
+    step = descent_step(robot, targets.shape[1])
+    lower, upper = free_range(robot) if bounds is None else bounds
+    q = np.array(q, dtype=float)
+    errors = np.full(len(q), np.inf)
+    after = np.zeros(len(q), dtype=int)  # steps since the error was small: singular ones need some
+    weights, scale = np.array([weight]), reach(robot)
+    active = np.arange(len(q))
+    for _ in range(steps):
+        move, error = step(q[active], targets[active], lower, upper, weights)
+        errors[active] = np.hypot(error[:, 0] / scale, weight * error[:, 1])
+        after[active] += errors[active] < 1e-7
+        going = (errors[active] > 2e-16) & (after[active] < 30)
+        going &= (errors[active] > 1e-13) | (after[active] < 4)
+        active, move = active[going], move[going]
+        if active.size == 0:
+            break
+        q[active] = np.clip(q[active] + move, lower, upper)
+    if active.size:
+        _, error = step(q[active], targets[active], lower, upper, weights)
+        errors[active] = np.hypot(error[:, 0] / scale, weight * error[:, 1])
+    return q, errors
+
+
+def task_errors(robot: Robot, q: FloatArray, targets: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Distances (m) and angles (rad) [B] between the tool at q [B,n] and the targets [B,w]."""
+    lower, upper = free_range(robot)
+    step = descent_step(robot, targets.shape[1])
+    _, error = step(np.ascontiguousarray(q), targets, lower, upper, np.ones(1))
+    return error[:, 0], error[:, 1]
+
+
+def clusters(robot: Robot, q: FloatArray, tolerance: float) -> tuple[FloatArray, np.ndarray]:
+    """One row for every different solution among q [B,n], and how many rows it stands for."""
+    kept, met = [], []
+    left = q
+    while len(left):
+        same = np.abs(difference(robot, left, left[0])).max(axis=1) < tolerance
+        kept.append(left[0])
+        met.append(int(same.sum()))
+        left = left[~same]
+    return np.array(kept).reshape(-1, q.shape[1]), np.array(met, dtype=int)
+
+
+def _merge_doubles(
+    robot: Robot, q: FloatArray, met: np.ndarray, target: FloatArray
+) -> tuple[FloatArray, np.ndarray]:
+    """Join solutions whose midpoint is a solution too: two roots closer than can be told apart."""
+    i = 0
+    while i < len(q):
+        gap = difference(robot, q, q[i])
+        close = np.flatnonzero((np.abs(gap).max(axis=1) < 0.02) & (np.arange(len(q)) > i))
+        if close.size:
+            between = q[i] + gap[close] * joint_scale(robot) / 2
+            distance, angle = task_errors(robot, between, np.tile(target, (len(close), 1)))
+            one = (distance < POSITION_TOLERANCE) & (angle < ORIENTATION_TOLERANCE)
+            met[i] += met[close[one]].sum()
+            q, met = np.delete(q, close[one], axis=0), np.delete(met, close[one])
+        i += 1
+    return q, met
+
+
+def ranks(robot: Robot, q: FloatArray, width: int) -> np.ndarray:
+    """Ranks [K] of the task's Jacobian at q [K,n]."""
+    values = np.linalg.svd(scaled_jacobian(robot, q, width), compute_uv=False)
+    return (values > RANK_TOLERANCE * np.maximum(values[:, :1], 1e-12)).sum(axis=1)
+
+
+def self_motions(robot: Robot, q: FloatArray, target: FloatArray) -> np.ndarray:
+    """Directions [K] in which the joints can really move at q [K,n] while the tool stays.
+
+    Where the Jacobian has the rank it has nearly everywhere, the solutions form a surface of as
+    many dimensions as it has null directions. Where it has lost rank, null directions alone do not
+    tell: at a doubled root they are only tangent. So a step is taken along each, and brought back
+    to the target.
+    """
+    count, width = robot.joint_count, target.size
+    rank, generic = ranks(robot, q, width), generic_rank(robot, width)
+    _, _, right = np.linalg.svd(scaled_jacobian(robot, q, width), full_matrices=True)
+    dimensions = np.where(rank == generic, count - generic, 0)
+    lost = np.flatnonzero(rank < generic)
+    owners = [(row, k) for row in lost for k in range(rank[row], count)]
+    if not owners:
+        return dimensions
+    rows = np.array([row for row, _ in owners])
+    along = np.array([right[row, k] for row, k in owners])
+    start = q[rows] + PROBE * along * joint_scale(robot)
+    ended, errors = descend(robot, start, np.tile(target, (len(rows), 1)))
+    moved = difference(robot, ended, q[rows]) / PROBE
+    for row in set(rows.tolist()):
+        mine = moved[(rows == row) & (errors < goal(robot))]
+        if len(mine):
+            sizes = np.linalg.svd(mine, compute_uv=False)
+            dimensions[row] = int((sizes > 0.3).sum())
+    return dimensions
+
+
+def _spread(robot: Robot, q: FloatArray, count: int) -> FloatArray:
+    """At most ``count`` rows of q, far from each other, the most central one first."""
+    central = np.abs(difference(robot, q, middle(robot))).max(axis=1)
+    chosen = [int(np.argmin(central))]
+    far = np.full(len(q), np.inf)
+    while len(chosen) < min(count, len(q)):
+        far = np.minimum(far, np.linalg.norm(difference(robot, q, q[chosen[-1]]), axis=1))
+        chosen.append(int(np.argmax(far)))
+    return q[chosen]
+
+
+def nearest_on_continuum(
+    robot: Robot, start: FloatArray, target: FloatArray, wanted: FloatArray
+) -> FloatArray | None:
+    """On the self-motion through ``start`` [n] the joints nearest to ``wanted``, within limits."""
+    bounds = robot.limits.q_min, robot.limits.q_max
+    q = np.clip(start, *bounds)
+    for _ in range(2):  # the second time with the equations that are independent at the answer
+        jacobian = scaled_jacobian(robot, q[None], target.size)
+        left, values, _ = np.linalg.svd(jacobian[0])
+        rank = max(1, int((values > RANK_TOLERANCE * max(values[0], 1e-12)).sum()))
+        if rank >= robot.joint_count:
+            break
+        solve = nearest_joints_nlp(robot, target.size, rank)
+        parameters = np.concatenate([target, wanted, left[:, :rank].T.ravel("F")])
+        answer = solve(x0=q, p=parameters, lbx=bounds[0], ubx=bounds[1], lbg=0.0, ubg=0.0)
+        polished, errors = descend(
+            robot, np.array(answer["x"]).T, target[None], bounds, steps=STEPS
+        )
+        if errors[0] > goal(robot):
+            break
+        q = polished[0]
+    return _slide(robot, q, target, wanted)
+
+
+def _slide(
+    robot: Robot, q: FloatArray, target: FloatArray, wanted: FloatArray
+) -> FloatArray | None:
+    """Small steps along the self-motion towards ``wanted`` while they bring q nearer to it.
+
+    The NLP gives up where a doubled root lies on the continuum; this does not.
+    """
+    bounds = robot.limits.q_min, robot.limits.q_max
+    found, errors = descend(robot, q[None], target[None], bounds)
+    if errors[0] > goal(robot):
+        return None
+    q, scale, length = found[0], joint_scale(robot), 0.3
+    for _ in range(60):
+        _, values, right = np.linalg.svd(scaled_jacobian(robot, q[None], target.size)[0])
+        rank = int((values > RANK_TOLERANCE * max(values[0], 1e-12)).sum())
+        missing = (wanted - q) / scale
+        along = right[rank:].T @ (right[rank:] @ missing)
+        size = float(np.linalg.norm(along))
+        if size < 1e-7 or length < 1e-4:
+            break
+        trial = q + along * min(1.0, length / size) * scale
+        found, errors = descend(robot, np.clip(trial, *bounds)[None], target[None], bounds)
+        nearer = np.linalg.norm((wanted - found[0]) / scale) < np.linalg.norm(missing) - 1e-9
+        if errors[0] < goal(robot) and nearer:
+            q = found[0]
+        else:
+            length /= 4
+    return q
+
+
+def find_branches(robot: Robot, targets: FloatArray) -> list[Found]:
+    """All solutions of every target [N,w], modulo a turn, without regard to limits.
+
+    Only continua (redundant arms, self-motion at singularities) are searched within the limits and
+    given by their members nearest to the middle of the limits.
+    """
+    count, width = robot.joint_count, targets.shape[1]
+    rank = generic_rank(robot, width)
+    redundant = count > rank
+    revolute = all(kind == "revolute" for kind in robot.joint_types)
+    balanced_when_complete = revolute and count == rank == (3 if width == 3 else 6)
+    low, high = start_range(robot)
+    if not redundant:
+        around = np.where(np.array(robot.joint_types) == "revolute", np.pi, 0.0)
+        low, high = (
+            np.minimum(low, middle(robot) - around),
+            np.maximum(high, middle(robot) + around),
+        )
+    bounds = (robot.limits.q_min, robot.limits.q_max) if redundant else None
+    size = 8 * 2 ** min(count, 4) if count < 5 else 128
+    pools = [np.zeros((0, count)) for _ in targets]
+    answers: list[tuple[FloatArray, np.ndarray]] = [
+        (np.zeros((0, count)), np.zeros(0, dtype=int)) for _ in targets
+    ]
+    pending = np.arange(len(targets))
+    for turn in range(ROUNDS):
+        starts = low + (high - low) * quasi_random(size, count, turn * size)
+        found, errors = descend(
+            robot, np.tile(starts, (len(pending), 1)), np.repeat(targets[pending], size, 0), bounds
+        )
+        still = []
+        for row, index in enumerate(pending):
+            block = slice(row * size, (row + 1) * size)
+            good = found[block][errors[block] < goal(robot)]
+            pools[index] = np.concatenate([pools[index], good])
+            q, met = clusters(robot, pools[index], SAME)
+            q, met = _merge_doubles(robot, q, met, targets[index])
+            answers[index] = q, met
+            if redundant and len(q):
+                enough = len(q) >= SAMPLES
+            else:
+                enough = _complete(robot, q, met, width, turn, balanced_when_complete)
+            if not enough:
+                still.append(index)
+        pending = np.array(still, dtype=int)
+        if not pending.size:
+            break
+    return [_sorted_out(robot, q, target) for (q, _), target in zip(answers, targets, strict=True)]
+
+
+def _complete(
+    robot: Robot, q: FloatArray, met: np.ndarray, width: int, turn: int, balanced: bool
+) -> bool:
+    """Whether the isolated solutions q [K,n], met so many times [K], are likely to be all."""
+    if not len(q):
+        return turn > 0
+    jacobians = scaled_jacobian(robot, q, width)
+    values = np.linalg.svd(jacobians, compute_uv=False)
+    conditions = values[:, -1] / np.maximum(values[:, 0], 1e-12)
+    if len(values[0]) < robot.joint_count or conditions.min() < RANK_TOLERANCE:
+        # a continuum gives a new solution every time: two rounds, and its neighbours met often
+        isolated = conditions >= RANK_TOLERANCE
+        return turn > 0 and bool(np.all(met[isolated] >= MEETINGS))
+    if met.min() < MEETINGS:
+        return False
+    if not balanced or conditions.min() < 1e-4:
+        return True  # the sign of a vanishing determinant tells nothing
+    return abs(np.sign(np.linalg.det(jacobians)).sum()) < 0.5
+
+
+def _sorted_out(robot: Robot, q: FloatArray, target: FloatArray) -> Found:
+    """Isolated solutions as they are, continua by representatives."""
+    if not len(q):
+        return Found(q, np.zeros(0, dtype=int), False)
+    deficient = ranks(robot, q, target.size) < robot.joint_count
+    isolated, suspects = q[~deficient], q[deficient]
+    if not len(suspects):
+        return Found(q, np.zeros(len(q), dtype=int), True)
+    suspects = _spread(robot, suspects, SAMPLES)
+    motion = self_motions(robot, suspects, target)
+    doubled = suspects[motion == 0]
+    settled = []
+    for row in suspects[motion > 0]:
+        begin, _ = within_limits(robot, row[None], middle(robot))
+        best = nearest_on_continuum(robot, begin[0], target, middle(robot))
+        if best is not None:
+            settled.append(best)
+    central = np.array(settled).reshape(-1, robot.joint_count)
+    order = np.argsort(np.linalg.norm(difference(robot, central, middle(robot)), axis=1))
+    central, _ = clusters(robot, central[order], SAME_ON_CONTINUUM)
+    everything = np.concatenate([isolated, doubled, central])
+    moves = np.zeros(len(everything), dtype=int)
+    if len(central):
+        moves[len(isolated) + len(doubled) :] = self_motions(robot, central, target)
+    return Found(everything, moves, True)
+
+
+def nearest_pose(
+    robot: Robot, target: FloatArray, start: FloatArray | None = None
+) -> tuple[FloatArray, bool]:
+    """Within limits: the least distance, then the least angle; q [n] and whether it converged.
+
+    From many starts, or downhill from the one given. The distance comes first: with the angle
+    weighted by a thousandth of it the best starts are found, then the position alone is brought
+    home.
+    """
+    bounds = robot.limits.q_min, robot.limits.q_max
+    low, high = start_range(robot)
+    weight = 1e-3 if target.size == 12 else 1.0
+    count = 64
+    starts = low + (high - low) * quasi_random(count, robot.joint_count)
+    if start is None:
+        found, errors = descend(robot, starts, np.tile(target, (count, 1)), bounds, weight)
+        found, _ = clusters(robot, found[np.argsort(errors)], 0.1)
+    else:
+        found = np.array(start)[None]
+    solve = nearest_pose_nlp(robot, target.size)
+    best, best_key, converged = found[0], (np.inf, np.inf), False
+    for begin in found[: 4 if target.size == 3 else 8]:
+        q, ended = begin, True
+        for share in (weight, 0.0) if target.size == 12 else (weight,):
+            answer = solve(x0=q, p=np.append(target, share), lbx=bounds[0], ubx=bounds[1])
+            q = np.clip(np.array(answer["x"]).ravel(), *bounds)
+            ended = bool(solve.stats()["success"]) or _stationary(robot, q, target)
+            if share == weight:  # where the position can be reached it is, exactly
+                closer, errors = descend(robot, q[None], target[None, :3], bounds)
+                if errors[0] < goal(robot):
+                    q, ended = closer[0], True
+                    break
+        distance, angle = (x[0] for x in task_errors(robot, q[None], target[None]))
+        # distances that agree to a tolerance leave the choice to the angle
+        key = (round(distance / (1e-7 * reach(robot))), angle)
+        if key < best_key:
+            best, best_key, converged = q, key, ended
+    wished = middle(robot) if start is None else start
+    return within_limits(robot, best[None], wished)[0][0], converged
+
+
+def _stationary(robot: Robot, q: FloatArray, target: FloatArray) -> bool:
+    """Whether no joint that its limits leave free brings the tool nearer, to first order.
+
+    IPOPT often stops short of its own tolerance where the optimum is degenerate (a stretched arm).
+    """
+    offset = (target[:3] - pose_of(robot)(q)[:3, 3]) / reach(robot)
+    descent = scaled_jacobian(robot, q[None], 3)[0].T @ offset
+    limits = robot.limits
+    slack = 1e-7 * joint_scale(robot)
+    held = ((q <= limits.q_min + slack) & (descent < 0)) | (
+        (q >= limits.q_max - slack) & (descent > 0)
+    )
+    free = np.abs(np.where(held, 0.0, descent)).max()
+    return bool(free < 1e-5 * max(float(np.linalg.norm(offset)), 1e-12))
+
+
+def search_by_nlp(robot: Robot, target: FloatArray, starts: int) -> FloatArray:
+    """Branches [K,n] of a target [3] or [12]: from every start the joints nearest to it."""
+    low, high = start_range(robot)
+    bounds = robot.limits.q_min, robot.limits.q_max
+    rank = generic_rank(robot, target.size)
+    found = []
+    for start in low + (high - low) * quasi_random(starts, robot.joint_count):
+        left, _, _ = np.linalg.svd(scaled_jacobian(robot, start[None], target.size)[0])
+        solve = nearest_joints_nlp(robot, target.size, rank)
+        parameters = np.concatenate([target, start, left[:, :rank].T.ravel("F")])
+        answer = solve(x0=start, p=parameters, lbx=bounds[0], ubx=bounds[1], lbg=0.0, ubg=0.0)
+        q = np.clip(np.array(answer["x"]).T, *bounds)
+        distance, angle = task_errors(robot, q, target[None])
+        if distance[0] < POSITION_TOLERANCE and angle[0] < ORIENTATION_TOLERANCE:
+            found.append(within_limits(robot, q, middle(robot))[0][0])
+    return clusters(robot, np.array(found).reshape(-1, robot.joint_count), SAME)[0]

@@ -1,0 +1,358 @@
+"""One solution or every branch for a pose of the tool, with a status that says what was found."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp.inverse_kinematics._kernels import generic_rank, joint_scale, pose_of
+from microbot_ocp.inverse_kinematics._result import IKSolution, IKStatus, read_only
+from microbot_ocp.inverse_kinematics._search import (
+    ORIENTATION_TOLERANCE,
+    POSITION_TOLERANCE,
+    Found,
+    descend,
+    find_branches,
+    goal,
+    middle,
+    nearest_on_continuum,
+    nearest_pose,
+    ranks,
+    search_by_nlp,
+    self_motions,
+    task_errors,
+    within_limits,
+)
+from microbot_ocp.robot import Robot
+
+
+def solve_ik(
+    robot: Robot,
+    position: ArrayLike,
+    orientation: ArrayLike | None = None,
+    seed: ArrayLike | None = None,
+) -> IKSolution:
+    """Joint positions that bring the tool to a position and, if asked, an orientation.
+
+    Parameters
+    ----------
+    robot : Robot
+        Its position limits hold.
+    position : array_like [3]
+        Tool origin in the base frame, m.
+    orientation : array_like [3,3], optional
+        Rotation of the tool in the base frame. Where the arm lacks the freedom the position is
+        held and the least angle to the orientation is sought.
+    seed : array_like [n], optional
+        Joint positions, rad (prismatic: m): the branch nearest to them is chosen, and on a
+        continuum the point nearest to them. Default: the middle of the limits.
+
+    Returns
+    -------
+    IKSolution
+        Always; a target that is not reached has a status, the nearest pose and a sentence.
+
+    Raises
+    ------
+    InputError
+        Wrong shapes, numbers that are not finite, a matrix that is not a rotation.
+
+    Examples
+    --------
+    >>> import microbot_ocp as mo
+    >>> found = mo.solve_ik(mo.load_robot("microbot"), [3, -1, 4.5], seed=[0, 1, -1])
+    >>> np.degrees(found.q).round(4).tolist()
+    [-18.4349, 105.8439, -111.3819]
+    """
+    begin = time.perf_counter()
+    target = checked_target(robot, position, orientation)
+    if seed is not None:
+        seed = checks.array("seed", seed, (robot.joint_count,), "rad (prismatic: m)")
+    return nearest_solution(robot, target, seed, begin)
+
+
+def solve_ik_all(
+    robot: Robot, position: ArrayLike, orientation: ArrayLike | None = None
+) -> tuple[IKSolution, ...]:
+    """Every branch within the joint limits that brings the tool to a pose.
+
+    Parameters
+    ----------
+    robot : Robot
+    position : array_like [3]
+        Tool origin in the base frame, m.
+    orientation : array_like [3,3], optional
+        Rotation of the tool in the base frame.
+
+    Returns
+    -------
+    tuple of IKSolution
+        The most central first. Branches are told apart modulo a turn; each is given as near to the
+        middle of the limits as whole turns allow. A continuum (``self_motion`` above 0: redundant
+        arms, some singular poses) is given by its members that are locally nearest to the middle.
+        Never empty: where no branch exists, the one entry is the nearest pose and its status says
+        why.
+
+    Raises
+    ------
+    InputError
+        As for :func:`solve_ik`.
+
+    Examples
+    --------
+    >>> import microbot_ocp as mo
+    >>> len(mo.solve_ik_all(mo.load_robot("microbot"), [3, -1, 4.5]))
+    4
+    """
+    return _branches(robot, checked_target(robot, position, orientation)[None])[0]
+
+
+def solve_ik_batch(
+    robot: Robot, positions: ArrayLike, orientations: ArrayLike | None = None
+) -> tuple[tuple[IKSolution, ...], ...]:
+    """:func:`solve_ik_all` for positions [N,3] and orientations [N,3,3] at once.
+
+    Returns
+    -------
+    tuple of tuples of IKSolution
+        For every target what :func:`solve_ik_all` returns.
+
+    Raises
+    ------
+    InputError
+        As for :func:`solve_ik`.
+    """
+    return _branches(robot, checked_targets(robot, positions, orientations))
+
+
+def _branches(robot: Robot, targets: FloatArray) -> tuple[tuple[IKSolution, ...], ...]:
+    begin = time.perf_counter()
+    wanted, everything = middle(robot), find_branches(robot, targets)
+    rows, motions, owners = [], [], []
+    for index, found in enumerate(everything):
+        q, inside = within_limits(robot, found.q, wanted)
+        kept = np.flatnonzero(inside)
+        order = kept[np.argsort(np.linalg.norm(q[kept] - wanted, axis=1), kind="stable")]
+        rows.append(q[order])
+        motions.append(found.self_motion[order])
+        owners += [index] * len(order)
+    q = np.concatenate(rows)
+    share = (time.perf_counter() - begin) / len(targets)
+    solutions: list[list[IKSolution]] = [[] for _ in targets]
+    if len(q):
+        made = _solutions(robot, targets[owners], q, np.concatenate(motions), share)
+        for index, solution in zip(owners, made, strict=True):
+            solutions[index].append(solution)
+    for index, found in enumerate(everything):
+        if not solutions[index]:
+            solutions[index].append(_missed(robot, targets[index], found, wanted, share))
+    return tuple(map(tuple, solutions))
+
+
+def branches_by_nlp(
+    robot: Robot, position: ArrayLike, orientation: ArrayLike | None = None, starts: int = 32
+) -> FloatArray:
+    """Branches [K,n] by an NLP alone: slower than :func:`solve_ik_all` and independent of it.
+
+    From each of ``starts`` evenly spread starts IPOPT seeks the joints nearest to it that meet the
+    target within the limits; answers are verified by forward kinematics and told apart modulo a
+    turn.
+    """
+    target = checked_target(robot, position, orientation)
+    return search_by_nlp(robot, target, starts)
+
+
+def nearest_solution(
+    robot: Robot, target: FloatArray, seed: FloatArray | None, begin: float
+) -> IKSolution:
+    """The solution of a checked target nearest to the seed [n] (default: the middle of limits)."""
+    wanted = middle(robot) if seed is None else np.array(seed)
+    found = find_branches(robot, target[None])[0]
+    rows, inside = within_limits(robot, found.q, wanted)
+    rows, motions = rows[inside], found.self_motion[inside]
+    if seed is not None and (motions.any() or not len(rows)):
+        rows, motions = _nearer_members(robot, target, rows, motions, wanted)
+    if not len(rows):
+        return _missed(robot, target, found, wanted, time.perf_counter() - begin)
+    chosen = int(np.argmin(np.linalg.norm((rows - wanted) / joint_scale(robot), axis=1)))
+    used = time.perf_counter() - begin
+    return _solution(robot, target, rows[chosen], int(motions[chosen]), used)
+
+
+def _nearer_members(
+    robot: Robot, target: FloatArray, rows: FloatArray, motions: np.ndarray, wanted: FloatArray
+) -> tuple[FloatArray, np.ndarray]:
+    """Solutions [K,n] with those of continua moved to where they are nearest to ``wanted``.
+
+    What lies straight downhill from ``wanted`` is added: a representative may sit on another part
+    of its continuum.
+    """
+    bounds = robot.limits.q_min, robot.limits.q_max
+    downhill, errors = descend(robot, np.clip(wanted, *bounds)[None], target[None], bounds)
+    if errors[0] < goal(robot):
+        rows = np.vstack([rows, downhill])
+        motions = np.append(motions, self_motions(robot, downhill, target))
+    moved = np.array(rows)
+    for k in np.flatnonzero(motions):
+        best = nearest_on_continuum(robot, rows[k], target, wanted)
+        moved[k] = rows[k] if best is None else best
+    return moved, motions
+
+
+def checked_target(robot: Robot, position: ArrayLike, orientation: ArrayLike | None) -> FloatArray:
+    """Row [3] or [12] of a checked position [3] and orientation [3,3]."""
+    _check_robot(robot)
+    place = checks.array("position", position, (3,), "m")
+    if orientation is None:
+        return np.array(place)
+    turn = checks.array("orientation", orientation, (3, 3))
+    return np.concatenate([place, _rotation_row("orientation", turn)])
+
+
+def checked_targets(
+    robot: Robot, positions: ArrayLike, orientations: ArrayLike | None
+) -> FloatArray:
+    """Rows [N,3] or [N,12] of checked positions [N,3] and orientations [N,3,3]."""
+    _check_robot(robot)
+    places = checks.array("positions", positions, (None, 3), "m")
+    if not len(places):
+        raise InputError("positions must have at least one row, not 0")
+    if orientations is None:
+        return np.array(places)
+    turns = checks.array("orientations", orientations, (len(places), 3, 3))
+    rows = [_rotation_row(f"orientations[{k}]", turn) for k, turn in enumerate(turns)]
+    return np.hstack([places, np.array(rows)])
+
+
+def _check_robot(robot: Robot) -> None:
+    if not isinstance(robot, Robot):
+        raise InputError(f"robot must be a Robot, such as load_robot('microbot'), not {robot!r}")
+
+
+def _rotation_row(name: str, turn: FloatArray) -> FloatArray:
+    """Columns [9] of a rotation [3,3], made exact."""
+    if np.abs(turn @ turn.T - np.eye(3)).max() > 1e-6 or np.linalg.det(turn) < 0:
+        raise InputError(
+            f"{name} must be a rotation (orthonormal, determinant +1), not {turn.tolist()}"
+        )
+    # The nearest true rotation: digits lost in a file must not keep a pose from being reached.
+    left, _, right = np.linalg.svd(turn)
+    return (left @ right).ravel("F")
+
+
+def _missed(
+    robot: Robot, target: FloatArray, found: Found, wanted: FloatArray, used: float
+) -> IKSolution:
+    """The nearest pose for a target that no branch within limits reaches."""
+    begin = time.perf_counter()
+    q, converged = nearest_pose(robot, target)
+    q = within_limits(robot, q[None], wanted)[0][0]
+    distance, angle = (float(x[0]) for x in task_errors(robot, q[None], target[None]))
+    near = distance < POSITION_TOLERANCE
+    if near and angle < ORIENTATION_TOLERANCE:
+        status = IKStatus.SOLVED
+    elif not converged:
+        status = IKStatus.NOT_CONVERGED
+    elif found.reached or _reached_without_limits(robot, target):
+        status = IKStatus.LIMITS
+    else:
+        status = IKStatus.ORIENTATION_MISSED if near else IKStatus.OUT_OF_REACH
+    motion = 0
+    if status is IKStatus.SOLVED:
+        motion = int(self_motions(robot, q[None], target)[0])
+    used += time.perf_counter() - begin
+    return _solution(robot, target, q, motion, used, status)
+
+
+def _reached_without_limits(robot: Robot, target: FloatArray) -> bool:
+    limits = robot.limits
+    if not (np.isfinite(limits.q_min).any() or np.isfinite(limits.q_max).any()):
+        return False
+    if robot.joint_count <= generic_rank(robot, target.size):
+        return False  # the search has looked beyond the limits already
+    open_limits = replace(
+        limits,
+        q_min=np.full(robot.joint_count, -np.inf),
+        q_max=np.full(robot.joint_count, np.inf),
+    )
+    return find_branches(robot.with_limits(open_limits), target[None])[0].reached
+
+
+def _solution(
+    robot: Robot,
+    target: FloatArray,
+    q: FloatArray,
+    self_motion: int,
+    solve_time: float,
+    status: IKStatus = IKStatus.SOLVED,
+) -> IKSolution:
+    motions = np.array([self_motion])
+    return _solutions(robot, target[None], q[None], motions, solve_time, status)[0]
+
+
+def _solutions(
+    robot: Robot,
+    targets: FloatArray,
+    q: FloatArray,
+    motions: np.ndarray,
+    solve_time: float,
+    status: IKStatus = IKStatus.SOLVED,
+) -> list[IKSolution]:
+    """One solution a row of targets [K,w], q [K,n] and motions [K], measured anew."""
+    width = targets.shape[1]
+    distances, angles = task_errors(robot, q, targets)
+    singular = ranks(robot, q, width) < generic_rank(robot, width)
+    joints, poses = read_only(q), read_only(pose_of(robot)(np.ascontiguousarray(q)))
+    made = []
+    for k in range(len(q)):
+        distance, angle = float(distances[k]), float(angles[k])
+        motion, lost = int(motions[k]), bool(singular[k])
+        made.append(
+            IKSolution(
+                q=joints[k],
+                status=status,
+                position_error=distance,
+                orientation_error=angle if width == 12 else 0.0,
+                advice=_advice(robot, q[k], status, distance, angle, motion, lost),
+                pose=poses[k],
+                self_motion=motion,
+                singular=lost,
+                solve_time=solve_time,
+            )
+        )
+    return made
+
+
+def _advice(
+    robot: Robot,
+    q: FloatArray,
+    status: IKStatus,
+    distance: float,
+    angle: float,
+    self_motion: int,
+    singular: bool,
+) -> str:
+    parts = [status.sentence]
+    if status is IKStatus.ORIENTATION_MISSED:
+        parts.append(f"The orientation is missed by {np.degrees(angle):.4g} deg.")
+    elif status is not IKStatus.SOLVED:
+        turn = f" and {np.degrees(angle):.4g} deg" if angle else ""
+        parts.append(f"The target is missed by {distance:.6g} m{turn}.")
+    if status is IKStatus.LIMITS:
+        limits = robot.limits
+        held = np.minimum(np.abs(q - limits.q_min), np.abs(q - limits.q_max)) < 1e-6
+        names = [name for name, at in zip(robot.joint_names, held, strict=True) if at]
+        parts.append(f"At its limit: {', '.join(names)}." if names else "")
+    if self_motion:
+        parts.append(
+            f"The joints can move in {self_motion} direction{'s' if self_motion > 1 else ''} while "
+            "the tool stays: this is one point of a continuum."
+        )
+    elif singular and status is IKStatus.SOLVED:
+        parts.append("The arm is singular here: branches meet, or a direction of motion is lost.")
+    return " ".join(part for part in parts if part)

@@ -1,0 +1,418 @@
+"""A motion is data: samples of position, velocity, acceleration and torque, dense and exact enough.
+
+Between samples a motion is the quintic that meets q, qd and qdd at both of them, so piecewise
+polynomials up to degree five are kept exactly as long as their breaks are among the samples. Where
+the acceleration jumps there are two samples 1 microsecond apart, the earlier one just before it.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+from zipfile import BadZipFile
+from zlib import error as zlib_error
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp.robot import Robot, inverse_dynamics
+
+if TYPE_CHECKING:
+    from microbot_ocp.views.plots import AxesGrid
+    from microbot_ocp.views.plots._page import Axis
+
+SCHEMA = 1
+_BROKEN = (BadZipFile, zlib_error, AttributeError, NotImplementedError)
+JUMP_GAP = 1e-6  # s between the two samples that stand for a jump of the acceleration
+SAMPLE_STEP = 1e-3  # s, the longest step between the samples of a new motion
+
+
+class State(NamedTuple):
+    """Position, velocity and acceleration at some times, each [N,n]."""
+
+    q: FloatArray
+    qd: FloatArray
+    qdd: FloatArray
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A named instant of a motion: a via point passed, a phase begun."""
+
+    time: float
+    name: str
+
+
+@dataclass(frozen=True, eq=False)
+class PiecewisePolynomial:
+    """Joint positions as polynomials of the time since the start of each piece.
+
+    Parameters
+    ----------
+    breaks : array_like [K+1]
+        Strictly increasing times, s.
+    coefficients : array_like [K, degree+1, n]
+        Lowest power first.
+    """
+
+    breaks: FloatArray
+    coefficients: FloatArray
+
+    def __post_init__(self) -> None:
+        breaks = checks.array("breaks", self.breaks, (None,), "s")
+        if breaks.size < 2 or np.any(np.diff(breaks) <= 0):
+            raise InputError("breaks must be at least two strictly increasing times, s")
+        object.__setattr__(self, "breaks", breaks)
+        shape = (breaks.size - 1, None, None)
+        coefficients = checks.array("coefficients", self.coefficients, shape)
+        if coefficients.size == 0:
+            raise InputError(f"coefficients must not be empty, not of shape {coefficients.shape}")
+        object.__setattr__(self, "coefficients", coefficients)
+
+    @property
+    def duration(self) -> float:
+        """Length in time, s."""
+        return float(self.breaks[-1] - self.breaks[0])
+
+    def derivative(self) -> PiecewisePolynomial:
+        """First derivative with respect to time."""
+        powers = np.arange(1, self.coefficients.shape[1])
+        lowered = self.coefficients[:, 1:] * powers[None, :, None]
+        if lowered.shape[1] == 0:
+            lowered = np.zeros_like(self.coefficients[:, :1])
+        return PiecewisePolynomial(self.breaks, lowered)
+
+    def __call__(self, t: ArrayLike, *, from_left: bool = False) -> FloatArray:
+        """Values [N,n] at times t [N]; at a break those of the later piece unless ``from_left``."""
+        times = np.atleast_1d(np.asarray(t, dtype=float))
+        side = "left" if from_left else "right"
+        piece = np.clip(np.searchsorted(self.breaks, times, side=side) - 1, 0, self.breaks.size - 2)
+        local = (times - self.breaks[piece])[:, None]
+        value = np.zeros((times.size, self.coefficients.shape[2]))
+        for power in reversed(range(self.coefficients.shape[1])):
+            value = value * local + self.coefficients[piece, power]
+        return value
+
+    def stretched(self, factor: float) -> PiecewisePolynomial:
+        """The same shape, slower by ``factor`` (above 0)."""
+        factor = checks.number("factor", factor, above=0.0)
+        powers = factor ** -np.arange(self.coefficients.shape[1], dtype=float)
+        start = self.breaks[0]
+        return PiecewisePolynomial(
+            start + (self.breaks - start) * factor, self.coefficients * powers[None, :, None]
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A sampled motion of a robot.
+
+    Parameters
+    ----------
+    t : array_like [N]
+        Strictly increasing times from 0, s.
+    q, qd, qdd, tau : array_like [N,n]
+        Joint positions (rad or m), velocities, accelerations and torques (N m or N).
+    label : str
+        Short name, used in tables and legends.
+    breaks : array_like [K], optional
+        Times at which the acceleration or its slope may jump, both ends included; default all
+        samples. They are samples, too.
+    marks : sequence of Mark
+        Named instants.
+    provenance : mapping
+        How it was made: method, solver, status, versions. Plain JSON values.
+    note : str
+        A sentence for the reader of a table.
+
+    Raises
+    ------
+    InputError
+        Wrong shapes, times that do not increase, anything not finite.
+    """
+
+    t: FloatArray
+    q: FloatArray
+    qd: FloatArray
+    qdd: FloatArray
+    tau: FloatArray
+    label: str = "motion"
+    breaks: FloatArray | None = None
+    marks: tuple[Mark, ...] = ()
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+    note: str = ""
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        put(self, "t", checks.array("t", self.t, (None,), "s"))
+        if self.t.size < 2 or self.t[0] != 0.0 or np.any(np.diff(self.t) <= 0):
+            raise InputError("t must be at least two strictly increasing times from 0, s")
+        put(self, "q", checks.array("q", self.q, (self.t.size, None), "rad"))
+        for name, unit in (("qd", "rad/s"), ("qdd", "rad/s^2"), ("tau", "N m")):
+            put(self, name, checks.array(name, getattr(self, name), self.q.shape, unit))
+        breaks = self.t if self.breaks is None else checks.array("breaks", self.breaks, (None,))
+        ends = breaks[[0, -1]] if breaks.size > 1 else np.array([np.nan, np.nan])
+        if not np.allclose(ends, (0.0, self.t[-1]), rtol=1e-9) or np.any(np.diff(breaks) <= 0):
+            raise InputError(
+                f"breaks must be strictly increasing times from 0 to {self.t[-1]:g} s, not "
+                f"{breaks.tolist()}"
+            )
+        put(self, "breaks", breaks)
+        put(self, "marks", tuple(self.marks))
+
+    @property
+    def duration(self) -> float:
+        """Length in time, s."""
+        return float(self.t[-1])
+
+    def __repr__(self) -> str:
+        status = str(self.provenance.get("status", "solved")).replace("_", " ")
+        return (
+            f"<Motion {self.label!r}: {self.duration:.4g} s, {self.joint_count} joints, {status}>"
+        )
+
+    def _repr_html_(self) -> str:
+        from microbot_ocp.views.notebook import _html as jupyter
+
+        return jupyter.motion(self)
+
+    @property
+    def joint_count(self) -> int:
+        """Number of joints n."""
+        return self.q.shape[1]
+
+    @property
+    def solved(self) -> bool:
+        """False where the solver that made it did not converge; the provenance says more."""
+        return self.provenance.get("status", "solved") == "solved"
+
+    @classmethod
+    def from_polynomial(
+        cls,
+        robot: Robot,
+        polynomial: PiecewisePolynomial,
+        *,
+        label: str,
+        marks: Sequence[Mark] = (),
+        provenance: Mapping[str, Any] | None = None,
+        note: str = "",
+        step: float = SAMPLE_STEP,
+    ) -> Motion:
+        """Sample a piecewise polynomial (degree up to five) with its inverse dynamics.
+
+        The samples are at most ``step`` seconds apart; every break is one of them.
+        """
+        degree = polynomial.coefficients.shape[1] - 1
+        if degree > 5:
+            raise InputError(f"polynomial must be of degree at most 5, not {degree}")
+        step = checks.number("step", step, "s", above=0.0)
+        velocity = polynomial.derivative()
+        acceleration = velocity.derivative()
+        breaks = polynomial.breaks
+        before = acceleration(breaks, from_left=True)[1:-1]
+        after = acceleration(breaks)[1:-1]
+        size = 1.0 + np.abs(acceleration.coefficients[:, 0]).max()
+        jumps = np.abs(after - before).max(axis=1) > 1e-9 * size
+        t = sample_times(breaks, breaks[1:-1][jumps], step)
+        return cls.from_state(
+            robot,
+            t,
+            State(polynomial(t), velocity(t), acceleration(t)),
+            label=label,
+            breaks=breaks,
+            marks=marks,
+            provenance=provenance,
+            note=note,
+        )
+
+    @classmethod
+    def from_state(
+        cls,
+        robot: Robot,
+        t: ArrayLike,
+        state: State,
+        *,
+        label: str,
+        breaks: ArrayLike | None = None,
+        marks: Sequence[Mark] = (),
+        provenance: Mapping[str, Any] | None = None,
+        note: str = "",
+    ) -> Motion:
+        """Motion with the torques that inverse dynamics asks for at every sample."""
+        return cls(
+            t=np.asarray(t, dtype=float),
+            q=state.q,
+            qd=state.qd,
+            qdd=state.qdd,
+            tau=torque_along(robot, state),
+            label=label,
+            breaks=None if breaks is None else np.asarray(breaks, dtype=float),
+            marks=tuple(marks),
+            provenance=dict(provenance or {}),
+            note=note,
+        )
+
+    def sample(self, t: ArrayLike) -> State:
+        """Position, velocity and acceleration at times t [N] within [0, duration].
+
+        Raises
+        ------
+        InputError
+            A time outside the motion or not finite.
+        """
+        times = checks.array("t", np.atleast_1d(np.asarray(t)), (None,), "s")
+        slack = 1e-9 * max(1.0, self.duration)
+        outside = times[(times < -slack) | (times > self.duration + slack)]
+        if outside.size:
+            raise InputError(
+                f"t must be within the motion, 0 to {self.duration:g} s, not {outside[0]:g} s"
+            )
+        i = np.clip(np.searchsorted(self.t, times, side="right") - 1, 0, self.t.size - 2)
+        return State(*_quintic(self, i, times - self.t[i]))
+
+    def resample(self, rate: float) -> Motion:
+        """The motion on a grid of ``rate`` hertz, its end included; torques interpolated."""
+        rate = checks.number("rate", rate, "Hz", above=0.0)
+        count = max(1, int(np.ceil(self.duration * rate - 0.5)))
+        t = np.append(np.arange(count) / rate, self.duration)
+        state = self.sample(t)
+        tau = np.column_stack([np.interp(t, self.t, column) for column in self.tau.T])
+        return Motion(
+            t, *state, tau, self.label, None, self.marks, dict(self.provenance), self.note
+        )
+
+    def plot(self, robot: Robot, axes: Axis | None = None, **options: Any) -> AxesGrid:
+        """Position, velocity and torque over time: :func:`microbot_ocp.plots.motion`."""
+        from microbot_ocp.views import plots
+
+        return plots.motion(robot, self, axes, **options)
+
+    def to_rerun(self, robot: Robot, path: str | Path) -> Path:
+        """Write a Rerun recording (``.rrd``) of the robot on this motion, under its limits."""
+        from microbot_ocp.views.recording import of_motion
+
+        return of_motion(robot, self).save(path)
+
+    def save(self, path: str | Path) -> Path:
+        """Write one ``.npz``: arrays t, q, qd, qdd, tau, breaks and a JSON string ``metadata``."""
+        target = Path(path)
+        metadata = {
+            "schema": SCHEMA,
+            "label": self.label,
+            "note": self.note,
+            "duration": self.duration,
+            "units": "s, rad (m), rad/s, rad/s^2, N m (N)",
+            "marks": [[mark.time, mark.name] for mark in self.marks],
+            "provenance": dict(self.provenance),
+        }
+        try:
+            text = json.dumps(metadata)
+        except TypeError as problem:
+            raise InputError(f"provenance must hold plain JSON values: {problem}") from None
+        partial = target.with_name(target.name + ".part")
+        with partial.open("wb") as stream:
+            np.savez_compressed(
+                stream,
+                t=self.t,
+                q=self.q,
+                qd=self.qd,
+                qdd=self.qdd,
+                tau=self.tau,
+                breaks=np.asarray(self.breaks),
+                metadata=text,
+            )
+        partial.replace(target)
+        return target
+
+    @classmethod
+    def load(cls, path: str | Path) -> Motion:
+        """Read a motion that :meth:`save` wrote.
+
+        Raises
+        ------
+        InputError
+            No such file, not a motion, or written by a newer version.
+        """
+        if not Path(path).is_file():
+            raise InputError(f"{path} is no file: give the path of a saved motion (.npz)")
+        try:
+            with np.load(Path(path), allow_pickle=False) as stored:
+                arrays = {key: stored[key] for key in ("t", "q", "qd", "qdd", "tau", "breaks")}
+                metadata = json.loads(str(stored["metadata"]))
+            schema = int(metadata["schema"])
+            if schema <= SCHEMA:
+                return cls(
+                    **arrays,
+                    label=metadata["label"],
+                    marks=tuple(Mark(float(time), str(name)) for time, name in metadata["marks"]),
+                    provenance=metadata["provenance"],
+                    note=metadata["note"],
+                )
+        except (OSError, EOFError, LookupError, TypeError, ValueError, *_BROKEN) as problem:
+            raise InputError(f"{path} is not a saved motion: {problem}") from None
+        raise InputError(
+            f"{path} was written by a newer version (schema {schema}; "
+            f"this one reads up to {SCHEMA})"
+        )
+
+
+def torque_along(robot: Robot, state: State) -> FloatArray:
+    """Inverse dynamics [N,n] of states [N,n], in one call."""
+    q = checks.array("q", state.q, (None, robot.joint_count))
+    tau = inverse_dynamics(robot)(q.T, state.qd.T, state.qdd.T)
+    return np.array(tau).T
+
+
+def sample_times(breaks: FloatArray, jumps: FloatArray, step: float) -> FloatArray:
+    """Times from the first to the last break, at most ``step`` apart, with the breaks among them.
+
+    Every time in ``jumps`` is preceded by a sample 1 microsecond before it.
+    """
+    pieces = []
+    jumping = set(np.asarray(jumps).tolist())
+    for start, end in pairwise(np.asarray(breaks, dtype=float)):
+        last = end - JUMP_GAP if end in jumping and end - start > 2 * JUMP_GAP else end
+        count = max(1, int(np.ceil((last - start) / step - 1e-9)))
+        pieces.append(np.linspace(start, last, count + 1)[: count + (last < end)])
+    return np.append(np.concatenate(pieces), breaks[-1])
+
+
+def quintic_between(start: State, end: State, h: FloatArray) -> FloatArray:
+    """Coefficients [K,6,n] of the quintics that meet the states [K,n] at both ends of h [K] s."""
+    h = np.asarray(h, dtype=float)[:, None]
+    q, qd, qdd = start
+    # what a constant acceleration leaves over, in units of the interval
+    dq = end.q - (q + h * (qd + 0.5 * h * qdd))
+    dv = (end.qd - (qd + h * qdd)) * h
+    da = (end.qdd - qdd) * h**2
+    c3 = (10 * dq - 4 * dv + 0.5 * da) / h**3
+    c4 = (-15 * dq + 7 * dv - da) / h**4
+    c5 = (6 * dq - 3 * dv + 0.5 * da) / h**5
+    return np.stack([q, qd, 0.5 * qdd, c3, c4, c5], axis=1)
+
+
+def _quintic(motion: Motion, i: np.ndarray, local: FloatArray) -> tuple[FloatArray, ...]:
+    """Quintic Hermite interpolation in interval i at ``local`` seconds after its start."""
+    h = motion.t[i + 1] - motion.t[i]
+    x = local[:, None]
+    start, end = (State(motion.q[k], motion.qd[k], motion.qdd[k]) for k in (i, i + 1))
+    c = quintic_between(start, end, h)
+    c[h <= 2 * JUMP_GAP, 3:] = 0.0  # inside a jump the earlier acceleration goes on
+    q = c[:, 0] + x * (c[:, 1] + x * (c[:, 2] + x * (c[:, 3] + x * (c[:, 4] + x * c[:, 5]))))
+    qd = c[:, 1] + x * (2 * c[:, 2] + x * (3 * c[:, 3] + x * (4 * c[:, 4] + x * 5 * c[:, 5])))
+    qdd = 2 * c[:, 2] + x * (6 * c[:, 3] + x * (12 * c[:, 4] + x * 20 * c[:, 5]))
+    return q, qd, qdd
+
+
+def mesh_of(motion: Motion) -> FloatArray:
+    """Breaks of a motion with both ends; the gap that stands for a jump is not an interval."""
+    breaks = motion.t if motion.breaks is None else motion.breaks
+    inner = breaks[(breaks > 0.0) & (breaks < motion.duration)]
+    mesh = np.concatenate([[0.0], inner, [motion.duration]])
+    return mesh[np.append(np.diff(mesh) > 2 * JUMP_GAP, True)]

@@ -1,0 +1,53 @@
+"""Public names; loaded when they are first asked for."""
+
+from .diagnosis import (
+    Explanation as Explanation,
+    Relaxation as Relaxation,
+    explain as explain,
+)
+from .problem import (
+    OptimalControlProblem as OptimalControlProblem,
+    Phase as Phase,
+)
+from .refinement import (
+    Refined as Refined,
+    RefinementStatus as RefinementStatus,
+    find_switches as find_switches,
+    solve_refined as solve_refined,
+)
+from .solution import (
+    Attempt as Attempt,
+    Iteration as Iteration,
+    PhaseSolution as PhaseSolution,
+    Solution as Solution,
+    Status as Status,
+    default_guess as default_guess,
+    guess_from as guess_from,
+)
+from .solvers import (
+    SOLVERS as SOLVERS,
+    ParametricSolver as ParametricSolver,
+    SolverSettings as SolverSettings,
+    load_solution as load_solution,
+    repeat as repeat,
+    save_solution as save_solution,
+    saved_with as saved_with,
+    solve as solve,
+)
+from .transcription import (
+    SCHEMES as SCHEMES,
+    Collocation as Collocation,
+    Guess as Guess,
+    HermiteSimpson as HermiteSimpson,
+    IntegratorShooting as IntegratorShooting,
+    Mesh as Mesh,
+    Scheme as Scheme,
+    Shooting as Shooting,
+    Transcription as Transcription,
+    Trapezoidal as Trapezoidal,
+)
+from .verification import (
+    OCPCertificate as OCPCertificate,
+    Thresholds as Thresholds,
+    verify as verify,
+)

@@ -1,0 +1,5 @@
+"""What went wrong in the words of the declaration: finiteness, advice, explanation."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

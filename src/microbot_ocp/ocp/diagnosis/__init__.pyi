@@ -1,0 +1,13 @@
+"""Public names; loaded when they are first asked for."""
+
+from ._advice import (
+    advice as advice,
+)
+from ._explain import (
+    Explanation as Explanation,
+    Relaxation as Relaxation,
+    explain as explain,
+)
+from ._finiteness import (
+    check_start as check_start,
+)

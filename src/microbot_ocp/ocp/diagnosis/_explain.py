@@ -1,0 +1,372 @@
+"""Why a problem has no solution: which limits contradict each other, and by how much.
+
+The dynamics are kept; every limit (bound, path constraint, end condition, duration) may give, by
+one amount over the whole phase, and the sum of these amounts, scaled, is made as small as possible.
+That names one way out. What holds against it, by its multipliers, fights with it, and each of these
+is then asked what it would have to give if it gave alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray
+from microbot_ocp.ocp.diagnosis._finiteness import check_start
+from microbot_ocp.ocp.problem import OptimalControlProblem
+from microbot_ocp.ocp.solution import Solution, scaled, start_from, unpack
+from microbot_ocp.ocp.transcription import (
+    Guess,
+    Meshes,
+    Program,
+    RowLabel,
+    Transcription,
+    VariableLabel,
+    assemble,
+    row_labels,
+    variable_labels,
+)
+
+GIVES = 1e-4  # scaled amount below which a limit is said to hold
+FIGHTS = 1e-3  # multiplier, of a sum of scaled amounts, above which a limit is said to press
+ALONE = 12  # how many limits are asked what they would give alone
+_STRICT = ("step", "defect", "equation", "link")  # rows that are no limits
+# Where one way out is as cheap as another: rather an end than a start.
+_WEIGHTS = {"final": 0.01, "duration": 0.02, "initial": 0.03}
+_PLACES = {"initial": "start of ", "final": "end of "}
+
+
+@dataclass(frozen=True)
+class Relaxation:
+    """A limit and what it would have to give.
+
+    Attributes
+    ----------
+    phase, name : str
+    kind : str
+        "limit", "initial", "final" or "duration".
+    side : str
+        "lower" or "upper"; "" for a value that is demanded.
+    limit : float
+        As declared.
+    amount : float
+        By how much it would have to give, in ``unit``; None where nothing that it could give alone
+        would help.
+    unit : str
+    time : float
+        Since the start of the phase, s, where it is exceeded most (or presses most).
+    """
+
+    phase: str
+    name: str
+    kind: str
+    side: str
+    limit: float
+    amount: float | None
+    unit: str
+    time: float
+
+    @property
+    def subject(self) -> str:
+        """The limit in words."""
+        what = {"lower": "lower limit", "upper": "upper limit"}.get(self.side, "value")
+        unit = f" {self.unit}" if self.unit else ""
+        at = _PLACES.get(self.kind, "")
+        return f"{at}{self.name} in phase {self.phase!r} ({what} {self.limit:.6g}{unit})"
+
+    def __str__(self) -> str:
+        if self.amount is None:
+            return self.subject
+        unit = f" {self.unit}" if self.unit else ""
+        where = f" at t = {self.time:.4g} s" if self.kind == "limit" else ""
+        return f"{self.subject} would have to give {self.amount:.4g}{unit}{where}"
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """What an elastic solve found.
+
+    Attributes
+    ----------
+    feasible : whether all limits can be kept together
+    conclusive : whether the elastic solve converged
+    gives : the cheapest way out: what would have to give, together
+    alternatives : other ways out, each by one limit alone (both its sides, all its components)
+    fights : limits that press against it and would not help alone
+    phases : values by phase of the trajectory on the cheapest way out
+    """
+
+    feasible: bool
+    conclusive: bool
+    gives: tuple[Relaxation, ...]
+    alternatives: tuple[tuple[Relaxation, ...], ...]
+    fights: tuple[Relaxation, ...]
+    phases: Sequence[Any] = field(repr=False, default=())
+
+    def __str__(self) -> str:
+        if not self.conclusive:
+            return (
+                "The elastic problem did not converge: check scales and the guess, or try a "
+                "coarser mesh."
+            )
+        if self.feasible:
+            return (
+                "All limits can be kept together: the problem has trajectories. Start from a "
+                "better guess (the one found here, for example) or give the solver more iterations."
+            )
+        lines = ["These limits cannot be kept together. The least that would help:"]
+        lines += [f"  {item}" for item in self.gives]
+        if self.alternatives:
+            lines.append("Or, instead, one of these alone:")
+            lines += ["  " + ", and ".join(map(str, items)) for items in self.alternatives]
+        if self.fights:
+            lines.append("Also in the way, but no help alone:")
+            lines += [f"  {item.subject}" for item in self.fights]
+        return "\n".join(lines)
+
+
+def explain(
+    problem: OptimalControlProblem | Transcription,
+    mesh: Meshes = 50,
+    guess: Mapping[str, Guess] | Solution | None = None,
+    *,
+    max_iterations: int = 500,
+) -> Explanation:
+    """Find out which limits of a problem contradict each other.
+
+    Parameters
+    ----------
+    problem : OptimalControlProblem or Transcription
+    mesh : int, Mesh, or one int, Mesh or array of fractions [N+1] a phase
+        A coarse one does.
+    guess : guesses or Solution, optional
+        The solution of the solve that failed, for example.
+    max_iterations : int
+        Of each elastic solve.
+    """
+    if not isinstance(problem, Transcription):
+        problem = Transcription(scaled(problem, guess))
+    transcription = problem
+    layouts = transcription.layouts(mesh)
+    program = assemble(transcription.problem, layouts)
+    start = start_from(program, transcription.problem, guess)
+    check_start(program, start.x)
+    elastic = _Elastic(program, max_iterations)
+    return elastic.explain(start.x)
+
+
+@dataclass(frozen=True, eq=False)
+class _Item:
+    """One side of one component of one limit: where it acts."""
+
+    label: RowLabel | VariableLabel
+    kind: str
+    side: int  # -1 lower, 1 upper
+    equal: bool
+    value: float  # scaled
+    rows: np.ndarray  # of the elastic program
+    most: float  # that it may give, scaled
+
+
+class _Elastic:
+    """The program with one slack for every limit, at the end of its variables.
+
+    Every side of a limit has rows of its own: were the two in one row, their slacks would cancel
+    over the phase. A demanded value that stands in one row only keeps it, and gives either way.
+    """
+
+    def __init__(self, program: Program, max_iterations: int) -> None:
+        self.program = program
+        low, high = program.variable_lower, program.variable_upper
+        self.bounded = np.flatnonzero(np.isfinite(low) | np.isfinite(high))
+        self.count = low.size
+        self.lower = np.concatenate([program.row_lower, low[self.bounded]])
+        self.upper = np.concatenate([program.row_upper, high[self.bounded]])
+        variables = variable_labels(program)
+        self.labels: list[RowLabel | VariableLabel] = [
+            *row_labels(program),
+            *(variables[i] for i in self.bounded),
+        ]
+        self.items = list(self._items())
+        self._arrange()
+        self.solver = self._solver(max_iterations)
+
+    def _items(self) -> Any:
+        groups: dict[tuple[Any, ...], list[int]] = {}
+        for row, label in enumerate(self.labels):
+            if label.kind in _STRICT:
+                continue
+            kind = label.kind if label.kind in ("initial", "final", "duration") else "limit"
+            # a control that ends as the next node is bounded there: the same limit twice
+            key = (label.phase, kind, label.kind == "end", label.name, label.component)
+            groups.setdefault(key, []).append(row)
+        for (_, kind, *_), members in groups.items():
+            rows = np.array(members)
+            for side, limits in ((-1, self.lower), (1, self.upper)):
+                acting = rows[np.isfinite(limits[rows])]
+                if not acting.size:
+                    continue
+                value = float(limits[acting[0]])
+                most = 0.99 * value if kind == "duration" and side < 0 else np.inf
+                equal = bool(np.all(self.lower[acting] == self.upper[acting]))
+                yield _Item(self.labels[acting[0]], kind, side, equal, value, acting, most)
+
+    def _arrange(self) -> None:
+        """Rows of the elastic program: which they are in the program, and their limits."""
+        strict = [i for i, label in enumerate(self.labels) if label.kind in _STRICT]
+        source = list(strict)
+        lower, upper = (list(limits[strict]) for limits in (self.lower, self.upper))
+        shared: dict[int, int] = {}
+        self.places: list[np.ndarray] = []
+        for item in self.items:
+            alone = item.equal and item.rows.size == 1
+            if alone and int(item.rows[0]) in shared:
+                self.places.append(np.array([shared[int(item.rows[0])]]))
+                continue
+            first = len(source)
+            shared[int(item.rows[0])] = first
+            self.places.append(np.arange(first, first + item.rows.size))
+            source += item.rows.tolist()
+            for sides, side, limits, none in (
+                (lower, -1, self.lower, -np.inf),
+                (upper, 1, self.upper, np.inf),
+            ):
+                acts = alone or item.side == side
+                sides += list(limits[item.rows]) if acts else [none] * item.rows.size
+        self.source = np.array(source)
+        self.row_limits = np.array(lower), np.array(upper)
+
+    def _solver(self, max_iterations: int) -> ca.Function:
+        program, slacks = self.program, len(self.items)
+        functions, height = program.functions, self.source.size
+        rows = np.concatenate(self.places)
+        sizes = [place.size for place in self.places]
+        columns = np.repeat(np.arange(slacks), sizes)
+        signs = np.repeat([-float(item.side) for item in self.items], sizes)
+        give = ca.DM.triplet(rows.tolist(), columns.tolist(), ca.DM(signs), height, slacks)
+        bounded = self.bounded.tolist()
+        pick = ca.DM.triplet(
+            list(range(len(bounded))), bounded, ca.DM.ones(len(bounded)), len(bounded), self.count
+        )
+        order = self.source.tolist()
+        copies = ca.DM.triplet(
+            order, list(range(height)), ca.DM.ones(height), len(self.labels), height
+        )
+        weights = [1.0 + _WEIGHTS.get(item.kind, 0.0) for item in self.items]
+        v = ca.MX.sym("v", self.count + slacks)
+        p = ca.MX.sym("p", program.parameters.size)
+        x, s = v[: self.count], v[self.count :]
+        lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", height)
+        g, jacobian = functions["jacobian"](x, p)
+        limits = ca.vertcat(g, x[bounded])[order] + ca.mtimes(give, s)
+        slope = ca.DM([0.0] * self.count + weights)
+        whole = ca.horzcat(ca.vertcat(jacobian, pick)[order, :], give)
+        lam = ca.mtimes(copies, lam_g)[: g.shape[0]]
+        inner = functions["hessian_upper"].call([x, p, 0.0, lam])[0]
+        hessian = ca.diagcat(inner, ca.DM(slacks, slacks))
+        cost = ca.dot(ca.DM(weights), s)
+        cache = {
+            "nlp_jac_g": ca.Function("nlp_jac_g", [v, p], [limits, whole]),
+            "nlp_grad_f": ca.Function("nlp_grad_f", [v, p], [cost, ca.MX(slope)]),
+            "nlp_hess_l": ca.Function("nlp_hess_l", [v, p, lam_f, lam_g], [hessian]),
+        }
+        options = {
+            "print_time": False,
+            "calc_lam_p": False,
+            "calc_lam_x": False,
+            "no_nlp_grad": True,
+            "error_on_fail": False,
+            "cache": cache,
+            "ipopt": {"print_level": 0, "sb": "yes", "tol": 1e-7, "max_iter": max_iterations},
+        }
+        return ca.nlpsol("elastic", "ipopt", {"x": v, "p": p, "f": cost, "g": limits}, options)
+
+    def solve(self, x: FloatArray, allowed: np.ndarray) -> tuple[bool, FloatArray, FloatArray]:
+        """Whether it converged, variables with slacks, multipliers of the rows."""
+        slacks = len(self.items)
+        most = np.where(allowed, [item.most for item in self.items], 0.0)
+        free = np.full(self.count, np.inf)
+        result = self.solver(
+            x0=np.concatenate([x, np.where(allowed, 0.1, 0.0)]),
+            p=self.program.parameters,
+            lbx=np.concatenate([-free, np.zeros(slacks)]),
+            ubx=np.concatenate([free, most]),
+            lbg=self.row_limits[0],
+            ubg=self.row_limits[1],
+        )
+        values = np.array(result["x"]).ravel()
+        good = bool(self.solver.stats().get("success") and np.isfinite(values).all())
+        return good, values, np.array(result["lam_g"]).ravel()
+
+    def explain(self, x: FloatArray) -> Explanation:
+        slacks = len(self.items)
+        good, values, multipliers = self.solve(x, np.ones(slacks, dtype=bool))
+        best, amounts = values[: self.count], values[self.count :]
+        phases = unpack(self.program, best) if np.isfinite(best).all() else ()
+        giving = np.flatnonzero(amounts > GIVES)
+        if not good or not giving.size:
+            return Explanation(good and not giving.size, good, (), (), (), phases)
+        gives = tuple(self._relaxation(i, amounts[i], best, multipliers) for i in giving.tolist())
+        pressing = [
+            float(np.maximum(item.side * multipliers[place], 0.0).sum())  # positive at upper limits
+            for item, place in zip(self.items, self.places, strict=True)
+        ]
+        order = [int(i) for i in np.argsort(pressing)[::-1] if pressing[i] > FIGHTS]
+        found = self._groups(giving.tolist())
+        alternatives, fights = [], []
+        for group in self._groups(order)[:ALONE]:
+            if [group] == found:
+                continue  # the way out that is known
+            allowed = np.zeros(slacks, dtype=bool)
+            allowed[group] = True
+            helps, trial, _ = self.solve(best, allowed)
+            x, own = trial[: self.count], trial[self.count :]
+            alone = [self._relaxation(i, own[i], x, multipliers) for i in group if own[i] > GIVES]
+            if helps and alone:
+                alternatives.append(tuple(alone))
+            else:
+                most = max(group, key=lambda i: pressing[i])
+                fights.append(self._relaxation(most, None, best, multipliers))
+        return Explanation(False, True, gives, tuple(alternatives), tuple(fights), phases)
+
+    def _groups(self, order: Sequence[int]) -> list[list[int]]:
+        """Both sides and all components of a limit together, in the given order."""
+        names: dict[tuple[str, str, str], list[int]] = {}
+        for i in order:
+            names.setdefault(self._name(i), [])
+        for i in range(len(self.items)):
+            if self._name(i) in names:
+                names[self._name(i)].append(i)
+        return list(names.values())
+
+    def _name(self, i: int) -> tuple[str, str, str]:
+        item = self.items[i]
+        return item.label.phase, item.kind, item.label.name
+
+    def _relaxation(
+        self, index: int, amount: float | None, x: FloatArray, multipliers: FloatArray
+    ) -> Relaxation:
+        item = self.items[index]
+        label = item.label
+        g = np.array(self.program.functions["jacobian"](x, self.program.parameters)[0]).ravel()
+        values = np.concatenate([g, x[self.bounded]])[item.rows]
+        worst = int(np.argmax(item.side * values))
+        if amount is None:
+            worst = int(np.argmax(item.side * multipliers[self.places[index]]))
+        place = self.labels[item.rows[worst]]
+        layout = next(k for k in self.program.layouts if k.phase.name == label.phase)
+        duration = float(x[layout.variable_offset + layout.node_size - 1] * layout.node_scale[-1])
+        return Relaxation(
+            phase=label.phase,
+            name=label.component_name,
+            kind=item.kind,
+            side="" if item.equal else ("lower" if item.side < 0 else "upper"),
+            limit=item.value * label.scale,
+            amount=None if amount is None else amount * label.scale,
+            unit=label.unit,
+            time=place.place(layout) * duration,
+        )

@@ -1,0 +1,235 @@
+"""Where the expressions of a problem are no numbers: which one, where, and what it comes from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp.ocp.problem import Phase
+from microbot_ocp.ocp.solution import PhaseSolution, unpack
+from microbot_ocp.ocp.transcription import PhaseLayout, Program, row_labels
+from microbot_ocp.ocp.transcription.schemes import pointwise
+
+PUSH = 1e-2  # how far solvers move a guess off its bounds, as a share of their size or distance
+
+
+@dataclass(frozen=True, eq=False)
+class _Term:
+    """An expression of a phase with the name that its user knows it by."""
+
+    label: str
+    expression: ca.MX
+    at_end: bool = False
+
+
+def check_start(program: Program, x: FloatArray) -> None:
+    """Refuse a start at which the user's expressions or their slopes are not finite.
+
+    The guess is looked at where a solver will: a little inside its bounds.
+
+    Raises
+    ------
+    InputError
+        Names the expression, the place and the variable that it comes from.
+    """
+    said = not_finite(program, _inside(program, x), "the guess")
+    if said is not None:
+        raise InputError(said)
+
+
+def not_finite(program: Program, x: FloatArray, where: str) -> str | None:
+    """The first expression that has no finite value or slope at x, in words; None where all have.
+
+    Parameters
+    ----------
+    program : Program
+    x : scaled variables
+    where : what x is, in words
+    """
+    f, slope = program.functions["gradient"](x, program.parameters)
+    g, jacobian = program.functions["jacobian"](x, program.parameters)
+    if all(np.isfinite(value.nonzeros()).all() for value in (f, slope, g, jacobian)):
+        return None
+    for slopes in (False, True):
+        for layout, phase in zip(program.layouts, unpack(program, x), strict=True):
+            for term in _terms(layout.phase):
+                said = _said_of(layout, phase, term, slopes, where)
+                if said is not None:
+                    return said
+    bad = ~np.isfinite(np.array(g).ravel())
+    entries = np.array(jacobian.sparsity().row())[~np.isfinite(np.array(jacobian.nonzeros()))]
+    bad[entries] = True
+    row = f": {row_labels(program)[int(np.argmax(bad))]}" if bad.any() else ""
+    return f"{where} gives values that are not finite between mesh points{row}"
+
+
+def _inside(program: Program, x: FloatArray) -> FloatArray:
+    low, high = program.variable_lower, program.variable_upper
+    width = np.where(np.isfinite(high - low), high - low, np.inf)
+    with np.errstate(invalid="ignore"):
+        below, above = (
+            np.minimum(PUSH * np.maximum(1.0, np.abs(bound)), PUSH * width) for bound in (low, high)
+        )
+        floor = np.where(np.isfinite(low), low + below, -np.inf)
+        ceiling = np.where(np.isfinite(high), high - above, np.inf)
+    return np.clip(x, floor, ceiling)
+
+
+def _terms(phase: Phase) -> Iterator[_Term]:
+    for name, expression in phase.derivatives.items():
+        yield _Term(f"the dynamics of state {name!r}", expression)
+    for limit in phase.constraints:
+        yield _Term(f"constraint {limit.name!r}", limit.expression)
+    for equation in phase.algebraic_equations:
+        yield _Term("an algebraic equation", equation)
+    for cost in phase.running_costs:
+        yield _Term("a running cost", cost)
+    for limit in phase.end_constraints:
+        yield _Term(f"end constraint {limit.name!r}", limit.expression, at_end=True)
+    for cost in phase.end_costs:
+        yield _Term("an end cost", cost, at_end=True)
+
+
+def _said_of(
+    layout: PhaseLayout, values: PhaseSolution, term: _Term, slopes: bool, where: str
+) -> str | None:
+    phase = layout.phase
+    symbols, tables, times, intervals = _points(layout, values, at_end=term.at_end)
+    named = [symbol for _, symbol in symbols]
+    expression = term.expression
+    if slopes:
+        expression = ca.jacobian(expression, ca.vertcat(*named))
+    function = ca.Function("term", named, [ca.densify(expression)], {"allow_free": True})
+    for column in range(times.size):
+        point = [table[:, column] for table in tables]
+        result = np.array(function(*point))
+        if np.isfinite(result).all():
+            continue
+        what = "slope" if slopes else "value"
+        place = "at its end" if term.at_end else f"in interval {intervals[column] + 1}"
+        bad = result[~np.isfinite(result)][0]
+        return (
+            f"the {what} of {term.label} of phase {phase.name!r} is {bad:g} at {where} {place} "
+            f"(t = {times[column]:.4g} s): {_cause(function, symbols, point)}"
+        )
+    return None
+
+
+def _points(
+    layout: PhaseLayout, values: PhaseSolution, *, at_end: bool
+) -> tuple[list[tuple[str, ca.MX]], list[FloatArray], FloatArray, np.ndarray]:
+    """Symbols of a phase, their values [size, M], times and intervals of some points."""
+    phase = layout.phase
+    rates = [c for c in phase.controls if c.rate is not None]
+    fractions = np.array([1.0]) if at_end else np.array([0.0, 0.25, 0.5, 0.75, 1.0])
+    intervals = np.arange(layout.intervals)[-1:] if at_end else np.arange(layout.intervals)
+    h = np.diff(values.mesh)
+    k = np.repeat(intervals, fractions.size)
+    share = np.tile(fractions, intervals.size)
+    x, u = _dense(layout, values, k, share)
+    order = [
+        *(c for s in ("constant", "linear") for c in phase.controls if c.shape == s),
+        *pointwise(phase),
+    ]
+    names: list[tuple[str, ca.MX]] = []
+    tables: list[FloatArray] = []
+    for group, table in ((phase.states, x), (order, u)):
+        offset = 0
+        for variable in group:
+            names.append((variable.name, variable.symbol))
+            tables.append(table[offset : offset + variable.size])
+            offset += variable.size
+    for control in rates:
+        assert control.rate is not None
+        names.append((f"the rate of {control.name}", control.rate))
+        slope = np.diff(values[control.name], axis=0).T / (h * values.duration)
+        tables.append(slope[:, k])
+    for parameter in phase.parameters:
+        names.append((parameter.name, parameter.symbol))
+        tables.append(np.tile(parameter.value[:, None], (1, k.size)))
+    times = (values.mesh[k] + share * h[k]) * values.duration
+    names += [("time", phase.time), ("duration", phase.duration)]
+    tables += [times[None, :], np.full((1, k.size), values.duration)]
+    return names, tables, times, k
+
+
+def _dense(
+    layout: PhaseLayout, values: PhaseSolution, k: np.ndarray, share: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """States and controls at fractions of intervals; values at mesh points as they are guessed."""
+    assert values.stages is not None
+    x, u = layout.dense(values.stages, k, share)
+    # inside an interval the state follows from the dynamics, which may be what is wrong
+    start = np.vstack([values[v.name][:-1].T for v in layout.phase.states])
+    end = np.vstack([values[v.name][1:].T for v in layout.phase.states])
+    straight = start[:, k] + share * (end - start)[:, k]
+    bad = ~np.isfinite(x).all(axis=0) | (share == 0.0) | (share == 1.0)
+    return np.where(bad, straight, x), u
+
+
+_OPERATIONS: dict[int, Callable[[float, float], str]] = {
+    ca.OP_SQRT: lambda a, _: f"the square root of {a:.4g}",
+    ca.OP_LOG: lambda a, _: f"the logarithm of {a:.4g}",
+    ca.OP_DIV: lambda a, b: f"{a:.4g} divided by {b:.4g}",
+    ca.OP_INV: lambda a, _: f"1 divided by {a:.4g}",
+    ca.OP_POW: lambda a, b: f"{a:.4g} to the power {b:.4g}",
+    ca.OP_CONSTPOW: lambda a, b: f"{a:.4g} to the power {b:.4g}",
+    ca.OP_ASIN: lambda a, _: f"the arcsine of {a:.4g}",
+    ca.OP_ACOS: lambda a, _: f"the arccosine of {a:.4g}",
+    ca.OP_EXP: lambda a, _: f"the exponential of {a:.4g}",
+    ca.OP_TAN: lambda a, _: f"the tangent of {a:.4g}",
+    ca.OP_ATANH: lambda a, _: f"the inverse hyperbolic tangent of {a:.4g}",
+    ca.OP_ACOSH: lambda a, _: f"the inverse hyperbolic cosine of {a:.4g}",
+}
+
+
+def _cause(
+    function: ca.Function, symbols: Sequence[tuple[str, ca.MX]], point: Sequence[FloatArray]
+) -> str:
+    """The first operation that leaves the finite numbers, and the variables behind it."""
+    try:
+        scalar = function.expand()
+    except RuntimeError:  # calls that have no scalar graph
+        used = [
+            _entry(name, values, i)
+            for k, ((name, _), values) in enumerate(zip(symbols, point, strict=True))
+            for i in range(values.size)
+            if function.which_depends(function.name_in(k), function.name_out())[i]
+        ]
+        return "it depends on " + ", ".join(used)
+    work: dict[int, float] = {}
+    sources: dict[int, frozenset[tuple[int, int]]] = {}
+    for k in range(scalar.n_instructions()):
+        operation = scalar.instruction_id(k)
+        inputs, outputs = scalar.instruction_input(k), scalar.instruction_output(k)
+        if operation == ca.OP_INPUT:
+            work[outputs[0]] = float(point[inputs[0]][inputs[1]])
+            sources[outputs[0]] = frozenset({(inputs[0], inputs[1])})
+        elif operation == ca.OP_CONST:
+            work[outputs[0]] = scalar.instruction_constant(k)
+            sources[outputs[0]] = frozenset()
+        elif operation != ca.OP_OUTPUT:
+            a, b = (work[i] for i in (inputs[0], inputs[-1]))
+            value = _apply(operation, a, b)
+            behind = frozenset().union(*(sources[i] for i in inputs))
+            if not np.isfinite(value) and np.isfinite(a) and np.isfinite(b):
+                said = _OPERATIONS.get(operation, lambda a, b: f"an operation on {a:.4g}")(a, b)
+                used = [_entry(symbols[i][0], point[i], j) for i, j in sorted(behind)]
+                return said + (f", from {', '.join(used)}" if used else "")
+            work[outputs[0]], sources[outputs[0]] = value, behind
+    return "a parameter or variable is not finite"
+
+
+def _apply(operation: int, a: float, b: float) -> float:
+    x, y = ca.SX.sym("x"), ca.SX.sym("y")
+    result = ca.SX.binary(operation, x, y)  # of unary operations too, without their second input
+    return float(ca.Function("one", [x, y], [result])(a, b))
+
+
+def _entry(name: str, values: FloatArray, index: int) -> str:
+    label = name if values.size == 1 else f"{name}[{index}]"
+    return f"{label} = {values[index]:.4g}"

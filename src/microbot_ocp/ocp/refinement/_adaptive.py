@@ -1,0 +1,390 @@
+"""A mesh as fine as an accuracy asks for: divided, raised in degree, moved to the switches.
+
+The accuracy is that of the dynamics and of the limits between the mesh points: how near the control
+is to the optimal one is another matter.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp.ocp.problem import OptimalControlProblem, node_variables
+from microbot_ocp.ocp.refinement._arcs import distance, hold, place_junctions
+from microbot_ocp.ocp.refinement._degrees import Degrees, decay_rates, degrees_on, refine_hp
+from microbot_ocp.ocp.refinement._history import (
+    History,
+    Refined,
+    RefinementStatus,
+    RefinementStep,
+    step_of,
+)
+from microbot_ocp.ocp.refinement._mesh_error import divide, state_errors
+from microbot_ocp.ocp.refinement._refiner import Refiner, split
+from microbot_ocp.ocp.refinement._switches import Switch, move_to_switches
+from microbot_ocp.ocp.solution import (
+    PhaseSolution,
+    Solution,
+    Status,
+    StepProgress,
+    default_guess,
+    quiet,
+)
+from microbot_ocp.ocp.solvers import SolverSettings, transcribed
+from microbot_ocp.ocp.transcription import Guess, Mesh, Meshes, Transcription
+from microbot_ocp.ocp.transcription.schemes import Scheme
+from microbot_ocp.ocp.verification import (
+    ALONG,
+    LimitUse,
+    dense_phase,
+    limit_uses,
+    phase_layout,
+    relative_excess,
+)
+
+MOST_VAIN = 2  # solves with one phase an arc that may find nothing
+PROGRESS = 0.9  # share of the former error that counts as an improvement
+# A finer mesh meets constraints and dynamics that the coarser one cut short, and may honestly cost
+# more by this share.
+DEARER = 0.05
+
+
+def solve_refined(
+    problem: OptimalControlProblem | Transcription,
+    accuracy: float = 1e-6,
+    mesh: Meshes = 20,
+    scheme: str | Scheme = "shooting",
+    guess: Mapping[str, Guess] | Solution | None = None,
+    settings: SolverSettings | None = None,
+    *,
+    degrees: tuple[int, int] | None = None,
+    switch_accuracy: float = 1e-3,
+    limit_accuracy: float = 1e-5,
+    arcs: bool = True,
+    rounds: int = 10,
+    most_intervals: int = 2000,
+    most_time: float = np.inf,
+    progress: StepProgress = quiet,
+) -> Refined:
+    """Solve on finer and finer meshes until state error and limits are within an accuracy.
+
+    Parameters
+    ----------
+    problem : OptimalControlProblem or Transcription
+        A transcription keeps its scheme; ``scheme`` is that of a problem.
+    accuracy : float
+        Relative state error of any interval that is accepted; see
+        :func:`~microbot_ocp.ocp.refinement.state_errors`.
+    mesh : int, Mesh, or one int, Mesh or array of fractions [N+1] a phase
+        The first mesh.
+    scheme : str or Scheme
+    guess : mapping from phase name to Guess, or Solution, optional
+    settings : SolverSettings, optional
+        The tolerance becomes a tenth of the accuracy if it is more.
+    degrees : (least, most), optional
+        Of collocation: the degree is raised where the solution is smooth, intervals are divided
+        where it is not (hp). Default: intervals are divided, the degree stays.
+    switch_accuracy : float
+        Distance of a switch from the mesh that is accepted, as a fraction of its phase.
+    limit_accuracy : float
+        Excess of a state, an algebraic variable or a path constraint between the mesh points that
+        is accepted, relative to half the range of its limits, or to the limit where there is only
+        one. Meshes are divided where it is more. Bounds of the controls are left to
+        :func:`~microbot_ocp.ocp.verify`: only polynomials leave them, and most of all where they
+        jump. A path constraint of a polynomial control may stay exceeded at such a jump, on however
+        short an interval; the result then names it.
+    arcs : bool
+        Whether the problem may be solved with one phase an arc, too, to find where its arcs meet:
+        see :func:`~microbot_ocp.ocp.refinement.place_junctions`. Default: it may.
+    rounds : int
+        Most finer meshes.
+    most_intervals : int
+        Of all phases together.
+    most_time : float
+        Wall time after which no other mesh is begun, s.
+    progress : callable
+        Called with a line of text for every mesh, and with every iteration of the solvers.
+
+    Returns
+    -------
+    Refined
+        Also where the accuracy is not reached: look at ``status``. After Ctrl-C it is the last
+        accepted solution, with the status INTERRUPTED.
+
+    Raises
+    ------
+    InputError
+        An accuracy or limit that is no positive number, degrees for a scheme that has none.
+
+    Examples
+    --------
+    >>> problem = OptimalControlProblem("double integrator")
+    >>> phase = problem.phase("move", duration=(0.1, 10.0))
+    >>> x = phase.state("x", initial=0.0, final=1.0)
+    >>> v = phase.state("v", initial=0.0, final=0.0)
+    >>> u = phase.control("u", lower=-1.0, upper=1.0)
+    >>> phase.derivative(x, v)
+    >>> phase.derivative(v, u)
+    >>> phase.end_cost(phase.duration)
+    >>> refined = solve_refined(problem, mesh=5)  # the switch is in the middle of an interval
+    >>> refined.status.name, round(refined.solution.cost, 4)
+    ('REACHED', 2.0)
+    """
+    accuracy = checks.number("accuracy", accuracy, above=0.0)
+    switch_accuracy = checks.number("switch_accuracy", switch_accuracy, above=0.0)
+    limit_accuracy = checks.number("limit_accuracy", limit_accuracy, above=0.0)
+    if not most_time > 0:
+        raise InputError(f"most_time must be above 0 s, not {most_time}")
+    settings = settings or SolverSettings()
+    transcription = transcribed(problem, settings, scheme=scheme, guess=guess)
+    settings = replace(settings, tolerance=min(settings.tolerance, max(accuracy / 10, 1e-10)))
+    refiner = Refiner(
+        transcription,
+        guess_from=resampled,
+        excess=state_errors,
+        violation=accuracy,
+        solver=settings.solver,
+        tolerance=settings.tolerance,
+        progress=progress,
+        settings=settings,
+        worse=DEARER,
+    )
+    hp = None if degrees is None else Degrees(*degrees)
+    goal = _Goal(accuracy, switch_accuracy, limit_accuracy, hp)
+    limits = _Limits(rounds, most_intervals, time.perf_counter() + most_time, arcs)
+    return _Refinement(refiner, goal, limits).run(mesh, guess)
+
+
+@dataclass(frozen=True)
+class _Goal:
+    accuracy: float
+    switch_accuracy: float
+    limit_accuracy: float
+    degrees: Degrees | None
+
+    def met(self, step: RefinementStep) -> bool:
+        """Whether a mesh is good enough."""
+        return (
+            step.state_error <= self.accuracy
+            and step.switch_offset <= self.switch_accuracy
+            and step.limit_excess <= self.limit_accuracy
+        )
+
+    def next_mesh(
+        self,
+        phase: PhaseSolution,
+        errors: FloatArray,
+        excess: FloatArray,
+        switches: Sequence[Switch],
+        places: FloatArray | None,
+    ) -> Mesh:
+        """A mesh for a phase that comes nearer."""
+        layout = phase_layout(phase)
+        if self.degrees is None:
+            orders = np.array([kind.scheme.order for kind in layout.kinds])[layout.kind_of]
+            finer = Mesh(divide(phase.mesh, errors, self.accuracy, orders))
+        else:
+            finer = refine_hp(
+                layout.chosen, errors, decay_rates(phase), self.accuracy, self.degrees
+            )
+        finer = self._divided_at_limits(layout.mesh, finer, excess)
+        if places is not None:
+            moved = hold(finer.fractions, places, self.switch_accuracy)
+        else:
+            moved = move_to_switches(finer.fractions, switches, self.switch_accuracy)
+        if self.degrees is not None:
+            return Mesh(moved, degrees_on(moved, finer))
+        if layout.degrees is not None:
+            return Mesh(moved, degrees_on(moved, layout.chosen))
+        return Mesh(moved)
+
+    def _divided_at_limits(self, mesh: FloatArray, finer: Mesh, excess: FloatArray) -> Mesh:
+        """Divide where a limit is exceeded, but for intervals that are divided already."""
+        bad = excess > self.limit_accuracy
+        if not bad.any():
+            return finer
+        cuts = split(mesh, bad)
+        owner = np.searchsorted(mesh, cuts, side="right") - 1
+        pieces = np.histogram(finer.fractions, mesh)[0]
+        whole = np.append(pieces[:-1] == 1, pieces[-1] == 2)  # the last bin has both its ends
+        fresh = cuts[~np.isin(cuts, mesh) & whole[np.minimum(owner, whole.size - 1)]]
+        fractions = np.union1d(finer.fractions, fresh)
+        if finer.degrees is None:
+            return Mesh(fractions)
+        return Mesh(fractions, degrees_on(fractions, finer))
+
+
+@dataclass(frozen=True)
+class _Limits:
+    rounds: int
+    intervals: int
+    until: float
+    arcs: bool
+
+
+class _Refinement:
+    """One refinement: its best solution and its history so far."""
+
+    def __init__(self, refiner: Refiner, goal: _Goal, limits: _Limits) -> None:
+        self.refiner, self.goal, self.limits = refiner, goal, limits
+        self.best: Solution | None = None
+        self.errors: list[FloatArray] = []
+        self.excess: list[FloatArray] = []
+        self.exceeded: LimitUse | None = None  # what the best solution exceeds most
+        self.places: list[FloatArray] | None = None  # where arcs meet, once it is known
+        self.vain = 0  # solves with one phase an arc that found nothing
+        self.history: list[RefinementStep] = []
+        self.started = time.perf_counter()
+
+    def run(self, mesh: Meshes, guess: Mapping[str, Guess] | Solution | None) -> Refined:
+        transcription = self.refiner.transcription
+        if self.goal.degrees is not None:
+            mesh = _with_degrees(transcription, mesh, self.goal.degrees)
+        start = guess or default_guess(transcription.problem)
+        first = self.refiner.solve(mesh, start)
+        status = RefinementStatus.INTERRUPTED
+        self.best = first
+        if first.status is not Status.INTERRUPTED:
+            with contextlib.suppress(KeyboardInterrupt):
+                self._enter(first, first.status.ok)
+                status = RefinementStatus.NOT_SOLVED if not first.status.ok else self._rounds()
+        use = self.exceeded
+        over = use is not None and use.relative > self.goal.limit_accuracy
+        return Refined(self.best, History(self.history), status, use if over else None)
+
+    def _rounds(self) -> RefinementStatus:
+        for done in range(self.limits.rounds + 1):
+            assert self.best is not None
+            step = self._placed()
+            if self.goal.met(step):
+                return RefinementStatus.REACHED
+            if done == self.limits.rounds:
+                break
+            if _stalled(self.history):
+                return RefinementStatus.NO_PROGRESS
+            if time.perf_counter() > self.limits.until:
+                return RefinementStatus.TIME_LIMIT
+            meshes = [
+                self.goal.next_mesh(phase, errors, excess, switches, places)
+                for phase, errors, excess, switches, places in zip(
+                    self.best.phases,
+                    self.errors,
+                    self.excess,
+                    step.switches,
+                    self.places or [None] * len(self.best.phases),
+                    strict=True,
+                )
+            ]
+            if sum(m.intervals for m in meshes) > self.limits.intervals:
+                return RefinementStatus.SIZE_LIMIT
+            finer = self.refiner.finer(self.best, meshes)
+            if finer is self.best:
+                last = self.refiner.last
+                if last is not None and last is not self.best:
+                    self._enter(last, False)
+                    if last.status is Status.INTERRUPTED:
+                        return RefinementStatus.INTERRUPTED
+                return RefinementStatus.NOT_ACCEPTED
+            self._enter(finer, True)
+        return RefinementStatus.ROUND_LIMIT
+
+    def _placed(self) -> RefinementStep:
+        """The last step, with the distance of the mesh from where arcs meet."""
+        assert self.best is not None
+        step, found = self.history[-1], None
+        if not self.limits.arcs:
+            return step
+        if self.vain < MOST_VAIN:
+            transcription = self.refiner.transcription
+            found = place_junctions(
+                transcription.problem, self.best, transcription.scheme, self.refiner.settings
+            )
+        if found is None:
+            self.vain += 1
+            if self.places is not None:  # what was not confirmed is as far away as it was
+                offset = max(step.switch_offset, self.history[-2].switch_offset)
+                step = self.history[-1] = replace(step, switch_offset=offset)
+            return step
+        self.places = found
+        meshes = [mesh.fractions for mesh in step.meshes]
+        step = replace(step, switch_offset=max(map(distance, meshes, self.places)))
+        self.history[-1] = step
+        self.refiner.progress(
+            f"arcs meet {step.switch_offset:.2g} of a phase away from the mesh, at most"
+        )
+        return step
+
+    def _enter(self, made: Solution, accepted: bool) -> None:
+        """Put a solve into the history; an accepted one is the best so far."""
+        solved = made.status.ok
+        errors, excess, worst = [np.array([np.inf])], [np.array([np.inf])], None
+        if solved:
+            errors = state_errors(made)
+            excess, worst = excess_of_limits(made)
+        taken = time.perf_counter() - self.started
+        step = step_of(made, errors, excess, worst, accepted, taken)
+        if accepted:
+            self.best, self.errors, self.excess, self.exceeded = made, errors, excess, worst
+        self.history.append(step)
+        self.started = time.perf_counter()
+        self.refiner.progress(
+            f"mesh {' + '.join(map(str, step.intervals))}: state error {step.state_error:.2g}, "
+            f"limits exceeded by {step.limit_excess:.2g}, cost {step.cost:.8g}"
+        )
+
+
+def _with_degrees(transcription: Transcription, mesh: Meshes, degrees: Degrees) -> list[Mesh]:
+    """Meshes of all phases with the degree of the scheme, within the limits."""
+    layouts = transcription.layouts(mesh)
+    own = getattr(transcription.scheme, "degree", degrees.least)
+    start = int(np.clip(own, degrees.least, degrees.most))
+    return [
+        layout.chosen if layout.degrees is not None else Mesh(layout.mesh, start)
+        for layout in layouts
+    ]
+
+
+def _stalled(history: Sequence[RefinementStep]) -> bool:
+    """Whether the last two meshes improved neither the state error, the switches nor the limits."""
+    if len(history) < 3:
+        return False
+    before, *later = history[-3:]
+    return all(
+        step.state_error > PROGRESS * before.state_error
+        and step.switch_offset >= PROGRESS * before.switch_offset
+        and step.limit_excess >= PROGRESS * before.limit_excess
+        for step in later
+    )
+
+
+def excess_of_limits(solution: Solution) -> tuple[list[FloatArray], LimitUse | None]:
+    """Relative excess of limits on a dense grid, [N, K] a phase, and the worst of all."""
+    dense = [dense_phase(phase) for phase in solution.phases]
+    uses = [use for own in dense for use in limit_uses(own) if use.kind in ALONG and use.excess > 0]
+    return [relative_excess(own) for own in dense], max(
+        uses, key=lambda use: use.relative, default=None
+    )
+
+
+def resampled(solution: Solution) -> dict[str, Guess]:
+    """Guess for another mesh by the scheme's own interpolation."""
+    guesses = {}
+    for phase in solution.phases:
+        declared = phase_layout(phase).phase
+        names = [v.name for v in (*node_variables(declared), *declared.controls)]
+        names += [v.name for v in declared.algebraics]
+        guesses[phase.name] = Guess(
+            phase.duration, {name: _sampler(phase, name) for name in dict.fromkeys(names)}
+        )
+    return guesses
+
+
+def _sampler(phase: PhaseSolution, name: str) -> Callable[[FloatArray], FloatArray]:
+    # just before the point: the points of Radau collocation are those of the interval on the left
+    return lambda places: phase.sample((places - 1e-10) * phase.duration)[name]

@@ -1,0 +1,204 @@
+"""What a refinement leaves: its meshes in turn, printed as a table, and how it ended."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any
+
+from microbot_ocp._base.checks import FloatArray
+from microbot_ocp.ocp.refinement._switches import Switch, find_switches
+from microbot_ocp.ocp.solution import Solution
+from microbot_ocp.ocp.transcription import Mesh
+from microbot_ocp.ocp.transcription.schemes import Collocation
+from microbot_ocp.ocp.verification import LimitUse, phase_layout
+
+HEAD = (
+    *("round", "intervals", "degree", "variables", "state error"),
+    *("switch offset", "limit excess", "cost", "iterations", "time", ""),
+)
+
+
+class RefinementStatus(Enum):
+    """How a refinement ended; the value is the explanation."""
+
+    REACHED = "the requested accuracy is reached"
+    NOT_SOLVED = "the first mesh was not solved: give a better guess or another mesh"
+    NOT_ACCEPTED = (
+        "a finer mesh was not solved, or only at a higher cost: the last accepted solution is "
+        "returned"
+    )
+    NO_PROGRESS = (
+        "the accuracy is not reached, and the last finer meshes came no nearer: lower the "
+        "solver's tolerance or ask for less"
+    )
+    ROUND_LIMIT = "the accuracy is not reached within the allowed number of rounds"
+    SIZE_LIMIT = "the accuracy is not reached within the allowed number of intervals"
+    TIME_LIMIT = "the accuracy is not reached within the allowed time"
+    INTERRUPTED = "interrupted: the last accepted solution is returned"
+
+    @property
+    def ok(self) -> bool:
+        """Whether the accuracy is reached."""
+        return self is RefinementStatus.REACHED
+
+
+@dataclass(frozen=True, eq=False)
+class RefinementStep:
+    """One mesh of a refinement.
+
+    Attributes
+    ----------
+    meshes : of every phase
+    degrees : least and most degree of collocation, None for other schemes
+    variables : of the program
+    state_error : largest relative state error of any interval; infinite where nothing was solved
+    switch_offset : largest distance of a switch from the mesh, as a fraction of its phase
+    limit_excess : largest excess of a state, algebraic variable or path constraint between mesh
+        points, relative to half the range of its limits, or to the limit where there is only one;
+        infinite where nothing was solved
+    worst_limit : where that is; None where all limits are kept
+    switches : of every phase
+    cost, duration, status, accepted, iterations : of the solve
+    wall_time : of solve and error estimate, s
+    """
+
+    meshes: tuple[Mesh, ...]
+    degrees: tuple[int, int] | None
+    variables: int
+    state_error: float
+    switch_offset: float
+    limit_excess: float
+    worst_limit: LimitUse | None
+    switches: tuple[tuple[Switch, ...], ...]
+    cost: float
+    duration: float
+    status: str
+    accepted: bool
+    iterations: int
+    wall_time: float
+
+    @property
+    def intervals(self) -> tuple[int, ...]:
+        """Number of intervals of every phase."""
+        return tuple(mesh.intervals for mesh in self.meshes)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        return {
+            **vars(self),
+            "meshes": [mesh.as_dict() for mesh in self.meshes],
+            "intervals": list(self.intervals),
+            "worst_limit": None if self.worst_limit is None else vars(self.worst_limit),
+            "switches": [[vars(switch) for switch in phase] for phase in self.switches],
+        }
+
+
+class History(tuple[RefinementStep, ...]):
+    """Meshes of a refinement in turn; printed as a table."""
+
+    __slots__ = ()
+
+    def __str__(self) -> str:
+        rows: list[tuple[str, ...]] = [HEAD]
+        for number, step in enumerate(self):
+            low, high = step.degrees or ("", "")
+            rows.append(
+                (
+                    str(number),
+                    " + ".join(map(str, step.intervals)),
+                    f"{low}" if low == high else f"{low} to {high}",
+                    str(step.variables),
+                    f"{step.state_error:.1e}",
+                    f"{step.switch_offset:.1e}",
+                    f"{step.limit_excess:.1e}",
+                    f"{step.cost:.9g}",
+                    str(step.iterations),
+                    f"{step.wall_time:.2f} s",
+                    "" if step.accepted else f"{step.status.replace('_', ' ')}, not accepted",
+                )
+            )
+        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+        return "\n".join(
+            "  ".join(cell.rjust(w) for cell, w in zip(row, widths, strict=True)).rstrip()
+            for row in rows
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Refined:
+    """A solution, the meshes that led to it, and whether its accuracy is the one asked for.
+
+    Attributes
+    ----------
+    solution : the last accepted one
+    history : of every mesh
+    status : RefinementStatus
+    exceeded : the limit that the solution exceeds most between mesh points, if by more than asked
+        for
+    """
+
+    solution: Solution
+    history: History
+    status: RefinementStatus
+    exceeded: LimitUse | None = None
+
+    @property
+    def advice(self) -> str:
+        """The status in words, and a limit that is still exceeded."""
+        use = self.exceeded
+        if use is None:
+            return self.status.value
+        name = f"{use.name}[{use.component}]" if use.component else use.name
+        return (
+            f"{self.status.value}; {use.kind} {name} of phase {use.phase!r} is still "
+            f"{use.excess:.2g} {use.unit} beyond its limit of {use.limit:.6g} at {use.time:.4g} s, "
+            "between mesh points"
+        )
+
+    def __str__(self) -> str:
+        return f"{self.history}\n{self.advice}"
+
+    def __repr__(self) -> str:
+        status = self.status.name.lower().replace("_", " ")
+        return f"<Refined: {status} in {len(self.history)} meshes, cost {self.solution.cost:.8g}>"
+
+    def _repr_html_(self) -> str:
+        from microbot_ocp.views.notebook import _html as jupyter
+
+        return jupyter.refined(self)
+
+
+def step_of(
+    solution: Solution,
+    errors: Sequence[FloatArray],
+    excess: Sequence[FloatArray],
+    worst_limit: LimitUse | None,
+    accepted: bool,
+    wall_time: float,
+) -> RefinementStep:
+    layouts = [phase_layout(phase) for phase in solution.phases]
+    switches = tuple(find_switches(phase) for phase in solution.phases)
+    used = [
+        kind.scheme.degree
+        for layout in layouts
+        for kind in layout.kinds
+        if isinstance(kind.scheme, Collocation)
+    ]
+    return RefinementStep(
+        meshes=tuple(layout.chosen for layout in layouts),
+        degrees=(min(used), max(used)) if used else None,
+        variables=sum(layout.variable_count for layout in layouts),
+        state_error=max(float(own.max()) for own in errors),
+        switch_offset=max((s.offset for own in switches for s in own), default=0.0),
+        limit_excess=max(float(own.max()) for own in excess),
+        worst_limit=worst_limit,
+        switches=switches,
+        cost=solution.cost,
+        duration=solution.duration,
+        status=solution.status.name.lower(),
+        accepted=accepted,
+        iterations=sum(attempt.iterations for attempt in solution.attempts),
+        wall_time=wall_time,
+    )

@@ -1,0 +1,53 @@
+"""State error of every interval by re-integration, and the pieces it has to be divided into.
+
+The error of an interval is the difference between the next mesh state and what an adaptive
+integrator arrives at from the interval's own mesh state with the solution's own control. A scheme
+of order p makes local errors of order p + 1 in the step, which says into how many pieces an
+interval has to be divided (Betts, *Practical Methods for Optimal Control*, 2nd ed., section 4.7;
+the error there is a quadrature of the residual over the interval).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from microbot_ocp._base.checks import FloatArray
+from microbot_ocp.ocp.solution import Solution
+from microbot_ocp.ocp.verification import each_interval, mesh_states, state_weights
+
+MOST_PIECES = 6  # into which an interval is divided at once: its error may be estimated badly
+SAFETY = 0.5  # share of the accuracy that the divided intervals aim at
+
+
+def state_errors(solution: Solution) -> list[FloatArray]:
+    """Relative state error of every interval: one array [N] a phase.
+
+    ``max_i |x_i(t_k+1) - reached_i| / weight_i``, where reached is the integral of the dynamics
+    from the mesh state at t_k and the weight is the largest magnitude of the state along the phase,
+    or a hundredth of its scale if that is more. Infinite where the integrator fails.
+    """
+    errors = []
+    for phase in solution.phases:
+        arrived, _ = each_interval(phase)
+        gap = np.abs(arrived - mesh_states(phase)[1:]) / state_weights(phase)
+        errors.append(np.nan_to_num(gap.max(axis=1), nan=np.inf))
+    return errors
+
+
+def divide(mesh: FloatArray, errors: FloatArray, accuracy: float, order: ArrayLike) -> FloatArray:
+    """Divide the intervals above the accuracy into the number of pieces that the order predicts.
+
+    A local error e that goes with the power ``order + 1`` of the step comes below the goal with
+    ``(e / goal)^(1 / (order + 1))`` pieces. The goal is half the accuracy: once a mesh is changed,
+    its neighbours that were just good enough may not be any more.
+    """
+    if errors.max() <= accuracy:
+        return mesh.copy()
+    wanted = np.ceil((errors / (SAFETY * accuracy)) ** (1.0 / (np.asarray(order) + 1)))
+    pieces = np.clip(wanted, 1, MOST_PIECES).astype(int)
+    parts = [
+        np.linspace(a, b, n, endpoint=False)
+        for a, b, n in zip(mesh[:-1], mesh[1:], pieces, strict=True)
+    ]
+    return np.append(np.concatenate(parts), mesh[-1])

@@ -1,0 +1,178 @@
+"""Coarse to fine: warm starts on finer meshes, splits where constraints are exceeded in between.
+
+A finer mesh whose optimum is worse than the coarser one's is not accepted: success reported by a
+solver is not enough.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray
+from microbot_ocp.ocp.solution import Solution, Status, StepProgress, quiet
+from microbot_ocp.ocp.solvers import SolverSettings, solve
+from microbot_ocp.ocp.transcription import Guess, Meshes, MeshLike, Transcription
+
+GuessFrom = Callable[[Solution], Mapping[str, Guess]]
+Excess = Callable[[Solution], Sequence[FloatArray]]
+
+WORSE = 1e-3  # of the cost
+# Barrier parameter of warm starts; with the usual start at 0.1 IPOPT leaves the good guess and
+# comes back late or elsewhere (146 against 35 iterations on one task with four via points).
+WARM_BARRIER = 1e-4
+
+
+@dataclass(eq=False)
+class Refiner:
+    """Solves one transcription on finer and finer meshes and keeps the history.
+
+    Parameters
+    ----------
+    transcription : Transcription
+    guess_from : callable
+        Turns a solution into guesses for another mesh.
+    excess : callable
+        For a solution, the largest relative excess of any constraint inside every interval, or at K
+        evenly spaced places of it with both its ends: one array [N] or [N, K] a phase.
+    violation : float
+        Excess that is accepted.
+    solver : str
+        For fine meshes; what is not solved by it goes to IPOPT.
+    tolerance : float
+    rounds : int
+        Largest number of local refinements.
+    progress : callable
+        Called with a line of text at every step, and with every iteration of the solvers.
+    settings : SolverSettings
+        What else the solvers are told.
+    worse : float
+        A finer mesh may not cost more than a coarser one by more, relative.
+    """
+
+    transcription: Transcription
+    guess_from: GuessFrom
+    excess: Excess
+    violation: float
+    solver: str = "ipopt"
+    tolerance: float = 1e-8
+    rounds: int = 10
+    progress: StepProgress = quiet
+    settings: SolverSettings = field(default_factory=SolverSettings)
+    worse: float = WORSE
+    history: list[dict[str, Any]] = field(default_factory=list)
+    last: Solution | None = None  # of any solve, accepted or not
+
+    def solve(
+        self,
+        mesh: Meshes,
+        guesses: Mapping[str, Guess] | Solution,
+        *,
+        tolerance: float | None = None,
+        solver: str | None = None,
+        barrier: float | None = None,
+    ) -> Solution:
+        """One solve, entered in the history."""
+        settings = replace(
+            self.settings,
+            solver=solver or self.solver,
+            tolerance=tolerance or self.tolerance,
+            initial_barrier=barrier,
+        )
+        watched = None if self.progress is quiet else self.progress
+        solution = solve(self.transcription, mesh, guesses, settings, progress=watched)
+        self.last = solution
+        self.history.append(
+            {
+                "intervals": [phase.mesh.size - 1 for phase in solution.phases],
+                "cost": solution.cost,
+                "duration": solution.duration,
+                "status": solution.status.name.lower(),
+                "accepted": solution.status.ok,
+                "build_time": solution.build_time,
+                "attempts": [attempt.as_dict() for attempt in solution.attempts],
+            }
+        )
+        return solution
+
+    def finer(self, before: Solution, meshes: Sequence[MeshLike]) -> Solution:
+        """Solve on another mesh from a solution; keep the old one where the new one is worse."""
+        guesses = self.guess_from(before)
+        first: tuple[str, float | None, Mapping[str, Guess] | Solution]
+        first = (self.solver, WARM_BARRIER, guesses)
+        if self.solver == "ipopt" and before.status.ok and before.variable_multipliers is not None:
+            # with multipliers: 20 against 30 iterations on the Microbot task from 20 to 100
+            first = ("ipopt", None, before)
+        after = before
+        for solver, barrier, start in (first, ("ipopt", None, guesses)):
+            after = self.solve(meshes, start, solver=solver, barrier=barrier)
+            accepted = self._accepts(before, after)
+            self.history[-1]["accepted"] = accepted
+            sizes = " + ".join(str(phase.mesh.size - 1) for phase in after.phases)
+            said = after.status.name.lower().replace("_", " ")
+            self.progress(
+                f"mesh {sizes}: {after.duration:.6f} s, {said}"
+                f"{'' if accepted else ', not accepted'}"
+            )
+            if accepted:
+                return after
+            if after.status is Status.INTERRUPTED:
+                break
+        return before if before.status.ok else after
+
+    def _accepts(self, before: Solution, after: Solution) -> bool:
+        allowed = before.cost + self.worse * abs(before.cost)
+        return after.status.ok and (not before.status.ok or after.cost <= allowed)
+
+    def refine(self, solution: Solution) -> Solution:
+        """Split intervals until no constraint is exceeded between mesh points by more."""
+        for _ in range(self.rounds):
+            if not solution.status.ok:
+                break
+            excess = self.excess(solution)
+            worst = max(float(e.max()) for e in excess)
+            self.history[-1]["excess"] = worst
+            self.progress(f"largest excess of a limit between mesh points: {100 * worst:.3g} %")
+            if worst <= self.violation:
+                break
+            meshes = [
+                split(phase.mesh, e > self.violation)
+                for phase, e in zip(solution.phases, excess, strict=True)
+            ]
+            refined = self.finer(solution, meshes)
+            if refined is solution:  # nothing accepted: another round would only repeat it
+                break
+            solution = refined
+        return solution
+
+
+def split(mesh: FloatArray, bad: np.ndarray) -> FloatArray:
+    """Split the bad intervals, where they are bad, and halve their neighbours.
+
+    Parameters
+    ----------
+    mesh : array [N+1]
+    bad : array of bool [N] or [N, K]
+        Whole intervals, which are halved, or K evenly spaced places of each with both its ends:
+        the stretch that is bad is cut out and halved. A sudden change, such as that of dry friction
+        where a joint turns back, is so closed in on by much more than a half at a time.
+    """
+    table = bad.reshape(mesh.size - 1, -1)
+    places = table.shape[1]
+    rows = np.flatnonzero(table.any(axis=1))
+    near = np.zeros(mesh.size - 1, dtype=bool)
+    near[np.maximum(rows - 1, 0)] = near[np.minimum(rows + 1, near.size - 1)] = True
+    near[rows] = False
+    added = [(mesh[:-1] + mesh[1:])[near] / 2]
+    for row in rows:
+        inside = np.flatnonzero(table[row])
+        first, last = max(inside[0] - 1, 0), min(inside[-1] + 1, places - 1)
+        cuts = np.array([first, (first + last) / 2, last]) / max(places - 1, 1)
+        if places == 1:
+            cuts = np.array([0.5])
+        cuts = cuts[(cuts > 0) & (cuts < 1)]
+        added.append(mesh[row] + cuts * (mesh[row + 1] - mesh[row]))
+    return np.unique(np.concatenate([mesh, *added]))

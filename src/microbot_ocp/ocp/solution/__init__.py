@@ -1,0 +1,5 @@
+"""Solutions as data, and what a solve starts from: initial guesses, scales, progress."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,34 @@
+"""Public names; loaded when they are first asked for."""
+
+from ._initial_guess import (
+    default_guess as default_guess,
+    guess_from as guess_from,
+    start_from as start_from,
+)
+from ._problem_data import (
+    numbers_of as numbers_of,
+    with_numbers as with_numbers,
+)
+from ._progress import (
+    Iteration as Iteration,
+    Progress as Progress,
+    StepProgress as StepProgress,
+    Watch as Watch,
+    quiet as quiet,
+    violation as violation,
+    violations as violations,
+    watching as watching,
+)
+from ._scaling import (
+    cost_scale as cost_scale,
+    scaled as scaled,
+)
+from ._solution import (
+    Attempt as Attempt,
+    PhaseSolution as PhaseSolution,
+    Solution as Solution,
+    Start as Start,
+    Status as Status,
+    pack as pack,
+    unpack as unpack,
+)

@@ -1,0 +1,91 @@
+"""The numbers of a phase as plain values: limits, conditions, scales, parameters.
+
+A solve may have been made with other numbers than those declared; expressions stay.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from microbot_ocp._base.checks import InputError
+from microbot_ocp.ocp.problem import PathConstraint, Phase, Variable
+from microbot_ocp.ocp.transcription import PhaseLayout
+
+KINDS = ("states", "controls", "algebraics")
+LIMITS = ("constraints", "end_constraints")
+
+
+def numbers_of(layout: PhaseLayout) -> dict[str, Any]:
+    """Plain values for JSON."""
+    phase = layout.phase
+    return {
+        "duration": list(phase.duration_bounds),
+        "duration_scale": float(layout.node_scale[-1]),
+        "parameters": {p.name: p.value.tolist() for p in phase.parameters},
+        **{kind: [_of_variable(v) for v in getattr(phase, kind)] for kind in KINDS},
+        **{kind: [_of_limit(c) for c in getattr(phase, kind)] for kind in LIMITS},
+    }
+
+
+def with_numbers(phase: Phase, numbers: Mapping[str, Any]) -> Phase:
+    """A phase with the same expressions and the numbers of another solve of it.
+
+    Raises
+    ------
+    InputError
+        The numbers are of a phase with other variables, constraints or parameters.
+    """
+    made = copy.copy(phase)
+    for kind in (*KINDS, *LIMITS):
+        own, given = getattr(phase, kind), numbers[kind]
+        same = [(v.name, v.scale.size) for v in own] == [
+            (g["name"], len(g["scale"])) for g in given
+        ]
+        if not same:
+            raise InputError(
+                f"phase {phase.name!r} of the solution has other variables or constraints: "
+                f"{kind.replace('_', ' ')} {[g['name'] for g in given]}, not "
+                f"{[v.name for v in own]}"
+            )
+        setattr(made, kind, [_changed(v, g) for v, g in zip(own, given, strict=True)])
+    names = [p.name for p in phase.parameters]
+    if names != list(numbers["parameters"]):
+        raise InputError(
+            f"phase {phase.name!r} of the solution has the parameters "
+            f"{list(numbers['parameters'])}, not {names}"
+        )
+    made.parameters = [
+        replace(p, value=np.array(numbers["parameters"][p.name], dtype=float))
+        for p in phase.parameters
+    ]
+    low, high = numbers["duration"]
+    made.duration_bounds = (low, high)
+    made.duration_scale = numbers["duration_scale"]
+    return made
+
+
+def _of_limit(limit: PathConstraint | Variable) -> dict[str, Any]:
+    sides = {side: getattr(limit, side).tolist() for side in ("lower", "upper", "scale")}
+    return {"name": limit.name, **sides}
+
+
+def _of_variable(variable: Variable) -> dict[str, Any]:
+    ends: dict[str, Any] = {}
+    for which in ("initial", "final"):
+        condition: Sequence[Any] | None = getattr(variable, which)
+        ends[which] = None if condition is None else [side.tolist() for side in condition]
+    return {**_of_limit(variable), **ends}
+
+
+def _changed(item: Any, given: Mapping[str, Any]) -> Any:
+    new: dict[str, Any] = {k: np.array(given[k], dtype=float) for k in ("lower", "upper", "scale")}
+    for which in ("initial", "final"):
+        if which in given:
+            pair = given[which]
+            new[which] = None if pair is None else tuple(np.array(side, float) for side in pair)
+    return replace(item, **new)

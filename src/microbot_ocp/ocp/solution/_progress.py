@@ -1,0 +1,224 @@
+"""Live progress of a solve, and what Ctrl-C does to it.
+
+IPOPT and the SQP method call back at every iteration. fatrop has no such call: there the Jacobian,
+which it asks for once an iteration, reports; it cannot be stopped either: it runs to its end, and
+the iterate at which it was told to stop is returned. Without a progress function nothing is in the
+way.
+"""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray
+from microbot_ocp.ocp.solution._solution import PhaseSolution, unpack
+from microbot_ocp.ocp.transcription import Program
+
+
+@dataclass(frozen=True, eq=False)
+class Iteration:
+    """State of a solve.
+
+    Attributes
+    ----------
+    solver : name of the solver
+    number : iterations so far
+    cost : float
+    infeasibility : largest violation of a bound or constraint, scaled
+    """
+
+    solver: str
+    number: int
+    cost: float
+    infeasibility: float
+    program: Program = field(repr=False)
+    x: FloatArray = field(repr=False)
+
+    def __str__(self) -> str:
+        """One line for people."""
+        return (
+            f"{self.solver} {self.number}: cost {self.cost:.6g}, "
+            f"infeasibility {self.infeasibility:.1e}"
+        )
+
+    @property
+    def phases(self) -> tuple[PhaseSolution, ...]:
+        """Values by phase and name, as of a solution."""
+        return unpack(self.program, self.x)
+
+
+Progress = Callable[[Iteration], object]
+# of what takes several solves: their iterations, and a line of text at every step between them
+StepProgress = Callable[[Iteration | str], object]
+
+
+def quiet(_: Iteration | str) -> None:
+    """Progress that nobody sees; solves are not watched for it."""
+
+
+def violations(program: Program, x: FloatArray, g: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Violation of every row and of every bound of the scaled program; infinite if not finite."""
+    found = []
+    for value, low, high in (
+        (g, program.row_lower, program.row_upper),
+        (x, program.variable_lower, program.variable_upper),
+    ):
+        excess = np.maximum(np.maximum(low - value, value - high), 0.0)
+        found.append(np.nan_to_num(excess, nan=np.inf, posinf=np.inf))
+    return found[0], found[1]
+
+
+def violation(program: Program, x: FloatArray, g: FloatArray) -> float:
+    """Largest violation of a bound or row of the scaled program; infinite if not finite."""
+    return max(float(np.max(own, initial=0.0)) for own in violations(program, x, g))
+
+
+@dataclass(frozen=True, eq=False)
+class Hook:
+    """Options and functions that let a solver report."""
+
+    options: Mapping[str, Any]
+    cache: Mapping[str, ca.Function]
+
+
+@dataclass(eq=False)
+class Watch:
+    """Keeps the last iterate of a solve and passes it on.
+
+    Attributes
+    ----------
+    x : last iterate
+    count : iterations so far
+    stopped : whether the progress function asked to stop
+    failure : what else it raised, to be raised again outside the solver
+    """
+
+    program: Program
+    solver: str
+    progress: Progress
+    x: FloatArray | None = None
+    count: int = -1
+    stopped: bool = False
+    failure: BaseException | None = None
+    asked: Callable[[], bool] = bool  # whether somebody else asked to stop
+    kept: ca.Callback | None = None
+
+    def hook(self, cache: Mapping[str, ca.Function]) -> Hook:
+        """Options and functions to give to the solver."""
+        if self.solver == "fatrop":
+            self.kept = _JacobianCall(self, cache["nlp_jac_g"])
+            return Hook({}, {"nlp_jac_g": self.kept})
+        self.kept = _IterationCall(self)
+        return Hook({"iteration_callback": self.kept}, {})
+
+    def report(self, x: FloatArray, g: FloatArray, cost: float | None = None) -> bool:
+        """Take in an iterate; False where the solve should stop."""
+        self.stopped = self.stopped or self.asked()
+        if self.stopped or (self.x is not None and np.array_equal(x, self.x)):
+            return not self.stopped
+        self.x, self.count = x, self.count + 1
+        if cost is None:
+            cost = float(self.program.functions["gradient"](x, self.program.parameters)[0])
+        worst = violation(self.program, x, g)
+        try:
+            self.progress(Iteration(self.solver, self.count, cost, worst, self.program, x))
+        except KeyboardInterrupt:
+            self.stopped = True
+        except BaseException as problem:  # raised again by the caller: solvers would swallow it
+            self.stopped, self.failure = True, problem
+        return not self.stopped
+
+
+class _IterationCall(ca.Callback):
+    """What IPOPT and the SQP method call at every iteration; 1 stops them."""
+
+    def __init__(self, watch: Watch) -> None:
+        ca.Callback.__init__(self)
+        self.watch = watch
+        self.sizes = {
+            "x": watch.program.variable_lower.size,
+            "f": 1,
+            "g": watch.program.row_lower.size,
+            "lam_x": watch.program.variable_lower.size,
+            "lam_g": watch.program.row_lower.size,
+            "lam_p": watch.program.parameters.size,
+        }
+        self.construct("iteration", {})
+
+    def get_n_in(self) -> int:
+        return ca.nlpsol_n_out()
+
+    def get_n_out(self) -> int:
+        return 1
+
+    def get_sparsity_in(self, i: int) -> ca.Sparsity:
+        return ca.Sparsity.dense(self.sizes[ca.nlpsol_out(i)], 1)
+
+    def eval(self, arguments: Any) -> list[float]:
+        x, f, g = (np.array(arguments[i]).ravel() for i in range(3))
+        cost = float(f[0]) * self.watch.program.cost_scale
+        return [0.0 if self.watch.report(x, g, cost) else 1.0]
+
+
+class _JacobianCall(ca.Callback):
+    """The Jacobian of a program, which tells its watch where it was asked for."""
+
+    def __init__(self, watch: Watch, jacobian: ca.Function) -> None:
+        ca.Callback.__init__(self)
+        self.watch, self.inner = watch, jacobian
+        self.construct("nlp_jac_g", {})
+
+    def get_n_in(self) -> int:
+        return 2
+
+    def get_n_out(self) -> int:
+        return 2
+
+    def get_sparsity_in(self, i: int) -> ca.Sparsity:
+        return self.inner.sparsity_in(i)
+
+    def get_sparsity_out(self, i: int) -> ca.Sparsity:
+        return self.inner.sparsity_out(i)
+
+    def eval(self, arguments: Any) -> list[ca.DM]:
+        g, block = self.inner.call(arguments)
+        # fatrop goes on whatever is said here, even without a Jacobian: it may as well have one
+        self.watch.report(np.array(arguments[0]).ravel(), np.array(g).ravel())
+        return [g, block]
+
+
+@contextmanager
+def watching(solver: str) -> Iterator[Callable[[], bool]]:
+    """Note Ctrl-C during a solve instead of losing the result to it.
+
+    Yields a function that tells whether it was pressed. IPOPT and the SQP method look for the
+    exception at every evaluation and stop; fatrop does not, and would only lose its result.
+    """
+    seen = False
+
+    def note(*_: object) -> None:
+        nonlocal seen
+        seen = True
+        if solver != "fatrop":
+            raise KeyboardInterrupt
+
+    if threading.current_thread() is not threading.main_thread():  # signals go to the main one
+        yield lambda: seen
+        return
+    previous = signal.getsignal(signal.SIGINT)
+    if previous is not signal.default_int_handler:  # somebody else's business
+        yield lambda: seen
+        return
+    signal.signal(signal.SIGINT, note)
+    try:
+        yield lambda: seen
+    finally:
+        signal.signal(signal.SIGINT, previous)

@@ -1,0 +1,295 @@
+"""Automatic scales: a typical size for everything that was declared without one.
+
+Solvers compare everything with one. The size of a state or control is read from its guess and end
+conditions or its bounds; where these say nothing it follows from the dynamics: of a state from the
+size of its derivative, of what drives a state from what would move that state by its size during
+the phase. A constraint is divided by what it changes when the variables change by their sizes, the
+cost likewise. Dynamics are scaled with their states.
+
+Scales are powers of ten, and what is within a factor of ten of one stays as it is, so that a
+problem in good units is solved as it was written.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray
+from microbot_ocp.ocp.problem import OptimalControlProblem, PathConstraint, Phase, Variable
+from microbot_ocp.ocp.solution._initial_guess import default_guess, guess_from
+from microbot_ocp.ocp.solution._solution import Solution
+from microbot_ocp.ocp.transcription import Guess, Program
+
+POINTS = 40  # at which expressions are looked at
+ROUNDS = 10  # of sizes that follow from other sizes
+LOOSE = 1e3  # bounds that are wider, compared with the guess, say nothing of a control's size
+BAND = 10.0  # sizes within this factor of one are left alone
+COST, COST_BAND = 10.0, 100.0  # of the cost: change that is aimed at, and the same
+
+
+def scaled(
+    problem: OptimalControlProblem, guess: Mapping[str, Guess] | Solution | None = None
+) -> OptimalControlProblem:
+    """The problem with a scale for everything that was declared without.
+
+    Parameters
+    ----------
+    problem : OptimalControlProblem
+    guess : guesses or Solution, optional
+        Where the solve will start: a guess of the right size is worth most.
+
+    Returns
+    -------
+    OptimalControlProblem
+        With the same symbols and expressions; scales that were declared stay.
+
+    Examples
+    --------
+    >>> problem = OptimalControlProblem("a satellite")
+    >>> phase = problem.phase("climb", duration=(10.0, 1e4))
+    >>> height = phase.state("height", initial=3e5, final=8e5, unit="m")
+    >>> thrust = phase.control("thrust", lower=0.0, upper=0.02, unit="N")
+    >>> phase.derivative(height, 1e4 * thrust)
+    >>> phase.end_cost(phase.duration)
+    >>> [(v.name, float(v.scale[0])) for p in scaled(problem).phases for v in p.states + p.controls]
+    [('height', 1000000.0), ('thrust', 0.01)]
+    """
+    problem.check()
+    given: Mapping[str, Guess]
+    given = guess_from(problem, guess) if isinstance(guess, Solution) else guess or {}
+    ordinary = default_guess(problem)
+    looks = [_Look(phase, given.get(phase.name), ordinary[phase.name]) for phase in problem.phases]
+    for look in looks:
+        look.find_sizes()
+    together: dict[tuple[str, int, str], FloatArray] = {}
+    for look in looks:  # phases with the same physics share kernels only if their scales agree
+        for variable in look.unscaled:
+            key = (variable.name, variable.size, variable.unit)
+            size = look.sizes[variable.name]
+            together[key] = np.fmax(together.get(key, size), size)
+    phases = []
+    for look in looks:
+        scales = {
+            v.name: _rounded(together[v.name, v.size, v.unit])
+            if v in look.unscaled
+            else np.asarray(v.scale)
+            for v in look.variables
+        }
+        limits = look.limit_scales(scales)
+        phases.append(_with_scales(look.phase, scales, limits, look.duration_scale))
+    return _with_phases(problem, phases)
+
+
+def cost_scale(program: Program, x: FloatArray) -> float:
+    """What to divide the cost by, so that it changes by ten when all scaled variables do by one.
+
+    Looked at at the start and a little beside it, where a quadratic cost has a slope. A barrier of
+    the size of the tolerance at every limit is then still small, compared with the cost.
+    """
+    beside = np.clip(x + 0.5, program.variable_lower, program.variable_upper)
+    sizes = []
+    for point in (x, beside):
+        slope = np.array(program.functions["gradient"](point, program.parameters)[1])
+        sizes.append(float(np.abs(slope).sum()))
+    finite = [size for size in sizes if np.isfinite(size)]
+    return float(_rounded(np.array(max(finite, default=COST) / COST), COST_BAND))
+
+
+def _with_phases(problem: OptimalControlProblem, phases: Sequence[Phase]) -> OptimalControlProblem:
+    made = copy.copy(problem)
+    made.phases = list(phases)
+    return made
+
+
+def _with_scales(
+    phase: Phase,
+    scales: Mapping[str, FloatArray],
+    limits: Sequence[FloatArray],
+    duration_scale: float | None,
+) -> Phase:
+    made = copy.copy(phase)
+    for kind in ("states", "controls", "algebraics"):
+        own = [replace(v, scale=scales.get(v.name, v.scale)) for v in getattr(phase, kind)]
+        setattr(made, kind, own)
+    own = [*phase.constraints, *phase.end_constraints]
+    new = [replace(c, scale=s) for c, s in zip(own, limits, strict=True)]
+    made.constraints = new[: len(phase.constraints)]
+    made.end_constraints = new[len(phase.constraints) :]
+    made.duration_scale = duration_scale
+    return made
+
+
+def _rounded(size: FloatArray, band: float = BAND) -> FloatArray:
+    """Powers of ten; one where a size is near it, or unknown."""
+    known = np.isfinite(size) & (size > 0)
+    size = np.where(known, size, 1.0)
+    near = (size >= 1 / band) & (size <= band)
+    return np.where(near, 1.0, 10.0 ** np.round(np.log10(size)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Slopes:
+    """Values [M, rows] of expressions of a phase and their slopes [M, rows, columns]."""
+
+    values: FloatArray
+    slopes: FloatArray
+
+
+class _Look:
+    """What is known of the sizes in one phase; unknown ones are not numbers."""
+
+    def __init__(self, phase: Phase, given: Guess | None, ordinary: Guess) -> None:
+        self.phase = phase
+        self.variables = [*phase.states, *phase.controls, *phase.algebraics]
+        self.unscaled = [v for v in self.variables if not v.scaled]
+        told = ordinary.duration if given is None else float(given.duration)
+        # one that is refused where the guess is used says nothing here
+        self.duration = told if np.isfinite(told) and told > 0 else ordinary.duration
+        self.share = np.linspace(0.0, 1.0, POINTS)
+        values = {} if given is None else given.values
+        self.tables = {
+            v.name: _samples(values.get(v.name, ordinary.values.get(v.name, 0.0)), v, self.share)
+            for v in self.variables
+        }
+        guessed = {v.name: self.tables[v.name] for v in self.variables if v.name in values}
+        self.sizes = {
+            v.name: v.scale if v.scaled else _size(v, guessed.get(v.name)) for v in self.variables
+        }
+        self.rates = [c for c in phase.controls if c.rate is not None]
+
+    @property
+    def duration_scale(self) -> float | None:
+        if self.phase.duration_scale is not None:
+            return self.phase.duration_scale
+        size = float(_rounded(np.array(self.duration)))
+        return None if size == 1.0 else size
+
+    def find_sizes(self) -> None:
+        """Sizes that are not known from those that are."""
+        slope = ca.vertcat(*(self.phase.derivatives[s.name] for s in self.phase.states))
+        for _ in range(ROUNDS):
+            sizes = self._stacked(self.variables)
+            if np.isfinite(sizes).all():
+                return
+            found = self._evaluated(slope)
+            states = sum(s.size for s in self.phase.states)
+            with np.errstate(all="ignore"):
+                forward = self.duration * _typical(np.abs(found.values))
+                # what would move a state by its size during the phase
+                drive = sizes[:states, None] / (self.duration * _typical(np.abs(found.slopes)))
+            drive[~np.isfinite(drive)] = np.inf
+            np.fill_diagonal(drive, np.inf)
+            backward = drive.min(axis=0)
+            unknown = np.isnan(sizes)
+            new = np.full(sizes.size, np.nan)
+            new[:states] = np.where(forward > 0, forward, np.nan)
+            if not np.isfinite(new[unknown]).any():
+                new = np.where(np.isfinite(backward) & (backward > 0), backward, np.nan)
+            if not np.isfinite(new[unknown]).any():
+                return
+            self._take(np.where(unknown, new, sizes))
+
+    def limit_scales(self, scales: Mapping[str, FloatArray]) -> list[FloatArray]:
+        """How far constraints change when the variables change by their scales."""
+        self.sizes = dict(scales)
+        limits = [*self.phase.constraints, *self.phase.end_constraints]
+        found = []
+        for limit in limits:
+            if limit.scaled:
+                found.append(limit.scale)
+                continue
+            slopes = self._evaluated(limit.expression, rates=True).slopes
+            span = np.concatenate([self._stacked(self.variables), self._rate_sizes()])
+            size = _typical((np.abs(slopes) * span).max(axis=2))
+            found.append(_rounded(np.where(size > 0, size, _magnitude(limit))))
+        return found
+
+    def _stacked(self, variables: Sequence[Variable]) -> FloatArray:
+        return np.concatenate([self.sizes[v.name] for v in variables])
+
+    def _rate_sizes(self) -> FloatArray:
+        own = [self.sizes[c.name] / self.duration for c in self.rates]
+        return np.concatenate([*own, np.zeros(0)])
+
+    def _take(self, sizes: FloatArray) -> None:
+        offset = 0
+        for v in self.variables:
+            self.sizes[v.name] = sizes[offset : offset + v.size]
+            offset += v.size
+
+    def _evaluated(self, expression: ca.MX, *, rates: bool = False) -> _Slopes:
+        """An expression at the guess and around it, as far as the known sizes go."""
+        random = np.random.default_rng(0)
+        symbols, points = [], []
+        for v in self.variables:
+            size = np.nan_to_num(self.sizes[v.name])
+            around = self.tables[v.name] + size * random.uniform(-1.0, 1.0, (POINTS, v.size))
+            around[: POINTS // 4] = self.tables[v.name][: POINTS // 4]
+            symbols.append(v.symbol)
+            points.append(np.clip(around, v.lower, v.upper).T)
+        moving = ca.vertcat(*symbols)
+        for control in self.rates:
+            assert control.rate is not None
+            size = np.nan_to_num(self.sizes[control.name]) / self.duration
+            symbols.append(control.rate)
+            points.append(size[:, None] * random.uniform(-1.0, 1.0, (control.size, POINTS)))
+            if rates:
+                moving = ca.vertcat(moving, control.rate)
+        for parameter in self.phase.parameters:
+            symbols.append(parameter.symbol)
+            points.append(np.tile(parameter.value[:, None], (1, POINTS)))
+        symbols += [self.phase.time, self.phase.duration]
+        points += [self.duration * self.share[None, :], np.full((1, POINTS), self.duration)]
+        slopes = ca.densify(ca.jacobian(expression, moving))
+        function = ca.Function("look", symbols, [ca.densify(expression), slopes])
+        rows, columns = slopes.shape
+        values, table = (np.array(out) for out in function.map(POINTS)(*points))
+        # every point is a block of columns
+        blocks = table.reshape(rows, POINTS, columns).transpose(1, 0, 2)
+        return _Slopes(values.T, blocks)
+
+
+def _samples(value: object, variable: Variable, share: FloatArray) -> FloatArray:
+    """A guess [M, size] at fractions of the phase; zeros where its shape is wrong."""
+    table = np.asarray(value(share) if callable(value) else value, dtype=float)
+    if table.ndim <= 1 and table.size in (1, variable.size):
+        table = np.broadcast_to(table.reshape(1, -1), (share.size, variable.size))
+    if table.ndim != 2 or table.shape[1] != variable.size:
+        return np.zeros((share.size, variable.size))  # refused where the guess is used
+    own = np.linspace(0.0, 1.0, table.shape[0])
+    return np.column_stack([np.interp(share, own, column) for column in table.T])
+
+
+def _size(variable: Variable, guess: FloatArray | None) -> FloatArray:
+    """Size of a variable by what was declared and guessed; not a number where that says nothing."""
+    told = [np.zeros(variable.size)]
+    if guess is not None:
+        told.append(np.abs(guess).max(axis=0))
+    for condition in (variable.initial, variable.final):
+        if condition is not None:
+            told += [np.where(np.isfinite(side), np.abs(side), 0.0) for side in condition]
+    typical = np.max(told, axis=0)
+    bounded = np.isfinite(variable.lower) & np.isfinite(variable.upper)
+    bounds = np.where(bounded, np.fmax(np.abs(variable.lower), np.abs(variable.upper)), np.nan)
+    if variable.shape != "state":  # controls go to their bounds
+        near = bounded & ((typical == 0) | (bounds <= LOOSE * typical))
+        typical = np.where(near, bounds, typical)
+    typical = np.where(typical > 0, typical, bounds)
+    return np.where(typical > 0, np.fmin(typical, np.where(bounded, bounds, np.inf)), np.nan)
+
+
+def _typical(table: FloatArray) -> FloatArray:
+    """Upper quartile over the points of what is finite: half of them may stand on a bound at 0."""
+    known = np.isfinite(table)
+    filled = np.where(known, table, np.where(known.any(axis=0), np.nan, 0.0))
+    return np.nanpercentile(filled, 75, axis=0)
+
+
+def _magnitude(limit: PathConstraint) -> FloatArray:
+    sides = [np.where(np.isfinite(s), np.abs(s), 0.0) for s in (limit.lower, limit.upper)]
+    return np.maximum(*sides)

@@ -1,0 +1,345 @@
+"""What a solve returns: status, values by name and phase, how it went."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import Enum
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp.ocp.problem import Phase, Variable, node_variables
+from microbot_ocp.ocp.transcription import Guess, IntArray, PhaseLayout, Program
+
+
+class Status(Enum):
+    """How a solve ended; the value is the advice."""
+
+    SOLVED = "converged to the requested tolerance"
+    ITERATION_LIMIT = (
+        "stopped at the iteration limit: give a better guess, a coarser mesh first, or more "
+        "iterations"
+    )
+    INFEASIBLE = (
+        "converged to a point that violates constraints: look for limits that contradict each "
+        "other or an end that cannot be reached; explain names them"
+    )
+    INTERRUPTED = "interrupted: the last iterate is returned"
+    FAILED = "the solver broke down: check scales and guess, try the other solver"
+
+    @property
+    def ok(self) -> bool:
+        """Whether the solve succeeded."""
+        return self is Status.SOLVED
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """One solver's try at one program."""
+
+    solver: str
+    status: Status
+    message: str
+    iterations: int
+    cost: float
+    infeasibility: float
+    wall_time: float
+    create_time: float
+    function_time: float
+    broke_down: bool = False  # with an error of its own, which is the message
+
+    def as_dict(self) -> dict[str, object]:
+        """Plain values for JSON."""
+        return {**vars(self), "status": self.status.name.lower()}
+
+
+@dataclass(frozen=True, eq=False)
+class PhaseSolution:
+    """Values of one phase at its mesh points.
+
+    Attributes
+    ----------
+    name : str
+    duration : float, s
+    mesh : array [N+1], fractions of the phase
+    values : mapping from the name of a state or control to [N+1, size] (states and linear
+        controls), [N, size] (constant controls) or [N, points, size] (polynomial controls and
+        algebraic variables), in the units of the declaration; where the degree differs from
+        interval to interval [sum of the points, size], one after the other
+    layout : where the values stand in the program
+    stages : its scaled stages, in turn
+    degrees : of the intervals [N], where they were chosen one by one
+    """
+
+    name: str
+    duration: float
+    mesh: FloatArray
+    values: Mapping[str, FloatArray]
+    layout: PhaseLayout | None = None
+    stages: FloatArray | None = None
+    degrees: IntArray | None = None
+
+    def __repr__(self) -> str:
+        names = ", ".join(self.values)
+        return (
+            f"<PhaseSolution {self.name!r}: {self.duration:.6g} s, {self.mesh.size - 1} intervals; "
+            f"{names}>"
+        )
+
+    @property
+    def t(self) -> FloatArray:
+        """Times of the mesh points since the start of the phase, s."""
+        return self.mesh * self.duration
+
+    def __getitem__(self, name: str) -> FloatArray:
+        return self.values[name]
+
+    def sample(self, t: ArrayLike) -> dict[str, FloatArray]:
+        """Every state, control and algebraic variable [M, size] at times t [M] since the start.
+
+        Between the mesh points it is the scheme's own interpolation.
+        """
+        if self.layout is None or self.stages is None:
+            raise InputError(
+                f"phase {self.name!r} was not made by a solve: it has mesh values only"
+            )
+        times = checks.array("t", np.atleast_1d(np.asarray(t, dtype=float)), (None,), "s")
+        share = np.clip(times / self.duration, 0.0, 1.0)
+        k = np.clip(np.searchsorted(self.mesh, share, side="right") - 1, 0, self.mesh.size - 2)
+        step = np.diff(self.mesh)[k]
+        x, u = self.layout.dense(self.stages, k, (share - self.mesh[k]) / step)
+        phase = self.layout.phase
+        by_shape = [
+            *phase.states,
+            *(
+                c
+                for s in ("constant", "linear", "polynomial")
+                for c in phase.controls
+                if c.shape == s
+            ),
+            *phase.algebraics,
+        ]
+        table = np.vstack([x, u]).T
+        return {v.name: table[:, columns] for v, columns in _columns(by_shape)}
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """Scaled variables to start from, with multipliers where an earlier solve knows them."""
+
+    x: FloatArray
+    row_multipliers: FloatArray | None = None
+    variable_multipliers: FloatArray | None = None
+    missing: tuple[str, ...] = ()  # what the earlier solution did not have, in words
+
+    @property
+    def warm(self) -> bool:
+        """Whether there are multipliers."""
+        return self.row_multipliers is not None and self.variable_multipliers is not None
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Result of an optimal-control solve, converged or not.
+
+    Attributes
+    ----------
+    status : Status
+    cost : float
+    phases : one PhaseSolution a phase
+    attempts : every solver tried, in order; the last one made this solution
+    row_multipliers : multipliers of the rows of the scaled program, positive at upper bounds
+    variable_multipliers : multipliers of the bounds of its variables, likewise
+    build_time : wall time of the transcription, s
+    variables : the scaled variables
+    settings : how it was solved, as plain values
+    cost_scale : what the solver divided the cost by; cost and multipliers are whole
+    said : advice where the solve did not converge
+    start : where it started from
+    """
+
+    status: Status
+    cost: float
+    phases: tuple[PhaseSolution, ...]
+    attempts: tuple[Attempt, ...]
+    row_multipliers: FloatArray
+    build_time: float
+    variable_multipliers: FloatArray | None = None
+    variables: FloatArray | None = None
+    settings: Mapping[str, object] = field(default_factory=dict)
+    cost_scale: float = 1.0
+    said: str = ""
+    start: Start | None = field(default=None, repr=False)
+
+    def __repr__(self) -> str:
+        status = self.status.name.lower().replace("_", " ")
+        last = f", {self.attempts[-1].solver}" if self.attempts else ""
+        return f"<Solution: {status}, cost {self.cost:.8g}, {self.duration:.6g} s{last}>"
+
+    def _repr_html_(self) -> str:
+        from microbot_ocp.views.notebook import _html as jupyter
+
+        return jupyter.solution(self)
+
+    def __getitem__(self, name: str) -> PhaseSolution:
+        for phase in self.phases:
+            if phase.name == name:
+                return phase
+        raise KeyError(name)
+
+    @property
+    def duration(self) -> float:
+        """Sum of the durations of the phases, s."""
+        return float(sum(phase.duration for phase in self.phases))
+
+    @property
+    def advice(self) -> str:
+        """The status in words; of a solve that did not converge also what would help, by lines."""
+        return self.said or self.status.value
+
+
+def unpack(program: Program, x: FloatArray) -> tuple[PhaseSolution, ...]:
+    """Values by name from the scaled variables."""
+    return tuple(_phase_values(layout, x) for layout in program.layouts)
+
+
+def _phase_values(layout: PhaseLayout, x: FloatArray) -> PhaseSolution:
+    nodes = x[layout.nodes] * layout.node_scale
+    stages = x[layout.variable_offset : layout.last_node]
+    values: dict[str, FloatArray] = {}
+    for variable, columns in _columns(node_variables(layout.phase)):
+        values[variable.name] = nodes[:, columns]
+    inside: dict[str, list[tuple[np.ndarray, FloatArray]]] = {}
+    for group in layout.groups:
+        controls = x[group.variables[:, layout.node_size :]] * group.kind.control_scale
+        own: dict[str, list[FloatArray]] = {}
+        for variable, columns in _columns([k.source for k in group.kind.inner]):
+            if variable.shape in ("constant", "polynomial", "algebraic"):
+                own.setdefault(variable.name, []).append(controls[:, columns])
+        for name, parts in own.items():
+            inside.setdefault(name, []).append((group.intervals, np.stack(parts, axis=1)))
+    values.update({name: _in_turn(parts) for name, parts in inside.items()})
+    return PhaseSolution(
+        layout.phase.name, float(nodes[0, -1]), layout.mesh, values, layout, stages, layout.degrees
+    )
+
+
+def _in_turn(parts: Sequence[tuple[np.ndarray, FloatArray]]) -> FloatArray:
+    """Values of groups of intervals, each [M, points, size], by interval."""
+    if len(parts) == 1:
+        table = parts[0][1]
+        return table[:, 0] if table.shape[1] == 1 else table
+    owners = [np.repeat(intervals, table.shape[1]) for intervals, table in parts]
+    flat = np.concatenate([table.reshape(-1, table.shape[2]) for _, table in parts])
+    return flat[np.argsort(np.concatenate(owners), kind="stable")]
+
+
+def _columns(variables: Sequence[Variable]) -> list[tuple[Variable, slice]]:
+    edges = np.cumsum([0, *(v.size for v in variables)])
+    return [(v, slice(a, a + v.size)) for v, a in zip(variables, edges[:-1], strict=True)]
+
+
+def pack(program: Program, guesses: Mapping[str, Guess]) -> FloatArray:
+    """Scaled variables from a guess for every phase.
+
+    Raises
+    ------
+    InputError
+        A phase or a state without a guess, wrong shape, anything not finite.
+    """
+    last = program.layouts[-1]
+    x = np.zeros(last.variable_offset + last.variable_count)
+    for index, layout in enumerate(program.layouts):
+        guess = _guess_for(layout.phase.name, guesses)
+        _check_names(layout.phase, guess)
+        nodes = node_variables(layout.phase)
+        table = [_guess_table(layout, guess, v, layout.mesh) for v in nodes]
+        table.append(np.full((layout.intervals + 1, 1), guess.duration))
+        z = np.hstack(table) / layout.node_scale
+        x[layout.nodes] = z
+        steps = np.diff(layout.mesh)
+        for group in layout.groups:
+            w = [
+                _guess_table(
+                    layout,
+                    guess,
+                    k.source,
+                    layout.mesh[:-1] + k.fraction * steps,
+                    default=None if k.source.shape in ("state", "linear") else 0.0,
+                )[group.intervals]
+                for k in group.kind.inner
+            ]
+            if w:
+                places = group.variables[:, layout.node_size :]
+                x[places] = np.hstack(w) / group.kind.control_scale
+        if layout.transition:
+            after = program.layouts[index + 1]
+            _guess_transition(program, index, after, guesses, x)
+    return x
+
+
+def _guess_transition(
+    program: Program,
+    index: int,
+    after: PhaseLayout,
+    guesses: Mapping[str, Guess],
+    x: FloatArray,
+) -> None:
+    layout = program.layouts[index]
+    guess = _guess_for(after.phase.name, guesses)
+    free = []
+    kept = program.links[index].names
+    for variable in node_variables(after.phase):
+        if variable.name not in kept:
+            free.append(_guess_table(after, guess, variable, after.mesh)[0] / variable.scale)
+    free.append(np.array([guess.duration / after.node_scale[-1]]))
+    start = layout.last_node + layout.node_size
+    x[start : start + layout.transition] = np.concatenate(free)
+
+
+def _guess_for(name: str, guesses: Mapping[str, Guess]) -> Guess:
+    if name not in guesses:
+        raise InputError(f"guess has no entry for phase {name!r}; it has {sorted(guesses)}")
+    label = f"guess of the duration of phase {name!r}"
+    checks.number(label, guesses[name].duration, "s", above=0.0)
+    return guesses[name]
+
+
+def _check_names(phase: Phase, guess: Guess) -> None:
+    known = [v.name for v in (*phase.states, *phase.controls, *phase.algebraics)]
+    for name in guess.values:
+        if name not in known:
+            raise InputError(
+                f"guess of phase {phase.name!r} has {name!r}, which is none of its variables: "
+                f"{', '.join(known)}"
+            )
+
+
+def _guess_table(
+    layout: PhaseLayout,
+    guess: Guess,
+    variable: Variable,
+    points: FloatArray,
+    default: float | None = None,
+) -> FloatArray:
+    label = f"guess of {variable.name!r} in phase {layout.phase.name!r}"
+    if variable.name not in guess.values and default is not None:
+        return np.full((points.size, variable.size), default)
+    if variable.name not in guess.values:
+        raise InputError(f"{label} is missing")
+    value = guess.values[variable.name]
+    table = np.asarray(value(points) if callable(value) else value, dtype=float)
+    if table.ndim <= 1 and table.size in (1, variable.size):
+        table = np.broadcast_to(table.reshape(1, -1), (points.size, variable.size))
+    if table.shape == (layout.mesh.size, variable.size) and not np.array_equal(points, layout.mesh):
+        table = np.column_stack([np.interp(points, layout.mesh, column) for column in table.T])
+    if table.shape != (points.size, variable.size):
+        raise InputError(
+            f"{label} must have shape [{points.size}, {variable.size}], not {list(table.shape)}"
+        )
+    if not np.isfinite(table).all():
+        raise InputError(f"{label} must be finite")
+    return table

@@ -1,0 +1,27 @@
+"""Public names; loaded when they are first asked for."""
+
+from ._acceptance import (
+    accepted as accepted,
+)
+from ._chain import (
+    run_chain as run_chain,
+    solve as solve,
+    transcribed as transcribed,
+    with_cost_scale as with_cost_scale,
+)
+from ._parametric import (
+    ParametricSolver as ParametricSolver,
+)
+from ._persistence import (
+    load_solution as load_solution,
+    repeat as repeat,
+    save_solution as save_solution,
+    saved_with as saved_with,
+)
+from ._run import (
+    Made as Made,
+)
+from ._settings import (
+    SOLVERS as SOLVERS,
+    SolverSettings as SolverSettings,
+)

@@ -1,0 +1,292 @@
+"""Solves of one problem again and again, with other parameters, limits and end conditions.
+
+The program, its derivatives and its solvers are made once. A solve from the solution of a
+neighbouring problem starts from its multipliers, too, and takes a few iterations.
+"""
+
+from __future__ import annotations
+
+import copy
+import pickle
+import time
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp.ocp.diagnosis import check_start
+from microbot_ocp.ocp.problem import OptimalControlProblem, Phase, node_variables
+from microbot_ocp.ocp.solution import Progress, Solution, start_from
+from microbot_ocp.ocp.solvers import (
+    Made,
+    SolverSettings,
+    run_chain,
+    transcribed,
+    with_cost_scale,
+)
+from microbot_ocp.ocp.transcription import (
+    Guess,
+    Meshes,
+    PhaseLayout,
+    Program,
+    Transcription,
+    assemble,
+    phase_bounds,
+    phase_constants,
+    row_labels,
+)
+
+Changes = Mapping[str, Mapping[str, Any]]
+
+
+class ParametricSolver:
+    """A transcribed problem on a mesh whose numbers may change from solve to solve.
+
+    Solvers are kept between solves. It can be pickled, for other processes; what is not plain data
+    is made again there.
+
+    Parameters
+    ----------
+    transcription : Transcription or OptimalControlProblem
+    mesh : int, Mesh, or one int, Mesh or array of fractions [N+1] a phase
+    settings : SolverSettings, optional
+
+    Examples
+    --------
+    >>> problem = OptimalControlProblem("double integrator")
+    >>> phase = problem.phase("move", duration=(0.1, 10.0))
+    >>> x = phase.state("x", initial=0.0, final=1.0, unit="m")
+    >>> v = phase.state("v", initial=0.0, final=0.0, unit="m/s")
+    >>> u = phase.control("u", lower=-1.0, upper=1.0, unit="N")
+    >>> mass = phase.parameter("mass", 1.0)
+    >>> phase.derivative(x, v)
+    >>> phase.derivative(v, u / mass)
+    >>> phase.end_cost(phase.duration)
+    >>> solver = ParametricSolver(problem, mesh=20)
+    >>> first = solver.solve()
+    >>> heavier = solver.solve(parameters={"move": {"mass": 1.21}}, guess=first)
+    >>> round(first.cost, 4), round(heavier.cost, 4)
+    (2.0, 2.2)
+    """
+
+    def __init__(
+        self,
+        transcription: Transcription | OptimalControlProblem,
+        mesh: Meshes = 50,
+        settings: SolverSettings | None = None,
+    ) -> None:
+        self.settings = settings or SolverSettings()
+        self.transcription = transcription = transcribed(transcription, self.settings)
+        self.mesh = mesh
+        problem = transcription.problem
+        self.program = assemble(problem, transcription.layouts(mesh), parametric=True)
+        self._labels = row_labels(self.program)
+        self._made: Made = {}
+        self._cost_scale: float | None = None
+
+    def solve(
+        self,
+        *,
+        parameters: Changes | None = None,
+        bounds: Changes | None = None,
+        initial: Changes | None = None,
+        final: Changes | None = None,
+        durations: Mapping[str, float | tuple[float, float]] | None = None,
+        guess: Mapping[str, Guess] | Solution | None = None,
+        progress: Progress | None = None,
+    ) -> Solution:
+        """Solve with some numbers changed; what is not named is as declared.
+
+        Parameters
+        ----------
+        parameters : mapping from phase to mapping from name to value
+        bounds : mapping from phase to mapping from name to (lower, upper)
+            Of states, controls, algebraic variables, path and end constraints; None in place of
+            one of the two leaves it as it is.
+        initial, final : mapping from phase to mapping from name to value or (lower, upper)
+            Of what was declared with a condition there.
+        durations : mapping from phase to duration or (lower, upper), s
+        guess : guesses or Solution, optional
+            A solution of this solver, or of any other (see :func:`microbot_ocp.ocp.solvers.solve`).
+        progress : callable, optional
+
+        Raises
+        ------
+        InputError
+            A name that the phase does not have, a wrong shape, crossed bounds.
+        """
+        begin = time.perf_counter()
+        given = {
+            "parameters": parameters or {},
+            "bounds": bounds or {},
+            "initial": initial or {},
+            "final": final or {},
+            "durations": durations or {},
+        }
+        program = self.program if not any(given.values()) else self._changed(given)
+        problem = copy.copy(self.transcription.problem)
+        problem.phases = [layout.phase for layout in program.layouts]
+        start = start_from(program, problem, guess)
+        check_start(program, start.x)
+        if self._cost_scale is None:  # the same for all solves: solvers are made for it
+            self._cost_scale = with_cost_scale(program, start.x, self.settings).cost_scale
+        program = replace(program, cost_scale=self._cost_scale)
+        spent = time.perf_counter() - begin
+        return run_chain(
+            program, self.settings, start, progress=progress, build_time=spent, made=self._made
+        )
+
+    def _changed(self, given: Mapping[str, Mapping[str, Any]]) -> Program:
+        names = [layout.phase.name for layout in self.program.layouts]
+        for what, changes in given.items():
+            for name in changes:
+                if name not in names:
+                    raise InputError(f"{what} has no phase {name!r}; there are {names}")
+        layouts = []
+        for layout in self.program.layouts:
+            own = {what: changes.get(layout.phase.name) for what, changes in given.items()}
+            phase = _with_changes(layout.phase, own)
+            changed = _with_phase(layout, phase)
+            layouts.append(self._with_limits(changed) if own["bounds"] else changed)
+        found = [phase_bounds(layout) for layout in layouts]
+        return replace(
+            self.program,
+            layouts=tuple(layouts),
+            variable_lower=np.concatenate([b.variables[0] for b in found]),
+            variable_upper=np.concatenate([b.variables[1] for b in found]),
+            row_lower=np.concatenate([b.rows[0] for b in found]),
+            row_upper=np.concatenate([b.rows[1] for b in found]),
+            parameters=np.concatenate([phase_constants(layout) for layout in layouts]),
+        )
+
+    def _with_limits(self, layout: PhaseLayout) -> PhaseLayout:
+        """A layout whose rows have the limits of its phase."""
+        phase = layout.phase
+        pools: dict[str, Mapping[str, Any]] = {
+            "bound": {s.name: s for s in phase.states},
+            "constraint": {c.name: c for c in phase.constraints},
+            "end": {c.name: c for c in phase.end_constraints},
+        }
+        end_first = layout.last_row + layout.next_nodes
+        end_rows = np.arange(end_first, end_first + layout.end_rows)
+        kinds = []
+        for group in layout.groups:
+            kernels = group.kind.kernels
+            limits: dict[str, FloatArray] = {}
+            for where, rows in (("stage", group.rows[0, layout.node_size :]), ("end", end_rows)):
+                for side in ("lower", "upper"):
+                    values = np.array(getattr(kernels, f"{where}_{side}"))
+                    for i, label in enumerate(self._labels[row] for row in rows):
+                        if label.kind in pools:
+                            limit = pools[label.kind][label.name]
+                            values[i] = getattr(limit, side)[label.component] / label.scale
+                    limits[f"{where}_{side}"] = values
+            kinds.append(replace(group.kind, kernels=replace(kernels, **limits)))
+        return replace(layout, kinds=tuple(kinds))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # expressions are written into one context, so that symbols stay the same in all of them
+        with ca.global_pickle_context():
+            state = pickle.dumps((self.transcription, self.mesh, self.settings))
+        return _restored, (state,)
+
+
+def _restored(state: bytes) -> ParametricSolver:
+    with ca.global_unpickle_context():
+        transcription, mesh, settings = pickle.loads(state)
+    return ParametricSolver(transcription, mesh, settings)
+
+
+def _with_phase(layout: PhaseLayout, phase: Phase) -> PhaseLayout:
+    variables = {v.name: v for v in (*phase.states, *phase.controls, *phase.algebraics)}
+    kinds = tuple(
+        replace(kind, inner=tuple(replace(k, source=variables[k.source.name]) for k in kind.inner))
+        for kind in layout.kinds
+    )
+    return replace(layout, phase=phase, kinds=kinds)
+
+
+def _with_changes(phase: Phase, own: Mapping[str, Any]) -> Phase:
+    """A copy of a phase with the same expressions and other numbers."""
+    changed = copy.copy(phase)
+    variables = {v.name: v for v in (*phase.states, *phase.controls, *phase.algebraics)}
+    limits = {f"c {c.name}": c for c in phase.constraints}
+    limits |= {f"e {c.name}": c for c in phase.end_constraints}
+    constants = {p.name: p for p in phase.parameters}
+    for name, value in (own["parameters"] or {}).items():
+        old = _known("parameter", name, constants, phase)
+        label = f"parameter {name!r}"
+        new = checks.array(label, np.ravel(np.asarray(value, float)), (old.value.size,))
+        constants[name] = replace(old, value=new)
+    for name, pair in (own["bounds"] or {}).items():
+        kinds = [k for k in (f"c {name}", f"e {name}") if k in limits]
+        for pool, key in [(limits, k) for k in kinds] or [(variables, name)]:
+            old = _known("limit", key, pool, phase, name)
+            low, high = _pair(f"bounds of {name!r}", pair, old.lower, old.upper)
+            pool[key] = replace(old, lower=low, upper=high)
+    nodes = {v.name for v in node_variables(phase)}
+    for which in ("initial", "final"):
+        for name, value in (own[which] or {}).items():
+            old = _known(which, name, {k: v for k, v in variables.items() if k in nodes}, phase)
+            variables[name] = replace(old, **{which: _condition(phase, old, which, value)})
+    if own["durations"] is not None:
+        value = own["durations"]
+        low, high = value if isinstance(value, tuple) else (value, value)
+        low = checks.number(f"duration of phase {phase.name!r}", low, "s", above=0.0)
+        high = checks.number(f"upper duration of phase {phase.name!r}", high, "s", at_least=low)
+        changed.duration_bounds = (low, high)
+    changed.states = [variables[v.name] for v in phase.states]
+    changed.controls = [variables[v.name] for v in phase.controls]
+    changed.algebraics = [variables[v.name] for v in phase.algebraics]
+    changed.constraints = [limits[f"c {c.name}"] for c in phase.constraints]
+    changed.end_constraints = [limits[f"e {c.name}"] for c in phase.end_constraints]
+    changed.parameters = list(constants.values())
+    return changed
+
+
+def _known(
+    what: str, key: str, pool: Mapping[str, Any], phase: Phase, name: str | None = None
+) -> Any:
+    if key not in pool:
+        there = sorted({k.split(" ", 1)[-1] for k in pool})
+        raise InputError(f"phase {phase.name!r} has no {what} {name or key!r}; it has {there}")
+    return pool[key]
+
+
+def _condition(phase: Phase, old: Any, which: str, value: Any) -> tuple[FloatArray, FloatArray]:
+    declared = getattr(old, which)
+    if declared is None:
+        raise InputError(
+            f"{old.name!r} of phase {phase.name!r} was declared without {which}: the program has "
+            f"no row for it; declare a range that always holds"
+        )
+    pair = value if isinstance(value, tuple) and len(value) == 2 else (value, value)
+    low, high = _pair(f"{which} {old.name!r}", pair, *declared)
+    free = np.isinf(declared[0]) & np.isinf(declared[1])
+    if np.any(free & (np.isfinite(low) | np.isfinite(high))):
+        raise InputError(
+            f"{which} {old.name!r} of phase {phase.name!r} was declared free in entry "
+            f"{int(np.argmax(free))}: the program has no row for it"
+        )
+    return low, high
+
+
+def _pair(
+    label: str, pair: Any, lower: FloatArray, upper: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    if not isinstance(pair, tuple) or len(pair) != 2:
+        raise InputError(f"{label} must be a pair (lower, upper), not {pair!r}")
+    ends = []
+    for value, old in zip(pair, (lower, upper), strict=True):
+        given = old if value is None else np.asarray(value, dtype=float)
+        given = np.full(old.size, float(given)) if given.ndim == 0 else given
+        ends.append(checks.array(label, given.ravel(), (old.size,), finite=False))
+    low, high = ends
+    if np.any(low > high):
+        i = int(np.argmax(low > high))
+        raise InputError(f"{label} are crossed: lower {low[i]:g} is above upper {high[i]:g}")
+    return low, high

@@ -1,0 +1,291 @@
+"""Solutions in one file: a numpy archive with what is needed to repeat the run.
+
+Holds the values of every phase, the scaled variables and multipliers, the mesh, the attempts, the
+settings of the solver and the versions of the packages.
+"""
+
+from __future__ import annotations
+
+import copy
+import json
+import platform
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+from zlib import error as zlib_error
+
+import casadi as ca
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp.ocp.problem import OptimalControlProblem
+from microbot_ocp.ocp.solution import (
+    Attempt,
+    PhaseSolution,
+    Solution,
+    Start,
+    Status,
+    numbers_of,
+    with_numbers,
+)
+from microbot_ocp.ocp.solvers import SolverSettings, run_chain
+from microbot_ocp.ocp.transcription import Mesh, PhaseLayout, Transcription, assemble
+from microbot_ocp.ocp.transcription.schemes import (
+    Collocation,
+    HermiteSimpson,
+    IntegratorShooting,
+    Scheme,
+    Shooting,
+    Trapezoidal,
+)
+
+SCHEMA = 1
+_SCHEMES: dict[str, Callable[..., Scheme]] = {
+    kind.__name__: kind
+    for kind in (Collocation, HermiteSimpson, IntegratorShooting, Shooting, Trapezoidal)
+}
+_BROKEN = (
+    OSError,
+    EOFError,
+    LookupError,
+    TypeError,
+    ValueError,
+    AttributeError,
+    NotImplementedError,
+    BadZipFile,
+    zlib_error,
+)
+_OPTIONAL = ("variable_multipliers", "variables")
+
+
+def versions() -> dict[str, str]:
+    """Versions of what computes."""
+    return {
+        "casadi": ca.CasadiMeta.version(),
+        "numpy": np.__version__,
+        "python": platform.python_version(),
+    }
+
+
+def save_solution(solution: Solution, path: str | Path) -> Path:
+    """Write a solution to one ``.npz`` file.
+
+    Raises
+    ------
+    InputError
+        Solver options that are no plain JSON values.
+    """
+    target = Path(path)
+    arrays: dict[str, Any] = {"row_multipliers": solution.row_multipliers}
+    for name in _OPTIONAL:
+        value = getattr(solution, name)
+        if value is not None:
+            arrays[name] = value
+    if solution.start is not None:
+        arrays["start.x"] = solution.start.x
+        if solution.start.warm:
+            arrays["start.rows"] = solution.start.row_multipliers
+            arrays["start.variables"] = solution.start.variable_multipliers
+    phases = []
+    for index, phase in enumerate(solution.phases):
+        arrays[f"phase{index}.mesh"] = phase.mesh
+        if phase.degrees is not None:
+            arrays[f"phase{index}.degrees"] = phase.degrees
+        if phase.stages is not None:
+            arrays[f"phase{index}.stages"] = phase.stages
+        for place, value in enumerate(phase.values.values()):
+            arrays[f"phase{index}.value{place}"] = value
+        described: dict[str, Any] = {
+            "name": phase.name,
+            "duration": phase.duration,
+            "values": list(phase.values),
+        }
+        if phase.layout is not None:
+            own = phase.layout.phase
+            variables = (*own.states, *own.controls, *own.algebraics)
+            described["units"] = {v.name: v.unit for v in variables}
+            described["numbers"] = numbers_of(phase.layout)
+            scheme = phase.layout.scheme
+            described["scheme"] = [type(scheme).__name__, dict(vars(scheme))]
+        phases.append(described)
+    metadata = {
+        "schema": SCHEMA,
+        "status": solution.status.name,
+        "cost": solution.cost,
+        "cost_scale": solution.cost_scale,
+        "build_time": solution.build_time,
+        "advice": solution.said,
+        "attempts": [{**vars(a), "status": a.status.name} for a in solution.attempts],
+        "settings": dict(solution.settings),
+        "phases": phases,
+        "versions": versions(),
+    }
+    try:
+        text = json.dumps(metadata)
+    except TypeError as problem:
+        raise InputError(
+            f"options of solvers and schemes must be plain JSON values: {problem}"
+        ) from None
+    partial = target.with_name(target.name + ".part")
+    with partial.open("wb") as stream:
+        np.savez_compressed(stream, metadata=np.array(text), **arrays)
+    partial.replace(target)
+    return target
+
+
+def load_solution(
+    path: str | Path, problem: OptimalControlProblem | Transcription | None = None
+) -> Solution:
+    """Read a solution that :func:`save_solution` wrote.
+
+    Parameters
+    ----------
+    path : str or Path
+    problem : OptimalControlProblem or Transcription, optional
+        The same problem: the solution can then be sampled between its mesh points, verified, and
+        start another solve with its multipliers. Its limits, conditions, parameters and scales are
+        those that it was solved with, whatever the problem says.
+
+    Raises
+    ------
+    InputError
+        No such file, not a solution, written by a newer version, or of another problem.
+    """
+    try:
+        with np.load(Path(path), allow_pickle=False) as stored:
+            metadata = json.loads(str(stored["metadata"]))
+            schema = int(metadata["schema"])
+            arrays = {key: stored[key] for key in stored.files if key != "metadata"}
+        if schema <= SCHEMA:
+            return _restored(metadata, arrays, problem)
+    except InputError:
+        raise
+    except _BROKEN as failure:
+        said = " ".join(str(failure).split())
+        raise InputError(f"{path} is not a saved solution: {said}") from None
+    raise InputError(
+        f"{path} was written by a newer version (schema {schema}; this one reads up to {SCHEMA})"
+    )
+
+
+def repeat(path: str | Path, problem: OptimalControlProblem | Transcription) -> Solution:
+    """Solve again as a saved solution was solved: numbers, mesh, scheme, settings and start.
+
+    On the same machine with the same versions (see :func:`saved_with`) the outcome is the same.
+
+    Parameters
+    ----------
+    path : str or Path
+    problem : OptimalControlProblem or Transcription
+        The same problem.
+    """
+    before = load_solution(path, problem)
+    layouts = [phase.layout for phase in before.phases if phase.layout is not None]
+    if before.start is None or len(layouts) < len(before.phases):
+        raise InputError(f"{path} was written without the start of its solve")
+    given = problem.problem if isinstance(problem, Transcription) else problem
+    program = replace(assemble(given, layouts), cost_scale=before.cost_scale)
+    settings = SolverSettings(**dict(before.settings))  # type: ignore[arg-type]
+    return run_chain(program, settings, before.start)
+
+
+def saved_with(path: str | Path) -> dict[str, Any]:
+    """Settings and versions that a solution was made with."""
+    load_solution(path)  # refuses what is none
+    with np.load(Path(path), allow_pickle=False) as stored:
+        metadata = json.loads(str(stored["metadata"]))
+    return {key: metadata[key] for key in ("settings", "versions")}
+
+
+def _restored(
+    metadata: dict[str, Any],
+    arrays: dict[str, FloatArray],
+    problem: OptimalControlProblem | Transcription | None,
+) -> Solution:
+    meshes = [arrays[f"phase{i}.mesh"] for i in range(len(metadata["phases"]))]
+    layouts: tuple[PhaseLayout | None, ...] = (None,) * len(meshes)
+    if problem is not None:
+        transcription = _as_solved(metadata, problem)
+        layouts = _layouts(metadata, arrays, meshes, transcription)
+    phases = tuple(
+        PhaseSolution(
+            name=described["name"],
+            duration=float(described["duration"]),
+            mesh=meshes[i],
+            values={
+                name: arrays[f"phase{i}.value{k}"] for k, name in enumerate(described["values"])
+            },
+            layout=layouts[i],
+            stages=_flat(arrays.get(f"phase{i}.stages")),
+            degrees=arrays.get(f"phase{i}.degrees"),
+        )
+        for i, described in enumerate(metadata["phases"])
+    )
+    attempts = tuple(
+        Attempt(**{**entry, "status": Status[entry["status"]]}) for entry in metadata["attempts"]
+    )
+    return Solution(
+        status=Status[metadata["status"]],
+        cost=float(metadata["cost"]),
+        phases=phases,
+        attempts=attempts,
+        row_multipliers=arrays["row_multipliers"],
+        build_time=float(metadata["build_time"]),
+        variable_multipliers=arrays.get("variable_multipliers"),
+        variables=arrays.get("variables"),
+        settings=metadata["settings"],
+        cost_scale=float(metadata.get("cost_scale", 1.0)),
+        said=str(metadata.get("advice", "")),
+        start=Start(arrays["start.x"], arrays.get("start.rows"), arrays.get("start.variables"))
+        if "start.x" in arrays
+        else None,
+    )
+
+
+def _flat(stages: FloatArray | None) -> FloatArray | None:
+    # earlier versions wrote a table [N, components]
+    return None if stages is None else stages.ravel()
+
+
+def _as_solved(
+    metadata: dict[str, Any], problem: OptimalControlProblem | Transcription
+) -> Transcription:
+    """The problem with the numbers, and by the scheme, of a solve."""
+    given = problem.problem if isinstance(problem, Transcription) else problem
+    described = metadata["phases"]
+    names, own = [d["name"] for d in described], [phase.name for phase in given.phases]
+    if names != own:
+        raise InputError(f"the solution has the phases {names}, the problem {own}")
+    if not all("numbers" in d for d in described):
+        if isinstance(problem, Transcription):
+            return problem
+        raise InputError("the solution was written without its numbers: give its transcription")
+    made = copy.copy(given)
+    made.phases = [
+        with_numbers(phase, d["numbers"]) for phase, d in zip(given.phases, described, strict=True)
+    ]
+    if isinstance(problem, Transcription):
+        return Transcription(made, scheme=problem.scheme)
+    name, settings = described[0]["scheme"]
+    return Transcription(made, scheme=_SCHEMES[name](**settings))
+
+
+def _layouts(
+    metadata: dict[str, Any],
+    arrays: dict[str, FloatArray],
+    meshes: list[FloatArray],
+    transcription: Transcription,
+) -> tuple[PhaseLayout, ...]:
+    names = [described["name"] for described in metadata["phases"]]
+    layouts = transcription.layouts(
+        [Mesh(mesh, arrays.get(f"phase{i}.degrees")) for i, mesh in enumerate(meshes)]
+    )
+    for i, layout in enumerate(layouts):
+        stages = arrays.get(f"phase{i}.stages")
+        if stages is not None and stages.size != layout.last_node - layout.variable_offset:
+            raise InputError(
+                f"phase {names[i]!r} of the solution has other variables than the transcription"
+            )
+    return layouts

@@ -1,0 +1,197 @@
+"""Plugins of CasADi with their options: fatrop, IPOPT, its warm start, the SQP method.
+
+All get the derivatives of the stage kernels instead of an automatic differentiation of the whole
+program, which would cost more time than the solve; fatrop gets the stages, too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import casadi as ca
+
+from microbot_ocp.ocp.solution import Watch
+from microbot_ocp.ocp.solvers._settings import SolverSettings
+from microbot_ocp.ocp.transcription import Program
+
+FAR = 1e10  # value and violation that fatrop sees where there is none
+LARGEST = 1e300
+# Barrier parameters lowered gently: with the default jumps fatrop stalls on the flat minima that
+# time-optimal problems have.
+FATROP_OPTIONS = {
+    "mu_superlinear_decrease_power": 1.05,
+    "mu_linear_decrease_factor": 0.5,
+    "print_level": 0,
+}
+IPOPT_OPTIONS = {"print_level": 0, "sb": "yes", "mumps_pivtol": 1e-7}
+# From a neighbouring solution: little is lost of what is known (15 to 21 iterations against 51 to
+# 62 on the Microbot task with its torque limits changed by 5 %; a barrier of 1e-5 ends too early).
+WARM_BARRIER = 1e-7
+WARM_PUSH = 1e-4
+SQP_OPTIONS = {
+    "qpsol": "qrqp",
+    "qpsol_options": {"print_iter": False, "print_header": False, "error_on_fail": False},
+    "convexify_strategy": "eigen-clip",
+    "print_header": False,
+    "print_iteration": False,
+    "print_status": False,
+}
+
+
+def create(
+    program: Program,
+    name: str,
+    settings: SolverSettings,
+    *,
+    variant: bool = False,
+    watch: Watch | None = None,
+) -> ca.Function:
+    """A solver of a program, with its derivatives and options."""
+    common: dict[str, Any] = {
+        "print_time": False,
+        "calc_lam_p": False,
+        "calc_lam_x": False,
+        "error_on_fail": False,
+        "show_eval_warnings": False,  # the advice says it once
+    }
+    plugin, options, cache = {
+        "fatrop": _fatrop,
+        "ipopt": _warm_ipopt if variant else _ipopt,
+        "sqp": _regularised_sqp if variant else _sqp,
+    }[name](program, settings)
+    if watch is not None:
+        hook = watch.hook(cache)
+        options, cache = {**options, **hook.options}, {**cache, **hook.cache}
+    nlp = {**program.nlp, "f": program.nlp["f"] / program.cost_scale}
+    if name == "fatrop":  # which tries steps for ever where the values there are no numbers
+        nlp = {**nlp, "f": ca.fmin(nlp["f"], FAR), "g": ca.fmin(nlp["g"], FAR)}
+    return ca.nlpsol(name, plugin, nlp, {**common, **options, "cache": cache})
+
+
+Plugin = tuple[str, dict[str, Any], dict[str, ca.Function]]
+
+
+def _with_scaled_cost(program: Program) -> Mapping[str, ca.Function]:
+    """The functions of a program as solvers get them."""
+    functions, scale = program.functions, program.cost_scale
+    if scale == 1.0:
+        return functions
+    whole = functions["lagrangian"]
+    x, p, lam_f, lam_g = (ca.MX.sym(k, whole.sparsity_in(i)) for i, k in enumerate("xpfg"))
+    cost, g, stationarity, slope_of_p = whole(x, p, lam_f / scale, lam_g)
+    f, slope = functions["gradient"](x, p)
+    made = {
+        "lagrangian": ca.Function(
+            "nlp_grad", [x, p, lam_f, lam_g], [cost / scale, g, stationarity, slope_of_p]
+        ),
+        "gradient": ca.Function("nlp_grad_f", [x, p], [f / scale, slope / scale]),
+        "gradient_only": ca.Function("nlp_grad_f", [x, p], [slope / scale]),
+    }
+    for name in ("hessian", "hessian_upper"):
+        outputs = functions[name].call([x, p, lam_f / scale, lam_g])
+        made[name] = ca.Function("nlp_hess_l", [x, p, lam_f, lam_g], outputs)
+    return {**functions, **made}
+
+
+def _fatrop(program: Program, settings: SolverSettings) -> Plugin:
+    functions = _with_scaled_cost(program)
+    options: dict[str, Any] = {**FATROP_OPTIONS, "tolerance": settings.tolerance}
+    options["max_iter"] = settings.max_iterations
+    if settings.initial_barrier is not None:
+        options["mu_init"] = settings.initial_barrier
+    equal = program.row_lower == program.row_upper
+    structure = {
+        "structure_detection": "manual",
+        "N": len(program.nodes) - 1,
+        "nx": list(program.nodes),
+        "nu": list(program.controls),
+        "ng": list(program.constraints),
+        "equality": equal.tolist(),
+    }
+    cache = {
+        "nlp_grad": functions["lagrangian"],
+        "nlp_jac_g": _finite(functions["jacobian"]),
+        "nlp_grad_f": _finite(functions["gradient_only"]),
+        "nlp_hess_l": _finite(functions["hessian"]),
+    }
+    own = {**options, **settings.options.get("fatrop", {})}
+    return "fatrop", {**structure, "fatrop": own}, cache
+
+
+def _finite(function: ca.Function) -> ca.Function:
+    """The function with zeros where it has no value."""
+    inputs = [ca.MX.sym(f"i{k}", function.sparsity_in(k)) for k in range(function.n_in())]
+    outputs = []
+    for value in function.call(inputs):
+        entries = value.nz[:]
+        # the smaller of a number and what is none is the number
+        kept = ca.fmax(ca.fmin(entries, LARGEST), -LARGEST)
+        kept = ca.if_else(ca.fabs(kept) < LARGEST, kept, 0)
+        outputs.append(ca.MX(value.sparsity(), kept))
+    return ca.Function(function.name(), inputs, outputs)
+
+
+def _ipopt(program: Program, settings: SolverSettings) -> Plugin:
+    functions = _with_scaled_cost(program)
+    options: dict[str, Any] = {
+        **IPOPT_OPTIONS,
+        "tol": settings.tolerance,
+        "max_iter": settings.max_iterations,
+    }
+    if settings.initial_barrier is not None:
+        options["mu_init"] = settings.initial_barrier
+        options["warm_start_init_point"] = "no"
+        options["bound_push"] = options["bound_frac"] = settings.initial_barrier
+    cache = {
+        "nlp_grad": functions["lagrangian"],
+        "nlp_jac_g": functions["jacobian"],
+        "nlp_grad_f": functions["gradient"],
+        "nlp_hess_l": functions["hessian_upper"],
+    }
+    return "ipopt", {"ipopt": {**options, **settings.options.get("ipopt", {})}}, cache
+
+
+def _warm_ipopt(program: Program, settings: SolverSettings) -> Plugin:
+    plugin, options, cache = _ipopt(program, settings)
+    warm = {
+        "warm_start_init_point": "yes",
+        "mu_init": WARM_BARRIER,
+        **{
+            f"warm_start_{what}": WARM_PUSH
+            for what in (
+                "bound_push",
+                "bound_frac",
+                "slack_bound_push",
+                "slack_bound_frac",
+                "mult_bound_push",
+            )
+        },
+    }
+    return plugin, {"ipopt": {**warm, **options["ipopt"]}}, cache
+
+
+def _sqp(program: Program, settings: SolverSettings) -> Plugin:
+    functions = _with_scaled_cost(program)
+    x, p = (ca.MX.sym(k, functions["jacobian"].sparsity_in(i)) for i, k in enumerate("xp"))
+    lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", program.row_lower.size)
+    g, jacobian = functions["jacobian"](x, p)
+    f, slope = functions["gradient"](x, p)
+    hessian = functions["hessian"](x, p, lam_f, lam_g)[1]
+    cache = {
+        "nlp_grad": functions["lagrangian"],
+        "nlp_jac_fg": ca.Function("nlp_jac_fg", [x, p], [f, slope, g, jacobian]),
+        "nlp_hess_l": ca.Function("nlp_hess_l", [x, p, lam_f, lam_g], [hessian]),
+    }
+    options = {
+        **SQP_OPTIONS,
+        "max_iter": settings.max_iterations,
+        "tol_pr": settings.tolerance,
+        "tol_du": settings.tolerance,
+    }
+    return "sqpmethod", {**options, **settings.options.get("sqp", {})}, cache
+
+
+def _regularised_sqp(program: Program, settings: SolverSettings) -> Plugin:
+    plugin, options, cache = _sqp(program, settings)
+    return plugin, {**options, "convexify_strategy": "regularize"}, cache

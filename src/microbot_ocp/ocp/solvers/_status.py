@@ -1,0 +1,59 @@
+"""How a solve ended: by the solver's own words, and by the point that it left."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray
+from microbot_ocp.ocp.solution import Status, violation
+from microbot_ocp.ocp.solvers._settings import SolverSettings
+from microbot_ocp.ocp.transcription import Program
+
+FEASIBLE = 1e-4  # largest violation, scaled, at which a solver's success is believed
+
+
+def status_of(
+    name: str, stats: Mapping[str, Any], settings: SolverSettings, infeasibility: float
+) -> Status:
+    """Status from the statistics of a solver and the violation at its point."""
+    message = str(stats.get("return_status", ""))
+    limit = settings.options.get(name, {}).get("max_iter", settings.max_iterations)
+    if stats.get("success"):  # fatrop says so of points that are not even numbers, too
+        return Status.SOLVED if infeasibility <= FEASIBLE else Status.FAILED
+    if stats.get("unified_return_status") == "SOLVER_RET_LIMITED" or "Maximum" in message:
+        return Status.ITERATION_LIMIT
+    if name == "fatrop" and stats.get("iter_count", -1) >= limit:  # it has no word for it
+        return Status.ITERATION_LIMIT
+    if "Infeasible" in message or "Restoration" in message:
+        return Status.INFEASIBLE
+    if "User" in message:
+        return Status.INTERRUPTED
+    return Status.FAILED
+
+
+def stats_of(solver: ca.Function) -> Mapping[str, Any]:
+    """Statistics of a solver; empty where it has none."""
+    try:
+        return solver.stats()
+    except RuntimeError:  # the SQP method's, where its quadratic program had no answer
+        return {}
+
+
+def first_cause(problem: BaseException) -> str:
+    """The innermost line of an error of CasADi, without the places in its source."""
+    lines = [line.strip() for line in str(problem).splitlines() if line.strip()]
+    own = [line for line in lines if not line.startswith("Error in ")] or lines or [repr(problem)]
+    return re.sub(r"^\S+\.\w+:\d+: | (at: /|\[\.\.\./).*$", "", own[-1])
+
+
+def checked(program: Program, x: FloatArray) -> tuple[float, float]:
+    """Cost and largest violation of a bound or row at x, whatever the solver reports of them."""
+    cost = float(program.functions["gradient"](x, program.parameters)[0])
+    g = np.array(program.functions["jacobian"](x, program.parameters)[0]).ravel()
+    worst = violation(program, x, g)
+    return cost, worst if np.isfinite(cost) else np.inf

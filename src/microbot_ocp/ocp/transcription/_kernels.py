@@ -1,0 +1,387 @@
+"""Kernels of one interval: its step, rows and cost as functions, with their derivatives.
+
+Every mesh point carries z = (states, linear controls, duration); an interval adds w = (constant
+controls, linear controls at its end, what its scheme needs inside). All of it is scaled.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray
+from microbot_ocp.ocp.problem import PathConstraint, Phase, Variable, node_variables
+from microbot_ocp.ocp.transcription.schemes import Interval, Scheme, StageVariable, Step, pointwise
+
+
+@dataclass(frozen=True, eq=False)
+class Kernels:
+    """Stage and end functions of a phase with their derivatives, in scaled variables.
+
+    ``stage(v, c) -> next, constraints, cost`` with v = (z, w) and c = (fraction at the start,
+    length of the interval as a fraction, parameters); ``end(z, parameters) -> constraints, cost``;
+    ``dense(v, c, fraction) -> x, u`` in the units of the declaration.
+    """
+
+    stage: ca.Function
+    stage_jacobian: ca.Function
+    stage_hessian: ca.Function
+    end: ca.Function
+    end_jacobian: ca.Function
+    end_hessian: ca.Function
+    dense: ca.Function
+    stage_lower: FloatArray
+    stage_upper: FloatArray
+    end_lower: FloatArray
+    end_upper: FloatArray
+
+
+def _linear(phase: Phase) -> list[Variable]:
+    return [c for c in phase.controls if c.shape == "linear"]
+
+
+def _constant(phase: Phase) -> list[Variable]:
+    return [c for c in phase.controls if c.shape == "constant"]
+
+
+def stage_variables(phase: Phase, scheme: Scheme) -> list[StageVariable]:
+    """What w holds: constant controls, linear controls at the end, what the scheme needs."""
+    constant = [StageVariable(v, 0.5) for v in _constant(phase)]
+    linear = [StageVariable(v, 1.0) for v in _linear(phase)]
+    return [*constant, *linear, *scheme.variables(phase)]
+
+
+def stacked(variables: Sequence[Variable], attribute: str) -> FloatArray:
+    parts = [getattr(v, attribute) for v in variables]
+    return np.concatenate(parts) if parts else np.zeros(0)
+
+
+Derive = Callable[[ca.Function, ca.Function], Sequence[ca.Function]]
+
+
+def with_derivatives(stage: ca.Function, end: ca.Function) -> Sequence[ca.Function]:
+    """Stage and end functions, each with its Jacobian and Hessian."""
+    return [*_stage_derivatives(stage), *_end_derivatives(end)]
+
+
+def build_kernels(
+    phase: Phase,
+    duration_scale: float,
+    scheme: Scheme,
+    derive: Derive = with_derivatives,
+) -> Kernels:
+    """Kernels of a phase, expanded to scalar graphs where its expressions allow it."""
+    physics = _Physics(phase)
+    nodes, inner = node_variables(phase), stage_variables(phase, scheme)
+    node_scale = np.append(stacked(nodes, "scale"), duration_scale)
+    scale = np.concatenate([node_scale, stacked([k.source for k in inner], "scale")])
+    v = ca.MX.sym("v", scale.size)
+    c = ca.MX.sym("c", 2 + physics.constants.shape[0])
+    interval, values = _interval(phase, physics, v * scale, c, inner)
+    step = scheme.step(phase, interval, values)
+    following = ca.vertcat(step.arrived, interval.end, interval.duration) / node_scale
+    rows = _Rows()
+    for defect, size in step.defects:
+        rows.add(defect / size, np.zeros(size.size), np.zeros(size.size))
+    _path_rows(phase, physics, scheme, interval, step, rows)
+    stage = ca.Function("stage", [v, c], [following, rows.stacked(), step.running])
+    s = ca.MX.sym("s")
+    dense = ca.Function("dense", [v, c, s], list(step.at(s)))
+    end, end_rows = _end(phase, physics, node_scale)
+    return Kernels(
+        *derive(_expanded(stage), _expanded(end)),
+        dense=_expanded(dense),
+        stage_lower=joined(rows.lower),
+        stage_upper=joined(rows.upper),
+        end_lower=joined(end_rows.lower),
+        end_upper=joined(end_rows.upper),
+    )
+
+
+class _Rows:
+    """Rows ``lower <= value <= upper``, scaled."""
+
+    def __init__(self) -> None:
+        self.values: list[ca.MX] = []
+        self.lower: list[FloatArray] = []
+        self.upper: list[FloatArray] = []
+
+    def add(self, value: ca.MX, lower: FloatArray, upper: FloatArray) -> None:
+        self.values.append(value)
+        self.lower.append(lower)
+        self.upper.append(upper)
+
+    def stacked(self) -> ca.MX:
+        return ca.vertcat(*self.values) if self.values else ca.MX(0, 1)
+
+
+class _Physics:
+    """Dynamics with running cost, path and end constraints, algebraic equations and end cost."""
+
+    def __init__(self, phase: Phase) -> None:
+        x = ca.vertcat(*(s.symbol for s in phase.states))
+        controls = [*_constant(phase), *_linear(phase), *pointwise(phase)]
+        u = ca.vertcat(*(k.symbol for k in controls), ca.MX(0, 1))
+        rates = [k.rate for k in _linear(phase) if k.rate is not None]
+        rate = ca.vertcat(*rates, ca.MX(0, 1))
+        self.constants = ca.vertcat(*(p.symbol for p in phase.parameters), ca.MX(0, 1))
+        arguments = [x, u, rate, phase.time, phase.duration, self.constants]
+        slope = ca.vertcat(*(phase.derivatives[s.name] for s in phase.states))
+        running = sum(phase.running_costs, ca.MX(0))
+        self.dynamics = ca.Function("dynamics", arguments, [slope, running])
+        self.limits = ca.Function("limits", arguments, [k.expression for k in phase.constraints])
+        equations = ca.vertcat(*phase.algebraic_equations, ca.MX(0, 1))
+        self.equations = ca.Function("equations", arguments, [equations])
+        total = sum(phase.end_costs, ca.MX(0))
+        at_end = [x, u, phase.time, phase.duration, self.constants]
+        self.end_cost = ca.Function("end_cost", at_end, [total])
+        self.end_limits = ca.Function(
+            "end_limits", at_end, [k.expression for k in phase.end_constraints]
+        )
+        self.missing = ca.MX.zeros(sum(k.size for k in pointwise(phase)))
+
+
+def _interval(
+    phase: Phase,
+    physics: _Physics,
+    unscaled: ca.MX,
+    c: ca.MX,
+    inner: Sequence[StageVariable],
+) -> tuple[Interval, list[ca.MX]]:
+    """Symbols of the interval, and the values that its scheme asked for."""
+    own = [k.source.size for k in inner]
+    head = [sum(v.size for v in phase.states), sum(v.size for v in _linear(phase)), 1]
+    edges = np.cumsum([0, *head, *own]).tolist()
+    x, begin, duration, *rest = (unscaled[a:b] for a, b in itertools.pairwise(edges))
+    constants, linear = len(_constant(phase)), len(_linear(phase))
+    none = ca.MX(0, 1)
+    end = ca.vertcat(*rest[constants : constants + linear], none)
+    length = c[1] * duration
+    interval = Interval(
+        x=x,
+        begin=begin,
+        end=end,
+        constant=ca.vertcat(*rest[:constants], none),
+        rate=(end - begin) / length if linear else none,
+        start=c[0] * duration,
+        length=length,
+        duration=duration,
+        constants=c[2:],
+        dynamics=physics.dynamics,
+    )
+    return interval, rest[constants + linear :]
+
+
+def _path_rows(
+    phase: Phase,
+    physics: _Physics,
+    scheme: Scheme,
+    interval: Interval,
+    step: Step,
+    rows: _Rows,
+) -> None:
+    """Path constraints and algebraic equations at the points where they hold."""
+    for place in path_points(phase, scheme):
+        point = place.fraction
+        x, u = step.at(point) if point else (interval.x, interval.control(0.0))
+        if point == 0.0:
+            u = ca.vertcat(u, physics.missing)
+        _state_rows(phase, x, place.states, rows)
+        time = interval.start + point * interval.length
+        arguments = (x, u, interval.rate, time, interval.duration, interval.constants)
+        if place.equations:
+            residual = physics.equations(*arguments)
+            zero = np.zeros(residual.shape[0])
+            rows.add(residual, zero, zero)
+        values = _as_list(physics.limits(*arguments))
+        for limit, value in zip(phase.constraints, values, strict=True):
+            if limit in place.constraints:
+                rows.add(value / limit.scale, limit.lower / limit.scale, limit.upper / limit.scale)
+
+
+@dataclass(frozen=True, eq=False)
+class PathPoint:
+    """What the rows of an interval say at one of its points, in this order."""
+
+    fraction: float
+    states: tuple[Variable, ...]  # whose bounds are rows here
+    equations: bool  # whether the algebraic equations hold here
+    constraints: tuple[PathConstraint, ...]
+
+
+def path_points(phase: Phase, scheme: Scheme) -> list[PathPoint]:
+    """Points of every interval at which something holds, and what."""
+    inner = scheme.points if phase.between is None else phase.between
+    inner = tuple(p for p in inner if p < 1.0)
+    local = pointwise(phase)
+    held = {(k.source.name, k.fraction) for k in scheme.variables(phase)}
+    return [
+        PathPoint(
+            fraction=point,
+            # where a state is a variable with bounds it needs no row
+            states=tuple(
+                s
+                for s in phase.states
+                if point in inner and s.between and (s.name, point) not in held
+            ),
+            equations=point in scheme.points and bool(phase.algebraic_equations),
+            constraints=tuple(
+                limit
+                for limit in phase.constraints
+                if _holds(phase, limit.expression, point, inner, scheme.points)
+            ),
+        )
+        for point in sorted({0.0, *inner, 1.0, *(scheme.points if local else ())})
+    ]
+
+
+def constraints_at_end(phase: Phase) -> list[PathConstraint]:
+    """Path constraints that are rows of the last mesh point, not of the interval before it."""
+    local = [v.symbol for v in pointwise(phase)]
+    return [
+        limit
+        for limit in phase.constraints
+        if not _depends(limit.expression, local) and not _jumps(phase, limit.expression)
+    ]
+
+
+def _holds(
+    phase: Phase,
+    expression: ca.MX,
+    point: float,
+    inner: Sequence[float],
+    points: Sequence[float],
+) -> bool:
+    """Whether a path constraint is kept at a point of the interval."""
+    if _depends(expression, [v.symbol for v in pointwise(phase)]):
+        return point in points  # it has no value elsewhere
+    moving = [phase.time, *(v.symbol for v in node_variables(phase))]
+    if not _depends(expression, moving):
+        return point == 0.0  # the same all over the interval: said again it would be dependent
+    if point == 1.0:
+        # a continuous expression is the next stage's business there
+        return _jumps(phase, expression)
+    return point == 0.0 or point in inner
+
+
+def _state_rows(phase: Phase, x: ca.MX, chosen: Sequence[Variable], rows: _Rows) -> None:
+    """Bounds of states inside the interval, where they are no variables with bounds."""
+    offset = 0
+    for state in phase.states:
+        if state in chosen:
+            value = x[offset : offset + state.size] / state.scale
+            rows.add(value, state.lower / state.scale, state.upper / state.scale)
+        offset += state.size
+
+
+def _end(phase: Phase, physics: _Physics, node_scale: FloatArray) -> tuple[ca.Function, _Rows]:
+    """Cost, end constraints and continuous path constraints at the end of the phase."""
+    z = ca.MX.sym("z", node_scale.size)
+    constants = ca.MX.sym("c", physics.constants.shape[0])
+    last = z * node_scale
+    states = sum(v.size for v in phase.states)
+    x, linear, duration = last[:states], last[states:-1], last[-1]
+    no_control = ca.MX.zeros(sum(v.size for v in _constant(phase)))
+    u = ca.vertcat(no_control, linear, physics.missing)
+    no_rate = ca.MX.zeros(linear.shape[0])
+    values = _as_list(physics.limits(x, u, no_rate, duration, duration, constants))
+    rows = _Rows()
+    kept = constraints_at_end(phase)
+    for limit, value in zip(phase.constraints, values, strict=True):
+        if limit in kept:
+            rows.add(value / limit.scale, limit.lower / limit.scale, limit.upper / limit.scale)
+    at_end = (x, u, duration, duration, constants)
+    for limit, value in zip(
+        phase.end_constraints, _as_list(physics.end_limits(*at_end)), strict=True
+    ):
+        rows.add(value / limit.scale, limit.lower / limit.scale, limit.upper / limit.scale)
+    cost = physics.end_cost(*at_end)
+    return ca.Function("end", [z, constants], [rows.stacked(), cost]), rows
+
+
+def joined(parts: Sequence[FloatArray]) -> FloatArray:
+    return np.concatenate(parts) if parts else np.zeros(0)
+
+
+def _as_list(values: Any) -> list[ca.MX]:
+    if isinstance(values, ca.MX):
+        return [values]
+    return list(values) if isinstance(values, (list, tuple)) else []
+
+
+def _depends(expression: ca.MX, symbols: Sequence[ca.MX]) -> bool:
+    return any(ca.depends_on(expression, symbol) for symbol in symbols)
+
+
+def _jumps(phase: Phase, expression: ca.MX) -> bool:
+    """Whether an expression may differ on the two sides of a mesh point."""
+    symbols = [k.symbol for k in _constant(phase)]
+    symbols += [k.rate for k in _linear(phase) if k.rate is not None]
+    return _depends(expression, symbols)
+
+
+def _expanded(function: ca.Function) -> ca.Function:
+    """The function as one scalar graph without repeated work, where its calls have such a graph."""
+    try:
+        scalar = function.expand()
+    except RuntimeError:  # interpolants and compiled functions have none: stay with MX
+        return function
+    return _without_repeats(scalar)
+
+
+def _without_repeats(function: ca.Function) -> ca.Function:
+    if not function.is_a("SXFunction"):
+        return function
+    inputs = _symbols(function)
+    return ca.Function(function.name(), inputs, ca.cse(function.call(inputs)))
+
+
+def _stage_derivatives(stage: ca.Function) -> tuple[ca.Function, ca.Function, ca.Function]:
+    v, c = _symbols(stage)
+    following, rows, cost = stage(v, c)
+    both = ca.vertcat(following, rows)
+    jacobian = ca.Function(
+        "stage_jacobian", [v, c], [both, ca.jacobian(both, v), cost, _row(ca.gradient(cost, v))]
+    )
+    lam = type(v).sym("lam", both.shape[0])
+    sigma = type(v).sym("sigma")
+    lagrangian = sigma * cost + ca.dot(lam, ca.vertcat(-following, rows))
+    return (
+        stage,
+        _without_repeats(jacobian),
+        _hessian("stage_hessian", lagrangian, v, [v, c, lam, sigma]),
+    )
+
+
+def _end_derivatives(end: ca.Function) -> tuple[ca.Function, ca.Function, ca.Function]:
+    z, c = _symbols(end)
+    rows, cost = end(z, c)
+    jacobian = ca.Function(
+        "end_jacobian", [z, c], [rows, ca.jacobian(rows, z), cost, _row(ca.gradient(cost, z))]
+    )
+    lam = type(z).sym("lam", rows.shape[0])
+    sigma = type(z).sym("sigma")
+    lagrangian = sigma * cost + ca.dot(lam, rows)
+    return (
+        end,
+        _without_repeats(jacobian),
+        _hessian("end_hessian", lagrangian, z, [z, c, lam, sigma]),
+    )
+
+
+def _hessian(name: str, lagrangian: Any, v: Any, inputs: list[Any]) -> ca.Function:
+    return _without_repeats(ca.Function(name, inputs, [ca.hessian(lagrangian, v)[0]]))
+
+
+def _row(gradient: Any) -> Any:
+    return ca.densify(gradient)
+
+
+def _symbols(function: ca.Function) -> list[Any]:
+    kind = ca.SX if function.is_a("SXFunction") else ca.MX
+    return [kind.sym(f"i{k}", function.sparsity_in(k)) for k in range(function.n_in())]

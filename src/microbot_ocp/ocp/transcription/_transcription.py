@@ -1,0 +1,143 @@
+"""A problem laid out on meshes: direct transcription in stages.
+
+The kernels of an interval are built once for each scheme and serve every mesh; a mesh may choose
+the degree of collocation interval by interval.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence, Sized
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp.ocp.problem import OptimalControlProblem, Phase, node_variables
+from microbot_ocp.ocp.transcription._kernels import (
+    build_kernels,
+    stacked,
+    stage_variables,
+    with_derivatives,
+)
+from microbot_ocp.ocp.transcription._layout import PhaseLayout, StageKind, conditioned
+from microbot_ocp.ocp.transcription._mesh import Mesh, Meshes, mesh_of
+from microbot_ocp.ocp.transcription.schemes import SCHEMES, Scheme, with_degree
+
+GuessValue = ArrayLike | Callable[[FloatArray], ArrayLike]
+
+
+@dataclass(frozen=True, eq=False)
+class Guess:
+    """Starting point of one phase: its duration and values by name.
+
+    Values are constants [size], arrays [N+1, size] over the mesh points, or functions of the
+    fractions [N+1] of the phase returning such arrays.
+    """
+
+    duration: float
+    values: Mapping[str, GuessValue]
+
+
+class Transcription:
+    """A problem with its kernels built once, to be laid out on any number of meshes.
+
+    Parameters
+    ----------
+    problem : OptimalControlProblem
+    scheme : str or Scheme
+        "shooting", "radau", "gauss", "trapezoidal", "hermite_simpson", or one with settings.
+    duration_scale : float
+        Typical duration of the phases that declare none, s.
+    prepare : callable, optional
+        Turns each kernel function into a faster equal one (compiled code).
+    """
+
+    def __init__(
+        self,
+        problem: OptimalControlProblem,
+        *,
+        scheme: str | Scheme = "shooting",
+        duration_scale: float = 1.0,
+        prepare: Callable[[Sequence[ca.Function]], Sequence[ca.Function]] | None = None,
+    ) -> None:
+        problem.check()
+        self.problem = problem
+        self.duration_scale = duration_scale
+        if isinstance(scheme, str):
+            scheme = SCHEMES[checks.one_of("scheme", scheme, SCHEMES)]
+        self.scheme = scheme
+        self._prepare = prepare
+        self._known: dict[str, Sequence[ca.Function]] = {}
+        self._kinds: dict[tuple[int, int | None], StageKind] = {}
+        self.kernels = [self._kind(index, None).kernels for index in range(len(problem.phases))]
+
+    def _derive(self, stage: ca.Function, end: ca.Function) -> Sequence[ca.Function]:
+        # phases with the same physics share everything that is expensive
+        key = stage.serialize() + end.serialize()
+        if key not in self._known:
+            made = with_derivatives(stage, end)
+            self._known[key] = made if self._prepare is None else self._prepare(made)
+        return self._known[key]
+
+    def _duration_scale(self, phase: Phase) -> float:
+        return self.duration_scale if phase.duration_scale is None else phase.duration_scale
+
+    def _kind(self, index: int, degree: int | None) -> StageKind:
+        if (index, degree) not in self._kinds:
+            phase = self.problem.phases[index]
+            scheme = self.scheme if degree is None else with_degree(self.scheme, degree)
+            inner = tuple(stage_variables(phase, scheme))
+            self._kinds[index, degree] = StageKind(
+                scheme=scheme,
+                inner=inner,
+                control_scale=stacked([k.source for k in inner], "scale"),
+                kernels=build_kernels(phase, self._duration_scale(phase), scheme, self._derive),
+            )
+        return self._kinds[index, degree]
+
+    def _kinds_on(self, index: int, mesh: Mesh) -> tuple[tuple[StageKind, ...], np.ndarray]:
+        """Kinds of stages that a phase has on a mesh, and which one every interval is."""
+        if mesh.degrees is None:
+            return (self._kind(index, None),), np.zeros(mesh.intervals, dtype=int)
+        degrees, which = np.unique(mesh.degrees, return_inverse=True)
+        return tuple(self._kind(index, int(degree)) for degree in degrees), which
+
+    def layouts(self, meshes: Meshes) -> tuple[PhaseLayout, ...]:
+        """Lay the problem out on a mesh for each phase."""
+        phases = self.problem.phases
+        chosen = list(meshes) if isinstance(meshes, Sized) else [meshes] * len(phases)
+        if len(chosen) != len(phases):
+            raise InputError(f"mesh has {len(chosen)} entries for {len(phases)} phases")
+        layouts, variable_offset, row_offset = [], 0, 0
+        links = {link.before: link for link in self.problem.links}
+        for index, (phase, mesh) in enumerate(zip(phases, map(mesh_of, chosen), strict=True)):
+            nodes = node_variables(phase)
+            transition, next_nodes = 0, 0
+            if index + 1 < len(phases):
+                after = node_variables(phases[index + 1])
+                named = links[phase.name].names
+                transition = 1 + sum(v.size for v in after if v.name not in named)
+                next_nodes = 1 + sum(v.size for v in after)
+            kinds, kind_of = self._kinds_on(index, mesh)
+            layout = PhaseLayout(
+                phase=phase,
+                mesh=mesh.fractions,
+                degrees=mesh.degrees,
+                node_scale=np.append(stacked(nodes, "scale"), self._duration_scale(phase)),
+                scheme=self.scheme,
+                kinds=kinds,
+                kind_of=kind_of,
+                variable_offset=variable_offset,
+                row_offset=row_offset,
+                transition=transition,
+                initial_rows=conditioned(nodes, "initial"),
+                final_rows=conditioned(nodes, "final"),
+                next_nodes=next_nodes,
+            )
+            layouts.append(layout)
+            variable_offset += layout.variable_count
+            row_offset += layout.row_count
+        return tuple(layouts)

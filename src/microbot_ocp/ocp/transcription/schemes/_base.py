@@ -1,0 +1,115 @@
+"""What a scheme gets and gives: the symbols of one interval, and the step over it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import casadi as ca
+
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp.ocp.problem import Phase, Variable
+
+Fraction = float | ca.MX
+
+
+@dataclass(frozen=True, eq=False)
+class StageVariable:
+    """A value that a scheme needs inside an interval: of which variable, and at which fraction."""
+
+    source: Variable
+    fraction: float
+
+
+@dataclass(frozen=True, eq=False)
+class Interval:
+    """Symbols of one interval, in the units of the declaration.
+
+    Attributes
+    ----------
+    x : state at the start
+    begin, end : linear controls at the start and at the end
+    constant : constant controls
+    rate : time derivative of the linear controls
+    start, length, duration : start and length of the interval and duration of the phase, s
+    constants : parameters of the phase
+    dynamics : ``(x, u, rate, time, duration, constants) -> slope, running cost``; u stacks
+        constant, linear, polynomial controls and algebraic variables
+    """
+
+    x: ca.MX
+    begin: ca.MX
+    end: ca.MX
+    constant: ca.MX
+    rate: ca.MX
+    start: ca.MX
+    length: ca.MX
+    duration: ca.MX
+    constants: ca.MX
+    dynamics: ca.Function
+
+    def f(self, x: ca.MX, u: ca.MX, fraction: Fraction) -> tuple[ca.MX, ca.MX]:
+        """Slope of the state and running cost at a fraction of the interval."""
+        time = self.start + fraction * self.length
+        slope, cost = self.dynamics(x, u, self.rate, time, self.duration, self.constants)
+        return slope, cost
+
+    def control(self, fraction: Fraction) -> ca.MX:
+        """Constant and linear controls at a fraction of the interval."""
+        return ca.vertcat(self.constant, self.begin + fraction * (self.end - self.begin))
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """The step of a scheme over one interval.
+
+    Attributes
+    ----------
+    arrived : state at the end
+    running : integral of the running cost
+    defects : expressions that are zero, each with its scale [size]
+    at : state and control at a fraction of the interval
+    """
+
+    arrived: ca.MX
+    running: ca.MX
+    defects: tuple[tuple[ca.MX, FloatArray], ...]
+    at: Callable[[Fraction], tuple[ca.MX, ca.MX]]
+
+
+class Scheme(Protocol):
+    """A transcription method: frozen settings and pure functions."""
+
+    @property
+    def points(self) -> tuple[float, ...]:
+        """Fractions in (0, 1] at which path constraints hold besides the mesh points."""
+        ...
+
+    @property
+    def order(self) -> int:
+        """Power of the step in the error of the state at the mesh points, for smooth problems."""
+        ...
+
+    def variables(self, phase: Phase) -> tuple[StageVariable, ...]:
+        """Values needed inside every interval."""
+        ...
+
+    def step(self, phase: Phase, interval: Interval, values: Sequence[ca.MX]) -> Step:
+        """Step over the interval, given the values of :meth:`variables`."""
+        ...
+
+
+def pointwise(phase: Phase) -> list[Variable]:
+    """Variables that have values at the points of a scheme only."""
+    return [*(c for c in phase.controls if c.shape == "polynomial"), *phase.algebraics]
+
+
+def refuse_pointwise(phase: Phase, scheme: str) -> None:
+    """Raise InputError where a phase needs points inside the interval that a scheme has not."""
+    for variable in pointwise(phase):
+        kind = "polynomial control" if variable.shape == "polynomial" else "algebraic variable"
+        raise InputError(
+            f"{kind} {variable.name!r} of phase {phase.name!r} needs collocation (scheme 'radau' "
+            f"or 'gauss'), not {scheme}"
+        )

@@ -1,0 +1,127 @@
+"""Direct collocation at Radau or Gauss-Legendre points, of any degree.
+
+The state is a polynomial of the degree d over each interval, through the start and the d points; it
+fulfils the dynamics at the points. Source: Biegler, *Nonlinear Programming*, chapter 10. Order of
+the state at the mesh points: 2d - 1 (Radau), 2d (Gauss-Legendre).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp.ocp.problem import Phase
+from microbot_ocp.ocp.transcription.schemes._base import (
+    Fraction,
+    Interval,
+    StageVariable,
+    Step,
+    pointwise,
+)
+
+
+@dataclass(frozen=True)
+class Collocation:
+    """Collocation at "radau" or "legendre" points.
+
+    Attributes
+    ----------
+    kind : "radau" (the last point is the end of the interval) or "legendre"
+    degree : number of points, 1 to 9
+    """
+
+    kind: str = "radau"
+    degree: int = 3
+
+    def __post_init__(self) -> None:
+        checks.one_of("kind", self.kind, ("radau", "legendre"))
+        if not 1 <= self.degree <= 9:
+            raise InputError(f"degree must be 1 to 9, not {self.degree}")
+
+    @property
+    def points(self) -> tuple[float, ...]:
+        """The collocation points."""
+        return tuple(_coefficients(self.kind, self.degree)[0])
+
+    @property
+    def weights(self) -> FloatArray:
+        """Weights [degree] of the quadrature at the points, on an interval of length 1."""
+        return _coefficients(self.kind, self.degree)[3]
+
+    @property
+    def order(self) -> int:
+        """Order of the state at the mesh points."""
+        return 2 * self.degree - (self.kind == "radau")
+
+    def variables(self, phase: Phase) -> tuple[StageVariable, ...]:
+        """States, polynomial controls and algebraic variables at every point."""
+        kept = [*phase.states, *pointwise(phase)]
+        return tuple(StageVariable(v, point) for point in self.points for v in kept)
+
+    def step(self, phase: Phase, interval: Interval, values: Sequence[ca.MX]) -> Step:
+        """Polynomial over the interval with one defect a point."""
+        points, slope_matrix, end_weights, cost_weights = _coefficients(self.kind, self.degree)
+        states, local = len(phase.states), len(pointwise(phase))
+        per_point = states + local
+        at_point = [values[i * per_point : (i + 1) * per_point] for i in range(self.degree)]
+        x = [interval.x, *(ca.vertcat(*k[:states]) for k in at_point)]
+        own = [ca.vertcat(*k[states:]) if local else ca.MX(0, 1) for k in at_point]
+        scale = np.concatenate([v.scale for v in phase.states])
+        defects: list[tuple[ca.MX, FloatArray]] = []
+        running = ca.MX(0)
+        for j, point in enumerate(points):
+            u = ca.vertcat(interval.control(point), own[j])
+            slope, cost = interval.f(x[j + 1], u, point)
+            polynomial = sum((slope_matrix[i, j] * k for i, k in enumerate(x)), ca.MX(0))
+            defects.append((polynomial - interval.length * slope, scale))
+            running = running + cost_weights[j] * interval.length * cost
+        arrived = sum((end_weights[i] * k for i, k in enumerate(x)), ca.MX(0))
+
+        def at(fraction: Fraction) -> tuple[ca.MX, ca.MX]:
+            state = _interpolate([0.0, *points], x, fraction)
+            inner = _interpolate(points, own, fraction) if local else ca.MX(0, 1)
+            return state, ca.vertcat(interval.control(fraction), inner)
+
+        return Step(arrived, running, tuple(defects), at)
+
+
+@lru_cache(maxsize=32)
+def _coefficients(kind: str, degree: int) -> tuple[list[float], FloatArray, FloatArray, FloatArray]:
+    """Points, derivative matrix [d+1,d], weights of the end [d+1] and of the quadrature [d]."""
+    points = [float(p) for p in ca.collocation_points(degree, kind)]
+    slope, end, _ = ca.collocation_coeff(points)
+    return points, np.array(slope), np.array(end).ravel(), _quadrature(points)
+
+
+def _quadrature(points: Sequence[float]) -> FloatArray:
+    """Integrals [d] of the Lagrange polynomials; CasADi's are wrong for a single Radau point."""
+    nodes, weights = np.polynomial.legendre.leggauss(len(points))
+    s = (nodes + 1) / 2
+    integrals = []
+    for i, own in enumerate(points):
+        others = [k for j, k in enumerate(points) if j != i]
+        basis = np.prod([(s - k) / (own - k) for k in others], axis=0) * np.ones_like(s)
+        integrals.append(weights @ basis / 2)
+    return np.array(integrals)
+
+
+def _interpolate(points: Sequence[float], values: Sequence[ca.MX], s: Fraction) -> ca.MX:
+    """Lagrange interpolation at s."""
+    if isinstance(s, float):
+        for point, value in zip(points, values, strict=True):
+            if abs(point - s) < 1e-12:
+                return value
+    total = ca.MX(0)
+    for i, value in enumerate(values):
+        weight = 1.0
+        for j, other in enumerate(points):
+            if j != i:
+                weight = weight * (s - other) / (points[i] - other)
+        total = total + weight * value
+    return total

@@ -1,0 +1,122 @@
+"""Multiple shooting: Runge-Kutta steps written out, or one of CasADi's integrators."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import casadi as ca
+
+from microbot_ocp.ocp.problem import Phase
+from microbot_ocp.ocp.transcription.schemes._base import (
+    Fraction,
+    Interval,
+    StageVariable,
+    Step,
+    refuse_pointwise,
+)
+
+
+@dataclass(frozen=True)
+class Shooting:
+    """Classical Runge-Kutta steps of order four; exact for chains of up to four integrators.
+
+    Attributes
+    ----------
+    steps : Runge-Kutta steps over each interval
+    """
+
+    steps: int = 1
+    points: tuple[float, ...] = (0.5,)
+    order: int = 4
+
+    def variables(self, phase: Phase) -> tuple[StageVariable, ...]:
+        """None: the state inside follows from the start."""
+        refuse_pointwise(phase, "shooting")
+        return ()
+
+    def step(self, phase: Phase, interval: Interval, values: Sequence[ca.MX]) -> Step:
+        """Runge-Kutta from the start of the interval."""
+
+        def after(fraction: Fraction) -> tuple[ca.MX, ca.MX]:
+            x, cost, share = interval.x, ca.MX(0), fraction / self.steps
+            for i in range(self.steps):
+                x, added = _runge_kutta(interval, x, i * share, share)
+                cost = cost + added
+            return x, cost
+
+        arrived, running = after(1.0)
+        return Step(arrived, running, (), lambda s: (after(s)[0], interval.control(s)))
+
+
+def _runge_kutta(
+    interval: Interval, x: ca.MX, start: Fraction, share: Fraction
+) -> tuple[ca.MX, ca.MX]:
+    h = share * interval.length
+    middle, end = start + share / 2, start + share
+    k1, l1 = interval.f(x, interval.control(start), start)
+    k2, l2 = interval.f(x + h / 2 * k1, interval.control(middle), middle)
+    k3, l3 = interval.f(x + h / 2 * k2, interval.control(middle), middle)
+    k4, l4 = interval.f(x + h * k3, interval.control(end), end)
+    return x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4), h / 6 * (l1 + 2 * l2 + 2 * l3 + l4)
+
+
+@dataclass(frozen=True)
+class IntegratorShooting:
+    """Multiple shooting on a CasADi integrator: "cvodes", "idas", "collocation" or "rk".
+
+    Adaptive integrators differentiate slowly; for stiff dynamics that a fixed step cannot follow.
+    """
+
+    integrator: str = "cvodes"
+    options: Mapping[str, Any] = field(default_factory=dict)
+    points: tuple[float, ...] = (0.5,)
+    order: int = 4
+
+    def variables(self, phase: Phase) -> tuple[StageVariable, ...]:
+        """None: the state inside follows from the start."""
+        refuse_pointwise(phase, "shooting on an integrator")
+        return ()
+
+    def step(self, phase: Phase, interval: Interval, values: Sequence[ca.MX]) -> Step:
+        """The integrator runs over the fraction s of the interval, from 0 to 1."""
+        size = interval.x.shape[0]
+        inputs = [
+            interval.begin,
+            interval.end,
+            interval.constant,
+            interval.start,
+            interval.length,
+            interval.duration,
+            interval.constants,
+        ]
+        symbols = [ca.MX.sym(f"p{i}", k.shape[0]) for i, k in enumerate(inputs)]
+        begin, end, constant, start, length, duration, constants = symbols
+        reach = ca.MX.sym("reach")
+        rate = (end - begin) / length if interval.rate.shape[0] else ca.MX(0, 1)
+        x, s = ca.MX.sym("x", size), ca.MX.sym("s")
+        inner = Interval(
+            x, begin, end, constant, rate, start, length, duration, constants, interval.dynamics
+        )
+        slope, cost = inner.f(x, inner.control(s * reach), s * reach)
+        dae = {
+            "x": x,
+            "t": s,
+            "p": ca.vertcat(*symbols, reach),
+            "ode": reach * length * slope,
+            "quad": reach * length * cost,
+        }
+        tolerant = {"abstol": 1e-10, "reltol": 1e-10} if self.integrator in _ADAPTIVE else {}
+        options = {**tolerant, **self.options}
+        run = ca.integrator("step", self.integrator, dae, 0.0, 1.0, options)
+
+        def after(fraction: Fraction) -> tuple[ca.MX, ca.MX]:
+            result = run(x0=interval.x, p=ca.vertcat(*inputs, fraction))
+            return result["xf"], result["qf"]
+
+        arrived, running = after(1.0)
+        return Step(arrived, running, (), lambda s: (after(s)[0], interval.control(s)))
+
+
+_ADAPTIVE = ("cvodes", "idas")

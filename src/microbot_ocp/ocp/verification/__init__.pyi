@@ -1,0 +1,37 @@
+"""Public names; loaded when they are first asked for."""
+
+from ._certificate import (
+    Arc as Arc,
+    Costates as Costates,
+    Hamiltonian as Hamiltonian,
+    LimitUse as LimitUse,
+    OCPCertificate as OCPCertificate,
+    Optimality as Optimality,
+    Residual as Residual,
+    ResimulationCheck as ResimulationCheck,
+    Thresholds as Thresholds,
+)
+from ._certification import (
+    verify as verify,
+)
+from ._limits import (
+    ALONG as ALONG,
+    dense_phase as dense_phase,
+    limit_uses as limit_uses,
+    relative_excess as relative_excess,
+)
+from ._program import (
+    plain_kernels as plain_kernels,
+)
+from ._reintegration import (
+    each_interval as each_interval,
+    mesh_states as mesh_states,
+    open_loop as open_loop,
+    phase_layout as phase_layout,
+    point_values as point_values,
+    state_weights as state_weights,
+)
+from ._stationarity import (
+    differentiate as differentiate,
+    lagrangian_gradient as lagrangian_gradient,
+)

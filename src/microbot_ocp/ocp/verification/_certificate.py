@@ -1,0 +1,254 @@
+"""What a certificate says, as data."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from microbot_ocp._base.checks import FloatArray, plain
+
+
+@dataclass(frozen=True)
+class Thresholds:
+    """What still passes.
+
+    Attributes
+    ----------
+    state_error : of the re-simulation, relative to the state's largest magnitude
+    excess : of a limit between mesh points, relative to the limit
+    feasibility : violation of a row or bound of the scaled program
+    stationarity, complementarity, sign : of the scaled program, divided by
+        ``max(100, mean of |multipliers|) / 100`` (Waechter and Biegler, 2006, equation 6)
+    """
+
+    state_error: float = 1e-3
+    excess: float = 1e-3
+    feasibility: float = 1e-6
+    stationarity: float = 1e-5
+    complementarity: float = 1e-5
+    sign: float = 1e-5
+
+
+@dataclass(frozen=True)
+class ResimulationCheck:
+    """A phase integrated again from its first state with the solution's own control.
+
+    Attributes
+    ----------
+    phase : str
+    status : "ok", or why the integrator stopped
+    error : largest error along the phase, relative to the largest magnitude of the state
+    local_error : the same where every interval starts at its own mesh state
+    state, component, time, value, wanted, unit : where the largest error is, and both values
+    """
+
+    phase: str
+    status: str
+    error: float
+    local_error: float
+    state: str
+    component: int
+    time: float
+    value: float
+    wanted: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class LimitUse:
+    """Worst point of one bound or path constraint of a phase, on a dense grid.
+
+    Attributes
+    ----------
+    phase, name, component : which
+    kind : "state", "control", "algebraic", "constraint", "end constraint" or "duration"
+    time, value, limit, unit : where it is nearest to (or farthest beyond) its limit
+    excess : by how much the limit is exceeded, in the unit; 0 where it is kept
+    relative : the excess divided by half the range, or by the limit where there is only one
+    """
+
+    phase: str
+    name: str
+    component: int
+    kind: str
+    time: float
+    value: float
+    limit: float
+    unit: str
+    excess: float
+    relative: float
+
+
+@dataclass(frozen=True)
+class Residual:
+    """One residual: its size in the scaled program, and in the unit of what it belongs to.
+
+    Attributes
+    ----------
+    scaled : float
+    value : in ``unit``
+    unit : str
+    where : the variable or row in words
+    """
+
+    scaled: float
+    value: float
+    unit: str
+    where: str
+
+
+@dataclass(frozen=True)
+class Optimality:
+    """Conditions of Karush, Kuhn and Tucker at the solution.
+
+    Attributes
+    ----------
+    stationarity : ``grad f + J' lam_g + lam_x``, which is zero at an optimum
+    feasibility : violation of a row or bound
+    complementarity : multiplier times distance to its bound
+    sign : multiplier that pushes towards a bound that is not there
+    computed_bounds : whether the multipliers of the bounds are those of the solver (False), or were
+        computed from the stationarity (True), which then says nothing of bounded variables
+    """
+
+    stationarity: Residual
+    feasibility: Residual
+    complementarity: Residual
+    sign: Residual
+    computed_bounds: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Costates:
+    """Derivatives of the optimal cost with respect to the states of a phase.
+
+    Attributes
+    ----------
+    phase : str
+    t : times of the mesh points [N+1], s
+    values : by the name of the state [N+1, size], just before the mesh point (after it at the
+        first): where a bound of the state acts at a mesh point, the costate jumps there
+    after : by the name of the state [N, size], just after the mesh points
+    point_t, point_values : times [M] and values [M, size] at the collocation points
+    """
+
+    phase: str
+    t: FloatArray
+    values: Mapping[str, FloatArray]
+    after: Mapping[str, FloatArray]
+    point_t: FloatArray
+    point_values: Mapping[str, FloatArray]
+
+    def __getitem__(self, name: str) -> FloatArray:
+        return self.values[name]
+
+
+@dataclass(frozen=True, eq=False)
+class Hamiltonian:
+    """``H = L + costate' f`` along a phase, averaged over every interval.
+
+    Attributes
+    ----------
+    phase : str
+    t : middles of the intervals [N], s
+    values : averages over the intervals [N], as the derivative of the discrete Lagrangian with
+        respect to the length of the interval. Where a control switches inside an interval the
+        averages differ on its two sides, by a share of its length
+    mean : over the phase
+    drift : largest difference to the mean
+    autonomous : whether the phase's expressions are free of the time, so that H should be constant
+    expected : what its mean should be, by the transversality of the duration; None where the
+        duration is fixed or at a bound, or appears in other expressions than end costs
+    duration_price : derivative of the optimal cost with respect to the duration, 0 where it is free
+    """
+
+    phase: str
+    t: FloatArray
+    values: FloatArray
+    mean: float
+    drift: float
+    autonomous: bool
+    expected: float | None
+    duration_price: float
+
+
+@dataclass(frozen=True)
+class Arc:
+    """A stretch of time during which a limit acts.
+
+    Attributes
+    ----------
+    phase, kind, name, component : which limit
+    side : "lower" or "upper"
+    start, end : s since the start of the phase
+    price : what it would bring to relax the limit by one unit during the arc (cost per unit)
+    unit : str
+    """
+
+    phase: str
+    kind: str
+    name: str
+    component: int
+    side: str
+    start: float
+    end: float
+    price: float
+    unit: str
+
+
+@dataclass(frozen=True, eq=False)
+class OCPCertificate:
+    """What was checked of a solution, and the verdict.
+
+    Attributes
+    ----------
+    problem : name of the problem
+    ok : whether every check passed
+    verdict : the result in words
+    resimulations : one check a phase
+    limits : one entry for every component of every bound and path constraint
+    optimality : Optimality
+    costates, hamiltonians : one entry a phase
+    arcs : which limit acts when
+    thresholds : what still passes
+    wall_time : what the certificate took, s
+    """
+
+    problem: str
+    ok: bool
+    verdict: str
+    resimulations: tuple[ResimulationCheck, ...]
+    limits: tuple[LimitUse, ...]
+    optimality: Optimality
+    costates: tuple[Costates, ...]
+    hamiltonians: tuple[Hamiltonian, ...]
+    arcs: tuple[Arc, ...]
+    thresholds: Thresholds
+    wall_time: float
+
+    def __repr__(self) -> str:
+        return f"<OCPCertificate of {self.problem!r}: {'passed' if self.ok else 'FAILED'}>"
+
+    def _repr_html_(self) -> str:
+        from microbot_ocp.views.notebook import _html as jupyter
+
+        return jupyter.ocp_certificate(self)
+
+    def costate(self, phase: str) -> Costates:
+        """Costates of a phase by its name."""
+        return next(c for c in self.costates if c.phase == phase)
+
+    def hamiltonian(self, phase: str) -> Hamiltonian:
+        """Hamiltonian of a phase by its name."""
+        return next(h for h in self.hamiltonians if h.phase == phase)
+
+    @property
+    def worst_limit(self) -> LimitUse | None:
+        """The limit that is exceeded most, relative; None where all are kept."""
+        worst = max(self.limits, key=lambda use: use.relative, default=None)
+        return worst if worst is not None and worst.excess > 0 else None
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values for JSON; what is not finite becomes None."""
+        return plain(self)

@@ -1,0 +1,126 @@
+"""Certificate of a solution: everything that is checked, in one call."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from microbot_ocp._base.checks import InputError
+from microbot_ocp.ocp.problem import OptimalControlProblem
+from microbot_ocp.ocp.solution import Solution
+from microbot_ocp.ocp.transcription import Transcription, assemble
+from microbot_ocp.ocp.verification._certificate import OCPCertificate, Thresholds
+from microbot_ocp.ocp.verification._costates import costates_of
+from microbot_ocp.ocp.verification._hamiltonian import hamiltonian_of
+from microbot_ocp.ocp.verification._limits import dense_phase, limit_uses
+from microbot_ocp.ocp.verification._messages import praise_of, problems_of
+from microbot_ocp.ocp.verification._program import (
+    limited_alike,
+    plain_kernels,
+    scaled_variables,
+    transcription_of,
+)
+from microbot_ocp.ocp.verification._reintegration import phase_layout
+from microbot_ocp.ocp.verification._resimulation import resimulate
+from microbot_ocp.ocp.verification._stationarity import (
+    bound_multipliers,
+    differentiate,
+    lagrangian_gradient,
+    optimality_of,
+)
+from microbot_ocp.ocp.verification._switching import WORTHLESS, Prices, arcs_of
+
+
+def verify(
+    problem: OptimalControlProblem | Transcription,
+    solution: Solution,
+    *,
+    thresholds: Thresholds | None = None,
+) -> OCPCertificate:
+    """Check a solution independently of what made it.
+
+    Parameters
+    ----------
+    problem : OptimalControlProblem or Transcription
+        What was solved.
+    solution : Solution
+    thresholds : Thresholds, optional
+
+    Returns
+    -------
+    OCPCertificate
+        First-order conditions make no difference between a local optimum and the best one.
+
+    Raises
+    ------
+    InputError
+        The solution is of another problem, or was not made by a solve.
+
+    Examples
+    --------
+    >>> from microbot_ocp.ocp import solve
+    >>> problem = OptimalControlProblem("double integrator")
+    >>> phase = problem.phase("move", duration=(0.1, 10.0))
+    >>> x = phase.state("x", initial=0.0, final=1.0, unit="m")
+    >>> v = phase.state("v", initial=0.0, final=0.0, unit="m/s")
+    >>> u = phase.control("u", lower=-1.0, upper=1.0, unit="m/s^2")
+    >>> phase.derivative(x, v)
+    >>> phase.derivative(v, u)
+    >>> phase.end_cost(phase.duration)
+    >>> certificate = verify(problem, solve(problem, mesh=20))
+    >>> certificate.ok, round(certificate.hamiltonian("move").mean, 3)
+    (True, -1.0)
+    >>> [(arc.name, arc.side, round(arc.end, 3)) for arc in certificate.arcs]
+    [('u', 'upper', 1.0), ('u', 'lower', 2.0)]
+    """
+    started = time.perf_counter()
+    limits_of = thresholds or Thresholds()
+    transcription = transcription_of(problem, solution)
+    layouts = tuple(phase_layout(phase) for phase in solution.phases)
+    plain = [plain_kernels(layout) for layout in layouts]
+    program = assemble(
+        transcription.problem,
+        [limited_alike(layout, own) for layout, own in zip(layouts, plain, strict=True)],
+    )
+    x = scaled_variables(program, solution)
+    lam_g = np.asarray(solution.row_multipliers, dtype=float)
+    if lam_g.size != program.row_lower.size:
+        raise InputError(
+            f"the solution has {lam_g.size} row multipliers for {program.row_lower.size} rows of "
+            f"problem {transcription.problem.name!r}"
+        )
+    parts = [
+        differentiate(phase, own, lam_g) for phase, own in zip(solution.phases, plain, strict=True)
+    ]
+    gradient = lagrangian_gradient(program, parts, lam_g)
+    lam_x, computed = bound_multipliers(program, solution, gradient)
+    optimality = optimality_of(program, x, gradient, lam_g, lam_x, computed, solution.cost_scale)
+    resimulations = tuple(resimulate(phase) for phase in solution.phases)
+    dense = [dense_phase(phase) for phase in solution.phases]
+    uses = tuple(use for d in dense for use in limit_uses(d))
+    costates = tuple(
+        costates_of(phase, part, lam_g) for phase, part in zip(solution.phases, parts, strict=True)
+    )
+    hamiltonians = tuple(
+        hamiltonian_of(phase, part, lam_x)
+        for phase, part in zip(solution.phases, parts, strict=True)
+    )
+    prices = Prices(program, lam_g, lam_x)
+    worth = WORTHLESS * max(abs(solution.cost), 1e-6)
+    arcs = tuple(arc for d in dense for arc in arcs_of(d, prices, worth))
+    problems = problems_of(program, x, solution, resimulations, uses, optimality, limits_of)
+    said = problems or praise_of(resimulations, uses, optimality, hamiltonians, arcs)
+    return OCPCertificate(
+        problem=transcription.problem.name,
+        ok=not problems,
+        verdict=("Failed: " if problems else "Passed: ") + "; ".join(said) + ".",
+        resimulations=resimulations,
+        limits=uses,
+        optimality=optimality,
+        costates=costates,
+        hamiltonians=hamiltonians,
+        arcs=arcs,
+        thresholds=limits_of,
+        wall_time=time.perf_counter() - started,
+    )

@@ -1,0 +1,158 @@
+"""Limits on a dense grid, between the mesh points too."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray
+from microbot_ocp.ocp.problem import Phase, Variable
+from microbot_ocp.ocp.solution import PhaseSolution
+from microbot_ocp.ocp.transcription import DURATION, joined
+from microbot_ocp.ocp.verification._certificate import LimitUse
+from microbot_ocp.ocp.verification._reintegration import phase_layout
+
+POINTS = 20  # dense points to an interval
+ALONG = ("state", "algebraic", "constraint")  # what a mesh is refined for
+
+
+@dataclass(frozen=True, eq=False)
+class Limited:
+    """One quantity with limits [size], along a dense grid [M, size]."""
+
+    kind: str
+    name: str
+    unit: str
+    lower: FloatArray
+    upper: FloatArray
+    scale: FloatArray
+    values: FloatArray
+    end: bool = False  # whether it has a value at the end of the phase only
+
+    def size(self, i: int) -> float:
+        """What an excess is relative to: half the range, the limit, or the scale."""
+        low, high = float(self.lower[i]), float(self.upper[i])
+        if np.isfinite(low) and np.isfinite(high) and high > low:
+            return (high - low) / 2
+        limit = max((abs(k) for k in (low, high) if np.isfinite(k)), default=0.0)
+        return limit if limit > 0 else float(self.scale[i])
+
+    def beyond(self, i: int) -> FloatArray:
+        """How far the values [M] are beyond a limit; infinite where they are no numbers."""
+        value = self.values[:, i]
+        return np.nan_to_num(
+            np.maximum(self.lower[i] - value, value - self.upper[i]), nan=np.inf, neginf=-np.inf
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class DensePhase:
+    """A phase on its dense grid: both ends of every interval and the points between them."""
+
+    phase: PhaseSolution
+    t: FloatArray
+    interval: np.ndarray
+    limited: list[Limited] = field(default_factory=list)
+
+
+def dense_phase(phase: PhaseSolution) -> DensePhase:
+    """A phase with all its quantities that have limits, on a dense grid."""
+    layout = phase_layout(phase)
+    own = layout.phase
+    assert phase.stages is not None
+    n = layout.intervals
+    share = np.linspace(0.0, 1.0, POINTS + 1)
+    interval = np.repeat(np.arange(n), share.size)
+    place = np.tile(share, n)
+    steps = np.diff(layout.mesh)
+    constants = np.tile(joined([p.value for p in own.parameters]), (place.size, 1))
+    table = np.vstack(layout.dense(phase.stages, interval, place)).T
+    t = (layout.mesh[interval] + place * steps[interval]) * phase.duration
+    dense = DensePhase(phase, t, interval)
+    ordered = [
+        *own.states,
+        *(c for shape in ("constant", "linear", "polynomial") for c in _shaped(own, shape)),
+        *own.algebraics,
+    ]
+    kinds = {id(v): "state" for v in own.states} | {id(v): "algebraic" for v in own.algebraics}
+    offset = 0
+    for variable in ordered:
+        values = table[:, offset : offset + variable.size]
+        offset += variable.size
+        kind = kinds.get(id(variable), "control")
+        dense.limited.append(_limited(kind, variable, values))
+    duration = np.array([[phase.duration]])
+    low, high = (np.array([d]) for d in own.duration_bounds)
+    dense.limited.append(
+        Limited("duration", DURATION, "s", low, high, np.ones(1), duration, end=True)
+    )
+    linear = _shaped(own, "linear")
+    rates = [
+        np.diff(phase.values[c.name], axis=0)[interval] / (steps * phase.duration)[interval, None]
+        for c in linear
+    ]
+    symbols = [v.symbol for v in ordered] + [c.rate for c in linear if c.rate is not None]
+    data = np.hstack([table, *rates, t[:, None], np.full((t.size, 1), phase.duration), constants])
+    inputs = [*symbols, own.time, own.duration, *(p.symbol for p in own.parameters)]
+    for kind, limits, rows in (
+        ("constraint", own.constraints, slice(None)),
+        ("end constraint", own.end_constraints, slice(-1, None)),
+    ):
+        for limit in limits:
+            value = ca.Function("value", [ca.vertcat(*inputs)], [ca.densify(limit.expression)])
+            values = value(data[rows].T).full().T
+            dense.limited.append(_limited(kind, limit, values, end=kind != "constraint"))
+    return dense
+
+
+def _shaped(phase: Phase, shape: str) -> list[Variable]:
+    return [c for c in phase.controls if c.shape == shape]
+
+
+def _limited(kind: str, own: Any, values: FloatArray, end: bool = False) -> Limited:
+    return Limited(kind, own.name, own.unit, own.lower, own.upper, own.scale, values, end)
+
+
+def limit_uses(dense: DensePhase) -> list[LimitUse]:
+    """Worst point of every component that has a limit."""
+    found = []
+    for limited in dense.limited:
+        for i in range(limited.lower.size):
+            low, high = float(limited.lower[i]), float(limited.upper[i])
+            if not (np.isfinite(low) or np.isfinite(high)):
+                continue
+            value = limited.values[:, i]
+            beyond = limited.beyond(i)
+            k = int(beyond.argmax())
+            excess = max(0.0, float(beyond[k]))
+            found.append(
+                LimitUse(
+                    phase=dense.phase.name,
+                    name=limited.name,
+                    component=i,
+                    kind=limited.kind,
+                    time=dense.phase.duration if limited.end else float(dense.t[k]),
+                    value=float(value[k]),
+                    limit=low if low - value[k] >= value[k] - high else high,
+                    unit=limited.unit,
+                    excess=excess,
+                    relative=excess / limited.size(i),
+                )
+            )
+    return found
+
+
+def relative_excess(dense: DensePhase) -> FloatArray:
+    """Largest relative excess of a state, algebraic variable or path constraint on the dense grid.
+
+    Array [N, K] with both ends of every interval among the K places of it; 0 where all are kept.
+    """
+    worst = np.zeros(dense.t.size)
+    for limited in dense.limited:
+        if limited.kind in ALONG:
+            for i in range(limited.lower.size):
+                np.maximum(worst, limited.beyond(i) / limited.size(i), out=worst)
+    return worst.reshape(-1, POINTS + 1)

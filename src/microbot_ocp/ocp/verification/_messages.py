@@ -1,0 +1,113 @@
+"""The verdict in words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray
+from microbot_ocp.ocp.solution import Solution, unpack
+from microbot_ocp.ocp.transcription import Program
+from microbot_ocp.ocp.verification._certificate import (
+    Arc,
+    Hamiltonian,
+    LimitUse,
+    Optimality,
+    ResimulationCheck,
+    Thresholds,
+)
+
+STALE = 1e-9  # relative difference between the values and the stages of a solution
+
+
+def problems_of(
+    program: Program,
+    x: FloatArray,
+    solution: Solution,
+    resimulations: Sequence[ResimulationCheck],
+    uses: Sequence[LimitUse],
+    optimality: Optimality,
+    passes: Thresholds,
+) -> list[str]:
+    """What did not pass, in words; nothing where all did."""
+    problems = []
+    if not solution.status.ok:
+        problems.append(f"the solve did not converge: {solution.status.value}")
+    for phase, again in zip(solution.phases, unpack(program, x), strict=True):
+        for name, values in phase.values.items():
+            size = max(1e-9, float(np.abs(again.values[name]).max()))
+            if not np.abs(values - again.values[name]).max() <= STALE * size:
+                problems.append(
+                    f"the values of {name} in phase {phase.name!r} are not those of its stages"
+                )
+    for check in resimulations:
+        where = f"phase {check.phase!r}"
+        if check.status != "ok":
+            problems.append(f"re-simulation of {where} stopped: {check.status}")
+        elif not check.error <= passes.state_error:
+            cause = ""
+            if check.local_error <= passes.state_error / 10:
+                cause = (
+                    f" (but every interval by itself is within {check.local_error:.2g}: small "
+                    "errors grow along the phase)"
+                )
+            problems.append(
+                f"re-simulation of {where} has {_component(check.state, check.component)} = "
+                f"{check.value:.6g} {check.unit} instead of {check.wanted:.6g} at "
+                f"{check.time:.4g} s, an error of {check.error:.2g} of its size{cause}"
+            )
+    problems += [
+        f"{use.kind} {_component(use.name, use.component)} of phase {use.phase!r} is "
+        f"{use.value:.6g} {use.unit} at {use.time:.4g} s, {use.excess:.3g} beyond its limit of "
+        f"{use.limit:.6g}"
+        for use in uses
+        if not use.relative <= passes.excess
+    ]
+    for residual, limit, said in (
+        (optimality.feasibility, passes.feasibility, "not feasible: {} is violated by {}"),
+        (optimality.stationarity, passes.stationarity, "not stationary: {} has a slope of {} left"),
+        (
+            optimality.complementarity,
+            passes.complementarity,
+            "not complementary: {} has a multiplier away from its limit, worth {}",
+        ),
+        (optimality.sign, passes.sign, "multiplier of the wrong sign: {} with {}"),
+    ):
+        if not residual.scaled <= limit:
+            amount = f"{residual.value:.3g} {residual.unit}"
+            problems.append(said.format(residual.where, amount))
+    return problems
+
+
+def _component(name: str, component: int) -> str:
+    return f"{name}[{component}]" if component else name
+
+
+def praise_of(
+    resimulations: Sequence[ResimulationCheck],
+    uses: Sequence[LimitUse],
+    optimality: Optimality,
+    hamiltonians: Sequence[Hamiltonian],
+    arcs: Sequence[Arc],
+) -> list[str]:
+    """What was found of a solution that passed, in words."""
+    error = max(check.error for check in resimulations)
+    worst = max((use.relative for use in uses), default=0.0)
+    kept = "is kept" if worst <= 1e-6 else f"is kept to within {100 * worst:.2g} %"
+    said = [
+        f"first-order conditions hold to {optimality.stationarity.scaled:.1e} (stationarity) and "
+        f"{optimality.complementarity.scaled:.1e} (complementarity)",
+        f"re-simulation stays within {error:.2g} of the states' size",
+        f"every limit {kept} between mesh points",
+    ]
+    for own in hamiltonians:
+        if own.autonomous:
+            due = "" if own.expected is None else f" (expected {own.expected:.4g})"
+            said.append(
+                f"Hamiltonian of phase {own.phase!r} {own.mean:.4g}{due} with a drift of "
+                f"{own.drift:.1e}"
+            )
+    count = len(arcs)
+    said.append(f"{count} arc{'' if count == 1 else 's'} on limits")
+    return said

@@ -1,0 +1,242 @@
+"""The dynamics of a solution integrated again, by an adaptive integrator that no scheme uses.
+
+The control is the solution's own as a function of time: constant, linear, or the polynomial through
+the values at the collocation points. CVODES, or IDAS where there are algebraic variables, starts
+anew at every mesh point, so a control that jumps there costs no accuracy.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp.ocp.problem import Phase, Variable
+from microbot_ocp.ocp.solution import PhaseSolution
+from microbot_ocp.ocp.transcription import PhaseLayout, StageGroup, StageKind
+
+INTEGRATOR_TOLERANCE = 1e-11  # absolute (of the scaled states) and relative
+MOST_STEPS = 20_000  # of the integrator on one interval
+SMALLEST_WEIGHT = 1e-2  # of a state's scale: below this its error counts as absolute
+
+
+def phase_layout(phase: PhaseSolution) -> PhaseLayout:
+    """Where a phase stands in its program."""
+    if phase.layout is None or phase.stages is None:
+        raise InputError(f"phase {phase.name!r} was not made by a solve: it has mesh values only")
+    return phase.layout
+
+
+def mesh_states(phase: PhaseSolution) -> FloatArray:
+    """All states [N+1, n] at the mesh points."""
+    states = phase_layout(phase).phase.states
+    return np.hstack([phase.values[state.name] for state in states])
+
+
+def state_weights(phase: PhaseSolution) -> FloatArray:
+    """What errors of the states [n] are relative to.
+
+    The largest magnitude along the phase, but no less than a hundredth of the declared scale: a
+    state that stays at zero has no relative error.
+    """
+    scale = np.concatenate([state.scale for state in phase_layout(phase).phase.states])
+    return np.maximum(np.abs(mesh_states(phase)).max(axis=0), SMALLEST_WEIGHT * scale)
+
+
+def each_interval(
+    phase: PhaseSolution, tolerance: float = INTEGRATOR_TOLERANCE
+) -> tuple[FloatArray, str]:
+    """Integrate every interval from its own mesh state; states [N, n] at the ends, and a status.
+
+    All intervals of one degree are one call of one mapped integrator. Where the integrator fails
+    the states are not numbers.
+    """
+    start = mesh_states(phase)[:-1]
+    layout, ends = phase_layout(phase), np.full_like(start, np.nan)
+    for group in layout.groups:
+        own = group.intervals
+        data = _interval_data(phase, group)
+        found, status = _first_that_works(
+            layout,
+            group.kind,
+            tolerance,
+            lambda run, own=own, data=data: run.map(own.size)(start[own].T, data.T),
+        )
+        if found is None:
+            return np.full_like(start, np.nan), status
+        ends[own] = found
+    return ends, "ok"
+
+
+def open_loop(
+    phase: PhaseSolution, tolerance: float = INTEGRATOR_TOLERANCE
+) -> tuple[FloatArray, str]:
+    """Integrate the phase from its first state on; states [N, n] at the later mesh points."""
+    layout, states = phase_layout(phase), mesh_states(phase)
+    data = [_interval_data(phase, group) for group in layout.groups]
+    reached, ends = states[0], np.full_like(states[1:], np.nan)
+    # a run of intervals of one kind is one call
+    changes = np.flatnonzero(np.diff(layout.kind_of)) + 1
+    for own in np.split(np.arange(layout.intervals), changes):
+        index = int(layout.kind_of[own[0]])
+        group = layout.groups[index]
+        table = data[index][np.searchsorted(group.intervals, own)]
+        found, status = _first_that_works(
+            layout,
+            group.kind,
+            tolerance,
+            lambda run, own=own, table=table, reached=reached: run.mapaccum(own.size)(
+                reached, table.T
+            ),
+        )
+        if found is None:
+            return np.full_like(ends, np.nan), status
+        ends[own] = found
+        reached = found[-1]
+    return ends, "ok"
+
+
+def _first_that_works(
+    layout: PhaseLayout,
+    kind: StageKind,
+    tolerance: float,
+    call: Callable[[ca.Function], ca.DM],
+) -> tuple[FloatArray | None, str]:
+    """States [M, n] by the first integrator that gets through, or why the last did not."""
+    status = "ok"
+    for method in _methods(layout.phase):
+        try:
+            return call(_integrator(layout, kind, method, tolerance)).full().T, "ok"
+        except RuntimeError as problem:
+            status = _why(problem)
+    return None, status
+
+
+def _methods(phase: Phase) -> tuple[str, ...]:
+    # Adams' method needs no Jacobian and takes longer steps; stiff dynamics are left to the next
+    return ("idas",) if phase.algebraics else ("adams", "bdf")
+
+
+def _why(problem: RuntimeError) -> str:
+    lines = [line for line in str(problem).strip().split("\n") if line.strip()]
+    return f"the integrator failed: {lines[-1].strip() if lines else 'no reason given'}"
+
+
+def _of_shape(phase: Phase, shape: str) -> list[Variable]:
+    return [control for control in phase.controls if control.shape == shape]
+
+
+def points_of(kind: StageKind, variable: Variable) -> list[float]:
+    """Fractions of an interval at which a variable has values."""
+    return [k.fraction for k in kind.inner if k.source.name == variable.name]
+
+
+def point_values(phase: PhaseSolution, group: StageGroup, variable: Variable) -> FloatArray:
+    """Values [M, points, size] of a polynomial control or algebraic variable in a group."""
+    layout = phase_layout(phase)
+    counts = np.array([len(points_of(kind, variable)) for kind in layout.kinds])[layout.kind_of]
+    first = np.cumsum(counts) - counts
+    places = first[group.intervals, None] + np.arange(len(points_of(group.kind, variable)))
+    return phase.values[variable.name].reshape(-1, variable.size)[places]
+
+
+def _interval_data(phase: PhaseSolution, group: StageGroup) -> FloatArray:
+    """What the integrator needs to know of every interval of a group [M, ...], in its order."""
+    own, k = phase_layout(phase).phase, group.intervals
+    linear = [phase.values[v.name] for v in _of_shape(own, "linear")]
+    polynomial = [point_values(phase, group, v) for v in _of_shape(own, "polynomial")]
+    algebraic = [point_values(phase, group, v)[:, 0] for v in own.algebraics]  # first guess
+    columns = [
+        phase.t[k, None],
+        np.diff(phase.t)[k, None],
+        np.full((k.size, 1), phase.duration),
+        *(np.tile(p.value, (k.size, 1)) for p in own.parameters),
+        *(phase.values[v.name][k] for v in _of_shape(own, "constant")),
+        *(values[k] for values in linear),
+        *(values[k + 1] for values in linear),
+        *(values.reshape(k.size, -1) for values in polynomial),
+        *algebraic,
+    ]
+    return np.hstack(columns)
+
+
+def _integrator(layout: PhaseLayout, kind: StageKind, method: str, tolerance: float) -> ca.Function:
+    """``(x at the start, data of the interval) -> x at the end``, in the units of the problem.
+
+    The independent variable is the fraction of the interval and the states are divided by their
+    scales, so that one absolute tolerance suits all.
+    """
+    phase = layout.phase
+    constant, linear = _of_shape(phase, "constant"), _of_shape(phase, "linear")
+    polynomial = _of_shape(phase, "polynomial")
+    s = ca.MX.sym("s")
+    parts: list[ca.MX] = []
+
+    def part(size: int) -> ca.MX:
+        parts.append(ca.MX.sym(f"part{len(parts)}", size))
+        return parts[-1]
+
+    start, length, duration = part(1), part(1), part(1)
+    known = [(p.symbol, part(p.value.size)) for p in phase.parameters]
+    known += [(v.symbol, part(v.size)) for v in constant]
+    begins, ends = [part(v.size) for v in linear], [part(v.size) for v in linear]
+    for variable, begin, end in zip(linear, begins, ends, strict=True):
+        assert variable.rate is not None
+        known += [
+            (variable.symbol, begin + s * (end - begin)),
+            (variable.rate, (end - begin) / length),
+        ]
+    for variable in polynomial:
+        points = points_of(kind, variable)
+        values = ca.reshape(part(variable.size * len(points)), variable.size, len(points))
+        known.append((variable.symbol, values @ lagrange(points, s)))
+    guesses = [part(v.size) for v in phase.algebraics]
+    known += [(phase.time, start + s * length), (phase.duration, duration)]
+
+    x = ca.vertcat(*(v.symbol for v in phase.states))
+    z = ca.vertcat(*(v.symbol for v in phase.algebraics), ca.MX(0, 1))
+    slope = ca.vertcat(*(phase.derivatives[v.name] for v in phase.states))
+    equations = ca.vertcat(*phase.algebraic_equations, ca.MX(0, 1))
+    arguments = [x, z, *(symbol for symbol, _ in known)]
+    physics = ca.Function("physics", arguments, [slope, equations])
+    with contextlib.suppress(RuntimeError):  # interpolants have no scalar graph
+        physics = physics.expand()
+    scale = ca.DM(np.concatenate([v.scale for v in phase.states]))
+    y, inner = ca.MX.sym("y", x.shape[0]), ca.MX.sym("z", z.shape[0])
+    rate, residual = physics(y * scale, inner, *(value for _, value in known))
+    dae: dict[str, Any] = {"t": s, "x": y, "p": ca.vertcat(*parts), "ode": length * rate / scale}
+    options: dict[str, Any] = {
+        "abstol": tolerance,
+        "reltol": tolerance,
+        "max_num_steps": MOST_STEPS,
+        "disable_internal_warnings": True,
+    }
+    plugin = "cvodes"
+    if method == "adams":
+        options["linear_multistep_method"] = "adams"
+        options["nonlinear_solver_iteration"] = "functional"
+    if method == "idas":
+        plugin, dae["z"], dae["alg"] = "idas", inner, residual
+    solver = ca.integrator("interval", plugin, dae, 0.0, 1.0, options)
+    first, data = ca.MX.sym("x0", x.shape[0]), ca.vertcat(*parts)
+    result = solver(x0=first / scale, p=data, z0=ca.vertcat(*guesses, ca.MX(0, 1)))
+    flat = ca.MX.sym("data", data.shape[0])
+    whole = ca.Function("whole", [first, *parts], [result["xf"] * scale])
+    pieces = ca.vertsplit(flat, np.cumsum([0, *(p.shape[0] for p in parts)]).tolist())
+    return ca.Function("reach", [first, flat], [whole(first, *pieces)])
+
+
+def lagrange(points: list[float], s: ca.MX) -> ca.MX:
+    """Values [points] at s of the Lagrange polynomials through the points."""
+    weights = []
+    for i, own in enumerate(points):
+        others = [other for j, other in enumerate(points) if j != i]
+        weight = ca.MX(1)
+        for other in others:
+            weight = weight * (s - other) / (own - other)
+        weights.append(weight)
+    return ca.vertcat(*weights)

@@ -1,0 +1,185 @@
+"""Conditions of Karush, Kuhn and Tucker, with derivatives of the plain kernels.
+
+The Lagrangian of the scaled program is ``f + lam_g' g + lam_x' x``: multipliers are positive at
+upper bounds and negative at lower ones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray
+from microbot_ocp.ocp.problem import node_variables
+from microbot_ocp.ocp.solution import PhaseSolution, Solution
+from microbot_ocp.ocp.transcription import (
+    Kernels,
+    PhaseLayout,
+    Program,
+    joined,
+    row_labels,
+    variable_labels,
+)
+from microbot_ocp.ocp.verification._certificate import Optimality, Residual
+from microbot_ocp.ocp.verification._program import link_places
+from microbot_ocp.ocp.verification._reintegration import phase_layout
+
+
+@dataclass(frozen=True, eq=False)
+class Derivatives:
+    """Derivatives of the discrete Lagrangian of one phase, stage by stage, scaled.
+
+    Attributes
+    ----------
+    layout : PhaseLayout
+    by_stage : of the variables of the stages in turn, without the row that a stage arrives at
+    by_start, by_length : with respect to start and length of the interval, as fractions [N]
+    by_end : [node size], of end costs and end constraints
+    end_cost : of the end costs alone [node size]
+    step : multipliers of the steps [N, node size]
+    """
+
+    layout: PhaseLayout
+    by_stage: FloatArray
+    by_start: FloatArray
+    by_length: FloatArray
+    by_end: FloatArray
+    end_cost: FloatArray
+    step: FloatArray
+
+
+def differentiate(
+    phase: PhaseSolution, kernels: Sequence[Kernels], lam_g: FloatArray
+) -> Derivatives:
+    """Derivatives of the discrete Lagrangian of a phase with the multipliers of all rows."""
+    layout = phase_layout(phase)
+    assert phase.stages is not None
+    n, nz = layout.intervals, layout.node_size
+    by_stage = np.zeros_like(phase.stages)
+    by_grid = np.zeros((2, n))
+    for group, kernel in zip(layout.groups, kernels, strict=True):
+        table = layout.table(phase.stages, group)
+        run = _stage_gradient(kernel.stage).map(group.intervals.size)
+        slope, slope_of_grid = run(table.T, layout.constants(group.intervals), lam_g[group.rows].T)
+        by_stage[group.variables - layout.variable_offset] = slope.full().T
+        by_grid[:, group.intervals] = slope_of_grid.full()
+    constants = joined([p.value for p in layout.phase.parameters])
+    node = [phase.values[v.name][-1] for v in node_variables(layout.phase)]
+    z = np.append(np.concatenate(node), phase.duration) / layout.node_scale
+    end_row = layout.last_row + layout.next_nodes
+    lam_end = lam_g[end_row : end_row + layout.end_rows]
+    run = _end_gradient(kernels[0].end)
+    return Derivatives(
+        layout=layout,
+        by_stage=by_stage,
+        by_start=by_grid[0],
+        by_length=by_grid[1],
+        by_end=run(z, constants, lam_end).full().ravel(),
+        end_cost=run(z, constants, np.zeros(layout.end_rows)).full().ravel(),
+        step=lam_g[layout.stage_row[:, None] + np.arange(nz)],
+    )
+
+
+def _symbols(function: ca.Function) -> list[Any]:
+    kind = ca.SX if function.is_a("SXFunction") else ca.MX
+    return [kind.sym(f"i{k}", function.size1_in(k)) for k in range(function.n_in())]
+
+
+def _stage_gradient(stage: ca.Function) -> ca.Function:
+    v, c = _symbols(stage)
+    following, rows, cost = stage(v, c)
+    both = ca.vertcat(-following, rows)
+    lam = type(v).sym("lam", both.shape[0])
+    lagrangian = cost + ca.dot(lam, both)
+    slopes = [ca.densify(ca.gradient(lagrangian, w)) for w in (v, c)]
+    return ca.Function("stage_gradient", [v, c, lam], [slopes[0], slopes[1][:2]])
+
+
+def _end_gradient(end: ca.Function) -> ca.Function:
+    z, c = _symbols(end)
+    rows, cost = end(z, c)
+    lam = type(z).sym("lam", rows.shape[0])
+    slope = ca.densify(ca.gradient(cost + ca.dot(lam, rows), z))
+    return ca.Function("end_gradient", [z, c, lam], [slope])
+
+
+def lagrangian_gradient(
+    program: Program, parts: Sequence[Derivatives], lam_g: FloatArray
+) -> FloatArray:
+    """``grad f + J' lam_g`` of the scaled program."""
+    gradient = np.zeros(program.variable_lower.size)
+    for index, part in enumerate(parts):
+        layout = part.layout
+        nz, first, last = layout.node_size, layout.variable_offset, layout.last_node
+        gradient[first:last] += part.by_stage
+        gradient[layout.nodes[1:]] += part.step
+        begin = layout.start_row
+        for i, place in enumerate(layout.initial_rows):
+            gradient[first + place] += lam_g[begin + i]
+        gradient[last : last + nz] += part.by_end
+        begin = layout.last_row + layout.next_nodes + layout.end_rows
+        for i, place in enumerate(layout.final_rows):
+            gradient[last + place] += lam_g[begin + i]
+        if layout.next_nodes:
+            for i, (source, target, factor) in enumerate(link_places(program, index)):
+                gradient[target] += lam_g[layout.last_row + i]
+                gradient[source] -= factor * lam_g[layout.last_row + i]
+    return gradient
+
+
+def bound_multipliers(
+    program: Program, solution: Solution, gradient: FloatArray
+) -> tuple[FloatArray, bool]:
+    """Multipliers of the bounds, and whether they had to be computed from the gradient."""
+    given = solution.variable_multipliers
+    if given is not None and np.size(given) == gradient.size:
+        return np.asarray(given, dtype=float), False
+    bounded = np.isfinite(program.variable_lower) | np.isfinite(program.variable_upper)
+    return np.where(bounded, -gradient, 0.0), True
+
+
+def optimality_of(
+    program: Program,
+    x: FloatArray,
+    gradient: FloatArray,
+    lam_g: FloatArray,
+    lam_x: FloatArray,
+    computed: bool,
+    cost_scale: float,
+) -> Optimality:
+    """Largest residual of every condition, in the scaled program and in its own unit."""
+    g = np.array(program.functions["jacobian"](x, program.parameters)[0]).ravel()
+    labels = [*variable_labels(program), *row_labels(program)]
+    scale = np.array([label.scale for label in labels])
+    value, lam = np.concatenate([x, g]), np.concatenate([lam_x, lam_g])
+    low = np.concatenate([program.variable_lower, program.row_lower])
+    high = np.concatenate([program.variable_upper, program.row_upper])
+    size = max(100.0 * cost_scale, float(np.mean(np.abs(lam)))) / 100.0
+    excess = np.maximum(np.maximum(low - value, value - high), 0.0)
+    with np.errstate(invalid="ignore"):
+        distance = np.where(lam > 0, high - value, value - low)
+        acts = np.isfinite(distance) & (low < high)
+        slack = np.where(acts, np.abs(lam) * np.maximum(distance, 0.0), 0.0)
+    # a multiplier may push towards a bound that exists only
+    wrong = np.where(np.where(lam > 0, np.isinf(high), np.isinf(low)), np.abs(lam), 0.0)
+
+    def worst(sizes: FloatArray, factor: FloatArray, unit: str, divisor: float) -> Residual:
+        sizes = np.nan_to_num(sizes, nan=np.inf)
+        i = int(np.argmax(sizes))
+        own = labels[i].unit or "1"
+        return Residual(
+            float(sizes[i] / divisor), float(sizes[i] * factor[i]), unit.format(own), str(labels[i])
+        )
+
+    residual = np.abs(gradient + lam_x)
+    return Optimality(
+        stationarity=worst(residual, 1 / scale[: x.size], "cost per {}", size),
+        feasibility=worst(excess, scale, "{}", 1.0),
+        complementarity=worst(slack, np.ones(scale.size), "cost", size),
+        sign=worst(wrong, 1 / scale, "cost per {}", size),
+        computed_bounds=computed,
+    )

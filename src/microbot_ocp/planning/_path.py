@@ -1,0 +1,575 @@
+"""The best timing of a given joint path, from rest to rest.
+
+The path stays, only s(t) is found. Each polynomial piece is a phase with the states s and s' and a
+continuous, piecewise linear s'' as the control; the torque is the inverse dynamics of
+``q(s), q' s', q' s'' + q'' s'^2``. The start comes from the reachability passes, which solve the
+same task on a grid to its global optimum: the two durations check each other. At a corner of the
+path, where its tangent jumps, the arm has to stop.
+"""
+
+from __future__ import annotations
+
+import itertools
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.codegen import compile_functions, compiler
+from microbot_ocp.motion import SAMPLE_STEP, Mark, Motion, PiecewisePolynomial, State, sample_times
+from microbot_ocp.ocp.problem import OptimalControlProblem, Phase
+from microbot_ocp.ocp.refinement import Refiner
+from microbot_ocp.ocp.solution import PhaseSolution, Solution, StepProgress, quiet
+from microbot_ocp.ocp.transcription import Guess, Transcription
+from microbot_ocp.planning._curve import Curve, CurvePiece, evaluate, symbolic_derivatives
+from microbot_ocp.planning._progress import Samples, with_motion
+from microbot_ocp.planning._reachability import PathTiming, time_path
+from microbot_ocp.planning._task import (
+    check_limits,
+    check_position,
+    check_rest,
+    finite_scale,
+    limit_excess,
+    verdict,
+    whole,
+)
+from microbot_ocp.robot import JointLimits, Limits, Robot, inverse_dynamics, torque_and_rate
+
+SMOOTHING = 1e-8  # weight of the squared rate of s'': picks one timing where many are equally fast
+CHECKS_PER_INTERVAL = 20
+SLOWER = 0.05  # share by which the timing may be slower than reachability, which is the optimum
+CORNER = 1e-6  # relative jump of the tangent that counts as a corner
+
+
+@dataclass(frozen=True)
+class PathTimingSettings:
+    """How finely to time a path.
+
+    Attributes
+    ----------
+    mesh : intervals of each polynomial piece
+    grid : points of the reachability passes on each smooth stretch
+    violation : largest relative excess of a limit between mesh points
+    solver : "ipopt" or "fatrop" (IPOPT steps in where it fails)
+    compiled : compile to C where there is a compiler
+    """
+
+    mesh: int = 100
+    grid: int = 1000
+    violation: float = 5e-4
+    solver: str = "ipopt"
+    compiled: bool = True
+
+    def __post_init__(self) -> None:
+        whole("mesh", self.mesh, "intervals", at_least=4)
+        whole("grid", self.grid, "points", at_least=10)
+        checks.number("violation", self.violation, above=0.0)
+        checks.one_of("solver", self.solver, ("ipopt", "fatrop"))
+
+
+def straight_path(via_q: ArrayLike) -> PiecewisePolynomial:
+    """Straight lines in joint space through via points [m,n]; s is the distance travelled, rad."""
+    via = checks.array("via_q", via_q, (None, None), "rad")
+    if via.shape[0] < 2:
+        raise InputError(f"via_q must have at least 2 points, not {via.shape[0]}")
+    steps = np.diff(via, axis=0)
+    lengths = np.linalg.norm(steps, axis=1)
+    if np.any(lengths == 0):
+        i = int(np.argmax(lengths == 0)) + 1
+        raise InputError(f"via points {i} and {i + 1} are the same: no path between them")
+    breaks = np.concatenate([[0.0], np.cumsum(lengths)])
+    return PiecewisePolynomial(breaks, np.stack([via[:-1], steps / lengths[:, None]], axis=1))
+
+
+def time_optimal_path(
+    robot: Robot,
+    path: PiecewisePolynomial,
+    limits: Limits | JointLimits | None = None,
+    *,
+    settings: PathTimingSettings | None = None,
+    label: str = "path, best timing",
+    progress: StepProgress | None = None,
+    **changes: Any,
+) -> Motion:
+    """The fastest motion along a path, at rest at both ends and at its corners.
+
+    Under torque-rate limits it rests wherever the curvature of the path jumps, too.
+
+    Parameters
+    ----------
+    robot : Robot
+        With masses.
+    path : PiecewisePolynomial
+        Joint positions over any path parameter: a trajectory (its timing is replaced), or
+        :func:`straight_path`.
+    limits : Limits, optional
+        Default the robot's own.
+    settings : PathTimingSettings, optional
+        Single settings may be given as keywords: ``mesh``, ``grid``, ``violation``, ``solver``,
+        ``compiled``.
+
+    Returns
+    -------
+    Motion
+        ``motion.solved`` tells whether the solver converged; the provenance holds the duration
+        found by reachability, too.
+
+    Raises
+    ------
+    InputError
+        A path outside the position limits, an end or corner that cannot be held at rest, bad
+        limits: before any solver starts.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import microbot_ocp as mo
+    >>> path = mo.straight_path(np.radians([[0, 0, 0], [-8, 45, 30], [-90, 90, 90]]))
+    >>> motion = mo.time_optimal_path(mo.load_robot("microbot"), path, mesh=40)
+    >>> motion.solved
+    True
+    """
+    chosen = settings or PathTimingSettings()
+    chosen = PathTimingSettings(**{**vars(chosen), **changes})
+    bounds = check_limits(robot, limits)
+    limited = robot.with_limits(bounds)
+    _check_path(limited, path)
+    return _PathSearch(limited, path, chosen, label, progress or quiet).run()
+
+
+def _check_path(robot: Robot, path: PiecewisePolynomial) -> None:
+    if path.coefficients.shape[2] != robot.joint_count:
+        raise InputError(
+            f"path must have {robot.joint_count} joints, not {path.coefficients.shape[2]}"
+        )
+    if not np.isfinite(path.coefficients).all():
+        raise InputError("path must be finite")
+    for before, after in itertools.pairwise(path.breaks):
+        s = np.linspace(before, after, 51)
+        for at, q in zip(s, path(s, from_left=True), strict=True):
+            check_position(robot, f"path at s = {at:g}", q, robot.limits)
+    for at in [path.breaks[0], *stops(path, robot.limits), path.breaks[-1]]:
+        check_rest(robot, f"path at s = {at:g}", path(at)[0], robot.limits)
+
+
+def corners(path: PiecewisePolynomial) -> FloatArray:
+    """Breaks at which the tangent jumps."""
+    return _jumps(path, path.derivative())
+
+
+def stops(path: PiecewisePolynomial, limits: JointLimits) -> FloatArray:
+    """Breaks at which the arm has to stop.
+
+    At corners, and under torque-rate limits wherever the curvature jumps, too: in motion the torque
+    would jump with it.
+    """
+    tangent = path.derivative()
+    found = _jumps(path, tangent)
+    if not _rated(limits):
+        return found
+    return np.union1d(found, _jumps(path, tangent.derivative()))
+
+
+def stretches(path: PiecewisePolynomial, limits: JointLimits) -> list[Curve]:
+    """What lies between two stops, with a regular parameter."""
+    ends = [path.breaks[0], *stops(path, limits), path.breaks[-1]]
+    curves = []
+    for before, after in itertools.pairwise(ends):
+        keep = (path.breaks[:-1] >= before) & (path.breaks[:-1] < after)
+        breaks = np.append(path.breaks[:-1][keep], after)
+        curves.append(Curve.of(PiecewisePolynomial(breaks, path.coefficients[keep])))
+    return curves
+
+
+def _jumps(path: PiecewisePolynomial, curve: PiecewisePolynomial) -> FloatArray:
+    """Breaks of the path at which a derivative of it jumps."""
+    inner = path.breaks[1:-1]
+    jump = np.abs(curve(inner) - curve(inner, from_left=True)).max(axis=1, initial=0.0)
+    size = np.abs(curve(np.linspace(path.breaks[0], path.breaks[-1], 101))).max()
+    return inner[jump > CORNER * size]
+
+
+def _rated(limits: JointLimits) -> bool:
+    """Whether any torque rate is limited."""
+    return bool(np.isfinite([limits.taud_min, limits.taud_max]).any())
+
+
+@dataclass(frozen=True, eq=False)
+class _Piece:
+    """One piece of a curve between two stops: a phase."""
+
+    name: str
+    shape: CurvePiece
+    stretch: int
+    offset: float  # parameter of the stretch where the piece's own is zero
+    begins: bool  # whether the stretch begins with it
+    ends: bool
+    start_free: bool  # the tangent vanishes there: at rest whatever the speed of the parameter
+    end_free: bool
+    first: bool  # whether the path begins with it
+    last: bool
+    via: bool  # whether it ends at a break of the path
+
+    @property
+    def stops_before(self) -> bool:
+        return self.begins and not self.start_free
+
+    @property
+    def stops_after(self) -> bool:
+        return self.ends and not self.end_free
+
+
+class _PathSearch:
+    """Reachability on every smooth stretch, then all pieces as one optimal-control problem."""
+
+    def __init__(
+        self,
+        robot: Robot,
+        path: PiecewisePolynomial,
+        settings: PathTimingSettings,
+        label: str,
+        progress: StepProgress,
+    ) -> None:
+        self.robot, self.path, self.settings = robot, path, settings
+        self.label, self.progress = label, progress
+        self.stops = stops(path, robot.limits)
+        self.curves = stretches(path, robot.limits)
+        self.pieces = self._pieces()
+
+    def _pieces(self) -> list[_Piece]:
+        pieces: list[_Piece] = []
+        for index, curve in enumerate(self.curves):
+            for i, shape in enumerate(curve.pieces):
+                begins, ends = i == 0, i == len(curve.pieces) - 1
+                first, last = index == 0 and begins, index == len(self.curves) - 1 and ends
+                # on the way a limited torque rate leaves no jump of the acceleration: full stop
+                rated = _rated(self.robot.limits)
+                pieces.append(
+                    _Piece(
+                        name=f"piece {len(pieces) + 1}",
+                        shape=shape,
+                        stretch=index,
+                        offset=float(curve.breaks[i]) - shape.limits[0],
+                        begins=begins,
+                        ends=ends,
+                        start_free=begins and curve.start_free and (first or not rated),
+                        end_free=ends and curve.end_free and (last or not rated),
+                        first=first,
+                        last=last,
+                        via=not shape.halved,
+                    )
+                )
+        return pieces
+
+    def run(self) -> Motion:
+        begin = time.perf_counter()
+        timings = self._reach()
+        reached = sum(timing.duration for timing in timings)
+        for timing in timings:
+            if not timing.feasible:
+                self.progress(
+                    f"reachability: the end cannot be reached from s = {timing.blocked_at:g}"
+                )
+        if np.isfinite(reached):
+            self.progress(f"reachability on a grid: {reached:.6f} s")
+        guesses, scales = self._guesses(timings)
+        compiled = self.settings.compiled and compiler() is not None
+        transcription = Transcription(
+            self._problem(scales),
+            prepare=compile_functions if compiled else None,
+        )
+        refiner = Refiner(
+            transcription,
+            guess_from,
+            self._excess,
+            self.settings.violation,
+            solver=self.settings.solver,
+            progress=with_motion(self.progress, self.robot, self._via_q(), self._at_mesh),
+        )
+        solution = refiner.solve(self.settings.mesh, guesses)
+        if not solution.status.ok and self.settings.solver != "ipopt":
+            solution = refiner.solve(self.settings.mesh, guesses, solver="ipopt")
+        self.progress(
+            f"mesh {' + '.join([str(self.settings.mesh)] * len(self.pieces))}: "
+            f"{solution.duration:.6f} s, {solution.status.name.lower().replace('_', ' ')}"
+        )
+        solution = refiner.refine(solution)
+        wall = time.perf_counter() - begin
+        return self._motion(solution, refiner, timings, reached, wall)
+
+    def _reach(self) -> list[PathTiming]:
+        return [
+            time_path(
+                self.robot,
+                curve,
+                self.robot.limits,
+                grid=self.settings.grid,
+                compiled=self.settings.compiled,
+            )
+            for curve in self.curves
+        ]
+
+    def _guesses(self, timings: list[PathTiming]) -> tuple[dict[str, Guess], dict[str, float]]:
+        """Guess for every piece from the reachability profile; where it failed a slow walk."""
+        guesses: dict[str, Guess] = {}
+        speeds, accelerations = [], []
+        for piece in self.pieces:
+            guess, speed, acceleration = _piece_guess(piece, timings[piece.stretch])
+            guesses[piece.name] = guess
+            speeds.append(speed)
+            accelerations.append(acceleration)
+        return guesses, {"v": max(speeds), "a": max(accelerations)}
+
+    def _problem(self, scales: dict[str, float]) -> OptimalControlProblem:
+        problem = OptimalControlProblem(f"timing of a path of {self.robot.name}")
+        longest = max(piece.shape.span for piece in self.pieces)
+        phases = [_declare(problem, self.robot, piece, longest, scales) for piece in self.pieces]
+        for before, after in itertools.pairwise(zip(phases, self.pieces, strict=True)):
+            kept = ("v", "a") if _rated(self.robot.limits) else ("v",)
+            problem.link(before[0], after[0], names=() if after[1].begins else kept)
+        return problem
+
+    def _via_q(self) -> FloatArray:
+        return self.path(self.path.breaks)
+
+    def _at_mesh(self, phases: Sequence[PhaseSolution]) -> Samples:
+        starts = np.cumsum([0.0, *(phase.duration for phase in phases)])
+        states = [
+            _state_and_jerk(phase_polynomial(phase), piece, phase.t)[0]
+            for phase, piece in zip(phases, self.pieces, strict=True)
+        ]
+        t = [start + phase.t for start, phase in zip(starts, phases, strict=False)]
+        joined = (np.concatenate(parts) for parts in zip(*states, strict=True))
+        return np.concatenate(t), State(*joined)
+
+    def _excess(self, solution: Solution) -> list[FloatArray]:
+        result = []
+        for phase, piece in zip(solution.phases, self.pieces, strict=True):
+            inside = np.linspace(0, 1, CHECKS_PER_INTERVAL + 1)
+            t = (phase.t[:-1, None] + inside * np.diff(phase.t)[:, None]).ravel()
+            excess = limit_excess(self.robot, *_state_and_jerk(phase_polynomial(phase), piece, t))
+            result.append(excess.reshape(-1, inside.size))
+        return result
+
+    def _motion(
+        self,
+        solution: Solution,
+        refiner: Refiner,
+        timings: list[PathTiming],
+        reached: float,
+        wall: float,
+    ) -> Motion:
+        edges = np.cumsum([0.0, *(phase.duration for phase in solution.phases)])
+        t_parts, states = [], []
+        breaks = [np.zeros(1)]
+        for index, (phase, piece) in enumerate(zip(solution.phases, self.pieces, strict=True)):
+            last = index + 1 == len(self.pieces)
+            local = sample_times(phase.t, np.zeros(0), SAMPLE_STEP)
+            if not last:  # the acceleration may jump where the next piece begins
+                local[-1] = local[-1] - 1e-6
+            t_parts.append(edges[index] + local)
+            states.append(_state_and_jerk(phase_polynomial(phase), piece, local)[0])
+            breaks.append(edges[index] + phase.t[1:])
+        t = np.concatenate(t_parts)
+        state = State(*(np.concatenate(parts) for parts in zip(*states, strict=True)))
+        passed = [0.0, *(at for at, k in zip(edges[1:], self.pieces, strict=True) if k.via)]
+        outcome = verdict(solution, self._excess(solution), self.settings.violation)
+        # the passes know nothing of torque rates
+        if not _rated(self.robot.limits) and solution.duration > (1 + SLOWER) * reached:
+            outcome |= _too_slow(outcome, solution.duration, reached)
+        blocked = [timing.blocked_at for timing in timings if not timing.feasible]
+        return Motion.from_state(
+            self.robot,
+            t,
+            state,
+            label=self.label,
+            breaks=np.concatenate(breaks),
+            marks=[Mark(float(at), f"via {i + 1}") for i, at in enumerate(passed)],
+            provenance={
+                "method": "time-optimal timing of a given path, multiple shooting",
+                **outcome,
+                "solver": solution.attempts[-1].solver,
+                "intervals": [phase.mesh.size - 1 for phase in solution.phases],
+                "phase_durations": [phase.duration for phase in solution.phases],
+                "reachability_duration": reached if np.isfinite(reached) else None,
+                "blocked_at": blocked,
+                "stops": [float(s) for s in self.stops],
+                "solves": refiner.history,
+                "wall_time": wall,
+                "smoothing": SMOOTHING,
+                "casadi": ca.CasadiMeta.version(),
+            },
+            note=_note(outcome, self.stops, corners(self.path).size, blocked, reached),
+        )
+
+
+def _too_slow(outcome: dict[str, Any], duration: float, reached: float) -> dict[str, Any]:
+    if outcome["status"] != "solved":
+        return {}
+    return {
+        "status": "slower_than_reachability",
+        "advice": (
+            f"the solver converged at {duration:.4g} s, but reachability on a grid finds "
+            f"{reached:.4g} s: give a finer mesh"
+        ),
+    }
+
+
+def _note(
+    outcome: dict[str, Any],
+    at: FloatArray,
+    corner_count: int,
+    blocked: list[float],
+    reached: float,
+) -> str:
+    if outcome["status"] != "solved":
+        where = f"; the end cannot be reached from s = {blocked[0]:g}" if blocked else ""
+        return f"not solved: {outcome['advice']}{where}"
+    what = "corner" if at.size == corner_count else "jump of the curvature or corner"
+    said = f"stops at {at.size} {what}{'s' if at.size != 1 else ''}" if at.size else "no stop"
+    if not np.isfinite(reached):
+        return f"{said}; reachability on a grid found no timing"
+    return f"{said}; reachability on a grid gives {reached:.4f} s"
+
+
+def _declare(
+    problem: OptimalControlProblem,
+    robot: Robot,
+    piece: _Piece,
+    longest: float,
+    scales: dict[str, float],
+) -> Phase:
+    count, limits = robot.joint_count, robot.limits
+    phase = problem.phase(piece.name, duration=(1e-4, 1e4))
+    begin, end = piece.shape.limits
+    s = phase.state("s", lower=begin, initial=begin, final=end, scale=longest)
+    v = phase.state(
+        "v",
+        lower=0.0,
+        initial=0.0 if piece.stops_before else None,
+        final=0.0 if piece.stops_after else None,
+        scale=scales["v"],
+        unit="1/s",
+    )
+    # where the arm stops on the way a limited torque rate leaves no jump of the torque either
+    rated = _rated(limits)
+    a = phase.control(
+        "a",
+        initial=0.0 if rated and piece.stops_before and not piece.first else None,
+        final=0.0 if rated and piece.stops_after and not piece.last else None,
+        scale=scales["a"],
+        unit="1/s^2",
+        shape="linear",
+    )
+    phase.derivative(s, v)
+    phase.derivative(v, a)
+    constants = phase.parameter("piece", piece.shape.constants)
+    degree = piece.shape.coefficients.shape[0] - 1
+    q, tangent, curvature, bend = symbolic_derivatives(
+        constants, degree, count, piece.shape.exponent, s
+    )
+    qd = tangent * v
+    qdd = tangent * a + curvature * v**2
+    _limit(phase, "velocity", qd, limits, "qd", "rad/s")
+    _limit(phase, "acceleration", qdd, limits, "qdd", "rad/s^2")
+    _limit(phase, "torque", inverse_dynamics(robot)(q, qd, qdd), limits, "tau", "N m")
+    jerk = tangent * phase.rate(a) + 3 * curvature * v * a + bend * v**3
+    if rated:
+        rate = torque_and_rate(robot)(q, qd, qdd, jerk)[1]
+        _limit(phase, "torque rate", rate, limits, "taud", "N m/s")
+    phase.end_cost(phase.duration)
+    phase.running_cost(SMOOTHING * (phase.rate(a) / (10.0 * scales["a"])) ** 2)
+    return phase
+
+
+def _limit(
+    phase: Phase, name: str, value: ca.MX, limits: JointLimits, quantity: str, unit: str
+) -> None:
+    lower, upper = limits.bounds(quantity)
+    if np.isfinite([lower, upper]).any():
+        phase.constraint(name, value, lower, upper, scale=finite_scale(lower, upper), unit=unit)
+
+
+def _piece_guess(piece: _Piece, timing: PathTiming) -> tuple[Guess, float, float]:
+    begin, end = piece.shape.limits
+    if not timing.feasible:
+        duration = 10.0
+        speed = 2 * (end - begin) / duration
+        values = {"s": lambda f: begin + (end - begin) * f[:, None], "v": speed, "a": 0.0}
+        return Guess(duration, values), speed, speed / duration
+    own = timing.s - piece.offset
+    slack = 1e-9 * piece.shape.span
+    inside = (own >= begin - slack) & (own <= end + slack)
+    s, x, t = own[inside], timing.speed_squared[inside], timing.t[inside]
+    t = t - t[0]
+    v = np.sqrt(x)
+    a = np.append(np.diff(x) / (2 * np.diff(s)), 0.0)
+    a[-1] = a[-2]
+    typical = max(float(np.percentile(np.abs(a), 90)), _where_speed_changes(a, t), 1e-6)
+    # near a vanishing tangent s'' hardly matters and the grid makes it jump
+    a = np.clip(a, -3 * typical, 3 * typical)
+
+    def at(values: FloatArray, f: FloatArray) -> FloatArray:
+        return np.interp(f * t[-1], t, values)[:, None]
+
+    values = {
+        "s": partial(at, s),
+        "v": partial(at, v),
+        "a": partial(at, a),
+    }
+    return Guess(float(t[-1]), values), float(v.max()), typical
+
+
+def _where_speed_changes(a: FloatArray, t: FloatArray) -> float:
+    """Magnitude of s'' below which half of the change of s' happens.
+
+    On a path that runs at a velocity limit but for its ends hardly any grid point accelerates.
+    """
+    size, change = np.abs(a[:-1]), np.abs(a[:-1]) * np.diff(t)
+    order = np.argsort(size)
+    half = np.searchsorted(np.cumsum(change[order]), 0.5 * change.sum())
+    return float(size[order][min(half, size.size - 1)])
+
+
+def guess_from(solution: Solution) -> dict[str, Guess]:
+    """Guesses for another mesh from a solution."""
+    guesses = {}
+    for phase in solution.phases:
+        curve = phase_polynomial(phase)
+        slope = curve.derivative()
+        curves = {"s": curve, "v": slope, "a": slope.derivative()}
+        values = {
+            name: partial(lambda c, f, T: c(f * T), c, T=phase.duration)
+            for name, c in curves.items()
+        }
+        guesses[phase.name] = Guess(phase.duration, values)
+    return guesses
+
+
+def phase_polynomial(phase: Any) -> PiecewisePolynomial:
+    """s(t) of a phase [1 column]: cubic between the mesh points, from s, s' and s''."""
+    h = np.diff(phase.t)[:, None]
+    s, v, a = phase["s"], phase["v"], phase["a"]
+    table = np.stack([s[:-1], v[:-1], a[:-1] / 2, np.diff(a, axis=0) / (6 * h)], axis=1)
+    return PiecewisePolynomial(phase.t, table)
+
+
+def _state_and_jerk(
+    curve: PiecewisePolynomial, piece: _Piece, t: FloatArray
+) -> tuple[State, FloatArray]:
+    """q, qd, qdd and the jerk of a piece at times t since its start."""
+    slope = curve.derivative()
+    s = np.clip(curve(t, from_left=True), *piece.shape.limits)
+    v = slope(t, from_left=True)
+    a = slope.derivative()(t, from_left=True)
+    jerk = slope.derivative().derivative()(t, from_left=True)
+    q, tangent, curvature, bend = evaluate(piece.shape, s.ravel(), highest=3)
+    state = State(q, tangent * v, tangent * a + curvature * v**2)
+    return state, tangent * jerk + 3 * curvature * v * a + bend * v**3

@@ -1,0 +1,41 @@
+"""Public names; loaded when they are first asked for."""
+
+from ._closed_form import (
+    closed_form as closed_form,
+)
+from ._dynamics import (
+    bias_torque as bias_torque,
+    coriolis_matrix as coriolis_matrix,
+    energy as energy,
+    forward_dynamics as forward_dynamics,
+    gravity_torque as gravity_torque,
+    inverse_dynamics as inverse_dynamics,
+    mass_matrix as mass_matrix,
+    mass_matrix_condition as mass_matrix_condition,
+    torque_and_rate as torque_and_rate,
+)
+from ._joint_values import (
+    joint_scale as joint_scale,
+    per_joint as per_joint,
+)
+from ._kinematics import (
+    forward_kinematics as forward_kinematics,
+    frame_origins as frame_origins,
+    jacobian as jacobian,
+    velocity_propagation as velocity_propagation,
+)
+from ._model import (
+    LIMIT_UNITS as LIMIT_UNITS,
+    JointLimits as JointLimits,
+    Limits as Limits,
+    Link as Link,
+    Robot as Robot,
+    dh_transform as dh_transform,
+)
+from .files import (
+    load_robot as load_robot,
+    packaged_robots as packaged_robots,
+    read_urdf as read_urdf,
+    write_toml as write_toml,
+    write_urdf as write_urdf,
+)

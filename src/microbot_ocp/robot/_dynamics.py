@@ -1,0 +1,307 @@
+"""Dynamics of a serial chain as CasADi functions: recursive Newton-Euler and what follows from it.
+
+``M(q) qdd + C(q, qd) qd + g(q) + friction(qd) = tau``
+
+Sources: Craig, *Introduction to Robotics*, 3rd ed., section 6.5 (recursive Newton-Euler in link
+frames; the moment balance is ``n_i = N_i + R n_{i+1} + Pc_i x F_i + P_{i+1} x (R f_{i+1})``);
+Featherstone, *Rigid Body Dynamics Algorithms*, chapter 6 (composite rigid bodies).
+Joint friction is ``viscous qd + coulomb tanh(qd / 0.01)``: the sign of the speed, smoothed so that
+its derivatives exist, is within 1 % of its full size beyond 0.027 rad/s (m/s). Rotor inertia adds
+to the diagonal of M.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import casadi as ca
+
+from microbot_ocp._base.checks import InputError
+from microbot_ocp._base.codegen import maybe_compiled
+from microbot_ocp.robot._kinematics import base_transform, joint_transform
+from microbot_ocp.robot._model import Robot
+
+COULOMB_SMOOTHING = 0.01  # rad/s or m/s: speed at which tanh reaches 76 % of the Coulomb friction
+
+
+def _require_links(robot: Robot) -> None:
+    if not robot.has_dynamics:
+        raise InputError(f"robot {robot.name!r} has no links with masses, so it has no dynamics")
+
+
+def _cross(left: ca.SX, right: ca.SX) -> ca.SX:
+    return ca.sparsify(ca.cross(ca.densify(left), ca.densify(right)))
+
+
+def _friction(robot: Robot, qd: ca.SX) -> ca.SX:
+    terms = []
+    for joint, link in enumerate(robot.links):
+        term = ca.SX(0)
+        if link.viscous_friction:
+            term = term + link.viscous_friction * qd[joint]
+        if link.coulomb_friction:
+            term = term + link.coulomb_friction * ca.tanh(qd[joint] / COULOMB_SMOOTHING)
+        terms.append(term)
+    return ca.vertcat(*terms)
+
+
+def _newton_euler(
+    robot: Robot, q: ca.SX, qd: ca.SX, qdd: ca.SX, *, gravity: bool = True, friction: bool = True
+) -> ca.SX:
+    """Joint torques [n] by the outward and inward recursions of Craig, section 6.5."""
+    _require_links(robot)
+    count = robot.joint_count
+    # An upward acceleration of the base acts as gravity does; here in frame 0 of the rows.
+    upward = base_transform(robot)[0].T @ ca.SX(ca.DM(-robot.gravity))
+    acceleration = ca.sparsify(upward) if gravity else ca.SX(3, 1)
+    omega, omega_dot = ca.SX(3, 1), ca.SX(3, 1)
+    turns, steps, forces, moments = [], [], [], []
+    for joint, link in enumerate(robot.links):
+        turn, step = joint_transform(robot, joint, q[joint])
+        acceleration = turn.T @ (
+            acceleration + _cross(omega_dot, step) + _cross(omega, _cross(omega, step))
+        )
+        omega, omega_dot = turn.T @ omega, turn.T @ omega_dot
+        speed = ca.sparsify(ca.vertcat(0, 0, qd[joint]))
+        change = ca.sparsify(ca.vertcat(0, 0, qdd[joint]))
+        if robot.joint_types[joint] == "revolute":
+            omega_dot = omega_dot + _cross(omega, speed) + change
+            omega = omega + speed
+        else:
+            acceleration = acceleration + 2 * _cross(omega, speed) + change
+        com = ca.sparsify(ca.SX(ca.DM(link.center_of_mass)))
+        inertia = ca.sparsify(ca.SX(ca.DM(link.inertia)))
+        at_com = acceleration + _cross(omega_dot, com) + _cross(omega, _cross(omega, com))
+        force = link.mass * at_com
+        moment = inertia @ omega_dot + _cross(omega, inertia @ omega) + _cross(com, force)
+        turns.append(turn)
+        steps.append(step)
+        forces.append(force)
+        moments.append(moment)
+    torque: list[ca.SX] = [ca.SX(0)] * count
+    force, moment = ca.SX(3, 1), ca.SX(3, 1)
+    for joint in reversed(range(count)):
+        if joint + 1 < count:
+            carried = turns[joint + 1] @ force
+            moment = turns[joint + 1] @ moment + _cross(steps[joint + 1], carried)
+            force = carried
+        force = forces[joint] + force
+        moment = moments[joint] + moment
+        along = moment if robot.joint_types[joint] == "revolute" else force
+        torque[joint] = ca.densify(along)[2] + robot.links[joint].armature * qdd[joint]
+    total = ca.vertcat(*torque)
+    return total + _friction(robot, qd) if friction else total
+
+
+def _mass_matrix(robot: Robot, q: ca.SX) -> ca.SX:
+    """Mass matrix [n,n] by composite rigid bodies, carried inward in link frames."""
+    _require_links(robot)
+    count = robot.joint_count
+    transforms = [joint_transform(robot, joint, q[joint]) for joint in range(count)]
+    matrix = ca.SX(count, count)
+    mass, first, second = ca.SX(0), ca.SX(3, 1), ca.SX(3, 3)
+    for joint in reversed(range(count)):
+        link = robot.links[joint]
+        com = ca.sparsify(ca.SX(ca.DM(link.center_of_mass)))
+        # mass, first moment and inertia about the origin of this link frame
+        own = ca.sparsify(ca.SX(ca.DM(link.inertia))) + link.mass * _parallel_axis(com)
+        mass, first, second = mass + link.mass, first + link.mass * com, second + own
+        axis = ca.sparsify(ca.SX(ca.DM([0, 0, 1])))
+        if robot.joint_types[joint] == "revolute":
+            force, moment = _cross(axis, first), second @ axis
+        else:
+            force, moment = mass * axis, _cross(first, axis)
+        matrix[joint, joint] = (
+            _axis_component(robot, joint, force, moment) + robot.links[joint].armature
+        )
+        for outer in range(joint, 0, -1):
+            turn, step = transforms[outer]
+            force = turn @ force
+            moment = turn @ moment + _cross(step, force)
+            entry = _axis_component(robot, outer - 1, force, moment)
+            matrix[joint, outer - 1] = matrix[outer - 1, joint] = entry
+        turn, step = transforms[joint]
+        turned = turn @ first
+        second = turn @ second @ turn.T
+        second = second + _shift(turned, step) + mass * _parallel_axis(step)
+        first = turned + mass * step
+    return matrix
+
+
+def _parallel_axis(offset: ca.SX) -> ca.SX:
+    """Inertia of a unit mass at ``offset``: |r|^2 I - r r'."""
+    return ca.sparsify(ca.dot(offset, offset) * ca.SX.eye(3) - offset @ offset.T)
+
+
+def _shift(first: ca.SX, step: ca.SX) -> ca.SX:
+    """Change of the inertia by a first moment when the origin moves by ``-step``."""
+    outer = first @ step.T
+    return ca.sparsify(2 * ca.dot(first, step) * ca.SX.eye(3) - outer - outer.T)
+
+
+def _axis_component(robot: Robot, joint: int, force: ca.SX, moment: ca.SX) -> ca.SX:
+    along = moment if robot.joint_types[joint] == "revolute" else force
+    return ca.densify(along)[2]
+
+
+def _state(robot: Robot) -> tuple[ca.SX, ca.SX, ca.SX]:
+    count = robot.joint_count
+    return ca.SX.sym("q", count), ca.SX.sym("qd", count), ca.SX.sym("qdd", count)
+
+
+@lru_cache(maxsize=64)
+def inverse_dynamics(robot: Robot, *, compiled: bool = False) -> ca.Function:
+    """Joint torques of a motion, by recursive Newton-Euler (Craig, section 6.5).
+
+    Returns
+    -------
+    casadi.Function
+        ``(q[n], qd[n], qdd[n]) -> tau[n]``, rad, rad/s, rad/s^2 -> N m (prismatic: m -> N).
+
+    Examples
+    --------
+    >>> import microbot_ocp as mo
+    >>> tau = mo.inverse_dynamics(mo.load_robot("microbot"))
+    >>> [round(v, 6) for v in tau([0, 0, 0], [0, 0, 0], [0, 0, 0]).full().ravel().tolist()]
+    [0.0, 196.0, 78.4]
+    """
+    q, qd, qdd = _state(robot)
+    tau = ca.densify(_newton_euler(robot, q, qd, qdd))
+    function = ca.Function("inverse_dynamics", [q, qd, qdd], [tau], ["q", "qd", "qdd"], ["tau"])
+    return maybe_compiled(function, compiled)
+
+
+@lru_cache(maxsize=64)
+def mass_matrix(robot: Robot, *, compiled: bool = False) -> ca.Function:
+    """Mass matrix ``(q[n]) -> M[n,n]``, kg m^2, with rotor inertia on the diagonal."""
+    q, _, _ = _state(robot)
+    matrix = ca.densify(_mass_matrix(robot, q))
+    return maybe_compiled(ca.Function("mass_matrix", [q], [matrix], ["q"], ["M"]), compiled)
+
+
+@lru_cache(maxsize=64)
+def coriolis_matrix(robot: Robot, *, compiled: bool = False) -> ca.Function:
+    """Coriolis and centrifugal matrix ``(q[n], qd[n]) -> C[n,n]`` from Christoffel symbols.
+
+    With it ``dM/dt - 2 C`` is skew-symmetric. Friction is not part of it.
+    """
+    q, qd, _ = _state(robot)
+    count = robot.joint_count
+    matrix = ca.densify(_mass_matrix(robot, q))
+    slope = [ca.reshape(ca.jacobian(matrix, q[k]), count, count) for k in range(count)]
+    rows = []
+    for i in range(count):
+        row = []
+        for j in range(count):
+            terms = (slope[k][i, j] + slope[j][i, k] - slope[i][j, k] for k in range(count))
+            row.append(sum((0.5 * term * qd[k] for k, term in enumerate(terms)), ca.SX(0)))
+        rows.append(ca.horzcat(*row))
+    coriolis = ca.densify(ca.vertcat(*rows))
+    function = ca.Function("coriolis_matrix", [q, qd], [coriolis], ["q", "qd"], ["C"])
+    return maybe_compiled(function, compiled)
+
+
+@lru_cache(maxsize=64)
+def gravity_torque(robot: Robot, *, compiled: bool = False) -> ca.Function:
+    """Torque that holds the arm still: ``(q[n]) -> tau[n]``, N m."""
+    q, _, _ = _state(robot)
+    zero = ca.SX(robot.joint_count, 1)
+    tau = ca.densify(_newton_euler(robot, q, zero, zero, friction=False))
+    return maybe_compiled(ca.Function("gravity_torque", [q], [tau], ["q"], ["tau"]), compiled)
+
+
+@lru_cache(maxsize=64)
+def bias_torque(robot: Robot, *, compiled: bool = False) -> ca.Function:
+    """Torque at zero acceleration, ``C qd + g + friction``: ``(q[n], qd[n]) -> tau[n]``, N m."""
+    q, qd, _ = _state(robot)
+    tau = ca.densify(_newton_euler(robot, q, qd, ca.SX(robot.joint_count, 1)))
+    function = ca.Function("bias_torque", [q, qd], [tau], ["q", "qd"], ["tau"])
+    return maybe_compiled(function, compiled)
+
+
+def _solve_symmetric(matrix: ca.SX, right: ca.SX) -> ca.SX:
+    """Solve ``matrix x = right`` for a symmetric positive definite matrix by L D L'."""
+    count = matrix.shape[0]
+    lower = [[ca.SX(0)] * count for _ in range(count)]
+    pivot: list[ca.SX] = []
+    for j in range(count):
+        work = [lower[j][k] * pivot[k] for k in range(j)]
+        pivot.append(matrix[j, j] - sum((lower[j][k] * work[k] for k in range(j)), ca.SX(0)))
+        for i in range(j + 1, count):
+            gathered = sum((lower[i][k] * work[k] for k in range(j)), ca.SX(0))
+            lower[i][j] = (matrix[i, j] - gathered) / pivot[j]
+    solution = []
+    for column in range(right.shape[1]):
+        x = [right[i, column] for i in range(count)]
+        for i in range(count):
+            x[i] = x[i] - sum((lower[i][k] * x[k] for k in range(i)), ca.SX(0))
+        x = [x[i] / pivot[i] for i in range(count)]
+        for i in reversed(range(count)):
+            x[i] = x[i] - sum((lower[k][i] * x[k] for k in range(i + 1, count)), ca.SX(0))
+        solution.append(ca.vertcat(*x))
+    return ca.horzcat(*solution)
+
+
+@lru_cache(maxsize=64)
+def forward_dynamics(robot: Robot, *, compiled: bool = False) -> ca.Function:
+    """Accelerations that torques cause: ``(q[n], qd[n], tau[n]) -> qdd[n]``.
+
+    Where the mass matrix is singular (a massless direction, as the Microbot standing straight up)
+    there is no such acceleration: see :func:`mass_matrix_condition`, or give the links
+    ``armature``.
+    """
+    q, qd, _ = _state(robot)
+    tau = ca.SX.sym("tau", robot.joint_count)
+    bias = _newton_euler(robot, q, qd, ca.SX(robot.joint_count, 1))
+    qdd = ca.densify(_solve_symmetric(ca.densify(_mass_matrix(robot, q)), tau - bias))
+    function = ca.Function("forward_dynamics", [q, qd, tau], [qdd], ["q", "qd", "tau"], ["qdd"])
+    return maybe_compiled(function, compiled)
+
+
+@lru_cache(maxsize=64)
+def mass_matrix_condition(robot: Robot, *, compiled: bool = False) -> ca.Function:
+    """Condition number of the mass matrix in the 1-norm: ``(q[n]) -> condition``, 1 to infinity."""
+    q, _, _ = _state(robot)
+    matrix = ca.densify(_mass_matrix(robot, q))
+    inverse = _solve_symmetric(matrix, ca.SX.eye(robot.joint_count))
+    condition = ca.norm_inf(ca.sum1(ca.fabs(matrix))) * ca.norm_inf(ca.sum1(ca.fabs(inverse)))
+    condition = ca.if_else(condition > 0, condition, ca.inf)  # a zero pivot may give 0/0
+    function = ca.Function("mass_matrix_condition", [q], [condition], ["q"], ["condition"])
+    return maybe_compiled(function, compiled)
+
+
+@lru_cache(maxsize=64)
+def energy(robot: Robot, *, compiled: bool = False) -> ca.Function:
+    """Mechanical energy: ``(q[n], qd[n]) -> kinetic, potential``, J.
+
+    The potential is zero at the base origin; rotor inertia counts as kinetic energy.
+    """
+    q, qd, _ = _state(robot)
+    kinetic = 0.5 * ca.dot(qd, ca.densify(_mass_matrix(robot, q)) @ qd)
+    (rotation, origin), potential = base_transform(robot), ca.SX(0)
+    gravity = ca.SX(ca.DM(robot.gravity))
+    for joint, link in enumerate(robot.links):
+        turn, step = joint_transform(robot, joint, q[joint])
+        origin, rotation = origin + rotation @ step, rotation @ turn
+        com = origin + rotation @ ca.SX(ca.DM(link.center_of_mass))
+        potential = potential - link.mass * ca.dot(gravity, com)
+    function = ca.Function(
+        "energy", [q, qd], [kinetic, potential], ["q", "qd"], ["kinetic", "potential"]
+    )
+    return maybe_compiled(function, compiled)
+
+
+@lru_cache(maxsize=64)
+def torque_and_rate(robot: Robot) -> ca.Function:
+    """Torque and its exact time derivative along a motion.
+
+    Returns
+    -------
+    casadi.Function
+        ``(q[n], qd[n], qdd[n], qddd[n]) -> tau[n], taud[n]``, N m and N m/s.
+    """
+    state = [ca.SX.sym(name, robot.joint_count) for name in ("q", "qd", "qdd", "qddd")]
+    tau = inverse_dynamics(robot)(*state[:3])
+    taud = ca.jtimes(tau, ca.vertcat(*state[:3]), ca.vertcat(*state[1:]))
+    names = ["q", "qd", "qdd", "qddd"]
+    return ca.Function("torque_and_rate", state, [tau, ca.densify(taud)], names, ["tau", "taud"])

@@ -1,0 +1,195 @@
+"""Kinematics of a serial chain as CasADi functions, built from its modified-DH rows.
+
+Sources: Craig, *Introduction to Robotics*, 3rd ed.: transforms (3.6), velocity propagation
+(5.45) to (5.48), Jacobian section 5.7.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.codegen import maybe_compiled
+from microbot_ocp.robot._model import Robot
+
+
+def _cos_sin(angle: float) -> tuple[float, float]:
+    """Cosine and sine, exact at multiples of a right angle so that the graphs stay sparse."""
+    quarter = angle / (np.pi / 2)
+    if abs(quarter - round(quarter)) < 1e-12:
+        turn = round(quarter) % 4
+        return (1.0, 0.0, -1.0, 0.0)[turn], (0.0, 1.0, 0.0, -1.0)[turn]
+    return float(np.cos(angle)), float(np.sin(angle))
+
+
+def joint_transform(robot: Robot, joint: int, q: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Rotation [3,3] and position [3] of link frame ``joint`` (0-based) in the frame before.
+
+    Returns
+    -------
+    rotation, position : SX
+        Entries that are zero by structure are left out of the graph.
+    """
+    cos_alpha, sin_alpha = _cos_sin(float(robot.alpha[joint]))
+    a, d = float(robot.a[joint]), ca.SX(float(robot.d[joint]))
+    offset = float(robot.theta_offset[joint])
+    if robot.joint_types[joint] == "revolute":
+        angle = q + offset if offset else q
+        cos_theta, sin_theta = ca.cos(angle), ca.sin(angle)
+    else:
+        cos_theta, sin_theta = (ca.SX(v) for v in _cos_sin(offset))
+        d = d + q
+    rotation = ca.vertcat(
+        ca.horzcat(cos_theta, -sin_theta, 0),
+        ca.horzcat(sin_theta * cos_alpha, cos_theta * cos_alpha, -sin_alpha),
+        ca.horzcat(sin_theta * sin_alpha, cos_theta * sin_alpha, cos_alpha),
+    )
+    position = ca.vertcat(a, -sin_alpha * d, cos_alpha * d)
+    return ca.sparsify(rotation), ca.sparsify(position)
+
+
+def _constant(transform: FloatArray) -> tuple[ca.SX, ca.SX]:
+    clean = np.where(np.abs(transform) < 1e-15, 0.0, transform)
+    return ca.sparsify(ca.SX(ca.DM(clean[:3, :3]))), ca.sparsify(ca.SX(ca.DM(clean[:3, 3])))
+
+
+def tool_transform(robot: Robot) -> tuple[ca.SX, ca.SX]:
+    """Constant rotation [3,3] and position [3] of the tool frame in the last link frame."""
+    return _constant(robot.tool)
+
+
+def base_transform(robot: Robot) -> tuple[ca.SX, ca.SX]:
+    """Constant rotation [3,3] and position [3] of frame 0 of the DH rows in the base frame."""
+    return _constant(robot.base)
+
+
+def _frames(robot: Robot, q: ca.SX) -> list[tuple[ca.SX, ca.SX]]:
+    """Rotation and origin in the base frame of link frames 1 to n and of the tool."""
+    rotation, origin = base_transform(robot)
+    frames = []
+    for joint in range(robot.joint_count):
+        turn, step = joint_transform(robot, joint, q[joint])
+        origin = origin + rotation @ step
+        rotation = rotation @ turn
+        frames.append((rotation, origin))
+    turn, step = tool_transform(robot)
+    frames.append((rotation @ turn, origin + rotation @ step))
+    return frames
+
+
+def _homogeneous(rotation: ca.SX, origin: ca.SX) -> ca.SX:
+    top = ca.horzcat(ca.densify(rotation), ca.densify(origin))
+    return ca.vertcat(top, ca.SX([[0, 0, 0, 1]]))
+
+
+@lru_cache(maxsize=256, typed=True)
+def forward_kinematics(
+    robot: Robot, frame: int | None = None, *, compiled: bool = False
+) -> ca.Function:
+    """Pose of a frame in the base frame.
+
+    Parameters
+    ----------
+    robot : Robot
+    frame : int, optional
+        Link frame 1 to n (0 is the base); default the tool frame n+1.
+    compiled : bool
+        Compile to C (cached); falls back to CasADi's virtual machine with a warning.
+
+    Returns
+    -------
+    casadi.Function
+        ``(q[n]) -> T[4,4]``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import microbot_ocp as mo
+    >>> pose = mo.forward_kinematics(mo.load_robot("microbot"))
+    >>> np.array(pose([0, 0, 0]))[:3, 3].tolist()
+    [7.0, 0.0, 2.0]
+    """
+    last = robot.joint_count + 1
+    index = last if frame is None else frame
+    if not isinstance(index, int | np.integer) or not 0 <= index <= last:
+        raise InputError(
+            f"frame must be a whole number from 0 (base) to {last} (tool), not {frame!r}"
+        )
+    q = ca.SX.sym("q", robot.joint_count)
+    pose = ca.SX.eye(4) if index == 0 else _homogeneous(*_frames(robot, q)[index - 1])
+    function = ca.Function("forward_kinematics", [q], [ca.densify(pose)], ["q"], ["T"])
+    return maybe_compiled(function, compiled)
+
+
+@lru_cache(maxsize=64)
+def frame_origins(robot: Robot, *, compiled: bool = False) -> ca.Function:
+    """Origins of the base, every link frame and the tool: ``(q[n]) -> origins[3, n+2]``, m."""
+    q = ca.SX.sym("q", robot.joint_count)
+    origins = [ca.SX.zeros(3), *(ca.densify(origin) for _, origin in _frames(robot, q))]
+    function = ca.Function("frame_origins", [q], [ca.horzcat(*origins)], ["q"], ["origins"])
+    return maybe_compiled(function, compiled)
+
+
+@lru_cache(maxsize=64)
+def jacobian(robot: Robot, *, compiled: bool = False) -> ca.Function:
+    """Geometric Jacobian at the tool origin in the base frame.
+
+    Returns
+    -------
+    casadi.Function
+        ``(q[n]) -> J[6,n]``: rows linear velocity (m/s) then angular velocity (rad/s) per joint
+        speed.
+    """
+    q = ca.SX.sym("q", robot.joint_count)
+    frames = _frames(robot, q)
+    tool = frames[-1][1]
+    columns = []
+    for joint in range(robot.joint_count):
+        rotation, origin = frames[joint]
+        axis = ca.densify(rotation)[:, 2]
+        if robot.joint_types[joint] == "revolute":
+            columns.append(ca.vertcat(ca.cross(axis, ca.densify(tool - origin)), axis))
+        else:
+            columns.append(ca.vertcat(axis, ca.SX.zeros(3)))
+    function = ca.Function("jacobian", [q], [ca.horzcat(*columns)], ["q"], ["J"])
+    return maybe_compiled(function, compiled)
+
+
+@lru_cache(maxsize=64)
+def velocity_propagation(robot: Robot, *, compiled: bool = False) -> ca.Function:
+    """Velocities of every link frame by outward propagation (Craig, equations 5.45 to 5.48).
+
+    Returns
+    -------
+    casadi.Function
+        ``(q[n], qd[n]) -> v[3,n+1], omega[3,n+1]``: column i is the velocity of link frame i+1's
+        origin (m/s) and its angular velocity (rad/s) expressed in that frame; the tool is last.
+    """
+    count = robot.joint_count
+    q, qd = ca.SX.sym("q", count), ca.SX.sym("qd", count)
+    v, omega = ca.SX.zeros(3), ca.SX.zeros(3)
+    all_v, all_omega = [], []
+    for joint in range(count + 1):
+        at_tool = joint == count
+        turn, step = tool_transform(robot) if at_tool else joint_transform(robot, joint, q[joint])
+        v = turn.T @ (v + ca.cross(omega, ca.densify(step)))
+        omega = turn.T @ omega
+        if not at_tool:
+            along_axis = ca.vertcat(0, 0, qd[joint])
+            if robot.joint_types[joint] == "revolute":
+                omega = omega + along_axis
+            else:
+                v = v + along_axis
+        all_v.append(ca.densify(v))
+        all_omega.append(ca.densify(omega))
+    function = ca.Function(
+        "velocity_propagation",
+        [q, qd],
+        [ca.horzcat(*all_v), ca.horzcat(*all_omega)],
+        ["q", "qd"],
+        ["v", "omega"],
+    )
+    return maybe_compiled(function, compiled)

@@ -1,0 +1,21 @@
+"""Public names; loaded when they are first asked for."""
+
+from ._library import (
+    load_robot as load_robot,
+    packaged_robots as packaged_robots,
+    robot_text as robot_text,
+)
+from ._toml import (
+    parse_robot as parse_robot,
+    robot_to_toml as robot_to_toml,
+    save_text as save_text,
+    write_toml as write_toml,
+)
+from ._urdf_reader import (
+    parse_urdf as parse_urdf,
+    read_urdf as read_urdf,
+)
+from ._urdf_writer import (
+    robot_to_urdf as robot_to_urdf,
+    write_urdf as write_urdf,
+)

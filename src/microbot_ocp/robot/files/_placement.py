@@ -1,0 +1,148 @@
+"""Modified-DH rows of any serial chain, from where its joint axes lie at the zero position.
+
+Craig, *Introduction to Robotics*, 3rd ed., section 3.4: Z of link frame i lies along axis i, X
+along the common normal from axis i to axis i+1. Where that normal is not unique (parallel or
+coincident axes, the last axis), the frame stays as close to the one before as it can.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp.robot._model import dh_transform
+
+# Beyond this distance from its joint a frame spoils the last digits of the dynamics, m.
+FARTHEST = 1e3
+DUST = 1e-15  # m and rad: what rounding leaves of a zero
+COINCIDENT = 1e-12  # m, and the sine of an angle: axes this close are one
+
+
+class Rows(NamedTuple):
+    """Modified-DH rows [n], frame 0 in the base frame, and every link frame at zero in it."""
+
+    alpha: FloatArray
+    a: FloatArray
+    d: FloatArray
+    theta: FloatArray
+    base: FloatArray  # [4,4]
+    frames: list[FloatArray]  # n of [4,4]
+
+
+def dh_rows(
+    points: FloatArray, axes: FloatArray, names: list[str], parallel_tolerance: float
+) -> Rows:
+    """Rows of the chain whose axes pass through ``points`` [n,3] along unit vectors ``axes`` [n,3].
+
+    Parameters
+    ----------
+    points, axes : array [n,3]
+        At the zero position, in the base frame, m.
+    names : list of str
+        Of the joints, for messages.
+    parallel_tolerance : float
+        Axes whose angle is below this count as parallel, rad.
+
+    Raises
+    ------
+    InputError
+        Axes so nearly parallel that their common normal lies too far away.
+    """
+    count = len(points)
+    base, x, origin = _frame_zero(points[0], axes[0])
+    z = base[:3, 2]
+    table = np.zeros((count, 4))
+    frames, placed = [], base
+    for i in range(count):
+        z_next = axes[i]
+        alpha, a, foot = _to_axis(origin, x, z, points[i], z_next, parallel_tolerance)
+        if i + 1 < count:
+            x_next, origin_next = _normal(
+                points[i], z_next, points[i + 1], axes[i + 1], x, foot, parallel_tolerance
+            )
+            if np.linalg.norm(origin_next - points[i]) > FARTHEST:
+                angle = np.arcsin(np.linalg.norm(np.cross(z_next, axes[i + 1])))
+                raise InputError(
+                    f"the axes of joints {names[i]!r} and {names[i + 1]!r} are {angle:.2g} rad "
+                    "from parallel, too near for a common normal at hand: give their angles more "
+                    "digits, or read_urdf a larger parallel_tolerance"
+                )
+        else:
+            x_next, origin_next = _across(x, z_next), foot
+        theta = np.arctan2(z_next @ np.cross(x, x_next), x @ x_next)
+        row = np.array([alpha, a, z_next @ (origin_next - foot), theta])
+        table[i] = np.where(np.abs(row) < DUST, 0.0, row)
+        # The frame as the rows make it, so that rounding does not pile up along the chain.
+        placed = placed @ dh_transform(*table[i])
+        frames.append(placed)
+        x, z, origin = placed[:3, 0], placed[:3, 2], placed[:3, 3]
+    return Rows(*table.T, base=base, frames=frames)
+
+
+def _frame_zero(point: FloatArray, axis: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Frame 0 [4,4] in the base frame, its X and its origin; the base frame itself if it can be."""
+    if np.hypot(axis[0], axis[1]) < COINCIDENT and axis[2] > 0:
+        beside = np.array([point[0], point[1], 0.0])
+        if np.linalg.norm(beside) < COINCIDENT:
+            return np.eye(4), np.eye(3)[0], np.zeros(3)
+    frame = np.eye(4)
+    x = _across(np.eye(3)[0], axis)
+    frame[:3, :3] = np.column_stack([x, np.cross(axis, x), axis])
+    frame[:3, 3] = point
+    return frame, x, point
+
+
+def _across(x: FloatArray, z: FloatArray) -> FloatArray:
+    """Unit vector normal to ``z``, as close to ``x`` as it can be."""
+    for candidate in (x, *np.eye(3)):
+        normal = candidate - (candidate @ z) * z
+        if np.linalg.norm(normal) > 0.5:
+            # twice, so that it is normal to the last digit
+            normal = normal / np.linalg.norm(normal)
+            normal = normal - (normal @ z) * z
+            return normal / np.linalg.norm(normal)
+    raise AssertionError("one of three unit vectors is always more than 30 degrees off an axis")
+
+
+def _to_axis(
+    origin: FloatArray,
+    x: FloatArray,
+    z: FloatArray,
+    point: FloatArray,
+    z_next: FloatArray,
+    parallel_tolerance: float,
+) -> tuple[float, float, FloatArray]:
+    """Twist, length and the foot of ``x`` on the next axis, ``x`` being normal to both."""
+    cross = np.cross(z, z_next)
+    if np.linalg.norm(cross) <= parallel_tolerance:
+        alpha = 0.0 if z @ z_next > 0 else np.pi
+    else:
+        alpha = float(np.arctan2(x @ cross, z @ z_next))
+    a = float((point - origin) @ x)
+    return alpha, a, origin + a * x
+
+
+def _normal(
+    point: FloatArray,
+    z: FloatArray,
+    point_next: FloatArray,
+    z_next: FloatArray,
+    x: FloatArray,
+    foot: FloatArray,
+    parallel_tolerance: float,
+) -> tuple[FloatArray, FloatArray]:
+    """Unit X along the common normal from one axis to the next, and its foot on the first."""
+    gap = point_next - point
+    cross = np.cross(z, z_next)
+    sine = np.linalg.norm(cross)
+    if sine <= parallel_tolerance:
+        beside = gap - (gap @ z) * z
+        distance = np.linalg.norm(beside)
+        return (beside / distance if distance > COINCIDENT else _across(x, z)), foot
+    unit = cross / sine
+    reach = gap @ unit
+    if reach < -COINCIDENT or (abs(reach) <= COINCIDENT and unit @ x < 0):
+        unit = -unit
+    return unit, point + (np.cross(gap, z_next) @ cross / sine**2) * z

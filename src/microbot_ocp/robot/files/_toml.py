@@ -1,0 +1,243 @@
+"""Robots from and to TOML files: one ``[[joint]]`` a row of the modified-DH table.
+
+Angles are in radians, or in degrees where the key ends in ``_deg``. Keys of a joint: ``name``,
+``type``, ``alpha``, ``a``, ``d``, ``theta_offset``; ``mass``, ``center_of_mass``, ``inertia``,
+``armature``, ``viscous_friction``, ``coulomb_friction``; ``q_min``, ``q_max``, ``qd_max``,
+``qdd_max``, ``tau_max``, ``taud_max``. ``qd_max`` and the like may be ``[lower, upper]``. The
+tables ``[tool]`` and ``[base]`` hold a DH row or a ``matrix``; ``[sources]`` is for the reader's
+eyes.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import InputError
+from microbot_ocp.robot._model import Limits, Link, Robot, dh_transform
+
+ANGLES = ("alpha", "theta_offset", "theta", "q_min", "q_max", "qd_max", "qdd_max")
+GEOMETRY = ("alpha", "a", "d", "theta_offset")
+INERTIAL = ("mass", "center_of_mass", "inertia", "armature")
+FRICTION = ("viscous_friction", "coulomb_friction")
+BOUNDS = ("q_min", "q_max", "qd_max", "qdd_max", "tau_max", "taud_max")
+JOINT_KEYS = ("name", "type", *GEOMETRY, *INERTIAL, *FRICTION, *BOUNDS)
+ROBOT_KEYS = ("name", "description", "gravity", "sources", "joint", "tool", "base")
+
+
+def parse_robot(text: str, origin: str = "robot") -> Robot:
+    """Robot from the text of a TOML file; ``origin`` names it in error messages."""
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as problem:
+        raise InputError(f"{origin} is not valid TOML: {problem}") from None
+    for key in data:
+        checks.one_of(f"key in {origin}", key, ROBOT_KEYS)
+    joints = data.get("joint")
+    if not isinstance(joints, list) or not joints or not all(isinstance(j, dict) for j in joints):
+        raise InputError(f"{origin} must have at least one [[joint]] table")
+    rows = [_row(joint, i, origin) for i, joint in enumerate(joints)]
+    links = [_link(row, origin) for row in rows]
+    if any(link is None for link in links) and any(link is not None for link in links):
+        missing = next(row["name"] for row, link in zip(rows, links, strict=True) if link is None)
+        raise InputError(f"mass of joint {missing!r} is missing in {origin}: give all or none")
+    try:
+        return Robot.from_dh(
+            *([row[key] for row in rows] for key in GEOMETRY),
+            joint_type=[row["type"] for row in rows],
+            links=[link for link in links if link is not None],
+            limits=_limits(rows),
+            gravity=data.get("gravity", (0.0, 0.0, -9.81)),
+            tool=_placement("tool", data.get("tool"), origin),
+            base=_placement("base", data.get("base"), origin),
+            name=data.get("name", Path(origin).stem),
+            joint_names=[row["name"] for row in rows],
+            description=data.get("description", ""),
+        )
+    except InputError as problem:
+        raise InputError(f"{origin}: {problem}") from None
+
+
+def _in_radians(table: dict[str, Any], where: str, allowed: tuple[str, ...]) -> dict[str, Any]:
+    """The table with every ``*_deg`` key turned into radians."""
+    result: dict[str, Any] = {}
+    for key, value in table.items():
+        plain = key.removesuffix("_deg")
+        if plain not in allowed or (plain != key and plain not in ANGLES):
+            raise InputError(f"{where} has the unknown key {key!r}; allowed: {', '.join(allowed)}")
+        if plain in result:
+            raise InputError(f"{where} gives {plain!r} twice, in radians and in degrees")
+        if plain != key:
+            if plain in BOUNDS and table.get("type") == "prismatic":
+                raise InputError(f"{key} of {where} cannot be in degrees: the joint is prismatic")
+            if isinstance(value, list):
+                value = np.radians(checks.array(f"{key} of {where}", value, (2,), "deg")).tolist()
+            else:
+                value = float(np.radians(_number_or_inf(f"{key} of {where}", value, "deg")))
+        result[plain] = value
+    return result
+
+
+def _number_or_inf(name: str, value: Any, unit: str = "") -> float:
+    """A number that may be infinite, which TOML writes as inf."""
+    return value if value in (math.inf, -math.inf) else checks.number(name, value, unit)
+
+
+def _row(table: dict[str, Any], index: int, origin: str) -> dict[str, Any]:
+    label = f"joint {table.get('name', index + 1)!r} in {origin}"
+    row = _in_radians(table, label, JOINT_KEYS)
+    row.setdefault("name", f"joint {index + 1}")
+    if not isinstance(row["name"], str):
+        raise InputError(f"name of {label} must be text, not {row['name']!r}")
+    row["type"] = checks.one_of(
+        f"type of {label}", row.get("type", "revolute"), ("revolute", "prismatic")
+    )
+    row.setdefault("theta_offset", 0.0)
+    for key in GEOMETRY:
+        if key not in row:
+            raise InputError(f"{key} of {label} is missing")
+        row[key] = checks.number(f"{key} of {label}", row[key])
+    return row
+
+
+def _link(row: dict[str, Any], origin: str) -> Link | None:
+    given = {key: row[key] for key in (*INERTIAL, *FRICTION) if key in row}
+    if not given:
+        return None
+    if "mass" not in given:
+        raise InputError(
+            f"mass of joint {row['name']!r} is missing in {origin}, but {', '.join(given)} is given"
+        )
+    given.setdefault("center_of_mass", (0.0, 0.0, 0.0))
+    try:
+        return Link(**given, name=row["name"])
+    except InputError as problem:
+        raise InputError(f"{origin}: {problem}") from None
+
+
+def _limits(rows: list[dict[str, Any]]) -> Limits:
+    free = {"q_min": -math.inf}
+    columns: dict[str, Any] = {}
+    for key in BOUNDS:
+        values = [row.get(key, free.get(key, math.inf)) for row in rows]
+        for row, value in zip(rows, values, strict=True):
+            name = f"{key} of joint {row['name']!r}"
+            if not isinstance(value, list):
+                _number_or_inf(name, value)
+            elif key.startswith("q_m"):
+                raise InputError(f"{name} must be a number, not {value}")
+            else:
+                checks.array(f"{name} as [lower, upper]", value, (2,), finite=False)
+        if any(isinstance(value, list) for value in values):
+            pairs = [value if isinstance(value, list) else [-value, value] for value in values]
+            columns[key] = ([pair[0] for pair in pairs], [pair[1] for pair in pairs])
+        else:
+            columns[key] = values
+    return Limits(**columns)
+
+
+def _placement(name: str, table: Any, origin: str) -> Any:
+    """A constant transform [4,4] from its table: a matrix, or a DH row."""
+    if table is None:
+        return None
+    if not isinstance(table, dict):
+        raise InputError(f"{name} in {origin} must be a table")
+    if "matrix" in table:
+        if len(table) > 1:
+            raise InputError(f"{name} in {origin} must be a matrix or a DH row, not both")
+        return checks.array(name, table["matrix"], (4, 4))
+    row = _in_radians(table, f"{name} in {origin}", ("alpha", "a", "d", "theta"))
+    numbers = [
+        checks.number(f"{key} of {name} in {origin}", row.get(key, 0.0))
+        for key in ("alpha", "a", "d", "theta")
+    ]
+    return dh_transform(*numbers)
+
+
+def write_toml(robot: Robot, path: str | Path) -> None:
+    """Write a robot as a TOML file that :func:`microbot_ocp.load_robot` reads back as an equal one.
+
+    Every figure is written with the shortest digits that read back as the same number, angles in
+    radians. What a robot does not hold, such as the sources of a packaged file, is not written.
+
+    Parameters
+    ----------
+    robot : Robot
+    path : str or Path
+        File to write, ending in ``.toml``; what was there is replaced.
+
+    Raises
+    ------
+    InputError
+        Another ending, or a file that cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import microbot_ocp as mo
+    >>> panda = mo.load_robot("panda")
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     mo.write_toml(panda, f"{folder}/copy.toml")
+    ...     mo.load_robot(f"{folder}/copy.toml") == panda
+    True
+    """
+    save_text(robot_to_toml(robot), path, ".toml")
+
+
+def save_text(text: str, path: str | Path, ending: str) -> None:
+    """Write ``text`` to ``path``, which must have the ending of its format."""
+    if Path(path).suffix != ending:
+        raise InputError(f"path must end in {ending}, not {str(path)!r}")
+    try:
+        Path(path).write_text(text, "utf-8", newline="\n")
+    except OSError as problem:
+        raise InputError(f"robot file {str(path)!r} cannot be written: {problem}") from None
+
+
+def robot_to_toml(robot: Robot) -> str:
+    """Text of the TOML file of a robot."""
+    lines = [f"name = {_text(robot.name)}"]
+    if robot.description:
+        lines.append(f"description = {_text(robot.description)}")
+    lines.append(f"gravity = {robot.gravity.tolist()}")
+    for joint in range(robot.joint_count):
+        lines += ["", "[[joint]]", f"name = {_text(robot.joint_names[joint])}"]
+        lines.append(f"type = {_text(robot.joint_types[joint])}")
+        lines += [f"{key} = {float(getattr(robot, key)[joint])!r}" for key in GEOMETRY]
+        if robot.has_dynamics:
+            lines += _link_lines(robot.links[joint])
+        for key in BOUNDS:
+            lines += _bound_line(robot, key, joint)
+    for name, matrix in (("tool", robot.tool), ("base", robot.base)):
+        if not np.array_equal(matrix, np.eye(4)) or np.signbit(matrix).any():
+            lines += ["", f"[{name}]", f"matrix = {matrix.tolist()}"]
+    return "\n".join(lines) + "\n"
+
+
+def _text(value: str) -> str:
+    # A JSON string is a TOML basic string, but for DEL, which TOML wants escaped.
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def _link_lines(link: Link) -> list[str]:
+    lines = [f"mass = {link.mass!r}", f"center_of_mass = {link.center_of_mass.tolist()}"]
+    lines.append(f"inertia = {link.inertia.tolist()}")
+    return lines + [f"{key} = {getattr(link, key)!r}" for key in ("armature", *FRICTION)]
+
+
+def _bound_line(robot: Robot, key: str, joint: int) -> list[str]:
+    quantity = key.split("_")[0]
+    if quantity == "q":
+        value = float(getattr(robot.limits, key)[joint])
+        return [f"{key} = {value!r}"] if math.isfinite(value) else []
+    lower, upper = (float(bound[joint]) for bound in robot.limits.bounds(quantity))
+    if (lower, upper) == (-math.inf, math.inf):
+        return []
+    same = lower == -upper and math.copysign(1.0, lower) == math.copysign(1.0, -upper)
+    return [f"{key} = {upper!r}" if same else f"{key} = [{lower!r}, {upper!r}]"]

@@ -1,0 +1,157 @@
+"""Robots to URDF files."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp.robot._model import Link, Robot, dh_transform
+from microbot_ocp.robot.files._toml import save_text
+from microbot_ocp.robot.files._urdf_reader import EXTENSION
+
+
+def write_urdf(robot: Robot, path: str | Path) -> None:
+    """Write a robot as a URDF file: the same poses and dynamics, without shapes.
+
+    The root link is ``base_link``, the last one ``tool``. Rotor inertia, gravity, and limits that
+    URDF has no room for stand in elements ``<microbot_ocp>``: :func:`microbot_ocp.load_robot` reads
+    them, other programs pass over them. Needs no extra.
+
+    Parameters
+    ----------
+    robot : Robot
+    path : str or Path
+        File to write, ending in ``.urdf``; what was there is replaced.
+
+    Raises
+    ------
+    InputError
+        Another ending, or a file that cannot be written.
+    """
+    save_text(robot_to_urdf(robot), path, ".urdf")
+
+
+def robot_to_urdf(robot: Robot) -> str:
+    """Text of the URDF file of a robot."""
+    root = ElementTree.Element("robot", name=robot.name)
+    about = {"gravity": _vector(robot.gravity)}
+    if robot.description:
+        about["description"] = robot.description
+    ElementTree.SubElement(root, EXTENSION, about)
+    names = _link_names(robot)
+    for index, name in enumerate(names):
+        link = ElementTree.SubElement(root, "link", name=name)
+        if robot.has_dynamics and 0 < index <= robot.joint_count:
+            _write_inertial(link, robot.links[index - 1])
+    for joint in range(robot.joint_count):
+        row = (robot.alpha[joint], robot.a[joint], robot.d[joint], robot.theta_offset[joint])
+        placement = dh_transform(*row)
+        if joint == 0:
+            placement = robot.base @ placement
+        element = _write_joint(root, robot.joint_names[joint], names[joint : joint + 2], placement)
+        _write_moving(element, robot, joint)
+    name = _unused("tool_joint", robot.joint_names)
+    _write_joint(root, name, names[-2:], robot.tool).set("type", "fixed")
+    ElementTree.indent(root)
+    text = ElementTree.tostring(root, "unicode")
+    try:
+        ElementTree.fromstring(text)
+    except ElementTree.ParseError as problem:  # XML has no place for most control characters
+        raise InputError(
+            f"robot {robot.name!r} cannot be written as XML: {problem}; look at its names or "
+            "description"
+        ) from None
+    return f'<?xml version="1.0" encoding="utf-8"?>\n{text}\n'
+
+
+def _unused(name: str, taken: Iterable[str]) -> str:
+    taken = set(taken)
+    while name in taken:
+        name += "_"
+    return name
+
+
+def _link_names(robot: Robot) -> list[str]:
+    """Different names: base_link, one a joint, tool."""
+    names = ["base_link"]
+    for joint, joint_name in enumerate(robot.joint_names):
+        own = robot.links[joint].name if robot.has_dynamics else None
+        names.append(_unused(own if own and own != joint_name else f"{joint_name}_link", names))
+    return [*names, _unused("tool", names)]
+
+
+def _vector(values: FloatArray) -> str:
+    return " ".join(repr(float(value)) for value in values)
+
+
+def _write_inertial(element: ElementTree.Element, link: Link) -> None:
+    inertial = ElementTree.SubElement(element, "inertial")
+    ElementTree.SubElement(inertial, "origin", xyz=_vector(link.center_of_mass), rpy="0 0 0")
+    ElementTree.SubElement(inertial, "mass", value=repr(link.mass))
+    (xx, xy, xz), (_, yy, yz), (_, _, zz) = link.inertia.tolist()
+    tensor = {"ixx": xx, "ixy": xy, "ixz": xz, "iyy": yy, "iyz": yz, "izz": zz}
+    ElementTree.SubElement(inertial, "inertia", {k: repr(v) for k, v in tensor.items()})
+
+
+def _write_joint(
+    root: ElementTree.Element, name: str, links: list[str], placement: FloatArray
+) -> ElementTree.Element:
+    joint = ElementTree.SubElement(root, "joint", name=name)
+    ElementTree.SubElement(joint, "parent", link=links[0])
+    ElementTree.SubElement(joint, "child", link=links[1])
+    rpy = _vector(_roll_pitch_yaw(placement[:3, :3]))
+    ElementTree.SubElement(joint, "origin", xyz=_vector(placement[:3, 3]), rpy=rpy)
+    return joint
+
+
+def _roll_pitch_yaw(rotation: FloatArray) -> FloatArray:
+    """Angles [3] of Rz(yaw) Ry(pitch) Rx(roll), rad.
+
+    Roll is found after yaw is taken out, so that the three fit together to the last digit even
+    where pitch is a right angle and yaw alone is arbitrary.
+    """
+    yaw = np.arctan2(rotation[1, 0], rotation[0, 0])
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    pitch = np.arctan2(-rotation[2, 0], cos * rotation[0, 0] + sin * rotation[1, 0])
+    roll = np.arctan2(
+        sin * rotation[0, 2] - cos * rotation[1, 2], cos * rotation[1, 1] - sin * rotation[0, 1]
+    )
+    return np.array([roll, pitch, yaw])
+
+
+def _write_moving(element: ElementTree.Element, robot: Robot, joint: int) -> None:
+    """Type, axis, limits, friction and extension of a moving joint."""
+    prismatic = robot.joint_types[joint] == "prismatic"
+    q_min, q_max = (float(bound[joint]) for bound in robot.limits.bounds("q"))
+    unlimited = math.isinf(q_min) and math.isinf(q_max)
+    turning = "continuous" if unlimited else "revolute"
+    element.set("type", "prismatic" if prismatic else turning)
+    ElementTree.SubElement(element, "axis", xyz="0 0 1")
+    limit: dict[str, str] = {}
+    extra: dict[str, str] = {}
+    if prismatic or not unlimited:
+        limit = {"lower": repr(q_min), "upper": repr(q_max)}
+    for quantity, key in (("qd", "velocity"), ("qdd", ""), ("tau", "effort"), ("taud", "")):
+        lower, upper = (float(bound[joint]) for bound in robot.limits.bounds(quantity))
+        size = max(-lower, upper)
+        if key and math.isfinite(size):
+            limit[key] = repr(size)
+        if (lower, upper) != ((-size, size) if limit.get(key) else (-math.inf, math.inf)):
+            extra[f"{quantity}_min"], extra[f"{quantity}_max"] = repr(lower), repr(upper)
+    if limit:
+        ElementTree.SubElement(element, "limit", limit)
+    if robot.has_dynamics:
+        link = robot.links[joint]
+        friction = {"damping": link.viscous_friction, "friction": link.coulomb_friction}
+        if any(friction.values()):
+            given = {key: repr(value) for key, value in friction.items()}
+            ElementTree.SubElement(element, "dynamics", given)
+        if link.armature:
+            extra["armature"] = repr(link.armature)
+    if extra:
+        ElementTree.SubElement(element, EXTENSION, extra)

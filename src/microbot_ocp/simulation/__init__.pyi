@@ -1,0 +1,29 @@
+"""Public names; loaded when they are first asked for."""
+
+from ._closed_loop import (
+    track as track,
+)
+from ._controllers import (
+    ComputedTorque as ComputedTorque,
+    Controller as Controller,
+    Feedforward as Feedforward,
+    PDGravity as PDGravity,
+    SensorNoise as SensorNoise,
+)
+from ._formula import (
+    motion_from_formula as motion_from_formula,
+)
+from ._integration import (
+    INTEGRATORS as INTEGRATORS,
+    Driven as Driven,
+    Method as Method,
+    fitted as fitted,
+    integrate as integrate,
+)
+from ._open_loop import (
+    simulate as simulate,
+)
+from ._result import (
+    Simulation as Simulation,
+    Tracking as Tracking,
+)

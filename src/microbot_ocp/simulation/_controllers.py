@@ -1,0 +1,214 @@
+"""Joint controllers as frozen settings; each writes its torque as a CasADi expression.
+
+So a closed loop is one differential equation, and an integrator needs one call for all of it; see
+:func:`microbot_ocp.track`. Sources: Craig, *Introduction to Robotics*, 3rd ed., chapter 10
+(computed torque: sections 10.3 to 10.5); Siciliano et al., *Robotics: Modelling, Planning and
+Control*, section 8.5 (PD with gravity compensation).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple, Protocol
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp.robot import JointLimits, Limits, Robot, gravity_torque, inverse_dynamics
+
+
+class Reference(NamedTuple):
+    """Wanted position, velocity and acceleration at one instant, SX [n] each."""
+
+    q: ca.SX
+    qd: ca.SX
+    qdd: ca.SX
+
+
+class Controller(Protocol):
+    """What :func:`microbot_ocp.track` asks of a controller; any object that has it will do."""
+
+    @property
+    def label(self) -> str:
+        """Short name, used in tables and legends."""
+        ...
+
+    def torque(self, model: Robot, reference: Reference, q: ca.SX, qd: ca.SX) -> ca.SX:
+        """Torque SX [n] from the model of the arm, the reference and the measured state."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class ComputedTorque:
+    """The partitioned control law: the model's inverse dynamics with a corrected acceleration.
+
+    ``tau = M(q) (qdd_d + kv (qd_d - qd) + kp (q_d - q)) + C(q, qd) qd + g(q)`` (Craig, section
+    10.4). With an exact model the error of every joint obeys ``e'' + kv e' + kp e = 0``.
+
+    Parameters
+    ----------
+    kp : float or array_like [n]
+        Position gains, 1/s^2, above zero.
+    kv : float or array_like [n], optional
+        Velocity gains, 1/s, above zero; default ``2 sqrt(kp)``, critically damped.
+
+    Raises
+    ------
+    InputError
+        A gain that is not above zero.
+
+    Examples
+    --------
+    >>> ComputedTorque(kp=100.0).kv.tolist()
+    [20.0]
+    """
+
+    kp: ArrayLike
+    kv: ArrayLike | None = None
+    label: ClassVar[str] = "computed torque"
+
+    def __post_init__(self) -> None:
+        kp = _gains("kp", self.kp, "1/s^2")
+        kv = 2.0 * np.sqrt(kp) if self.kv is None else _gains("kv", self.kv, "1/s")
+        object.__setattr__(self, "kp", kp)
+        object.__setattr__(self, "kv", kv)
+
+    def torque(self, model: Robot, reference: Reference, q: ca.SX, qd: ca.SX) -> ca.SX:
+        """Torque SX [n], N m (N)."""
+        pull = _per_joint("kp", self.kp, model) * (reference.q - q)
+        damping = _per_joint("kv", self.kv, model) * (reference.qd - qd)
+        return inverse_dynamics(model)(q, qd, reference.qdd + damping + pull)
+
+
+@dataclass(frozen=True, eq=False)
+class PDGravity:
+    """A spring and a damper towards the reference at every joint, and the weight of the arm.
+
+    ``tau = kp (q_d - q) + kv (qd_d - qd) + g(q)`` (Siciliano et al., section 8.5.1).
+
+    Parameters
+    ----------
+    kp : float or array_like [n]
+        Stiffnesses, N m/rad (N/m), above zero.
+    kv : float or array_like [n]
+        Damping, N m s/rad (N s/m), above zero.
+
+    Raises
+    ------
+    InputError
+        A gain that is not above zero.
+    """
+
+    kp: ArrayLike
+    kv: ArrayLike
+    label: ClassVar[str] = "PD + gravity"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "kp", _gains("kp", self.kp, "N m/rad"))
+        object.__setattr__(self, "kv", _gains("kv", self.kv, "N m s/rad"))
+
+    def torque(self, model: Robot, reference: Reference, q: ca.SX, qd: ca.SX) -> ca.SX:
+        """Torque SX [n], N m (N)."""
+        spring = _per_joint("kp", self.kp, model) * (reference.q - q)
+        damper = _per_joint("kv", self.kv, model) * (reference.qd - qd)
+        return spring + damper + gravity_torque(model)(q)
+
+
+@dataclass(frozen=True, eq=False)
+class Feedforward:
+    """The torque that the reference needs by the model, whatever the arm does: no feedback."""
+
+    label: ClassVar[str] = "feedforward only"
+
+    def torque(self, model: Robot, reference: Reference, q: ca.SX, qd: ca.SX) -> ca.SX:
+        """Torque SX [n], N m (N)."""
+        return inverse_dynamics(model)(*reference)
+
+
+@dataclass(frozen=True, eq=False)
+class SensorNoise:
+    """White Gaussian noise on what a sampled controller measures, always the same for one seed.
+
+    Parameters
+    ----------
+    q, qd : float or array_like [n]
+        Standard deviations of the measured position, rad (m), and velocity, rad/s (m/s).
+    seed : int
+        Of numpy's default generator, at least 0.
+    """
+
+    q: ArrayLike = 0.0
+    qd: ArrayLike = 0.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        for name, unit in (("q", "rad"), ("qd", "rad/s")):
+            object.__setattr__(self, name, _vector(f"noise {name}", getattr(self, name), unit, 0.0))
+        if isinstance(self.seed, bool) or not isinstance(self.seed, int) or self.seed < 0:
+            raise InputError(f"seed must be a whole number of at least 0, not {self.seed!r}")
+
+    def draw(self, rows: int, joints: int) -> FloatArray:
+        """Errors [rows, 2 joints] of the measured positions, then velocities."""
+        spread = [widened(f"noise {k}", getattr(self, k), joints) for k in ("q", "qd")]
+        normal = np.random.default_rng(self.seed).normal(size=(rows, 2 * joints))
+        return normal * np.concatenate(spread)
+
+
+def saturate(tau: ca.SX, lower: FloatArray, upper: FloatArray) -> ca.SX:
+    """Torque SX [n] cut to its limits [n]; infinite ones leave no trace in the expression."""
+    for bound, cut in ((lower, ca.fmax), (upper, ca.fmin)):
+        limited = np.isfinite(bound)
+        if limited.any():
+            entries = [cut(tau[j], bound[j]) if limited[j] else tau[j] for j in range(bound.size)]
+            tau = ca.vertcat(*entries)
+    return tau
+
+
+def torque_limits(
+    saturation: bool | ArrayLike | tuple[ArrayLike, ArrayLike] | Limits | JointLimits, robot: Robot
+) -> tuple[FloatArray, FloatArray]:
+    """Lower and upper torque [n] of a ``saturation`` argument: those of the robot if True."""
+    count = robot.joint_count
+    if isinstance(saturation, bool):
+        if saturation:
+            return robot.limits.bounds("tau")
+        return np.full(count, -np.inf), np.full(count, np.inf)
+    if not isinstance(saturation, Limits | JointLimits):
+        saturation = Limits(tau_max=saturation)
+    return saturation.for_joints(count).bounds("tau")
+
+
+def widened(name: str, value: ArrayLike, count: int) -> FloatArray:
+    """A checked vector of one value or one a joint as an array [count]."""
+    vector = np.asarray(value, dtype=float)
+    if vector.size not in (1, count):
+        raise InputError(f"{name} has {vector.size} entries for {count} joints")
+    return np.broadcast_to(vector, (count,))
+
+
+def _vector(name: str, value: ArrayLike, unit: str, at_least: float) -> FloatArray:
+    if np.ndim(np.asarray(value, dtype=object)) == 0:
+        value = [value]  # type: ignore[list-item]
+    vector = checks.array(name, value, (None,), unit)
+    if vector.size == 0:
+        raise InputError(f"{name} must hold at least one value")
+    for joint, entry in enumerate(vector):
+        of_joint = f" of joint {joint + 1}" if vector.size > 1 else ""
+        checks.number(f"{name}{of_joint}", entry, unit, at_least=at_least)
+    return vector
+
+
+def _gains(name: str, value: ArrayLike, unit: str) -> FloatArray:
+    vector = _vector(name, value, unit, -np.inf)
+    for joint, entry in enumerate(vector):
+        of_joint = f" of joint {joint + 1}" if vector.size > 1 else ""
+        checks.number(f"{name}{of_joint}", float(entry), unit, above=0.0)
+    return vector
+
+
+def _per_joint(name: str, value: ArrayLike | None, model: Robot) -> ca.DM:
+    assert value is not None  # set by the constructor
+    return ca.DM(widened(name, value, model.joint_count))

@@ -1,0 +1,66 @@
+"""Checks of what a simulation is given, before any integrator starts."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp.robot import Robot, mass_matrix_condition
+from microbot_ocp.simulation._integration import INTEGRATORS, Method
+
+Integrator = Literal["cvodes", "idas", "collocation", "rk"]
+
+SINGULAR = 1e12  # condition number of the mass matrix from which on torques determine nothing
+ARMATURE = "give the links armature (rotor inertia), such as mo.Link(..., armature=0.1)"
+
+
+def checked_method(integrator: str, tolerance: float, max_steps: int) -> Method:
+    checks.one_of("integrator", integrator, INTEGRATORS)
+    tolerance = checks.number("tolerance", tolerance, above=0.0, at_most=1e-2)
+    if isinstance(max_steps, bool) or not isinstance(max_steps, int) or max_steps < 1:
+        raise InputError(f"max_steps must be a whole number of at least 1, not {max_steps!r}")
+    return Method(integrator, tolerance, max_steps)
+
+
+def checked_times(t: ArrayLike) -> FloatArray:
+    grid = checks.array("t", t, (None,), "s")
+    if grid.size < 2:
+        raise InputError("t must hold at least two times, s")
+    stuck = np.flatnonzero(np.diff(grid) <= 0)
+    if stuck.size:
+        i = int(stuck[0])
+        raise InputError(
+            f"t must be strictly increasing, but t[{i + 1}] is {grid[i + 1]:g} s after t[{i}] of "
+            f"{grid[i]:g} s"
+        )
+    return grid
+
+
+def checked_start(robot: Robot, q0: ArrayLike, qd0: ArrayLike | None) -> FloatArray:
+    count = robot.joint_count
+    q = checks.array("q0", q0, (count,), "rad")
+    qd = np.zeros(count) if qd0 is None else checks.array("qd0", qd0, (count,), "rad/s")
+    low, high = robot.limits.bounds("q")
+    outside = np.flatnonzero((q < low - 1e-9) | (q > high + 1e-9))
+    if outside.size:
+        j = int(outside[0])
+        raise InputError(
+            f"q0 of {robot.joint_names[j]} is {q[j]:g} {robot.unit('q', j)}, outside its limits "
+            f"[{low[j]:g}, {high[j]:g}] {robot.unit('q', j)}"
+        )
+    condition = float(mass_matrix_condition(robot)(q))
+    if not condition < SINGULAR:
+        raise InputError(
+            f"mass matrix is singular at q0 = {q.tolist()} (condition number {condition:.2g}): no "
+            f"torque determines the acceleration there; {ARMATURE}"
+        )
+    return np.concatenate([q, qd])
+
+
+def same_joints(name: str, count: int, robot: Robot) -> None:
+    if count != robot.joint_count:
+        raise InputError(f"{name} has {count} joints, but the robot has {robot.joint_count}")

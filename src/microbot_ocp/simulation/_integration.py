@@ -1,0 +1,323 @@
+"""A differential equation driven by a signal of the time, in one integrator call.
+
+Torques and references that are not formulas of the time go in as Chebyshev series on pieces of it,
+so that they may jump between two pieces at no loss of accuracy.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from microbot_ocp._base.checks import FloatArray
+
+Values = Callable[[FloatArray], FloatArray]  # times [N] to values [N,m]
+
+INTEGRATORS = ("cvodes", "idas", "collocation", "rk")
+DEGREE = 10  # of the Chebyshev series
+FIT = 1e-11  # their largest error, relative to the largest value
+SHORTEST_PIECE = 0.5e-3  # s; a piece that holds no break is not divided below this
+LONGEST_STEP = 0.1  # of a piece: an arm at rest must not be stepped over until it moves
+ROUNDING = 1e-9  # where halving a fixed step no longer helps, below this it is rounding
+PROBES = 2000  # steps of the run that looks for the place where an integrator failed
+NOT_FINITE = "the accelerations are not finite"
+# What the integrators' return codes mean.
+FAILURES = {
+    "TOO_MUCH_WORK": "it needed more steps than allowed",
+    "TOO_MUCH_ACC": "the accuracy asked for is beyond the machine's",
+    "ERR_FAILURE": "its step shrank to nothing",
+    "ERR_FAIL": "its step shrank to nothing",
+    "CONV_FAILURE": "its step shrank to nothing",
+    "CONV_FAIL": "its step shrank to nothing",
+    "RHSFUNC_FAIL": NOT_FINITE,
+    "RES_FAIL": NOT_FINITE,
+    "REP_RES_ERR": NOT_FINITE,
+    "FIRST_RES_FAIL": "the accelerations are not finite at the start",
+    "FIRST_RHSFUNC_ERR": "the accelerations are not finite at the start",
+    "REPTD_RHSFUNC_ERR": NOT_FINITE,
+    "UNREC_RHSFUNC_ERR": NOT_FINITE,
+}
+
+
+class Pieces(NamedTuple):
+    """A signal as Chebyshev series in time: ``edges`` [K+1], coefficients [K, degree+1, m]."""
+
+    edges: FloatArray
+    coefficients: FloatArray
+
+
+class Signal(NamedTuple):
+    """A signal of the time: as a formula, or as values that series follow between breaks.
+
+    ``formula`` is a CasADi function ``(t) -> w[m]`` (then without ``pieces``); ``values`` gives the
+    signal [N,m] at times [N].
+    """
+
+    values: Values
+    formula: ca.Function | None = None
+    pieces: Pieces | None = None
+
+
+Rate = Callable[[ca.SX, ca.SX, ca.SX], ca.SX]
+
+
+class Driven(NamedTuple):
+    """A differential equation ``x' = rate(t, x, w(t))`` driven by a signal.
+
+    CVODES is a multistep method that is not started anew where its input changes: a jump of the
+    torque costs it digits or ends it. So the independent variable is not the time but s, which
+    counts the pieces; in each the time goes by at the rate ``30 y^2 (1 - y)^2`` (y = 0 to 1) times
+    the length of the piece. At the edges it stands still, and the right-hand side is continuous
+    there whatever the signal does. The input of a piece holds its index, start and length and the
+    coefficients of the signal. With a single piece the time goes by evenly.
+    """
+
+    rate: Rate
+    states: int
+    signal: Signal
+
+    def equation(self, start: float, end: float) -> tuple[dict[str, ca.SX], FloatArray, FloatArray]:
+        """CasADi's dictionary of the equation in s, the edges [K+1] and the inputs [p,K]."""
+        pieces = self.signal.pieces
+        edges = np.array([start, end]) if pieces is None else pieces.edges
+        lengths = np.diff(edges)
+        inputs = np.column_stack([np.arange(float(lengths.size)), edges[:-1], lengths])
+        s, x = ca.SX.sym("s"), ca.SX.sym("x", self.states)
+        if pieces is not None:
+            inputs = np.column_stack([inputs, pieces.coefficients.reshape(lengths.size, -1)])
+        u = ca.SX.sym("u", inputs.shape[1])
+        y = s - u[0]
+        if lengths.size == 1:
+            speed, place = u[2], y
+        else:
+            speed, place = u[2] * 30 * y**2 * (1 - y) ** 2, y**3 * (10 - 15 * y + 6 * y**2)
+        t = u[1] + u[2] * place
+        if pieces is None:
+            assert self.signal.formula is not None
+            w = self.signal.formula(t)
+        else:
+            w = _series(2 * place - 1, u[3:], pieces.coefficients.shape[1:])
+        ode = speed * self.rate(t, x, w)
+        return {"t": s, "x": x, "u": u, "ode": ode}, edges, inputs.T
+
+
+class Method(NamedTuple):
+    """An integrator of ``INTEGRATORS`` with its tolerance and most steps."""
+
+    integrator: str
+    tolerance: float
+    max_steps: int
+
+
+class Run(NamedTuple):
+    """What an integrator found.
+
+    ``status`` is "ok" or says what is wrong, ``states`` [N, states] are those at the times asked
+    for (NaN after a failure), ``steps`` those of a fixed step. After a failure ``trace``
+    holds the times and states of a fixed step that went on regardless.
+    """
+
+    status: str
+    states: FloatArray
+    steps: int = 0
+    trace: tuple[FloatArray, FloatArray] | None = None
+
+
+def fit_pieces(values: Values, breaks: FloatArray, tolerance: ArrayLike) -> Pieces:
+    """Divide the time until a Chebyshev series follows the values on each piece.
+
+    Pieces start as the whole time and are divided at the break nearest to their middle, so that
+    smooth stretches keep long pieces and a jump ends up between two of them.
+
+    Parameters
+    ----------
+    values : callable
+        Times [N] to values [N,m]; never asked for a break itself.
+    breaks : array [K+1]
+        Times at which the values or their derivatives may jump, both ends included, s.
+    tolerance : array_like [m]
+        Largest error of every column.
+
+    Returns
+    -------
+    Pieces
+    """
+    angle = (2 * np.arange(DEGREE + 1) + 1) * np.pi / (2 * (DEGREE + 1))
+    nodes = -np.cos(angle)  # none at the ends: at a break the signal has two values
+    fit = np.linalg.inv(np.polynomial.chebyshev.chebvander(nodes, DEGREE))
+    probes = -np.cos((np.arange(DEGREE) + 1) * np.pi / (DEGREE + 1))
+    probe = np.polynomial.chebyshev.chebvander(probes, DEGREE)
+    both = np.concatenate([nodes, probes])
+    todo = [(float(breaks[0]), float(breaks[-1]))]
+    edges: list[float] = []
+    coefficients: list[FloatArray] = []
+    while todo:
+        spans = np.array(todo)
+        middle, half = spans.mean(axis=1), 0.5 * np.diff(spans, axis=1)[:, 0]
+        t = middle[:, None] + half[:, None] * both
+        own = values(t.ravel()).reshape(*t.shape, -1)
+        series = fit @ own[:, : DEGREE + 1]
+        error = np.abs(probe @ series - own[:, DEGREE + 1 :]).max(axis=1)
+        fits = (error <= tolerance).all(axis=1)
+        todo = []
+        for (start, end), good, found in zip(spans, fits, series, strict=True):
+            low = np.searchsorted(breaks, start, side="right")
+            inner = breaks[low : np.searchsorted(breaks, end, side="left")]
+            if good or not (inner.size or end - start > SHORTEST_PIECE):
+                edges.append(start)
+                coefficients.append(found)
+                continue
+            cut = 0.5 * (start + end)
+            if inner.size:
+                cut = float(inner[np.abs(inner - cut).argmin()])
+            todo += [(start, cut), (cut, end)]
+    order = np.argsort(edges)
+    return Pieces(np.append(np.array(edges)[order], breaks[-1]), np.array(coefficients)[order])
+
+
+def _series(place: ca.SX, flat: ca.SX, shape: tuple[int, ...]) -> ca.SX:
+    """Value [m] of Chebyshev series at ``place`` in -1 to 1, by Clenshaw's recurrence."""
+    terms, width = shape
+    series = ca.reshape(flat, width, terms)
+    later, latest = ca.SX.zeros(width), ca.SX.zeros(width)
+    for k in range(terms - 1, 0, -1):
+        later, latest = series[:, k] + 2 * place * later - latest, later
+    return series[:, 0] + place * later - latest
+
+
+def fitted(values: Values, breaks: FloatArray, tolerance: ArrayLike) -> Signal:
+    """Signal that follows values between breaks to a tolerance: see :func:`fit_pieces`."""
+    return Signal(values, None, fit_pieces(values, breaks, np.maximum(tolerance, 1e-17)))
+
+
+def formula_signal(expression: ca.SX, t: ca.SX) -> Signal:
+    """Signal that is an expression [m] of the time ``t``."""
+    function = ca.Function("signal", [t], [ca.densify(expression)], ["t"], ["w"])
+
+    def values(times: FloatArray) -> FloatArray:
+        return np.array(function.map(times.size)(times[None, :])).T
+
+    return Signal(values, function)
+
+
+def integrate(driven: Driven, start: FloatArray, grid: FloatArray, method: Method) -> Run:
+    """States [N, states] at the times of the grid, in one integrator call."""
+    equation, edges, inputs = driven.equation(float(grid[0]), float(grid[-1]))
+    s = _stretched(grid, edges)
+    stops = np.union1d(s[1:], np.arange(1.0, edges.size))
+    stops = stops[np.append(np.diff(stops) > 1e-13 * edges.size, True)]
+    wanted = np.clip(np.searchsorted(stops, s[1:] - 1e-12 * edges.size), 0, stops.size - 1)
+    piece = np.clip(np.ceil(stops - 1e-9).astype(int) - 1, 0, edges.size - 2)
+
+    def states(steps: int) -> FloatArray:
+        name, options = plugin(method, steps)
+        run = ca.integrator("run", name, equation, 0.0, stops.tolist(), options)
+        found = run(x0=start, u=inputs[:, piece])["xf"].full().T
+        return np.vstack([start, found[wanted]])
+
+    run = settled(states, method, max(stops.size, 32))
+    if not run.states.size:
+        run = run._replace(states=np.full((grid.size, driven.states), np.nan))
+    if run.status == "ok" or method.integrator == "rk":
+        return run
+    # A fixed step goes on whatever happens, so it shows where the other one could not.
+    method = method._replace(integrator="rk")
+    return run._replace(trace=(grid, states(PROBES)))
+
+
+def settled(states: Callable[[int], FloatArray], method: Method, steps: int) -> Run:
+    """The result of an integrator; a fixed step is halved until two results agree."""
+    most = max(method.max_steps, 4 * steps)
+    try:
+        found = states(steps)
+        if method.integrator in ("cvodes", "idas"):
+            finite = np.isfinite(found).all()
+            return Run("ok" if finite else failure_sentence(NOT_FINITE), found)
+        change, reason = np.inf, ""
+        while not reason:
+            steps *= 2
+            finer = states(steps)
+            with np.errstate(invalid="ignore"):
+                before, change = change, float(np.abs(finer - found).max())
+                size = 1.0 + float(np.abs(finer).max())
+            found = finer
+            if change <= method.tolerance * size:
+                return Run("ok", found, steps)
+            if change < ROUNDING * size and change > 0.5 * before:
+                reason = "rounding errors are larger"
+            elif 2 * steps > most:  # a coarse step may fail where a finer one does not
+                reason = f"more than {most} steps needed"
+    except RuntimeError as problem:
+        return Run(failure_sentence(str(problem)), np.zeros((0, 0)))
+    if not np.isfinite(found).all():
+        return Run(failure_sentence(NOT_FINITE), found)
+    return Run(
+        f"tolerance of {method.tolerance:.0e} not met: {reason} (the last two results differ by "
+        f"{change:.1e})",
+        found,
+        steps,
+    )
+
+
+def plugin(method: Method, steps: int, span: float = 1.0) -> tuple[str, dict[str, Any]]:
+    """CasADi's name of an integrator and its options.
+
+    ``steps`` are those of a fixed step; ``span`` is the length of a piece in the independent
+    variable.
+    """
+    if method.integrator == "rk":
+        return "rk", {"number_of_finite_elements": steps, "show_eval_warnings": False}
+    if method.integrator == "collocation":
+        return "collocation", {
+            "number_of_finite_elements": steps,
+            "rootfinder_options": {
+                "abstol": 1e-14,
+                "abstolStep": 1e-14,
+                "max_iter": 50,
+                "error_on_fail": True,
+                "show_eval_warnings": False,
+            },
+        }
+    options: dict[str, Any] = {
+        "abstol": method.tolerance,
+        "reltol": method.tolerance,
+        "max_num_steps": method.max_steps,
+        "max_step_size": LONGEST_STEP * span,
+        "disable_internal_warnings": True,
+        "print_stats": False,
+    }
+    if method.integrator == "cvodes":
+        # Not stiff: Adams' method needs neither Jacobian nor linear solver.
+        options["linear_multistep_method"] = "adams"
+        options["nonlinear_solver_iteration"] = "functional"
+    return method.integrator, options
+
+
+def _stretched(t: FloatArray, edges: FloatArray) -> FloatArray:
+    """The independent variable s of :class:`Driven` at times t [N]."""
+    count = edges.size - 1
+    piece = np.clip(np.searchsorted(edges, t, side="right") - 1, 0, count - 1)
+    place = np.clip((t - edges[piece]) / np.diff(edges)[piece], 0.0, 1.0)
+    if count == 1:
+        return place
+    low, high = np.zeros_like(place), np.ones_like(place)
+    for _ in range(60):
+        y = 0.5 * (low + high)
+        above = y**3 * (10 - 15 * y + 6 * y**2) > place
+        low, high = np.where(above, low, y), np.where(above, y, high)
+    inside = np.where((place > 0) & (place < 1), 0.5 * (low + high), place)
+    return piece.astype(float) + inside
+
+
+def failure_sentence(message: str) -> str:
+    """In words what an integrator's message says."""
+    code = re.search(r"(?:CV|IDA)_([A-Z_]+)", message)
+    reason = message.strip().split("\n")[-1]
+    if code:
+        reason = FAILURES.get(code.group(1), code.group())
+    return f"the integrator failed: {reason}"

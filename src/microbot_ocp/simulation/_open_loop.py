@@ -1,0 +1,103 @@
+"""The arm under given torques."""
+
+from __future__ import annotations
+
+import time
+
+import casadi as ca
+from numpy.typing import ArrayLike
+
+from microbot_ocp._base.checks import InputError
+from microbot_ocp.motion import Motion
+from microbot_ocp.robot import Robot, forward_dynamics
+from microbot_ocp.simulation._inputs import (
+    Integrator,
+    checked_method,
+    checked_start,
+    checked_times,
+    same_joints,
+)
+from microbot_ocp.simulation._integration import Driven, integrate
+from microbot_ocp.simulation._outcome import told
+from microbot_ocp.simulation._result import Simulation
+from microbot_ocp.simulation._signals import Formula, torque_signal
+
+
+def simulate(
+    robot: Robot,
+    tau: Motion | ArrayLike | Formula | None = None,
+    q0: ArrayLike | None = None,
+    qd0: ArrayLike | None = None,
+    t: ArrayLike | None = None,
+    *,
+    integrator: Integrator = "cvodes",
+    tolerance: float = 1e-10,
+    max_steps: int = 20_000,
+) -> Simulation:
+    """Simulate an arm from given torques: ``M(q) qdd = tau - C(q, qd) qd - g(q) - friction``.
+
+    Craig, *Introduction to Robotics*, 3rd ed., section 6.9, with a solver that knows its error.
+
+    Parameters
+    ----------
+    robot : Robot
+        A robot with masses.
+    tau : Motion, callable, array_like [N,n] or [n], optional
+        Torques, N m (N): the stored ones of a motion (they may jump at its breaks), a function of
+        the CasADi time that returns n expressions, values on the grid ``t`` (linear between), or
+        constants; default none.
+    q0 : array_like [n]
+        Start, rad (m); default that of the motion.
+    qd0 : array_like [n], optional
+        Velocities there, rad/s (m/s); default those of the motion, else zero.
+    t : array_like [N]
+        Strictly increasing times of the result, s, the first being that of the start; default those
+        of the motion.
+    integrator : "cvodes", "idas", "collocation" or "rk"
+        Adams' method with error control; backward differences with error control; Radau collocation
+        of degree 3 or the classical Runge-Kutta method with a fixed step, halved until two
+        solutions agree within the tolerance.
+    tolerance : float
+        Absolute and relative tolerance.
+    max_steps : int
+        Most steps: from one time of the grid to the next, of a fixed step in all.
+
+    Returns
+    -------
+    Simulation
+        A failure is told in its status and advice.
+
+    Raises
+    ------
+    InputError
+        Wrong shapes, times that do not increase, a start outside the limits or where the mass
+        matrix is singular.
+
+    Examples
+    --------
+    >>> import microbot_ocp as mo
+    >>> robot = mo.load_robot("microbot")
+    >>> hold = mo.gravity_torque(robot)([0.0, 0.5, 0.5]).full().ravel()
+    >>> still = simulate(robot, hold, q0=[0.0, 0.5, 0.5], t=[0.0, 1.0])
+    >>> still.status, still.q[-1].round(6).tolist()
+    ('ok', [0.0, 0.5, 0.5])
+    """
+    started = time.perf_counter()
+    count = robot.joint_count
+    method = checked_method(integrator, tolerance, max_steps)
+    if isinstance(tau, Motion):
+        same_joints("motion", tau.joint_count, robot)
+        q0, qd0 = tau.q[0] if q0 is None else q0, tau.qd[0] if qd0 is None else qd0
+        t = tau.t if t is None else t
+    if t is None or q0 is None:
+        raise InputError("t and q0 must be given unless tau is a Motion")
+    grid = checked_times(t)
+    start = checked_start(robot, q0, qd0)
+    signal = torque_signal(tau, grid, count)
+
+    def rate(_: ca.SX, x: ca.SX, w: ca.SX) -> ca.SX:
+        return ca.vertcat(x[count:], forward_dynamics(robot)(x[:count], x[count:], w))
+
+    driven = Driven(rate, 2 * count, signal)
+    run = integrate(driven, start, grid, method)
+    return Simulation(**told(robot, grid, run, signal.values(grid), None, method, started))

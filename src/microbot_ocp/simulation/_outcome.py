@@ -1,0 +1,96 @@
+"""What a run says: its motion, its conditioning, its status in words, advice."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray
+from microbot_ocp.robot import Robot, forward_dynamics, mass_matrix_condition
+from microbot_ocp.simulation._inputs import ARMATURE, SINGULAR
+from microbot_ocp.simulation._integration import Method, Run
+
+NEAR_SINGULAR = 1e6  # condition number of the mass matrix from which on the result says so
+UNBOUNDED = 1e4  # rad and rad/s: no arm goes there
+OPEN_LOOP = "the torques drive the arm out of all bounds: give others, or simulate a shorter time"
+CLOSED_LOOP = "the loop is unstable: raise sample_rate, or lower the gains"
+
+
+def told(
+    robot: Robot,
+    grid: FloatArray,
+    run: Run,
+    tau: FloatArray,
+    push: ca.Function | None,
+    method: Method,
+    started: float,
+) -> dict[str, Any]:
+    """What a result says of a run, with its accelerations and the conditioning on the way."""
+    count = robot.joint_count
+    states = run.states
+    times, trace = (grid, states) if run.trace is None else run.trace
+    if not np.isfinite(states).all():
+        states = np.full_like(states, np.nan)
+    q, qd = states[:, :count], states[:, count:]
+    outer = 0.0 if push is None else np.array(push.map(grid.size)(grid[None, :])).T
+    qdd = np.array(forward_dynamics(robot).map(grid.size)(q.T, qd.T, (tau + outer).T)).T
+    conditioning = mass_matrix_condition(robot).map(times.size)
+    condition = np.array(conditioning(trace[:, :count].T)).ravel()
+    condition[~np.isfinite(trace).all(axis=1)] = 0.0
+    worst = int(condition.argmax())
+    status, moment = run.status, _unbounded(times, trace)
+    # Before it left all bounds nothing was singular, so the controller did it.
+    unbounded = moment is not None and condition[times < moment].max(initial=0.0) < NEAR_SINGULAR
+    if moment is not None and status != "ok":
+        status = f"the motion grows without bound from {moment:.3g} s on"
+    elif status == "ok" and condition[worst] > SINGULAR:
+        status = f"mass matrix singular at {times[worst]:.4g} s: no torque determines the motion"
+    return {
+        "t": grid,
+        "q": q,
+        "qd": qd,
+        "qdd": qdd,
+        "tau": tau,
+        "status": status,
+        "integrator": method.integrator,
+        "tolerance": method.tolerance,
+        "steps": run.steps,
+        "condition_peak": float(condition[worst]),
+        "condition_time": float(times[worst]),
+        "advice": _advice(
+            status, unbounded, push, float(condition[worst]), times[worst], trace[worst, :count]
+        ),
+        "wall_time": time.perf_counter() - started,
+    }
+
+
+def _unbounded(times: FloatArray, trace: FloatArray) -> float | None:
+    """When the state first leaves all bounds, s; None where it never does or nothing is known."""
+    if not np.isfinite(trace[0]).all():
+        return None
+    with np.errstate(invalid="ignore"):
+        gone = ~(np.abs(trace).max(axis=1) < UNBOUNDED)
+    return float(times[gone.argmax()]) if gone.any() else None
+
+
+def _advice(
+    status: str,
+    unbounded: bool,
+    push: ca.Function | None,
+    condition: float,
+    moment: float,
+    q: FloatArray,
+) -> str:
+    if unbounded:
+        return OPEN_LOOP if push is None else CLOSED_LOOP
+    if condition > NEAR_SINGULAR:
+        return (
+            f"mass matrix near singular at {moment:.4g} s (condition number {condition:.2g} at q = "
+            f"{np.round(q, 4).tolist()}): {ARMATURE}"
+        )
+    if status != "ok":
+        return "ask for a coarser tolerance, or for more steps by max_steps"
+    return ""

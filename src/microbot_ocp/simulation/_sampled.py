@@ -1,0 +1,89 @@
+"""A controller that measures now and then, and holds its torque in between."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray
+from microbot_ocp.motion import SAMPLE_STEP
+from microbot_ocp.robot import Robot, forward_dynamics
+from microbot_ocp.simulation._integration import Method, Run, Signal, plugin, settled
+
+FINEST = 100  # fixed steps that a sample may take in any case
+
+
+class Samples(NamedTuple):
+    """When a sampled controller acts, and the places in between that the result shows."""
+
+    t: FloatArray  # [K]
+    within: FloatArray  # [M], s after a sample, the last one being the period
+    end: float
+
+    @classmethod
+    def of(cls, begin: float, end: float, rate: float, step: float) -> Samples:
+        count = max(1, int(np.ceil((end - begin) * rate - 1e-9)))
+        inner = max(1, int(np.ceil(1.0 / (rate * step) - 1e-9)))
+        within = np.arange(1, inner + 1) / (inner * rate)
+        return cls(begin + np.arange(count) / rate, within, end)
+
+
+class SampledLoop(NamedTuple):
+    """A controller that measures now and then, and the arm it drives in between."""
+
+    arm: Robot
+    law: ca.Function  # reference, measured position and velocity to torque
+    push: ca.Function  # time to disturbance
+    signal: Signal
+    errors: FloatArray  # of the measurements [K, 2n]
+
+    def run(
+        self, samples: Samples, start: FloatArray, method: Method
+    ) -> tuple[FloatArray, Run, FloatArray]:
+        """Times [N], states and held torques [N,n].
+
+        One step of the accumulated map measures, computes the torque and integrates the arm with
+        it until the next sample.
+        """
+        count, inner = self.arm.joint_count, samples.within.size
+        given = (samples.t[None, :], self.signal.values(samples.t).T, self.errors.T)
+        held: list[FloatArray] = []
+
+        def states(steps: int) -> FloatArray:
+            function = self._period(samples, plugin(method, steps, samples.within[-1])).mapaccum(
+                samples.t.size
+            )
+            _, everything, torques = function(start, *given)
+            held[:] = [np.array(torques).T]
+            return np.vstack([start, np.array(everything).T.reshape(-1, 2 * count)])
+
+        each = method._replace(max_steps=max(method.max_steps // samples.t.size, FINEST))
+        run = settled(states, each, max(inner, int(np.ceil(samples.within[-1] / SAMPLE_STEP))))
+        grid = np.append(samples.t[0], (samples.t[:, None] + samples.within).ravel())
+        tau = np.full((grid.size, count), np.nan)
+        if held:
+            tau = np.vstack([np.repeat(held[0], inner, axis=0), held[0][-1:]])
+        if not run.states.size:  # the integrator of one sample stopped all; nothing shows where
+            run = run._replace(states=np.full((grid.size, 2 * count), np.nan))
+        keep = grid <= samples.end + 1e-9 * samples.within[-1]
+        run = run._replace(states=run.states[keep])
+        return np.minimum(grid[keep], samples.end), run, tau[keep]
+
+    def _period(self, samples: Samples, chosen: tuple[str, dict[str, Any]]) -> ca.Function:
+        """State, moment, reference and error to: next state, all states on the way, torque."""
+        count, inner = self.arm.joint_count, samples.within.size
+        t, x, u = ca.SX.sym("t"), ca.SX.sym("x", 2 * count), ca.SX.sym("u", count + 1)
+        tau = u[:count] + self.push(u[count] + t)
+        qdd = forward_dynamics(self.arm)(x[:count], x[count:], tau)
+        equation = {"t": t, "x": x, "u": u, "ode": ca.vertcat(x[count:], qdd)}
+        name, options = chosen
+        drift = ca.integrator("drift", name, equation, 0.0, samples.within.tolist(), options)
+        now, moment = ca.MX.sym("now", 2 * count), ca.MX.sym("moment")
+        wanted, error = ca.MX.sym("wanted", 3 * count), ca.MX.sym("error", 2 * count)
+        seen = now + error
+        held = self.law(wanted, seen[:count], seen[count:])
+        after = drift(x0=now, u=ca.repmat(ca.vertcat(held, moment), 1, inner))["xf"]
+        outputs = [after[:, -1], ca.vec(after), held]
+        return ca.Function("period", [now, moment, wanted, error], outputs)

@@ -1,0 +1,147 @@
+"""What drives a simulation, as signals: torques, references, disturbances."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp.motion import JUMP_GAP, Motion, PiecewisePolynomial, mesh_of
+from microbot_ocp.robot import Robot
+from microbot_ocp.simulation._inputs import same_joints
+from microbot_ocp.simulation._integration import FIT, Signal, Values, fitted, formula_signal
+
+Formula = Callable[[Any], Any]  # of the CasADi time, to n expressions
+
+# Of a sampled motion's position, velocity, acceleration: rounding of samples 1 ms apart allows no
+# more.
+SAMPLED_FIT = np.array([1e-11, 1e-10, 1e-8])
+
+
+def torque_signal(tau: Motion | ArrayLike | Formula | None, grid: FloatArray, count: int) -> Signal:
+    if isinstance(tau, Motion):
+        slack = 1e-9 * max(1.0, tau.duration)
+        if grid[0] < -slack or grid[-1] > tau.duration + slack:
+            raise InputError(
+                f"t must be within the motion, 0 to {tau.duration:g} s, not "
+                f"{grid[0]:g} to {grid[-1]:g} s"
+            )
+        breaks = mesh_of(tau)
+        inner = breaks[(breaks > grid[0]) & (breaks < grid[-1])]
+        edges = np.concatenate([grid[:1], inner, grid[-1:]])
+        return fitted(_stored_torque(tau), edges, FIT * np.abs(tau.tau).max())
+    if callable(tau):
+        t, expression = symbolic("tau", tau, count)
+        return formula_signal(expression, t)
+    given = np.zeros(count) if tau is None else tau
+    if np.ndim(np.asarray(given, dtype=object)) == 1:
+        constant = checks.array("tau", given, (count,), "N m")
+        t = ca.SX.sym("t")
+        return formula_signal(ca.SX(ca.DM(constant)), t)
+    table = checks.array("tau", given, (grid.size, count), "N m")
+
+    def values(times: FloatArray) -> FloatArray:
+        return np.column_stack([np.interp(times, grid, column) for column in table.T])
+
+    return fitted(values, grid, FIT * np.abs(table).max())
+
+
+def reference_signal(
+    motion: Motion | PiecewisePolynomial | Formula, duration: float | None, robot: Robot
+) -> tuple[float, float, Signal]:
+    """Start and end, s, and the signal of position, velocity and acceleration [3n]."""
+    count = robot.joint_count
+    if isinstance(motion, Motion):
+        same_joints("motion", motion.joint_count, robot)
+        begin, longest, breaks = 0.0, motion.duration, mesh_of(motion)
+        values, fit = (lambda times: np.hstack(motion.sample(times))), SAMPLED_FIT
+    elif isinstance(motion, PiecewisePolynomial):
+        same_joints("motion", motion.coefficients.shape[2], robot)
+        begin, longest, breaks = float(motion.breaks[0]), motion.duration, motion.breaks
+        parts = (motion, motion.derivative(), motion.derivative().derivative())
+        values, fit = (lambda times: np.hstack([part(times) for part in parts])), np.full(3, FIT)
+    elif callable(motion):
+        if duration is None:
+            raise InputError("duration must be given where the motion is a function of the time")
+        t, q = symbolic("motion", motion, count)
+        qd = ca.jacobian(q, t)
+        qdd = ca.jacobian(qd, t)
+        end = checks.number("duration", duration, "s", above=0.0)
+        return 0.0, end, formula_signal(ca.vertcat(q, qd, qdd), t)
+    else:
+        raise InputError(
+            f"motion must be a Motion, a PiecewisePolynomial or a function of the time, not "
+            f"{motion!r}"
+        )
+    if duration is None:
+        duration = longest
+    duration = checks.number("duration", duration, "s", above=0.0, at_most=longest * (1 + 1e-9))
+    end = begin + min(duration, longest)
+    edges = np.append(breaks[breaks < end * (1 - 1e-12)], end)
+    inside = edges[:-1, None] + np.diff(edges)[:, None] * np.arange(8) / 8.0
+    scale = np.abs(values(inside.ravel())).reshape(-1, 3, count).max(axis=(0, 2))
+    return begin, end, fitted(values, edges, np.repeat(fit * scale, count))
+
+
+def disturbance_function(given: ArrayLike | Formula | None, count: int) -> ca.Function:
+    """CasADi function ``(t) -> [n]`` of what else acts on the joints."""
+    if callable(given):
+        t, expression = symbolic("disturbance", given, count)
+    else:
+        constant = np.zeros(count) if given is None else given
+        expression = ca.SX(ca.DM(checks.array("disturbance", constant, (count,), "N m")))
+        t = ca.SX.sym("t")
+    return ca.Function("disturbance", [t], [ca.densify(expression)])
+
+
+def symbolic(name: str, formula: Formula, count: int) -> tuple[ca.SX, ca.SX]:
+    """The time and the n expressions that a user's function makes of it."""
+    t = ca.SX.sym("t")
+    value = formula(t)
+    try:
+        if isinstance(value, list | tuple | np.ndarray):
+            value = ca.vertcat(*value)
+        expression = ca.SX(value)
+    except (NotImplementedError, TypeError) as problem:
+        raise InputError(f"{name} must return {count} CasADi expressions: {problem}") from None
+    if expression.shape != (count, 1):
+        raise InputError(f"{name} must return {count} expressions, not shape {expression.shape}")
+    return t, expression
+
+
+def _stored_torque(motion: Motion) -> Values:
+    """The stored torques between samples: quintics through the nearest six that no break parts."""
+    first = np.searchsorted(motion.t, mesh_of(motion) - 1e-9)  # sample of every break
+    gap = np.append(np.diff(motion.t) <= 2 * JUMP_GAP, False)
+
+    def values(times: FloatArray) -> FloatArray:
+        i = np.clip(np.searchsorted(motion.t, times, side="right") - 1, 0, motion.t.size - 2)
+        piece = np.clip(np.searchsorted(first, i, side="right") - 1, 0, first.size - 2)
+        low, high = first[piece], first[piece + 1]
+        high = high - gap[high - 1]  # the later side of a jump belongs to the piece that follows
+        widths = np.minimum(6, high - low + 1)
+        answer = np.zeros((times.size, motion.joint_count))
+        for width in np.unique(widths):
+            own = np.flatnonzero(widths == width)
+            leftmost = np.clip(i[own] - width // 2 + 1, low[own], high[own] - width + 1)
+            stencil = leftmost[:, None] + np.arange(width)
+            weights = _lagrange(times[own], motion.t[stencil])
+            answer[own] = (weights[:, :, None] * motion.tau[stencil]).sum(axis=1)
+        return answer
+
+    return values
+
+
+def _lagrange(t: FloatArray, nodes: FloatArray) -> FloatArray:
+    """Weights [N,k] of values at nodes [N,k] in the polynomial through them, at times t [N]."""
+    weights = np.ones_like(nodes)
+    for k in range(nodes.shape[1]):
+        for other in range(nodes.shape[1]):
+            if other != k:
+                weights[:, k] *= (t - nodes[:, other]) / (nodes[:, k] - nodes[:, other])
+    return weights

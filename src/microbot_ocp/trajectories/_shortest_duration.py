@@ -1,0 +1,323 @@
+"""The shortest duration at which a shape of motion keeps the limits of a robot."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import InputError
+from microbot_ocp.limits import ROUNDING, Demand, Peak
+from microbot_ocp.motion import PiecewisePolynomial
+from microbot_ocp.robot import JointLimits, Limits, Robot
+
+MakeMotion = Callable[[float], PiecewisePolynomial]
+
+SCAN_RATIO = 1.05  # step of the search from above, where the feasible set may have gaps
+LONGEST = 1e6  # no duration above this many times the first is tried
+SHORTEST = 1e-9
+
+
+@dataclass(frozen=True)
+class Scaled:
+    """A motion as short as its shape and the limits allow.
+
+    Attributes
+    ----------
+    polynomial : PiecewisePolynomial
+        The motion; it keeps every limit.
+    duration : float
+        Its duration, s.
+    factor : float
+        Duration divided by that of the shape given (NaN where a callable was given).
+    quantity : str
+        The kind of limit that is just met: "qd", "qdd", "tau" or "taud"; "q" where a shorter
+        motion of a callable leaves the position limits, "shape" where the callable refuses one.
+    joint : str
+        Name of the joint that meets it.
+    time : float
+        When, s.
+    value, limit : float
+        Value there and the limit, in ``unit``.
+    unit : str
+    utilisation : float
+        Largest share of any velocity, acceleration, torque or torque-rate limit: 1 or just below.
+    iterations : int
+        How many durations were tried.
+    wall_time : float
+        s.
+    """
+
+    polynomial: PiecewisePolynomial
+    duration: float
+    factor: float
+    quantity: str
+    joint: str
+    time: float
+    value: float
+    limit: float
+    unit: str
+    utilisation: float
+    iterations: int
+    wall_time: float
+
+
+def shortest_duration(
+    robot: Robot,
+    make_motion: PiecewisePolynomial | MakeMotion,
+    limits: Limits | JointLimits | None = None,
+    *,
+    first_duration: float = 1.0,
+    tolerance: float = 1e-8,
+) -> Scaled:
+    """Shortest duration at which a shape of motion keeps every limit.
+
+    When a motion is stretched in time by the factor l, velocities go with 1/l, accelerations with
+    1/l^2, and the torque at each point of the path is ``g(q) + c / l^2`` with gravity g and c from
+    inertia and Coriolis terms (Hollerbach, *Dynamic scaling of manipulator trajectories*, ASME
+    Journal of Dynamic Systems, Measurement, and Control 106, 1984). Without joint friction each
+    torque is affine in 1/l^2, so if gravity alone is within the limits, the feasible durations are
+    all those from some T* on, and T* is found by a bracketed root-find on the largest use of any
+    limit. Viscous friction adds a term in 1/l: then an instant may be infeasible only for a band
+    of durations, and the search comes from above in steps of 5 %, as it does for Coulomb friction
+    and for a callable, about which nothing is known. Position limits do not depend on the duration
+    and are checked first, as is the torque that holds the arm still.
+
+    The largest use is that of a dense grid on every piece (both one-sided limits at each break),
+    with its maxima refined.
+
+    Parameters
+    ----------
+    robot : Robot
+    make_motion : PiecewisePolynomial or callable
+        A shape, which is stretched uniformly, or ``duration (s) -> PiecewisePolynomial`` of that
+        duration; an InputError that the callable raises counts as "too short".
+    limits : Limits or JointLimits, optional
+        Default ``robot.limits``.
+    first_duration : float
+        First duration that a callable is tried with, s.
+    tolerance : float
+        The result uses between ``1 - tolerance`` and 1 of the limit that it meets.
+
+    Returns
+    -------
+    Scaled
+
+    Raises
+    ------
+    InputError
+        No limit at all; the shape leaves the position limits; gravity alone needs more torque than
+        allowed; the torque jumps though its rate is limited; nothing limits the motion.
+
+    Examples
+    --------
+    >>> import microbot_ocp as mo
+    >>> from microbot_ocp.trajectories import cubic, shortest_duration
+    >>> robot = mo.load_robot("microbot")
+    >>> shape = cubic([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0]], [0.0, 1.0])
+    >>> found = shortest_duration(robot, shape, mo.Limits(qd_max=2.0))
+    >>> round(found.duration, 6), found.quantity, found.joint  # 1.5 L / v
+    (1.5, 'qd', 'waist')
+    """
+    started = time.perf_counter()
+    search = _Search(robot, make_motion, limits, first_duration, tolerance)
+    return search.run(started)
+
+
+class _Search:
+    """One search for the shortest duration; counts the durations that were tried."""
+
+    def __init__(
+        self,
+        robot: Robot,
+        make_motion: PiecewisePolynomial | MakeMotion,
+        limits: Limits | JointLimits | None,
+        first_duration: float,
+        tolerance: float,
+    ) -> None:
+        self.robot = robot
+        self.tolerance = checks.number("tolerance", tolerance, above=0.0, at_most=1e-3)
+        chosen = (robot.limits if limits is None else limits).for_joints(robot.joint_count)
+        self.demand = Demand(robot, chosen)
+        self.kinds = [k for k in ("qd", "qdd", "tau", "taud") if k in self.demand.uses]
+        if not self.kinds:
+            raise InputError(
+                "limits must hold a finite qd_max, qdd_max, tau_max or taud_max for at least one "
+                "joint, or no duration is too short"
+            )
+        self.tried = 0
+        self.shape = make_motion if isinstance(make_motion, PiecewisePolynomial) else None
+        if self.shape is not None:
+            shape = self._checked(self.shape)
+            self.first = shape.duration
+            self.make: MakeMotion = lambda duration: shape.stretched(duration / shape.duration)
+            refusal = self.demand.refusal(shape)
+        elif callable(make_motion):
+            self.first = checks.number("first_duration", first_duration, "s", above=0.0)
+            self.make = cast(MakeMotion, make_motion)
+            refusal = self._refusal_of_callable()
+        else:
+            raise InputError(
+                "make_motion must be a PiecewisePolynomial or a callable of the duration, not "
+                f"{type(make_motion).__name__}"
+            )
+        if refusal:
+            raise InputError(refusal)
+        friction = any(link.viscous_friction or link.coulomb_friction for link in robot.links)
+        # Without friction a longer duration of the same shape never asks for more.
+        self.from_above = self.shape is None or (friction and "tau" in self.kinds)
+
+    def _checked(self, polynomial: PiecewisePolynomial) -> PiecewisePolynomial:
+        width = polynomial.coefficients.shape[2]
+        if width != self.robot.joint_count:
+            raise InputError(
+                f"make_motion is for {width} joints, but the robot has {self.robot.joint_count}"
+            )
+        return polynomial
+
+    def _refusal_of_callable(self) -> str | None:
+        """Its path may depend on the duration: refuse only what ten times as long does not cure."""
+        refusal = None
+        for duration in (self.first, 10.0 * self.first):
+            try:
+                polynomial = self._made(duration)
+            except _TooShort:
+                continue
+            refusal = self.demand.refusal(polynomial)
+            if refusal is None:
+                return None
+        return refusal
+
+    def _made(self, duration: float) -> PiecewisePolynomial:
+        try:
+            made = self.make(duration)
+        except InputError as problem:
+            raise _TooShort(str(problem)) from problem
+        if not isinstance(made, PiecewisePolynomial):
+            raise InputError(
+                f"make_motion must return a PiecewisePolynomial, not {type(made).__name__}"
+            )
+        if abs(made.duration - duration) > 1e-6 * duration:
+            raise InputError(
+                f"make_motion({duration:g}) must return a motion of {duration:g} s, not "
+                f"{made.duration:g} s"
+            )
+        return self._checked(made)
+
+    def evaluate(self, duration: float) -> Peak:
+        """The largest use of the limits at this duration."""
+        self.tried += 1
+        try:
+            polynomial = self._made(duration)
+        except _TooShort as problem:
+            if duration > 0.1 * LONGEST * self.first:
+                raise InputError(f"make_motion refuses every duration: {problem}") from problem
+            return Peak(np.inf)
+        if self.shape is None:
+            place = self.demand.peak(polynomial, ["q"])
+            if place.use > 1.0 + ROUNDING:
+                return Peak(np.inf, "q", place.joint, place.time, place.value, place.limit)
+        return self.demand.peak(polynomial, self.kinds)
+
+    def run(self, started: float) -> Scaled:
+        good, bad = self._bracket()
+        good, met, missed = self._narrow(good, bad)
+        # Where the use leaps at the bracket's end, what stops the motion is what the shorter asks.
+        cause = met if met.use >= 1.0 - 1e-6 else missed
+        polynomial = self.make(good)
+        named = cause.quantity != "shape"
+        return Scaled(
+            polynomial=polynomial,
+            duration=polynomial.duration,
+            factor=good / self.first if self.shape is not None else np.nan,
+            quantity=cause.quantity,
+            joint=self.robot.joint_names[cause.joint] if named else "",
+            time=cause.time,
+            value=cause.value,
+            limit=cause.limit,
+            unit=self.robot.unit(cause.quantity, cause.joint) if named else "",
+            utilisation=met.use,
+            iterations=self.tried,
+            wall_time=time.perf_counter() - started,
+        )
+
+    def _bracket(self) -> tuple[tuple[float, Peak], tuple[float, Peak]]:
+        """A duration that keeps the limits and a shorter one that does not."""
+        duration, bad = self.first, None
+        peak = self.evaluate(duration)
+        while peak.use > 1.0:
+            bad = (duration, peak)
+            duration *= float(np.clip(peak.use, 1.3, 4.0))
+            if duration > LONGEST * self.first:
+                raise InputError(self._no_duration(bad))
+            peak = self.evaluate(duration)
+        good = (duration, peak)
+        if self.from_above:
+            top = self.evaluate(4.0 * duration)
+            if top.use <= 1.0:
+                good, bad = (4.0 * duration, top), None
+        while bad is None:
+            duration, peak = good
+            if duration < SHORTEST * self.first:
+                raise InputError(
+                    "make_motion meets no limit, however short it is: no joint with a limit moves"
+                )
+            shorter = duration / SCAN_RATIO
+            if not self.from_above or peak.use < 0.1:
+                shorter = duration * float(np.clip(0.95 * peak.use, 0.1, 0.9))
+            trial = (shorter, self.evaluate(shorter))
+            if trial[1].use > 1.0:
+                bad = trial
+            else:
+                good = trial
+        return good, bad
+
+    def _no_duration(self, last: tuple[float, Peak]) -> str:
+        duration, peak = last
+        if peak.quantity == "shape":
+            return f"make_motion refuses every duration up to {duration:g} s"
+        unit = self.robot.unit(peak.quantity, peak.joint)
+        return (
+            f"no duration up to {duration:g} s keeps the limits: there {peak.quantity} of joint "
+            f"{self.robot.joint_names[peak.joint]!r} is {peak.value:.6g} {unit} at "
+            f"{peak.time:.6g} s, its limit {peak.limit:g} {unit}"
+        )
+
+    def _narrow(
+        self, good: tuple[float, Peak], bad: tuple[float, Peak]
+    ) -> tuple[float, Peak, Peak]:
+        """Illinois regula falsi in 1/T^2, in which a torque-limited use is affine."""
+        aim = 1.0 - 0.5 * self.tolerance
+        weight_good, weight_bad = 1.0, 1.0
+        last = 0
+        for iteration in range(200):
+            (long, met), (short, missed) = good, bad
+            if met.use >= 1.0 - self.tolerance or long - short <= 1e-13 * long:
+                break
+            s_good, s_bad = long**-2, short**-2
+            gap_good = (aim - met.use) * weight_good
+            gap_bad = (missed.use - aim) * weight_bad
+            share = gap_good / (gap_good + gap_bad) if np.isfinite(gap_bad) else 0.5
+            if iteration % 4 == 3 or not 0.0 < share < 1.0:
+                share = 0.5
+            middle = (s_good + share * (s_bad - s_good)) ** -0.5
+            if not short < middle < long:
+                middle = 0.5 * (short + long)
+            trial = (middle, self.evaluate(middle))
+            if trial[1].use > 1.0:
+                bad, weight_bad = trial, 1.0
+                weight_good = 0.5 * weight_good if last == 1 else 1.0
+                last = 1
+            else:
+                good, weight_good = trial, 1.0
+                weight_bad = 0.5 * weight_bad if last == -1 else 1.0
+                last = -1
+        return good[0], good[1], bad[1]
+
+
+class _TooShort(Exception):
+    """A callable that refuses a duration."""

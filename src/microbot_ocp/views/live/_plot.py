@@ -1,0 +1,134 @@
+"""Velocity and torque of a motion under limits, drawn anew many times a second.
+
+Axes, labels and the motion to compare with are drawn once and kept as pixels; a frame adds what
+moved (12 ms for three joints, where the whole figure takes 190 ms). Frames may be drawn in another
+thread: only the first drawing touches matplotlib's settings, which all threads share.
+"""
+
+from __future__ import annotations
+
+import textwrap
+from io import BytesIO
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from PIL import Image
+
+from microbot_ocp.motion import Motion
+from microbot_ocp.robot import JointLimits, Robot
+from microbot_ocp.views.plots import styled
+from microbot_ocp.views.plots._page import LIMIT_COLOR, WARNING_COLOR
+from microbot_ocp.views.plots._style import FIXED
+
+QUANTITIES = {"qd": "velocity", "tau": "torque"}
+COLUMN, ROW = 3.1, 2.1  # inches
+DPI = 96
+REFERENCE_COLOR = "0.72"
+ROOM = 1.08  # of an axis beyond the largest limit
+WORDS_WIDTH = 75  # characters
+
+
+class LivePlot:
+    """A row of velocities and one of torques, a column for each joint.
+
+    Parameters
+    ----------
+    robot : Robot
+    reference : Motion
+        Drawn in grey behind.
+    largest : JointLimits
+        The widest limits that will be drawn.
+    duration : float
+        Length of the time axis, s; a longer motion makes it longer.
+    """
+
+    def __init__(
+        self, robot: Robot, reference: Motion, largest: JointLimits, duration: float
+    ) -> None:
+        color, dashes = FIXED["time_optimal"]
+        solid: dict[str, Any] = {"color": color, "linestyle": dashes, "linewidth": 2.0}
+        moving: dict[str, Any] = {"animated": True}
+        dashed: dict[str, Any] = {"color": LIMIT_COLOR, "linestyle": "--", "linewidth": 1.0}
+        count = robot.joint_count
+        self._panels: dict[tuple[str, int], Axes] = {}
+        self._curves: dict[tuple[str, int], Line2D] = {}
+        self._limits: dict[tuple[str, int], list[Line2D]] = {}
+        with styled():
+            size = (COLUMN * count + 0.4, ROW * len(QUANTITIES) + 0.8)
+            self.figure = Figure(figsize=size, dpi=DPI)
+            self._canvas = FigureCanvasAgg(self.figure)
+            grid = self.figure.subplots(len(QUANTITIES), count, sharex=True, squeeze=False)
+            self.figure.subplots_adjust(0.24 / count, 0.16, 0.99, 0.94, 0.22, 0.12)
+            for row, quantity in zip(grid, QUANTITIES, strict=True):
+                for joint, axes in enumerate(row):
+                    values = getattr(reference, quantity)[:, joint]
+                    _frame(axes, robot, quantity, joint)
+                    axes.set_ylim(*_range(values, *(b[joint] for b in largest.bounds(quantity))))
+                    axes.plot(reference.t, values, color=REFERENCE_COLOR, linewidth=1.6)
+                    (curve,) = axes.plot([], [], **solid, **moving)
+                    self._panels[quantity, joint] = axes
+                    self._curves[quantity, joint] = curve
+                    self._limits[quantity, joint] = [
+                        axes.axhline(0.0, **dashed, **moving) for _ in range(2)
+                    ]
+            self._words = self.figure.text(
+                0.5, 0.55, "", ha="center", va="center", fontsize=11, color=WARNING_COLOR,
+                bbox={"facecolor": "white", "edgecolor": WARNING_COLOR, "pad": 8}, **moving,
+            )  # fmt: skip
+            names = [
+                Line2D([], [], **solid, label="as the sliders say"),
+                Line2D([], [], color=REFERENCE_COLOR, label="under the robot's own limits"),
+                Line2D([], [], **dashed, label="limit"),
+            ]
+            self.figure.legend(handles=names, loc="lower center", ncols=3, frameon=False)
+            self._axes: Axes = grid[0, 0]
+            self._keep(duration)
+
+    def _keep(self, duration: float) -> None:
+        """Draw what does not move and keep its pixels."""
+        self._axes.set_xlim(0.0, duration)
+        self._canvas.draw()
+        self._background = self._canvas.copy_from_bbox(self.figure.bbox)
+
+    def png(self, motion: Motion | None, limits: JointLimits, words: str = "") -> bytes:
+        """Picture of a motion and limits; in place of a motion, words that say why."""
+        if motion is not None and motion.duration > self._axes.get_xlim()[1]:
+            self._keep(1.25 * motion.duration)
+        self._canvas.restore_region(self._background)
+        for (quantity, joint), axes in self._panels.items():
+            pair = self._limits[quantity, joint], limits.bounds(quantity)
+            for line, bound in zip(*pair, strict=True):
+                line.set_ydata([bound[joint]] * 2)
+                axes.draw_artist(line)
+            if motion is not None:
+                curve = self._curves[quantity, joint]
+                curve.set_data(motion.t, getattr(motion, quantity)[:, joint])
+                axes.draw_artist(curve)
+        if words:
+            self._words.set_text(textwrap.fill(words, WORDS_WIDTH))
+            self.figure.draw_artist(self._words)
+        stream = BytesIO()
+        image = Image.fromarray(np.asarray(self._canvas.buffer_rgba()))
+        image.convert("RGB").save(stream, "png", compress_level=1)
+        return stream.getvalue()
+
+
+def _frame(axes: Axes, robot: Robot, quantity: str, joint: int) -> None:
+    if quantity == "qd":
+        axes.set_title(robot.joint_names[joint], fontweight="bold")
+    else:
+        axes.set_xlabel("t [s]")
+    unit = robot.unit(quantity, joint)
+    if joint == 0 or unit != robot.unit(quantity, 0):
+        axes.set_ylabel(f"{QUANTITIES[quantity]} [{unit}]")
+
+
+def _range(values: Any, lower: float, upper: float) -> tuple[float, float]:
+    """Range of an axis that holds the limits, or half as much again as the values."""
+    low = lower if np.isfinite(lower) else 1.5 * min(float(values.min()), -1e-3)
+    high = upper if np.isfinite(upper) else 1.5 * max(float(values.max()), 1e-3)
+    return ROOM * low, ROOM * high

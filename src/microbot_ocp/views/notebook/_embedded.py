@@ -1,0 +1,119 @@
+"""The Rerun viewer in a notebook.
+
+The viewer is a program of 67 MB that runs in the browser. Left alone Rerun fetches it from its own
+server; here it comes from the installed package by a small server on this machine's loopback, so
+that no network is needed. Where the browser is on another machine (JupyterHub, Colab), set the
+environment variable ``RERUN_NOTEBOOK_ASSET`` to ``inline`` or to an address before Python starts,
+as Rerun documents it: then it decides.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+from functools import lru_cache, partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from microbot_ocp._base.checks import InputError
+from microbot_ocp.comparison import Comparison
+from microbot_ocp.motion import Motion
+from microbot_ocp.robot import Robot
+
+ASSET = "RERUN_NOTEBOOK_ASSET"
+MISSING = (
+    "The embedded viewer needs the extra 'notebook': pip install 'microbot_ocp[notebook]'. "
+    "A recording in a file (to_rerun) opens without it: rerun FILE.rrd"
+)
+
+
+def show(
+    what: Comparison | Motion,
+    robot: Robot | None = None,
+    *,
+    width: int | str = "auto",
+    height: int = 620,
+) -> Any:
+    """Show a comparison or a motion in a Rerun viewer inside a notebook.
+
+    Parameters
+    ----------
+    what : Comparison or Motion
+    robot : Robot, optional
+        Of a motion, with the limits to draw.
+    width : int or "auto"
+        Pixels; "auto" is the width of the cell.
+    height : int
+        Pixels.
+
+    Returns
+    -------
+    rerun.notebook.Viewer or None
+        As the last line of a cell it is displayed. None, with a line that says what to install,
+        where the extra ``notebook`` is missing.
+
+    Raises
+    ------
+    InputError
+        Something else than a comparison or a motion with its robot.
+    """
+    if isinstance(what, Motion) and not isinstance(robot, Robot):
+        raise InputError("show needs the robot of a motion: show(motion, robot)")
+    if not isinstance(what, Comparison | Motion):
+        raise InputError(f"show takes a Comparison or a Motion, not {type(what).__name__}")
+    if find_spec("rerun_notebook") is None:
+        print(MISSING)
+        return None
+    import rerun as rr
+    import rerun_notebook
+    from rerun.notebook import Viewer
+
+    from microbot_ocp.views.recording import Writer, of_comparison, of_motion
+
+    if isinstance(what, Comparison):
+        recording = of_comparison(what)
+    else:
+        assert robot is not None
+        recording = of_motion(robot, what)
+    address = None if os.environ.get(ASSET) else f"{_local_server()}/widget.js"
+    if address is not None:  # Rerun itself chooses once, when it is imported
+        rerun_notebook.ASSET_ENV = rerun_notebook.Viewer._esm = address
+    stream = rr.RecordingStream(recording.application)
+    viewer = Viewer(
+        width=width,  # type: ignore[arg-type]
+        height=height,
+        recording=stream,
+        blueprint=recording.blueprint(),
+        use_global_recording=False,
+        theme="dark",  # which the recordings' colours are made for
+    )
+    recording.write(Writer(stream))
+    stream.flush()
+    return viewer
+
+
+class _Assets(SimpleHTTPRequestHandler):
+    """The viewer's files, for a page that comes from another port."""
+
+    extensions_map = {".js": "text/javascript", ".wasm": "application/wasm"}  # noqa: RUF012
+
+    def end_headers(self) -> None:
+        self.send_header("Access-Control-Allow-Origin", "*")
+        super().end_headers()
+
+    def log_message(self, format: str, *args: Any) -> None:
+        """Nothing: a notebook would show it."""
+
+
+@lru_cache(maxsize=1)
+def _local_server() -> str:
+    """Address of a server of the viewer's files, on this machine only; it ends with the process."""
+    found = find_spec("rerun_notebook")
+    assert found is not None
+    assert found.origin is not None
+    folder = Path(found.origin).parent / "static"
+    server = ThreadingHTTPServer(("127.0.0.1", 0), partial(_Assets, directory=str(folder)))
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    return f"http://127.0.0.1:{server.server_address[1]}"

@@ -1,0 +1,19 @@
+"""Figures: every function takes axes or makes them, and returns them.
+
+``mo.plots`` is this module. None touches pyplot or the user's style; :func:`save` writes files, and
+the last line of a Jupyter cell shows the figure of the axes it holds.
+
+Examples
+--------
+>>> import microbot_ocp as mo
+>>> robot = mo.load_robot("microbot")
+>>> shape = mo.cubic([[0.0, 0.0, 0.0], [0.5, 0.8, 0.4]], [0.0, 3.0])
+>>> motion = mo.Motion.from_polynomial(robot, shape, label="cubic")
+>>> axes = mo.plots.motion(robot, motion)
+>>> axes.shape, axes[0, 1].get_ylabel(), axes[2, 0].get_ylabel()
+((3, 3), '', 'torque [N m]')
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,43 @@
+"""Public names; loaded when they are first asked for."""
+
+from ._arms import (
+    arms as arms,
+)
+from ._comparison import (
+    comparison as comparison,
+)
+from ._curves import (
+    Curve as Curve,
+    curves as curves,
+)
+from ._limits import (
+    limit_use as limit_use,
+    saturation as saturation,
+)
+from ._motion import (
+    motion as motion,
+    simulation as simulation,
+)
+from ._page import (
+    AxesGrid as AxesGrid,
+    figure_of as figure_of,
+    save as save,
+    styled as styled,
+    write as write,
+)
+from ._paths import (
+    paths as paths,
+)
+from ._phase_plane import (
+    phase_plane as phase_plane,
+)
+from ._report import (
+    report as report,
+    report_figure as report_figure,
+)
+from ._solution import (
+    solution as solution,
+)
+from ._tracking import (
+    tracking as tracking,
+)

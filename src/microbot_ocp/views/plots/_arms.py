@@ -1,0 +1,85 @@
+"""The arm itself: its links at one or several joint positions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from mpl_toolkits.mplot3d import Axes3D
+from numpy.typing import ArrayLike
+
+from microbot_ocp._base import checks
+from microbot_ocp.robot import Robot
+from microbot_ocp.views import _scene as scene
+from microbot_ocp.views.plots._page import HALO, Axis, ShownAxes3D, axes_page, styled
+from microbot_ocp.views.plots._paths import azimuth, equal_box
+from microbot_ocp.views.plots._style import look
+
+SIZE = (8.6, 6.2)  # inches
+TICKS = 6  # along the longest axis
+
+
+@styled()
+def arms(
+    robot: Robot,
+    poses: Mapping[str, ArrayLike],
+    axes: Axis | None = None,
+    *,
+    title: str = "",
+    target: ArrayLike | None = None,
+) -> Axes3D:
+    """The arm in space at several joint positions, with one scale for all three directions.
+
+    Parameters
+    ----------
+    robot : Robot
+    poses : mapping from a label to array_like [n]
+        Joint positions, rad (prismatic: m).
+    axes : Axes3D, optional
+        Default a new figure.
+    title : str
+        Of a new figure; default the robot's name.
+    target : array_like [3], optional
+        A point to mark, in the base frame, m.
+
+    Returns
+    -------
+    Axes3D
+
+    Raises
+    ------
+    InputError
+        No pose, or one of another width or not finite; axes without a third dimension.
+    """
+    if not poses:
+        raise checks.InputError("poses must hold at least one pose")
+    shape = (robot.joint_count,)
+    q = np.array([checks.array(f"pose {k!r}", v, shape, "rad") for k, v in poses.items()])
+    drawn_arms = scene.link_origins(robot, q)
+    point = None if target is None else checks.array("target", target, (3,), "m")
+    space = {"axes_class": ShownAxes3D}
+    page = axes_page(axes, 1, 1, size=SIZE, title=title or robot.name, subplot_kw=space)
+    panel: Any = page.axes[0, 0]
+    if not isinstance(panel, Axes3D):
+        raise checks.InputError("axes must be three-dimensional, projection='3d'")
+    for place, (label, arm) in enumerate(zip(poses, drawn_arms, strict=True)):
+        color, dashes = look(place)
+        panel.plot(*arm.T, color=color, linestyle=dashes, linewidth=3.0, marker="o", label=label)
+    drawn = drawn_arms.reshape(-1, 3)
+    if point is not None:
+        panel.plot(*point[:, None], "k*", markersize=13, zorder=8, label="target")
+        drawn = np.vstack([drawn, point])
+    x, y, z = drawn_arms[0, 0]
+    panel.text(x, y, z, "  base", path_effects=HALO, zorder=8)
+    equal_box(panel, drawn)
+    panel.set(xlabel="x [m]", ylabel="y [m]")
+    panel.zaxis.set_rotate_label(False)  # matplotlib's own choice may stand on its head
+    panel.set_zlabel("z [m]", rotation=90)
+    each: tuple[Any, ...] = ("x", "y", "z")
+    for axis, span in zip(each, np.ptp(drawn, axis=0), strict=True):
+        ticks = max(2, round(TICKS * span / np.ptp(drawn, axis=0).max()))
+        panel.locator_params(axis, nbins=ticks)
+    panel.view_init(elev=22, azim=azimuth(drawn_arms[:, -1]) - 40)
+    page.legend(panel.get_legend_handles_labels()[0], 3)
+    return panel

@@ -1,0 +1,101 @@
+"""A comparison as curves: every method in one look, under the limits of the task."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Sequence
+
+from microbot_ocp.comparison import Comparison, Entry
+from microbot_ocp.motion import Motion
+from microbot_ocp.views import _scene as scene
+from microbot_ocp.views.plots._curves import Curve, curves
+from microbot_ocp.views.plots._page import AxesGrid, Axis
+from microbot_ocp.views.plots._style import EntryStyle, entry_styles, failure_sentence
+
+
+def comparison(
+    comparison: Comparison,
+    axes: Axis | None = None,
+    *,
+    quantities: Sequence[str] = ("q", "qd", "tau"),
+    joints: Sequence[int] | None = None,
+    methods: Sequence[str] | None = None,
+) -> AxesGrid:
+    """Position, velocity and torque of every method against time, with the limits.
+
+    Parameters
+    ----------
+    comparison : Comparison
+    axes : array of Axes [quantities, joints], optional
+        Default a new page, a column for each joint (a row where there are more than four).
+    quantities : sequence of str
+        Of "q" [deg or m], "qd", "qdd", "tau".
+    joints : sequence of int, optional
+        Indices from 0; default all.
+    methods : sequence of str, optional
+        Names of entries; default all.
+
+    Returns
+    -------
+    AxesGrid [quantities, joints]
+        Markers show when via points are passed. What has no motion is told in words.
+
+    Raises
+    ------
+    InputError
+        A quantity or joint that is not there, axes of another shape.
+    KeyError
+        A method that is not there.
+    """
+    names = [entry.name for entry in comparison.entries] if methods is None else list(methods)
+    chosen = [comparison[name] for name in names]
+    return curves(
+        comparison.robot,
+        entry_curves(comparison, names),
+        quantities,
+        axes,
+        joints=joints,
+        limits=comparison.limits,
+        via=None,
+        title=f"{comparison.robot.name}: the same task, the same limits",
+        symbols=True,
+        warnings=[failure_sentence(entry) for entry in chosen if entry.motion is None],
+    )
+
+
+def entry_curves(comparison: Comparison, names: Sequence[str]) -> list[Curve]:
+    """Curves of the named entries that have a motion."""
+    styles = entry_styles(comparison)
+    return [
+        _curve(comparison, styles[entry.name], entry, motion)
+        for entry, motion in scene.solved_entries(comparison)
+        if entry.name in names
+    ]
+
+
+def _curve(comparison: Comparison, style: EntryStyle, entry: Entry, motion: Motion) -> Curve:
+    return Curve(
+        label=legend_title(entry, motion),
+        t=motion.t,
+        values={name: getattr(motion, name) for name in ("q", "qd", "qdd", "tau")},
+        color=style.color,
+        linestyle=style.linestyle,
+        passages=[passage.time for passage in scene.via_passages(comparison, motion)],
+        prominent=style.highlighted,
+    )
+
+
+def legend_title(entry: Entry, motion: Motion) -> str:
+    """Title of an entry with its duration, and whether it may be trusted."""
+    title = f"{entry.title or entry.name.replace('_', ' ')}, {motion.duration:.3f} s"
+    if not motion.solved:
+        return f"{title} (NOT SOLVED: {entry.status})"
+    if entry.certificate is not None and not entry.certificate.ok:
+        return f"{title} (NOT CERTIFIED)"
+    return title
+
+
+def failures(comparison: Comparison, width: int = 150) -> list[str]:
+    """Lines that tell which entries have no motion, and why."""
+    sentences = [failure_sentence(entry) for entry in scene.failed_entries(comparison)]
+    return [line for text in sentences for line in textwrap.wrap(text, width)]

@@ -1,0 +1,242 @@
+"""How much of every limit a motion uses over time, and which actuator saturates when."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from microbot_ocp._base.checks import InputError
+from microbot_ocp.comparison import Comparison
+from microbot_ocp.limits import QUANTITY_NAMES, LimitHistory, Spell, limit_history
+from microbot_ocp.motion import Motion
+from microbot_ocp.robot import JointLimits, Limits, Robot
+from microbot_ocp.views import _scene as scene
+from microbot_ocp.views.plots._page import LIMIT_COLOR, AxesGrid, Axis, axes_page, styled
+from microbot_ocp.views.plots._style import (
+    JOINT_COLORS,
+    JOINT_DASHES,
+    entry_styles,
+    failure_sentence,
+)
+
+WIDTH = 9.6  # inches
+ROW = 2.1  # inches, of one kind of limit
+LANE = 0.24  # inches, of one joint of one motion
+TOP = 125.0  # percent, unless a limit is broken by more
+# Upper limits are plain, lower ones hatched; velocity lies as a thin bar in the middle of a lane.
+HEIGHTS = {"tau": 0.78, "taud": 0.5, "qdd": 0.5, "qd": 0.26}
+SIDES = {1: " at its upper limit", -1: " at its lower limit", 0: " at a limit"}
+LOWER_HATCH = "//////"
+FACES = {"tau": "0.35", "taud": "0.6", "qdd": "0.6", "qd": "#E69F00"}
+
+
+@styled()
+def limit_use(
+    robot: Robot,
+    motion: Motion,
+    axes: Axis | None = None,
+    *,
+    quantities: Sequence[str] | None = None,
+    limits: Limits | JointLimits | None = None,
+) -> AxesGrid:
+    """Use of every kind of limit over time: 100 % is the limit.
+
+    Parameters
+    ----------
+    robot : Robot
+    motion : Motion
+    axes : array of Axes [quantities], optional
+        Default a new figure.
+    quantities : sequence of str, optional
+        Of "q", "qd", "qdd", "tau", "taud"; default all that have limits but the position's.
+    limits : Limits, optional
+        Default the robot's own.
+
+    Returns
+    -------
+    AxesGrid [quantities, 1]
+        Colour and dashes tell the joints apart; thin lines stand where a torque limit is first
+        used up or left, which is where an actuator switches.
+
+    Raises
+    ------
+    InputError
+        No limits at all, a quantity without one, a motion of another number of joints.
+    """
+    history = limit_history(robot, motion, limits)
+    limited = [quantity for quantity in history.shares if quantity != "q"]
+    shown = list(limited or history.shares) if quantities is None else list(quantities)
+    for quantity in shown:
+        if quantity not in history.shares:
+            known = ", ".join(history.shares) or "none"
+            raise InputError(f"quantity must be one with a limit ({known}), not {quantity!r}")
+    if not shown:
+        raise InputError("limits must bound something: this robot has none")
+    size = (WIDTH, ROW * len(shown) + 1.3)
+    title = f"{robot.name}, {motion.label}: use of the limits"
+    page = axes_page(axes, len(shown), 1, size=size, title=title, sharex=True)
+    switches = sorted({t for s in history.spells("tau") for t in (s.start, s.end)})
+    for panel, quantity in zip(page.axes.flat, shown, strict=True):
+        _draw_use(panel, history, quantity, switches)
+        panel.set_xlim(0.0, motion.duration)
+    page.axes[-1, 0].set_xlabel("t [s]")
+    handles: list[Any] = [
+        Line2D([], [], label=name, **joint_line(joint))
+        for joint, name in enumerate(robot.joint_names)
+    ]
+    handles.append(Line2D([], [], color=LIMIT_COLOR, linestyle="--", linewidth=1.0, label="limit"))
+    if switches:
+        handles.append(
+            Line2D([], [], color="0.55", linewidth=0.8, label="a torque meets or leaves its limit")
+        )
+    warning = "" if motion.solved else f"not solved: {motion.provenance.get('status', '')}"
+    page.legend(handles, 5, warning.replace("_", " "))
+    return page.axes
+
+
+def joint_line(joint: int) -> dict[str, Any]:
+    """Colour and dashes of a joint among others."""
+    return {
+        "color": JOINT_COLORS[joint % len(JOINT_COLORS)],
+        "linestyle": JOINT_DASHES[joint % len(JOINT_DASHES)],
+        "linewidth": 1.6,
+    }
+
+
+def _draw_use(axes: Axes, history: LimitHistory, quantity: str, switches: Sequence[float]) -> None:
+    share = 100.0 * history.shares[quantity]
+    drawn = np.where(np.isfinite(share), np.maximum(share, 0.0), np.nan)
+    for joint in range(share.shape[1]):
+        axes.plot(history.t, drawn[:, joint], zorder=3 + 0.01 * joint, **joint_line(joint))
+    for time in switches:
+        axes.axvline(time, color="0.55", linewidth=0.8, zorder=2, label="_switch")
+    peak = float(np.nanmax(drawn))
+    top = max(TOP, 1.06 * peak)
+    axes.axhline(100.0, color=LIMIT_COLOR, linestyle="--", linewidth=1.0, zorder=4, label="_limit")
+    axes.axhspan(100.0, top, color="0.5", alpha=0.18, linewidth=0, zorder=1)
+    axes.set_ylim(0.0, top)
+    axes.set_yticks([0, 25, 50, 75, 100])
+    axes.set_ylabel(f"{QUANTITY_NAMES[quantity]} [%]")
+
+
+@styled()
+def saturation(
+    subject: Comparison | Mapping[str, Motion],
+    axes: Axis | None = None,
+    *,
+    robot: Robot | None = None,
+    methods: Sequence[str] | None = None,
+) -> Axes:
+    """Which actuator saturates when: a lane for each joint of each motion.
+
+    Parameters
+    ----------
+    subject : Comparison, or mapping from a label to Motion
+    axes : Axes, optional
+        Default a new figure.
+    robot : Robot, optional
+        Of a mapping, with its limits.
+    methods : sequence of str, optional
+        Names of entries of a comparison; default all.
+
+    Returns
+    -------
+    Axes
+        Bars stand where a limit is used to 99 % or more: dark for torque (hatched at its lower
+        limit), narrow for velocity.
+
+    Raises
+    ------
+    InputError
+        A mapping without its robot, or without motions.
+    KeyError
+        A method that is not there.
+    """
+    robot, limits, motions, failures = _motions(subject, robot, methods)
+    names = robot.joint_names
+    lanes = len(motions) * len(names)
+    size = (WIDTH, LANE * (lanes + len(motions)) + 1.6)
+    page = axes_page(axes, 1, 1, size=size, title=f"{robot.name}: which limit is used up when")
+    panel: Axes = page.axes[0, 0]
+    ticks, kinds = [], set()
+    longest = max((motion.duration for motion in motions.values()), default=1.0)
+    for place, (label, motion) in enumerate(motions.items()):
+        history = limit_history(robot, motion, limits)
+        first = place * (len(names) + 1)
+        for joint in range(len(names)):
+            panel.barh(first + joint, motion.duration, height=0.86, color="0.93", zorder=1)
+            ticks.append(first + joint)
+        for quantity in history.shares:
+            if quantity == "q":
+                continue
+            for spell in history.spells(quantity):
+                _draw_spell(panel, first, spell)
+                kinds.add((quantity, 0 if quantity == "qd" else spell.side))
+        panel.annotate(
+            f"{label}, {motion.duration:.3f} s", (0.0, first - 0.55), ha="left", va="bottom",
+            fontsize=7.5 if page.own else 6.5, fontweight="bold", annotation_clip=False,
+        )  # fmt: skip
+    panel.set_yticks(ticks, list(names) * len(motions), fontsize=8.0 if page.own else 6.5)
+    panel.set_ylim(lanes + len(motions) - 1.4, -1.35)
+    panel.set_xlim(0.0, 1.01 * longest)
+    panel.grid(axis="y", visible=False)
+    panel.tick_params(axis="y", length=0)
+    panel.set_xlabel("t [s]")
+    page.legend([_spell_patch(*kind) for kind in sorted(kinds, reverse=True)], 4, failures)
+    return panel
+
+
+def _motions(
+    subject: Comparison | Mapping[str, Motion], robot: Robot | None, methods: Sequence[str] | None
+) -> tuple[Robot, JointLimits, dict[str, Motion], str]:
+    if isinstance(subject, Comparison):
+        chosen = [e.name for e in subject.entries] if methods is None else list(methods)
+        entries = [subject[name] for name in chosen]
+        styles = entry_styles(subject)
+        motions = {
+            styles[entry.name].title: motion
+            for entry, motion in scene.solved_entries(subject)
+            if entry.name in chosen
+        }
+        failed = "\n".join(failure_sentence(e) for e in entries if e.motion is None)
+        return subject.robot, subject.limits, motions, failed
+    if robot is None:
+        raise InputError("robot must be given with a mapping of motions")
+    if not subject:
+        raise InputError("motions must hold at least one motion")
+    return robot, robot.limits, dict(subject), ""
+
+
+def _draw_spell(axes: Axes, first: int, spell: Spell) -> None:
+    axes.barh(
+        first + spell.joint,
+        spell.end - spell.start,
+        left=spell.start,
+        height=HEIGHTS[spell.quantity],
+        zorder=3 if spell.quantity == "qd" else 2,
+        label="_spell",
+        **_face(spell.quantity, spell.side),
+    )
+
+
+def _face(quantity: str, side: int) -> dict[str, Any]:
+    if quantity == "qd":
+        return {"facecolor": FACES[quantity], "edgecolor": "black", "linewidth": 0.5}
+    if side > 0:
+        return {"facecolor": FACES[quantity], "edgecolor": FACES[quantity], "linewidth": 0.5}
+    return {
+        "facecolor": "white",
+        "edgecolor": FACES[quantity],
+        "linewidth": 0.5,
+        "hatch": LOWER_HATCH,
+    }
+
+
+def _spell_patch(quantity: str, side: int) -> Patch:
+    text = QUANTITY_NAMES[quantity] + SIDES[side]
+    return Patch(label=text, **_face(quantity, side))

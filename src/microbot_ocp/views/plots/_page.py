@@ -1,0 +1,261 @@
+"""Pages of axes: made here or given by the caller, styled without global state, saved in one place.
+
+pyplot is never imported: a figure made here belongs to whoever holds it and to nobody else.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.patheffects import withStroke
+from mpl_toolkits.mplot3d import Axes3D
+
+from microbot_ocp._base.checks import InputError
+
+A4 = (8.27, 11.69)  # inches
+A4_LANDSCAPE = (11.69, 8.27)
+LIMIT_COLOR = "0.25"
+WARNING_COLOR = "#B00020"
+HALO = [withStroke(linewidth=2.5, foreground="white")]  # text stays legible on curves
+PNG_DPI = 150
+NOTEBOOK_DPI = 90  # a page is as wide as a notebook's column
+SETTINGS: dict[Any, Any] = {
+    "font.family": "DejaVu Sans",  # comes with matplotlib: the same everywhere
+    "font.size": 9.0,
+    "axes.titlesize": 10.5,
+    "axes.labelsize": 9.5,
+    "legend.fontsize": 9.0,
+    "xtick.labelsize": 8.5,
+    "ytick.labelsize": 8.5,
+    "axes.grid": True,
+    "grid.color": "0.88",
+    "grid.linewidth": 0.6,
+    "axes.axisbelow": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "pdf.fonttype": 42,  # text stays text
+    "text.parse_math": False,  # names may hold a dollar sign
+}
+_LOOKS = (
+    "axes", "axes3d", "boxplot", "figure", "font", "grid", "hatch", "image", "legend", "lines",
+    "mathtext", "patch", "path", "pdf", "savefig", "text", "xaxis", "xtick", "yaxis", "ytick",
+)  # fmt: skip
+# Everything that changes looks as matplotlib has it, whatever the user's style, then ours.
+_STYLE: dict[Any, Any] = {
+    **{key: v for key, v in matplotlib.rcParamsDefault.items() if key.split(".")[0] in _LOOKS},
+    **SETTINGS,
+}
+
+Axis = Axes | np.ndarray | Sequence[Any]
+Drawn = Figure | Axes | np.ndarray
+
+
+def styled() -> Any:
+    """Context (or decorator) in which figures look alike, whatever style the user has set."""
+    return matplotlib.rc_context(_STYLE)
+
+
+class AxesGrid(np.ndarray):
+    """Axes of one figure as an array; the last line of a Jupyter cell shows the figure."""
+
+    @property
+    def figure(self) -> Figure:
+        """The figure of all of them."""
+        return figure_of(self)
+
+    def _repr_png_(self) -> bytes | None:
+        return _png(self) if self.size else None
+
+
+class ShownAxes(Axes):
+    """Axes whose figure Jupyter shows where they stand in the last line of a cell."""
+
+    def _repr_png_(self) -> bytes:
+        return _png(self)
+
+
+class ShownAxes3D(Axes3D):
+    """The same in three dimensions."""
+
+    def _repr_png_(self) -> bytes:
+        return _png(self)
+
+
+@dataclass(frozen=True, eq=False)
+class Page:
+    """Where a figure function draws.
+
+    Attributes
+    ----------
+    axes : AxesGrid
+        One axes a panel.
+    own : bool
+        Whether the page was made here: only then are a title and a legend outside the axes ours.
+    """
+
+    axes: AxesGrid
+    own: bool
+
+    @property
+    def figure(self) -> Figure:
+        """The figure of all panels."""
+        return figure_of(self.axes)
+
+    def legend(self, handles: Sequence[Any], columns: int, warning: str = "") -> None:
+        """One legend: below the page, or in the first axes of a page that is not ours.
+
+        Parameters
+        ----------
+        handles : sequence of artists with labels
+        columns : int
+            At most so many.
+        warning : str
+            What went wrong, in red above the entries.
+        """
+        if not handles and not warning:
+            return
+        widest = max((len(str(handle.get_label())) for handle in handles), default=1)
+        fit = max(1, int(13.0 * self.figure.get_figwidth() // (widest + 10)))
+        given: dict[str, Any] = {"loc": "outside lower center", "ncols": min(columns, fit)}
+        target: Any = self.figure
+        if not self.own:
+            given, target = {"loc": "best", "fontsize": 7.5}, self.axes.flat[0]
+        legend = target.legend(
+            handles=list(handles), title=warning, frameon=not self.own, handlelength=3.6, **given
+        )
+        legend.get_title().set_color(WARNING_COLOR)
+
+
+def new_page(size: tuple[float, float], title: str = "") -> Figure:
+    """An empty figure of a size in inches; call it within :func:`styled`."""
+    figure = Figure(figsize=size, layout=ConstrainedLayoutEngine(w_pad=0.07, h_pad=0.05))
+    FigureCanvasAgg(figure)
+    if title:
+        figure.suptitle(title, fontsize=13, fontweight="bold")
+    return figure
+
+
+def axes_page(
+    axes: Axis | None,
+    rows: int,
+    columns: int,
+    *,
+    size: tuple[float, float],
+    title: str = "",
+    transposed: bool = False,
+    **subplots: Any,
+) -> Page:
+    """The given axes, checked, or those of a new figure.
+
+    Parameters
+    ----------
+    axes : Axes, array or nested sequence of Axes, optional
+        [rows, columns], or [rows * columns] in that order.
+    rows, columns : int
+    size : (width, height)
+        Of a new figure, inches.
+    title : str
+        Of a new figure.
+    transposed : bool
+        Whether a new figure has a column for each row; the axes returned stay [rows, columns].
+    **subplots
+        For ``Figure.subplots``.
+
+    Raises
+    ------
+    InputError
+        Axes of another shape, or no axes at all.
+    """
+    if axes is not None:
+        return Page(_checked(axes, rows, columns), own=False)
+    figure = new_page(size, title)
+    shape = (columns, rows) if transposed else (rows, columns)
+    given = {"axes_class": ShownAxes, **subplots.pop("subplot_kw", {})}
+    made = figure.subplots(*shape, squeeze=False, subplot_kw=given, **subplots)
+    return Page((made.T if transposed else made).view(AxesGrid), own=True)
+
+
+def _checked(axes: Any, rows: int, columns: int) -> AxesGrid:
+    given = [axes] if isinstance(axes, Axes) else np.array(axes, dtype=object).ravel().tolist()
+    wanted = f"{rows} x {columns}" if rows * columns > 1 else "one"
+    for entry in given:
+        if not isinstance(entry, Axes):
+            raise InputError(f"axes must be {wanted} matplotlib axes, not {entry!r}")
+    if len(given) != rows * columns:
+        raise InputError(f"axes must be {wanted} matplotlib axes, not {len(given)}")
+    grid = np.empty(len(given), dtype=object)
+    grid[:] = given
+    return grid.reshape(rows, columns).view(AxesGrid)
+
+
+def figure_of(drawn: Drawn) -> Figure:
+    """The whole figure that axes, an array of axes or a figure belong to."""
+    first: Any = drawn if isinstance(drawn, Figure | Axes) else np.asarray(drawn).flat[0]
+    if isinstance(first, Figure):
+        return first
+    if not isinstance(first, Axes):
+        raise InputError(f"a figure or its axes are needed, not {first!r}")
+    return first.get_figure(root=True)  # type: ignore[return-value]
+
+
+def save(
+    drawn: Drawn | Mapping[str, Drawn], folder: str | Path, stem: str | None = None
+) -> list[Path]:
+    """Write figures as PNG (150 dots an inch) and PDF.
+
+    Parameters
+    ----------
+    drawn : Figure, Axes, array of Axes, or a mapping from the stem of a file to such
+    folder : str or Path
+        Made where it is not there.
+    stem : str, optional
+        Of the files of a single figure; its mapping has those of several.
+
+    Returns
+    -------
+    list of Path
+        ``STEM.png``, ``STEM.pdf`` of each.
+
+    Raises
+    ------
+    InputError
+        Nothing to draw, or one figure without a stem.
+    """
+    if not isinstance(drawn, Mapping):
+        if stem is None:
+            raise InputError("stem must be given for a single figure: the name of its files")
+        drawn = {stem: drawn}
+    figures = {name: figure_of(each) for name, each in drawn.items()}
+    target = Path(folder)
+    target.mkdir(parents=True, exist_ok=True)
+    return [
+        write(figure, target / f"{name}{ending}")
+        for name, figure in figures.items()
+        for ending in (".png", ".pdf")
+    ]
+
+
+def write(drawn: Drawn, path: str | Path) -> Path:
+    """Write one figure; the ending of the path says how (``.png``, ``.pdf``, ``.svg``)."""
+    target = Path(path)
+    undated = {"CreationDate": None} if target.suffix == ".pdf" else None  # same figure, same file
+    with styled():
+        figure_of(drawn).savefig(target, dpi=PNG_DPI, metadata=undated)
+    return target
+
+
+def _png(drawn: Drawn) -> bytes:
+    stream = io.BytesIO()
+    with styled():
+        figure_of(drawn).savefig(stream, format="png", dpi=NOTEBOOK_DPI)
+    return stream.getvalue()

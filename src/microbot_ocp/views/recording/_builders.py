@@ -1,0 +1,207 @@
+"""What can be recorded: a comparison, a motion, a controller at work, inverse kinematics."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp.comparison import Certificate, Comparison
+from microbot_ocp.inverse_kinematics import IKSolution
+from microbot_ocp.motion import Motion
+from microbot_ocp.robot import JointLimits, Limits, Robot
+from microbot_ocp.simulation import Tracking
+from microbot_ocp.views import _scene as scene
+from microbot_ocp.views.plots._style import FIXED, PREFERRED, EntryStyle, entry_styles
+from microbot_ocp.views.recording import _messages as words, _paths as entities
+from microbot_ocp.views.recording._animated_arm import RATE, Actor, looks, standing
+from microbot_ocp.views.recording._recording import Recording
+from microbot_ocp.views.tables import comparison_markdown
+
+FEW_JOINTS = 4  # more joints than this: q1 and so on stand for their names
+BEHIND = "#56B4E9"  # of ghosts that are no method
+
+
+def of_comparison(comparison: Comparison, rate: float = RATE) -> Recording:
+    """Every motion on one timeline, the best one solid among ghosts.
+
+    ``rate`` (Hz) is how densely they are sampled.
+    """
+    styles = entry_styles(comparison)
+    solved = scene.solved_entries(comparison)
+    shown = looks(comparison.robot, [styles[entry.name] for entry, _ in solved])
+    actors = [Actor.of(motion, look, rate) for (_, motion), look in zip(solved, shown, strict=True)]
+    return Recording(
+        title=f"{comparison.robot.name}, {len(comparison.entries)} methods",
+        robot=comparison.robot,
+        limits=comparison.limits,
+        actors=tuple(actors),
+        marked=_tools(comparison.robot, comparison.via_q),
+        mark_names=_via_names(len(comparison.via_q)),
+        summary=comparison_markdown(comparison),
+    )
+
+
+def of_motion(
+    robot: Robot, motion: Motion, certificate: Certificate | None = None, rate: float = RATE
+) -> Recording:
+    """One motion under the robot's limits, as the arm ``motion``.
+
+    Its ends, and the marks named "via ...", are marked in space.
+    """
+    _same_joints(robot, motion.joint_count, "motion")
+    inner = sorted(
+        m.time for m in motion.marks if m.name.startswith("via") and 0.0 < m.time < motion.duration
+    )
+    via_q = motion.sample([0.0, *inner, motion.duration]).q
+    (look,) = looks(robot, [_solid("motion", "")])
+    actor = Actor.of(motion, look, rate)
+    status = str(motion.provenance.get("status", "solved")).replace("_", " ")
+    title = f"{robot.name}: {motion.label}"
+    sentences = [
+        "" if motion.solved else f"Not solved: {status}.",
+        "Not certified." if certificate is None else certificate.verdict,
+        motion.note,
+    ]
+    return Recording(
+        title=title,
+        robot=robot,
+        limits=robot.limits,
+        actors=(actor,),
+        marked=_tools(robot, via_q),
+        mark_names=_via_names(len(via_q)) if inner else ("start", "end"),
+        summary=words.document(
+            f"{title}, {motion.duration:.3f} s",
+            words.table(*words.peaks(robot, robot.limits, actor)),
+            sentences,
+        ),
+    )
+
+
+def of_tracking(
+    robot: Robot,
+    tracking: Tracking,
+    limits: Limits | JointLimits | None = None,
+    rate: float = RATE,
+) -> Recording:
+    """A controlled arm ``actual`` with the ghost ``desired`` that it should follow.
+
+    ``limits`` are those of its drives (default ``robot.limits``): at them it saturates.
+
+    Raises
+    ------
+    InputError
+        The simulation did not arrive, or is of another robot.
+    """
+    _same_joints(robot, tracking.q.shape[1], "tracking")
+    motion = tracking.as_motion(tracking.label or "actual")
+    reference = tracking.reference
+    wanted = Motion(motion.t, *reference, np.zeros_like(reference.q), "desired")
+    ghost_look, look = looks(robot, [_ghost("desired", "desired"), _solid("actual", "actual")])
+    ghost, actual = Actor.of(wanted, ghost_look, rate), Actor.of(motion, look, rate)
+    error = ghost.q - actual.q
+    chosen = (robot.limits if limits is None else limits).for_joints(robot.joint_count)
+    heads, rows = words.peaks(robot, chosen, actual)
+    for joint, row in enumerate(rows):
+        factor = scene.display_factor(robot, "error", joint)
+        unit = scene.display_unit(robot, "error", joint)
+        row += [f"{factor * values[joint]:.3g} {unit}" for values in (tracking.rms, tracking.peak)]
+    how = "continuous" if tracking.sample_rate is None else f"{tracking.sample_rate:g} Hz"
+    title = f"{robot.name}: {motion.label}, {how}"
+    return Recording(
+        title=title,
+        robot=robot,
+        limits=chosen,
+        actors=(
+            replace(ghost, curves={key: ghost.curves[key] for key in ("q", "qd")}),
+            replace(actual, curves={**actual.curves, "error": error}),
+        ),
+        marked=_tools(robot, wanted.q[[0, -1]]),
+        mark_names=("start", "end"),
+        summary=words.document(
+            f"{title}, {motion.duration:.3f} s",
+            words.table([*heads, "RMS error", "peak error"], rows),
+            [
+                f"At a torque limit for {100 * tracking.saturated_fraction:.3g} % of the time.",
+                tracking.advice,
+            ],
+        ),
+        quantities=("q", "error", "tau"),
+    )
+
+
+def of_branches(
+    robot: Robot,
+    solutions: Sequence[IKSolution],
+    position: FloatArray,
+    orientation: FloatArray | None = None,
+) -> Recording:
+    """Solutions of inverse kinematics as ghosts; the arm ``solution`` takes one after the other.
+
+    ``position`` [3] (m) and ``orientation`` [3,3] are the target.
+    """
+    if not solutions:
+        raise InputError("solutions must hold at least one IKSolution, not none")
+    _same_joints(robot, len(solutions[0].q), "solutions")
+    q = np.array([solution.q for solution in solutions])
+    styles = [_ghost(f"branch_{k}", "") for k in range(1, len(q) + 1)]
+    shown = looks(robot, [*styles, _solid("solution", "")])
+    ghosts = [standing(q[k : k + 1], look) for k, look in enumerate(shown[:-1])]
+    target = None
+    if orientation is not None:
+        target = np.eye(4)
+        target[:3, :3], target[:3, 3] = orientation, position
+    units = [scene.display_unit(robot, "q", joint) for joint in range(robot.joint_count)]
+    factors = [scene.display_factor(robot, "q", joint) for joint in range(robot.joint_count)]
+    few = robot.joint_count <= FEW_JOINTS
+    names = robot.joint_names if few else [f"q{j + 1}" for j in range(robot.joint_count)]
+    heads = [f"{name} [{unit}]" for name, unit in zip(names, units, strict=True)]
+    rows = [
+        [str(k), *(f"{value:.2f}" for value in factors * s.q), f"{s.position_error:.1e}", s.status]
+        for k, s in enumerate(solutions, start=1)
+    ]
+    place = ", ".join(f"{value:.4g}" for value in position)
+    title = f"{robot.name}: inverse kinematics to ({place}) m"
+    return Recording(
+        title=title,
+        robot=robot,
+        limits=robot.limits,
+        actors=(*ghosts, standing(q, shown[-1])),
+        marked=np.array([position], dtype=float),
+        mark_names=("target",),
+        summary=words.document(
+            title,
+            words.table(["branch", *heads, "off [m]", "status"], rows),
+            list(dict.fromkeys(solution.advice for solution in solutions)),
+        ),
+        target=target,
+        quantities=(),
+        timeline=entities.BRANCH,
+    )
+
+
+def _solid(name: str, title: str) -> EntryStyle:
+    color, line = FIXED[PREFERRED]
+    return EntryStyle(name, title, color, line, highlighted=True)
+
+
+def _ghost(name: str, title: str) -> EntryStyle:
+    return EntryStyle(name, title, BEHIND, "solid", highlighted=False)
+
+
+def _tools(robot: Robot, q: FloatArray) -> FloatArray:
+    """Tool positions [N,3] at q [N,n], m."""
+    return scene.link_origins(robot, q)[:, -1]
+
+
+def _via_names(count: int) -> tuple[str, ...]:
+    return tuple(f"via {k}" for k in range(1, count + 1))
+
+
+def _same_joints(robot: Robot, count: int, name: str) -> None:
+    if count != robot.joint_count:
+        raise InputError(
+            f"{name} has {count} joints, but robot {robot.name!r} has {robot.joint_count}"
+        )

@@ -1,0 +1,291 @@
+"""A solve as it converges: every iterate on the timeline ``iteration``.
+
+:class:`IterationRecorder` is a progress function. Of a robot's motion it draws the tool's path, the
+arm at some instants, and q, qd and tau over time; of any other problem its states and controls.
+Cost and infeasibility become curves over the iterations of all solves in a row.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from microbot_ocp._base.checks import FloatArray
+from microbot_ocp.comparison import Step
+from microbot_ocp.ocp.solution import Iteration, PhaseSolution
+from microbot_ocp.planning import MotionIteration
+from microbot_ocp.views import _scene as scene
+from microbot_ocp.views.recording import (
+    _camera as camera,
+    _panels as panels,
+    _paths as entities,
+    _surroundings as surroundings,
+)
+from microbot_ocp.views.recording._palette import NEUTRAL_COLOR, SPEED_COLOR, VELOCITY_COLOR
+from microbot_ocp.views.recording._panels import Curve
+from microbot_ocp.views.recording._writer import Writer, file_writer
+
+ITERATION = "iteration"  # iterations of all solvers so far
+ARM = "iterate"
+APPLICATION = "microbot_ocp_iterations"  # a viewer keeps one layout for each
+POSES = 12  # of the arm along the motion
+EARLIER = 8  # iterations whose tool paths stay behind, faintly
+SMALLEST = 1e-16  # infeasibility that is drawn for none
+WIDE = 4  # more panels than this in a row: two columns
+PER_INTERVAL = 5  # samples of a state or control
+CONVERGENCE = {
+    "cost": "cost",
+    "infeasibility": "infeasibility, power of ten",
+}
+
+
+class IterationRecorder:
+    """Takes what a solve tells of itself and writes its iterates.
+
+    Parameters
+    ----------
+    writer : Writer
+    every : int
+        Of so many iterations one is drawn, and the last of every solve.
+    """
+
+    def __init__(self, writer: Writer, every: int = 1) -> None:
+        self.writer, self.every = writer, every
+        self.count = -1
+        self._pending: Iteration | None = None
+        self._shown: tuple[str, ...] = ()
+
+    def __call__(self, event: Iteration | Step | str) -> None:
+        """Progress of a solve, of several, or of a comparison."""
+        iteration = event.iteration if isinstance(event, Step) else event
+        if not isinstance(iteration, Iteration):
+            self.finish()
+            self._say(event.text if isinstance(event, Step) else str(event))
+            return
+        if self._pending is not None and iteration.number <= self._pending.number:
+            self.finish()
+        self.count += 1
+        self._converge(iteration)
+        self._pending = iteration
+        if iteration.number % self.every == 0:
+            self.finish()
+
+    def finish(self) -> None:
+        """Draw the last iterate, if it is not drawn yet."""
+        if self._pending is not None:
+            self._draw(self._pending)
+            self._pending = None
+
+    @property
+    def _now(self) -> dict[str, FloatArray]:
+        return {ITERATION: np.array([max(self.count, 0)])}
+
+    def _say(self, text: str) -> None:
+        row = rr.TextLog.columns(text=[text], level=["INFO"], color=[VELOCITY_COLOR])
+        self.writer.columns(entities.MARKS, self._now, row)
+
+    def _converge(self, iteration: Iteration) -> None:
+        power = np.log10(max(iteration.infeasibility, SMALLEST))
+        for name, value in (("cost", iteration.cost), ("infeasibility", power)):
+            if np.isfinite(value):
+                row = rr.Scalars.columns(scalars=[value])
+                self.writer.columns(f"convergence/{name}", self._now, row)
+
+    def _draw(self, iteration: Iteration) -> None:
+        robot_moves = isinstance(iteration, MotionIteration)
+        curves = motion_curves(iteration) if robot_moves else phase_curves(iteration.phases)
+        if self._shown != tuple(curves):
+            self._shown = tuple(curves)
+            self._prepare(iteration, curves)
+        for name, curve in curves.items():
+            panels.draw(self.writer, _path(name), self._now, curve)
+        if robot_moves:
+            self._draw_arm(iteration)
+
+    def _prepare(self, iteration: Iteration, curves: Mapping[str, Curve]) -> None:
+        for name in curves:
+            panels.prepare(self.writer, _path(name))
+        for name in CONVERGENCE:
+            look = rr.SeriesLines(names=name, colors=SPEED_COLOR, widths=1.5)
+            self.writer.static(f"convergence/{name}", look)
+        if isinstance(iteration, MotionIteration):
+            _prepare_arm(self.writer, iteration)
+        self.writer.layout(_blueprint(iteration, curves))
+
+    def _draw_arm(self, iteration: MotionIteration) -> None:
+        t, state = iteration.motion()
+        origins = scene.link_origins(iteration.robot, state.q)
+        nearest = np.abs(t[:, None] - np.linspace(0.0, t[-1], POSES)).argmin(axis=0)
+        poses = origins[np.unique(nearest)].astype(np.float32)
+        arms = rr.LineStrips3D.columns(strips=poses).partition([len(poses)])
+        self.writer.columns(entities.arm(ARM, "poses"), self._now, arms)
+        path = origins[:, -1].astype(np.float32)[None]
+        for name in (entities.trail(ARM), entities.arm(ARM, "earlier")):
+            self.writer.columns(name, self._now, rr.LineStrips3D.columns(strips=path))
+
+
+@contextmanager
+def record_iterations(path: str | Path, every: int = 1) -> Iterator[IterationRecorder]:
+    """A progress function that writes the iterates into an ``.rrd``, whole or not at all.
+
+    Parameters
+    ----------
+    path : path of the file
+    every : int
+        Of so many iterations one is drawn, and the last of every solve.
+
+    Examples
+    --------
+    >>> import numpy as np, tempfile
+    >>> import microbot_ocp as mo
+    >>> via_q = np.radians([[0, 0, 0], [-90, 90, 90]])
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     with record_iterations(f"{folder}/solve.rrd", every=10) as progress:
+    ...         motion = mo.time_optimal(
+    ...             mo.load_robot("microbot"), via_q, mesh=20, starts=1, progress=progress
+    ...         )
+    """
+    with file_writer(path, application=APPLICATION) as writer:
+        recorder = IterationRecorder(writer, every)
+        yield recorder
+        recorder.finish()
+
+
+def motion_curves(iteration: MotionIteration) -> dict[str, Curve]:
+    """q, qd and tau of every joint, by "quantity/joint", in the units in which they are drawn."""
+    robot = iteration.robot
+    t, state = iteration.motion()
+    values = {"q": state.q, "qd": state.qd}
+    if robot.has_dynamics:
+        values["tau"] = iteration.torque()
+    curves = {}
+    for quantity, table in values.items():
+        lower, upper = robot.limits.bounds(quantity)
+        for joint, name in enumerate(robot.joint_names):
+            factor = scene.display_factor(robot, quantity, joint)
+            unit = scene.display_unit(robot, quantity, joint)
+            limits = factor * lower[joint], factor * upper[joint]
+            curves[f"{quantity}/{name}/{unit}"] = Curve(t, factor * table[:, joint], *limits)
+    return curves
+
+
+def phase_curves(phases: tuple[PhaseSolution, ...]) -> dict[str, Curve]:
+    """Every component of every state, control and algebraic variable over the phases in a row."""
+    parts: dict[str, list[tuple[FloatArray, FloatArray]]] = {}
+    limits: dict[str, tuple[float, float]] = {}
+    start = 0.0
+    for phase in phases:
+        assert phase.layout is not None
+        inside = np.linspace(
+            1e-9, 1 - 1e-9, PER_INTERVAL
+        )  # a control may jump from one to the next
+        t = (phase.t[:-1, None] + np.diff(phase.t)[:, None] * inside).ravel()
+        table = phase.sample(t)
+        declared = phase.layout.phase
+        for variable in (*declared.states, *declared.controls, *declared.algebraics):
+            for i in range(variable.size):
+                number = f" {i + 1}" if variable.size > 1 else ""
+                name = f"variables/{variable.name}{number}/{variable.unit}"
+                parts.setdefault(name, []).append((start + t, table[variable.name][:, i]))
+                limits[name] = float(variable.lower[i]), float(variable.upper[i])
+        start += phase.duration
+    return {
+        name: Curve(
+            np.concatenate([t for t, _ in pairs]),
+            np.concatenate([values for _, values in pairs]),
+            *limits[name],
+        )
+        for name, pairs in parts.items()
+    }
+
+
+def _path(name: str) -> str:
+    """Where a panel is in the tree, from "group/name/unit"."""
+    group, variable, _ = name.split("/", 2)
+    return rr.new_entity_path(["plots", group, variable])
+
+
+def _via_places(iteration: MotionIteration) -> FloatArray:
+    return scene.link_origins(iteration.robot, iteration.via_q)[:, -1]
+
+
+def _prepare_arm(writer: Writer, iteration: MotionIteration) -> None:
+    robot, size = iteration.robot, scene.reach(iteration.robot)
+    names = [f"via {i + 1}" for i in range(len(iteration.via_q))]
+    surroundings.draw(writer, robot, _via_places(iteration), names, None)
+    for path, color, radius in (
+        (entities.trail(ARM), SPEED_COLOR, 0.006),
+        (entities.arm(ARM, "earlier"), (*SPEED_COLOR[:3], 70), 0.0015),
+        (entities.arm(ARM, "poses"), NEUTRAL_COLOR, 0.0025),
+    ):
+        look = rr.LineStrips3D.from_fields(radii=[radius * size], colors=[color])
+        writer.static(path, look)
+
+
+def _blueprint(iteration: Iteration, curves: Mapping[str, Curve]) -> rrb.Blueprint:
+    """The arm to the left where there is one, the curves to the right, convergence below."""
+    views = {}
+    for name in curves:
+        group, variable, unit = name.split("/", 2)
+        title = f"{variable} {group if group != 'variables' else ''}".strip()
+        panel = panels.view(_path(name), f"{title} [{unit}]" if unit else title)
+        views.setdefault(group, []).append(panel)
+    widest = max(len(row) for row in views.values())
+    if isinstance(iteration, MotionIteration) and widest <= WIDE:
+        shown = rrb.Grid(*(v for row in views.values() for v in row), grid_columns=widest)
+    elif len(views) == 1:
+        shown = rrb.Grid(*next(iter(views.values())), grid_columns=3 if widest > WIDE else 2)
+    else:
+        shown = rrb.Tabs(*(rrb.Grid(*v, grid_columns=2, name=g) for g, v in views.items()))
+    below: list[rrb.View] = [
+        rrb.TimeSeriesView(
+            origin=f"convergence/{name}",
+            name=title,
+            plot_legend=rrb.PlotLegend(visible=False),
+        )
+        for name, title in CONVERGENCE.items()
+    ]
+    words = rrb.TextLogView(
+        origin=entities.MARKS,
+        name="solves",
+        columns=rrb.TextLogColumns(text_log_columns=["Body"]),
+    )
+    convergence = rrb.Horizontal(*below)
+    if isinstance(iteration, MotionIteration):
+        left = rrb.Vertical(_space(iteration), words, row_shares=[2.6, 1.0])
+        right = rrb.Vertical(shown, convergence, row_shares=[2.6, 1.0])
+        everything = rrb.Horizontal(left, right, column_shares=[1.0, 1.15])
+    else:
+        everything = rrb.Vertical(shown, convergence, row_shares=[2.2, 1.0])
+    return rrb.Blueprint(
+        everything,
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.TimePanel(state="collapsed", timeline=ITERATION, play_state="following", fps=10.0),
+    )
+
+
+def _space(iteration: MotionIteration) -> rrb.Spatial3DView:
+    robot = iteration.robot
+    q = np.vstack([iteration.via_q, iteration.motion()[1].q])
+    headroom = 0.06 * scene.reach(robot)
+    position, target, up = camera.eye(robot, q, _via_places(iteration), headroom)
+    behind = rrb.VisibleTimeRange(
+        ITERATION,
+        start=rrb.TimeRangeBoundary.cursor_relative(seq=-EARLIER),
+        end=rrb.TimeRangeBoundary.cursor_relative(),
+    )
+    return rrb.Spatial3DView(
+        origin=entities.WORLD,
+        name=robot.name,
+        line_grid=rrb.LineGrid3D(visible=True, spacing=camera.grid_spacing(robot)),
+        eye_controls=rrb.EyeControls3D(
+            kind=rrb.Eye3DKind.Orbital, position=position, look_target=target, eye_up=up
+        ),
+        overrides={entities.arm(ARM, "earlier"): rrb.VisibleTimeRanges([behind])},
+    )

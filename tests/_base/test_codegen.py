@@ -1,0 +1,196 @@
+"""Compiled functions: equal to the virtual machine's, cached, and honest when there are none."""
+
+from __future__ import annotations
+
+import shutil
+import stat
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import microbot_ocp as mo
+from helpers import any_robot, batch, difference, random_states
+from microbot_ocp._base import codegen
+from microbot_ocp._base.codegen import NotCompiled, compile_function, compile_functions
+
+needs_compiler = pytest.mark.skipif(codegen.compiler() is None, reason="no C compiler")
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    chosen = tmp_path / "compiled"
+    monkeypatch.setenv("MICROBOT_OCP_CACHE", str(chosen))
+    return chosen
+
+
+def doubled(name: str = "doubled", factor: float = 2.0) -> ca.Function:
+    x = ca.SX.sym("x", 2)
+    return ca.Function(name, [x], [factor * x], ["x"], ["y"])
+
+
+def stub_compiler(path: Path, script: str) -> str:
+    path.write_text(f"#!/bin/sh\n{script}\n")
+    path.chmod(path.stat().st_mode | stat.S_IXUSR)
+    return str(path)
+
+
+def forbid_compiling(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(command: list[str]) -> None:
+        raise AssertionError(f"compiled again: {command}")
+
+    monkeypatch.setattr(codegen, "_run", refuse)
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", ["microbot", "rrprp"])
+@pytest.mark.parametrize(
+    ("make", "arguments"),
+    [
+        (mo.forward_kinematics, 1),
+        (mo.jacobian, 1),
+        (mo.mass_matrix, 1),
+        (mo.bias_torque, 2),
+        (mo.inverse_dynamics, 3),
+    ],
+)
+def test_compiled_function_equals_the_virtual_machine(
+    name: str, make: object, arguments: int
+) -> None:
+    robot = any_robot(name)
+    states = random_states(robot, 50)[:arguments]
+    plain = make(robot)  # type: ignore[operator]
+    compiled = compile_function(plain)
+    assert compiled.is_a("External")
+    assert (compiled.name_in(), compiled.name_out()) == (plain.name_in(), plain.name_out())
+    assert difference(batch(compiled, *states), batch(plain, *states)) < 1e-12
+
+
+@needs_compiler
+def test_compiled_argument_of_the_builders_compiles() -> None:
+    robot = any_robot("rr")
+    compiled = mo.inverse_dynamics(robot, compiled=True)
+    assert compiled.is_a("External")
+    assert compiled is mo.inverse_dynamics(robot, compiled=True)
+    assert not mo.inverse_dynamics(robot).is_a("External")
+
+
+@needs_compiler
+def test_second_compilation_takes_the_cached_file(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    compile_function(doubled())
+    (library,) = folder.iterdir()
+    forbid_compiling(monkeypatch)
+    again = compile_function(doubled())
+    assert np.array(again([1.0, 2.0])).ravel().tolist() == [2.0, 4.0]
+    assert list(folder.iterdir()) == [library]
+
+
+@needs_compiler
+def test_same_name_with_other_contents_is_another_file(folder: Path) -> None:
+    twice, thrice = compile_function(doubled()), compile_function(doubled(factor=3.0))
+    assert len(list(folder.iterdir())) == 2
+    assert np.array(twice([1.0, 1.0])).ravel().tolist() == [2.0, 2.0]
+    assert np.array(thrice([1.0, 1.0])).ravel().tolist() == [3.0, 3.0]
+
+
+@needs_compiler
+def test_another_processor_does_not_take_the_cached_file(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    compile_function(doubled())
+    monkeypatch.setattr(codegen, "processor", lambda: "another one")
+    compile_function(doubled())
+    assert len(list(folder.iterdir())) == 2
+
+
+def test_processor_is_described_and_stays_the_same() -> None:
+    codegen.processor.cache_clear()
+    first = codegen.processor()
+    codegen.processor.cache_clear()
+    assert first == codegen.processor()
+    assert len(first.split()) >= 2
+    assert "MHz" not in first  # changes from moment to moment
+
+
+@needs_compiler
+def test_several_functions_share_one_library(folder: Path) -> None:
+    one, other = compile_functions([doubled("one"), doubled("other", 5.0)])
+    assert len(list(folder.iterdir())) == 1
+    assert np.array(one([1.0, 1.0])).ravel().tolist() == [2.0, 2.0]
+    assert np.array(other([1.0, 1.0])).ravel().tolist() == [5.0, 5.0]
+
+
+def test_without_a_compiler_the_function_itself_comes_back_with_a_warning(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(codegen, "compiler", lambda: None)
+    plain = doubled()
+    with pytest.warns(NotCompiled, match="not compiled: doubled .*no C compiler"):
+        result = compile_function(plain)
+    assert result is plain
+    assert not folder.exists()
+
+
+def test_compiler_is_looked_for_by_name(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    own = stub_compiler(tmp_path / "own-cc", "exit 0")
+    find = codegen.compiler.__wrapped__
+    monkeypatch.setenv("CC", own)
+    assert find() == own
+    monkeypatch.delenv("CC")
+    monkeypatch.setattr(shutil, "which", lambda name: f"/bin/{name}" if name == "clang" else None)
+    assert find() == "/bin/clang"
+    monkeypatch.setattr(shutil, "which", lambda name: None)
+    assert find() is None
+
+
+def test_failing_compiler_is_quoted_in_the_warning(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    broken = stub_compiler(tmp_path / "broken-cc", "echo out of paper >&2; exit 3")
+    monkeypatch.setattr(codegen, "compiler", lambda: broken)
+    plain = doubled()
+    with pytest.warns(NotCompiled, match="status 3: out of paper"):
+        assert compile_function(plain) is plain
+    assert list(folder.iterdir()) == []
+
+
+@needs_compiler
+def test_compiler_that_does_not_know_the_processor_flag_still_compiles(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real = codegen.compiler()
+    script = f'case " $* " in *march=native*) exit 1;; esac; exec {real} "$@"'
+    monkeypatch.setattr(codegen, "compiler", lambda: stub_compiler(tmp_path / "old-cc", script))
+    assert compile_function(doubled()).is_a("External")
+
+
+@needs_compiler
+def test_unusable_cache_folder_and_broken_library_are_warned_about(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder.write_text("a file where the folder should be")
+    plain = doubled()
+    with pytest.warns(NotCompiled):
+        assert compile_function(plain) is plain
+    folder.unlink()
+    folder.mkdir()
+    broken = folder / "broken.so"
+    broken.write_bytes(b"not a library")
+    monkeypatch.setattr(codegen, "_build", lambda *arguments: broken)
+    with pytest.warns(NotCompiled, match="not compiled: doubled"):
+        assert compile_function(plain) is plain
+
+
+def test_cache_folder_follows_the_environment(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("MICROBOT_OCP_CACHE", str(tmp_path / "mine"))
+    assert codegen.cache_folder() == tmp_path / "mine"
+    monkeypatch.delenv("MICROBOT_OCP_CACHE")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "xdg"))
+    assert codegen.cache_folder() == tmp_path / "xdg" / "microbot_ocp"
+    monkeypatch.delenv("XDG_CACHE_HOME")
+    assert codegen.cache_folder() == Path.home() / ".cache" / "microbot_ocp"

@@ -1,0 +1,143 @@
+"""Numpy calls of CasADi functions: the extension module and what stands in for it."""
+
+from __future__ import annotations
+
+import inspect
+import sysconfig
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import microbot_ocp as mo
+from microbot_ocp._base.fast_calls import FastCall, buffered_call, fast_call
+
+ROBOT = mo.load_robot("microbot")
+FUNCTIONS = {
+    "one vector": mo.inverse_dynamics(ROBOT),
+    "a matrix": mo.mass_matrix(ROBOT),
+    "two matrices": mo.velocity_propagation(ROBOT),
+    "two scalars": mo.energy(ROBOT),
+    "with a division": mo.forward_dynamics(ROBOT),
+}
+ROWS = 7
+
+
+@pytest.fixture(params=["extension", "buffer"])
+def way(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> str:
+    if request.param == "buffer":
+        monkeypatch.setattr(sysconfig, "get_path", lambda name: str(tmp_path / name))
+    elif not (Path(sysconfig.get_path("include")) / "Python.h").exists():
+        pytest.skip("this Python came without its headers")
+    return request.param
+
+
+def fresh(function: ca.Function) -> FastCall:
+    """Not from the cache of another test."""
+    return fast_call.__wrapped__(function)
+
+
+def states(function: ca.Function) -> list[np.ndarray]:
+    random = np.random.default_rng(5)
+    return [
+        random.uniform(-1, 1, (ROWS, rows))
+        for rows, _ in map(function.size_in, range(function.n_in()))
+    ]
+
+
+def expected(function: ca.Function, state: list[np.ndarray]) -> list[np.ndarray]:
+    answers = [np.array(matrix) for matrix in function.call(state)]
+    return [answer[:, 0] if answer.shape[1] == 1 else answer for answer in answers]
+
+
+def as_tuple(answer: np.ndarray | tuple[np.ndarray, ...]) -> tuple[np.ndarray, ...]:
+    return answer if isinstance(answer, tuple) else (answer,)
+
+
+@pytest.mark.parametrize("kind", FUNCTIONS)
+def test_agrees_with_casadi(kind: str, way: str) -> None:
+    function = FUNCTIONS[kind]
+    call = fresh(function)
+    assert inspect.isbuiltin(call) == (way == "extension")
+    batch = states(function)
+    wanted = [expected(function, [rows[i] for rows in batch]) for i in range(ROWS)]
+    for output, answer in enumerate(as_tuple(call(*batch))):
+        np.testing.assert_allclose(answer, [row[output] for row in wanted], rtol=0, atol=1e-11)
+    for output, answer in enumerate(as_tuple(call(*(rows[0] for rows in batch)))):
+        np.testing.assert_allclose(answer, wanted[0][output], rtol=0, atol=1e-11)
+
+
+def test_converts_what_is_not_contiguous_float64(way: str) -> None:
+    call = fresh(FUNCTIONS["one vector"])
+    q, qd, qdd = states(FUNCTIONS["one vector"])
+    turned = np.asfortranarray(q)
+    np.testing.assert_array_equal(call(turned, qd, qdd), call(q, qd, qdd))
+    rest = [0.0, 0.0, 0.0]
+    converted = call([0, 0, 1], (0, 0, 0), np.zeros(6)[::2])
+    np.testing.assert_array_equal(converted, call(np.array([0.0, 0.0, 1.0]), rest, rest))
+
+
+def test_one_state_stands_for_every_row(way: str) -> None:
+    call = fresh(FUNCTIONS["one vector"])
+    q, qd, qdd = states(FUNCTIONS["one vector"])
+    repeated = np.tile(qd[0], (ROWS, 1))
+    np.testing.assert_array_equal(call(q, qd[0], qdd), call(q, repeated, qdd))
+
+
+def test_answers_are_new_arrays(way: str) -> None:
+    call = fresh(FUNCTIONS["one vector"])
+    first = call([0, 0, 0], [0, 0, 0], [0, 0, 0])
+    kept = first.copy()
+    call([1, 1, 1], [0, 0, 0], [0, 0, 0])
+    np.testing.assert_array_equal(first, kept)
+
+
+def test_no_rows(way: str) -> None:
+    empty = np.zeros((0, 3))
+    assert fresh(FUNCTIONS["a matrix"])(empty).shape == (0, 3, 3)
+
+
+@pytest.mark.parametrize(
+    ("arrays", "message"),
+    [
+        ((np.zeros(3), np.zeros(3)), "takes 3 arrays, not 2"),
+        ((np.zeros(3), np.zeros(4), np.zeros(3)), r"qd .* must have shape \[3\] or \[N, 3\]"),
+        ((np.zeros((2, 3)), np.zeros((3, 3)), np.zeros(3)), "qd .* the same N in every batch"),
+        ((np.zeros((2, 3, 1)), np.zeros(3), np.zeros(3)), "q .* must have shape"),
+    ],
+)
+def test_wrong_shapes(arrays: tuple[np.ndarray, ...], message: str, way: str) -> None:
+    with pytest.raises(mo.InputError, match=message):
+        fresh(FUNCTIONS["one vector"])(*arrays)
+
+
+def test_functions_of_matrices_are_refused() -> None:
+    matrix = ca.SX.sym("matrix", 2, 2)
+    with pytest.raises(mo.InputError, match="matrix of f must be a dense vector, not 2x2"):
+        fast_call(ca.Function("f", [matrix], [ca.densify(matrix[:, 0])], ["matrix"], ["column"]))
+    vector = ca.SX.sym("vector", 2)
+    with pytest.raises(mo.InputError, match="every output of f must be dense"):
+        fast_call(ca.Function("f", [vector], [ca.diag(vector)], ["vector"], ["diagonal"]))
+
+
+def test_buffered_call_takes_matrices() -> None:
+    total, value = ca.SX.sym("total"), ca.SX.sym("value", 2)
+    sums = ca.Function("sums", [total, value], [total + value[0] * value[1]]).mapaccum(4)
+    values = np.arange(8.0).reshape(2, 4)
+    call = buffered_call(sums)
+    np.testing.assert_array_equal(call(1.0, values), np.array(sums(1.0, values)))
+    np.testing.assert_array_equal(
+        call([2.0], values[:, ::-1]), np.array(sums(2.0, values[:, ::-1]))
+    )
+
+
+def test_buffered_call_checks_shapes() -> None:
+    call = buffered_call(FUNCTIONS["one vector"])
+    with pytest.raises(mo.InputError, match="takes 3 arrays, not 1"):
+        call([0, 0, 0])
+    with pytest.raises(mo.InputError, match=r"qd of .* must have shape \[3, 1\], not \[4\]"):
+        call([0, 0, 0], [0, 0, 0, 0], [0, 0, 0])
+    diagonal = ca.SX.sym("vector", 2)
+    with pytest.raises(mo.InputError, match="must be dense"):
+        buffered_call(ca.Function("f", [diagonal], [ca.diag(diagonal)]))

@@ -1,0 +1,724 @@
+"""The command line: what each command prints, writes and returns."""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rerun.chunk import RrdReader
+
+import microbot_ocp as mo
+from microbot_ocp.cli import (
+    _commands as commands,
+    _interrupt as interrupt,
+    _recordings as recordings,
+    fixed_angles,
+    joint_sweep,
+    largest_reach,
+    main,
+)
+
+COMMANDS = [
+    "robots",
+    "show",
+    "fk",
+    "ik",
+    "simulate",
+    "compare",
+    "time-optimal",
+    "solve",
+    "replay",
+    "doctor",
+]
+VIA_DEG = "0,0,0 -8,45,30 -90,90,90"
+TASK = """
+schema = 1
+robot = "microbot"
+methods = ["cubic", "lspb"]
+outputs = ["json", "motions"]
+[via]
+q_deg = [[0, 0, 0], [-90, 90, 90]]
+"""
+
+
+@pytest.fixture(autouse=True)
+def _quiet_folder(tmp_path, monkeypatch):
+    """Every test runs in an empty folder, at 80 columns, without colours asked for."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    monkeypatch.delenv("FORCE_COLOR", raising=False)
+
+
+@pytest.fixture
+def call(capfd):
+    def run(*arguments):
+        code = main(arguments)
+        out, err = capfd.readouterr()
+        return code, out, err
+
+    return run
+
+
+@pytest.fixture
+def ask(call):
+    """Run a command with --json: its code and document."""
+
+    def run(*arguments):
+        code, out, err = call(*arguments, "--json")
+        assert err == ""
+        return code, json.loads(out, parse_constant=lambda word: pytest.fail(word))
+
+    return run
+
+
+@pytest.fixture
+def refused(call):
+    """Run a command that must refuse its input: the one line that it says."""
+
+    def run(*arguments):
+        code, out, err = call(*arguments)
+        assert code == 2
+        assert out == ""
+        (line,) = err.splitlines()
+        assert line.startswith("error: ")
+        return line
+
+    return run
+
+
+# --- the program -------------------------------------------------------------------------------
+
+
+def test_help_lists_every_command(call):
+    code, out, _ = call("--help")
+    assert code == 0
+    for name in COMMANDS:
+        assert f"\n  {name} " in out
+    assert "..." not in out.split("Commands:")[1]
+    assert call()[:2] == (0, out)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_of_a_command_has_an_example_that_names_real_options(call, command):
+    code, out, _ = call(command, "--help")
+    assert code == 0
+    head, example = out.split("Example:")
+    assert f"microbot-ocp {command}" in example
+    for word in example.split():
+        if word.startswith("--"):
+            assert f"{word} " in head
+    assert "--json" in head
+    assert max(map(len, out.splitlines())) <= 80
+
+
+def test_the_version(call):
+    code, out, _ = call("--version")
+    assert (code, out) == (0, "microbot-ocp 0.1.0\n")
+
+
+@pytest.mark.parametrize(
+    ("words", "offered", "kept_back"),
+    [
+        ("ti", {"time-optimal"}, {"robots"}),
+        ("show p", {"panda", "puma560"}, {"microbot"}),
+        ("show panda --", {"--tip", "--toml", "--json"}, {"--install-completion"}),
+        ("compare microbot --qd", {"--qd-max", "--qdd-max"}, {"--q-max"}),
+        ("compare microbot --methods cubic,l", {"cubic,lspb"}, {"lspb"}),
+        ("replay best.npz --robot s", {"stanford"}, {"panda"}),
+    ],
+)
+def test_completion(call, monkeypatch, words, offered, kept_back):
+    monkeypatch.setenv("_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION", "1")
+    monkeypatch.setenv("_MICROBOT_OCP_COMPLETE", "complete_bash")
+    monkeypatch.setenv("COMP_WORDS", f"microbot-ocp {words}")
+    monkeypatch.setenv("COMP_CWORD", str(len(words.split())))
+    code, out, _ = call()
+    assert code == 0
+    assert offered <= set(out.split())
+    assert not kept_back & set(out.split())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["nope"], ["nope", "robots, show"]),
+        (["simulat"], ["did you mean 'simulate'?"]),
+        (["--bogus"], ["--bogus"]),
+        (["show"], ["ROBOT"]),
+        (["show", "robbie"], ["robbie", "microbot", "panda"]),
+        (["show", "none.toml"], ["none.toml", "cannot be read"]),
+        (["show", "microbot", "--rerun", "x.txt"], [".rrd", "x.txt"]),
+        (["show", "microbot", "--rerun", "none/x.rrd"], ["none/x.rrd", "folder"]),
+        (["fk", "microbot"], ["--q-deg"]),
+        (["fk", "microbot", "--q", "1,2"], ["--q", "waist, shoulder, elbow", "not 2"]),
+        (["fk", "microbot", "--q", "1,2,x"], ["--q", "1,2,x"]),
+        (["fk", "microbot", "--q", "1,2,nan"], ["--q", "finite"]),
+        (["fk", "microbot", "--q", "1,2,3", "--q-deg", "1,2,3"], ["not both"]),
+        (["fk", "microbot", "--q", "1,2,3", "--frame", "4"], ["--frame", "1 to 3", "4"]),
+        (["fk", "microbot", "--q", "1,2,3", "--frame", "x"], ["--frame", "whole number", "'x'"]),
+        (["ik", "microbot"], ["--position"]),
+        (["ik", "microbot", "--position", "1,2"], ["x, y, z", "1,2"]),
+        (["ik", "microbot", "--position", "1,2,3", "--rpy", "1"], ["roll, pitch, yaw"]),
+        (["simulate", "microbot"], ["--q-deg"]),
+        (["simulate", "microbot", "--q", "0,0,0", "--duration", "-1"], ["--duration", "-1"]),
+        (["simulate", "microbot", "--q", "0,0,0", "--step", "x"], ["--step", "number", "'x'"]),
+        (["simulate", "microbot", "--motion", "none.npz"], ["none.npz"]),
+        (["simulate", "microbot", "--q-deg", "0,90,0"], ["singular", "armature"]),
+        (["compare", "microbot"], ["--via-deg"]),
+        (["compare", "microbot", "--via", "0,0,0"], ["at least 2 points", "not 1"]),
+        (["compare", "microbot", "--via", "0,0,0 0,0,0"], ["the same"]),
+        (["compare", "microbot", "--via", "0,0,0 1,1,1", "--methods", "a"], ["cubic", "'a'"]),
+        (["compare", "microbot", "--via", "0,0,0 1,1,1", "--tau-max", "1,2"], ["--tau-max"]),
+        (["compare", "microbot", "--via", "0,0,0 1,1,1", "--tau-max", "-1"], ["tau_max", "-1"]),
+        (["compare", "microbot", "--via", "0,0,0 1,1,1", "--mesh", "2"], ["mesh", "4", "2"]),
+        (["time-optimal", "microbot", "--via", "0,0,0 1,1,1", "--out", "x.txt"], [".npz"]),
+        (["time-optimal", "microbot", "--via", "0,0,0 9,9,9"], ["position limits", "515.6"]),
+        (["solve", "none.toml"], ["none.toml", "No such file"]),
+        (["replay", "none.npz", "--rerun", "x.rrd"], ["none.npz"]),
+        (["replay", ".", "--rerun", "x.rrd"], ["comparison.json"]),
+        (["replay", "x.npz"], ["--rerun", "--open"]),
+        (["replay", "x.rrd", "--rerun", "y.rrd"], ["already", "rerun x.rrd"]),
+    ],
+)
+def test_bad_input_is_one_line(refused, tmp_path, arguments, words):
+    line = refused(*arguments)
+    for word in words:
+        assert word in line
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_limit_given_in_both_units(refused):
+    line = refused(
+        "compare", "microbot", "--via", "0,0,0 1,1,1", "--qd-max", "1", "--qd-max-deg", "9"
+    )
+    assert "--qd-max or --qd-max-deg" in line
+
+
+def test_open_without_a_screen(refused, monkeypatch):
+    monkeypatch.setattr(recordings, "has_display", lambda: False)
+    assert "screen" in refused("show", "microbot", "--open")
+
+
+def test_the_viewer_listens_on_loopback_only(call, monkeypatch, tmp_path):
+    seen = []
+
+    def run(command, **_):
+        seen.append((command, Path(command[-1]).stat().st_size))
+        return subprocess.CompletedProcess(command, 0)
+
+    monkeypatch.setattr(recordings, "has_display", lambda: True)
+    monkeypatch.setattr(recordings, "find_viewer", lambda: "rerun")
+    monkeypatch.setattr(recordings.subprocess, "run", run)
+    code, _, _ = call("show", "planar_2r", "--open")
+    ((command, size),) = seen
+    assert code == 0
+    assert command[:3] == ["rerun", "--bind", "127.0.0.1"]
+    assert size > 10_000
+    assert not Path(command[-1]).exists()  # it was for the viewer only
+    assert list(tmp_path.iterdir()) == []
+
+
+# --- robots and poses --------------------------------------------------------------------------
+
+
+def test_robots(call, ask):
+    code, out, _ = call("robots")
+    assert code == 0
+    assert all(name in out for name in mo.packaged_robots())
+    _, document = ask("robots")
+    assert [robot["name"] for robot in document["robots"]] == list(mo.packaged_robots())
+
+
+@pytest.mark.parametrize("name", mo.packaged_robots())
+def test_show_fits_80_columns_and_tells_everything(call, ask, name):
+    code, out, _ = call("show", name)
+    assert code == 0
+    assert max(map(len, out.splitlines())) <= 80
+    robot = mo.load_robot(name)
+    for joint in robot.joint_names:
+        assert sum(line.startswith(joint) for line in out.splitlines()) >= 3
+    code, document = ask("show", name)
+    assert code == 0
+    assert [joint["name"] for joint in document["joints"]] == list(robot.joint_names)
+    reach = document["workspace"]
+    if reach["reach_bound"] is not None:
+        assert 0 < reach["reach_found"] <= reach["reach_bound"]
+
+
+@pytest.mark.parametrize("name", mo.packaged_robots())
+def test_a_packaged_robot_is_a_start_for_a_robot_file(call, tmp_path, name):
+    code, out, err = call("show", name, "--toml")
+    assert (code, err) == (0, "")
+    (tmp_path / "arm.toml").write_text(out)
+    assert mo.load_robot(tmp_path / "arm.toml") == mo.load_robot(name)
+    assert "[sources]" in out
+
+
+def test_a_robot_is_copied_from_one_format_to_the_other(call, ask, refused, tmp_path):
+    assert ask("show", "panda", "--out", "arm.urdf")[1]["written"] == ["arm.urdf"]
+    code, out, _ = call("show", "arm.urdf", "--out", "arm.toml")
+    assert code == 0
+    assert out.endswith("written: arm.toml\n")
+    assert mo.load_robot(tmp_path / "arm.toml") == mo.load_robot(tmp_path / "arm.urdf")
+    assert call("show", "arm.urdf", "--toml")[1] == (tmp_path / "arm.toml").read_text()
+    (tmp_path / "arm.toml").write_text('name = "broken"')
+    for arguments, words in [
+        (["microbot", "--toml", "--json"], "not both"),
+        (["microbot", "--out", "arm.yaml"], ".toml or .urdf"),
+        (["arm.toml", "--out", "copy.toml"], "[[joint]]"),
+    ]:
+        assert words in refused("show", *arguments)
+    assert {path.name for path in tmp_path.iterdir()} == {"arm.toml", "arm.urdf"}
+
+
+def test_the_reach_of_an_arm_that_stretches_out():
+    found, bound = largest_reach(mo.load_robot("microbot"))
+    assert bound == pytest.approx(9.0)
+    assert found == pytest.approx(9.0, abs=1e-3)
+
+
+def test_a_robot_without_masses_or_limits(call, tmp_path):
+    robot = mo.Robot.from_dh(
+        alpha=[0, 0], a=[0, 1], d=[0, 0], joint_type=["revolute", "prismatic"], name="bare"
+    )
+    mo.write_toml(robot, tmp_path / "bare.toml")
+    code, out, _ = call("show", "bare.toml", "--rerun", "bare.rrd")
+    assert code == 0
+    assert "kinematics only" in out
+    assert "Limits: none" in out
+    assert (tmp_path / "bare.rrd").stat().st_size > 1000
+    code, out, err = call("simulate", "bare.toml", "--q", "0,0")
+    assert (code, out) == (2, "")
+    assert "no masses" in err
+
+
+def test_the_sweep_stays_within_the_limits():
+    for name in mo.packaged_robots():
+        robot = mo.load_robot(name)
+        motion = joint_sweep(robot)
+        assert np.all(motion.q >= robot.limits.q_min - 1e-9)
+        assert np.all(motion.q <= robot.limits.q_max + 1e-9)
+        assert np.all(np.ptp(motion.q, axis=0) > 0.1)
+
+
+def test_fk_in_both_units(ask):
+    _, degrees = ask("fk", "microbot", "--q-deg", "0,45,-30")
+    _, radians = ask("fk", "microbot", "--q", f"0,{np.pi / 4},{-np.pi / 6}")
+    robot = mo.load_robot("microbot")
+    pose = np.array(mo.forward_kinematics(robot)(np.radians([0, 45, -30])))
+    np.testing.assert_allclose(degrees["position"], pose[:3, 3], atol=1e-12)
+    np.testing.assert_allclose(degrees["rotation"], pose[:3, :3], atol=1e-12)
+    np.testing.assert_allclose(radians["position"], degrees["position"], atol=1e-12)
+
+
+def test_fk_of_a_prismatic_joint_takes_metres(ask):
+    code, document = ask("fk", "stanford", "--q-deg", "0,90,0.5,0,0,0")
+    assert code == 0
+    np.testing.assert_allclose(document["q"], [0, np.pi / 2, 0.5, 0, 0, 0])
+
+
+def test_fk_outside_the_limits_says_so(call):
+    code, out, _ = call("fk", "microbot", "--q-deg", "0,0,-400")
+    assert code == 0
+    assert "elbow at -400 deg, allowed ±360 deg" in out
+
+
+def test_ik_returns_what_fk_gives(ask):
+    code, found = ask("ik", "microbot", "--position", "3,-1,4.5")
+    assert code == 0
+    assert len(found["solutions"]) == 4
+    for solution in found["solutions"]:
+        joints = ",".join(map(str, solution["q_deg"]))
+        _, pose = ask("fk", "microbot", "--q-deg", joints)
+        np.testing.assert_allclose(pose["position"], [3, -1, 4.5], atol=1e-6)
+
+
+def test_ik_takes_the_orientation_that_fk_tells(ask):
+    _, pose = ask("fk", "ur5e", "--q-deg", "10,-70,80,-40,30,20")
+    position, angles = (",".join(map(str, pose[key])) for key in ("position", "rpy_deg"))
+    code, found = ask(
+        "ik",
+        "ur5e",
+        "--position",
+        position,
+        "--rpy-deg",
+        angles,
+        "--seed-deg",
+        "9,-69,81,-41,31,19",
+    )
+    assert code == 0
+    np.testing.assert_allclose(
+        found["solutions"][0]["q_deg"], [10, -70, 80, -40, 30, 20], atol=1e-4
+    )
+
+
+@pytest.mark.parametrize("pitch", [np.pi / 2, -np.pi / 2])
+def test_fixed_angles_where_roll_and_yaw_are_one(pitch):
+    from microbot_ocp.cli._poses import _orientation
+
+    rotation = _orientation(f"0.3,{pitch},0.4", None)
+    again = _orientation(",".join(map(str, fixed_angles(rotation))), None)
+    np.testing.assert_allclose(again, rotation, atol=1e-9)
+
+
+def test_a_target_out_of_reach_is_not_solved(call, ask):
+    code, out, err = call("ik", "microbot", "--position", "9,9,9")
+    assert code == 1
+    assert err == ""
+    assert "out of reach" in out
+    assert "nearest pose" in out
+    assert ask("ik", "microbot", "--position", "9,9,9")[1]["solved"] is False
+
+
+def test_ik_records_every_branch(call, tmp_path):
+    path = tmp_path / "branches.rrd"
+    code, _, err = call("ik", "microbot", "--position", "3,-1,4.5", "--rerun", str(path))
+    assert (code, err) == (0, "")
+    chunks = RrdReader(path).stream().to_chunks()
+    arms = {chunk.entity_path.split("/")[2] for chunk in chunks if "/link_3" in chunk.entity_path}
+    assert arms == {"branch_1", "branch_2", "branch_3", "branch_4", "solution"}
+    assert call("ik", "microbot", "--position", "3,-1,4.5", "--rerun", "branches.png")[0] == 2
+
+
+# --- motions -----------------------------------------------------------------------------------
+
+
+def test_simulate_saves_what_replay_reads(call, ask, tmp_path):
+    arguments = ("simulate", "microbot", "--q-deg", "0,30,20", "--duration", "0.3")
+    code, document = ask(*arguments, "--step", "0.01", "--out", "fall.npz")
+    assert code == 0
+    assert document["status"] == "ok"
+    motion = mo.Motion.load(tmp_path / "fall.npz")
+    assert motion.duration == pytest.approx(0.3)
+    np.testing.assert_allclose(motion.q[-1], document["q_end"])
+    code, out, _ = call("replay", "fall.npz", "--rerun", "fall.rrd")
+    assert code == 0
+    assert "free fall: 0.300 s" in out
+    assert (tmp_path / "fall.rrd").stat().st_size > 10_000
+    code, again = ask("simulate", "microbot", "--motion", "fall.npz")
+    assert code == 0
+    np.testing.assert_allclose(again["q_end"], document["q_end"], atol=1e-6)
+    _, out, _ = call(*arguments, "--tau", "0,0,0")
+    assert "constant torques" in out
+    code, _, err = call("replay", "fall.npz", "--robot", "panda", "--rerun", "x.rrd")
+    assert code == 2
+    assert "3 joints" in err
+
+
+def test_a_motion_that_does_not_know_its_robot(refused, call, tmp_path):
+    call("simulate", "planar_2r", "--q", "0,0", "--duration", "0.1", "--out", "fall.npz")
+    motion = mo.Motion.load(tmp_path / "fall.npz")
+    mo.Motion(**{**vars(motion), "provenance": {}}).save(tmp_path / "plain.npz")
+    assert "--robot" in refused("replay", "plain.npz", "--rerun", "x.rrd")
+    mo.Motion(**{**vars(motion), "provenance": {"robot": "arm"}}).save(tmp_path / "own.npz")
+    assert "'arm'" in refused("replay", "own.npz", "--rerun", "x.rrd")
+    code, _, _ = call("replay", "own.npz", "--robot", "planar_2r", "--rerun", "x.rrd")
+    assert code == 0
+
+
+def test_compare_writes_nothing_unless_it_is_asked(call, tmp_path):
+    code, out, err = call(
+        "compare", "microbot", "--via-deg", VIA_DEG, "--methods", "cubic,lspb", "--qd-max", "1"
+    )
+    assert (code, err) == (0, "")
+    assert list(tmp_path.iterdir()) == []
+    assert "\x1b" not in out
+    assert max(map(len, out.splitlines())) <= 80
+    assert any(
+        line.startswith("cubic, scaled") and line.endswith("ok") for line in out.splitlines()
+    )
+
+
+def test_compare_saves_what_replay_reads(ask, refused, tmp_path):
+    arguments = ("compare", "microbot", "--methods", "cubic,lspb", "--tau-max", "400,500,250")
+    via = ("--via-deg", "0, 0, 0", "--via-deg", "-90,90,90")
+    code, document = ask(*arguments, *via, "--out", "out")
+    assert code == 0
+    assert document["limits"]["tau_max"] == [400, 500, 250]
+    assert {Path(path).parts[0] for path in document["written"]} == {"out"}
+    assert (tmp_path / "out" / "comparison.pdf").exists()
+    code, replayed = ask("replay", "out", "--rerun", "again.rrd")
+    assert code == 0
+    assert set(replayed["motions"]) == {"cubic", "lspb"}
+    loaded = recordings.load_comparison(tmp_path / "out", None)
+    assert loaded.limits.tau_max.tolist() == [400, 500, 250]
+    assert np.isinf(loaded.limits.qdd_max).all()
+    assert all(certificate.ok for certificate in loaded.certificates.values())
+    assert ask("replay", "out/comparison.json", "--rerun", "b.rrd")[0] == 0
+    assert ask("replay", "out/motions/cubic.npz", "--rerun", "c.rrd")[0] == 0
+    (tmp_path / "out" / "comparison.json").write_text("[]")
+    assert "not a saved comparison" in refused("replay", "out", "--rerun", "x.rrd")
+
+
+def test_a_method_that_cannot_do_the_task_is_exit_code_1(call, monkeypatch):
+    import microbot_ocp.comparison._comparison as comparison
+
+    def fail(_):
+        raise mo.InputError("it cannot be done")
+
+    method = comparison.Method("LSPB, scaled", fail)
+    monkeypatch.setitem(comparison.METHODS, "lspb", method)
+    arguments = ("compare", "microbot", "--via-deg", VIA_DEG, "--methods", "cubic,lspb")
+    code, out, err = call(*arguments)
+    assert (code, err) == (1, "")
+    assert "it cannot be done" in out
+    assert "cubic, scaled" in out
+
+
+def test_time_optimal(ask, call, tmp_path):
+    arguments = ("time-optimal", "microbot", "--via-deg", VIA_DEG, "--mesh", "20", "--starts", "1")
+    code, document = ask(*arguments, "--out", "best.npz", "--rerun", "best.rrd")
+    assert code == 0
+    assert document["solved"] is True
+    assert document["duration"] == pytest.approx(1.93, abs=0.02)
+    assert document["certificate"]["ok"] is True
+    assert mo.Motion.load(tmp_path / "best.npz").provenance["robot"] == "microbot"
+    assert (tmp_path / "best.rrd").exists()
+    code, out, _ = call(*arguments)
+    assert code == 0
+    assert "Certificate: ok" in out
+    assert max(map(len, out.splitlines())) <= 80
+
+
+def test_a_solver_that_does_not_converge_is_exit_code_1(call, monkeypatch):
+    from dataclasses import replace
+
+    from microbot_ocp.cli import _tasks as tasks
+
+    found = tasks.find_time_optimal
+
+    def stopped(*arguments, **options):
+        motion = found(*arguments, **options)
+        told = {**motion.provenance, "status": "iteration_limit", "advice": "take a finer mesh"}
+        return replace(motion, provenance=told)
+
+    monkeypatch.setattr(tasks, "find_time_optimal", stopped)
+    arguments = ("time-optimal", "microbot", "--via-deg", "0,0,0 -90,90,90")
+    code, out, _ = call(*arguments, "--mesh", "10", "--starts", "1")
+    assert code == 1
+    assert "iteration limit" in out
+    assert "Advice: take a finer mesh" in out
+
+
+def test_solve_writes_the_outputs_of_the_file(ask, call, tmp_path):
+    (tmp_path / "task.toml").write_text(TASK)
+    code, document = ask("solve", "task.toml", "--out", "out")
+    assert code == 0
+    assert [entry["name"] for entry in document["entries"]] == ["cubic", "lspb"]
+    names = {str(p.relative_to(tmp_path)) for p in tmp_path.rglob("*") if p.is_file()}
+    motions = {f"out/motions/{name}.npz" for name in ("cubic", "lspb")}
+    assert names == {"task.toml", "out/comparison.json", *motions}
+    assert set(document["written"]) == names - {"task.toml"}
+    (tmp_path / "task.toml").write_text(TASK.replace('"json", "motions"', '"csv", "recording"'))
+    assert ask("solve", "task.toml", "--out", "two")[0] == 0
+    assert {p.name for p in (tmp_path / "two").iterdir()} == {"comparison.csv", "comparison.rrd"}
+
+
+def test_solve_tells_the_key_that_is_wrong(refused, tmp_path):
+    (tmp_path / "task.toml").write_text(TASK.replace("methods", "method"))
+    assert "task.toml: unknown key 'method'" in refused("solve", "task.toml")
+
+
+def test_out_that_is_a_file(refused, tmp_path):
+    (tmp_path / "task.toml").write_text(TASK)
+    assert "must be a folder" in refused("solve", "task.toml", "--out", "task.toml")
+
+
+def test_doctor(call, ask, monkeypatch):
+    code, out, _ = call("doctor")
+    assert code == 0
+    for word in ("casadi", "ipopt", "fatrop", "compiler", "viewer"):
+        assert word in out
+    code, document = ask("doctor")
+    assert code == 0
+    assert document["healthy"] is True
+    import casadi as ca
+
+    monkeypatch.setattr(ca, "has_nlpsol", lambda name: name != "ipopt")
+    code, out, _ = call("doctor")
+    assert code == 1
+    assert "MISSING" in out
+
+
+def test_an_interrupt_that_a_solver_swallowed(call, monkeypatch):
+    monkeypatch.setattr(interrupt, "pressed", lambda: True)
+    code, out, err = call("robots")
+    assert (code, out, err) == (130, "", "")
+
+
+def test_a_full_disk_is_one_line(refused, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("microbot_ocp.cli._robots.load_robot", full)
+    assert refused("robots") == "error: no space left on device"
+
+
+# --- as a process ------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def program(tmp_path):
+    """Run the program in an empty folder with an empty home."""
+    home, folder, cache = (tmp_path / name for name in ("home", "work", "cache"))
+    for each in (home, folder, cache):
+        each.mkdir()
+    environment = {
+        "PATH": os.environ["PATH"],
+        "HOME": str(home),
+        "PYTHONPATH": os.pathsep.join(sys.path),
+        "PYTHONDONTWRITEBYTECODE": "1",
+        "MICROBOT_OCP_CACHE": str(cache),
+    }
+
+    def run(*arguments, shell="", **more):
+        command = [sys.executable, "-m", "microbot_ocp.cli", *arguments]
+        if shell:
+            command = ["bash", "-c", f'"$@" {shell}', "bash", *command]
+        return subprocess.run(
+            command,
+            capture_output=True,
+            text=True,
+            cwd=folder,
+            env={**environment, **more},
+            timeout=120,
+        )
+
+    yield run
+    assert list(folder.iterdir()) == []
+    assert list(home.iterdir()) == []
+
+
+def test_a_pipe_has_no_codes_and_a_reader_may_leave(program):
+    done = program("robots")
+    assert done.returncode == 0
+    assert "\x1b" not in done.stdout
+    assert done.stderr == ""
+    cut = program("show", "panda", "--json", shell="| head -1; exit ${PIPESTATUS[0]}")
+    assert cut.stdout == "{\n"
+    assert cut.stderr == ""
+
+
+def test_a_refusal_in_a_process(program):
+    done = program("fk", "robbie", "--q", "0")
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert len(done.stderr.splitlines()) == 1
+
+
+def test_a_stream_that_knows_ascii_only(program):
+    done = program("show", "microbot", "--json", PYTHONIOENCODING="ascii")
+    assert done.returncode == 0
+    assert json.loads(done.stdout)["name"] == "microbot"
+    assert program("show", "microbot", PYTHONIOENCODING="ascii").returncode == 0
+
+
+def test_a_solve_writes_into_the_cache_only(program):
+    done = program("compare", "microbot", "--via-deg", "0,0,0 -90,90,90", "--methods", "cubic")
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+
+
+@pytest.mark.skipif(shutil.which("script") is None, reason="script makes the terminal")
+@pytest.mark.parametrize("no_color", [False, True])
+def test_a_terminal_has_colours_unless_no_color_is_set(tmp_path, no_color):
+    environment = {**os.environ, "TERM": "xterm-256color"}
+    environment |= {"NO_COLOR": "1"} if no_color else {}
+    command = f"{sys.executable} -m microbot_ocp.cli robots"
+    done = subprocess.run(
+        ["script", "-qec", command, "/dev/null"],
+        capture_output=True,
+        text=True,
+        env=environment,
+        cwd=tmp_path,
+        timeout=60,
+        stdin=subprocess.DEVNULL,
+    )
+    assert done.returncode == 0
+    assert ("\x1b[" in done.stdout) != no_color
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals")
+def test_ctrl_c_is_130_without_a_traceback(tmp_path):
+    code = (
+        "import sys\nfrom microbot_ocp.cli import entry, _interrupt as interrupt\n"
+        "watch = interrupt.watch\n"
+        "def told():\n    watch()\n    print('ready', file=sys.stderr, flush=True)\n"
+        "interrupt.watch = told\nsys.exit(entry())"
+    )
+    arguments = ["compare", "microbot", "--via-deg", VIA_DEG, "--mesh", "400"]
+    process = subprocess.Popen(
+        [sys.executable, "-c", code, *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=tmp_path,
+    )
+    assert process.stderr is not None
+    assert process.stderr.readline() == "ready\n"
+    time.sleep(0.5)
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert out == ""
+    assert "Traceback" not in err
+
+
+@pytest.mark.parametrize(
+    ("words", "unloaded"), [("--help", {"rich", "casadi"}), ("robots", {"casadi"})]
+)
+def test_what_is_not_needed_is_not_loaded(words, unloaded):
+    code = (
+        f"import sys\nfrom microbot_ocp.cli import main\nmain(['{words}'])\n"
+        f"heavy = {unloaded | {'matplotlib', 'rerun', 'yourdfpy'}!r}\n"
+        "sys.exit(bool(heavy & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+def test_the_list_of_commands_says_what_each_says_of_itself():
+    for name, entry in commands.COMMANDS.items():
+        command = commands.Command(name, entry)
+        assert command.get_short_help_str() == command.whole.get_short_help_str()
+        assert command.whole.name == name
+
+
+def test_every_command_takes_json():
+    assert list(commands.COMMANDS) == COMMANDS
+
+
+# watching a solve ---------------------------------------------------------------------------------
+
+
+def test_the_iterations_of_a_solve_are_recorded(ask, tmp_path):
+    path = tmp_path / "iterations.rrd"
+    given = ["--via-deg", "0,0,0 -90,90,90", "--mesh", "20", "--starts", "1"]
+    code, answer = ask("time-optimal", "microbot", *given, "--rerun-iterations", str(path))
+    assert code == 0
+    assert answer["written"] == [str(path)]
+    chunks = RrdReader(path).stream().filter(content="/convergence/cost", is_static=False)
+    batches = [chunk.to_record_batch() for chunk in chunks.to_chunks()]
+    costs = [v[0] for batch in batches for v in batch.column("Scalars:scalars").to_pylist()]
+    assert costs[-1] == pytest.approx(answer["duration"], rel=1e-4)
+    assert len(costs) > 10
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--live", "--live-serve"], "give one of --live, --live-serve and --live-connect"),
+        (["--live-connect", "10.0.0.1:9876"], "must be HOST:PORT with one of 127.0.0.1"),
+        (["--rerun-iterations", "a.txt"], "--rerun-iterations must end in .rrd"),
+    ],
+)
+def test_who_watches_is_checked_before_the_solve(refused, arguments, words):
+    via = ["--via-deg", "0,0,0 -90,90,90"]
+    assert words in refused("time-optimal", "microbot", *via, *arguments)

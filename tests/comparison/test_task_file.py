@@ -1,0 +1,140 @@
+"""Task files: the documented example, the units, and what an error tells."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import microbot_ocp as mo
+from microbot_ocp.comparison import KEYS, OUTPUTS, parse_task, read_task
+
+DOCUMENT = Path(__file__).parents[2] / "docs" / "task_file.md"
+VIA = "[via]\nq_deg = [[0, 0, 0], [-90, 90, 90]]\n"
+TASK = f'schema = 1\nrobot = "microbot"\n{VIA}'
+
+
+def example():
+    return re.search(r"```toml\n(.*?)```", DOCUMENT.read_text("utf-8"), re.S).group(1)
+
+
+def parse(text):
+    return parse_task(text, "task.toml", Path())
+
+
+def test_the_example_of_the_document():
+    task = parse(example())
+    assert task.robot == mo.load_robot("microbot")
+    np.testing.assert_allclose(np.degrees(task.via_q[1]), [-8, 45, 30])
+    np.testing.assert_allclose(np.degrees(task.via_qd[1]), [10, 40, 20])
+    assert task.via_t.tolist() == [0, 2, 4]
+    assert task.limits.tau_max.tolist() == [400, 500, 200]
+    np.testing.assert_allclose(np.degrees(task.limits.q_max), 180)
+    np.testing.assert_allclose(np.degrees(task.limits.q_min), -360)
+    assert task.outputs == ("json", "csv", "motions")
+    result = task.compare()
+    assert [entry.name for entry in result.entries] == list(task.methods)
+    assert result.solved
+    assert result["time_optimal"].motion.duration == pytest.approx(1.923, abs=0.01)
+
+
+def test_the_document_names_every_key():
+    text = DOCUMENT.read_text("utf-8")
+    for keys in KEYS.values():
+        for key in keys:
+            stem = key.removesuffix("_deg")
+            assert f"`{key}`" in text or f"[{key}]" in text or f"`{stem}`" in text, key
+    for name in (*mo.METHODS, *OUTPUTS):
+        assert f"`{name}`" in text
+
+
+def test_what_is_not_given_is_left_to_the_robot_and_to_compare():
+    task = parse(TASK)
+    assert task.methods is None
+    assert task.via_t is None
+    assert task.via_qd is None
+    assert task.outputs == OUTPUTS
+    assert task.settings == {}
+    assert task.limits.as_dict() == task.robot.limits.as_dict()
+
+
+def test_prismatic_joints_are_in_metres_under_degrees_too():
+    rows = "[[0, 0, 0.5, 0, 0, 0], [90, 0, 0.7, 0, 0, 0]]"
+    task = parse(f'schema = 1\nrobot = "stanford"\n[via]\nq_deg = {rows}\n')
+    np.testing.assert_allclose(task.via_q[1], [np.pi / 2, 0, 0.7, 0, 0, 0])
+
+
+def test_a_robot_file_is_sought_beside_the_task(tmp_path):
+    mo.write_toml(mo.load_robot("microbot"), tmp_path / "arm.toml")
+    (tmp_path / "task.toml").write_text(TASK.replace("microbot", "arm.toml"))
+    assert read_task(tmp_path / "task.toml").robot == mo.load_robot("microbot")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("schema = 1 2", ["not valid TOML"]),
+        (TASK.replace("schema = 1\n", ""), ["schema must be 1", "missing"]),
+        (TASK.replace("schema = 1", "schema = 2"), ["schema must be 1", "not 2"]),
+        (TASK.replace("schema = 1", "schema = true"), ["schema must be 1", "not True"]),
+        ("schema = 1\n" + VIA, ["robot must be one of", "microbot", "missing"]),
+        (TASK.replace('"microbot"', "7"), ["robot must be one of", "not 7"]),
+        (TASK.replace("microbot", "robbie"), ["robot must be one of", "robbie"]),
+        (TASK.replace("microbot", "none.toml"), ["none.toml", "cannot be read"]),
+        ('method = ["cubic"]\n' + TASK, ["'method'", "did you mean 'methods'?", "outputs"]),
+        ('methods = "cubic"\n' + TASK, ["methods must be a list", "'cubic'"]),
+        ('methods = ["cubc"]\n' + TASK, ["methods", "'cubc'", "did you mean 'cubic'?"]),
+        ('methods = ["cubic", "cubic"]\n' + TASK, ["methods", "different"]),
+        ('methods = ["cubic_report"]\n' + TASK, ["cubic_report", "via.t"]),
+        ('outputs = ["svg"]\n' + TASK, ["outputs", "'svg'", "figures"]),
+        ('schema = 1\nrobot = "microbot"', ["[via]", "missing"]),
+        ('schema = 1\nrobot = "microbot"\nvia = 3', ["via must be a table", "3"]),
+        ('schema = 1\nrobot = "microbot"\n[via]\nt = [0, 1]', ["via.q", "missing"]),
+        (TASK + "q = [[0, 0, 0], [1, 1, 1]]", ["via", "q and q_deg"]),
+        (TASK.replace("[-90, 90, 90]", "[1, 2]"), ["via.q_deg", "waist", "row 2", "[1, 2]"]),
+        (TASK.replace("[-90, 90, 90]", '[1, 2, "3"]'), ["via.q_deg", "numbers", "'3'"]),
+        (TASK.replace("[-90, 90, 90]", "[1, 2, nan]"), ["via.q_deg", "finite"]),
+        (TASK.replace("[[0, 0, 0], [-90, 90, 90]]", "[0, 0, 0]"), ["via.q_deg", "rows"]),
+        (TASK.replace(", [-90, 90, 90]", ""), ["via.q", "at least 2", "not 1"]),
+        (TASK + "t = [0, 1, 2]", ["via.t", "[2]", "[3]"]),
+        (TASK + "t = [1, 2]", ["via.t", "increase from 0", "[1, 2]"]),
+        (TASK + "qd = [[0, 0, 0]]", ["via.qd", "2 rows"]),
+        (TASK + "speed = 3", ["'speed'", "[via]"]),
+        (TASK + "[limits]\ntau_mx = 3", ["'tau_mx'", "did you mean 'tau_max'?"]),
+        (TASK + "[limits]\ntau_max = [1, 2]", ["limits.tau_max", "shoulder", "[1, 2]"]),
+        (TASK + '[limits]\ntau_max = "1"', ["limits.tau_max", "numbers", "'1'"]),
+        (TASK + "[limits]\ntau_max = nan", ["limits.tau_max", "nan"]),
+        (TASK + "[limits]\ntau_max = -1", ["limits.tau_max", "at least 0", "-1"]),
+        (TASK + "[limits]\nqd_max = 1\nqd_max_deg = 1", ["limits", "both", "qd_max_deg"]),
+        (TASK + "[limits]\nq_min = 1\nq_max = -1", ["limits.q_min", "at most"]),
+        (TASK + "[settings]\nmesh = 2", ["settings.mesh", "at least 4", "2"]),
+        (TASK + "[settings]\nmesh = 40.5", ["settings.mesh", "whole", "40.5"]),
+        (TASK + '[settings]\nsolver = "snopt"', ["settings.solver", "ipopt", "snopt"]),
+        (TASK + "[settings]\ncompiled = 1", ["settings.compiled", "true or false", "1"]),
+        (TASK + "[settings]\nblend = 0.7", ["settings.blend", "at most 0.5", "0.7"]),
+        (TASK + "[settings]\ngrid = 1", ["settings.grid", "at least 10", "1"]),
+        (TASK + "[settings]\nmash = 1", ["'mash'", "did you mean 'mesh'?"]),
+        ("tip = 3\n" + TASK, ["tip", "3"]),
+    ],
+)
+def test_an_error_names_file_key_value_and_what_is_allowed(text, words):
+    with pytest.raises(mo.InputError) as refused:
+        parse(text)
+    message = str(refused.value)
+    assert "task.toml" in message
+    for word in words:
+        assert word in message
+    assert "\n" not in message
+
+
+def test_an_error_of_the_task_names_the_file_too():
+    with pytest.raises(mo.InputError, match=r"^task\.toml: via point 2 is outside"):
+        parse(TASK.replace("-90", "-900")).compare()
+
+
+def test_a_file_that_cannot_be_read(tmp_path):
+    with pytest.raises(mo.InputError, match=r"none\.toml.*No such file"):
+        read_task(tmp_path / "none.toml")
+    (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(mo.InputError, match="not text"):
+        read_task(tmp_path / "binary.toml")

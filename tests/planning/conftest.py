@@ -1,0 +1,23 @@
+"""Solvers that must not start."""
+
+from __future__ import annotations
+
+import sys
+
+import casadi as ca
+import pytest
+
+import microbot_ocp.planning._free
+import microbot_ocp.planning._path  # noqa: F401
+
+
+@pytest.fixture
+def no_solver(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Any solver that is made fails the test."""
+
+    def refuse(*arguments: object, **options: object) -> None:
+        pytest.fail("a solver was started")
+
+    monkeypatch.setattr(ca, "nlpsol", refuse)
+    for module, name in (("_free", "_Search"), ("_path", "_PathSearch")):
+        monkeypatch.setattr(sys.modules[f"microbot_ocp.planning.{module}"], name, refuse)

@@ -1,0 +1,266 @@
+"""Free time-optimal motions against closed forms, laws of scaling, and their own limits."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import microbot_ocp as mo
+from microbot_ocp.ocp.refinement import _refiner as refinement
+from microbot_ocp.ocp.solvers import solve
+from microbot_ocp.planning import TimeOptimalSettings, time_optimal
+from planning.shared import ARM_VIA, VIA_Q, VIA_QD, VIA_T, arm, dense_excess, pendulum, slider
+
+
+@pytest.fixture(scope="module")
+def report(microbot):
+    return time_optimal(microbot, VIA_Q, mesh=100, starts=3)
+
+
+# closed forms -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("limits", "duration"),
+    [
+        ({"tau_max": 4.0}, 2 * np.sqrt(1.5 / 2.0)),
+        ({"qdd_max": 3.0}, 2 * np.sqrt(1.5 / 3.0)),
+        ({"qd_max": 1.2, "tau_max": 4.0}, 1.5 / 1.2 + 1.2 / 2.0),
+        ({"tau_max": (-2.0, 4.0)}, np.sqrt(2 * 1.5 * (1 / 2.0 + 1 / 1.0))),
+        ({"tau_max": 100.0, "taud_max": 10.0}, (12 * 1.5 / 5.0) ** (1 / 3)),
+    ],
+)
+def test_a_single_joint_takes_the_closed_form(limits, duration):
+    motion = time_optimal(slider(**limits), [[0.0], [1.5]], mesh=100, starts=2)
+    assert motion.solved
+    assert motion.duration == pytest.approx(duration, rel=1e-3)
+    assert motion.duration > duration * (1 - 1e-4)
+
+
+def test_a_point_on_the_way_of_a_single_joint_costs_nothing():
+    motion = time_optimal(slider(tau_max=4.0), [[0.0], [0.4], [1.5]], mesh=60, starts=2)
+    assert motion.duration == pytest.approx(2 * np.sqrt(1.5 / 2.0), rel=2e-3)
+    passed = next(mark.time for mark in motion.marks if mark.name == "via 2")
+    assert passed == pytest.approx(np.sqrt(2 * 0.4 / 2.0), rel=5e-3)
+
+
+def test_turning_back_at_a_point_is_two_rests():
+    motion = time_optimal(slider(tau_max=4.0), [[0.0], [1.5], [0.0]], mesh=60, starts=2)
+    # beyond the point at no speed is the best: there and back, braking and leaving in one push
+    assert motion.duration == pytest.approx(4 * np.sqrt(1.5 / 2.0), rel=2e-3)
+
+
+@pytest.mark.parametrize("torque", [9.7, 12.0, 30.0])
+def test_in_one_joint_the_free_motion_is_the_timing_of_the_only_path(torque):
+    robot = pendulum(tau_max=torque)
+    via_q = [[0.0], [np.pi]]
+    free = time_optimal(robot, via_q, mesh=80, starts=3)
+    path = mo.time_optimal_path(robot, mo.straight_path(via_q), mesh=80)
+    assert free.duration == pytest.approx(path.duration, rel=1e-3)
+
+
+def test_a_weak_pendulum_swings_back_first():
+    """6 N m hold it below 37 degrees only: no path straight up exists, swinging does it."""
+    robot = pendulum(tau_max=6.0, qd_max=10.0)
+    motion = time_optimal(robot, [[0.0], [np.pi]], mesh=60, starts=5)
+    assert motion.solved
+    assert motion.q.min() < -0.3
+    assert dense_excess(robot, motion)["tau"] < 1.5e-3
+
+
+# laws ---------------------------------------------------------------------------------------------
+
+
+def test_four_times_the_torque_halves_the_time_without_gravity():
+    durations = [
+        time_optimal(arm(0.0, tau_max=[15.0 * k, 6.0 * k]), ARM_VIA, mesh=60, starts=2).duration
+        for k in (1.0, 4.0)
+    ]
+    assert durations[0] / durations[1] == pytest.approx(2.0, rel=1.5e-3)
+
+
+def test_the_way_back_takes_as_long_without_gravity():
+    robot = arm(0.0)
+    there, again = (
+        time_optimal(robot, via_q, mesh=60, starts=2).duration for via_q in (ARM_VIA, ARM_VIA[::-1])
+    )
+    assert there == pytest.approx(again, rel=5e-4)
+
+
+def test_larger_limits_are_faster_and_never_slower_than_the_scaled_cubic():
+    durations = []
+    for k in (1.0, 1.5, 3.0):
+        limits = mo.Limits(tau_max=[60.0 * k, 25.0 * k], qd_max=3.0 * k)
+        robot = arm().with_limits(limits)
+        motion = time_optimal(robot, ARM_VIA, mesh=40, starts=2)
+        assert motion.duration < mo.shortest_duration(robot, mo.cubic(ARM_VIA, [0, 1, 2])).duration
+        durations.append(motion.duration)
+    assert durations[0] > 1.05 * durations[1] > 1.05**2 * durations[2]
+
+
+def test_a_point_less_is_never_slower():
+    robot = arm()
+    all_points = time_optimal(robot, ARM_VIA, mesh=50, starts=3).duration
+    ends_only = time_optimal(robot, ARM_VIA[[0, 2]], mesh=100, starts=3).duration
+    assert ends_only < all_points
+
+
+# the report's task --------------------------------------------------------------------------------
+
+
+def test_the_report_task_is_solved_in_less_than_any_given_path(microbot, report):
+    assert report.solved
+    assert report.duration == pytest.approx(1.9236, abs=1e-3)
+    cubic = mo.cubic(VIA_Q, VIA_T, VIA_QD)
+    assert report.duration < mo.time_optimal_path(microbot, cubic, mesh=100).duration
+    assert report.duration < mo.shortest_duration(microbot, cubic).duration
+
+
+def test_every_limit_holds_fifty_times_as_finely_as_the_mesh(microbot, report):
+    excess = dense_excess(microbot, report, points=50)
+    assert set(excess) == {"q", "qd", "tau"}
+    # what was asked for, and what linear sampling may add
+    assert max(excess.values()) < TimeOptimalSettings().violation + 2e-4
+    assert max(excess["qd"], excess["tau"]) > -1e-3
+
+
+def test_via_points_are_passed_exactly(report):
+    times = [mark.time for mark in report.marks]
+    assert [mark.name for mark in report.marks] == ["via 1", "via 2", "via 3"]
+    np.testing.assert_allclose(report.sample(times).q, VIA_Q, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(report.qd[[0, -1]], 0.0, atol=1e-9)
+    assert np.abs(report.sample(times[1]).qd).max() > 0.1
+
+
+def test_the_acceleration_is_continuous_and_so_is_the_torque(report):
+    np.testing.assert_allclose(
+        report.sample(report.breaks[1:-1] - 1e-9).qdd,
+        report.sample(report.breaks[1:-1] + 1e-9).qdd,
+        atol=1e-4,
+    )
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"seed": 7, "starts": 4},
+        {"starts": 1},
+        {"solver": "ipopt", "starts": 2},
+        {"solver": "fatrop", "starts": 2},
+        {"compiled": False, "starts": 2},
+        {"mesh": 60, "starts": 2},
+    ],
+)
+def test_other_starts_and_solvers_lead_to_the_same_optimum(microbot, report, changes):
+    motion = time_optimal(microbot, VIA_Q, **{"mesh": 100, **changes})
+    assert motion.solved
+    assert motion.duration == pytest.approx(report.duration, rel=1e-3)
+
+
+def test_the_same_seed_is_the_same_motion(microbot):
+    one, other = (time_optimal(microbot, VIA_Q, mesh=40, starts=3, seed=3) for _ in range(2))
+    assert one.duration == other.duration
+    np.testing.assert_array_equal(one.q, other.q)
+
+
+def test_the_provenance_tells_every_start_and_every_mesh(report):
+    provenance = report.provenance
+    assert [start["start"] for start in provenance["starts"]] == ["cubic", "straight", "bow 1"]
+    assert provenance["status"] == "solved"
+    assert sum(provenance["phase_durations"]) == pytest.approx(report.duration, rel=1e-12)
+    assert provenance["solves"][-1]["accepted"]
+    sizes = [sum(solve["intervals"]) for solve in provenance["solves"]]
+    assert max(sizes) >= 200
+    assert all(solve["attempts"] for solve in provenance["solves"])
+    assert "3 starts ended at" in report.note
+
+
+def test_settings_are_given_as_one_or_singly(microbot):
+    one = time_optimal(arm(), ARM_VIA, settings=TimeOptimalSettings(mesh=20, starts=1))
+    other = time_optimal(arm(), ARM_VIA, settings=TimeOptimalSettings(mesh=80, starts=1), mesh=20)
+    assert one.duration == other.duration
+
+
+def test_progress_is_told_in_lines_and_iterations(microbot):
+    told = []
+    motion = time_optimal(arm(), ARM_VIA, mesh=30, starts=2, progress=told.append)
+    said = [event for event in told if isinstance(event, str)]
+    iterations = [event for event in told if not isinstance(event, str)]
+    solves = [attempt for one in motion.provenance["solves"] for attempt in one["attempts"]]
+    # fatrop asks for a Jacobian at every iterate, the first included
+    assert len(iterations) >= sum(attempt["iterations"] for attempt in solves)
+    t, state = iterations[-1].motion()
+    assert t[-1] == pytest.approx(motion.duration, rel=1e-6)
+    np.testing.assert_allclose(state.q[[0, -1]], ARM_VIA[[0, -1]], atol=1e-6)
+    np.testing.assert_allclose(state.q, motion.sample(t).q, atol=1e-6)
+    limit = iterations[-1].robot.limits.tau_max
+    assert np.abs(iterations[-1].torque() / limit).max() == pytest.approx(1.0, abs=1e-5)
+    assert sum(line.startswith("start ") for line in said) == 2
+    assert any(line.startswith("mesh ") for line in said)
+    assert all(line and "\n" not in line for line in said)
+
+
+# other limits -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("limits", "met", "allowed"),
+    [
+        ({"tau_max": [60.0, 25.0], "qdd_max": [4.0, 6.0]}, "qdd", 1e-3),
+        ({"qd_max": 2.0, "qdd_max": 8.0}, "qd", 1e-3),
+        ({"tau_max": [60.0, 25.0], "taud_max": [400.0, 150.0]}, "taud", 5e-3),
+    ],
+)
+def test_acceleration_and_torque_rate_limits_hold(limits, met, allowed):
+    robot = arm(**limits)
+    motion = time_optimal(robot, ARM_VIA, mesh=50, starts=2)
+    assert motion.solved
+    excess = dense_excess(robot, motion)
+    assert set(excess) == {name.removesuffix("_max") for name in limits}
+    assert max(excess.values()) < allowed
+    assert excess[met] > -5e-3
+    certificate = mo.certify(robot, motion, via_q=ARM_VIA)
+    assert certificate.limit_check(met).violation < allowed
+
+
+def test_position_limits_hold():
+    """Unlimited, joint 2 swings out further than its points."""
+    wide, narrow = arm(), arm(tau_max=[60.0, 25.0], qd_max=3.0, q_min=-0.52, q_max=1.02)
+    free = time_optimal(wide, ARM_VIA, mesh=40, starts=2)
+    motion = time_optimal(narrow, ARM_VIA, mesh=40, starts=2)
+    assert free.q.min() < -0.55
+    assert dense_excess(narrow, motion)["q"] < 1e-3
+    assert motion.duration > free.duration
+
+
+@pytest.mark.parametrize(
+    ("friction", "allowed"),
+    [
+        ({"viscous_friction": 3.0}, 1e-3),
+        ({"coulomb_friction": 3.0}, 5e-3),
+        ({"viscous_friction": 2.0, "coulomb_friction": 2.0}, 5e-3),
+    ],
+)
+def test_torque_limits_hold_with_friction(friction, allowed):
+    robot = arm()
+    rubbing = robot.with_links([replace(link, **friction) for link in robot.links])
+    motion = time_optimal(rubbing, ARM_VIA, mesh=50, starts=2)
+    assert motion.solved
+    excess = dense_excess(rubbing, motion)
+    assert excess["tau"] < allowed
+    assert excess["qd"] < 1e-3
+    # the friction is in the torques: without it they would be others
+    smooth = np.array(mo.inverse_dynamics(robot)(motion.q.T, motion.qd.T, motion.qdd.T)).T
+    assert np.abs(motion.tau - smooth).max() > 1.0
+
+
+def test_a_motion_that_was_not_solved_says_so(monkeypatch):
+    def stopped(problem, mesh, guess, settings, **_):
+        return solve(problem, mesh, guess, replace(settings, max_iterations=2))
+
+    monkeypatch.setattr(refinement, "solve", stopped)
+    motion = time_optimal(arm(), ARM_VIA, mesh=20, starts=2)
+    assert not motion.solved
+    assert motion.provenance["status"] == "iteration_limit"
+    assert motion.note.startswith("not solved: stopped at the iteration limit")
+    assert motion.provenance["advice"] in motion.note

@@ -1,0 +1,329 @@
+"""The best timing of a path against closed forms, reachability and its own limits."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import microbot_ocp as mo
+from microbot_ocp.motion import PiecewisePolynomial
+from microbot_ocp.planning import corners, stops, straight_path, time_optimal_path
+from planning.shared import ARM_VIA, VIA_Q, VIA_QD, VIA_T, arm, dense_excess, pendulum, slider
+
+REPORT_CUBIC = mo.cubic(VIA_Q, VIA_T, VIA_QD)
+ARM_CUBIC = mo.cubic(ARM_VIA, [0.0, 1.0, 2.0])
+
+
+# paths --------------------------------------------------------------------------------------------
+
+
+def test_a_straight_path_runs_at_unit_speed_through_its_points():
+    path = straight_path(VIA_Q)
+    steps = np.linalg.norm(np.diff(VIA_Q, axis=0), axis=1)
+    np.testing.assert_allclose(path.breaks, [0.0, steps[0], steps.sum()], rtol=1e-15)
+    np.testing.assert_allclose(path(path.breaks), VIA_Q, atol=1e-15)
+    s = np.linspace(0.01, path.breaks[-1] - 0.01, 50)
+    np.testing.assert_allclose(np.linalg.norm(path.derivative()(s), axis=1), 1.0, rtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("path", "expected"),
+    [
+        (straight_path(VIA_Q), [1]),
+        (straight_path([[0.0, 0.0], [1.0, 1.0], [2.0, 2.0]]), []),
+        (straight_path([[0.0, 0.0], [1.0, 1.0], [0.0, 0.0]]), [1]),
+        (straight_path([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [2.0, 1.0]]), [1, 2]),
+        (REPORT_CUBIC, []),
+        (ARM_CUBIC, []),
+    ],
+)
+def test_corners_are_where_the_tangent_jumps(path, expected):
+    np.testing.assert_array_equal(corners(path), path.breaks[expected])
+
+
+def test_under_torque_rate_limits_jumps_of_the_curvature_are_stops():
+    plain, rated = arm().limits, arm(tau_max=[60.0, 25.0], taud_max=[400.0, 150.0]).limits
+    assert stops(ARM_CUBIC, plain).size == 0
+    np.testing.assert_array_equal(stops(ARM_CUBIC, rated), [1.0])
+    straight = straight_path([[0.0, 0.0], [1.0, 1.0], [2.0, 2.0]])
+    assert stops(straight, rated).size == 0
+
+
+# closed forms -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("limits", "duration"),
+    [
+        ({"tau_max": 4.0}, 2 * np.sqrt(1.5 / 2.0)),
+        ({"qdd_max": 3.0}, 2 * np.sqrt(1.5 / 3.0)),
+        ({"qd_max": 1.2, "tau_max": 4.0}, 1.5 / 1.2 + 1.2 / 2.0),
+        ({"qd_max": 0.2, "tau_max": 4.0}, 1.5 / 0.2 + 0.2 / 2.0),  # hardly a grid point accelerates
+        ({"tau_max": (-2.0, 4.0)}, np.sqrt(2 * 1.5 * (1 / 2.0 + 1 / 1.0))),
+        # the force may jump at rest: x'' falls in one straight line, at 10 N/s over 2 kg
+        ({"tau_max": 100.0, "taud_max": 10.0}, (12 * 1.5 / 5.0) ** (1 / 3)),
+    ],
+)
+def test_a_mass_on_a_rail_takes_the_closed_form(limits, duration):
+    motion = time_optimal_path(slider(**limits), straight_path([[0.0], [1.5]]), mesh=100)
+    assert motion.solved
+    assert motion.duration == pytest.approx(duration, rel=1e-3)
+    assert motion.duration > duration * (1 - 1e-4)
+
+
+def test_an_arm_that_swings_up_in_one_joint_loses_what_gravity_takes():
+    """Level at rest to level at rest on the other side, symmetric about the bottom.
+
+    Down to the bottom the work of torque and gravity is kinetic energy; at the constant torque k
+    the speed is v^2 = 2 (k s + g (sin s)) / l^2, s the way travelled.
+    """
+    limit = 12.0
+    robot = pendulum(tau_max=limit)
+    motion = time_optimal_path(robot, straight_path([[-np.pi / 2], [np.pi / 2]]), mesh=100)
+    way = np.linspace(0.0, np.sqrt(np.pi / 2), 20001)[1:] ** 2
+    speed = np.sqrt(2 * (limit * way + 9.81 * np.sin(way)))
+    root = np.sqrt(way)
+    half = np.trapezoid(2 * root / speed, root)  # ds = 2 root d(root)
+    half += root[0] * 2 * root[0] / speed[0]
+    assert motion.duration == pytest.approx(2 * half, rel=1e-3)
+
+
+# reachability -------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def report_cubic(microbot):
+    return time_optimal_path(microbot, REPORT_CUBIC, mesh=100)
+
+
+@pytest.fixture(scope="module")
+def report_straight(microbot):
+    return time_optimal_path(microbot, straight_path(VIA_Q), mesh=100)
+
+
+@pytest.mark.parametrize("name", ["report_cubic", "report_straight"])
+def test_two_methods_find_the_same_duration(name, request):
+    motion = request.getfixturevalue(name)
+    assert motion.solved
+    assert motion.duration == pytest.approx(motion.provenance["reachability_duration"], rel=2e-4)
+
+
+@pytest.mark.parametrize("name", ["report_cubic", "report_straight"])
+def test_limits_hold_between_mesh_points(microbot, name, request):
+    excess = dense_excess(microbot, request.getfixturevalue(name))
+    assert set(excess) == {"q", "qd", "tau"}
+    assert max(excess.values()) < 1e-3
+    assert max(excess["qd"], excess["tau"]) > -1e-3  # some limit is met
+
+
+def test_some_limit_is_met_nearly_all_the_time(microbot, report_cubic):
+    motion = report_cubic
+    use = np.maximum(
+        np.abs(motion.qd / microbot.limits.qd_max).max(axis=1),
+        np.abs(motion.tau / microbot.limits.tau_max).max(axis=1),
+    )
+    assert np.trapezoid((use > 0.98).astype(float), motion.t) > 0.9 * motion.duration
+
+
+def on_path(path, q):
+    s = np.linspace(path.breaks[0], path.breaks[-1], 20001)
+    points = path(s)
+    return max(float(np.abs(points - row).max(axis=1).min()) for row in q[:: max(1, len(q) // 40)])
+
+
+@pytest.mark.parametrize(
+    ("name", "path"),
+    [("report_cubic", REPORT_CUBIC), ("report_straight", straight_path(VIA_Q))],
+)
+def test_the_motion_stays_on_its_path(name, path, request):
+    motion = request.getfixturevalue(name)
+    assert on_path(path, motion.q) < 2e-4
+    np.testing.assert_allclose(motion.q[[0, -1]], VIA_Q[[0, -1]], atol=1e-9)
+    np.testing.assert_allclose(motion.qd[[0, -1]], 0.0, atol=1e-6)
+    (via,) = (mark.time for mark in motion.marks if mark.name == "via 2")
+    np.testing.assert_allclose(motion.sample(via).q[0], VIA_Q[1], atol=1e-5)
+
+
+def test_the_arm_stops_at_a_corner_only(report_cubic, report_straight):
+    for motion, stopped in ((report_straight, True), (report_cubic, False)):
+        via = next(mark.time for mark in motion.marks if mark.name == "via 2")
+        speed = np.abs(motion.sample(via).qd).max()
+        assert (speed < 1e-3) == stopped
+    assert len(report_straight.provenance["stops"]) == 1
+    assert report_cubic.provenance["stops"] == []
+
+
+def test_a_path_backwards_takes_as_long_without_gravity():
+    robot = arm(gravity=0.0)
+    curve = mo.cubic(ARM_VIA, [0.0, 1.0, 2.0])
+    back = mo.cubic(ARM_VIA[::-1], [0.0, 1.0, 2.0])
+    there, again = (time_optimal_path(robot, path, mesh=50).duration for path in (curve, back))
+    assert there == pytest.approx(again, rel=2e-4)
+
+
+@pytest.mark.parametrize("torque", [(-12.0, 12.0), (-2.0, 12.0)])
+def test_a_pendulum_goes_down_as_it_came_up(torque):
+    """A motion played backwards asks for the same torques, gravity or not."""
+    robot = pendulum(tau_max=torque)
+    up, down = (
+        time_optimal_path(robot, straight_path(points), mesh=40)
+        for points in ([[0.0], [np.pi / 2]], [[np.pi / 2], [0.0]])
+    )
+    assert up.duration == pytest.approx(down.duration, rel=3e-4)
+    assert up.tau.max() == pytest.approx(12.0, rel=1e-3)
+    assert up.tau.min() == pytest.approx(torque[0], rel=1e-3)
+
+
+def test_four_times_the_torque_halves_the_time_without_gravity():
+    path = mo.cubic(ARM_VIA, [0.0, 1.0, 2.0])
+    durations = [
+        time_optimal_path(arm(0.0, tau_max=[15.0 * k, 6.0 * k]), path, mesh=50).duration
+        for k in (1.0, 4.0)
+    ]
+    assert durations[0] / durations[1] == pytest.approx(2.0, rel=3e-4)
+
+
+@pytest.mark.parametrize(
+    ("friction", "allowed"),
+    [
+        ({"viscous_friction": 3.0}, 1.5e-3),
+        ({"coulomb_friction": 2.0}, 5e-3),
+        ({"viscous_friction": 2.0, "coulomb_friction": 2.0}, 5e-3),
+    ],
+)
+def test_torque_limits_hold_with_friction(friction, allowed):
+    robot = arm()
+    rubbing = robot.with_links([replace(link, **friction) for link in robot.links])
+    motion = time_optimal_path(rubbing, straight_path(ARM_VIA), mesh=50)
+    assert motion.solved
+    assert dense_excess(rubbing, motion)["tau"] < allowed
+    # the same motion without friction would ask for other torques
+    assert dense_excess(robot, motion)["tau"] < 0.2
+    assert motion.duration == pytest.approx(motion.provenance["reachability_duration"], rel=3e-3)
+
+
+def test_acceleration_limits_hold():
+    robot = arm(tau_max=[60.0, 25.0], qdd_max=[4.0, 6.0])
+    motion = time_optimal_path(robot, ARM_CUBIC, mesh=50)
+    excess = dense_excess(robot, motion)
+    assert -1e-3 < excess["qdd"] < 1.5e-3
+    assert excess["tau"] < 1e-3
+
+
+@pytest.mark.parametrize("corner", [True, False])
+def test_torque_rate_limits_hold_also_where_pieces_meet(corner):
+    robot = arm(tau_max=[60.0, 25.0], taud_max=[400.0, 150.0])
+    path = straight_path(ARM_VIA) if corner else ARM_CUBIC
+    motion = time_optimal_path(robot, path, mesh=60)
+    check = mo.certify(robot, motion).limit_check("taud")
+    assert check.violation < (2e-3 if corner else 2e-2)
+    if not corner:  # where the tangent vanishes the ends are hard to follow: held, or admitted
+        assert motion.solved == (motion.provenance["excess"] <= 5e-3)
+        assert motion.solved or motion.note.startswith("not solved: limits are exceeded by")
+    else:
+        assert motion.solved
+    without = time_optimal_path(robot, path, mo.Limits(tau_max=[60.0, 25.0]), mesh=60)
+    assert motion.duration > 1.05 * without.duration
+
+
+def test_a_smooth_path_needs_no_stop_under_torque_rate_limits():
+    """A single polynomial cut in two: as fast as in one piece."""
+    whole = mo.cubic([[0.0, 0.3], [1.0, -0.5]], [0.0, 1.0], [[0.5, 0.5], [0.5, 0.5]])
+    middle = [f(0.4)[0] for f in (whole, whole.derivative())]
+    cut = mo.cubic(
+        [[0.0, 0.3], middle[0], [1.0, -0.5]], [0.0, 0.4, 1.0], [[0.5, 0.5], middle[1], [0.5, 0.5]]
+    )
+    robot = arm(tau_max=[60.0, 25.0], taud_max=[400.0, 150.0])
+    durations = [time_optimal_path(robot, path, mesh=50).duration for path in (whole, cut)]
+    assert durations[1] == pytest.approx(durations[0], rel=3e-3)
+
+
+# what cannot be done ------------------------------------------------------------------------------
+
+
+def test_momentum_carries_over_a_pose_that_cannot_be_held():
+    robot = pendulum(tau_max=9.7)
+    motion = time_optimal_path(robot, straight_path([[0.0], [np.pi]]), mesh=60)
+    assert motion.solved
+    assert motion.duration == pytest.approx(motion.provenance["reachability_duration"], rel=2e-3)
+    assert dense_excess(robot, motion)["tau"] < 1e-3
+
+
+def test_a_path_that_cannot_be_travelled_is_a_status_with_the_place():
+    robot = pendulum(tau_max=6.0)
+    said = []
+    motion = time_optimal_path(
+        robot, straight_path([[0.0], [np.pi]]), mesh=20, progress=said.append
+    )
+    assert not motion.solved
+    assert motion.provenance["blocked_at"] != []
+    assert motion.provenance["reachability_duration"] is None
+    assert "the end cannot be reached from s = " in motion.note
+    assert any("the end cannot be reached" in line for line in said)
+
+
+def test_a_solver_that_converged_is_not_believed_between_mesh_points():
+    """Work of 6 N m over half a turn is less than the weight gains; mesh points can be cheated.
+
+    Where the tangent vanishes the speed is free, and the first interval may jump over the place.
+    """
+    robot = pendulum(tau_max=6.0, qd_max=10.0)
+    assert 6.0 * np.pi < 2 * 9.81
+    motion = time_optimal_path(robot, mo.cubic([[0.0], [np.pi]], [0.0, 2.0]), mesh=20)
+    assert not motion.solved
+    assert motion.note.startswith("not solved: ")
+    if motion.provenance["status"] == "limits_exceeded":
+        assert motion.provenance["excess"] > 0.05
+        assert "between mesh points" in motion.note
+
+
+def test_a_timing_slower_than_reachability_is_not_believed():
+    """Four intervals are too few for short ramps: the solver converges far from the optimum."""
+    path = straight_path([[0.0], [1.5]])
+    motion = time_optimal_path(slider(qd_max=0.2, tau_max=4.0), path, mesh=4)
+    assert motion.duration > 1.05 * motion.provenance["reachability_duration"]
+    assert not motion.solved
+    assert motion.provenance["status"] == "slower_than_reachability"
+    assert "finer mesh" in motion.note
+
+
+def test_more_viscous_friction_than_reachability_can_follow_is_said():
+    """A crawl at terminal speed: reachability may fail on the way, the answer is right."""
+    robot = slider(tau_max=4.0)
+    robot = robot.with_links([replace(k, viscous_friction=5.0) for k in robot.links])
+    motion = time_optimal_path(robot, straight_path([[0.0], [6.0]]), mesh=100)
+    lag, top = 2.0 / 5.0, 4.0 / 5.0
+    braking_way, braking_time = lag * top * (1.0 - np.log(2.0)), lag * np.log(2.0)
+    assert motion.solved
+    assert motion.duration == pytest.approx(
+        (6.0 - braking_way) / top + lag + braking_time, rel=2e-3
+    )
+    assert "nan" not in motion.note
+
+
+def test_what_happened_is_in_the_provenance(report_cubic):
+    provenance = report_cubic.provenance
+    assert provenance["status"] == "solved"
+    assert len(provenance["phase_durations"]) == 2
+    assert sum(provenance["phase_durations"]) == pytest.approx(report_cubic.duration)
+    assert provenance["solves"][0]["attempts"][0]["solver"] == "ipopt"
+    assert "reachability on a grid gives" in report_cubic.note
+
+
+def test_both_solvers_find_the_same_timing():
+    durations = [
+        time_optimal_path(arm(), ARM_CUBIC, mesh=50, solver=solver).duration
+        for solver in ("ipopt", "fatrop")
+    ]
+    assert durations[1] == pytest.approx(durations[0], rel=1e-4)
+
+
+def test_a_path_over_any_parameter_takes_the_same_time():
+    stretched = PiecewisePolynomial(
+        7.0 + 3.0 * ARM_CUBIC.breaks,
+        ARM_CUBIC.coefficients / 3.0 ** np.arange(4)[None, :, None],
+    )
+    durations = [
+        time_optimal_path(arm(), path, mesh=50).duration for path in (ARM_CUBIC, stretched)
+    ]
+    assert durations[1] == pytest.approx(durations[0], rel=1e-4)

@@ -1,0 +1,90 @@
+"""One task solved again with other numbers, against cold solves and closed forms."""
+
+import numpy as np
+import pytest
+
+import microbot_ocp as mo
+from planning.shared import VIA_Q, pendulum, slider
+
+
+@pytest.fixture(scope="module")
+def prepared(microbot):
+    return mo.TimeOptimalSolver(microbot, VIA_Q)
+
+
+@pytest.mark.parametrize(("share", "payload"), [(0.9, 1.0), (1.3, 2.5)])
+def test_equals_a_cold_solve_of_the_robot_with_these_limits_and_this_payload(
+    microbot, prepared, share, payload
+):
+    own = microbot.limits
+    limits = mo.Limits(own.q_min, own.q_max, qd_max=1.1 * own.qd_max, tau_max=share * own.tau_max)
+    again = prepared(limits, payload)
+    holding = microbot.with_payload(payload).with_limits(limits)
+    cold = mo.time_optimal(holding, VIA_Q, mesh=60, starts=1)
+    assert again.solved
+    assert again.duration == pytest.approx(cold.duration, rel=2e-3)
+    certificate = mo.certify(holding, again, via_q=VIA_Q)
+    assert certificate.ok, certificate.verdict
+
+
+def test_the_answer_does_not_depend_on_what_was_asked_before(microbot, prepared):
+    first = prepared(payload=0.5)
+    prepared(mo.Limits(qd_max=1.0, tau_max=0.8 * microbot.limits.tau_max))
+    again = prepared(payload=0.5)
+    assert np.array_equal(first.q, again.q)
+
+
+def test_a_search_finds_nothing_slower(prepared):
+    quick, thorough = prepared(payload=1.5), prepared(payload=1.5, search=True)
+    assert len(thorough.provenance["starts"]) == 5
+    assert thorough.duration <= quick.duration * (1 + 1e-4)
+
+
+@pytest.mark.parametrize(("tau_max", "payload"), [(4.0, 0.0), (4.0, 3.0), (10.0, 1.0)])
+def test_a_payload_on_a_rail_takes_the_closed_form(tau_max, payload):
+    solver = mo.TimeOptimalSolver(slider(mass=2.0, tau_max=4.0), [[0.0], [1.5]])
+    motion = solver(mo.Limits(tau_max=tau_max), payload)
+    assert motion.duration == pytest.approx(2 * np.sqrt(1.5 * (2.0 + payload) / tau_max), rel=1e-3)
+
+
+def test_torque_rates_know_the_payload():
+    solver = mo.TimeOptimalSolver(slider(mass=2.0, tau_max=100.0, taud_max=10.0), [[0.0], [1.5]])
+    for payload in (0.0, 2.0):
+        jerk = 10.0 / (2.0 + payload)
+        motion = solver(payload=payload)
+        assert motion.duration == pytest.approx((12 * 1.5 / jerk) ** (1 / 3), rel=1e-3)
+
+
+def test_what_cannot_be_done_is_not_called_solved():
+    # at rest both ends need no torque, but no swing is allowed to help the arm over the level
+    solver = mo.TimeOptimalSolver(
+        pendulum(q_min=-0.01, q_max=3.2, tau_max=12.0), [[0.0], [np.pi]], mesh=20, starts=2
+    )
+    motion = solver(mo.Limits(q_min=-0.01, q_max=3.2, tau_max=3.0))
+    assert not motion.solved
+    assert motion.provenance["status"] == "infeasible"
+    assert "not solved" in motion.note
+    assert [start["start"] for start in motion.provenance["starts"]] == ["cubic", "straight"]
+    assert solver().solved
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"payload": -1.0}, "mass of the payload"),
+        ({"payload": float("nan")}, "mass of the payload"),
+        ({"payload": 3.5}, "via point 1 cannot be held at rest: joint 'elbow' needs 215.6 N m"),
+        ({"limits": mo.Limits(qd_max=2.0, taud_max=50.0)}, "limits bound taud, but the solver"),
+        ({"limits": mo.Limits(q_max=1.0, qd_max=2.0)}, "via point 3 is outside"),
+        ({"limits": mo.Limits()}, "without any bound"),
+    ],
+)
+def test_bad_numbers_are_refused_before_any_solve(prepared, no_solver, arguments, message):
+    with pytest.raises(mo.InputError, match=message):
+        prepared(**arguments)
+
+
+@pytest.mark.parametrize("setting", [{"mesh": 2}, {"starts": 0}, {"rounds": -1}, {"mesh": 10.5}])
+def test_bad_settings_are_refused(microbot, no_solver, setting):
+    with pytest.raises(mo.InputError, match=next(iter(setting))):
+        mo.TimeOptimalSolver(microbot, VIA_Q, **setting)

@@ -1,0 +1,305 @@
+"""Reachability passes against linear programs by scipy, convex programming and closed forms."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.optimize import LinearConstraint, brentq, linprog, minimize
+
+import microbot_ocp as mo
+from helpers import two_link_arm
+from microbot_ocp.motion import PiecewisePolynomial
+from microbot_ocp.planning import path_grid, time_path
+from microbot_ocp.planning._reachability import _backward, _lines
+
+ARM = two_link_arm(1.0, 0.8).with_limits(mo.Limits(tau_max=[60.0, 25.0], qd_max=3.0))
+CURVE = mo.cubic([[0.0, 0.3], [1.2, -0.6]], [0.0, 1.0], [[0.9, 0.4], [1.1, -0.8]])
+BENT = mo.cubic([[0.0, 0.3], [0.6, 0.5], [1.2, -0.6]], [0.0, 0.6, 1.0], np.full((3, 2), 0.8))
+
+
+# one linear program -------------------------------------------------------------------------------
+
+
+def random_half_planes(seed):
+    """``p v + q w <= h`` around a point that keeps them all, or (every third) around none."""
+    random = np.random.default_rng(seed)
+    width = int(random.integers(3, 12))
+    p, q = random.normal(size=(2, width)) * 10 ** random.uniform(-2, 2, width)
+    p[random.random(width) < 0.1] = 0.0
+    inside = random.uniform(0.1, 3.0, 2)
+    room = random.exponential(size=width) * np.hypot(p, q)
+    h = p * inside[0] + q * inside[1] + (room if seed % 3 else room - 0.5 * np.hypot(p, q))
+    target = np.sort(random.uniform(0.0, 4.0, 2))
+    if seed % 3:
+        target = np.array([min(target[0], inside[1]), max(target[1], inside[1])])
+    return p, q, h, target, random.uniform(3.0, 6.0)
+
+
+def reachable_by_casadi(p, q, h, target, speed):
+    width = p.size
+    lines = _lines(p[None], q[None], h[None])
+    column = np.vstack(
+        [
+            *(part.T for part in (*lines.upper, *lines.lower)),
+            lines.other_low,
+            lines.other_high,
+            [speed],
+        ]
+    )
+    return np.array(_backward(width, 1, False)(target, column)).ravel()
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_the_reachable_interval_is_that_of_two_linear_programs(seed):
+    p, q, h, target, speed = random_half_planes(seed)
+    low, high = reachable_by_casadi(p, q, h, target, speed)
+    bounds = [(0.0, speed), tuple(target)]
+    programs = [
+        linprog([sign, 0.0], A_ub=np.column_stack([p, q]), b_ub=h, bounds=bounds)
+        for sign in (1.0, -1.0)
+    ]
+    if programs[0].status == 2:
+        assert high < low
+    else:
+        assert [low, high] == pytest.approx([p.x[0] for p in programs], rel=1e-7, abs=1e-7)
+
+
+def test_random_half_planes_are_of_both_kinds():
+    found = [np.diff(reachable_by_casadi(*random_half_planes(seed)))[0] < 0 for seed in range(60)]
+    assert 3 < sum(found) < 30
+
+
+# the passes ---------------------------------------------------------------------------------------
+
+
+def rows_by_hand(robot, path, s):
+    """Rows ``a u + b x + c`` at both ends of every interval, from point-wise inverse dynamics."""
+    tau = mo.inverse_dynamics(robot)
+    tangent, curvature = path.derivative(), path.derivative().derivative()
+    zero = np.zeros(robot.joint_count)
+
+    def at(point, from_left):
+        q, t, c = (f(point, from_left=from_left)[0] for f in (path, tangent, curvature))
+        rest = np.array(tau(q, zero, zero)).ravel()
+        per_u = np.array(tau(q, zero, t)).ravel() - rest
+        return per_u, np.array(tau(q, t, c)).ravel() - rest, rest, t
+
+    return [(at(a, False), at(b, True)) for a, b in pairwise(s)]
+
+
+def program_by_hand(robot, path, s):
+    """All half planes of the grid as ``matrix x <= bound`` and the largest x of every point."""
+    low, high = robot.limits.bounds("tau")
+    speed = robot.limits.qd_max
+    matrix, bound, top = [], [], np.full(s.size, np.inf)
+    for i, ends in enumerate(rows_by_hand(robot, path, s)):
+        half = 1.0 / (2.0 * (s[i + 1] - s[i]))
+        for side, (a, b, c, tangent) in enumerate(ends):
+            row = np.zeros((robot.joint_count, s.size))
+            row[:, i], row[:, i + 1] = -a * half, a * half
+            row[:, i + side] += b
+            matrix += [row, -row]
+            bound += [high - c, c - low]
+            top[i + side] = min(top[i + side], np.min((speed / np.abs(tangent)) ** 2))
+    return np.vstack(matrix), np.concatenate(bound), top
+
+
+def passes_by_linear_programs(robot, path, s):
+    """Backward and forward passes, one linear program at a time; from rest to rest."""
+    matrix, bound, top = program_by_hand(robot, path, s)
+    rows = 4 * robot.joint_count
+
+    def best(i, sign, which, limits):
+        part = matrix[i * rows : (i + 1) * rows, i : i + 2]
+        cost = np.zeros(2)
+        cost[which] = -sign
+        found = linprog(cost, A_ub=part, b_ub=bound[i * rows : (i + 1) * rows], bounds=limits)
+        assert found.status == 0
+        return found.x[which]
+
+    sets = [(0.0, 0.0)]
+    for i in reversed(range(s.size - 1)):
+        limits = [(0.0, top[i]), sets[0]]
+        sets.insert(0, (best(i, -1.0, 0, limits), best(i, 1.0, 0, limits)))
+    x = [0.0]
+    for i in range(s.size - 1):
+        x.append(best(i, 1.0, 1, [(x[-1], x[-1]), sets[i + 1]]))
+    return np.array(x)
+
+
+@pytest.mark.parametrize("path", [CURVE, BENT], ids=["one piece", "two pieces"])
+def test_the_profile_is_that_of_linear_programs_point_by_point(path):
+    timing = time_path(ARM, path, ARM.limits, grid=60)
+    assert timing.feasible
+    expected = passes_by_linear_programs(ARM, path, timing.s)
+    np.testing.assert_allclose(timing.speed_squared, expected, rtol=1e-6, atol=1e-7)
+
+
+@pytest.mark.parametrize("path", [CURVE, BENT], ids=["one piece", "two pieces"])
+def test_no_profile_on_the_same_grid_is_faster(path):
+    """The duration is convex in x, so a local search of all profiles finds the best one."""
+    timing = time_path(ARM, path, ARM.limits, grid=14)
+    s, step = timing.s, np.diff(timing.s)
+    matrix, bound, top = program_by_hand(ARM, path, s)
+    assert np.all(matrix @ timing.speed_squared <= bound + 1e-6)
+    assert np.all(timing.speed_squared <= top + 1e-9)
+    inner = slice(1, -1)
+
+    def duration(x):
+        root = np.sqrt(np.concatenate([[0.0], np.maximum(x, 1e-12), [0.0]]))
+        return float(np.sum(2 * step / (root[:-1] + root[1:])))
+
+    found = minimize(
+        duration,
+        0.5 * timing.speed_squared[inner],
+        bounds=[(1e-6, t) for t in top[inner]],
+        constraints=LinearConstraint(matrix[:, inner], ub=bound),
+        method="SLSQP",
+        options={"maxiter": 500, "ftol": 1e-12},
+    )
+    assert found.success
+    assert timing.duration == pytest.approx(found.fun, rel=2e-3)
+    assert timing.duration <= found.fun * (1 + 1e-5)
+
+
+@pytest.mark.parametrize("path", [CURVE, BENT], ids=["one piece", "two pieces"])
+def test_the_duration_settles_with_the_grid(path):
+    durations = [time_path(ARM, path, ARM.limits, grid=n).duration for n in (100, 400, 1600)]
+    assert abs(durations[2] - durations[1]) < 0.5 * abs(durations[1] - durations[0]) + 1e-7
+    assert durations[2] == pytest.approx(durations[1], rel=2e-3)
+
+
+def test_breaks_of_the_path_are_grid_points():
+    grid = path_grid(BENT, 37)
+    assert set(BENT.breaks) <= set(grid)
+    assert np.all(np.diff(grid) > 0)
+
+
+# closed forms -------------------------------------------------------------------------------------
+
+
+def slider(mass=2.0, **friction):
+    """One mass on a level rail."""
+    return mo.Robot.from_dh(
+        alpha=[0.0],
+        a=[0.0],
+        d=[0.0],
+        joint_type="prismatic",
+        links=[mo.Link(mass, [0.0, 0.0, 0.0], **friction)],
+        gravity=(0.0, 0.0, 0.0),
+    )
+
+
+def line(length):
+    return PiecewisePolynomial([0.0, length], [[[0.0], [1.0]]])
+
+
+def joint_limits(**limits):
+    return mo.Limits(**limits).for_joints(1)
+
+
+@pytest.mark.parametrize(
+    ("limits", "duration"),
+    [
+        ({"tau_max": 4.0}, 2 * np.sqrt(1.5 / 2.0)),
+        ({"qdd_max": 3.0}, 2 * np.sqrt(1.5 / 3.0)),
+        ({"qd_max": 1.2, "tau_max": 4.0}, 1.5 / 1.2 + 1.2 / 2.0),
+        ({"qd_max": 1.2, "qdd_max": 3.0, "tau_max": 100.0}, 1.5 / 1.2 + 1.2 / 3.0),
+        # pushing with 4 N, braking with 2 N
+        ({"tau_max": (-2.0, 4.0)}, np.sqrt(2 * 1.5 * (1 / 2.0 + 1 / 1.0))),
+    ],
+)
+def test_a_mass_on_a_rail_takes_the_closed_form(limits, duration):
+    timing = time_path(slider(), line(1.5), joint_limits(**limits), grid=2000)
+    assert timing.feasible
+    assert timing.duration == pytest.approx(duration, rel=3e-4)
+
+
+def test_a_mass_with_coulomb_friction_pushes_less_and_brakes_more():
+    timing = time_path(
+        slider(coulomb_friction=1.0), line(1.5), joint_limits(tau_max=4.0), grid=1000
+    )
+    up, down = (4.0 - 1.0) / 2.0, (4.0 + 1.0) / 2.0
+    assert timing.duration == pytest.approx(np.sqrt(2 * 1.5 * (1 / up + 1 / down)), rel=1e-3)
+
+
+def rubbing_duration(mass, force, friction, length):
+    """Full push, then full braking, against friction proportional to the speed."""
+    lag, top = mass / friction, force / friction
+
+    def way(push):
+        speed = top * (1.0 - np.exp(-push / lag))
+        brake = lag * np.log1p(speed / top)
+        up = top * (push - lag * (1.0 - np.exp(-push / lag)))
+        return up + (speed + top) * lag * (1.0 - np.exp(-brake / lag)) - top * brake, push + brake
+
+    push = brentq(lambda t: way(t)[0] - length, 1e-3, 100.0)
+    return way(push)[1]
+
+
+@pytest.mark.parametrize("friction", [0.3, 1.0, 2.0])
+def test_a_mass_with_viscous_friction_takes_the_closed_form(friction):
+    robot = slider(viscous_friction=friction)
+    timing = time_path(robot, line(1.5), joint_limits(tau_max=4.0), grid=2000)
+    exact = rubbing_duration(2.0, 4.0, friction, 1.5)
+    assert timing.duration == pytest.approx(exact, rel=1.5e-3)
+
+
+def test_a_free_end_keeps_its_speed():
+    limits = joint_limits(tau_max=4.0)
+    timing = time_path(slider(), line(1.5), limits, grid=2000, end_free=True)
+    assert timing.duration == pytest.approx(np.sqrt(2 * 1.5 / 2.0), rel=1e-3)
+    assert timing.speed_squared[-1] == pytest.approx(2 * 2.0 * 1.5, rel=1e-6)
+
+
+# what cannot be done ------------------------------------------------------------------------------
+
+
+def pendulum(torque, speed=np.inf):
+    """1 kg at 1 m, gravity down at q = 0 is along the link: m g l sin(q) to hold."""
+    return mo.Robot.from_dh(
+        alpha=[0.0],
+        a=[0.0],
+        d=[0.0],
+        links=[mo.Link(1.0, [1.0, 0.0, 0.0])],
+        gravity=(9.81, 0.0, 0.0),
+        limits=mo.Limits(tau_max=torque, qd_max=speed),
+    )
+
+
+def test_a_pose_that_cannot_be_held_blocks_a_walk_at_low_speed():
+    """Up to the horizontal needs 9.81 N m; from rest, with 6 N m, that is never reached."""
+    robot = pendulum(6.0)
+    timing = time_path(robot, line(np.pi / 2), robot.limits, grid=400)
+    assert not timing.feasible
+    assert 0.0 <= timing.blocked_at <= np.pi / 2
+
+
+def test_momentum_carries_over_a_pose_that_cannot_be_held():
+    """Between 80 and 100 degrees more than 9.65 N m would hold the arm; it has 9.7 N m."""
+    robot = pendulum(9.7)
+    path = PiecewisePolynomial([0.0, np.pi], [[[0.0], [1.0]]])
+    timing = time_path(robot, path, robot.limits, grid=1000)
+    assert timing.feasible
+    assert np.all(timing.speed_squared[1:-1] > 0)
+    holding = 9.81 * np.sin(timing.s)
+    assert np.any(holding > 9.7)
+    energy = 0.5 * timing.speed_squared + 9.81 * (1 - np.cos(timing.s))
+    assert np.all(np.diff(energy) <= 9.7 * np.diff(timing.s) + 1e-6)
+
+
+def test_wider_limits_are_never_slower():
+    durations = [
+        time_path(ARM, CURVE, mo.Limits(tau_max=[60.0 * k, 25.0 * k]).for_joints(2)).duration
+        for k in (1.0, 1.3, 2.0)
+    ]
+    assert durations == sorted(durations, reverse=True)
+
+
+def test_a_compiled_pass_is_the_same_pass():
+    one, other = (
+        time_path(ARM, CURVE, ARM.limits, grid=100, compiled=compiled) for compiled in (True, False)
+    )
+    np.testing.assert_allclose(one.speed_squared, other.speed_squared, rtol=1e-9, atol=1e-12)

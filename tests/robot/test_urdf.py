@@ -1,0 +1,503 @@
+"""URDF files read into modified-DH rows, written back, and refused by name."""
+
+from __future__ import annotations
+
+import io
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+
+import microbot_ocp as mo
+from helpers import RANDOM_CHAINS, any_robot, batch, difference, random_link, random_states
+from microbot_ocp import InputError
+from microbot_ocp.robot.files import parse_urdf, robot_to_urdf
+
+yourdfpy = pytest.importorskip("yourdfpy")
+pin = pytest.importorskip("pinocchio")
+
+LIMIT = '<limit lower="-3" upper="3" effort="10" velocity="2"/>'
+INERTIA = '<inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/>'
+BODY = f'<inertial><origin xyz="0.1 0.2 0.3"/><mass value="2"/>{INERTIA}</inertial>'
+
+# Placements of a joint after the one before, xyz and rpy, for which the common normal is special.
+SPECIAL = {
+    "parallel": ("0.3 -0.2 0.4", "0 0 0.7"),
+    "antiparallel": ("0.3 -0.2 0.4", f"{np.pi!r} 0 0.7"),
+    "coincident": ("0 0 0.4", "0 0 0.7"),
+    "reversed on the same axis": ("0 0 -0.4", f"0 {np.pi!r} 0"),
+    "same place": ("0 0 0", "0 0 0"),
+    "intersecting": ("0 0 0.4", "0.6 0 0.2"),
+    "intersecting at right angles": ("0 0 0", f"{np.pi / 2!r} 0 0"),
+    "at right angles": ("0.3 0 0", f"{-np.pi / 2!r} 0 0"),
+    "skew": ("0.3 -0.2 0.4", "0.5 -0.6 0.7"),
+    "barely off parallel": ("0.3 -0.2 0.4", "0.002 0 0"),
+    "parallel to nine digits": ("0.3 0 0", "3.141592654 0 0"),
+}
+
+
+def chain(*joints: str, links: tuple[str, ...] = (), more: str = "") -> str:
+    """A URDF of links "l0", "l1", ... one after the other, of joints given by what is in them."""
+    bodies = [*links, *[BODY] * len(joints)]
+    text = ["<robot name='r'>", f"<link name='l0'>{bodies[0] if links else ''}</link>"]
+    for i, inside in enumerate(joints):
+        own = bodies[i + 1] if links else BODY
+        text.append(f"<link name='l{i + 1}'>{own}</link>")
+        opening = inside if inside.startswith("<joint") else f"<joint name='j{i + 1}' {inside}"
+        text.append(f"{opening}<parent link='l{i}'/><child link='l{i + 1}'/></joint>")
+    return "".join([*text, more, "</robot>"])
+
+
+def revolute(xyz: str = "0 0 0", rpy: str = "0 0 0", axis: str = "0 0 1", more: str = LIMIT) -> str:
+    return f"type='revolute'><origin xyz='{xyz}' rpy='{rpy}'/><axis xyz='{axis}'/>{more}"
+
+
+def fixed(xyz: str = "0 0 0", rpy: str = "0 0 0") -> str:
+    return f"type='fixed'><origin xyz='{xyz}' rpy='{rpy}'/>"
+
+
+def words(values: np.ndarray) -> str:
+    return " ".join(repr(float(value)) for value in values)
+
+
+def random_urdf(seed: int, kinds: str) -> str:
+    """Random placements, axes, masses, friction: r revolute, p prismatic, f fixed joints."""
+    rng = np.random.default_rng(seed)
+    text = ["<robot name='random'><link name='l0'/>"]
+    for i, kind in enumerate(kinds):
+        body = random_link(rng)
+        i_text = " ".join(
+            f"{key}='{float(body.inertia[row, column])!r}'"
+            for key, row, column in (
+                *(("ixx", 0, 0), ("ixy", 0, 1), ("ixz", 0, 2)),
+                *(("iyy", 1, 1), ("iyz", 1, 2), ("izz", 2, 2)),
+            )
+        )
+        axis = rng.normal(size=3)
+        name = {"r": "revolute", "p": "prismatic", "f": "fixed"}[kind]
+        text.append(
+            f"<link name='l{i + 1}'><inertial><mass value='{body.mass!r}'/>"
+            f"<origin xyz='{words(body.center_of_mass)}' rpy='{words(rng.uniform(-3, 3, 3))}'/>"
+            f"<inertia {i_text}/></inertial></link>"
+            f"<joint name='j{i + 1}' type='{name}'><parent link='l{i}'/><child link='l{i + 1}'/>"
+            f"<origin xyz='{words(rng.uniform(-1, 1, 3))}' rpy='{words(rng.uniform(-3, 3, 3))}'/>"
+        )
+        if kind != "f":
+            text.append(f"<axis xyz='{words(axis / np.linalg.norm(axis))}'/>{LIMIT}")
+        text.append("</joint>")
+    return "".join([*text, "</robot>"])
+
+
+def parser_poses(text: str, q: np.ndarray, tip: str) -> np.ndarray:
+    """Poses [N,4,4] of a link in the root's frame, as yourdfpy finds them."""
+    model = yourdfpy.URDF.load(io.BytesIO(text.encode()), load_meshes=False)
+    poses = []
+    for row in q:
+        model.update_cfg(row)
+        poses.append(model.get_transform(tip, model.base_link).copy())
+    return np.array(poses)
+
+
+def assert_same_motion(text: str, tip: str, relative: float = 1e-12) -> mo.Robot:
+    """Poses are those of the parser, the dynamics those of pinocchio."""
+    robot = parse_urdf(text, "arm.urdf")
+    q, qd, qdd = random_states(robot, 50)
+    poses = parser_poses(text, q, tip)
+    assert difference(batch(mo.forward_kinematics(robot), q), poses) < relative
+    model = pin.buildModelFromXML(text)
+    data = model.createData()
+    states = list(zip(q, qd, qdd, strict=True))
+    tau = [pin.rnea(model, data, *state).copy() for state in states]
+    assert difference(batch(mo.inverse_dynamics(robot), q, qd, qdd), tau) < relative
+    mass = [np.triu(pin.crba(model, data, row)) for row in q]
+    mass = [upper + np.triu(upper, 1).T for upper in mass]
+    shape = (len(q), robot.joint_count, robot.joint_count)  # a single joint has lost one axis
+    assert difference(batch(mo.mass_matrix(robot), q).reshape(shape), mass) < relative
+    held = [pin.computeGeneralizedGravity(model, data, row).copy() for row in q]
+    assert difference(batch(mo.gravity_torque(robot), q), held) < relative
+    frame = model.getFrameId(tip)
+    aligned = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+    slopes = [pin.computeFrameJacobian(model, data, row, frame, aligned).copy() for row in q]
+    shape = (len(q), 6, robot.joint_count)
+    slopes = np.reshape(slopes, shape)
+    assert difference(batch(mo.jacobian(robot), q).reshape(shape), slopes) < relative
+    kinetic, potential = (np.array(e).ravel() for e in mo.energy(robot)(q.T, qd.T))
+    energies = [
+        [pin.computeKineticEnergy(model, data, q, qd), pin.computePotentialEnergy(model, data, q)]
+        for q, qd in zip(q, qd, strict=True)
+    ]
+    ours = np.column_stack([kinetic, potential])
+    assert np.ptp((ours - energies)[:, 1]) < 100 * relative  # the root's own mass is a constant
+    assert difference(ours[:, :1], np.array(energies)[:, :1]) < relative
+    return robot
+
+
+@pytest.mark.parametrize("kinds", ["r", "p", "rr", "rp", "frf", "rfrffp", "frpfrrf", "rrrrrrr"])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_any_chain_moves_as_its_parser_says(seed: int, kinds: str) -> None:
+    robot = assert_same_motion(random_urdf(seed, kinds), f"l{len(kinds)}", 1e-11)
+    assert robot.joint_count == len(kinds.replace("f", ""))
+    assert robot.name == "random"
+
+
+@given(st.integers(0, 10_000), st.text("rpf", min_size=1, max_size=7))
+def test_poses_of_random_chains_are_those_of_the_parser(seed: int, kinds: str) -> None:
+    text = random_urdf(seed, kinds + "r")
+    robot = parse_urdf(text)
+    q, *_ = random_states(robot, 5, seed)
+    tip = f"l{len(kinds) + 1}"
+    ours = batch(mo.forward_kinematics(robot), q)
+    assert difference(ours, parser_poses(text, q, tip)) < 1e-11
+
+
+@pytest.mark.parametrize("second", SPECIAL)
+@pytest.mark.parametrize("first", SPECIAL)
+def test_special_axes_have_rows_too(first: str, second: str) -> None:
+    text = chain(
+        revolute("0.1 0.2 0.3", "0.4 0 0"),
+        revolute(*SPECIAL[first]),
+        revolute(*SPECIAL[second]),
+        fixed("0.1 0 0.2", "0.3 0.2 0.1"),
+    )
+    rounded = "nine digits" in first + second
+    # a frame a hundred metres off costs the last digits, and magnifies what is rounded
+    far = "barely" in first + second
+    relative = (1e-6 if far else 2e-8) if rounded else 1e-9 if far else 1e-12
+    robot = assert_same_motion(text, "l4", relative)
+    assert np.abs(robot.d).max() < 2e3
+
+
+def test_upright_first_axis_leaves_the_base_alone() -> None:
+    text = chain(revolute("0 0 0.5"), revolute("0.3 0 0", f"{-np.pi / 2!r} 0 0"))
+    robot = parse_urdf(text)
+    assert np.array_equal(robot.base, np.eye(4))
+    assert robot.d[0] == 0.5
+    tilted = parse_urdf(chain(revolute("0.2 0 0.5", "0.3 0 0")))
+    assert tilted.base[:3, 3].tolist() == [0.2, 0.0, 0.5]
+
+
+def test_what_a_joint_says_is_read() -> None:
+    inside = (
+        '<limit lower="-1.5" upper="2.5" effort="12" velocity="3"/>'
+        '<dynamics damping="0.7" friction="0.4"/>'
+    )
+    robot = parse_urdf(chain(revolute(more=inside), "type='continuous'><axis xyz='1 0 0'/>"))
+    limits = robot.limits
+    assert robot.joint_names == ("j1", "j2")
+    assert limits.q_min.tolist() == [-1.5, -np.inf]
+    assert limits.q_max.tolist() == [2.5, np.inf]
+    assert limits.qd_min.tolist() == [-3.0, -np.inf]
+    assert limits.tau_max.tolist() == [12.0, np.inf]
+    assert limits.qdd_max.tolist() == [np.inf, np.inf]
+    first, second = robot.links
+    assert (first.viscous_friction, first.coulomb_friction) == (0.7, 0.4)
+    assert (second.viscous_friction, second.coulomb_friction, second.armature) == (0, 0, 0)
+    assert first.name == "l1"
+
+
+def test_fixed_joints_merge_their_inertias() -> None:
+    """Two equal balls 2 m apart are one body: mass, centre and the parallel axes by hand."""
+    ball = f'<inertial><mass value="3"/>{INERTIA}</inertial>'
+    text = chain(revolute(), fixed("2 0 0", "0.4 0.3 0.2"), links=("", ball, ball))
+    (link,) = parse_urdf(text).links
+    assert link.mass == 6.0
+    assert link.center_of_mass == pytest.approx([1.0, 0.0, 0.0], abs=1e-15)
+    expected = np.diag([0.2, 0.2 + 6.0, 0.2 + 6.0])
+    assert link.inertia == pytest.approx(expected, abs=1e-14)
+
+
+def test_masses_may_be_missing_altogether() -> None:
+    text = chain(revolute(), revolute("1 0 0"), links=(BODY, "", ""))
+    assert not parse_urdf(text).has_dynamics
+
+
+BRANCH = (
+    "<link name='left'/><joint name='to left' type='fixed'>"
+    "<parent link='l1'/><child link='left'/></joint>"
+)
+
+
+def branch(name: str, parent: str, more: str = LIMIT, kind: str = "revolute") -> str:
+    return (
+        f"<link name='{name}'>{BODY}</link><joint name='to {name}' type='{kind}'>"
+        f"<axis xyz='0 0 1'/><origin xyz='0.5 0 0'/><parent link='{parent}'/>"
+        f"<child link='{name}'/>{more}</joint>"
+    )
+
+
+def test_side_links_that_do_not_move_are_merged() -> None:
+    plate = f"<link name='plate'>{BODY}</link><joint name='on' type='fixed'><parent link='l1'/>"
+    text = chain(revolute(), revolute("1 0 0"), more=plate + "<child link='plate'/></joint>")
+    robot = parse_urdf(text)
+    assert [link.mass for link in robot.links] == [4.0, 2.0]
+
+
+def test_tip_chooses_one_end_of_several() -> None:
+    text = chain(revolute(), more=BRANCH + BRANCH.replace("left", "right"))
+    with pytest.raises(InputError, match=r"the chain has the ends 'left', 'right': choose one"):
+        parse_urdf(text, "arm.urdf")
+    assert parse_urdf(text, tip="left").joint_names == ("j1",)
+
+
+def test_joints_off_the_way_to_the_tip_are_locked_nearest_to_zero() -> None:
+    side = branch("side", "l1", '<limit lower="0.5" upper="1" effort="1" velocity="1"/>')
+    text = chain(revolute(), revolute("1 0 0"), more=side)
+    with pytest.raises(InputError, match=r"branches at link 'l1' into joints 'j2', 'to side'"):
+        parse_urdf(text, "arm.urdf")
+    robot = parse_urdf(text, tip="l2")
+    assert [link.mass for link in robot.links] == [4.0, 2.0]
+    own = np.array([0.1, 0.2, 0.3])
+    turn = np.array([[np.cos(0.5), -np.sin(0.5), 0], [np.sin(0.5), np.cos(0.5), 0], [0, 0, 1]])
+    both = (own + [0.5, 0, 0] + turn @ own) / 2
+    assert robot.links[0].center_of_mass == pytest.approx(both, abs=1e-15)
+    shorter = parse_urdf(text, tip="l1")
+    assert shorter.joint_names == ("j1",)
+    assert shorter.links[0].mass == 6.0
+
+
+def test_mimic_fingers_beyond_the_tip_are_carried() -> None:
+    one = branch("one", "l1", '<limit lower="0.1" upper="0.2" effort="1" velocity="1"/>')
+    other = branch(
+        "other", "l1", LIMIT + "<mimic joint='to one' multiplier='-2' offset='0.3'/>", "prismatic"
+    )
+    text = chain(revolute(), more=one + other)
+    with pytest.raises(InputError, match=r"joint 'to other' mimics 'to one'"):
+        parse_urdf(text, "hand.urdf")
+    robot = parse_urdf(text, tip="l1")
+    assert robot.links[0].mass == 6.0
+    with pytest.raises(InputError, match=r"mimics 'to one', which moves on the way to the tip"):
+        parse_urdf(text, tip="one")
+    # the finger slides along Z by -2 * 0.1 + 0.3
+    assert robot.links[0].center_of_mass[2] == pytest.approx((0.3 + 0.3 + 0.3 + 0.1) / 3)
+
+
+NO_BODY = ("", "", "")
+TWICE = "<joint name='j1' type='fixed'><parent link='l1'/><child link='x'/></joint>"
+LOOSE = "<joint name='k' type='fixed'><parent link='x'/><child link='y'/></joint>"
+RING = (
+    "<link name='x'/><link name='y'/>"
+    "<joint name='k' type='fixed'><parent link='x'/><child link='y'/></joint>"
+    "<joint name='m' type='fixed'><parent link='y'/><child link='x'/></joint>"
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "fragments"),
+    [
+        ("", ["is not valid XML"]),
+        ("<robot name='r'>", ["is not valid XML", "line 1"]),
+        ("<model name='r'/>", ["not a URDF: its root is <model>"]),
+        ("<robot/>", ["its <robot> has no name"]),
+        ("<robot name='r'/>", ["one root link"]),
+        ("<robot name='r'><link/></robot>", ["a link without a name"]),
+        ("<robot name='r'><link name='l'/></robot>", ["no joint moves between 'l' and 'l'"]),
+        (chain(revolute()).replace("-3", "${low}"), ["is not a URDF that can be read", "low"]),
+        (chain(revolute(more="")), ["limit of joint 'j1' is missing"]),
+        (chain(revolute(more="<limit effort='1'/>")), ["limit of joint 'j1' is missing"]),
+        (chain(revolute(axis="0 0 2")), ["axis of joint 'j1' must be a unit vector", "length 2"]),
+        (chain(revolute(axis="0 0 0")), ["axis of joint 'j1' must be a unit vector", "length 0"]),
+        (chain(revolute(axis="1 1 0")), ["axis of joint 'j1' must be a unit vector", "1.41421"]),
+        (chain(revolute(axis="0 1")), ["axis of joint 'j1' must have shape [3], not [2]"]),
+        (chain(revolute(axis="0 nan 1")), ["axis of joint 'j1' must be finite", "nan"]),
+        (chain(revolute("nan 0 0")), ["origin of joint 'j1' must be finite", "nan"]),
+        (chain(revolute("0 0 0", "0 inf 0")), ["origin of joint 'j1' must be finite", "nan"]),
+        (chain(revolute()).replace("-3", "nan"), ["lower limit of joint 'j1'", "nan"]),
+        (chain(revolute()).replace("-3", "4"), ["lower limit of joint 'j1'", "at most", "not 4"]),
+        (chain(revolute()).replace('"10"', '"nan"'), ["effort of joint 'j1' must be finite"]),
+        (
+            chain(revolute()).replace('city="2"', 'city="-2"'),
+            ["velocity of joint 'j1'", "at least"],
+        ),
+        (chain(revolute(more=LIMIT + "<dynamics damping='-1'/>")), ["damping of joint 'j1'"]),
+        (chain(revolute(more=LIMIT + "<dynamics friction='x'/>")), ["friction of joint 'j1'"]),
+        (chain(revolute()).replace('mass value="2"', 'mass value="0"'), ["mass of link 'l1'", "0"]),
+        (chain(revolute()).replace('mass value="2"', 'mass value="-1"'), ["mass of link 'l1'"]),
+        (chain(revolute()).replace('mass value="2"', 'mass value="nan"'), ["mass of link 'l1'"]),
+        (chain(revolute()).replace('mass value="2"', "mass"), ["mass of link 'l1' lacks value"]),
+        (chain(revolute()).replace('<mass value="2"/>', ""), ["mass of link 'l1' lacks value"]),
+        (chain(revolute()).replace('izz="0.1"', ""), ["inertia of link 'l1' lacks izz"]),
+        (chain(revolute()).replace('izz="0.1"', 'izz="0.3"'), ["'l1' breaks the triangle"]),
+        (chain(revolute()).replace('izz="0.1"', 'izz="-0.1"'), ["'l1'", "semi-definite"]),
+        (chain(revolute()).replace('iyz="0"', 'iyz="nan"'), ["inertia of link 'l1'", "nan"]),
+        (chain(revolute()).replace('"0.1 0.2 0.3"', '"0.1 nan 0"'), ["inertial origin of link"]),
+        (chain("type='planar'>"), ["joint 'j1' is planar", "revolute, continuous, prismatic"]),
+        (chain("type='floating'>"), ["joint 'j1' is floating"]),
+        (chain("type='screw'>"), ["joint 'j1' is screw"]),
+        (chain(revolute(more=LIMIT + "<mimic joint='x'/>")), ["joint 'j1' mimics 'x'"]),
+        (chain(revolute(), more=TWICE), ["two joints named 'j1'"]),
+        (chain(revolute(), more="<link name='l1'/>"), ["two links named 'l1'"]),
+        (chain(revolute(), more=LOOSE), ["parent of joint 'k' must be a link", "'x'"]),
+        (chain(revolute(), more="<link name='x'/>"), ["one root link, not ['l0', 'x']"]),
+        (chain(revolute(), more=RING), ["in a ring"]),
+        (
+            chain(revolute(), more=BRANCH + branch("left2", "l0").replace("'left2'/>", "'left'/>")),
+            ["link 'left' hangs on two joints"],
+        ),
+        (
+            chain(revolute(), revolute("1 0 0"), links=("", BODY, "")),
+            ["mass of what joint 'j2' moves", "give all or none"],
+        ),
+        (
+            chain(revolute(), revolute("1 1 0", "3.14159 0 0")),
+            ["axes of joints 'j1' and 'j2' are 2.7e-06 rad from parallel", "parallel_tolerance"],
+        ),
+        (
+            chain(revolute(more=LIMIT + "<microbot_ocp armature='-1'/>")),
+            ["armature of joint 'j1' must be at least 0"],
+        ),
+        (
+            chain(revolute(more=LIMIT + "<microbot_ocp rotor='1'/>")),
+            ["<microbot_ocp> of joint 'j1' must be one of armature", "'rotor'"],
+        ),
+        (chain(revolute(), more="<microbot_ocp gravity='0 0'/>"), ["gravity", "shape [3]"]),
+        (chain(revolute(), more="<microbot_ocp g='0'/>"), ["<microbot_ocp> must be one of"]),
+    ],
+)
+def test_broken_urdf_is_refused_by_name(text: str, fragments: list[str]) -> None:
+    with pytest.raises(InputError) as refused:
+        parse_urdf(text, "arm.urdf")
+    message = str(refused.value)
+    for fragment in ["arm.urdf", *fragments]:
+        assert fragment in message
+
+
+def test_angles_rounded_hard_are_read_on_request(tmp_path: Path) -> None:
+    text = chain(revolute(), revolute("1 1 0", "3.14159 0 0"))
+    path = tmp_path / "rounded.urdf"
+    path.write_text(text)
+    robot = mo.read_urdf(path, parallel_tolerance=1e-5)
+    q, *_ = random_states(robot, 20)
+    poses = parser_poses(text, q, "l2")
+    assert difference(batch(mo.forward_kinematics(robot), q), poses) < 1e-5
+    for bad in (-1.0, np.nan, 1.0, "x"):
+        with pytest.raises(InputError, match="parallel_tolerance must be"):
+            mo.read_urdf(path, parallel_tolerance=bad)  # type: ignore[arg-type]
+
+
+def test_axis_written_with_four_digits_is_taken_as_a_unit_vector() -> None:
+    robot = parse_urdf(chain(revolute(axis="0.7071 0.7071 0")))
+    assert np.linalg.norm(robot.base[:3, 2]) == pytest.approx(1.0, abs=1e-15)
+
+
+def test_urdf_is_loaded_by_its_path(tmp_path: Path) -> None:
+    path = tmp_path / "arm.urdf"
+    path.write_text(random_urdf(3, "rfp"))
+    assert mo.load_robot(path) == mo.load_robot(str(path)) == mo.read_urdf(path)
+    assert mo.load_robot(path, tip="l2").joint_names == ("j1",)
+    with pytest.raises(InputError, match=r"tip must be a link of the file, one of l0, l1, l2, l3"):
+        mo.load_robot(path, tip="hand")
+    with pytest.raises(InputError, match=r"no joint moves between 'l0' and 'l0'"):
+        mo.load_robot(path, tip="l0")
+    with pytest.raises(InputError, match=r"tip is for URDF files, not for 'microbot'"):
+        mo.load_robot("microbot", tip="hand")
+    with pytest.raises(InputError, match=r"robot file '.*none\.urdf' cannot be read: "):
+        mo.load_robot(tmp_path / "none.urdf")
+
+
+def test_missing_parser_names_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "arm.urdf"
+    mo.write_urdf(mo.load_robot("planar_2r"), path)
+    monkeypatch.setitem(sys.modules, "yourdfpy", None)
+    with pytest.raises(
+        InputError, match=r"^reading URDF files needs the extra 'urdf': pip install 'microbot_ocp\["
+    ):
+        mo.load_robot(path)
+
+
+def full_robot(name: str) -> mo.Robot:
+    """The robot with friction, one-sided limits, and a base of its own."""
+    robot = any_robot(name)
+    links = [replace(link, viscous_friction=0.3, coulomb_friction=0.2) for link in robot.links]
+    lower = [-1.0 - 0.1 * i for i in range(robot.joint_count)]
+    limits = mo.Limits(
+        q_min=lower, q_max=2.0, qd_max=(-1.0, 2.0), qdd_max=5.0, tau_max=(lower, 3.0), taud_max=7.0
+    )
+    return robot.with_links(links).with_limits(limits)
+
+
+@pytest.mark.parametrize("full", [False, True])
+@pytest.mark.parametrize("name", [*mo.packaged_robots(), *RANDOM_CHAINS])
+def test_written_urdf_is_the_same_robot(tmp_path: Path, name: str, full: bool) -> None:
+    robot = full_robot(name) if full else any_robot(name)
+    path = tmp_path / "copy.urdf"
+    mo.write_urdf(robot, path)
+    copy = mo.load_robot(path)
+    assert (copy.name, copy.joint_types, copy.joint_names, copy.description) == (
+        *(robot.name, robot.joint_types, robot.joint_names),
+        robot.description,
+    )
+    assert np.array_equal(copy.gravity, robot.gravity)
+    for bound, values in robot.limits.as_dict().items():
+        assert getattr(copy.limits, bound).tolist() == values, bound
+    for theirs, ours in zip(copy.links, robot.links, strict=True):
+        assert theirs.mass == ours.mass
+        for kind in ("armature", "viscous_friction", "coulomb_friction"):
+            assert getattr(theirs, kind) == getattr(ours, kind)
+    q, qd, qdd = random_states(robot, 100)
+    for make, states in (
+        (mo.forward_kinematics, (q,)),
+        (mo.jacobian, (q,)),
+        (mo.mass_matrix, (q,)),
+        (mo.gravity_torque, (q,)),
+        (mo.inverse_dynamics, (q, qd, qdd)),
+    ):
+        assert difference(batch(make(copy), *states), batch(make(robot), *states)) < 1e-12
+
+
+@pytest.mark.parametrize("name", [n for n in mo.packaged_robots() if n != "microbot"])
+def test_written_urdf_is_what_pinocchio_reads(name: str) -> None:
+    robot = mo.load_robot(name)
+    model = pin.buildModelFromXML(robot_to_urdf(robot))
+    model.gravity.linear = robot.gravity
+    model.armature = np.array([link.armature for link in robot.links])
+    data = model.createData()
+    q, qd, qdd = random_states(robot, 50)
+    bare = [replace(link, viscous_friction=0.0, coulomb_friction=0.0) for link in robot.links]
+    tau = [pin.rnea(model, data, *state).copy() for state in zip(q, qd, qdd, strict=True)]
+    ours = batch(mo.inverse_dynamics(robot.with_links(bare)), q, qd, qdd)
+    assert difference(ours, tau) < 1e-12
+    assert list(model.names)[1:] == list(robot.joint_names)
+    if name != "planar_2r":
+        assert model.upperPositionLimit == pytest.approx(robot.limits.q_max, abs=1e-15)
+
+
+def test_robot_without_masses_is_written_without(tmp_path: Path) -> None:
+    robot = mo.Robot.from_dh(
+        [0.0, 0.4], [0.0, 1.0], [0.2, 0.0], joint_type=["prismatic", "revolute"]
+    )
+    path = tmp_path / "bare.urdf"
+    mo.write_urdf(robot, path)
+    assert "inertial" not in path.read_text()
+    copy = mo.load_robot(path)
+    assert not copy.has_dynamics
+    assert copy.limits.q_max.tolist() == [np.inf, np.inf]
+
+
+def test_names_that_collide_are_told_apart() -> None:
+    links = [mo.Link(1.0, [0, 0, 0], name=name) for name in ("tool", "tool", "base_link")]
+    robot = mo.Robot.from_dh(
+        [0.0] * 3,
+        [0.0, 1.0, 1.0],
+        [0.0] * 3,
+        links=links,
+        joint_names=["tool_joint", "a & b", '"<'],
+    )
+    copy = parse_urdf(robot_to_urdf(robot))
+    assert copy.joint_names == robot.joint_names
+    assert copy.joint_count == 3
+
+
+def test_names_that_xml_cannot_hold_are_refused() -> None:
+    robot = mo.Robot.from_dh([0.0], [0.0], [0.0], name="bell \x07")
+    with pytest.raises(InputError, match=r"cannot be written as XML: .*names or description"):
+        robot_to_urdf(robot)
+
+
+def test_urdf_goes_to_a_file_of_its_ending(tmp_path: Path, microbot: mo.Robot) -> None:
+    with pytest.raises(InputError, match=r"path must end in \.urdf, not '.*arm\.xml'"):
+        mo.write_urdf(microbot, tmp_path / "arm.xml")
+    with pytest.raises(InputError, match=r"robot file '.*arm\.urdf' cannot be written: "):
+        mo.write_urdf(microbot, tmp_path / "none" / "arm.urdf")
