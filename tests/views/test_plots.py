@@ -12,7 +12,8 @@ from matplotlib.figure import Figure
 import microbot_ocp as mo
 from microbot_ocp.robot import Limits
 from microbot_ocp.views import plots
-from microbot_ocp.views.plots import entry_styles, legend_title
+from microbot_ocp.views.plots._comparison import legend_title
+from microbot_ocp.views.plots._style import entry_styles
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from microbot_ocp.views.plots import FIXED, entry_styles, failure_sentence, highlighted_name
+from microbot_ocp.views.plots._style import FIXED, entry_styles, failure_sentence, highlighted_name
 
 
 def test_known_methods_keep_their_colour(comparison):
