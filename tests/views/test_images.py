@@ -14,9 +14,9 @@ import matplotlib
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from test_limit_history import bang_cruise_bang
 
 import microbot_ocp as mo
+from limits.test_limit_history import bang_cruise_bang
 from microbot_ocp import ocp
 from microbot_ocp.comparison import Comparison
 from planning.shared import slider

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from test_limit_history import bang_cruise_bang
 
 import microbot_ocp as mo
+from limits.test_limit_history import bang_cruise_bang
 from planning.shared import slider
 from views.test_curves import assert_all_on_the_page, legend_texts
 

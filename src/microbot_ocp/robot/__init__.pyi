@@ -24,11 +24,15 @@ from ._kinematics import (
     jacobian as jacobian,
     velocity_propagation as velocity_propagation,
 )
-from ._model import (
+from ._limits import (
     LIMIT_UNITS as LIMIT_UNITS,
     JointLimits as JointLimits,
     Limits as Limits,
+)
+from ._links import (
     Link as Link,
+)
+from ._model import (
     Robot as Robot,
     dh_transform as dh_transform,
 )

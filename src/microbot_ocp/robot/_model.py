@@ -9,7 +9,7 @@ by another (the identity, unless a robot says otherwise).
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, Literal
 
@@ -18,18 +18,10 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp.robot._limits import LIMIT_UNITS, JointLimits, LimitArgument, Limits, changed
+from microbot_ocp.robot._links import Link
 
 JointType = Literal["revolute", "prismatic"]
-LimitArgument = ArrayLike | tuple[ArrayLike, ArrayLike]
-
-# Quantity name -> (unit for a revolute joint, unit for a prismatic joint).
-LIMIT_UNITS: dict[str, tuple[str, str]] = {
-    "q": ("rad", "m"),
-    "qd": ("rad/s", "m/s"),
-    "qdd": ("rad/s^2", "m/s^2"),
-    "tau": ("N m", "N"),
-    "taud": ("N m/s", "N/s"),
-}
 
 
 def dh_transform(alpha: float, a: float, d: float, theta: float) -> FloatArray:
@@ -46,238 +38,8 @@ def dh_transform(alpha: float, a: float, d: float, theta: float) -> FloatArray:
     return matrix + 0.0  # no -0.0, which would be printed and written
 
 
-def _point_mass() -> FloatArray:
-    return np.zeros((3, 3))
-
-
 def _identity() -> FloatArray:
     return _rigid_transform("base", None)
-
-
-@dataclass(frozen=True, eq=False)
-class Link:
-    """One rigid link with what its joint carries.
-
-    Parameters
-    ----------
-    mass : float
-        Mass, kg, above zero.
-    center_of_mass : array_like [3]
-        Centre of mass in the link frame, m.
-    inertia : array_like [3,3], optional
-        Inertia tensor about the centre of mass in the link frame, kg m^2 (default: a point mass).
-    armature : float
-        Rotor inertia as seen at the joint, kg m^2 (kg for a prismatic joint).
-    viscous_friction : float
-        Joint friction proportional to speed, N m s/rad (N s/m).
-    coulomb_friction : float
-        Joint friction of constant size, N m (N); smoothed over 0.01 rad/s (m/s) around rest.
-    name : str, optional
-        Name of the link.
-
-    Raises
-    ------
-    InputError
-        Mass not above zero, an inertia that is not symmetric, not positive semi-definite or breaks
-        the triangle inequality, negative friction, anything not finite.
-    """
-
-    mass: float
-    center_of_mass: FloatArray
-    inertia: FloatArray = field(default_factory=_point_mass)
-    armature: float = 0.0
-    viscous_friction: float = 0.0
-    coulomb_friction: float = 0.0
-    name: str | None = None
-
-    def __post_init__(self) -> None:
-        label = f"link {self.name!r}" if self.name else "link"
-        put = object.__setattr__
-        put(self, "mass", checks.number(f"mass of {label}", self.mass, "kg", above=0.0))
-        put(
-            self,
-            "center_of_mass",
-            checks.array(f"center_of_mass of {label}", self.center_of_mass, (3,), "m"),
-        )
-        inertia = checks.array(f"inertia of {label}", self.inertia, (3, 3), "kg m^2")
-        _check_inertia(label, inertia)
-        put(self, "inertia", inertia)
-        for name, unit in (
-            ("armature", "kg m^2"),
-            ("viscous_friction", "N m s/rad"),
-            ("coulomb_friction", "N m"),
-        ):
-            value = checks.number(f"{name} of {label}", getattr(self, name), unit, at_least=0.0)
-            put(self, name, value)
-
-
-def _check_inertia(label: str, inertia: FloatArray) -> None:
-    size = max(float(np.abs(inertia).max()), 1e-12)
-    if np.abs(inertia - inertia.T).max() > 1e-9 * size:
-        raise InputError(f"inertia of {label} must be symmetric, not {inertia.tolist()} kg m^2")
-    principal = np.linalg.eigvalsh(inertia)
-    if principal[0] < -1e-9 * size:
-        raise InputError(
-            f"inertia of {label} must be positive semi-definite, but a principal moment is "
-            f"{principal[0]:.6g} kg m^2"
-        )
-    if principal[0] + principal[1] < principal[2] - 1e-6 * size:
-        raise InputError(
-            f"inertia of {label} breaks the triangle inequality: principal moments "
-            f"{principal[0]:.6g} + {principal[1]:.6g} < {principal[2]:.6g} kg m^2, which no "
-            "rigid body has"
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class Limits:
-    """Limits of every joint; whatever is not given is unlimited.
-
-    Each argument is a scalar (all joints alike) or a list or array [n] (one value a joint).
-    ``qd_max``, ``qdd_max``, ``tau_max`` and ``taud_max`` mean plus and minus, unless given as a
-    tuple ``(lower, upper)`` of such, or with their ``qd_min`` and so on. A robot holds its limits
-    as arrays [n]:
-    ``robot.limits.q_min``, ``q_max``, ``qd_min``, ``qd_max``, ``qdd_min``, ... in rad, rad/s,
-    rad/s^2, N m, N m/s (prismatic joints: m, m/s, m/s^2, N, N/s).
-
-    Examples
-    --------
-    >>> limits = Limits(qd_max=2.0, tau_max=[400.0, 500.0, 200.0]).for_joints(3)
-    >>> limits.tau_min.tolist()
-    [-400.0, -500.0, -200.0]
-    """
-
-    q_min: LimitArgument = -np.inf
-    q_max: LimitArgument = np.inf
-    qd_max: LimitArgument = np.inf
-    qdd_max: LimitArgument = np.inf
-    tau_max: LimitArgument = np.inf
-    taud_max: LimitArgument = np.inf
-    qd_min: ArrayLike | None = None
-    qdd_min: ArrayLike | None = None
-    tau_min: ArrayLike | None = None
-    taud_min: ArrayLike | None = None
-
-    def for_joints(self, count: int) -> JointLimits:
-        """Return the limits as arrays [count], checked.
-
-        Raises
-        ------
-        InputError
-            Wrong length, NaN, a lower limit above its upper one, or a rate or torque range
-            without zero inside.
-        """
-        arrays: dict[str, FloatArray] = {}
-        for quantity in LIMIT_UNITS:
-            lower, upper = self._pair(quantity, count)
-            arrays[f"{quantity}_min"], arrays[f"{quantity}_max"] = lower, upper
-            unit = _either_unit(quantity)
-            crossed = np.flatnonzero((lower > upper) | (lower == np.inf) | (upper == -np.inf))
-            if crossed.size:
-                j = crossed[0]
-                raise InputError(
-                    f"{quantity}_min of joint {j + 1} must be finite or -inf and at most its "
-                    f"{quantity}_max of {upper[j]:g} {unit}, not {lower[j]:g}"
-                )
-            if quantity != "q":
-                outside = np.flatnonzero((lower > 0) | (upper < 0))
-                if outside.size:
-                    j = outside[0]
-                    raise InputError(
-                        f"{quantity}_max of joint {j + 1} must leave room for zero, not "
-                        f"[{lower[j]:g}, {upper[j]:g}] {unit} (a tuple means "
-                        "(lower, upper); give one value a joint as a list)"
-                    )
-        return JointLimits(**arrays)
-
-    def _pair(self, quantity: str, count: int) -> tuple[FloatArray, FloatArray]:
-        name = f"{quantity}_max"
-        if quantity == "q":
-            for side, value in (("q_min", self.q_min), (name, self.q_max)):
-                if isinstance(value, tuple):
-                    raise InputError(
-                        f"{side} must be a number or a list with one value a joint, not the tuple "
-                        f"{value}: q_min and q_max are the pair"
-                    )
-            return _per_joint("q_min", self.q_min, count), _per_joint(name, self.q_max, count)
-        value = getattr(self, name)
-        explicit_lower = getattr(self, f"{quantity}_min")
-        if isinstance(value, tuple):
-            if len(value) != 2:
-                raise InputError(
-                    f"{name} as a tuple must be (lower, upper), not {len(value)} entries; give "
-                    "one value a joint as a list"
-                )
-            if explicit_lower is not None:
-                raise InputError(
-                    f"{quantity}_min is given twice: as {explicit_lower!r} and in the tuple {name}"
-                )
-            return _per_joint(name, value[0], count), _per_joint(name, value[1], count)
-        upper = _per_joint(name, value, count)
-        if explicit_lower is not None:
-            return _per_joint(f"{quantity}_min", explicit_lower, count), upper
-        negative = np.flatnonzero(upper < 0)
-        if negative.size:
-            j = negative[0]
-            raise InputError(
-                f"{name} of joint {j + 1} must be at least 0 {_either_unit(quantity)}, "
-                f"not {upper[j]:g}"
-            )
-        return -upper, upper
-
-
-@dataclass(frozen=True, eq=False)
-class JointLimits:
-    """Limits of every joint as arrays [n], lower and upper; made by :meth:`Limits.for_joints`."""
-
-    q_min: FloatArray
-    q_max: FloatArray
-    qd_min: FloatArray
-    qd_max: FloatArray
-    qdd_min: FloatArray
-    qdd_max: FloatArray
-    tau_min: FloatArray
-    tau_max: FloatArray
-    taud_min: FloatArray
-    taud_max: FloatArray
-
-    def bounds(self, quantity: str) -> tuple[FloatArray, FloatArray]:
-        """Lower and upper arrays [n] of ``q``, ``qd``, ``qdd``, ``tau`` or ``taud``."""
-        return getattr(self, f"{quantity}_min"), getattr(self, f"{quantity}_max")
-
-    def for_joints(self, count: int) -> JointLimits:
-        """Return itself, once the width is checked."""
-        if self.q_min.shape != (count,):
-            raise InputError(f"limits are for {self.q_min.size} joints, but the robot has {count}")
-        return self
-
-    def as_dict(self) -> dict[str, list[float]]:
-        """Plain lists, for JSON and TOML."""
-        return {f.name: getattr(self, f.name).tolist() for f in fields(self)}
-
-
-def _changed(limits: JointLimits, changes: Mapping[str, Any]) -> Limits:
-    """Limits with some replaced; of a pair that has a new upper one alone, both are new."""
-    given: dict[str, Any] = {}
-    for quantity in LIMIT_UNITS:
-        low, high = f"{quantity}_min", f"{quantity}_max"
-        lower, upper = limits.bounds(quantity)
-        if quantity == "q" or low in changes:
-            given[low], given[high] = changes.get(low, lower), changes.get(high, upper)
-        else:
-            given[high] = changes.get(high, (lower, upper))
-    return Limits(**given)
-
-
-def _per_joint(name: str, value: Any, count: int) -> FloatArray:
-    if np.ndim(np.asarray(value, dtype=object)) == 0:
-        value = [value] * count
-    return checks.array(name, value, (count,), finite=False)
-
-
-def _either_unit(quantity: str) -> str:
-    revolute, prismatic = LIMIT_UNITS[quantity]
-    return f"{revolute} (prismatic: {prismatic})"
 
 
 @dataclass(frozen=True, eq=False)
@@ -477,7 +239,7 @@ class Robot:
         }  # fmt: skip
         changes = {name: value for name, value in named.items() if value is not None}
         if limits is None:
-            limits = _changed(self.limits, changes)
+            limits = changed(self.limits, changes)
         elif changes:
             raise InputError(f"give limits or {', '.join(changes)}, not both")
         return replace(self, limits=_joint_limits(limits, self.joint_count))

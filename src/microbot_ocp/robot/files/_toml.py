@@ -20,7 +20,9 @@ import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import InputError
-from microbot_ocp.robot._model import Limits, Link, Robot, dh_transform
+from microbot_ocp.robot._limits import Limits
+from microbot_ocp.robot._links import Link
+from microbot_ocp.robot._model import Robot, dh_transform
 
 ANGLES = ("alpha", "theta_offset", "theta", "q_min", "q_max", "qd_max", "qdd_max")
 GEOMETRY = ("alpha", "a", "d", "theta_offset")

@@ -24,7 +24,9 @@ import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
-from microbot_ocp.robot._model import Limits, Link, Robot
+from microbot_ocp.robot._limits import Limits
+from microbot_ocp.robot._links import Link
+from microbot_ocp.robot._model import Robot
 from microbot_ocp.robot.files._placement import dh_rows
 
 PARALLEL = 1e-8  # rad: what rounding to nine digits leaves between axes meant to be parallel

@@ -10,7 +10,8 @@ from xml.etree import ElementTree
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError
-from microbot_ocp.robot._model import Link, Robot, dh_transform
+from microbot_ocp.robot._links import Link
+from microbot_ocp.robot._model import Robot, dh_transform
 from microbot_ocp.robot.files._toml import save_text
 from microbot_ocp.robot.files._urdf_reader import EXTENSION
 

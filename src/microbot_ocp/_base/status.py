@@ -1,0 +1,103 @@
+"""How a search, a solve or a run ended: one type for the whole package."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+
+class Status(StrEnum):
+    """How something that may fail ended. The value is what tables print; see :attr:`sentence`.
+
+    Results carry it as ``status``, have ``solved`` for the one good ending, and ``advice`` for what
+    is known of the single case.
+
+    Examples
+    --------
+    >>> Status.SOLVED.solved, str(Status.ITERATION_LIMIT), Status("solved") is Status.SOLVED
+    (True, 'iteration limit', True)
+    """
+
+    SOLVED = "solved"
+    # solvers
+    ITERATION_LIMIT = "iteration limit"
+    TIME_LIMIT = "time limit"
+    INFEASIBLE = "infeasible"
+    INTERRUPTED = "interrupted"
+    FAILED = "failed"
+    # refinement
+    NOT_ACCEPTED = "finer mesh not accepted"
+    NO_PROGRESS = "no progress"
+    ROUND_LIMIT = "round limit"
+    SIZE_LIMIT = "size limit"
+    # motions
+    LIMITS_EXCEEDED = "limits exceeded"
+    SLOWER_THAN_REACHABILITY = "slower than reachability"
+    NOT_POSSIBLE = "not possible"
+    # inverse kinematics
+    ORIENTATION_MISSED = "orientation missed"
+    OUT_OF_REACH = "out of reach"
+    LIMITS = "limits prevent it"
+    NOT_CONVERGED = "not converged"
+    # simulation
+    UNBOUNDED = "unbounded"
+    SINGULAR = "singular"
+
+    @property
+    def solved(self) -> bool:
+        """Whether it ended well."""
+        return self is Status.SOLVED
+
+    @property
+    def sentence(self) -> str:
+        """What it means, and what to try."""
+        return _SENTENCES[self]
+
+
+_SENTENCES = {
+    Status.SOLVED: "Converged to the requested tolerance.",
+    Status.ITERATION_LIMIT: (
+        "Stopped at the iteration limit: give a better guess, a coarser mesh first, or more "
+        "iterations."
+    ),
+    Status.TIME_LIMIT: "Stopped at the time limit: the best so far is returned.",
+    Status.INFEASIBLE: (
+        "Converged to a point that violates constraints: look for limits that contradict each "
+        "other or an end that cannot be reached; explain names them."
+    ),
+    Status.INTERRUPTED: "Interrupted: the last iterate is returned.",
+    Status.FAILED: "The solver broke down: check scales and guess, try the other solver.",
+    Status.NOT_ACCEPTED: (
+        "A finer mesh was not solved, or only at a higher cost: the last accepted solution is "
+        "returned."
+    ),
+    Status.NO_PROGRESS: (
+        "The accuracy is not reached, and the last finer meshes came no nearer: lower the "
+        "solver's tolerance or ask for less."
+    ),
+    Status.ROUND_LIMIT: "The accuracy is not reached within the allowed number of rounds.",
+    Status.SIZE_LIMIT: "The accuracy is not reached within the allowed number of intervals.",
+    Status.LIMITS_EXCEEDED: (
+        "The solver converged on its mesh, but limits are exceeded between the mesh points: give "
+        "a finer mesh."
+    ),
+    Status.SLOWER_THAN_REACHABILITY: (
+        "The solver converged, but reachability on a grid finds a faster timing: give a finer mesh."
+    ),
+    Status.NOT_POSSIBLE: "The method cannot do this task.",
+    Status.ORIENTATION_MISSED: (
+        "The tool reaches the position, but no start found the orientation there as well; this "
+        "is the least angle found."
+    ),
+    Status.OUT_OF_REACH: (
+        "No start reached the target, even without joint limits; this is the nearest pose found."
+    ),
+    Status.LIMITS: (
+        "The target can be reached, but not within the joint limits; this is the nearest pose "
+        "found within them."
+    ),
+    Status.NOT_CONVERGED: (
+        "Neither the target nor a nearest pose was found; this is the best iterate."
+    ),
+    Status.UNBOUNDED: "The motion grows without bound.",
+    Status.SINGULAR: "The mass matrix is singular on the way: no torque determines the motion.",
+}

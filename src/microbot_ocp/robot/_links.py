@@ -1,0 +1,89 @@
+"""Links as data: mass, centre, inertia, and what the joint carries."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import FloatArray, InputError
+
+
+def _point_mass() -> FloatArray:
+    return np.zeros((3, 3))
+
+
+@dataclass(frozen=True, eq=False)
+class Link:
+    """One rigid link with what its joint carries.
+
+    Parameters
+    ----------
+    mass : float
+        Mass, kg, above zero.
+    center_of_mass : array_like [3]
+        Centre of mass in the link frame, m.
+    inertia : array_like [3,3], optional
+        Inertia tensor about the centre of mass in the link frame, kg m^2 (default: a point mass).
+    armature : float
+        Rotor inertia as seen at the joint, kg m^2 (kg for a prismatic joint).
+    viscous_friction : float
+        Joint friction proportional to speed, N m s/rad (N s/m).
+    coulomb_friction : float
+        Joint friction of constant size, N m (N); smoothed over 0.01 rad/s (m/s) around rest.
+    name : str, optional
+        Name of the link.
+
+    Raises
+    ------
+    InputError
+        Mass not above zero, an inertia that is not symmetric, not positive semi-definite or breaks
+        the triangle inequality, negative friction, anything not finite.
+    """
+
+    mass: float
+    center_of_mass: FloatArray
+    inertia: FloatArray = field(default_factory=_point_mass)
+    armature: float = 0.0
+    viscous_friction: float = 0.0
+    coulomb_friction: float = 0.0
+    name: str | None = None
+
+    def __post_init__(self) -> None:
+        label = f"link {self.name!r}" if self.name else "link"
+        put = object.__setattr__
+        put(self, "mass", checks.number(f"mass of {label}", self.mass, "kg", above=0.0))
+        put(
+            self,
+            "center_of_mass",
+            checks.array(f"center_of_mass of {label}", self.center_of_mass, (3,), "m"),
+        )
+        inertia = checks.array(f"inertia of {label}", self.inertia, (3, 3), "kg m^2")
+        _check_inertia(label, inertia)
+        put(self, "inertia", inertia)
+        for name, unit in (
+            ("armature", "kg m^2"),
+            ("viscous_friction", "N m s/rad"),
+            ("coulomb_friction", "N m"),
+        ):
+            value = checks.number(f"{name} of {label}", getattr(self, name), unit, at_least=0.0)
+            put(self, name, value)
+
+
+def _check_inertia(label: str, inertia: FloatArray) -> None:
+    size = max(float(np.abs(inertia).max()), 1e-12)
+    if np.abs(inertia - inertia.T).max() > 1e-9 * size:
+        raise InputError(f"inertia of {label} must be symmetric, not {inertia.tolist()} kg m^2")
+    principal = np.linalg.eigvalsh(inertia)
+    if principal[0] < -1e-9 * size:
+        raise InputError(
+            f"inertia of {label} must be positive semi-definite, but a principal moment is "
+            f"{principal[0]:.6g} kg m^2"
+        )
+    if principal[0] + principal[1] < principal[2] - 1e-6 * size:
+        raise InputError(
+            f"inertia of {label} breaks the triangle inequality: principal moments "
+            f"{principal[0]:.6g} + {principal[1]:.6g} < {principal[2]:.6g} kg m^2, which no "
+            "rigid body has"
+        )
