@@ -41,7 +41,7 @@ def main(arguments: argparse.Namespace) -> None:
                                integrator=name, tolerance=tolerance)  # fmt: skip
             error = np.degrees(np.abs(best.q[-1] - wanted.q[-1]).max())
             row += f"{error:10.1e} ({1e3 * best.wall_time:5.1f}) "
-        print(f"  {name:12s}{row}" + ("" if best.ok else f" {best.status}"))
+        print(f"  {name:12s}{row}" + ("" if best.solved else f" {best.status}"))
 
     def euler(step: float) -> mo.plots.Curve:
         values = {"q": report.euler(robot, motion, step)}

@@ -79,8 +79,8 @@ def compare_rivals(robot: mo.Robot, kp: float, motion: mo.Motion) -> dict[str, m
             run = mo.track(robot, report.motion, rival, **{**GIVEN, **change})
             shown.setdefault(case, run)
             rms, peak = np.degrees([run.rms.max(), run.peak.max()])
-            row += f"{rms:11.4f}{peak:11.4f}" + ("  " if run.ok else " !")
-            if not run.ok or run.advice:
+            row += f"{rms:11.4f}{peak:11.4f}" + ("  " if run.solved else " !")
+            if not run.solved or run.advice:
                 notes.append(f"  ! {rival.label}, {case}: {run.status}; {run.advice}")
         print(f"  {case:32s}{row}")
     print("\n".join(notes), end="\n" if notes else "")

@@ -29,7 +29,6 @@ from .comparison import (
 from .inverse_kinematics import (
     IKPath as IKPath,
     IKSolution as IKSolution,
-    IKStatus as IKStatus,
     solve_ik as solve_ik,
     solve_ik_all as solve_ik_all,
     solve_ik_batch as solve_ik_batch,

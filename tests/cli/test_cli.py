@@ -394,7 +394,7 @@ def test_simulate_saves_what_replay_reads(call, ask, tmp_path):
     arguments = ("simulate", "microbot", "--q-deg", "0,30,20", "--duration", "0.3")
     code, document = ask(*arguments, "--step", "0.01", "--out", "fall.npz")
     assert code == 0
-    assert document["status"] == "ok"
+    assert document["status"] == "solved"
     motion = mo.Motion.load(tmp_path / "fall.npz")
     assert motion.duration == pytest.approx(0.3)
     np.testing.assert_allclose(motion.q[-1], document["q_end"])

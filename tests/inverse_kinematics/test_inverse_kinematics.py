@@ -8,7 +8,7 @@ from hypothesis import given, strategies as st
 
 import microbot_ocp as mo
 from helpers import batch, random_robot
-from microbot_ocp import IKStatus, InputError
+from microbot_ocp import InputError, Status
 from microbot_ocp.inverse_kinematics import branches_by_nlp, elbow_arm_branches
 
 SHOULDER = np.array([0.0, 0.0, 2.0])
@@ -83,14 +83,14 @@ def test_all_branches_are_the_four_of_the_report(microbot: mo.Robot) -> None:
     solutions = mo.solve_ik_all(microbot, TARGET)
     assert same_set(solutions, np.radians(REPORT_BRANCHES), 1e-6)
     for solution in solutions:
-        assert solution.status is IKStatus.SOLVED
+        assert solution.status is Status.SOLVED
         assert solution.solved
         assert solution.position_error < 1e-8
         assert solution.orientation_error == 0.0
         assert solution.self_motion == 0
         assert not solution.singular
         assert solution.pose[:3, 3] == pytest.approx(TARGET, abs=1e-8)
-        assert solution.advice == IKStatus.SOLVED.sentence
+        assert solution.advice == "The tool reaches the target within the joint limits."
 
 
 def test_the_nlp_finds_the_same_branches(microbot: mo.Robot) -> None:
@@ -184,11 +184,11 @@ def test_prismatic_joints_have_branches_too() -> None:
     )
     (position,), (turn,) = poses(scara, np.array([[0.3, 0.8, 1.0, 0.1]]))
     solutions = mo.solve_ik_all(scara, position, turn)
-    assert [s.status for s in solutions] == [IKStatus.SOLVED] * 2
+    assert [s.status for s in solutions] == [Status.SOLVED] * 2
     assert sorted(round(s.q[1], 6) for s in solutions) == [-0.8, 0.8]
     assert all(s.q[3] == pytest.approx(0.1) for s in solutions)
     beyond = mo.solve_ik(scara, position - [0, 0, 0.3], turn)
-    assert beyond.status is IKStatus.LIMITS
+    assert beyond.status is Status.LIMITS
     assert beyond.position_error == pytest.approx(0.2, abs=1e-8)
     assert "joint 4" in beyond.advice
 
@@ -215,7 +215,7 @@ def test_branches_lie_within_limits_nearest_to_their_middle(microbot: mo.Robot) 
 def test_limits_that_prevent_the_target_are_named(microbot: mo.Robot) -> None:
     robot = limited(microbot, [-1, -0.5, 0], [1, 0.5, 1])
     (solution,) = mo.solve_ik_all(robot, TARGET)
-    assert solution.status is IKStatus.LIMITS
+    assert solution.status is Status.LIMITS
     assert "within the joint limits" in solution.advice
     assert "elbow" in solution.advice
     assert np.all(solution.q >= robot.limits.q_min)
@@ -228,7 +228,7 @@ def test_limits_that_prevent_the_target_are_named(microbot: mo.Robot) -> None:
 
 def test_limits_that_cut_off_a_continuum_are_named(microbot: mo.Robot) -> None:
     (solution,) = mo.solve_ik_all(limited(microbot, [-1, -0.1, -1], [1, 0.1, 1]), [0, 0, 5])
-    assert solution.status is IKStatus.LIMITS
+    assert solution.status is Status.LIMITS
 
 
 @pytest.mark.parametrize("branch", range(4))
@@ -261,7 +261,7 @@ def test_distance_missed_is_exact(microbot: mo.Robot, target: tuple[float, ...])
     """The microbot reaches what is 1 to 7 m from its shoulder."""
     radius = float(np.linalg.norm(np.array(target) - SHOULDER))
     for solution in (mo.solve_ik(microbot, target), *mo.solve_ik_all(microbot, target)):
-        assert solution.status is IKStatus.OUT_OF_REACH
+        assert solution.status is Status.OUT_OF_REACH
         assert not solution.solved
         assert solution.position_error == pytest.approx(max(radius - 7, 1 - radius), abs=1e-8)
         assert f"missed by {solution.position_error:.6g} m" in solution.advice
@@ -274,13 +274,13 @@ def test_a_thousandth_of_a_millimetre_decides(microbot: mo.Robot) -> None:
     inside, outside = (mo.solve_ik_all(microbot, [7 + x, 0, 2]) for x in (-1e-6, 1e-6))
     assert len(inside) == 4
     assert len(outside) == 1
-    assert outside[0].status is IKStatus.OUT_OF_REACH
+    assert outside[0].status is Status.OUT_OF_REACH
     assert outside[0].position_error == pytest.approx(1e-6, abs=1e-9)
 
 
 def test_orientation_out_of_freedom_is_missed_by_the_least_angle(microbot: mo.Robot) -> None:
     solution = mo.solve_ik(microbot, TARGET, np.eye(3))
-    assert solution.status is IKStatus.ORIENTATION_MISSED
+    assert solution.status is Status.ORIENTATION_MISSED
     assert solution.position_error < 1e-8
     turns = [s.pose[:3, :3] for s in mo.solve_ik_all(microbot, TARGET)]
     angles = [np.arccos((np.trace(turn) - 1) / 2) for turn in turns]
@@ -299,7 +299,7 @@ def test_orientation_that_happens_to_fit_is_reached(microbot: mo.Robot) -> None:
 def test_far_pose_keeps_its_orientation(puma: mo.Robot) -> None:
     """The wrist is free to turn at the end of a stretched arm."""
     solution = mo.solve_ik(puma, [2, 0, 0.5], np.eye(3))
-    assert solution.status is IKStatus.OUT_OF_REACH
+    assert solution.status is Status.OUT_OF_REACH
     assert solution.orientation_error < 1e-6
 
 
@@ -312,7 +312,7 @@ def test_every_answer_for_far_targets_is_a_nearest_pose(name: str) -> None:
     for direction in directions(6, seed=8):
         target = 3.0 * direction
         solution = mo.solve_ik(robot, target)
-        assert solution.status in (IKStatus.OUT_OF_REACH, IKStatus.LIMITS)
+        assert solution.status in (Status.OUT_OF_REACH, Status.LIMITS)
         around = np.clip(solution.q + rng.normal(size=(500, low.size)) * 0.01, low, high)
         nearby = np.linalg.norm(poses(robot, around)[0] - target, axis=1)
         assert nearby.min() > solution.position_error - 1e-8
@@ -406,7 +406,7 @@ def test_redundant_arm_beyond_its_limits_says_so(seven: mo.Robot) -> None:
     tight = limited(seven, seven.limits.q_min / 4 - 0.1, np.minimum(seven.limits.q_max / 4, -0.0))
     (position,), (turn,) = poses(seven, q)
     (solution,) = mo.solve_ik_all(tight, position, turn)
-    assert solution.status is IKStatus.LIMITS
+    assert solution.status is Status.LIMITS
     assert solution.q.max() <= 0.0
 
 
@@ -415,7 +415,7 @@ def test_planar_arm_moves_within_itself() -> None:
     solutions = mo.solve_ik_all(planar, [1, 1, 0])
     assert all(s.solved and s.self_motion == 1 for s in solutions)
     (above,) = mo.solve_ik_all(planar, [1, 1, 0.3])
-    assert above.status is IKStatus.OUT_OF_REACH
+    assert above.status is Status.OUT_OF_REACH
     assert above.position_error == pytest.approx(0.3, abs=1e-8)
 
 
@@ -441,10 +441,10 @@ def test_single_joints() -> None:
     slide = mo.Robot.from_dh([0], [0], [0], joint_type="prismatic", limits=mo.Limits(0, 1))
     assert mo.solve_ik(slide, [0, 0, 0.4]).q == pytest.approx([0.4])
     beyond = mo.solve_ik(slide, [0, 0, 1.4])
-    assert beyond.status is IKStatus.LIMITS
+    assert beyond.status is Status.LIMITS
     assert beyond.q == pytest.approx([1.0])
     beside = mo.solve_ik(slide, [0.1, 0, 0.4])
-    assert beside.status is IKStatus.OUT_OF_REACH
+    assert beside.status is Status.OUT_OF_REACH
     assert beside.position_error == pytest.approx(0.1, abs=1e-8)
 
 
@@ -463,7 +463,7 @@ def test_locked_joint(microbot: mo.Robot) -> None:
     held = limited(microbot, [exact, -3, -3], [exact, 3, 3])
     assert same_set(mo.solve_ik_all(held, TARGET), np.radians(REPORT_BRANCHES[:2]), 1e-6)
     away = mo.solve_ik(limited(microbot, [other, -3, -3], [other, 3, 3]), TARGET)
-    assert away.status is IKStatus.LIMITS
+    assert away.status is Status.LIMITS
     # distance of the target from the plane of the arm
     assert away.position_error == pytest.approx(np.sqrt(10) * np.sin(other - exact), abs=1e-8)
 
@@ -521,9 +521,9 @@ def test_line_out_of_reach_is_reported_row_by_row(microbot: mo.Robot) -> None:
     line = np.linspace([5, 0, 2], [9, 0, 2], 21)
     path = mo.solve_ik_path(microbot, line)
     assert not path.solved
-    assert path.status is IKStatus.OUT_OF_REACH
-    assert path.statuses[:11] == (IKStatus.SOLVED,) * 11
-    assert path.statuses[11:] == (IKStatus.OUT_OF_REACH,) * 10
+    assert path.status is Status.OUT_OF_REACH
+    assert path.statuses[:11] == (Status.SOLVED,) * 11
+    assert path.statuses[11:] == (Status.OUT_OF_REACH,) * 10
     assert path.position_error[11:] == pytest.approx(line[11:, 0] - 7, abs=1e-8)
     assert "10 of 21 targets are missed, the first is row 11" in path.advice
 
@@ -560,7 +560,7 @@ def test_line_of_a_redundant_arm_stays_close(seven: mo.Robot) -> None:
 
 
 def test_every_status_has_a_sentence() -> None:
-    for status in IKStatus:
+    for status in Status:
         assert status.sentence.endswith(".")
         assert len(status.sentence) > 20
 

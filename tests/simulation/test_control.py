@@ -51,7 +51,7 @@ def test_error_dynamics_in_closed_form(robot, kp, kind):
     begin = np.array([-np.pi / 4] * 3 if kind in ("formula", "sampled motion") else [0.0] * 3)
     start = np.radians([-45.0, 20.0, -10.0])
     run = mo.track(robot, motion, mo.ComputedTorque(kp), q0=begin - start, duration=2.0)
-    assert run.ok, run.status
+    assert run.solved, run.status
     wanted = critically_damped(start, np.broadcast_to(kp, 3), run.t)
     np.testing.assert_allclose(run.error, wanted, atol=1e-6)
     np.testing.assert_allclose(run.peak, np.abs(wanted).max(axis=0), atol=1e-6)
@@ -122,7 +122,7 @@ def test_friction_slows_the_arm(robot):
     rough = [replace(link, viscous_friction=10.0, coulomb_friction=10.0) for link in robot.links]
     run = mo.track(robot, report_motion, mo.ComputedTorque(100.0), plant=robot.with_links(rough),
                    duration=2.0)  # fmt: skip
-    assert run.ok
+    assert run.solved
     assert 1e-3 < run.peak.max() < 0.1
 
 
@@ -140,7 +140,7 @@ def test_saturation_is_respected(saturation, lower, upper, sample_rate):
     robot = mo.load_robot("microbot")
     run = mo.track(robot, report_motion, mo.ComputedTorque(25.0), duration=1.0,
                    saturation=saturation, sample_rate=sample_rate, tolerance=1e-6)  # fmt: skip
-    assert run.ok, run.status
+    assert run.solved, run.status
     assert (run.tau >= np.array(lower)).all()
     assert (run.tau <= np.array(upper)).all()
     assert 0.02 < run.saturated_fraction <= 1.0
@@ -156,7 +156,7 @@ def test_sampled_control_tends_to_continuous_control(robot):
     for rate in (100.0, 200.0, 400.0, 1000.0):
         run = mo.track(robot, report_motion, mo.ComputedTorque(100.0), q0=[0, 0, 0], duration=1.0,
                        step=1e-3, sample_rate=rate)  # fmt: skip
-        assert run.ok, run.status
+        assert run.solved, run.status
         each = np.searchsorted(run.t, continuous.t[::50] - 1e-9)
         np.testing.assert_allclose(run.t[each], continuous.t[::50], atol=1e-9)
         errors.append(np.abs(run.q[each] - continuous.q[::50]).max())
@@ -206,7 +206,7 @@ def test_an_unstable_loop_is_told():
         [0.0], [0.0], [0.0], joint_type="prismatic", links=[mo.Link(1.0, [0.0, 0, 0])]
     )
     run = mo.track(slider, hold([0.0]), mo.PDGravity(1e4, 1e3), q0=[0.1], sample_rate=100.0)
-    assert not run.ok
+    assert run.status is mo.Status.UNBOUNDED
     assert "sample_rate" in run.advice
 
 
@@ -214,9 +214,9 @@ def test_a_failure_is_data(robot):
     for sample_rate in (None, 100.0):
         run = mo.track(robot, report_motion, mo.ComputedTorque(100.0), duration=1.0, max_steps=2,
                        sample_rate=sample_rate, integrator="cvodes")  # fmt: skip
-        assert not run.ok
-        assert "more steps than allowed" in run.status
-        assert run.advice
+        assert not run.solved
+        assert run.status is mo.Status.INTEGRATION_FAILED
+        assert "more steps than allowed" in run.advice
         assert run.q.shape == run.tau.shape == run.error.shape == (1001, 3)
         assert np.isnan(run.q).all()
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from microbot_ocp import Status
 from microbot_ocp.comparison import Certificate, Comparison, Entry, LimitCheck
 from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial
 from microbot_ocp.robot.files import load_robot
@@ -50,7 +51,7 @@ def certificate_of(robot, limits, motion, label):
         limit_checks=tuple(checks),
         final_position_error=3e-9,
         final_velocity_error=4e-8,
-        resimulation_status="ok",
+        resimulation_status=Status.SOLVED,
         grid_step=1e-3,
         grid_ratio=10.0,
         condition_peak=412.0,

@@ -41,6 +41,8 @@ class Status(StrEnum):
     # simulation
     UNBOUNDED = "unbounded"
     SINGULAR = "singular"
+    INTEGRATION_FAILED = "integration failed"
+    TOLERANCE_NOT_MET = "tolerance not met"
 
     @property
     def solved(self) -> bool:
@@ -100,4 +102,9 @@ _SENTENCES = {
     ),
     Status.UNBOUNDED: "The motion grows without bound.",
     Status.SINGULAR: "The mass matrix is singular on the way: no torque determines the motion.",
+    Status.INTEGRATION_FAILED: "The integrator stopped before the end.",
+    Status.TOLERANCE_NOT_MET: (
+        "The integrator arrived, but shorter steps still change the result by more than the "
+        "tolerance."
+    ),
 }

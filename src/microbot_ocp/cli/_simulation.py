@@ -121,7 +121,7 @@ def simulate(
         "wall_time": result.wall_time,
         "written": [],
     }
-    if result.ok:
+    if result.solved:
         provenance = {"method": "simulation", "robot": robot.name, "torques": source}
         motion = replace(result.as_motion(f"simulation, {source}"), provenance=provenance)
         if out is not None:
@@ -142,4 +142,4 @@ def simulate(
         console.print(make_table(heads, rows, left=2), "")
         close(console, result.advice, document["written"])
 
-    return answer(as_json, document, text, 0 if result.ok else 1)
+    return answer(as_json, document, text, 0 if result.solved else 1)

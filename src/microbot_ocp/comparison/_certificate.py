@@ -17,10 +17,11 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError, plain
+from microbot_ocp._base.status import Status
 from microbot_ocp.limits import QUANTITY_NAMES, SATURATED, LimitHistory, dense_times
 from microbot_ocp.motion import JUMP_GAP, Motion, State, mesh_of, torque_along
 from microbot_ocp.robot import JointLimits, Limits, Robot, forward_dynamics, mass_matrix_condition
-from microbot_ocp.simulation import Driven, Method, fitted, integrate
+from microbot_ocp.simulation import ForcedEquation, IntegratorSettings, fitted, integrate
 
 ROUNDING = 1e-7  # relative excess over a limit that is put down to the solver's tolerance
 NEAR_SINGULAR = 1e6  # condition number of the mass matrix
@@ -88,8 +89,8 @@ class Certificate:
         One for every kind of limit that the robot has.
     final_position_error, final_velocity_error : float
         Largest joint error after re-simulation from the motion's own torque, rad and rad/s.
-    resimulation_status : str
-        "ok", or why the integrator stopped.
+    resimulation_status : Status
+        The verdict says why where it is not solved.
     grid_step : float
         Longest step of the dense grid, s.
     grid_ratio : float
@@ -124,7 +125,7 @@ class Certificate:
     limit_checks: tuple[LimitCheck, ...]
     final_position_error: float
     final_velocity_error: float
-    resimulation_status: str
+    resimulation_status: Status
     grid_step: float
     grid_ratio: float
     condition_peak: float
@@ -164,11 +165,12 @@ class Certificate:
 
 
 class _Resimulation(NamedTuple):
-    status: str
+    status: Status
     final_position_error: float = np.nan
     final_velocity_error: float = np.nan
     path_position_error: float = np.nan
     path_error_time: float = np.nan
+    message: str = ""
 
 
 def certify(
@@ -237,8 +239,8 @@ def certify(
     >>> robot = mo.load_robot("microbot")
     >>> shape = cubic([[0.0, 0.0, 0.0], [0.5, 0.8, 0.4]], [0.0, 3.0])
     >>> certificate = certify(robot, Motion.from_polynomial(robot, shape, label="cubic"))
-    >>> certificate.ok, certificate.resimulation_status
-    (True, 'ok')
+    >>> certificate.ok, certificate.resimulation_status.solved
+    (True, True)
     """
     started = time.perf_counter()
     count = robot.joint_count
@@ -407,16 +409,16 @@ def _resimulate(robot: Robot, motion: Motion, tolerance: float, max_steps: int) 
     assert signal.pieces is not None
     edges = signal.pieces.edges
     start = np.concatenate([motion.q[0], motion.qd[0]])
-    method = Method("cvodes", tolerance, max_steps)
-    run = integrate(Driven(rate, 2 * count, signal), start, edges, method)
-    if run.status != "ok":
-        return _Resimulation(run.status)
+    settings = IntegratorSettings("cvodes", tolerance, max_steps)
+    run = integrate(ForcedEquation(rate, 2 * count, signal), start, edges, settings)
+    if not run.status.solved:
+        return _Resimulation(run.status, message=run.message)
     wanted = motion.sample(edges[1:])
     states = run.states[1:]
     along = np.abs(states[:, :count] - wanted.q).max(axis=1)
     worst = int(along.argmax())
     return _Resimulation(
-        "ok",
+        Status.SOLVED,
         float(along[-1]),
         float(np.abs(states[-1, count:] - wanted.qd[-1]).max()),
         float(along[worst]),
@@ -437,8 +439,8 @@ def _problems(
         for check in limit_checks
         if check.violation > tolerances["limit_tolerance"]
     ]
-    if again.status != "ok":
-        problems.append(f"re-simulation stopped: {again.status}")
+    if not again.status.solved:
+        problems.append(f"re-simulation stopped: {again.message}")
     elif not again.final_position_error <= tolerances["position_tolerance"]:
         problems.append(
             f"re-simulation ends {again.final_position_error:.3g} rad from the motion's end"

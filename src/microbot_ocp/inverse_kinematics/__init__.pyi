@@ -9,7 +9,6 @@ from ._path import (
 from ._result import (
     IKPath as IKPath,
     IKSolution as IKSolution,
-    IKStatus as IKStatus,
 )
 from ._solve import (
     branches_by_nlp as branches_by_nlp,

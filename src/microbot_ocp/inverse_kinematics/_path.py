@@ -9,8 +9,9 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.status import Status
 from microbot_ocp.inverse_kinematics._kernels import joint_scale
-from microbot_ocp.inverse_kinematics._result import IKPath, IKStatus, read_only
+from microbot_ocp.inverse_kinematics._result import IKPath, read_only
 from microbot_ocp.inverse_kinematics._search import (
     descend,
     find_branches,
@@ -125,14 +126,14 @@ def _followed(robot: Robot, targets: FloatArray, start: FloatArray, begin: float
     for row, target in enumerate(targets):
         following = _advance(robot, here, where, target, bounds, HALVINGS) if reached else None
         if following is not None:
-            here, status = following, IKStatus.SOLVED
+            here, status = following, Status.SOLVED
         else:
             here, status = _elsewhere(robot, here, target, begin)
             # after a stretch out of reach the arm may come back on the branch it left
             lost = row > 0 and (reached or _step(robot, here, q[-1]) > 0.5)
-            if status is IKStatus.SOLVED and lost:
+            if status is Status.SOLVED and lost:
                 jumps.append(row)
-        reached, where = status is IKStatus.SOLVED, target
+        reached, where = status is Status.SOLVED, target
         q.append(here)
         statuses.append(status)
     joints = np.array(q)
@@ -189,7 +190,7 @@ def _halfway(origin: FloatArray, target: FloatArray) -> FloatArray:
 
 def _elsewhere(
     robot: Robot, q: FloatArray, target: FloatArray, begin: float
-) -> tuple[FloatArray, IKStatus]:
+) -> tuple[FloatArray, Status]:
     """The nearest branch there is, or else the nearest pose that the arm can slide into."""
     other = nearest_solution(robot, target, q, begin)
     if other.solved:
@@ -201,9 +202,9 @@ def _elsewhere(
 
 
 def _path_advice(
-    statuses: list[IKStatus], distance: FloatArray, jumps: list[int], largest: float
+    statuses: list[Status], distance: FloatArray, jumps: list[int], largest: float
 ) -> str:
-    missed = [row for row, entry in enumerate(statuses) if entry is not IKStatus.SOLVED]
+    missed = [row for row, entry in enumerate(statuses) if entry is not Status.SOLVED]
     parts = []
     if missed:
         worst = int(np.argmax(distance))

@@ -1,47 +1,13 @@
-"""What inverse kinematics answers: a status with its sentence, a solution, a followed line."""
+"""What inverse kinematics returns: a solution, or a line of them."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import StrEnum
 
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
-
-
-class IKStatus(StrEnum):
-    """How a search for joint positions ended; :attr:`sentence` says it in words."""
-
-    SOLVED = "solved"
-    ORIENTATION_MISSED = "orientation missed"
-    OUT_OF_REACH = "out of reach"
-    LIMITS = "limits prevent it"
-    NOT_CONVERGED = "not converged"
-
-    @property
-    def sentence(self) -> str:
-        """One plain sentence."""
-        return SENTENCES[self]
-
-
-SENTENCES = {
-    IKStatus.SOLVED: "The tool reaches the target within the joint limits.",
-    IKStatus.ORIENTATION_MISSED: (
-        "The tool reaches the position, but no start found the orientation there as well; this "
-        "is the least angle found."
-    ),
-    IKStatus.OUT_OF_REACH: (
-        "No start reached the target, even without joint limits; this is the nearest pose found."
-    ),
-    IKStatus.LIMITS: (
-        "The target can be reached, but not within the joint limits; this is the nearest pose "
-        "found within them."
-    ),
-    IKStatus.NOT_CONVERGED: (
-        "Neither the target nor a nearest pose was found; this is the best iterate."
-    ),
-}
+from microbot_ocp._base.status import Status
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +18,7 @@ class IKSolution:
     ----------
     q : array [n]
         Joint positions within the limits, rad (prismatic: m).
-    status : IKStatus
+    status : Status
     position_error : float
         Distance from the tool's origin to the target, m.
     orientation_error : float
@@ -71,7 +37,7 @@ class IKSolution:
     """
 
     q: FloatArray
-    status: IKStatus
+    status: Status
     position_error: float
     orientation_error: float
     advice: str
@@ -87,7 +53,7 @@ class IKSolution:
     @property
     def solved(self) -> bool:
         """Whether the target is reached."""
-        return self.status is IKStatus.SOLVED
+        return self.status.solved
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +64,7 @@ class IKPath:
     ----------
     q : array [N,n]
         One row a target, continuous: joints count on past a full turn where the limits allow it.
-    statuses : tuple of IKStatus, N
+    statuses : tuple of Status, N
     position_error : array [N], m
     orientation_error : array [N], rad
     largest_step : float
@@ -112,7 +78,7 @@ class IKPath:
     """
 
     q: FloatArray
-    statuses: tuple[IKStatus, ...]
+    statuses: tuple[Status, ...]
     position_error: FloatArray
     orientation_error: FloatArray
     largest_step: float
@@ -121,15 +87,15 @@ class IKPath:
     solve_time: float = 0.0
 
     @property
-    def status(self) -> IKStatus:
+    def status(self) -> Status:
         """The first status that is not solved, else solved."""
-        failed = [entry for entry in self.statuses if entry is not IKStatus.SOLVED]
-        return failed[0] if failed else IKStatus.SOLVED
+        failed = [entry for entry in self.statuses if entry is not Status.SOLVED]
+        return failed[0] if failed else Status.SOLVED
 
     @property
     def solved(self) -> bool:
         """Whether every target is reached and the joints never jump."""
-        return self.status is IKStatus.SOLVED and not self.jumps
+        return self.status.solved and not self.jumps
 
 
 def read_only(values: FloatArray) -> FloatArray:

@@ -10,8 +10,9 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.status import Status
 from microbot_ocp.inverse_kinematics._kernels import generic_rank, joint_scale, pose_of
-from microbot_ocp.inverse_kinematics._result import IKSolution, IKStatus, read_only
+from microbot_ocp.inverse_kinematics._result import IKSolution, read_only
 from microbot_ocp.inverse_kinematics._search import (
     ORIENTATION_TOLERANCE,
     POSITION_TOLERANCE,
@@ -29,6 +30,8 @@ from microbot_ocp.inverse_kinematics._search import (
     within_limits,
 )
 from microbot_ocp.robot import Robot
+
+REACHED = "The tool reaches the target within the joint limits."
 
 
 def solve_ik(
@@ -255,15 +258,15 @@ def _missed(
     distance, angle = (float(x[0]) for x in task_errors(robot, q[None], target[None]))
     near = distance < POSITION_TOLERANCE
     if near and angle < ORIENTATION_TOLERANCE:
-        status = IKStatus.SOLVED
+        status = Status.SOLVED
     elif not converged:
-        status = IKStatus.NOT_CONVERGED
+        status = Status.NOT_CONVERGED
     elif found.reached or _reached_without_limits(robot, target):
-        status = IKStatus.LIMITS
+        status = Status.LIMITS
     else:
-        status = IKStatus.ORIENTATION_MISSED if near else IKStatus.OUT_OF_REACH
+        status = Status.ORIENTATION_MISSED if near else Status.OUT_OF_REACH
     motion = 0
-    if status is IKStatus.SOLVED:
+    if status is Status.SOLVED:
         motion = int(self_motions(robot, q[None], target)[0])
     used += time.perf_counter() - begin
     return _solution(robot, target, q, motion, used, status)
@@ -289,7 +292,7 @@ def _solution(
     q: FloatArray,
     self_motion: int,
     solve_time: float,
-    status: IKStatus = IKStatus.SOLVED,
+    status: Status = Status.SOLVED,
 ) -> IKSolution:
     motions = np.array([self_motion])
     return _solutions(robot, target[None], q[None], motions, solve_time, status)[0]
@@ -301,7 +304,7 @@ def _solutions(
     q: FloatArray,
     motions: np.ndarray,
     solve_time: float,
-    status: IKStatus = IKStatus.SOLVED,
+    status: Status = Status.SOLVED,
 ) -> list[IKSolution]:
     """One solution a row of targets [K,w], q [K,n] and motions [K], measured anew."""
     width = targets.shape[1]
@@ -331,19 +334,19 @@ def _solutions(
 def _advice(
     robot: Robot,
     q: FloatArray,
-    status: IKStatus,
+    status: Status,
     distance: float,
     angle: float,
     self_motion: int,
     singular: bool,
 ) -> str:
-    parts = [status.sentence]
-    if status is IKStatus.ORIENTATION_MISSED:
+    parts = [REACHED if status.solved else status.sentence]
+    if status is Status.ORIENTATION_MISSED:
         parts.append(f"The orientation is missed by {np.degrees(angle):.4g} deg.")
-    elif status is not IKStatus.SOLVED:
+    elif status is not Status.SOLVED:
         turn = f" and {np.degrees(angle):.4g} deg" if angle else ""
         parts.append(f"The target is missed by {distance:.6g} m{turn}.")
-    if status is IKStatus.LIMITS:
+    if status is Status.LIMITS:
         limits = robot.limits
         held = np.minimum(np.abs(q - limits.q_min), np.abs(q - limits.q_max)) < 1e-6
         names = [name for name, at in zip(robot.joint_names, held, strict=True) if at]
@@ -353,6 +356,6 @@ def _advice(
             f"The joints can move in {self_motion} direction{'s' if self_motion > 1 else ''} while "
             "the tool stays: this is one point of a continuum."
         )
-    elif singular and status is IKStatus.SOLVED:
+    elif singular and status is Status.SOLVED:
         parts.append("The arm is singular here: branches meet, or a direction of motion is lost.")
     return " ".join(part for part in parts if part)

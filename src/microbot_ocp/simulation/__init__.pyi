@@ -15,8 +15,8 @@ from ._formula import (
 )
 from ._integration import (
     INTEGRATORS as INTEGRATORS,
-    Driven as Driven,
-    Method as Method,
+    ForcedEquation as ForcedEquation,
+    IntegratorSettings as IntegratorSettings,
     fitted as fitted,
     integrate as integrate,
 )

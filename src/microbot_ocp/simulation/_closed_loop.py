@@ -23,12 +23,12 @@ from microbot_ocp.simulation._controllers import (
 )
 from microbot_ocp.simulation._inputs import (
     Integrator,
-    checked_method,
+    checked_settings,
     checked_start,
     same_joints,
 )
-from microbot_ocp.simulation._integration import Driven, integrate
-from microbot_ocp.simulation._outcome import told
+from microbot_ocp.simulation._integration import ForcedEquation, integrate
+from microbot_ocp.simulation._outcome import result_fields
 from microbot_ocp.simulation._result import Tracking
 from microbot_ocp.simulation._sampled import SampledLoop, Samples
 from microbot_ocp.simulation._signals import Formula, disturbance_function, reference_signal
@@ -107,15 +107,15 @@ def track(
     >>> robot = mo.load_robot("microbot")
     >>> shape = mo.quintic([[0.0, 0.0, 0.0], [0.5, 0.8, 0.4]], [0.0, 3.0])
     >>> run = track(robot, shape, mo.ComputedTorque(kp=100.0), q0=[0.1, 0.0, 0.0])
-    >>> run.status, bool(run.peak_after(2.0).max() < 1e-6)
-    ('ok', True)
+    >>> str(run.status), bool(run.peak_after(2.0).max() < 1e-6)
+    ('solved', True)
     """
     started = time.perf_counter()
     arm = robot if plant is None else plant
     count = robot.joint_count
     same_joints("plant", arm.joint_count, robot)
     chosen = ("cvodes" if sample_rate is None else "rk") if integrator is None else integrator
-    method = checked_method(chosen, tolerance, max_steps)
+    settings = checked_settings(chosen, tolerance, max_steps)
     begin, end, signal = reference_signal(motion, duration, robot)
     first = signal.values(np.array([begin]))[0]
     start = checked_start(
@@ -137,12 +137,12 @@ def track(
         q, qd = x[:count], x[count:]
         return ca.vertcat(qd, dynamics(q, qd, torque(w, q, qd) + push(t)))
 
-    driven = Driven(rate, 2 * count, signal)
+    forced = ForcedEquation(rate, 2 * count, signal)
     if sample_rate is None:
         if noise is not None:
             raise InputError("noise needs a sample_rate: a continuous loop does not sample")
         grid = np.linspace(begin, end, max(1, int(np.ceil((end - begin) / step - 1e-9))) + 1)
-        run = integrate(driven, start, grid, method)
+        run = integrate(forced, start, grid, settings)
         law = _law(torque, count)
         columns = (signal.values(grid).T, run.states[:, :count].T, run.states[:, count:].T)
         tau = np.array(law.map(grid.size)(*columns)).T
@@ -151,9 +151,9 @@ def track(
         samples = Samples.of(begin, end, sample_rate, step)
         errors = (SensorNoise() if noise is None else noise).draw(samples.t.size, count)
         loop = SampledLoop(arm, _law(torque, count), push, signal, errors)
-        grid, run, tau = loop.run(samples, start, method)
+        grid, run, tau = loop.run(samples, start, settings)
     wanted = signal.values(grid)
-    outcome = told(arm, grid, run, tau, push, method, started)
+    outcome = result_fields(arm, grid, run, tau, push, settings, started)
     at_limit: Any = np.any((tau <= lower) | (tau >= upper), axis=1)
     span = np.diff(grid)
     return Tracking(

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.robot import Robot, mass_matrix_condition
-from microbot_ocp.simulation._integration import INTEGRATORS, Method
+from microbot_ocp.simulation._integration import INTEGRATORS, IntegratorSettings
 
 Integrator = Literal["cvodes", "idas", "collocation", "rk"]
 
@@ -18,12 +18,12 @@ SINGULAR = 1e12  # condition number of the mass matrix from which on torques det
 ARMATURE = "give the links armature (rotor inertia), such as mo.Link(..., armature=0.1)"
 
 
-def checked_method(integrator: str, tolerance: float, max_steps: int) -> Method:
+def checked_settings(integrator: str, tolerance: float, max_steps: int) -> IntegratorSettings:
     checks.one_of("integrator", integrator, INTEGRATORS)
     tolerance = checks.number("tolerance", tolerance, above=0.0, at_most=1e-2)
     if isinstance(max_steps, bool) or not isinstance(max_steps, int) or max_steps < 1:
         raise InputError(f"max_steps must be a whole number of at least 1, not {max_steps!r}")
-    return Method(integrator, tolerance, max_steps)
+    return IntegratorSettings(integrator, tolerance, max_steps)
 
 
 def checked_times(t: ArrayLike) -> FloatArray:

@@ -1,4 +1,4 @@
-"""A differential equation driven by a signal of the time, in one integrator call.
+"""A differential equation with a signal of the time as its input, in one integrator call.
 
 Torques and references that are not formulas of the time go in as Chebyshev series on pieces of it,
 so that they may jump between two pieces at no loss of accuracy.
@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.status import Status
 
 Values = Callable[[FloatArray], FloatArray]  # times [N] to values [N,m]
 
@@ -66,8 +67,8 @@ class Signal(NamedTuple):
 Rate = Callable[[ca.SX, ca.SX, ca.SX], ca.SX]
 
 
-class Driven(NamedTuple):
-    """A differential equation ``x' = rate(t, x, w(t))`` driven by a signal.
+class ForcedEquation(NamedTuple):
+    """A differential equation ``x' = rate(t, x, w(t))`` forced by a signal w.
 
     CVODES is a multistep method that is not started anew where its input changes: a jump of the
     torque costs it digits or ends it. So the independent variable is not the time but s, which
@@ -106,8 +107,8 @@ class Driven(NamedTuple):
         return {"t": s, "x": x, "u": u, "ode": ode}, edges, inputs.T
 
 
-class Method(NamedTuple):
-    """An integrator of ``INTEGRATORS`` with its tolerance and most steps."""
+class IntegratorSettings(NamedTuple):
+    """An integrator of ``INTEGRATORS`` with its tolerance and largest number of steps."""
 
     integrator: str
     tolerance: float
@@ -117,14 +118,15 @@ class Method(NamedTuple):
 class Run(NamedTuple):
     """What an integrator found.
 
-    ``status`` is "ok" or says what is wrong, ``states`` [N, states] are those at the times asked
-    for (NaN after a failure), ``steps`` those of a fixed step. After a failure ``trace``
-    holds the times and states of a fixed step that went on regardless.
+    ``message`` says what is wrong unless the status is solved. ``states`` [N, states] are those at
+    the times asked for (NaN after a failure), ``steps`` those of a fixed step. After a failure
+    ``trace`` holds the times and states of a fixed step, which does not stop.
     """
 
-    status: str
+    status: Status
     states: FloatArray
     steps: int = 0
+    message: str = ""
     trace: tuple[FloatArray, FloatArray] | None = None
 
 
@@ -205,9 +207,11 @@ def formula_signal(expression: ca.SX, t: ca.SX) -> Signal:
     return Signal(values, function)
 
 
-def integrate(driven: Driven, start: FloatArray, grid: FloatArray, method: Method) -> Run:
+def integrate(
+    forced: ForcedEquation, start: FloatArray, grid: FloatArray, settings: IntegratorSettings
+) -> Run:
     """States [N, states] at the times of the grid, in one integrator call."""
-    equation, edges, inputs = driven.equation(float(grid[0]), float(grid[-1]))
+    equation, edges, inputs = forced.equation(float(grid[0]), float(grid[-1]))
     s = _stretched(grid, edges)
     stops = np.union1d(s[1:], np.arange(1.0, edges.size))
     stops = stops[np.append(np.diff(stops) > 1e-13 * edges.size, True)]
@@ -215,29 +219,29 @@ def integrate(driven: Driven, start: FloatArray, grid: FloatArray, method: Metho
     piece = np.clip(np.ceil(stops - 1e-9).astype(int) - 1, 0, edges.size - 2)
 
     def states(steps: int) -> FloatArray:
-        name, options = plugin(method, steps)
+        name, options = plugin(settings, steps)
         run = ca.integrator("run", name, equation, 0.0, stops.tolist(), options)
         found = run(x0=start, u=inputs[:, piece])["xf"].full().T
         return np.vstack([start, found[wanted]])
 
-    run = settled(states, method, max(stops.size, 32))
+    run = settled(states, settings, max(stops.size, 32))
     if not run.states.size:
-        run = run._replace(states=np.full((grid.size, driven.states), np.nan))
-    if run.status == "ok" or method.integrator == "rk":
+        run = run._replace(states=np.full((grid.size, forced.states), np.nan))
+    if run.status.solved or settings.integrator == "rk":
         return run
-    # A fixed step goes on whatever happens, so it shows where the other one could not.
-    method = method._replace(integrator="rk")
+    # A fixed step does not stop where the other integrator does, so it shows where that is.
+    settings = settings._replace(integrator="rk")
     return run._replace(trace=(grid, states(PROBES)))
 
 
-def settled(states: Callable[[int], FloatArray], method: Method, steps: int) -> Run:
+def settled(states: Callable[[int], FloatArray], settings: IntegratorSettings, steps: int) -> Run:
     """The result of an integrator; a fixed step is halved until two results agree."""
-    most = max(method.max_steps, 4 * steps)
+    most = max(settings.max_steps, 4 * steps)
     try:
         found = states(steps)
-        if method.integrator in ("cvodes", "idas"):
+        if settings.integrator in ("cvodes", "idas"):
             finite = np.isfinite(found).all()
-            return Run("ok" if finite else failure_sentence(NOT_FINITE), found)
+            return Run(Status.SOLVED, found) if finite else _failed(NOT_FINITE, found)
         change, reason = np.inf, ""
         while not reason:
             steps *= 2
@@ -246,33 +250,34 @@ def settled(states: Callable[[int], FloatArray], method: Method, steps: int) -> 
                 before, change = change, float(np.abs(finer - found).max())
                 size = 1.0 + float(np.abs(finer).max())
             found = finer
-            if change <= method.tolerance * size:
-                return Run("ok", found, steps)
+            if change <= settings.tolerance * size:
+                return Run(Status.SOLVED, found, steps)
             if change < ROUNDING * size and change > 0.5 * before:
                 reason = "rounding errors are larger"
             elif 2 * steps > most:  # a coarse step may fail where a finer one does not
                 reason = f"more than {most} steps needed"
     except RuntimeError as problem:
-        return Run(failure_sentence(str(problem)), np.zeros((0, 0)))
+        return _failed(str(problem), np.zeros((0, 0)))
     if not np.isfinite(found).all():
-        return Run(failure_sentence(NOT_FINITE), found)
-    return Run(
-        f"tolerance of {method.tolerance:.0e} not met: {reason} (the last two results differ by "
-        f"{change:.1e})",
-        found,
-        steps,
+        return _failed(NOT_FINITE, found)
+    message = (
+        f"tolerance of {settings.tolerance:.0e} not met: {reason} (the last two results differ by "
+        f"{change:.1e})"
     )
+    return Run(Status.TOLERANCE_NOT_MET, found, steps, message)
 
 
-def plugin(method: Method, steps: int, span: float = 1.0) -> tuple[str, dict[str, Any]]:
+def plugin(
+    settings: IntegratorSettings, steps: int, span: float = 1.0
+) -> tuple[str, dict[str, Any]]:
     """CasADi's name of an integrator and its options.
 
     ``steps`` are those of a fixed step; ``span`` is the length of a piece in the independent
     variable.
     """
-    if method.integrator == "rk":
+    if settings.integrator == "rk":
         return "rk", {"number_of_finite_elements": steps, "show_eval_warnings": False}
-    if method.integrator == "collocation":
+    if settings.integrator == "collocation":
         return "collocation", {
             "number_of_finite_elements": steps,
             "rootfinder_options": {
@@ -284,22 +289,22 @@ def plugin(method: Method, steps: int, span: float = 1.0) -> tuple[str, dict[str
             },
         }
     options: dict[str, Any] = {
-        "abstol": method.tolerance,
-        "reltol": method.tolerance,
-        "max_num_steps": method.max_steps,
+        "abstol": settings.tolerance,
+        "reltol": settings.tolerance,
+        "max_num_steps": settings.max_steps,
         "max_step_size": LONGEST_STEP * span,
         "disable_internal_warnings": True,
         "print_stats": False,
     }
-    if method.integrator == "cvodes":
+    if settings.integrator == "cvodes":
         # Not stiff: Adams' method needs neither Jacobian nor linear solver.
         options["linear_multistep_method"] = "adams"
         options["nonlinear_solver_iteration"] = "functional"
-    return method.integrator, options
+    return settings.integrator, options
 
 
 def _stretched(t: FloatArray, edges: FloatArray) -> FloatArray:
-    """The independent variable s of :class:`Driven` at times t [N]."""
+    """The independent variable s of :class:`ForcedEquation` at times t [N]."""
     count = edges.size - 1
     piece = np.clip(np.searchsorted(edges, t, side="right") - 1, 0, count - 1)
     place = np.clip((t - edges[piece]) / np.diff(edges)[piece], 0.0, 1.0)
@@ -314,10 +319,10 @@ def _stretched(t: FloatArray, edges: FloatArray) -> FloatArray:
     return piece.astype(float) + inside
 
 
-def failure_sentence(message: str) -> str:
-    """In words what an integrator's message says."""
+def _failed(message: str, states: FloatArray) -> Run:
+    """The run that an integrator ended with an error message."""
     code = re.search(r"(?:CV|IDA)_([A-Z_]+)", message)
     reason = message.strip().split("\n")[-1]
     if code:
         reason = FAILURES.get(code.group(1), code.group())
-    return f"the integrator failed: {reason}"
+    return Run(Status.INTEGRATION_FAILED, states, message=f"the integrator failed: {reason}")

@@ -12,13 +12,13 @@ from microbot_ocp.motion import Motion
 from microbot_ocp.robot import Robot, forward_dynamics
 from microbot_ocp.simulation._inputs import (
     Integrator,
-    checked_method,
+    checked_settings,
     checked_start,
     checked_times,
     same_joints,
 )
-from microbot_ocp.simulation._integration import Driven, integrate
-from microbot_ocp.simulation._outcome import told
+from microbot_ocp.simulation._integration import ForcedEquation, integrate
+from microbot_ocp.simulation._outcome import result_fields
 from microbot_ocp.simulation._result import Simulation
 from microbot_ocp.simulation._signals import Formula, torque_signal
 
@@ -65,7 +65,7 @@ def simulate(
     Returns
     -------
     Simulation
-        A failure is told in its status and advice.
+        After a failure its status and advice say why.
 
     Raises
     ------
@@ -79,12 +79,12 @@ def simulate(
     >>> robot = mo.load_robot("microbot")
     >>> hold = mo.gravity_torque(robot)([0.0, 0.5, 0.5]).full().ravel()
     >>> still = simulate(robot, hold, q0=[0.0, 0.5, 0.5], t=[0.0, 1.0])
-    >>> still.status, still.q[-1].round(6).tolist()
-    ('ok', [0.0, 0.5, 0.5])
+    >>> str(still.status), still.q[-1].round(6).tolist()
+    ('solved', [0.0, 0.5, 0.5])
     """
     started = time.perf_counter()
     count = robot.joint_count
-    method = checked_method(integrator, tolerance, max_steps)
+    settings = checked_settings(integrator, tolerance, max_steps)
     if isinstance(tau, Motion):
         same_joints("motion", tau.joint_count, robot)
         q0, qd0 = tau.q[0] if q0 is None else q0, tau.qd[0] if qd0 is None else qd0
@@ -98,6 +98,8 @@ def simulate(
     def rate(_: ca.SX, x: ca.SX, w: ca.SX) -> ca.SX:
         return ca.vertcat(x[count:], forward_dynamics(robot)(x[:count], x[count:], w))
 
-    driven = Driven(rate, 2 * count, signal)
-    run = integrate(driven, start, grid, method)
-    return Simulation(**told(robot, grid, run, signal.values(grid), None, method, started))
+    forced = ForcedEquation(rate, 2 * count, signal)
+    run = integrate(forced, start, grid, settings)
+    return Simulation(
+        **result_fields(robot, grid, run, signal.values(grid), None, settings, started)
+    )

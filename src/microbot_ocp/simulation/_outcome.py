@@ -1,4 +1,4 @@
-"""What a run says: its motion, its conditioning, its status in words, advice."""
+"""The fields of a simulation's result: accelerations, conditioning, status and advice."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.status import Status
 from microbot_ocp.robot import Robot, forward_dynamics, mass_matrix_condition
 from microbot_ocp.simulation._inputs import ARMATURE, SINGULAR
-from microbot_ocp.simulation._integration import Method, Run
+from microbot_ocp.simulation._integration import IntegratorSettings, Run
 
 NEAR_SINGULAR = 1e6  # condition number of the mass matrix from which on the result says so
 UNBOUNDED = 1e4  # rad and rad/s: no arm goes there
@@ -19,16 +20,16 @@ OPEN_LOOP = "the torques drive the arm out of all bounds: give others, or simula
 CLOSED_LOOP = "the loop is unstable: raise sample_rate, or lower the gains"
 
 
-def told(
+def result_fields(
     robot: Robot,
     grid: FloatArray,
     run: Run,
     tau: FloatArray,
     push: ca.Function | None,
-    method: Method,
+    settings: IntegratorSettings,
     started: float,
 ) -> dict[str, Any]:
-    """What a result says of a run, with its accelerations and the conditioning on the way."""
+    """Fields of :class:`Simulation` from a run, with its accelerations and the conditioning."""
     count = robot.joint_count
     states = run.states
     times, trace = (grid, states) if run.trace is None else run.trace
@@ -41,13 +42,15 @@ def told(
     condition = np.array(conditioning(trace[:, :count].T)).ravel()
     condition[~np.isfinite(trace).all(axis=1)] = 0.0
     worst = int(condition.argmax())
-    status, moment = run.status, _unbounded(times, trace)
+    status, message, moment = run.status, run.message, _unbounded(times, trace)
     # Before it left all bounds nothing was singular, so the controller did it.
     unbounded = moment is not None and condition[times < moment].max(initial=0.0) < NEAR_SINGULAR
-    if moment is not None and status != "ok":
-        status = f"the motion grows without bound from {moment:.3g} s on"
-    elif status == "ok" and condition[worst] > SINGULAR:
-        status = f"mass matrix singular at {times[worst]:.4g} s: no torque determines the motion"
+    if moment is not None and not status.solved:
+        status = Status.UNBOUNDED
+        message = f"the motion grows without bound from {moment:.3g} s on"
+    elif status.solved and condition[worst] > SINGULAR:
+        status = Status.SINGULAR
+        message = f"mass matrix singular at {times[worst]:.4g} s: no torque determines the motion"
     return {
         "t": grid,
         "q": q,
@@ -55,13 +58,13 @@ def told(
         "qdd": qdd,
         "tau": tau,
         "status": status,
-        "integrator": method.integrator,
-        "tolerance": method.tolerance,
+        "integrator": settings.integrator,
+        "tolerance": settings.tolerance,
         "steps": run.steps,
         "condition_peak": float(condition[worst]),
         "condition_time": float(times[worst]),
         "advice": _advice(
-            status, unbounded, push, float(condition[worst]), times[worst], trace[worst, :count]
+            message, unbounded, push, float(condition[worst]), times[worst], trace[worst, :count]
         ),
         "wall_time": time.perf_counter() - started,
     }
@@ -77,7 +80,7 @@ def _unbounded(times: FloatArray, trace: FloatArray) -> float | None:
 
 
 def _advice(
-    status: str,
+    message: str,
     unbounded: bool,
     push: ca.Function | None,
     condition: float,
@@ -85,12 +88,12 @@ def _advice(
     q: FloatArray,
 ) -> str:
     if unbounded:
-        return OPEN_LOOP if push is None else CLOSED_LOOP
-    if condition > NEAR_SINGULAR:
-        return (
+        hint = OPEN_LOOP if push is None else CLOSED_LOOP
+    elif condition > NEAR_SINGULAR:
+        hint = (
             f"mass matrix near singular at {moment:.4g} s (condition number {condition:.2g} at q = "
             f"{np.round(q, 4).tolist()}): {ARMATURE}"
         )
-    if status != "ok":
-        return "ask for a coarser tolerance, or for more steps by max_steps"
-    return ""
+    else:
+        hint = "ask for a coarser tolerance, or for more steps by max_steps" if message else ""
+    return "; ".join(part for part in (message, hint) if part)

@@ -10,6 +10,7 @@ import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.status import Status
 from microbot_ocp.motion import Motion, State
 from microbot_ocp.robot import JointLimits, Limits, Robot
 
@@ -29,8 +30,7 @@ class Simulation:
     q, qd, qdd, tau : array [N,n]
         Positions, rad (m), velocities, accelerations and the torques that drove them, N m (N).
         NaN where the integrator did not arrive.
-    status : str
-        "ok", or in words what is wrong.
+    status : Status
     integrator : str
     tolerance : float
     steps : int
@@ -38,7 +38,7 @@ class Simulation:
     condition_peak, condition_time : float
         Largest condition number of the mass matrix among the samples, and when, s.
     advice : str
-        What to do about it, empty where nothing is wrong.
+        What went wrong and what to do about it; empty where nothing is wrong.
     wall_time : float
         s.
     """
@@ -48,7 +48,7 @@ class Simulation:
     qd: FloatArray
     qdd: FloatArray
     tau: FloatArray
-    status: str
+    status: Status
     integrator: str
     tolerance: float
     steps: int
@@ -58,9 +58,9 @@ class Simulation:
     wall_time: float
 
     @property
-    def ok(self) -> bool:
+    def solved(self) -> bool:
         """Whether the integrator arrived, within its tolerance."""
-        return self.status == "ok"
+        return self.status.solved
 
     def as_motion(self, label: str) -> Motion:
         """The same as a motion from time 0.

@@ -10,7 +10,7 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.motion import SAMPLE_STEP
 from microbot_ocp.robot import Robot, forward_dynamics
-from microbot_ocp.simulation._integration import Method, Run, Signal, plugin, settled
+from microbot_ocp.simulation._integration import IntegratorSettings, Run, Signal, plugin, settled
 
 FINEST = 100  # fixed steps that a sample may take in any case
 
@@ -40,7 +40,7 @@ class SampledLoop(NamedTuple):
     errors: FloatArray  # of the measurements [K, 2n]
 
     def run(
-        self, samples: Samples, start: FloatArray, method: Method
+        self, samples: Samples, start: FloatArray, settings: IntegratorSettings
     ) -> tuple[FloatArray, Run, FloatArray]:
         """Times [N], states and held torques [N,n].
 
@@ -52,14 +52,14 @@ class SampledLoop(NamedTuple):
         held: list[FloatArray] = []
 
         def states(steps: int) -> FloatArray:
-            function = self._period(samples, plugin(method, steps, samples.within[-1])).mapaccum(
+            function = self._period(samples, plugin(settings, steps, samples.within[-1])).mapaccum(
                 samples.t.size
             )
             _, everything, torques = function(start, *given)
             held[:] = [np.array(torques).T]
             return np.vstack([start, np.array(everything).T.reshape(-1, 2 * count)])
 
-        each = method._replace(max_steps=max(method.max_steps // samples.t.size, FINEST))
+        each = settings._replace(max_steps=max(settings.max_steps // samples.t.size, FINEST))
         run = settled(states, each, max(inner, int(np.ceil(samples.within[-1] / SAMPLE_STEP))))
         grid = np.append(samples.t[0], (samples.t[:, None] + samples.within).ravel())
         tau = np.full((grid.size, count), np.nan)

@@ -89,7 +89,7 @@ class Curve:
             inner = tuple(m.time for m in source.marks if 0 < m.time < source.duration)
             failure = "" if source.solved else f"{name}: not solved: {status}"
             return cls(name, source.t, values, passages=inner, warning=failure)
-        warning = "" if source.ok else f"{name}: {source.status}"
+        warning = "" if source.solved else f"{name}: {source.status}"
         return cls(name, source.t, values, warning=warning, torque_limits=torque_limits)
 
     def saturated(self, joint: int) -> list[tuple[float, float]]:

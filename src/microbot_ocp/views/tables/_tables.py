@@ -244,7 +244,7 @@ def _short_verdict(certificate: Certificate) -> str:
     if certificate.ok:
         return "ok"
     worst = _worst_check(certificate)
-    if certificate.resimulation_status != "ok":
+    if not certificate.resimulation_status.solved:
         return "FAILED: re-simulation"
     if worst is not None and worst.violation > 1e-6:
         return f"FAILED: {worst.quantity} {worst.joint} +{_percent(worst.violation)}"
