@@ -30,7 +30,7 @@ def run(_: int = 0) -> None:
                     name,
                     solver,
                     scaling,
-                    solution.status.name.lower().replace("_", " "),
+                    solution.status,
                     str(solution.attempts[-1].iterations),
                     f"{figure(solution.cost):.6g}",
                     f"{published:.6g}",

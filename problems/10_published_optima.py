@@ -46,14 +46,14 @@ class Run:
 
     @property
     def met(self) -> bool:
-        return self.solution.status.ok and self.error <= self.problem.tolerance
+        return self.solution.status.solved and self.error <= self.problem.tolerance
 
     @property
     def verdict(self) -> str:
-        if self.solution.status.ok:
+        if self.solution.status.solved:
             return f"{self.error:.1e}"
         stopped = self.solution.status is Status.INTERRUPTED
-        said = "stopped" if stopped else self.solution.status.name.lower().replace("_", " ")
+        said = "stopped" if stopped else self.solution.status
         return f"{self.error:.1e} {said}"
 
     @property
@@ -131,8 +131,8 @@ def table_by_solver(runs: list[Run], solvers: list[str]) -> Table:
 def missed(run: Run) -> str:
     """What a solver that did not reach the optimum left, in a cell."""
     status = run.solution.status
-    what = "stopped" if status is Status.INTERRUPTED else status.name.lower().replace("_", " ")
-    return f"[yellow]{'missed' if status.ok else what}, {run.seconds:.1f} s[/yellow]"
+    what = "stopped" if status is Status.INTERRUPTED else status
+    return f"[yellow]{'missed' if status.solved else what}, {run.seconds:.1f} s[/yellow]"
 
 
 def main() -> int:

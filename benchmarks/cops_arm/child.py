@@ -23,7 +23,7 @@ def ours(names: Mapping[str, Any]) -> tuple[bool, float, int, float]:
     attempts = solution.attempts
     iterations = sum(attempt.iterations for attempt in attempts)
     seconds = sum(attempt.wall_time for attempt in attempts)
-    return solution.status.ok, solution.duration, iterations, seconds
+    return solution.status.solved, solution.duration, iterations, seconds
 
 
 def rockit_form(names: Mapping[str, Any]) -> tuple[bool, float, int, float]:

@@ -36,7 +36,7 @@ CASES = [
 @pytest.mark.parametrize(("problem", "scheme", "solver"), CASES)
 def test_the_optimum_is_met(problem: PublishedProblem, scheme: str, solver: str):
     solution = problem.solve(scheme, solver)
-    assert solution.status.ok
+    assert solution.status.solved
     assert solution.attempts[-1].infeasibility < 1e-7
     assert problem.error(solution) <= problem.tolerance
 
@@ -49,7 +49,7 @@ def test_the_optimum_is_met(problem: PublishedProblem, scheme: str, solver: str)
 )
 def test_other_schemes_meet_it_too(problem, scheme):
     solution = problem.solve(scheme, "ipopt")
-    assert solution.status.ok
+    assert solution.status.solved
     assert problem.error(solution) <= problem.tolerance
 
 

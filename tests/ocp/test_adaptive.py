@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from microbot_ocp._base.checks import InputError
-from microbot_ocp.ocp.refinement import RefinementStatus, solve_refined, state_errors
+from microbot_ocp.ocp.refinement import solve_refined, state_errors
 from microbot_ocp.ocp.solution import Status
 from microbot_ocp.ocp.solvers import SolverSettings, solve
 from microbot_ocp.ocp.transcription import Mesh
@@ -23,8 +23,8 @@ by_every_scheme = pytest.mark.parametrize("scheme", SCHEMES)
 @by_every_scheme
 def test_the_accuracy_is_reached_and_the_errors_fall(scheme):
     refined = solve_refined(oscillator(), 1e-6, mesh=10, scheme=scheme)
-    assert refined.status is RefinementStatus.REACHED
-    assert "reached" in refined.advice
+    assert refined.status is Status.SOLVED
+    assert refined.advice == Status.SOLVED.sentence
     errors = [step.state_error for step in refined.history]
     assert errors == sorted(errors, reverse=True)
     assert errors[0] > 1e-6 >= errors[-1]
@@ -43,7 +43,7 @@ COST = solve(oscillator(), 200, settings=FINE).cost
 @by_every_scheme
 def test_a_mesh_point_moves_to_the_switch(scheme):
     refined = solve_refined(pendulum(), 1e-6, mesh=11, scheme=scheme)
-    assert refined.status is RefinementStatus.REACHED
+    assert refined.status is Status.SOLVED
     (switch,) = refined.history[-1].switches[0]
     mesh = refined.solution["swing"].mesh
     assert np.abs(mesh - switch.place).min() <= 1e-3
@@ -56,7 +56,7 @@ def test_a_mesh_point_moves_to_the_switch(scheme):
 
 def test_points_gather_at_the_ramp_of_a_continuous_control():
     refined = solve_refined(double_integrator("linear"), 1e-6, mesh=10)
-    assert refined.status is RefinementStatus.REACHED
+    assert refined.status is Status.SOLVED
     costs = [step.cost for step in refined.history]
     offsets = [step.switch_offset for step in refined.history]
     assert costs == sorted(costs, reverse=True)
@@ -69,7 +69,7 @@ def test_points_gather_at_the_ramp_of_a_continuous_control():
 
 def test_every_phase_has_its_own_mesh():
     refined = solve_refined(through_half_way(("x", "v")), mesh=[4, 7], switch_accuracy=1e-4)
-    assert refined.status is RefinementStatus.REACHED
+    assert refined.status is Status.SOLVED
     assert refined.solution.duration == pytest.approx(0.5 + np.sqrt(1.5), abs=1e-5)
     assert refined.history[-1].intervals[0] == 4
 
@@ -87,17 +87,17 @@ def test_a_certificate_follows_a_refinement():
 
 def test_what_is_not_reached_is_said():
     late = solve_refined(oscillator(), 1e-6, mesh=10, scheme="trapezoidal", rounds=1)
-    assert late.status is RefinementStatus.ROUND_LIMIT
+    assert late.status is Status.ROUND_LIMIT
     assert len(late.history) == 2
     large = solve_refined(oscillator(), 1e-6, mesh=10, scheme="trapezoidal", most_intervals=30)
-    assert large.status is RefinementStatus.SIZE_LIMIT
-    assert large.solution.status.ok
+    assert large.status is Status.SIZE_LIMIT
+    assert large.solution.status.solved
     settings = SolverSettings("ipopt", max_iterations=2)
     broken = solve_refined(bryson_denham(1 / 9), mesh=10, settings=settings)
-    assert broken.status is RefinementStatus.NOT_SOLVED
-    assert not broken.status.ok
-    for refined in (late, large, broken):
-        assert refined.advice == refined.status.value
+    assert broken.status is broken.solution.status is Status.ITERATION_LIMIT
+    assert broken.advice == broken.solution.advice
+    for refined in (late, large):
+        assert refined.advice == refined.status.sentence
 
 
 def test_a_finer_mesh_that_is_not_accepted_ends_the_refinement_and_is_shown(monkeypatch):
@@ -105,7 +105,7 @@ def test_a_finer_mesh_that_is_not_accepted_ends_the_refinement_and_is_shown(monk
 
     monkeypatch.setattr(refinement.Refiner, "_accepts", lambda self, before, after: False)
     refined = solve_refined(oscillator(), 1e-6, mesh=10)
-    assert refined.status is RefinementStatus.NOT_ACCEPTED
+    assert refined.status is Status.NOT_ACCEPTED
     assert [step.accepted for step in refined.history] == [True, False]
     assert refined.solution["calm"].mesh.size == 11
     assert "not accepted" in str(refined.history).splitlines()[-1]
@@ -127,8 +127,8 @@ def test_an_interruption_returns_the_last_accepted_solution(monkeypatch, solves)
 
     monkeypatch.setattr(refinement, "solve", interrupted)
     refined = solve_refined(oscillator(), 1e-9, mesh=10)
-    assert refined.status is RefinementStatus.INTERRUPTED
-    assert not refined.status.ok
+    assert refined.status is Status.INTERRUPTED
+    assert not refined.status.solved
     assert len(calls) == solves  # nothing is begun after it
     assert refined.solution.phases == calls[max(solves - 2, 0)].phases
 
@@ -146,14 +146,14 @@ def test_an_interruption_of_the_estimate_returns_the_last_accepted_solution(monk
 
     monkeypatch.setattr(adaptive, "state_errors", estimate)
     refined = solve_refined(oscillator(), 1e-9, mesh=10)
-    assert refined.status is RefinementStatus.INTERRUPTED
+    assert refined.status is Status.INTERRUPTED
     assert refined.solution is found[0]
     assert len(refined.history) == 1
 
 
 def test_the_time_limit_is_said():
     refined = solve_refined(oscillator(), 1e-9, mesh=10, most_time=1e-3)
-    assert refined.status is RefinementStatus.TIME_LIMIT
+    assert refined.status is Status.TIME_LIMIT
     assert len(refined.history) == 1
     with pytest.raises(InputError, match="most_time must be above 0 s"):
         solve_refined(oscillator(), 1e-9, most_time=0.0)
@@ -180,8 +180,8 @@ def under_a_path_constraint():
 def test_a_limit_exceeded_between_mesh_points_is_refined(made, degrees):
     loose = solve_refined(made(), scheme="radau", degrees=degrees, limit_accuracy=1.0)
     refined = solve_refined(made(), scheme="radau", degrees=degrees)
-    assert loose.status.ok
-    assert refined.status.ok
+    assert loose.status.solved
+    assert refined.status.solved
     assert loose.history[-1].limit_excess > 5e-5
     assert refined.history[-1].limit_excess <= 1e-5
     for own in (loose, refined):
@@ -195,8 +195,8 @@ def test_a_limit_exceeded_between_mesh_points_is_refined(made, degrees):
 
 def test_a_limit_that_stays_exceeded_is_said():
     refined = solve_refined(bryson_denham(TOP, "polynomial"), scheme="radau", rounds=0)
-    assert refined.status is RefinementStatus.ROUND_LIMIT
-    assert refined.advice.startswith(refined.status.value)
+    assert refined.status is Status.ROUND_LIMIT
+    assert refined.advice.startswith(refined.status.sentence)
     assert "state x of phase 'fly' is still 1e-05 m beyond its limit of 0.111111" in refined.advice
     assert "limit excess" in str(refined)
     assert refined.history[0].as_dict()["worst_limit"]["name"] == "x"
@@ -208,7 +208,7 @@ def test_a_constraint_that_jumps_with_its_control_is_not_called_kept():
     v, u = phase.states[1].symbol, phase.controls[0].symbol
     phase.constraint("power", u * v, lower=-0.3, upper=0.3, unit="W")
     refined = solve_refined(problem, scheme="radau", rounds=4)
-    assert not refined.status.ok
+    assert not refined.status.solved
     assert "constraint power of phase 'move' is still" in refined.advice
     assert verify(problem, refined.solution).worst_limit.relative > 1e-3
 
@@ -221,8 +221,8 @@ def test_a_smooth_solution_needs_fewer_variables_where_the_degree_is_raised():
     exact = solve(smooth, [Mesh(30, 9)], settings=FINE, scheme="radau").cost
     divided = solve_refined(smooth, 1e-8, 6, Collocation("radau", 4), settings=FINE)
     raised = solve_refined(smooth, 1e-8, 6, Collocation("radau", 4), settings=FINE, degrees=(3, 9))
-    assert divided.status.ok
-    assert raised.status.ok
+    assert divided.status.solved
+    assert raised.status.solved
     assert raised.history[-1].degrees[1] > 5
     assert raised.history[-1].variables < 0.7 * divided.history[-1].variables
     for refined in (divided, raised):
@@ -233,14 +233,14 @@ def test_a_smooth_solution_needs_fewer_variables_where_the_degree_is_raised():
 
 def test_intervals_with_a_switch_are_not_raised():
     refined = solve_refined(pendulum(), 1e-8, 11, "radau", degrees=(3, 8), switch_accuracy=1e-5)
-    assert refined.status.ok
+    assert refined.status.solved
     assert refined.history[-1].switch_offset <= 1e-5
 
 
 @pytest.mark.parametrize("degrees", [None, (3, 8)])
 def test_algebraic_variables_and_parameters_are_refined_as_well(degrees):
     refined = solve_refined(swing(), 1e-9, 4, "gauss", settings=FINE, degrees=degrees)
-    assert refined.status.ok
+    assert refined.status.solved
     exact = solve(swing(), [Mesh(12, 8)], settings=FINE, scheme="gauss").cost
     assert refined.solution.cost == pytest.approx(exact, rel=1e-7)
 

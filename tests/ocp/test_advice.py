@@ -20,7 +20,7 @@ from microbot_ocp.ocp import (
 
 def lines(problem: OptimalControlProblem, mesh: int = 10, guess=None, **settings) -> list[str]:
     solution = solve(problem, mesh, guess, SolverSettings(**settings))
-    assert not solution.status.ok
+    assert not solution.status.solved
     return solution.advice.splitlines()
 
 
@@ -40,15 +40,15 @@ def crane(scaling_of_height: float | None = None) -> OptimalControlProblem:
 def test_the_worst_row_is_named_with_place_amount_and_unit(solver):
     guess = {"lift": Guess(10.0, {"height": 0.0, "speed": 7.0, "pull": 0.0})}
     said = lines(crane(), 10, guess, solver=solver, max_iterations=1)
-    assert said[0] == Status.ITERATION_LIMIT.value
-    (worst,) = (line for line in said if line.startswith("most violated: "))
+    assert said[0] == Status.ITERATION_LIMIT.sentence
+    (worst,) = (line for line in said if line.startswith("Most violated: "))
     assert "in phase 'lift' at t = " in worst
-    assert worst.endswith((" m", " m/s"))
-    (start,) = (line for line in said if line.startswith("the guess was no trajectory"))
+    assert worst.endswith((" m.", " m/s."))
+    (start,) = (line for line in said if line.startswith("The guess was no trajectory"))
     # one interval of 1 s at 7 m/s, and a guess that stands still
     assert "misses the step of height in phase 'lift' at t = " in start
     assert " s, by 7 m; " in start
-    assert said[-1].startswith("explain(problem, mesh, solution)")
+    assert said[-1].startswith("Call explain(problem, mesh, solution)")
 
 
 def test_a_good_guess_is_not_blamed():
@@ -65,8 +65,10 @@ def test_a_good_guess_is_not_blamed():
 
 def test_bad_scales_are_named_with_what_would_do():
     said = lines(crane(1e-5), solver="ipopt", max_iterations=3)
-    (line,) = (line for line in said if line.startswith("height of phase 'lift' reaches "))
-    assert line.endswith("of 1e-05: declare scale=10")
+    (line,) = (
+        line for line in said if line.startswith("The state height of phase 'lift' reaches ")
+    )
+    assert line.endswith("of 1e-05: declare scale=10.")
 
 
 def test_rows_that_are_badly_scaled_are_named():
@@ -74,7 +76,7 @@ def test_rows_that_are_badly_scaled_are_named():
     (phase,) = problem.phases
     phase.constraint("power", 1e7 * phase.states[1].symbol, upper=1e9, unit="W", scale=1.0)
     said = lines(problem, solver="ipopt", max_iterations=1)
-    named = "constraint power of phase 'lift' changes by 1e+08 times its scale of 1 "
+    named = "The constraint power of phase 'lift' changes by 1e+08 times its scale of 1 "
     assert any(line.startswith(named) for line in said)  # speed is seen in 10 m/s
 
 
@@ -100,8 +102,8 @@ def test_a_solver_that_breaks_down_is_an_attempt_and_the_chain_goes_on():
     assert first.message.startswith("Assertion failed: number_of_eq_constraints")
     assert "\n" not in first.message
     assert (
-        "10 equations (constraint a, constraint b, constraint c, start condition of x) for 3 "
-        "variables in interval 1 of phase 'one': leave some out"
+        "There are 10 equations (constraint a, constraint b, constraint c, start condition of x) "
+        "for 3 variables in interval 1 of phase 'one': leave some out."
     ) in solution.advice.splitlines()
 
 
@@ -131,7 +133,7 @@ def test_fatrop_ends_where_steps_lead_to_what_is_no_number(scheme):
     """It used to run for ever."""
     settings = SolverSettings(solver="fatrop", max_iterations=60)
     solution = solve(bent(limited=False), 30, settings=settings, scheme=scheme)
-    assert not solution.status.ok
+    assert not solution.status.solved
     assert solution.attempts[0].iterations <= 61
 
 
@@ -139,13 +141,13 @@ def test_a_value_that_is_none_on_the_way_is_named_with_its_variable(capfd):
     settings = SolverSettings(solver="ipopt")
     inside = solve(bent(limited=False), 30, settings=settings)
     assert (
-        "the last iterate gives values that are not finite between mesh points: step of v in "
+        "The last iterate gives values that are not finite between mesh points: step of v in "
         in (inside.advice)
     )
     advice = solve(bent(limited=False), 30, settings=settings, scheme="radau").advice
     (line,) = (line for line in advice.splitlines() if "last iterate" in line)
     assert line.startswith(
-        "the value of the dynamics of state 'v' of phase 'one' is nan at the last"
+        "The value of the dynamics of state 'v' of phase 'one' is nan at the last"
     )
     assert "the arcsine of 1, from v = 1.2; keep away from there by a bound" in line
     assert capfd.readouterr() == ("", "")
@@ -153,7 +155,7 @@ def test_a_value_that_is_none_on_the_way_is_named_with_its_variable(capfd):
 
 def test_the_bound_that_is_advised_helps():
     for solver in ("ipopt", "fatrop"):
-        assert solve(bent(limited=True), 30, settings=SolverSettings(solver=solver)).status.ok
+        assert solve(bent(limited=True), 30, settings=SolverSettings(solver=solver)).status.solved
 
 
 def test_steps_over_an_edge_are_taken_back_by_fatrop():
@@ -164,7 +166,7 @@ def test_steps_over_an_edge_are_taken_back_by_fatrop():
     phase.derivative(level, -valve * ca.sqrt(level))
     phase.end_cost(phase.duration)
     solution = solve(problem, 40, settings=SolverSettings(solver="fatrop"), scheme="radau")
-    assert solution.status.ok
+    assert solution.status.solved
     assert solution.cost == pytest.approx(2 * (1 - 0.01), rel=1e-5)  # of sqrt(level)
 
 
@@ -174,4 +176,4 @@ def test_advice_is_saved_with_the_solution(tmp_path):
     assert loaded.advice == solution.advice
     assert len(loaded.advice.splitlines()) > 1
     solved = solve(crane(), 10)
-    assert solved.advice == Status.SOLVED.value
+    assert solved.advice == Status.SOLVED.sentence

@@ -10,7 +10,6 @@ import pytest
 from external.published_problems import PROBLEMS
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.refinement import (
-    RefinementStatus,
     distance,
     find_junctions,
     hold,
@@ -101,7 +100,7 @@ def test_the_clock_goes_on_from_arc_to_arc():
     solution, places = placed(problem, 12)
     assert places is not None
     refined = solve_refined(problem, 1e-8, 12, "radau", settings=FINE, switch_accuracy=1e-7)
-    assert refined.status.ok
+    assert refined.status.solved
     (switch,) = refined.history[-1].switches[0]
     a, whole = switch.place * refined.solution.duration, refined.solution.duration
     assert a == pytest.approx(sqrt((1 + (1 + whole) ** 2) / 2) - 1, abs=1e-6)
@@ -158,8 +157,8 @@ def test_an_interruption_is_not_taken_for_a_failure(monkeypatch):
 
     monkeypatch.setattr(arcs, "solve", interrupted)
     refined = solve_refined(double_integrator(), 1e-8, 7, "radau", settings=FINE)
-    assert refined.status is RefinementStatus.INTERRUPTED
-    assert refined.solution.status.ok
+    assert refined.status is Status.INTERRUPTED
+    assert refined.solution.status.solved
     assert len(refined.history) == 1
 
 

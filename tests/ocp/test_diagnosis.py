@@ -92,6 +92,6 @@ def test_components_and_phases_are_told_apart():
 
 def test_the_solution_that_failed_is_a_start():
     failed = solve(hurried(), 10)
-    assert not failed.status.ok
+    assert not failed.status.solved
     (end,) = explain(hurried(), 10, failed).gives
     assert end.amount == pytest.approx(0.75, abs=1e-3)

@@ -36,7 +36,7 @@ def test_an_expression_of_the_end_is_kept(scheme, solver):
     phase.end_constraint("circle", x**2 + y**2, 1.0, 1.0)
     phase.running_cost(ca.sumsqr(u))
     solution = solve(problem, 5, GUESS, SolverSettings(solver=solver), scheme=scheme)
-    assert solution.status.ok
+    assert solution.status.solved
     assert solution.cost == pytest.approx((np.sqrt(10) - 1) ** 2, rel=1e-6)
     end = np.array([solution["go"]["x"][-1, 0], solution["go"]["y"][-1, 0]])
     np.testing.assert_allclose(end, np.array([3.0, 1.0]) / np.sqrt(10), atol=1e-6)
@@ -50,7 +50,7 @@ def test_a_condition_of_the_end_may_have_the_duration_and_several_rows():
     phase.end_cost(phase.time)
     solution = solve(problem, 4, GUESS)
     arrival = solution.duration
-    assert solution.status.ok
+    assert solution.status.solved
     assert (3.0 - arrival) ** 2 + 1.0 == pytest.approx(arrival**2, rel=1e-5)
     assert solution["go"]["x"][-1, 0] == pytest.approx(arrival, rel=1e-6)
 
@@ -69,7 +69,7 @@ def test_a_condition_holds_at_the_end_of_its_own_phase():
     phases[1][0].end_constraint("difference", phases[1][1][0] - phases[1][1][1], 1.0, np.inf)
     problem.link(phases[0][0], phases[1][0])
     solution = solve(problem, 3)
-    assert solution.status.ok
+    assert solution.status.solved
     middle, end = solution["first"]["x"][-1], solution["second"]["x"][-1]
     assert middle.sum() == pytest.approx(2.0, abs=1e-6)
     assert end[0] - end[1] == pytest.approx(1.0, abs=1e-6)
@@ -146,7 +146,7 @@ def test_an_equation_of_a_constant_control_is_said_once_an_interval(scheme, solv
         == Transcription(point_without_diagonal(), scheme=scheme).kernels[0].stage_lower.size + 1
     )
     solution = solve(transcription, 5, GUESS, SolverSettings(solver=solver))
-    assert solution.status.ok
+    assert solution.status.solved
     np.testing.assert_allclose(solution["go"]["u"][:, 0], solution["go"]["u"][:, 1], atol=1e-7)
 
 

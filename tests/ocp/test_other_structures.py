@@ -38,7 +38,7 @@ ONE, TWO, OTHER = ("whole",), ("a", "b"), ("b", "c")
 def test_a_solution_starts_a_problem_with_other_phases(source, target):
     before = solve(drive(source), 20, settings=SolverSettings("ipopt"))
     after = solve(drive(target), 20, before, SolverSettings("ipopt"))
-    assert after.status.ok
+    assert after.status.solved
     assert after.cost == pytest.approx(2.0, abs=2e-3)
     assert after.start is not None
     assert after.start.missing == ()
@@ -59,7 +59,7 @@ def test_what_the_source_does_not_have_is_said():
     assert after.start is not None
     assert after.start.missing == ("push of phase 'a'", "push of phase 'b'")
     assert (
-        "not in the solution that it started from: push of phase 'a', push of phase 'b'"
+        "Not in the solution that it started from: push of phase 'a', push of phase 'b'."
         in after.advice.splitlines()
     )
 
@@ -69,7 +69,7 @@ def test_a_solution_starts_another_scheme():
     for scheme in ("gauss", "trapezoidal", "hermite_simpson", "shooting"):
         cold = solve(drive(ONE), 20, settings=SolverSettings("ipopt"), scheme=scheme)
         warm = solve(drive(ONE), 20, before, SolverSettings("ipopt"), scheme=scheme)
-        assert warm.status.ok
+        assert warm.status.solved
         assert warm.cost == pytest.approx(cold.cost, rel=1e-6)
 
 
@@ -129,8 +129,8 @@ def test_three_forms_of_one_pendulum_have_one_optimum(
 ):
     settings = SolverSettings(solver, tolerance=1e-9)
     found = solve(build(), 60, settings=settings, scheme="radau")
-    assert lifted.status.ok
-    assert found.status.ok
+    assert lifted.status.solved
+    assert found.status.solved
     assert found.cost == pytest.approx(lifted.cost, rel=1e-5)
     t = np.linspace(0.0, DURATION, 50)
     wanted = lifted["lift"].sample(t)["angle"]

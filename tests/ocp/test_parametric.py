@@ -56,7 +56,7 @@ def solver():
 def test_a_changed_number_is_a_newly_declared_one(solver, changes, declared):
     expected = solve(cart(**declared), 20, settings=SolverSettings("ipopt"))
     solution = solver.solve(**changes)
-    assert solution.status.ok
+    assert solution.status.solved
     assert solution.cost == pytest.approx(expected.cost, rel=1e-6)
     np.testing.assert_allclose(solution["move"]["u"], expected["move"]["u"], atol=2e-3)
 
@@ -89,7 +89,7 @@ def test_solvers_are_made_once(monkeypatch):
     solver = ParametricSolver(cart(), 10)
     first = solver.solve()
     for mass in (1.1, 1.2, 1.3):
-        assert solver.solve(parameters={"move": {"mass": mass}}, guess=first).status.ok
+        assert solver.solve(parameters={"move": {"mass": mass}}, guess=first).status.solved
     assert len(made) == len(set(made)) <= 2
 
 
@@ -136,7 +136,7 @@ def test_it_goes_through_a_pickle(solver):
     again = pickle.loads(pickle.dumps(solver))
     for changes in ({}, {"parameters": {"move": {"mass": 1.3}}}):
         assert again.solve(**changes).cost == pytest.approx(solver.solve(**changes).cost, rel=1e-9)
-    assert copy.copy(again).solve().status.ok
+    assert copy.copy(again).solve().status.solved
 
 
 def test_another_process_takes_it(tmp_path):

@@ -3,12 +3,14 @@
 import json
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import casadi as ca
 import numpy as np
 import pytest
 
 from microbot_ocp._base.checks import InputError
+from microbot_ocp.ocp import Status
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.solvers import (
     ParametricSolver,
@@ -65,7 +67,7 @@ def test_with_its_transcription_it_is_sampled_and_solved_again(solution, transcr
 
 def test_without_its_transcription_it_starts_another_solve(solution, transcription, tmp_path):
     again = load_solution(save_solution(solution, tmp_path / "run.npz"))
-    assert solve(transcription, 10, again).status.ok
+    assert solve(transcription, 10, again).status.solved
     with pytest.raises(InputError, match="mesh values only"):
         again["first"].sample(0.1)
 
@@ -136,7 +138,7 @@ def test_a_run_is_repeated_from_its_file(solver, tmp_path):
     guess = {"move": Guess(400.0, {"x": lambda s: 5e4 * s[:, None], "v": 100.0, "u": 0.1})}
     settings = SolverSettings(solver, tolerance=1e-8)
     first = solve(pull(), [np.linspace(0, 1, 17) ** 1.1], guess, settings, scheme="radau")
-    assert first.status.ok
+    assert first.status.solved
     assert first.cost_scale != 1.0
     path = save_solution(first, tmp_path / "run.npz")
     again = repeat(path, pull(mass=7.0, strength=9.0))  # what the file says counts
@@ -159,7 +161,7 @@ def test_a_parametric_solve_keeps_what_it_was_solved_with(tmp_path):
         "durations": {"move": (2.0, 5e3)},
     }
     solved = solver.solve(**changes)
-    assert solved.status.ok
+    assert solved.status.solved
     path = save_solution(solved, tmp_path / "run.npz")
     for given in (pull(), solver.transcription):
         loaded = load_solution(path, given)
@@ -179,3 +181,19 @@ def test_a_file_without_a_start_is_not_repeated(transcription, solution, tmp_pat
     path = save_solution(replace(solution, start=None), tmp_path / "run.npz")
     with pytest.raises(InputError, match="written without the start of its solve"):
         repeat(path, transcription)
+
+
+@pytest.mark.parametrize(
+    ("name", "status"),
+    [("solved", Status.SOLVED), ("iteration_limit", Status.ITERATION_LIMIT)],
+)
+def test_a_file_that_an_earlier_version_wrote_is_read(name, status):
+    stored = Path(__file__).parent / "data" / f"{name}_schema_1.npz"
+    loaded = load_solution(stored, double_integrator())
+    assert loaded.status is loaded.attempts[-1].status is status
+    assert loaded["move"]["x"].shape == (11, 1)
+    if status.solved:
+        assert verify(double_integrator(), loaded).ok
+        assert repeat(stored, double_integrator()).cost == pytest.approx(loaded.cost, rel=1e-9)
+    else:
+        assert "tells whether the limits" in loaded.advice

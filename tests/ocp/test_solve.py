@@ -175,7 +175,7 @@ def test_what_one_solver_leaves_open_goes_to_the_next():
     settings = SolverSettings(options={"fatrop": {"max_iter": 1}})
     solution = solve(double_integrator(), 20, settings=settings)
     assert [attempt.solver for attempt in solution.attempts] == ["fatrop", "ipopt"]
-    assert [attempt.status.ok for attempt in solution.attempts] == [False, True]
+    assert [attempt.status.solved for attempt in solution.attempts] == [False, True]
     assert solution.attempts[0].status is Status.ITERATION_LIMIT
     assert solution.status is Status.SOLVED
     assert solution.cost == solution.attempts[1].cost == pytest.approx(2.0, abs=1e-5)
@@ -219,8 +219,8 @@ def undefined():
 def test_a_problem_without_an_answer_is_a_status_not_an_exception(solver):
     settings = SolverSettings(solver=solver, max_iterations=100)
     solution = solve(contradictory(), 10, settings=settings)
-    assert not solution.status.ok
-    assert solution.advice.startswith(solution.status.value)
+    assert not solution.status.solved
+    assert solution.advice.startswith(solution.status.sentence)
     assert [attempt.solver for attempt in solution.attempts] == (
         list(SOLVERS) if solver == "auto" else [solver]
     )
@@ -230,7 +230,7 @@ def test_a_problem_without_an_answer_is_a_status_not_an_exception(solver):
 def test_dynamics_that_end_on_the_way_are_a_status_too():
     settings = SolverSettings("ipopt", max_iterations=100)
     solution = solve(undefined(), 10, {"move": Guess(1.0, {"x": 1.0})}, settings)
-    assert not solution.status.ok
+    assert not solution.status.solved
 
 
 def test_contradictory_limits_are_called_infeasible():

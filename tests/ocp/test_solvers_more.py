@@ -50,7 +50,7 @@ def test_the_sqp_method_finds_known_optima(problem, mesh, cost):
 def test_where_eigenvalues_are_not_found_the_hessian_is_regularised():
     solution = solve(double_integrator("linear"), 20, settings=SolverSettings("sqp"))
     assert solution.status is Status.SOLVED
-    assert [attempt.status.ok for attempt in solution.attempts] == [False, True]
+    assert [attempt.status.solved for attempt in solution.attempts] == [False, True]
 
 
 # warm starts --------------------------------------------------------------------------------------
@@ -103,13 +103,13 @@ def test_one_phase_starts_from_two_and_two_from_one():
         if target is two:
             assert x[1, 0] == pytest.approx(half, abs=1e-6)
         again = solve(target, 16, solved)
-        assert again.status.ok
+        assert again.status.solved
 
 
 def test_a_solution_of_another_problem_gives_what_it_has():
     solved = solve(regulator(), 10)  # has x and u, no v
     solution = solve(double_integrator(), 10, solved)
-    assert solution.status.ok
+    assert solution.status.solved
     assert solution.cost == pytest.approx(2.0, abs=1e-5)
 
 
@@ -121,7 +121,7 @@ def test_progress_is_told_at_every_iteration(solver):
     seen = []
     settings = SolverSettings(solver)
     solution = solve(double_integrator(), 20, settings=settings, progress=seen.append)
-    assert solution.status.ok
+    assert solution.status.solved
     assert [iteration.number for iteration in seen] == list(range(len(seen)))
     assert abs(len(seen) - solution.attempts[0].iterations) <= 2
     assert {iteration.solver for iteration in seen} == {solver}
@@ -142,7 +142,7 @@ def test_an_interrupted_solve_returns_its_last_iterate(solver):
     settings = SolverSettings(solver)
     solution = solve(double_integrator(), 20, settings=settings, progress=stop)
     assert solution.status is Status.INTERRUPTED
-    assert "interrupted" in solution.advice
+    assert solution.advice == Status.INTERRUPTED.sentence
     assert len(seen) == 4
     np.testing.assert_allclose(solution["move"]["x"], seen[-1].phases[0]["x"], atol=1e-12)
     assert len(solution.attempts) == 1
@@ -186,7 +186,7 @@ settings = SolverSettings(sys.argv[1], tolerance=1e-300, max_iterations=3000)
 problem = double_integrator("linear")
 solution = solve(problem, 20 if watched else 1500, settings=settings,
                  progress=look if watched else None)
-print(solution.status.name, len(solution.attempts), solution["move"]["x"].shape[1])
+print(solution.status, len(solution.attempts), solution["move"]["x"].shape[1])
 time.sleep(0.1)
 """
 
@@ -207,7 +207,7 @@ def test_a_real_signal_ends_a_solve_with_its_iterate(solver, how):
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
     )
     assert done.returncode == 0, done.stderr
-    assert done.stdout.split() == ["INTERRUPTED", "1", "1"]
+    assert done.stdout.split() == ["interrupted", "1", "1"]
 
 
 def test_the_handler_of_signals_is_as_before():

@@ -163,7 +163,7 @@ def test_gaps_between_stages_are_those_of_a_runge_kutta_step():
 
 def test_a_solution_is_a_trajectory_of_the_dynamics():
     solution = solve(van_der_pol(), 60)
-    assert solution.status.ok
+    assert solution.status.solved
     phase = solution["calm"]
 
     def slope(t, x):
@@ -183,7 +183,7 @@ def test_a_problem_without_a_cost_is_one_of_feasibility(solver):
     x = phase.state("x", initial=1.0, final=0.0)
     phase.derivative(x, phase.control("u", lower=-3.0, upper=3.0) - x)
     solution = solve(problem, 5, settings=SolverSettings(solver))
-    assert solution.status.ok
+    assert solution.status.solved
     assert solution.cost == 0.0
 
 

@@ -261,6 +261,6 @@ def test_a_motion_that_was_not_solved_says_so(monkeypatch):
     monkeypatch.setattr(refinement, "solve", stopped)
     motion = time_optimal(arm(), ARM_VIA, mesh=20, starts=2)
     assert not motion.solved
-    assert motion.provenance["status"] == "iteration_limit"
-    assert motion.note.startswith("not solved: stopped at the iteration limit")
+    assert motion.provenance["status"] == "iteration limit"
+    assert motion.note.startswith("not solved: Stopped at the iteration limit")
     assert motion.provenance["advice"] in motion.note

@@ -272,7 +272,7 @@ def test_a_solver_that_converged_is_not_believed_between_mesh_points():
     motion = time_optimal_path(robot, mo.cubic([[0.0], [np.pi]], [0.0, 2.0]), mesh=20)
     assert not motion.solved
     assert motion.note.startswith("not solved: ")
-    if motion.provenance["status"] == "limits_exceeded":
+    if motion.provenance["status"] == "limits exceeded":
         assert motion.provenance["excess"] > 0.05
         assert "between mesh points" in motion.note
 
@@ -283,7 +283,7 @@ def test_a_timing_slower_than_reachability_is_not_believed():
     motion = time_optimal_path(slider(qd_max=0.2, tau_max=4.0), path, mesh=4)
     assert motion.duration > 1.05 * motion.provenance["reachability_duration"]
     assert not motion.solved
-    assert motion.provenance["status"] == "slower_than_reachability"
+    assert motion.provenance["status"] == "slower than reachability"
     assert "finer mesh" in motion.note
 
 

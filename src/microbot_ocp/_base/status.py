@@ -56,7 +56,7 @@ class Status(StrEnum):
 
 
 _SENTENCES = {
-    Status.SOLVED: "Converged to the requested tolerance.",
+    Status.SOLVED: "Converged to the requested accuracy.",
     Status.ITERATION_LIMIT: (
         "Stopped at the iteration limit: give a better guess, a coarser mesh first, or more "
         "iterations."
@@ -66,7 +66,7 @@ _SENTENCES = {
         "Converged to a point that violates constraints: look for limits that contradict each "
         "other or an end that cannot be reached; explain names them."
     ),
-    Status.INTERRUPTED: "Interrupted: the last iterate is returned.",
+    Status.INTERRUPTED: "Interrupted: the last iterate or accepted solution is returned.",
     Status.FAILED: "The solver broke down: check scales and guess, try the other solver.",
     Status.NOT_ACCEPTED: (
         "A finer mesh was not solved, or only at a higher cost: the last accepted solution is "

@@ -11,7 +11,6 @@ from .problem import (
 )
 from .refinement import (
     Refined as Refined,
-    RefinementStatus as RefinementStatus,
     find_switches as find_switches,
     solve_refined as solve_refined,
 )

@@ -280,13 +280,13 @@ class _Search:
             tried.append(
                 {
                     "start": start.name,
-                    "status": solution.status.name.lower(),
+                    "status": str(solution.status),
                     "duration": solution.duration,
                 }
             )
             self.progress(
                 f"start {start.name}: {solution.duration:.4f} s on {mesh} intervals a phase, "
-                f"{solution.status.name.lower().replace('_', ' ')}"
+                f"{solution.status}"
             )
             if _better(solution, best):
                 best = solution
@@ -364,8 +364,8 @@ def _note(outcome: dict[str, Any], starts: list[dict[str, Any]], found: list[flo
 
 
 def _better(solution: Solution, best: Solution | None) -> bool:
-    if best is None or solution.status.ok != best.status.ok:
-        return best is None or solution.status.ok
+    if best is None or solution.status.solved != best.status.solved:
+        return best is None or solution.status.solved
     return solution.duration < best.duration
 
 

@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.codegen import compile_functions, compiler
+from microbot_ocp._base.status import Status
 from microbot_ocp.motion import SAMPLE_STEP, Mark, Motion, PiecewisePolynomial, State, sample_times
 from microbot_ocp.ocp.problem import OptimalControlProblem, Phase
 from microbot_ocp.ocp.refinement import Refiner
@@ -294,11 +295,11 @@ class _PathSearch:
             progress=with_motion(self.progress, self.robot, self._via_q(), self._at_mesh),
         )
         solution = refiner.solve(self.settings.mesh, guesses)
-        if not solution.status.ok and self.settings.solver != "ipopt":
+        if not solution.status.solved and self.settings.solver != "ipopt":
             solution = refiner.solve(self.settings.mesh, guesses, solver="ipopt")
         self.progress(
             f"mesh {' + '.join([str(self.settings.mesh)] * len(self.pieces))}: "
-            f"{solution.duration:.6f} s, {solution.status.name.lower().replace('_', ' ')}"
+            f"{solution.duration:.6f} s, {solution.status}"
         )
         solution = refiner.refine(solution)
         wall = time.perf_counter() - begin
@@ -414,7 +415,7 @@ def _too_slow(outcome: dict[str, Any], duration: float, reached: float) -> dict[
     if outcome["status"] != "solved":
         return {}
     return {
-        "status": "slower_than_reachability",
+        "status": str(Status.SLOWER_THAN_REACHABILITY),
         "advice": (
             f"the solver converged at {duration:.4g} s, but reachability on a grid finds "
             f"{reached:.4g} s: give a finer mesh"

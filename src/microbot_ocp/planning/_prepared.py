@@ -137,10 +137,10 @@ class TimeOptimalSolver:
         tried: list[tuple[str, Solution]] = []
         for start in starting_motions(robot, self.via_q, self._phases, self._starts, self._seed):
             tried.append((start.name, self._solver.solve(guess=start.guesses, **changes)))
-            if tried[-1][1].status.ok and not search:
+            if tried[-1][1].status.solved and not search:
                 break
-        name, best = min(tried, key=lambda pair: (not pair[1].status.ok, pair[1].duration))
-        solution = self._refined(robot, best, changes) if best.status.ok else best
+        name, best = min(tried, key=lambda pair: (not pair[1].status.solved, pair[1].duration))
+        solution = self._refined(robot, best, changes) if best.status.solved else best
         return self._motion(robot, solution, tried, name, payload, begin)
 
     def _on(self, meshes: Sequence[int | FloatArray]) -> ParametricSolver:
@@ -156,7 +156,7 @@ class TimeOptimalSolver:
             pairs = zip(solution.phases, excess, strict=True)
             meshes = [split(phase.mesh, e > MOST_EXCESS) for phase, e in pairs]
             finer = self._on(meshes).solve(guess=solution, **changes)
-            if not finer.status.ok or finer.cost > solution.cost * (1 + WORSE):
+            if not finer.status.solved or finer.cost > solution.cost * (1 + WORSE):
                 break
             solution = finer
         return solution
@@ -204,7 +204,7 @@ class TimeOptimalSolver:
                 "starts": [
                     {
                         "start": name,
-                        "status": tries.status.name.lower(),
+                        "status": str(tries.status),
                         "duration": tries.duration,
                         "iterations": sum(a.iterations for a in tries.attempts),
                     }

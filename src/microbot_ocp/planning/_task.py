@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.status import Status
 from microbot_ocp.limits import LimitUse
 from microbot_ocp.motion import State, torque_along
 from microbot_ocp.ocp.solution import Solution
@@ -25,9 +26,9 @@ def verdict(solution: Solution, excess: Sequence[FloatArray], violation: float) 
     by more than a certificate lets pass.
     """
     worst = max(float(e.max()) for e in excess)
-    found = {"status": solution.status.name.lower(), "advice": solution.advice, "excess": worst}
-    if solution.status.ok and worst > max(violation, MOST_EXCESS):
-        found["status"] = "limits_exceeded"
+    found = {"status": str(solution.status), "advice": solution.advice, "excess": worst}
+    if solution.status.solved and worst > max(violation, MOST_EXCESS):
+        found["status"] = str(Status.LIMITS_EXCEEDED)
         found["advice"] = (
             f"limits are exceeded by {100 * worst:.3g} % between mesh points, and refinement ended "
             "there: give a finer mesh, or look for a place that cannot be passed"

@@ -47,7 +47,7 @@ def test_what_failed_says_so(tmp_path):
     phase.derivative(x, speed)
     phase.end_cost(phase.duration)
     failed = solve(problem, mesh=5)
-    assert not failed.status.ok
+    assert not failed.status.solved
     path = of_solution(failed, "short of time").save(tmp_path / "failed.rrd")
     assert "short of time: infeasible" in static(path, "/summary", "TextDocument:text")[0]
     bare = replace(failed, phases=(replace(failed.phases[0], layout=None),))

@@ -7,8 +7,9 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.diagnosis._finiteness import not_finite
-from microbot_ocp.ocp.solution import Attempt, Start, Status, violations
+from microbot_ocp.ocp.solution import Attempt, Start, violations
 from microbot_ocp.ocp.transcription import (
     Program,
     RowLabel,
@@ -35,29 +36,31 @@ def advice(program: Program, begin: Start, x: FloatArray, attempts: Sequence[Att
     """
     status, start = attempts[-1].status, begin.x
     if status in (Status.SOLVED, Status.INTERRUPTED):
-        return status.value
-    lines = [status.value]
+        return status.sentence
+    lines = [status.sentence]
     lines += [
-        f"{attempt.solver} stopped with: {attempt.message}"
+        f"The solver {attempt.solver} stopped with: {attempt.message}"
         for attempt in attempts
         if attempt.broke_down
     ]
     lines += _overdetermined(program)
     rows, variables = row_labels(program), variable_labels(program)
     if not np.isfinite(x).all():
-        lines.append("the last iterate is not finite: what follows is of the start")
+        lines.append("The last iterate is not finite: what follows is about the start.")
         x = start
     said = not_finite(program, x, "the last iterate")
     if said is not None:
-        lines.append(f"{said}; keep away from there by a bound or a better guess")
+        lines.append(
+            f"{said[0].upper()}{said[1:]}; keep away from there by a bound or a better guess."
+        )
     else:
         lines += _most_violated(program, rows, variables, x)
     lines += _guess(program, rows, start)
     if begin.missing:
-        lines.append(f"not in the solution that it started from: {', '.join(begin.missing)}")
+        lines.append(f"Not in the solution that it started from: {', '.join(begin.missing)}.")
     lines += _badly_scaled(program, rows, variables, x)
     if said is None and attempts[-1].infeasibility > VIOLATED:
-        lines.append("explain(problem, mesh, solution) tells whether the limits fight each other")
+        lines.append("Call explain(problem, mesh, solution): it tells whether the limits conflict.")
     return "\n".join(lines)
 
 
@@ -75,7 +78,7 @@ def _most_violated(
     worst = int(np.argmax(excess))
     if excess[worst] > VIOLATED:
         label = [*rows, *variables][worst]
-        yield f"most violated: {_placed(program, label, x)}, by {_amount(label, excess[worst])}"
+        yield f"Most violated: {_placed(program, label, x)}, by {_amount(label, excess[worst])}."
 
 
 def _guess(program: Program, rows: Sequence[RowLabel], start: FloatArray) -> Iterator[str]:
@@ -85,9 +88,9 @@ def _guess(program: Program, rows: Sequence[RowLabel], start: FloatArray) -> Ite
     if own[worst] > FAR:
         label = rows[worst]
         yield (
-            f"the guess was no trajectory: it misses the {_placed(program, label, start)}, by "
+            f"The guess was no trajectory: it misses the {_placed(program, label, start)}, by "
             f"{_amount(label, own[worst])}; simulate one with a plausible control, or solve on a "
-            "coarser mesh first"
+            "coarser mesh first."
         )
 
 
@@ -104,8 +107,8 @@ def _badly_scaled(
             found[key] = (value, label)
     for value, label in found.values():
         yield (
-            f"{label.component_name} of phase {label.phase!r} reaches {_amount(label, value)}, "
-            f"{value:.2g} times its scale of {label.scale:g}: declare scale={_power(label, value)}"
+            f"The {label.words} of phase {label.phase!r} reaches {_amount(label, value)}, "
+            f"{value:.2g} times its scale of {label.scale:g}: declare scale={_power(label, value)}."
         )
     jacobian = program.functions["jacobian"](x, program.parameters)[1]
     entries = np.abs(np.array(jacobian.nonzeros()))
@@ -117,8 +120,8 @@ def _badly_scaled(
             steep[key] = (value, label)
     for value, label in steep.values():
         yield (
-            f"{label.words} of phase {label.phase!r} changes by {value:.2g} times its scale of "
-            f"{label.scale:g} when one variable changes by its own: declare a larger scale"
+            f"The {label.words} of phase {label.phase!r} changes by {value:.2g} times its scale of "
+            f"{label.scale:g} when one variable changes by its own: declare a larger scale."
         )
 
 
@@ -138,8 +141,9 @@ def _overdetermined(program: Program) -> Iterator[str]:
             names = dict.fromkeys(labels[i].words for i in equations)
             label = labels[equations[0]]
             yield (
-                f"{equations.size} equations ({', '.join(names)}) for {node + control} variables "
-                f"in interval {label.interval + 1} of phase {label.phase!r}: leave some out"
+                f"There are {equations.size} equations ({', '.join(names)}) for {node + control} "
+                f"variables in interval {label.interval + 1} of phase {label.phase!r}: leave some "
+                "out."
             )
             return
 

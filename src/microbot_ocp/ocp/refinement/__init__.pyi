@@ -2,7 +2,6 @@
 
 from ._adaptive import (
     Refined as Refined,
-    RefinementStatus as RefinementStatus,
     solve_refined as solve_refined,
 )
 from ._arcs import (

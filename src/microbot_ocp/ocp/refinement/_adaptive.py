@@ -15,13 +15,13 @@ import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.problem import OptimalControlProblem, node_variables
 from microbot_ocp.ocp.refinement._arcs import distance, hold, place_junctions
 from microbot_ocp.ocp.refinement._degrees import Degrees, decay_rates, degrees_on, refine_hp
 from microbot_ocp.ocp.refinement._history import (
     History,
     Refined,
-    RefinementStatus,
     RefinementStep,
     step_of,
 )
@@ -31,7 +31,6 @@ from microbot_ocp.ocp.refinement._switches import Switch, move_to_switches
 from microbot_ocp.ocp.solution import (
     PhaseSolution,
     Solution,
-    Status,
     StepProgress,
     default_guess,
     quiet,
@@ -133,8 +132,8 @@ def solve_refined(
     >>> phase.derivative(v, u)
     >>> phase.end_cost(phase.duration)
     >>> refined = solve_refined(problem, mesh=5)  # the switch is in the middle of an interval
-    >>> refined.status.name, round(refined.solution.cost, 4)
-    ('REACHED', 2.0)
+    >>> str(refined.status), round(refined.solution.cost, 4)
+    ('solved', 2.0)
     """
     accuracy = checks.number("accuracy", accuracy, above=0.0)
     switch_accuracy = checks.number("switch_accuracy", switch_accuracy, above=0.0)
@@ -248,28 +247,28 @@ class _Refinement:
             mesh = _with_degrees(transcription, mesh, self.goal.degrees)
         start = guess or default_guess(transcription.problem)
         first = self.refiner.solve(mesh, start)
-        status = RefinementStatus.INTERRUPTED
+        status = Status.INTERRUPTED
         self.best = first
         if first.status is not Status.INTERRUPTED:
             with contextlib.suppress(KeyboardInterrupt):
-                self._enter(first, first.status.ok)
-                status = RefinementStatus.NOT_SOLVED if not first.status.ok else self._rounds()
+                self._enter(first, first.status.solved)
+                status = self._rounds() if first.status.solved else first.status
         use = self.exceeded
         over = use is not None and use.relative > self.goal.limit_accuracy
         return Refined(self.best, History(self.history), status, use if over else None)
 
-    def _rounds(self) -> RefinementStatus:
+    def _rounds(self) -> Status:
         for done in range(self.limits.rounds + 1):
             assert self.best is not None
             step = self._placed()
             if self.goal.met(step):
-                return RefinementStatus.REACHED
+                return Status.SOLVED
             if done == self.limits.rounds:
                 break
             if _stalled(self.history):
-                return RefinementStatus.NO_PROGRESS
+                return Status.NO_PROGRESS
             if time.perf_counter() > self.limits.until:
-                return RefinementStatus.TIME_LIMIT
+                return Status.TIME_LIMIT
             meshes = [
                 self.goal.next_mesh(phase, errors, excess, switches, places)
                 for phase, errors, excess, switches, places in zip(
@@ -282,17 +281,17 @@ class _Refinement:
                 )
             ]
             if sum(m.intervals for m in meshes) > self.limits.intervals:
-                return RefinementStatus.SIZE_LIMIT
+                return Status.SIZE_LIMIT
             finer = self.refiner.finer(self.best, meshes)
             if finer is self.best:
                 last = self.refiner.last
                 if last is not None and last is not self.best:
                     self._enter(last, False)
                     if last.status is Status.INTERRUPTED:
-                        return RefinementStatus.INTERRUPTED
-                return RefinementStatus.NOT_ACCEPTED
+                        return Status.INTERRUPTED
+                return Status.NOT_ACCEPTED
             self._enter(finer, True)
-        return RefinementStatus.ROUND_LIMIT
+        return Status.ROUND_LIMIT
 
     def _placed(self) -> RefinementStep:
         """The last step, with the distance of the mesh from where arcs meet."""
@@ -322,7 +321,7 @@ class _Refinement:
 
     def _enter(self, made: Solution, accepted: bool) -> None:
         """Put a solve into the history; an accepted one is the best so far."""
-        solved = made.status.ok
+        solved = made.status.solved
         errors, excess, worst = [np.array([np.inf])], [np.array([np.inf])], None
         if solved:
             errors = state_errors(made)

@@ -20,6 +20,7 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.problem import (
     Link,
     OptimalControlProblem,
@@ -29,7 +30,7 @@ from microbot_ocp.ocp.problem import (
     node_variables,
 )
 from microbot_ocp.ocp.refinement._switches import AT_BOUND, BRACKET, interval_values
-from microbot_ocp.ocp.solution import PhaseSolution, Solution, Status
+from microbot_ocp.ocp.solution import PhaseSolution, Solution
 from microbot_ocp.ocp.solvers import SolverSettings, solve
 from microbot_ocp.ocp.transcription import Guess, Mesh
 from microbot_ocp.ocp.transcription.schemes import Scheme
@@ -111,7 +112,7 @@ def place_junctions(
     solved = solve(cut, meshes, guesses, replace(settings, solver="ipopt"), scheme=scheme)
     if solved.status is Status.INTERRUPTED:
         raise KeyboardInterrupt  # the solver kept it to itself
-    if not solved.status.ok or solved.cost > solution.cost + WORSE * abs(solution.cost):
+    if not solved.status.solved or solved.cost > solution.cost + WORSE * abs(solution.cost):
         return None
     return [
         _ends(phase_layout(phase).phase, [solved[piece.name] for piece in pieces])

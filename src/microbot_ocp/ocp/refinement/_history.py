@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import Enum
 from typing import Any
 
 from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.refinement._switches import Switch, find_switches
 from microbot_ocp.ocp.solution import Solution
 from microbot_ocp.ocp.transcription import Mesh
@@ -18,30 +18,6 @@ HEAD = (
     *("round", "intervals", "degree", "variables", "state error"),
     *("switch offset", "limit excess", "cost", "iterations", "time", ""),
 )
-
-
-class RefinementStatus(Enum):
-    """How a refinement ended; the value is the explanation."""
-
-    REACHED = "the requested accuracy is reached"
-    NOT_SOLVED = "the first mesh was not solved: give a better guess or another mesh"
-    NOT_ACCEPTED = (
-        "a finer mesh was not solved, or only at a higher cost: the last accepted solution is "
-        "returned"
-    )
-    NO_PROGRESS = (
-        "the accuracy is not reached, and the last finer meshes came no nearer: lower the "
-        "solver's tolerance or ask for less"
-    )
-    ROUND_LIMIT = "the accuracy is not reached within the allowed number of rounds"
-    SIZE_LIMIT = "the accuracy is not reached within the allowed number of intervals"
-    TIME_LIMIT = "the accuracy is not reached within the allowed time"
-    INTERRUPTED = "interrupted: the last accepted solution is returned"
-
-    @property
-    def ok(self) -> bool:
-        """Whether the accuracy is reached."""
-        return self is RefinementStatus.REACHED
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +50,7 @@ class RefinementStep:
     switches: tuple[tuple[Switch, ...], ...]
     cost: float
     duration: float
-    status: str
+    status: Status
     accepted: bool
     iterations: int
     wall_time: float
@@ -116,7 +92,7 @@ class History(tuple[RefinementStep, ...]):
                     f"{step.cost:.9g}",
                     str(step.iterations),
                     f"{step.wall_time:.2f} s",
-                    "" if step.accepted else f"{step.status.replace('_', ' ')}, not accepted",
+                    "" if step.accepted else f"{step.status}, not accepted",
                 )
             )
         widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
@@ -134,35 +110,42 @@ class Refined:
     ----------
     solution : the last accepted one
     history : of every mesh
-    status : RefinementStatus
+    status : Status
+        Why it ended. Where the first mesh was not solved it is the status of that solve.
     exceeded : the limit that the solution exceeds most between mesh points, if by more than asked
         for
     """
 
     solution: Solution
     history: History
-    status: RefinementStatus
+    status: Status
     exceeded: LimitUse | None = None
 
     @property
     def advice(self) -> str:
-        """The status in words, and a limit that is still exceeded."""
+        """What the status means, and a limit that is still exceeded.
+
+        Where the first mesh was not solved it is the advice of that solve.
+        """
+        if not self.solution.status.solved:
+            return self.solution.advice
         use = self.exceeded
         if use is None:
-            return self.status.value
+            return self.status.sentence
         name = f"{use.name}[{use.component}]" if use.component else use.name
         return (
-            f"{self.status.value}; {use.kind} {name} of phase {use.phase!r} is still "
-            f"{use.excess:.2g} {use.unit} beyond its limit of {use.limit:.6g} at {use.time:.4g} s, "
-            "between mesh points"
+            f"{self.status.sentence} Between mesh points {use.kind} {name} of phase {use.phase!r} "
+            f"is still {use.excess:.2g} {use.unit} beyond its limit of {use.limit:.6g} at "
+            f"{use.time:.4g} s."
         )
 
     def __str__(self) -> str:
         return f"{self.history}\n{self.advice}"
 
     def __repr__(self) -> str:
-        status = self.status.name.lower().replace("_", " ")
-        return f"<Refined: {status} in {len(self.history)} meshes, cost {self.solution.cost:.8g}>"
+        return (
+            f"<Refined: {self.status} in {len(self.history)} meshes, cost {self.solution.cost:.8g}>"
+        )
 
     def _repr_html_(self) -> str:
         from microbot_ocp.views.notebook import _html as jupyter
@@ -197,7 +180,7 @@ def step_of(
         switches=switches,
         cost=solution.cost,
         duration=solution.duration,
-        status=solution.status.name.lower(),
+        status=solution.status,
         accepted=accepted,
         iterations=sum(attempt.iterations for attempt in solution.attempts),
         wall_time=wall_time,

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp.ocp.solution import Solution, Status, StepProgress, quiet
+from microbot_ocp._base.status import Status
+from microbot_ocp.ocp.solution import Solution, StepProgress, quiet
 from microbot_ocp.ocp.solvers import SolverSettings, solve
 from microbot_ocp.ocp.transcription import Guess, Meshes, MeshLike, Transcription
 
@@ -90,8 +91,8 @@ class Refiner:
                 "intervals": [phase.mesh.size - 1 for phase in solution.phases],
                 "cost": solution.cost,
                 "duration": solution.duration,
-                "status": solution.status.name.lower(),
-                "accepted": solution.status.ok,
+                "status": solution.status,
+                "accepted": solution.status.solved,
                 "build_time": solution.build_time,
                 "attempts": [attempt.as_dict() for attempt in solution.attempts],
             }
@@ -103,7 +104,11 @@ class Refiner:
         guesses = self.guess_from(before)
         first: tuple[str, float | None, Mapping[str, Guess] | Solution]
         first = (self.solver, WARM_BARRIER, guesses)
-        if self.solver == "ipopt" and before.status.ok and before.variable_multipliers is not None:
+        if (
+            self.solver == "ipopt"
+            and before.status.solved
+            and before.variable_multipliers is not None
+        ):
             # with multipliers: 20 against 30 iterations on the Microbot task from 20 to 100
             first = ("ipopt", None, before)
         after = before
@@ -112,7 +117,7 @@ class Refiner:
             accepted = self._accepts(before, after)
             self.history[-1]["accepted"] = accepted
             sizes = " + ".join(str(phase.mesh.size - 1) for phase in after.phases)
-            said = after.status.name.lower().replace("_", " ")
+            said = after.status
             self.progress(
                 f"mesh {sizes}: {after.duration:.6f} s, {said}"
                 f"{'' if accepted else ', not accepted'}"
@@ -121,16 +126,16 @@ class Refiner:
                 return after
             if after.status is Status.INTERRUPTED:
                 break
-        return before if before.status.ok else after
+        return before if before.status.solved else after
 
     def _accepts(self, before: Solution, after: Solution) -> bool:
         allowed = before.cost + self.worse * abs(before.cost)
-        return after.status.ok and (not before.status.ok or after.cost <= allowed)
+        return after.status.solved and (not before.status.solved or after.cost <= allowed)
 
     def refine(self, solution: Solution) -> Solution:
         """Split intervals until no constraint is exceeded between mesh points by more."""
         for _ in range(self.rounds):
-            if not solution.status.ok:
+            if not solution.status.solved:
                 break
             excess = self.excess(solution)
             worst = max(float(e.max()) for e in excess)

@@ -47,7 +47,7 @@ def start_from(
     same = all(_same_mesh(a, b) for a, b in zip(old, program.layouts, strict=True))
     x = guess.variables if same else pack(program, guess_from(problem, guess))
     rows, variables = guess.row_multipliers, guess.variable_multipliers
-    if not guess.status.ok or variables is None:
+    if not guess.status.solved or variables is None:
         return Start(x)
     if not same:
         rows, variables = _moved_multipliers(program, old, rows, variables)

@@ -4,36 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from enum import Enum
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.problem import Phase, Variable, node_variables
 from microbot_ocp.ocp.transcription import Guess, IntArray, PhaseLayout, Program
-
-
-class Status(Enum):
-    """How a solve ended; the value is the advice."""
-
-    SOLVED = "converged to the requested tolerance"
-    ITERATION_LIMIT = (
-        "stopped at the iteration limit: give a better guess, a coarser mesh first, or more "
-        "iterations"
-    )
-    INFEASIBLE = (
-        "converged to a point that violates constraints: look for limits that contradict each "
-        "other or an end that cannot be reached; explain names them"
-    )
-    INTERRUPTED = "interrupted: the last iterate is returned"
-    FAILED = "the solver broke down: check scales and guess, try the other solver"
-
-    @property
-    def ok(self) -> bool:
-        """Whether the solve succeeded."""
-        return self is Status.SOLVED
 
 
 @dataclass(frozen=True)
@@ -53,7 +32,7 @@ class Attempt:
 
     def as_dict(self) -> dict[str, object]:
         """Plain values for JSON."""
-        return {**vars(self), "status": self.status.name.lower()}
+        return {**vars(self), "status": self.status}
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,7 +136,7 @@ class Solution:
     variables : the scaled variables
     settings : how it was solved, as plain values
     cost_scale : what the solver divided the cost by; cost and multipliers are whole
-    said : advice where the solve did not converge
+    advice : what the status means; of a solve that did not converge also what would help, by lines
     start : where it started from
     """
 
@@ -171,13 +150,12 @@ class Solution:
     variables: FloatArray | None = None
     settings: Mapping[str, object] = field(default_factory=dict)
     cost_scale: float = 1.0
-    said: str = ""
+    advice: str = ""
     start: Start | None = field(default=None, repr=False)
 
     def __repr__(self) -> str:
-        status = self.status.name.lower().replace("_", " ")
         last = f", {self.attempts[-1].solver}" if self.attempts else ""
-        return f"<Solution: {status}, cost {self.cost:.8g}, {self.duration:.6g} s{last}>"
+        return f"<Solution: {self.status}, cost {self.cost:.8g}, {self.duration:.6g} s{last}>"
 
     def _repr_html_(self) -> str:
         from microbot_ocp.views.notebook import _html as jupyter
@@ -194,11 +172,6 @@ class Solution:
     def duration(self) -> float:
         """Sum of the durations of the phases, s."""
         return float(sum(phase.duration for phase in self.phases))
-
-    @property
-    def advice(self) -> str:
-        """The status in words; of a solve that did not converge also what would help, by lines."""
-        return self.said or self.status.value
 
 
 def unpack(program: Program, x: FloatArray) -> tuple[PhaseSolution, ...]:

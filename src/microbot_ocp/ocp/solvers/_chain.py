@@ -16,6 +16,7 @@ from dataclasses import replace
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.diagnosis import advice, check_start
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.solution import (
@@ -23,7 +24,6 @@ from microbot_ocp.ocp.solution import (
     Progress,
     Solution,
     Start,
-    Status,
     cost_scale,
     scaled,
     start_from,
@@ -149,7 +149,7 @@ def run_chain(
         settings=settings.as_dict(),
         cost_scale=program.cost_scale,
         start=start,
-        said=advice(program, start, outcome.x, attempts),
+        advice=advice(program, start, outcome.x, attempts),
     )
 
 

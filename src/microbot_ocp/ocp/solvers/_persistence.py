@@ -20,13 +20,13 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.solution import (
     Attempt,
     PhaseSolution,
     Solution,
     Start,
-    Status,
     numbers_of,
     with_numbers,
 )
@@ -116,7 +116,7 @@ def save_solution(solution: Solution, path: str | Path) -> Path:
         "cost": solution.cost,
         "cost_scale": solution.cost_scale,
         "build_time": solution.build_time,
-        "advice": solution.said,
+        "advice": solution.advice,
         "attempts": [{**vars(a), "status": a.status.name} for a in solution.attempts],
         "settings": dict(solution.settings),
         "phases": phases,
@@ -226,8 +226,9 @@ def _restored(
     attempts = tuple(
         Attempt(**{**entry, "status": Status[entry["status"]]}) for entry in metadata["attempts"]
     )
+    status = Status[metadata["status"]]
     return Solution(
-        status=Status[metadata["status"]],
+        status=status,
         cost=float(metadata["cost"]),
         phases=phases,
         attempts=attempts,
@@ -237,7 +238,7 @@ def _restored(
         variables=arrays.get("variables"),
         settings=metadata["settings"],
         cost_scale=float(metadata.get("cost_scale", 1.0)),
-        said=str(metadata.get("advice", "")),
+        advice=str(metadata.get("advice") or status.sentence),
         start=Start(arrays["start.x"], arrays.get("start.rows"), arrays.get("start.variables"))
         if "start.x" in arrays
         else None,

@@ -11,7 +11,8 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError
-from microbot_ocp.ocp.solution import Attempt, Progress, Start, Status, Watch, watching
+from microbot_ocp._base.status import Status
+from microbot_ocp.ocp.solution import Attempt, Progress, Start, Watch, watching
 from microbot_ocp.ocp.solvers._acceptance import accepted
 from microbot_ocp.ocp.solvers._plugins import create
 from microbot_ocp.ocp.solvers._settings import SolverSettings

@@ -10,7 +10,8 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp.ocp.solution import Status, violation
+from microbot_ocp._base.status import Status
+from microbot_ocp.ocp.solution import violation
 from microbot_ocp.ocp.solvers._settings import SolverSettings
 from microbot_ocp.ocp.transcription import Program
 

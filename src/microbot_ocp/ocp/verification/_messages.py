@@ -32,8 +32,8 @@ def problems_of(
 ) -> list[str]:
     """What did not pass, in words; nothing where all did."""
     problems = []
-    if not solution.status.ok:
-        problems.append(f"the solve did not converge: {solution.status.value}")
+    if not solution.status.solved:
+        problems.append(f"the solve did not converge: {solution.status}")
     for phase, again in zip(solution.phases, unpack(program, x), strict=True):
         for name, values in phase.values.items():
             size = max(1e-9, float(np.abs(again.values[name]).max()))

@@ -78,7 +78,7 @@ def show_progress(console: Console | None = None) -> Iterator[Report]:
     >>> phase.end_cost(phase.duration)
     >>> with show_progress() as progress:
     ...     solution = solve(problem, mesh=20, progress=progress)
-    >>> solution.status.ok
+    >>> solution.status.solved
     True
     """
     shown = console or Console(file=sys.stderr)

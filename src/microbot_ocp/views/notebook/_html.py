@@ -11,7 +11,7 @@ import numpy as np
 from microbot_ocp.comparison import Certificate, Comparison
 from microbot_ocp.limits import QUANTITY_NAMES
 from microbot_ocp.motion import Motion
-from microbot_ocp.ocp import OCPCertificate, Refined, Solution, Status
+from microbot_ocp.ocp import OCPCertificate, Refined, Solution
 from microbot_ocp.robot import Robot
 from microbot_ocp.views import _scene as scene
 from microbot_ocp.views.tables import narrow_table, note_sentences
@@ -81,11 +81,11 @@ def solution(solution: Solution) -> str:
     """How every solver fared, and what is in every phase."""
     heads = ["solver", "status", "iterations", "cost", "infeasibility", "time [s]"]
     rows = [
-        [a.solver, _words(a.status), str(a.iterations), f"{a.cost:.8g}", f"{a.infeasibility:.1e}",
+        [a.solver, str(a.status), str(a.iterations), f"{a.cost:.8g}", f"{a.infeasibility:.1e}",
          f"{a.wall_time:.3f}"]
         for a in solution.attempts
     ]  # fmt: skip
-    advice = [] if solution.status.ok else solution.advice.splitlines()
+    advice = [] if solution.status.solved else solution.advice.splitlines()
     told = [repr(phase).strip("<>") for phase in solution.phases]
     return _page(repr(solution), _table(heads, rows), [*advice, *told])
 
@@ -123,10 +123,6 @@ def ocp_certificate(certificate: OCPCertificate) -> str:
         for arc in certificate.arcs
     ]
     return _page(repr(certificate), _table(["check", "value", "where"], rows), told)
-
-
-def _words(status: Status) -> str:
-    return status.name.lower().replace("_", " ")
 
 
 def _limits(robot: Robot, quantity: str, joint: int) -> str:

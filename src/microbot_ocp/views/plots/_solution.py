@@ -94,7 +94,7 @@ def solution(
     told = [
         f"{label or 'solution'}: not solved: {each.advice}"
         for label, each in given.items()
-        if not each.status.ok
+        if not each.status.solved
     ]
     page.legend(handles, 4, warning="\n".join(told))
     return panels

@@ -126,13 +126,12 @@ def of_solution(solution: Solution, name: str = "solution") -> SolutionRecording
         phases=tuple(zip(begins, (phase.name for phase in solution.phases), strict=False)),
         end=begins[-1],
         summary=words.document(
-            f"{name}: {solution.status.name.lower().replace('_', ' ')}, cost {solution.cost:.8g}",
+            f"{name}: {solution.status}, cost {solution.cost:.8g}",
             words.table(["phase", "duration [s]"], rows),
             [
-                f"{solution.advice[0].upper()}{solution.advice[1:]}.",
+                solution.advice,
                 *(
-                    f"{a.solver}: {a.status.name.lower().replace('_', ' ')} after "
-                    f"{a.iterations} iterations."
+                    f"{a.solver}: {a.status} after {a.iterations} iterations."
                     for a in solution.attempts
                 ),
             ],
