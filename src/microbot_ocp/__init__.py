@@ -5,4 +5,6 @@ The public names stand in ``__init__.pyi``; each is loaded when it is first aske
 
 import lazy_loader
 
+from microbot_ocp.views import _registered as _registered  # results find their views there
+
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -15,6 +15,9 @@ from ._base.codegen import (
 from ._base.fast_calls import (
     fast_call as fast_call,
 )
+from ._base.showing import (
+    register_view as register_view,
+)
 from ._base.status import (
     Status as Status,
 )

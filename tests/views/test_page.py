@@ -1,10 +1,12 @@
 """Pages: whose axes, whose style, which files."""
 
 import matplotlib
+import matplotlib.image
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+import microbot_ocp as mo
 from microbot_ocp._base.checks import InputError
 from microbot_ocp.views.plots import _page as page
 
@@ -42,14 +44,34 @@ def test_figure_of_anything_drawn():
         page.figure_of(np.zeros(2))
 
 
-def test_save_needs_a_name_and_makes_the_folder(tmp_path):
+def test_save_makes_the_folder_and_names_its_files(tmp_path):
     figure = Figure()
-    with pytest.raises(InputError, match="stem must be given"):
-        page.save(figure, tmp_path / "new")
-    assert not (tmp_path / "new").exists()
     written = page.save({"one": figure, "two": figure.subplots()}, tmp_path / "new")
     assert [path.name for path in written] == ["one.png", "one.pdf", "two.png", "two.pdf"]
     assert all(path.stat().st_size > 0 for path in written)
+    assert page.save(figure, tmp_path) == [tmp_path / "figure.png", tmp_path / "figure.pdf"]
+    assert page.save(figure, tmp_path, "mine")[0] == tmp_path / "mine.png"
+
+
+def test_save_takes_a_folder_not_a_file(tmp_path):
+    with pytest.raises(InputError, match=r"axes.savefig\('a.png'\) writes one file"):
+        page.save(Figure(), tmp_path / "a.png")
+    with pytest.raises(InputError, match="a figure or its axes"):
+        page.save({"a": np.zeros(2)}, tmp_path / "new")
+    assert not (tmp_path / "new").exists()
+
+
+def test_axes_of_every_kind_write_their_figure(tmp_path):
+    robot = mo.load_robot("planar_2r")
+    shape = mo.cubic([[0.0, 0.0], [0.5, 0.8]], [0.0, 1.0])
+    motion = mo.Motion.from_polynomial(robot, shape, label="cubic", step=0.1)
+    grid, space = motion.plot(robot), mo.plots.arms(robot, {"zero": [0.0, 0.0]})
+    assert grid.savefig(tmp_path / "grid.png", dpi=40) == tmp_path / "grid.png"
+    pixels = matplotlib.image.imread(tmp_path / "grid.png")
+    assert pixels.shape[1] == int(40 * grid.figure.get_figwidth())
+    for name, axes in (("row", grid[0]), ("panel", grid[0, 1]), ("space", space)):
+        assert axes.savefig(tmp_path / f"{name}.pdf").read_bytes().startswith(b"%PDF")
+    assert (tmp_path / "row.pdf").read_bytes() == (tmp_path / "panel.pdf").read_bytes()
 
 
 def test_the_same_figure_is_the_same_file(tmp_path):

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError, plain
+from microbot_ocp._base.showing import view_for
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import QUANTITY_NAMES, SATURATED, LimitHistory, dense_times
 from microbot_ocp.motion import JUMP_GAP, Motion, State, mesh_of, torque_along
@@ -146,9 +147,7 @@ class Certificate:
         return f"<Certificate of {self.label!r}: {'passed' if self.ok else 'FAILED'}>"
 
     def _repr_html_(self) -> str:
-        from microbot_ocp.views.notebook import _html as jupyter
-
-        return jupyter.certificate(self)
+        return view_for(self, "html")(self)
 
     def limit_check(self, quantity: str) -> LimitCheck | None:
         """The check of one kind of limit; None where the robot has none of it."""

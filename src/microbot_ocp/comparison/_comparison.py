@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
 from microbot_ocp.comparison._certificate import Certificate, certify
 from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial
 from microbot_ocp.ocp.solution import Iteration, StepProgress, quiet
@@ -40,9 +41,6 @@ from microbot_ocp.trajectories import (
 
 if TYPE_CHECKING:
     from rich.table import Table
-
-    from microbot_ocp.views.plots import AxesGrid
-    from microbot_ocp.views.plots._page import Axis
 
 REFERENCE = "cubic"
 OUTPUTS = ("json", "csv", "figures", "report", "recording", "motions")  # of a comparison
@@ -272,9 +270,7 @@ class Comparison:
         return f"<Comparison of {count} methods on {self.robot.name!r}: {solved} solved>"
 
     def _repr_html_(self) -> str:
-        from microbot_ocp.views.notebook import _html as jupyter
-
-        return jupyter.comparison(self)
+        return view_for(self, "html")(self)
 
     def __getitem__(self, name: str) -> Entry:
         for entry in self.entries:
@@ -299,33 +295,23 @@ class Comparison:
 
     def table(self) -> Table:
         """Table for the terminal (rich)."""
-        from microbot_ocp.views.tables import comparison_table
+        return view_for(self, "table")(self)
 
-        return comparison_table(self)
-
-    def plot(self, axes: Axis | None = None, **options: Any) -> AxesGrid:
+    def plot(self, axes: GivenAxes | None = None, **options: Any) -> DrawnAxes:
         """Position, velocity and torque of every method: :func:`microbot_ocp.plots.comparison`."""
-        from microbot_ocp.views.plots import comparison
+        return view_for(self, "plot")(self, axes, **options)
 
-        return comparison(self, axes, **options)
-
-    def plot_paths(self, axes: Axis | None = None) -> AxesGrid:
+    def plot_paths(self, axes: GivenAxes | None = None) -> DrawnAxes:
         """The tool paths in space: :func:`microbot_ocp.plots.paths`."""
-        from microbot_ocp.views.plots import paths
-
-        return paths(self, axes)
+        return view_for(self, "paths")(self, axes)
 
     def report(self, path: str | Path) -> Path:
         """Write one printed page (``.pdf``): :func:`microbot_ocp.plots.report`."""
-        from microbot_ocp.views import plots
-
-        return plots.report(self, path)
+        return view_for(self, "report")(self, path)
 
     def to_rerun(self, path: str | Path) -> Path:
         """Write a Rerun recording with its blueprint inside."""
-        from microbot_ocp.views.recording import of_comparison
-
-        return of_comparison(self).save(path)
+        return view_for(self, "rerun")(self).save(path)
 
     def save(self, folder: str | Path, outputs: Sequence[str] = OUTPUTS) -> list[Path]:
         """Write some of :data:`OUTPUTS` into a folder, by default all.
@@ -340,45 +326,22 @@ class Comparison:
             checks.one_of("outputs", output, OUTPUTS)
         target = Path(folder)
         target.mkdir(parents=True, exist_ok=True)
-        makers = (
-            self._save_motions,
-            self._save_tables,
-            self._save_figures,
-            self._save_report,
-            self._save_recording,
-        )
-        return [path for make in makers for path in make(target, outputs)]
-
-    def _save_motions(self, folder: Path, outputs: Sequence[str]) -> list[Path]:
-        if "motions" not in outputs:
-            return []
-        (folder / "motions").mkdir(exist_ok=True)
-        return [
-            motion.save(folder / "motions" / f"{name}.npz") for name, motion in self.motions.items()
-        ]
-
-    def _save_tables(self, folder: Path, outputs: Sequence[str]) -> list[Path]:
-        from microbot_ocp.views.tables import write_csv, write_json
-
-        writers = {"json": write_json, "csv": write_csv}
-        return [
-            write(self, folder / f"comparison.{name}")
-            for name, write in writers.items()
-            if name in outputs
-        ]
-
-    def _save_figures(self, folder: Path, outputs: Sequence[str]) -> list[Path]:
-        if "figures" not in outputs:
-            return []
-        from microbot_ocp.views import plots
-
-        return plots.save({"comparison": self.plot(), "paths": self.plot_paths()}, folder)
-
-    def _save_report(self, folder: Path, outputs: Sequence[str]) -> list[Path]:
-        return [self.report(folder / "report.pdf")] if "report" in outputs else []
-
-    def _save_recording(self, folder: Path, outputs: Sequence[str]) -> list[Path]:
-        return [self.to_rerun(folder / "comparison.rrd")] if "recording" in outputs else []
+        written: list[Path] = []
+        if "motions" in outputs:
+            (target / "motions").mkdir(exist_ok=True)
+            for name, motion in self.motions.items():
+                written.append(motion.save(target / "motions" / f"{name}.npz"))
+        for kind in ("json", "csv"):
+            if kind in outputs:
+                written.append(view_for(self, kind)(self, target / f"comparison.{kind}"))
+        if "figures" in outputs:
+            for name, axes in (("comparison", self.plot()), ("paths", self.plot_paths())):
+                written += [axes.savefig(target / f"{name}.{kind}") for kind in ("png", "pdf")]
+        if "report" in outputs:
+            written.append(self.report(target / "report.pdf"))
+        if "recording" in outputs:
+            written.append(self.to_rerun(target / "comparison.rrd"))
+        return written
 
 
 def compare(

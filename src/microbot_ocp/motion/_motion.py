@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 from zipfile import BadZipFile
 from zlib import error as zlib_error
 
@@ -21,11 +21,8 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
 from microbot_ocp.robot import Robot, inverse_dynamics
-
-if TYPE_CHECKING:
-    from microbot_ocp.views.plots import AxesGrid
-    from microbot_ocp.views.plots._page import Axis
 
 SCHEMA = 1
 _BROKEN = (BadZipFile, zlib_error, AttributeError, NotImplementedError)
@@ -178,9 +175,7 @@ class Motion:
         )
 
     def _repr_html_(self) -> str:
-        from microbot_ocp.views.notebook import _html as jupyter
-
-        return jupyter.motion(self)
+        return view_for(self, "html")(self)
 
     @property
     def joint_count(self) -> int:
@@ -287,17 +282,13 @@ class Motion:
             t, *state, tau, self.label, None, self.marks, dict(self.provenance), self.note
         )
 
-    def plot(self, robot: Robot, axes: Axis | None = None, **options: Any) -> AxesGrid:
+    def plot(self, robot: Robot, axes: GivenAxes | None = None, **options: Any) -> DrawnAxes:
         """Position, velocity and torque over time: :func:`microbot_ocp.plots.motion`."""
-        from microbot_ocp.views import plots
-
-        return plots.motion(robot, self, axes, **options)
+        return view_for(self, "plot")(robot, self, axes, **options)
 
     def to_rerun(self, robot: Robot, path: str | Path) -> Path:
         """Write a Rerun recording (``.rrd``) of the robot on this motion, under its limits."""
-        from microbot_ocp.views.recording import of_motion
-
-        return of_motion(robot, self).save(path)
+        return view_for(self, "rerun")(robot, self).save(path)
 
     def save(self, path: str | Path) -> Path:
         """Write one ``.npz``: arrays t, q, qd, qdd, tau, breaks and a JSON string ``metadata``."""

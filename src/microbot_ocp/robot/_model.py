@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.showing import view_for
 from microbot_ocp.robot._limits import LIMIT_UNITS, JointLimits, LimitArgument, Limits, changed
 from microbot_ocp.robot._links import Link
 
@@ -175,9 +176,7 @@ class Robot:
         return f"<Robot {self.name!r}: {self.joint_count} joints>"
 
     def _repr_html_(self) -> str:
-        from microbot_ocp.views.notebook import _html as jupyter
-
-        return jupyter.robot(self)
+        return view_for(self, "html")(self)
 
     @property
     def joint_count(self) -> int:

@@ -4,19 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
 from microbot_ocp._base.status import Status
 from microbot_ocp.motion import Motion, State
 from microbot_ocp.robot import JointLimits, Limits, Robot
-
-if TYPE_CHECKING:
-    from microbot_ocp.views.plots import AxesGrid
-    from microbot_ocp.views.plots._page import Axis
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,11 +69,9 @@ class Simulation:
         """
         return Motion(self.t - self.t[0], self.q, self.qd, self.qdd, self.tau, label)
 
-    def plot(self, robot: Robot, axes: Axis | None = None, **options: Any) -> AxesGrid:
+    def plot(self, robot: Robot, axes: GivenAxes | None = None, **options: Any) -> DrawnAxes:
         """Position, velocity and torque over time: :func:`microbot_ocp.plots.simulation`."""
-        from microbot_ocp.views import plots
-
-        return plots.simulation(robot, self, axes, **options)
+        return view_for(self, "plot")(robot, self, axes, **options)
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,11 +106,9 @@ class Tracking(Simulation):
         """Reference less position [N,n], rad (m)."""
         return self.reference.q - self.q
 
-    def plot(self, robot: Robot, axes: Axis | None = None, **options: Any) -> AxesGrid:
+    def plot(self, robot: Robot, axes: GivenAxes | None = None, **options: Any) -> DrawnAxes:
         """Errors and torques over time: :func:`microbot_ocp.plots.tracking`."""
-        from microbot_ocp.views import plots
-
-        return plots.tracking(robot, self, axes, **options)
+        return view_for(self, "plot")(robot, self, axes, **options)
 
     def to_rerun(
         self, robot: Robot, path: str | Path, limits: Limits | JointLimits | None = None
@@ -124,9 +117,7 @@ class Tracking(Simulation):
 
         ``limits`` are those of its drives; default ``robot.limits``.
         """
-        from microbot_ocp.views.recording import of_tracking
-
-        return of_tracking(robot, self, limits).save(path)
+        return view_for(self, "rerun")(robot, self, limits).save(path)
 
     @property
     def rms(self) -> FloatArray:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.showing import view_for
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.refinement._switches import Switch, find_switches
 from microbot_ocp.ocp.solution import Solution
@@ -148,9 +149,7 @@ class Refined:
         )
 
     def _repr_html_(self) -> str:
-        from microbot_ocp.views.notebook import _html as jupyter
-
-        return jupyter.refined(self)
+        return view_for(self, "html")(self)
 
 
 def step_of(

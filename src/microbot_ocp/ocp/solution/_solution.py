@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.showing import view_for
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.problem import Phase, Variable, node_variables
 from microbot_ocp.ocp.transcription import Guess, IntArray, PhaseLayout, Program
@@ -158,9 +159,7 @@ class Solution:
         return f"<Solution: {self.status}, cost {self.cost:.8g}, {self.duration:.6g} s{last}>"
 
     def _repr_html_(self) -> str:
-        from microbot_ocp.views.notebook import _html as jupyter
-
-        return jupyter.solution(self)
+        return view_for(self, "html")(self)
 
     def __getitem__(self, name: str) -> PhaseSolution:
         for phase in self.phases:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from microbot_ocp._base.checks import FloatArray, plain
+from microbot_ocp._base.showing import view_for
 
 
 @dataclass(frozen=True)
@@ -231,9 +232,7 @@ class OCPCertificate:
         return f"<OCPCertificate of {self.problem!r}: {'passed' if self.ok else 'FAILED'}>"
 
     def _repr_html_(self) -> str:
-        from microbot_ocp.views.notebook import _html as jupyter
-
-        return jupyter.ocp_certificate(self)
+        return view_for(self, "html")(self)
 
     def costate(self, phase: str) -> Costates:
         """Costates of a phase by its name."""

@@ -10,9 +10,10 @@ from mpl_toolkits.mplot3d import Axes3D
 from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
+from microbot_ocp._base.showing import GivenAxes
 from microbot_ocp.robot import Robot
 from microbot_ocp.views import _scene as scene
-from microbot_ocp.views.plots._page import HALO, Axis, ShownAxes3D, axes_page, styled
+from microbot_ocp.views.plots._page import HALO, ShownAxes3D, axes_page, styled
 from microbot_ocp.views.plots._paths import azimuth, equal_box
 from microbot_ocp.views.plots._style import look
 
@@ -24,7 +25,7 @@ TICKS = 6  # along the longest axis
 def arms(
     robot: Robot,
     poses: Mapping[str, ArrayLike],
-    axes: Axis | None = None,
+    axes: GivenAxes | None = None,
     *,
     title: str = "",
     target: ArrayLike | None = None,

@@ -5,17 +5,18 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Sequence
 
+from microbot_ocp._base.showing import GivenAxes
 from microbot_ocp.comparison import Comparison, Entry
 from microbot_ocp.motion import Motion
 from microbot_ocp.views import _scene as scene
 from microbot_ocp.views.plots._curves import Curve, curves
-from microbot_ocp.views.plots._page import AxesGrid, Axis
+from microbot_ocp.views.plots._page import AxesGrid
 from microbot_ocp.views.plots._style import EntryStyle, entry_styles, failure_sentence
 
 
 def comparison(
     comparison: Comparison,
-    axes: Axis | None = None,
+    axes: GivenAxes | None = None,
     *,
     quantities: Sequence[str] = ("q", "qd", "tau"),
     joints: Sequence[int] | None = None,

@@ -13,6 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.showing import GivenAxes
 from microbot_ocp.motion import Motion
 from microbot_ocp.robot import JointLimits, Robot
 from microbot_ocp.simulation import Simulation, Tracking
@@ -23,7 +24,6 @@ from microbot_ocp.views.plots._page import (
     HALO,
     LIMIT_COLOR,
     AxesGrid,
-    Axis,
     Page,
     axes_page,
     styled,
@@ -108,7 +108,7 @@ def curves(
     robot: Robot,
     curves: Sequence[Curve],
     quantities: Sequence[str] = ("q", "qd", "tau"),
-    axes: Axis | None = None,
+    axes: GivenAxes | None = None,
     *,
     joints: Sequence[int] | None = None,
     limits: JointLimits | None = None,
@@ -183,7 +183,7 @@ def curves(
 
 
 def curve_page(
-    robot: Robot, axes: Axis | None, rows: int, joints: Sequence[int], title: str
+    robot: Robot, axes: GivenAxes | None, rows: int, joints: Sequence[int], title: str
 ) -> Page:
     """Axes [rows, joints]: a column for each joint, or a row for each where they are many."""
     many = len(joints) > COLUMN_JOINTS

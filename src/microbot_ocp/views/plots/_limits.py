@@ -11,12 +11,13 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from microbot_ocp._base.checks import InputError
+from microbot_ocp._base.showing import GivenAxes
 from microbot_ocp.comparison import Comparison
 from microbot_ocp.limits import QUANTITY_NAMES, LimitHistory, Spell, limit_history
 from microbot_ocp.motion import Motion
 from microbot_ocp.robot import JointLimits, Limits, Robot
 from microbot_ocp.views import _scene as scene
-from microbot_ocp.views.plots._page import LIMIT_COLOR, AxesGrid, Axis, axes_page, styled
+from microbot_ocp.views.plots._page import LIMIT_COLOR, AxesGrid, axes_page, styled
 from microbot_ocp.views.plots._style import (
     JOINT_COLORS,
     JOINT_DASHES,
@@ -39,7 +40,7 @@ FACES = {"tau": "0.35", "taud": "0.6", "qdd": "0.6", "qd": "#E69F00"}
 def limit_use(
     robot: Robot,
     motion: Motion,
-    axes: Axis | None = None,
+    axes: GivenAxes | None = None,
     *,
     quantities: Sequence[str] | None = None,
     limits: Limits | JointLimits | None = None,
@@ -127,7 +128,7 @@ def _draw_use(axes: Axes, history: LimitHistory, quantity: str, switches: Sequen
 @styled()
 def saturation(
     subject: Comparison | Mapping[str, Motion],
-    axes: Axis | None = None,
+    axes: GivenAxes | None = None,
     *,
     robot: Robot | None = None,
     methods: Sequence[str] | None = None,

@@ -5,17 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from microbot_ocp._base.checks import InputError
+from microbot_ocp._base.showing import GivenAxes
 from microbot_ocp.motion import Motion
 from microbot_ocp.robot import JointLimits, Limits, Robot
 from microbot_ocp.simulation import Simulation
 from microbot_ocp.views.plots._curves import Curve, curves
-from microbot_ocp.views.plots._page import AxesGrid, Axis
+from microbot_ocp.views.plots._page import AxesGrid
 
 
 def motion(
     robot: Robot,
     motion: Motion | Sequence[Motion],
-    axes: Axis | None = None,
+    axes: GivenAxes | None = None,
     *,
     quantities: Sequence[str] = ("q", "qd", "tau"),
     joints: Sequence[int] | None = None,
@@ -64,7 +65,7 @@ def motion(
 def simulation(
     robot: Robot,
     simulation: Simulation,
-    axes: Axis | None = None,
+    axes: GivenAxes | None = None,
     *,
     quantities: Sequence[str] = ("q", "qd", "tau"),
     joints: Sequence[int] | None = None,

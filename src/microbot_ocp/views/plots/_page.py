@@ -21,6 +21,7 @@ from matplotlib.patheffects import withStroke
 from mpl_toolkits.mplot3d import Axes3D
 
 from microbot_ocp._base.checks import InputError
+from microbot_ocp._base.showing import DrawnAxes, GivenAxes
 
 A4 = (8.27, 11.69)  # inches
 A4_LANDSCAPE = (11.69, 8.27)
@@ -28,6 +29,7 @@ LIMIT_COLOR = "0.25"
 WARNING_COLOR = "#B00020"
 HALO = [withStroke(linewidth=2.5, foreground="white")]  # text stays legible on curves
 PNG_DPI = 150
+FORMATS = (".png", ".pdf", ".svg", ".jpg", ".jpeg")
 NOTEBOOK_DPI = 90  # a page is as wide as a notebook's column
 SETTINGS: dict[Any, Any] = {
     "font.family": "DejaVu Sans",  # comes with matplotlib: the same everywhere
@@ -56,8 +58,7 @@ _STYLE: dict[Any, Any] = {
     **SETTINGS,
 }
 
-Axis = Axes | np.ndarray | Sequence[Any]
-Drawn = Figure | Axes | np.ndarray
+Drawn = Figure | Axes | np.ndarray | DrawnAxes
 
 
 def styled() -> Any:
@@ -65,30 +66,41 @@ def styled() -> Any:
     return matplotlib.rc_context(_STYLE)
 
 
-class AxesGrid(np.ndarray):
-    """Axes of one figure as an array; the last line of a Jupyter cell shows the figure."""
+class _Shown:
+    """Axes that can be written to a file, and shown by Jupyter in the last line of a cell."""
+
+    def savefig(self, path: str | Path, **options: Any) -> Path:
+        """Write the whole figure as :func:`write` does."""
+        return write(self, path, **options)  # pyright: ignore[reportArgumentType]
+
+    def _repr_png_(self) -> bytes | None:
+        drawn: Any = self
+        if isinstance(drawn, np.ndarray) and not drawn.size:
+            return None
+        stream = io.BytesIO()
+        with styled():
+            figure_of(drawn).savefig(stream, format="png", dpi=NOTEBOOK_DPI)
+        return stream.getvalue()
+
+
+class AxesGrid(_Shown, np.ndarray):
+    """Axes of one figure as an array: ``axes[0, 1]``, ``axes.shape``, ``axes.savefig(path)``.
+
+    The last line of a Jupyter cell shows the figure.
+    """
 
     @property
     def figure(self) -> Figure:
         """The figure of all of them."""
         return figure_of(self)
 
-    def _repr_png_(self) -> bytes | None:
-        return _png(self) if self.size else None
+
+class ShownAxes(_Shown, Axes):
+    """Axes made here: ``axes.savefig(path)`` writes their figure, Jupyter shows it."""
 
 
-class ShownAxes(Axes):
-    """Axes whose figure Jupyter shows where they stand in the last line of a cell."""
-
-    def _repr_png_(self) -> bytes:
-        return _png(self)
-
-
-class ShownAxes3D(Axes3D):
+class ShownAxes3D(_Shown, Axes3D):
     """The same in three dimensions."""
-
-    def _repr_png_(self) -> bytes:
-        return _png(self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,7 +158,7 @@ def new_page(size: tuple[float, float], title: str = "") -> Figure:
 
 
 def axes_page(
-    axes: Axis | None,
+    axes: GivenAxes | None,
     rows: int,
     columns: int,
     *,
@@ -209,53 +221,69 @@ def figure_of(drawn: Drawn) -> Figure:
 
 
 def save(
-    drawn: Drawn | Mapping[str, Drawn], folder: str | Path, stem: str | None = None
+    drawn: Drawn | Mapping[str, Drawn], folder: str | Path, name: str = "figure"
 ) -> list[Path]:
-    """Write figures as PNG (150 dots an inch) and PDF.
+    """Write figures into a folder, each as PNG (150 dots an inch) and as PDF.
+
+    One figure is ``FOLDER/NAME.png`` and ``FOLDER/NAME.pdf``, by default ``figure.png`` and
+    ``figure.pdf``; of a mapping each figure has its key as NAME. Files of these names are replaced.
 
     Parameters
     ----------
-    drawn : Figure, Axes, array of Axes, or a mapping from the stem of a file to such
+    drawn : Figure, Axes, array of Axes, or a mapping from a name to such
     folder : str or Path
         Made where it is not there.
-    stem : str, optional
-        Of the files of a single figure; its mapping has those of several.
+    name : str
+        Of the files of a single figure.
 
     Returns
     -------
     list of Path
-        ``STEM.png``, ``STEM.pdf`` of each.
+        What was written.
 
     Raises
     ------
     InputError
-        Nothing to draw, or one figure without a stem.
+        Nothing to draw; a folder with the ending of a picture.
     """
-    if not isinstance(drawn, Mapping):
-        if stem is None:
-            raise InputError("stem must be given for a single figure: the name of its files")
-        drawn = {stem: drawn}
-    figures = {name: figure_of(each) for name, each in drawn.items()}
     target = Path(folder)
+    if target.suffix in FORMATS:
+        raise InputError(
+            f"folder must be a folder, not {target.name!r}: axes.savefig({target.name!r}) writes "
+            "one file"
+        )
+    given = drawn if isinstance(drawn, Mapping) else {name: drawn}
+    figures = {key: figure_of(each) for key, each in given.items()}
     target.mkdir(parents=True, exist_ok=True)
     return [
-        write(figure, target / f"{name}{ending}")
-        for name, figure in figures.items()
+        write(figure, target / f"{key}{ending}")
+        for key, figure in figures.items()
         for ending in (".png", ".pdf")
     ]
 
 
-def write(drawn: Drawn, path: str | Path) -> Path:
-    """Write one figure; the ending of the path says how (``.png``, ``.pdf``, ``.svg``)."""
+def write(drawn: Drawn, path: str | Path, **options: Any) -> Path:
+    """Write one figure; the ending of the path says how (``.png``, ``.pdf``, ``.svg``).
+
+    Parameters
+    ----------
+    drawn : Figure, Axes or array of Axes
+    path : str or Path
+    **options
+        For ``Figure.savefig``, such as ``dpi``; default 150 dots an inch.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    InputError
+        Nothing to draw.
+    """
     target = Path(path)
     undated = {"CreationDate": None} if target.suffix == ".pdf" else None  # same figure, same file
     with styled():
-        figure_of(drawn).savefig(target, dpi=PNG_DPI, metadata=undated)
+        figure_of(drawn).savefig(target, **{"dpi": PNG_DPI, "metadata": undated, **options})
     return target
-
-
-def _png(drawn: Drawn) -> bytes:
-    stream = io.BytesIO()
-    with styled():
-        figure_of(drawn).savefig(stream, format="png", dpi=NOTEBOOK_DPI)
-    return stream.getvalue()

@@ -12,6 +12,7 @@ from matplotlib.lines import Line2D
 from mpl_toolkits.mplot3d import Axes3D
 
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.showing import GivenAxes
 from microbot_ocp.comparison import Comparison
 from microbot_ocp.robot import Robot
 from microbot_ocp.views import _scene as scene
@@ -20,7 +21,6 @@ from microbot_ocp.views.plots._page import (
     A4_LANDSCAPE,
     HALO,
     AxesGrid,
-    Axis,
     Page,
     ShownAxes,
     ShownAxes3D,
@@ -32,7 +32,7 @@ from microbot_ocp.views.plots._style import EntryStyle, entry_styles
 
 
 @styled()
-def paths(comparison: Comparison, axes: Axis | None = None) -> AxesGrid:
+def paths(comparison: Comparison, axes: GivenAxes | None = None) -> AxesGrid:
     """Tool paths in space: in three dimensions, from above and from the side, equal scales, m.
 
     Parameters
@@ -91,7 +91,7 @@ def draw_paths(
         flat.set_aspect("equal", adjustable="datalim")
 
 
-def _page(comparison: Comparison, axes: Axis | None) -> Page:
+def _page(comparison: Comparison, axes: GivenAxes | None) -> Page:
     if axes is not None:
         given = axes_page(axes, 1, 3, size=A4_LANDSCAPE)
         if not isinstance(given.axes[0, 0], Axes3D):

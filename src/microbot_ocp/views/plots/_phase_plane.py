@@ -11,10 +11,11 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.showing import GivenAxes
 from microbot_ocp.motion import PiecewisePolynomial
 from microbot_ocp.planning import PathLimit, PhasePlane, phase_plane as make_plane
 from microbot_ocp.robot import Robot
-from microbot_ocp.views.plots._page import HALO, WARNING_COLOR, Axis, axes_page, styled
+from microbot_ocp.views.plots._page import HALO, WARNING_COLOR, axes_page, styled
 from microbot_ocp.views.plots._style import JOINT_COLORS
 
 SIZE = (9.6, 6.2)  # inches
@@ -35,7 +36,7 @@ DASHES: dict[tuple[str, int], Any] = {
 def phase_plane(
     robot: Robot,
     plane: PhasePlane | PiecewisePolynomial,
-    axes: Axis | None = None,
+    axes: GivenAxes | None = None,
     *,
     unit: str = "",
     title: str = "",

@@ -11,13 +11,13 @@ from matplotlib.lines import Line2D
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.showing import GivenAxes
 from microbot_ocp.ocp.problem import Variable
 from microbot_ocp.ocp.solution import PhaseSolution, Solution
 from microbot_ocp.views.plots._page import (
     A4_LANDSCAPE,
     LIMIT_COLOR,
     AxesGrid,
-    Axis,
     axes_page,
     styled,
 )
@@ -33,7 +33,7 @@ CONTROLS = ("constant", "linear", "polynomial")
 @styled()
 def solution(
     solution: Solution | Mapping[str, Solution],
-    axes: Axis | None = None,
+    axes: GivenAxes | None = None,
     *,
     names: Sequence[str] | None = None,
     title: str = "",

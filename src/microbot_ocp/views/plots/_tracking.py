@@ -8,16 +8,17 @@ from dataclasses import replace
 import numpy as np
 
 from microbot_ocp._base.checks import InputError
+from microbot_ocp._base.showing import GivenAxes
 from microbot_ocp.robot import JointLimits, Robot
 from microbot_ocp.simulation import Tracking
 from microbot_ocp.views.plots._curves import Curve, curves
-from microbot_ocp.views.plots._page import AxesGrid, Axis
+from microbot_ocp.views.plots._page import AxesGrid
 
 
 def tracking(
     robot: Robot,
     trackings: Tracking | Sequence[Tracking] | Mapping[str, Tracking],
-    axes: Axis | None = None,
+    axes: GivenAxes | None = None,
     *,
     quantities: Sequence[str] = ("error", "tau"),
     joints: Sequence[int] | None = None,
