@@ -126,10 +126,10 @@ def test_what_was_not_solved_is_said_in_red(robot, motion):
 def test_a_simulation_that_stopped_is_drawn_as_far_as_it_goes(robot, motion):
     run = mo.simulate(robot, motion)
     half = np.where(run.t[:, None] < 2.0, run.q, np.nan)
-    stopped = replace(run, q=half, status="stopped at 2 s")
+    stopped = replace(run, q=half, status=mo.Status.INTEGRATION_FAILED)
     grid = stopped.plot(robot)
     assert np.isfinite(grid[0, 0].get_ylim()).all()
-    assert grid.figure.legends[0].get_title().get_text() == "simulation: stopped at 2 s"
+    assert grid.figure.legends[0].get_title().get_text() == "simulation: integration failed"
 
 
 def test_given_axes_are_drawn_on_and_keep_their_page(robot, motion):
