@@ -5,7 +5,13 @@ import pytest
 
 from microbot_ocp.robot import Robot
 from microbot_ocp.views import _scene as scene
-from microbot_ocp.views.recording import _camera as camera
+from microbot_ocp.views.recording._surroundings import (
+    ASPECT,
+    FIELD_OF_VIEW,
+    find_eye,
+    grid_spacing,
+    upward,
+)
 
 NOWHERE = np.zeros((0, 3))
 
@@ -44,29 +50,29 @@ def test_everything_is_in_sight_and_fills_it(place, microbot):
     }[place]
     q = poses(robot)
     marked = np.array([[9.0, 9.0, 9.0]]) if place == "far" else NOWHERE
-    eye = camera.eye(robot, q, marked, 0.2)
+    eye = find_eye(robot, q, marked, 0.2)
     points = np.vstack([scene.link_origins(robot, q).reshape(-1, 3), marked])
     angles = np.abs(seen(eye, points))
-    half = np.tan(camera.FIELD_OF_VIEW / 2)
-    share = max((angles[:, 0] / camera.ASPECT).max(), angles[:, 1].max()) / half
+    half = np.tan(FIELD_OF_VIEW / 2)
+    share = max((angles[:, 0] / ASPECT).max(), angles[:, 1].max()) / half
     assert 0.5 < share < 1.0
 
 
 def test_a_planar_arm_is_not_seen_edge_on(microbot):
     for axis, normal in (("y", [0, 1, 0]), ("z", [0, 0, 1])):
         robot = arm(axis, microbot)
-        eye = camera.eye(robot, poses(robot), NOWHERE, 0.0)
+        eye = find_eye(robot, poses(robot), NOWHERE, 0.0)
         sight = eye.target - eye.position
         cosine = abs(sight @ normal) / np.linalg.norm(sight)
         assert cosine > 0.8
 
 
 def test_up_is_where_things_do_not_fall(microbot):
-    assert camera.upward(microbot).tolist() == [0, 0, 1]
-    assert camera.upward(microbot.with_gravity([0, -9.8, 0.1])).tolist() == [0, 1, 0]
-    assert camera.upward(microbot.with_gravity([2.0, 0, 0])).tolist() == [-1, 0, 0]
-    assert camera.upward(microbot.with_gravity([0, 0, 0])).tolist() == [0, 0, 1]
+    assert upward(microbot).tolist() == [0, 0, 1]
+    assert upward(microbot.with_gravity([0, -9.8, 0.1])).tolist() == [0, 1, 0]
+    assert upward(microbot.with_gravity([2.0, 0, 0])).tolist() == [-1, 0, 0]
+    assert upward(microbot.with_gravity([0, 0, 0])).tolist() == [0, 0, 1]
 
 
 def test_grid_spacing_is_round(microbot):
-    assert camera.grid_spacing(microbot) == 1.0
+    assert grid_spacing(microbot) == 1.0

@@ -18,11 +18,11 @@ def test_tracking_shows_the_arm_beside_its_reference(tmp_path):
     _, error = scalars(path, "/plots/error/elbow/actual")
     np.testing.assert_allclose(error, wanted - actual, atol=1e-9)
     assert error[0] == pytest.approx(-10.0)
-    ghost, arm = recording.actors
+    ghost, arm = recording.arms
     assert (ghost.look.solid, arm.look.solid) == (False, True)
-    for actor in recording.actors:
-        _, tool = poses(path, f"/world/{actor.name}/tool")
-        pose = np.array(forward_kinematics(recording.robot)(actor.q[100]))
+    for each in recording.arms:
+        _, tool = poses(path, f"/world/{each.name}/tool")
+        pose = np.array(forward_kinematics(recording.robot)(each.q[100]))
         np.testing.assert_allclose(tool[100], pose[:3, 3], atol=1e-5)
     assert not scalars(path, "/plots/tau/elbow/desired")[0].size
     _, words = read(path, "/saturation/actual/3_elbow", "StateChange:state")
@@ -33,7 +33,7 @@ def test_tracking_shows_the_arm_beside_its_reference(tmp_path):
 def test_every_branch_is_a_ghost_and_one_arm_takes_them_in_turn(tmp_path):
     recording = branches()
     path = recording.save(tmp_path / "branches.rrd")
-    count = len(recording.actors) - 1
+    count = len(recording.arms) - 1
     assert count == 8
     number, places = read(path, "/world/solution/tool", "Transform3D:translation", "branch")
     assert number.tolist() == list(range(1, count + 1))

@@ -8,7 +8,8 @@ from reading import poses, read, scalars
 
 from microbot_ocp.comparison import Comparison
 from microbot_ocp.motion import Motion
-from microbot_ocp.views.recording import _animated_arm as actors, of_comparison
+from microbot_ocp.views.recording import of_comparison
+from microbot_ocp.views.recording._animated_arm import drawn_times, progress
 
 PROGRESS = "progress_permille"
 
@@ -70,12 +71,12 @@ def test_arm_at_rest_goes_by_the_time():
     t = np.linspace(0.0, 2.0, 21)
     still = np.ones((21, 2))
     motion = Motion(t, still, 0 * still, 0 * still, 0 * still)
-    np.testing.assert_allclose(actors.progress(motion, t), t / 2.0)
+    np.testing.assert_allclose(progress(motion, t), t / 2.0)
 
 
 def test_drawn_times_keep_ends_and_jumps_and_fill_gaps():
     t = np.concatenate([np.linspace(0, 1, 1001)[:-1], [1 - 1e-6, 1.0, 1.5, 1.5003]])
-    drawn = actors.drawn_times(np.unique(t), 200.0)
+    drawn = drawn_times(np.unique(t), 200.0)
     assert drawn[[0, -1]].tolist() == [0.0, 1.5003]
     assert {1.0, 1.5}.issubset(np.round(drawn, 9))
     assert np.isclose(drawn, 1 - 1e-6, atol=1e-9).any()

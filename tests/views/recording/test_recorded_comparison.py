@@ -13,7 +13,9 @@ from microbot_ocp.comparison import Comparison
 from microbot_ocp.motion import Motion, State
 from microbot_ocp.robot import Limits, Link, Robot, forward_kinematics
 from microbot_ocp.views import _scene as scene
-from microbot_ocp.views.recording import _curves as curves, _paths as entities, of_comparison
+from microbot_ocp.views.recording import of_comparison
+from microbot_ocp.views.recording._curves import DASHES
+from microbot_ocp.views.recording._writer import plot_path
 
 
 def test_curves_hold_the_samples_of_the_motion(comparison, recording):
@@ -92,7 +94,7 @@ def test_limits_are_dashed_and_far_ones_left_out(recording):
     t, rows = read(recording, "/plots/qd/waist/limit_upper", "Scalars:scalars")
     assert t[-1] <= 3.4 + 1e-9
     assert {tuple(row) for row in rows} == {(2.0,), ()}
-    assert rows[2::3] == [[]] * curves.DASHES
+    assert rows[2::3] == [[]] * DASHES
     with pytest.raises(ValueError, match="not enough values"):
         static(recording, "/plots/q/waist/limit_upper", "SeriesLines:names")
     assert "q of waist: limits ±360 deg" in static(recording, "/summary", "TextDocument:text")[0]
@@ -158,7 +160,7 @@ def test_prismatic_joint_stretches_its_link(solved_entry, tmp_path):
     np.testing.assert_allclose(
         np.array(lengths)[:, 0], np.hypot(0.5, 0.1 + 0.4 * times), rtol=FLOAT32
     )
-    _, values = scalars(path, "/" + entities.curve(robot, "q", 0, "line").strip("/"))
+    _, values = scalars(path, plot_path("q", "turn it", "line"))
     assert values[-1] == pytest.approx(180 / np.pi)
     _, values = scalars(path, "/plots/q/slide/line")
     assert values[-1] == pytest.approx(0.4)

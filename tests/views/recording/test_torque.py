@@ -8,7 +8,9 @@ from rerun.chunk import RrdReader
 
 from microbot_ocp.motion import Motion
 from microbot_ocp.robot import Limits, Robot
-from microbot_ocp.views.recording import SATURATED_COLOR, _torque as torque, of_motion
+from microbot_ocp.views.recording import SATURATED_COLOR, of_motion
+from microbot_ocp.views.recording._limits import torque_share
+from microbot_ocp.views.recording._loads import POINTS, SLIDE, arcs
 
 PINK = int.from_bytes(bytes(SATURATED_COLOR), "big")
 
@@ -38,9 +40,9 @@ def test_arc_sweeps_the_share_of_the_limit_and_closes_at_it(swing):
         t, strips = read(path, entity, "LineStrips3D:strips")
         tau = np.interp(t, motion.t, motion.tau[:, joint])
         share = np.clip(np.where(tau < 0, tau / bounds[0], tau / bounds[1]), -1, 1)
-        found = [swept_angle(np.array(strip[0])[: torque.POINTS]) for strip in strips]
+        found = [swept_angle(np.array(strip[0])[: POINTS]) for strip in strips]
         np.testing.assert_allclose(found, 2 * np.pi * share, atol=1e-4)
-        radii = np.linalg.norm(np.array(strips)[:, 0, : torque.POINTS], axis=-1)
+        radii = np.linalg.norm(np.array(strips)[:, 0, : POINTS], axis=-1)
         np.testing.assert_allclose(radii, radii[0, 0], rtol=FLOAT32)
 
 
@@ -66,21 +68,21 @@ def test_slide_has_an_arrow_along_its_axis(tmp_path):
     _, vectors = read(path, f"/world/motion/link_{joint + 1}/torque", "Arrows3D:vectors")
     vectors = np.array(vectors)[:, 0]
     np.testing.assert_array_equal(vectors[:, :2], 0.0)
-    actor = recording.actors[0]
-    share = actor.curves["tau"][:, joint] / recording.limits.tau_max[joint]
+    arm = recording.arms[0]
+    share = arm.curves["tau"][:, joint] / recording.limits.tau_max[joint]
     assert 0.2 < np.abs(share).max() < 1.0
-    np.testing.assert_allclose(vectors[:, 2], torque.SLIDE * actor.look.radius * share, rtol=1e-5)
+    np.testing.assert_allclose(vectors[:, 2], SLIDE * arm.look.radius * share, rtol=1e-5)
 
 
 def test_share_of_a_limit_of_zero():
     limits = Limits(tau_max=([0.0], [10.0])).for_joints(1)
-    share, limited = torque.torque_share(np.array([-1.0, 0.0, 5.0]), limits, 0)
-    assert limited
+    share, at_limit = torque_share(limits, np.array([-1.0, 0.0, 5.0]), 0)
+    assert at_limit.tolist() == [True, False, False]
     np.testing.assert_array_equal(share, [-1.0, 0.0, 0.5])
 
 
 def test_no_torque_draws_no_arc():
-    strips = torque.arcs(np.zeros(1), 2.0)
+    strips = arcs(np.zeros(1), 2.0)
     np.testing.assert_array_equal(strips, np.broadcast_to([2.0, 0.0, 0.0], strips.shape))
 
 

@@ -1,4 +1,4 @@
-"""Who plays: an arm with its motion, sampled as it is drawn, and how it looks."""
+"""An arm with its motion, sampled as it is drawn; its look, and the colours of every recording."""
 
 from __future__ import annotations
 
@@ -10,15 +10,29 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.motion import JUMP_GAP, Mark, Motion, State
 from microbot_ocp.robot import Robot
-from microbot_ocp.views import _scene as scene
+from microbot_ocp.views._scene import reach
 from microbot_ocp.views.plots._style import EntryStyle
-from microbot_ocp.views.recording import _paths as entities
-from microbot_ocp.views.recording._palette import Color
-from microbot_ocp.views.recording._writer import Times
+from microbot_ocp.views.recording._writer import BRANCH, PROGRESS, TIME, WHOLE, Times
 
 RATE = 200.0  # Hz, of what is drawn: smoother than any screen
 GHOST_ALPHA = 110
 BRIGHTER = 0.25  # share of white in colours, which are chosen for paper, on a dark screen
+
+Color = tuple[int, int, int, int]
+# Told apart on a dark screen with any colour vision. Shares of a limit go from slate to yellow; at
+# the limit they jump to a pink that nothing else has.
+NEUTRAL_COLOR: Color = (130, 142, 160, 255)
+NEAR_COLOR: Color = (240, 228, 66, 255)
+SATURATED_COLOR: Color = (255, 60, 150, 255)
+BEYOND_COLOR: Color = (225, 50, 40, 255)
+SPEED_COLOR: Color = (86, 180, 233, 255)
+LIMIT_COLOR: Color = (165, 165, 165, 255)
+BASE_COLOR: Color = (120, 120, 125, 255)
+VIA_COLOR: Color = (245, 245, 245, 255)
+MASS_COLOR: Color = (60, 200, 160, 255)
+VELOCITY_COLOR: Color = (170, 235, 255, 255)
+VARIABLE_COLOR: Color = (240, 150, 80, 255)
+FORCE_COLOR: Color = (240, 228, 66, 255)
 
 
 @dataclass(frozen=True)
@@ -37,25 +51,20 @@ class Look:
 
     @property
     def color(self) -> Color:
-        """Of its surfaces."""
-        return screen_color(self.style, self.alpha)
+        """Colour of its surfaces."""
+        return (*self.line_color[:3], self.alpha)
 
     @property
     def line_color(self) -> Color:
-        """Of its lines and words."""
-        return screen_color(self.style)
-
-
-def screen_color(style: EntryStyle, alpha: int = 255) -> Color:
-    """A style's colour, brightened for a dark screen."""
-    red, green, blue, _ = style.rgba()
-    red, green, blue = (round(v + BRIGHTER * (255 - v)) for v in (red, green, blue))
-    return red, green, blue, alpha
+        """Colour of its lines and texts."""
+        red, green, blue, _ = self.style.rgba()
+        red, green, blue = (round(v + BRIGHTER * (255 - v)) for v in (red, green, blue))
+        return red, green, blue, 255
 
 
 def looks(robot: Robot, styles: Sequence[EntryStyle]) -> list[Look]:
     """Looks that tell arms apart even where they coincide."""
-    size = scene.reach(robot)
+    size = reach(robot)
     return [
         Look(
             style=style,
@@ -69,7 +78,7 @@ def looks(robot: Robot, styles: Sequence[EntryStyle]) -> list[Look]:
 
 
 @dataclass(frozen=True, eq=False)
-class Actor:
+class AnimatedArm:
     """An arm in motion, as it is drawn.
 
     Attributes
@@ -109,28 +118,26 @@ class Actor:
     @property
     def moves(self) -> bool:
         """Whether it plays in time; otherwise it stands in one pose after the other."""
-        return entities.TIME in self.times
+        return TIME in self.times
 
-    def values(self, quantity: str) -> FloatArray:
-        """Values [N,n] of a quantity, plotted or not."""
-        return self.state.qdd if quantity == "qdd" else self.curves[quantity]
-
-    @classmethod
-    def of(cls, motion: Motion, look: Look, rate: float = RATE) -> Actor:
-        """The motion's own samples, thinned to ``rate`` (Hz), filled in where they are sparser."""
-        t = drawn_times(motion.t, rate)
-        state = motion.sample(t)
-        tau = np.column_stack([np.interp(t, motion.t, column) for column in motion.tau.T])
-        times = {entities.TIME: t, entities.PROGRESS: permille(progress(motion, t))}
-        curves = {"q": state.q, "qd": state.qd, "tau": tau}
-        return cls(look, times, state, curves, motion.marks)
+    def values(self, quantity: str) -> FloatArray | None:
+        """Values [N,n] of a quantity, plotted or not; None where it is not known."""
+        return self.state.qdd if quantity == "qdd" else self.curves.get(quantity)
 
 
-def standing(q: FloatArray, look: Look) -> Actor:
+def moving_arm(motion: Motion, look: Look, rate: float = RATE) -> AnimatedArm:
+    """An arm at the motion's own samples, thinned to ``rate`` (Hz), filled in where sparser."""
+    t = drawn_times(motion.t, rate)
+    state = motion.sample(t)
+    tau = np.column_stack([np.interp(t, motion.t, column) for column in motion.tau.T])
+    times = {TIME: t, PROGRESS: np.rint(WHOLE * progress(motion, t))}
+    return AnimatedArm(look, times, state, {"q": state.q, "qd": state.qd, "tau": tau}, motion.marks)
+
+
+def standing_arm(q: FloatArray, look: Look) -> AnimatedArm:
     """An arm that stands in poses q [N,n] one after the other, counted on the BRANCH timeline."""
     still = np.zeros_like(q)
-    times = {entities.BRANCH: np.arange(1.0, len(q) + 1.0)}
-    return Actor(look, times, State(q, still, still), {})
+    return AnimatedArm(look, {BRANCH: np.arange(1.0, len(q) + 1.0)}, State(q, still, still), {})
 
 
 def drawn_times(t: FloatArray, rate: float) -> FloatArray:
@@ -166,8 +173,3 @@ def progress(motion: Motion, t: FloatArray) -> FloatArray:
     if length[-1] < 1e-9:
         return t / motion.duration
     return np.interp(t, motion.t, length / length[-1])
-
-
-def permille(share: FloatArray) -> FloatArray:
-    """Shares as whole per mille."""
-    return np.rint(entities.WHOLE * share)

@@ -1,17 +1,24 @@
-"""The layout of every recording: the arms and the words to the left, the curves to the right."""
+"""The layout of a recording: the arms and the text to the left, the curves to the right."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import rerun.blueprint as rrb
 from rerun.components import Plane3D
 
-from microbot_ocp.views import _scene as scene
-from microbot_ocp.views.recording import (
-    _camera as camera,
-    _paths as entities,
-    _saturation as saturation,
+from microbot_ocp.robot import Robot
+from microbot_ocp.views._scene import display_unit
+from microbot_ocp.views.recording._surroundings import Eye, grid_spacing, upward
+from microbot_ocp.views.recording._writer import (
+    MARKS,
+    SUMMARY,
+    TIME,
+    WHOLE,
+    WORLD,
+    arm_path,
+    lane_path,
+    plot_path,
 )
 
 if TYPE_CHECKING:
@@ -28,45 +35,70 @@ TOOL_CURVES = {
 }
 
 
-def blueprint(recording: Recording) -> rrb.Blueprint:
+def recording_blueprint(recording: Recording) -> rrb.Blueprint:
     """Ready to play on the recording's first timeline."""
-    marks = rrb.TextLogView(
-        origin=entities.MARKS,
-        name="marks and switches",
-        columns=rrb.TextLogColumns(text_log_columns=["Body"]),
-    )
-    words = rrb.TextDocumentView(origin=entities.SUMMARY, name="summary")
-    space = _space(recording)
+    text = rrb.TextDocumentView(origin=SUMMARY, name="summary")
+    space = _arms_view(recording)
     if recording.quantities:
-        below = rrb.Horizontal(words, marks, column_shares=[1.6, 1.0])
+        marks = text_lines_view("marks and switches")
+        below = rrb.Horizontal(text, marks, column_shares=[1.6, 1.0])
         left = rrb.Vertical(space, below, row_shares=[2.4, 1.0])
         whole = rrb.Horizontal(left, _right(recording), column_shares=[1.15, 1.0])
     else:
-        whole = rrb.Horizontal(space, words, column_shares=[1.4, 1.0])
+        whole = rrb.Horizontal(space, text, column_shares=[1.4, 1.0])
     last = float(max(recording.end.get(recording.timeline, [0.0])))
     return playing(whole, recording.timeline, last)
 
 
 def playing(whole: rrb.Container, timeline: str, last: float) -> rrb.Blueprint:
     """A layout that plays a timeline, which ends at ``last``, over and over."""
-    timed = timeline == entities.TIME
+    timed = timeline == TIME
+    return folded(
+        whole,
+        timeline=timeline,
+        play_state="playing",
+        loop_mode="all",
+        playback_speed=0.5 if timed and last < SHORT else 1.0,
+        fps=WHOLE / PROGRESS_TIME if timed else 1.0,  # of counted timelines
+    )
+
+
+def folded(whole: rrb.Container, **time: Any) -> rrb.Blueprint:
+    """A layout with the viewer's own panels folded away; ``time`` goes to its time panel."""
     return rrb.Blueprint(
         whole,
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
-        rrb.TimePanel(
-            state="collapsed",
-            timeline=timeline,
-            play_state="playing",
-            loop_mode="all",
-            playback_speed=0.5 if timed and last < SHORT else 1.0,
-            fps=entities.WHOLE / PROGRESS_TIME if timed else 1.0,  # of counted timelines
-        ),
+        rrb.TimePanel(state="collapsed", **time),
     )
 
 
-def _space(recording: Recording) -> rrb.Spatial3DView:
-    robot, actors = recording.robot, recording.actors
+def plot_view(name: str, **settings: Any) -> rrb.TimeSeriesView:
+    """Curves without a legend: the arms' labels show the colours."""
+    return rrb.TimeSeriesView(name=name, plot_legend=rrb.PlotLegend(visible=False), **settings)
+
+
+def text_lines_view(name: str) -> rrb.TextLogView:
+    """Lines of text along the timeline."""
+    columns = rrb.TextLogColumns(text_log_columns=["Body"])
+    return rrb.TextLogView(origin=MARKS, name=name, columns=columns)
+
+
+def space_view(robot: Robot, eye: Eye, overrides: dict[Any, Any]) -> rrb.Spatial3DView:
+    """Everything in space, seen from ``eye``."""
+    spacing, plane = grid_spacing(robot), Plane3D(upward(robot))
+    return rrb.Spatial3DView(
+        origin=WORLD,
+        name=robot.name,
+        line_grid=rrb.LineGrid3D(visible=True, spacing=spacing, plane=plane),
+        eye_controls=rrb.EyeControls3D(
+            kind=rrb.Eye3DKind.Orbital, position=eye.position, look_target=eye.target, eye_up=eye.up
+        ),
+        overrides=overrides,
+    )
+
+
+def _arms_view(recording: Recording) -> rrb.Spatial3DView:
     to_cursor = rrb.VisibleTimeRanges(
         [
             rrb.VisibleTimeRange(
@@ -77,81 +109,52 @@ def _space(recording: Recording) -> rrb.Spatial3DView:
             for timeline in recording.timelines
         ]
     )
-    overrides = {}
-    for actor in actors:
-        for path in (entities.trail(actor.name), entities.switches(actor.name)):
-            overrides[path] = to_cursor
+    overrides: dict[str, Any] = {
+        arm_path(arm.name, leaf): to_cursor
+        for arm in recording.arms
+        for leaf in ("trail", "switches")
+    }
     for path in recording.hidden:
         overrides[path] = rrb.EntityBehavior(visible=False)
-    position, target, up = recording.eye
-    return rrb.Spatial3DView(
-        origin=entities.WORLD,
-        name=robot.name,
-        line_grid=rrb.LineGrid3D(
-            visible=True,
-            spacing=camera.grid_spacing(robot),
-            plane=Plane3D(camera.upward(robot)),
-        ),
-        eye_controls=rrb.EyeControls3D(
-            kind=rrb.Eye3DKind.Orbital, position=position, look_target=target, eye_up=up
-        ),
-        overrides=overrides,
-    )
+    return space_view(recording.robot, recording.eye, overrides)
 
 
 def _right(recording: Recording) -> rrb.Container:
-    count = recording.robot.joint_count
+    robot = recording.robot
     rows = {
-        quantity: [_plot(recording, quantity, joint) for joint in range(count)]
+        quantity: [_joint_view(recording, quantity, j) for j in range(robot.joint_count)]
         for quantity in recording.quantities
     }
-    if count > WIDE_ROBOT:
+    if robot.joint_count > WIDE_ROBOT:
         tabs: list[rrb.Container] = [
-            rrb.Grid(*views, grid_columns=2, name=q) for q, views in rows.items()
+            rrb.Grid(*views, grid_columns=2, name=quantity) for quantity, views in rows.items()
         ]
     else:
         every = [view for views in rows.values() for view in views]
-        tabs = [rrb.Grid(*every, grid_columns=count, name="joints")]
-    if recording.timeline == entities.TIME:
+        tabs = [rrb.Grid(*every, grid_columns=robot.joint_count, name="joints")]
+    if recording.timeline == TIME:
         tool = [
-            rrb.TimeSeriesView(
-                contents=[f"{entities.tool_curve(quantity)}/**" for quantity in quantities],
-                name=name,
-                plot_legend=rrb.PlotLegend(visible=False),
-            )
+            plot_view(name, contents=[f"{plot_path(quantity)}/**" for quantity in quantities])
             for name, quantities in TOOL_CURVES.items()
         ]
         tabs.append(rrb.Vertical(*tool, name="tool and progress"))
     curves = rrb.Tabs(*tabs, active_tab=0)
-    met = _joints_at_limits(recording)
-    if not met:
+    solid = next((arm for arm in recording.arms if arm.look.solid), None)
+    if solid is None or not recording.spells.get(solid.name):
         return curves
-    (solid,) = {name for name, _ in met}
-    title = next(actor.title for actor in recording.actors if actor.name == solid)
+    met = sorted({spell.joint for spell in recording.spells[solid.name]})
     lanes = rrb.StateTimelineView(
-        contents=[saturation.lane(recording.robot, name, joint) for name, joint in met],
-        name=f"limits met: {title}" if title else "limits met",
+        contents=[lane_path(robot, solid.name, joint) for joint in met],
+        name=f"limits met: {solid.title}" if solid.title else "limits met",
     )
     return rrb.Vertical(curves, lanes, row_shares=[1.0, LANES[0] + LANES[1] * len(met)])
 
 
-def _joints_at_limits(recording: Recording) -> list[tuple[str, int]]:
-    """Name of the solid arm with every joint (0-based) of it that is ever at a limit."""
-    return [
-        (actor.name, joint)
-        for actor in recording.actors
-        if actor.look.solid
-        for joint in sorted({spell.joint for spell in recording.spells.get(actor.name, [])})
-    ]
-
-
-def _plot(recording: Recording, quantity: str, joint: int) -> rrb.TimeSeriesView:
+def _joint_view(recording: Recording, quantity: str, joint: int) -> rrb.TimeSeriesView:
     robot = recording.robot
-    limits = recording.axis_limits[quantity, joint]
-    unit = scene.display_unit(robot, quantity, joint)
-    return rrb.TimeSeriesView(
-        origin=entities.curve(robot, quantity, joint),
-        name=f"{robot.joint_names[joint]} {quantity} [{unit}]",
-        axis_y=rrb.ScalarAxis(range=limits.axis),
-        plot_legend=rrb.PlotLegend(visible=False),  # the arms' labels show the colours
+    name, unit = robot.joint_names[joint], display_unit(robot, quantity, joint)
+    return plot_view(
+        f"{name} {quantity} [{unit}]",
+        origin=plot_path(quantity, name),
+        axis_y=rrb.ScalarAxis(range=recording.axis_limits[quantity, joint].axis),
     )

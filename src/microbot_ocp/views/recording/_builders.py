@@ -13,11 +13,13 @@ from microbot_ocp.inverse_kinematics import IKSolution
 from microbot_ocp.motion import Motion
 from microbot_ocp.robot import JointLimits, Limits, Robot
 from microbot_ocp.simulation import Tracking
-from microbot_ocp.views import _scene as scene
+from microbot_ocp.views._scene import display_factor, display_unit, link_origins, solved_entries
 from microbot_ocp.views.plots._style import FIXED, PREFERRED, EntryStyle, entry_styles
-from microbot_ocp.views.recording import _messages as words, _paths as entities
-from microbot_ocp.views.recording._animated_arm import RATE, Actor, looks, standing
+from microbot_ocp.views.recording._animated_arm import RATE, looks, moving_arm, standing_arm
+from microbot_ocp.views.recording._limits import peak_table
+from microbot_ocp.views.recording._messages import document, table
 from microbot_ocp.views.recording._recording import Recording
+from microbot_ocp.views.recording._writer import BRANCH
 from microbot_ocp.views.tables import comparison_markdown
 
 FEW_JOINTS = 4  # more joints than this: q1 and so on stand for their names
@@ -30,16 +32,16 @@ def of_comparison(comparison: Comparison, rate: float = RATE) -> Recording:
     ``rate`` (Hz) is how densely they are sampled.
     """
     styles = entry_styles(comparison)
-    solved = scene.solved_entries(comparison)
+    solved = solved_entries(comparison)
     shown = looks(comparison.robot, [styles[entry.name] for entry, _ in solved])
-    actors = [Actor.of(motion, look, rate) for (_, motion), look in zip(solved, shown, strict=True)]
+    arms = [moving_arm(motion, look, rate) for (_, motion), look in zip(solved, shown, strict=True)]
     return Recording(
         title=f"{comparison.robot.name}, {len(comparison.entries)} methods",
         robot=comparison.robot,
         limits=comparison.limits,
-        actors=tuple(actors),
-        marked=_tools(comparison.robot, comparison.via_q),
-        mark_names=_via_names(len(comparison.via_q)),
+        arms=tuple(arms),
+        places=_tools(comparison.robot, comparison.via_q),
+        place_names=_via_names(len(comparison.via_q)),
         summary=comparison_markdown(comparison),
     )
 
@@ -57,7 +59,7 @@ def of_motion(
     )
     via_q = motion.sample([0.0, *inner, motion.duration]).q
     (look,) = looks(robot, [_solid("motion", "")])
-    actor = Actor.of(motion, look, rate)
+    arm = moving_arm(motion, look, rate)
     status = str(motion.provenance.get("status", "solved")).replace("_", " ")
     title = f"{robot.name}: {motion.label}"
     sentences = [
@@ -69,22 +71,19 @@ def of_motion(
         title=title,
         robot=robot,
         limits=robot.limits,
-        actors=(actor,),
-        marked=_tools(robot, via_q),
-        mark_names=_via_names(len(via_q)) if inner else ("start", "end"),
-        summary=words.document(
+        arms=(arm,),
+        places=_tools(robot, via_q),
+        place_names=_via_names(len(via_q)) if inner else ("start", "end"),
+        summary=document(
             f"{title}, {motion.duration:.3f} s",
-            words.table(*words.peaks(robot, robot.limits, actor)),
+            table(*peak_table(robot, robot.limits, arm)),
             sentences,
         ),
     )
 
 
 def of_tracking(
-    robot: Robot,
-    tracking: Tracking,
-    limits: Limits | JointLimits | None = None,
-    rate: float = RATE,
+    robot: Robot, tracking: Tracking, limits: Limits | JointLimits | None = None, rate: float = RATE
 ) -> Recording:
     """A controlled arm ``actual`` with the ghost ``desired`` that it should follow.
 
@@ -100,13 +99,13 @@ def of_tracking(
     reference = tracking.reference
     wanted = Motion(motion.t, *reference, np.zeros_like(reference.q), "desired")
     ghost_look, look = looks(robot, [_ghost("desired", "desired"), _solid("actual", "actual")])
-    ghost, actual = Actor.of(wanted, ghost_look, rate), Actor.of(motion, look, rate)
+    ghost, actual = moving_arm(wanted, ghost_look, rate), moving_arm(motion, look, rate)
     error = ghost.q - actual.q
     chosen = (robot.limits if limits is None else limits).for_joints(robot.joint_count)
-    heads, rows = words.peaks(robot, chosen, actual)
+    heads, rows = peak_table(robot, chosen, actual)
     for joint, row in enumerate(rows):
-        factor = scene.display_factor(robot, "error", joint)
-        unit = scene.display_unit(robot, "error", joint)
+        factor = display_factor(robot, "error", joint)
+        unit = display_unit(robot, "error", joint)
         row += [f"{factor * values[joint]:.3g} {unit}" for values in (tracking.rms, tracking.peak)]
     how = "continuous" if tracking.sample_rate is None else f"{tracking.sample_rate:g} Hz"
     title = f"{robot.name}: {motion.label}, {how}"
@@ -114,15 +113,15 @@ def of_tracking(
         title=title,
         robot=robot,
         limits=chosen,
-        actors=(
+        arms=(
             replace(ghost, curves={key: ghost.curves[key] for key in ("q", "qd")}),
             replace(actual, curves={**actual.curves, "error": error}),
         ),
-        marked=_tools(robot, wanted.q[[0, -1]]),
-        mark_names=("start", "end"),
-        summary=words.document(
+        places=_tools(robot, wanted.q[[0, -1]]),
+        place_names=("start", "end"),
+        summary=document(
             f"{title}, {motion.duration:.3f} s",
-            words.table([*heads, "RMS error", "peak error"], rows),
+            table([*heads, "RMS error", "peak error"], rows),
             [
                 f"At a torque limit for {100 * tracking.saturated_fraction:.3g} % of the time.",
                 tracking.advice,
@@ -148,13 +147,13 @@ def of_branches(
     q = np.array([solution.q for solution in solutions])
     styles = [_ghost(f"branch_{k}", "") for k in range(1, len(q) + 1)]
     shown = looks(robot, [*styles, _solid("solution", "")])
-    ghosts = [standing(q[k : k + 1], look) for k, look in enumerate(shown[:-1])]
+    ghosts = [standing_arm(q[k : k + 1], look) for k, look in enumerate(shown[:-1])]
     target = None
     if orientation is not None:
         target = np.eye(4)
         target[:3, :3], target[:3, 3] = orientation, position
-    units = [scene.display_unit(robot, "q", joint) for joint in range(robot.joint_count)]
-    factors = [scene.display_factor(robot, "q", joint) for joint in range(robot.joint_count)]
+    units = [display_unit(robot, "q", joint) for joint in range(robot.joint_count)]
+    factors = [display_factor(robot, "q", joint) for joint in range(robot.joint_count)]
     few = robot.joint_count <= FEW_JOINTS
     names = robot.joint_names if few else [f"q{j + 1}" for j in range(robot.joint_count)]
     heads = [f"{name} [{unit}]" for name, unit in zip(names, units, strict=True)]
@@ -168,17 +167,17 @@ def of_branches(
         title=title,
         robot=robot,
         limits=robot.limits,
-        actors=(*ghosts, standing(q, shown[-1])),
-        marked=np.array([position], dtype=float),
-        mark_names=("target",),
-        summary=words.document(
+        arms=(*ghosts, standing_arm(q, shown[-1])),
+        places=np.array([position], dtype=float),
+        place_names=("target",),
+        summary=document(
             title,
-            words.table(["branch", *heads, "off [m]", "status"], rows),
+            table(["branch", *heads, "off [m]", "status"], rows),
             list(dict.fromkeys(solution.advice for solution in solutions)),
         ),
         target=target,
         quantities=(),
-        timeline=entities.BRANCH,
+        timeline=BRANCH,
     )
 
 
@@ -193,7 +192,7 @@ def _ghost(name: str, title: str) -> EntryStyle:
 
 def _tools(robot: Robot, q: FloatArray) -> FloatArray:
     """Tool positions [N,3] at q [N,n], m."""
-    return scene.link_origins(robot, q)[:, -1]
+    return link_origins(robot, q)[:, -1]
 
 
 def _via_names(count: int) -> tuple[str, ...]:

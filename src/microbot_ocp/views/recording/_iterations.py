@@ -19,16 +19,19 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.comparison import Step
 from microbot_ocp.ocp.solution import Iteration, PhaseSolution
 from microbot_ocp.planning import MotionIteration
-from microbot_ocp.views import _scene as scene
-from microbot_ocp.views.recording import (
-    _camera as camera,
-    _panels as panels,
-    _paths as entities,
-    _surroundings as surroundings,
+from microbot_ocp.views._scene import display_factor, display_unit, link_origins, reach
+from microbot_ocp.views.recording._animated_arm import NEUTRAL_COLOR, SPEED_COLOR, VELOCITY_COLOR
+from microbot_ocp.views.recording._blueprint import folded, plot_view, space_view, text_lines_view
+from microbot_ocp.views.recording._curves import (
+    PANEL_BOUNDS,
+    Curve,
+    draw_panel,
+    prepare_panel,
+    variable_curves,
 )
-from microbot_ocp.views.recording._palette import NEUTRAL_COLOR, SPEED_COLOR, VELOCITY_COLOR
-from microbot_ocp.views.recording._panels import Curve
-from microbot_ocp.views.recording._writer import Writer, file_writer
+from microbot_ocp.views.recording._limits import drawn_bounds
+from microbot_ocp.views.recording._surroundings import draw_surroundings, find_eye
+from microbot_ocp.views.recording._writer import MARKS, Writer, arm_path, file_writer, plot_path
 
 ITERATION = "iteration"  # iterations of all solvers so far
 ARM = "iterate"
@@ -38,10 +41,7 @@ EARLIER = 8  # iterations whose tool paths stay behind, faintly
 SMALLEST = 1e-16  # infeasibility that is drawn for none
 WIDE = 4  # more panels than this in a row: two columns
 PER_INTERVAL = 5  # samples of a state or control
-CONVERGENCE = {
-    "cost": "cost",
-    "infeasibility": "infeasibility, power of ten",
-}
+CONVERGENCE = {"cost": "cost", "infeasibility": "infeasibility, power of ten"}
 
 
 class IterationRecorder:
@@ -87,7 +87,7 @@ class IterationRecorder:
 
     def _say(self, text: str) -> None:
         row = rr.TextLog.columns(text=[text], level=["INFO"], color=[VELOCITY_COLOR])
-        self.writer.columns(entities.MARKS, self._now, row)
+        self.writer.columns(MARKS, self._now, row)
 
     def _converge(self, iteration: Iteration) -> None:
         power = np.log10(max(iteration.infeasibility, SMALLEST))
@@ -103,13 +103,13 @@ class IterationRecorder:
             self._shown = tuple(curves)
             self._prepare(iteration, curves)
         for name, curve in curves.items():
-            panels.draw(self.writer, _path(name), self._now, curve)
+            draw_panel(self.writer, _path(name), self._now, curve)
         if robot_moves:
             self._draw_arm(iteration)
 
     def _prepare(self, iteration: Iteration, curves: Mapping[str, Curve]) -> None:
         for name in curves:
-            panels.prepare(self.writer, _path(name))
+            prepare_panel(self.writer, _path(name))
         for name in CONVERGENCE:
             look = rr.SeriesLines(names=name, colors=SPEED_COLOR, widths=1.5)
             self.writer.static(f"convergence/{name}", look)
@@ -119,13 +119,13 @@ class IterationRecorder:
 
     def _draw_arm(self, iteration: MotionIteration) -> None:
         t, state = iteration.motion()
-        origins = scene.link_origins(iteration.robot, state.q)
+        origins = link_origins(iteration.robot, state.q)
         nearest = np.abs(t[:, None] - np.linspace(0.0, t[-1], POSES)).argmin(axis=0)
         poses = origins[np.unique(nearest)].astype(np.float32)
         arms = rr.LineStrips3D.columns(strips=poses).partition([len(poses)])
-        self.writer.columns(entities.arm(ARM, "poses"), self._now, arms)
+        self.writer.columns(arm_path(ARM, "poses"), self._now, arms)
         path = origins[:, -1].astype(np.float32)[None]
-        for name in (entities.trail(ARM), entities.arm(ARM, "earlier")):
+        for name in (arm_path(ARM, "trail"), arm_path(ARM, "earlier")):
             self.writer.columns(name, self._now, rr.LineStrips3D.columns(strips=path))
 
 
@@ -165,63 +165,55 @@ def motion_curves(iteration: MotionIteration) -> dict[str, Curve]:
         values["tau"] = iteration.torque()
     curves = {}
     for quantity, table in values.items():
-        lower, upper = robot.limits.bounds(quantity)
         for joint, name in enumerate(robot.joint_names):
-            factor = scene.display_factor(robot, quantity, joint)
-            unit = scene.display_unit(robot, quantity, joint)
-            limits = factor * lower[joint], factor * upper[joint]
-            curves[f"{quantity}/{name}/{unit}"] = Curve(t, factor * table[:, joint], *limits)
+            shown = display_factor(robot, quantity, joint) * table[:, joint]
+            bounds = drawn_bounds(robot, quantity, joint)
+            key = f"{quantity}/{name}/{display_unit(robot, quantity, joint)}"
+            curves[key] = Curve(t, shown, *bounds)
     return curves
 
 
 def phase_curves(phases: tuple[PhaseSolution, ...]) -> dict[str, Curve]:
     """Every component of every state, control and algebraic variable over the phases in a row."""
-    parts: dict[str, list[tuple[FloatArray, FloatArray]]] = {}
-    limits: dict[str, tuple[float, float]] = {}
+    parts: dict[str, list[Curve]] = {}
     start = 0.0
+    inside = np.linspace(1e-9, 1 - 1e-9, PER_INTERVAL)  # a control may jump between two intervals
     for phase in phases:
-        assert phase.layout is not None
-        inside = np.linspace(
-            1e-9, 1 - 1e-9, PER_INTERVAL
-        )  # a control may jump from one to the next
         t = (phase.t[:-1, None] + np.diff(phase.t)[:, None] * inside).ravel()
-        table = phase.sample(t)
-        declared = phase.layout.phase
-        for variable in (*declared.states, *declared.controls, *declared.algebraics):
-            for i in range(variable.size):
-                number = f" {i + 1}" if variable.size > 1 else ""
-                name = f"variables/{variable.name}{number}/{variable.unit}"
-                parts.setdefault(name, []).append((start + t, table[variable.name][:, i]))
-                limits[name] = float(variable.lower[i]), float(variable.upper[i])
+        for variable, k, curve in variable_curves(phase, t, start):
+            number = f" {k + 1}" if variable.size > 1 else ""
+            key = f"variables/{variable.name}{number}/{variable.unit}"
+            parts.setdefault(key, []).append(curve)
         start += phase.duration
     return {
-        name: Curve(
-            np.concatenate([t for t, _ in pairs]),
-            np.concatenate([values for _, values in pairs]),
-            *limits[name],
+        key: Curve(
+            np.concatenate([curve.t for curve in curves]),
+            np.concatenate([curve.values for curve in curves]),
+            curves[-1].lower,
+            curves[-1].upper,
         )
-        for name, pairs in parts.items()
+        for key, curves in parts.items()
     }
 
 
-def _path(name: str) -> str:
+def _path(key: str) -> str:
     """Where a panel is in the tree, from "group/name/unit"."""
-    group, variable, _ = name.split("/", 2)
-    return rr.new_entity_path(["plots", group, variable])
+    group, variable, _ = key.split("/", 2)
+    return plot_path(group, variable)
 
 
 def _via_places(iteration: MotionIteration) -> FloatArray:
-    return scene.link_origins(iteration.robot, iteration.via_q)[:, -1]
+    return link_origins(iteration.robot, iteration.via_q)[:, -1]
 
 
 def _prepare_arm(writer: Writer, iteration: MotionIteration) -> None:
-    robot, size = iteration.robot, scene.reach(iteration.robot)
+    robot, size = iteration.robot, reach(iteration.robot)
     names = [f"via {i + 1}" for i in range(len(iteration.via_q))]
-    surroundings.draw(writer, robot, _via_places(iteration), names, None)
+    draw_surroundings(writer, robot, _via_places(iteration), names, None)
     for path, color, radius in (
-        (entities.trail(ARM), SPEED_COLOR, 0.006),
-        (entities.arm(ARM, "earlier"), (*SPEED_COLOR[:3], 70), 0.0015),
-        (entities.arm(ARM, "poses"), NEUTRAL_COLOR, 0.0025),
+        (arm_path(ARM, "trail"), SPEED_COLOR, 0.006),
+        (arm_path(ARM, "earlier"), (*SPEED_COLOR[:3], 70), 0.0015),
+        (arm_path(ARM, "poses"), NEUTRAL_COLOR, 0.0025),
     ):
         look = rr.LineStrips3D.from_fields(radii=[radius * size], colors=[color])
         writer.static(path, look)
@@ -229,11 +221,15 @@ def _prepare_arm(writer: Writer, iteration: MotionIteration) -> None:
 
 def _blueprint(iteration: Iteration, curves: Mapping[str, Curve]) -> rrb.Blueprint:
     """The arm to the left where there is one, the curves to the right, convergence below."""
-    views = {}
-    for name in curves:
-        group, variable, unit = name.split("/", 2)
+    views: dict[str, list[rrb.Spatial2DView]] = {}
+    for key in curves:
+        group, variable, unit = key.split("/", 2)
         title = f"{variable} {group if group != 'variables' else ''}".strip()
-        panel = panels.view(_path(name), f"{title} [{unit}]" if unit else title)
+        panel = rrb.Spatial2DView(
+            origin=_path(key),
+            name=f"{title} [{unit}]" if unit else title,
+            visual_bounds=rrb.VisualBounds2D(x_range=PANEL_BOUNDS[0], y_range=PANEL_BOUNDS[1]),
+        )
         views.setdefault(group, []).append(panel)
     widest = max(len(row) for row in views.values())
     if isinstance(iteration, MotionIteration) and widest <= WIDE:
@@ -242,50 +238,28 @@ def _blueprint(iteration: Iteration, curves: Mapping[str, Curve]) -> rrb.Bluepri
         shown = rrb.Grid(*next(iter(views.values())), grid_columns=3 if widest > WIDE else 2)
     else:
         shown = rrb.Tabs(*(rrb.Grid(*v, grid_columns=2, name=g) for g, v in views.items()))
-    below: list[rrb.View] = [
-        rrb.TimeSeriesView(
-            origin=f"convergence/{name}",
-            name=title,
-            plot_legend=rrb.PlotLegend(visible=False),
-        )
-        for name, title in CONVERGENCE.items()
-    ]
-    words = rrb.TextLogView(
-        origin=entities.MARKS,
-        name="solves",
-        columns=rrb.TextLogColumns(text_log_columns=["Body"]),
+    convergence = rrb.Horizontal(
+        *(plot_view(title, origin=f"convergence/{name}") for name, title in CONVERGENCE.items())
     )
-    convergence = rrb.Horizontal(*below)
     if isinstance(iteration, MotionIteration):
-        left = rrb.Vertical(_space(iteration), words, row_shares=[2.6, 1.0])
+        left = rrb.Vertical(_space(iteration), text_lines_view("solves"), row_shares=[2.6, 1.0])
         right = rrb.Vertical(shown, convergence, row_shares=[2.6, 1.0])
-        everything = rrb.Horizontal(left, right, column_shares=[1.0, 1.15])
+        whole = rrb.Horizontal(left, right, column_shares=[1.0, 1.15])
     else:
-        everything = rrb.Vertical(shown, convergence, row_shares=[2.2, 1.0])
-    return rrb.Blueprint(
-        everything,
-        rrb.BlueprintPanel(state="collapsed"),
-        rrb.SelectionPanel(state="collapsed"),
-        rrb.TimePanel(state="collapsed", timeline=ITERATION, play_state="following", fps=10.0),
-    )
+        whole = rrb.Vertical(shown, convergence, row_shares=[2.2, 1.0])
+    return folded(whole, timeline=ITERATION, play_state="following", fps=10.0)
 
 
 def _space(iteration: MotionIteration) -> rrb.Spatial3DView:
     robot = iteration.robot
     q = np.vstack([iteration.via_q, iteration.motion()[1].q])
-    headroom = 0.06 * scene.reach(robot)
-    position, target, up = camera.eye(robot, q, _via_places(iteration), headroom)
     behind = rrb.VisibleTimeRange(
         ITERATION,
         start=rrb.TimeRangeBoundary.cursor_relative(seq=-EARLIER),
         end=rrb.TimeRangeBoundary.cursor_relative(),
     )
-    return rrb.Spatial3DView(
-        origin=entities.WORLD,
-        name=robot.name,
-        line_grid=rrb.LineGrid3D(visible=True, spacing=camera.grid_spacing(robot)),
-        eye_controls=rrb.EyeControls3D(
-            kind=rrb.Eye3DKind.Orbital, position=position, look_target=target, eye_up=up
-        ),
-        overrides={entities.arm(ARM, "earlier"): rrb.VisibleTimeRanges([behind])},
+    return space_view(
+        robot,
+        find_eye(robot, q, _via_places(iteration), 0.06 * reach(robot)),
+        {arm_path(ARM, "earlier"): rrb.VisibleTimeRanges([behind])},
     )

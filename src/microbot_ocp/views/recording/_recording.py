@@ -1,4 +1,4 @@
-"""A recording as data: who plays, what is marked, which words and curves stand beside."""
+"""A recording as data: the arms, the marked places, the text and curves beside them."""
 
 from __future__ import annotations
 
@@ -13,22 +13,33 @@ import rerun.blueprint as rrb
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.robot import JointLimits, Robot
-from microbot_ocp.views import _scene as scene
-from microbot_ocp.views.recording import (
-    _arm as arm,
-    _camera as camera,
-    _curves as curves,
-    _marks as marks,
-    _messages as words,
-    _paths as entities,
-    _saturation as saturation,
-    _surroundings as surroundings,
-    _torque as torque,
-    _vectors as vectors,
+from microbot_ocp.views._scene import QUANTITIES, AxisLimits, link_origins
+from microbot_ocp.views.recording._animated_arm import AnimatedArm
+from microbot_ocp.views.recording._arm import draw_arm
+from microbot_ocp.views.recording._blueprint import recording_blueprint
+from microbot_ocp.views.recording._curves import draw_curve, draw_curves, draw_limits, draw_progress
+from microbot_ocp.views.recording._limits import (
+    Spell,
+    axis_limits,
+    draw_lanes,
+    draw_marks,
+    draw_switches,
+    find_spells,
 )
-from microbot_ocp.views.recording._animated_arm import Actor
-from microbot_ocp.views.recording._blueprint import blueprint
-from microbot_ocp.views.recording._writer import APPLICATION, Times, Writer, file_writer
+from microbot_ocp.views.recording._loads import Arrows, arrows, draw_arrows, draw_torques
+from microbot_ocp.views.recording._messages import legend
+from microbot_ocp.views.recording._surroundings import Eye, draw_surroundings, find_eye
+from microbot_ocp.views.recording._writer import (
+    APPLICATION,
+    TIME,
+    Times,
+    Writer,
+    arm_path,
+    file_writer,
+    link_path,
+    plot_path,
+    tool_path,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,11 +53,11 @@ class Recording:
     robot : Robot
     limits : JointLimits
         Those that are drawn.
-    actors : tuple of Actor
+    arms : tuple of AnimatedArm
         Every arm with its motion.
-    marked : array [m,3]
+    places : array [m,3]
         Places that are marked in space, m.
-    mark_names : tuple of str, m
+    place_names : tuple of str, m
     summary : str
         Markdown.
     target : array [4,4], optional
@@ -60,24 +71,27 @@ class Recording:
     title: str
     robot: Robot
     limits: JointLimits
-    actors: tuple[Actor, ...]
-    marked: FloatArray
-    mark_names: tuple[str, ...]
+    arms: tuple[AnimatedArm, ...]
+    places: FloatArray
+    place_names: tuple[str, ...]
     summary: str
     target: FloatArray | None = None
-    quantities: tuple[str, ...] = scene.QUANTITIES
-    timeline: str = entities.TIME
+    quantities: tuple[str, ...] = QUANTITIES
+    timeline: str = TIME
 
     @cached_property
-    def axis_limits(self) -> Mapping[tuple[str, int], scene.AxisLimits]:
+    def axis_limits(self) -> Mapping[tuple[str, int], AxisLimits]:
         """By quantity and joint: the limits that are drawn, and the range of the axis."""
         return {
-            (quantity, joint): curves.near_limits(
-                self.robot, self.limits, self.actors, quantity, joint
-            )
+            (quantity, joint): axis_limits(self.robot, self.limits, self.arms, quantity, joint)
             for quantity in self.quantities
             for joint in range(self.robot.joint_count)
         }
+
+    @cached_property
+    def spells(self) -> Mapping[str, list[Spell]]:
+        """Spells at limits by the name of the arm."""
+        return {arm.name: find_spells(self.limits, arm) for arm in self._moving}
 
     @property
     def application(self) -> str:
@@ -87,75 +101,72 @@ class Recording:
     @property
     def timelines(self) -> tuple[str, ...]:
         """Names of all timelines."""
-        return tuple(dict.fromkeys(name for actor in self.actors for name in actor.times))
+        return tuple(dict.fromkeys(name for arm in self.arms for name in arm.times))
 
     @property
     def end(self) -> Times:
         """The last value [1] of every timeline."""
         return {
-            timeline: np.array([max(float(actor.times[timeline][-1]) for actor in self.actors)])
+            timeline: np.array([max(float(arm.times[timeline][-1]) for arm in self.arms)])
             for timeline in self.timelines
         }
 
     @property
-    def eye(self) -> camera.Eye:
+    def eye(self) -> Eye:
         """Where everything that moves is seen from."""
-        headroom = max((actor.look.label_height for actor in self.actors), default=0.0)
-        q = np.vstack([np.zeros((0, self.robot.joint_count)), *(actor.q for actor in self.actors)])
-        return camera.eye(self.robot, q, self.marked, headroom)
+        headroom = max((arm.look.label_height for arm in self.arms), default=0.0)
+        q = np.vstack([np.zeros((0, self.robot.joint_count)), *(arm.q for arm in self.arms)])
+        return find_eye(self.robot, q, self.places, headroom)
 
     @property
     def hidden(self) -> list[str]:
         """Entities that are there but shown on request only, lest the scene be crowded."""
-        crowd = len(self.actors) > 1
         frames = range(1, self.robot.joint_count + 1)
         paths = []
-        for actor in self.actors:
-            paths += [entities.link(actor.name, frame, "frame") for frame in frames]
-            paths.append(entities.tool(actor.name, "frame"))
-            if crowd:
-                paths += [entities.link(actor.name, k, "center_of_mass") for k in frames]
-                paths.append(entities.tool(actor.name, "force"))
-                paths.append(entities.switches(actor.name, "latest"))
-            if not actor.look.solid:
-                paths.append(entities.tool(actor.name, "velocity"))
-                paths.append(entities.switches(actor.name))
+        for arm in self.arms:
+            paths += [link_path(arm.name, frame, "frame") for frame in frames]
+            paths.append(tool_path(arm.name, "frame"))
+            if len(self.arms) > 1:
+                paths += [link_path(arm.name, frame, "center_of_mass") for frame in frames]
+                paths.append(tool_path(arm.name, "force"))
+                paths.append(arm_path(arm.name, "switches", "latest"))
+            if not arm.look.solid:
+                paths.append(tool_path(arm.name, "velocity"))
+                paths.append(arm_path(arm.name, "switches"))
         return paths
-
-    @cached_property
-    def spells(self) -> Mapping[str, list[saturation.Spell]]:
-        """Spells at limits by the name of the arm."""
-        return {actor.name: saturation.spells(self.limits, actor) for actor in self._moving}
 
     def blueprint(self) -> rrb.Blueprint:
         """The layout."""
-        return blueprint(self)
+        return recording_blueprint(self)
 
     def write(self, writer: Writer) -> None:
         """Send everything but the layout."""
-        surroundings.draw(writer, self.robot, self.marked, self.mark_names, self.target)
-        surroundings.write_words(writer, self.summary + self._more_words())
-        if not self.actors:
-            return
-        for actor in self.actors:
-            arm.draw(writer, self.robot, actor, self.end)
-            curves.draw(writer, self.robot, actor)
-            if actor.moves:
-                self._write_motion(writer, actor)
-        for (quantity, joint), near in self.axis_limits.items():
-            curves.draw_limits(writer, self.robot, quantity, joint, near, self.end)
+        draw_surroundings(writer, self.robot, self.places, self.place_names, self.target)
+        writer.text(self.summary + self._more_text())
+        for arm in self.arms:
+            draw_arm(writer, self.robot, arm, self.end)
+            draw_curves(writer, self.robot, arm)
+        for arm in self._moving:
+            self._write_motion(writer, arm)
+        if self.arms:
+            for (quantity, joint), near in self.axis_limits.items():
+                path = plot_path(quantity, self.robot.joint_names[joint])
+                draw_limits(writer, path, near, self.end)
         for kind in self._arrows:
-            vectors.draw(writer, self._moving, kind)
+            draw_arrows(writer, self._moving, kind)
+            for arm, vectors in zip(self._moving, kind.vectors, strict=True):
+                path = plot_path(kind.quantity, arm.name)
+                draw_curve(writer, arm, path, arm.times, np.linalg.norm(vectors, axis=1))
 
-    def _write_motion(self, writer: Writer, actor: Actor) -> None:
-        found = self.spells[actor.name]
-        tool = scene.link_origins(self.robot, actor.q)[:, -1]
-        saturation.draw_lanes(writer, self.robot, actor, found)
-        saturation.draw_switches(writer, self.robot, actor, found, tool)
-        marks.draw(writer, self.robot, actor, found)
-        curves.draw_progress(writer, actor)
-        if actor.look.solid and "tau" in actor.curves and self.robot.has_dynamics:
-            torque.draw(writer, self.robot, self.limits, actor)
+    def _write_motion(self, writer: Writer, arm: AnimatedArm) -> None:
+        spells = self.spells[arm.name]
+        tool = link_origins(self.robot, arm.q)[:, -1]
+        draw_lanes(writer, self.robot, arm, spells)
+        draw_switches(writer, self.robot, arm, spells, tool)
+        draw_marks(writer, self.robot, arm, spells)
+        draw_progress(writer, arm)
+        if arm.look.solid and "tau" in arm.curves and self.robot.has_dynamics:
+            draw_torques(writer, self.robot, self.limits, arm)
 
     def save(self, path: str | Path) -> Path:
         """Write an ``.rrd`` with its layout, whole or not at all; it plays when opened."""
@@ -164,14 +175,14 @@ class Recording:
         return Path(path)
 
     @property
-    def _moving(self) -> list[Actor]:
-        return [actor for actor in self.actors if actor.moves]
+    def _moving(self) -> list[AnimatedArm]:
+        return [arm for arm in self.arms if arm.moves]
 
     @cached_property
-    def _arrows(self) -> list[vectors.Arrows]:
-        return vectors.arrows(self.robot, self._moving)
+    def _arrows(self) -> list[Arrows]:
+        return arrows(self.robot, self._moving)
 
-    def _more_words(self) -> str:
+    def _more_text(self) -> str:
         """Markdown items on the limits that are not drawn, and on what is drawn in space."""
         told = [
             f"{quantity} of {self.robot.joint_names[joint]}: {limits.far}"
@@ -181,5 +192,5 @@ class Recording:
         items = [f"Too far off to be drawn: {'; '.join(told)}."] if told else []
         if self._moving:
             scales = [kind.scale for kind in self._arrows]
-            items.append(words.legend(self.robot, len(self._moving) == 1, scales))
-        return "".join(f"- {item}\n" for item in items if item)
+            items.append(legend(self.robot, len(self._moving) == 1, scales))
+        return "".join(f"- {item}\n" for item in items)

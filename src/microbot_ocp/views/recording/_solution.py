@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import accumulate
 from pathlib import Path
@@ -11,31 +10,24 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from microbot_ocp._base.checks import FloatArray, InputError
-from microbot_ocp.ocp.problem import Phase
-from microbot_ocp.ocp.solution import PhaseSolution, Solution
-from microbot_ocp.views.recording import (
-    _blueprint as blueprint,
-    _curves as curves,
-    _messages as words,
-    _paths as entities,
-    _surroundings as surroundings,
+from microbot_ocp._base.checks import InputError
+from microbot_ocp.ocp.solution import Solution
+from microbot_ocp.views.recording._animated_arm import VARIABLE_COLOR
+from microbot_ocp.views.recording._blueprint import playing, plot_view
+from microbot_ocp.views.recording._curves import Curve, draw_dashed, variable_curves
+from microbot_ocp.views.recording._messages import document, table
+from microbot_ocp.views.recording._writer import (
+    APPLICATION,
+    PHASES,
+    SUMMARY,
+    TIME,
+    Writer,
+    file_writer,
+    plot_path,
 )
-from microbot_ocp.views.recording._palette import VARIABLE_COLOR
-from microbot_ocp.views.recording._writer import APPLICATION, Writer, file_writer
 
 POINTS = 400  # samples of a phase
 COLUMNS = 3  # of plots
-
-
-@dataclass(frozen=True, eq=False)
-class Stretch:
-    """One variable's component in one phase: times [N], s, values [N] and bounds."""
-
-    t: FloatArray
-    values: FloatArray
-    lower: float
-    upper: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +37,7 @@ class SolutionRecording:
     Attributes
     ----------
     title : str
-    variables : mapping from (name, unit) to the stretches of its phases
+    variables : mapping from (name, unit) to the curves of its phases
     phases : tuple of (begin in s, name)
     end : float, s
     summary : str
@@ -53,48 +45,44 @@ class SolutionRecording:
     """
 
     title: str
-    variables: dict[tuple[str, str], tuple[Stretch, ...]]
+    variables: dict[tuple[str, str], tuple[Curve, ...]]
     phases: tuple[tuple[float, str], ...]
     end: float
     summary: str
 
     def blueprint(self) -> rrb.Blueprint:
-        """Plots of every variable over lanes of the phases; words to the left."""
+        """Plots of every variable over lanes of the phases; the summary to the left."""
         plots = [
-            rrb.TimeSeriesView(
-                origin=entities.variable(name),
-                name=f"{name} [{unit}]" if unit else name,
-                plot_legend=rrb.PlotLegend(visible=False),
-            )
+            plot_view(f"{name} [{unit}]" if unit else name, origin=plot_path(name))
             for name, unit in self.variables
         ]
         grid = rrb.Grid(*plots, grid_columns=min(COLUMNS, len(plots)))
-        lanes = rrb.StateTimelineView(origin=entities.PHASES, name="phases")
-        left = rrb.TextDocumentView(origin=entities.SUMMARY, name="summary")
+        lanes = rrb.StateTimelineView(origin=PHASES, name="phases")
+        left = rrb.TextDocumentView(origin=SUMMARY, name="summary")
         right = rrb.Vertical(grid, lanes, row_shares=[6.0, 1.0])
         whole = rrb.Horizontal(left, right, column_shares=[1.0, 2.2])
-        return blueprint.playing(whole, entities.TIME, self.end)
+        return playing(whole, TIME, self.end)
 
     def write(self, writer: Writer) -> None:
         """Send everything but the layout."""
-        surroundings.write_words(writer, self.summary)
-        for (name, _), stretches in self.variables.items():
-            path = entities.variable(name)
+        writer.text(self.summary)
+        for (name, _), curves in self.variables.items():
+            path = plot_path(name)
             look = rr.SeriesLines.from_fields(names=[name], colors=[VARIABLE_COLOR], widths=[2.0])
             writer.static(f"{path}/solution", look)
-            times = {entities.TIME: np.concatenate([s.t for s in stretches])}
-            values = np.concatenate([s.values for s in stretches])
+            times = {TIME: np.concatenate([curve.t for curve in curves])}
+            values = np.concatenate([curve.values for curve in curves])
             writer.columns(f"{path}/solution", times, rr.Scalars.columns(scalars=values))
             for side in ("lower", "upper"):
                 spans = [
-                    ({entities.TIME: (s.t[0], s.t[-1])}, getattr(s, side))
-                    for s in stretches
-                    if np.isfinite(getattr(s, side))
+                    ({TIME: (curve.t[0], curve.t[-1])}, getattr(curve, side))
+                    for curve in curves
+                    if np.isfinite(getattr(curve, side))
                 ]
-                curves.dashed(writer, f"{path}/limit_{side}", spans)
-        begins = {entities.TIME: np.array([begin for begin, _ in self.phases])}
+                draw_dashed(writer, f"{path}/limit_{side}", spans)
+        begins = {TIME: np.array([begin for begin, _ in self.phases])}
         names = [name for _, name in self.phases]
-        writer.columns(entities.PHASES, begins, rr.StateChange.columns(state=names))
+        writer.columns(PHASES, begins, rr.StateChange.columns(state=names))
 
     def save(self, path: str | Path) -> Path:
         """Write an ``.rrd`` with its layout, whole or not at all."""
@@ -115,19 +103,25 @@ def of_solution(solution: Solution, name: str = "solution") -> SolutionRecording
         A solution that no solve made: it has no interpolation between its mesh points.
     """
     begins = list(accumulate((phase.duration for phase in solution.phases), initial=0.0))
-    found: dict[tuple[str, str], list[Stretch]] = {}
+    found: dict[tuple[str, str], list[Curve]] = {}
     for begin, phase in zip(begins, solution.phases, strict=False):
-        for key, stretch in _stretches(begin, phase):
-            found.setdefault(key, []).append(stretch)
+        if phase.layout is None:
+            raise InputError(
+                f"phase {phase.name!r} was not made by a solve: it has mesh values only"
+            )
+        t = np.union1d(np.linspace(0.0, phase.duration, POINTS), phase.t)
+        for variable, k, curve in variable_curves(phase, t, begin):
+            name_k = variable.name if variable.size == 1 else f"{variable.name}[{k}]"
+            found.setdefault((name_k, variable.unit), []).append(curve)
     rows = [[phase.name, f"{phase.duration:.6g}"] for phase in solution.phases]
     return SolutionRecording(
         title=name,
-        variables={key: tuple(stretches) for key, stretches in found.items()},
+        variables={key: tuple(curves) for key, curves in found.items()},
         phases=tuple(zip(begins, (phase.name for phase in solution.phases), strict=False)),
         end=begins[-1],
-        summary=words.document(
+        summary=document(
             f"{name}: {solution.status}, cost {solution.cost:.8g}",
-            words.table(["phase", "duration [s]"], rows),
+            table(["phase", "duration [s]"], rows),
             [
                 solution.advice,
                 *(
@@ -137,16 +131,3 @@ def of_solution(solution: Solution, name: str = "solution") -> SolutionRecording
             ],
         ),
     )
-
-
-def _stretches(begin: float, solved: PhaseSolution) -> Iterator[tuple[tuple[str, str], Stretch]]:
-    if solved.layout is None:
-        raise InputError(f"phase {solved.name!r} was not made by a solve: it has mesh values only")
-    phase: Phase = solved.layout.phase
-    t = np.union1d(np.linspace(0.0, solved.duration, POINTS), solved.t)
-    table = solved.sample(t)
-    for variable in (*phase.states, *phase.controls, *phase.algebraics):
-        for k in range(variable.size):
-            label = variable.name if variable.size == 1 else f"{variable.name}[{k}]"
-            bounds = float(variable.lower[k]), float(variable.upper[k])
-            yield (label, variable.unit), Stretch(begin + t, table[variable.name][:, k], *bounds)

@@ -8,7 +8,7 @@ from helpers import any_robot
 from microbot_ocp.motion import State
 from microbot_ocp.robot import Robot, forward_kinematics, inverse_dynamics
 from microbot_ocp.views import _scene as scene
-from microbot_ocp.views.recording import _vectors as vectors
+from microbot_ocp.views.recording._loads import LONGEST, tool_velocity, wrist_force
 
 H = 1e-4  # s, step of the differences
 
@@ -36,7 +36,7 @@ def along(robot, frame, point):
 def test_tool_velocity_is_the_rate_of_its_place(name):
     robot = any_robot(name)
     place, state = along(robot, robot.joint_count + 1, np.zeros(3))
-    found = vectors.tool_velocity(robot, State(*(np.array([x, x]) for x in state(0.4))))
+    found = tool_velocity(robot, State(*(np.array([x, x]) for x in state(0.4))))
     expected = (place(0.4 + H) - place(0.4 - H)) / (2 * H)
     np.testing.assert_allclose(found, [expected, expected], rtol=1e-6, atol=1e-7)
 
@@ -46,7 +46,7 @@ def test_wrist_force_obeys_newton(name):
     robot = any_robot(name)
     last = robot.links[-1]
     place, state = along(robot, robot.joint_count, last.center_of_mass)
-    found = vectors.wrist_force(robot, State(*(x[None] for x in state(0.4))))[0]
+    found = wrist_force(robot, State(*(x[None] for x in state(0.4))))[0]
     acceleration = (place(0.4 + H) - 2 * place(0.4) + place(0.4 - H)) / H**2
     expected = last.mass * (acceleration - robot.gravity)
     np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-4)
@@ -61,7 +61,7 @@ def test_wrist_force_along_a_slide_is_its_drive_force():
     )  # fmt: skip
     _, state = along(slide, 3, np.zeros(3))
     q, qd, qdd = state(0.7)
-    force = vectors.wrist_force(slide, State(q[None], qd[None], qdd[None]))[0]
+    force = wrist_force(slide, State(q[None], qd[None], qdd[None]))[0]
     axis = np.array(forward_kinematics(slide, 3)(q))[:3, 2]
     drive = np.array(inverse_dynamics(slide)(q, qd, qdd)).ravel()[2]
     own = slide.links[2]
@@ -74,12 +74,12 @@ def test_arrows_and_curves_hold_the_velocity(comparison, recording):
     for entry in comparison.entries[:3]:
         t, arrows = read(recording, f"/world/{entry.name}/tool/velocity", "Arrows3D:vectors")
         state = entry.motion.sample(t)
-        expected = vectors.tool_velocity(comparison.robot, state)
+        expected = tool_velocity(comparison.robot, state)
         _, speed = scalars(recording, f"/plots/speed/{entry.name}")
         # times come back in whole nanoseconds
         np.testing.assert_allclose(speed, np.linalg.norm(expected, axis=1), rtol=1e-6, atol=1e-7)
         largest = max(largest, speed.max())
         rows[entry.name] = np.array(arrows)[:, 0], expected
-    scale = vectors.LONGEST * scene.reach(comparison.robot) / largest
+    scale = LONGEST * scene.reach(comparison.robot) / largest
     for drawn, expected in rows.values():
         np.testing.assert_allclose(drawn, scale * expected, atol=1e-5)

@@ -7,7 +7,8 @@ from reading import read, static
 from microbot_ocp.motion import Mark, Motion
 from microbot_ocp.robot import Limits
 from microbot_ocp.views import _scene as scene
-from microbot_ocp.views.recording import _saturation as saturation, of_motion
+from microbot_ocp.views.recording import of_motion
+from microbot_ocp.views.recording._limits import find_spells
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +30,7 @@ def bang(microbot, tmp_path_factory):
 
 def test_spells(bang):
     recording, _ = bang
-    clock = recording.actors[0].times["sim_time"]
+    clock = recording.arms[0].times["sim_time"]
     told = [
         (s.joint, s.text, round(clock[s.first], 2), round(clock[s.last], 2), s.beyond)
         for s in recording.spells["motion"]
@@ -54,8 +55,8 @@ def test_switches_lie_on_the_trail(bang):
     recording, path = bang
     t, places = read(path, "/world/motion/switches", "Points3D:positions")
     np.testing.assert_allclose(t, [0.205, 0.295, 0.395, 0.605], atol=6e-3)
-    q = recording.actors[0].q
-    at = np.searchsorted(recording.actors[0].times["sim_time"], t - 1e-9)
+    q = recording.arms[0].q
+    at = np.searchsorted(recording.arms[0].times["sim_time"], t - 1e-9)
     expected = scene.link_origins(recording.robot, q[at])[:, -1]
     np.testing.assert_allclose(np.array(places)[:, 0], expected, atol=1e-5)
     _, labels = read(path, "/world/motion/switches/latest", "Points3D:labels")
@@ -88,4 +89,4 @@ def test_lanes_have_a_colour_for_every_word(bang):
 
 def test_nothing_is_at_no_limit(bang):
     recording, _ = bang
-    assert saturation.spells(Limits().for_joints(3), recording.actors[0]) == []
+    assert find_spells(Limits().for_joints(3), recording.arms[0]) == []
