@@ -40,9 +40,9 @@ def test_arc_sweeps_the_share_of_the_limit_and_closes_at_it(swing):
         t, strips = read(path, entity, "LineStrips3D:strips")
         tau = np.interp(t, motion.t, motion.tau[:, joint])
         share = np.clip(np.where(tau < 0, tau / bounds[0], tau / bounds[1]), -1, 1)
-        found = [swept_angle(np.array(strip[0])[: POINTS]) for strip in strips]
+        found = [swept_angle(np.array(strip[0])[:POINTS]) for strip in strips]
         np.testing.assert_allclose(found, 2 * np.pi * share, atol=1e-4)
-        radii = np.linalg.norm(np.array(strips)[:, 0, : POINTS], axis=-1)
+        radii = np.linalg.norm(np.array(strips)[:, 0, :POINTS], axis=-1)
         np.testing.assert_allclose(radii, radii[0, 0], rtol=FLOAT32)
 
 
