@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -295,6 +296,19 @@ def test_impossible_motion_is_refused(changes: dict[str, Any], message: str) -> 
     with pytest.raises(InputError) as refused:
         still(**changes)
     assert str(refused.value) == message
+
+
+@pytest.mark.parametrize("written", ["iteration limit", "iteration_limit"])
+def test_status_is_read_from_the_provenance(bang_bang: Motion, written: str) -> None:
+    assert bang_bang.status is mo.Status.SOLVED
+    failed = replace(bang_bang, provenance={"status": written})
+    assert failed.status is mo.Status.ITERATION_LIMIT
+    assert not failed.solved
+    assert "iteration limit" in repr(failed)
+
+
+def test_an_unknown_status_is_not_taken_for_solved(bang_bang: Motion) -> None:
+    assert replace(bang_bang, provenance={"status": "almost"}).status is mo.Status.FAILED
 
 
 def test_motion_for_another_robot_is_refused(microbot: mo.Robot) -> None:

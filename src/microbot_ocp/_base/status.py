@@ -44,6 +44,12 @@ class Status(StrEnum):
     INTEGRATION_FAILED = "integration failed"
     TOLERANCE_NOT_MET = "tolerance not met"
 
+    @classmethod
+    def _missing_(cls, value: object) -> Status:
+        """A status that a file names with underscores; FAILED where the name is not known."""
+        wanted = str(value).replace("_", " ").lower()
+        return next((status for status in cls if status.value == wanted), cls.FAILED)
+
     @property
     def solved(self) -> bool:
         """Whether it ended well."""

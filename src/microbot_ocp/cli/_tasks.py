@@ -196,7 +196,7 @@ def time_optimal(
         "via_q": points,
         "limits": limited.limits.as_dict(),
         "solved": motion.solved,
-        "status": motion.provenance.get("status", "solved"),
+        "status": motion.status,
         "advice": motion.provenance.get("advice", ""),
         "duration": motion.duration,
         "marks": [{"time": mark.time, "name": mark.name} for mark in motion.marks],
@@ -295,8 +295,7 @@ def _peaks(shares: dict[str, float | None]) -> str:
 def _show_motion(
     console: Console, robot: Robot, via_q: Any, motion: Motion, certificate: Certificate
 ) -> None:
-    status = str(motion.provenance.get("status", "solved")).replace("_", " ")
-    console.print(f"{robot.name}, {motion.label}: {motion.duration:.4f} s, {status}")
+    console.print(f"{robot.name}, {motion.label}: {motion.duration:.4f} s, {motion.status}")
     times = [0.0, *(m.time for m in motion.marks if 0 < m.time < motion.duration), motion.duration]
     for time, via in zip(times, via_q, strict=False):
         console.print(f"  {time:8.4f} s  {joint_text(robot, via)}")

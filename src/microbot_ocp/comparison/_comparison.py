@@ -484,7 +484,7 @@ def _entry(name: str, task: Task, tell: Callable[..., None]) -> Entry:
         title=method.title,
         motion=motion,
         certificate=certificate,
-        status=str(motion.provenance.get("status", "solved")).replace("_", " "),
+        status=motion.status,
         note=motion.note,
         solve_time=wall,
         torque_squared=float(np.trapezoid(np.sum(motion.tau**2, axis=1), motion.t)),

@@ -7,35 +7,27 @@ the acceleration jumps there are two samples 1 microsecond apart, the earlier on
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
-from zipfile import BadZipFile
-from zlib import error as zlib_error
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.codegen import compiler
+from microbot_ocp._base.fast_calls import fast_call
 from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
+from microbot_ocp._base.status import Status
+from microbot_ocp.motion._files import ARRAYS, read, write
+from microbot_ocp.motion._polynomial import PiecewisePolynomial, State, quintic_between
 from microbot_ocp.robot import Robot, inverse_dynamics
 
-SCHEMA = 1
-_BROKEN = (BadZipFile, zlib_error, AttributeError, NotImplementedError)
 JUMP_GAP = 1e-6  # s between the two samples that stand for a jump of the acceleration
 SAMPLE_STEP = 1e-3  # s, the longest step between the samples of a new motion
-
-
-class State(NamedTuple):
-    """Position, velocity and acceleration at some times, each [N,n]."""
-
-    q: FloatArray
-    qd: FloatArray
-    qdd: FloatArray
 
 
 @dataclass(frozen=True)
@@ -44,66 +36,6 @@ class Mark:
 
     time: float
     name: str
-
-
-@dataclass(frozen=True, eq=False)
-class PiecewisePolynomial:
-    """Joint positions as polynomials of the time since the start of each piece.
-
-    Parameters
-    ----------
-    breaks : array_like [K+1]
-        Strictly increasing times, s.
-    coefficients : array_like [K, degree+1, n]
-        Lowest power first.
-    """
-
-    breaks: FloatArray
-    coefficients: FloatArray
-
-    def __post_init__(self) -> None:
-        breaks = checks.array("breaks", self.breaks, (None,), "s")
-        if breaks.size < 2 or np.any(np.diff(breaks) <= 0):
-            raise InputError("breaks must be at least two strictly increasing times, s")
-        object.__setattr__(self, "breaks", breaks)
-        shape = (breaks.size - 1, None, None)
-        coefficients = checks.array("coefficients", self.coefficients, shape)
-        if coefficients.size == 0:
-            raise InputError(f"coefficients must not be empty, not of shape {coefficients.shape}")
-        object.__setattr__(self, "coefficients", coefficients)
-
-    @property
-    def duration(self) -> float:
-        """Length in time, s."""
-        return float(self.breaks[-1] - self.breaks[0])
-
-    def derivative(self) -> PiecewisePolynomial:
-        """First derivative with respect to time."""
-        powers = np.arange(1, self.coefficients.shape[1])
-        lowered = self.coefficients[:, 1:] * powers[None, :, None]
-        if lowered.shape[1] == 0:
-            lowered = np.zeros_like(self.coefficients[:, :1])
-        return PiecewisePolynomial(self.breaks, lowered)
-
-    def __call__(self, t: ArrayLike, *, from_left: bool = False) -> FloatArray:
-        """Values [N,n] at times t [N]; at a break those of the later piece unless ``from_left``."""
-        times = np.atleast_1d(np.asarray(t, dtype=float))
-        side = "left" if from_left else "right"
-        piece = np.clip(np.searchsorted(self.breaks, times, side=side) - 1, 0, self.breaks.size - 2)
-        local = (times - self.breaks[piece])[:, None]
-        value = np.zeros((times.size, self.coefficients.shape[2]))
-        for power in reversed(range(self.coefficients.shape[1])):
-            value = value * local + self.coefficients[piece, power]
-        return value
-
-    def stretched(self, factor: float) -> PiecewisePolynomial:
-        """The same shape, slower by ``factor`` (above 0)."""
-        factor = checks.number("factor", factor, above=0.0)
-        powers = factor ** -np.arange(self.coefficients.shape[1], dtype=float)
-        start = self.breaks[0]
-        return PiecewisePolynomial(
-            start + (self.breaks - start) * factor, self.coefficients * powers[None, :, None]
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,10 +101,8 @@ class Motion:
         return float(self.t[-1])
 
     def __repr__(self) -> str:
-        status = str(self.provenance.get("status", "solved")).replace("_", " ")
-        return (
-            f"<Motion {self.label!r}: {self.duration:.4g} s, {self.joint_count} joints, {status}>"
-        )
+        size = f"{self.duration:.4g} s, {self.joint_count} joints"
+        return f"<Motion {self.label!r}: {size}, {self.status}>"
 
     def _repr_html_(self) -> str:
         return view_for(self, "html")(self)
@@ -183,9 +113,14 @@ class Motion:
         return self.q.shape[1]
 
     @property
+    def status(self) -> Status:
+        """How the solver that made it ended, from the provenance; solved where none is named."""
+        return Status(self.provenance.get("status", Status.SOLVED))
+
+    @property
     def solved(self) -> bool:
         """False where the solver that made it did not converge; the provenance says more."""
-        return self.provenance.get("status", "solved") == "solved"
+        return self.status.solved
 
     @classmethod
     def from_polynomial(
@@ -292,9 +227,8 @@ class Motion:
 
     def save(self, path: str | Path) -> Path:
         """Write one ``.npz``: arrays t, q, qd, qdd, tau, breaks and a JSON string ``metadata``."""
-        target = Path(path)
+        arrays = {name: getattr(self, name) for name in ARRAYS}
         metadata = {
-            "schema": SCHEMA,
             "label": self.label,
             "note": self.note,
             "duration": self.duration,
@@ -302,24 +236,7 @@ class Motion:
             "marks": [[mark.time, mark.name] for mark in self.marks],
             "provenance": dict(self.provenance),
         }
-        try:
-            text = json.dumps(metadata)
-        except TypeError as problem:
-            raise InputError(f"provenance must hold plain JSON values: {problem}") from None
-        partial = target.with_name(target.name + ".part")
-        with partial.open("wb") as stream:
-            np.savez_compressed(
-                stream,
-                t=self.t,
-                q=self.q,
-                qd=self.qd,
-                qdd=self.qdd,
-                tau=self.tau,
-                breaks=np.asarray(self.breaks),
-                metadata=text,
-            )
-        partial.replace(target)
-        return target
+        return write(Path(path), arrays, metadata)
 
     @classmethod
     def load(cls, path: str | Path) -> Motion:
@@ -330,34 +247,25 @@ class Motion:
         InputError
             No such file, not a motion, or written by a newer version.
         """
-        if not Path(path).is_file():
-            raise InputError(f"{path} is no file: give the path of a saved motion (.npz)")
+        arrays, metadata = read(Path(path))
         try:
-            with np.load(Path(path), allow_pickle=False) as stored:
-                arrays = {key: stored[key] for key in ("t", "q", "qd", "qdd", "tau", "breaks")}
-                metadata = json.loads(str(stored["metadata"]))
-            schema = int(metadata["schema"])
-            if schema <= SCHEMA:
-                return cls(
-                    **arrays,
-                    label=metadata["label"],
-                    marks=tuple(Mark(float(time), str(name)) for time, name in metadata["marks"]),
-                    provenance=metadata["provenance"],
-                    note=metadata["note"],
-                )
-        except (OSError, EOFError, LookupError, TypeError, ValueError, *_BROKEN) as problem:
+            return cls(
+                **arrays,
+                label=metadata["label"],
+                marks=tuple(Mark(float(time), str(name)) for time, name in metadata["marks"]),
+                provenance=metadata["provenance"],
+                note=metadata["note"],
+            )
+        except (LookupError, TypeError, ValueError) as problem:
             raise InputError(f"{path} is not a saved motion: {problem}") from None
-        raise InputError(
-            f"{path} was written by a newer version (schema {schema}; "
-            f"this one reads up to {SCHEMA})"
-        )
 
 
 def torque_along(robot: Robot, state: State) -> FloatArray:
     """Inverse dynamics [N,n] of states [N,n], in one call."""
     q = checks.array("q", state.q, (None, robot.joint_count))
-    tau = inverse_dynamics(robot)(q.T, state.qd.T, state.qdd.T)
-    return np.array(tau).T
+    if compiler() is None:
+        return np.array(inverse_dynamics(robot)(q.T, state.qd.T, state.qdd.T)).T
+    return fast_call(inverse_dynamics(robot))(q, state.qd, state.qdd)
 
 
 def sample_times(breaks: FloatArray, jumps: FloatArray, step: float) -> FloatArray:
@@ -372,20 +280,6 @@ def sample_times(breaks: FloatArray, jumps: FloatArray, step: float) -> FloatArr
         count = max(1, int(np.ceil((last - start) / step - 1e-9)))
         pieces.append(np.linspace(start, last, count + 1)[: count + (last < end)])
     return np.append(np.concatenate(pieces), breaks[-1])
-
-
-def quintic_between(start: State, end: State, h: FloatArray) -> FloatArray:
-    """Coefficients [K,6,n] of the quintics that meet the states [K,n] at both ends of h [K] s."""
-    h = np.asarray(h, dtype=float)[:, None]
-    q, qd, qdd = start
-    # what a constant acceleration leaves over, in units of the interval
-    dq = end.q - (q + h * (qd + 0.5 * h * qdd))
-    dv = (end.qd - (qd + h * qdd)) * h
-    da = (end.qdd - qdd) * h**2
-    c3 = (10 * dq - 4 * dv + 0.5 * da) / h**3
-    c4 = (-15 * dq + 7 * dv - da) / h**4
-    c5 = (6 * dq - 3 * dv + 0.5 * da) / h**5
-    return np.stack([q, qd, 0.5 * qdd, c3, c4, c5], axis=1)
 
 
 def _quintic(motion: Motion, i: np.ndarray, local: FloatArray) -> tuple[FloatArray, ...]:

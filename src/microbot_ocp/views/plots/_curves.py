@@ -85,9 +85,8 @@ class Curve:
             values["error"] = source.error
             torque_limits = source.torque_limits
         if isinstance(source, Motion):
-            status = str(source.provenance.get("status", "solved")).replace("_", " ")
             inner = tuple(m.time for m in source.marks if 0 < m.time < source.duration)
-            failure = "" if source.solved else f"{name}: not solved: {status}"
+            failure = "" if source.solved else f"{name}: not solved: {source.status}"
             return cls(name, source.t, values, passages=inner, warning=failure)
         warning = "" if source.solved else f"{name}: {source.status}"
         return cls(name, source.t, values, warning=warning, torque_limits=torque_limits)

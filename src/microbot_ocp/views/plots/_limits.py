@@ -95,7 +95,7 @@ def limit_use(
         handles.append(
             Line2D([], [], color="0.55", linewidth=0.8, label="a torque meets or leaves its limit")
         )
-    warning = "" if motion.solved else f"not solved: {motion.provenance.get('status', '')}"
+    warning = "" if motion.solved else f"not solved: {motion.status}"
     page.legend(handles, 5, warning.replace("_", " "))
     return page.axes
 

@@ -60,10 +60,9 @@ def of_motion(
     via_q = motion.sample([0.0, *inner, motion.duration]).q
     (look,) = looks(robot, [_solid("motion", "")])
     arm = moving_arm(motion, look, rate)
-    status = str(motion.provenance.get("status", "solved")).replace("_", " ")
     title = f"{robot.name}: {motion.label}"
     sentences = [
-        "" if motion.solved else f"Not solved: {status}.",
+        "" if motion.solved else f"Not solved: {motion.status}.",
         "Not certified." if certificate is None else certificate.verdict,
         motion.note,
     ]

@@ -1,0 +1,61 @@
+"""Files of motions: numpy's ``.npz`` with the arrays and a JSON string ``metadata``."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+from zlib import error as zlib_error
+
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray, InputError
+
+SCHEMA = 1
+ARRAYS = ("t", "q", "qd", "qdd", "tau", "breaks")
+# What numpy and json raise on files that are damaged or something else.
+_BROKEN = (
+    OSError, EOFError, LookupError, TypeError, ValueError, BadZipFile, zlib_error,
+    AttributeError, NotImplementedError,
+)  # fmt: skip
+
+
+def write(path: Path, arrays: Mapping[str, FloatArray], metadata: Mapping[str, Any]) -> Path:
+    """Write the file, replacing an old one only when the new one is complete."""
+    try:
+        text = json.dumps({"schema": SCHEMA, **metadata})
+    except TypeError as problem:
+        raise InputError(f"provenance must hold plain JSON values: {problem}") from None
+    contents: dict[str, Any] = {**arrays, "metadata": text}
+    partial = path.with_name(path.name + ".part")
+    with partial.open("wb") as stream:
+        np.savez_compressed(stream, **contents)
+    partial.replace(path)
+    return path
+
+
+def read(path: Path) -> tuple[dict[str, FloatArray], dict[str, Any]]:
+    """Arrays and metadata of a file that :func:`write` wrote.
+
+    Raises
+    ------
+    InputError
+        No such file, not a motion, or written by a newer version.
+    """
+    if not path.is_file():
+        raise InputError(f"{path} is no file: give the path of a saved motion (.npz)")
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            arrays = {key: stored[key] for key in ARRAYS}
+            metadata = json.loads(str(stored["metadata"]))
+        schema = int(metadata["schema"])
+    except _BROKEN as problem:
+        raise InputError(f"{path} is not a saved motion: {problem}") from None
+    if schema > SCHEMA:
+        raise InputError(
+            f"{path} was written by a newer version (schema {schema}; this one reads up to "
+            f"{SCHEMA})"
+        )
+    return arrays, metadata

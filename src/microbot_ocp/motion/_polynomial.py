@@ -1,0 +1,103 @@
+"""Piecewise polynomials of the time: what a motion is sampled from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import FloatArray, InputError
+
+
+class State(NamedTuple):
+    """Position, velocity and acceleration at some times, each [N,n]."""
+
+    q: FloatArray
+    qd: FloatArray
+    qdd: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class PiecewisePolynomial:
+    """Joint positions as polynomials of the time since the start of each piece.
+
+    Parameters
+    ----------
+    breaks : array_like [K+1]
+        Strictly increasing times, s.
+    coefficients : array_like [K, degree+1, n]
+        Lowest power first.
+    """
+
+    breaks: FloatArray
+    coefficients: FloatArray
+
+    def __post_init__(self) -> None:
+        breaks = checks.array("breaks", self.breaks, (None,), "s")
+        if breaks.size < 2 or np.any(np.diff(breaks) <= 0):
+            raise InputError("breaks must be at least two strictly increasing times, s")
+        object.__setattr__(self, "breaks", breaks)
+        shape = (breaks.size - 1, None, None)
+        coefficients = checks.array("coefficients", self.coefficients, shape)
+        if coefficients.size == 0:
+            raise InputError(f"coefficients must not be empty, not of shape {coefficients.shape}")
+        object.__setattr__(self, "coefficients", coefficients)
+
+    @property
+    def duration(self) -> float:
+        """Length in time, s."""
+        return float(self.breaks[-1] - self.breaks[0])
+
+    def derivative(self) -> PiecewisePolynomial:
+        """First derivative with respect to time."""
+        powers = np.arange(1, self.coefficients.shape[1])
+        lowered = self.coefficients[:, 1:] * powers[None, :, None]
+        if lowered.shape[1] == 0:
+            lowered = np.zeros_like(self.coefficients[:, :1])
+        return _trusted(self.breaks, lowered)
+
+    def __call__(self, t: ArrayLike, *, from_left: bool = False) -> FloatArray:
+        """Values [N,n] at times t [N]; at a break those of the later piece unless ``from_left``."""
+        times = np.atleast_1d(np.asarray(t, dtype=float))
+        side = "left" if from_left else "right"
+        piece = np.clip(np.searchsorted(self.breaks, times, side=side) - 1, 0, self.breaks.size - 2)
+        local = (times - self.breaks[piece])[:, None]
+        value = np.zeros((times.size, self.coefficients.shape[2]))
+        for power in reversed(range(self.coefficients.shape[1])):
+            value = value * local + self.coefficients[piece, power]
+        return value
+
+    def stretched(self, factor: float) -> PiecewisePolynomial:
+        """The same shape, slower by ``factor`` (above 0)."""
+        factor = checks.number("factor", factor, above=0.0)
+        powers = factor ** -np.arange(self.coefficients.shape[1], dtype=float)
+        start = self.breaks[0]
+        return _trusted(
+            start + (self.breaks - start) * factor, self.coefficients * powers[None, :, None]
+        )
+
+
+def _trusted(breaks: FloatArray, coefficients: FloatArray) -> PiecewisePolynomial:
+    """A polynomial made from a checked one: not checked again."""
+    made = object.__new__(PiecewisePolynomial)
+    for name, values in (("breaks", breaks), ("coefficients", coefficients)):
+        values.setflags(write=False)
+        object.__setattr__(made, name, values)
+    return made
+
+
+def quintic_between(start: State, end: State, h: FloatArray) -> FloatArray:
+    """Coefficients [K,6,n] of the quintics that meet the states [K,n] at both ends of h [K] s."""
+    h = np.asarray(h, dtype=float)[:, None]
+    q, qd, qdd = start
+    # what a constant acceleration leaves over, in units of the interval
+    dq = end.q - (q + h * (qd + 0.5 * h * qdd))
+    dv = (end.qd - (qd + h * qdd)) * h
+    da = (end.qdd - qdd) * h**2
+    c3 = (10 * dq - 4 * dv + 0.5 * da) / h**3
+    c4 = (-15 * dq + 7 * dv - da) / h**4
+    c5 = (6 * dq - 3 * dv + 0.5 * da) / h**5
+    return np.stack([q, qd, 0.5 * qdd, c3, c4, c5], axis=1)
