@@ -45,10 +45,9 @@ class Status(StrEnum):
     TOLERANCE_NOT_MET = "tolerance not met"
 
     @classmethod
-    def _missing_(cls, value: object) -> Status:
-        """A status that a file names with underscores; FAILED where the name is not known."""
-        wanted = str(value).replace("_", " ").lower()
-        return next((status for status in cls if status.value == wanted), cls.FAILED)
+    def _missing_(cls, value: object) -> Status | None:
+        """The status whose name is given, as some files hold it: "iteration_limit"."""
+        return cls.__members__.get(str(value).upper())
 
     @property
     def solved(self) -> bool:

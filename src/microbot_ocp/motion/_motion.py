@@ -114,8 +114,14 @@ class Motion:
 
     @property
     def status(self) -> Status:
-        """How the solver that made it ended, from the provenance; solved where none is named."""
-        return Status(self.provenance.get("status", Status.SOLVED))
+        """How the solver that made it ended, from the provenance.
+
+        Solved where none is named, failed where the name is not known.
+        """
+        try:
+            return Status(self.provenance.get("status", Status.SOLVED))
+        except ValueError:
+            return Status.FAILED
 
     @property
     def solved(self) -> bool:
