@@ -2,11 +2,11 @@
 
 from ._cubic import (
     cubic as cubic,
-    via_points as via_points,
-    via_velocities as via_velocities,
+    cubic_through as cubic_through,
 )
 from ._lspb import (
     lspb as lspb,
+    lspb_through as lspb_through,
 )
 from ._quintic import (
     quintic as quintic,
@@ -17,4 +17,9 @@ from ._shortest_duration import (
 )
 from ._spline import (
     spline as spline,
+)
+from ._via_points import (
+    ViaPoints as ViaPoints,
+    via_points as via_points,
+    via_velocities as via_velocities,
 )

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.motion import PiecewisePolynomial
-from microbot_ocp.trajectories._cubic import via_points
+from microbot_ocp.trajectories._via_points import ViaPoints, via_points
 
 ROUNDING = 1e-12  # relative to a segment: shorter linear parts are rounding and are left out
 
@@ -29,10 +29,8 @@ def lspb(
 
     Parameters
     ----------
-    via_q : array_like [m,n]
-        Joint positions at the via points, rad (prismatic: m).
-    via_t : array_like [m]
-        Strictly increasing times of the via points, s.
+    via_q, via_t : array_like [m,n] and [m]
+        Joint positions, rad (prismatic: m), and strictly increasing times, s, of the via points.
     blend_time : float or array_like [m-1]
         Duration t_b of each parabola, s: one for all segments or one a segment; above 0, at most
         half the segment.
@@ -59,17 +57,17 @@ def lspb(
     [1.0, 2.0, 1.0]
     """
     via = via_points(via_q, via_t)
-    velocity = (
-        np.zeros_like(via.q)
-        if via_qd is None
-        else checks.array("via_qd", via_qd, via.q.shape, "rad/s")
-    )
+    blends = _blend_times(blend_time, np.diff(via.t))
+    return lspb_through(via, blends, via.given("via_qd", via_qd, "rad/s"))
+
+
+def lspb_through(via: ViaPoints, blends: FloatArray, qd: FloatArray) -> PiecewisePolynomial:
+    """:func:`lspb` through checked via points, with blend times [m-1] and velocities [m,n]."""
     durations = np.diff(via.t)
-    blends = _blend_times(blend_time, durations)
     breaks, coefficients = [], []
     for i, (duration, blend) in enumerate(zip(durations, blends, strict=True)):
         start, end = via.t[i], via.t[i + 1]
-        q0, qf, v0, vf = via.q[i], via.q[i + 1], velocity[i], velocity[i + 1]
+        q0, qf, v0, vf = via.q[i], via.q[i + 1], qd[i], qd[i + 1]
         cruise = (qf - q0 - 0.5 * blend * (v0 + vf)) / (duration - blend)
         leaves = q0 + 0.5 * blend * (v0 + cruise)
         arrives = qf - 0.5 * blend * (cruise + vf)

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from microbot_ocp._base import checks
 from microbot_ocp.motion import PiecewisePolynomial, State, quintic_between
-from microbot_ocp.trajectories._cubic import via_points, via_velocities
+from microbot_ocp.trajectories._via_points import via_points, via_velocities
 
 
 def quintic(
@@ -23,10 +22,8 @@ def quintic(
 
     Parameters
     ----------
-    via_q : array_like [m,n]
-        Joint positions at the via points, rad (prismatic: m).
-    via_t : array_like [m]
-        Strictly increasing times of the via points, s.
+    via_q, via_t : array_like [m,n] and [m]
+        Joint positions, rad (prismatic: m), and strictly increasing times, s, of the via points.
     via_qd : array_like [m,n], optional
         Velocities there, rad/s (m/s); by default the heuristic of :func:`cubic`.
     via_qdd : array_like [m,n], optional
@@ -49,15 +46,9 @@ def quintic(
     0.9375
     """
     via = via_points(via_q, via_t)
-    shape = via.q.shape
-    velocity = (
-        via_velocities(via) if via_qd is None else checks.array("via_qd", via_qd, shape, "rad/s")
-    )
-    acceleration = (
-        np.zeros(shape) if via_qdd is None else checks.array("via_qdd", via_qdd, shape, "rad/s^2")
-    )
+    qd = via_velocities(via) if via_qd is None else via.given("via_qd", via_qd, "rad/s")
+    qdd = via.given("via_qdd", via_qdd, "rad/s^2")
     start, end = (
-        State(via.q[part], velocity[part], acceleration[part])
-        for part in (slice(None, -1), slice(1, None))
+        State(via.q[part], qd[part], qdd[part]) for part in (slice(None, -1), slice(1, None))
     )
     return PiecewisePolynomial(via.t, quintic_between(start, end, np.diff(via.t)))

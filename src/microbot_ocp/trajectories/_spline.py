@@ -8,7 +8,8 @@ from numpy.typing import ArrayLike
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.motion import PiecewisePolynomial
-from microbot_ocp.trajectories._cubic import cubic, via_points
+from microbot_ocp.trajectories._cubic import cubic_through
+from microbot_ocp.trajectories._via_points import via_points
 
 
 def spline(
@@ -27,10 +28,8 @@ def spline(
 
     Parameters
     ----------
-    via_q : array_like [m,n]
-        Joint positions at the via points, rad (prismatic: m).
-    via_t : array_like [m]
-        Strictly increasing times of the via points, s.
+    via_q, via_t : array_like [m,n] and [m]
+        Joint positions, rad (prismatic: m), and strictly increasing times, s, of the via points.
     ends : "clamped" or "natural"
         Given velocities at both ends, or no acceleration there: a natural spline leaves and arrives
         at full speed, so an arm at rest cannot follow it.
@@ -72,7 +71,7 @@ def spline(
     if not natural:
         diagonal[[0, -1]], right[[0, -1]] = 1.0, end
         beside[0, -1] = beside[1, 0] = 0.0
-    return cubic(via.q, via.t, _solve_tridiagonal(beside[0], diagonal, beside[1], right))
+    return cubic_through(via, _solve_tridiagonal(beside[0], diagonal, beside[1], right))
 
 
 def _solve_tridiagonal(
