@@ -1,8 +1,9 @@
-"""CasADi functions compiled to C, cached on disk; else the virtual machine, and a word.
+"""CasADi functions compiled to C, cached on disk; CasADi's virtual machine where that fails.
 
-The cache lives in ``$MICROBOT_OCP_CACHE``, else in the user's cache folder; a file's name is the
-hash of the C text, the compiler, its flags and the processor, so a changed robot never meets stale
-code, nor another machine that shares the folder code for a processor it has not.
+The cache is ``$MICROBOT_OCP_CACHE``, by default a folder in the user's cache. The name of a file is
+a hash of the C text, the compiler, its flags and the processor, so neither a changed robot nor
+another machine that shares the folder loads the wrong code. Falling back to the virtual machine
+raises the warning :class:`NotCompiled`.
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ def compiler() -> str | None:
 
 @lru_cache(maxsize=1)
 def processor() -> str:
-    """What tells one kind of processor from another: machine, model and instruction sets."""
+    """Identity of the processor: machine, model and instruction sets."""
     parts = [platform.system(), platform.machine(), platform.processor()]
     with contextlib.suppress(OSError, UnicodeDecodeError):
         lines = Path("/proc/cpuinfo").read_text("utf-8").split("\n\n")[0].splitlines()
@@ -66,7 +67,7 @@ def cache_folder() -> Path:
 
 
 def maybe_compiled(function: ca.Function, wanted: bool) -> ca.Function:
-    """``function`` itself, or its compiled twin if ``wanted``."""
+    """``function`` compiled if ``wanted``, else as it is."""
     return compile_function(function) if wanted else function
 
 
@@ -163,7 +164,7 @@ def build_library(
     Raises
     ------
     OSError, subprocess.SubprocessError, RuntimeError
-        The folder cannot be written, the compiler did not end, or it refused the text.
+        The folder cannot be written, or the compiler failed or took too long.
     """
     flags = (optimization, *FLAGS)
     identity = repr((source, cc, flags, NATIVE, processor(), serves))

@@ -1,4 +1,9 @@
-"""A motion is data: polynomials, samples, files."""
+"""A motion is data: samples of position, velocity, acceleration and torque.
+
+In: a robot and a :class:`PiecewisePolynomial` of the time, or states at given times. Out: a frozen
+:class:`Motion`, which is sampled between its rows, resampled, saved and loaded. Begin with
+``_motion.py``; the polynomials are in ``_polynomial.py``, the files in ``_files.py``.
+"""
 
 import lazy_loader
 

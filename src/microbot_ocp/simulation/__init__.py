@@ -1,6 +1,9 @@
-"""The arm in motion: open loop from torques, closed loop under a controller.
+"""The arm in motion: from given torques, or under a controller.
 
-Every simulation is one call of one integrator on the whole grid.
+In: a robot with masses, and torques (:func:`simulate`) or a reference motion and a controller
+(:func:`track`). Out: a :class:`Simulation` or :class:`Tracking` with samples, status and advice.
+Every simulation is one call of one CasADi integrator on the whole grid. Begin with
+``_open_loop.py``; ``_integration.py`` holds the equation and the integrators.
 """
 
 import lazy_loader

@@ -54,7 +54,7 @@ def track(
     tolerance: float = 1e-10,
     max_steps: int = 20_000,
 ) -> Tracking:
-    """Let a controller that knows ``robot`` drive the arm ``plant`` along a motion.
+    """Simulate the arm ``plant`` along a motion, under a controller with the model ``robot``.
 
     Under continuous control the closed loop is one differential equation. Under sampled control
     the torque is computed from the (noisy) measurement at every sample and held until the next:
@@ -70,7 +70,7 @@ def track(
     controller : Controller
         :class:`ComputedTorque`, :class:`PDGravity`, :class:`Feedforward` or one of your own.
     plant : Robot, optional
-        The arm that is driven: other masses, friction, payload; default ``robot``.
+        The arm that is simulated: other masses, friction, payload; default ``robot``.
     q0, qd0 : array_like [n], optional
         Start of the arm, rad (m) and rad/s (m/s); default on the reference.
     duration : float, optional
@@ -84,7 +84,7 @@ def track(
     noise : SensorNoise, optional
         Of sampled control only.
     disturbance : array_like [n] or callable, optional
-        Torques that act on the joints besides those of the drives, N m (N): constants, or a
+        Torques on the joints in addition to those of the drives, N m (N): constants, or a
         function of the CasADi time.
     integrator : "cvodes", "idas", "collocation" or "rk"
         See :func:`simulate`; default "cvodes", under sampled control "rk".
@@ -123,19 +123,19 @@ def track(
     )
     step = checks.number("step", step, "s", above=0.0)
     lower, upper = torque_limits(saturation, arm)
-    push = disturbance_function(disturbance, count)
+    load = disturbance_function(disturbance, count)
     dynamics = forward_dynamics(arm)
 
     def torque(w: ca.SX, q: ca.SX, qd: ca.SX) -> ca.SX:
         reference = Reference(w[:count], w[count : 2 * count], w[2 * count :])
-        wanted = controller.torque(robot, reference, q, qd)
-        if wanted.shape != (count, 1):
-            raise InputError(f"controller must return {count} torques, not shape {wanted.shape}")
-        return saturate(wanted, lower, upper)
+        tau = controller.torque(robot, reference, q, qd)
+        if tau.shape != (count, 1):
+            raise InputError(f"controller must return {count} torques, not shape {tau.shape}")
+        return saturate(tau, lower, upper)
 
     def rate(t: ca.SX, x: ca.SX, w: ca.SX) -> ca.SX:
         q, qd = x[:count], x[count:]
-        return ca.vertcat(qd, dynamics(q, qd, torque(w, q, qd) + push(t)))
+        return ca.vertcat(qd, dynamics(q, qd, torque(w, q, qd) + load(t)))
 
     forced = ForcedEquation(rate, 2 * count, signal)
     if sample_rate is None:
@@ -150,15 +150,14 @@ def track(
         sample_rate = checks.number("sample_rate", sample_rate, "Hz", above=0.0)
         samples = Samples.of(begin, end, sample_rate, step)
         errors = (SensorNoise() if noise is None else noise).draw(samples.t.size, count)
-        loop = SampledLoop(arm, _law(torque, count), push, signal, errors)
+        loop = SampledLoop(arm, _law(torque, count), load, signal, errors)
         grid, run, tau = loop.run(samples, start, settings)
-    wanted = signal.values(grid)
-    outcome = result_fields(arm, grid, run, tau, push, settings, started)
+    fields = result_fields(arm, grid, run, tau, load, settings, started)
     at_limit: Any = np.any((tau <= lower) | (tau >= upper), axis=1)
     span = np.diff(grid)
     return Tracking(
-        **outcome,
-        reference=State(*np.split(wanted, 3, axis=1)),
+        **fields,
+        reference=State(*np.split(signal.values(grid), 3, axis=1)),
         label=controller.label,
         sample_rate=sample_rate,
         saturated_fraction=float((span * at_limit[:-1]).sum() / span.sum()),

@@ -85,7 +85,7 @@ class ComputedTorque:
 
 @dataclass(frozen=True, eq=False)
 class PDGravity:
-    """A spring and a damper towards the reference at every joint, and the weight of the arm.
+    """Proportional-derivative control of every joint with gravity compensation.
 
     ``tau = kp (q_d - q) + kv (qd_d - qd) + g(q)`` (Siciliano et al., section 8.5.1).
 
@@ -119,7 +119,7 @@ class PDGravity:
 
 @dataclass(frozen=True, eq=False)
 class Feedforward:
-    """The torque that the reference needs by the model, whatever the arm does: no feedback."""
+    """The torque that the model needs for the reference, without feedback."""
 
     label: ClassVar[str] = "feedforward only"
 

@@ -14,9 +14,9 @@ from microbot_ocp.robot import Robot, forward_dynamics, mass_matrix_condition
 from microbot_ocp.simulation._inputs import ARMATURE, SINGULAR
 from microbot_ocp.simulation._integration import IntegratorSettings, Run
 
-NEAR_SINGULAR = 1e6  # condition number of the mass matrix from which on the result says so
+NEAR_SINGULAR = 1e6  # condition number of the mass matrix from which on the advice mentions it
 UNBOUNDED = 1e4  # rad and rad/s: no arm goes there
-OPEN_LOOP = "the torques drive the arm out of all bounds: give others, or simulate a shorter time"
+OPEN_LOOP = "the torques accelerate the arm without bound: give others, or simulate a shorter time"
 CLOSED_LOOP = "the loop is unstable: raise sample_rate, or lower the gains"
 
 
@@ -25,7 +25,7 @@ def result_fields(
     grid: FloatArray,
     run: Run,
     tau: FloatArray,
-    push: ca.Function | None,
+    disturbance: ca.Function | None,
     settings: IntegratorSettings,
     started: float,
 ) -> dict[str, Any]:
@@ -36,14 +36,14 @@ def result_fields(
     if not np.isfinite(states).all():
         states = np.full_like(states, np.nan)
     q, qd = states[:, :count], states[:, count:]
-    outer = 0.0 if push is None else np.array(push.map(grid.size)(grid[None, :])).T
+    outer = 0.0 if disturbance is None else np.array(disturbance.map(grid.size)(grid[None, :])).T
     qdd = np.array(forward_dynamics(robot).map(grid.size)(q.T, qd.T, (tau + outer).T)).T
     conditioning = mass_matrix_condition(robot).map(times.size)
     condition = np.array(conditioning(trace[:, :count].T)).ravel()
     condition[~np.isfinite(trace).all(axis=1)] = 0.0
     worst = int(condition.argmax())
     status, message, moment = run.status, run.message, _unbounded(times, trace)
-    # Before it left all bounds nothing was singular, so the controller did it.
+    # The mass matrix was regular until then, so the torques are the cause.
     unbounded = moment is not None and condition[times < moment].max(initial=0.0) < NEAR_SINGULAR
     if moment is not None and not status.solved:
         status = Status.UNBOUNDED
@@ -64,14 +64,19 @@ def result_fields(
         "condition_peak": float(condition[worst]),
         "condition_time": float(times[worst]),
         "advice": _advice(
-            message, unbounded, push, float(condition[worst]), times[worst], trace[worst, :count]
+            message,
+            unbounded,
+            disturbance,
+            float(condition[worst]),
+            times[worst],
+            trace[worst, :count],
         ),
         "wall_time": time.perf_counter() - started,
     }
 
 
 def _unbounded(times: FloatArray, trace: FloatArray) -> float | None:
-    """When the state first leaves all bounds, s; None where it never does or nothing is known."""
+    """Time at which the state first exceeds ``UNBOUNDED``, s; None where it never does."""
     if not np.isfinite(trace[0]).all():
         return None
     with np.errstate(invalid="ignore"):
@@ -82,13 +87,13 @@ def _unbounded(times: FloatArray, trace: FloatArray) -> float | None:
 def _advice(
     message: str,
     unbounded: bool,
-    push: ca.Function | None,
+    disturbance: ca.Function | None,
     condition: float,
     moment: float,
     q: FloatArray,
 ) -> str:
     if unbounded:
-        hint = OPEN_LOOP if push is None else CLOSED_LOOP
+        hint = OPEN_LOOP if disturbance is None else CLOSED_LOOP
     elif condition > NEAR_SINGULAR:
         hint = (
             f"mass matrix near singular at {moment:.4g} s (condition number {condition:.2g} at q = "

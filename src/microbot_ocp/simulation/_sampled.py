@@ -1,4 +1,4 @@
-"""A controller that measures now and then, and holds its torque in between."""
+"""Sampled control: the torque is computed at every sample and held until the next."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ FINEST = 100  # fixed steps that a sample may take in any case
 
 
 class Samples(NamedTuple):
-    """When a sampled controller acts, and the places in between that the result shows."""
+    """Times of the samples, and times in between at which the result is given."""
 
     t: FloatArray  # [K]
     within: FloatArray  # [M], s after a sample, the last one being the period
@@ -31,11 +31,11 @@ class Samples(NamedTuple):
 
 
 class SampledLoop(NamedTuple):
-    """A controller that measures now and then, and the arm it drives in between."""
+    """A sampled controller and the arm between its samples."""
 
     arm: Robot
     law: ca.Function  # reference, measured position and velocity to torque
-    push: ca.Function  # time to disturbance
+    disturbance: ca.Function  # time to disturbance
     signal: Signal
     errors: FloatArray  # of the measurements [K, 2n]
 
@@ -65,7 +65,7 @@ class SampledLoop(NamedTuple):
         tau = np.full((grid.size, count), np.nan)
         if held:
             tau = np.vstack([np.repeat(held[0], inner, axis=0), held[0][-1:]])
-        if not run.states.size:  # the integrator of one sample stopped all; nothing shows where
+        if not run.states.size:  # one map holds all samples, so a failure in one leaves no states
             run = run._replace(states=np.full((grid.size, 2 * count), np.nan))
         keep = grid <= samples.end + 1e-9 * samples.within[-1]
         run = run._replace(states=run.states[keep])
@@ -75,7 +75,7 @@ class SampledLoop(NamedTuple):
         """State, moment, reference and error to: next state, all states on the way, torque."""
         count, inner = self.arm.joint_count, samples.within.size
         t, x, u = ca.SX.sym("t"), ca.SX.sym("x", 2 * count), ca.SX.sym("u", count + 1)
-        tau = u[:count] + self.push(u[count] + t)
+        tau = u[:count] + self.disturbance(u[count] + t)
         qdd = forward_dynamics(self.arm)(x[:count], x[count:], tau)
         equation = {"t": t, "x": x, "u": u, "ode": ca.vertcat(x[count:], qdd)}
         name, options = chosen

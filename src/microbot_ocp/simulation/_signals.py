@@ -1,4 +1,4 @@
-"""What drives a simulation, as signals: torques, references, disturbances."""
+"""Inputs of a simulation as signals of the time: torques, references, disturbances."""
 
 from __future__ import annotations
 

@@ -1,4 +1,10 @@
-"""Textbook trajectories through via points, and the shortest duration of any of them."""
+"""Textbook trajectories through via points, and the shortest duration of any shape.
+
+In: joint positions at via points and their times. Out: a ``PiecewisePolynomial`` of cubics
+(:func:`cubic`, :func:`spline`), quintics (:func:`quintic`) or lines with parabolic blends
+(:func:`lspb`); :func:`shortest_duration` stretches it until a limit is just met. Begin with
+``_cubic.py``; ``_via_points.py`` holds the check that all share.
+"""
 
 import lazy_loader
 
