@@ -18,7 +18,6 @@ from rich.console import Console
 import microbot_ocp as mo
 import report
 from microbot_ocp.views.live import show_progress
-from microbot_ocp.views.tables import comparison_notes
 
 
 def main() -> int:
@@ -46,7 +45,6 @@ def main() -> int:
         print(f"error: {problem}", file=sys.stderr)
         return 2
     console.print(comparison.table())
-    console.print(comparison_notes(comparison))
     console.print(f"{len(written)} files in {arguments.out}, {time.perf_counter() - begin:.1f} s")
     return 0 if comparison.solved else 1
 

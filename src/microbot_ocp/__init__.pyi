@@ -21,6 +21,10 @@ from ._base.showing import (
 from ._base.status import (
     Status as Status,
 )
+from ._base.table import (
+    Column as Column,
+    Table as Table,
+)
 from .comparison import (
     METHODS as METHODS,
     Certificate as Certificate,

@@ -5,6 +5,8 @@ from xml.etree import ElementTree
 
 import pytest
 
+from microbot_ocp.comparison import Comparison
+
 
 @pytest.fixture(params=["robot", "motion", "comparison", "certificate"])
 def shown(request, comparison):
@@ -22,7 +24,8 @@ def test_one_line_and_well_formed_html(shown):
     assert len(repr(shown).splitlines()) == 1
     assert len(repr(shown)) < 100
     page = ElementTree.fromstring(shown._repr_html_())
-    assert "".join(page.find("b").itertext()) == repr(shown)
+    title = shown.table().title if isinstance(shown, Comparison) else repr(shown)
+    assert "".join(page.find("b").itertext()) == title
     assert page.find("table") is not None
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from microbot_ocp.views.tables import _tables as tables
+from microbot_ocp.views import tables
 
 
 def printed(renderable, width=120):
@@ -63,11 +63,27 @@ def test_table_fits_120_columns(comparison):
 
 
 def test_notes_tell_failures_and_refusals(comparison):
-    text = printed(tables.comparison_notes(comparison), width=200)
+    text = printed(comparison.table(), width=200)
     assert "LSPB, scaled: not solved: infeasible; the blends overlap" in text
     assert "certificate refused" in text
     assert "tau of elbow reaches" in text
     assert "stops at the via point" in text
+
+
+def test_a_comparison_prints_its_table(comparison):
+    head, first, *_ = str(comparison.table()).splitlines()[1:]
+    assert head.split()[:3] == ["method", "T", "[s]"]
+    assert first.split()[:9] == [
+        "cubic,",
+        "as",
+        "in",
+        "the",
+        "report",
+        "3.400",
+        "1.000",
+        "60/37/44",
+        "21/96/110",
+    ]
 
 
 def test_brackets_in_names_are_printed(comparison):
@@ -80,11 +96,11 @@ def test_uncertified_entry_says_so(comparison):
     entry = replace(comparison.entries[0], certificate=None)
     bare = replace(comparison, entries=(entry,))
     assert "not checked" in printed(tables.comparison_table(bare))
-    assert "peak" not in printed(tables.comparison_table(bare))
+    assert "peak" not in printed(tables.comparison_table(bare)).split("Peaks")[0]
 
 
 def test_markdown(comparison):
-    lines = tables.comparison_markdown(comparison).splitlines()
+    lines = tables.narrow_table(comparison).markdown().splitlines()
     body = [line for line in lines if line.startswith("|")]
     assert len(body) == 2 + 4
     assert len({line.count("|") for line in body}) == 1

@@ -67,8 +67,8 @@ def register_view(cls: type, kind: str, view: View | str) -> None:
     cls : type
         A class of this package, or one derived from it.
     kind : str
-        Which of its views to replace: "html" for what Jupyter shows, "plot" for ``.plot()``,
-        "rerun" for ``.to_rerun()``, and so on.
+        Which of its views to replace: "table" for what Jupyter shows and ``.table()`` returns,
+        "plot" for ``.plot()``, "rerun" for ``.to_rerun()``, and so on.
     view : callable or "module:function"
         Called with the arguments of the view that it replaces; a string is imported when it is
         first needed.
@@ -80,14 +80,12 @@ def register_view(cls: type, kind: str, view: View | str) -> None:
 
     Examples
     --------
-    Another table of a motion in Jupyter:
-
     >>> import microbot_ocp as mo
     >>> class Recorded(mo.Motion):
     ...     pass
-    >>> mo.register_view(Recorded, "html", lambda motion: f"<i>{motion.duration} s</i>")
-    >>> Recorded([0.0, 2.0], *[[[0.0], [1.0]]] * 4)._repr_html_()
-    '<i>2.0 s</i>'
+    >>> mo.register_view(Recorded, "plot", lambda robot, motion, axes: f"{motion.duration} s")
+    >>> Recorded([0.0, 2.0], *[[[0.0], [1.0]]] * 4).plot(mo.load_robot("planar_2r"))
+    '2.0 s'
     """
     from microbot_ocp._base import checks  # loads numpy, which importing the package must not do
 
@@ -118,6 +116,5 @@ def _ancestors(cls: type) -> list[str]:
 
 
 def _public_name(cls: type) -> str:
-    """Module and name without private modules: ``microbot_ocp.motion.Motion``."""
-    parts = [p for p in cls.__module__.split(".") if not p.startswith("_") or p.startswith("__")]
-    return ".".join([*parts, cls.__qualname__])
+    """The name in the innermost public package: ``microbot_ocp.motion.Motion``."""
+    return f"{cls.__module__.partition('._')[0]}.{cls.__qualname__}"

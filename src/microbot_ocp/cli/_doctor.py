@@ -9,8 +9,9 @@ import sys
 from importlib import metadata
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from microbot_ocp._base.table import Table
 from microbot_ocp.cli._options import Json
-from microbot_ocp.cli._output import answer, make_table
+from microbot_ocp.cli._output import answer
 from microbot_ocp.cli._recordings import find_viewer, has_display
 
 if TYPE_CHECKING:
@@ -45,7 +46,7 @@ def doctor(as_json: Json = False) -> int:
             [f.part, f.name, "ok" if f.ok else ("MISSING" if f.needed else "missing"), f.found]
             for f in findings
         ]
-        console.print(make_table(["part", "name", "state", "found"], rows, left=4), "")
+        console.print(Table.of_text(["part", "name", "state", "found"], rows, left=4), "")
         ending = "Everything that a solve needs is there."
         console.print(ending if healthy else "Something that every solve needs is missing.")
 

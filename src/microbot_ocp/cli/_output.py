@@ -6,7 +6,7 @@ import json
 import math
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,7 +17,6 @@ from microbot_ocp.cli import _interrupt as interrupt
 
 if TYPE_CHECKING:
     from rich.console import Console
-    from rich.table import Table
 
     from microbot_ocp.comparison import Progress, Step
     from microbot_ocp.robot import Robot
@@ -67,21 +66,6 @@ def plain(value: Any) -> Any:
     if isinstance(value, float):
         return value + 0.0 if math.isfinite(value) else None  # no -0.0
     return value
-
-
-def make_table(heads: Sequence[str], rows: Iterable[Sequence[str]], left: int = 1) -> Table:
-    """Plain table; the first ``left`` columns are words, the others numbers."""
-    from rich import box
-    from rich.table import Table
-    from rich.text import Text
-
-    table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=(0, 1, 0, 0))
-    for index, head in enumerate(heads):
-        justify = "left" if index < left else "right"
-        table.add_column(Text(head), justify=justify, overflow="fold", no_wrap=index == 0)
-    for row in rows:
-        table.add_row(*map(Text, row))
-    return table
 
 
 def number(value: float, digits: int = 4) -> str:

@@ -8,6 +8,7 @@ import numpy as np
 import typer
 
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.table import Table
 from microbot_ocp.cli import _recordings as recordings
 from microbot_ocp.cli._options import (
     Json,
@@ -28,7 +29,6 @@ from microbot_ocp.cli._output import (
     answer,
     in_degrees,
     joint_text,
-    make_table,
     number,
     point_text,
     span,
@@ -146,7 +146,7 @@ def ik(
             slides = ", ".join(f"q{j + 1} in m" for j, unit in enumerate(units) if unit == "m")
             console.print(f"Joint positions in deg{f', {slides}' if slides else ''}")
         heads += ["off [m]"] + ([] if rotation is None else ["off [deg]"])
-        console.print(make_table(heads, rows, left=0), "")
+        console.print(Table.of_text(heads, rows, left=0), "")
         for sentence in dict.fromkeys(s.advice for s in found if not s.solved or s.self_motion):
             console.print(sentence)
 

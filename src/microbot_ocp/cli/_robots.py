@@ -11,6 +11,7 @@ import typer
 
 import microbot_ocp as mo
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.table import Table
 from microbot_ocp.cli import _recordings as recordings
 from microbot_ocp.cli._options import (
     Json,
@@ -26,7 +27,6 @@ from microbot_ocp.cli._output import (
     answer,
     close,
     joint_text,
-    make_table,
     number,
     point_text,
     span,
@@ -66,7 +66,7 @@ def robots(as_json: Json = False) -> int:
             [d["name"], _types(robot), "yes" if d["has_dynamics"] else "no", d["description"]]
             for d, robot in zip(document, every, strict=True)
         ]
-        console.print(make_table(["name", "joints", "masses", "what it is"], rows, left=4))
+        console.print(Table.of_text(["name", "joints", "masses", "what it is"], rows, left=4))
 
     return answer(as_json, {"robots": document}, show_them)
 
@@ -249,7 +249,7 @@ def _show_robot(console: Console, robot: Robot) -> None:
     console.print("\nModified DH rows (Craig)")
     heads = ["joint", "type", "alpha [deg]", "a [m]", "d [m]", "theta [deg]"]
     rows = [_dh_row(robot, j) for j in range(robot.joint_count)]
-    console.print(make_table(heads, rows, left=2), "")
+    console.print(Table.of_text(heads, rows, left=2), "")
     tool, base = robot.tool[:3, 3], robot.base[:3, 3]
     console.print(f"Tool origin in the last link frame: {point_text(tool)} m")
     if not np.array_equal(robot.base, np.eye(4)):
@@ -261,12 +261,12 @@ def _show_robot(console: Console, robot: Robot) -> None:
         total = number(sum(link.mass for link in robot.links))
         console.print(f"Links, {total} kg in all; inertia about the centre of mass")
         heads = ["link", "mass [kg]", "centre of mass [m]", "Ixx, Iyy, Izz [kg m²]"]
-        console.print(make_table(heads, [_link_row(robot, j) for j in joints]), "")
+        console.print(Table.of_text(heads, [_link_row(robot, j) for j in joints]), "")
         if any(any(_drive(robot, j)) for j in joints):
             console.print("Joints")
             heads = ["joint", "rotor inertia", "viscous friction", "Coulomb friction"]
             rows = [[robot.joint_names[j], *(f"{x:.4g}" for x in _drive(robot, j))] for j in joints]
-            console.print(make_table(heads, rows), "")
+            console.print(Table.of_text(heads, rows), "")
     else:
         console.print("No masses: kinematics only.\n")
     quantities = [q for q in LIMIT_UNITS if np.isfinite(robot.limits.bounds(q)).any()]
@@ -280,7 +280,7 @@ def _show_robot(console: Console, robot: Robot) -> None:
         [robot.joint_names[j], *(_limit_cell(robot, q, j, alike) for q in quantities)]
         for j in joints
     ]
-    console.print(make_table(["joint", *heads], rows), "")
+    console.print(Table.of_text(["joint", *heads], rows), "")
 
 
 def _dh_row(robot: Robot, joint: int) -> list[str]:

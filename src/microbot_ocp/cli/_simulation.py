@@ -11,6 +11,7 @@ import typer
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import InputError
+from microbot_ocp._base.table import Table
 from microbot_ocp.cli import _recordings as recordings
 from microbot_ocp.cli._options import (
     Json,
@@ -28,7 +29,7 @@ from microbot_ocp.cli._options import (
     optional_joint_values,
     writable,
 )
-from microbot_ocp.cli._output import answer, close, in_degrees, make_table, number
+from microbot_ocp.cli._output import answer, close, in_degrees, number
 from microbot_ocp.motion import SAMPLE_STEP, Motion
 from microbot_ocp.simulation import simulate as integrate
 
@@ -139,7 +140,7 @@ def simulate(
             for j, (name, unit) in enumerate(zip(robot.joint_names, units, strict=True))
         ]
         heads = ["joint", "unit", "start", "end", "speed at the end [/s]", "peak speed [/s]"]
-        console.print(make_table(heads, rows, left=2), "")
+        console.print(Table.of_text(heads, rows, left=2), "")
         close(console, result.advice, document["written"])
 
     return answer(as_json, document, text, 0 if result.solved else 1)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
+from microbot_ocp._base.table import Table
 from microbot_ocp.cli import _recordings as recordings
 from microbot_ocp.cli._options import (
     Iterations,
@@ -43,7 +44,7 @@ from microbot_ocp.cli._options import (
     whole_number,
     writable,
 )
-from microbot_ocp.cli._output import answer, close, joint_text, make_table
+from microbot_ocp.cli._output import answer, close, joint_text
 from microbot_ocp.cli._watching import Watchers
 from microbot_ocp.comparison import (
     METHODS,
@@ -65,7 +66,6 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 WIDE = 110  # columns that the full table of a comparison needs
-FEW_JOINTS = 4  # more joints than this: the busiest one stands for them
 
 Mesh = Annotated[
     int,
@@ -244,7 +244,7 @@ def _save(comparison: Comparison, folder: Path | None, outputs: Sequence[str]) -
 def _tell_comparison(
     as_json: bool, comparison: Comparison, saved: list[str], watchers: Watchers
 ) -> int:
-    from microbot_ocp.views.tables import comparison_notes, comparison_rows
+    from microbot_ocp.views.tables import comparison_rows
 
     written = [*saved, *watchers.written()]
     document = {
@@ -258,38 +258,13 @@ def _tell_comparison(
     }
 
     def text(console: Console) -> None:
-        wide = console.width >= WIDE
-        console.print(comparison.table() if wide else _narrow_table(document["entries"]))
-        if not wide:
-            console.print()
-        console.print(comparison_notes(comparison))
+        table = comparison.table()
+        console.print(table if console.width >= WIDE else table.without("∫tau²", "work", "solve"))
         close(console, "", written)
 
     code = answer(as_json, document, text, 0 if comparison.solved else 1)
     watchers.linger()
     return code
-
-
-def _narrow_table(rows: Sequence[dict[str, Any]]) -> Any:
-    """The comparison for a terminal of 80 columns: one line a method."""
-    heads = ["method", "T [s]", "ratio", "peak qd [%]", "peak tau [%]", "certificate"]
-    cells = [
-        [
-            str(row["title"]),
-            *("–" if row[key] is None else f"{row[key]:.3f}" for key in ("duration", "ratio")),
-            *(_peaks(row["utilisation"].get(quantity, {})) for quantity in ("qd", "tau")),
-            str(row["verdict_short"] or row["status"]),
-        ]
-        for row in rows
-    ]
-    return make_table(heads, cells)
-
-
-def _peaks(shares: dict[str, float | None]) -> str:
-    known = [100 * share for share in shares.values() if share is not None]
-    if len(shares) > FEW_JOINTS or not known:
-        return f"{max(known):.0f}" if known else "–"
-    return "/".join("–" if s is None else f"{100 * s:.0f}" for s in shares.values())
 
 
 def _show_motion(
@@ -306,7 +281,7 @@ def _show_motion(
     ]
     console.print()
     heads = ["share of limit", *(f"{c.quantity} [%]" for c in checked)]
-    console.print(make_table(heads, rows), "")
+    console.print(Table.of_text(heads, rows), "")
     console.print(f"Certificate: {'ok' if certificate.ok else 'REFUSED'}; {certificate.verdict}")
 
 

@@ -147,7 +147,7 @@ class Certificate:
         return f"<Certificate of {self.label!r}: {'passed' if self.ok else 'FAILED'}>"
 
     def _repr_html_(self) -> str:
-        return view_for(self, "html")(self)
+        return view_for(self, "table")(self)._repr_html_()
 
     def limit_check(self, quantity: str) -> LimitCheck | None:
         """The check of one kind of limit; None where the robot has none of it."""

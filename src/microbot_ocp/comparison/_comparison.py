@@ -40,7 +40,7 @@ from microbot_ocp.trajectories import (
 )
 
 if TYPE_CHECKING:
-    from rich.table import Table
+    from microbot_ocp._base.table import Table
 
 REFERENCE = "cubic"
 OUTPUTS = ("json", "csv", "figures", "report", "recording", "motions")  # of a comparison
@@ -270,7 +270,7 @@ class Comparison:
         return f"<Comparison of {count} methods on {self.robot.name!r}: {solved} solved>"
 
     def _repr_html_(self) -> str:
-        return view_for(self, "html")(self)
+        return view_for(self, "table")(self)._repr_html_()
 
     def __getitem__(self, name: str) -> Entry:
         for entry in self.entries:
@@ -294,7 +294,7 @@ class Comparison:
         return all(entry.solved for entry in self.entries)
 
     def table(self) -> Table:
-        """Table for the terminal (rich)."""
+        """One row a method: printed, in a rich console, in Jupyter, as Markdown or CSV."""
         return view_for(self, "table")(self)
 
     def plot(self, axes: GivenAxes | None = None, **options: Any) -> DrawnAxes:

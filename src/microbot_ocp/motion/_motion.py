@@ -105,7 +105,7 @@ class Motion:
         return f"<Motion {self.label!r}: {size}, {self.status}>"
 
     def _repr_html_(self) -> str:
-        return view_for(self, "html")(self)
+        return view_for(self, "table")(self)._repr_html_()
 
     @property
     def joint_count(self) -> int:

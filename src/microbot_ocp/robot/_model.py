@@ -176,7 +176,7 @@ class Robot:
         return f"<Robot {self.name!r}: {self.joint_count} joints>"
 
     def _repr_html_(self) -> str:
-        return view_for(self, "html")(self)
+        return view_for(self, "table")(self)._repr_html_()
 
     @property
     def joint_count(self) -> int:

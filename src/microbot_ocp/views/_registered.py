@@ -5,15 +5,19 @@ The package's ``__init__`` loads this table of names; a function is imported whe
 
 from microbot_ocp._base.showing import add_views
 
-PLOTS, TABLES, NOTEBOOK, RECORDING = (
-    f"{__package__}.{folder}" for folder in ("plots", "tables", "notebook", "recording")
+PLOTS, TABLES, RECORDING = (
+    f"{__package__}.{folder}" for folder in ("plots", "tables", "recording")
 )
 
 add_views(
     {
-        "microbot_ocp.robot.Robot": {"html": f"{NOTEBOOK}._html:robot"},
+        "microbot_ocp.Table": {
+            "terminal": f"{TABLES}._renderers:terminal",
+            "html": f"{TABLES}._renderers:html",
+        },
+        "microbot_ocp.robot.Robot": {"table": f"{TABLES}._results:robot"},
         "microbot_ocp.motion.Motion": {
-            "html": f"{NOTEBOOK}._html:motion",
+            "table": f"{TABLES}._results:motion",
             "plot": f"{PLOTS}:motion",
             "rerun": f"{RECORDING}:of_motion",
         },
@@ -22,14 +26,13 @@ add_views(
             "plot": f"{PLOTS}:tracking",
             "rerun": f"{RECORDING}:of_tracking",
         },
-        "microbot_ocp.ocp.solution.Solution": {"html": f"{NOTEBOOK}._html:solution"},
-        "microbot_ocp.ocp.refinement.Refined": {"html": f"{NOTEBOOK}._html:refined"},
+        "microbot_ocp.ocp.solution.Solution": {"table": f"{TABLES}._results:solution"},
+        "microbot_ocp.ocp.refinement.Refined": {"table": f"{TABLES}._results:refined"},
         "microbot_ocp.ocp.verification.OCPCertificate": {
-            "html": f"{NOTEBOOK}._html:ocp_certificate"
+            "table": f"{TABLES}._results:ocp_certificate"
         },
-        "microbot_ocp.comparison.Certificate": {"html": f"{NOTEBOOK}._html:certificate"},
+        "microbot_ocp.comparison.Certificate": {"table": f"{TABLES}._results:certificate"},
         "microbot_ocp.comparison.Comparison": {
-            "html": f"{NOTEBOOK}._html:comparison",
             "table": f"{TABLES}:comparison_table",
             "json": f"{TABLES}:write_json",
             "csv": f"{TABLES}:write_csv",

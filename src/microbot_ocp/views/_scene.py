@@ -108,6 +108,17 @@ def display_unit(robot: Robot, quantity: str, joint: int) -> str:
     return "mm" if quantity == "error" else robot.unit(quantity, joint)
 
 
+def limit_texts(robot: Robot, limits: JointLimits, quantity: str) -> list[str]:
+    """Limits of a quantity joint by joint with their unit, such as "±2 rad/s"; "" for none."""
+    texts = []
+    for joint, bounds in enumerate(zip(*limits.bounds(quantity), strict=True)):
+        low, high = (float(bound) * display_factor(robot, quantity, joint) for bound in bounds)
+        both = f"±{high:.4g}" if np.isclose(low, -high) else f"{low:.4g} to {high:.4g}"
+        known = np.isfinite([low, high]).any()
+        texts.append(f"{both} {display_unit(robot, quantity, joint)}" if known else "")
+    return texts
+
+
 def _in_degrees(robot: Robot, quantity: str, joint: int) -> bool:
     return quantity in POSITIONS and robot.joint_types[joint] == "revolute"
 

@@ -9,15 +9,25 @@ from typing import Any
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.showing import view_for
 from microbot_ocp._base.status import Status
+from microbot_ocp._base.table import Column, Table
 from microbot_ocp.ocp.refinement._switches import Switch, find_switches
 from microbot_ocp.ocp.solution import Solution
 from microbot_ocp.ocp.transcription import Mesh
 from microbot_ocp.ocp.transcription.schemes import Collocation
 from microbot_ocp.ocp.verification import LimitUse, phase_layout
 
-HEAD = (
-    *("round", "intervals", "degree", "variables", "state error"),
-    *("switch offset", "limit excess", "cost", "iterations", "time", ""),
+COLUMNS = (
+    Column("round"),
+    Column("intervals"),
+    Column("degree"),
+    Column("variables"),
+    Column("state error", show=".1e"),
+    Column("switch offset", show=".1e"),
+    Column("limit excess", show=".1e"),
+    Column("cost", show=".9g"),
+    Column("iterations"),
+    Column("time", "s", ".2f"),
+    Column("", left=True),
 )
 
 
@@ -77,30 +87,28 @@ class History(tuple[RefinementStep, ...]):
 
     __slots__ = ()
 
+    def table(self) -> Table:
+        """One row a mesh."""
+        return Table(COLUMNS, [(number, *_cells(step)) for number, step in enumerate(self)])
+
     def __str__(self) -> str:
-        rows: list[tuple[str, ...]] = [HEAD]
-        for number, step in enumerate(self):
-            low, high = step.degrees or ("", "")
-            rows.append(
-                (
-                    str(number),
-                    " + ".join(map(str, step.intervals)),
-                    f"{low}" if low == high else f"{low} to {high}",
-                    str(step.variables),
-                    f"{step.state_error:.1e}",
-                    f"{step.switch_offset:.1e}",
-                    f"{step.limit_excess:.1e}",
-                    f"{step.cost:.9g}",
-                    str(step.iterations),
-                    f"{step.wall_time:.2f} s",
-                    "" if step.accepted else f"{step.status}, not accepted",
-                )
-            )
-        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-        return "\n".join(
-            "  ".join(cell.rjust(w) for cell, w in zip(row, widths, strict=True)).rstrip()
-            for row in rows
-        )
+        return str(self.table())
+
+
+def _cells(step: RefinementStep) -> tuple[Any, ...]:
+    low, high = step.degrees or ("", "")
+    return (
+        " + ".join(map(str, step.intervals)),
+        f"{low}" if low == high else f"{low} to {high}",
+        step.variables,
+        step.state_error,
+        step.switch_offset,
+        step.limit_excess,
+        step.cost,
+        step.iterations,
+        step.wall_time,
+        "" if step.accepted else f"{step.status}, not accepted",
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,7 +157,7 @@ class Refined:
         )
 
     def _repr_html_(self) -> str:
-        return view_for(self, "html")(self)
+        return view_for(self, "table")(self)._repr_html_()
 
 
 def step_of(

@@ -159,7 +159,7 @@ class Solution:
         return f"<Solution: {self.status}, cost {self.cost:.8g}, {self.duration:.6g} s{last}>"
 
     def _repr_html_(self) -> str:
-        return view_for(self, "html")(self)
+        return view_for(self, "table")(self)._repr_html_()
 
     def __getitem__(self, name: str) -> PhaseSolution:
         for phase in self.phases:

@@ -232,7 +232,7 @@ class OCPCertificate:
         return f"<OCPCertificate of {self.problem!r}: {'passed' if self.ok else 'FAILED'}>"
 
     def _repr_html_(self) -> str:
-        return view_for(self, "html")(self)
+        return view_for(self, "table")(self)._repr_html_()
 
     def costate(self, phase: str) -> Costates:
         """Costates of a phase by its name."""

@@ -24,7 +24,7 @@ from microbot_ocp.views.plots._limits import saturation
 from microbot_ocp.views.plots._page import A4, WARNING_COLOR, new_page, styled, write
 from microbot_ocp.views.plots._paths import draw_paths
 from microbot_ocp.views.plots._style import entry_styles, failure_sentence, highlighted_name
-from microbot_ocp.views.tables import narrow_table, note_sentences, table_title
+from microbot_ocp.views.tables import narrow_table
 
 SHOWN_JOINTS = 4  # columns of curves
 SMALL = 6.8  # points
@@ -113,34 +113,31 @@ def _task_text(comparison: Comparison) -> str:
     lines = [f"Robot: {robot.name}, {robot.joint_count} joints ({', '.join(robot.joint_names)})"]
     if robot.description:
         lines += textwrap.wrap(robot.description, LINE_WIDTH)
-    lines += textwrap.wrap(f"Task: {table_title(comparison)}, at rest at both ends", LINE_WIDTH)
+    lines += textwrap.wrap(
+        f"Task: {narrow_table(comparison).title}, at rest at both ends", LINE_WIDTH
+    )
     for quantity, word in LIMIT_LINES:
         lines += textwrap.wrap(_limits_text(robot, comparison.limits, quantity, word), LINE_WIDTH)
     return "\n".join(lines)
 
 
 def _limits_text(robot: Robot, limits: JointLimits, quantity: str, word: str) -> str:
-    """Limits of one kind, joint by joint; empty where there are none."""
-    lower, upper = limits.bounds(quantity)
-    if not np.isfinite([lower, upper]).any():
+    """Limits of one kind, joint by joint; their unit once where it is the same."""
+    texts = scene.limit_texts(robot, limits, quantity)
+    if not any(texts):
         return f"Limits of {word}: none"
-    parts = []
-    for joint in range(robot.joint_count):
-        factor = scene.display_factor(robot, quantity, joint)
-        low, high = lower[joint] * factor, upper[joint] * factor
-        unit = scene.display_unit(robot, quantity, joint)
-        both = f"±{high:.4g}" if np.isclose(low, -high) else f"{low:.4g} to {high:.4g}"
-        parts.append((both, unit))
-    units = {unit for _, unit in parts}
+    units = {scene.display_unit(robot, quantity, joint) for joint in range(robot.joint_count)}
     if len(units) == 1:
-        return f"Limits of {word}: " + " / ".join(text for text, _ in parts) + f" {units.pop()}"
-    return f"Limits of {word}: " + " / ".join(f"{text} {unit}" for text, unit in parts)
+        unit = f" {units.pop()}"
+        return f"Limits of {word}: " + " / ".join(t.removesuffix(unit) for t in texts) + unit
+    return f"Limits of {word}: " + " / ".join(texts)
 
 
 def _draw_table(axes: Axes, comparison: Comparison) -> None:
     axes.axis("off")
-    heads, rows = narrow_table(comparison)
-    rows = [["", *(textwrap.shorten(cell, 48, placeholder="…") for cell in row)] for row in rows]
+    shown = narrow_table(comparison)
+    heads = shown.heads
+    rows = [["", *(textwrap.shorten(c, 48, placeholder="…") for c in row)] for row in shown.cells]
     certificate = heads.index("certificate") + 1
     heads = ["", *heads]
     if not rows:
@@ -236,7 +233,7 @@ def _closing_text(comparison: Comparison) -> str:
         else:
             told = f"{styles[entry.name].title}: {entry.certificate.verdict}"
         lines += textwrap.wrap(told, LINE_WIDTH, subsequent_indent="    ", break_on_hyphens=False)
-    peaks = next(iter(note_sentences(comparison)))
+    peaks = narrow_table(comparison).notes[0]
     return "\n".join([*lines, *textwrap.wrap(peaks, LINE_WIDTH)])
 
 

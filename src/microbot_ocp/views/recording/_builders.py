@@ -20,7 +20,7 @@ from microbot_ocp.views.recording._limits import peak_table
 from microbot_ocp.views.recording._messages import document, table
 from microbot_ocp.views.recording._recording import Recording
 from microbot_ocp.views.recording._writer import BRANCH
-from microbot_ocp.views.tables import comparison_markdown
+from microbot_ocp.views.tables import narrow_table
 
 FEW_JOINTS = 4  # more joints than this: q1 and so on stand for their names
 BEHIND = "#56B4E9"  # of ghosts that are no method
@@ -42,7 +42,7 @@ def of_comparison(comparison: Comparison, rate: float = RATE) -> Recording:
         arms=tuple(arms),
         places=_tools(comparison.robot, comparison.via_q),
         place_names=_via_names(len(comparison.via_q)),
-        summary=comparison_markdown(comparison),
+        summary=narrow_table(comparison).markdown(),
     )
 
 

@@ -1,4 +1,8 @@
-"""Tables of comparisons for terminals, HTML, CSV and JSON."""
+"""Results as tables: what ``comparison.table()`` returns, and what Jupyter shows.
+
+A table is data (:class:`microbot_ocp.Table`); the terminal, Jupyter, Markdown and CSV have one
+writer each.
+"""
 
 import lazy_loader
 

@@ -1,8 +1,7 @@
-"""A comparison as rows, as a table for the terminal, as Markdown, CSV and JSON."""
+"""A comparison as rows, as a table, and as the files CSV and JSON."""
 
 from __future__ import annotations
 
-import csv
 import json
 import math
 from collections.abc import Iterator, Mapping
@@ -10,19 +9,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich import box
-from rich.console import Group
-from rich.table import Table
-from rich.text import Text
 
-from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.checks import FloatArray, plain
+from microbot_ocp._base.table import NOTHING, Column, Table
 from microbot_ocp.comparison import Certificate, Comparison, Entry, LimitCheck
-from microbot_ocp.views._scene import display_unit
+from microbot_ocp.views._scene import display_factor, display_unit
 from microbot_ocp.views.plots._style import entry_styles
 
 SCHEMA = 1
 SHOWN_JOINTS = 4  # more joints than this: the table shows the busiest one only
-NOTHING = "–"
 
 Row = dict[str, Any]
 
@@ -46,82 +41,70 @@ def comparison_rows(comparison: Comparison) -> list[Row]:
 
 
 def comparison_table(comparison: Comparison) -> Table:
-    """Table for a terminal of 120 columns or more; :func:`comparison_notes` goes below it."""
+    """One row a method, with a column for the peak use of every kind of limit but the position's.
+
+    The notes tell failures, refused certificates and how to read the table.
+    """
     rows = comparison_rows(comparison)
-    limited = [q for q in ("qd", "tau") if any(_shares(row, q) for row in rows)]
-    table = Table(
-        title=Text(table_title(comparison), style="bold"),
-        title_justify="left",
-        box=box.SIMPLE_HEAD,
-        pad_edge=False,
+    kinds = dict.fromkeys(kind for row in rows for kind in row["utilisation"] if kind != "q")
+    limited = [kind for kind in kinds if any(_known(row["utilisation"].get(kind)) for row in rows)]
+    columns = (
+        Column("method", left=True),
+        Column("T", "s", ".3f"),
+        Column("ratio", show=".3f", bar=True),
+        *(Column(f"peak {kind}", "%", _percentages) for kind in limited),
+        Column("∫tau²", "(N m)² s", _significant),
+        Column("work", "J", _significant),
+        Column("certificate", left=True),
+        Column("solve", "s", _significant),
     )
-    # Text, not str: rich would read "[s]" as markup
-    table.add_column(Text("method"), overflow="fold", min_width=12)
-    table.add_column(Text("T [s]"), justify="right", no_wrap=True)
-    table.add_column(Text("ratio"), justify="right", no_wrap=True)
-    for quantity in limited:
-        table.add_column(Text(f"peak {quantity} [%]"), justify="right", overflow="fold")
-    table.add_column(Text("∫tau² [(N m)² s]"), justify="right", overflow="fold")
-    table.add_column(Text("work [J]"), justify="right", no_wrap=True)
-    table.add_column(Text("certificate"), overflow="fold", min_width=10)
-    table.add_column(Text("solve [s]"), justify="right", no_wrap=True)
-    for row in rows:
-        table.add_row(*map(Text, _cells(row, limited)), style=_row_style(row))
-    return table
-
-
-def _row_style(row: Row) -> str | None:
-    if row["duration"] is None:
-        return "dim"
-    return "red" if row["certificate_ok"] is False else None
-
-
-def comparison_notes(comparison: Comparison) -> Group:
-    """What the table has no room for: failures, refused certificates, notes, how to read it."""
-    lines = [Text("• ").append(sentence) for sentence in note_sentences(comparison)]
-    return Group(*lines)
-
-
-def comparison_markdown(comparison: Comparison) -> str:
-    """The table and its notes as Markdown."""
-    heads, rows = narrow_table(comparison)
-    lines = [
-        f"### {table_title(comparison)}",
-        "",
-        "| " + " | ".join(heads) + " |",
-        "|" + " --- |" * len(heads),
+    cells = [
+        (
+            row["title"],
+            row["duration"],
+            row["ratio"],
+            *(row["utilisation"].get(kind) for kind in limited),
+            row["torque_squared"],
+            row["work"],
+            _verdict(row),
+            row["solve_time"],
+        )
+        for row in rows
     ]
-    for row in rows:
-        lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |")
-    notes = [f"- {sentence}" for sentence in note_sentences(comparison)]
-    return "\n".join([*lines, "", *notes, ""])
+    marks = [_mark(row) for row in rows]
+    notes = list(_notes(comparison, rows))
+    return Table(columns, cells, _title(comparison), notes, marks)
 
 
-def narrow_table(comparison: Comparison) -> tuple[list[str], list[list[str]]]:
-    """Heads and rows of text where there is room for the main columns only."""
-    rows = comparison_rows(comparison)
-    limited = [q for q in ("qd", "tau") if any(_shares(row, q) for row in rows)]
-    peaks = [f"peak {quantity} [%]" for quantity in limited]
-    cells = [_cells(row, limited) for row in rows]
-    kept = [[*row[: 3 + len(limited)], *row[-2:]] for row in cells]
-    return ["method", "T [s]", "ratio", *peaks, "certificate", "solve [s]"], kept
+def narrow_table(comparison: Comparison) -> Table:
+    """The table where there is room for the main columns only."""
+    return comparison_table(comparison).without("∫tau²", "work")
+
+
+def _mark(row: Row) -> str:
+    if row["duration"] is None:
+        return "missing"
+    return "bad" if row["certificate_ok"] is False else ""
+
+
+def _verdict(row: Row) -> str:
+    if row["duration"] is None:
+        return f"not solved: {row['status']}"
+    return row["verdict_short"] or "not checked"
 
 
 def write_csv(comparison: Comparison, path: str | Path) -> Path:
     """Write the rows as CSV, one column a joint for every limited quantity; unknown is empty."""
     rows = [_flat(row) for row in comparison_rows(comparison)]
-    columns = list(dict.fromkeys(key for row in rows for key in row))
-    target = Path(path)
-    with target.open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.DictWriter(stream, columns, restval="")
-        writer.writeheader()
-        writer.writerows(rows)
-    return target
+    keys = list(dict.fromkeys(key for row in rows for key in row))
+    cells = [[row.get(key) for key in keys] for row in rows]
+    return Table([Column(key) for key in keys], cells).write_csv(path)
 
 
 def write_json(comparison: Comparison, path: str | Path) -> Path:
     """Write task and rows as strict JSON: NaN and infinity become null."""
     robot = comparison.robot
+    revolute = np.array(robot.joint_types) == "revolute"
     document = {
         "schema": SCHEMA,
         "robot": robot.name,
@@ -131,37 +114,22 @@ def write_json(comparison: Comparison, path: str | Path) -> Path:
         ],
         "via_q": comparison.via_q,
         "via_q_unit": [robot.unit("q", j) for j in range(robot.joint_count)],
-        "via_q_deg": _degrees(comparison),
+        "via_q_deg": np.where(revolute, _shown_via(comparison), np.nan),
         "limits": comparison.limits.as_dict(),
         "reference": comparison.reference,
         "entries": comparison_rows(comparison),
     }
     target = Path(path)
-    text = json.dumps(_plain(document), indent=2, ensure_ascii=False, allow_nan=False)
+    text = json.dumps(plain(document), indent=2, ensure_ascii=False, allow_nan=False)
     target.write_text(text + "\n", encoding="utf-8")
     return target
 
 
-def _degrees(comparison: Comparison) -> FloatArray:
-    """Via points [m,n] in degrees; NaN for a prismatic joint."""
-    types = comparison.robot.joint_types
-    scale = [180.0 / np.pi if kind == "revolute" else np.nan for kind in types]
-    return np.round(comparison.via_q * scale, 10)  # 30, not 29.999999999999996
-
-
-def _plain(value: Any) -> Any:
-    """Plain JSON values; numbers that are not finite become None."""
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray | list | tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, bool | np.bool_):
-        return bool(value)
-    if isinstance(value, np.integer):
-        return int(value)
-    if isinstance(value, float | np.floating):
-        return float(value) if math.isfinite(value) else None
-    return value
+def _shown_via(comparison: Comparison) -> FloatArray:
+    """Via points [m,n] in degrees, of prismatic joints in m."""
+    robot = comparison.robot
+    factors = [display_factor(robot, "q", joint) for joint in range(robot.joint_count)]
+    return np.round(comparison.via_q * factors, 10)  # 30, not 29.999999999999996
 
 
 def _reference_duration(comparison: Comparison) -> float:
@@ -188,7 +156,7 @@ def _row(comparison: Comparison, entry: Entry, reference: float) -> Row:
         "note": entry.note or (motion.note if motion is not None else ""),
         "marks": [{"time": m.time, "name": m.name} for m in (motion.marks if motion else ())],
     }
-    return _plain(row)
+    return plain(row)
 
 
 def _utilisation(comparison: Comparison, certificate: Certificate | None) -> Row:
@@ -256,15 +224,13 @@ def _percent(share: float) -> str:
     return f"{percent:.2g} %" if percent < 10 else f"{percent:.0f} %"
 
 
-def _shares(row: Row, quantity: str) -> dict[str, float]:
-    """Known utilisation of a quantity by joint."""
-    shares = row["utilisation"].get(quantity, {})
-    return {joint: share for joint, share in shares.items() if share is not None}
+def _known(shares: Mapping[str, float | None] | None) -> dict[str, float]:
+    """Known shares by joint."""
+    return {joint: share for joint, share in (shares or {}).items() if share is not None}
 
 
-def _percentages(row: Row, quantity: str) -> str:
-    shares = row["utilisation"].get(quantity, {})
-    known = _shares(row, quantity)
+def _percentages(shares: Mapping[str, float | None]) -> str:
+    known = _known(shares)
     if not known:
         return NOTHING
     if len(shares) > SHOWN_JOINTS:
@@ -273,56 +239,27 @@ def _percentages(row: Row, quantity: str) -> str:
     return "/".join(NOTHING if s is None else f"{100 * s:.0f}" for s in shares.values())
 
 
-def _cells(row: Row, limited: list[str]) -> list[str]:
-    if row["duration"] is None:
-        verdict = f"not solved: {row['status']}"
-    else:
-        verdict = row["verdict_short"] or "not checked"
-    return [
-        row["title"],
-        _fixed(row["duration"], 3),
-        _fixed(row["ratio"], 3),
-        *(_percentages(row, quantity) for quantity in limited),
-        _significant(row["torque_squared"]),
-        _significant(row["work"]),
-        verdict,
-        _significant(row["solve_time"]),
-    ]
-
-
-def _fixed(value: float | None, digits: int) -> str:
-    return NOTHING if value is None else f"{value:.{digits}f}"
-
-
-def _significant(value: float | None) -> str:
+def _significant(value: float) -> str:
     """Three significant digits without an exponent for what tables usually hold."""
-    if value is None:
-        return NOTHING
     if value == 0 or not 1e-3 <= abs(value) < 1e7:
         return f"{value:.3g}"
     digits = max(0, 2 - math.floor(math.log10(abs(value))))
     return f"{value:,.{digits}f}"
 
 
-def table_title(comparison: Comparison) -> str:
+def _title(comparison: Comparison) -> str:
     robot = comparison.robot
-    shown = ", ".join(
-        f"({_point(comparison, via)})" for via in range(min(len(comparison.via_q), 4))
-    )
+    points = [
+        ", ".join(f"{round(value, 6) + 0.0:.4g}" for value in via) for via in _shown_via(comparison)
+    ]
+    shown = ", ".join(f"({point})" for point in points[:4])
     more = ", ..." if len(comparison.via_q) > 4 else ""
     units = {display_unit(robot, "q", j) for j in range(robot.joint_count)}
     unit = next(iter(units)) if len(units) == 1 else "deg or m"
     return f"{robot.name} through {shown}{more} {unit}"
 
 
-def _point(comparison: Comparison, via: int) -> str:
-    degrees = _degrees(comparison)[via]
-    values = np.where(np.isnan(degrees), comparison.via_q[via], degrees)
-    return ", ".join(f"{round(value, 6) + 0.0:.4g}" for value in values)
-
-
-def note_sentences(comparison: Comparison) -> Iterator[str]:
-    rows = comparison_rows(comparison)
+def _notes(comparison: Comparison, rows: list[Row]) -> Iterator[str]:
     joints = comparison.robot.joint_names
     order = "/".join(joints) if len(joints) <= SHOWN_JOINTS else "busiest joint only"
     reference = _reference_title(rows, comparison)
@@ -374,4 +311,4 @@ def _flat(row: Row) -> Row:
             flat[key] = "; ".join(f"{mark['time']:.6g} {mark['name']}" for mark in value)
         else:
             flat[key] = value
-    return {key: "" if value is None else value for key, value in flat.items()}
+    return flat

@@ -1,0 +1,74 @@
+"""A table on the terminal and in a notebook, where it follows a light or dark theme."""
+
+from __future__ import annotations
+
+from html import escape
+
+from rich import box
+from rich.console import Group
+from rich.table import Table as RichTable
+from rich.text import Text
+
+from microbot_ocp._base.table import Column, Table
+
+BAR = 8.0  # em, of a value of 1
+SHORT = 8  # characters: columns of shorter cells are never broken
+STYLES = {"bad": "red", "missing": "dim"}
+COLORS = {"bad": "color:#B00020", "missing": "opacity:.6"}
+LOOK = "color:inherit;font-size:inherit;border-collapse:collapse"
+
+
+def terminal(table: Table) -> Group:
+    """For a rich console; the notes are a list below."""
+    # Text, not str: rich would read "[s]" as markup
+    drawn = RichTable(
+        title=Text(table.title, style="bold") if table.title else None,
+        title_justify="left",
+        box=box.SIMPLE_HEAD,
+        show_edge=False,
+        pad_edge=False,
+        padding=(0, 1, 0, 0),
+    )
+    for place, column in enumerate(table.columns):
+        longest = max((len(row[place]) for row in table.cells), default=0)
+        drawn.add_column(
+            Text(column.title),
+            justify="left" if column.left else "right",
+            overflow="fold",
+            no_wrap=not place or longest <= SHORT,
+        )
+    for row, mark in zip(table.cells, _marks(table), strict=True):
+        drawn.add_row(*map(Text, row), style=STYLES.get(mark))
+    notes = [Text("• ").append(note) for note in table.notes]
+    return Group(drawn, *([Text("")] if notes else []), *notes)
+
+
+def html(table: Table) -> str:
+    """For Jupyter."""
+    head = "".join(f"<th {_style(column)}>{escape(column.title)}</th>" for column in table.columns)
+    body = ""
+    for row, mark in zip(table.rows, _marks(table), strict=True):
+        cells = zip(table.columns, row, strict=True)
+        row_style = f' style="{COLORS[mark]}"' if mark else ""
+        body += f"<tr{row_style}>" + "".join(_cell(*cell) for cell in cells) + "</tr>"
+    drawn = f'<table style="{LOOK}"><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>'
+    notes = "".join(f'<div style="font-size:90%">{escape(note)}</div>' for note in table.notes)
+    title = f"<b>{escape(table.title)}</b>" if table.title else ""
+    return f"<div>{title}{drawn}{notes}</div>"
+
+
+def _marks(table: Table) -> list[str]:
+    return list(table.emphasis) or [""] * len(table.rows)
+
+
+def _style(column: Column) -> str:
+    return f'style="padding:.15em .7em;text-align:{"left" if column.left else "right"}"'
+
+
+def _cell(column: Column, value: object) -> str:
+    text = escape(column.text(value))
+    if column.bar and isinstance(value, int | float):
+        width = min(BAR * value, 4 * BAR)
+        look = f"width:{width:.2f}em;height:.7em;background:#D55E00;opacity:.75"
+        text += f' <span style="display:inline-block;{look}"></span>'
+    return f"<td {_style(column)}>{text}</td>"

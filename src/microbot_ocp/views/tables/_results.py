@@ -1,0 +1,120 @@
+"""What a robot, a motion, a solution and their kin show of themselves in Jupyter."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+from microbot_ocp._base.table import Column, Table
+from microbot_ocp.comparison import Certificate
+from microbot_ocp.limits import QUANTITY_NAMES
+from microbot_ocp.motion import Motion
+from microbot_ocp.ocp import OCPCertificate, Refined, Solution
+from microbot_ocp.robot import Robot
+from microbot_ocp.views import _scene as scene
+
+
+def robot(robot: Robot) -> Table:
+    """DH table with masses and limits."""
+    columns = [Column("joint", left=True), Column("type", left=True)]
+    columns += [Column("alpha", "deg", ".4g"), Column("a", "m", ".4g"), Column("d", "m", ".4g")]
+    columns.append(Column("offset", "deg", ".4g"))
+    alpha, offset = np.degrees([robot.alpha, robot.theta_offset])
+    cells = [robot.joint_names, robot.joint_types, alpha, robot.a, robot.d, offset]
+    if robot.has_dynamics:
+        columns.append(Column("mass", "kg", ".4g"))
+        cells.append([link.mass for link in robot.links])
+    for quantity, name in QUANTITY_NAMES.items():
+        texts = scene.limit_texts(robot, robot.limits, quantity)
+        if any(texts):
+            columns.append(Column(f"{name} limits"))
+            cells.append([text or "none" for text in texts])
+    reach = f"{scene.reach(robot):.4g} m stretched out"
+    return _table(robot, columns, zip(*cells, strict=True), [robot.description, reach])
+
+
+def motion(motion: Motion) -> Table:
+    """Ends and peaks of every joint."""
+    heads = ("q from", "q to", "peak |qd|", "peak |qdd|", "peak |tau|")
+    columns = [Column("joint"), *(Column(head, show=".4g") for head in heads)]
+    ends = np.round(motion.q[[0, -1]], 9) + 0.0  # no -0
+    peaks = [np.abs(values).max(axis=0) for values in (motion.qd, motion.qdd, motion.tau)]
+    rows = zip(range(1, motion.joint_count + 1), *ends, *peaks, strict=True)
+    marks = ", ".join(f"{mark.name} at {mark.time:.4g} s" for mark in motion.marks)
+    return _table(motion, columns, rows, [motion.note, marks, "SI and radians"])
+
+
+def certificate(certificate: Certificate) -> Table:
+    """The verdict and the worst use of every kind of limit."""
+    columns = (
+        Column("limit", left=True),
+        Column("worst use", "%", ".2f"),
+        Column("joint", left=True),
+        Column("at", "s", ".4g"),
+        Column("value", show=".5g"),
+        Column("limit", show=".5g"),
+        Column("unit", left=True),
+        Column("excess", "%", ".2g"),
+    )
+    rows = [
+        (QUANTITY_NAMES[check.quantity], 100 * np.nanmax(check.utilisation), check.joint,
+         check.time, check.value, check.limit, check.unit, 100 * check.violation)
+        for check in certificate.limit_checks
+    ]  # fmt: skip
+    again = (
+        f"re-simulation: {certificate.resimulation_status}, "
+        f"ends {certificate.final_position_error:.2g} rad away"
+    )
+    return _table(certificate, columns, rows, [certificate.verdict, again])
+
+
+def solution(solution: Solution) -> Table:
+    """How every solver fared, and what is in every phase."""
+    columns = (
+        Column("solver", left=True),
+        Column("status", left=True),
+        Column("iterations"),
+        Column("cost", show=".8g"),
+        Column("infeasibility", show=".1e"),
+        Column("time", "s", ".3f"),
+    )
+    rows = [
+        (a.solver, a.status, a.iterations, a.cost, a.infeasibility, a.wall_time)
+        for a in solution.attempts
+    ]
+    advice = [] if solution.status.solved else solution.advice.splitlines()
+    phases = [repr(phase).strip("<>") for phase in solution.phases]
+    return _table(solution, columns, rows, [*advice, *phases])
+
+
+def refined(refined: Refined) -> Table:
+    """The history of the meshes."""
+    history = refined.history.table()
+    return _table(refined, history.columns, history.rows, [refined.advice])
+
+
+def ocp_certificate(certificate: OCPCertificate) -> Table:
+    """The conditions of an optimum, re-simulations and Hamiltonians, and which limit acts when."""
+    names = ("stationarity", "feasibility", "complementarity", "sign")
+    residuals = [getattr(certificate.optimality, name) for name in names]
+    rows = [
+        *((n, f"{r.value:.1e} {r.unit}", r.where) for n, r in zip(names, residuals, strict=True)),
+        *((f"re-simulation of {check.phase}", f"{check.error:.1e} relative", check.status)
+          for check in certificate.resimulations),
+        *((f"Hamiltonian of {h.phase}", f"{h.mean:.6g}", f"drift {h.drift:.1e}")
+          for h in certificate.hamiltonians),
+    ]  # fmt: skip
+    arcs = [
+        f"{arc.start:.4g} to {arc.end:.4g} s: {arc.kind} {arc.name} at its {arc.side} limit"
+        for arc in certificate.arcs
+    ]
+    columns = [Column(head, left=True) for head in ("check", "value", "where")]
+    return _table(certificate, columns, rows, [certificate.verdict, *arcs])
+
+
+def _table(
+    of: object, columns: Sequence[Column], rows: Iterable[Sequence[Any]], notes: Sequence[str]
+) -> Table:
+    return Table(columns, list(rows), repr(of), [note for note in notes if note])
