@@ -64,6 +64,8 @@ from .robot import (
     Limits as Limits,
     Link as Link,
     Robot as Robot,
+    RobotFileWarning as RobotFileWarning,
+    Shape as Shape,
     bias_torque as bias_torque,
     coriolis_matrix as coriolis_matrix,
     energy as energy,

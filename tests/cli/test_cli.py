@@ -677,7 +677,7 @@ def test_ctrl_c_is_130_without_a_traceback(tmp_path):
 def test_what_is_not_needed_is_not_loaded(words, unloaded):
     code = (
         f"import sys\nfrom microbot_ocp.cli import main\nmain(['{words}'])\n"
-        f"heavy = {unloaded | {'matplotlib', 'rerun', 'yourdfpy'}!r}\n"
+        f"heavy = {unloaded | {'matplotlib', 'rerun', 'trimesh', 'xacro'}!r}\n"
         "sys.exit(bool(heavy & set(sys.modules)))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)

@@ -13,6 +13,7 @@ from microbot_ocp.robot import dh_transform
 from microbot_ocp.robot.files import parse_robot
 
 JOINT = "[[joint]]\nalpha = 0.0\na = 1.0\nd = 0.0\n"
+SHAPE = f"[[shape]]\nkind = 'sphere'\nsize = [1]\npose = {np.eye(4).tolist()}\n"
 HEAVY = JOINT + "mass = 1.0\n"
 
 
@@ -91,7 +92,13 @@ def test_missing_and_unreadable_files_are_named(tmp_path: Path) -> None:
         (JOINT + "theta_offset_deg = 'x'", ["theta_offset_deg of joint 1", "a number", "'x'"]),
         (JOINT + "theta_offset_deg = '90'", ["theta_offset_deg of joint 1", "a number", "'90'"]),
         (JOINT + "theta_offset_deg = [1, 2]", ["theta_offset of joint 1", "must be a number"]),
-        (JOINT + "mass = 0.0", ["arm.toml: mass of link 'joint 1' must be above 0 kg", "0.0"]),
+        (JOINT + "mass = -1.0", ["arm.toml: mass of link 'joint 1' must be at least 0 kg", "-1"]),
+        (HEAVY + "allow_unphysical = 1", ["arm.toml: allow_unphysical of link", "not 1"]),
+        (JOINT + "[shape]\nframe = 1", ["shape in arm.toml must be [[shape]] tables"]),
+        (JOINT + "[[shape]]\nshade = 1", ["key of a shape in arm.toml", "'shade'"]),
+        (JOINT + "[[shape]]\nframe = 1", ["pose of a shape in arm.toml is missing"]),
+        (JOINT + SHAPE + "frame = 2", ["arm.toml: shapes must hold Shape objects of frames 0 to"]),
+        (JOINT + SHAPE + "frame = 1\nrole = 'x'", ["role of a shape", "visual, collision", "'x'"]),
         (JOINT + "mass = '4'", ["arm.toml: mass of link 'joint 1' must be a number", "'4'"]),
         (JOINT + "armature = 1.0", ["mass of joint 'joint 1' is missing", "armature is given"]),
         (HEAVY + JOINT, ["mass of joint 'joint 2' is missing in arm.toml: give all or none"]),

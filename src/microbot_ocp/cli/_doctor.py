@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 PACKAGES = ("microbot_ocp", "casadi", "numpy", "matplotlib", "rerun-sdk", "rich", "typer")
-OPTIONAL = {"yourdfpy": "URDF files"}
+OPTIONAL = {"xacro": "xacro files", "trimesh": "meshes of URDF files"}
 
 
 class Finding(NamedTuple):

@@ -36,7 +36,11 @@ from ._model import (
     Robot as Robot,
     dh_transform as dh_transform,
 )
+from ._shapes import (
+    Shape as Shape,
+)
 from .files import (
+    RobotFileWarning as RobotFileWarning,
     load_robot as load_robot,
     packaged_robots as packaged_robots,
     read_urdf as read_urdf,

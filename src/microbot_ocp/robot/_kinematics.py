@@ -47,6 +47,19 @@ def joint_transform(robot: Robot, joint: int, q: ca.SX) -> tuple[ca.SX, ca.SX]:
         ca.horzcat(sin_theta * cos_alpha, cos_theta * cos_alpha, -sin_alpha),
         ca.horzcat(sin_theta * sin_alpha, cos_theta * sin_alpha, cos_alpha),
     )
+    if beta := float(robot.beta[joint]):
+        cos_beta, sin_beta = _cos_sin(beta)
+        about_x = ca.vertcat(
+            ca.horzcat(1, 0, 0),
+            ca.horzcat(0, cos_alpha, -sin_alpha),
+            ca.horzcat(0, sin_alpha, cos_alpha),
+        )
+        rotation = about_x @ ca.vertcat(
+            ca.horzcat(cos_beta * cos_theta, -cos_beta * sin_theta, sin_beta),
+            ca.horzcat(sin_theta, cos_theta, 0),
+            ca.horzcat(-sin_beta * cos_theta, sin_beta * sin_theta, cos_beta),
+        )
+        return ca.sparsify(rotation), ca.sparsify(ca.vertcat(a, 0, 0) + rotation[:, 2] * d)
     position = ca.vertcat(a, -sin_alpha * d, cos_alpha * d)
     return ca.sparsify(rotation), ca.sparsify(position)
 

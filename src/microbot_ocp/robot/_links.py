@@ -10,6 +10,10 @@ from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 
 
+def _origin() -> FloatArray:
+    return np.zeros(3)
+
+
 def _point_mass() -> FloatArray:
     return np.zeros((3, 3))
 
@@ -21,9 +25,9 @@ class Link:
     Parameters
     ----------
     mass : float
-        Mass, kg, above zero.
-    center_of_mass : array_like [3]
-        Centre of mass in the link frame, m.
+        Mass, kg; zero for a link that only carries others. Its inertia counts all the same.
+    center_of_mass : array_like [3], optional
+        Centre of mass in the link frame, m (default: the origin).
     inertia : array_like [3,3], optional
         Inertia tensor about the centre of mass in the link frame, kg m^2 (default: a point mass).
     armature : float
@@ -34,33 +38,45 @@ class Link:
         Joint friction of constant size, N m (N); smoothed over 0.01 rad/s (m/s) around rest.
     name : str, optional
         Name of the link.
+    allow_unphysical : bool
+        Take an inertia that no rigid body has as it stands; what is computed from it need not make
+        sense, and the mass matrix need not be positive definite.
 
     Raises
     ------
     InputError
-        Mass not above zero, an inertia that is not symmetric, not positive semi-definite or breaks
+        A negative mass, an inertia that is not symmetric, not positive semi-definite or breaks
         the triangle inequality, negative friction, anything not finite.
     """
 
     mass: float
-    center_of_mass: FloatArray
+    center_of_mass: FloatArray = field(default_factory=_origin)
     inertia: FloatArray = field(default_factory=_point_mass)
     armature: float = 0.0
     viscous_friction: float = 0.0
     coulomb_friction: float = 0.0
     name: str | None = None
+    allow_unphysical: bool = False
 
     def __post_init__(self) -> None:
         label = f"link {self.name!r}" if self.name else "link"
         put = object.__setattr__
-        put(self, "mass", checks.number(f"mass of {label}", self.mass, "kg", above=0.0))
+        put(self, "mass", checks.number(f"mass of {label}", self.mass, "kg", at_least=0.0))
         put(
             self,
             "center_of_mass",
             checks.array(f"center_of_mass of {label}", self.center_of_mass, (3,), "m"),
         )
         inertia = checks.array(f"inertia of {label}", self.inertia, (3, 3), "kg m^2")
-        _check_inertia(label, inertia)
+        if np.abs(inertia - inertia.T).max() > 1e-9 * np.abs(inertia).max():
+            raise InputError(f"inertia of {label} must be symmetric, not {inertia.tolist()} kg m^2")
+        if not isinstance(self.allow_unphysical, bool):
+            raise InputError(
+                f"allow_unphysical of {label} must be True or False, not {self.allow_unphysical!r}"
+            )
+        fault = None if self.allow_unphysical else inertia_fault(inertia)
+        if fault:
+            raise InputError(f"inertia of {label} {fault}")
         put(self, "inertia", inertia)
         for name, unit in (
             ("armature", "kg m^2"),
@@ -71,19 +87,17 @@ class Link:
             put(self, name, value)
 
 
-def _check_inertia(label: str, inertia: FloatArray) -> None:
+def inertia_fault(inertia: FloatArray) -> str | None:
+    """Why no rigid body has this inertia [3,3]; None if one may, up to rounding."""
     size = max(float(np.abs(inertia).max()), 1e-12)
-    if np.abs(inertia - inertia.T).max() > 1e-9 * size:
-        raise InputError(f"inertia of {label} must be symmetric, not {inertia.tolist()} kg m^2")
     principal = np.linalg.eigvalsh(inertia)
     if principal[0] < -1e-9 * size:
-        raise InputError(
-            f"inertia of {label} must be positive semi-definite, but a principal moment is "
-            f"{principal[0]:.6g} kg m^2"
+        return (
+            f"must be positive semi-definite, but a principal moment is {principal[0]:.6g} kg m^2"
         )
     if principal[0] + principal[1] < principal[2] - 1e-6 * size:
-        raise InputError(
-            f"inertia of {label} breaks the triangle inequality: principal moments "
-            f"{principal[0]:.6g} + {principal[1]:.6g} < {principal[2]:.6g} kg m^2, which no "
-            "rigid body has"
+        return (
+            f"breaks the triangle inequality: principal moments {principal[0]:.6g} + "
+            f"{principal[1]:.6g} < {principal[2]:.6g} kg m^2, which no rigid body has"
         )
+    return None

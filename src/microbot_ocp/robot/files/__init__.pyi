@@ -5,6 +5,9 @@ from ._library import (
     packaged_robots as packaged_robots,
     robot_text as robot_text,
 )
+from ._remarks import (
+    RobotFileWarning as RobotFileWarning,
+)
 from ._toml import (
     parse_robot as parse_robot,
     robot_to_toml as robot_to_toml,

@@ -9,6 +9,7 @@ from pathlib import Path
 from microbot_ocp._base.checks import InputError
 from microbot_ocp.robot._model import Robot
 from microbot_ocp.robot.files._toml import parse_robot, robot_to_toml
+from microbot_ocp.robot.files._urdf_reader import read_urdf
 
 
 def _packaged() -> Traversable:
@@ -26,10 +27,11 @@ def load_robot(source: str | Path, tip: str | None = None) -> Robot:
     Parameters
     ----------
     source : str or Path
-        A name from :func:`packaged_robots`, or the path of a ``.toml`` or ``.urdf`` file.
+        A name from :func:`packaged_robots`, or the path of a ``.toml``, ``.urdf`` or ``.xacro``
+        file.
     tip : str, optional
         Of a URDF file: the link at the end of the chain, whose frame is the tool; needed where
-        the file has several ends (see :func:`~microbot_ocp.robot.files.read_urdf`).
+        the file has several arms (see :func:`~microbot_ocp.robot.files.read_urdf`).
 
     Returns
     -------
@@ -39,7 +41,7 @@ def load_robot(source: str | Path, tip: str | None = None) -> Robot:
     ------
     InputError
         Unknown name (lists what there is), missing file, malformed TOML or URDF, a key that is
-        unknown, missing or of the wrong kind; a URDF file without the extra ``urdf``.
+        unknown, missing or of the wrong kind; a xacro file without the extra ``urdf``.
 
     Examples
     --------
@@ -47,11 +49,8 @@ def load_robot(source: str | Path, tip: str | None = None) -> Robot:
     ('waist', 'shoulder', 'elbow')
     """
     name = str(source)
-    path = Path(name)
-    if name not in packaged_robots() and path.suffix == ".urdf":
-        from microbot_ocp.robot.files._urdf_reader import read_urdf  # its parser is an extra
-
-        return read_urdf(path, tip)
+    if name not in packaged_robots() and _is_urdf(name):
+        return read_urdf(name, tip)
     if tip is not None:
         raise InputError(f"tip is for URDF files, not for {name!r}")
     return parse_robot(*_toml_file(name))
@@ -79,8 +78,12 @@ def robot_text(source: str | Path, tip: str | None = None) -> str:
     name = "microbot"
     """
     robot = load_robot(source, tip)
-    is_urdf = str(source) not in packaged_robots() and Path(source).suffix == ".urdf"
+    is_urdf = str(source) not in packaged_robots() and _is_urdf(str(source))
     return robot_to_toml(robot) if is_urdf else _toml_file(str(source))[0]
+
+
+def _is_urdf(name: str) -> bool:
+    return Path(name).suffix.lower() in (".urdf", ".xacro")
 
 
 def _toml_file(name: str) -> tuple[str, str]:

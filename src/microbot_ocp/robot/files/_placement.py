@@ -2,7 +2,8 @@
 
 Craig, *Introduction to Robotics*, 3rd ed., section 3.4: Z of link frame i lies along axis i, X
 along the common normal from axis i to axis i+1. Where that normal is not unique (parallel or
-coincident axes, the last axis), the frame stays as close to the one before as it can.
+coincident axes, the last axis), the frame stays as close to the one before as it can. Where axes
+are almost but not quite parallel, the row has Hayati's turn beta instead of a distant normal.
 """
 
 from __future__ import annotations
@@ -11,11 +12,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.robot._model import dh_transform
 
-# Beyond this distance from its joint a frame spoils the last digits of the dynamics, m.
-FARTHEST = 1e3
+# Sine of the angle below which the common normal of two axes is too far away to keep the digits of
+# the dynamics: at most 50 times as far as the joints are from each other.
+NEARLY_PARALLEL = 0.02
 DUST = 1e-15  # m and rad: what rounding leaves of a zero
 COINCIDENT = 1e-12  # m, and the sine of an angle: axes this close are one
 
@@ -27,52 +29,41 @@ class Rows(NamedTuple):
     a: FloatArray
     d: FloatArray
     theta: FloatArray
+    beta: FloatArray
     base: FloatArray  # [4,4]
     frames: list[FloatArray]  # n of [4,4]
 
 
-def dh_rows(
-    points: FloatArray, axes: FloatArray, names: list[str], parallel_tolerance: float
-) -> Rows:
+def dh_rows(points: FloatArray, axes: FloatArray, parallel_tolerance: float) -> Rows:
     """Rows of the chain whose axes pass through ``points`` [n,3] along unit vectors ``axes`` [n,3].
 
     Parameters
     ----------
     points, axes : array [n,3]
         At the zero position, in the base frame, m.
-    names : list of str
-        Of the joints, for messages.
     parallel_tolerance : float
         Axes whose angle is below this count as parallel, rad.
-
-    Raises
-    ------
-    InputError
-        Axes so nearly parallel that their common normal lies too far away.
     """
     count = len(points)
     base, x, origin = _frame_zero(points[0], axes[0])
     z = base[:3, 2]
-    table = np.zeros((count, 4))
+    # Sine of the angle between an axis and the next, first from the base's Z; zero if parallel.
+    sines = np.linalg.norm(np.cross([z, *axes[:-1]], axes), axis=1)
+    sines = np.where(sines > parallel_tolerance, sines, 0.0)
+    table = np.zeros((count, 5))
     frames, placed = [], base
     for i in range(count):
         z_next = axes[i]
-        alpha, a, foot = _to_axis(origin, x, z, points[i], z_next, parallel_tolerance)
+        alpha, a, beta, foot = _to_axis(origin, x, z, points[i], z_next, sines[i])
         if i + 1 < count:
             x_next, origin_next = _normal(
-                points[i], z_next, points[i + 1], axes[i + 1], x, foot, parallel_tolerance
+                points[i], z_next, points[i + 1], axes[i + 1], x, foot, sines[i + 1]
             )
-            if np.linalg.norm(origin_next - points[i]) > FARTHEST:
-                angle = np.arcsin(np.linalg.norm(np.cross(z_next, axes[i + 1])))
-                raise InputError(
-                    f"the axes of joints {names[i]!r} and {names[i + 1]!r} are {angle:.2g} rad "
-                    "from parallel, too near for a common normal at hand: give their angles more "
-                    "digits, or read_urdf a larger parallel_tolerance"
-                )
         else:
             x_next, origin_next = _across(x, z_next), foot
-        theta = np.arctan2(z_next @ np.cross(x, x_next), x @ x_next)
-        row = np.array([alpha, a, z_next @ (origin_next - foot), theta])
+        turned = _turned(x, z, alpha, beta)
+        theta = np.arctan2(z_next @ np.cross(turned, x_next), turned @ x_next)
+        row = np.array([alpha, a, z_next @ (origin_next - foot), theta, beta])
         table[i] = np.where(np.abs(row) < DUST, 0.0, row)
         # The frame as the rows make it, so that rounding does not pile up along the chain.
         placed = placed @ dh_transform(*table[i])
@@ -106,22 +97,40 @@ def _across(x: FloatArray, z: FloatArray) -> FloatArray:
     raise AssertionError("one of three unit vectors is always more than 30 degrees off an axis")
 
 
+def _turned(x: FloatArray, z: FloatArray, alpha: float, beta: float) -> FloatArray:
+    """X of a frame after its turns alpha about X and beta about the new Y."""
+    z_turned = np.cos(alpha) * z - np.sin(alpha) * np.cross(z, x)
+    return np.cos(beta) * x - np.sin(beta) * z_turned
+
+
 def _to_axis(
     origin: FloatArray,
     x: FloatArray,
     z: FloatArray,
     point: FloatArray,
     z_next: FloatArray,
-    parallel_tolerance: float,
-) -> tuple[float, float, FloatArray]:
-    """Twist, length and the foot of ``x`` on the next axis, ``x`` being normal to both."""
-    cross = np.cross(z, z_next)
-    if np.linalg.norm(cross) <= parallel_tolerance:
-        alpha = 0.0 if z @ z_next > 0 else np.pi
-    else:
-        alpha = float(np.arctan2(x @ cross, z @ z_next))
+    sine: float,
+) -> tuple[float, float, float, FloatArray]:
+    """Twist, length, beta and the foot of ``x`` on the next axis, ``x`` being normal to both.
+
+    Of axes nearly parallel, ``x`` leads to where the next one crosses the plane normal to ``z``.
+    """
+    across, beside, along = x @ z_next, np.cross(z, x) @ z_next, z @ z_next
+    alpha, beta = float(np.arctan2(-beside, along)), 0.0
+    if sine == 0.0:
+        alpha = 0.0 if along > 0 else np.pi
+    elif sine < NEARLY_PARALLEL:
+        beta = float(np.arcsin(across))
+        point = _crossing(origin, z, point, z_next)
     a = float((point - origin) @ x)
-    return alpha, a, origin + a * x
+    return alpha, a, beta, origin + a * x
+
+
+def _crossing(
+    origin: FloatArray, z: FloatArray, point_next: FloatArray, z_next: FloatArray
+) -> FloatArray:
+    """Where an axis crosses the plane through ``origin`` normal to ``z``."""
+    return point_next + (origin - point_next) @ z / (z_next @ z) * z_next
 
 
 def _normal(
@@ -131,16 +140,17 @@ def _normal(
     z_next: FloatArray,
     x: FloatArray,
     foot: FloatArray,
-    parallel_tolerance: float,
+    sine: float,
 ) -> tuple[FloatArray, FloatArray]:
     """Unit X along the common normal from one axis to the next, and its foot on the first."""
     gap = point_next - point
-    cross = np.cross(z, z_next)
-    sine = np.linalg.norm(cross)
-    if sine <= parallel_tolerance:
+    if sine < NEARLY_PARALLEL:
+        if sine > 0.0:
+            gap = _crossing(foot, z, point_next, z_next) - foot
         beside = gap - (gap @ z) * z
         distance = np.linalg.norm(beside)
         return (beside / distance if distance > COINCIDENT else _across(x, z)), foot
+    cross = np.cross(z, z_next)
     unit = cross / sine
     reach = gap @ unit
     if reach < -COINCIDENT or (abs(reach) <= COINCIDENT and unit @ x < 0):

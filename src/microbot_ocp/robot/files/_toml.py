@@ -1,11 +1,12 @@
 """Robots from and to TOML files: one ``[[joint]]`` a row of the modified-DH table.
 
 Angles are in radians, or in degrees where the key ends in ``_deg``. Keys of a joint: ``name``,
-``type``, ``alpha``, ``a``, ``d``, ``theta_offset``; ``mass``, ``center_of_mass``, ``inertia``,
-``armature``, ``viscous_friction``, ``coulomb_friction``; ``q_min``, ``q_max``, ``qd_max``,
-``qdd_max``, ``tau_max``, ``taud_max``. ``qd_max`` and the like may be ``[lower, upper]``. The
-tables ``[tool]`` and ``[base]`` hold a DH row or a ``matrix``; ``[sources]`` is for the reader's
-eyes.
+``type``, ``alpha``, ``a``, ``d``, ``theta_offset``, ``beta``; ``mass``, ``center_of_mass``,
+``inertia``, ``armature``, ``viscous_friction``, ``coulomb_friction``, ``allow_unphysical``;
+``q_min``, ``q_max``, ``qd_max``, ``qdd_max``, ``tau_max``, ``taud_max``. ``qd_max`` and the like
+may be ``[lower, upper]``. The tables ``[tool]`` and ``[base]`` hold a DH row or a ``matrix``; each
+``[[shape]]`` holds the fields of a :class:`~microbot_ocp.robot.Shape`; ``[sources]`` is for the
+reader's eyes.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from __future__ import annotations
 import json
 import math
 import tomllib
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -23,14 +25,16 @@ from microbot_ocp._base.checks import InputError
 from microbot_ocp.robot._limits import Limits
 from microbot_ocp.robot._links import Link
 from microbot_ocp.robot._model import Robot, dh_transform
+from microbot_ocp.robot._shapes import Shape
 
-ANGLES = ("alpha", "theta_offset", "theta", "q_min", "q_max", "qd_max", "qdd_max")
+ANGLES = ("alpha", "theta_offset", "theta", "beta", "q_min", "q_max", "qd_max", "qdd_max")
 GEOMETRY = ("alpha", "a", "d", "theta_offset")
-INERTIAL = ("mass", "center_of_mass", "inertia", "armature")
+INERTIAL = ("mass", "center_of_mass", "inertia", "armature", "allow_unphysical")
 FRICTION = ("viscous_friction", "coulomb_friction")
 BOUNDS = ("q_min", "q_max", "qd_max", "qdd_max", "tau_max", "taud_max")
-JOINT_KEYS = ("name", "type", *GEOMETRY, *INERTIAL, *FRICTION, *BOUNDS)
-ROBOT_KEYS = ("name", "description", "gravity", "sources", "joint", "tool", "base")
+JOINT_KEYS = ("name", "type", *GEOMETRY, "beta", *INERTIAL, *FRICTION, *BOUNDS)
+SHAPE_KEYS = tuple(f.name for f in fields(Shape))
+ROBOT_KEYS = ("name", "description", "gravity", "sources", "joint", "tool", "base", "shape")
 
 
 def parse_robot(text: str, origin: str = "robot") -> Robot:
@@ -61,6 +65,8 @@ def parse_robot(text: str, origin: str = "robot") -> Robot:
             name=data.get("name", Path(origin).stem),
             joint_names=[row["name"] for row in rows],
             description=data.get("description", ""),
+            beta=[row["beta"] for row in rows],
+            shapes=_shapes(data.get("shape", []), origin),
         )
     except InputError as problem:
         raise InputError(f"{origin}: {problem}") from None
@@ -101,7 +107,8 @@ def _row(table: dict[str, Any], index: int, origin: str) -> dict[str, Any]:
         f"type of {label}", row.get("type", "revolute"), ("revolute", "prismatic")
     )
     row.setdefault("theta_offset", 0.0)
-    for key in GEOMETRY:
+    row.setdefault("beta", 0.0)
+    for key in (*GEOMETRY, "beta"):
         if key not in row:
             raise InputError(f"{key} of {label} is missing")
         row[key] = checks.number(f"{key} of {label}", row[key])
@@ -162,6 +169,18 @@ def _placement(name: str, table: Any, origin: str) -> Any:
     return dh_transform(*numbers)
 
 
+def _shapes(tables: Any, origin: str) -> list[Shape]:
+    if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
+        raise InputError(f"shape in {origin} must be [[shape]] tables")
+    for table in tables:
+        for key in table:
+            checks.one_of(f"key of a shape in {origin}", key, SHAPE_KEYS)
+        for key in ("frame", "pose", "kind", "size"):
+            if key not in table:
+                raise InputError(f"{key} of a shape in {origin} is missing")
+    return [Shape(**table) for table in tables]
+
+
 def write_toml(robot: Robot, path: str | Path) -> None:
     """Write a robot as a TOML file that :func:`microbot_ocp.load_robot` reads back as an equal one.
 
@@ -212,6 +231,8 @@ def robot_to_toml(robot: Robot) -> str:
         lines += ["", "[[joint]]", f"name = {_text(robot.joint_names[joint])}"]
         lines.append(f"type = {_text(robot.joint_types[joint])}")
         lines += [f"{key} = {float(getattr(robot, key)[joint])!r}" for key in GEOMETRY]
+        if robot.beta[joint]:
+            lines.append(f"beta = {float(robot.beta[joint])!r}")
         if robot.has_dynamics:
             lines += _link_lines(robot.links[joint])
         for key in BOUNDS:
@@ -219,6 +240,8 @@ def robot_to_toml(robot: Robot) -> str:
     for name, matrix in (("tool", robot.tool), ("base", robot.base)):
         if not np.array_equal(matrix, np.eye(4)) or np.signbit(matrix).any():
             lines += ["", f"[{name}]", f"matrix = {matrix.tolist()}"]
+    for shape in robot.shapes:
+        lines += ["", "[[shape]]", *_shape_lines(shape)]
     return "\n".join(lines) + "\n"
 
 
@@ -230,7 +253,17 @@ def _text(value: str) -> str:
 def _link_lines(link: Link) -> list[str]:
     lines = [f"mass = {link.mass!r}", f"center_of_mass = {link.center_of_mass.tolist()}"]
     lines.append(f"inertia = {link.inertia.tolist()}")
+    if link.allow_unphysical:
+        lines.append("allow_unphysical = true")
     return lines + [f"{key} = {getattr(link, key)!r}" for key in ("armature", *FRICTION)]
+
+
+def _shape_lines(shape: Shape) -> list[str]:
+    lines = [f"frame = {shape.frame}", f"pose = {shape.pose.tolist()}"]
+    lines += [f"kind = {_text(shape.kind)}", f"size = {shape.size.tolist()}"]
+    lines += [f"role = {_text(shape.role)}", f"link = {_text(shape.link)}"]
+    lines += [f"path = {_text(shape.path)}"] if shape.path else []
+    return lines + ([f"color = {list(shape.color)}"] if shape.color else [])
 
 
 def _bound_line(robot: Robot, key: str, joint: int) -> list[str]:

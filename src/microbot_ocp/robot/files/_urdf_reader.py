@@ -1,9 +1,9 @@
-"""Robots from URDF files (extra ``urdf``: read by yourdfpy).
+"""Robots from URDF files.
 
 A URDF places its joints freely; a :class:`~microbot_ocp.robot.Robot` has modified-DH rows. Reading
-turns the chain from the root to one end into rows (see ``placement.py``), with a constant base
-transform before them and the tool after, and expresses the masses in the new link frames. Links
-that do not move against each other become one body.
+turns the chain from the root to one end into rows (see ``_placement.py``), with a constant base
+transform before them and the tool after, and expresses masses and geometry in the new link frames.
+Links that do not move against each other become one body.
 
 URDF knows no rotor inertia, no limits of acceleration or torque rate, no one-sided limits and no
 gravity. Writing puts these in elements ``<microbot_ocp>``, which other readers pass over.
@@ -11,30 +11,37 @@ gravity. Writing puts these in elements ``<microbot_ocp>``, which other readers 
 
 from __future__ import annotations
 
-import io
-import logging
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.robot._limits import Limits
-from microbot_ocp.robot._links import Link
+from microbot_ocp.robot._links import Link, inertia_fault
 from microbot_ocp.robot._model import Robot
+from microbot_ocp.robot._shapes import Shape
 from microbot_ocp.robot.files._placement import dh_rows
+from microbot_ocp.robot.files._remarks import Remarks
+from microbot_ocp.robot.files._urdf_file import (
+    HELD,
+    RANGES,
+    Inertial,
+    UrdfFile,
+    UrdfJoint,
+    urdf_file,
+)
+from microbot_ocp.robot.files._xacro import expanded
+from microbot_ocp.robot.files._xml import read_xml
 
-PARALLEL = 1e-8  # rad: what rounding to nine digits leaves between axes meant to be parallel
-EXTENSION = "microbot_ocp"
-MOVING = ("revolute", "continuous", "prismatic")
-# What a joint's extension element may hold: rotor inertia, and limits that <limit> has no room for.
-RANGES = ("qd", "qdd", "tau", "taud")
-EXTRA_KEYS = ("armature", *(f"{quantity}_{side}" for quantity in RANGES for side in ("min", "max")))
+PARALLEL = 1e-12  # rad: what rounding in the computation leaves between parallel axes
+USUAL_TOOL = "tool0"  # name of the tool frame by ROS-Industrial's convention
+LISTED = 30  # tips in a message
 
 
 @dataclass
@@ -45,27 +52,33 @@ class _Body:
     first: FloatArray = field(default_factory=lambda: np.zeros(3))
     parts: list[tuple[float, FloatArray, FloatArray]] = field(default_factory=list)
 
-    def add(self, link: Link, frame: FloatArray) -> None:
-        """Add a link whose figures stand in ``frame`` [4,4] of the root."""
-        rotation = frame[:3, :3]
-        center = rotation @ link.center_of_mass + frame[:3, 3]
-        self.mass += link.mass
-        self.first = self.first + link.mass * center
-        self.parts.append((link.mass, center, rotation @ link.inertia @ rotation.T))
+    def add(self, inertial: Inertial, frame: FloatArray) -> None:
+        """Add what has its figures in ``frame`` [4,4] of the root."""
+        rotation, center = frame[:3, :3], frame[:3, 3]
+        self.mass += inertial.mass
+        self.first = self.first + inertial.mass * center
+        self.parts.append((inertial.mass, center, rotation @ inertial.inertia @ rotation.T))
+
+    @property
+    def empty(self) -> bool:
+        """Whether it has neither mass nor inertia."""
+        return not self.mass and not any(inertia.any() for _, _, inertia in self.parts)
 
     def as_link(self, frame: FloatArray, **joint: Any) -> Link:
         """The same body in the link frame ``frame`` [4,4] of the root."""
-        center = self.first / self.mass
+        center = self.first / self.mass if self.mass else frame[:3, 3]
         about_center = np.zeros((3, 3))
         for mass, place, inertia in self.parts:
             arm = place - center
             about_center += inertia + mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
         rotation = frame[:3, :3]
         turned = rotation.T @ about_center @ rotation
+        inertia = (turned + turned.T) / 2
         return Link(
             mass=self.mass,
             center_of_mass=rotation.T @ (center - frame[:3, 3]),
-            inertia=(turned + turned.T) / 2,
+            inertia=inertia,
+            allow_unphysical=inertia_fault(inertia) is not None,
             **joint,
         )
 
@@ -78,19 +91,21 @@ def read_urdf(
     Joint names, positive directions and zero positions are those of the file; the base frame is the
     frame of its root link, the tool frame that of the link ``tip``. Damping and friction of a joint
     become its viscous and Coulomb friction. Gravity is (0, 0, -9.81) m/s^2 unless the file carries
-    another.
+    another. What the links look like is kept in ``robot.shapes``; mesh files are not opened.
 
     Parameters
     ----------
     path : str or Path
-        A ``.urdf`` file (expand xacro first); meshes are not read.
+        A ``.urdf`` file, or a ``.xacro`` file (extra ``urdf``; its expressions are executed).
     tip : str, optional
-        Link at the end of the chain. Joints that are not on the way to it are locked where they
-        are nearest to zero, and what they carry is carried along. Without it the file must be one
-        chain with one end.
+        Link at the end of the chain. Joints that are not on the way to it are held at zero, and
+        what they carry is carried along; so are planar and floating joints, with a warning. Of
+        joints that mimic each other one is free, the others are held. Without ``tip`` the file
+        must be one arm; where that ends in several frames, the tool is ``tool0``, or else the
+        last link that moves, with a warning. Fingers that mimic each other are not part of it.
     parallel_tolerance : float
         Axes of neighbouring joints whose angle is below this count as parallel, rad. Poses are
-        then wrong by up to this angle; a larger one takes files whose angles are rounded hard.
+        then wrong by up to this angle; a larger one makes plain rows of angles rounded hard.
 
     Returns
     -------
@@ -100,17 +115,26 @@ def read_urdf(
     Raises
     ------
     InputError
-        A file that cannot be read or is no URDF; a mimic, planar or floating joint; branches or
-        several ends without ``tip``; duplicate names, links without a way from the root; a mass
-        not above zero, an inertia that no body has, an axis that is not a unit vector, limits with
-        lower above upper, anything not finite; the extra ``urdf`` missing.
+        A file that cannot be read or is no URDF; no moving joint; several arms without ``tip``
+        (lists the tips that there are); duplicate names, links without a way from the root; a
+        negative mass, an axis of length zero, limits with lower above upper, anything not finite.
+
+    Warns
+    -----
+    RobotFileWarning
+        What is read otherwise than a strict reader would: inertias that no rigid body has (taken
+        as they stand), joints without limits, missing meshes, joints held on the way.
     """
     name = str(path)
     try:
         data = Path(name).read_bytes()
-    except OSError as problem:
+    except (OSError, ValueError) as problem:
         raise InputError(f"robot file {name!r} cannot be read: {problem}") from None
-    return parse_urdf(data, Path(name).name, tip, parallel_tolerance=parallel_tolerance)
+    short = Path(name).name
+    if Path(name).suffix.lower() == ".xacro":
+        data = expanded(Path(name))
+    folder = Path(name).absolute().parent
+    return parse_urdf(data, short, tip, parallel_tolerance=parallel_tolerance, folder=folder)
 
 
 def parse_urdf(
@@ -119,125 +143,63 @@ def parse_urdf(
     tip: str | None = None,
     *,
     parallel_tolerance: float = PARALLEL,
+    folder: Path | None = None,
 ) -> Robot:
-    """Robot from the text of a URDF file; ``origin`` names it in error messages."""
+    """Robot from the text of a URDF file.
+
+    ``origin`` names it in messages; its meshes are looked for from ``folder``.
+    """
     checks.number("parallel_tolerance", parallel_tolerance, "rad", at_least=0.0, at_most=0.1)
-    data = text.encode() if isinstance(text, str) else text
-    xml = _parse_xml(data, origin)
-    model = _parse_model(data, origin)
+    remarks = Remarks()
     try:
-        return _Tree(model, xml).robot(tip, parallel_tolerance)
+        file = urdf_file(read_xml(text, remarks), origin, folder, remarks)
+        robot = _Tree(file, remarks).robot(tip, parallel_tolerance)
     except InputError as problem:
         raise InputError(f"{origin}: {problem}") from None
-
-
-def _parse_xml(data: bytes, origin: str) -> ElementTree.Element:
-    """The file as XML; for what the parser of URDF passes over or fills in by itself."""
-    try:
-        root = ElementTree.fromstring(data)
-    except ElementTree.ParseError as problem:
-        raise InputError(f"{origin} is not valid XML: {problem}") from None
-    if root.tag != "robot":
-        raise InputError(f"{origin} is not a URDF: its root is <{root.tag}>, not <robot>")
-    if not root.get("name"):
-        raise InputError(f"{origin}: its <robot> has no name")
-    for kind in ("link", "joint"):
-        seen: set[str | None] = set()
-        for element in root.findall(kind):
-            name = element.get("name")
-            if not name or name in seen:
-                what = f"two {kind}s named {name!r}" if name else f"a {kind} without a name"
-                raise InputError(f"{origin} has {what}")
-            seen.add(name)
-    for link in root.findall("link"):
-        for tag, wanted in (
-            ("mass", ("value",)),
-            ("inertia", ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")),
-        ):
-            for inertial in link.findall("inertial"):
-                element = inertial.find(tag)
-                given = {} if element is None else element.attrib
-                missing = [key for key in wanted if key not in given]
-                if missing:
-                    raise InputError(
-                        f"{origin}: {tag} of link {link.get('name')!r} lacks {', '.join(missing)}"
-                    )
-    return root
-
-
-def _parse_model(data: bytes, origin: str) -> Any:
-    """The robot as yourdfpy reads it."""
-    try:
-        import yourdfpy
-    except ImportError:
-        raise InputError(
-            "reading URDF files needs the extra 'urdf': pip install 'microbot_ocp[urdf]'"
-        ) from None
-    logger = logging.getLogger("yourdfpy")
-    before = logger.level
-    logger.setLevel(logging.CRITICAL)  # what it has to say is said by the error below
-    try:
-        with np.errstate(all="ignore"):  # NaN is refused later, by name
-            return yourdfpy.URDF.load(
-                io.BytesIO(data), build_scene_graph=False, load_meshes=False
-            ).robot
-    except Exception as problem:  # it raises whatever happens to go wrong inside
-        raise InputError(f"{origin} is not a URDF that can be read: {problem!r}") from None
-    finally:
-        logger.setLevel(before)
+    remarks.warn(origin)
+    return robot
 
 
 class _Tree:
     """Links and joints of a URDF, checked to be a tree."""
 
-    def __init__(self, model: Any, xml: ElementTree.Element) -> None:
-        self.name = model.name
-        self.links = {link.name: link for link in model.links}
-        self.joints = {joint.name: joint for joint in model.joints}
-        self.extras = {joint.get("name"): joint.find(EXTENSION) for joint in xml.findall("joint")}
-        extra = xml.find(EXTENSION)
-        self.about: dict[str, str] = {} if extra is None else dict(extra.attrib)
-        self.above: dict[str, Any] = {}  # link -> joint that carries it
-        self.below: dict[str, list[Any]] = {name: [] for name in self.links}
+    def __init__(self, file: UrdfFile, remarks: Remarks) -> None:
+        self.file, self.remarks = file, remarks
+        self.links, self.joints = file.links, file.joints
+        self.above: dict[str, UrdfJoint] = {}  # link -> joint that carries it
+        self.below: dict[str, list[UrdfJoint]] = {name: [] for name in self.links}
+        if not any(joint.moves for joint in self.joints.values()):
+            raise InputError("the file has no moving joint, so there is no arm to read")
         for joint in self.joints.values():
-            for role in ("parent", "child"):
-                if getattr(joint, role) not in self.links:
+            for role, end in (("parent", joint.parent), ("child", joint.child)):
+                if end not in self.links:
                     raise InputError(
-                        f"{role} of joint {joint.name!r} must be a link of the file, not "
-                        f"{getattr(joint, role)!r}"
+                        f"{role} of joint {joint.name!r} must be a link of the file, not {end!r}"
                     )
             if joint.child in self.above:
                 raise InputError(
                     f"link {joint.child!r} hangs on two joints, {self.above[joint.child].name!r} "
                     f"and {joint.name!r}: the file is not a chain"
                 )
-            self._check_type(joint)
             self.above[joint.child] = joint
             self.below[joint.parent].append(joint)
         roots = [name for name in self.links if name not in self.above]
         if len(roots) != 1:
             raise InputError(f"there must be one root link, not {roots}: the file is not one chain")
         self.root = roots[0]
-        if len(list(self._carried(self.root))) != len(self.links):
+        self.order = list(self._outward(self.root))
+        if len(self.order) != len(self.links):
             raise InputError("some links hang on each other in a ring: the file is not a chain")
 
-    @staticmethod
-    def _check_type(joint: Any) -> None:
-        if joint.type not in (*MOVING, "fixed"):
-            raise InputError(
-                f"joint {joint.name!r} is {joint.type}: only revolute, continuous, prismatic and "
-                "fixed joints can be read"
-            )
-
-    def _carried(self, link: str) -> Iterator[str]:
-        """The link and all links outward of it."""
+    def _outward(self, link: str) -> Iterator[str]:
+        """The link and all links outward of it, each after the one that carries it."""
         waiting = [link]
         while waiting:
             name = waiting.pop()
             yield name
             waiting += [joint.child for joint in self.below[name]]
 
-    def _way(self, tip: str) -> list[Any]:
+    def _way(self, tip: str) -> list[UrdfJoint]:
         """Joints from the root to the link ``tip``."""
         way = []
         while tip != self.root:
@@ -245,204 +207,235 @@ class _Tree:
             tip = way[-1].parent
         return way[::-1]
 
-    def _only_tip(self) -> str:
-        """The end of a file that is one chain with one end."""
-        for joint in self.joints.values():
-            if joint.mimic is not None:
-                raise InputError(
-                    f"joint {joint.name!r} mimics {joint.mimic.joint!r}: choose a tip that leaves "
-                    "it out"
+    def _leader(self, joint: UrdfJoint) -> tuple[str, float]:
+        """Joint at the head of those that mimic each other, and the position with it at zero.
+
+        A joint whose leader is not there, or is itself, leads itself.
+        """
+        factor, offset, at, passed = 1.0, 0.0, joint, {joint.name}
+        while at.leader is not None:
+            following = self.joints.get(at.leader)
+            if following is None or not following.moves or following.name in passed:
+                self.remarks.add(
+                    "joints that mimic no other moving joint of the file move on their own",
+                    f"{joint.name!r} (mimics {at.leader!r})",
                 )
+                return joint.name, 0.0
+            factor, offset = factor * at.multiplier, offset + factor * at.offset
+            at = following
+            passed.add(at.name)
+        return at.name, offset
+
+    def _free(self, way: list[UrdfJoint]) -> list[UrdfJoint]:
+        """The joints of the chain: those on the way that move, of a mimicking group only one."""
+        groups: dict[str, list[UrdfJoint]] = {}
+        for joint in way:
+            if joint.moves:
+                groups.setdefault(self._leader(joint)[0], []).append(joint)
+        chosen = {
+            next((joint for joint in group if joint.name == head), group[0]).name
+            for head, group in groups.items()
+        }
+        return [joint for joint in way if joint.name in chosen]
+
+    def _ends(self) -> list[str]:
+        """Links without others outward of them."""
+        return [name for name in self.order if not self.below[name]]
+
+    def _tips(self, more: list[str] | None = None) -> str:
+        """Links that can be the tip, with the number of joints on the way, for messages."""
+        counts = {name: len(self._free(self._way(name))) for name in [*(more or []), *self._ends()]}
+        able = [f"{name!r} ({count})" for name, count in counts.items() if count]
+        if len(able) > LISTED:
+            able[LISTED:] = [f"{len(able) - LISTED} more"]
+        return ", ".join(able)
+
+    def _only_tip(self) -> str:
+        """The end of a file that is one arm."""
+        moving = {self.root: False}  # whether any joint outward of a link moves
+        for name in reversed(self.order):
+            moving[name] = any(j.moves or moving[j.child] for j in self.below[name])
         last = self.root
-        while arms := [joint for joint in self.below[last] if self._moves_outward(joint)]:
+        while arms := [j for j in self.below[last] if j.moves or moving[j.child]]:
             if len(arms) > 1:
+                if self._is_gripper(last):
+                    break
                 names = ", ".join(repr(joint.name) for joint in arms)
                 raise InputError(
-                    f"the file branches at link {last!r} into joints {names}: choose an end by tip"
+                    f"the file branches at link {last!r} into joints {names}: choose an end by "
+                    f"tip, one of (with its number of joints) {self._tips([last])}"
                 )
             last = arms[0].child
-        ends = [name for name in self._carried(last) if not self.below[name]]
-        if len(ends) != 1:
-            names = ", ".join(map(repr, sorted(ends)))
-            raise InputError(f"the chain has the ends {names}: choose one by tip")
-        return ends[0]
+        ends = sorted(name for name in self._outward(last) if not self.below[name])
+        if len(ends) == 1:
+            return ends[0]
+        tip = USUAL_TOOL if USUAL_TOOL in ends else last
+        others = ", ".join(repr(name) for name in ends if name != tip)
+        self.remarks.add(f"the tool frame is that of {tip!r}; others can be chosen by tip", others)
+        return tip
 
-    def _moves_outward(self, joint: Any) -> bool:
-        """Whether the joint or any joint outward of it moves."""
-        outward = (j for name in self._carried(joint.child) for j in self.below[name])
-        return any(j.type in MOVING for j in (joint, *outward))
+    def _is_gripper(self, link: str) -> bool:
+        """Whether all that moves outward of a link that moves itself mimics one joint."""
+        outward = [j for name in self._outward(link) for j in self.below[name] if j.moves]
+        return (
+            any(joint.moves for joint in self._way(link))
+            and len({self._leader(joint)[0] for joint in outward}) == 1
+        )
+
+    def _checked_tip(self, tip: str) -> str:
+        if tip not in self.links:
+            near = get_close_matches(str(tip), self.links, 3)
+            advice = f" (near it: {', '.join(map(repr, near))})" if near else ""
+            raise InputError(
+                f"tip must be a link of the file, not {tip!r}{advice}; ends that can be it, with "
+                f"their number of joints: {self._tips()}"
+            )
+        return tip
 
     def robot(self, tip: str | None, parallel_tolerance: float) -> Robot:
         """The chain from the root to ``tip``, or to the only end there is."""
-        if tip is None:
-            tip = self._only_tip()
-        elif tip not in self.links:
-            raise InputError(f"tip must be a link of the file, one of {', '.join(self.links)}")
+        tip = self._only_tip() if tip is None else self._checked_tip(tip)
         way = self._way(tip)
-        moving = [joint for joint in way if joint.type in MOVING]
-        for joint in moving:
-            if joint.mimic is not None:
-                raise InputError(f"joint {joint.name!r} mimics {joint.mimic.joint!r}")
+        moving = self._free(way)
         if not moving:
-            raise InputError(f"no joint moves between {self.root!r} and {tip!r}")
-        chain = {joint.name for joint in moving}
-        frames = self._frames(chain)
-        axes = np.array([frames[j.child][:3, :3] @ _axis(j) for j in moving])
+            raise InputError(
+                f"no joint moves between {self.root!r} and {tip!r}; ends that can be the tip, with "
+                f"their number of joints: {self._tips()}"
+            )
+        self._remark_held(way, moving)
+        frames = self._frames({joint.name for joint in moving})
+        axes = np.array([frames[j.child][:3, :3] @ j.axis for j in moving])
         points = np.array([frames[j.child][:3, 3] for j in moving])
-        rows = dh_rows(points, axes, [j.name for j in moving], parallel_tolerance)
+        rows = dh_rows(points, axes, parallel_tolerance)
         tool = np.array(np.linalg.solve(rows.frames[-1], frames[tip]), dtype=float)
+        carriers = self._carriers(moving)
         return Robot.from_dh(
             rows.alpha,
             rows.a,
             rows.d,
             rows.theta,
             joint_type=["prismatic" if j.type == "prismatic" else "revolute" for j in moving],
-            links=self._links(moving, frames, rows.frames),
-            limits=self._limits(moving),
-            gravity=self._gravity(),
+            links=self._links(moving, carriers, frames, rows.frames),
+            limits=_limits(moving),
+            gravity=self.file.gravity,
             tool=_cleaned(tool),
-            name=self.name,
+            name=self.file.name,
             joint_names=[j.name for j in moving],
-            description=self.about.get("description", ""),
+            description=self.file.description,
             base=rows.base,
+            beta=rows.beta,
+            shapes=self._shapes(carriers, frames, [np.eye(4), *rows.frames]),
         )
 
+    def _remark_held(self, way: list[UrdfJoint], moving: list[UrdfJoint]) -> None:
+        """Remark on what a serial chain cannot follow."""
+        heads = {self._leader(joint)[0] for joint in moving}
+        for joint in self.joints.values():
+            if joint in moving:
+                continue
+            if joint in way and joint.type in HELD:
+                self.remarks.add(
+                    "planar and floating joints on the way to the tip are held at zero",
+                    f"{joint.name!r} ({joint.type})",
+                )
+            elif joint.moves and self._leader(joint)[0] in heads:
+                self.remarks.add(
+                    "joints that mimic one of the chain, or that it mimics, are held still",
+                    f"{joint.name!r} at {self._leader(joint)[1]:g}",
+                )
+
     def _frames(self, chain: set[str]) -> dict[str, FloatArray]:
-        """Frames [4,4] of all links in the root's, chain at zero, other joints locked."""
+        """Frames [4,4] of all links in the root's, chain at zero, other joints held."""
         frames = {self.root: np.eye(4)}
-        for name in self._carried(self.root):
+        for name in self.order:
             for joint in self.below[name]:
-                frame = frames[name] @ _origin(f"origin of joint {joint.name!r}", joint.origin)
-                if joint.type in MOVING and joint.name not in chain:
-                    frame = frame @ _joint_motion(joint, self._locked(joint, chain))
+                frame = frames[name] @ joint.frame
+                if joint.moves and joint.name not in chain:
+                    frame = frame @ _joint_motion(joint, self._leader(joint)[1])
                 frames[joint.child] = frame
         return frames
 
-    def _locked(self, joint: Any, chain: set[str]) -> float:
-        """Position nearest to zero that the limits of a joint off the chain allow."""
-        if joint.mimic is not None:
-            label = f"of the mimic of joint {joint.name!r}"
-            leader = self.joints.get(joint.mimic.joint)
-            if leader is None or leader.mimic is not None or leader.type not in MOVING:
-                raise InputError(f"joint {label} must be a moving joint, not {joint.mimic.joint!r}")
-            if leader.name in chain:
-                raise InputError(
-                    f"joint {joint.name!r} mimics {leader.name!r}, which moves on the way to the "
-                    "tip"
-                )
-            factor = 1.0 if joint.mimic.multiplier is None else joint.mimic.multiplier
-            offset = 0.0 if joint.mimic.offset is None else joint.mimic.offset
-            factor = checks.number(f"multiplier {label}", factor)
-            return factor * self._locked(leader, chain) + checks.number(f"offset {label}", offset)
-        lower, upper = _range(joint)
-        return min(max(0.0, lower), upper)
+    def _carriers(self, moving: list[UrdfJoint]) -> dict[str, int]:
+        """Link -> number of the chain's joint that moves it, from 1; 0 for what stands still."""
+        numbers = {joint.name: number for number, joint in enumerate(moving, 1)}
+        carriers = {self.root: 0}
+        for name in self.order:
+            for joint in self.below[name]:
+                carriers[joint.child] = numbers.get(joint.name, carriers[name])
+        return carriers
 
     def _links(
-        self, moving: list[Any], frames: dict[str, FloatArray], placed: list[FloatArray]
+        self,
+        moving: list[UrdfJoint],
+        carriers: dict[str, int],
+        frames: dict[str, FloatArray],
+        placed: list[FloatArray],
     ) -> list[Link]:
         """One link a joint, of all that moves with it; none if nothing has a mass."""
-        bodies = {joint.name: _Body() for joint in moving}
-        carrier: dict[str, str | None] = {self.root: None}
-        for name in self._carried(self.root):
-            for joint in self.below[name]:
-                carrier[joint.child] = joint.name if joint.name in bodies else carrier[name]
-            own = _inertial(self.links[name])
-            body = carrier[name]
-            if own is not None and body is not None:
-                bodies[body].add(own[0], frames[name] @ own[1])
-        if not any(body.mass for body in bodies.values()):
+        bodies = [_Body() for _ in range(len(moving) + 1)]
+        for name in self.order:
+            if own := self.links[name].inertial:
+                bodies[carriers[name]].add(own, frames[name] @ own.frame)
+        if all(body.empty for body in bodies[1:]):
             return []
-        links = []
-        for joint, frame in zip(moving, placed, strict=True):
-            body = bodies[joint.name]
-            if not body.mass:
-                raise InputError(
-                    f"mass of what joint {joint.name!r} moves, up to the next joint, is missing: "
-                    "give all or none"
-                )
-            links.append(body.as_link(frame, name=joint.child, **self._at_joint(joint)))
-        return links
+        return [
+            body.as_link(
+                frame,
+                armature=_armature(joint),
+                viscous_friction=joint.damping,
+                coulomb_friction=joint.friction,
+                name=joint.child,
+            )
+            for body, joint, frame in zip(bodies[1:], moving, placed, strict=True)
+        ]
 
-    def _at_joint(self, joint: Any) -> dict[str, float]:
-        """Friction and rotor inertia of a joint."""
-        dynamics, extra = joint.dynamics, self._extra(joint)
-        given = {
-            "viscous_friction": (getattr(dynamics, "damping", None), "damping"),
-            "coulomb_friction": (getattr(dynamics, "friction", None), "friction"),
-            "armature": (extra.get("armature"), "armature"),
-        }
-        return {
-            key: _number(f"{word} of joint {joint.name!r}", text, at_least=0.0)
-            for key, (text, word) in given.items()
-            if text is not None
-        }
-
-    def _extra(self, joint: Any) -> dict[str, str]:
-        element = self.extras.get(joint.name)
-        attributes = {} if element is None else dict(element.attrib)
-        for key in attributes:
-            checks.one_of(f"<{EXTENSION}> of joint {joint.name!r}", key, EXTRA_KEYS)
-        return attributes
-
-    def _limits(self, moving: list[Any]) -> Limits:
-        columns: dict[str, list[float]] = {key: [] for key in ("q_min", "q_max", *EXTRA_KEYS[1:])}
-        for joint in moving:
-            lower, upper = _range(joint)
-            columns["q_min"].append(lower)
-            columns["q_max"].append(upper)
-            limit, extra = joint.limit, self._extra(joint)
-            for quantity, key in (("qd", "velocity"), ("tau", "effort")):
-                value = getattr(limit, key, None)
-                if value not in (None, math.inf):
-                    label = f"{key} of joint {joint.name!r}"
-                    bound = repr(checks.number(label, value, at_least=0.0))
-                    extra.setdefault(f"{quantity}_max", bound)
-                    extra.setdefault(f"{quantity}_min", f"-{bound}")
-            for quantity in RANGES:
-                for side, free in (("min", -math.inf), ("max", math.inf)):
-                    key = f"{quantity}_{side}"
-                    label = f"{key} of joint {joint.name!r}"
-                    text = extra.get(key)
-                    value = free if text in (None, str(free)) else _number(label, text)
-                    columns[key].append(value)
-        pairs = {
-            f"{quantity}_max": (columns[f"{quantity}_min"], columns[f"{quantity}_max"])
-            for quantity in RANGES
-        }
-        return Limits(q_min=columns["q_min"], q_max=columns["q_max"], **pairs)
-
-    def _gravity(self) -> list[float]:
-        for key in self.about:
-            checks.one_of(f"<{EXTENSION}>", key, ("gravity", "description"))
-        text = self.about.get("gravity", "0 0 -9.81")
-        return [_number("gravity", entry) for entry in text.split()]
+    def _shapes(
+        self,
+        carriers: dict[str, int],
+        frames: dict[str, FloatArray],
+        placed: list[FloatArray],
+    ) -> list[Shape]:
+        """Geometry of all links, in the base frame and the new link frames."""
+        shapes = []
+        for name in self.order:
+            number = carriers[name]
+            at = _cleaned(np.array(np.linalg.solve(placed[number], frames[name]), dtype=float))
+            shapes += [
+                replace(shape, frame=number, pose=at @ shape.pose)
+                for shape in self.links[name].shapes
+            ]
+        return shapes
 
 
-def _number(name: str, text: Any, *, at_least: float | None = None) -> float:
+def _extra(joint: UrdfJoint, key: str, default: float) -> float:
+    text = joint.extra.get(key)
+    if text is None:
+        return default
     try:
         value = float(text)
-    except (TypeError, ValueError):
-        raise InputError(f"{name} must be a number, not {text!r}") from None
-    return checks.number(name, value, at_least=at_least)
+    except ValueError:
+        raise InputError(f"{key} of joint {joint.name!r} must be a number, not {text!r}") from None
+    return value if value == default else checks.number(f"{key} of joint {joint.name!r}", value)
 
 
-def _axis(joint: Any) -> FloatArray:
-    """Unit axis [3] of a moving joint in its own frame."""
-    axis = checks.array(f"axis of joint {joint.name!r}", joint.axis, (3,))
-    length = float(np.linalg.norm(axis))
-    # A unit vector written with four digits is within 1e-4 of one.
-    if abs(length - 1) > 1e-3:
-        raise InputError(
-            f"axis of joint {joint.name!r} must be a unit vector, not {axis.tolist()} of length "
-            f"{length:.6g}"
+def _armature(joint: UrdfJoint) -> float:
+    label = f"armature of joint {joint.name!r}"
+    return checks.number(label, _extra(joint, "armature", 0.0), at_least=0.0)
+
+
+def _limits(moving: list[UrdfJoint]) -> Limits:
+    bounds: dict[str, Any] = {
+        "q_min": [joint.lower for joint in moving],
+        "q_max": [joint.upper for joint in moving],
+    }
+    for quantity in RANGES:
+        sizes = {"qd": [j.velocity for j in moving], "tau": [j.effort for j in moving]}
+        size = sizes.get(quantity, [math.inf] * len(moving))
+        bounds[f"{quantity}_max"] = (
+            [_extra(j, f"{quantity}_min", -s) for j, s in zip(moving, size, strict=True)],
+            [_extra(j, f"{quantity}_max", s) for j, s in zip(moving, size, strict=True)],
         )
-    return axis / length
-
-
-def _origin(name: str, matrix: FloatArray | None) -> FloatArray:
-    if matrix is None:
-        return np.eye(4)
-    return _cleaned(checks.array(name, matrix, (4, 4)))
+    return Limits(**bounds)
 
 
 def _cleaned(matrix: FloatArray) -> FloatArray:
@@ -450,41 +443,12 @@ def _cleaned(matrix: FloatArray) -> FloatArray:
     return np.where(np.abs(matrix) < 1e-15, 0.0, matrix)
 
 
-def _joint_motion(joint: Any, position: float) -> FloatArray:
+def _joint_motion(joint: UrdfJoint, position: float) -> FloatArray:
     """Transform [4,4] of a joint by ``position``, rad or m."""
-    axis, motion = _axis(joint), np.eye(4)
+    motion = np.eye(4)
     if joint.type == "prismatic":
-        motion[:3, 3] = position * axis
+        motion[:3, 3] = position * joint.axis
     else:
-        skew = np.cross(np.eye(3), axis)  # times a vector: axis x vector
+        skew = np.cross(np.eye(3), joint.axis)  # times a vector: axis x vector
         motion[:3, :3] += np.sin(position) * skew + (1 - np.cos(position)) * skew @ skew
     return motion
-
-
-def _range(joint: Any) -> tuple[float, float]:
-    """Lower and upper position of a joint, rad or m."""
-    if joint.type == "continuous":
-        return -math.inf, math.inf
-    limit = joint.limit
-    if limit is None or (limit.lower is None and limit.upper is None):
-        raise InputError(f"limit of joint {joint.name!r} is missing: give lower and upper")
-    # URDF takes one side that is not given as zero.
-    lower, upper = (0.0 if side is None else side for side in (limit.lower, limit.upper))
-    for side, value in (("lower", lower), ("upper", upper)):
-        if math.isnan(value):
-            raise InputError(f"{side} limit of joint {joint.name!r} must be a number, not nan")
-    if lower > upper:
-        raise InputError(
-            f"lower limit of joint {joint.name!r} must be at most its upper limit of {upper:g}, "
-            f"not {lower:g}"
-        )
-    return lower, upper
-
-
-def _inertial(link: Any) -> tuple[Link, FloatArray] | None:
-    """A link's own mass properties about its centre of mass, and their frame [4,4] in the link."""
-    inertial = link.inertial
-    if inertial is None:
-        return None
-    body = Link(inertial.mass, np.zeros(3), inertial.inertia, name=link.name)
-    return body, _origin(f"inertial origin of link {link.name!r}", inertial.origin)

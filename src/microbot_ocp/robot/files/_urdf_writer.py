@@ -12,12 +12,13 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.robot._links import Link
 from microbot_ocp.robot._model import Robot, dh_transform
+from microbot_ocp.robot._shapes import SIZES, Shape
 from microbot_ocp.robot.files._toml import save_text
-from microbot_ocp.robot.files._urdf_reader import EXTENSION
+from microbot_ocp.robot.files._urdf_file import EXTENSION
 
 
 def write_urdf(robot: Robot, path: str | Path) -> None:
-    """Write a robot as a URDF file: the same poses and dynamics, without shapes.
+    """Write a robot as a URDF file: the same poses, dynamics and geometry.
 
     The root link is ``base_link``, the last one ``tool``. Rotor inertia, gravity, and limits that
     URDF has no room for stand in elements ``<microbot_ocp>``: :func:`microbot_ocp.load_robot` reads
@@ -49,9 +50,12 @@ def robot_to_urdf(robot: Robot) -> str:
         link = ElementTree.SubElement(root, "link", name=name)
         if robot.has_dynamics and 0 < index <= robot.joint_count:
             _write_inertial(link, robot.links[index - 1])
+        for shape in robot.shapes:
+            if shape.frame == index:
+                _write_shape(link, shape)
     for joint in range(robot.joint_count):
-        row = (robot.alpha[joint], robot.a[joint], robot.d[joint], robot.theta_offset[joint])
-        placement = dh_transform(*row)
+        columns = (robot.alpha, robot.a, robot.d, robot.theta_offset, robot.beta)
+        placement = dh_transform(*(column[joint] for column in columns))
         if joint == 0:
             placement = robot.base @ placement
         element = _write_joint(root, robot.joint_names[joint], names[joint : joint + 2], placement)
@@ -99,14 +103,34 @@ def _write_inertial(element: ElementTree.Element, link: Link) -> None:
     ElementTree.SubElement(inertial, "inertia", {k: repr(v) for k, v in tensor.items()})
 
 
+def _write_shape(link: ElementTree.Element, shape: Shape) -> None:
+    element = ElementTree.SubElement(link, shape.role)
+    _write_origin(element, shape.pose)
+    geometry = ElementTree.SubElement(element, "geometry")
+    if shape.kind == "mesh":
+        given = {"filename": shape.path, "scale": _vector(shape.size)}
+    elif shape.kind == "box":
+        given = {"size": _vector(shape.size)}
+    else:
+        given = dict(zip(SIZES[shape.kind], map(repr, shape.size.tolist()), strict=True))
+    ElementTree.SubElement(geometry, shape.kind, given)
+    if shape.color is not None:
+        material = ElementTree.SubElement(element, "material", name="")
+        ElementTree.SubElement(material, "color", rgba=_vector(np.array(shape.color)))
+
+
+def _write_origin(element: ElementTree.Element, placement: FloatArray) -> None:
+    rpy = _vector(_roll_pitch_yaw(placement[:3, :3]))
+    ElementTree.SubElement(element, "origin", xyz=_vector(placement[:3, 3]), rpy=rpy)
+
+
 def _write_joint(
     root: ElementTree.Element, name: str, links: list[str], placement: FloatArray
 ) -> ElementTree.Element:
     joint = ElementTree.SubElement(root, "joint", name=name)
     ElementTree.SubElement(joint, "parent", link=links[0])
     ElementTree.SubElement(joint, "child", link=links[1])
-    rpy = _vector(_roll_pitch_yaw(placement[:3, :3]))
-    ElementTree.SubElement(joint, "origin", xyz=_vector(placement[:3, 3]), rpy=rpy)
+    _write_origin(joint, placement)
     return joint
 
 

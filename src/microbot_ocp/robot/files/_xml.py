@@ -1,0 +1,83 @@
+"""XML as robot files have it: sloppy where that does no harm, refused where it may.
+
+Read are undeclared prefixes (``drake:...``), comments of any form, and any encoding, with or
+without a byte order mark. Refused are entity declarations and elements nested without end.
+"""
+
+from __future__ import annotations
+
+import codecs
+import re
+from typing import NoReturn
+from xml.etree import ElementTree
+from xml.parsers import expat
+
+from microbot_ocp._base.checks import InputError
+from microbot_ocp.robot.files._remarks import Remarks
+
+DEEPEST = 200  # nested elements; a robot file has about six
+BYTE_ORDER_MARKS = (
+    (codecs.BOM_UTF32_LE, "utf-32"),  # before utf-16, whose mark it begins with
+    (codecs.BOM_UTF32_BE, "utf-32"),
+    (codecs.BOM_UTF8, "utf-8-sig"),
+    (codecs.BOM_UTF16_LE, "utf-16"),
+    (codecs.BOM_UTF16_BE, "utf-16"),
+    (b"<\0", "utf-16-le"),
+    (b"\0<", "utf-16-be"),
+)
+DECLARATION = re.compile(r"\A\s*<\?xml\s.*?\?>", re.DOTALL)
+COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
+
+
+def read_xml(data: str | bytes, remarks: Remarks) -> ElementTree.Element:
+    """Root element of an XML text; names keep their prefixes as they stand."""
+    text = data if isinstance(data, str) else _decoded(data, remarks)
+    # Lines are kept, so that errors name the right one.
+    text = COMMENT.sub(_blank, text.lstrip("\ufeff"))
+    text = DECLARATION.sub(_blank, text, count=1)
+    builder, depth = ElementTree.TreeBuilder(), 0
+
+    def start(name: str, attributes: dict[str, str]) -> None:
+        nonlocal depth
+        depth += 1
+        if depth > DEEPEST:
+            raise InputError(f"elements are nested deeper than {DEEPEST}: <{name}> is no robot's")
+        builder.start(name, attributes)
+
+    def end(name: str) -> None:
+        nonlocal depth
+        depth -= 1
+        builder.end(name)
+
+    def entity(name: str, *_: object) -> NoReturn:
+        raise InputError(f"XML entities are not read, but {name!r} is declared")
+
+    parser = expat.ParserCreate()
+    parser.StartElementHandler, parser.EndElementHandler = start, end
+    parser.EntityDeclHandler = entity
+    try:
+        parser.Parse(text.encode(), True)
+    except (expat.ExpatError, UnicodeEncodeError) as problem:
+        raise InputError(f"the text is not valid XML: {problem}") from None
+    return builder.close()
+
+
+def _blank(found: re.Match[str]) -> str:
+    return "\n" * found.group().count("\n")
+
+
+def _decoded(data: bytes, remarks: Remarks) -> str:
+    marked = [encoding for mark, encoding in BYTE_ORDER_MARKS if data.startswith(mark)]
+    encoding = marked[0] if marked else _declared(data)
+    try:
+        return data.decode(encoding)
+    except (LookupError, UnicodeError):
+        remarks.add(f"the text is not {encoding}, as it should be: read as Latin-1")
+        return data.decode("latin-1")
+
+
+def _declared(data: bytes) -> str:
+    found = re.match(rb"\s*<\?xml[^>]*?encoding\s*=\s*[\"']([\w.:-]+)", data)
+    name = found.group(1).decode("ascii", "replace") if found else "utf-8"
+    wide = name.lower().replace("-", "").startswith(("utf16", "utf32"))
+    return "utf-8" if wide else name  # of wide characters the declaration itself was not found

@@ -1,0 +1,51 @@
+"""Every URDF file of three packages is read, every chain of it as pinocchio has it."""
+
+from __future__ import annotations
+
+import pytest
+
+import microbot_ocp as mo
+
+pytest.importorskip("pinocchio")
+from external.urdf_packages import QUANTITIES, File, chains, files
+
+FILES = files()
+RELATIVE = 1e-9
+
+if not FILES:
+    pytest.skip("no package with URDF files is installed", allow_module_level=True)
+
+
+@pytest.mark.filterwarnings("ignore::microbot_ocp.RobotFileWarning")
+@pytest.mark.parametrize("file", [f for f in FILES if f.joint_count], ids=lambda f: f.label)
+def test_every_chain_is_the_one_of_pinocchio(file: File) -> None:
+    done = list(chains(file))
+    assert [chain.tip for chain in done] == list(file.tips)
+    for chain in done:
+        for quantity, value in zip(QUANTITIES, chain.differences, strict=True):
+            assert not value > RELATIVE, f"{quantity} of {chain.tip}"  # NaN: no masses
+        assert all(file.path.name in text for text in chain.warnings)
+
+
+@pytest.mark.filterwarnings("ignore::microbot_ocp.RobotFileWarning")
+@pytest.mark.parametrize("file", [f for f in FILES if not f.joint_count], ids=lambda f: f.label)
+def test_what_has_no_moving_joint_is_refused_for_that(file: File) -> None:
+    reason = "is not valid XML" if file.path.read_text() == "hello\n" else "has no moving joint"
+    with pytest.raises(mo.InputError, match=reason):
+        mo.read_urdf(file.path)
+
+
+@pytest.mark.filterwarnings("ignore::microbot_ocp.RobotFileWarning")
+@pytest.mark.parametrize("file", [f for f in FILES if f.joint_count], ids=lambda f: f.label)
+def test_without_tip_a_file_is_one_arm_or_its_tips_are_listed(file: File) -> None:
+    refusal = ""
+    try:
+        robot = mo.read_urdf(file.path)
+    except mo.InputError as problem:
+        refusal = str(problem)
+    else:
+        assert robot.joint_count > 1
+    if refusal:
+        assert "choose an end by tip" in refusal
+        assert len(file.tips) > 1
+        assert any(repr(tip) in refusal for tip in file.tips)
