@@ -73,7 +73,7 @@ def stopped(x: float) -> tuple[Transcription, Solution]:
 
 def test_multipliers_of_equations_are_found_again():
     transcription, solution = stopped(0.0)
-    program = assemble(transcription.problem, transcription.layouts(10))
+    program = assemble(transcription.layouts(10))
     assert solution.variables is not None
     assert solution.variable_multipliers is not None
     equal = program.row_lower == program.row_upper
@@ -85,7 +85,7 @@ def test_multipliers_of_equations_are_found_again():
 
 def test_what_is_no_optimum_is_not_accepted():
     transcription, solution = stopped(0.0)
-    program = assemble(transcription.problem, transcription.layouts(10))
+    program = assemble(transcription.layouts(10))
     x, lam_g, lam_x = solution.variables, solution.row_multipliers, solution.variable_multipliers
     assert x is not None
     assert lam_x is not None
@@ -111,7 +111,7 @@ def test_what_is_no_optimum_is_not_accepted():
 
 def test_the_scale_of_the_cost_is_in_the_multipliers():
     transcription, solution = stopped(0.0)
-    program = assemble(transcription.problem, transcription.layouts(10))
+    program = assemble(transcription.layouts(10))
     assert solution.variables is not None
     assert solution.variable_multipliers is not None
     scaled = replace(program, cost_scale=1e3)

@@ -19,8 +19,6 @@ from microbot_ocp.ocp.transcription import (
     Transcription,
     assemble,
     mesh_of,
-    row_labels,
-    variable_labels,
 )
 from microbot_ocp.ocp.transcription.schemes import Collocation
 from microbot_ocp.ocp.verification import each_interval, mesh_states, open_loop, verify
@@ -51,7 +49,7 @@ def pendulum():
 def program(request):
     problem = everything()
     transcription = Transcription(problem, scheme=request.param, duration_scale=0.7)
-    return assemble(problem, transcription.layouts(MIXED))
+    return assemble(transcription.layouts(MIXED))
 
 
 def test_derivatives_are_those_of_the_expressions(program):
@@ -76,11 +74,12 @@ def test_derivatives_are_those_of_the_expressions(program):
 
 def test_every_row_and_variable_has_its_place_and_name(program):
     sizes = program.variable_lower.size, program.row_lower.size
-    assert sum(program.nodes) + sum(program.controls) == sizes[0]
-    assert sum(program.nodes[1:]) + sum(program.constraints) == sizes[1]
-    assert (len(variable_labels(program)), len(row_labels(program))) == sizes
+    nodes, controls, constraints = program.stage_sizes
+    assert nodes.sum() + controls.sum() == sizes[0]
+    assert nodes[1:].sum() + constraints.sum() == sizes[1]
+    assert (len(program.variable_labels), len(program.row_labels)) == sizes
     defects = [
-        k for k in row_labels(program) if (k.kind, k.phase, k.name) == ("defect", "first", "y")
+        k for k in program.row_labels if (k.kind, k.phase, k.name) == ("defect", "first", "y")
     ]
     assert [k.interval for k in defects] == [0, 0, 1, 1, 1, 1, 2, 2, 3, 3, 3]
 

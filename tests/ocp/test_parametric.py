@@ -108,9 +108,7 @@ def test_derivatives_know_parameters_as_arguments():
 
     problem = everything()
     transcription = Transcription(problem, duration_scale=0.7)
-    fixed, free = (
-        assemble(problem, transcription.layouts([3, 4]), parametric=yes) for yes in (False, True)
-    )
+    fixed, free = (assemble(transcription.layouts([3, 4]), parametric=yes) for yes in (False, True))
     np.testing.assert_array_equal(free.parameters, [0.7, -1.3])
     x = np.random.default_rng(0).uniform(0.2, 1.5, fixed.variable_lower.size)
     lam = np.random.default_rng(1).normal(size=fixed.row_lower.size)

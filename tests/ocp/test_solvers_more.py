@@ -77,11 +77,11 @@ def test_multipliers_on_a_finer_mesh_are_near_those_found_there():
     transcription = Transcription(bryson_denham(1 / 9))
     settings = SolverSettings("ipopt", tolerance=1e-9)
     coarse, fine = (solve(transcription, n, settings=settings) for n in (36, 72))
-    program = assemble(transcription.problem, transcription.layouts(72))
+    program = assemble(transcription.layouts(72))
     start = start_from(program, transcription.problem, coarse)
     layout = program.layouts[0]
     for column in (0, 1):  # the costates of x and v; that of x jumps at two mesh points
-        rows = layout.stage_row[2:-2] + column
+        rows = layout.groups[0].rows[2:-2, column]
         near = np.abs(start.row_multipliers[rows] - fine.row_multipliers[rows]) < 0.3
         assert near.sum() >= near.size - 4
     assert start.variable_multipliers.sum() == pytest.approx(

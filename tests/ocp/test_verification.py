@@ -12,7 +12,7 @@ from microbot_ocp._base.checks import InputError
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.solution import PhaseSolution, Solution, Status, unpack
 from microbot_ocp.ocp.solvers import SolverSettings, solve
-from microbot_ocp.ocp.transcription import Transcription, assemble, row_labels, variable_labels
+from microbot_ocp.ocp.transcription import Transcription, assemble
 from microbot_ocp.ocp.transcription.schemes import SCHEMES, Collocation, IntegratorShooting
 from microbot_ocp.ocp.verification import (
     Thresholds,
@@ -248,12 +248,12 @@ def test_a_transcription_serves_as_well_and_values_are_plain():
 def test_the_gradient_of_the_lagrangian_is_that_of_the_assembled_program(scheme):
     transcription = Transcription(everything(), scheme=scheme)
     layouts = transcription.layouts([3, 4])
-    program = assemble(transcription.problem, layouts)
+    program = assemble(layouts)
     random = np.random.default_rng(3)
     x = random.uniform(0.2, 0.8, program.variable_lower.size)
     lam = random.normal(size=program.row_lower.size)
     # one duration a phase, as a solution has it
-    for label, i in zip(variable_labels(program), range(x.size), strict=True):
+    for label, i in zip(program.variable_labels, range(x.size), strict=True):
         x[i] = 0.9 if label.kind == "duration" else x[i]
     parts = [
         differentiate(phase, plain_kernels(layout), lam)
@@ -268,8 +268,8 @@ def test_the_gradient_of_the_lagrangian_is_that_of_the_assembled_program(scheme)
 def test_every_row_and_variable_has_its_name(scheme):
     problem = everything()
     transcription = Transcription(problem, scheme=scheme)
-    program = assemble(problem, transcription.layouts([3, 4]))
-    rows, variables = row_labels(program), variable_labels(program)
+    program = assemble(transcription.layouts([3, 4]))
+    rows, variables = program.row_labels, program.variable_labels
     assert len(rows) == program.row_lower.size
     assert len(variables) == program.variable_lower.size
     declared = {
@@ -376,8 +376,8 @@ def test_wrong_multipliers_are_not_stationary(flight):
 def test_multipliers_at_bounds_that_do_not_act_are_found(flight):
     problem, solution = flight
     transcription = Transcription(problem, scheme="hermite_simpson")
-    program = assemble(problem, transcription.layouts([36]))
-    names = [(label.kind, label.name, label.interval) for label in variable_labels(program)]
+    program = assemble(transcription.layouts([36]))
+    names = [(label.kind, label.name, label.interval) for label in program.variable_labels]
     for name, interval, amount, said in (
         ("x", 3, 0.5, "not complementary: state x in phase 'fly', interval 4"),
         ("x", 3, -0.5, "multiplier of the wrong sign: state x in phase 'fly', interval 4"),

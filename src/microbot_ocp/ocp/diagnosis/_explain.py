@@ -20,21 +20,18 @@ from microbot_ocp.ocp.diagnosis._finiteness import check_start
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.solution import Solution, scaled, start_from, unpack
 from microbot_ocp.ocp.transcription import (
+    EQUATIONS,
     Guess,
+    Label,
     Meshes,
     Program,
-    RowLabel,
     Transcription,
-    VariableLabel,
     assemble,
-    row_labels,
-    variable_labels,
 )
 
 GIVES = 1e-4  # scaled amount below which a limit is said to hold
 FIGHTS = 1e-3  # multiplier, of a sum of scaled amounts, above which a limit is said to press
 ALONE = 12  # how many limits are asked what they would give alone
-_STRICT = ("step", "defect", "equation", "link")  # rows that are no limits
 # Where one way out is as cheap as another: rather an end than a start.
 _WEIGHTS = {"final": 0.01, "duration": 0.02, "initial": 0.03}
 _PLACES = {"initial": "start of ", "final": "end of "}
@@ -152,7 +149,7 @@ def explain(
         problem = Transcription(scaled(problem, guess))
     transcription = problem
     layouts = transcription.layouts(mesh)
-    program = assemble(transcription.problem, layouts)
+    program = assemble(layouts)
     start = start_from(program, transcription.problem, guess)
     check_start(program, start.x)
     elastic = _Elastic(program, max_iterations)
@@ -163,7 +160,7 @@ def explain(
 class _Item:
     """One side of one component of one limit: where it acts."""
 
-    label: RowLabel | VariableLabel
+    label: Label
     kind: str
     side: int  # -1 lower, 1 upper
     equal: bool
@@ -186,10 +183,9 @@ class _Elastic:
         self.count = low.size
         self.lower = np.concatenate([program.row_lower, low[self.bounded]])
         self.upper = np.concatenate([program.row_upper, high[self.bounded]])
-        variables = variable_labels(program)
-        self.labels: list[RowLabel | VariableLabel] = [
-            *row_labels(program),
-            *(variables[i] for i in self.bounded),
+        self.labels = [
+            *program.row_labels,
+            *(program.variable_labels[i] for i in self.bounded),
         ]
         self.items = list(self._items())
         self._arrange()
@@ -198,7 +194,7 @@ class _Elastic:
     def _items(self) -> Any:
         groups: dict[tuple[Any, ...], list[int]] = {}
         for row, label in enumerate(self.labels):
-            if label.kind in _STRICT:
+            if label.kind in EQUATIONS:
                 continue
             kind = label.kind if label.kind in ("initial", "final", "duration") else "limit"
             # a control that ends as the next node is bounded there: the same limit twice
@@ -217,7 +213,7 @@ class _Elastic:
 
     def _arrange(self) -> None:
         """Rows of the elastic program: which they are in the program, and their limits."""
-        strict = [i for i, label in enumerate(self.labels) if label.kind in _STRICT]
+        strict = [i for i, label in enumerate(self.labels) if label.kind in EQUATIONS]
         source = list(strict)
         lower, upper = (list(limits[strict]) for limits in (self.lower, self.upper))
         shared: dict[int, int] = {}
@@ -352,14 +348,13 @@ class _Elastic:
     ) -> Relaxation:
         item = self.items[index]
         label = item.label
-        g = np.array(self.program.functions["jacobian"](x, self.program.parameters)[0]).ravel()
-        values = np.concatenate([g, x[self.bounded]])[item.rows]
+        values = np.concatenate([self.program.row_values(x), x[self.bounded]])[item.rows]
         worst = int(np.argmax(item.side * values))
         if amount is None:
             worst = int(np.argmax(item.side * multipliers[self.places[index]]))
         place = self.labels[item.rows[worst]]
         layout = next(k for k in self.program.layouts if k.phase.name == label.phase)
-        duration = float(x[layout.variable_offset + layout.node_size - 1] * layout.node_scale[-1])
+        duration = float(x[layout.nodes[0, -1]] * layout.node_scale[-1])
         return Relaxation(
             phase=label.phase,
             name=label.component_name,
@@ -368,5 +363,5 @@ class _Elastic:
             limit=item.value * label.scale,
             amount=None if amount is None else amount * label.scale,
             unit=label.unit,
-            time=place.place(layout) * duration,
+            time=layout.place_of(place) * duration,
         )

@@ -11,8 +11,7 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.ocp.problem import Phase
 from microbot_ocp.ocp.solution import PhaseSolution, unpack
-from microbot_ocp.ocp.transcription import PhaseLayout, Program, row_labels
-from microbot_ocp.ocp.transcription.schemes import pointwise
+from microbot_ocp.ocp.transcription import PhaseLayout, Program, interpolated_variables
 
 PUSH = 1e-2  # how far solvers move a guess off its bounds, as a share of their size or distance
 
@@ -63,7 +62,7 @@ def not_finite(program: Program, x: FloatArray, where: str) -> str | None:
     bad = ~np.isfinite(np.array(g).ravel())
     entries = np.array(jacobian.sparsity().row())[~np.isfinite(np.array(jacobian.nonzeros()))]
     bad[entries] = True
-    row = f": {row_labels(program)[int(np.argmax(bad))]}" if bad.any() else ""
+    row = f": {program.row_labels[int(np.argmax(bad))]}" if bad.any() else ""
     return f"{where} gives values that are not finite between mesh points{row}"
 
 
@@ -130,19 +129,12 @@ def _points(
     h = np.diff(values.mesh)
     k = np.repeat(intervals, fractions.size)
     share = np.tile(fractions, intervals.size)
-    x, u = _dense(layout, values, k, share)
-    order = [
-        *(c for s in ("constant", "linear") for c in phase.controls if c.shape == s),
-        *pointwise(phase),
-    ]
     names: list[tuple[str, ca.MX]] = []
     tables: list[FloatArray] = []
-    for group, table in ((phase.states, x), (order, u)):
-        offset = 0
-        for variable in group:
-            names.append((variable.name, variable.symbol))
-            tables.append(table[offset : offset + variable.size])
-            offset += variable.size
+    known = _interpolated(layout, values, k, share)
+    for variable in interpolated_variables(phase):
+        names.append((variable.name, variable.symbol))
+        tables.append(known[variable.name].T)
     for control in rates:
         assert control.rate is not None
         names.append((f"the rate of {control.name}", control.rate))
@@ -157,18 +149,21 @@ def _points(
     return names, tables, times, k
 
 
-def _dense(
+def _interpolated(
     layout: PhaseLayout, values: PhaseSolution, k: np.ndarray, share: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """States and controls at fractions of intervals; values at mesh points as they are guessed."""
+) -> dict[str, FloatArray]:
+    """Values at fractions of intervals; states at mesh points as they are guessed."""
     assert values.stages is not None
-    x, u = layout.dense(values.stages, k, share)
+    known = layout.interpolated(values.stages, k, share)
     # inside an interval the state follows from the dynamics, which may be what is wrong
-    start = np.vstack([values[v.name][:-1].T for v in layout.phase.states])
-    end = np.vstack([values[v.name][1:].T for v in layout.phase.states])
-    straight = start[:, k] + share * (end - start)[:, k]
-    bad = ~np.isfinite(x).all(axis=0) | (share == 0.0) | (share == 1.0)
-    return np.where(bad, straight, x), u
+    states = layout.phase.states
+    bad = ~np.isfinite(np.hstack([known[v.name] for v in states])).all(axis=1)
+    bad |= (share == 0.0) | (share == 1.0)
+    for name in (v.name for v in states):
+        start, end = values[name][k], values[name][k + 1]
+        straight = start + share[:, None] * (end - start)
+        known[name] = np.where(bad[:, None], straight, known[name])
+    return known
 
 
 _OPERATIONS: dict[int, Callable[[float, float], str]] = {

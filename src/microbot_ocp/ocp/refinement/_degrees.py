@@ -50,20 +50,20 @@ def decay_rates(phase: PhaseSolution) -> FloatArray:
     """
     layout = phase_layout(phase)
     assert phase.stages is not None
-    local = sum(c.size for c in layout.phase.controls if c.shape == "polynomial")
-    before = sum(c.size for c in layout.phase.controls if c.shape != "polynomial")
+    polynomials = [c.name for c in layout.phase.controls if c.shape == "polynomial"]
     weights = state_weights(phase)
     rates = np.full(layout.intervals, np.inf)
     for group in layout.groups:
         scheme, own = group.kind.scheme, group.intervals
         assert isinstance(scheme, Collocation)
         for count, controls in ((scheme.degree + 1, False), (scheme.degree, True)):
-            if controls and not local:
+            if controls and not polynomials:
                 continue
             nodes, quadrature = np.polynomial.legendre.leggauss(count)
             places = np.tile((nodes + 1) / 2, own.size)
-            x, u = layout.dense(phase.stages, np.repeat(own, count), places)
-            table = u[before : before + local] if controls else x
+            known = layout.interpolated(phase.stages, np.repeat(own, count), places)
+            names = polynomials if controls else [s.name for s in layout.phase.states]
+            table = np.hstack([known[name] for name in names]).T
             scale = np.abs(table).max(axis=1) if controls else weights
             series = np.polynomial.legendre.legvander(nodes, count - 1)
             series = (2 * np.arange(count) + 1) / 2 * quadrature[:, None] * series

@@ -15,8 +15,6 @@ from ._progress import (
     StepProgress as StepProgress,
     Watch as Watch,
     quiet as quiet,
-    violation as violation,
-    violations as violations,
     watching as watching,
 )
 from ._scaling import (

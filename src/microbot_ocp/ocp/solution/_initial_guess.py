@@ -7,7 +7,7 @@ are, those of path constraints and bounds stand for an interval and are interpol
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -16,15 +16,7 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp.problem import OptimalControlProblem, Variable, node_variables
 from microbot_ocp.ocp.solution._solution import PhaseSolution, Solution, Start, pack
-from microbot_ocp.ocp.transcription import (
-    Entry,
-    Guess,
-    GuessValue,
-    PhaseLayout,
-    Program,
-    inner_variables,
-    stage_rows,
-)
+from microbot_ocp.ocp.transcription import Block, Guess, GuessValue, PhaseLayout, Program
 from microbot_ocp.ocp.transcription.schemes import Collocation
 
 
@@ -56,28 +48,20 @@ def start_from(
 
 def _alike(a: PhaseLayout, b: PhaseLayout) -> bool:
     """Whether two layouts differ in their meshes and degrees only."""
-    conditions = [
-        (k.initial_rows, k.final_rows, k.end_rows, k.transition, k.next_nodes) for k in (a, b)
-    ]
-    return (
-        type(a.scheme) is type(b.scheme)
-        and conditions[0] == conditions[1]
-        and _content(a) == _content(b)
-    )
+    return type(a.scheme) is type(b.scheme) and _content(a) == _content(b)
 
 
 def _content(layout: PhaseLayout) -> set[tuple[str, str, int, float]]:
-    """Kind, name, component and scale of everything that a stage may hold."""
-    entries = [
-        entry
-        for kind in layout.kinds
-        for entry in (*stage_rows(layout, kind), *inner_variables(kind))
-    ]
-    return {(kind, name, i, scale) for kind, name, i, _, _, _, scale in entries}
+    """Kind, name, component and scale of everything that a phase holds."""
+    return {
+        (entry.kind, entry.name, entry.component, entry.scale)
+        for block in (*layout.rows, *layout.variables)
+        for entry in block.entries
+    }
 
 
 def _same_mesh(a: PhaseLayout, b: PhaseLayout) -> bool:
-    schemes = [[k.kinds[i].scheme for i in k.kind_of] for k in (a, b)]
+    schemes = [[k.groups[i].kind.scheme for i in k.kind_of] for k in (a, b)]
     sizes = [(k.variable_count, k.row_count) for k in (a, b)]
     return np.array_equal(a.mesh, b.mesh) and sizes[0] == sizes[1] and schemes[0] == schemes[1]
 
@@ -195,19 +179,12 @@ def _moved_multipliers(
     new_rows = np.zeros(program.row_lower.size)
     new_variables = np.zeros(program.variable_lower.size)
     for before, after in zip(old, program.layouts, strict=True):
-        for which in ("start", "end"):
-            new_rows[_fixed_rows(after, which)] = rows[_fixed_rows(before, which)]
+        for which in ("initial", "link", "end", "final"):
+            new_rows[getattr(after, which).places] = rows[getattr(before, which).places]
         _move(_row_series(before), _row_series(after), rows, new_rows)
         _move(_variable_series(before), _variable_series(after), variables, new_variables)
         _move_nodes(before, after, variables, new_variables)
     return new_rows, new_variables
-
-
-def _fixed_rows(layout: PhaseLayout, which: str) -> np.ndarray:
-    """Rows that do not belong to an interval."""
-    if which == "start":
-        return layout.start_row + np.arange(len(layout.initial_rows))
-    return np.arange(layout.last_row, layout.row_offset + layout.row_count)
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,36 +207,37 @@ Key = tuple[str, str, int, float]
 
 
 def _row_series(layout: PhaseLayout) -> dict[Key, _Series]:
-    return _series(layout, [(stage_rows(layout, g.kind), g.rows) for g in layout.groups])
+    return _series(layout, [Block(g.kind.rows, g.intervals, g.rows) for g in layout.groups])
 
 
 def _variable_series(layout: PhaseLayout) -> dict[Key, _Series]:
-    inner = [g.variables[:, layout.node_size :] for g in layout.groups]
-    kinds = [inner_variables(g.kind) for g in layout.groups]
-    return _series(layout, list(zip(kinds, inner, strict=True)))
+    nz = layout.node_size
+    return _series(
+        layout,
+        [Block(g.kind.variables[nz:], g.intervals, g.variables[:, nz:]) for g in layout.groups],
+    )
 
 
-def _series(
-    layout: PhaseLayout, tables: Sequence[tuple[Iterable[Entry], np.ndarray]]
-) -> dict[Key, _Series]:
+def _series(layout: PhaseLayout, blocks: Sequence[Block]) -> dict[Key, _Series]:
     """Everything that has the same name and stands at the same kind of point."""
     found: dict[Key, list[FloatArray]] = {}
-    for group, (entries, table) in zip(layout.groups, tables, strict=True):
-        start, h = layout.mesh[group.intervals], np.diff(layout.mesh)[group.intervals]
+    for group, block in zip(layout.groups, blocks, strict=True):
+        start, h = layout.mesh[block.intervals], np.diff(layout.mesh)[block.intervals]
         scheme = group.kind.scheme
         shares = (
             dict(zip(scheme.points, scheme.weights, strict=True))
             if isinstance(scheme, Collocation)
             else {}
         )
-        for column, (kind, name, i, _, fraction, _, _) in enumerate(entries):
+        for entry, places in zip(block.entries, block.places.T, strict=True):
             # at points of collocation all belongs together, whatever the degree
-            point = np.inf if fraction in shares else fraction
-            weight = np.full(h.size, shares.get(fraction, 1.0) if kind != "step" else 1.0)
-            if kind not in ("step", "defect"):  # those are values of the costate
+            point = np.inf if entry.fraction in shares else entry.fraction
+            share = 1.0 if entry.kind == "step" else shares.get(entry.fraction, 1.0)
+            weight = np.full(h.size, share)
+            if entry.kind not in ("step", "defect"):  # those are values of the costate
                 weight = weight * h
-            part = np.vstack([start + fraction * h, table[:, column], weight])
-            found.setdefault((kind, name, i, point), []).append(part)
+            part = np.vstack([start + entry.fraction * h, places, weight])
+            found.setdefault((entry.kind, entry.name, entry.component, point), []).append(part)
     series = {}
     for key, parts in found.items():
         places, indices, weights = np.hstack(parts)

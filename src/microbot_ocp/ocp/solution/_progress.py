@@ -64,23 +64,6 @@ def quiet(_: Iteration | str) -> None:
     """Progress that nobody sees; solves are not watched for it."""
 
 
-def violations(program: Program, x: FloatArray, g: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Violation of every row and of every bound of the scaled program; infinite if not finite."""
-    found = []
-    for value, low, high in (
-        (g, program.row_lower, program.row_upper),
-        (x, program.variable_lower, program.variable_upper),
-    ):
-        excess = np.maximum(np.maximum(low - value, value - high), 0.0)
-        found.append(np.nan_to_num(excess, nan=np.inf, posinf=np.inf))
-    return found[0], found[1]
-
-
-def violation(program: Program, x: FloatArray, g: FloatArray) -> float:
-    """Largest violation of a bound or row of the scaled program; infinite if not finite."""
-    return max(float(np.max(own, initial=0.0)) for own in violations(program, x, g))
-
-
 @dataclass(frozen=True, eq=False)
 class Hook:
     """Options and functions that let a solver report."""
@@ -127,7 +110,7 @@ class Watch:
         self.x, self.count = x, self.count + 1
         if cost is None:
             cost = float(self.program.functions["gradient"](x, self.program.parameters)[0])
-        worst = violation(self.program, x, g)
+        worst = float(self.program.violations(x, g).max())
         try:
             self.progress(Iteration(self.solver, self.count, cost, worst, self.program, x))
         except KeyboardInterrupt:

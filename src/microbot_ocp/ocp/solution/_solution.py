@@ -13,7 +13,7 @@ from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.showing import view_for
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.problem import Phase, Variable, node_variables
-from microbot_ocp.ocp.transcription import Guess, IntArray, PhaseLayout, Program
+from microbot_ocp.ocp.transcription import Guess, IntArray, PhaseLayout, Program, fill_transitions
 
 
 @dataclass(frozen=True)
@@ -90,20 +90,7 @@ class PhaseSolution:
         share = np.clip(times / self.duration, 0.0, 1.0)
         k = np.clip(np.searchsorted(self.mesh, share, side="right") - 1, 0, self.mesh.size - 2)
         step = np.diff(self.mesh)[k]
-        x, u = self.layout.dense(self.stages, k, (share - self.mesh[k]) / step)
-        phase = self.layout.phase
-        by_shape = [
-            *phase.states,
-            *(
-                c
-                for s in ("constant", "linear", "polynomial")
-                for c in phase.controls
-                if c.shape == s
-            ),
-            *phase.algebraics,
-        ]
-        table = np.vstack([x, u]).T
-        return {v.name: table[:, columns] for v, columns in _columns(by_shape)}
+        return self.layout.interpolated(self.stages, k, (share - self.mesh[k]) / step)
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,13 +167,13 @@ def unpack(program: Program, x: FloatArray) -> tuple[PhaseSolution, ...]:
 
 def _phase_values(layout: PhaseLayout, x: FloatArray) -> PhaseSolution:
     nodes = x[layout.nodes] * layout.node_scale
-    stages = x[layout.variable_offset : layout.last_node]
+    stages = x[layout.stages]
     values: dict[str, FloatArray] = {}
     for variable, columns in _columns(node_variables(layout.phase)):
         values[variable.name] = nodes[:, columns]
     inside: dict[str, list[tuple[np.ndarray, FloatArray]]] = {}
     for group in layout.groups:
-        controls = x[group.variables[:, layout.node_size :]] * group.kind.control_scale
+        controls = (x[group.variables] * group.kind.scale)[:, layout.node_size :]
         own: dict[str, list[FloatArray]] = {}
         for variable, columns in _columns([k.source for k in group.kind.inner]):
             if variable.shape in ("constant", "polynomial", "algebraic"):
@@ -222,9 +209,8 @@ def pack(program: Program, guesses: Mapping[str, Guess]) -> FloatArray:
     InputError
         A phase or a state without a guess, wrong shape, anything not finite.
     """
-    last = program.layouts[-1]
-    x = np.zeros(last.variable_offset + last.variable_count)
-    for index, layout in enumerate(program.layouts):
+    x = np.zeros(program.variable_lower.size)
+    for layout in program.layouts:
         guess = _guess_for(layout.phase.name, guesses)
         _check_names(layout.phase, guess)
         nodes = node_variables(layout.phase)
@@ -246,30 +232,9 @@ def pack(program: Program, guesses: Mapping[str, Guess]) -> FloatArray:
             ]
             if w:
                 places = group.variables[:, layout.node_size :]
-                x[places] = np.hstack(w) / group.kind.control_scale
-        if layout.transition:
-            after = program.layouts[index + 1]
-            _guess_transition(program, index, after, guesses, x)
+                x[places] = np.hstack(w) / group.kind.scale[layout.node_size :]
+    fill_transitions(program.layouts, x)
     return x
-
-
-def _guess_transition(
-    program: Program,
-    index: int,
-    after: PhaseLayout,
-    guesses: Mapping[str, Guess],
-    x: FloatArray,
-) -> None:
-    layout = program.layouts[index]
-    guess = _guess_for(after.phase.name, guesses)
-    free = []
-    kept = program.links[index].names
-    for variable in node_variables(after.phase):
-        if variable.name not in kept:
-            free.append(_guess_table(after, guess, variable, after.mesh)[0] / variable.scale)
-    free.append(np.array([guess.duration / after.node_scale[-1]]))
-    start = layout.last_node + layout.node_size
-    x[start : start + layout.transition] = np.concatenate(free)
 
 
 def _guess_for(name: str, guesses: Mapping[str, Guess]) -> Guess:

@@ -14,7 +14,6 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp.ocp.solution import violation
 from microbot_ocp.ocp.transcription import Program
 
 REGULAR = 1e-14  # against equations that say the same twice
@@ -47,7 +46,7 @@ def accepted(
     _, slope = program.functions["gradient"](x, program.parameters)
     rows = np.array(g).ravel()
     finite = all(np.isfinite(v).all() for v in (x, rows, row_multipliers, variable_multipliers))
-    if not finite or not violation(program, x, rows) <= tolerance:
+    if not finite or not program.violations(x, rows).max() <= tolerance:
         return None
     lam_g, lam_x = (
         np.array(lam) / program.cost_scale for lam in (row_multipliers, variable_multipliers)

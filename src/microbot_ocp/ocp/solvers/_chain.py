@@ -78,7 +78,7 @@ def solve(
     start = time.perf_counter()
     transcription = transcribed(problem, settings, scheme=scheme, guess=guess)
     layouts = transcription.layouts(mesh)
-    program = assemble(transcription.problem, layouts)
+    program = assemble(layouts)
     begin = start_from(program, transcription.problem, guess)
     check_start(program, begin.x)
     program = with_cost_scale(program, begin.x, settings)

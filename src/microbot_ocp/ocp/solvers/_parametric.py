@@ -31,13 +31,10 @@ from microbot_ocp.ocp.solvers import (
 from microbot_ocp.ocp.transcription import (
     Guess,
     Meshes,
-    PhaseLayout,
     Program,
     Transcription,
     assemble,
-    phase_bounds,
-    phase_constants,
-    row_labels,
+    bounds_of,
 )
 
 Changes = Mapping[str, Mapping[str, Any]]
@@ -82,9 +79,7 @@ class ParametricSolver:
         self.settings = settings or SolverSettings()
         self.transcription = transcription = transcribed(transcription, self.settings)
         self.mesh = mesh
-        problem = transcription.problem
-        self.program = assemble(problem, transcription.layouts(mesh), parametric=True)
-        self._labels = row_labels(self.program)
+        self.program = assemble(transcription.layouts(mesh), parametric=True)
         self._made: Made = {}
         self._cost_scale: float | None = None
 
@@ -149,44 +144,13 @@ class ParametricSolver:
         layouts = []
         for layout in self.program.layouts:
             own = {what: changes.get(layout.phase.name) for what, changes in given.items()}
-            phase = _with_changes(layout.phase, own)
-            changed = _with_phase(layout, phase)
-            layouts.append(self._with_limits(changed) if own["bounds"] else changed)
-        found = [phase_bounds(layout) for layout in layouts]
+            layouts.append(replace(layout, phase=_with_changes(layout.phase, own)))
         return replace(
             self.program,
             layouts=tuple(layouts),
-            variable_lower=np.concatenate([b.variables[0] for b in found]),
-            variable_upper=np.concatenate([b.variables[1] for b in found]),
-            row_lower=np.concatenate([b.rows[0] for b in found]),
-            row_upper=np.concatenate([b.rows[1] for b in found]),
-            parameters=np.concatenate([phase_constants(layout) for layout in layouts]),
+            **vars(bounds_of(layouts)),
+            parameters=np.concatenate([layout.parameters for layout in layouts]),
         )
-
-    def _with_limits(self, layout: PhaseLayout) -> PhaseLayout:
-        """A layout whose rows have the limits of its phase."""
-        phase = layout.phase
-        pools: dict[str, Mapping[str, Any]] = {
-            "bound": {s.name: s for s in phase.states},
-            "constraint": {c.name: c for c in phase.constraints},
-            "end": {c.name: c for c in phase.end_constraints},
-        }
-        end_first = layout.last_row + layout.next_nodes
-        end_rows = np.arange(end_first, end_first + layout.end_rows)
-        kinds = []
-        for group in layout.groups:
-            kernels = group.kind.kernels
-            limits: dict[str, FloatArray] = {}
-            for where, rows in (("stage", group.rows[0, layout.node_size :]), ("end", end_rows)):
-                for side in ("lower", "upper"):
-                    values = np.array(getattr(kernels, f"{where}_{side}"))
-                    for i, label in enumerate(self._labels[row] for row in rows):
-                        if label.kind in pools:
-                            limit = pools[label.kind][label.name]
-                            values[i] = getattr(limit, side)[label.component] / label.scale
-                    limits[f"{where}_{side}"] = values
-            kinds.append(replace(group.kind, kernels=replace(kernels, **limits)))
-        return replace(layout, kinds=tuple(kinds))
 
     def __reduce__(self) -> tuple[Any, ...]:
         # expressions are written into one context, so that symbols stay the same in all of them
@@ -199,15 +163,6 @@ def _restored(state: bytes) -> ParametricSolver:
     with ca.global_unpickle_context():
         transcription, mesh, settings = pickle.loads(state)
     return ParametricSolver(transcription, mesh, settings)
-
-
-def _with_phase(layout: PhaseLayout, phase: Phase) -> PhaseLayout:
-    variables = {v.name: v for v in (*phase.states, *phase.controls, *phase.algebraics)}
-    kinds = tuple(
-        replace(kind, inner=tuple(replace(k, source=variables[k.source.name]) for k in kind.inner))
-        for kind in layout.kinds
-    )
-    return replace(layout, phase=phase, kinds=kinds)
 
 
 def _with_changes(phase: Phase, own: Mapping[str, Any]) -> Phase:

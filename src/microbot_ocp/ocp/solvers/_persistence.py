@@ -185,8 +185,7 @@ def repeat(path: str | Path, problem: OptimalControlProblem | Transcription) -> 
     layouts = [phase.layout for phase in before.phases if phase.layout is not None]
     if before.start is None or len(layouts) < len(before.phases):
         raise InputError(f"{path} was written without the start of its solve")
-    given = problem.problem if isinstance(problem, Transcription) else problem
-    program = replace(assemble(given, layouts), cost_scale=before.cost_scale)
+    program = replace(assemble(layouts), cost_scale=before.cost_scale)
     settings = SolverSettings(**dict(before.settings))  # type: ignore[arg-type]
     return run_chain(program, settings, before.start)
 
@@ -285,7 +284,7 @@ def _layouts(
     )
     for i, layout in enumerate(layouts):
         stages = arrays.get(f"phase{i}.stages")
-        if stages is not None and stages.size != layout.last_node - layout.variable_offset:
+        if stages is not None and stages.size != layout.stages.stop - layout.stages.start:
             raise InputError(
                 f"phase {names[i]!r} of the solution has other variables than the transcription"
             )

@@ -101,12 +101,13 @@ def _fatrop(program: Program, settings: SolverSettings) -> Plugin:
     if settings.initial_barrier is not None:
         options["mu_init"] = settings.initial_barrier
     equal = program.row_lower == program.row_upper
+    nodes, controls, constraints = program.stage_sizes
     structure = {
         "structure_detection": "manual",
-        "N": len(program.nodes) - 1,
-        "nx": list(program.nodes),
-        "nu": list(program.controls),
-        "ng": list(program.constraints),
+        "N": nodes.size - 1,
+        "nx": nodes.tolist(),
+        "nu": controls.tolist(),
+        "ng": constraints.tolist(),
         "equality": equal.tolist(),
     }
     cache = {

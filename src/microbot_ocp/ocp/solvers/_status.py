@@ -11,7 +11,6 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.status import Status
-from microbot_ocp.ocp.solution import violation
 from microbot_ocp.ocp.solvers._settings import SolverSettings
 from microbot_ocp.ocp.transcription import Program
 
@@ -55,6 +54,5 @@ def first_cause(problem: BaseException) -> str:
 def checked(program: Program, x: FloatArray) -> tuple[float, float]:
     """Cost and largest violation of a bound or row at x, whatever the solver reports of them."""
     cost = float(program.functions["gradient"](x, program.parameters)[0])
-    g = np.array(program.functions["jacobian"](x, program.parameters)[0]).ravel()
-    worst = violation(program, x, g)
+    worst = float(program.violations(x, program.row_values(x)).max())
     return cost, worst if np.isfinite(cost) else np.inf

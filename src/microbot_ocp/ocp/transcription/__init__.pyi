@@ -3,28 +3,20 @@
 from ._assembly import (
     Program as Program,
     assemble as assemble,
-    phase_bounds as phase_bounds,
-    phase_constants as phase_constants,
 )
 from ._kernels import (
     Kernels as Kernels,
     build_kernels as build_kernels,
+    interpolated_variables as interpolated_variables,
     joined as joined,
 )
-from ._labels import (
-    DURATION as DURATION,
-    Entry as Entry,
-    RowLabel as RowLabel,
-    VariableLabel as VariableLabel,
-    inner_variables as inner_variables,
-    row_labels as row_labels,
-    stage_rows as stage_rows,
-    variable_labels as variable_labels,
-)
 from ._layout import (
+    Bounds as Bounds,
     PhaseLayout as PhaseLayout,
     StageGroup as StageGroup,
     StageKind as StageKind,
+    bounds_of as bounds_of,
+    fill_transitions as fill_transitions,
 )
 from ._mesh import (
     IntArray as IntArray,
@@ -32,6 +24,14 @@ from ._mesh import (
     Meshes as Meshes,
     MeshLike as MeshLike,
     mesh_of as mesh_of,
+)
+from ._table import (
+    DURATION as DURATION,
+    EQUATIONS as EQUATIONS,
+    Block as Block,
+    Entry as Entry,
+    Label as Label,
+    limits_of as limits_of,
 )
 from ._transcription import (
     Guess as Guess,

@@ -1,24 +1,20 @@
-"""The nonlinear program in stages: kernels mapped over the mesh, nonzeros put in their places.
-
-For each phase the variables are (z_0, w_0, z_1, w_1, ..., z_N, transition) and the rows
-``[z_1 - next(z_0, w_0), constraints_0, start conditions, z_2 - next(z_1, w_1), constraints_1, ...,
-link to the next phase, end constraints, end conditions]``: the block order that fatrop wants, and a
-banded matrix for everyone else.
-"""
+"""The nonlinear program in stages: kernels mapped over the mesh, nonzeros put in their places."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp.ocp.problem import Link, OptimalControlProblem, node_variables
 from microbot_ocp.ocp.transcription._kernels import joined
-from microbot_ocp.ocp.transcription._layout import PhaseLayout, StageGroup, condition_bounds
+from microbot_ocp.ocp.transcription._layout import PhaseLayout, StageGroup, bounds_of
+from microbot_ocp.ocp.transcription._mesh import IntArray
+from microbot_ocp.ocp.transcription._table import Block, Label
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,24 +28,60 @@ class Program:
     functions : derivatives: ``jacobian(x, p) -> g, J``, ``gradient(x, p) -> f, grad``,
         ``hessian(x, p, lam_f, lam_g) -> H`` and its upper triangle ``hessian_upper``
     variable_lower, variable_upper, row_lower, row_upper : bounds, scaled
-    nodes, controls, constraints : sizes of z, w and the constraints, stage by stage
     parameters : values of p as declared; empty where the parameters are constants of the program
     cost_scale : what solvers divide the cost by; it is whole in ``nlp`` and ``functions``
     """
 
     layouts: tuple[PhaseLayout, ...]
-    links: tuple[Link, ...]
     nlp: Mapping[str, ca.MX]
     functions: Mapping[str, ca.Function]
     variable_lower: FloatArray
     variable_upper: FloatArray
     row_lower: FloatArray
     row_upper: FloatArray
-    nodes: tuple[int, ...]
-    controls: tuple[int, ...]
-    constraints: tuple[int, ...]
     parameters: FloatArray
     cost_scale: float = 1.0
+
+    @cached_property
+    def row_labels(self) -> list[Label]:
+        """What every row is."""
+        return _labels({layout.phase.name: layout.rows for layout in self.layouts})
+
+    @cached_property
+    def variable_labels(self) -> list[Label]:
+        """What every variable is."""
+        return _labels({layout.phase.name: layout.variables for layout in self.layouts})
+
+    @property
+    def stage_sizes(self) -> tuple[IntArray, ...]:
+        """Components of z, of w, and rows besides the steps, stage by stage."""
+        sizes = zip(*(layout.stage_sizes for layout in self.layouts), strict=True)
+        return tuple(np.concatenate(own) for own in sizes)
+
+    def row_values(self, x: FloatArray) -> FloatArray:
+        """Values of all rows at x, scaled."""
+        return np.array(self.functions["jacobian"](x, self.parameters)[0]).ravel()
+
+    def violations(self, x: FloatArray, rows: FloatArray) -> FloatArray:
+        """How far the rows, then the variables, are beyond their bounds, scaled.
+
+        Infinite where a value is not finite.
+        """
+        values = np.concatenate([rows, x])
+        low = np.concatenate([self.row_lower, self.variable_lower])
+        high = np.concatenate([self.row_upper, self.variable_upper])
+        excess = np.maximum(np.maximum(low - values, values - high), 0.0)
+        return np.nan_to_num(excess, nan=np.inf, posinf=np.inf)
+
+
+def _labels(blocks: Mapping[str, Sequence[Block]]) -> list[Label]:
+    found: dict[int, Label] = {}
+    for phase, own in blocks.items():
+        for block in own:
+            for interval, places in zip(block.intervals.tolist(), block.places, strict=True):
+                for entry, place in zip(block.entries, places.tolist(), strict=True):
+                    found[place] = Label(**vars(entry), phase=phase, interval=interval)
+    return [found[place] for place in range(len(found))]
 
 
 class _Entries:
@@ -74,21 +106,15 @@ class _Entries:
         return ca.MX(sparsity, ca.vertcat(*self.values)[order.tolist()])
 
 
-def assemble(
-    problem: OptimalControlProblem,
-    layouts: Sequence[PhaseLayout],
-    *,
-    parametric: bool = False,
-) -> Program:
+def assemble(layouts: Sequence[PhaseLayout], *, parametric: bool = False) -> Program:
     """Put the stages of all phases together.
 
     With ``parametric`` the phase parameters are arguments p of the program, else constants in it.
     """
-    last = layouts[-1]
-    width = last.variable_offset + last.variable_count
-    height = last.row_offset + last.row_count
+    bounds = bounds_of(layouts)
+    width, height = bounds.variable_lower.size, bounds.row_lower.size
     x = ca.MX.sym("x", width)
-    declared = [phase_constants(layout) for layout in layouts]
+    declared = [layout.parameters for layout in layouts]
     parameters = joined(declared) if parametric else np.zeros(0)
     p = ca.MX.sym("p", parameters.size)
     offsets = np.cumsum([0, *(d.size for d in declared)]).tolist()
@@ -97,18 +123,14 @@ def assemble(
     cost_again, rows_again, gradient = ca.MX(0), _Parts(), _Parts()
     jacobian, hessian = _Entries(), _Entries()
     for index, layout in enumerate(layouts):
-        after = layouts[index + 1] if index + 1 < len(layouts) else None
-        link = _link_rows(problem, index, layout, after, x)
         begin, end = offsets[index : index + 2]
         constants = p[begin:end] if parametric else ca.MX(ca.DM(declared[index]))
         piece = _PhasePiece(layout, x, constants)
-        cost = cost + piece.values(link.values, rows)
-        cost_again = cost_again + piece.first_order(link.values, rows_again, gradient, jacobian)
-        jacobian.add(layout.last_row + link.rows, link.columns, link.entries)
+        cost = cost + piece.values(rows)
+        cost_again = cost_again + piece.first_order(rows_again, gradient, jacobian)
         piece.second_order(lam_f, lam_g, hessian)
     # without a cost it is a sparse zero, which solvers refuse
     cost, cost_again = ca.densify(cost), ca.densify(cost_again)
-    bounds = [phase_bounds(layout) for layout in layouts]
     curvature = [x, p, lam_f, lam_g]
     slope_of_p = ca.MX.zeros(parameters.size)  # solvers take it only if they are asked for it
     # solvers take the gradient for dense, whatever its sparsity says
@@ -131,27 +153,11 @@ def assemble(
     }
     return Program(
         layouts=tuple(layouts),
-        links=tuple(problem.links),
         nlp={"x": x, "f": cost, "g": rows.vector(), **({"p": p} if parametric else {})},
         functions=functions,
-        variable_lower=joined([b.variables[0] for b in bounds]),
-        variable_upper=joined([b.variables[1] for b in bounds]),
-        row_lower=joined([b.rows[0] for b in bounds]),
-        row_upper=joined([b.rows[1] for b in bounds]),
-        nodes=tuple(n for k in layouts for n in [k.node_size] * (k.intervals + 1)),
-        controls=tuple(
-            n
-            for k in layouts
-            for n in [*(k.kinds[i].control_size for i in k.kind_of), k.transition]
-        ),
-        constraints=tuple(n for k in layouts for n in _constraint_counts(k)),
+        **vars(bounds),
         parameters=parameters,
     )
-
-
-def phase_constants(layout: PhaseLayout) -> FloatArray:
-    """Declared values of the parameters of a phase, in one array."""
-    return joined([p.value for p in layout.phase.parameters])
 
 
 class _Parts:
@@ -180,8 +186,11 @@ class _PhasePiece:
         self.layout = layout
         self.end = layout.kinds[0].kernels
         self.z_last = x[nodes[-1].tolist()]
-        self.at_start = x[nodes[0, list(layout.initial_rows)].tolist()]
-        self.at_end = x[nodes[-1, list(layout.final_rows)].tolist()]
+        self.conditions = [
+            (block.places[0], nodes[place, layout.node_columns(block)])
+            for block, place in ((layout.initial, 0), (layout.final, -1))
+        ]
+        self.x = x
         self.constants = constants
         grid = np.vstack([layout.mesh[:-1], np.diff(layout.mesh)])
         self.groups = [
@@ -197,22 +206,19 @@ class _PhasePiece:
             )
             for group in layout.groups
         ]
-        self.start_rows = layout.start_row + np.arange(len(layout.initial_rows))
-        tail = layout.last_row + np.arange(layout.row_offset + layout.row_count - layout.last_row)
-        self.link_rows, self.end_rows, self.final_rows = np.split(
-            tail, np.cumsum([layout.next_nodes, layout.end_rows])
-        )
 
-    def _common_rows(self, rows: _Parts, link: ca.MX, tail: ca.MX) -> None:
-        rows.add(self.start_rows, self.at_start)
-        rows.add(self.link_rows, link)
-        rows.add(self.end_rows, tail)
-        rows.add(self.final_rows, self.at_end)
+    def _common_rows(self, rows: _Parts, end: ca.MX) -> None:
+        layout, x = self.layout, self.x
+        for places, columns in self.conditions:
+            rows.add(places, x[columns.tolist()])
+        source, target = x[layout.sources.tolist()], x[layout.targets.tolist()]
+        rows.add(layout.link.places, target - ca.DM(layout.factors) * source)
+        rows.add(layout.end.places, end)
 
-    def values(self, link: ca.MX, rows: _Parts) -> ca.MX:
+    def values(self, rows: _Parts) -> ca.MX:
         """Cost; rows are added to those of the program."""
         tail, cost = self.end.end(self.z_last, self.constants)
-        self._common_rows(rows, link, tail)
+        self._common_rows(rows, tail)
         for own in self.groups:
             kernel = own.group.kind.kernels.stage.map(own.count)
             following, constraints, running = kernel(own.v, own.grid)
@@ -220,22 +226,20 @@ class _PhasePiece:
             cost = cost + ca.sum2(running)
         return cost
 
-    def first_order(self, link: ca.MX, rows: _Parts, gradient: _Parts, jacobian: _Entries) -> ca.MX:
+    def first_order(self, rows: _Parts, gradient: _Parts, jacobian: _Entries) -> ca.MX:
         """Cost; rows, its gradient and the Jacobian are added to those of the program."""
         layout = self.layout
         nz, last = layout.node_size, layout.nodes[-1]
         tail, block, cost, slope = self.end.end_jacobian(self.z_last, self.constants)
-        self._common_rows(rows, link, tail)
+        self._common_rows(rows, tail)
         gradient.add(last, slope)
-        transition = layout.last_node + nz + np.arange(layout.transition)
-        gradient.add(transition, ca.MX.zeros(layout.transition))
+        gradient.add(layout.transition.places, ca.MX.zeros(layout.transition.places.size))
         at, column = _triplet(self.end.end_jacobian, 1)
-        jacobian.add(self.end_rows[at], last[column], block.nz[:])
-        for conditions, node, which in (
-            (self.start_rows, layout.nodes[0], layout.initial_rows),
-            (self.final_rows, last, layout.final_rows),
-        ):
-            jacobian.add(conditions, node[list(which)], np.ones(len(which)))
+        jacobian.add(layout.end.places[0, at], last[column], block.nz[:])
+        for places, columns in self.conditions:
+            jacobian.add(places, columns, np.ones(places.size))
+        jacobian.add(layout.link.places, layout.targets, np.ones(layout.targets.size))
+        jacobian.add(layout.link.places, layout.sources, -layout.factors)
         for own in self.groups:
             group, kernel = own.group, own.group.kind.kernels.stage_jacobian
             both, block, running, slope = kernel.map(own.count)(own.v, own.grid)
@@ -250,7 +254,7 @@ class _PhasePiece:
 
     def second_order(self, lam_f: ca.MX, lam_g: ca.MX, hessian: _Entries) -> None:
         """The Hessian is added to that of the program."""
-        lam_end = lam_g[self.end_rows.tolist()]
+        lam_end = lam_g[self.layout.end.places[0].tolist()]
         block = self.end.end_hessian(self.z_last, self.constants, lam_end, lam_f)
         row, column = _triplet(self.end.end_hessian, 0)
         last = self.layout.nodes[-1]
@@ -283,108 +287,7 @@ def _gathered(x: ca.MX, places: np.ndarray) -> ca.MX:
     return ca.reshape(x[places.ravel().tolist()], places.shape[1], places.shape[0])
 
 
-@dataclass(frozen=True, eq=False)
-class _LinkRows:
-    """Rows that tie the first z of the next phase to the last mesh point of this one."""
-
-    values: ca.MX
-    rows: np.ndarray
-    columns: np.ndarray
-    entries: FloatArray
-
-
-def _link_rows(
-    problem: OptimalControlProblem,
-    index: int,
-    layout: PhaseLayout,
-    after: PhaseLayout | None,
-    x: ca.MX,
-) -> _LinkRows:
-    if after is None:
-        empty = np.zeros(0, dtype=int)
-        return _LinkRows(ca.MX(0, 1), empty, empty, np.zeros(0))
-    names = problem.links[index].names
-    place, offset = {}, 0
-    for variable in node_variables(layout.phase):
-        place[variable.name] = (offset, variable)
-        offset += variable.size
-    source, factor = [], []
-    free = layout.last_node + layout.node_size  # the transition controls
-    for variable in node_variables(after.phase):
-        if variable.name in names:
-            start, before = place[variable.name]
-            source += [layout.last_node + start + i for i in range(variable.size)]
-            factor += (before.scale / variable.scale).tolist()
-        else:
-            source += range(free, free + variable.size)
-            factor += [1.0] * variable.size
-            free += variable.size
-    source.append(free)  # the duration of the next phase
-    factor.append(1.0)
-    target = after.variable_offset + np.arange(after.node_size)
-    rows = np.arange(after.node_size)
-    return _LinkRows(
-        values=x[target.tolist()] - ca.DM(factor) * x[source],
-        rows=np.concatenate([rows, rows]),
-        columns=np.concatenate([target, np.array(source)]),
-        entries=np.concatenate([np.ones(after.node_size), -np.array(factor)]),
-    )
-
-
 def _triplet(function: ca.Function, output: int) -> tuple[np.ndarray, np.ndarray]:
     """Rows and columns of the nonzeros of one output, in storage order."""
     rows, columns = function.sparsity_out(output).get_triplet()
     return np.asarray(rows, dtype=int), np.asarray(columns, dtype=int)
-
-
-def _constraint_counts(layout: PhaseLayout) -> list[int]:
-    counts = layout.stage_row_counts.tolist()
-    counts[0] += len(layout.initial_rows)
-    return [*counts, layout.end_rows + len(layout.final_rows)]
-
-
-@dataclass(frozen=True, eq=False)
-class PhaseBounds:
-    """Lower and upper bounds of the variables and rows of a phase."""
-
-    variables: tuple[FloatArray, FloatArray]
-    rows: tuple[FloatArray, FloatArray]
-
-
-def phase_bounds(layout: PhaseLayout) -> PhaseBounds:
-    """Lower and upper bounds of the phase's variables and rows."""
-    lower, upper = _one_side(layout, "lower"), _one_side(layout, "upper")
-    return PhaseBounds((lower[0], upper[0]), (lower[1], upper[1]))
-
-
-def _one_side(layout: PhaseLayout, which: str) -> tuple[FloatArray, FloatArray]:
-    """Bounds of the variables and rows of a phase, on one side."""
-    side = ("lower", "upper").index(which)
-    infinite, duration = (-np.inf, np.inf)[side], layout.phase.duration_bounds[side]
-    variables = np.full(layout.variable_count, infinite)
-    rows = np.zeros(layout.row_count)  # steps and links are equations
-    nodes = layout.nodes - layout.variable_offset
-    node = joined([getattr(v, which) / v.scale for v in node_variables(layout.phase)])
-    variables[nodes] = np.append(node, duration / layout.node_scale[-1])
-    if layout.phase.duration_bounds[0] == layout.phase.duration_bounds[1]:
-        # at the first node; to fix the others as well would say the same twice
-        variables[nodes[1:, -1]] = infinite
-    kernels = layout.kinds[0].kernels
-    for group in layout.groups:
-        own = [
-            # a linear control is bounded as the node that it becomes
-            np.full(k.source.size, infinite)
-            if k.source.shape == "linear"
-            else getattr(k.source, which) / k.source.scale
-            for k in group.kind.inner
-        ]
-        variables[group.variables[:, layout.node_size :] - layout.variable_offset] = joined(own)
-        limits = getattr(group.kind.kernels, f"stage_{which}")
-        rows[group.rows[:, layout.node_size :] - layout.row_offset] = limits
-    initial = condition_bounds(layout, "initial", layout.initial_rows)[side]
-    start = layout.start_row - layout.row_offset
-    rows[start : start + initial.size] = initial
-    final = condition_bounds(layout, "final", layout.final_rows)[side]
-    tail = np.concatenate([getattr(kernels, f"end_{which}"), final])
-    rows[rows.size - tail.size :] = tail
-    return variables, rows

@@ -16,6 +16,7 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp.problem import PathConstraint, Phase, Variable, node_variables
+from microbot_ocp.ocp.transcription._table import Entry, entries_of
 from microbot_ocp.ocp.transcription.schemes import Interval, Scheme, StageVariable, Step, pointwise
 
 
@@ -25,7 +26,8 @@ class Kernels:
 
     ``stage(v, c) -> next, constraints, cost`` with v = (z, w) and c = (fraction at the start,
     length of the interval as a fraction, parameters); ``end(z, parameters) -> constraints, cost``;
-    ``dense(v, c, fraction) -> x, u`` in the units of the declaration.
+    ``dense(v, c, fraction) -> x, u`` in the units of the declaration. The constraints are, in
+    their order, ``stage_rows`` and ``end_rows``.
     """
 
     stage: ca.Function
@@ -35,10 +37,8 @@ class Kernels:
     end_jacobian: ca.Function
     end_hessian: ca.Function
     dense: ca.Function
-    stage_lower: FloatArray
-    stage_upper: FloatArray
-    end_lower: FloatArray
-    end_upper: FloatArray
+    stage_rows: tuple[Entry, ...]
+    end_rows: tuple[Entry, ...]
 
 
 def _linear(phase: Phase) -> list[Variable]:
@@ -56,9 +56,9 @@ def stage_variables(phase: Phase, scheme: Scheme) -> list[StageVariable]:
     return [*constant, *linear, *scheme.variables(phase)]
 
 
-def stacked(variables: Sequence[Variable], attribute: str) -> FloatArray:
-    parts = [getattr(v, attribute) for v in variables]
-    return np.concatenate(parts) if parts else np.zeros(0)
+def interpolated_variables(phase: Phase) -> list[Variable]:
+    """What has values all along an interval: states, controls in turn, algebraic variables."""
+    return [*phase.states, *_constant(phase), *_linear(phase), *pointwise(phase)]
 
 
 Derive = Callable[[ca.Function, ca.Function], Sequence[ca.Function]]
@@ -77,17 +77,17 @@ def build_kernels(
 ) -> Kernels:
     """Kernels of a phase, expanded to scalar graphs where its expressions allow it."""
     physics = _Physics(phase)
-    nodes, inner = node_variables(phase), stage_variables(phase, scheme)
-    node_scale = np.append(stacked(nodes, "scale"), duration_scale)
-    scale = np.concatenate([node_scale, stacked([k.source for k in inner], "scale")])
+    inner = stage_variables(phase, scheme)
+    node_scale = np.append(joined([v.scale for v in node_variables(phase)]), duration_scale)
+    scale = np.concatenate([node_scale, *(k.source.scale for k in inner)])
     v = ca.MX.sym("v", scale.size)
     c = ca.MX.sym("c", 2 + physics.constants.shape[0])
     interval, values = _interval(phase, physics, v * scale, c, inner)
     step = scheme.step(phase, interval, values)
     following = ca.vertcat(step.arrived, interval.end, interval.duration) / node_scale
-    rows = _Rows()
-    for defect, size in step.defects:
-        rows.add(defect / size, np.zeros(size.size), np.zeros(size.size))
+    rows = _Rows(phase)
+    for point, defect in step.defects:
+        rows.add("defect", phase.states, defect, point)
     _path_rows(phase, physics, scheme, interval, step, rows)
     stage = ca.Function("stage", [v, c], [following, rows.stacked(), step.running])
     s = ca.MX.sym("s")
@@ -96,25 +96,38 @@ def build_kernels(
     return Kernels(
         *derive(_expanded(stage), _expanded(end)),
         dense=_expanded(dense),
-        stage_lower=joined(rows.lower),
-        stage_upper=joined(rows.upper),
-        end_lower=joined(end_rows.lower),
-        end_upper=joined(end_rows.upper),
+        stage_rows=tuple(rows.entries),
+        end_rows=tuple(end_rows.entries),
     )
 
 
 class _Rows:
-    """Rows ``lower <= value <= upper``, scaled."""
+    """Scaled rows, and what each of them is."""
 
-    def __init__(self) -> None:
+    def __init__(self, phase: Phase) -> None:
+        self.phase = phase
         self.values: list[ca.MX] = []
-        self.lower: list[FloatArray] = []
-        self.upper: list[FloatArray] = []
+        self.entries: list[Entry] = []
 
-    def add(self, value: ca.MX, lower: FloatArray, upper: FloatArray) -> None:
-        self.values.append(value)
-        self.lower.append(lower)
-        self.upper.append(upper)
+    def add(
+        self,
+        kind: str,
+        items: Sequence[Variable | PathConstraint],
+        value: ca.MX,
+        fraction: float = 0.0,
+    ) -> None:
+        """Add the value of variables or constraints, one below the other."""
+        self.values.append(value / np.concatenate([item.scale for item in items]))
+        for item in items:
+            self.entries += entries_of(self.phase, kind, item, fraction)
+
+    def add_equations(self, residual: ca.MX, fraction: float) -> None:
+        """Add what the algebraic equations leave."""
+        self.values.append(residual)
+        size = residual.shape[0]
+        self.entries += [
+            Entry("equation", None, "", i, size, fraction, "", 1.0) for i in range(size)
+        ]
 
     def stacked(self) -> ca.MX:
         return ca.vertcat(*self.values) if self.values else ca.MX(0, 1)
@@ -125,7 +138,7 @@ class _Physics:
 
     def __init__(self, phase: Phase) -> None:
         x = ca.vertcat(*(s.symbol for s in phase.states))
-        controls = [*_constant(phase), *_linear(phase), *pointwise(phase)]
+        controls = interpolated_variables(phase)[len(phase.states) :]
         u = ca.vertcat(*(k.symbol for k in controls), ca.MX(0, 1))
         rates = [k.rate for k in _linear(phase) if k.rate is not None]
         rate = ca.vertcat(*rates, ca.MX(0, 1))
@@ -186,26 +199,28 @@ def _path_rows(
     rows: _Rows,
 ) -> None:
     """Path constraints and algebraic equations at the points where they hold."""
-    for place in path_points(phase, scheme):
+    for place in _path_points(phase, scheme):
         point = place.fraction
         x, u = step.at(point) if point else (interval.x, interval.control(0.0))
         if point == 0.0:
             u = ca.vertcat(u, physics.missing)
-        _state_rows(phase, x, place.states, rows)
+        offset = 0
+        for state in phase.states:
+            if state in place.states:
+                rows.add("bound", [state], x[offset : offset + state.size], point)
+            offset += state.size
         time = interval.start + point * interval.length
         arguments = (x, u, interval.rate, time, interval.duration, interval.constants)
         if place.equations:
-            residual = physics.equations(*arguments)
-            zero = np.zeros(residual.shape[0])
-            rows.add(residual, zero, zero)
+            rows.add_equations(physics.equations(*arguments), point)
         values = _as_list(physics.limits(*arguments))
         for limit, value in zip(phase.constraints, values, strict=True):
             if limit in place.constraints:
-                rows.add(value / limit.scale, limit.lower / limit.scale, limit.upper / limit.scale)
+                rows.add("constraint", [limit], value, point)
 
 
 @dataclass(frozen=True, eq=False)
-class PathPoint:
+class _PathPoint:
     """What the rows of an interval say at one of its points, in this order."""
 
     fraction: float
@@ -214,14 +229,14 @@ class PathPoint:
     constraints: tuple[PathConstraint, ...]
 
 
-def path_points(phase: Phase, scheme: Scheme) -> list[PathPoint]:
+def _path_points(phase: Phase, scheme: Scheme) -> list[_PathPoint]:
     """Points of every interval at which something holds, and what."""
     inner = scheme.points if phase.between is None else phase.between
     inner = tuple(p for p in inner if p < 1.0)
     local = pointwise(phase)
     held = {(k.source.name, k.fraction) for k in scheme.variables(phase)}
     return [
-        PathPoint(
+        _PathPoint(
             fraction=point,
             # where a state is a variable with bounds it needs no row
             states=tuple(
@@ -237,16 +252,6 @@ def path_points(phase: Phase, scheme: Scheme) -> list[PathPoint]:
             ),
         )
         for point in sorted({0.0, *inner, 1.0, *(scheme.points if local else ())})
-    ]
-
-
-def constraints_at_end(phase: Phase) -> list[PathConstraint]:
-    """Path constraints that are rows of the last mesh point, not of the interval before it."""
-    local = [v.symbol for v in pointwise(phase)]
-    return [
-        limit
-        for limit in phase.constraints
-        if not _depends(limit.expression, local) and not _jumps(phase, limit.expression)
     ]
 
 
@@ -269,16 +274,6 @@ def _holds(
     return point == 0.0 or point in inner
 
 
-def _state_rows(phase: Phase, x: ca.MX, chosen: Sequence[Variable], rows: _Rows) -> None:
-    """Bounds of states inside the interval, where they are no variables with bounds."""
-    offset = 0
-    for state in phase.states:
-        if state in chosen:
-            value = x[offset : offset + state.size] / state.scale
-            rows.add(value, state.lower / state.scale, state.upper / state.scale)
-        offset += state.size
-
-
 def _end(phase: Phase, physics: _Physics, node_scale: FloatArray) -> tuple[ca.Function, _Rows]:
     """Cost, end constraints and continuous path constraints at the end of the phase."""
     z = ca.MX.sym("z", node_scale.size)
@@ -290,16 +285,15 @@ def _end(phase: Phase, physics: _Physics, node_scale: FloatArray) -> tuple[ca.Fu
     u = ca.vertcat(no_control, linear, physics.missing)
     no_rate = ca.MX.zeros(linear.shape[0])
     values = _as_list(physics.limits(x, u, no_rate, duration, duration, constants))
-    rows = _Rows()
-    kept = constraints_at_end(phase)
+    rows = _Rows(phase)
     for limit, value in zip(phase.constraints, values, strict=True):
-        if limit in kept:
-            rows.add(value / limit.scale, limit.lower / limit.scale, limit.upper / limit.scale)
+        if _continuous(phase, limit.expression):
+            rows.add("constraint", [limit], value)
     at_end = (x, u, duration, duration, constants)
     for limit, value in zip(
         phase.end_constraints, _as_list(physics.end_limits(*at_end)), strict=True
     ):
-        rows.add(value / limit.scale, limit.lower / limit.scale, limit.upper / limit.scale)
+        rows.add("end", [limit], value)
     cost = physics.end_cost(*at_end)
     return ca.Function("end", [z, constants], [rows.stacked(), cost]), rows
 
@@ -316,6 +310,12 @@ def _as_list(values: Any) -> list[ca.MX]:
 
 def _depends(expression: ca.MX, symbols: Sequence[ca.MX]) -> bool:
     return any(ca.depends_on(expression, symbol) for symbol in symbols)
+
+
+def _continuous(phase: Phase, expression: ca.MX) -> bool:
+    """Whether an expression has a value at a mesh point: the same on both its sides."""
+    local = [v.symbol for v in pointwise(phase)]
+    return not _depends(expression, local) and not _jumps(phase, expression)
 
 
 def _jumps(phase: Phase, expression: ca.MX) -> bool:

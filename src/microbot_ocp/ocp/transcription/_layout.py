@@ -1,22 +1,33 @@
 """Where everything of a phase stands in its program.
 
-Stage by stage the program has the variables (z_k, w_k) and the rows ``z_{k+1} - next(z_k, w_k) =
-0``, followed by the defects and constraints of the stage. Intervals may differ in their degree, and
-so in the size of w and in their rows: those that are alike make a group, evaluated at once.
+For each phase the variables are (z_0, w_0, z_1, w_1, ..., z_N, transition) and the rows
+``[z_1 - next(z_0, w_0), constraints_0, start conditions, z_2 - next(z_1, w_1), constraints_1, ...,
+link to the next phase, end constraints, end conditions]``: the block order that fatrop wants, and a
+banded matrix for everyone else. Intervals may differ in their degree, and so in the size of w and
+in their rows: those that are alike make a group, evaluated at once.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp.problem import Phase, Variable, node_variables
-from microbot_ocp.ocp.transcription._kernels import Kernels, joined
+from microbot_ocp.ocp.transcription._kernels import Kernels, interpolated_variables, joined
 from microbot_ocp.ocp.transcription._mesh import IntArray, Mesh
+from microbot_ocp.ocp.transcription._table import (
+    DURATION,
+    Block,
+    Entry,
+    Label,
+    conditions_of,
+    entries_of,
+    limits_of,
+)
 from microbot_ocp.ocp.transcription.schemes import Scheme, StageVariable
 
 
@@ -28,24 +39,59 @@ class StageKind:
     ----------
     scheme : Scheme
     inner : what w holds
-    control_scale : scales of w
+    variables : entries of (z, w)
+    rows : entries of the rows, the step to the next z first
     kernels : Kernels
+    node_size : components of z
     """
 
     scheme: Scheme
     inner: tuple[StageVariable, ...]
-    control_scale: FloatArray
+    variables: tuple[Entry, ...]
+    rows: tuple[Entry, ...]
     kernels: Kernels
+    node_size: int
 
     @property
-    def control_size(self) -> int:
-        """Components of w."""
-        return self.control_scale.size
+    def node(self) -> tuple[Entry, ...]:
+        """Entries of z: states, linear controls, duration."""
+        return self.variables[: self.node_size]
 
-    @property
-    def row_count(self) -> int:
-        """Rows of a stage besides the step to the next z."""
-        return self.kernels.stage_lower.size
+    @cached_property
+    def scale(self) -> FloatArray:
+        """Scales of (z, w)."""
+        return np.array([entry.scale for entry in self.variables])
+
+
+def stage_kind(
+    phase: Phase,
+    scheme: Scheme,
+    inner: Sequence[StageVariable],
+    kernels: Kernels,
+    duration_scale: float,
+) -> StageKind:
+    """Stages of a phase by one scheme, with what their kernels hold."""
+    node: list[Entry] = []
+    for variable in node_variables(phase):
+        node += entries_of(phase, _kind(variable), variable)
+    node.append(Entry("duration", None, DURATION, 0, 1, 0.0, "s", duration_scale))
+    control: list[Entry] = []
+    for own in inner:
+        kind = "arrival" if own.source.shape == "linear" else _kind(own.source)
+        control += entries_of(phase, kind, own.source, own.fraction)
+    steps = [replace(entry, kind="step", fraction=1.0) for entry in node]
+    return StageKind(
+        scheme=scheme,
+        inner=tuple(inner),
+        variables=(*node, *control),
+        rows=(*steps, *kernels.stage_rows),
+        kernels=kernels,
+        node_size=len(node),
+    )
+
+
+def _kind(variable: Variable) -> str:
+    return variable.shape if variable.shape in ("state", "algebraic") else "control"
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,29 +121,35 @@ class PhaseLayout:
     phase : Phase
     mesh : fractions [N+1] from 0 to 1
     degrees : of the intervals [N], where they were chosen one by one
-    node_scale : scales of z
     scheme : of all intervals without a degree of their own
-    kinds : one a scheme that is used
-    kind_of : index [N] of the kind of every interval
-    variable_offset, row_offset : where the phase begins
-    transition : extra controls at the last mesh point, for the link to the next phase
-    initial_rows, final_rows : node components with a condition at the ends
-    next_nodes : components of the first z of the next phase, 0 at the last phase
+    groups : stages of the same kind together
+    kind_of : index [N] of the group of every interval
+    nodes : indices [N+1, node size] of every z in the program
+    transition : extra variables at the last mesh point, for the link to the next phase
+    initial, final : rows of conditions at the ends
+    end : rows of constraints at the end
+    link : rows ``x[targets] - factors * x[sources] = 0`` that tie the next phase to the end of this
+        one; none at the last phase
+    targets : the first z of the next phase
+    sources : in the last z or, of what may jump, among the transition variables
+    factors : ratios of the scales
     """
 
     phase: Phase
     mesh: FloatArray
     degrees: IntArray | None
-    node_scale: FloatArray
     scheme: Scheme
-    kinds: tuple[StageKind, ...]
+    groups: tuple[StageGroup, ...]
     kind_of: IntArray
-    variable_offset: int
-    row_offset: int
-    transition: int
-    initial_rows: tuple[int, ...]
-    final_rows: tuple[int, ...]
-    next_nodes: int
+    nodes: IntArray
+    transition: Block
+    initial: Block
+    end: Block
+    final: Block
+    link: Block
+    targets: IntArray
+    sources: IntArray
+    factors: FloatArray
 
     @property
     def intervals(self) -> int:
@@ -105,9 +157,19 @@ class PhaseLayout:
         return self.mesh.size - 1
 
     @property
+    def kinds(self) -> tuple[StageKind, ...]:
+        """Kinds of the stages, one a group."""
+        return tuple(group.kind for group in self.groups)
+
+    @property
     def node_size(self) -> int:
         """Components of z."""
-        return self.node_scale.size
+        return self.groups[0].kind.node_size
+
+    @property
+    def node_scale(self) -> FloatArray:
+        """Scales of z."""
+        return self.groups[0].kind.scale[: self.node_size]
 
     @property
     def chosen(self) -> Mesh:
@@ -115,80 +177,69 @@ class PhaseLayout:
         return Mesh(self.mesh, self.degrees)
 
     @property
-    def end_rows(self) -> int:
-        """Constraints at the last mesh point."""
-        return self.kinds[0].kernels.end_lower.size
-
-    @cached_property
-    def corners(self) -> IntArray:
-        """Index [N+1] of the first component of every z."""
-        sizes = np.array([self.node_size + k.control_size for k in self.kinds])[self.kind_of]
-        return self.variable_offset + np.concatenate([[0], np.cumsum(sizes)])
-
-    @cached_property
-    def nodes(self) -> IntArray:
-        """Indices [N+1, node size] of every z."""
-        return self.corners[:, None] + np.arange(self.node_size)
+    def stages(self) -> slice:
+        """Where the stages (z_0, w_0, ..., w_N-1) stand in the program."""
+        return slice(int(self.nodes[0, 0]), int(self.nodes[-1, 0]))
 
     @property
-    def last_node(self) -> int:
-        """Index of the first component of the last z."""
-        return int(self.corners[-1])
+    def variables(self) -> tuple[Block, ...]:
+        """All variables of the phase."""
+        stages = [Block(g.kind.variables, g.intervals, g.variables) for g in self.groups]
+        last = Block(self.groups[0].kind.node, np.array([self.intervals]), self.nodes[-1:])
+        return (*stages, last, self.transition)
+
+    @property
+    def rows(self) -> tuple[Block, ...]:
+        """All rows of the phase."""
+        stages = [Block(g.kind.rows, g.intervals, g.rows) for g in self.groups]
+        return (*stages, self.initial, self.link, self.end, self.final)
 
     @property
     def variable_count(self) -> int:
-        """All variables of the phase."""
-        return self.last_node - self.variable_offset + self.node_size + self.transition
-
-    @cached_property
-    def stage_row_counts(self) -> IntArray:
-        """Rows [N] of every stage besides the step to the next z."""
-        return np.array([kind.row_count for kind in self.kinds])[self.kind_of]
-
-    @cached_property
-    def stage_row(self) -> IntArray:
-        """Index [N] of the first row of every stage."""
-        counts = self.node_size + self.stage_row_counts
-        counts[0] += len(self.initial_rows)
-        return self.row_offset + np.concatenate([[0], np.cumsum(counts)[:-1]])
-
-    @property
-    def start_row(self) -> int:
-        """Index of the first of the conditions at the start."""
-        return self.row_offset + self.node_size + int(self.stage_row_counts[0])
-
-    @property
-    def last_row(self) -> int:
-        """Index of the first row at the last mesh point."""
-        return int(self.stage_row[-1] + self.node_size + self.stage_row_counts[-1])
+        """Number of variables of the phase."""
+        return sum(block.places.size for block in self.variables)
 
     @property
     def row_count(self) -> int:
-        """All rows of the phase."""
-        at_end = self.next_nodes + self.end_rows + len(self.final_rows)
-        return self.last_row - self.row_offset + at_end
+        """Number of rows of the phase."""
+        return sum(block.places.size for block in self.rows)
 
-    @cached_property
-    def groups(self) -> tuple[StageGroup, ...]:
-        """Stages of the same kind together."""
-        found = []
-        for index, kind in enumerate(self.kinds):
-            own = np.flatnonzero(self.kind_of == index)
-            columns = np.arange(self.node_size + kind.control_size)
-            rows = np.arange(self.node_size + kind.row_count)
-            found.append(
-                StageGroup(
-                    kind=kind,
-                    intervals=own,
-                    variables=self.corners[own][:, None] + columns,
-                    rows=self.stage_row[own][:, None] + rows,
-                )
-            )
-        return tuple(found)
+    @property
+    def stage_sizes(self) -> tuple[IntArray, IntArray, IntArray]:
+        """Components of z, of w, and rows besides the steps [N+1], stage by stage.
+
+        The last stage is the last mesh point with the transition to the next phase.
+        """
+        nz = self.node_size
+        controls = np.array([len(kind.variables) - nz for kind in self.kinds])[self.kind_of]
+        rows = np.array([len(kind.rows) - nz for kind in self.kinds])[self.kind_of]
+        rows[0] += len(self.initial.entries)
+        return (
+            np.full(self.intervals + 1, nz),
+            np.append(controls, len(self.transition.entries)),
+            np.append(rows, len(self.end.entries) + len(self.final.entries)),
+        )
+
+    def node_columns(self, block: Block) -> list[int]:
+        """Components of z that the rows of a block, such as the start conditions, are of."""
+        node = [(entry.source, entry.component) for entry in self.groups[0].kind.node]
+        return [node.index((entry.source, entry.component)) for entry in block.entries]
+
+    def place_of(self, label: Label) -> float:
+        """Where a row or variable of the phase stands, as a fraction of the phase."""
+        if label.interval == self.intervals:
+            return 1.0
+        start, end = self.mesh[label.interval : label.interval + 2]
+        return float(start + label.fraction * (end - start))
+
+    @property
+    def parameters(self) -> FloatArray:
+        """Values of the parameters of the phase, in one array."""
+        return joined([p.value for p in self.phase.parameters])
 
     def constants(self, intervals: IntArray) -> FloatArray:
         """Second argument of the kernels, for some intervals [..., M]."""
-        fixed = joined([p.value for p in self.phase.parameters])
+        fixed = self.parameters
         return np.vstack(
             [
                 self.mesh[intervals],
@@ -199,52 +250,135 @@ class PhaseLayout:
 
     def table(self, stages: FloatArray, group: StageGroup) -> FloatArray:
         """Scaled (z, w) of the stages of a group [M, ...] from those of all stages, in turn."""
-        return stages[group.variables - self.variable_offset]
+        return stages[group.variables - self.stages.start]
 
-    def dense(
+    def interpolated(
         self, stages: FloatArray, intervals: IntArray, share: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """States [n, M] and controls [m, M] in some intervals [M], at fractions [M] of them.
+    ) -> dict[str, FloatArray]:
+        """States, controls and algebraic variables [M, size], in their declared units.
 
-        Controls are the constant, linear and polynomial ones, then the algebraic variables.
+        In some intervals [M], at fractions [M] of them, by the interpolation of the scheme.
         """
-        x: FloatArray = np.zeros((0, 0))
-        u: FloatArray = np.zeros((0, 0))
+        variables = interpolated_variables(self.phase)
+        table = np.zeros((sum(v.size for v in variables), intervals.size))
         for index, group in enumerate(self.groups):
             own = np.flatnonzero(self.kind_of[intervals] == index)
-            if not own.size and x.size:
-                continue
-            chosen = np.searchsorted(group.intervals, intervals[own])
-            v = self.table(stages, group)[chosen].T
-            found = group.kind.kernels.dense(v, self.constants(intervals[own]), share[None, own])
-            if not x.size:
-                x, u = (np.zeros((k.shape[0], intervals.size)) for k in found)
-            x[:, own], u[:, own] = (np.array(k) for k in found)
-        return x, u
+            if own.size:
+                chosen = np.searchsorted(group.intervals, intervals[own])
+                v = self.table(stages, group)[chosen].T
+                found = group.kind.kernels.dense(
+                    v, self.constants(intervals[own]), share[None, own]
+                )
+                table[:, own] = np.vstack([np.array(part) for part in found])
+        edges = np.cumsum([v.size for v in variables])[:-1]
+        parts = np.split(table.T, edges, axis=1)
+        return {v.name: part for v, part in zip(variables, parts, strict=True)}
 
 
-def condition_bounds(
-    layout: PhaseLayout, which: str, rows: Sequence[int]
-) -> tuple[FloatArray, FloatArray]:
-    """Scaled bounds of some node components at the start ("initial") or end ("final")."""
-    low, high = [], []
-    for variable in node_variables(layout.phase):
-        condition = getattr(variable, which)
-        empty = (np.full(variable.size, -np.inf), np.full(variable.size, np.inf))
-        a, b = condition if condition is not None else empty
-        low.append(a / variable.scale)
-        high.append(b / variable.scale)
-    keep = list(rows)
-    return joined(low)[keep], joined(high)[keep]
+def lay_out(
+    phase: Phase,
+    mesh: Mesh,
+    scheme: Scheme,
+    kinds: Sequence[StageKind],
+    kind_of: IntArray,
+    *,
+    following: Sequence[Entry] = (),
+    linked: Sequence[str] = (),
+    variable_offset: int = 0,
+    row_offset: int = 0,
+) -> PhaseLayout:
+    """Lay a phase out on a mesh.
+
+    Parameters
+    ----------
+    phase, mesh, scheme
+    kinds : of its stages
+    kind_of : index [N] of the kind of every interval
+    following : entries of the z of the next phase
+    linked : names of what is continuous to the next phase
+    variable_offset, row_offset : where the phase begins in the program
+    """
+    node = kinds[0].node
+    initial, final = (conditions_of(phase, which, node) for which in ("initial", "final"))
+    widths = np.array([len(kind.variables) for kind in kinds])[kind_of]
+    corners = variable_offset + np.concatenate([[0], np.cumsum(widths)])
+    heights = np.array([len(kind.rows) for kind in kinds])[kind_of]
+    heights[0] += len(initial)  # the start conditions follow the rows of the first stage
+    first = row_offset + np.concatenate([[0], np.cumsum(heights)])
+
+    def block(entries: Sequence[Entry], begin: int, interval: int = mesh.intervals) -> Block:
+        places = np.arange(begin, begin + len(entries))[None, :]
+        return Block(tuple(entries), np.array([interval]), places)
+
+    jumping = [e for e in following if e.source is None or e.name not in linked]
+    transition = block([replace(e, kind="transition") for e in jumping], corners[-1] + len(node))
+    link = block([replace(e, kind="link") for e in following], first[-1])
+    end = block(kinds[0].kernels.end_rows, first[-1] + len(following))
+    ends = {(e.name, e.component): e for e in node if e.source is not None}
+    sources, factors, free = [], [], iter(transition.places[0])
+    for entry in following:
+        if entry in jumping:
+            sources.append(next(free))
+            factors.append(1.0)
+        else:
+            before = ends[entry.name, entry.component]
+            sources.append(corners[-1] + node.index(before))
+            factors.append(before.scale / entry.scale)
+    after = corners[-1] + len(node) + len(jumping)
+    return PhaseLayout(
+        phase=phase,
+        mesh=mesh.fractions,
+        degrees=mesh.degrees,
+        scheme=scheme,
+        groups=tuple(
+            StageGroup(
+                kind=kind,
+                intervals=(own := np.flatnonzero(kind_of == index)),
+                variables=corners[own][:, None] + np.arange(len(kind.variables)),
+                rows=first[own][:, None] + np.arange(len(kind.rows)),
+            )
+            for index, kind in enumerate(kinds)
+        ),
+        kind_of=kind_of,
+        nodes=corners[:, None] + np.arange(len(node)),
+        transition=transition,
+        initial=block(initial, first[1] - len(initial), 0),
+        link=link,
+        end=end,
+        final=block(final, first[-1] + len(following) + len(end.entries)),
+        targets=np.arange(after, after + len(following)),
+        sources=np.array(sources, dtype=int),
+        factors=np.array(factors),
+    )
 
 
-def conditioned(nodes: Sequence[Variable], which: str) -> tuple[int, ...]:
-    """Node components that have a condition at the start ("initial") or end ("final")."""
-    rows, offset = [], 0
-    for variable in nodes:
-        condition = getattr(variable, which)
-        if condition is not None:
-            finite = np.isfinite(condition[0]) | np.isfinite(condition[1])
-            rows += [offset + int(i) for i in np.flatnonzero(finite)]
-        offset += variable.size
-    return tuple(rows)
+def fill_transitions(layouts: Sequence[PhaseLayout], x: FloatArray) -> None:
+    """Give the transition variables in x the values that the next phases start with."""
+    for layout in layouts:
+        free = layout.sources > layout.nodes[-1, -1]
+        x[layout.sources[free]] = x[layout.targets[free]]
+
+
+@dataclass(frozen=True, eq=False)
+class Bounds:
+    """Lower and upper bounds of all variables and rows of a program, scaled."""
+
+    variable_lower: FloatArray
+    variable_upper: FloatArray
+    row_lower: FloatArray
+    row_upper: FloatArray
+
+
+def bounds_of(layouts: Sequence[PhaseLayout]) -> Bounds:
+    """Bounds as the phases declare them."""
+    variables = np.zeros((2, sum(layout.variable_count for layout in layouts)))
+    rows = np.zeros((2, sum(layout.row_count for layout in layouts)))
+    for layout in layouts:
+        for table, blocks in ((variables, layout.variables), (rows, layout.rows)):
+            for block in blocks:
+                for side, limits in zip(table, limits_of(layout.phase, block.entries), strict=True):
+                    side[block.places] = limits
+        low, high = layout.phase.duration_bounds
+        if low == high:  # fixed at the first node: at the others it would say the same again
+            variables[:, layout.nodes[1:, -1]] = [[-np.inf], [np.inf]]
+    return Bounds(*variables, *rows)

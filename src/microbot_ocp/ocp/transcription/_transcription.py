@@ -15,14 +15,13 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
-from microbot_ocp.ocp.problem import OptimalControlProblem, Phase, node_variables
+from microbot_ocp.ocp.problem import OptimalControlProblem, Phase
 from microbot_ocp.ocp.transcription._kernels import (
     build_kernels,
-    stacked,
     stage_variables,
     with_derivatives,
 )
-from microbot_ocp.ocp.transcription._layout import PhaseLayout, StageKind, conditioned
+from microbot_ocp.ocp.transcription._layout import PhaseLayout, StageKind, lay_out, stage_kind
 from microbot_ocp.ocp.transcription._mesh import Mesh, Meshes, mesh_of
 from microbot_ocp.ocp.transcription.schemes import SCHEMES, Scheme, with_degree
 
@@ -89,12 +88,13 @@ class Transcription:
         if (index, degree) not in self._kinds:
             phase = self.problem.phases[index]
             scheme = self.scheme if degree is None else with_degree(self.scheme, degree)
-            inner = tuple(stage_variables(phase, scheme))
-            self._kinds[index, degree] = StageKind(
-                scheme=scheme,
-                inner=inner,
-                control_scale=stacked([k.source for k in inner], "scale"),
-                kernels=build_kernels(phase, self._duration_scale(phase), scheme, self._derive),
+            scale = self._duration_scale(phase)
+            self._kinds[index, degree] = stage_kind(
+                phase,
+                scheme,
+                stage_variables(phase, scheme),
+                build_kernels(phase, scale, scheme, self._derive),
+                scale,
             )
         return self._kinds[index, degree]
 
@@ -111,31 +111,21 @@ class Transcription:
         chosen = list(meshes) if isinstance(meshes, Sized) else [meshes] * len(phases)
         if len(chosen) != len(phases):
             raise InputError(f"mesh has {len(chosen)} entries for {len(phases)} phases")
-        layouts, variable_offset, row_offset = [], 0, 0
-        links = {link.before: link for link in self.problem.links}
-        for index, (phase, mesh) in enumerate(zip(phases, map(mesh_of, chosen), strict=True)):
-            nodes = node_variables(phase)
-            transition, next_nodes = 0, 0
-            if index + 1 < len(phases):
-                after = node_variables(phases[index + 1])
-                named = links[phase.name].names
-                transition = 1 + sum(v.size for v in after if v.name not in named)
-                next_nodes = 1 + sum(v.size for v in after)
-            kinds, kind_of = self._kinds_on(index, mesh)
-            layout = PhaseLayout(
-                phase=phase,
-                mesh=mesh.fractions,
-                degrees=mesh.degrees,
-                node_scale=np.append(stacked(nodes, "scale"), self._duration_scale(phase)),
-                scheme=self.scheme,
-                kinds=kinds,
-                kind_of=kind_of,
+        given = list(map(mesh_of, chosen))
+        kinds = [self._kinds_on(index, mesh) for index, mesh in enumerate(given)]
+        links = {link.before: link.names for link in self.problem.links}
+        layouts: list[PhaseLayout] = []
+        variable_offset, row_offset = 0, 0
+        for index, (phase, mesh) in enumerate(zip(phases, given, strict=True)):
+            layout = lay_out(
+                phase,
+                mesh,
+                self.scheme,
+                *kinds[index],
+                following=kinds[index + 1][0][0].node if index + 1 < len(phases) else (),
+                linked=links.get(phase.name, ()),
                 variable_offset=variable_offset,
                 row_offset=row_offset,
-                transition=transition,
-                initial_rows=conditioned(nodes, "initial"),
-                final_rows=conditioned(nodes, "final"),
-                next_nodes=next_nodes,
             )
             layouts.append(layout)
             variable_offset += layout.variable_count

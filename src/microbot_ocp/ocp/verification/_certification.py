@@ -16,7 +16,6 @@ from microbot_ocp.ocp.verification._hamiltonian import hamiltonian_of
 from microbot_ocp.ocp.verification._limits import dense_phase, limit_uses
 from microbot_ocp.ocp.verification._messages import praise_of, problems_of
 from microbot_ocp.ocp.verification._program import (
-    limited_alike,
     plain_kernels,
     scaled_variables,
     transcription_of,
@@ -79,10 +78,7 @@ def verify(
     transcription = transcription_of(problem, solution)
     layouts = tuple(phase_layout(phase) for phase in solution.phases)
     plain = [plain_kernels(layout) for layout in layouts]
-    program = assemble(
-        transcription.problem,
-        [limited_alike(layout, own) for layout, own in zip(layouts, plain, strict=True)],
-    )
+    program = assemble(layouts)
     x = scaled_variables(program, solution)
     lam_g = np.asarray(solution.row_multipliers, dtype=float)
     if lam_g.size != program.row_lower.size:

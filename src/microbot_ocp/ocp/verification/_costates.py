@@ -35,7 +35,7 @@ def costates_of(phase: PhaseSolution, part: Derivatives, lam_g: FloatArray) -> C
     states = layout.phase.states
     size = sum(s.size for s in states)
     scale = layout.node_scale[:size]
-    after = part.by_stage[layout.nodes[:-1, :size] - layout.variable_offset] / scale
+    after = part.by_stage[layout.nodes[:-1, :size] - layout.stages.start] / scale
     values = np.vstack([after[:1], -part.step[:, :size] / scale])
     point_t, point_values = np.zeros(0), np.zeros((0, size))
     for group in layout.groups:

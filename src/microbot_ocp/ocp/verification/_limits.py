@@ -9,9 +9,8 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp.ocp.problem import Phase, Variable
 from microbot_ocp.ocp.solution import PhaseSolution
-from microbot_ocp.ocp.transcription import DURATION, joined
+from microbot_ocp.ocp.transcription import DURATION, interpolated_variables
 from microbot_ocp.ocp.verification._certificate import LimitUse
 from microbot_ocp.ocp.verification._reintegration import phase_layout
 
@@ -68,34 +67,28 @@ def dense_phase(phase: PhaseSolution) -> DensePhase:
     interval = np.repeat(np.arange(n), share.size)
     place = np.tile(share, n)
     steps = np.diff(layout.mesh)
-    constants = np.tile(joined([p.value for p in own.parameters]), (place.size, 1))
-    table = np.vstack(layout.dense(phase.stages, interval, place)).T
+    constants = np.tile(layout.parameters, (place.size, 1))
+    known = layout.interpolated(phase.stages, interval, place)
     t = (layout.mesh[interval] + place * steps[interval]) * phase.duration
     dense = DensePhase(phase, t, interval)
-    ordered = [
-        *own.states,
-        *(c for shape in ("constant", "linear", "polynomial") for c in _shaped(own, shape)),
-        *own.algebraics,
-    ]
     kinds = {id(v): "state" for v in own.states} | {id(v): "algebraic" for v in own.algebraics}
-    offset = 0
+    ordered = interpolated_variables(own)
     for variable in ordered:
-        values = table[:, offset : offset + variable.size]
-        offset += variable.size
         kind = kinds.get(id(variable), "control")
-        dense.limited.append(_limited(kind, variable, values))
+        dense.limited.append(_limited(kind, variable, known[variable.name]))
     duration = np.array([[phase.duration]])
     low, high = (np.array([d]) for d in own.duration_bounds)
     dense.limited.append(
         Limited("duration", DURATION, "s", low, high, np.ones(1), duration, end=True)
     )
-    linear = _shaped(own, "linear")
+    linear = [c for c in own.controls if c.shape == "linear"]
     rates = [
         np.diff(phase.values[c.name], axis=0)[interval] / (steps * phase.duration)[interval, None]
         for c in linear
     ]
     symbols = [v.symbol for v in ordered] + [c.rate for c in linear if c.rate is not None]
-    data = np.hstack([table, *rates, t[:, None], np.full((t.size, 1), phase.duration), constants])
+    table = [known[v.name] for v in ordered]
+    data = np.hstack([*table, *rates, t[:, None], np.full((t.size, 1), phase.duration), constants])
     inputs = [*symbols, own.time, own.duration, *(p.symbol for p in own.parameters)]
     for kind, limits, rows in (
         ("constraint", own.constraints, slice(None)),
@@ -106,10 +99,6 @@ def dense_phase(phase: PhaseSolution) -> DensePhase:
             values = value(data[rows].T).full().T
             dense.limited.append(_limited(kind, limit, values, end=kind != "constraint"))
     return dense
-
-
-def _shaped(phase: Phase, shape: str) -> list[Variable]:
-    return [c for c in phase.controls if c.shape == shape]
 
 
 def _limited(kind: str, own: Any, values: FloatArray, end: bool = False) -> Limited:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import casadi as ca
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError
-from microbot_ocp.ocp.problem import OptimalControlProblem, Variable, node_variables
+from microbot_ocp.ocp.problem import OptimalControlProblem, node_variables
 from microbot_ocp.ocp.solution import Solution
 from microbot_ocp.ocp.transcription import (
     Kernels,
@@ -17,6 +16,7 @@ from microbot_ocp.ocp.transcription import (
     Program,
     Transcription,
     build_kernels,
+    fill_transitions,
 )
 from microbot_ocp.ocp.verification._reintegration import phase_layout
 
@@ -49,42 +49,14 @@ def transcription_of(
 
 def scaled_variables(program: Program, solution: Solution) -> FloatArray:
     """Variables of the program, from the stages and the last mesh values of every phase."""
-    last = program.layouts[-1]
-    x = np.zeros(last.variable_offset + last.variable_count)
+    x = np.zeros(program.variable_lower.size)
     for layout, phase in zip(program.layouts, solution.phases, strict=True):
         assert phase.stages is not None
         end = [phase.values[v.name][-1] for v in node_variables(layout.phase)]
-        x[layout.variable_offset : layout.last_node] = phase.stages
-        node = np.append(np.concatenate(end), phase.duration) / layout.node_scale
-        x[layout.last_node : layout.last_node + layout.node_size] = node
-    for index, layout in enumerate(program.layouts[:-1]):
-        for source, target, factor in link_places(program, index):
-            if source >= layout.last_node + layout.node_size:  # a transition control
-                x[source] = x[target] / factor
+        x[layout.stages] = phase.stages
+        x[layout.nodes[-1]] = np.append(np.concatenate(end), phase.duration) / layout.node_scale
+    fill_transitions(program.layouts, x)
     return x
-
-
-def link_places(program: Program, index: int) -> list[tuple[int, int, float]]:
-    """Source, target and factor of the rows ``x[target] - factor x[source] = 0`` after a phase."""
-    layout, after = program.layouts[index : index + 2]
-    kept = next(k.names for k in program.links if k.before == layout.phase.name)
-    place: dict[str, tuple[int, Variable]] = {}
-    offset = layout.last_node
-    for variable in node_variables(layout.phase):
-        place[variable.name] = (offset, variable)
-        offset += variable.size
-    free, target = layout.last_node + layout.node_size, after.variable_offset
-    found = []
-    for variable in node_variables(after.phase):
-        for i in range(variable.size):
-            if variable.name in kept:
-                start, before = place[variable.name]
-                source, factor = start + i, float(before.scale[i] / variable.scale[i])
-            else:
-                source, factor, free = free, 1.0, free + 1
-            found.append((source, target, factor))
-            target += 1
-    return [*found, (free, target, 1.0)]  # the duration
 
 
 def plain_kernels(layout: PhaseLayout) -> list[Kernels]:
@@ -95,16 +67,3 @@ def plain_kernels(layout: PhaseLayout) -> list[Kernels]:
 
     scale = float(layout.node_scale[-1])
     return [build_kernels(layout.phase, scale, kind.scheme, derive) for kind in layout.kinds]
-
-
-def limited_alike(layout: PhaseLayout, plain: Sequence[Kernels]) -> PhaseLayout:
-    """The layout with the limits of its phase, which may be others than those declared."""
-    limits = [
-        {name: getattr(own, name) for name in vars(own) if name.endswith(("_lower", "_upper"))}
-        for own in plain
-    ]
-    kinds = tuple(
-        replace(kind, kernels=replace(kind.kernels, **own))
-        for kind, own in zip(layout.kinds, limits, strict=True)
-    )
-    return replace(layout, kinds=kinds)

@@ -16,16 +16,8 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp.problem import node_variables
 from microbot_ocp.ocp.solution import PhaseSolution, Solution
-from microbot_ocp.ocp.transcription import (
-    Kernels,
-    PhaseLayout,
-    Program,
-    joined,
-    row_labels,
-    variable_labels,
-)
+from microbot_ocp.ocp.transcription import Kernels, PhaseLayout, Program
 from microbot_ocp.ocp.verification._certificate import Optimality, Residual
-from microbot_ocp.ocp.verification._program import link_places
 from microbot_ocp.ocp.verification._reintegration import phase_layout
 
 
@@ -58,29 +50,29 @@ def differentiate(
     """Derivatives of the discrete Lagrangian of a phase with the multipliers of all rows."""
     layout = phase_layout(phase)
     assert phase.stages is not None
-    n, nz = layout.intervals, layout.node_size
+    n = layout.intervals
     by_stage = np.zeros_like(phase.stages)
     by_grid = np.zeros((2, n))
+    step = np.zeros((n, layout.node_size))
     for group, kernel in zip(layout.groups, kernels, strict=True):
         table = layout.table(phase.stages, group)
         run = _stage_gradient(kernel.stage).map(group.intervals.size)
         slope, slope_of_grid = run(table.T, layout.constants(group.intervals), lam_g[group.rows].T)
-        by_stage[group.variables - layout.variable_offset] = slope.full().T
+        by_stage[group.variables - layout.stages.start] = slope.full().T
         by_grid[:, group.intervals] = slope_of_grid.full()
-    constants = joined([p.value for p in layout.phase.parameters])
+        step[group.intervals] = lam_g[group.rows[:, : layout.node_size]]
     node = [phase.values[v.name][-1] for v in node_variables(layout.phase)]
     z = np.append(np.concatenate(node), phase.duration) / layout.node_scale
-    end_row = layout.last_row + layout.next_nodes
-    lam_end = lam_g[end_row : end_row + layout.end_rows]
+    lam_end = lam_g[layout.end.places[0]]
     run = _end_gradient(kernels[0].end)
     return Derivatives(
         layout=layout,
         by_stage=by_stage,
         by_start=by_grid[0],
         by_length=by_grid[1],
-        by_end=run(z, constants, lam_end).full().ravel(),
-        end_cost=run(z, constants, np.zeros(layout.end_rows)).full().ravel(),
-        step=lam_g[layout.stage_row[:, None] + np.arange(nz)],
+        by_end=run(z, layout.parameters, lam_end).full().ravel(),
+        end_cost=run(z, layout.parameters, np.zeros(lam_end.size)).full().ravel(),
+        step=step,
     )
 
 
@@ -112,22 +104,16 @@ def lagrangian_gradient(
 ) -> FloatArray:
     """``grad f + J' lam_g`` of the scaled program."""
     gradient = np.zeros(program.variable_lower.size)
-    for index, part in enumerate(parts):
+    for part in parts:
         layout = part.layout
-        nz, first, last = layout.node_size, layout.variable_offset, layout.last_node
-        gradient[first:last] += part.by_stage
+        gradient[layout.stages] += part.by_stage
         gradient[layout.nodes[1:]] += part.step
-        begin = layout.start_row
-        for i, place in enumerate(layout.initial_rows):
-            gradient[first + place] += lam_g[begin + i]
-        gradient[last : last + nz] += part.by_end
-        begin = layout.last_row + layout.next_nodes + layout.end_rows
-        for i, place in enumerate(layout.final_rows):
-            gradient[last + place] += lam_g[begin + i]
-        if layout.next_nodes:
-            for i, (source, target, factor) in enumerate(link_places(program, index)):
-                gradient[target] += lam_g[layout.last_row + i]
-                gradient[source] -= factor * lam_g[layout.last_row + i]
+        gradient[layout.nodes[-1]] += part.by_end
+        for block, node in ((layout.initial, layout.nodes[0]), (layout.final, layout.nodes[-1])):
+            gradient[node[layout.node_columns(block)]] += lam_g[block.places[0]]
+        lam_link = lam_g[layout.link.places[0]]
+        gradient[layout.targets] += lam_link
+        gradient[layout.sources] -= layout.factors * lam_link
     return gradient
 
 
@@ -152,8 +138,8 @@ def optimality_of(
     cost_scale: float,
 ) -> Optimality:
     """Largest residual of every condition, in the scaled program and in its own unit."""
-    g = np.array(program.functions["jacobian"](x, program.parameters)[0]).ravel()
-    labels = [*variable_labels(program), *row_labels(program)]
+    g = program.row_values(x)
+    labels = [*program.variable_labels, *program.row_labels]
     scale = np.array([label.scale for label in labels])
     value, lam = np.concatenate([x, g]), np.concatenate([lam_x, lam_g])
     low = np.concatenate([program.variable_lower, program.row_lower])

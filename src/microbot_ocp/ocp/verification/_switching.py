@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp.ocp.transcription import Program, row_labels, variable_labels
+from microbot_ocp.ocp.transcription import Program
 from microbot_ocp.ocp.verification._certificate import Arc
 from microbot_ocp.ocp.verification._limits import POINTS, DensePhase
 
@@ -21,13 +21,13 @@ class Prices:
         self.entries: dict[tuple[str, str, int], list[tuple[float, int, float]]] = {}
         layouts = {layout.phase.name: layout for layout in program.layouts}
         for labels, lam in (
-            (variable_labels(program), lam_x),
-            (row_labels(program), lam_g),
+            (program.variable_labels, lam_x),
+            (program.row_labels, lam_g),
         ):
             for label, multiplier in zip(labels, lam, strict=True):
                 if label.kind in ("state", "control", "algebraic", "bound", "constraint"):
                     own = self.entries.setdefault((label.phase, label.name, label.component), [])
-                    place = label.place(layouts[label.phase])
+                    place = layouts[label.phase].place_of(label)
                     own.append((place, label.interval, multiplier / label.scale))
 
     def of(self, phase: str, name: str, component: int) -> np.ndarray:

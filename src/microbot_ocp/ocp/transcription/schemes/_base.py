@@ -8,7 +8,7 @@ from typing import Protocol
 
 import casadi as ca
 
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.checks import InputError
 from microbot_ocp.ocp.problem import Phase, Variable
 
 Fraction = float | ca.MX
@@ -68,13 +68,14 @@ class Step:
     ----------
     arrived : state at the end
     running : integral of the running cost
-    defects : expressions that are zero, each with its scale [size]
+    defects : fractions of the interval, each with what is zero where the state follows the
+        dynamics there, in units of the state [n]
     at : state and control at a fraction of the interval
     """
 
     arrived: ca.MX
     running: ca.MX
-    defects: tuple[tuple[ca.MX, FloatArray], ...]
+    defects: tuple[tuple[float, ca.MX], ...]
     at: Callable[[Fraction], tuple[ca.MX, ca.MX]]
 
 

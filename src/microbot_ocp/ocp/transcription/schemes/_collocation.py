@@ -72,14 +72,13 @@ class Collocation:
         at_point = [values[i * per_point : (i + 1) * per_point] for i in range(self.degree)]
         x = [interval.x, *(ca.vertcat(*k[:states]) for k in at_point)]
         own = [ca.vertcat(*k[states:]) if local else ca.MX(0, 1) for k in at_point]
-        scale = np.concatenate([v.scale for v in phase.states])
-        defects: list[tuple[ca.MX, FloatArray]] = []
+        defects: list[tuple[float, ca.MX]] = []
         running = ca.MX(0)
         for j, point in enumerate(points):
             u = ca.vertcat(interval.control(point), own[j])
             slope, cost = interval.f(x[j + 1], u, point)
             polynomial = sum((slope_matrix[i, j] * k for i, k in enumerate(x)), ca.MX(0))
-            defects.append((polynomial - interval.length * slope, scale))
+            defects.append((point, polynomial - interval.length * slope))
             running = running + cost_weights[j] * interval.length * cost
         arrived = sum((end_weights[i] * k for i, k in enumerate(x)), ca.MX(0))
 

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import casadi as ca
-import numpy as np
 
 from microbot_ocp.ocp.problem import Phase
 from microbot_ocp.ocp.transcription.schemes._base import (
@@ -43,14 +42,13 @@ class Trapezoidal:
         h, after = interval.length, ca.vertcat(*values)
         f0, l0 = interval.f(interval.x, interval.control(0.0), 0.0)
         f1, l1 = interval.f(after, interval.control(1.0), 1.0)
-        scale = np.concatenate([v.scale for v in phase.states])
         defect = after - interval.x - h / 2 * (f0 + f1)
 
         def at(s: Fraction) -> tuple[ca.MX, ca.MX]:
             state = interval.x + h * (s * f0 + s**2 / 2 * (f1 - f0))
             return state, interval.control(s)
 
-        return Step(after, h / 2 * (l0 + l1), ((defect, scale),), at)
+        return Step(after, h / 2 * (l0 + l1), ((0.5, defect),), at)
 
 
 @dataclass(frozen=True)
@@ -71,7 +69,6 @@ class HermiteSimpson:
         f1, l1 = interval.f(after, interval.control(1.0), 1.0)
         middle = (x + after) / 2 + h / 8 * (f0 - f1)
         fm, lm = interval.f(middle, interval.control(0.5), 0.5)
-        scale = np.concatenate([v.scale for v in phase.states])
         defect = after - x - h / 6 * (f0 + 4 * fm + f1)
 
         def at(s: Fraction) -> tuple[ca.MX, ca.MX]:
@@ -84,4 +81,4 @@ class HermiteSimpson:
             )
             return state, interval.control(s)
 
-        return Step(after, h / 6 * (l0 + 4 * lm + l1), ((defect, scale),), at)
+        return Step(after, h / 6 * (l0 + 4 * lm + l1), ((0.5, defect),), at)

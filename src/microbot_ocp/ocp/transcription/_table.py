@@ -1,0 +1,173 @@
+"""What every row and every variable of a program is: one table, which everything else reads.
+
+The kernels write down what each of their rows says as they build it, the layout says where it
+stands in the program; bounds, labels, initial guesses, advice and verification follow from both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray
+from microbot_ocp.ocp.problem import PathConstraint, Phase, Variable
+from microbot_ocp.ocp.transcription._mesh import IntArray
+
+DURATION = "duration"
+EQUATIONS = ("step", "defect", "equation", "link")
+"""Kinds of rows that are zero; the others have declared limits."""
+
+_FREE = ("arrival", "transition")  # variables that are bounded where they arrive
+_LISTS = ("states", "controls", "algebraics", "constraints", "end_constraints")
+_DESCRIPTIONS = {
+    "step": "step of {}",
+    "defect": "dynamics of {}",
+    "bound": "bound of {}",
+    "equation": "algebraic equation {}",
+    "constraint": "constraint {}",
+    "initial": "start condition of {}",
+    "link": "link of {} to the next phase",
+    "end": "end constraint {}",
+    "final": "end condition of {}",
+    "state": "state {}",
+    "control": "control {}",
+    "arrival": "control {} at the end of the interval",
+    "algebraic": "algebraic variable {}",
+    "duration": "{}",
+    "transition": "start of {} in the next phase",
+}
+
+
+@dataclass(frozen=True)
+class Entry:
+    """What one row or variable of a stage is.
+
+    Attributes
+    ----------
+    kind : str
+        Of a row: "step" (a mesh point is what the scheme arrives at), "defect" (the dynamics inside
+        an interval), "bound" (of a state between mesh points), "equation" (algebraic), "constraint"
+        (along the phase), "initial", "link", "end" (constraint at the end) or "final".
+        Of a variable: "state", "control", "arrival" (a linear control at the end of its interval),
+        "algebraic", "duration" or "transition" (what the last mesh point holds of the start of the
+        next phase).
+    source : tuple of str and int, or None
+        List of the phase in which it is declared, and its position there; None for the duration and
+        the algebraic equations.
+    name : str
+        As declared; "duration" for the duration of the phase.
+    component, size : int
+        Which of how many components.
+    fraction : float
+        Place in the interval, 0 to 1.
+    unit : str
+    scale : float
+        Value in the declared unit = value in the program times this.
+    """
+
+    kind: str
+    source: tuple[str, int] | None
+    name: str
+    component: int
+    size: int
+    fraction: float
+    unit: str
+    scale: float
+
+    @property
+    def component_name(self) -> str:
+        """The name, with its index where there is more than one component."""
+        return f"{self.name}[{self.component}]" if self.size > 1 else self.name
+
+    @property
+    def description(self) -> str:
+        """What it is, without its place."""
+        return _DESCRIPTIONS[self.kind].format(self.component_name)
+
+
+@dataclass(frozen=True)
+class Label(Entry):
+    """What one row or variable of a program is, and of which phase and interval.
+
+    Attributes
+    ----------
+    phase : str
+    interval : int
+        Interval of the mesh; the number of intervals at the last mesh point.
+    """
+
+    phase: str
+    interval: int
+
+    def __str__(self) -> str:
+        return f"{self.description} in phase {self.phase!r}, interval {self.interval + 1}"
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Rows, or variables, that are the same in some intervals.
+
+    Attributes
+    ----------
+    entries : what they are [K]
+    intervals : in which intervals [M]
+    places : where they stand in the program [M, K]
+    """
+
+    entries: tuple[Entry, ...]
+    intervals: IntArray
+    places: IntArray
+
+
+def entries_of(
+    phase: Phase, kind: str, item: Variable | PathConstraint, fraction: float = 0.0
+) -> list[Entry]:
+    """An entry for every component of a variable or constraint of a phase."""
+    source = next(
+        (name, own.index(item)) for name in _LISTS if item in (own := getattr(phase, name))
+    )
+    size = item.scale.size
+    return [
+        Entry(kind, source, item.name, i, size, fraction, item.unit, float(item.scale[i]))
+        for i in range(size)
+    ]
+
+
+def conditions_of(phase: Phase, which: str, node: Sequence[Entry]) -> tuple[Entry, ...]:
+    """Entries of what has a condition at the start ("initial") or end ("final") of a phase."""
+    conditions = [replace(entry, kind=which) for entry in node if _item(phase, entry) is not None]
+    return tuple(
+        entry
+        for entry in conditions
+        if getattr(_item(phase, entry), which) is not None
+        and np.isfinite(_pair(phase, entry)).any()
+    )
+
+
+def limits_of(phase: Phase, entries: Sequence[Entry]) -> tuple[FloatArray, FloatArray]:
+    """Lower and upper limits of entries as a phase declares them, divided by their scales."""
+    pairs = np.array([_pair(phase, entry) for entry in entries]).reshape(-1, 2)
+    low, high = pairs.T / np.array([entry.scale for entry in entries])
+    return low, high
+
+
+def _item(phase: Phase, entry: Entry) -> Variable | PathConstraint | None:
+    if entry.source is None:
+        return None
+    name, position = entry.source
+    return getattr(phase, name)[position]
+
+
+def _pair(phase: Phase, entry: Entry) -> tuple[float, float]:
+    if entry.kind in EQUATIONS:
+        return 0.0, 0.0
+    if entry.kind in _FREE:
+        return -np.inf, np.inf
+    item = _item(phase, entry)
+    if item is None:
+        return phase.duration_bounds
+    conditioned = entry.kind in ("initial", "final")
+    low, high = getattr(item, entry.kind) if conditioned else (item.lower, item.upper)
+    return low[entry.component], high[entry.component]
