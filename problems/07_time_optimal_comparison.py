@@ -39,7 +39,7 @@ def main() -> int:
                 mesh=arguments.mesh,
                 progress=progress,
             )
-            progress.tell("log", "figures, tables and recording")
+            progress("writing figures, tables and recording")
             written = comparison.save(arguments.out)
     except mo.InputError as problem:
         print(f"error: {problem}", file=sys.stderr)

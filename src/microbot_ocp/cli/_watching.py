@@ -66,7 +66,7 @@ class Watchers:
                 raise
 
     def _viewer(self) -> AbstractContextManager[IterationRecorder]:
-        from microbot_ocp.views.live import _live as live
+        from microbot_ocp.views import live
 
         if self.live:
             return live.spawned()

@@ -1,9 +1,7 @@
 """Iterates of a solve, recorded or streamed, read back."""
 
 import socket
-import sys
 import time
-from pathlib import Path
 from urllib.request import urlopen
 
 import numpy as np
@@ -13,7 +11,8 @@ from reading import read, scalars
 import microbot_ocp as mo
 from microbot_ocp._base.checks import InputError
 from microbot_ocp.ocp import OptimalControlProblem, SolverSettings, solve
-from microbot_ocp.views.live import _live as live
+from microbot_ocp.views.live import connected, parse_address, server
+from microbot_ocp.views.live._viewer import end_viewer, start_viewer
 from microbot_ocp.views.recording import HEIGHT, WIDTH, phase_curves, record_iterations, rounded
 
 VIA_Q = np.radians([[0, 0, 0], [-90, 90, 90]])
@@ -152,18 +151,16 @@ def listener(tmp_path):
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
     path = tmp_path / "received.rrd"
-    program = Path(sys.executable).with_name("rerun")
-    command = [program, "--bind", "127.0.0.1", "--port", str(port), "--save", path]
-    process = live._start([str(part) for part in command], port)
+    process = start_viewer("--save", str(path), ports=(port,))
     yield f"127.0.0.1:{port}", path
-    live._end(process)
+    end_viewer(process)
 
 
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")  # it was received, not written
 def test_a_viewer_gets_every_iterate_while_the_solve_runs(listener):
     address, path = listener
     costs = []
-    with live.connected(address) as record:
+    with connected(address) as record:
 
         def progress(event):
             costs.append(event.cost)
@@ -183,7 +180,7 @@ def test_a_viewer_gets_every_iterate_while_the_solve_runs(listener):
 
 def test_a_browser_is_served_on_loopback_only():
     said = []
-    with live.server(said.append) as address:
+    with server(said.append) as address:
         (page,) = said
         port = int(address.split(":")[1])
         assert page.startswith("http://127.0.0.1:")
@@ -208,12 +205,12 @@ def test_a_browser_is_served_on_loopback_only():
 )
 def test_addresses_elsewhere_are_refused(address):
     with pytest.raises(InputError, match="must be HOST:PORT"):
-        live.parse_address(address)
+        parse_address(address)
 
 
 def test_nobody_who_listens_is_said_before_the_solve():
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
-    with pytest.raises(InputError, match="no viewer listens"), live.connected(f"127.0.0.1:{port}"):
+    with pytest.raises(InputError, match="no viewer listens"), connected(f"127.0.0.1:{port}"):
         pass

@@ -1,17 +1,25 @@
 """Public names; loaded when they are first asked for."""
 
-from ._live import (
-    parse_address as parse_address,
-)
 from ._local_page import (
     local_page as local_page,
 )
 from ._newest_only import (
-    LatestWins as LatestWins,
+    NewestOnly as NewestOnly,
 )
 from ._plot import (
     LivePlot as LivePlot,
 )
+from ._streams import (
+    connected as connected,
+    parse_address as parse_address,
+    served as served,
+    server as server,
+    spawned as spawned,
+)
 from ._terminal import (
     show_progress as show_progress,
+)
+from ._viewer import (
+    LOOPBACK as LOOPBACK,
+    find_viewer as find_viewer,
 )

@@ -1,4 +1,4 @@
-"""A page of a server on this machine, served again such that the browser asks nobody else.
+"""A page of a server on this machine, served again so that the browser asks no other machine.
 
 The viewer's own page loads a font, asks for news and examples, and reports its use, all of it on
 the internet. A content security policy makes the browser refuse that.
@@ -16,7 +16,7 @@ from typing import Any
 from urllib.error import HTTPError
 from urllib.request import ProxyHandler, build_opener
 
-PATIENCE = 20.0  # s
+TIMEOUT = 20.0  # s
 DIRECT = build_opener(ProxyHandler({}))  # the source is on this machine, whatever proxy there is
 PRECONNECT = re.compile(rb'<link rel="preconnect"[^>]*>')  # which no policy forbids
 
@@ -52,7 +52,7 @@ class _Copy(BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         try:
-            answer = DIRECT.open(self.source + self.path, timeout=PATIENCE)
+            answer = DIRECT.open(self.source + self.path, timeout=TIMEOUT)
         except HTTPError as refusal:
             self.send_error(refusal.code)
             return
@@ -72,4 +72,4 @@ class _Copy(BaseHTTPRequestHandler):
             self.wfile.write(body)
 
     def log_message(self, format: str, *args: Any) -> None:
-        """Nothing: the terminal is the solve's."""
+        """Print nothing: the terminal shows the solve's progress."""

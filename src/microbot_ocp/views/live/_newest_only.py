@@ -1,4 +1,4 @@
-"""Work for somebody who changes their mind: only the newest request is done."""
+"""A background job whose requests may come faster than it is done: only the newest counts."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Generic, TypeVar
 Request = TypeVar("Request")
 
 
-class LatestWins(Generic[Request]):
+class NewestOnly(Generic[Request]):
     """Does a job in the background for the newest request; older ones that wait are dropped.
 
     Parameters
@@ -48,7 +48,7 @@ class LatestWins(Generic[Request]):
             try:
                 self._job(request)
             except BaseException:
-                with self._condition:  # nobody must wait for a thread that is gone
+                with self._condition:  # else ``wait`` would wait for a thread that is gone
                     self._waiting.clear()
                     self._running = False
                     self._condition.notify_all()

@@ -29,11 +29,11 @@ COLUMN, ROW = 3.1, 2.1  # inches
 DPI = 96
 REFERENCE_COLOR = "0.72"
 ROOM = 1.08  # of an axis beyond the largest limit
-WORDS_WIDTH = 75  # characters
+MESSAGE_WIDTH = 75  # characters
 
 
 class LivePlot:
-    """A row of velocities and one of torques, a column for each joint.
+    """A row of velocities and one of torques, one column a joint.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ class LivePlot:
                     self._limits[quantity, joint] = [
                         axes.axhline(0.0, **dashed, **moving) for _ in range(2)
                     ]
-            self._words = self.figure.text(
+            self._message = self.figure.text(
                 0.5, 0.55, "", ha="center", va="center", fontsize=11, color=WARNING_COLOR,
                 bbox={"facecolor": "white", "edgecolor": WARNING_COLOR, "pad": 8}, **moving,
             )  # fmt: skip
@@ -94,8 +94,8 @@ class LivePlot:
         self._canvas.draw()
         self._background = self._canvas.copy_from_bbox(self.figure.bbox)
 
-    def png(self, motion: Motion | None, limits: JointLimits, words: str = "") -> bytes:
-        """Picture of a motion and limits; in place of a motion, words that say why."""
+    def png(self, motion: Motion | None, limits: JointLimits, message: str = "") -> bytes:
+        """Picture of a motion and limits; where there is no motion, a message that says why."""
         if motion is not None and motion.duration > self._axes.get_xlim()[1]:
             self._keep(1.25 * motion.duration)
         self._canvas.restore_region(self._background)
@@ -108,9 +108,9 @@ class LivePlot:
                 curve = self._curves[quantity, joint]
                 curve.set_data(motion.t, getattr(motion, quantity)[:, joint])
                 axes.draw_artist(curve)
-        if words:
-            self._words.set_text(textwrap.fill(words, WORDS_WIDTH))
-            self.figure.draw_artist(self._words)
+        if message:
+            self._message.set_text(textwrap.fill(message, MESSAGE_WIDTH))
+            self.figure.draw_artist(self._message)
         stream = BytesIO()
         image = Image.fromarray(np.asarray(self._canvas.buffer_rgba()))
         image.convert("RGB").save(stream, "png", compress_level=1)

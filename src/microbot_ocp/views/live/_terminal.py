@@ -1,4 +1,4 @@
-"""Progress of solves and comparisons: a live line on a terminal, plain lines anywhere else.
+"""Progress of solves and comparisons: a live bar on a terminal, plain lines anywhere else.
 
 Iterations of a solver are shown on a terminal only.
 """
@@ -6,64 +6,30 @@ Iterations of a solver are shown on a terminal only.
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 
-from rich.console import Console
-from rich.markup import escape
-from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
+from rich.console import Console, RenderableType
+from rich.progress import BarColumn, Progress, SpinnerColumn, TimeElapsedColumn
+from rich.text import Text
 
 from microbot_ocp.comparison import Step
 from microbot_ocp.ocp.solution import Iteration
 
+BAR_WIDTH = 30  # cells
 
-class Report:
-    """Takes what a solve or a comparison tells of itself and shows it."""
-
-    def __init__(self, console: Console, bar: Progress | None, task: TaskID | None) -> None:
-        self.console, self.bar, self.task = console, bar, task
-
-    def __call__(self, event: Step | Iteration | str) -> None:
-        iteration = event.iteration if isinstance(event, Step) else event
-        if isinstance(iteration, Iteration):
-            self._iterate(iteration, event if isinstance(event, Step) else None)
-        elif isinstance(event, Step):
-            self._show(event.stage, event.text, event.done, event.total)
-        else:
-            self.tell("solve", str(event))
-
-    def tell(self, stage: str, text: str) -> None:
-        """Show a step of no counted length."""
-        self._show(stage, text, None, None)
-
-    def _show(self, stage: str, text: str, done: int | None, total: int | None) -> None:
-        if self.bar is None or self.task is None:
-            self.console.print(f"{stage:8s}{text}", markup=False, soft_wrap=True)
-        else:
-            said = escape(f"{stage}: {text}")
-            self.bar.update(self.task, description=said, completed=done, total=total)
-
-    def _iterate(self, iteration: Iteration, step: Step | None) -> None:
-        if self.bar is None or self.task is None:
-            return
-        title = "" if step is None else step.text.removesuffix(str(iteration))
-        self.bar.update(
-            self.task,
-            description=escape(f"{title}{iteration}"),
-            completed=None if step is None else step.done,
-            total=None if step is None else step.total,
-        )
+Event = Step | Iteration | str
 
 
 @contextmanager
-def show_progress(console: Console | None = None) -> Iterator[Report]:
+def show_progress(console: Console | None = None) -> Iterator[Callable[[Event], None]]:
     """A callable for any ``progress=``; what it draws is gone when the block ends.
 
     Parameters
     ----------
     console : rich.console.Console, optional
         Default standard error. In a pipe the steps of a task become lines of text, and iterations
-        are not told.
+        are not shown.
 
     Examples
     --------
@@ -78,16 +44,43 @@ def show_progress(console: Console | None = None) -> Iterator[Report]:
     >>> phase.end_cost(phase.duration)
     >>> with show_progress() as progress:
     ...     solution = solve(problem, mesh=20, progress=progress)
-    >>> solution.status.solved
+    >>> solution.solved
     True
     """
     shown = console or Console(file=sys.stderr)
     if not shown.is_terminal:
-        yield Report(shown, None, None)
+        yield lambda event: _print_step(shown, event)
         return
-    columns = (SpinnerColumn(), BarColumn(bar_width=20), TimeElapsedColumn(), TextColumn(_TEXT))
-    with Progress(*columns, console=shown, transient=True) as bar:
-        yield Report(shown, bar, bar.add_task("build", total=None))
+    columns = (SpinnerColumn(), BarColumn(bar_width=BAR_WIDTH), TimeElapsedColumn())
+    with _BarAndText(*columns, console=shown, transient=True) as bar:
+        task = bar.add_task("build", total=None)
+
+        def show(event: Event) -> None:
+            step = event if isinstance(event, Step) else None
+            iterates = isinstance(step.iteration if step else event, Iteration)
+            text = step.text if step else str(event)
+            stage = step.stage if step else "solve"
+            bar.update(
+                task,
+                description=text if iterates else f"{stage}: {text}",
+                completed=step and step.done,
+                total=step and step.total,
+            )
+
+        yield show
 
 
-_TEXT = "{task.description}"
+def _print_step(console: Console, event: Event) -> None:
+    if isinstance(event, Iteration) or (isinstance(event, Step) and event.iteration):
+        return
+    stage, text = (event.stage, event.text) if isinstance(event, Step) else ("solve", event)
+    console.print(f"{stage:8s}{text}", markup=False, soft_wrap=True)
+
+
+class _BarAndText(Progress):
+    """A bar, and below it what is done now, so that neither takes the other's room."""
+
+    def get_renderables(self) -> Iterable[RenderableType]:
+        for task in self.tasks:
+            yield self.make_tasks_table([task])
+            yield Text(f"  {task.description}", no_wrap=True, overflow="ellipsis")

@@ -16,7 +16,7 @@ from microbot_ocp._base.checks import InputError
 from microbot_ocp.motion import Motion
 from microbot_ocp.planning import TimeOptimalSolver
 from microbot_ocp.robot import JointLimits, Limits, Robot
-from microbot_ocp.views.live import LatestWins
+from microbot_ocp.views.live import NewestOnly
 
 EXTRA = "pip install 'microbot_ocp[notebook]'"
 AT_LIMIT = 0.999  # share of a limit from which a joint counts as saturated
@@ -138,7 +138,7 @@ class TimeOptimalSliders:
         )
         self._said, self._picture = widgets.HTML(), widgets.Image(format="png")
         self._box = widgets.VBox([self.torque, self.speed, self.payload, self._said, self._picture])
-        self._work = LatestWins(self._solve)
+        self._work = NewestOnly(self._solve)
         self._tell(robot.limits)
         for slider in (self.torque, self.speed, self.payload):
             slider.observe(self._moved, names="value")

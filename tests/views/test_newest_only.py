@@ -1,6 +1,6 @@
 import threading
 
-from microbot_ocp.views.live import LatestWins
+from microbot_ocp.views.live import NewestOnly
 
 
 def test_of_a_burst_the_first_and_the_last_are_done():
@@ -11,7 +11,7 @@ def test_of_a_burst_the_first_and_the_last_are_done():
         assert go_on.wait(10)
         done.append(request)
 
-    work = LatestWins(job)
+    work = NewestOnly(job)
     work.ask(0)
     assert began.wait(10)
     for request in range(1, 50):
@@ -24,7 +24,7 @@ def test_of_a_burst_the_first_and_the_last_are_done():
 
 def test_it_can_be_asked_again_and_waited_for_when_idle():
     done = []
-    work = LatestWins(done.append)
+    work = NewestOnly(done.append)
     assert work.wait(timeout=0)
     for request in (1, 2):
         work.ask(request)
@@ -35,7 +35,7 @@ def test_it_can_be_asked_again_and_waited_for_when_idle():
 def test_a_job_that_fails_holds_up_nobody(monkeypatch):
     seen = []
     monkeypatch.setattr(threading, "excepthook", lambda told: seen.append(told.exc_type))
-    work = LatestWins(lambda request: 1 / request)
+    work = NewestOnly(lambda request: 1 / request)
     work.ask(0)
     assert work.wait(timeout=10)
     work.ask(1)

@@ -1,0 +1,119 @@
+"""A solve watched while it runs: a viewer on this machine gets every iterate.
+
+Everything stays on the loopback interface: a viewer that is started listens on 127.0.0.1 only, and
+one that is connected to must be on this machine.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from urllib.parse import quote, urlsplit
+
+import rerun as rr
+
+from microbot_ocp._base.checks import InputError
+from microbot_ocp.views.live._local_page import local_page
+from microbot_ocp.views.live._viewer import (
+    LOOPBACK,
+    end_viewer,
+    free_port,
+    listens,
+    start_viewer,
+)
+from microbot_ocp.views.recording import APPLICATION, IterationRecorder, Writer
+
+LOCAL_NAMES = (LOOPBACK, "localhost", "::1")
+
+
+@contextmanager
+def connected(address: str, every: int = 1) -> Iterator[IterationRecorder]:
+    """A progress function that streams to a viewer that is open already.
+
+    Parameters
+    ----------
+    address : str
+        "HOST:PORT" or "rerun+http://HOST:PORT/proxy" of this machine.
+    every : int
+        Of so many iterations one is drawn, and the last of every solve.
+
+    Raises
+    ------
+    InputError
+        The address is malformed or not of this machine, or no viewer listens there.
+    """
+    host, port = parse_address(address)
+    if not listens(host, port):
+        raise InputError(f"no viewer listens at {host}:{port}: start one with rerun --bind {host}")
+    stream = rr.RecordingStream(APPLICATION)
+    stream.connect_grpc(_url(host, port))
+    recorder = IterationRecorder(Writer(stream), every)
+    try:
+        yield recorder
+        recorder.finish()
+        stream.flush()
+    finally:
+        stream.disconnect()
+
+
+@contextmanager
+def spawned(every: int = 1) -> Iterator[IterationRecorder]:
+    """A progress function that streams to a viewer started for it.
+
+    The viewer stays open; it needs a screen. ``every`` is that of :func:`connected`.
+    """
+    port = free_port()
+    start_viewer("--new", "--expect-data-soon", "--hide-welcome-screen", ports=(port,))
+    with connected(f"{LOOPBACK}:{port}", every) as recorder:
+        yield recorder
+
+
+@contextmanager
+def served(tell: Callable[[str], object], every: int = 1) -> Iterator[IterationRecorder]:
+    """A progress function that streams to a browser on this machine.
+
+    The server runs until the block ends. ``tell`` gets the address to open, ``every`` is that of
+    :func:`connected`.
+    """
+    with server(tell) as address, connected(address, every) as recorder:
+        yield recorder
+
+
+@contextmanager
+def server(tell: Callable[[str], object]) -> Iterator[str]:
+    """Serve the viewer to a browser on this machine until the block ends.
+
+    Yields the address for :func:`connected`. ``tell`` gets the address that the browser should
+    open. Its theme is dark, which the recordings' colours are made for.
+    """
+    port, page = free_port(), free_port()
+    process = start_viewer("--serve-web", "--web-viewer-port", str(page), ports=(port, page))
+    try:
+        source, data = (f"http://{LOOPBACK}:{number}" for number in (page, port))
+        with local_page(source, data) as address:
+            tell(f"{address}/?theme=dark&url={quote(_url(LOOPBACK, port), safe='')}")
+            yield f"{LOOPBACK}:{port}"
+    finally:
+        end_viewer(process)
+
+
+def parse_address(address: str) -> tuple[str, int]:
+    """Host and port of an address on this machine.
+
+    Raises
+    ------
+    InputError
+        It is malformed, or of another machine.
+    """
+    known = urlsplit(address if "://" in address else f"rerun+http://{address}/proxy")
+    with suppress(ValueError):
+        if known.hostname in LOCAL_NAMES and known.port is not None:
+            return known.hostname, known.port
+    raise InputError(
+        f"the address of a viewer must be HOST:PORT with one of {', '.join(LOCAL_NAMES)}, "
+        f"such as {LOOPBACK}:9876, not {address!r}"
+    )
+
+
+def _url(host: str, port: int) -> str:
+    return f"rerun+http://{f'[{host}]' if ':' in host else host}:{port}/proxy"
