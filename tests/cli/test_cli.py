@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from microbot_ocp.cli import (
     _commands as commands,
     _interrupt as interrupt,
     _recordings as recordings,
+    _replay as replay,
     fixed_angles,
     joint_sweep,
     largest_reach,
@@ -214,8 +216,8 @@ def test_the_viewer_listens_on_loopback_only(call, monkeypatch, tmp_path):
         return subprocess.CompletedProcess(command, 0)
 
     monkeypatch.setattr(recordings, "has_display", lambda: True)
-    monkeypatch.setattr(recordings, "find_viewer", lambda: "rerun")
-    monkeypatch.setattr(recordings.subprocess, "run", run)
+    monkeypatch.setattr("microbot_ocp.views.live.find_viewer", lambda: "rerun")
+    monkeypatch.setattr(recordings, "subprocess", SimpleNamespace(run=run))
     code, _, _ = call("show", "planar_2r", "--open")
     ((command, size),) = seen
     assert code == 0
@@ -293,6 +295,7 @@ def test_a_robot_without_masses_or_limits(call, tmp_path):
     assert code == 0
     assert "kinematics only" in out
     assert "Limits: none" in out
+    assert out.endswith("written: bare.rrd\n")
     assert (tmp_path / "bare.rrd").stat().st_size > 1000
     code, out, err = call("simulate", "bare.toml", "--q", "0,0")
     assert (code, out) == (2, "")
@@ -379,8 +382,9 @@ def test_a_target_out_of_reach_is_not_solved(call, ask):
 
 def test_ik_records_every_branch(call, tmp_path):
     path = tmp_path / "branches.rrd"
-    code, _, err = call("ik", "microbot", "--position", "3,-1,4.5", "--rerun", str(path))
+    code, out, err = call("ik", "microbot", "--position", "3,-1,4.5", "--rerun", str(path))
     assert (code, err) == (0, "")
+    assert out.endswith(f"written: {path}\n")
     chunks = RrdReader(path).stream().to_chunks()
     arms = {chunk.entity_path.split("/")[2] for chunk in chunks if "/link_3" in chunk.entity_path}
     assert arms == {"branch_1", "branch_2", "branch_3", "branch_4", "solution"}
@@ -436,6 +440,27 @@ def test_compare_writes_nothing_unless_it_is_asked(call, tmp_path):
     )
 
 
+def test_compare_records_and_says_so(call, tmp_path):
+    arguments = ("compare", "microbot", "--via-deg", "0,0,0 -90,90,90", "--methods", "cubic,lspb")
+    code, out, err = call(*arguments, "--rerun", "both.rrd")
+    assert (code, err) == (0, "")
+    assert out.endswith("written: both.rrd\n")
+    chunks = RrdReader(tmp_path / "both.rrd").stream().to_chunks()
+    arms = {c.entity_path.split("/")[2] for c in chunks if "/link_3" in c.entity_path}
+    assert arms == {"cubic", "lspb"}
+    code, out, _ = call(*arguments, "--out", "out", "--rerun", "both.rrd")
+    assert out.splitlines()[-2:] == ["written: 10 files in out", "written: both.rrd"]
+
+
+def test_ik_does_not_break_the_names_of_joints(call, tmp_path):
+    text = call("show", "microbot", "--toml")[1]
+    (tmp_path / "long.toml").write_text(text.replace('"elbow"', f'"{"elbow_" * 8}"'))
+    code, out, _ = call("ik", "long.toml", "--position", "3,-1,4.5")
+    assert code == 0
+    assert "q1       q2       q3" in out
+    assert max(map(len, out.splitlines())) <= 80
+
+
 def test_compare_saves_what_replay_reads(ask, refused, tmp_path):
     arguments = ("compare", "microbot", "--methods", "cubic,lspb", "--tau-max", "400,500,250")
     via = ("--via-deg", "0, 0, 0", "--via-deg", "-90,90,90")
@@ -447,7 +472,7 @@ def test_compare_saves_what_replay_reads(ask, refused, tmp_path):
     code, replayed = ask("replay", "out", "--rerun", "again.rrd")
     assert code == 0
     assert set(replayed["motions"]) == {"cubic", "lspb"}
-    loaded = recordings.load_comparison(tmp_path / "out", None)
+    loaded = replay.load_comparison(tmp_path / "out", None)
     assert loaded.limits.tau_max.tolist() == [400, 500, 250]
     assert np.isinf(loaded.limits.qdd_max).all()
     assert all(certificate.ok for certificate in loaded.certificates.values())

@@ -68,7 +68,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         Exit code.
     """
     for stream in (sys.stdout, sys.stderr):
-        with contextlib.suppress(AttributeError, ValueError):  # a stream of somebody's own
+        with contextlib.suppress(AttributeError, ValueError):  # a stream that was replaced
             stream.reconfigure(errors="replace")  # type: ignore[union-attr]
     command = typer.main.get_command(app)
     given = None if arguments is None else list(arguments)
@@ -87,13 +87,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if interrupt.pressed():  # CasADi turned it into another error
             return INTERRUPTED
         raise
-    except SystemExit as ending:  # completion scripts end so
+    except SystemExit as ending:  # raised by the completion scripts
         return ending.code if isinstance(ending.code, int) else 0
     return int(code or 0)
 
 
 def entry() -> int:
-    """Entry point of the installed program; where its reader goes away it ends without a word."""
+    """Entry point of the program; it exits silently when the reader of its output goes away."""
     interrupt.watch()
     if hasattr(signal, "SIGPIPE"):
         signal.signal(signal.SIGPIPE, signal.SIG_DFL)

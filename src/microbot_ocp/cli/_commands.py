@@ -51,7 +51,7 @@ COMMANDS = {
         "_tasks", "time_optimal", "time-optimal microbot --via-deg '0,0,0 -90,90,90' --qd-max 2"
     ),
     "solve": Entry("_tasks", "solve", "solve task.toml --out out"),
-    "replay": Entry("_recordings", "replay", "replay best.npz --rerun best.rrd"),
+    "replay": Entry("_replay", "replay", "replay best.npz --rerun best.rrd"),
     "doctor": Entry("_doctor", "doctor", "doctor"),
 }
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from microbot_ocp._base.table import Table
 from microbot_ocp.cli._options import Json
 from microbot_ocp.cli._output import answer
-from microbot_ocp.cli._recordings import find_viewer, has_display
+from microbot_ocp.cli._recordings import has_display
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -105,6 +105,8 @@ def _cache() -> Finding:
 
 
 def _viewer() -> list[Finding]:
+    from microbot_ocp.views.live import find_viewer
+
     viewer, screen = find_viewer(), has_display()
     where = "a screen is there" if screen else "no DISPLAY or WAYLAND_DISPLAY: --open has no screen"
     return [

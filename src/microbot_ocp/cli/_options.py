@@ -17,7 +17,7 @@ import typer
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.robot import JointLimits, Robot, joint_scale, per_joint
-from microbot_ocp.robot.files import load_robot, packaged_robots
+from microbot_ocp.robot.files import packaged_robots
 
 
 def robot_names(incomplete: str) -> list[str]:
@@ -215,11 +215,6 @@ def limits_of(robot: Robot, given: Mapping[str, Any]) -> JointLimits:
         return robot.with_limits(**changes).limits
     except InputError as problem:
         raise InputError(f"limits: {problem}") from None
-
-
-def chosen_robot(name: str, tip: str | None = None) -> Robot:
-    """The robot of a command line."""
-    return load_robot(name, tip)
 
 
 def writable(path: Path | None, ending: str | tuple[str, ...], name: str) -> Path | None:

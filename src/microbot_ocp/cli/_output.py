@@ -102,16 +102,18 @@ def in_degrees(robot: Robot, q: Any) -> np.ndarray:
     return np.round(np.asarray(q, dtype=float) * np.where(turns, 180.0 / np.pi, 1.0), 10)
 
 
-def close(console: Console, advice: str, written: Sequence[str]) -> None:
-    """Print what comes last: advice, and what was written where."""
+def close(
+    console: Console, advice: str, written: Sequence[str], folder: Path | None = None
+) -> None:
+    """Print what comes last: advice, and the files that were written; only a count in a folder."""
     if advice:
         console.print(f"Advice: {advice}")
-    if len(written) == 1:
-        console.print(f"written: {written[0]}", soft_wrap=True)
-    elif written:
-        folders = {str(Path(path).parent) for path in written}
-        folder = min(folders, key=len)
-        console.print(f"written: {len(written)} files in {folder}", soft_wrap=True)
+    inside = [path for path in written if folder and Path(path).is_relative_to(folder)]
+    if len(inside) > 1:
+        console.print(f"written: {len(inside)} files in {folder}", soft_wrap=True)
+        written = [path for path in written if path not in inside]
+    for path in written:
+        console.print(f"written: {path}", soft_wrap=True)
 
 
 @contextmanager

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -9,7 +10,6 @@ import typer
 
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.table import Table
-from microbot_ocp.cli import _recordings as recordings
 from microbot_ocp.cli._options import (
     Json,
     Open,
@@ -18,7 +18,6 @@ from microbot_ocp.cli._options import (
     Recording,
     RobotName,
     Tip,
-    chosen_robot,
     joint_values,
     numbers,
     option,
@@ -27,19 +26,23 @@ from microbot_ocp.cli._options import (
 )
 from microbot_ocp.cli._output import (
     answer,
+    close,
     in_degrees,
     joint_text,
     number,
     point_text,
     span,
 )
+from microbot_ocp.cli._recordings import check_recording, open_recording, write_recording
 from microbot_ocp.inverse_kinematics import IKSolution, solve_ik, solve_ik_all
 from microbot_ocp.robot import Robot, forward_kinematics
+from microbot_ocp.robot.files import load_robot
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-FEW_JOINTS = 4  # more joints than this: q1 and so on stand for their names
+FEW_JOINTS = 4  # more joints than this, or wider heads: q1 and so on stand for their names
+HEADS_WIDTH = 58  # columns
 
 
 def fk(
@@ -58,7 +61,7 @@ def fk(
     as_json: Json = False,
 ) -> int:
     """Forward kinematics: pose of the tool in the base frame."""
-    robot = chosen_robot(robot_name, tip)
+    robot = load_robot(robot_name, tip)
     joints = joint_values(robot, "q", q, q_deg)
     if frame is not None and not 1 <= frame <= robot.joint_count:
         raise InputError(f"--frame must be 1 to {robot.joint_count}, not {frame}")
@@ -106,22 +109,30 @@ def ik(
 
     Exit code 1 where the target is not reached; the nearest pose is printed then.
     """
-    robot = chosen_robot(robot_name, tip)
+    robot = load_robot(robot_name, tip)
     target = numbers("--position", position, 3, "x, y, z")
     rotation = _orientation(rpy, rpy_deg)
     start = optional_joint_values(robot, "seed", seed, seed_deg)
-    recordings.check(rerun, open_viewer)
+    check_recording(rerun, open_viewer)
     if start is None:
         found = solve_ik_all(robot, target, rotation)
     else:
         found = (solve_ik(robot, target, rotation, start),)
     solved = all(solution.solved for solution in found)
+
+    def save(path: Path) -> Path:
+        from microbot_ocp.views.recording import of_branches
+
+        return of_branches(robot, found, target, rotation).save(path)
+
+    written = write_recording(save, rerun)
     document = {
         "robot": robot.name,
         "position": target,
         "rotation": rotation,
         "solved": solved,
         "solutions": [_solution_document(robot, solution) for solution in found],
+        "written": written,
     }
 
     def text(console: Console) -> None:
@@ -133,14 +144,14 @@ def ik(
             console.print(f"{where}: {count}", soft_wrap=True)
         console.print()
         units = ["deg" if kind == "revolute" else "m" for kind in robot.joint_types]
-        few = robot.joint_count <= FEW_JOINTS
+        heads = [f"{n} [{u}]" for n, u in zip(robot.joint_names, units, strict=True)]
+        few = robot.joint_count <= FEW_JOINTS and len(" ".join(heads)) <= HEADS_WIDTH
         digits = [4 if few or unit == "m" else 2 for unit in units]
         rows = [
             [*map(number, map(float, in_degrees(robot, s.q)), digits), f"{s.position_error:.1e}"]
             + ([] if rotation is None else [f"{np.degrees(s.orientation_error):.1e}"])
             for s in found
         ]
-        heads = [f"{n} [{u}]" for n, u in zip(robot.joint_names, units, strict=True)]
         if not few:
             heads = [f"q{j + 1}" for j in range(robot.joint_count)]
             slides = ", ".join(f"q{j + 1} in m" for j, unit in enumerate(units) if unit == "m")
@@ -149,9 +160,11 @@ def ik(
         console.print(Table.of_text(heads, rows, left=0), "")
         for sentence in dict.fromkeys(s.advice for s in found if not s.solved or s.self_motion):
             console.print(sentence)
+        close(console, "", written)
 
     code = answer(as_json, document, text, 0 if solved else 1)
-    recordings.show_branches(robot, found, target, rotation, rerun, open_viewer)
+    if open_viewer:
+        open_recording(save, rerun)
     return code
 
 

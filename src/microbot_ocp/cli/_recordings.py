@@ -1,232 +1,50 @@
-"""``replay``: saved motions and comparisons in Rerun; and the recordings of other commands."""
+"""The recordings that commands write with ``--rerun`` and show with ``--open``."""
 
 from __future__ import annotations
 
-import json
 import os
-import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
-import typer
+from microbot_ocp._base.checks import InputError
+from microbot_ocp.cli._options import writable
 
-import microbot_ocp as mo
-from microbot_ocp._base import checks
-from microbot_ocp._base.checks import FloatArray, InputError
-from microbot_ocp.cli._options import (
-    Json,
-    Open,
-    Recording,
-    chosen_robot,
-    option,
-    robot_names,
-    writable,
-)
-from microbot_ocp.cli._output import answer
-from microbot_ocp.robot import JointLimits, Robot
-from microbot_ocp.robot.files import packaged_robots
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from rich.console import Console
-
-    from microbot_ocp.comparison import Certificate, Comparison, Entry
-    from microbot_ocp.inverse_kinematics import IKSolution
-    from microbot_ocp.motion import Motion
-
-LOOPBACK = "127.0.0.1"
+Save = Callable[[Path], object]  # writes a recording to a path
 
 
-def replay(
-    file: Annotated[
-        Path,
-        typer.Argument(
-            metavar="FILE", help="Motion (.npz), or the folder that a comparison was saved in."
-        ),
-    ],
-    robot_name: Annotated[
-        str | None,
-        option(
-            "--robot",
-            what="Robot of the motion, where the file names none.",
-            metavar="ROBOT",
-            completion=robot_names,
-        ),
-    ] = None,
-    rerun: Recording = None,
-    open_viewer: Open = False,
-    as_json: Json = False,
-) -> int:
-    """Replay a saved motion or comparison in Rerun.
-
-    --rerun writes the recording, --open shows it.
-    """
-    check(rerun, open_viewer)
-    if rerun is None and not open_viewer:
-        raise InputError("give --rerun FILE.rrd to write the recording, or --open to see it")
-    if file.suffix == ".rrd":
-        raise InputError(f"{file} is a recording already: open it with rerun {file}")
-    source = file.parent if file.name == "comparison.json" else file
-    if source.is_dir():
-        comparison = load_comparison(source, robot_name)
-        robot, motions = comparison.robot, comparison.motions
-        if not motions:
-            raise InputError(f"{source}: none of the saved methods has a motion")
-        path = _written(comparison.to_rerun, rerun, open_viewer)
-    else:
-        motion = mo.Motion.load(file)
-        robot = robot_of(motion, str(file), robot_name)
-        motions = {"motion": motion}
-        path = show_motion(robot, motion, rerun, open_viewer)
-    document = {
-        "robot": robot.name,
-        "motions": {
-            name: {"label": m.label, "duration": m.duration} for name, m in motions.items()
-        },
-        "recording": str(path) if path else None,
-    }
-
-    def text(console: Console) -> None:
-        for motion in motions.values():
-            console.print(f"{motion.label}: {motion.duration:.3f} s", soft_wrap=True)
-        if path is not None:
-            console.print(f"written: {path}", soft_wrap=True)
-
-    return answer(as_json, document, text)
-
-
-def check(rerun: Path | None, open_viewer: bool) -> None:
+def check_recording(rerun: Path | None, open_viewer: bool) -> None:
     """Refuse a recording that could not be written or shown, before any work is done."""
     writable(rerun, ".rrd", "--rerun")
     if open_viewer:
         check_viewer("--open")
 
 
-def show_motion(
-    robot: Robot,
-    motion: Motion,
-    rerun: Path | None,
-    open_viewer: bool,
-    certificate: Certificate | None = None,
-) -> Path | None:
-    """Write and open the recording of one motion, as asked; the file that was written, if any."""
-
-    def write(path: Path) -> Path:
-        from microbot_ocp.views.recording import of_motion
-
-        return of_motion(robot, motion, certificate).save(path)
-
-    return _written(write, rerun, open_viewer)
+def write_recording(save: Save, rerun: Path | None) -> list[str]:
+    """Write the recording if a file is given; the files that were written."""
+    if rerun is None:
+        return []
+    save(rerun)
+    return [str(rerun)]
 
 
-def show_branches(
-    robot: Robot,
-    solutions: Sequence[IKSolution],
-    position: FloatArray,
-    orientation: FloatArray | None,
-    rerun: Path | None,
-    open_viewer: bool,
-) -> Path | None:
-    """The same for solutions of inverse kinematics."""
+def open_recording(save: Save, rerun: Path | None) -> None:
+    """Show the recording that was written, or a temporary one, until the viewer is closed."""
+    from microbot_ocp.views.live import LOOPBACK
 
-    def write(path: Path) -> Path:
-        from microbot_ocp.views.recording import of_branches
-
-        return of_branches(robot, solutions, position, orientation).save(path)
-
-    return _written(write, rerun, open_viewer)
-
-
-def robot_of(motion: Motion, origin: str, given: str | None) -> Robot:
-    """The robot that was given, else the packaged one that the motion names; their joints fit."""
-    name = given or motion.provenance.get("robot")
-    if name is None:
-        raise InputError(f"{origin} does not name its robot: give --robot")
-    if given is None and name not in packaged_robots():
-        raise InputError(f"{origin} names the robot {name!r}, which is not packaged: give --robot")
-    robot = chosen_robot(str(name))
-    if robot.joint_count != motion.joint_count:
-        raise InputError(
-            f"{origin} has {motion.joint_count} joints, but robot {robot.name!r} has "
-            f"{robot.joint_count}"
-        )
-    return robot
-
-
-def load_comparison(folder: Path, robot_name: str | None) -> Comparison:
-    """A comparison from the folder it was saved in; its motions are certified anew."""
-    origin = str(folder / "comparison.json")
-    try:
-        saved = json.loads((folder / "comparison.json").read_text("utf-8"))
-        entries, via_q, limits = saved["entries"], saved["via_q"], _stored_limits(saved["limits"])
-        name, reference = str(saved["robot"]), str(saved["reference"])
-        rows = [(str(row["name"]), dict(row)) for row in entries]
-    except OSError as problem:
-        raise InputError(f"{origin} cannot be read: {problem.strerror}") from None
-    except (ValueError, KeyError, TypeError, AttributeError) as problem:
-        raise InputError(f"{origin} is not a saved comparison: {problem}") from None
-    if robot_name is None and name not in packaged_robots():
-        raise InputError(f"{origin} names the robot {name!r}, which is not packaged: give --robot")
-    robot = chosen_robot(robot_name or name)
-    via = checks.array(f"via_q of {origin}", via_q, (None, robot.joint_count))
-    robot = robot.with_limits(limits.for_joints(robot.joint_count))
-    made = tuple(_entry(robot, via, folder, key, row) for key, row in rows)
-    return mo.Comparison(robot, via, robot.limits, made, reference)
-
-
-def _stored_limits(saved: Mapping[str, Any]) -> JointLimits:
-    """Limits from JSON, where what is infinite is null."""
-    arrays = {}
-    for key, values in saved.items():
-        none = -np.inf if key.endswith("_min") else np.inf
-        arrays[key] = np.array([none if value is None else float(value) for value in values])
-    return JointLimits(**arrays)
-
-
-def _entry(robot: Robot, via: Any, folder: Path, name: str, row: Mapping[str, Any]) -> Entry:
-    path = folder / "motions" / f"{name}.npz"
-    motion = mo.Motion.load(path) if path.exists() else None
-    if motion is not None and motion.joint_count != robot.joint_count:
-        raise InputError(f"{path} has {motion.joint_count} joints, the robot {robot.joint_count}")
-    return mo.Entry(
-        name=name,
-        title=str(row.get("title", name)),
-        motion=motion,
-        certificate=None if motion is None else mo.certify(robot, motion, via_q=via),
-        status=str(row.get("status", "")),
-        note=str(row.get("note", "")),
-        **{key: _float(row.get(key)) for key in ("solve_time", "torque_squared", "work")},
-        details={},
-    )
-
-
-def _float(value: Any) -> float:
-    return float(value) if isinstance(value, int | float) else float("nan")
-
-
-def _written(write: Callable[[Path], Path], rerun: Path | None, open_viewer: bool) -> Path | None:
-    path = write(rerun) if rerun is not None else None
-    if open_viewer:
-        with tempfile.TemporaryDirectory(prefix="microbot_ocp_") as folder:
-            # a new viewer each time: one that is open already may listen on every interface
-            command = [check_viewer("--open"), "--bind", LOOPBACK, "--new"]
-            command.append(str(path or write(Path(folder) / "motion.rrd")))
-            quiet = {"RUST_LOG": "error", **os.environ}
-            done = subprocess.run(command, check=False, stdout=sys.stderr, env=quiet)
-        if done.returncode:
-            raise InputError(f"the Rerun viewer ended with status {done.returncode}")
-    return path
-
-
-def find_viewer() -> str | None:
-    """Path of the Rerun viewer: the one of this Python, else one on the path."""
-    return shutil.which("rerun", path=str(Path(sys.executable).parent)) or shutil.which("rerun")
+    with tempfile.TemporaryDirectory(prefix="microbot_ocp_") as folder:
+        path = rerun
+        if path is None:
+            path = Path(folder) / "recording.rrd"
+            save(path)
+        # a new viewer each time: one that is open already may listen on every interface
+        command = [check_viewer("--open"), "--bind", LOOPBACK, "--new", str(path)]
+        quiet = {"RUST_LOG": "error", **os.environ}
+        done = subprocess.run(command, check=False, stdout=sys.stderr, env=quiet)
+    if done.returncode:
+        raise InputError(f"the Rerun viewer ended with status {done.returncode}")
 
 
 def has_display() -> bool:
@@ -237,7 +55,9 @@ def has_display() -> bool:
 
 
 def check_viewer(option: str, screen: bool = True) -> str:
-    """Path of the Rerun viewer; refuse an option where it, or a screen, is needed and missing."""
+    """Path of the Rerun viewer; refuse an option that lacks it, or the screen that it needs."""
+    from microbot_ocp.views.live import find_viewer
+
     viewer = find_viewer()
     if viewer is None:
         raise InputError(f"{option} needs the Rerun viewer: pip install rerun-sdk")

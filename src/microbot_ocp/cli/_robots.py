@@ -12,14 +12,12 @@ import typer
 import microbot_ocp as mo
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.table import Table
-from microbot_ocp.cli import _recordings as recordings
 from microbot_ocp.cli._options import (
     Json,
     Open,
     Recording,
     RobotName,
     Tip,
-    chosen_robot,
     option,
     writable,
 )
@@ -31,6 +29,7 @@ from microbot_ocp.cli._output import (
     point_text,
     span,
 )
+from microbot_ocp.cli._recordings import check_recording, open_recording, write_recording
 from microbot_ocp.robot import LIMIT_UNITS, Robot
 from microbot_ocp.robot.files import load_robot, packaged_robots, robot_text, save_text
 
@@ -89,12 +88,17 @@ def show(
 
     --toml and --out copy it. In Rerun every joint moves in turn.
     """
-    robot = chosen_robot(robot_name, tip)
+    robot = load_robot(robot_name, tip)
     if toml and as_json:
         raise InputError("give --toml or --json, not both")
     writable(out, (".toml", ".urdf"), "--out")
-    recordings.check(rerun, open_viewer)
+    check_recording(rerun, open_viewer)
     written = [] if out is None else [str(_write(robot_name, tip, robot, out))]
+
+    def save(path: Path) -> Path:
+        return joint_sweep(robot).to_rerun(robot, path)
+
+    written += write_recording(save, rerun)
     rest = _nearest_zero(robot)
     pose = np.array(mo.forward_kinematics(robot)(rest))
     found, bound = largest_reach(robot)
@@ -128,7 +132,8 @@ def show(
         console.file.write(robot_text(robot_name, tip))
 
     code = answer(as_json, document, file if toml else tables)
-    recordings.show_motion(robot, joint_sweep(robot), rerun, open_viewer)
+    if open_viewer:
+        open_recording(save, rerun)
     return code
 
 

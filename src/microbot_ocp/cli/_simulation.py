@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,7 +13,6 @@ import typer
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import InputError
 from microbot_ocp._base.table import Table
-from microbot_ocp.cli import _recordings as recordings
 from microbot_ocp.cli._options import (
     Json,
     Open,
@@ -22,7 +22,6 @@ from microbot_ocp.cli._options import (
     Recording,
     RobotName,
     Tip,
-    chosen_robot,
     numbers,
     one_number,
     option,
@@ -30,7 +29,9 @@ from microbot_ocp.cli._options import (
     writable,
 )
 from microbot_ocp.cli._output import answer, close, in_degrees, number
+from microbot_ocp.cli._recordings import Save, check_recording, open_recording, write_recording
 from microbot_ocp.motion import SAMPLE_STEP, Motion
+from microbot_ocp.robot.files import load_robot
 from microbot_ocp.simulation import simulate as integrate
 
 if TYPE_CHECKING:
@@ -76,11 +77,11 @@ def simulate(
 
     Torques are constants or those of a saved motion. Exit code 1 where the integrator fails.
     """
-    robot = chosen_robot(robot_name, tip)
+    robot = load_robot(robot_name, tip)
     if not robot.has_dynamics:
         raise InputError(f"robot {robot.name!r} has no masses: it cannot be simulated")
     writable(out, ".npz", "--out")
-    recordings.check(rerun, open_viewer)
+    check_recording(rerun, open_viewer)
     if tau is not None and motion_file is not None:
         raise InputError("give --tau or --motion, not both")
     start = optional_joint_values(robot, "q", q, q_deg)
@@ -122,13 +123,14 @@ def simulate(
         "wall_time": result.wall_time,
         "written": [],
     }
+    save: Save | None = None
     if result.solved:
         provenance = {"method": "simulation", "robot": robot.name, "torques": source}
         motion = replace(result.as_motion(f"simulation, {source}"), provenance=provenance)
         if out is not None:
             document["written"].append(str(motion.save(out)))
-        if recordings.show_motion(robot, motion, rerun, open_viewer):
-            document["written"].append(str(rerun))
+        save = partial(motion.to_rerun, robot)
+        document["written"] += write_recording(save, rerun)
 
     def text(console: Console) -> None:
         console.print(f"{robot.name}, {source}, {number(length)} s: {result.status}\n")
@@ -143,4 +145,7 @@ def simulate(
         console.print(Table.of_text(heads, rows, left=2), "")
         close(console, result.advice, document["written"])
 
-    return answer(as_json, document, text, 0 if result.solved else 1)
+    code = answer(as_json, document, text, 0 if result.solved else 1)
+    if open_viewer and save is not None:
+        open_recording(save, rerun)
+    return code

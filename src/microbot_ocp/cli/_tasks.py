@@ -1,4 +1,4 @@
-"""``compare``, ``time-optimal`` and ``solve``: motions found and told of."""
+"""``compare``, ``time-optimal`` and ``solve``: motions found, certified and shown."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ import numpy as np
 import typer
 
 from microbot_ocp._base.table import Table
-from microbot_ocp.cli import _recordings as recordings
 from microbot_ocp.cli._options import (
     Iterations,
     Json,
@@ -35,7 +34,6 @@ from microbot_ocp.cli._options import (
     Tip,
     Via,
     ViaDeg,
-    chosen_robot,
     limits_of,
     numbers,
     option,
@@ -44,7 +42,8 @@ from microbot_ocp.cli._options import (
     whole_number,
     writable,
 )
-from microbot_ocp.cli._output import answer, close, joint_text
+from microbot_ocp.cli._output import answer, close, joint_text, shown_progress
+from microbot_ocp.cli._recordings import check_recording, open_recording, write_recording
 from microbot_ocp.cli._watching import Watchers
 from microbot_ocp.comparison import (
     METHODS,
@@ -61,6 +60,7 @@ from microbot_ocp.motion import Motion
 from microbot_ocp.ocp.solution import Iteration, StepProgress
 from microbot_ocp.planning import TimeOptimalSettings, time_optimal as find_time_optimal
 from microbot_ocp.robot import Robot
+from microbot_ocp.robot.files import load_robot
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -110,6 +110,8 @@ def compare(
     taud_max: TaudMax = None,
     mesh: Mesh = TimeOptimalSettings.mesh,
     out: OutFolder = None,
+    rerun: Recording = None,
+    open_viewer: Open = False,
     iterations: Iterations = None,
     live: Live = False,
     live_serve: LiveServe = False,
@@ -122,9 +124,10 @@ def compare(
     Every motion is certified. A limit is one number, or one a joint with commas between; those not
     given are the robot's own. Exit code 1 where a method found no solution.
     """
-    robot = chosen_robot(robot_name, tip)
+    robot = load_robot(robot_name, tip)
     points = via_points(robot, via, via_deg)
     output_folder(out)
+    check_recording(rerun, open_viewer)
     watchers = Watchers(live, live_serve, live_connect, iterations)
     with watchers.progress(as_json) as progress:
         result = compare_methods(
@@ -136,7 +139,12 @@ def compare(
             mesh=mesh,
             progress=progress,
         )
-    return _tell_comparison(as_json, result, _save(result, out, OUTPUTS), watchers)
+    written = _save(as_json, result, out, OUTPUTS, rerun)
+    code = _show_comparison(as_json, result, written, out, watchers)
+    if open_viewer:
+        open_recording(result.to_rerun, rerun)
+    watchers.linger()
+    return code
 
 
 def time_optimal(
@@ -173,11 +181,11 @@ def time_optimal(
     It is at rest at both ends. A limit is one number, or one a joint with commas between; those not
     given are the robot's own. Exit code 1 where the solver did not converge.
     """
-    robot = chosen_robot(robot_name, tip)
+    robot = load_robot(robot_name, tip)
     points = via_points(robot, via, via_deg)
     limited = robot.with_limits(limits_of(robot, context.params))
     writable(out, ".npz", "--out")
-    recordings.check(rerun, open_viewer)
+    check_recording(rerun, open_viewer)
     watchers = Watchers(live, live_serve, live_connect, iterations)
     settings = TimeOptimalSettings(mesh=mesh, starts=starts)
     with watchers.progress(as_json) as progress:
@@ -187,10 +195,14 @@ def time_optimal(
         _steps(progress, "certify")(f"{motion.duration:.4f} s")
         certificate = certify(limited, motion, via_q=points)
     motion = replace(motion, provenance={**motion.provenance, "robot": robot.name})
+
+    def save(path: Path) -> Path:
+        from microbot_ocp.views.recording import of_motion
+
+        return of_motion(limited, motion, certificate).save(path)
+
     written = [str(motion.save(out))] if out is not None else []
-    if recordings.show_motion(limited, motion, rerun, open_viewer, certificate):
-        written.append(str(rerun))
-    written += watchers.written()
+    written += [*write_recording(save, rerun), *watchers.written()]
     document = {
         "robot": robot.name,
         "via_q": points,
@@ -209,6 +221,8 @@ def time_optimal(
         close(console, "" if motion.solved else str(document["advice"]), written)
 
     code = answer(as_json, document, text, 0 if motion.solved else 1)
+    if open_viewer:
+        open_recording(save, rerun)
     watchers.linger()
     return code
 
@@ -233,20 +247,41 @@ def solve(
     watchers = Watchers(live, live_serve, live_connect, iterations)
     with watchers.progress(as_json) as progress:
         result = task.compare(progress)
-    return _tell_comparison(as_json, result, _save(result, out, task.outputs), watchers)
+    written = _save(as_json, result, out, task.outputs)
+    code = _show_comparison(as_json, result, written, out, watchers)
+    watchers.linger()
+    return code
 
 
-def _save(comparison: Comparison, folder: Path | None, outputs: Sequence[str]) -> list[str]:
-    """Write some of :data:`OUTPUTS` into a folder, if there is one."""
-    return [] if folder is None else [str(path) for path in comparison.save(folder, outputs)]
+def _save(
+    as_json: bool,
+    comparison: Comparison,
+    folder: Path | None,
+    outputs: Sequence[str],
+    rerun: Path | None = None,
+) -> list[str]:
+    """Write some of :data:`OUTPUTS` into a folder and a recording, where they are given."""
+    written = []
+    with shown_progress(as_json) as progress:
+        if folder is not None:
+            for done, output in enumerate(outputs):
+                progress(Step(done, len(outputs), "write", f"{output} in {folder}"))
+                written += map(str, comparison.save(folder, [output]))
+        if rerun is not None:
+            progress(Step(0, 1, "write", str(rerun)))
+        return written + write_recording(comparison.to_rerun, rerun)
 
 
-def _tell_comparison(
-    as_json: bool, comparison: Comparison, saved: list[str], watchers: Watchers
+def _show_comparison(
+    as_json: bool,
+    comparison: Comparison,
+    written: list[str],
+    out: Path | None,
+    watchers: Watchers,
 ) -> int:
     from microbot_ocp.views.tables import comparison_rows
 
-    written = [*saved, *watchers.written()]
+    written = [*written, *watchers.written()]
     document = {
         "robot": comparison.robot.name,
         "via_q": comparison.via_q,
@@ -260,11 +295,9 @@ def _tell_comparison(
     def text(console: Console) -> None:
         table = comparison.table()
         console.print(table if console.width >= WIDE else table.without("∫tau²", "work", "solve"))
-        close(console, "", written)
+        close(console, "", written, out)
 
-    code = answer(as_json, document, text, 0 if comparison.solved else 1)
-    watchers.linger()
-    return code
+    return answer(as_json, document, text, 0 if comparison.solved else 1)
 
 
 def _show_motion(
@@ -292,8 +325,8 @@ def _share(value: float) -> str:
 def _steps(progress: Progress, stage: str) -> StepProgress:
     """Progress of a solver, whose steps are not counted, as steps of a task."""
 
-    def tell(event: Iteration | str) -> None:
+    def forward(event: Iteration | str) -> None:
         iteration = event if isinstance(event, Iteration) else None
         progress(Step(stage == "certify", 2, stage, str(event), iteration))
 
-    return tell
+    return forward

@@ -1,4 +1,4 @@
-"""Whoever watches a solve: the bar on a terminal, a viewer, a recording of the iterations."""
+"""Who follows a solve: the bar on a terminal, a viewer, a recording of the iterations."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Watchers:
 
     @contextmanager
     def progress(self, as_json: bool) -> Iterator[Progress]:
-        """A progress function for all who watch."""
+        """A progress function that passes every step to all of them."""
         with ExitStack() as stack:
             watchers = [stack.enter_context(shown_progress(as_json))]
             if self.iterations is not None:
@@ -55,12 +55,12 @@ class Watchers:
             if self.live or self.serve or self.connect is not None:
                 watchers.append(stack.enter_context(self._viewer()))
 
-            def tell(step: Step) -> None:
+            def forward(step: Step) -> None:
                 for watcher in watchers:
                     watcher(step)
 
             try:
-                yield tell
+                yield forward
             except BaseException:
                 self._server.close()
                 raise
@@ -70,11 +70,11 @@ class Watchers:
 
         if self.live:
             return live.spawned()
-        address = self.connect or self._server.enter_context(live.server(_tell))
+        address = self.connect or self._server.enter_context(live.server(_print_address))
         return live.connected(address)
 
     def linger(self) -> None:
-        """Serve until Ctrl-C, if a browser is served."""
+        """Keep serving a browser until Ctrl-C."""
         if not self.serve:
             return
         print("Ctrl-C ends the server", file=sys.stderr, flush=True)
@@ -87,5 +87,5 @@ class Watchers:
         return [] if self.iterations is None else [str(self.iterations)]
 
 
-def _tell(address: str) -> None:
+def _print_address(address: str) -> None:
     print(f"open {address}", file=sys.stderr, flush=True)

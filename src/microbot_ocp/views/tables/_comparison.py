@@ -261,7 +261,7 @@ def _title(comparison: Comparison) -> str:
 
 def _notes(comparison: Comparison, rows: list[Row]) -> Iterator[str]:
     joints = comparison.robot.joint_names
-    order = "/".join(joints) if len(joints) <= SHOWN_JOINTS else "busiest joint only"
+    order = " / ".join(joints) if len(joints) <= SHOWN_JOINTS else "busiest joint only"
     reference = _reference_title(rows, comparison)
     yield f"Peaks: largest share of the limit ({order}). Ratio: to {reference}."
     for row in rows:

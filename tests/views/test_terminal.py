@@ -1,0 +1,40 @@
+"""Progress on a terminal and in a pipe."""
+
+import io
+import re
+
+from rich.console import Console
+
+from microbot_ocp.comparison import Step
+from microbot_ocp.views.live import show_progress
+
+LONG = "cubic's path, best timing: ipopt 5: cost 2.02256, infeasibility 1.0e-08, and much more"
+
+
+def shown(terminal, *events):
+    """Lines that a console of 80 columns got for some events."""
+    stream = io.StringIO()
+    console = Console(file=stream, force_terminal=terminal, width=80, color_system=None)
+    with show_progress(console) as progress:
+        for event in events:
+            progress(event)
+    text = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", stream.getvalue())
+    return text.replace("\r", "\n").splitlines()
+
+
+def test_the_bar_and_the_time_stay_whole_beside_a_long_text():
+    lines = shown(True, Step(1, 4, "solve", LONG))
+    bars = [line for line in lines if re.search(r" \d:\d\d:\d\d$", line)]
+    assert bars
+    assert all(len(line) == len(bars[0]) <= 80 for line in bars)
+    assert len(bars[0].split(" ", 1)[1].removesuffix(" 0:00:00")) >= 20
+    (text,) = {line for line in lines if "ipopt" in line}
+    assert text.startswith("  solve: cubic's path, best timing: ipopt 5: cost 2.02256")
+    assert len(text) <= 80
+
+
+def test_a_pipe_gets_every_step_as_a_line_and_no_iteration():
+    assert shown(False, Step(1, 4, "solve", LONG), "refined") == [
+        f"solve   {LONG}",
+        "solve   refined",
+    ]
