@@ -41,7 +41,10 @@ def run(path: Path) -> NotebookNode:
     """The notebook with its outputs; formulas as MathML, widgets as pictures."""
     notebook = nbformat.read(path, as_version=4)
     with tempfile.TemporaryDirectory() as folder:
-        resources = {"metadata": {"path": folder}}
+        (Path(folder) / "problems").symlink_to(DOCS.parent / "problems")
+        work = Path(folder) / "notebooks"
+        work.mkdir()
+        resources = {"metadata": {"path": str(work)}}
         NotebookClient(notebook, timeout=300, kernel_name="python3", resources=resources).execute()
     notebook.metadata.pop("widgets", None)
     for cell in notebook.cells:

@@ -19,7 +19,7 @@ import numpy as np
 
 import microbot_ocp as mo
 import script
-from microbot_ocp.views.notebook import Matrix, matrix_text, product, symbolic_row
+from symbolic import Matrix, matrix_text, product, symbolic_row
 
 COLUMNS = {"alpha_deg": "twist, deg", "a": "length, m", "d": "offset, m", "theta_deg": "angle, deg"}
 REPORT = ["0,90,0,0", "0,0,3,4", "2,0,0,0", "161.5651,74.1561,111.3819,0"]

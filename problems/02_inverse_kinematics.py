@@ -16,7 +16,7 @@ import numpy as np
 import microbot_ocp as mo
 import script
 from microbot_ocp.inverse_kinematics import branches_by_nlp, elbow_arm_branches
-from microbot_ocp.views.notebook import matrix_text
+from symbolic import matrix_text
 
 
 def unit(robot: mo.Robot) -> np.ndarray:

@@ -14,7 +14,7 @@ import numpy as np
 
 import microbot_ocp as mo
 import script
-from microbot_ocp.views.notebook import symbolic_row, symbolic_velocities
+from symbolic import symbolic_row, symbolic_velocities
 
 THETA, RATE = "-18.43,-29.18,-111.38", "35,20,45"
 PRINTED_OMEGA = [[0, 0, 0.6109], [-0.2978, 0.5333, 0.3491], *[[-0.3881, -0.4718, 1.1345]] * 2]

@@ -15,7 +15,7 @@ import numpy as np
 import microbot_ocp as mo
 import report
 import script
-from microbot_ocp.robot import closed_form
+from closed_form import closed_form
 
 
 def row(values: np.ndarray) -> str:

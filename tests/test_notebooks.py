@@ -34,7 +34,8 @@ def test_there_are_notebooks() -> None:
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_runs_from_clean(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("IPYTHONDIR", str(tmp_path / "ipython"))
-    folder = tmp_path / "work"
+    folder = tmp_path / "notebooks"
+    (tmp_path / "problems").symlink_to(NOTEBOOKS[0].parent.parent / "problems")
     folder.mkdir()
     notebook = read(path)
     with tempfile.TemporaryDirectory(prefix="k") as sockets:  # a socket's path must be short

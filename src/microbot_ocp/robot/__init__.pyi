@@ -1,8 +1,5 @@
 """Public names; loaded when they are first asked for."""
 
-from ._closed_form import (
-    closed_form as closed_form,
-)
 from ._dynamics import (
     bias_torque as bias_torque,
     coriolis_matrix as coriolis_matrix,

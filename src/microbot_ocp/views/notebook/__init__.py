@@ -1,4 +1,7 @@
-"""What Jupyter shows: tables, embedded viewers, sliders, formulas."""
+"""What lives in a cell of a notebook: the Rerun viewer, and sliders that solve a task again.
+
+Tables of results are in :mod:`microbot_ocp.views.tables`.
+"""
 
 import lazy_loader
 

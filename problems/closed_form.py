@@ -14,9 +14,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import ArrayLike
 
-from microbot_ocp._base.checks import FloatArray, InputError
-from microbot_ocp.robot._dynamics import gravity_torque, mass_matrix
-from microbot_ocp.robot._model import Robot
+import microbot_ocp as mo
 
 POINTS = 5  # a joint: enough for degree 2
 NEGLIGIBLE = 1e-11  # relative to the largest coefficient
@@ -92,7 +90,7 @@ class ClosedForm:
         return found + [f"G{i + 1} = {series}" for i, series in enumerate(self.gravity)]
 
 
-def closed_form(robot: Robot) -> ClosedForm:
+def closed_form(robot: mo.Robot) -> ClosedForm:
     """Mass matrix, Coriolis matrix and gravity torque of a robot in closed form.
 
     Parameters
@@ -111,7 +109,6 @@ def closed_form(robot: Robot) -> ClosedForm:
 
     Examples
     --------
-    >>> import microbot_ocp as mo
     >>> form = closed_form(mo.load_robot("microbot"))
     >>> print(form.mass[1][1])
     68 + 48 cos(q3)
@@ -122,11 +119,11 @@ def closed_form(robot: Robot) -> ClosedForm:
     """
     count = robot.joint_count
     if "prismatic" in robot.joint_types or count > 6:
-        raise InputError("closed_form needs a robot of at most six joints, all revolute")
+        raise mo.InputError("closed_form needs a robot of at most six joints, all revolute")
     angles = 2 * np.pi * np.arange(POINTS) / POINTS
     grid = np.array(list(product(angles, repeat=count))).T
-    masses = np.array(mass_matrix(robot).map(grid.shape[1])(grid)).reshape(count, -1, count)
-    weights = np.array(gravity_torque(robot).map(grid.shape[1])(grid))
+    masses = np.array(mo.mass_matrix(robot).map(grid.shape[1])(grid)).reshape(count, -1, count)
+    weights = np.array(mo.gravity_torque(robot).map(grid.shape[1])(grid))
     size = float(np.abs(masses).max())
     mass = [[_series(masses[i, :, j], count, size) for j in range(count)] for i in range(count)]
     pull = max(float(np.abs(weights).max()), 1e-300)
@@ -146,7 +143,7 @@ def _christoffel(mass: list[list[Series]], i: int, j: int, k: int) -> Series:
     return _combined(list(zip((0.5, 0.5, -0.5), slopes, strict=True)))
 
 
-def _series(values: FloatArray, count: int, size: float) -> Series:
+def _series(values: np.ndarray, count: int, size: float) -> Series:
     """Coefficients of values on the grid, those that are only rounding left out."""
     spectrum = np.fft.fftn(values.reshape((POINTS,) * count)) / values.size
     terms = {}

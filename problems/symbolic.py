@@ -12,8 +12,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from microbot_ocp._base.checks import FloatArray
-
 
 class Atom(NamedTuple):
     """A cosine or sine ("c", "s") of a sum of joint angles, or a name."""
@@ -230,7 +228,7 @@ def symbolic_velocities(
     return found
 
 
-def matrix_text(matrix: Matrix | FloatArray, digits: int = 4) -> str:
+def matrix_text(matrix: Matrix | np.ndarray, digits: int = 4) -> str:
     """A matrix of expressions or numbers as aligned lines."""
     cells = [[_cell(entry, digits) for entry in row] for row in matrix]
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
