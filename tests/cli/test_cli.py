@@ -452,6 +452,15 @@ def test_compare_records_and_says_so(call, tmp_path):
     assert out.splitlines()[-2:] == ["written: 10 files in out", "written: both.rrd"]
 
 
+def test_compare_does_not_break_the_names_of_joints(call):
+    via = "0,-30,0,-120,0,90,45 60,40,30,-60,40,130,0"
+    code, out, _ = call("compare", "panda", "--via-deg", via, "--methods", "cubic")
+    assert code == 0
+    assert max(map(len, out.splitlines())) <= 80
+    assert "(panda" not in out.split("Peaks:")[0]
+    assert out.count("panda_j") == out.count("panda_joint2")
+
+
 def test_ik_does_not_break_the_names_of_joints(call, tmp_path):
     text = call("show", "microbot", "--toml")[1]
     (tmp_path / "long.toml").write_text(text.replace('"elbow"', f'"{"elbow_" * 8}"'))

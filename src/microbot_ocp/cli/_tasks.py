@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
-from microbot_ocp._base.table import Table
+from microbot_ocp._base.table import Column, Table
 from microbot_ocp.cli._options import (
     Iterations,
     Json,
@@ -294,10 +294,23 @@ def _show_comparison(
 
     def text(console: Console) -> None:
         table = comparison.table()
-        console.print(table if console.width >= WIDE else table.without("∫tau²", "work", "solve"))
+        console.print(table if console.width >= WIDE else _narrow(table))
         close(console, "", written, out)
 
     return answer(as_json, document, text, 0 if comparison.solved else 1)
+
+
+def _narrow(table: Table) -> Table:
+    """For 80 columns: without costs, and peaks under heads of several lines, without names."""
+    kept = table.without("∫tau²", "work", "solve")
+
+    def narrow(column: Column) -> Column:
+        if not column.head.startswith("peak"):
+            return column
+        head = column.title.replace(" ", "\n")
+        return Column(head, show=lambda value: column.text(value).split(" (")[0])
+
+    return replace(kept, columns=[narrow(column) for column in kept.columns])
 
 
 def _show_motion(
