@@ -33,6 +33,7 @@ GLUE = """
 #define NPY_NO_DEPRECATED_API NPY_1_7_API_VERSION
 #include <Python.h>
 #include <numpy/arrayobject.h>
+#include <string.h>
 
 static const npy_intp in_size[] = {@IN_SIZE@};
 static const char *const in_name[] = {@IN_NAME@};
@@ -40,6 +41,23 @@ static const npy_intp out_rows[] = {@OUT_ROWS@};
 static const npy_intp out_columns[] = {@OUT_COLUMNS@};
 static PyObject *input_error;
 static int memory;
+
+static int evaluate(const double **arg, double **res, casadi_int *iw, double *w) {
+#if @MOST@
+  static double state[@STATE@];
+  int k;
+  memcpy(state, arg[0], sizeof state);
+  arg[0] = state;
+  for (k = 0; k < @MOST@; ++k) {
+    if (@NAME@(arg, res, iw, w, memory)) return 1;
+    if (!(res[1][0] > 0)) break;
+    memcpy(state, res[0], sizeof state);
+  }
+  return 0;
+#else
+  return @NAME@(arg, res, iw, w, memory);
+#endif
+}
 
 static PyObject *call(PyObject *module, PyObject *const *given, Py_ssize_t count) {
   static const double *arg[@SZ_ARG@];
@@ -86,7 +104,7 @@ static PyObject *call(PyObject *module, PyObject *const *given, Py_ssize_t count
       size = out_rows[i] * out_columns[i];
       res[i] = (double *)PyArray_DATA(out[i]) + row * size;
     }
-    if (@NAME@(arg, res, iw, w, memory)) {
+    if (evaluate(arg, res, iw, w)) {
       PyErr_SetString(PyExc_RuntimeError, "@NAME@ could not be evaluated");
       goto done;
     }
@@ -171,6 +189,51 @@ def fast_call(function: ca.Function) -> FastCall:
     >>> tau(np.zeros((5, 3)), [0, 0, 0], [0, 0, 0]).shape
     (5, 3)
     """
+    _check_vectors(function)
+    return _extension(function, 0) or _stand_in(compile_function(function))
+
+
+@lru_cache(maxsize=128)
+def fast_loop(function: ca.Function, most: int) -> FastCall:
+    """Return the repetition of a CasADi function as a numpy function of one state or of many.
+
+    Parameters
+    ----------
+    function : casadi.Function
+        Not compiled yet; its inputs are vectors. It takes a state and whatever else, and returns
+        the next state, a number that is above zero as long as it shall be called again, and
+        whatever else.
+    most : int
+        Largest number of calls, at least 1.
+
+    Returns
+    -------
+    callable
+        As of :func:`fast_call`: takes the first state and the other inputs, which stay the same,
+        and returns what the last call returned. A batch is a loop over its rows in C, each
+        repeated as often as it needs.
+
+    Raises
+    ------
+    InputError, NotCompiled
+        As :func:`fast_call`; the state's size changes.
+
+    Examples
+    --------
+    >>> x, a = ca.SX.sym("x"), ca.SX.sym("a")
+    >>> better = (x + a / x) / 2
+    >>> step = ca.Function("heron", [x, a], [better, ca.fabs(better - x) > 1e-15])
+    >>> root, _ = fast_loop(step, 50)([1.0], np.array([[2.0], [9.0]]))
+    >>> root.round(6).tolist()
+    [[1.414214], [3.0]]
+    """
+    _check_vectors(function)
+    if function.size_in(0) != function.size_out(0) or function.size_out(1) != (1, 1):
+        raise InputError(f"{function.name()} must return the next state, then one number")
+    return _extension(function, most) or _repeated(_stand_in(compile_function(function)), most)
+
+
+def _check_vectors(function: ca.Function) -> None:
     for i in range(function.n_in()):
         if not (function.sparsity_in(i).is_dense() and function.size2_in(i) == 1):
             raise InputError(
@@ -179,22 +242,26 @@ def fast_call(function: ca.Function) -> FastCall:
             )
     if not all(function.sparsity_out(i).is_dense() for i in range(function.n_out())):
         raise InputError(f"every output of {function.name()} must be dense")
+
+
+def _extension(function: ca.Function, most: int) -> FastCall | None:
+    """The compiled module's function; None where it cannot be built."""
     headers = [sysconfig.get_path("include"), np.get_include()]
     cc = compiler()
     if cc is not None and (Path(headers[0]) / "Python.h").exists():
         try:
-            return _load(function.name(), _build(function, cc, headers))
+            return _load(function.name(), _build(function, most, cc, headers))
         except (OSError, subprocess.SubprocessError, RuntimeError, ImportError):
-            pass  # what follows does the same, only slower
-    return _stand_in(compile_function(function))
+            pass  # the caller does the same, only slower
+    return None
 
 
-def _build(function: ca.Function, cc: str, headers: list[str]) -> Path:
+def _build(function: ca.Function, most: int, cc: str, headers: list[str]) -> Path:
     name = function.name()
     generator = ca.CodeGenerator(f"{name}.c", {"with_header": False})
     generator.add(function)
     return build_library(
-        generator.dump() + _glue(function),
+        generator.dump() + _glue(function, most),
         f"fast_{name}",
         cc,
         "-O2",
@@ -204,7 +271,7 @@ def _build(function: ca.Function, cc: str, headers: list[str]) -> Path:
     )
 
 
-def _glue(function: ca.Function) -> str:
+def _glue(function: ca.Function, most: int) -> str:
     inputs, outputs = range(function.n_in()), range(function.n_out())
     values = {
         "IN_SIZE": ", ".join(str(function.size1_in(i)) for i in inputs),
@@ -218,6 +285,8 @@ def _glue(function: ca.Function) -> str:
         "N_IN": function.n_in(),
         "N_OUT": function.n_out(),
         "NAME": function.name(),
+        "MOST": most,
+        "STATE": function.size1_in(0),
     }
     text = GLUE
     for key, value in values.items():
@@ -329,6 +398,33 @@ def _stand_in(function: ca.Function) -> FastCall:
             blocks = answer.T.reshape(*lead, width, height)
             answers.append(blocks[..., 0, :] if width == 1 else blocks.swapaxes(-1, -2))
         return answers[0] if len(answers) == 1 else tuple(answers)
+
+    return call
+
+
+def _repeated(single: FastCall, most: int) -> FastCall:
+    """What :func:`fast_loop` promises, without an extension module."""
+
+    def call(state: Any, *given: Any) -> Any:
+        arrays = [np.asarray(value, dtype=float) for value in (state, *given)]
+        rows = max((len(array) for array in arrays if array.ndim == 2), default=-1)
+        if rows < 1:
+            answers = single(*arrays)
+            for _ in range(most - 1):
+                if not answers[1][0] > 0:
+                    break
+                answers = single(answers[0], *arrays[1:])
+            return answers
+        wide = [np.array(np.broadcast_to(array, (rows, array.shape[-1]))) for array in arrays]
+        answers = single(*wide)
+        for _ in range(most - 1):
+            going = np.flatnonzero(answers[1][:, 0] > 0)
+            if not going.size:
+                break
+            again = single(answers[0][going], *(array[going] for array in wide[1:]))
+            for answer, part in zip(answers, again, strict=True):
+                answer[going] = part
+        return answers
 
     return call
 

@@ -10,13 +10,16 @@ leaves a remainder.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.inverse_kinematics._kernels import (
     RANK_TOLERANCE,
-    descent_step,
+    Descent,
+    descent,
+    evenly_spread_step,
     generic_rank,
     joint_scale,
     nearest_joints_nlp,
@@ -25,17 +28,20 @@ from microbot_ocp.inverse_kinematics._kernels import (
     reach,
     scaled_jacobian,
 )
+from microbot_ocp.inverse_kinematics._result import read_only
 from microbot_ocp.robot import Robot
 
 POSITION_TOLERANCE = 1e-8  # m, of what is handed out
 ORIENTATION_TOLERANCE = 1e-8  # rad
-STEPS = 50
 ROUNDS = 8
 MEETINGS = 3  # starts that must have led to every branch
 SAMPLES = 12  # of a continuum of solutions
 PROBE = 0.05  # rad (prismatic: share of the reach) along a suspected self-motion
 SAME = 1e-5  # rad between two runs that found the same solution
 SAME_ON_CONTINUUM = 0.02  # rad between representatives that settled at the same place
+
+
+SEARCH = Descent()
 
 
 @dataclass
@@ -51,31 +57,27 @@ class Found:
 
 
 def quasi_random(count: int, dimensions: int, skip: int = 0) -> FloatArray:
-    """Points [count, dimensions] in the unit cube that fill it evenly (additive recurrence).
-
-    The steps are powers of the root of x^(d+1) = x + 1, the golden ratio's relatives.
-    """
-    root = 2.0
-    for _ in range(60):
-        root = (1.0 + root) ** (1.0 / (dimensions + 1))
-    step = root ** -np.arange(1.0, dimensions + 1)
-    return (0.5 + np.arange(skip, skip + count)[:, None] * step) % 1.0
+    """Points [count, dimensions] in the unit cube that fill it evenly."""
+    places = np.arange(skip, skip + count)[:, None]
+    return (0.5 + places * evenly_spread_step(dimensions)) % 1.0
 
 
+@lru_cache(maxsize=64)
 def middle(robot: Robot) -> FloatArray:
     """Middle of the joint limits [n]; where a side is open, the allowed value nearest to zero."""
     lower, upper = robot.limits.q_min, robot.limits.q_max
     closed = np.isfinite(lower) & np.isfinite(upper)
     half = (np.where(closed, lower, 0.0) + np.where(closed, upper, 0.0)) / 2
-    return np.where(closed, half, np.clip(0.0, lower, upper))
+    return read_only(np.where(closed, half, np.clip(0.0, lower, upper)))
 
 
+@lru_cache(maxsize=64)
 def start_range(robot: Robot) -> tuple[FloatArray, FloatArray]:
     """Where starts lie: within the limits, at most half a turn (the reach) from the middle."""
     around = np.where(np.array(robot.joint_types) == "revolute", np.pi, reach(robot))
     return (
-        np.maximum(robot.limits.q_min, middle(robot) - around),
-        np.minimum(robot.limits.q_max, middle(robot) + around),
+        read_only(np.maximum(robot.limits.q_min, middle(robot) - around)),
+        read_only(np.minimum(robot.limits.q_max, middle(robot) + around)),
     )
 
 
@@ -115,39 +117,32 @@ def descend(
     q: FloatArray,
     targets: FloatArray,
     bounds: tuple[FloatArray, FloatArray] | None = None,
-    weight: float = 1.0,
-    steps: int = STEPS,
+    given: Descent = SEARCH,
+    wanted: FloatArray | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """Run every start [B,n] towards its target [B,w]; returns q [B,n] and scaled errors [B]."""
-    step = descent_step(robot, targets.shape[1])
     lower, upper = free_range(robot) if bounds is None else bounds
-    q = np.array(q, dtype=float)
-    errors = np.full(len(q), np.inf)
-    after = np.zeros(len(q), dtype=int)  # steps since the error was small: singular ones need some
-    weights, scale = np.array([weight]), reach(robot)
-    active = np.arange(len(q))
-    for _ in range(steps):
-        move, error = step(q[active], targets[active], lower, upper, weights)
-        errors[active] = np.hypot(error[:, 0] / scale, weight * error[:, 1])
-        after[active] += errors[active] < 1e-7
-        going = (errors[active] > 2e-16) & (after[active] < 30)
-        going &= (errors[active] > 1e-13) | (after[active] < 4)
-        active, move = active[going], move[going]
-        if active.size == 0:
-            break
-        q[active] = np.clip(q[active] + move, lower, upper)
-    if active.size:
-        _, error = step(q[active], targets[active], lower, upper, weights)
-        errors[active] = np.hypot(error[:, 0] / scale, weight * error[:, 1])
-    return q, errors
+    state = np.concatenate([q, np.zeros((len(q), 3))], axis=1)
+    ended, _, errors = descent(robot, targets.shape[1])(
+        state, targets, q if wanted is None else wanted, lower, upper, *start_range(robot), given
+    )
+    return np.ascontiguousarray(ended[:, :-3]), errors[:, 0]
 
 
 def task_errors(robot: Robot, q: FloatArray, targets: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Distances (m) and angles (rad) [B] between the tool at q [B,n] and the targets [B,w]."""
-    lower, upper = free_range(robot)
-    step = descent_step(robot, targets.shape[1])
-    _, error = step(np.ascontiguousarray(q), targets, lower, upper, np.ones(1))
-    return error[:, 0], error[:, 1]
+    return pose_errors(pose_of(robot)(np.ascontiguousarray(q)), targets)
+
+
+def pose_errors(poses: FloatArray, targets: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Distances (m) and angles (rad) [B] between poses [B,4,4] and targets [B,w]."""
+    distance = np.linalg.norm(targets[:, :3] - poses[:, :3, 3], axis=1)
+    if targets.shape[1] == 3:
+        return distance, np.zeros(len(targets))
+    # the columns of a rotation lie one after the other in a target
+    turn = poses[:, :3, :3] @ targets[:, 3:].reshape(-1, 3, 3)
+    twice_sine = np.linalg.norm((turn - turn.swapaxes(1, 2)).reshape(-1, 9), axis=1) / np.sqrt(2)
+    return distance, np.arctan2(twice_sine, np.trace(turn, axis1=1, axis2=2) - 1)
 
 
 def clusters(robot: Robot, q: FloatArray, tolerance: float) -> tuple[FloatArray, np.ndarray]:
@@ -241,9 +236,7 @@ def nearest_on_continuum(
         solve = nearest_joints_nlp(robot, target.size, rank)
         parameters = np.concatenate([target, wanted, left[:, :rank].T.ravel("F")])
         answer = solve(x0=q, p=parameters, lbx=bounds[0], ubx=bounds[1], lbg=0.0, ubg=0.0)
-        polished, errors = descend(
-            robot, np.array(answer["x"]).T, target[None], bounds, steps=STEPS
-        )
+        polished, errors = descend(robot, np.array(answer["x"]).T, target[None], bounds)
         if errors[0] > goal(robot):
             break
         q = polished[0]
@@ -392,7 +385,7 @@ def nearest_pose(
     count = 64
     starts = low + (high - low) * quasi_random(count, robot.joint_count)
     if start is None:
-        found, errors = descend(robot, starts, np.tile(target, (count, 1)), bounds, weight)
+        found, errors = descend(robot, starts, np.tile(target, (count, 1)), bounds, Descent(weight))
         found, _ = clusters(robot, found[np.argsort(errors)], 0.1)
     else:
         found = np.array(start)[None]
