@@ -39,6 +39,7 @@ from .inverse_kinematics import (
     solve_ik as solve_ik,
     solve_ik_all as solve_ik_all,
     solve_ik_batch as solve_ik_batch,
+    solve_ik_each as solve_ik_each,
     solve_ik_path as solve_ik_path,
 )
 from .motion import (

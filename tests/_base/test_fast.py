@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import microbot_ocp as mo
-from microbot_ocp._base.fast_calls import FastCall, buffered_call, fast_call
+from microbot_ocp._base.fast_calls import FastCall, buffered_call, fast_call, fast_loop
 
 ROBOT = mo.load_robot("microbot")
 FUNCTIONS = {
@@ -141,3 +141,37 @@ def test_buffered_call_checks_shapes() -> None:
     diagonal = ca.SX.sym("vector", 2)
     with pytest.raises(mo.InputError, match="must be dense"):
         buffered_call(ca.Function("f", [diagonal], [ca.diag(diagonal)]))
+
+
+# ---- loops
+
+
+def rest_of_division() -> ca.Function:
+    """Subtract ``b`` from the state until its first entry is not above ``b``; counts calls."""
+    x, b = ca.SX.sym("x", 2), ca.SX.sym("b")
+    after = ca.vertcat(x[0] - b, x[1] + 1)
+    return ca.Function("rest_of_division", [x, b], [after, after[0] > b, 2 * after], ["x", "b"],
+                       ["after", "going", "double"])  # fmt: skip
+
+
+def test_a_loop_ends_where_it_says_or_at_its_most(way: str) -> None:
+    loop = fast_loop.__wrapped__(rest_of_division(), 10)
+    after, going, double = loop([7.0, 0.0], [2.0])
+    assert (after.tolist(), going.tolist(), double.tolist()) == ([1.0, 3.0], [0.0], [2.0, 6.0])
+    after, going, _ = loop([100.0, 0.0], [2.0])
+    assert (after.tolist(), going.tolist()) == ([80.0, 10.0], [1.0])
+    first = np.array([[7.0, 0.0], [100.0, 0.0], [1.0, 5.0]])
+    after, going, double = loop(first, [2.0])
+    assert after.tolist() == [[1.0, 3.0], [80.0, 10.0], [-1.0, 6.0]]
+    assert going.tolist() == [[0.0], [1.0], [0.0]]
+    np.testing.assert_array_equal(double, 2 * after)
+    assert first[0].tolist() == [7.0, 0.0]
+    after, _, _ = loop([7.0, 0.0], np.array([[2.0], [3.0]]))
+    assert after.tolist() == [[1.0, 3.0], [1.0, 2.0]]
+    assert loop(np.zeros((0, 2)), [2.0])[0].shape == (0, 2)
+
+
+def test_a_loop_needs_a_state_and_a_number() -> None:
+    x = ca.SX.sym("x", 2)
+    with pytest.raises(mo.InputError, match="must return the next state, then one number"):
+        fast_loop(ca.Function("wrong", [x], [x, x]), 3)

@@ -250,6 +250,71 @@ def test_without_a_seed_the_most_central_branch_is_taken(microbot: mo.Robot) -> 
     assert mo.solve_ik(microbot, TARGET).q == pytest.approx(first.q, abs=1e-9)
 
 
+def random_arm(count: int, seed: int) -> mo.Robot:
+    """An arm of revolute joints with any twists and lengths."""
+    rng = np.random.default_rng(seed)
+    twists, lengths = rng.uniform(-np.pi, np.pi, count), rng.uniform(-0.5, 0.5, (2, count))
+    return mo.Robot.from_dh(twists, *lengths, tool=(0, 0.1, 0, 0.1), name=f"random {count}R")
+
+
+def reachable(robot: mo.Robot, count: int, seed: int) -> tuple[np.ndarray, ...]:
+    """Joints within limits, the poses there, and other joints within limits."""
+    low, high = np.maximum(robot.limits.q_min, -np.pi), np.minimum(robot.limits.q_max, np.pi)
+    q, other = np.random.default_rng(seed).uniform(low, high, (2, count, robot.joint_count))
+    return (q, *poses(robot, q), other)
+
+
+@pytest.mark.parametrize("name", ["microbot", "puma560", "ur5e", "panda", "stanford"])
+def test_no_reachable_target_is_missed_from_anywhere(name: str) -> None:
+    robot = mo.load_robot(name)
+    _, positions, turns, seeds = reachable(robot, 300, seed=9)
+    orientations = turns if robot.joint_count > 3 else None
+    for found in mo.solve_ik_each(robot, positions, orientations, seeds):
+        assert found.solved
+        assert found.position_error < 1e-8
+        assert found.orientation_error < 1e-8
+        assert np.all(found.q >= robot.limits.q_min)
+        assert np.all(found.q <= robot.limits.q_max)
+
+
+@pytest.mark.parametrize("count", [6, 7])
+def test_no_reachable_target_of_a_random_arm_is_missed(count: int) -> None:
+    robot = limited(random_arm(count, seed=12), -2.5, 2.5)
+    _, positions, turns, seeds = reachable(robot, 200, seed=13)
+    assert all(s.solved for s in mo.solve_ik_each(robot, positions, turns, seeds))
+
+
+def test_each_of_many_targets_is_solved_as_if_it_were_alone() -> None:
+    robot = mo.load_robot("ur5e")
+    q, positions, turns, _ = reachable(robot, 20, seed=10)
+    seeds = q + 0.05
+    together = mo.solve_ik_each(robot, positions, turns, seeds)
+    for row, position, turn, seed, found in zip(q, positions, turns, seeds, together, strict=True):
+        assert found.q == pytest.approx(row, abs=1e-6)
+        alone = mo.solve_ik(robot, position, turn, seed)
+        np.testing.assert_array_equal(found.q, alone.q)
+        assert found.advice == alone.advice
+
+
+def test_a_target_out_of_reach_among_many_is_diagnosed(microbot: mo.Robot) -> None:
+    near, far = mo.solve_ik_each(microbot, [TARGET, (9, 0, 2)], seeds=[0, 1, -1])
+    assert near.solved
+    assert far.status is Status.OUT_OF_REACH
+    assert far.position_error == pytest.approx(2.0, abs=1e-8)
+    assert mo.solve_ik_each(microbot, [TARGET])[0].solved
+
+
+def test_a_redundant_arm_moves_no_farther_than_it_must(seven: mo.Robot) -> None:
+    """Near the seed no other solution is nearer to it by more than a share."""
+    q = np.array([0.2, -0.4, 0.3, -1.9, 0.1, 1.7, 0.6])
+    (position,), (turn,) = poses(seven, q[None])
+    wanted = q + 0.2 * np.random.default_rng(11).normal(size=7)
+    found = mo.solve_ik(seven, position, turn, seed=wanted)
+    jacobian = np.array(mo.jacobian(seven)(found.q))
+    along = np.linalg.svd(jacobian)[2][6]
+    assert abs(along @ (wanted - found.q)) < 1e-4  # nothing left to gain beside the task
+
+
 # ---- out of reach
 
 

@@ -410,7 +410,7 @@ def _repeated(single: FastCall, most: int) -> FastCall:
         rows = max((len(array) for array in arrays if array.ndim == 2), default=-1)
         if rows < 1:
             answers = single(*arrays)
-            for _ in range(most - 1):
+            for _ in range(most - 1 if rows else 0):
                 if not answers[1][0] > 0:
                     break
                 answers = single(answers[0], *arrays[1:])

@@ -15,4 +15,5 @@ from ._solve import (
     solve_ik as solve_ik,
     solve_ik_all as solve_ik_all,
     solve_ik_batch as solve_ik_batch,
+    solve_ik_each as solve_ik_each,
 )

@@ -141,9 +141,9 @@ def descent(robot: Robot, width: int) -> FastCall:
     lower, upper = ca.SX.sym("lower", count), ca.SX.sym("upper", count)
     low, high = ca.SX.sym("low", count), ca.SX.sym("high", count)
     q, steps, small, attempt = state[:count], state[count], state[count + 1], state[count + 2]
-    given = Descent(*ca.vertsplit(settings))
-    error, slope, distance, angle = _residual(robot, q, target, given.weight)
-    size = ca.sqrt((distance / reach(robot)) ** 2 + (given.weight * angle) ** 2)
+    weight, attempts, patience, enough, polish, nearest = ca.vertsplit(settings)
+    error, slope, distance, angle = _residual(robot, q, target, weight)
+    size = ca.sqrt((distance / reach(robot)) ** 2 + (weight * angle) ** 2)
     scale = ca.DM(joint_scale(robot))
     slope = slope @ ca.diag(scale)
     pull = slope.T @ error
@@ -151,13 +151,14 @@ def descent(robot: Robot, width: int) -> FastCall:
     slope = slope @ ca.diag(1 - held)
     regular = min(count, error.numel()) == generic_rank(robot, width)
     damping = DAMPING * ca.dot(error, error) + (FLOOR if regular else REDUNDANT_FLOOR)
-    move, apart = _step(slope, error, damping, (1 - held) * (wanted - q) / scale, given, state)
+    sought = ca.logic_and(attempt < 1, steps < nearest)
+    move, apart = _step(slope, error, damping, (1 - held) * (wanted - q) / scale, sought)
     move *= scale * ca.fmin(1, np.pi / (ca.norm_inf(move) + 1e-300))
     small += size < SMALL_ERROR
-    done = ca.logic_and(ca.logic_and(size <= given.enough, small >= given.polish), apart < APART)
+    done = ca.logic_and(ca.logic_and(size <= enough, small >= polish), apart < APART)
     solved = ca.logic_or(done, ca.logic_or(size <= 2e-16, small >= POLISH_LIMIT))
-    lost = ca.logic_or(ca.logic_and(steps >= given.patience, size > CLOSE), steps >= STEPS)
-    again = ca.logic_and(lost, attempt + 1 < given.attempts)
+    lost = ca.logic_or(ca.logic_and(steps >= patience, size > CLOSE), steps >= STEPS)
+    again = ca.logic_and(lost, attempt + 1 < attempts)
     step = ca.DM(evenly_spread_step(count))
     place = 0.5 + attempt * step
     share = ca.fmin(1, (attempt + 1) / 4)
@@ -176,19 +177,18 @@ def descent(robot: Robot, width: int) -> FastCall:
 
 
 def _step(
-    slope: ca.SX, error: ca.SX, damping: ca.SX, missing: ca.SX, given: Descent, state: ca.SX
+    slope: ca.SX, error: ca.SX, damping: ca.SX, missing: ca.SX, sought: ca.SX
 ) -> tuple[ca.SX, ca.SX]:
     """The step, and how far it goes beside the task: 0 unless nearness to joints is sought.
 
     With fewer equations than joints the smaller of the two normal equations is solved, and the
-    step may contain a part that the task does not feel: in the first steps of the first attempt
-    that towards the wanted joints, ``missing`` [n].
+    step may contain a part that the task does not feel: while it is ``sought``, that towards the
+    wanted joints, which are ``missing`` [n] away.
     """
     rows, count = slope.shape
     if rows >= count:
         matrix = slope.T @ slope + damping * ca.SX.eye(count)
         return _solve_positive(ca.densify(matrix), ca.densify(slope.T @ error)), ca.SX(0)
-    sought = ca.logic_and(state[count + 2] < 1, state[count] < given.nearest)
     share = sought / (1 + ca.dot(error, error) / PULL_ERROR**2)
     beside = missing * share * ca.fmin(1, 1 / (ca.norm_2(missing) + 1e-300))
     matrix = slope @ slope.T + damping * ca.SX.eye(rows)

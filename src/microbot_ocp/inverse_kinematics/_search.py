@@ -42,6 +42,8 @@ SAME_ON_CONTINUUM = 0.02  # rad between representatives that settled at the same
 
 
 SEARCH = Descent()
+# From the seed, then from farther and farther off: a start reaches its target with even odds.
+FROM_SEED = Descent(attempts=100, patience=24, enough=1e-10, polish=2, nearest=10)
 
 
 @dataclass
@@ -129,6 +131,16 @@ def descend(
     return np.ascontiguousarray(ended[:, :-3]), errors[:, 0]
 
 
+def descend_from(
+    robot: Robot, seeds: FloatArray, targets: FloatArray
+) -> tuple[FloatArray, np.ndarray]:
+    """Solutions [N,n] within limits downhill from seeds [N,n] or near them; whether one is."""
+    bounds = robot.limits.q_min, robot.limits.q_max
+    clipped = np.clip(seeds, *bounds)
+    q, errors = descend(robot, clipped, targets, bounds, FROM_SEED, clipped)
+    return q, errors < goal(robot)
+
+
 def task_errors(robot: Robot, q: FloatArray, targets: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Distances (m) and angles (rad) [B] between the tool at q [B,n] and the targets [B,w]."""
     return pose_errors(pose_of(robot)(np.ascontiguousarray(q)), targets)
@@ -181,26 +193,28 @@ def ranks(robot: Robot, q: FloatArray, width: int) -> np.ndarray:
     return (values > RANK_TOLERANCE * np.maximum(values[:, :1], 1e-12)).sum(axis=1)
 
 
-def self_motions(robot: Robot, q: FloatArray, target: FloatArray) -> np.ndarray:
+def self_motions(robot: Robot, q: FloatArray, targets: FloatArray, rank: np.ndarray) -> np.ndarray:
     """Directions [K] in which the joints can really move at q [K,n] while the tool stays.
+
+    ``targets`` [K,w] are those that q reaches, ``rank`` [K] is that of the Jacobian at q.
 
     Where the Jacobian has the rank it has nearly everywhere, the solutions form a surface of as
     many dimensions as it has null directions. Where it has lost rank, null directions alone do not
     tell: at a doubled root they are only tangent. So a step is taken along each, and brought back
     to the target.
     """
-    count, width = robot.joint_count, target.size
-    rank, generic = ranks(robot, q, width), generic_rank(robot, width)
-    _, _, right = np.linalg.svd(scaled_jacobian(robot, q, width), full_matrices=True)
+    count, width = robot.joint_count, targets.shape[1]
+    generic = generic_rank(robot, width)
     dimensions = np.where(rank == generic, count - generic, 0)
     lost = np.flatnonzero(rank < generic)
-    owners = [(row, k) for row in lost for k in range(rank[row], count)]
-    if not owners:
+    if not lost.size:
         return dimensions
-    rows = np.array([row for row, _ in owners])
-    along = np.array([right[row, k] for row, k in owners])
+    _, _, right = np.linalg.svd(scaled_jacobian(robot, q[lost], width), full_matrices=True)
+    owners = [(i, k) for i, row in enumerate(lost) for k in range(rank[row], count)]
+    rows = lost[[i for i, _ in owners]]
+    along = np.array([right[i, k] for i, k in owners])
     start = q[rows] + PROBE * along * joint_scale(robot)
-    ended, errors = descend(robot, start, np.tile(target, (len(rows), 1)))
+    ended, errors = descend(robot, start, targets[rows])
     moved = difference(robot, ended, q[rows]) / PROBE
     for row in set(rows.tolist()):
         mine = moved[(rows == row) & (errors < goal(robot))]
@@ -208,6 +222,11 @@ def self_motions(robot: Robot, q: FloatArray, target: FloatArray) -> np.ndarray:
             sizes = np.linalg.svd(mine, compute_uv=False)
             dimensions[row] = int((sizes > 0.3).sum())
     return dimensions
+
+
+def motions_of_one(robot: Robot, q: FloatArray, target: FloatArray) -> np.ndarray:
+    """:func:`self_motions` at solutions q [K,n] of one target [w]."""
+    return self_motions(robot, q, np.tile(target, (len(q), 1)), ranks(robot, q, target.size))
 
 
 def _spread(robot: Robot, q: FloatArray, count: int) -> FloatArray:
@@ -352,7 +371,7 @@ def _sorted_out(robot: Robot, q: FloatArray, target: FloatArray) -> Found:
     if not len(suspects):
         return Found(q, np.zeros(len(q), dtype=int), True)
     suspects = _spread(robot, suspects, SAMPLES)
-    motion = self_motions(robot, suspects, target)
+    motion = motions_of_one(robot, suspects, target)
     doubled = suspects[motion == 0]
     settled = []
     for row in suspects[motion > 0]:
@@ -366,7 +385,7 @@ def _sorted_out(robot: Robot, q: FloatArray, target: FloatArray) -> Found:
     everything = np.concatenate([isolated, doubled, central])
     moves = np.zeros(len(everything), dtype=int)
     if len(central):
-        moves[len(isolated) + len(doubled) :] = self_motions(robot, central, target)
+        moves[len(isolated) + len(doubled) :] = motions_of_one(robot, central, target)
     return Found(everything, moves, True)
 
 

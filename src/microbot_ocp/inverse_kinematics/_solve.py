@@ -18,11 +18,14 @@ from microbot_ocp.inverse_kinematics._search import (
     POSITION_TOLERANCE,
     Found,
     descend,
+    descend_from,
     find_branches,
     goal,
     middle,
+    motions_of_one,
     nearest_on_continuum,
     nearest_pose,
+    pose_errors,
     ranks,
     search_by_nlp,
     self_motions,
@@ -52,8 +55,10 @@ def solve_ik(
         Rotation of the tool in the base frame. Where the arm lacks the freedom the position is
         held and the least angle to the orientation is sought.
     seed : array_like [n], optional
-        Joint positions, rad (prismatic: m): the branch nearest to them is chosen, and on a
-        continuum the point nearest to them. Default: the middle of the limits.
+        Joint positions, rad (prismatic: m): the search goes downhill from them, which leads to the
+        branch nearest to them if they are close to it, and on a continuum to about the nearest
+        point. Where it leads nowhere, starts farther and farther off follow, then a search of all
+        branches. Default: of all branches the most central one.
 
     Returns
     -------
@@ -74,9 +79,67 @@ def solve_ik(
     """
     begin = time.perf_counter()
     target = checked_target(robot, position, orientation)
-    if seed is not None:
-        seed = checks.array("seed", seed, (robot.joint_count,), "rad (prismatic: m)")
-    return nearest_solution(robot, target, seed, begin)
+    if seed is None:
+        return nearest_solution(robot, target, None, begin)
+    wanted = checks.array("seed", seed, (robot.joint_count,), "rad (prismatic: m)")
+    return _from_seeds(robot, target[None], wanted[None], begin)[0]
+
+
+def solve_ik_each(
+    robot: Robot,
+    positions: ArrayLike,
+    orientations: ArrayLike | None = None,
+    seeds: ArrayLike | None = None,
+) -> tuple[IKSolution, ...]:
+    """:func:`solve_ik` with a seed, for many targets at once.
+
+    Parameters
+    ----------
+    robot : Robot
+        Its position limits hold.
+    positions : array_like [N,3]
+        Tool origins in the base frame, m.
+    orientations : array_like [N,3,3], optional
+        Rotations of the tool in the base frame.
+    seeds : array_like [N,n] or [n], optional
+        One a target, or one for all, rad (prismatic: m). Default: the middle of the limits.
+
+    Returns
+    -------
+    tuple of IKSolution, N
+
+    Raises
+    ------
+    InputError
+        As for :func:`solve_ik`.
+
+    Examples
+    --------
+    >>> import microbot_ocp as mo
+    >>> line = np.linspace([3, -1, 4.5], [3, 1, 4.5], 50)
+    >>> found = mo.solve_ik_each(mo.load_robot("microbot"), line, seeds=[0, 1, -1])
+    >>> len(found), all(solution.solved for solution in found)
+    (50, True)
+    """
+    begin = time.perf_counter()
+    targets = checked_targets(robot, positions, orientations)
+    given = middle(robot) if seeds is None else seeds
+    shape = (robot.joint_count,) if np.ndim(given) == 1 else (len(targets), robot.joint_count)
+    wanted = checks.array("seeds", given, shape, "rad (prismatic: m)")
+    return _from_seeds(robot, targets, np.broadcast_to(wanted, (len(targets), shape[-1])), begin)
+
+
+def _from_seeds(
+    robot: Robot, targets: FloatArray, seeds: FloatArray, begin: float
+) -> tuple[IKSolution, ...]:
+    """Downhill from the seeds [N,n]; by a search of all branches where that fails."""
+    q, solved = descend_from(robot, seeds, targets)
+    share = (time.perf_counter() - begin) / len(targets)
+    made = iter(_solutions(robot, targets[solved], q[solved], None, share))
+    return tuple(
+        next(made) if good else nearest_solution(robot, target, seed, time.perf_counter())
+        for good, target, seed in zip(solved, targets, seeds, strict=True)
+    )
 
 
 def solve_ik_all(
@@ -199,7 +262,7 @@ def _nearer_members(
     downhill, errors = descend(robot, np.clip(wanted, *bounds)[None], target[None], bounds)
     if errors[0] < goal(robot):
         rows = np.vstack([rows, downhill])
-        motions = np.append(motions, self_motions(robot, downhill, target))
+        motions = np.append(motions, motions_of_one(robot, downhill, target))
     moved = np.array(rows)
     for k in np.flatnonzero(motions):
         best = nearest_on_continuum(robot, rows[k], target, wanted)
@@ -214,7 +277,7 @@ def checked_target(robot: Robot, position: ArrayLike, orientation: ArrayLike | N
     if orientation is None:
         return np.array(place)
     turn = checks.array("orientation", orientation, (3, 3))
-    return np.concatenate([place, _rotation_row("orientation", turn)])
+    return np.concatenate([place, _rotation_rows("orientation", turn[None])[0]])
 
 
 def checked_targets(
@@ -228,8 +291,7 @@ def checked_targets(
     if orientations is None:
         return np.array(places)
     turns = checks.array("orientations", orientations, (len(places), 3, 3))
-    rows = [_rotation_row(f"orientations[{k}]", turn) for k, turn in enumerate(turns)]
-    return np.hstack([places, np.array(rows)])
+    return np.hstack([places, _rotation_rows("orientations[{}]", turns)])
 
 
 def _check_robot(robot: Robot) -> None:
@@ -237,15 +299,18 @@ def _check_robot(robot: Robot) -> None:
         raise InputError(f"robot must be a Robot, such as load_robot('microbot'), not {robot!r}")
 
 
-def _rotation_row(name: str, turn: FloatArray) -> FloatArray:
-    """Columns [9] of a rotation [3,3], made exact."""
-    if np.abs(turn @ turn.T - np.eye(3)).max() > 1e-6 or np.linalg.det(turn) < 0:
+def _rotation_rows(name: str, turns: FloatArray) -> FloatArray:
+    """Columns [N,9] of rotations [N,3,3], made exact; ``name`` has a place for the index."""
+    slip = np.abs(turns @ turns.swapaxes(1, 2) - np.eye(3)).max(axis=(1, 2))
+    bad = np.flatnonzero((slip > 1e-6) | (np.linalg.det(turns) < 0))
+    if bad.size:
         raise InputError(
-            f"{name} must be a rotation (orthonormal, determinant +1), not {turn.tolist()}"
+            f"{name.format(bad[0])} must be a rotation (orthonormal, determinant +1), not "
+            f"{turns[bad[0]].tolist()}"
         )
     # The nearest true rotation: digits lost in a file must not keep a pose from being reached.
-    left, _, right = np.linalg.svd(turn)
-    return (left @ right).ravel("F")
+    left, _, right = np.linalg.svd(turns)
+    return (left @ right).swapaxes(1, 2).reshape(-1, 9)
 
 
 def _missed(
@@ -267,7 +332,7 @@ def _missed(
         status = Status.ORIENTATION_MISSED if near else Status.OUT_OF_REACH
     motion = 0
     if status is Status.SOLVED:
-        motion = int(self_motions(robot, q[None], target)[0])
+        motion = int(motions_of_one(robot, q[None], target)[0])
     used += time.perf_counter() - begin
     return _solution(robot, target, q, motion, used, status)
 
@@ -302,15 +367,18 @@ def _solutions(
     robot: Robot,
     targets: FloatArray,
     q: FloatArray,
-    motions: np.ndarray,
+    motions: np.ndarray | None,
     solve_time: float,
     status: Status = Status.SOLVED,
 ) -> list[IKSolution]:
-    """One solution a row of targets [K,w], q [K,n] and motions [K], measured anew."""
+    """One solution a row of targets [K,w] and q [K,n], measured anew; motions [K] if known."""
     width = targets.shape[1]
-    distances, angles = task_errors(robot, q, targets)
-    singular = ranks(robot, q, width) < generic_rank(robot, width)
+    rank = ranks(robot, q, width)
+    singular = rank < generic_rank(robot, width)
+    if motions is None:
+        motions = self_motions(robot, q, targets, rank)
     joints, poses = read_only(q), read_only(pose_of(robot)(np.ascontiguousarray(q)))
+    distances, angles = pose_errors(poses, targets)
     made = []
     for k in range(len(q)):
         distance, angle = float(distances[k]), float(angles[k])
