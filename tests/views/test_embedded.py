@@ -2,14 +2,16 @@
 
 import base64
 import re
+import sys
 from urllib.request import urlopen
 
 import pytest
 import rerun_notebook
 
 import microbot_ocp as mo
-from microbot_ocp.views.notebook import _embedded as embedded
 from microbot_ocp.views.recording import of_motion
+
+ASSET = "RERUN_NOTEBOOK_ASSET"
 
 
 @pytest.fixture(scope="module")
@@ -24,12 +26,12 @@ def motion(robot):
 
 
 def test_the_viewer_is_sent_the_recording_and_its_program_is_local(robot, motion, monkeypatch):
-    monkeypatch.delenv(embedded.ASSET, raising=False)
+    monkeypatch.delenv(ASSET, raising=False)
     viewer = mo.show(motion, robot)
     sent = b"".join(bytes(part) for _, parts in viewer._viewer._event_queue for part in parts)
     assert len(sent) > 50_000
     assert of_motion(robot, motion).application.encode() in sent  # a layout of its own
-    assert viewer._viewer._esm == f"{embedded._local_server()}/widget.js"
+    assert re.fullmatch(r"http://127\.0\.0\.1:\d+/widget\.js", viewer._viewer._esm)
     assert (
         viewer._viewer._esm
         in base64.b64decode(
@@ -40,13 +42,14 @@ def test_the_viewer_is_sent_the_recording_and_its_program_is_local(robot, motion
 
 def test_a_chosen_address_of_the_program_is_left(robot, motion, monkeypatch):
     chosen = "https://example.org/widget.js"
-    monkeypatch.setenv(embedded.ASSET, chosen)
+    monkeypatch.setenv(ASSET, chosen)
     monkeypatch.setattr(rerun_notebook.Viewer, "_esm", chosen)  # as Rerun did when it was imported
     assert mo.show(motion, robot)._viewer._esm == chosen
 
 
-def test_the_server_has_the_program_and_nothing_else():
-    address = embedded._local_server()
+def test_the_server_has_the_program_and_nothing_else(robot, motion, monkeypatch):
+    monkeypatch.delenv(ASSET, raising=False)
+    address = mo.show(motion, robot)._viewer._esm.removesuffix("/widget.js")
     with urlopen(f"{address}/widget.js") as answer:
         assert answer.headers["Content-Type"] == "text/javascript"
         assert answer.headers["Access-Control-Allow-Origin"] == "*"
@@ -59,8 +62,8 @@ def test_the_server_has_the_program_and_nothing_else():
 
 
 def test_without_the_extra_one_line_says_what_to_install(robot, motion, monkeypatch, capsys):
-    monkeypatch.setattr(embedded, "find_spec", lambda name: None)
-    assert embedded.show(motion, robot) is None
+    monkeypatch.setitem(sys.modules, "rerun_notebook", None)
+    assert mo.show(motion, robot) is None
     assert "pip install 'microbot_ocp[notebook]'" in capsys.readouterr().out
 
 

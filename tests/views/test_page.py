@@ -7,30 +7,31 @@ import pytest
 from matplotlib.figure import Figure
 
 import microbot_ocp as mo
-from microbot_ocp._base.checks import InputError
-from microbot_ocp.views.plots import _page as page
+from microbot_ocp.views import plots
 
 
-def test_a_new_page_shows_itself_in_a_notebook():
-    with page.styled():
-        made = page.axes_page(None, 2, 3, size=(4.0, 3.0), title="a $ sign")
-    assert made.axes.shape == (2, 3)
-    assert made.axes._repr_png_().startswith(b"\x89PNG")
-    assert made.axes[0, 0]._repr_png_().startswith(b"\x89PNG")
+@pytest.fixture(scope="module")
+def robot():
+    return mo.load_robot("planar_2r")
 
 
-def test_a_transposed_page_keeps_its_indices():
-    made = page.axes_page(None, 2, 3, size=(4.0, 3.0), transposed=True, sharex=True)
-    assert made.axes.shape == (2, 3)
-    assert made.axes[1, 2].get_subplotspec().rowspan.start == 2
-    assert made.axes[1, 2].get_subplotspec().colspan.start == 1
+@pytest.fixture(scope="module")
+def motion(robot):
+    shape = mo.cubic([[0.0, 0.0], [0.5, 0.8]], [0.0, 1.0])
+    return mo.Motion.from_polynomial(robot, shape, label="a $ sign", step=0.1)
 
 
-def test_figures_look_alike_in_any_style_of_the_user():
+def test_axes_show_their_figure_in_a_notebook(robot, motion):
+    grid = motion.plot(robot)
+    assert grid.shape == (3, 2)
+    assert grid._repr_png_().startswith(b"\x89PNG")
+    assert grid[0, 0]._repr_png_().startswith(b"\x89PNG")
+
+
+def test_figures_look_alike_in_any_style_of_the_user(robot, motion):
     with matplotlib.rc_context({"axes.facecolor": "black", "lines.linewidth": 9.0}):
-        with page.styled():
-            made = page.axes_page(None, 1, 1, size=(3.0, 2.0))
-        assert made.axes[0, 0].get_facecolor() == (1.0, 1.0, 1.0, 1.0)
+        panel = motion.plot(robot)[0, 0]
+        assert panel.get_facecolor() == (1.0, 1.0, 1.0, 1.0)
         assert matplotlib.rcParams["lines.linewidth"] == 9.0
 
 
@@ -39,32 +40,29 @@ def test_figure_of_anything_drawn():
     grid = figure.subplots(2, 2)
     inner = figure.subfigures(1, 1).subplots()
     for drawn in (figure, grid, grid[0, 0], inner):
-        assert page.figure_of(drawn) is figure
-    with pytest.raises(InputError, match="a figure or its axes"):
-        page.figure_of(np.zeros(2))
+        assert plots.figure_of(drawn) is figure
+    with pytest.raises(mo.InputError, match="a figure or its axes"):
+        plots.figure_of(np.zeros(2))
 
 
 def test_save_makes_the_folder_and_names_its_files(tmp_path):
     figure = Figure()
-    written = page.save({"one": figure, "two": figure.subplots()}, tmp_path / "new")
+    written = plots.save({"one": figure, "two": figure.subplots()}, tmp_path / "new")
     assert [path.name for path in written] == ["one.png", "one.pdf", "two.png", "two.pdf"]
     assert all(path.stat().st_size > 0 for path in written)
-    assert page.save(figure, tmp_path) == [tmp_path / "figure.png", tmp_path / "figure.pdf"]
-    assert page.save(figure, tmp_path, "mine")[0] == tmp_path / "mine.png"
+    assert plots.save(figure, tmp_path) == [tmp_path / "figure.png", tmp_path / "figure.pdf"]
+    assert plots.save(figure, tmp_path, "mine")[0] == tmp_path / "mine.png"
 
 
 def test_save_takes_a_folder_not_a_file(tmp_path):
-    with pytest.raises(InputError, match=r"axes.savefig\('a.png'\) writes one file"):
-        page.save(Figure(), tmp_path / "a.png")
-    with pytest.raises(InputError, match="a figure or its axes"):
-        page.save({"a": np.zeros(2)}, tmp_path / "new")
+    with pytest.raises(mo.InputError, match=r"axes.savefig\('a.png'\) writes one file"):
+        plots.save(Figure(), tmp_path / "a.png")
+    with pytest.raises(mo.InputError, match="a figure or its axes"):
+        plots.save({"a": np.zeros(2)}, tmp_path / "new")
     assert not (tmp_path / "new").exists()
 
 
-def test_axes_of_every_kind_write_their_figure(tmp_path):
-    robot = mo.load_robot("planar_2r")
-    shape = mo.cubic([[0.0, 0.0], [0.5, 0.8]], [0.0, 1.0])
-    motion = mo.Motion.from_polynomial(robot, shape, label="cubic", step=0.1)
+def test_axes_of_every_kind_write_their_figure(robot, motion, tmp_path):
     grid, space = motion.plot(robot), mo.plots.arms(robot, {"zero": [0.0, 0.0]})
     assert grid.savefig(tmp_path / "grid.png", dpi=40) == tmp_path / "grid.png"
     pixels = matplotlib.image.imread(tmp_path / "grid.png")
@@ -76,5 +74,5 @@ def test_axes_of_every_kind_write_their_figure(tmp_path):
 def test_the_same_figure_is_the_same_file(tmp_path):
     figure = Figure()
     figure.subplots().plot([0, 1])
-    one, other = (page.write(figure, tmp_path / name) for name in ("a.pdf", "b.pdf"))
+    one, other = (plots.write(figure, tmp_path / name) for name in ("a.pdf", "b.pdf"))
     assert one.read_bytes() == other.read_bytes()

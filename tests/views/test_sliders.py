@@ -70,7 +70,7 @@ def test_a_setting_that_cannot_be_is_told_and_shows_no_motion(at_rest):
     assert at_rest.wait()
     assert at_rest.motion is None
     assert at_rest.message.startswith("not solved: via point 1 cannot be held at rest")
-    assert at_rest.message.replace("'", "&#x27;") in at_rest._said.value
+    assert at_rest.message.replace("'", "&#x27;") in at_rest._status.value
     assert coloured(picture(at_rest)) == 0
     at_rest.payload.value = 0.0
     assert at_rest.wait()

@@ -15,7 +15,7 @@ from microbot_ocp.motion import Motion
 from microbot_ocp.robot import LIMIT_UNITS, JointLimits, Robot, forward_kinematics, frame_origins
 
 VIA_TOLERANCE = 0.02  # rad or m: how near a mark's position must be to its via point
-LIMIT_STRETCH = 2.0  # a limit that would stretch the data's axis by more is told, not drawn
+LIMIT_STRETCH = 2.0  # a limit that would stretch the data's axis by more is named, not drawn
 QUANTITIES = ("q", "qd", "tau")
 POSITIONS = ("q", "error")  # drawn in degrees for revolute joints
 
@@ -37,16 +37,6 @@ class SolvedEntry(NamedTuple):
 def solved_entries(comparison: Comparison) -> list[SolvedEntry]:
     """The entries that have a motion, in their order."""
     return [SolvedEntry(e, e.motion) for e in comparison.entries if e.motion is not None]
-
-
-def failed_entries(comparison: Comparison) -> list[Entry]:
-    """The entries without a motion, in their order."""
-    return [entry for entry in comparison.entries if entry.motion is None]
-
-
-def longest_duration(comparison: Comparison) -> float:
-    """Duration of the slowest motion, s; 0 without any motion."""
-    return max((motion.duration for _, motion in solved_entries(comparison)), default=0.0)
 
 
 def link_origins(robot: Robot, q: FloatArray) -> FloatArray:
@@ -79,7 +69,7 @@ def reach(robot: Robot) -> float:
 def via_passages(comparison: Comparison, motion: Motion) -> list[Passage]:
     """When the motion passes each via point: its ends, and the marks at which it is at a via point.
 
-    A via point that no mark tells of is left out.
+    A via point without a mark near it is left out.
     """
     last = len(comparison.via_q) - 1
     inner = []
@@ -113,9 +103,16 @@ def limit_texts(robot: Robot, limits: JointLimits, quantity: str) -> list[str]:
     texts = []
     for joint, bounds in enumerate(zip(*limits.bounds(quantity), strict=True)):
         low, high = (float(bound) * display_factor(robot, quantity, joint) for bound in bounds)
-        both = f"±{high:.4g}" if np.isclose(low, -high) else f"{low:.4g} to {high:.4g}"
-        known = np.isfinite([low, high]).any()
-        texts.append(f"{both} {display_unit(robot, quantity, joint)}" if known else "")
+        unit = display_unit(robot, quantity, joint)
+        if np.isinf(low) and np.isinf(high):
+            texts.append("")
+        elif np.isinf(low) or np.isinf(high):
+            texts.append(
+                f"at most {high:.4g} {unit}" if np.isinf(low) else f"at least {low:.4g} {unit}"
+            )
+        else:
+            both = f"±{high:.4g}" if np.isclose(low, -high) else f"{low:.4g} to {high:.4g}"
+            texts.append(f"{both} {unit}")
     return texts
 
 
@@ -126,8 +123,8 @@ def _in_degrees(robot: Robot, quantity: str, joint: int) -> bool:
 class AxisLimits(NamedTuple):
     """Limits of one quantity of one joint in drawn units, and the range of an axis that shows them.
 
-    ``lower`` and ``upper`` are None where there is none or it lies far from the data; ``far`` says
-    in words which limits are left out so.
+    ``lower`` and ``upper`` are None where there is no limit or it is far from the data; ``far``
+    names the far ones, such as "limits ±360 deg".
     """
 
     lower: float | None
@@ -195,5 +192,5 @@ def _far_limits(lower: float | None, upper: float | None, unit: str) -> str:
         return f"limits ±{known[1][1]:.4g} {unit}"
     if len(known) == 2:
         return f"limits {known[0][1]:.3g} to {known[1][1]:.3g} {unit}".replace("-", "−")
-    words = " and ".join(f"{side} limit {value:+.4g} {unit}" for side, value in known)
-    return words.replace("-", "−")
+    named = " and ".join(f"{side} limit {value:+.4g} {unit}" for side, value in known)
+    return named.replace("-", "−")

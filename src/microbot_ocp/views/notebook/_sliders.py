@@ -1,4 +1,4 @@
-"""Sliders for limits and payload that solve the time-optimal task again while one drags."""
+"""Sliders for limits and payload; each move solves the time-optimal task again."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import InputError
+from microbot_ocp.limits import limit_history
 from microbot_ocp.motion import Motion
 from microbot_ocp.planning import TimeOptimalSolver
 from microbot_ocp.robot import JointLimits, Limits, Robot
 from microbot_ocp.views.live import NewestOnly
 
 EXTRA = "pip install 'microbot_ocp[notebook]'"
-AT_LIMIT = 0.999  # share of a limit from which a joint counts as saturated
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class TimeOptimalSliders:
     robot : Robot
         With the limits and the payload of the last setting.
     message : str
-        What is said of it.
+        Duration, saturated joints and solve time, or why there is no motion.
     solve_time : float
         Wall time of the last solve, s.
     solves : int
@@ -136,10 +136,12 @@ class TimeOptimalSliders:
             style={"description_width": "13em"},
             layout={"width": "40em"},
         )
-        self._said, self._picture = widgets.HTML(), widgets.Image(format="png")
-        self._box = widgets.VBox([self.torque, self.speed, self.payload, self._said, self._picture])
+        self._status, self._picture = widgets.HTML(), widgets.Image(format="png")
+        self._box = widgets.VBox(
+            [self.torque, self.speed, self.payload, self._status, self._picture]
+        )
         self._work = NewestOnly(self._solve)
-        self._tell(robot.limits)
+        self._update(robot.limits)
         for slider in (self.torque, self.speed, self.payload):
             slider.observe(self._moved, names="value")
 
@@ -169,21 +171,21 @@ class TimeOptimalSliders:
         self.robot = self._own.with_payload(setting.payload).with_limits(limits)
         self.solve_time = time.perf_counter() - begin
         self.solves += 1
-        self._tell(limits)
+        self._update(limits)
 
-    def _tell(self, limits: JointLimits) -> None:
+    def _update(self, limits: JointLimits) -> None:
         self._picture.value = self._draw.png(
             self.motion, limits, "" if self.motion else self.message
         )
         if self.motion is None:
-            self._said.value = f'<b style="color:#B00020">{html.escape(self.message)}</b>'
+            self._status.value = f'<b style="color:#B00020">{html.escape(self.message)}</b>'
             return
         change = self.motion.duration / self._reference.duration - 1
         self.message = (
             f"{self.motion.duration:.3f} s, {100 * change:+.1f} % against the robot's own limits"
             f"; {_saturated(self.robot, self.motion)}; solved in {1e3 * self.solve_time:.0f} ms"
         )
-        self._said.value = f"<b>{html.escape(self.message)}</b>"
+        self._status.value = f"<b>{html.escape(self.message)}</b>"
 
     def _repr_mimebundle_(self, **options: Any) -> dict[str, Any]:
         bundle = self._box._repr_mimebundle_(**options)
@@ -193,16 +195,15 @@ class TimeOptimalSliders:
 
 def _saturated(robot: Robot, motion: Motion) -> str:
     """Which joints reach their torque limit, and for what share of the time."""
-    own = robot.limits
-    at = (motion.tau >= AT_LIMIT * own.tau_max) | (motion.tau <= AT_LIMIT * own.tau_min)
-    steps = np.diff(motion.t)[:, None]
-    shares = (steps * (at[:-1] & at[1:])).sum(axis=0) / motion.duration
-    told = [
+    shares = np.zeros(robot.joint_count)
+    for spell in limit_history(robot, motion).spells("tau"):
+        shares[spell.joint] += (spell.end - spell.start) / motion.duration
+    named = [
         f"{name} {100 * share:.0f} %"
         for name, share in zip(robot.joint_names, shares, strict=True)
         if share >= 0.005
     ]
-    return "at the torque limit: " + ", ".join(told) if told else "no torque limit is reached"
+    return "at the torque limit: " + ", ".join(named) if named else "no torque limit is reached"
 
 
 def _check_range(name: str, pair: tuple[float, float]) -> None:

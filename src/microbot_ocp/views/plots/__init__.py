@@ -1,7 +1,7 @@
 """Figures: every function takes axes or makes them, and returns them.
 
 ``mo.plots`` is this module. None touches pyplot or the user's style; :func:`save` writes files, and
-the last line of a Jupyter cell shows the figure of the axes it holds.
+axes in the last line of a Jupyter cell show their figure.
 
 Examples
 --------

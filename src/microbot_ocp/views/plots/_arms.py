@@ -75,7 +75,7 @@ def arms(
     panel.text(x, y, z, "  base", path_effects=HALO, zorder=8)
     equal_box(panel, drawn)
     panel.set(xlabel="x [m]", ylabel="y [m]")
-    panel.zaxis.set_rotate_label(False)  # matplotlib's own choice may stand on its head
+    panel.zaxis.set_rotate_label(False)  # matplotlib may turn it upside down
     panel.set_zlabel("z [m]", rotation=90)
     each: tuple[Any, ...] = ("x", "y", "z")
     for axis, span in zip(each, np.ptp(drawn, axis=0), strict=True):

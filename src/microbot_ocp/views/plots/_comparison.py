@@ -28,7 +28,7 @@ def comparison(
     ----------
     comparison : Comparison
     axes : array of Axes [quantities, joints], optional
-        Default a new page, a column for each joint (a row where there are more than four).
+        Default a new figure, a column for each joint (a row each for more than four).
     quantities : sequence of str
         Of "q" [deg or m], "qd", "qdd", "tau".
     joints : sequence of int, optional
@@ -39,7 +39,8 @@ def comparison(
     Returns
     -------
     AxesGrid [quantities, joints]
-        Markers show when via points are passed. What has no motion is told in words.
+        Markers show when via points are passed. A method without a motion is named above the
+        legend, with the reason.
 
     Raises
     ------
@@ -97,6 +98,6 @@ def legend_title(entry: Entry, motion: Motion) -> str:
 
 
 def failures(comparison: Comparison, width: int = 150) -> list[str]:
-    """Lines that tell which entries have no motion, and why."""
-    sentences = [failure_sentence(entry) for entry in scene.failed_entries(comparison)]
+    """Lines that name the entries without a motion, and why they have none."""
+    sentences = [failure_sentence(e) for e in comparison.entries if e.motion is None]
     return [line for text in sentences for line in textwrap.wrap(text, width)]

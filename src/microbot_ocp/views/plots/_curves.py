@@ -60,7 +60,7 @@ class Curve:
     prominent : bool
         Whether it is drawn on top and a little wider.
     warning : str
-        What is wrong with it, such as "not solved: ..."; it stands above the legend in red.
+        What is wrong with it, such as "not solved: ..."; printed in red above the legend.
     torque_limits : (lower [n], upper [n]), optional
         Its own, N m (N); where the torque is at one of them its axes are shaded.
     """
@@ -134,18 +134,18 @@ def curves(
     joints : sequence of int, optional
         Indices from 0; default all.
     limits : JointLimits, optional
-        Drawn where near the curves, told in words where far.
+        Drawn as lines where they are near the curves, otherwise named above the axes.
     via : (times [m], positions [m,n]), optional
         Via points, s and rad (m), drawn with the position.
     bounds : mapping, optional
-        Largest value shown of a quantity, in its drawn unit; curves beyond are cut, and it is said
-        so.
+        Largest value shown of a quantity, in its drawn unit; curves beyond are cut, with a note in
+        the axes.
     base : bool
-        Whether the first curve lies wide below the others, so that they show where they meet it.
+        Whether the first curve is drawn wider and below the others, as their reference.
     title : str
         Of a new figure.
     symbols : bool
-        Label axes with q, qd, tau rather than with words.
+        Label axes with q, qd, tau instead of position, velocity, torque.
     warnings : sequence of str
         What went wrong, besides the curves' own warnings.
 
@@ -174,9 +174,9 @@ def curves(
     margin = 0.015 * (end - start)
     for panel in page.axes.flat:
         panel.set_xlim(start - margin, end + margin)
-    told = [*warnings, *(curve.warning for curve in curves if curve.warning)]
+    stated = [*warnings, *(curve.warning for curve in curves if curve.warning)]
     width = int(13 * page.figure.get_figwidth()) if page.own else 40
-    wrapped = [line for text in told for line in textwrap.wrap(text, width)]
+    wrapped = [line for text in stated for line in textwrap.wrap(text, width)]
     page.legend(_handles(curves, via is not None, page), 4, "\n".join(wrapped))
     return page.axes
 
@@ -214,7 +214,7 @@ def draw_panel(
     via: tuple[FloatArray, FloatArray] | None = None,
     base: bool = False,
 ) -> None:
-    """One quantity of one joint of every curve, with what :func:`curves` tells of its arguments."""
+    """One quantity of one joint of every curve; the arguments are those of :func:`curves`."""
     factor = scene.display_factor(robot, quantity, joint)
     columns = []
     for place, curve in enumerate(curves):
@@ -298,7 +298,7 @@ def line_of(curve: Curve, place: int, base: bool = False) -> dict[str, Any]:
 
 
 def draw_limits(axes: Axes, limits: scene.AxisLimits) -> None:
-    """Set the range of the axes; near limits as lines, far ones in words above the axes."""
+    """Set the range of the axes; draw near limits as lines, name far ones above the axes."""
     low, high = limits.axis
     axes.set_ylim(low, high)
     for limit, edge in ((limits.lower, low), (limits.upper, high)):
@@ -349,7 +349,7 @@ def _label_panels(
                     panel.set_ylabel("")
     for panel, joint in zip(grid[0], joints, strict=True):
         if many:
-            name = robot.joint_names[joint]  # above the words of far limits, which are at the right
+            name = robot.joint_names[joint]  # far limits are named at the right
             panel.set_title(name, fontweight="bold", loc="left", fontsize=9.5, pad=12)
         else:
             panel.set_title(robot.joint_names[joint], fontweight="bold", pad=15)

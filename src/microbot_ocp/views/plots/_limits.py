@@ -29,7 +29,7 @@ WIDTH = 9.6  # inches
 ROW = 2.1  # inches, of one kind of limit
 LANE = 0.24  # inches, of one joint of one motion
 TOP = 125.0  # percent, unless a limit is broken by more
-# Upper limits are plain, lower ones hatched; velocity lies as a thin bar in the middle of a lane.
+# Upper limits are plain, lower ones hatched; velocity is a thin bar in the middle of a lane.
 HEIGHTS = {"tau": 0.78, "taud": 0.5, "qdd": 0.5, "qd": 0.26}
 SIDES = {1: " at its upper limit", -1: " at its lower limit", 0: " at a limit"}
 LOWER_HATCH = "//////"
@@ -61,8 +61,8 @@ def limit_use(
     Returns
     -------
     AxesGrid [quantities, 1]
-        Colour and dashes tell the joints apart; thin lines stand where a torque limit is first
-        used up or left, which is where an actuator switches.
+        Joints differ by colour and dashes; thin vertical lines mark where a torque reaches or
+        leaves its limit, which is where an actuator switches.
 
     Raises
     ------
@@ -148,7 +148,7 @@ def saturation(
     Returns
     -------
     Axes
-        Bars stand where a limit is used to 99 % or more: dark for torque (hatched at its lower
+        Bars mark where a limit is used to 99 % or more: dark for torque (hatched at its lower
         limit), narrow for velocity.
 
     Raises

@@ -40,7 +40,7 @@ def motion(
     Returns
     -------
     AxesGrid [quantities, joints]
-        The instants named by marks are dots; what was not solved is said in red.
+        Dots are at the times of marks; a motion that was not solved is named in red.
 
     Raises
     ------

@@ -1,6 +1,6 @@
 """Pages of axes: made here or given by the caller, styled without global state, saved in one place.
 
-pyplot is never imported: a figure made here belongs to whoever holds it and to nobody else.
+pyplot is never imported: no global state keeps a figure alive.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ _LOOKS = (
     "axes", "axes3d", "boxplot", "figure", "font", "grid", "hatch", "image", "legend", "lines",
     "mathtext", "patch", "path", "pdf", "savefig", "text", "xaxis", "xtick", "yaxis", "ytick",
 )  # fmt: skip
-# Everything that changes looks as matplotlib has it, whatever the user's style, then ours.
+# matplotlib's own defaults, whatever style the user has set, with our changes.
 _STYLE: dict[Any, Any] = {
     **{key: v for key, v in matplotlib.rcParamsDefault.items() if key.split(".")[0] in _LOOKS},
     **SETTINGS,
@@ -112,7 +112,7 @@ class Page:
     axes : AxesGrid
         One axes a panel.
     own : bool
-        Whether the page was made here: only then are a title and a legend outside the axes ours.
+        Whether the page was made here; only then it gets a title and a legend outside the axes.
     """
 
     axes: AxesGrid
@@ -124,7 +124,7 @@ class Page:
         return figure_of(self.axes)
 
     def legend(self, handles: Sequence[Any], columns: int, warning: str = "") -> None:
-        """One legend: below the page, or in the first axes of a page that is not ours.
+        """One legend: below the page, or in the first axes where the caller gave them.
 
         Parameters
         ----------

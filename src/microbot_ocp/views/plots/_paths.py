@@ -200,7 +200,7 @@ def _draw_paths_in_space(axes: Any, comparison: Comparison, styles: dict[str, En
     axes.set_title("in space", y=1.04)
     axes.set_xlabel("x [m]", labelpad=8)
     axes.set_ylabel("y [m]", labelpad=8)
-    axes.zaxis.set_rotate_label(False)  # matplotlib's own choice may stand on its head
+    axes.zaxis.set_rotate_label(False)  # matplotlib may turn it upside down
     axes.set_zlabel("z [m]", rotation=90)
     axes.view_init(elev=24, azim=azimuth(vias))
 

@@ -70,9 +70,9 @@ def phase_plane(
     """
     if isinstance(plane, PiecewisePolynomial):
         plane = make_plane(robot, plane)
-    told = f", {plane.duration:.3f} s" if plane.feasible else ""
+    duration = f", {plane.duration:.3f} s" if plane.feasible else ""
     page = axes_page(
-        axes, 1, 1, size=SIZE, title=title or f"{robot.name}: phase plane of the path{told}"
+        axes, 1, 1, size=SIZE, title=title or f"{robot.name}: phase plane of the path{duration}"
     )
     panel: Axes = page.axes[0, 0]
     top = _top(plane)
@@ -94,7 +94,7 @@ def phase_plane(
 
 
 def limit_name(robot: Robot, limit: PathLimit | None) -> str:
-    """A limit in words."""
+    """Name of a limit, such as "elbow: upper torque limit"."""
     if limit is None:
         return "no limit used up"
     side = "upper" if limit.side > 0 else "lower"

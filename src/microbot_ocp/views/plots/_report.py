@@ -16,6 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from microbot_ocp.comparison import Comparison
+from microbot_ocp.limits import QUANTITY_NAMES, limit_history
 from microbot_ocp.robot import JointLimits, Robot
 from microbot_ocp.views import _scene as scene
 from microbot_ocp.views.plots._comparison import entry_curves
@@ -30,7 +31,7 @@ SHOWN_JOINTS = 4  # columns of curves
 SMALL = 6.8  # points
 MARGINS = (0.06, 0.03, 0.88, 0.94)  # left, bottom, width, height, as printers leave them
 LINE_WIDTH = 142  # characters of small text on the page
-LIMIT_LINES = (("q", "position"), ("qd", "velocity"), ("tau", "torque"))
+MAIN_LIMITS = ("q", "qd", "tau")  # listed even where there are none
 
 
 def report(comparison: Comparison, path: str | Path, *, footer: str | None = None) -> Path:
@@ -72,8 +73,8 @@ def report_figure(comparison: Comparison, *, footer: str | None = None) -> Figur
     # a row of its own: the layout leaves no room for a figure's title inside the margins
     title = figure.add_subplot(grid[0])
     title.axis("off")
-    words = f"{robot.name}: the same task by every method"
-    title.text(0.5, 1.0, words, fontsize=13, fontweight="bold", ha="center", va="top")
+    heading = f"{robot.name}: the same task by every method"
+    title.text(0.5, 1.0, heading, fontsize=13, fontweight="bold", ha="center", va="top")
     _text(figure.add_subplot(grid[1]), _task_text(comparison))
     _draw_table(figure.add_subplot(grid[2]), comparison)
     _draw_curves(figure, grid[3], comparison, chosen)
@@ -116,21 +117,24 @@ def _task_text(comparison: Comparison) -> str:
     lines += textwrap.wrap(
         f"Task: {narrow_table(comparison).title}, at rest at both ends", LINE_WIDTH
     )
-    for quantity, word in LIMIT_LINES:
-        lines += textwrap.wrap(_limits_text(robot, comparison.limits, quantity, word), LINE_WIDTH)
+    for quantity in QUANTITY_NAMES:
+        lines += textwrap.wrap(_limits_text(robot, comparison.limits, quantity), LINE_WIDTH)
     return "\n".join(lines)
 
 
-def _limits_text(robot: Robot, limits: JointLimits, quantity: str, word: str) -> str:
+def _limits_text(robot: Robot, limits: JointLimits, quantity: str) -> str:
     """Limits of one kind, joint by joint; their unit once where it is the same."""
     texts = scene.limit_texts(robot, limits, quantity)
+    word = QUANTITY_NAMES[quantity]
     if not any(texts):
-        return f"Limits of {word}: none"
+        return f"Limits of {word}: none" if quantity in MAIN_LIMITS else ""
     units = {scene.display_unit(robot, quantity, joint) for joint in range(robot.joint_count)}
     if len(units) == 1:
         unit = f" {units.pop()}"
-        return f"Limits of {word}: " + " / ".join(t.removesuffix(unit) for t in texts) + unit
-    return f"Limits of {word}: " + " / ".join(texts)
+        return (
+            f"Limits of {word}: " + " / ".join(t.removesuffix(unit) or "none" for t in texts) + unit
+        )
+    return f"Limits of {word}: " + " / ".join(text or "none" for text in texts)
 
 
 def _draw_table(axes: Axes, comparison: Comparison) -> None:
@@ -202,14 +206,13 @@ def _draw_curves(figure: Figure, place: Any, comparison: Comparison, chosen: lis
 
 def _busiest(comparison: Comparison, chosen: list[str]) -> list[int]:
     """The joints whose torques come nearest to their limits, in their order."""
-    low, high = comparison.limits.bounds("tau")
     peak = np.zeros(comparison.robot.joint_count)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        for name in chosen:
-            motion = comparison[name].motion
-            if motion is not None:
-                share = np.maximum(motion.tau / high, motion.tau / low).max(axis=0)
-                peak = np.maximum(peak, np.nan_to_num(share, posinf=0.0))
+    for name in chosen:
+        motion = comparison[name].motion
+        if motion is not None:
+            history = limit_history(comparison.robot, motion, comparison.limits)
+            if "tau" in history.shares:
+                peak = np.maximum(peak, history.shares["tau"].max(axis=0))
     return sorted(np.argsort(-peak, kind="stable")[:SHOWN_JOINTS].tolist())
 
 
@@ -227,12 +230,12 @@ def _closing_text(comparison: Comparison) -> str:
     styles, lines = entry_styles(comparison), ["Certificates:"]
     for entry in comparison.entries:
         if entry.motion is None:
-            told = failure_sentence(entry)
+            text = failure_sentence(entry)
         elif entry.certificate is None:
-            told = f"{styles[entry.name].title}: not certified"
+            text = f"{styles[entry.name].title}: not certified"
         else:
-            told = f"{styles[entry.name].title}: {entry.certificate.verdict}"
-        lines += textwrap.wrap(told, LINE_WIDTH, subsequent_indent="    ", break_on_hyphens=False)
+            text = f"{styles[entry.name].title}: {entry.certificate.verdict}"
+        lines += textwrap.wrap(text, LINE_WIDTH, subsequent_indent="    ", break_on_hyphens=False)
     peaks = narrow_table(comparison).notes[0]
     return "\n".join([*lines, *textwrap.wrap(peaks, LINE_WIDTH)])
 

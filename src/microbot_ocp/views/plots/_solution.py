@@ -55,7 +55,8 @@ def solution(
     -------
     AxesGrid [variables]
         In the units of the declaration; limits are dashed where they are near. The phases follow
-        each other on one time axis, with a line between them. What was not solved is said in red.
+        each other on one time axis, with a line between them. A solution that was not
+        solved is named in red.
 
     Raises
     ------
@@ -91,12 +92,12 @@ def solution(
     for place, label in enumerate(given):
         handles.append(Line2D([], [], **_line(place), label=label))
     handles = [handle for handle in handles if handle.get_label()]
-    told = [
+    failures = [
         f"{label or 'solution'}: not solved: {each.advice}"
         for label, each in given.items()
         if not each.status.solved
     ]
-    page.legend(handles, 4, warning="\n".join(told))
+    page.legend(handles, 4, warning="\n".join(failures))
     return panels
 
 

@@ -110,7 +110,7 @@ def highlighted_name(comparison: Comparison) -> str | None:
 
 
 def failure_sentence(entry: Entry) -> str:
-    """What stands in place of a motion that was not found."""
+    """Why an entry has no motion."""
     reasons = [text for text in (entry.status, entry.note) if text]
     return ": ".join([entry.name, "not solved", *reasons])
 

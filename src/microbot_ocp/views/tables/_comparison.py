@@ -43,7 +43,7 @@ def comparison_rows(comparison: Comparison) -> list[Row]:
 def comparison_table(comparison: Comparison) -> Table:
     """One row a method, with a column for the peak use of every kind of limit but the position's.
 
-    The notes tell failures, refused certificates and how to read the table.
+    The notes give failures, refused certificates and how to read the table.
     """
     rows = comparison_rows(comparison)
     kinds = dict.fromkeys(kind for row in rows for kind in row["utilisation"] if kind != "q")
@@ -265,20 +265,20 @@ def _notes(comparison: Comparison, rows: list[Row]) -> Iterator[str]:
     reference = _reference_title(rows, comparison)
     yield f"Peaks: largest share of the limit ({order}). Ratio: to {reference}."
     for row in rows:
-        told = []
+        remarks = []
         if row["duration"] is None:
-            told.append(f"not solved: {row['status']}")
+            remarks.append(f"not solved: {row['status']}")
         if row["certificate_ok"] is False:
-            told.append(f"certificate refused: {row['verdict']}")
-            told += _violation_words(row["worst_violation"], row["verdict"])
+            remarks.append(f"certificate refused: {row['verdict']}")
+            remarks += _violation_text(row["worst_violation"], row["verdict"])
         if row["note"]:
-            told.append(row["note"])
-        if told:
-            yield f"{row['title']}: " + "; ".join(told) + "."
+            remarks.append(row["note"])
+        if remarks:
+            yield f"{row['title']}: " + "; ".join(remarks) + "."
 
 
-def _violation_words(violation: Row | None, verdict: str) -> list[str]:
-    if violation is None or violation["joint"] in verdict:  # the verdict tells it already
+def _violation_text(violation: Row | None, verdict: str) -> list[str]:
+    if violation is None or violation["joint"] in verdict:  # the verdict says so already
         return []
     value, limit, time = (violation[key] for key in ("value", "limit", "time"))
     if value is None or limit is None or time is None:
