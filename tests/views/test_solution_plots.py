@@ -34,7 +34,7 @@ def test_every_variable_has_a_panel_with_its_unit(solved):
 
 
 def test_curves_are_the_solution_over_all_phases(solved):
-    (panel,) = mo.plots.solution(solved, names=["x"])
+    (panel,) = solved.plot(names=["x"])
     first, second = (line for line in panel.lines if len(line.get_xdata()) > 2)
     assert np.interp(0.3, *first.get_data()) == pytest.approx(
         solved["first"].sample(0.3)["x"], 1e-4

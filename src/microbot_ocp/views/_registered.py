@@ -26,7 +26,10 @@ add_views(
             "plot": f"{PLOTS}:tracking",
             "rerun": f"{RECORDING}:of_tracking",
         },
-        "microbot_ocp.ocp.solution.Solution": {"table": f"{TABLES}._results:solution"},
+        "microbot_ocp.ocp.solution.Solution": {
+            "table": f"{TABLES}._results:solution",
+            "plot": f"{PLOTS}:solution",
+        },
         "microbot_ocp.ocp.refinement.Refined": {"table": f"{TABLES}._results:refined"},
         "microbot_ocp.ocp.verification.OCPCertificate": {
             "table": f"{TABLES}._results:ocp_certificate"

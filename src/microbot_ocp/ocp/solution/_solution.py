@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
-from microbot_ocp._base.showing import view_for
+from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.problem import Phase, Variable, node_variables
 from microbot_ocp.ocp.transcription import Guess, IntArray, PhaseLayout, Program, fill_transitions
@@ -147,6 +148,10 @@ class Solution:
 
     def _repr_html_(self) -> str:
         return view_for(self, "table")(self)._repr_html_()
+
+    def plot(self, axes: GivenAxes | None = None, **options: Any) -> DrawnAxes:
+        """States and controls over time: :func:`microbot_ocp.plots.solution`."""
+        return view_for(self, "plot")(self, axes, **options)
 
     def __getitem__(self, name: str) -> PhaseSolution:
         for phase in self.phases:

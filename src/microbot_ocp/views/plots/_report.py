@@ -194,7 +194,7 @@ def _draw_curves(figure: Figure, place: Any, comparison: Comparison, chosen: lis
         word = {"qd": "velocity", "tau": "torque"}[quantity]
         row[0].set_ylabel(f"{word} [{unit}]" if alike else word, fontsize=7.5)
     for panel, joint in zip(panels[0], joints, strict=True):
-        panel.set_title(robot.joint_names[joint], fontsize=8.5, fontweight="bold", pad=9)
+        panel.set_title(robot.joint_names[joint], loc="left", fontsize=8.5, fontweight="bold")
     for panel in panels[1]:
         panel.set_xlabel("t [s]", fontsize=7.5)
     if len(joints) < count:
