@@ -28,7 +28,7 @@ RANK_TOLERANCE = 1e-5  # singular value relative to the largest
 SMALL_ERROR = 1e-7  # scaled, from where on steps count as polishing
 POLISH_LIMIT = 30
 CLOSE = 1e-3  # scaled error of an attempt that is about to arrive
-STEPS = 50  # of one attempt
+STEPS = 80  # of one attempt
 LONGEST = 3000  # of all attempts
 PULL_ERROR = 0.1  # scaled error below which a step also goes towards the wanted joints
 APART = 1e-6  # rad; steps beside the task that are shorter have arrived
@@ -56,8 +56,13 @@ def reach(robot: Robot) -> float:
 @lru_cache(maxsize=64)
 def joint_scale(robot: Robot) -> FloatArray:
     """Unit of every joint [n]: a radian, or the reach for a prismatic joint."""
-    turns = np.array(robot.joint_types) == "revolute"
-    return np.where(turns, 1.0, reach(robot))
+    return np.where(revolute(robot), 1.0, reach(robot))
+
+
+@lru_cache(maxsize=64)
+def revolute(robot: Robot) -> np.ndarray:
+    """Which joints [n] are revolute."""
+    return np.array(robot.joint_types) == "revolute"
 
 
 def evenly_spread_step(dimensions: int) -> FloatArray:
@@ -155,8 +160,8 @@ def descent(robot: Robot, width: int) -> FastCall:
     move, apart = _step(slope, error, damping, (1 - held) * (wanted - q) / scale, sought)
     move *= scale * ca.fmin(1, np.pi / (ca.norm_inf(move) + 1e-300))
     small += size < SMALL_ERROR
-    done = ca.logic_and(ca.logic_and(size <= enough, small >= polish), apart < APART)
-    solved = ca.logic_or(done, ca.logic_or(size <= 2e-16, small >= POLISH_LIMIT))
+    exact = ca.logic_or(ca.logic_and(size <= enough, small >= polish), size <= 2e-16)
+    solved = ca.logic_or(ca.logic_and(exact, apart < APART), small >= POLISH_LIMIT + nearest)
     lost = ca.logic_or(ca.logic_and(steps >= patience, size > CLOSE), steps >= STEPS)
     again = ca.logic_and(lost, attempt + 1 < attempts)
     step = ca.DM(evenly_spread_step(count))

@@ -26,6 +26,7 @@ from microbot_ocp.inverse_kinematics._kernels import (
     nearest_pose_nlp,
     pose_of,
     reach,
+    revolute,
     scaled_jacobian,
 )
 from microbot_ocp.inverse_kinematics._result import read_only
@@ -34,14 +35,17 @@ from microbot_ocp.robot import Robot
 POSITION_TOLERANCE = 1e-8  # m, of what is handed out
 ORIENTATION_TOLERANCE = 1e-8  # rad
 ROUNDS = 8
-MEETINGS = 3  # starts that must have led to every branch
+MEETINGS = 4  # starts that must have led to every branch
 SAMPLES = 12  # of a continuum of solutions
 PROBE = 0.05  # rad (prismatic: share of the reach) along a suspected self-motion
 SAME = 1e-5  # rad between two runs that found the same solution
+NEAREST_TOLERANCE = 1e-5  # rad (prismatic: share of the reach)
 SAME_ON_CONTINUUM = 0.02  # rad between representatives that settled at the same place
 
 
-SEARCH = Descent()
+SEARCH = Descent(patience=24, polish=3)
+SLIDE = Descent(nearest=70, polish=2)  # to the target and along its continuum
+DOWNHILL = Descent()  # to a target that may be out of reach
 # From the seed, then from farther and farther off: a start reaches its target with even odds.
 FROM_SEED = Descent(attempts=100, patience=24, enough=1e-10, polish=2, nearest=10)
 
@@ -76,7 +80,7 @@ def middle(robot: Robot) -> FloatArray:
 @lru_cache(maxsize=64)
 def start_range(robot: Robot) -> tuple[FloatArray, FloatArray]:
     """Where starts lie: within the limits, at most half a turn (the reach) from the middle."""
-    around = np.where(np.array(robot.joint_types) == "revolute", np.pi, reach(robot))
+    around = np.where(revolute(robot), np.pi, reach(robot))
     return (
         read_only(np.maximum(robot.limits.q_min, middle(robot) - around)),
         read_only(np.minimum(robot.limits.q_max, middle(robot) + around)),
@@ -91,20 +95,21 @@ def free_range(robot: Robot) -> tuple[FloatArray, FloatArray]:
 def difference(robot: Robot, ours: FloatArray, theirs: FloatArray) -> FloatArray:
     """Joint differences, revolute ones wrapped to half a turn, prismatic ones over the reach."""
     gap = ours - theirs
-    turns = np.array(robot.joint_types) == "revolute"
-    return np.where(turns, (gap + np.pi) % (2 * np.pi) - np.pi, gap / joint_scale(robot))
+    turned = (gap + np.pi) % (2 * np.pi) - np.pi
+    return np.where(revolute(robot), turned, gap / joint_scale(robot))
 
 
 def within_limits(robot: Robot, q: FloatArray, near: FloatArray) -> tuple[FloatArray, np.ndarray]:
     """Move joints [K,n] by whole turns into the limits, nearest to ``near``; whether that went."""
     lower, upper = robot.limits.q_min, robot.limits.q_max
     turn = 2 * np.pi
-    turns = np.array(robot.joint_types) == "revolute"
     slack = 1e-9
     first = np.ceil((lower - slack - q) / turn)
     last = np.floor((upper + slack - q) / turn)
     wished = np.round((near - q) / turn)
-    moved = q + turn * np.where(turns, np.clip(wished, first, np.maximum(first, last)), 0.0)
+    moved = q + turn * np.where(
+        revolute(robot), np.clip(wished, first, np.maximum(first, last)), 0.0
+    )
     inside = (moved >= lower - slack) & (moved <= upper + slack)
     return np.clip(moved, lower, upper), np.asarray(inside.all(axis=-1))
 
@@ -246,6 +251,9 @@ def nearest_on_continuum(
     """On the self-motion through ``start`` [n] the joints nearest to ``wanted``, within limits."""
     bounds = robot.limits.q_min, robot.limits.q_max
     q = np.clip(start, *bounds)
+    quick, errors = descend(robot, q[None], target[None], bounds, SLIDE, wanted[None])
+    if errors[0] < goal(robot) and _is_nearest(robot, quick[0], target, wanted):
+        return quick[0]
     for _ in range(2):  # the second time with the equations that are independent at the answer
         jacobian = scaled_jacobian(robot, q[None], target.size)
         left, values, _ = np.linalg.svd(jacobian[0])
@@ -260,6 +268,21 @@ def nearest_on_continuum(
             break
         q = polished[0]
     return _slide(robot, q, target, wanted)
+
+
+def _is_nearest(robot: Robot, q: FloatArray, target: FloatArray, wanted: FloatArray) -> bool:
+    """Whether no joint within limits can move nearer to ``wanted`` along the self-motion.
+
+    To first order (Karush, Kuhn and Tucker): what is missing is a combination of the rows of the
+    task's Jacobian, but for joints at a limit that what is missing points beyond.
+    """
+    scale = joint_scale(robot)
+    jacobian, missing = scaled_jacobian(robot, q[None], target.size)[0], (wanted - q) / scale
+    at_lower, at_upper = q <= robot.limits.q_min, q >= robot.limits.q_max
+    free = ~(at_lower | at_upper)
+    left = missing - jacobian.T @ np.linalg.lstsq(jacobian[:, free].T, missing[free])[0]
+    beyond = (at_lower & (left < 0)) | (at_upper & (left > 0))
+    return bool(np.all((np.abs(left) < NEAREST_TOLERANCE) | beyond))
 
 
 def _slide(
@@ -301,17 +324,18 @@ def find_branches(robot: Robot, targets: FloatArray) -> list[Found]:
     count, width = robot.joint_count, targets.shape[1]
     rank = generic_rank(robot, width)
     redundant = count > rank
-    revolute = all(kind == "revolute" for kind in robot.joint_types)
-    balanced_when_complete = revolute and count == rank == (3 if width == 3 else 6)
+    balanced_when_complete = bool(revolute(robot).all()) and count == rank == (
+        3 if width == 3 else 6
+    )
     low, high = start_range(robot)
     if not redundant:
-        around = np.where(np.array(robot.joint_types) == "revolute", np.pi, 0.0)
+        around = np.where(revolute(robot), np.pi, 0.0)
         low, high = (
             np.minimum(low, middle(robot) - around),
             np.maximum(high, middle(robot) + around),
         )
     bounds = (robot.limits.q_min, robot.limits.q_max) if redundant else None
-    size = 8 * 2 ** min(count, 4) if count < 5 else 128
+    size = 8 * 2 ** min(count, 3)
     pools = [np.zeros((0, count)) for _ in targets]
     answers: list[tuple[FloatArray, np.ndarray]] = [
         (np.zeros((0, count)), np.zeros(0, dtype=int)) for _ in targets
@@ -404,7 +428,9 @@ def nearest_pose(
     count = 64
     starts = low + (high - low) * quasi_random(count, robot.joint_count)
     if start is None:
-        found, errors = descend(robot, starts, np.tile(target, (count, 1)), bounds, Descent(weight))
+        found, errors = descend(
+            robot, starts, np.tile(target, (count, 1)), bounds, DOWNHILL._replace(weight=weight)
+        )
         found, _ = clusters(robot, found[np.argsort(errors)], 0.1)
     else:
         found = np.array(start)[None]
