@@ -1,0 +1,76 @@
+"""One problem solved in one way in this process, which is fresh; the last line printed is JSON.
+
+python -m benchmarks.suite.child NAME WAY [--scheme SCHEME] [--mesh INTERVALS] [--limit SECONDS]
+
+The process is ended by the system when it has used its limit of processor time: a solver that
+never returns cannot be stopped from inside.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import resource
+import time
+from typing import Any
+
+from benchmarks.suite.peer import solve_by_opti
+from benchmarks.suite.table import BY_NAME
+from microbot_ocp import ocp
+
+WAYS = ("solve", "refined", "peer")
+INTERVALS = 50  # of ocp.solve by default
+
+
+def run(name: str, way: str, scheme: str | None = None, mesh: int | None = None) -> dict[str, Any]:
+    """What came of it, as plain values; an exception is a status, too."""
+    problem = BY_NAME[name]
+    guess = None if problem.guess is None else problem.guess()
+    chosen: dict[str, Any] = {"guess": guess}
+    chosen |= {} if scheme is None else {"scheme": scheme}
+    chosen |= {} if mesh is None else {"mesh": mesh}
+    built = problem.build()
+    begin = time.process_time()
+    try:
+        if way == "peer":
+            peer = solve_by_opti(built, mesh or INTERVALS, guess)
+            found = {"cost": peer.cost, "solved": peer.solved, "status": peer.status}
+            found["iterations"] = peer.iterations
+        elif way == "solve":
+            solution = ocp.solve(built, **chosen)
+            found = {"cost": solution.cost, "solved": solution.status.solved}
+            found["status"] = _words(solution.status)
+            found["iterations"] = sum(max(a.iterations, 0) for a in solution.attempts)
+            found["attempts"] = [a.as_dict() for a in solution.attempts]
+        else:
+            refined = ocp.solve_refined(built, **chosen)
+            found = {"cost": refined.solution.cost, "solved": refined.status.solved}
+            found["status"] = _words(refined.status)
+            found["iterations"] = sum(max(step.iterations, 0) for step in refined.history)
+            found["intervals"] = sum(p.mesh.size - 1 for p in refined.solution.phases)
+    except Exception as error:  # whatever a user would see instead of an answer
+        text = str(error).splitlines()
+        found = {"cost": None, "solved": False, "iterations": 0}
+        found["status"] = f"{type(error).__name__}: {text[0] if text else ''}"
+    return {**found, "seconds": time.process_time() - begin}
+
+
+def _words(status) -> str:
+    return status.name.lower().replace("_", " ")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("name", choices=sorted(BY_NAME))
+    parser.add_argument("way", choices=WAYS)
+    parser.add_argument("--scheme")
+    parser.add_argument("--mesh", type=int)
+    parser.add_argument("--limit", type=int, default=60, help="processor time, s")
+    options = parser.parse_args()
+    resource.setrlimit(resource.RLIMIT_CPU, (options.limit, options.limit + 1))
+    print()
+    print(json.dumps(run(options.name, options.way, options.scheme, options.mesh)))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,153 @@
+"""State constraints of order one to three, and obstacles."""
+
+from __future__ import annotations
+
+import casadi as ca
+
+from benchmarks.suite.problem import SuiteProblem
+from microbot_ocp.ocp import OptimalControlProblem
+
+
+def _there_and_back(name: str, ceiling: float) -> OptimalControlProblem:
+    problem = OptimalControlProblem(name)
+    phase = problem.phase("fly", 1.0)
+    x = phase.state("x", initial=0.0, final=0.0, upper=ceiling)
+    v = phase.state("v", initial=1.0, final=-1.0)
+    u = phase.control("u")
+    phase.derivative(x, v)
+    phase.derivative(v, u)
+    phase.running_cost(0.5 * u**2)
+    return problem
+
+
+def breakwell() -> OptimalControlProblem:
+    """Half the least integral of u^2 there and back in 1 s, x <= 0.1: an arc on the ceiling."""
+    return _there_and_back("Breakwell", 0.1)
+
+
+def bryson_denham_touch() -> OptimalControlProblem:
+    """The same with x <= 0.2, which is touched at one instant."""
+    return _there_and_back("Bryson-Denham, touched", 0.2)
+
+
+def jacobson_lele() -> OptimalControlProblem:
+    """Least integral of x1^2 + x2^2 + 0.005 u^2 with the limit x2 <= 8 (t - 1/2)^2 - 1/2."""
+    problem = OptimalControlProblem("Jacobson and Lele")
+    phase = problem.phase("only", 1.0)
+    x1 = phase.state("x1", initial=0.0)
+    x2 = phase.state("x2", initial=-1.0)
+    u = phase.control("u", lower=-20.0, upper=20.0)
+    phase.derivative(x1, x2)
+    phase.derivative(x2, -x2 + u)
+    phase.constraint("limit", x2 - 8 * (phase.time - 0.5) ** 2 + 0.5, upper=0.0)
+    phase.running_cost(x1**2 + x2**2 + 0.005 * u**2)
+    return problem
+
+
+def robbins() -> OptimalControlProblem:
+    """Integral of 3 x + u^2/2 of a triple integrator from (1, -2, 0) to rest in 10 s, x >= 0."""
+    problem = OptimalControlProblem("Robbins")
+    phase = problem.phase("only", 10.0)
+    x1 = phase.state("x1", initial=1.0, final=0.0, lower=0.0)
+    x2 = phase.state("x2", initial=-2.0, final=0.0)
+    x3 = phase.state("x3", initial=0.0, final=0.0)
+    u = phase.control("u")
+    phase.derivative(x1, x2)
+    phase.derivative(x2, x3)
+    phase.derivative(x3, u)
+    phase.running_cost(3 * x1 + 0.5 * u**2)
+    return problem
+
+
+def alp_rider() -> OptimalControlProblem:
+    """Stiff dynamics over a floor with four peaks for 20 s."""
+    problem = OptimalControlProblem("Alp rider")
+    phase = problem.phase("ride", 20.0)
+    starts, ends = (2.0, 1.0, 2.0, 1.0), (2.0, 3.0, 1.0, -2.0)
+    x1, x2, x3, x4 = (
+        phase.state(f"x{i + 1}", initial=start, final=end)
+        for i, (start, end) in enumerate(zip(starts, ends, strict=True))
+    )
+    u1 = phase.control("u1")
+    u2 = phase.control("u2")
+    phase.derivative(x1, -10 * x1 + u1 + u2)
+    phase.derivative(x2, -2 * x2 + u1 + 2 * u2)
+    phase.derivative(x3, -3 * x3 + 5 * x4 + u1 - u2)
+    phase.derivative(x4, 5 * x3 - 3 * x4 + u1 + 3 * u2)
+    square = x1**2 + x2**2 + x3**2 + x4**2
+
+    def peak(place: float, width: float) -> ca.MX:
+        return ca.exp(-width * (phase.time - place) ** 2)
+
+    floor = 3 * peak(3, 12) + 3 * peak(6, 10) + 3 * peak(10, 6) + 8 * peak(15, 4) + 0.01
+    phase.constraint("floor", square - floor, lower=0.0)
+    phase.running_cost(100 * square + 0.01 * (u1**2 + u2**2))
+    return problem
+
+
+def two_obstacles() -> OptimalControlProblem:
+    """Speed 2.138 to (1.2, 1.6) in 1 s around two discs; every way that fits costs the same."""
+    problem = OptimalControlProblem("two obstacles")
+    phase = problem.phase("drive", 1.0)
+    x = phase.state("x", initial=0.0, final=1.2, lower=0.0, upper=2.0)
+    y = phase.state("y", initial=0.0, final=1.6, lower=0.0, upper=2.0)
+    heading = phase.control("heading", lower=-10.0, upper=10.0)
+    vx, vy = 2.138 * ca.cos(heading), 2.138 * ca.sin(heading)
+    phase.derivative(x, vx)
+    phase.derivative(y, vy)
+    phase.constraint("first disc", (x - 0.4) ** 2 + (y - 0.5) ** 2, lower=0.1)
+    phase.constraint("second disc", (x - 0.8) ** 2 + (y - 1.5) ** 2, lower=0.1)
+    phase.running_cost(vx**2 + vy**2)
+    return problem
+
+
+PROBLEMS = (
+    SuiteProblem(
+        breakwell,
+        kind="state constraint, order 2",
+        source="PSOPT example breakwell; Bryson and Ho, section 3.11: 4 / (9 L)",
+        published=4 / 0.9,
+        tolerance=1e-9,
+        confirmed="closed form",
+    ),
+    SuiteProblem(
+        bryson_denham_touch,
+        kind="state constraint, order 2",
+        source="Bryson and Ho, section 3.11, 1/6 <= L <= 1/4: 2 + 6 (1 - 4 L)^2",
+        published=2 + 6 * (1 - 0.8) ** 2,
+        tolerance=1e-9,
+        confirmed="closed form",
+    ),
+    SuiteProblem(
+        jacobson_lele,
+        kind="state constraint, order 1",
+        source="Jacobson and Lele, IEEE TAC 14 (1969); PSOPT example stc1: 0.1698180",
+        published=0.1698180,
+        tolerance=2e-5,
+        confirmed="fine mesh",
+    ),
+    SuiteProblem(
+        robbins,
+        kind="state constraint, order 3",
+        source="Robbins, JOTA 1980; CTDirect.jl test problem robbins (Bocop): 19.4",
+        published=19.4,
+        tolerance=0.02,
+        confirmed="fine mesh",
+    ),
+    SuiteProblem(
+        alp_rider,
+        kind="stiff, state constraint",
+        source="Betts, Practical Methods (2010), example 4.12: 2030.85609",
+        published=2030.85609,
+        tolerance=1e-6,
+        confirmed="fine mesh",
+    ),
+    SuiteProblem(
+        two_obstacles,
+        kind="obstacles, no unique optimum",
+        source="PSOPT example obstacle: 4.571044, the square of the speed",
+        published=4.571044,
+        tolerance=1e-9,
+        confirmed="closed form",
+    ),
+)

@@ -1,0 +1,560 @@
+"""Aircraft, launchers and spacecraft, in the units of their sources."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from math import cos, pi, radians, sin, sqrt
+
+import casadi as ca
+import numpy as np
+
+from benchmarks.suite.problem import SuiteProblem, along, line
+from microbot_ocp.ocp import Guess, OptimalControlProblem
+
+
+def missile() -> OptimalControlProblem:
+    """Terminal dive of a cruise missile in the shortest time, height at least 30 m for 7.5 km."""
+    problem = OptimalControlProblem("missile")
+    phase = problem.phase("dive", (10.0, 100.0))
+    path = phase.state("gamma", initial=0.0, final=-pi / 2, lower=-pi / 2, upper=pi / 2)
+    v = phase.state("v", initial=272.0, final=310.0, lower=200.0, upper=310.0, unit="m/s")
+    x = phase.state("x", initial=0.0, final=10000.0, lower=0.0, upper=10000.0, unit="m")
+    h = phase.state("h", initial=30.0, final=0.0, lower=0.0, upper=1900.0, unit="m")
+    thrust = phase.control("thrust", lower=1000.0, upper=6000.0, unit="N")
+    alpha = phase.control("alpha", lower=-0.3, upper=0.3, unit="rad")
+    mass, gravity, area = 1005.0, 9.81, 0.3376
+    density = 3.312e-9 * h**2 - 1.142e-4 * h + 1.224
+    pressure = 0.5 * density * v**2 * area
+    drag = (-1.9431 * alpha**2 - 0.1499 * alpha + 0.2359) * pressure
+    lift = 21.9 * alpha * pressure
+    forward = thrust - drag
+    turn = (forward * ca.sin(alpha) + lift * ca.cos(alpha)) / mass - gravity * ca.cos(path)
+    phase.derivative(path, turn / v)
+    phase.derivative(
+        v, (forward * ca.cos(alpha) - lift * ca.sin(alpha)) / mass - gravity * ca.sin(path)
+    )
+    phase.derivative(x, v * ca.cos(path))
+    phase.derivative(h, v * ca.sin(path))
+    phase.constraint("load", lift / (mass * gravity), -4.0, 4.0)
+    near = 0.5 * (1 + ca.tanh((7500 - x) / 10))
+    phase.constraint("ground", near * (h - 30) + (1 - near) * h, 0.0, 1900.0)
+    phase.end_cost(phase.duration)
+    return problem
+
+
+def _missile_guess() -> dict[str, Guess]:
+    values = {
+        "gamma": line(0.0, -pi / 2),
+        "v": line(272.0, 310.0),
+        "x": line(0.0, 10000.0),
+        "h": line(30.0, 0.0),
+        "thrust": 6000.0,
+        "alpha": 0.0,
+    }
+    return {"dive": Guess(50.0, values)}
+
+
+def hang_glider() -> OptimalControlProblem:
+    """Farthest flight of a hang glider through an updraft, losing 100 m."""
+    problem = OptimalControlProblem("hang glider")
+    phase = problem.phase("glide", (10.0, 200.0))
+    x = phase.state("x", initial=0.0, lower=0.0, unit="m")
+    y = phase.state("y", initial=1000.0, final=900.0, unit="m")
+    vx = phase.state("vx", initial=13.23, final=13.23, lower=0.0, unit="m/s")
+    vy = phase.state("vy", initial=-1.288, final=-1.288, unit="m/s")
+    lift = phase.control("lift", lower=0.0, upper=1.4)
+    r = (x / 100 - 2.5) ** 2
+    sink = vy - 2.5 * (1 - r) * ca.exp(-r)
+    speed = ca.sqrt(vx**2 + sink**2)
+    pressure = 0.5 * 1.13 * 14 * speed / 100  # times speed / mass
+    drag = 0.034 + 0.069662 * lift**2
+    phase.derivative(x, vx)
+    phase.derivative(y, vy)
+    phase.derivative(vx, pressure * (-lift * sink - drag * vx))
+    phase.derivative(vy, pressure * (lift * vx - drag * sink) - 9.81)
+    phase.end_cost(-x)
+    return problem
+
+
+def _hang_glider_guess() -> dict[str, Guess]:
+    duration = 100 / 1.288
+    values = {"x": line(0.0, 13.23 * duration), "y": line(1000.0, 900.0), "vx": 13.23}
+    return {"glide": Guess(duration, {**values, "vy": -1.288, "lift": 0.7})}
+
+
+def shuttle_reentry() -> OptimalControlProblem:
+    """Largest cross-range of the space shuttle, in degrees of latitude, without a heat limit."""
+    problem = OptimalControlProblem("shuttle re-entry")
+    phase = problem.phase("descend", (100.0, 4000.0))
+    h = phase.state("h", initial=260000.0, final=80000.0, lower=0.0, upper=300000.0, unit="ft")
+    lat = phase.state("latitude", initial=0.0, lower=radians(-89), upper=radians(89))
+    v = phase.state("v", initial=25600.0, final=2500.0, lower=1000.0, upper=40000.0, unit="ft/s")
+    path = phase.state(
+        "path", initial=radians(-1), final=radians(-5), lower=radians(-89), upper=radians(89)
+    )
+    azimuth = phase.state("azimuth", initial=pi / 2, lower=-pi, upper=pi)
+    alpha = phase.control("alpha", lower=radians(-90), upper=radians(90))
+    bank = phase.control("bank", lower=radians(-89), upper=radians(1))
+    mass = 203000 / 32.174
+    radius = 20902900 + h
+    pressure = 0.5 * 0.002378 * ca.exp(-h / 23800) * v**2 * 2690
+    attack = alpha * 180 / pi
+    lift = (-0.20704 + 0.029244 * attack) * pressure
+    drag = (0.07854 - 6.1592e-3 * attack + 6.21408e-4 * attack**2) * pressure
+    gravity = 0.14076539e17 / radius**2
+    phase.derivative(h, v * ca.sin(path))
+    phase.derivative(lat, v / radius * ca.cos(path) * ca.cos(azimuth))
+    phase.derivative(v, -drag / mass - gravity * ca.sin(path))
+    phase.derivative(
+        path, lift * ca.cos(bank) / (mass * v) + ca.cos(path) * (v / radius - gravity / v)
+    )
+    phase.derivative(
+        azimuth,
+        lift * ca.sin(bank) / (mass * v * ca.cos(path))
+        + v / radius * ca.cos(path) * ca.sin(azimuth) * ca.tan(lat),
+    )
+    phase.end_cost(-lat * 180 / pi)
+    return problem
+
+
+def _shuttle_guess() -> dict[str, Guess]:
+    values = {
+        "h": line(260000.0, 80000.0),
+        "latitude": 0.0,
+        "v": line(25600.0, 2500.0),
+        "path": line(radians(-1), radians(-5)),
+        "azimuth": pi / 2,
+        "alpha": 0.0,
+        "bank": 0.0,
+    }
+    return {"descend": Guess(2012.0, values)}
+
+
+def orbit_raising() -> OptimalControlProblem:
+    """Largest circular orbit reached in 3.32 by a low thrust of constant size."""
+    problem = OptimalControlProblem("orbit raising")
+    phase = problem.phase("spiral", 3.32)
+    r = phase.state("r", initial=1.0, lower=1.0, upper=10.0)
+    theta = phase.state("theta", initial=0.0)
+    vr = phase.state("vr", initial=0.0, final=0.0, lower=-10.0, upper=10.0)
+    vt = phase.state("vt", initial=1.0)
+    u1 = phase.control("u1", lower=-1.1, upper=1.1)
+    u2 = phase.control("u2", lower=-1.1, upper=1.1)
+    push = 0.1405 / (1 - 0.0749 * phase.time)
+    phase.derivative(r, vr)
+    phase.derivative(theta, vt / r)
+    phase.derivative(vr, vt**2 / r - 1 / r**2 + push * u1)
+    phase.derivative(vt, -vr * vt / r + push * u2)
+    phase.constraint("direction", u1**2 + u2**2, 1.0, 1.0)
+    phase.end_constraint("circle", vt - ca.sqrt(1 / r), 0.0, 0.0)
+    phase.end_cost(-r)
+    return problem
+
+
+def _orbit_raising_guess() -> dict[str, Guess]:
+    values = {"r": line(1.0, 1.5), "theta": line(0.0, pi), "vr": 0.0, "vt": line(1.0, 0.5)}
+    return {"spiral": Guess(3.32, {**values, "u1": line(0.0, 1.0), "u2": line(1.0, 0.0)})}
+
+
+def dynamic_soaring() -> OptimalControlProblem:
+    """Least wind gradient in which a glider can soar for ever, ft and slug.
+
+    The gradient and the start of what is periodic are states that do not change.
+    """
+    problem = OptimalControlProblem("dynamic soaring")
+    phase = problem.phase("cycle", (10.0, 30.0))
+    x = phase.state("x", initial=0.0, final=0.0, lower=-1500.0, upper=1500.0, unit="ft")
+    y = phase.state("y", initial=0.0, final=0.0, lower=-1000.0, upper=1000.0, unit="ft")
+    h = phase.state("h", initial=0.0, final=0.0, lower=0.0, upper=1000.0, unit="ft")
+    gain = phase.state("speed gained", initial=0.0, final=0.0, unit="ft/s")
+    climb = phase.state("path gained", initial=0.0, final=0.0, unit="rad")
+    turned = phase.state("turned", initial=0.0, final=2 * pi, unit="rad")
+    v0 = phase.state("first speed", lower=10.0, upper=350.0, unit="ft/s")
+    path0 = phase.state("first path", lower=radians(-75), upper=radians(75))
+    heading0 = phase.state("first heading")
+    gradient = phase.state("gradient", lower=0.0, upper=1.0, unit="1/s")
+    lift = phase.control("lift", lower=0.0, upper=1.5)
+    bank = phase.control("bank", lower=radians(-75), upper=radians(75))
+    v, path, heading = v0 + gain, path0 + climb, heading0 + turned
+    mass, gravity, area, density = 5.6, 32.2, 45.09703, 0.002378
+    pressure = 0.5 * density * area * v**2
+    force, drag = pressure * lift, pressure * (0.00873 + 0.045 * lift**2)
+    rise = v * ca.sin(path)
+    shear = mass * gradient * rise
+    phase.derivative(x, v * ca.cos(path) * ca.sin(heading) + gradient * h)
+    phase.derivative(y, v * ca.cos(path) * ca.cos(heading))
+    phase.derivative(h, rise)
+    phase.derivative(
+        gain, -(drag + shear * ca.cos(path) * ca.sin(heading)) / mass - gravity * ca.sin(path)
+    )
+    phase.derivative(
+        climb,
+        (
+            force * ca.cos(bank)
+            - mass * gravity * ca.cos(path)
+            + shear * ca.sin(path) * ca.sin(heading)
+        )
+        / (mass * v),
+    )
+    phase.derivative(
+        turned, (force * ca.sin(bank) - shear * ca.cos(heading)) / (mass * v * ca.cos(path))
+    )
+    for constant in (v0, path0, heading0, gradient):
+        phase.derivative(constant, ca.MX(0))
+    phase.constraint("load", force / (mass * gravity), -2.0, 5.0)
+    phase.constraint("speed", v, 10.0, 350.0, unit="ft/s")
+    phase.constraint("path", path, radians(-75), radians(75))
+    phase.constraint("heading", heading, radians(-225), radians(225))
+    phase.end_cost(gradient)
+    return problem
+
+
+def _soaring_guess() -> dict[str, Guess]:
+    x = lambda s: 600 * (np.cos(2 * pi * s) - 1)  # noqa: E731
+    values = {
+        "x": along(x),
+        "y": along(lambda s: -200 * np.sin(2 * pi * s)),
+        "h": along(lambda s: -0.7 * x(s)),
+        "speed gained": 0.0,
+        "path gained": 0.0,
+        "turned": line(0.0, 2 * pi),
+        "first speed": 150.0,
+        "first path": 0.0,
+        "first heading": 0.0,
+        "gradient": 0.08,
+        "lift": 0.5,
+        "bank": radians(45),
+    }
+    return {"cycle": Guess(24.0, values)}
+
+
+# launch -------------------------------------------------------------------------------------------
+
+_EARTH, _RADIUS, _SPIN, _G0 = 3.986012e14, 6378145.0, 7.29211585e-5, 9.80665
+_LATITUDE = radians(28.5)
+_BOOSTER, _FIRST, _SECOND, _PAYLOAD = 19290.0, 104380.0, 19300.0, 4164.0  # kg
+_BOOSTER_FUEL, _FIRST_FUEL, _SECOND_FUEL = 17010.0, 95550.0, 16820.0
+_BOOSTER_FLOW, _FIRST_FLOW, _SECOND_FLOW = 17010.0 / 75.2, 95550.0 / 261, 16820.0 / 700
+_ORBIT = (24361140.0, 0.7308, 28.5, 269.8, 130.5)  # m and degrees
+
+
+def _launch_masses() -> list[tuple[float, float]]:
+    """Mass at the start and at the end of every phase."""
+    burn = 75.2
+    first = 9 * _BOOSTER + _FIRST + _SECOND + _PAYLOAD
+    ends = first - 6 * _BOOSTER_FUEL - burn * _FIRST_FLOW
+    second = ends - 6 * (_BOOSTER - _BOOSTER_FUEL)
+    second_ends = second - 3 * _BOOSTER_FUEL - burn * _FIRST_FLOW
+    third = second_ends - 3 * (_BOOSTER - _BOOSTER_FUEL)
+    third_ends = third - (261 - 2 * burn) * _FIRST_FLOW
+    fourth = third_ends - (_FIRST - _FIRST_FUEL)
+    return [(first, ends), (second, second_ends), (third, third_ends), (fourth, _PAYLOAD)]
+
+
+def _orbit_elements(r: ca.MX, v: ca.MX) -> ca.MX:
+    """Semimajor axis, eccentricity, inclination, node and perigee, m and degrees."""
+    h = ca.cross(r, v)
+    node = ca.vertcat(-h[1], h[0])
+    distance, size = ca.norm_2(r), ca.norm_2(node)
+    e = ((ca.sumsqr(v) - _EARTH / distance) * r - ca.dot(r, v) * v) / _EARTH
+    degrees = 180 / pi
+    return ca.vertcat(
+        1 / (2 / distance - ca.sumsqr(v) / _EARTH),
+        ca.norm_2(e),
+        ca.acos(h[2] / ca.norm_2(h)) * degrees,
+        360 - ca.acos(node[0] / size) * degrees,
+        ca.acos(ca.dot(node, e[:2]) / (size * ca.norm_2(e))) * degrees,
+    )
+
+
+def delta_launch() -> OptimalControlProblem:
+    """Launch of a Delta III into a transfer orbit in four phases: most mass at the end, SI."""
+    problem = OptimalControlProblem("Delta III")
+    durations = (75.2, 75.2, 261 - 150.4, (1.0, 700.0))
+    thrusts = (6 * 628500 + 1083100, 3 * 628500 + 1083100, 1083100, 110094)
+    flows = (6 * _BOOSTER_FLOW + _FIRST_FLOW, 3 * _BOOSTER_FLOW + _FIRST_FLOW)
+    flows += (_FIRST_FLOW, _SECOND_FLOW)
+    place = np.array([_RADIUS * cos(_LATITUDE), 0.0, _RADIUS * sin(_LATITUDE)])
+    pace = np.array([0.0, _RADIUS * _SPIN * cos(_LATITUDE), 0.0])
+    phases, masses = [], _launch_masses()
+    for k in range(4):
+        phase = problem.phase(f"stage {k + 1}", durations[k])
+        box = {"lower": -2 * _RADIUS, "upper": 2 * _RADIUS, "unit": "m"}
+        r = phase.state("r", 3, initial=place if k == 0 else None, **box)
+        box = {"lower": -10000.0, "upper": 10000.0, "unit": "m/s"}
+        v = phase.state("v", 3, initial=pace if k == 0 else None, **box)
+        start, end = masses[k]
+        m = phase.state(
+            "m", initial=start, lower=end - 10, upper=start + 10, unit="kg",
+            final=(_PAYLOAD, start) if k == 3 else None,
+        )  # fmt: skip
+        u = phase.control("u", 3, lower=-1.1, upper=1.1)
+        distance = ca.norm_2(r)
+        wind = v - ca.vertcat(-_SPIN * r[1], _SPIN * r[0], 0)
+        density = 1.225 * ca.exp(-(distance - _RADIUS) / 7200)
+        speed = ca.sqrt(ca.sumsqr(wind) + 1e-6)  # the wind is nothing at the start
+        drag = -0.5 * density * 0.5 * 4 * pi * speed * wind
+        phase.derivative(r, v)
+        phase.derivative(v, -_EARTH / distance**3 * r + (thrusts[k] * u + drag) / m)
+        phase.derivative(m, ca.MX(-flows[k]))
+        phase.constraint("direction", ca.sumsqr(u), 1.0, 1.0)
+        phase.constraint("ground", distance, lower=_RADIUS, unit="m")
+        if k == 3:
+            phase.end_constraint("orbit", _orbit_elements(r, v), _ORBIT, _ORBIT)
+            phase.end_cost(-m)
+        phases.append(phase)
+    for before, after in pairwise(phases):
+        problem.link(before, after, ("r", "v"))
+    return problem
+
+
+def _delta_guess() -> dict[str, Guess]:
+    """The launch site, then the perigee of the orbit."""
+    a, e, *angles = _ORBIT
+    inclination, node, perigee = map(radians, angles)
+
+    def turned(x: float, y: float) -> np.ndarray:
+        nodal = np.array([cos(node), sin(node), 0])
+        level = np.array([-sin(node), cos(node), 0])
+        across = level * cos(inclination) + np.array([0, 0, sin(inclination)])
+        first = nodal * cos(perigee) + across * sin(perigee)
+        second = -nodal * sin(perigee) + across * cos(perigee)
+        return x * first + y * second
+
+    shape = a * (1 - e**2)
+    site = (
+        np.array([_RADIUS * cos(_LATITUDE), 0.0, _RADIUS * sin(_LATITUDE)]),
+        np.array([0.0, _RADIUS * _SPIN * cos(_LATITUDE), 0.0]),
+    )
+    orbit = turned(shape / (1 + e), 0.0), turned(0.0, sqrt(_EARTH / shape) * (1 + e))
+    durations, masses = (75.2, 75.2, 110.6, 700.0), _launch_masses()
+    guesses = {}
+    for k in range(4):
+        r, v = site if k < 2 else orbit
+        values = {"r": r, "v": v, "m": line(*masses[k]), "u": np.array([0.0, 1.0, 0.0])}
+        guesses[f"stage {k + 1}"] = Guess(durations[k], values)
+    return guesses
+
+
+# aircraft -----------------------------------------------------------------------------------------
+
+
+def plane_change() -> OptimalControlProblem:
+    """Orbital plane changed by 18 degrees in the atmosphere, heat rate at most 800, ft and s."""
+    problem = OptimalControlProblem("aero-assisted plane change")
+    phase = problem.phase("skip", (800.0, 2000.0))
+    limit = radians(89)
+    lat = phase.state("latitude", initial=0.0, lower=-limit, upper=limit)
+    h = phase.state("h", initial=365000.0, final=365000.0, lower=0.0, upper=400000.0, unit="ft")
+    v = phase.state("v", initial=25745.704, lower=20000.0, upper=28000.0, unit="ft/s")
+    path = phase.state("path", initial=radians(-0.55), lower=-limit, upper=limit)
+    heading = phase.state("heading", initial=0.0, lower=-limit, upper=limit)
+    lift = phase.control("lift", lower=0.0, upper=2.0)
+    bank = phase.control("bank", lower=0.0, upper=pi)
+    earth, mu, mass, area, scale = 2.092643e7, 1.40895e16, 3.315e2, 1.2584e2, 2.41388e4
+    first, second = area / (2 * mass) * sqrt(0.032 / 1.4), 0.032 * area / (2 * mass)
+    r = earth + h
+    density = 3.3195e-5 * ca.exp(-(h - 1e5) / scale)
+    phase.derivative(lat, v / r * ca.cos(path) * ca.sin(heading))
+    phase.derivative(h, v * ca.sin(path))
+    phase.derivative(v, -second * density * v**2 * (1 + lift**2) - mu * ca.sin(path) / r**2)
+    phase.derivative(
+        path, first * density * v * lift * ca.cos(bank) + ca.cos(path) * (v / r - mu / (r**2 * v))
+    )
+    phase.derivative(
+        heading,
+        first * density * v * lift * ca.sin(bank) / ca.cos(path)
+        - v / r * ca.cos(path) * ca.cos(heading) * ca.tan(lat),
+    )
+    at_sea = 3.3195e-5 * float(np.exp(1e5 / scale))
+    heat = 17600 * ca.sqrt(density / at_sea) * (v / sqrt(mu / earth)) ** 3.15
+    phase.constraint("heat", heat, upper=800.0)
+    wanted = cos(radians(18))
+    phase.end_constraint("plane", ca.cos(lat) * ca.cos(heading), wanted, wanted)
+    phase.end_cost(-v)
+    return problem
+
+
+def _plane_change_guess() -> dict[str, Guess]:
+    values = {
+        "latitude": 0.0,
+        "h": 365000.0,
+        "v": 25745.704,
+        "path": line(radians(-0.55), 0.0),
+        "heading": line(0.0, radians(18)),
+        "lift": 1.0,
+        "bank": radians(45),
+    }
+    return {"skip": Guess(800.0, values)}
+
+
+_MACH = (0.0, 0.4, 0.8, 0.9, 1.0, 1.2, 1.4, 1.6, 1.8)
+_LIFT_SLOPE = (3.44, 3.44, 3.44, 3.58, 4.44, 3.44, 3.01, 2.86, 2.44)
+_DRAG = (0.013, 0.013, 0.013, 0.014, 0.031, 0.041, 0.039, 0.036, 0.035)
+_INDUCED = (0.54, 0.54, 0.54, 0.75, 0.79, 0.78, 0.89, 0.93, 0.93)
+_THRUST_MACH = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.2, 1.4, 1.6, 1.8)
+_THRUST_HEIGHT = (0.0, 5e3, 10e3, 15e3, 20e3, 25e3, 30e3, 40e3, 50e3, 70e3)  # ft
+_THRUST = (  # lbf, a row a Mach number
+    (24200, 24000, 20300, 17300, 14500, 12200, 10200, 5700, 3400, 100),
+    (28000, 24600, 21100, 18100, 15200, 12800, 10700, 6500, 3900, 200),
+    (28300, 25200, 21900, 18700, 15900, 13400, 11200, 7300, 4400, 400),
+    (30800, 27200, 23800, 20500, 17300, 14700, 12300, 8100, 4900, 800),
+    (34500, 30300, 26600, 23200, 19800, 16800, 14100, 9400, 5600, 1100),
+    (37900, 34300, 30400, 26800, 23300, 19800, 16800, 11200, 6800, 1400),
+    (36100, 38000, 34900, 31300, 27300, 23600, 20100, 13400, 8300, 1700),
+    (34300, 36600, 38500, 36100, 31600, 28100, 24200, 16200, 10000, 2200),
+    (32500, 35200, 42100, 38700, 35700, 32000, 28100, 19300, 11900, 2900),
+    (30700, 33800, 45700, 41300, 39800, 34600, 31100, 21700, 13300, 3100),
+)
+
+
+def _standard_atmosphere(feet: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Density, slug/ft^3, and speed of sound, ft/s, up to 20 km."""
+    metres = 0.3048 * feet
+    height = metres * 6356766 / (6356766 + metres)
+    temperature = np.maximum(288.15 - 0.0065 * height, 216.65)
+    low = (np.minimum(temperature, 288.15) / 288.15) ** 5.25588
+    high = np.exp(-9.80665 * np.maximum(height - 11000, 0) / (287.053 * 216.65))
+    density = 1.225 * low * high * 288.15 / temperature
+    return density / 515.379, np.sqrt(1.4 * 287.053 * temperature) / 0.3048
+
+
+def climb() -> OptimalControlProblem:
+    """Climb of a supersonic aircraft to 65 600 ft in the shortest time, tables by cubic splines."""
+
+    def spline(name: str, grids: list, values: np.ndarray) -> ca.Function:
+        made = [np.asarray(grid, float).tolist() for grid in grids]
+        return ca.interpolant(name, "bspline", made, np.ravel(values, order="F").tolist())
+
+    heights = np.linspace(0.0, 70000.0, 29)
+    density_table, sound_table = _standard_atmosphere(heights)
+    density = spline("density", [heights], density_table)
+    sound = spline("sound", [heights], sound_table)
+    slope, zero_lift, induced = (
+        spline(name, [_MACH], np.array(table))
+        for name, table in (("slope", _LIFT_SLOPE), ("drag", _DRAG), ("induced", _INDUCED))
+    )
+    push = spline("thrust", [_THRUST_MACH, _THRUST_HEIGHT], np.array(_THRUST))
+
+    problem = OptimalControlProblem("climb")
+    phase = problem.phase("climb", (200.0, 500.0))
+    h = phase.state("h", initial=0.0, final=65600.0, lower=0.0, upper=69000.0, unit="ft")
+    v = phase.state("v", initial=424.26, final=968.148, lower=1.0, upper=2000.0, unit="ft/s")
+    limit = radians(89)
+    path = phase.state("path", initial=0.0, final=0.0, lower=-limit, upper=limit)
+    w = phase.state("w", initial=42000.0, lower=0.0, upper=45000.0, unit="lbf")
+    alpha = phase.control("alpha", lower=-radians(20), upper=radians(20))
+    mach = v / sound(h)
+    thrust = push(ca.vertcat(mach, h))
+    pressure = 0.5 * density(h) * v**2 * 530
+    lift = pressure * slope(mach) * alpha
+    drag = pressure * (zero_lift(mach) + induced(mach) * slope(mach) * alpha**2)
+    r, mu, m = 20902900 + h, 0.14076539e17, w / 32.174
+    phase.derivative(h, v * ca.sin(path))
+    phase.derivative(v, (thrust * ca.cos(alpha) - drag) / m - mu / r**2 * ca.sin(path))
+    phase.derivative(
+        path,
+        (thrust * ca.sin(alpha) + lift) / (m * v) + ca.cos(path) * (v / r - mu / (v * r**2)),
+    )
+    phase.derivative(w, -thrust / 1600)
+    phase.end_cost(phase.duration)
+    return problem
+
+
+def _climb_guess() -> dict[str, Guess]:
+    values = {
+        "h": line(0.0, 65600.0),
+        "v": line(424.26, 968.148),
+        "path": 0.0,
+        "w": 42000.0,
+        "alpha": 0.0,
+    }
+    return {"climb": Guess(300.0, values)}
+
+
+PROBLEMS = (
+    SuiteProblem(
+        missile,
+        kind="state constraint, units",
+        source="Subchan and Żbikowski, Computational Optimal Control (2009); PSOPT example "
+        "missile: 40.91755",
+        published=40.91755,
+        reference=40.91194,
+        tolerance=2e-4,
+        confirmed="fine mesh",
+        guess=_missile_guess,
+    ),
+    SuiteProblem(
+        hang_glider,
+        kind="units",
+        source="COPS 3.0 (Dolan, Moré, Munson 2004), problem 11: 1.25505e3 on coarse meshes; "
+        "Bulirsch et al. 1993: 1248",
+        published=1248.0,
+        reference=1247.9876,
+        tolerance=2e-3,
+        confirmed="fine mesh",
+        sign=-1.0,
+        guess=_hang_glider_guess,
+    ),
+    SuiteProblem(
+        shuttle_reentry,
+        kind="units",
+        source="Betts, Practical Methods (2010), example 6.1: 34.1412 degrees",
+        published=34.1412,
+        tolerance=2e-6,
+        confirmed="fine mesh",
+        sign=-1.0,
+        guess=_shuttle_guess,
+    ),
+    SuiteProblem(
+        orbit_raising,
+        kind="mixed constraint",
+        source="Bryson and Ho, section 2.5; YAPSS example orbit_raising: 1.5252777",
+        published=1.5252777,
+        tolerance=1e-6,
+        confirmed="fine mesh",
+        sign=-1.0,
+        guess=_orbit_raising_guess,
+    ),
+    SuiteProblem(
+        dynamic_soaring,
+        kind="parameters, periodic, units",
+        source="Zhao, Optim. Control Appl. Meth. 25 (2004); YAPSS example dynamic_soaring: "
+        "0.0635869566",
+        published=0.0635869566,
+        tolerance=1e-5,
+        confirmed="fine mesh",
+        guess=_soaring_guess,
+    ),
+    SuiteProblem(
+        delta_launch,
+        kind="phases, units",
+        source="Benson, A Gauss pseudospectral transcription (2004); Betts (2010), example 6.15; "
+        "YAPSS example delta_iii_ascent: 7529.712287",
+        published=7529.712287,
+        tolerance=1e-6,
+        confirmed="fine mesh",
+        sign=-1.0,
+        guess=_delta_guess,
+    ),
+    SuiteProblem(
+        plane_change,
+        kind="state constraint, units",
+        source="Betts, Practical Methods (2010), example 6.5; MAPTOR example: 22043.5079",
+        published=22043.5079,
+        tolerance=1e-6,
+        confirmed="fine mesh",
+        sign=-1.0,
+        guess=_plane_change_guess,
+    ),
+    SuiteProblem(
+        climb,
+        kind="tables, units",
+        source="Bryson, Desai and Hoffman, J. Aircraft 6 (1969); PSOPT example climb: 321.1089, "
+        "YAPSS: 320.45, Betts: 324.975, each with its own interpolation",
+        published=321.1089,
+        tolerance=0.02,
+        confirmed="fine mesh",
+        guess=_climb_guess,
+    ),
+)

@@ -1,0 +1,222 @@
+"""Chemical reactors and fermentors."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import casadi as ca
+
+from benchmarks.suite.problem import SuiteProblem, line
+from microbot_ocp.ocp import Guess, OptimalControlProblem
+
+
+def batch_reactor() -> OptimalControlProblem:
+    """A -> B -> C: most of B after 1 h by the temperature within [298, 398] K."""
+    problem = OptimalControlProblem("batch reactor")
+    phase = problem.phase("batch", 1.0)
+    a = phase.state("a", initial=1.0)
+    b = phase.state("b", initial=0.0)
+    temperature = phase.control("temperature", lower=298.0, upper=398.0, unit="K")
+    first = 4000 * ca.exp(-2500 / temperature)
+    second = 620000 * ca.exp(-5000 / temperature)
+    phase.derivative(a, -first * a**2)
+    phase.derivative(b, first * a**2 - second * b)
+    phase.end_cost(-b)
+    return problem
+
+
+def _batch_reactor_guess() -> dict[str, Guess]:
+    return {"batch": Guess(1.0, {"a": 1.0, "b": 0.0, "temperature": line(398.0, 298.0)})}
+
+
+def stirred_tank() -> OptimalControlProblem:
+    """Luus' first-order exothermic reaction brought to rest; a worse local optimum at 0.2444."""
+    problem = OptimalControlProblem("stirred tank")
+    phase = problem.phase("settle", 0.78)
+    x1 = phase.state("x1", initial=0.09)
+    x2 = phase.state("x2", initial=0.09)
+    u = phase.control("u", lower=0.0, upper=5.0)
+    rate = (x2 + 0.5) * ca.exp(25 * x1 / (x1 + 2))
+    phase.derivative(x1, -2 * (x1 + 0.25) + rate - u * (x1 + 0.25))
+    phase.derivative(x2, 0.5 - x2 - rate)
+    phase.running_cost(x1**2 + x2**2 + 0.1 * u**2)
+    return problem
+
+
+def four_reactions() -> OptimalControlProblem:
+    """Four simultaneous reactions in a stirred tank, four controls: most profit in 0.2."""
+    problem = OptimalControlProblem("four reactions")
+    phase = problem.phase("run", 0.2)
+    starts = (0.1883, 0.2507, 0.0467, 0.0899, 0.1804, 0.1394, 0.1046)
+    x1, x2, x3, x4, x5, x6, x7 = (
+        phase.state(f"x{i + 1}", initial=start) for i, start in enumerate(starts)
+    )
+    u1 = phase.control("u1", lower=0.0, upper=20.0)
+    u2 = phase.control("u2", lower=0.0, upper=6.0)
+    u3 = phase.control("u3", lower=0.0, upper=4.0)
+    u4 = phase.control("u4", lower=0.0, upper=20.0)
+    q = u1 + u2 + u4
+    phase.derivative(x1, u4 - q * x1 - 17.6 * x1 * x2 - 23 * x1 * x6 * u3)
+    phase.derivative(x2, u1 - q * x2 - 17.6 * x1 * x2 - 146 * x2 * x3)
+    phase.derivative(x3, u2 - q * x3 - 73 * x2 * x3)
+    phase.derivative(x4, -q * x4 + 35.2 * x1 * x2 - 51.3 * x4 * x5)
+    phase.derivative(x5, -q * x5 + 219 * x2 * x3 - 51.3 * x4 * x5)
+    phase.derivative(x6, -q * x6 + 102.6 * x4 * x5 - 23 * x1 * x6 * u3)
+    phase.derivative(x7, -q * x7 + 46 * x1 * x6 * u3)
+    profit = 5.8 * (q * x1 - u4) - 3.7 * u1 - 4.1 * u2
+    profit += q * (23 * x4 + 11 * x5 + 28 * x6 + 35 * x7) - 5 * u3**2 - 0.099
+    phase.running_cost(-profit)
+    return problem
+
+
+def ethanol() -> OptimalControlProblem:
+    """Fed-batch fermentation: most ethanol in 63 h, feed within [0, 12] l/h, at most 200 l."""
+    problem = OptimalControlProblem("ethanol")
+    phase = problem.phase("ferment", 63.0)
+    cells = phase.state("cells", initial=1.0, unit="g/l")
+    glucose = phase.state("glucose", initial=150.0, unit="g/l")
+    product = phase.state("product", initial=0.0, unit="g/l")
+    volume = phase.state("volume", initial=10.0, upper=200.0, unit="l")
+    feed = phase.control("feed", lower=0.0, upper=12.0, unit="l/h")
+    growth = 0.408 / (1 + product / 16) * glucose / (0.22 + glucose)
+    making = 1 / (1 + product / 71.5) * glucose / (0.44 + glucose)
+    phase.derivative(cells, growth * cells - feed * cells / volume)
+    phase.derivative(glucose, -10 * growth * cells + feed * (150 - glucose) / volume)
+    phase.derivative(product, making * cells - feed * product / volume)
+    phase.derivative(volume, feed)
+    phase.end_cost(-product * volume)
+    return problem
+
+
+def lee_ramirez() -> OptimalControlProblem:
+    """Induced foreign protein in a fed-batch bioreactor: most after 10 h, two feeds in [0, 1]."""
+    problem = OptimalControlProblem("Lee and Ramirez")
+    phase = problem.phase("grow", 10.0)
+    starts = (1.0, 0.1, 40.0, 0.0, 0.0, 1.0, 0.0)
+    x1, x2, x3, x4, x5, x6, x7 = (
+        phase.state(f"x{i + 1}", initial=start) for i, start in enumerate(starts)
+    )
+    u1 = phase.control("glucose feed", lower=0.0, upper=1.0)
+    u2 = phase.control("inducer feed", lower=0.0, upper=1.0)
+    dilution = (u1 + u2) / x1
+    share = x3 / (14.35 + x3 * (1 + x3 / 111.5))
+    growth = share * (x6 + 0.22 * x7 / (0.22 + x5))
+    making = 0.233 * share * (0.0005 + x5) / (0.022 + x5)
+    shock = 0.09 * x5 / (0.034 + x5)
+    phase.derivative(x1, u1 + u2)
+    phase.derivative(x2, growth * x2 - dilution * x2)
+    phase.derivative(x3, 100 * u1 / x1 - dilution * x3 - growth / 0.51 * x2)
+    phase.derivative(x4, making * x2 - dilution * x4)
+    phase.derivative(x5, 4 * u2 / x1 - dilution * x5)
+    phase.derivative(x6, -shock * x6)
+    phase.derivative(x7, shock * (1 - x7))
+    phase.end_cost(-x1 * x4)
+    return problem
+
+
+def _lee_ramirez_guess() -> dict[str, Guess]:
+    values = {"x1": 1.0, "x2": 0.1, "x3": 40.0, "x4": 0.0, "x5": 0.0, "x6": 1.0, "x7": 0.0}
+    rising = line(0.0, 1 / 3)
+    return {"grow": Guess(10.0, {**values, "glucose feed": rising, "inducer feed": rising})}
+
+
+# measured fractions of gas oil and gasoline, COPS 3.0
+_TIMES = (
+    0.0, 0.025, 0.05, 0.075, 0.1, 0.125, 0.15, 0.175, 0.2, 0.225, 0.25,
+    0.3, 0.35, 0.4, 0.45, 0.5, 0.55, 0.65, 0.75, 0.85, 0.95,
+)  # fmt: skip
+_OIL = (
+    1.0, 0.8105, 0.6208, 0.5258, 0.4345, 0.3903, 0.3342, 0.3034, 0.2735, 0.2405, 0.2283,
+    0.2071, 0.1669, 0.153, 0.1339, 0.1265, 0.12, 0.099, 0.087, 0.077, 0.069,
+)  # fmt: skip
+_GASOLINE = (
+    0.0, 0.2, 0.2886, 0.301, 0.3215, 0.3123, 0.2716, 0.2551, 0.2258, 0.1959, 0.1789,
+    0.1457, 0.1198, 0.0909, 0.0719, 0.0561, 0.046, 0.028, 0.019, 0.014, 0.01,
+)  # fmt: skip
+
+
+def cracking() -> OptimalControlProblem:
+    """Catalytic cracking of gas oil: three rates from 21 measurements, a phase between each two.
+
+    The rates are states that do not change.
+    """
+    problem = OptimalControlProblem("catalytic cracking")
+    before = None
+    for k, (begin, end) in enumerate(pairwise(_TIMES)):
+        phase = problem.phase(f"until {end}", end - begin)
+        oil = phase.state("oil", initial=_OIL[0] if k == 0 else None, lower=0.0, upper=2.0)
+        gasoline = phase.state(
+            "gasoline", initial=_GASOLINE[0] if k == 0 else None, lower=0.0, upper=2.0
+        )
+        a, b, c = (phase.state(f"rate {i}", lower=0.0, upper=20.0) for i in (1, 2, 3))
+        phase.derivative(oil, -(a + c) * oil**2)
+        phase.derivative(gasoline, a * oil**2 - b * gasoline)
+        for rate in (a, b, c):
+            phase.derivative(rate, ca.MX(0))
+        phase.end_cost((oil - _OIL[k + 1]) ** 2 + (gasoline - _GASOLINE[k + 1]) ** 2)
+        if before is not None:
+            problem.link(before, phase)
+        before = phase
+    return problem
+
+
+FINE = "fine mesh"
+
+PROBLEMS = (
+    SuiteProblem(
+        batch_reactor,
+        kind="units",
+        source="DYNOPT user's guide 4.1, example 6; PROPT guide, section 13: 0.6107994",
+        published=0.6107994,
+        tolerance=1e-5,
+        confirmed=FINE,
+        sign=-1.0,
+        guess=_batch_reactor_guess,
+    ),
+    SuiteProblem(
+        stirred_tank,
+        kind="local optima",
+        source="Luus and Cormack, Can. J. Chem. Eng. 50 (1972); Luus (2000): 0.133094",
+        published=0.133094,
+        tolerance=2e-5,
+        confirmed=FINE,
+    ),
+    SuiteProblem(
+        four_reactions,
+        kind="bang-singular",
+        source="Luus, Int. J. Control 51 (1990): 21.757, controls constant on 20 stages",
+        published=21.757,
+        tolerance=4e-3,
+        confirmed=FINE,
+        reference=21.8245,
+        sign=-1.0,
+    ),
+    SuiteProblem(
+        ethanol,
+        kind="bang-singular, units",
+        source="Chen and Hwang, Ind. Eng. Chem. Res. 29 (1990); Luus (1993): 20841",
+        published=20841.0,
+        tolerance=5e-4,
+        confirmed=FINE,
+        sign=-1.0,
+    ),
+    SuiteProblem(
+        lee_ramirez,
+        kind="flat optimum",
+        source="Lee and Ramirez, AIChE J. 40 (1994); PSOPT example bioreactor: 6.163913, with a "
+        "small cost on the rates of the controls",
+        published=6.163913,
+        tolerance=2e-3,
+        confirmed=FINE,
+        sign=-1.0,
+        guess=_lee_ramirez_guess,
+    ),
+    SuiteProblem(
+        cracking,
+        kind="parameters, phases",
+        source="COPS 3.0 (Dolan, Moré, Munson 2004), problem 13: 5.23664e-3; PSOPT: 5.228971e-3",
+        published=5.23664e-3,
+        tolerance=2e-3,
+        confirmed=FINE,
+    ),
+)

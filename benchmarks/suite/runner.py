@@ -1,0 +1,170 @@
+"""Every problem in child processes, and the table of what came of it.
+
+    python -m benchmarks suite [--only NAME ...] [--ways solve refined peer] [--scheme SCHEME]
+        [--mesh INTERVALS] [--limit SECONDS] [--jobs N] [--json FILE]
+
+Errors are relative to the optimum that the table of problems knows. An answer counts as met when
+it is within 0.1 %, whatever its status; as a wrong success when it is reported as solved and is
+not; what uses its limit of processor time is ended and counts as a timeout.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+from benchmarks.suite.child import WAYS
+from benchmarks.suite.problem import SuiteProblem
+from benchmarks.suite.table import BY_NAME, PROBLEMS
+
+MET = 1e-3  # relative
+PATIENCE = 10  # wall time that a child may take, in limits of processor time
+TIMEOUT = "TIMEOUT"
+Result = Mapping[str, Any]
+
+
+def run_child(name: str, way: str, options: argparse.Namespace) -> Result:
+    """One problem in one way; an end without an answer is a status."""
+    command = [sys.executable, "-m", "benchmarks.suite.child", name, way]
+    command += ["--limit", str(options.limit)]
+    if way != "peer" and options.scheme:
+        command += ["--scheme", options.scheme]
+    if options.mesh:
+        command += ["--mesh", str(options.mesh)]
+    single = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    with subprocess.Popen(
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, **single},
+    ) as child:
+        try:
+            said, complaint = child.communicate(timeout=PATIENCE * options.limit)
+        except subprocess.TimeoutExpired:
+            child.kill()
+            child.communicate()
+            return _nothing(TIMEOUT, options.limit)
+    if child.returncode in (-signal.SIGXCPU, -signal.SIGKILL):
+        return _nothing(TIMEOUT, options.limit)
+    lines = [line for line in said.splitlines() if line.startswith("{")]
+    if child.returncode or not lines:
+        last = complaint.strip().splitlines()[-1:] or [""]
+        return _nothing(f"ended with {child.returncode}: {last[0]}", 0.0)
+    return json.loads(lines[-1])
+
+
+def _nothing(status: str, seconds: float) -> Result:
+    return {"cost": None, "solved": False, "status": status, "iterations": 0, "seconds": seconds}
+
+
+def error(problem: SuiteProblem, result: Result) -> float | None:
+    """Relative error; None where there is no number."""
+    cost = result["cost"]
+    return None if cost is None or cost != cost else problem.error(cost)
+
+
+def met(problem: SuiteProblem, result: Result) -> bool:
+    off = error(problem, result)
+    return off is not None and off <= MET
+
+
+def verdict(problem: SuiteProblem, result: Result) -> str:
+    """One cell: error, status where it is not solved, a mark where a success is wrong."""
+    off = error(problem, result)
+    number = "" if off is None else f"{off:.1e}"
+    if result["solved"]:
+        return number if met(problem, result) else f"{number} WRONG"
+    return f"{number} {result['status']}".strip()
+
+
+def cells(problem: SuiteProblem, way: str, result: Result) -> list[str]:
+    """The cells of one way: value, verdict, iterations, time."""
+    cost = result["cost"]
+    value = "" if cost is None else f"{problem.sign * cost:.7g}"
+    seconds = f"{result['seconds']:.1f} s"
+    found = [value, verdict(problem, result)[:40], str(result["iterations"]), seconds]
+    return found[1:] if way == "peer" else found
+
+
+HEADS = {
+    "solve": ["solve", "error", "iterations", "time"],
+    "refined": ["refined", "error", "iterations", "time"],
+    "peer": ["Opti, error", "iterations", "time"],
+}
+WIDTHS = {"solve": [13, 28, 6, 8], "refined": [13, 28, 6, 8], "peer": [28, 6, 8]}
+
+
+def as_lines(rows: Iterable[tuple[SuiteProblem, Mapping[str, Result]]], ways: Iterable[str]):
+    """The table in plain text, a line at a time."""
+    ways = tuple(ways)
+    yield _aligned(["problem", "optimum"], [c for w in ways for c in HEADS[w]], ways)
+    for problem, results in rows:
+        found = [c for way in ways for c in cells(problem, way, results[way])]
+        yield _aligned([problem.name, f"{problem.optimum:.9g}"], found, ways)
+
+
+def _aligned(first: list[str], rest: list[str], ways: tuple[str, ...]) -> str:
+    widths = [w for way in ways for w in WIDTHS[way]]
+    padded = [cell.ljust(w) for cell, w in zip(rest, widths, strict=True)]
+    return f"{first[0]:28s} {first[1]:13s} " + " ".join(padded).rstrip()
+
+
+def counts(table: Mapping[str, Mapping[str, Result]], way: str) -> str:
+    """The last line for one way."""
+    found = [(BY_NAME[name], results[way]) for name, results in table.items()]
+    good = sum(met(p, r) for p, r in found)
+    sure = sum(met(p, r) and r["solved"] for p, r in found)
+    wrong = sum(r["solved"] and not met(p, r) for p, r in found)
+    stopped = sum(r["status"] == TIMEOUT for _, r in found)
+    name = {"solve": "ocp.solve", "refined": "solve_refined", "peer": "Opti"}[way]
+    return (
+        f"{name}: {good} of {len(found)} within 0.1 % ({sure} of them reported as solved), "
+        f"{wrong} wrong successes, {stopped} timeouts"
+    )
+
+
+def main(arguments: list[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks suite", description=__doc__.splitlines()[0]
+    )
+    parser.add_argument("--only", nargs="+", metavar="NAME", choices=sorted(BY_NAME))
+    parser.add_argument("--ways", nargs="+", choices=WAYS, default=list(WAYS))
+    parser.add_argument("--scheme", help="of ocp.solve and solve_refined; default: theirs")
+    parser.add_argument("--mesh", type=int, help="intervals a phase; default: theirs, Opti 50")
+    parser.add_argument("--limit", type=int, default=60, help="processor time of a child, s")
+    parser.add_argument("--jobs", type=int, default=2, help="children at once")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="everything that was found")
+    options = parser.parse_args(arguments)
+    chosen = [p for p in PROBLEMS if not options.only or p.name in options.only]
+    table: dict[str, dict[str, Result]] = {}
+    with ThreadPoolExecutor(options.jobs) as pool:
+        waiting = {
+            p.name: {w: pool.submit(run_child, p.name, w, options) for w in options.ways}
+            for p in chosen
+        }
+
+        def rows():
+            for p in chosen:
+                table[p.name] = {w: job.result() for w, job in waiting[p.name].items()}
+                if options.json is not None:
+                    options.json.write_text(json.dumps(table, indent=1))
+                yield p, table[p.name]
+
+        for text in as_lines(rows(), options.ways):
+            print(text, flush=True)
+    print()
+    for way in options.ways:
+        print(counts(table, way))
+
+
+if __name__ == "__main__":
+    main()

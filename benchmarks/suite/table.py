@@ -1,0 +1,27 @@
+"""All problems of the suite."""
+
+from __future__ import annotations
+
+from benchmarks.suite import (
+    algebraic,
+    biology,
+    constrained,
+    flight,
+    mechanisms,
+    reactors,
+    singular,
+    textbook,
+)
+from benchmarks.suite.problem import SuiteProblem
+
+PROBLEMS: tuple[SuiteProblem, ...] = (
+    *textbook.PROBLEMS,
+    *singular.PROBLEMS,
+    *constrained.PROBLEMS,
+    *reactors.PROBLEMS,
+    *biology.PROBLEMS,
+    *mechanisms.PROBLEMS,
+    *flight.PROBLEMS,
+    *algebraic.PROBLEMS,
+)
+BY_NAME = {problem.name: problem for problem in PROBLEMS}

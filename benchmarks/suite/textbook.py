@@ -1,0 +1,482 @@
+"""Small problems of textbooks, most with a closed form."""
+
+from __future__ import annotations
+
+from cmath import exp, phase
+from math import cosh, pi, sinh, sqrt
+
+import casadi as ca
+import numpy as np
+
+from benchmarks.suite.problem import SuiteProblem
+from microbot_ocp.ocp import Guess, OptimalControlProblem, Phase
+
+
+def oscillator_in_least_time() -> OptimalControlProblem:
+    """A harmonic oscillator brought to rest from 9 in the shortest time, |u| <= 1: six arcs."""
+    problem = OptimalControlProblem("harmonic oscillator")
+    phase = problem.phase("calm", (1.0, 100.0))
+    x = phase.state("x", initial=9.0, final=0.0)
+    v = phase.state("v", initial=0.0, final=0.0)
+    u = phase.control("u", lower=-1.0, upper=1.0)
+    phase.derivative(x, v)
+    phase.derivative(v, u - x)
+    phase.end_cost(phase.duration)
+    return problem
+
+
+def _oscillator_time() -> float:
+    """Backwards from rest: part of a turn about 1, four half turns about -1 and 1 in turn, and the
+    rest of a turn about -1, on circles of the phase plane; the first part is found by bisection."""
+
+    def before(first: float) -> complex:
+        z = 1 - exp(1j * first)
+        for centre in (-1, 1, -1, 1):
+            z = 2 * centre - z
+        return z
+
+    low, high = 0.0, pi
+    for _ in range(100):
+        middle = (low + high) / 2
+        low, high = (middle, high) if abs(before(middle) + 1) < 10 else (low, middle)
+    rest = -phase(before(low) + 1)
+    return low + 4 * pi + rest % (2 * pi)
+
+
+def least_fuel() -> OptimalControlProblem:
+    """1 m from rest to rest in 3 s with the least integral of |u|, |u| <= 1."""
+    problem = OptimalControlProblem("least fuel")
+    phase = problem.phase("move", 3.0)
+    x = phase.state("x", initial=0.0, final=1.0, unit="m")
+    v = phase.state("v", initial=0.0, final=0.0, unit="m/s")
+    forward = phase.control("forward", lower=0.0, upper=1.0)
+    back = phase.control("back", lower=0.0, upper=1.0)
+    phase.derivative(x, v)
+    phase.derivative(v, forward - back)
+    phase.running_cost(forward + back)
+    return problem
+
+
+def two_sided_effort() -> OptimalControlProblem:
+    """x' = -x - a + b from -1 to 0 in 1 s with the least integral of (a + b)^2, a and b >= 0."""
+    problem = OptimalControlProblem("two-sided effort")
+    phase = problem.phase("rise", 1.0)
+    x = phase.state("x", initial=-1.0, final=0.0)
+    a = phase.control("a", lower=0.0)
+    b = phase.control("b", lower=0.0)
+    phase.derivative(x, -x - a + b)
+    phase.running_cost((a + b) ** 2)
+    return problem
+
+
+def neuenhofen_kerrigan() -> OptimalControlProblem:
+    """Least integral of y^2 + u cos t, y' = y^2/2 + u, on [0, pi/2]."""
+    problem = OptimalControlProblem("Neuenhofen and Kerrigan")
+    phase = problem.phase("only", pi / 2)
+    y = phase.state("y", initial=0.0)
+    u = phase.control("u", lower=-1.5, upper=1.0)
+    phase.derivative(y, y**2 / 2 + u)
+    phase.running_cost(y**2 + ca.cos(phase.time) * u)
+    return problem
+
+
+def _neuenhofen_kerrigan_optimum() -> float:
+    node, weight = np.polynomial.legendre.leggauss(60)
+    t = (node + 1) * pi / 4
+    y = -np.sin(t) / (2 - np.cos(t))
+    u = 0.5 - 1.5 / (np.cos(t) - 2) ** 2
+    return float(pi / 4 * weight @ (y**2 + np.cos(t) * u))
+
+
+def farthest_flight() -> OptimalControlProblem:
+    """Farthest in 2 s from rest, thrust direction (u1, u2) of unit length, half of gravity."""
+    problem = OptimalControlProblem("maximum range")
+    phase = problem.phase("fly", 2.0)
+    x = phase.state("x", initial=0.0, lower=-10.0, upper=10.0)
+    y = phase.state("y", initial=0.0, final=0.1, lower=-10.0, upper=10.0)
+    v = phase.state("v", initial=0.0, lower=-10.0, upper=10.0)
+    along = phase.control("along", lower=-10.0, upper=10.0)
+    up = phase.control("up", lower=-10.0, upper=10.0)
+    phase.derivative(x, v * along)
+    phase.derivative(y, v * up)
+    phase.derivative(v, 0.5 - up)
+    phase.constraint("direction", along**2 + up**2, 1.0, 1.0)
+    phase.end_cost(-x)
+    return problem
+
+
+def _farthest_flight_guess() -> dict[str, Guess]:
+    return {"fly": Guess(2.0, {"x": 0.0, "y": 0.0, "v": 0.0, "along": 1.0, "up": 0.0})}
+
+
+def isoperimetric() -> OptimalControlProblem:
+    """Least integral of x with x' = -sin x + u from 1 to 0, the integral of u^2 being 10."""
+    problem = OptimalControlProblem("isoperimetric")
+    phase = problem.phase("only", 1.0)
+    x = phase.state("x", initial=1.0, final=0.0, lower=-10.0, upper=10.0)
+    spent = phase.state("spent", initial=0.0, final=10.0)
+    u = phase.control("u", lower=-4.0, upper=4.0)
+    phase.derivative(x, -ca.sin(x) + u)
+    phase.derivative(spent, u**2)
+    phase.running_cost(x)
+    return problem
+
+
+def interior_point() -> OptimalControlProblem:
+    """Least integral of x^2 + u^2 from 1 to 0.75 in 1 s by way of 0.9 at 0.75 s."""
+    problem = OptimalControlProblem("interior point")
+    phases = []
+    for name, duration, start, end in (("first", 0.75, 1.0, 0.9), ("last", 0.25, None, 0.75)):
+        phase = problem.phase(name, duration)
+        x = phase.state("x", initial=start, final=end, lower=-1.0, upper=1.0)
+        u = phase.control("u", lower=-1.0, upper=1.0)
+        phase.derivative(x, u)
+        phase.running_cost(x**2 + u**2)
+        phases.append(phase)
+    problem.link(*phases)
+    return problem
+
+
+def _interior_point_optimum() -> float:
+    def arc(a: float, b: float, duration: float) -> float:
+        return ((a**2 + b**2) * cosh(duration) - 2 * a * b) / sinh(duration)
+
+    return arc(1.0, 0.9, 0.75) + arc(0.9, 0.75, 0.25)
+
+
+def van_der_pol_free_end() -> OptimalControlProblem:
+    """Half the least integral of x1^2 + x2^2 + u^2 of the van der Pol oscillator in 2 s."""
+    problem = OptimalControlProblem("van der Pol, free end")
+    phase = problem.phase("calm", 2.0)
+    x = phase.state("x", initial=1.0)
+    v = phase.state("v", initial=0.0)
+    u = phase.control("u")
+    phase.derivative(x, v)
+    phase.derivative(v, (1 - x**2) * v - x + u)
+    phase.running_cost(0.5 * (x**2 + v**2 + u**2))
+    return problem
+
+
+def _rayleigh(name: str, duration: float) -> tuple[OptimalControlProblem, Phase, ca.MX, ca.MX]:
+    problem = OptimalControlProblem(name)
+    phase = problem.phase("calm", duration)
+    x = phase.state("x", initial=-5.0)
+    v = phase.state("v", initial=-5.0)
+    u = phase.control("u")
+    phase.derivative(x, v)
+    phase.derivative(v, -x + v * (1.4 - 0.14 * v**2) + 4 * u)
+    phase.running_cost(u**2 + x**2)
+    return problem, phase, x, u
+
+
+def rayleigh() -> OptimalControlProblem:
+    """Least integral of u^2 + x^2 of the Rayleigh equation (a tunnel diode) in 2.5 s."""
+    return _rayleigh("Rayleigh", 2.5)[0]
+
+
+def rayleigh_mixed() -> OptimalControlProblem:
+    """The same in 4.5 s with the mixed constraint u + x/6 <= 0."""
+    problem, phase, x, u = _rayleigh("Rayleigh, mixed constraint", 4.5)
+    phase.constraint("mixed", u + x / 6, upper=0.0)
+    return problem
+
+
+def dubins_car() -> OptimalControlProblem:
+    """Shortest way of a car of unit speed and turning radius from (0, 0), heading along x, to
+    (4, 4), heading along y."""
+    problem = OptimalControlProblem("Dubins car")
+    phase = problem.phase("drive", (1.0, 20.0))
+    x = phase.state("x", initial=0.0, final=4.0)
+    y = phase.state("y", initial=0.0, final=4.0)
+    heading = phase.state("heading", initial=0.0, final=pi / 2)
+    turn = phase.control("turn", lower=-1.0, upper=1.0)
+    phase.derivative(x, ca.cos(heading))
+    phase.derivative(y, ca.sin(heading))
+    phase.derivative(heading, turn)
+    phase.end_cost(phase.duration)
+    return problem
+
+
+def _dubins_length() -> float:
+    """Left, straight, left: between circles about (0, 1) and (3, 4), the turns add to pi/2."""
+    return pi / 2 + sqrt(3**2 + 3**2)
+
+
+def zermelo_constant_current() -> OptimalControlProblem:
+    """Shortest crossing to (10, 5) at speed 2 in the current (0.5, -1)."""
+    problem = OptimalControlProblem("Zermelo, constant current")
+    phase = problem.phase("sail", (1.0, 50.0))
+    x = phase.state("x", initial=0.0, final=10.0)
+    y = phase.state("y", initial=0.0, final=5.0)
+    heading = phase.control("heading", lower=-pi, upper=pi)
+    phase.derivative(x, 2 * ca.cos(heading) + 0.5)
+    phase.derivative(y, 2 * ca.sin(heading) - 1)
+    phase.end_cost(phase.duration)
+    return problem
+
+
+def _crossing_time() -> float:
+    """The distance left after drifting for T is 2 T: a quadratic equation."""
+    a, b, c = 0.5**2 + 1 - 4, -2 * (10 * 0.5 - 5), 10**2 + 5**2
+    return (-b - sqrt(b**2 - 4 * a * c)) / (2 * a)
+
+
+def lunar_ascent() -> OptimalControlProblem:
+    """Shortest ascent from the moon's surface to 185.2 km at 1627 m/s, flat moon, constant
+    acceleration of 3 lunar gravities."""
+    gravity, height, speed = 1.61544, 185200.0, 1627.0
+    problem = OptimalControlProblem("lunar ascent")
+    phase = problem.phase("climb", (10.0, 1000.0))
+    x = phase.state("x", initial=0.0, unit="m")
+    y = phase.state("y", initial=0.0, final=height, unit="m")
+    vx = phase.state("vx", initial=0.0, final=speed, unit="m/s")
+    vy = phase.state("vy", initial=0.0, final=0.0, unit="m/s")
+    angle = phase.control("angle", lower=-pi / 2, upper=pi / 2, unit="rad")
+    phase.derivative(x, vx)
+    phase.derivative(y, vy)
+    phase.derivative(vx, 3 * gravity * ca.cos(angle))
+    phase.derivative(vy, 3 * gravity * ca.sin(angle) - gravity)
+    phase.end_cost(phase.duration)
+    return problem
+
+
+def _lunar_ascent_time() -> float:
+    """tan(angle) = a - b t; the three end conditions by Newton's method and quadrature."""
+    from scipy.optimize import fsolve
+
+    gravity, height, speed = 1.61544, 185200.0, 1627.0
+    node, weight = np.polynomial.legendre.leggauss(80)
+    s = (node + 1) / 2
+
+    def left(unknowns: np.ndarray) -> np.ndarray:
+        a, b, duration = unknowns
+        tangent = a - b * s
+        along = 1 / np.sqrt(1 + tangent**2)
+        up = tangent * along
+        mean = lambda values: float(weight @ values / 2)  # noqa: E731
+        return np.array(
+            [
+                3 * gravity * duration * mean(along) / speed - 1,
+                (3 * mean(up) - 1),
+                duration**2 * gravity * (3 * mean((1 - s) * up) - 0.5) / height - 1,
+            ]
+        )
+
+    return float(fsolve(left, [2.0, 2.0, 480.0], xtol=1e-13)[2])
+
+
+def hypersensitive() -> OptimalControlProblem:
+    """Half the least integral of x^2 + u^2, x' = -x^3 + u, from 1.5 to 1 in 50 s."""
+    return _hypersensitive(50.0, 1.5, 1.0)
+
+
+def hypersensitive_long() -> OptimalControlProblem:
+    """The same from 1 to 1.5 in 10 000 s."""
+    return _hypersensitive(10000.0, 1.0, 1.5)
+
+
+def _hypersensitive(duration: float, start: float, end: float) -> OptimalControlProblem:
+    problem = OptimalControlProblem("hypersensitive")
+    phase = problem.phase("only", duration)
+    x = phase.state("x", initial=start, final=end)
+    u = phase.control("u")
+    phase.derivative(x, -(x**3) + u)
+    phase.running_cost(0.5 * (x**2 + u**2))
+    return problem
+
+
+def _hypersensitive_optimum(start: float, end: float) -> float:
+    """To rest at zero and from there: the values of the two Hamilton-Jacobi equations.
+
+    x^2/2 - x^3 p - p^2/2 = 0 of the costate p leaves p = -x^3 +- x sqrt(1 + x^4); the time between
+    is long enough that nothing of it is seen.
+    """
+    node, weight = np.polynomial.legendre.leggauss(60)
+
+    def value(x: float, sign: float) -> float:
+        s = (node + 1) * x / 2
+        return float(x / 2 * weight @ (sign * s**3 + s * np.sqrt(1 + s**4)))
+
+    return value(start, -1.0) + value(end, 1.0)
+
+
+def moon_landing() -> OptimalControlProblem:
+    """Soft landing with the least integral of thrust, lunar units, thrust within [0, 1.227]."""
+    problem = OptimalControlProblem("moon landing")
+    phase = problem.phase("descend", (0.1, 10.0))
+    h = phase.state("h", initial=1.0, final=0.0, lower=-20.0, upper=20.0)
+    v = phase.state("v", initial=-0.783, final=0.0, lower=-20.0, upper=20.0)
+    m = phase.state("m", initial=1.0, lower=0.01, upper=1.0)
+    thrust = phase.control("thrust", lower=0.0, upper=1.227)
+    phase.derivative(h, v)
+    phase.derivative(v, -1 + thrust / m)
+    phase.derivative(m, -thrust / 2.349)
+    phase.running_cost(thrust)
+    return problem
+
+
+def _moon_landing_optimum() -> float:
+    """Free fall, then full thrust: closed forms of the rocket equation, two unknown durations."""
+    from scipy.optimize import fsolve
+
+    thrust, exhaust = 1.227, 2.349
+
+    def left(durations: np.ndarray) -> list[float]:
+        fall, burn = durations
+        h, v = 1 - 0.783 * fall - fall**2 / 2, -0.783 - fall
+        rest = 1 - thrust / exhaust * burn  # of the mass
+        logarithm = float(np.log(rest))
+        flown = exhaust * (exhaust / thrust) * (rest * logarithm - rest + 1)
+        return [v - burn - exhaust * logarithm, h + v * burn - burn**2 / 2 + flown]
+
+    return thrust * float(fsolve(left, [0.3, 1.1], xtol=1e-13)[1])
+
+
+BRYSON_HO = "Bryson and Ho, Applied Optimal Control (1975), "
+PSOPT = "Becerra, PSOPT application examples (release 5), "
+CTDIRECT = "CTDirect.jl test problems (control-toolbox), "
+CLOSED = "closed form"
+FINE = "fine mesh"
+
+PROBLEMS = (
+    SuiteProblem(
+        oscillator_in_least_time,
+        kind="bang-bang",
+        source="Bushaw 1952; Pontryagin et al. 1962, section 5; six arcs of circles",
+        published=_oscillator_time(),
+        tolerance=1e-9,
+        confirmed=CLOSED,
+    ),
+    SuiteProblem(
+        least_fuel,
+        kind="bang-bang",
+        source="Kirk, Optimal Control Theory (1970), section 5.5; closed form T - sqrt(T^2 - 4 d)",
+        published=3 - sqrt(5),
+        tolerance=1e-9,
+        confirmed=CLOSED,
+    ),
+    SuiteProblem(
+        two_sided_effort,
+        kind="smooth",
+        source=CTDIRECT + "simple_integrator: 3.13e-1",
+        published=0.313,
+        tolerance=2e-3,
+        reference=2 / (float(np.exp(2.0)) - 1),
+        confirmed=CLOSED,
+    ),
+    SuiteProblem(
+        neuenhofen_kerrigan,
+        kind="smooth",
+        source="Neuenhofen and Kerrigan, CDC 2020; PSOPT example x1: -0.256996962561",
+        published=-0.256996962561,
+        tolerance=1e-11,
+        reference=_neuenhofen_kerrigan_optimum(),
+        confirmed=CLOSED,
+    ),
+    SuiteProblem(
+        farthest_flight,
+        kind="mixed constraint",
+        source=PSOPT + "section 5 (Bryson, Dynamic Optimization, 1999): -1.712313",
+        published=1.712313,
+        tolerance=1e-5,
+        confirmed=FINE,
+        sign=-1.0,
+        guess=_farthest_flight_guess,
+    ),
+    SuiteProblem(
+        isoperimetric,
+        kind="integral constraint",
+        source=PSOPT + "isoperimetric: -0.3755057",
+        published=-0.3755057,
+        tolerance=1e-5,
+        confirmed=FINE,
+    ),
+    SuiteProblem(
+        interior_point,
+        kind="phases",
+        source=PSOPT + "section 6 (Miele): 0.9205314",
+        published=0.9205314,
+        tolerance=1e-7,
+        reference=_interior_point_optimum(),
+        confirmed=CLOSED,
+    ),
+    SuiteProblem(
+        van_der_pol_free_end,
+        kind="smooth",
+        source=CTDIRECT + "vanderpol (Bocop): 1.047921",
+        published=1.047921,
+        tolerance=2e-4,
+        confirmed=FINE,
+        reference=1.04780691,
+    ),
+    SuiteProblem(
+        rayleigh,
+        kind="smooth",
+        source="Maurer and Augustin, in Online Optimization of Large Scale Systems (2001): 29.3760",
+        published=29.3760,
+        tolerance=2e-5,
+        confirmed=FINE,
+    ),
+    SuiteProblem(
+        rayleigh_mixed,
+        kind="mixed constraint",
+        source=PSOPT + "rayleigh: 44.77625 on 80 nodes",
+        published=44.77625,
+        tolerance=7e-4,
+        confirmed=FINE,
+        reference=44.804444,
+    ),
+    SuiteProblem(
+        dubins_car,
+        kind="bang-singular",
+        source="Dubins, Am. J. Math. 79 (1957): left, straight, left",
+        published=_dubins_length(),
+        tolerance=1e-9,
+        confirmed=CLOSED,
+    ),
+    SuiteProblem(
+        zermelo_constant_current,
+        kind="smooth",
+        source=BRYSON_HO + "section 2.7; closed form, a straight course",
+        published=_crossing_time(),
+        tolerance=1e-9,
+        confirmed=CLOSED,
+    ),
+    SuiteProblem(
+        lunar_ascent,
+        kind="units",
+        source="Longuski, Guzmán and Prussing, Optimal Control with Aerospace Applications (2014), "
+        "section 4.5; dymos example moon ascent: 481.8 s; linear tangent law by quadrature",
+        published=481.8,
+        tolerance=5e-4,
+        reference=_lunar_ascent_time(),
+        confirmed=CLOSED,
+    ),
+    SuiteProblem(
+        hypersensitive,
+        kind="stiff, unstable",
+        source=PSOPT + "hypersensitive (Rao and Mease 2000): 1.330826",
+        published=1.330826,
+        tolerance=2e-5,
+        reference=_hypersensitive_optimum(1.5, 1.0),
+        confirmed=CLOSED,
+    ),
+    SuiteProblem(
+        hypersensitive_long,
+        kind="stiff, unstable",
+        source="Rao and Mease, Optim. Control Appl. Meth. 21 (2000); GPOPS-II (Patterson and Rao, "
+        "ACM TOMS 41, 2014) with t_f = 10000; value by quadrature",
+        published=_hypersensitive_optimum(1.0, 1.5),
+        tolerance=1e-9,
+        confirmed=CLOSED,
+    ),
+    SuiteProblem(
+        moon_landing,
+        kind="bang-bang",
+        source="PSOPT example moon (Meditch 1964): 1.4204",
+        published=1.4204,
+        tolerance=7e-5,
+        reference=_moon_landing_optimum(),
+        confirmed=CLOSED,
+    ),
+)
