@@ -2,6 +2,7 @@
 # make test   the whole test suite                     make clean  remove all that make made
 # make bench  speed ratios against peers               make docs   the documentation, into out/docs
 # make figures, make screenshots   figures of the documentation, pictures of recordings: docs/images
+# make suite  published problems by the defaults       (docs/suite.md)
 # Everything is installed by pip, from the index it is configured for, into .venv.
 
 SHELL := /bin/bash
@@ -16,10 +17,10 @@ PIP := PIP_DISABLE_PIP_VERSION_CHECK=1 $(BIN)/python -m pip install -qq
 OUT := out/demo
 SITE := out/docs
 
-.PHONY: help demo test test-environment bench docs figures screenshots lint clean
+.PHONY: help demo test test-environment bench suite docs figures screenshots lint clean
 
 help:
-	@sed -n 's/^# \{0,1\}//p' Makefile | head -5
+	@sed -n 's/^# \{0,1\}//p' Makefile | head -6
 
 # A stamp newer than pyproject.toml means that its packages are installed.
 $(VENV)/.made:
@@ -61,6 +62,9 @@ test: test-environment
 
 bench: $(VENV)/.ready-bench
 	@$(BIN)/python -m benchmarks
+
+suite: $(VENV)/.ready
+	@$(BIN)/python -m benchmarks suite
 
 docs: $(VENV)/.ready-docs
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build

@@ -38,9 +38,12 @@ def solve_by_opti(
     *,
     degree: int = 3,
     options: Mapping[str, object] | None = None,
-    dense: Array | None = None,
+    mesh: Array | None = None,
+    scaled: bool = False,
 ) -> PeerResult:
-    """Transcribe on an even mesh, or on fractions ``dense``, and solve.
+    """Transcribe on an even mesh, or on fractions ``mesh`` [N+1] of every phase, and solve.
+
+    Where ``scaled`` is set, variables and dynamics are divided by the size of the guess.
 
     Raises
     ------
@@ -50,8 +53,10 @@ def solve_by_opti(
     begin = time.perf_counter()
     guesses = {**default_guess(problem), **(guess or {})}
     opti = ca.Opti()
-    mesh = np.linspace(0.0, 1.0, intervals + 1) if dense is None else dense
-    parts = [_Part(opti, phase, mesh, degree, guesses[phase.name]) for phase in problem.phases]
+    mesh = np.linspace(0.0, 1.0, intervals + 1) if mesh is None else mesh
+    parts = [
+        _Part(opti, phase, mesh, degree, guesses[phase.name], scaled) for phase in problem.phases
+    ]
     for link, before, after in zip(problem.links, parts[:-1], parts[1:], strict=True):
         for name in link.names:
             if name in before.rows and name in after.rows:
@@ -83,7 +88,15 @@ def solve_by_opti(
 class _Part:
     """The variables and constraints of one phase."""
 
-    def __init__(self, opti: ca.Opti, phase: Phase, mesh: Array, degree: int, guess: Guess) -> None:
+    def __init__(
+        self,
+        opti: ca.Opti,
+        phase: Phase,
+        mesh: Array,
+        degree: int,
+        guess: Guess,
+        scaled: bool,
+    ) -> None:
         if any(c.rate is not None and _uses(phase, c.rate) for c in phase.controls):
             raise NotImplementedError("rates of linear controls")
         self.opti, self.phase, self.mesh, self.degree = opti, phase, mesh, degree
@@ -104,9 +117,27 @@ class _Part:
             self.duration = opti.variable()
             opti.subject_to(opti.bounded(low, self.duration, high))
             opti.set_initial(self.duration, guess.duration)
+        self.scale = self._scale(guess) if scaled else np.ones(size)
         self._bound()
         self.cost = self._collocate(points, steps)
         self._start(guess)
+
+    def _scale(self, guess: Guess) -> Array:
+        """Powers of ten near the largest guess of every variable; returns those of the states."""
+        phase, found = self.phase, []
+        kinds = ((phase.states, self.x), (phase.controls, self.u), (phase.algebraics, self.z))
+        for declared, table in kinds:
+            scales = [np.zeros(0)]
+            for variable in declared:
+                value = guess.values.get(variable.name, 0.0)
+                size = np.abs(_sampled(value, variable.size, self.places)).max()
+                power = 10.0 ** np.round(np.log10(size)) if size > 0 else 1.0
+                scales.append(np.full(variable.size, power))
+            scale = np.concatenate(scales)
+            found.append(scale)
+            if scale.size:
+                self.opti.set_linear_scale(table, np.tile(scale[:, None], (1, table.shape[1])))
+        return found[0]
 
     def _variables(self, declared: list, columns: int) -> ca.MX:
         size = sum(v.size for v in declared)
@@ -184,7 +215,9 @@ class _Part:
         pieces = ca.reshape(self.x[:, owns], -1, steps.size)
         block = ca.kron(ca.DM(slope_of).T, ca.DM.eye(self.x.shape[0]))
         left = ca.reshape(block @ pieces, self.x.shape[0], columns)
-        opti.subject_to(left == f * duration * ca.repmat(ca.DM(heights).T, self.x.shape[0], 1))
+        right = f * duration * ca.repmat(ca.DM(heights).T, self.x.shape[0], 1)
+        sizes = ca.repmat(ca.DM(self.scale), 1, columns)
+        opti.subject_to(left / sizes == right / sizes)
         if equation.shape[0]:
             opti.subject_to(ca.vec(equation) == 0)
         offset = 0

@@ -1,7 +1,7 @@
 """Every problem in child processes, and the table of what came of it.
 
     python -m benchmarks suite [--only NAME ...] [--ways solve refined peer] [--scheme SCHEME]
-        [--mesh INTERVALS] [--limit SECONDS] [--jobs N] [--json FILE]
+        [--mesh INTERVALS] [--limit SECONDS] [--jobs N] [--json FILE] [--read FILE] [--markdown]
 
 Errors are relative to the optimum that the table of problems knows. An answer counts as met when
 it is within 0.1 %, whatever its status; as a wrong success when it is reported as solved and is
@@ -16,7 +16,7 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -103,7 +103,9 @@ HEADS = {
 WIDTHS = {"solve": [13, 28, 6, 8], "refined": [13, 28, 6, 8], "peer": [28, 6, 8]}
 
 
-def as_lines(rows: Iterable[tuple[SuiteProblem, Mapping[str, Result]]], ways: Iterable[str]):
+def as_lines(
+    rows: Iterable[tuple[SuiteProblem, Mapping[str, Result]]], ways: Iterable[str]
+) -> Iterator[str]:
     """The table in plain text, a line at a time."""
     ways = tuple(ways)
     yield _aligned(["problem", "optimum"], [c for w in ways for c in HEADS[w]], ways)
@@ -116,6 +118,18 @@ def _aligned(first: list[str], rest: list[str], ways: tuple[str, ...]) -> str:
     widths = [w for way in ways for w in WIDTHS[way]]
     padded = [cell.ljust(w) for cell, w in zip(rest, widths, strict=True)]
     return f"{first[0]:28s} {first[1]:13s} " + " ".join(padded).rstrip()
+
+
+def as_markdown(table: Mapping[str, Mapping[str, Result]], ways: Iterable[str]) -> str:
+    """The same for a page, with the kind of every problem."""
+    ways = tuple(ways)
+    heads = ["problem", "kind", "optimum", *(c for w in ways for c in HEADS[w])]
+    lines = [heads, ["---"] * len(heads)]
+    for name, results in table.items():
+        problem = BY_NAME[name]
+        found = [c for way in ways for c in cells(problem, way, results[way])]
+        lines.append([f"`{name}`", problem.kind, f"{problem.optimum:.9g}", *found])
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
 def counts(table: Mapping[str, Mapping[str, Result]], way: str) -> str:
@@ -143,27 +157,43 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--limit", type=int, default=60, help="processor time of a child, s")
     parser.add_argument("--jobs", type=int, default=2, help="children at once")
     parser.add_argument("--json", type=Path, metavar="FILE", help="everything that was found")
+    parser.add_argument("--read", type=Path, metavar="FILE", help="print an earlier --json again")
+    parser.add_argument("--markdown", action="store_true", help="as it stands in the documentation")
     options = parser.parse_args(arguments)
     chosen = [p for p in PROBLEMS if not options.only or p.name in options.only]
-    table: dict[str, dict[str, Result]] = {}
-    with ThreadPoolExecutor(options.jobs) as pool:
-        waiting = {
-            p.name: {w: pool.submit(run_child, p.name, w, options) for w in options.ways}
-            for p in chosen
-        }
-
-        def rows():
-            for p in chosen:
-                table[p.name] = {w: job.result() for w, job in waiting[p.name].items()}
-                if options.json is not None:
-                    options.json.write_text(json.dumps(table, indent=1))
-                yield p, table[p.name]
-
-        for text in as_lines(rows(), options.ways):
+    if options.read is not None:
+        known = json.loads(options.read.read_text())
+        table = {p.name: known[p.name] for p in chosen if p.name in known}
+        shown = ((BY_NAME[name], results) for name, results in table.items())
+    else:
+        table = {}
+        shown = _solved(chosen, options, table)
+    for text in as_lines(shown, options.ways):
+        if not options.markdown:
             print(text, flush=True)
+    if options.markdown:
+        print(as_markdown(table, options.ways))
     print()
     for way in options.ways:
         print(counts(table, way))
+
+
+def _solved(
+    chosen: Iterable[SuiteProblem],
+    options: argparse.Namespace,
+    table: dict[str, Mapping[str, Result]],
+) -> Iterator[tuple[SuiteProblem, Mapping[str, Result]]]:
+    """Problems in turn, as soon as their children are done; the table is filled on the way."""
+    with ThreadPoolExecutor(options.jobs) as pool:
+        waiting = [
+            (p, {w: pool.submit(run_child, p.name, w, options) for w in options.ways})
+            for p in chosen
+        ]
+        for problem, jobs in waiting:
+            table[problem.name] = {way: job.result() for way, job in jobs.items()}
+            if options.json is not None:
+                options.json.write_text(json.dumps(table, indent=1))
+            yield problem, table[problem.name]
 
 
 if __name__ == "__main__":

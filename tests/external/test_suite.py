@@ -1,0 +1,127 @@
+"""The suite of published problems: the table is sound, its runner tells what happened."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+import pytest
+
+from microbot_ocp.ocp import Phase
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT))
+
+from benchmarks.suite import runner  # noqa: E402
+from benchmarks.suite.peer import solve_by_opti  # noqa: E402
+from benchmarks.suite.problem import SuiteProblem  # noqa: E402
+from benchmarks.suite.table import BY_NAME, PROBLEMS  # noqa: E402
+
+each = pytest.mark.parametrize("problem", PROBLEMS, ids=lambda p: p.name)
+
+
+def test_there_are_enough_problems_and_no_name_twice():
+    assert len(PROBLEMS) >= 40
+    assert len(BY_NAME) == len(PROBLEMS)
+
+
+@each
+def test_the_declaration_is_complete(problem: SuiteProblem):
+    problem.build().check()
+    assert problem.build.__doc__
+    assert problem.source
+    assert problem.confirmed
+
+
+@each
+def test_nothing_is_tuned(problem: SuiteProblem):
+    """No scales and no shapes of controls: what a user declares at first."""
+    for phase in problem.build().phases:
+        variables = [*phase.states, *phase.controls, *phase.algebraics]
+        assert not any(v.scaled for v in variables)
+        assert all(c.shape == "constant" for c in phase.controls)
+        assert not any(c.scaled for c in [*phase.constraints, *phase.end_constraints])
+        assert phase.duration_scale is None
+
+
+def variables_of(phase: Phase) -> set[str]:
+    return {v.name for v in [*phase.states, *phase.controls, *phase.algebraics]}
+
+
+@pytest.mark.parametrize("problem", [p for p in PROBLEMS if p.guess], ids=lambda p: p.name)
+def test_the_guess_speaks_of_the_problem(problem: SuiteProblem):
+    assert problem.guess is not None
+    guesses = problem.guess()
+    phases = {phase.name: phase for phase in problem.build().phases}
+    assert guesses.keys() == phases.keys()
+    for name, guess in guesses.items():
+        assert guess.values.keys() <= variables_of(phases[name])
+        low, high = phases[name].duration_bounds
+        assert low <= guess.duration <= high
+
+
+@pytest.mark.parametrize("problem", [p for p in PROBLEMS if p.reference], ids=lambda p: p.name)
+def test_recomputed_optima_agree_with_the_figures_printed(problem: SuiteProblem):
+    assert problem.optimum == pytest.approx(problem.published, rel=problem.tolerance)
+
+
+QUICK = (
+    "two_sided_effort",
+    "interior_point",
+    "dubins_car",
+    "lunar_ascent",
+    "breakwell",
+    "bryson_denham_touch",
+    "bressan",
+    "two_obstacles",
+)
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_plain_casadi_meets_closed_forms(name: str):
+    problem = BY_NAME[name]
+    result = solve_by_opti(problem.build(), 50, problem.guess and problem.guess())
+    assert result.solved
+    assert problem.error(result.cost) < 1e-5  # IPOPT moves bounds outwards by 1e-8
+
+
+def options(**changed: object) -> argparse.Namespace:
+    return argparse.Namespace(**{"limit": 60, "scheme": None, "mesh": None, **changed})
+
+
+def test_a_child_says_what_it_found():
+    found = runner.run_child("interior_point", "solve", options(scheme="radau", mesh=20))
+    assert found["status"] == "solved"
+    assert BY_NAME["interior_point"].error(found["cost"]) < 1e-3
+    assert found["iterations"] > 0
+
+
+def test_a_child_that_does_not_end_is_a_timeout():
+    found = runner.run_child("cracking", "peer", options(limit=1))
+    assert found["status"] == runner.TIMEOUT
+    assert found["cost"] is None
+
+
+def test_an_error_is_a_status():
+    found = runner.run_child("interior_point", "solve", options(scheme="magic"))
+    assert found["status"].startswith("InputError: scheme must be one of")
+
+
+def test_the_counts_tell_success_from_what_is_called_so():
+    optimum = BY_NAME["dubins_car"].optimum
+    made = {
+        "good": {"cost": optimum, "solved": True, "status": "solved"},
+        "near": {"cost": 1.0005 * optimum, "solved": False, "status": "iteration limit"},
+        "wrong": {"cost": 1.01 * optimum, "solved": True, "status": "solved"},
+        "lost": {"cost": None, "solved": False, "status": runner.TIMEOUT},
+    }
+    problem = BY_NAME["dubins_car"]
+    assert [runner.met(problem, result) for result in made.values()] == [True, True, False, False]
+    assert runner.verdict(problem, made["wrong"]).endswith("WRONG")
+    assert runner.verdict(problem, made["lost"]) == runner.TIMEOUT
+    said = runner.counts({"dubins_car": {"solve": made["wrong"]}}, "solve")
+    assert said == (
+        "ocp.solve: 0 of 1 within 0.1 % (0 of them reported as solved), 1 wrong successes, "
+        "0 timeouts"
+    )
