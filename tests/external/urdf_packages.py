@@ -149,7 +149,7 @@ def _kinematics(robot: mo.Robot, tree: Tree, tip: str, q: np.ndarray) -> tuple[f
     poses, slopes = [], []
     for row in map(tree.position, q):
         slope = pin.computeFrameJacobian(model, data, row, frame, pin.LOCAL_WORLD_ALIGNED)
-        slopes.append(slope[:, tree.columns])
+        slopes.append(slope.reshape(6, model.nv)[:, tree.columns])
         pin.framesForwardKinematics(model, data, row)
         poses.append(data.oMf[frame].homogeneous)
     ours = (batch(mo.forward_kinematics(robot), q), batch(mo.jacobian(robot), q))
@@ -164,7 +164,10 @@ def _dynamics(
         pin.rnea(model, data, tree.position(row), tree.rate(speed), tree.rate(change))[at]
         for row, speed, change in zip(q, qd, qdd, strict=True)
     ]
-    upper = [np.triu(pin.crba(model, data, tree.position(row)))[np.ix_(at, at)] for row in q]
+    upper = []
+    for row in q:
+        whole = np.reshape(pin.crba(model, data, tree.position(row)), (model.nv, model.nv))
+        upper.append(np.triu(whole)[np.ix_(at, at)])
     if not robot.has_dynamics:
         assert not np.any(tau)
         return np.nan, np.nan

@@ -16,7 +16,8 @@ SIZES = {
     "capsule": ("radius", "length"),
     "mesh": ("scale x", "scale y", "scale z"),
 }
-ROLES = ("visual", "collision")
+Role = Literal["visual", "collision"]
+ROLES: tuple[Role, ...] = ("visual", "collision")
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +57,7 @@ class Shape:
     pose: FloatArray
     kind: str
     size: FloatArray
-    role: Literal["visual", "collision"] = "collision"
+    role: Role = "collision"
     link: str = ""
     path: str = ""
     color: tuple[float, ...] | None = None

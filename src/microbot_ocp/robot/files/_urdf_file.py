@@ -16,13 +16,13 @@ import numpy as np
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.robot._links import inertia_fault
-from microbot_ocp.robot._shapes import ROLES, SIZES, Shape
+from microbot_ocp.robot._shapes import ROLES, SIZES, Role, Shape
 from microbot_ocp.robot.files._mesh_files import find_mesh
 from microbot_ocp.robot.files._remarks import Remarks
 
 EXTENSION = "microbot_ocp"
 MOVING = ("revolute", "continuous", "prismatic")
-HELD = ("planar", "floating")  # a serial chain has no such joints
+HELD = ("planar", "floating", "spherical")  # a serial chain has no such joints
 # What a joint's extension element may hold: rotor inertia, and limits that <limit> has no room for.
 RANGES = ("qd", "qdd", "tau", "taud")
 EXTRA_KEYS = ("armature", *(f"{quantity}_{side}" for quantity in RANGES for side in ("min", "max")))
@@ -96,8 +96,11 @@ def urdf_file(root: Element, origin: str, folder: Path | None, remarks: Remarks)
         checks.one_of(f"<{EXTENSION}>", key, ("gravity", "description"))
     colors: Colors = {}
     for material in root.findall("material"):
-        if color := _color(material, {}):
-            colors[material.get("name")] = color
+        try:
+            if color := _color(material, {}):
+                colors[material.get("name")] = color
+        except InputError as problem:
+            remarks.add("materials that cannot be read are left out", str(problem))
     links = {
         name: UrdfLink(
             name,
@@ -278,52 +281,48 @@ def _range(limit: Element | None, kind: str, name: str, remarks: Remarks) -> tup
     for side, value in (("lower", lower), ("upper", upper)):
         if math.isnan(value):
             raise InputError(f"{side} limit of joint {name!r} must be a number, not nan")
-    if lower > upper:
-        raise InputError(
-            f"lower limit of joint {name!r} must be at most its upper limit of {upper:g}, "
-            f"not {lower:g}"
-        )
     return lower, upper
 
 
 def _shapes(
-    link: Element,
-    name: str,
-    colors: Colors,
-    folder: Path | None,
-    remarks: Remarks,
+    link: Element, name: str, colors: Colors, folder: Path | None, remarks: Remarks
 ) -> list[Shape]:
     """Geometry of a link that can be read; what cannot is remarked and left out."""
     shapes = []
     for role in ROLES:
         for element in link.findall(role):
-            geometry = element.find("geometry")
-            children = [] if geometry is None else [c for c in geometry if c.tag in SIZES]
-            if not children:
-                remarks.add(
-                    f"{role} geometry that is no {', '.join(SIZES)} is left out", repr(name)
-                )
-                continue
-            label = f"{role} geometry of link {name!r}"
-            size, path = _size(children[0], label), ""
-            if children[0].tag == "mesh":
-                path = find_mesh(children[0].get("filename", ""), folder, remarks)
-                if not path:
-                    remarks.add("meshes without a file name are left out", repr(name))
-                    continue
-            shapes.append(
-                Shape(
-                    frame=0,
-                    pose=_frame(element, f"origin of the {label}"),
-                    kind=children[0].tag,
-                    size=np.array(size),
-                    role=role,
-                    link=name,
-                    path=path,
-                    color=_color(element.find("material"), colors),
-                )
-            )
+            try:
+                shapes.append(_shape(element, role, name, colors, folder, remarks))
+            except InputError as problem:
+                remarks.add("geometry that cannot be read is left out", str(problem))
     return shapes
+
+
+def _shape(
+    element: Element,
+    role: Role,
+    name: str,
+    colors: Colors,
+    folder: Path | None,
+    remarks: Remarks,
+) -> Shape:
+    label = f"{role} geometry of link {name!r}"
+    given = next((child for child in element.iterfind("geometry/*") if child.tag in SIZES), None)
+    if given is None:
+        raise InputError(f"{label} must be one of {', '.join(SIZES)}")
+    path = ""
+    if given.tag == "mesh":
+        path = find_mesh(given.get("filename", ""), folder, remarks)
+    return Shape(
+        frame=0,
+        pose=_frame(element, f"origin of the {label}"),
+        kind=given.tag,
+        size=np.array(_size(given, label)),
+        role=role,
+        link=name,
+        path=path,
+        color=_color(element.find("material"), colors),
+    )
 
 
 def _size(element: Element, label: str) -> list[float]:

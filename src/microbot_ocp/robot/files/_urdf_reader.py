@@ -424,6 +424,12 @@ def _armature(joint: UrdfJoint) -> float:
 
 
 def _limits(moving: list[UrdfJoint]) -> Limits:
+    for joint in moving:
+        if joint.lower > joint.upper:
+            raise InputError(
+                f"lower limit of joint {joint.name!r} must be at most its upper limit of "
+                f"{joint.upper:g}, not {joint.lower:g}"
+            )
     bounds: dict[str, Any] = {
         "q_min": [joint.lower for joint in moving],
         "q_max": [joint.upper for joint in moving],
