@@ -61,6 +61,7 @@ from .planning import (
     time_optimal_path as time_optimal_path,
 )
 from .robot import (
+    Capsule as Capsule,
     JointLimits as JointLimits,
     Limits as Limits,
     Link as Link,
@@ -70,6 +71,7 @@ from .robot import (
     bias_torque as bias_torque,
     coriolis_matrix as coriolis_matrix,
     energy as energy,
+    fit_capsules as fit_capsules,
     forward_dynamics as forward_dynamics,
     forward_kinematics as forward_kinematics,
     frame_origins as frame_origins,

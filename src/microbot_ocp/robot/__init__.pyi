@@ -1,5 +1,9 @@
 """Public names; loaded when they are first asked for."""
 
+from ._capsules import (
+    Capsule as Capsule,
+    fit_capsules as fit_capsules,
+)
 from ._dynamics import (
     bias_torque as bias_torque,
     coriolis_matrix as coriolis_matrix,
