@@ -192,8 +192,8 @@ def _downhill(points: FloatArray, direction: FloatArray) -> FloatArray:
     return direction
 
 
-def _unit(vector: FloatArray) -> FloatArray:
-    return np.array(vector / np.linalg.norm(vector), dtype=float)
+def _unit(vector: ArrayLike) -> FloatArray:
+    return np.array(vector, dtype=float) / np.linalg.norm(vector)
 
 
 def _across(direction: FloatArray) -> tuple[FloatArray, FloatArray]:
