@@ -37,12 +37,11 @@ FORCE_COLOR: Color = (240, 228, 66, 255)
 
 @dataclass(frozen=True)
 class Look:
-    """How one arm is drawn: its style, link radius (m), opacity, and height of its label (m)."""
+    """How one arm is drawn: its style, link radius (m) and opacity."""
 
     style: EntryStyle
     radius: float
     alpha: int
-    label_height: float
 
     @property
     def solid(self) -> bool:
@@ -71,7 +70,6 @@ def looks(robot: Robot, styles: Sequence[EntryStyle]) -> list[Look]:
             # another radius for every ghost: surfaces at one place would flicker
             radius=size * (0.021 if style.highlighted else 0.0165 - 0.0011 * min(place, 8)),
             alpha=255 if style.highlighted else GHOST_ALPHA,
-            label_height=size * (0.06 if style.highlighted else 0.12 + 0.055 * place),
         )
         for place, style in enumerate(styles)
     ]

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import rerun as rr
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.robot import Robot
-from microbot_ocp.views._scene import link_poses, reach
+from microbot_ocp.views._scene import link_origins, link_poses, reach
 from microbot_ocp.views.recording._animated_arm import MASS_COLOR, AnimatedArm, Look
-from microbot_ocp.views.recording._surroundings import upward
+from microbot_ocp.views.recording._surroundings import Eye, upward
 from microbot_ocp.views.recording._writer import (
+    PROGRESS,
+    TIME,
     Times,
     Writer,
     along_z,
@@ -24,6 +28,8 @@ NOWHERE = 1e-6  # m, below which a link has no length
 JOINT = (1.5, 3.6)  # radius and length of a joint in link radii
 MASS = (1.3, 2.2)  # radius of the smallest and the largest mass in link radii
 FRAME = 0.07  # length of a frame's axes as a share of the reach
+# Texts, as shares of the reach: over the tool, one over the other, below a place; a letter's width.
+LABEL_GAP, LABEL_STEP, PLACE_GAP, LABEL_LETTER = 0.075, 0.072, 0.04, 0.026
 
 
 def draw_arm(writer: Writer, robot: Robot, arm: AnimatedArm, end: Times) -> None:
@@ -55,7 +61,8 @@ def draw_arm(writer: Writer, robot: Robot, arm: AnimatedArm, end: Times) -> None
     turned = rr.Transform3D.columns(quaternion=quaternions(rotations[:, -1]))
     writer.columns(tool_path(name, "frame"), times, turned)
     writer.static(tool_path(name, "frame"), axes)
-    _draw_tool(writer, robot, arm)
+    ball = rr.Points3D([[0, 0, 0]], radii=1.4 * look.radius, colors=[look.color])
+    writer.static(tool_path(name, "ball"), ball)
     _draw_trail(writer, arm, times, tool)
 
 
@@ -115,21 +122,50 @@ def _mass_radii(robot: Robot) -> FloatArray:
     return np.maximum(least, most * np.cbrt(masses / masses.max()))
 
 
-def _draw_tool(writer: Writer, robot: Robot, arm: AnimatedArm) -> None:
-    look = arm.look
-    ball = rr.Points3D([[0, 0, 0]], radii=1.4 * look.radius, colors=[look.color])
-    writer.static(tool_path(arm.name, "ball"), ball)
-    if not arm.title:
-        return
-    # all arms meet at their ends, so every label hangs at its own height
-    label = rr.Points3D(
-        [look.label_height * upward(robot)],
-        radii=1e-3 * look.radius,
-        colors=[look.line_color],
-        labels=[arm.title],
-        show_labels=True,
-    )
-    writer.static(tool_path(arm.name, "label"), label)
+def draw_labels(
+    writer: Writer,
+    robot: Robot,
+    arms: Sequence[AnimatedArm],
+    eye: Eye,
+    places: FloatArray,
+    names: Sequence[str],
+) -> None:
+    """Titles over the tools at such heights that from ``eye`` no text hides another one.
+
+    ``places`` [m,3] have texts already, their names. Arms that stop early come first: the later
+    ones evade those that stand still. The timelines differ in who is where at the same moment.
+    """
+    size, up, towards = reach(robot), upward(robot), eye.position - eye.target
+    right = np.cross(up, towards) / np.linalg.norm(np.cross(up, towards))
+    above = np.cross(towards, right) / np.linalg.norm(towards)
+    titled = [arm for arm in arms if arm.title]
+    for arm in titled:
+        label = rr.Points3D.from_fields(
+            radii=[1e-3 * arm.look.radius],
+            colors=[arm.look.line_color],
+            labels=[arm.title],
+            show_labels=True,
+        )
+        writer.static(tool_path(arm.name, "label"), label)
+    for timeline in (TIME, PROGRESS):
+        taken = [
+            (np.zeros(1), place[None] @ right, place[None] @ above - PLACE_GAP * size, len(name))
+            for place, name in zip(places, names, strict=True)
+        ]
+        for arm in sorted(titled, key=lambda arm: (arm.times[timeline][-1], not arm.look.solid)):
+            t, tool = arm.times[timeline], link_origins(robot, arm.q)[:, -1]
+            across, lowest = tool @ right, tool @ above + LABEL_GAP * size
+            high = lowest
+            for other_t, other_across, other_high, letters in taken * len(taken):
+                at = np.maximum(np.searchsorted(other_t, t, side="right") - 1, 0)
+                width = LABEL_LETTER * size * (len(arm.title) + letters) / 2
+                clash = np.abs(across - other_across[at]) < width
+                clash &= np.abs(high - other_high[at]) < 0.999 * LABEL_STEP * size
+                high = np.where(clash, other_high[at] + LABEL_STEP * size, high)
+            taken.append((t, across, high, len(arm.title)))
+            height = LABEL_GAP * size + (high - lowest) / (above @ up)
+            columns = rr.Points3D.columns(positions=height[:, None] * up)
+            writer.columns(tool_path(arm.name, "label"), {timeline: t}, columns)
 
 
 def _draw_trail(writer: Writer, arm: AnimatedArm, times: Times, tool: FloatArray) -> None:

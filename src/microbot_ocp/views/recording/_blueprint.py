@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import rerun.blueprint as rrb
 from rerun.components import Plane3D
 
@@ -28,6 +29,8 @@ SHORT = 4.0  # s; what is shorter plays at half its speed
 PROGRESS_TIME = 5.0  # s that the whole progress takes to play
 WIDE_ROBOT = 4  # more joints than this: one tab a quantity
 LANES = (0.13, 0.055)  # height of the state timeline, and of a lane, by that of the curves
+MOST_LABELS = 9  # on the axis of a small plot
+EDGE = 0.04  # share of an axis beyond its last label
 TOOL_CURVES = {
     "tool speed [m/s]": ("speed",),
     "force in the wrist [N]": ("force",),
@@ -153,8 +156,31 @@ def _right(recording: Recording) -> rrb.Container:
 def _joint_view(recording: Recording, quantity: str, joint: int) -> rrb.TimeSeriesView:
     robot = recording.robot
     name, unit = robot.joint_names[joint], display_unit(robot, quantity, joint)
+    limits = recording.axis_limits[quantity, joint]
+    far = ""
+    if limits.far and robot.joint_count > WIDE_ROBOT:  # two columns have room for it
+        far = f", {limits.far.removesuffix(unit).strip()}"
     return plot_view(
-        f"{name} {quantity} [{unit}]",
+        f"{name} {quantity} [{unit}]{far}",
         origin=plot_path(quantity, name),
-        axis_y=rrb.ScalarAxis(range=recording.axis_limits[quantity, joint].axis),
+        axis_y=rrb.ScalarAxis(range=labelled_range(*limits.axis)),
     )
+
+
+def labelled_range(low: float, high: float) -> tuple[float, float]:
+    """The range of an axis, widened where Rerun would label fewer than two of its values.
+
+    Rerun labels the multiples of a power of ten, the finest one that leaves room for its labels.
+    """
+    step = 10.0 ** np.floor(np.log10(high - low))
+    if (high - low) / step > MOST_LABELS:
+        step *= 10.0
+    first, last = step * np.ceil(low / step), step * np.floor(high / step)
+    margin = EDGE * (high - low)
+    if last > first + step / 2:
+        return low, high
+    if last < first - step / 2:  # none
+        return last - margin, first + margin
+    if low - (first - step) < 0.99 * (last + step - high):
+        return first - step - margin, high
+    return low, last + step + margin

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.table import Table
 from microbot_ocp.comparison import Certificate, Comparison
 from microbot_ocp.inverse_kinematics import IKSolution
 from microbot_ocp.motion import Motion
@@ -17,7 +18,6 @@ from microbot_ocp.views._scene import display_factor, display_unit, link_origins
 from microbot_ocp.views.plots._style import FIXED, PREFERRED, EntryStyle, entry_styles
 from microbot_ocp.views.recording._animated_arm import RATE, looks, moving_arm, standing_arm
 from microbot_ocp.views.recording._limits import peak_table
-from microbot_ocp.views.recording._messages import document, table
 from microbot_ocp.views.recording._recording import Recording
 from microbot_ocp.views.recording._writer import BRANCH
 from microbot_ocp.views.tables import narrow_table
@@ -42,7 +42,7 @@ def of_comparison(comparison: Comparison, rate: float = RATE) -> Recording:
         arms=tuple(arms),
         places=_tools(comparison.robot, comparison.via_q),
         place_names=_via_names(len(comparison.via_q)),
-        summary=narrow_table(comparison).markdown(),
+        summary=narrow_table(comparison).without("solve"),
     )
 
 
@@ -73,10 +73,10 @@ def of_motion(
         arms=(arm,),
         places=_tools(robot, via_q),
         place_names=_via_names(len(via_q)) if inner else ("start", "end"),
-        summary=document(
-            f"{title}, {motion.duration:.3f} s",
-            table(*peak_table(robot, robot.limits, arm)),
-            sentences,
+        summary=replace(
+            Table.of_text(*peak_table(robot, robot.limits, arm)),
+            title=f"{title}, {motion.duration:.3f} s",
+            notes=sentences,
         ),
     )
 
@@ -118,10 +118,10 @@ def of_tracking(
         ),
         places=_tools(robot, wanted.q[[0, -1]]),
         place_names=("start", "end"),
-        summary=document(
-            f"{title}, {motion.duration:.3f} s",
-            table([*heads, "RMS error", "peak error"], rows),
-            [
+        summary=replace(
+            Table.of_text([*heads, "RMS error", "peak error"], rows),
+            title=f"{title}, {motion.duration:.3f} s",
+            notes=[
                 f"At a torque limit for {100 * tracking.saturated_fraction:.3g} % of the time.",
                 tracking.advice,
             ],
@@ -169,10 +169,10 @@ def of_branches(
         arms=(*ghosts, standing_arm(q, shown[-1])),
         places=np.array([position], dtype=float),
         place_names=("target",),
-        summary=document(
-            title,
-            table(["branch", *heads, "off [m]", "status"], rows),
-            list(dict.fromkeys(solution.advice for solution in solutions)),
+        summary=replace(
+            Table.of_text(["branch", *heads, "off [m]", "status"], rows),
+            title=title,
+            notes=list(dict.fromkeys(solution.advice for solution in solutions)),
         ),
         target=target,
         quantities=(),

@@ -29,6 +29,7 @@ from microbot_ocp.views.recording._writer import MARKS, TIME, Times, Writer, arm
 BEYOND = 1.005  # share of a limit from which on it counts as broken, as certificates have it
 QUANTITIES = ("qd", "qdd", "tau")  # every motion comes near some limit of its positions
 LABEL_HEIGHT = 0.05  # of a switch, share of the reach
+LABEL_TIME = 0.1  # that it stands, share of the motion
 FREE = "within"
 SIDES = ("min", "max")
 
@@ -180,13 +181,21 @@ def draw_switches(
     times = {key: value[at] for key, value in arm.times.items()}
     writer.static(path, rr.Points3D.from_fields(radii=[0.5 * arm.look.radius]))
     writer.columns(path, times, rr.Points3D.columns(positions=tool[at], colors=colors))
-    # all labels at once would hide each other: the latest one stands until the next
+    # all labels at once would hide each other: one stands until the next, or for a while
     labels = [switch.text(robot) for switch in switches]
     tiny = rr.Points3D.from_fields(radii=[1e-3 * arm.look.radius], show_labels=True)
     writer.static(f"{path}/latest", tiny)
     above = tool[at] + LABEL_HEIGHT * reach(robot) * upward(robot)
     labelled = rr.Points3D.columns(positions=above, colors=colors, labels=labels)
     writer.columns(f"{path}/latest", times, labelled)
+    following = np.append(at[1:], len(arm.q))
+    gone = at + int(LABEL_TIME * len(arm.q))
+    gone = gone[gone < following]
+    if gone.size:
+        times = {key: value[gone] for key, value in arm.times.items()}
+        nothing = rr.Points3D.columns(positions=np.zeros((0, 3)), labels=[])
+        empty = [column.partition(np.zeros(len(gone), dtype=int)) for column in nothing]
+        writer.columns(f"{path}/latest", times, empty)
 
 
 def draw_marks(writer: Writer, robot: Robot, arm: AnimatedArm, spells: Sequence[Spell]) -> None:

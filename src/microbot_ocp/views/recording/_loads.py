@@ -131,6 +131,25 @@ def draw_arrows(writer: Writer, arms: Sequence[AnimatedArm], kind: Arrows) -> No
         writer.columns(path, arm.times, rr.Arrows3D.columns(vectors=kind.scale * values))
 
 
+def legend(robot: Robot, alone: bool, scales: Sequence[float]) -> str:
+    """A sentence on what is drawn in space; ``scales`` of velocity and force arrows, m a unit."""
+    parts = []
+    if robot.has_dynamics:
+        parts.append(
+            "arcs around the joints: torque, closed and pink at its limit (arrows for slides)"
+        )
+    if any(scales):
+        arrow = "pale blue arrow" if alone else "arrow at the tool"
+        parts.append(f"{arrow}: velocity, {scales[0]:.3g} m drawn per m/s")
+    if alone and len(scales) > 1:
+        parts.append(f"yellow arrow: force in the wrist, {1e3 * scales[1]:.3g} mm drawn per N")
+    if alone and robot.has_dynamics:
+        parts.append("green balls: centres of mass, their volume as the mass")
+    hidden = "frames" if alone else "frames, centres of mass, forces, velocities of ghosts"
+    parts.append(f"hidden until asked for: {hidden}")
+    return f"In space: {'; '.join(parts)}."
+
+
 def tool_velocity(robot: Robot, state: State) -> FloatArray:
     """Velocity [N,3] of the tool's origin in the base frame, m/s."""
     count = len(state.q)

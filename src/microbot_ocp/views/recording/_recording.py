@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -12,10 +12,16 @@ import numpy as np
 import rerun.blueprint as rrb
 
 from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.table import Table
 from microbot_ocp.robot import JointLimits, Robot
-from microbot_ocp.views._scene import QUANTITIES, AxisLimits, link_origins
+from microbot_ocp.views._scene import QUANTITIES, AxisLimits, link_origins, reach
 from microbot_ocp.views.recording._animated_arm import AnimatedArm
-from microbot_ocp.views.recording._arm import draw_arm
+from microbot_ocp.views.recording._arm import (
+    LABEL_GAP,
+    LABEL_STEP,
+    draw_arm,
+    draw_labels,
+)
 from microbot_ocp.views.recording._blueprint import recording_blueprint
 from microbot_ocp.views.recording._curves import draw_curve, draw_curves, draw_limits, draw_progress
 from microbot_ocp.views.recording._limits import (
@@ -26,8 +32,13 @@ from microbot_ocp.views.recording._limits import (
     draw_switches,
     find_spells,
 )
-from microbot_ocp.views.recording._loads import Arrows, arrows, draw_arrows, draw_torques
-from microbot_ocp.views.recording._messages import legend
+from microbot_ocp.views.recording._loads import (
+    Arrows,
+    arrows,
+    draw_arrows,
+    draw_torques,
+    legend,
+)
 from microbot_ocp.views.recording._surroundings import Eye, draw_surroundings, find_eye
 from microbot_ocp.views.recording._writer import (
     APPLICATION,
@@ -58,8 +69,7 @@ class Recording:
     places : array [m,3]
         Places that are marked in space, m.
     place_names : tuple of str, m
-    summary : str
-        Markdown.
+    summary : Table
     target : array [4,4], optional
         A pose whose axes are drawn.
     quantities : tuple of str
@@ -74,7 +84,7 @@ class Recording:
     arms: tuple[AnimatedArm, ...]
     places: FloatArray
     place_names: tuple[str, ...]
-    summary: str
+    summary: Table
     target: FloatArray | None = None
     quantities: tuple[str, ...] = QUANTITIES
     timeline: str = TIME
@@ -114,7 +124,8 @@ class Recording:
     @property
     def eye(self) -> Eye:
         """Where everything that moves is seen from."""
-        headroom = max((arm.look.label_height for arm in self.arms), default=0.0)
+        labels = sum(bool(arm.title) for arm in self.arms)
+        headroom = (LABEL_GAP + LABEL_STEP * (labels - 1)) * reach(self.robot) if labels else 0.0
         q = np.vstack([np.zeros((0, self.robot.joint_count)), *(arm.q for arm in self.arms)])
         return find_eye(self.robot, q, self.places, headroom)
 
@@ -142,10 +153,12 @@ class Recording:
     def write(self, writer: Writer) -> None:
         """Send everything but the layout."""
         draw_surroundings(writer, self.robot, self.places, self.place_names, self.target)
-        writer.text(self.summary + self._more_text())
+        notes = [*self.summary.notes, *self._more_notes()]
+        writer.summary(replace(self.summary, notes=notes))
         for arm in self.arms:
             draw_arm(writer, self.robot, arm, self.end)
             draw_curves(writer, self.robot, arm)
+        draw_labels(writer, self.robot, self._moving, self.eye, self.places, self.place_names)
         for arm in self._moving:
             self._write_motion(writer, arm)
         if self.arms:
@@ -182,15 +195,15 @@ class Recording:
     def _arrows(self) -> list[Arrows]:
         return arrows(self.robot, self._moving)
 
-    def _more_text(self) -> str:
-        """Markdown items on the limits that are not drawn, and on what is drawn in space."""
-        told = [
+    def _more_notes(self) -> list[str]:
+        """Sentences on the limits that are not drawn, and on what is drawn in space."""
+        far = [
             f"{quantity} of {self.robot.joint_names[joint]}: {limits.far}"
             for (quantity, joint), limits in self.axis_limits.items()
             if limits.far
         ]
-        items = [f"Too far off to be drawn: {'; '.join(told)}."] if told else []
+        notes = [f"Too far off to be drawn: {'; '.join(far)}."] if far else []
         if self._moving:
             scales = [kind.scale for kind in self._arrows]
-            items.append(legend(self.robot, len(self._moving) == 1, scales))
-        return "".join(f"- {item}\n" for item in items)
+            notes.append(legend(self.robot, len(self._moving) == 1, scales))
+        return notes

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import accumulate
 from pathlib import Path
 
@@ -11,11 +11,11 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from microbot_ocp._base.checks import InputError
+from microbot_ocp._base.table import Table
 from microbot_ocp.ocp.solution import Solution
 from microbot_ocp.views.recording._animated_arm import VARIABLE_COLOR
 from microbot_ocp.views.recording._blueprint import playing, plot_view
 from microbot_ocp.views.recording._curves import Curve, draw_dashed, variable_curves
-from microbot_ocp.views.recording._messages import document, table
 from microbot_ocp.views.recording._writer import (
     APPLICATION,
     PHASES,
@@ -40,15 +40,14 @@ class SolutionRecording:
     variables : mapping from (name, unit) to the curves of its phases
     phases : tuple of (begin in s, name)
     end : float, s
-    summary : str
-        Markdown.
+    summary : Table
     """
 
     title: str
     variables: dict[tuple[str, str], tuple[Curve, ...]]
     phases: tuple[tuple[float, str], ...]
     end: float
-    summary: str
+    summary: Table
 
     def blueprint(self) -> rrb.Blueprint:
         """Plots of every variable over lanes of the phases; the summary to the left."""
@@ -65,7 +64,7 @@ class SolutionRecording:
 
     def write(self, writer: Writer) -> None:
         """Send everything but the layout."""
-        writer.text(self.summary)
+        writer.summary(self.summary)
         for (name, _), curves in self.variables.items():
             path = plot_path(name)
             look = rr.SeriesLines.from_fields(names=[name], colors=[VARIABLE_COLOR], widths=[2.0])
@@ -119,10 +118,10 @@ def of_solution(solution: Solution, name: str = "solution") -> SolutionRecording
         variables={key: tuple(curves) for key, curves in found.items()},
         phases=tuple(zip(begins, (phase.name for phase in solution.phases), strict=False)),
         end=begins[-1],
-        summary=document(
-            f"{name}: {solution.status}, cost {solution.cost:.8g}",
-            table(["phase", "duration [s]"], rows),
-            [
+        summary=replace(
+            Table.of_text(["phase", "duration [s]"], rows),
+            title=f"{name}: {solution.status}, cost {solution.cost:.8g}",
+            notes=[
                 solution.advice,
                 *(
                     f"{a.solver}: {a.status} after {a.iterations} iterations."

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +15,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.table import Table
 from microbot_ocp.robot import Robot
 
 APPLICATION = "microbot_ocp"
@@ -79,9 +80,11 @@ class Writer:
         indexes = [_time_column(timeline, values) for timeline, values in times.items()]
         self.stream.send_columns(path, indexes=indexes, columns=columns, strict=True)
 
-    def text(self, markdown: str) -> None:
-        """Log the summary."""
-        self.static(SUMMARY, rr.TextDocument(markdown, media_type="text/markdown"))
+    def summary(self, table: Table) -> None:
+        """Log a table with its title and notes as Markdown."""
+        text = replace(table, title="", notes=[note for note in table.notes if note]).markdown()
+        document = rr.TextDocument(f"**{table.title}**\n\n{text}", media_type="text/markdown")
+        self.static(SUMMARY, document)
 
     def layout(self, blueprint: rrb.Blueprint) -> None:
         """Send a layout that was not known at the start."""
