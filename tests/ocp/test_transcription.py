@@ -107,7 +107,7 @@ def guesses(seed=0):
 
 def test_a_guess_comes_back_as_it_was_given(program):
     given = guesses()
-    for phase in unpack(program, pack(program, given)):
+    for phase in unpack(program.layouts, pack(program, given)):
         assert phase.duration == pytest.approx(given[phase.name].duration, rel=1e-14)
         for name, value in given[phase.name].values.items():
             np.testing.assert_allclose(phase[name], value, rtol=1e-14)

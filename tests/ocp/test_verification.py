@@ -18,7 +18,6 @@ from microbot_ocp.ocp.verification import (
     Thresholds,
     differentiate,
     lagrangian_gradient,
-    plain_kernels,
     verify,
 )
 from ocp.textbook import (
@@ -255,12 +254,9 @@ def test_the_gradient_of_the_lagrangian_is_that_of_the_assembled_program(scheme)
     # one duration a phase, as a solution has it
     for label, i in zip(program.variable_labels, range(x.size), strict=True):
         x[i] = 0.9 if label.kind == "duration" else x[i]
-    parts = [
-        differentiate(phase, plain_kernels(layout), lam)
-        for phase, layout in zip(unpack(program, x), layouts, strict=True)
-    ]
+    parts = [differentiate(phase, lam) for phase in unpack(program.layouts, x)]
     expected = program.functions["lagrangian"](x, [], 1.0, lam)[2]
-    found = lagrangian_gradient(program, parts, lam)
+    found = lagrangian_gradient(parts, lam)
     np.testing.assert_allclose(found, np.array(expected).ravel(), atol=1e-11)
 
 

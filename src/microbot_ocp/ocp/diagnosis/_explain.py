@@ -302,7 +302,7 @@ class _Elastic:
         slacks = len(self.items)
         good, values, multipliers = self.solve(x, np.ones(slacks, dtype=bool))
         best, amounts = values[: self.count], values[self.count :]
-        phases = unpack(self.program, best) if np.isfinite(best).all() else ()
+        phases = unpack(self.program.layouts, best) if np.isfinite(best).all() else ()
         giving = np.flatnonzero(amounts > GIVES)
         if not good or not giving.size:
             return Explanation(good and not giving.size, good, (), (), (), phases)

@@ -54,7 +54,7 @@ def not_finite(program: Program, x: FloatArray, where: str) -> str | None:
     if all(np.isfinite(value.nonzeros()).all() for value in (f, slope, g, jacobian)):
         return None
     for slopes in (False, True):
-        for layout, phase in zip(program.layouts, unpack(program, x), strict=True):
+        for layout, phase in zip(program.layouts, unpack(program.layouts, x), strict=True):
             for term in _terms(layout.phase):
                 said = _said_of(layout, phase, term, slopes, where)
                 if said is not None:

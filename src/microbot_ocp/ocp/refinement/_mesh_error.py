@@ -29,7 +29,7 @@ def state_errors(solution: Solution) -> list[FloatArray]:
     """
     errors = []
     for phase in solution.phases:
-        arrived, _ = each_interval(phase)
+        arrived = each_interval(phase).states
         gap = np.abs(arrived - mesh_states(phase)[1:]) / state_weights(phase)
         errors.append(np.nan_to_num(gap.max(axis=1), nan=np.inf))
     return errors

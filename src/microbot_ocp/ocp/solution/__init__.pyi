@@ -6,8 +6,8 @@ from ._initial_guess import (
     start_from as start_from,
 )
 from ._problem_data import (
-    numbers_of as numbers_of,
-    with_numbers as with_numbers,
+    problem_data as problem_data,
+    with_problem_data as with_problem_data,
 )
 from ._progress import (
     Iteration as Iteration,

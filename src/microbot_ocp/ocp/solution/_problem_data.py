@@ -1,6 +1,6 @@
-"""The numbers of a phase as plain values: limits, conditions, scales, parameters.
+"""The data of a phase as plain values: limits, conditions, scales, parameters.
 
-A solve may have been made with other numbers than those declared; expressions stay.
+A solve may have been made with other data than those declared; expressions stay.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ KINDS = ("states", "controls", "algebraics")
 LIMITS = ("constraints", "end_constraints")
 
 
-def numbers_of(layout: PhaseLayout) -> dict[str, Any]:
+def problem_data(layout: PhaseLayout) -> dict[str, Any]:
     """Plain values for JSON."""
     phase = layout.phase
     return {
@@ -32,17 +32,17 @@ def numbers_of(layout: PhaseLayout) -> dict[str, Any]:
     }
 
 
-def with_numbers(phase: Phase, numbers: Mapping[str, Any]) -> Phase:
-    """A phase with the same expressions and the numbers of another solve of it.
+def with_problem_data(phase: Phase, data: Mapping[str, Any]) -> Phase:
+    """A phase with the same expressions and the data of another solve of it.
 
     Raises
     ------
     InputError
-        The numbers are of a phase with other variables, constraints or parameters.
+        The data are of a phase with other variables, constraints or parameters.
     """
     made = copy.copy(phase)
     for kind in (*KINDS, *LIMITS):
-        own, given = getattr(phase, kind), numbers[kind]
+        own, given = getattr(phase, kind), data[kind]
         same = [(v.name, v.scale.size) for v in own] == [
             (g["name"], len(g["scale"])) for g in given
         ]
@@ -54,18 +54,18 @@ def with_numbers(phase: Phase, numbers: Mapping[str, Any]) -> Phase:
             )
         setattr(made, kind, [_changed(v, g) for v, g in zip(own, given, strict=True)])
     names = [p.name for p in phase.parameters]
-    if names != list(numbers["parameters"]):
+    if names != list(data["parameters"]):
         raise InputError(
             f"phase {phase.name!r} of the solution has the parameters "
-            f"{list(numbers['parameters'])}, not {names}"
+            f"{list(data['parameters'])}, not {names}"
         )
     made.parameters = [
-        replace(p, value=np.array(numbers["parameters"][p.name], dtype=float))
+        replace(p, value=np.array(data["parameters"][p.name], dtype=float))
         for p in phase.parameters
     ]
-    low, high = numbers["duration"]
+    low, high = data["duration"]
     made.duration_bounds = (low, high)
-    made.duration_scale = numbers["duration_scale"]
+    made.duration_scale = data["duration_scale"]
     return made
 
 

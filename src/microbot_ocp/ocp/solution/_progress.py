@@ -52,7 +52,7 @@ class Iteration:
     @property
     def phases(self) -> tuple[PhaseSolution, ...]:
         """Values by phase and name, as of a solution."""
-        return unpack(self.program, self.x)
+        return unpack(self.program.layouts, self.x)
 
 
 Progress = Callable[[Iteration], object]

@@ -165,9 +165,9 @@ class Solution:
         return float(sum(phase.duration for phase in self.phases))
 
 
-def unpack(program: Program, x: FloatArray) -> tuple[PhaseSolution, ...]:
+def unpack(layouts: Sequence[PhaseLayout], x: FloatArray) -> tuple[PhaseSolution, ...]:
     """Values by name from the scaled variables."""
-    return tuple(_phase_values(layout, x) for layout in program.layouts)
+    return tuple(_phase_values(layout, x) for layout in layouts)
 
 
 def _phase_values(layout: PhaseLayout, x: FloatArray) -> PhaseSolution:

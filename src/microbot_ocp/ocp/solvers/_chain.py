@@ -140,7 +140,7 @@ def run_chain(
     return Solution(
         status=outcome.attempt.status,
         cost=outcome.attempt.cost,
-        phases=unpack(program, outcome.x),
+        phases=unpack(program.layouts, outcome.x),
         attempts=tuple(attempts),
         row_multipliers=outcome.row_multipliers,
         build_time=build_time,

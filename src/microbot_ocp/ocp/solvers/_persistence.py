@@ -27,8 +27,8 @@ from microbot_ocp.ocp.solution import (
     PhaseSolution,
     Solution,
     Start,
-    numbers_of,
-    with_numbers,
+    problem_data,
+    with_problem_data,
 )
 from microbot_ocp.ocp.solvers import SolverSettings, run_chain
 from microbot_ocp.ocp.transcription import Mesh, PhaseLayout, Transcription, assemble
@@ -106,7 +106,7 @@ def save_solution(solution: Solution, path: str | Path) -> Path:
             own = phase.layout.phase
             variables = (*own.states, *own.controls, *own.algebraics)
             described["units"] = {v.name: v.unit for v in variables}
-            described["numbers"] = numbers_of(phase.layout)
+            described["numbers"] = problem_data(phase.layout)
             scheme = phase.layout.scheme
             described["scheme"] = [type(scheme).__name__, dict(vars(scheme))]
         phases.append(described)
@@ -264,7 +264,8 @@ def _as_solved(
         raise InputError("the solution was written without its numbers: give its transcription")
     made = copy.copy(given)
     made.phases = [
-        with_numbers(phase, d["numbers"]) for phase, d in zip(given.phases, described, strict=True)
+        with_problem_data(phase, d["numbers"])
+        for phase, d in zip(given.phases, described, strict=True)
     ]
     if isinstance(problem, Transcription):
         return Transcription(made, scheme=problem.scheme)

@@ -9,6 +9,7 @@ from ._kernels import (
     build_kernels as build_kernels,
     interpolated_variables as interpolated_variables,
     joined as joined,
+    stage_variables as stage_variables,
 )
 from ._layout import (
     Bounds as Bounds,
@@ -17,6 +18,9 @@ from ._layout import (
     StageKind as StageKind,
     bounds_of as bounds_of,
     fill_transitions as fill_transitions,
+    row_labels as row_labels,
+    stage_kind as stage_kind,
+    variable_labels as variable_labels,
 )
 from ._mesh import (
     IntArray as IntArray,

@@ -12,13 +12,20 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp.transcription._kernels import joined
-from microbot_ocp.ocp.transcription._layout import PhaseLayout, StageGroup, bounds_of
+from microbot_ocp.ocp.transcription._layout import (
+    Bounds,
+    PhaseLayout,
+    StageGroup,
+    bounds_of,
+    row_labels,
+    variable_labels,
+)
 from microbot_ocp.ocp.transcription._mesh import IntArray
-from microbot_ocp.ocp.transcription._table import Block, Label
+from microbot_ocp.ocp.transcription._table import Label
 
 
 @dataclass(frozen=True, eq=False)
-class Program:
+class Program(Bounds):
     """A nonlinear program in stages, ready for a solver.
 
     Attributes
@@ -27,7 +34,6 @@ class Program:
     nlp : ``x``, ``f`` and ``g`` as expressions, and ``p`` where phase parameters may change
     functions : derivatives: ``jacobian(x, p) -> g, J``, ``gradient(x, p) -> f, grad``,
         ``hessian(x, p, lam_f, lam_g) -> H`` and its upper triangle ``hessian_upper``
-    variable_lower, variable_upper, row_lower, row_upper : bounds, scaled
     parameters : values of p as declared; empty where the parameters are constants of the program
     cost_scale : what solvers divide the cost by; it is whole in ``nlp`` and ``functions``
     """
@@ -35,22 +41,18 @@ class Program:
     layouts: tuple[PhaseLayout, ...]
     nlp: Mapping[str, ca.MX]
     functions: Mapping[str, ca.Function]
-    variable_lower: FloatArray
-    variable_upper: FloatArray
-    row_lower: FloatArray
-    row_upper: FloatArray
     parameters: FloatArray
     cost_scale: float = 1.0
 
     @cached_property
     def row_labels(self) -> list[Label]:
         """What every row is."""
-        return _labels({layout.phase.name: layout.rows for layout in self.layouts})
+        return row_labels(self.layouts)
 
     @cached_property
     def variable_labels(self) -> list[Label]:
         """What every variable is."""
-        return _labels({layout.phase.name: layout.variables for layout in self.layouts})
+        return variable_labels(self.layouts)
 
     @property
     def stage_sizes(self) -> tuple[IntArray, ...]:
@@ -61,27 +63,6 @@ class Program:
     def row_values(self, x: FloatArray) -> FloatArray:
         """Values of all rows at x, scaled."""
         return np.array(self.functions["jacobian"](x, self.parameters)[0]).ravel()
-
-    def violations(self, x: FloatArray, rows: FloatArray) -> FloatArray:
-        """How far the rows, then the variables, are beyond their bounds, scaled.
-
-        Infinite where a value is not finite.
-        """
-        values = np.concatenate([rows, x])
-        low = np.concatenate([self.row_lower, self.variable_lower])
-        high = np.concatenate([self.row_upper, self.variable_upper])
-        excess = np.maximum(np.maximum(low - values, values - high), 0.0)
-        return np.nan_to_num(excess, nan=np.inf, posinf=np.inf)
-
-
-def _labels(blocks: Mapping[str, Sequence[Block]]) -> list[Label]:
-    found: dict[int, Label] = {}
-    for phase, own in blocks.items():
-        for block in own:
-            for interval, places in zip(block.intervals.tolist(), block.places, strict=True):
-                for entry, place in zip(block.entries, places.tolist(), strict=True):
-                    found[place] = Label(**vars(entry), phase=phase, interval=interval)
-    return [found[place] for place in range(len(found))]
 
 
 class _Entries:

@@ -9,7 +9,7 @@ in their rows: those that are alike make a group, evaluated at once.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -368,6 +368,17 @@ class Bounds:
     row_lower: FloatArray
     row_upper: FloatArray
 
+    def violations(self, x: FloatArray, rows: FloatArray) -> FloatArray:
+        """How far the rows, then the variables, are beyond their bounds, scaled.
+
+        Infinite where a value is not finite.
+        """
+        values = np.concatenate([rows, x])
+        low = np.concatenate([self.row_lower, self.variable_lower])
+        high = np.concatenate([self.row_upper, self.variable_upper])
+        excess = np.maximum(np.maximum(low - values, values - high), 0.0)
+        return np.nan_to_num(excess, nan=np.inf, posinf=np.inf)
+
 
 def bounds_of(layouts: Sequence[PhaseLayout]) -> Bounds:
     """Bounds as the phases declare them."""
@@ -382,3 +393,23 @@ def bounds_of(layouts: Sequence[PhaseLayout]) -> Bounds:
         if low == high:  # fixed at the first node: at the others it would say the same again
             variables[:, layout.nodes[1:, -1]] = [[-np.inf], [np.inf]]
     return Bounds(*variables, *rows)
+
+
+def row_labels(layouts: Sequence[PhaseLayout]) -> list[Label]:
+    """What every row of a program is."""
+    return _labels({layout.phase.name: layout.rows for layout in layouts})
+
+
+def variable_labels(layouts: Sequence[PhaseLayout]) -> list[Label]:
+    """What every variable of a program is."""
+    return _labels({layout.phase.name: layout.variables for layout in layouts})
+
+
+def _labels(blocks: Mapping[str, Sequence[Block]]) -> list[Label]:
+    found: dict[int, Label] = {}
+    for phase, own in blocks.items():
+        for block in own:
+            for interval, places in zip(block.intervals.tolist(), block.places, strict=True):
+                for entry, place in zip(block.entries, places.tolist(), strict=True):
+                    found[place] = Label(**vars(entry), phase=phase, interval=interval)
+    return [found[place] for place in range(len(found))]

@@ -3,6 +3,7 @@
 from ._certificate import (
     Arc as Arc,
     Costates as Costates,
+    CostCheck as CostCheck,
     Hamiltonian as Hamiltonian,
     LimitUse as LimitUse,
     OCPCertificate as OCPCertificate,
@@ -14,14 +15,18 @@ from ._certificate import (
 from ._certification import (
     verify as verify,
 )
+from ._declared import (
+    as_declared as as_declared,
+)
 from ._limits import (
     ALONG as ALONG,
     dense_phase as dense_phase,
     limit_uses as limit_uses,
     relative_excess as relative_excess,
 )
-from ._program import (
-    plain_kernels as plain_kernels,
+from ._recomputation import (
+    Recomputation as Recomputation,
+    scaled_rows as scaled_rows,
 )
 from ._reintegration import (
     each_interval as each_interval,

@@ -8,6 +8,7 @@ from typing import Any
 
 from microbot_ocp._base.checks import FloatArray, plain
 from microbot_ocp._base.showing import view_for
+from microbot_ocp._base.status import Status
 
 
 @dataclass(frozen=True)
@@ -16,13 +17,16 @@ class Thresholds:
 
     Attributes
     ----------
-    state_error : of the re-simulation, relative to the state's largest magnitude
+    cost : of the cost given, relative to the sum of the sizes of its parts
+    state_error : of the re-simulation, relative to the state's largest magnitude; of the cost
+        integrated again
     excess : of a limit between mesh points, relative to the limit
     feasibility : violation of a row or bound of the scaled program
     stationarity, complementarity, sign : of the scaled program, divided by
         ``max(100, mean of |multipliers|) / 100`` (Waechter and Biegler, 2006, equation 6)
     """
 
+    cost: float = 1e-6
     state_error: float = 1e-3
     excess: float = 1e-3
     feasibility: float = 1e-6
@@ -32,20 +36,54 @@ class Thresholds:
 
 
 @dataclass(frozen=True)
+class CostCheck:
+    """The cost evaluated again from its declared expressions.
+
+    Attributes
+    ----------
+    given : what the solution says
+    recomputed : by the quadrature of the scheme
+    integrated : running costs integrated over every interval with the dynamics, from its own mesh
+        state; not a number where the integrator stopped
+    size : sum of the sizes of what the cost is added up from
+    """
+
+    given: float
+    recomputed: float
+    integrated: float
+    size: float
+
+    @property
+    def error(self) -> float:
+        """Difference of what is given, relative."""
+        return abs(self.given - self.recomputed) / self.size
+
+    @property
+    def integration_error(self) -> float:
+        """Difference of the quadrature to the integral, relative; 0 where there is none."""
+        found = abs(self.recomputed - self.integrated) / self.size
+        return found if found == found else 0.0
+
+
+@dataclass(frozen=True)
 class ResimulationCheck:
     """A phase integrated again from its first state with the solution's own control.
 
     Attributes
     ----------
     phase : str
-    status : "ok", or why the integrator stopped
+    status : Status
+        SOLVED, or FAILED where the integrator stopped.
+    failure : str
+        Why it stopped.
     error : largest error along the phase, relative to the largest magnitude of the state
     local_error : the same where every interval starts at its own mesh state
     state, component, time, value, wanted, unit : where the largest error is, and both values
     """
 
     phase: str
-    status: str
+    status: Status
+    failure: str
     error: float
     local_error: float
     state: str
@@ -207,6 +245,7 @@ class OCPCertificate:
     problem : name of the problem
     ok : whether every check passed
     verdict : the result in words
+    cost : the cost evaluated again
     resimulations : one check a phase
     limits : one entry for every component of every bound and path constraint
     optimality : Optimality
@@ -219,6 +258,7 @@ class OCPCertificate:
     problem: str
     ok: bool
     verdict: str
+    cost: CostCheck
     resimulations: tuple[ResimulationCheck, ...]
     limits: tuple[LimitUse, ...]
     optimality: Optimality

@@ -8,17 +8,24 @@ import numpy as np
 
 from microbot_ocp._base.checks import InputError
 from microbot_ocp.ocp.problem import OptimalControlProblem
-from microbot_ocp.ocp.solution import Solution
-from microbot_ocp.ocp.transcription import Transcription, assemble
+from microbot_ocp.ocp.solution import Solution, unpack
+from microbot_ocp.ocp.transcription import (
+    Transcription,
+    bounds_of,
+    row_labels,
+    variable_labels,
+)
 from microbot_ocp.ocp.verification._certificate import OCPCertificate, Thresholds
 from microbot_ocp.ocp.verification._costates import costates_of
+from microbot_ocp.ocp.verification._declared import as_declared, scaled_variables
 from microbot_ocp.ocp.verification._hamiltonian import hamiltonian_of
 from microbot_ocp.ocp.verification._limits import dense_phase, limit_uses
-from microbot_ocp.ocp.verification._messages import praise_of, problems_of
-from microbot_ocp.ocp.verification._program import (
-    plain_kernels,
-    scaled_variables,
-    transcription_of,
+from microbot_ocp.ocp.verification._messages import judged, problems_of, summary_of
+from microbot_ocp.ocp.verification._recomputation import (
+    Recomputation,
+    check_cost,
+    missed_conditions,
+    scaled_rows,
 )
 from microbot_ocp.ocp.verification._reintegration import phase_layout
 from microbot_ocp.ocp.verification._resimulation import resimulate
@@ -75,42 +82,49 @@ def verify(
     """
     started = time.perf_counter()
     limits_of = thresholds or Thresholds()
-    transcription = transcription_of(problem, solution)
-    layouts = tuple(phase_layout(phase) for phase in solution.phases)
-    plain = [plain_kernels(layout) for layout in layouts]
-    program = assemble(layouts)
-    x = scaled_variables(program, solution)
+    own = problem.problem if isinstance(problem, Transcription) else problem
+    phases = as_declared(problem, solution)
+    layouts = [phase_layout(phase) for phase in phases]
+    bounds = bounds_of(layouts)
+    labels = [*variable_labels(layouts), *row_labels(layouts)]
     lam_g = np.asarray(solution.row_multipliers, dtype=float)
-    if lam_g.size != program.row_lower.size:
+    if lam_g.size != bounds.row_lower.size:
         raise InputError(
-            f"the solution has {lam_g.size} row multipliers for {program.row_lower.size} rows of "
-            f"problem {transcription.problem.name!r}"
+            f"the solution has {lam_g.size} row multipliers for {bounds.row_lower.size} rows of "
+            f"problem {own.name!r}"
         )
-    parts = [
-        differentiate(phase, own, lam_g) for phase, own in zip(solution.phases, plain, strict=True)
-    ]
-    gradient = lagrangian_gradient(program, parts, lam_g)
-    lam_x, computed = bound_multipliers(program, solution, gradient)
-    optimality = optimality_of(program, x, gradient, lam_g, lam_x, computed, solution.cost_scale)
-    resimulations = tuple(resimulate(phase) for phase in solution.phases)
-    dense = [dense_phase(phase) for phase in solution.phases]
+    x, again = scaled_variables(phases), [Recomputation(phase) for phase in phases]
+    g = scaled_rows(own, again)
+    parts = [differentiate(phase, lam_g) for phase in phases]
+    gradient = lagrangian_gradient(parts, lam_g)
+    lam_x, computed = bound_multipliers(bounds, solution, gradient)
+    optimality = optimality_of(
+        labels, bounds, x, g, gradient, lam_g, lam_x, computed, solution.cost_scale
+    )
+    resimulations = tuple(resimulate(phase) for phase in phases)
+    cost = check_cost(solution.cost, again)
+    dense = [dense_phase(own.phase, own.at) for own in again]
     uses = tuple(use for d in dense for use in limit_uses(d))
     costates = tuple(
-        costates_of(phase, part, lam_g) for phase, part in zip(solution.phases, parts, strict=True)
+        costates_of(phase, part, lam_g) for phase, part in zip(phases, parts, strict=True)
     )
     hamiltonians = tuple(
-        hamiltonian_of(phase, part, lam_x)
-        for phase, part in zip(solution.phases, parts, strict=True)
+        hamiltonian_of(phase, part, lam_x) for phase, part in zip(phases, parts, strict=True)
     )
-    prices = Prices(program, lam_g, lam_x)
+    prices = Prices(layouts, labels, np.concatenate([lam_x, lam_g]))
     worth = WORTHLESS * max(abs(solution.cost), 1e-6)
     arcs = tuple(arc for d in dense for arc in arcs_of(d, prices, worth))
-    problems = problems_of(program, x, solution, resimulations, uses, optimality, limits_of)
-    said = problems or praise_of(resimulations, uses, optimality, hamiltonians, arcs)
+    problems = [
+        *problems_of(solution, unpack(layouts, x)),
+        *missed_conditions(again, limits_of.feasibility),
+        *judged(cost, resimulations, uses, optimality, limits_of),
+    ]
+    said = problems or summary_of(resimulations, uses, optimality, hamiltonians, arcs)
     return OCPCertificate(
-        problem=transcription.problem.name,
+        problem=own.name,
         ok=not problems,
         verdict=("Failed: " if problems else "Passed: ") + "; ".join(said) + ".",
+        cost=cost,
         resimulations=resimulations,
         limits=uses,
         optimality=optimality,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -57,22 +58,35 @@ class DensePhase:
     limited: list[Limited] = field(default_factory=list)
 
 
-def dense_phase(phase: PhaseSolution) -> DensePhase:
-    """A phase with all its quantities that have limits, on a dense grid."""
+def dense_phase(
+    phase: PhaseSolution, at: Callable[[float], Mapping[str, FloatArray]] | None = None
+) -> DensePhase:
+    """A phase with all its quantities that have limits, on a dense grid.
+
+    Parameters
+    ----------
+    phase : PhaseSolution
+    at : callable, optional
+        Values [N, size] of all variables at a fraction of every interval; by default the
+        interpolation of the scheme.
+    """
     layout = phase_layout(phase)
-    own = layout.phase
-    assert phase.stages is not None
-    n = layout.intervals
+    own, stages, n = layout.phase, phase.stages, layout.intervals
+    assert stages is not None
+    at = at or (lambda part: layout.interpolated(stages, np.arange(n), np.full(n, part)))
     share = np.linspace(0.0, 1.0, POINTS + 1)
     interval = np.repeat(np.arange(n), share.size)
     place = np.tile(share, n)
     steps = np.diff(layout.mesh)
     constants = np.tile(layout.parameters, (place.size, 1))
-    known = layout.interpolated(phase.stages, interval, place)
+    points = [at(float(part)) for part in share]
+    ordered = interpolated_variables(own)
+    known = {
+        v.name: np.stack([k[v.name] for k in points], axis=1).reshape(-1, v.size) for v in ordered
+    }
     t = (layout.mesh[interval] + place * steps[interval]) * phase.duration
     dense = DensePhase(phase, t, interval)
     kinds = {id(v): "state" for v in own.states} | {id(v): "algebraic" for v in own.algebraics}
-    ordered = interpolated_variables(own)
     for variable in ordered:
         kind = kinds.get(id(variable), "control")
         dense.limited.append(_limited(kind, variable, known[variable.name]))

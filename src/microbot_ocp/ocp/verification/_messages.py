@@ -1,4 +1,4 @@
-"""The verdict in words."""
+"""The verdict in sentences."""
 
 from __future__ import annotations
 
@@ -6,11 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from microbot_ocp._base.checks import FloatArray
-from microbot_ocp.ocp.solution import Solution, unpack
-from microbot_ocp.ocp.transcription import Program
+from microbot_ocp.ocp.solution import PhaseSolution, Solution
 from microbot_ocp.ocp.verification._certificate import (
     Arc,
+    CostCheck,
     Hamiltonian,
     LimitUse,
     Optimality,
@@ -21,30 +20,43 @@ from microbot_ocp.ocp.verification._certificate import (
 STALE = 1e-9  # relative difference between the values and the stages of a solution
 
 
-def problems_of(
-    program: Program,
-    x: FloatArray,
-    solution: Solution,
-    resimulations: Sequence[ResimulationCheck],
-    uses: Sequence[LimitUse],
-    optimality: Optimality,
-    passes: Thresholds,
-) -> list[str]:
-    """What did not pass, in words; nothing where all did."""
+def problems_of(solution: Solution, stages: Sequence[PhaseSolution]) -> list[str]:
+    """What is wrong with a solution before anything is evaluated.
+
+    ``stages`` are the phases as the stages of the program have them.
+    """
     problems = []
     if not solution.status.solved:
         problems.append(f"the solve did not converge: {solution.status}")
-    for phase, again in zip(solution.phases, unpack(program, x), strict=True):
+    for phase, again in zip(solution.phases, stages, strict=True):
         for name, values in phase.values.items():
             size = max(1e-9, float(np.abs(again.values[name]).max()))
             if not np.abs(values - again.values[name]).max() <= STALE * size:
                 problems.append(
                     f"the values of {name} in phase {phase.name!r} are not those of its stages"
                 )
+    return problems
+
+
+def judged(
+    cost: CostCheck,
+    resimulations: Sequence[ResimulationCheck],
+    uses: Sequence[LimitUse],
+    optimality: Optimality,
+    passes: Thresholds,
+) -> list[str]:
+    """What did not pass; nothing where all did."""
+    problems = []
+    if not cost.error <= passes.cost:
+        problems.append(f"the cost is {cost.recomputed:.8g}, not the {cost.given:.8g} given")
+    elif not cost.integration_error <= passes.state_error:
+        problems.append(
+            f"the cost is {cost.integrated:.8g} when it is integrated again, not {cost.given:.8g}"
+        )
     for check in resimulations:
         where = f"phase {check.phase!r}"
-        if check.status != "ok":
-            problems.append(f"re-simulation of {where} stopped: {check.status}")
+        if not check.status.solved:
+            problems.append(f"re-simulation of {where} stopped: {check.failure}")
         elif not check.error <= passes.state_error:
             cause = ""
             if check.local_error <= passes.state_error / 10:
@@ -84,14 +96,14 @@ def _component(name: str, component: int) -> str:
     return f"{name}[{component}]" if component else name
 
 
-def praise_of(
+def summary_of(
     resimulations: Sequence[ResimulationCheck],
     uses: Sequence[LimitUse],
     optimality: Optimality,
     hamiltonians: Sequence[Hamiltonian],
     arcs: Sequence[Arc],
 ) -> list[str]:
-    """What was found of a solution that passed, in words."""
+    """What was found of a solution that passed."""
     error = max(check.error for check in resimulations)
     worst = max((use.relative for use in uses), default=0.0)
     kept = "is kept" if worst <= 1e-6 else f"is kept to within {100 * worst:.2g} %"

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
@@ -47,45 +48,58 @@ def state_weights(phase: PhaseSolution) -> FloatArray:
     return np.maximum(np.abs(mesh_states(phase)).max(axis=0), SMALLEST_WEIGHT * scale)
 
 
-def each_interval(
-    phase: PhaseSolution, tolerance: float = INTEGRATOR_TOLERANCE
-) -> tuple[FloatArray, str]:
-    """Integrate every interval from its own mesh state; states [N, n] at the ends, and a status.
+@dataclass(frozen=True, eq=False)
+class Integrated:
+    """A phase integrated again.
 
-    All intervals of one degree are one call of one mapped integrator. Where the integrator fails
-    the states are not numbers.
+    Attributes
+    ----------
+    states : at the ends of the intervals [N, n]; not numbers where the integrator failed
+    costs : integrals of the running cost over the intervals [N]
+    failure : why the integrator stopped; empty where it got through
+    """
+
+    states: FloatArray
+    costs: FloatArray
+    failure: str = ""
+
+
+def each_interval(
+    phase: PhaseSolution, tolerance: float = INTEGRATOR_TOLERANCE, *, until: float = 1.0
+) -> Integrated:
+    """Integrate every interval from its own mesh state, up to a fraction of it.
+
+    All intervals of one degree are one call of one mapped integrator.
     """
     start = mesh_states(phase)[:-1]
-    layout, ends = phase_layout(phase), np.full_like(start, np.nan)
+    layout, ends, costs = phase_layout(phase), np.zeros_like(start), np.zeros(len(start))
     for group in layout.groups:
         own = group.intervals
-        data = _interval_data(phase, group)
-        found, status = _first_that_works(
+        data = _interval_data(phase, group, until)
+        found, failure = _first_that_works(
             layout,
             group.kind,
             tolerance,
             lambda run, own=own, data=data: run.map(own.size)(start[own].T, data.T),
         )
         if found is None:
-            return np.full_like(start, np.nan), status
-        ends[own] = found
-    return ends, "ok"
+            return _failed(phase, failure)
+        ends[own], costs[own] = found
+    return Integrated(ends, costs)
 
 
-def open_loop(
-    phase: PhaseSolution, tolerance: float = INTEGRATOR_TOLERANCE
-) -> tuple[FloatArray, str]:
-    """Integrate the phase from its first state on; states [N, n] at the later mesh points."""
+def open_loop(phase: PhaseSolution, tolerance: float = INTEGRATOR_TOLERANCE) -> Integrated:
+    """Integrate the phase from its first state on."""
     layout, states = phase_layout(phase), mesh_states(phase)
     data = [_interval_data(phase, group) for group in layout.groups]
-    reached, ends = states[0], np.full_like(states[1:], np.nan)
+    reached, ends, costs = states[0], np.zeros_like(states[1:]), np.zeros(len(states) - 1)
     # a run of intervals of one kind is one call
     changes = np.flatnonzero(np.diff(layout.kind_of)) + 1
     for own in np.split(np.arange(layout.intervals), changes):
         index = int(layout.kind_of[own[0]])
         group = layout.groups[index]
         table = data[index][np.searchsorted(group.intervals, own)]
-        found, status = _first_that_works(
+        found, failure = _first_that_works(
             layout,
             group.kind,
             tolerance,
@@ -94,26 +108,32 @@ def open_loop(
             ),
         )
         if found is None:
-            return np.full_like(ends, np.nan), status
-        ends[own] = found
-        reached = found[-1]
-    return ends, "ok"
+            return _failed(phase, failure)
+        ends[own], costs[own] = found
+        reached = ends[own[-1]]
+    return Integrated(ends, costs)
+
+
+def _failed(phase: PhaseSolution, failure: str) -> Integrated:
+    states = np.full_like(mesh_states(phase)[1:], np.nan)
+    return Integrated(states, np.full(len(states), np.nan), failure)
 
 
 def _first_that_works(
     layout: PhaseLayout,
     kind: StageKind,
     tolerance: float,
-    call: Callable[[ca.Function], ca.DM],
-) -> tuple[FloatArray | None, str]:
-    """States [M, n] by the first integrator that gets through, or why the last did not."""
-    status = "ok"
+    call: Callable[[ca.Function], Any],
+) -> tuple[tuple[FloatArray, FloatArray] | None, str]:
+    """States [M, n] and costs [M] by the first integrator that gets through, or why none did."""
+    failure = ""
     for method in _methods(layout.phase):
         try:
-            return call(_integrator(layout, kind, method, tolerance)).full().T, "ok"
+            states, costs = call(_integrator(layout, kind, method, tolerance))
+            return (states.full().T, costs.full().ravel()), ""
         except RuntimeError as problem:
-            status = _why(problem)
-    return None, status
+            failure = _why(problem)
+    return None, failure
 
 
 def _methods(phase: Phase) -> tuple[str, ...]:
@@ -144,7 +164,7 @@ def point_values(phase: PhaseSolution, group: StageGroup, variable: Variable) ->
     return phase.values[variable.name].reshape(-1, variable.size)[places]
 
 
-def _interval_data(phase: PhaseSolution, group: StageGroup) -> FloatArray:
+def _interval_data(phase: PhaseSolution, group: StageGroup, until: float = 1.0) -> FloatArray:
     """What the integrator needs to know of every interval of a group [M, ...], in its order."""
     own, k = phase_layout(phase).phase, group.intervals
     linear = [phase.values[v.name] for v in _of_shape(own, "linear")]
@@ -154,6 +174,7 @@ def _interval_data(phase: PhaseSolution, group: StageGroup) -> FloatArray:
         phase.t[k, None],
         np.diff(phase.t)[k, None],
         np.full((k.size, 1), phase.duration),
+        np.full((k.size, 1), until),
         *(np.tile(p.value, (k.size, 1)) for p in own.parameters),
         *(phase.values[v.name][k] for v in _of_shape(own, "constant")),
         *(values[k] for values in linear),
@@ -165,22 +186,23 @@ def _interval_data(phase: PhaseSolution, group: StageGroup) -> FloatArray:
 
 
 def _integrator(layout: PhaseLayout, kind: StageKind, method: str, tolerance: float) -> ca.Function:
-    """``(x at the start, data of the interval) -> x at the end``, in the units of the problem.
+    """``(x at the start, data of the interval) -> x at the end, integral of the running cost``.
 
-    The independent variable is the fraction of the interval and the states are divided by their
-    scales, so that one absolute tolerance suits all.
+    The independent variable is the share of the part of the interval that is integrated, and the
+    states are divided by their scales, so that one absolute tolerance suits all.
     """
     phase = layout.phase
     constant, linear = _of_shape(phase, "constant"), _of_shape(phase, "linear")
     polynomial = _of_shape(phase, "polynomial")
-    s = ca.MX.sym("s")
+    share = ca.MX.sym("s")
     parts: list[ca.MX] = []
 
     def part(size: int) -> ca.MX:
         parts.append(ca.MX.sym(f"part{len(parts)}", size))
         return parts[-1]
 
-    start, length, duration = part(1), part(1), part(1)
+    start, length, duration, until = part(1), part(1), part(1), part(1)
+    s = share * until
     known = [(p.symbol, part(p.value.size)) for p in phase.parameters]
     known += [(v.symbol, part(v.size)) for v in constant]
     begins, ends = [part(v.size) for v in linear], [part(v.size) for v in linear]
@@ -202,13 +224,21 @@ def _integrator(layout: PhaseLayout, kind: StageKind, method: str, tolerance: fl
     slope = ca.vertcat(*(phase.derivatives[v.name] for v in phase.states))
     equations = ca.vertcat(*phase.algebraic_equations, ca.MX(0, 1))
     arguments = [x, z, *(symbol for symbol, _ in known)]
-    physics = ca.Function("physics", arguments, [slope, equations])
+    running = sum(phase.running_costs, ca.MX(0))
+    physics = ca.Function("physics", arguments, [slope, equations, running])
     with contextlib.suppress(RuntimeError):  # interpolants have no scalar graph
         physics = physics.expand()
     scale = ca.DM(np.concatenate([v.scale for v in phase.states]))
     y, inner = ca.MX.sym("y", x.shape[0]), ca.MX.sym("z", z.shape[0])
-    rate, residual = physics(y * scale, inner, *(value for _, value in known))
-    dae: dict[str, Any] = {"t": s, "x": y, "p": ca.vertcat(*parts), "ode": length * rate / scale}
+    rate, residual, cost = physics(y * scale, inner, *(value for _, value in known))
+    reach = until * length
+    dae: dict[str, Any] = {
+        "t": share,
+        "x": y,
+        "p": ca.vertcat(*parts),
+        "ode": reach * rate / scale,
+        "quad": reach * cost,
+    }
     options: dict[str, Any] = {
         "abstol": tolerance,
         "reltol": tolerance,
@@ -225,9 +255,9 @@ def _integrator(layout: PhaseLayout, kind: StageKind, method: str, tolerance: fl
     first, data = ca.MX.sym("x0", x.shape[0]), ca.vertcat(*parts)
     result = solver(x0=first / scale, p=data, z0=ca.vertcat(*guesses, ca.MX(0, 1)))
     flat = ca.MX.sym("data", data.shape[0])
-    whole = ca.Function("whole", [first, *parts], [result["xf"] * scale])
+    whole = ca.Function("whole", [first, *parts], [result["xf"] * scale, result["qf"]])
     pieces = ca.vertsplit(flat, np.cumsum([0, *(p.shape[0] for p in parts)]).tolist())
-    return ca.Function("reach", [first, flat], [whole(first, *pieces)])
+    return ca.Function("reach", [first, flat], whole.call([first, *pieces]))
 
 
 def lagrange(points: list[float], s: ca.MX) -> ca.MX:

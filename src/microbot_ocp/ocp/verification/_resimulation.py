@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.solution import PhaseSolution
 from microbot_ocp.ocp.verification._certificate import ResimulationCheck
 from microbot_ocp.ocp.verification._reintegration import (
@@ -19,21 +20,22 @@ def resimulate(phase: PhaseSolution) -> ResimulationCheck:
     """Integrate a phase again from its first state and interval by interval."""
     states = phase_layout(phase).phase.states
     wanted, weights = mesh_states(phase)[1:], state_weights(phase)
-    ends, status = open_loop(phase)
-    error = np.nan_to_num(np.abs(ends - wanted) / weights, nan=np.inf)
-    local = np.nan_to_num(np.abs(each_interval(phase)[0] - wanted) / weights, nan=np.inf)
+    again = open_loop(phase)
+    error = np.nan_to_num(np.abs(again.states - wanted) / weights, nan=np.inf)
+    local = np.nan_to_num(np.abs(each_interval(phase).states - wanted) / weights, nan=np.inf)
     k, column = np.unravel_index(int(error.argmax()), error.shape)
     owners = [(state, i) for state in states for i in range(state.size)]
     state, component = owners[int(column)]
     return ResimulationCheck(
         phase=phase.name,
-        status=status,
+        status=Status.FAILED if again.failure else Status.SOLVED,
+        failure=again.failure,
         error=float(error.max()),
         local_error=float(local.max()),
         state=state.name,
         component=component,
         time=float(phase.t[int(k) + 1]),
-        value=float(ends[k, column]),
+        value=float(again.states[k, column]),
         wanted=float(wanted[k, column]),
         unit=state.unit,
     )

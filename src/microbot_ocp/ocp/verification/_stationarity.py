@@ -16,7 +16,7 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp.problem import node_variables
 from microbot_ocp.ocp.solution import PhaseSolution, Solution
-from microbot_ocp.ocp.transcription import Kernels, PhaseLayout, Program
+from microbot_ocp.ocp.transcription import Bounds, Label, PhaseLayout
 from microbot_ocp.ocp.verification._certificate import Optimality, Residual
 from microbot_ocp.ocp.verification._reintegration import phase_layout
 
@@ -44,9 +44,7 @@ class Derivatives:
     step: FloatArray
 
 
-def differentiate(
-    phase: PhaseSolution, kernels: Sequence[Kernels], lam_g: FloatArray
-) -> Derivatives:
+def differentiate(phase: PhaseSolution, lam_g: FloatArray) -> Derivatives:
     """Derivatives of the discrete Lagrangian of a phase with the multipliers of all rows."""
     layout = phase_layout(phase)
     assert phase.stages is not None
@@ -54,9 +52,9 @@ def differentiate(
     by_stage = np.zeros_like(phase.stages)
     by_grid = np.zeros((2, n))
     step = np.zeros((n, layout.node_size))
-    for group, kernel in zip(layout.groups, kernels, strict=True):
+    for group in layout.groups:
         table = layout.table(phase.stages, group)
-        run = _stage_gradient(kernel.stage).map(group.intervals.size)
+        run = _stage_gradient(group.kind.kernels.stage).map(group.intervals.size)
         slope, slope_of_grid = run(table.T, layout.constants(group.intervals), lam_g[group.rows].T)
         by_stage[group.variables - layout.stages.start] = slope.full().T
         by_grid[:, group.intervals] = slope_of_grid.full()
@@ -64,7 +62,7 @@ def differentiate(
     node = [phase.values[v.name][-1] for v in node_variables(layout.phase)]
     z = np.append(np.concatenate(node), phase.duration) / layout.node_scale
     lam_end = lam_g[layout.end.places[0]]
-    run = _end_gradient(kernels[0].end)
+    run = _end_gradient(layout.kinds[0].kernels.end)
     return Derivatives(
         layout=layout,
         by_stage=by_stage,
@@ -99,11 +97,9 @@ def _end_gradient(end: ca.Function) -> ca.Function:
     return ca.Function("end_gradient", [z, c, lam], [slope])
 
 
-def lagrangian_gradient(
-    program: Program, parts: Sequence[Derivatives], lam_g: FloatArray
-) -> FloatArray:
+def lagrangian_gradient(parts: Sequence[Derivatives], lam_g: FloatArray) -> FloatArray:
     """``grad f + J' lam_g`` of the scaled program."""
-    gradient = np.zeros(program.variable_lower.size)
+    gradient = np.zeros(sum(part.layout.variable_count for part in parts))
     for part in parts:
         layout = part.layout
         gradient[layout.stages] += part.by_stage
@@ -118,32 +114,35 @@ def lagrangian_gradient(
 
 
 def bound_multipliers(
-    program: Program, solution: Solution, gradient: FloatArray
+    bounds: Bounds, solution: Solution, gradient: FloatArray
 ) -> tuple[FloatArray, bool]:
     """Multipliers of the bounds, and whether they had to be computed from the gradient."""
     given = solution.variable_multipliers
     if given is not None and np.size(given) == gradient.size:
         return np.asarray(given, dtype=float), False
-    bounded = np.isfinite(program.variable_lower) | np.isfinite(program.variable_upper)
+    bounded = np.isfinite(bounds.variable_lower) | np.isfinite(bounds.variable_upper)
     return np.where(bounded, -gradient, 0.0), True
 
 
 def optimality_of(
-    program: Program,
+    labels: Sequence[Label],
+    bounds: Bounds,
     x: FloatArray,
+    g: FloatArray,
     gradient: FloatArray,
     lam_g: FloatArray,
     lam_x: FloatArray,
     computed: bool,
     cost_scale: float,
 ) -> Optimality:
-    """Largest residual of every condition, in the scaled program and in its own unit."""
-    g = program.row_values(x)
-    labels = [*program.variable_labels, *program.row_labels]
+    """Largest residual of every condition, in the scaled program and in its own unit.
+
+    Labels are of the variables x, then of the rows, whose values are g.
+    """
     scale = np.array([label.scale for label in labels])
     value, lam = np.concatenate([x, g]), np.concatenate([lam_x, lam_g])
-    low = np.concatenate([program.variable_lower, program.row_lower])
-    high = np.concatenate([program.variable_upper, program.row_upper])
+    low = np.concatenate([bounds.variable_lower, bounds.row_lower])
+    high = np.concatenate([bounds.variable_upper, bounds.row_upper])
     size = max(100.0 * cost_scale, float(np.mean(np.abs(lam)))) / 100.0
     excess = np.maximum(np.maximum(low - value, value - high), 0.0)
     with np.errstate(invalid="ignore"):

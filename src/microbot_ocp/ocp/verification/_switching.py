@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp.ocp.transcription import Program
+from microbot_ocp.ocp.transcription import Label, PhaseLayout
 from microbot_ocp.ocp.verification._certificate import Arc
 from microbot_ocp.ocp.verification._limits import POINTS, DensePhase
 
@@ -17,18 +19,16 @@ WORTHLESS = 1e-4  # of the cost: a limit that is worth less over an arc does not
 class Prices:
     """Multipliers of bounds and path constraints by phase and name, in cost per unit."""
 
-    def __init__(self, program: Program, lam_g: FloatArray, lam_x: FloatArray) -> None:
+    def __init__(
+        self, layouts: Sequence[PhaseLayout], labels: Sequence[Label], multipliers: FloatArray
+    ) -> None:
         self.entries: dict[tuple[str, str, int], list[tuple[float, int, float]]] = {}
-        layouts = {layout.phase.name: layout for layout in program.layouts}
-        for labels, lam in (
-            (program.variable_labels, lam_x),
-            (program.row_labels, lam_g),
-        ):
-            for label, multiplier in zip(labels, lam, strict=True):
-                if label.kind in ("state", "control", "algebraic", "bound", "constraint"):
-                    own = self.entries.setdefault((label.phase, label.name, label.component), [])
-                    place = layouts[label.phase].place_of(label)
-                    own.append((place, label.interval, multiplier / label.scale))
+        by_name = {layout.phase.name: layout for layout in layouts}
+        for label, multiplier in zip(labels, multipliers, strict=True):
+            if label.kind in ("state", "control", "algebraic", "bound", "constraint"):
+                own = self.entries.setdefault((label.phase, label.name, label.component), [])
+                place = by_name[label.phase].place_of(label)
+                own.append((place, label.interval, multiplier / label.scale))
 
     def of(self, phase: str, name: str, component: int) -> np.ndarray:
         """Place, interval and multiplier [M, 3]."""

@@ -1,0 +1,86 @@
+"""A solution in the terms of the problem that was declared, not of the program that was solved."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp.ocp.problem import OptimalControlProblem, Phase, node_variables
+from microbot_ocp.ocp.solution import PhaseSolution, Solution, problem_data, with_problem_data
+from microbot_ocp.ocp.transcription import (
+    PhaseLayout,
+    Transcription,
+    build_kernels,
+    fill_transitions,
+    stage_kind,
+    stage_variables,
+)
+from microbot_ocp.ocp.verification._reintegration import phase_layout
+
+
+def as_declared(
+    problem: OptimalControlProblem | Transcription, solution: Solution
+) -> tuple[PhaseSolution, ...]:
+    """The phases of a solution with the declared expressions, and the numbers of the solve.
+
+    Limits, conditions, parameters and scales may be others than those declared, see
+    :class:`~microbot_ocp.ocp.ParametricSolver`. Kernels are built anew, without derivatives; of
+    the program that was solved only the places of its rows and variables stay.
+
+    Raises
+    ------
+    InputError
+        The solution is of another problem.
+    """
+    own = problem.problem if isinstance(problem, Transcription) else problem
+    names = [phase.name for phase in own.phases]
+    if names != [phase.name for phase in solution.phases]:
+        raise InputError(
+            f"the solution has phases {[p.name for p in solution.phases]}, but problem "
+            f"{own.name!r} has {names}"
+        )
+    found = []
+    for declared, phase in zip(own.phases, solution.phases, strict=True):
+        given = phase_layout(phase)
+        layout = _laid_out(with_problem_data(declared, problem_data(given)), given)
+        same = [[block.entries for block in (*k.rows, *k.variables)] for k in (layout, given)]
+        if same[0] != same[1]:
+            raise InputError(
+                f"phase {declared.name!r} of the solution has other variables or constraints than "
+                f"that of problem {own.name!r}"
+            )
+        found.append(replace(phase, layout=layout))
+    return tuple(found)
+
+
+def _laid_out(phase: Phase, given: PhaseLayout) -> PhaseLayout:
+    """A layout with the places of another, and kernels of its own."""
+
+    def derive(stage: ca.Function, end: ca.Function) -> Sequence[ca.Function]:
+        return [stage, stage, stage, end, end, end]  # differentiated here, not by the builder
+
+    groups, scale = [], float(given.node_scale[-1])
+    for group in given.groups:
+        scheme = group.kind.scheme
+        kernels = build_kernels(phase, scale, scheme, derive)
+        kind = stage_kind(phase, scheme, stage_variables(phase, scheme), kernels, scale)
+        groups.append(replace(group, kind=kind))
+    end = replace(given.end, entries=groups[0].kind.kernels.end_rows)
+    return replace(given, phase=phase, groups=tuple(groups), end=end)
+
+
+def scaled_variables(phases: Sequence[PhaseSolution]) -> FloatArray:
+    """Variables of the program, from the stages and the last mesh values of every phase."""
+    layouts = [phase_layout(phase) for phase in phases]
+    x = np.zeros(sum(layout.variable_count for layout in layouts))
+    for layout, phase in zip(layouts, phases, strict=True):
+        assert phase.stages is not None
+        end = [phase.values[v.name][-1] for v in node_variables(layout.phase)]
+        x[layout.stages] = phase.stages
+        x[layout.nodes[-1]] = np.append(np.concatenate(end), phase.duration) / layout.node_scale
+    fill_transitions(layouts, x)
+    return x

@@ -1,0 +1,409 @@
+"""A solution evaluated again from the declared expressions, in their own units, on plain numbers.
+
+Nothing of the program that was solved is used but the places of its values: no kernel, no scale, no
+derivative. The expressions are evaluated by functions made here of the declared symbols, and the
+formulas of the schemes are written down once more. What has none here, such as shooting on an
+integrator, is integrated again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray
+from microbot_ocp.ocp.problem import (
+    OptimalControlProblem,
+    PathConstraint,
+    Phase,
+    Variable,
+    node_variables,
+)
+from microbot_ocp.ocp.solution import PhaseSolution
+from microbot_ocp.ocp.transcription import StageGroup, interpolated_variables, row_labels
+from microbot_ocp.ocp.transcription.schemes import (
+    Collocation,
+    HermiteSimpson,
+    Shooting,
+    Trapezoidal,
+)
+from microbot_ocp.ocp.verification._certificate import CostCheck
+from microbot_ocp.ocp.verification._reintegration import each_interval, phase_layout
+
+TINY = 1e-12  # size of a cost that is zero
+Values = Mapping[str, FloatArray]  # tables [size, M] of variables, or rates, by name
+
+
+class Recomputation:
+    """A phase evaluated again.
+
+    Attributes
+    ----------
+    rows : values of its rows, in their own units, by their places in the program; without the link
+    costs : running cost over every interval [N], then the end cost
+    """
+
+    def __init__(self, phase: PhaseSolution) -> None:
+        layout = phase_layout(phase)
+        self.phase = phase
+        self.expressions = _Expressions(layout.phase)
+        self.groups = [_Intervals(phase, group, self.expressions) for group in layout.groups]
+        self.rows: dict[int, float] = {}
+        self.costs = np.zeros(layout.intervals + 1)
+        for own in self.groups:
+            self.costs[own.group.intervals] = own.step.running
+            rows = own.rows(self._node(own.group.intervals + 1))
+            self.rows |= zip(own.group.rows.T.ravel().tolist(), rows.ravel().tolist(), strict=True)
+        self._add_ends()
+
+    def at(self, share: float) -> dict[str, FloatArray]:
+        """All variables [N, size] at a fraction of every interval."""
+        variables = self.expressions.variables
+        found = {v.name: np.zeros((self.phase.mesh.size - 1, v.size)) for v in variables}
+        for own in self.groups:
+            for name, table in own.values(own.step.state(share), share).items():
+                found[name][own.group.intervals] = table.T
+        return found
+
+    def _node(self, k: Sequence[int] | np.ndarray) -> tuple[dict[str, FloatArray], FloatArray]:
+        """Values [size, M] at some mesh points, and the durations [M] that stand there."""
+        layout, stages = phase_layout(self.phase), self.phase.stages
+        assert stages is not None
+        nodes = node_variables(layout.phase)
+        last = np.concatenate([*(self.phase.values[v.name][-1] for v in nodes), [0.0]])
+        last[-1] = self.phase.duration
+        inner = stages[layout.nodes[:-1] - layout.stages.start] * layout.node_scale
+        table = np.vstack([inner, last])[k].T
+        return _split(nodes, table[:-1]), table[-1]
+
+    def _add_ends(self) -> None:
+        """Conditions and constraints at the ends, and the end cost."""
+        layout, own = phase_layout(self.phase), self.expressions
+        declared = layout.phase
+        last, duration = self._node([-1])
+        # what has no value there does not appear in these expressions
+        known = {v.name: np.zeros((v.size, 1)) for v in own.variables} | last
+        rates = {c.name: np.zeros((c.size, 1)) for c in own.rates}
+        table = own.table(known, rates, duration, duration)
+        self.costs[-1] = float(own.function([sum(declared.end_costs, ca.MX(0))])(table))
+        found = own.limits(table)
+        for block, values in ((layout.initial, self._node([0])[0]), (layout.final, last)):
+            for place, entry in zip(block.places[0].tolist(), block.entries, strict=True):
+                self.rows[place] = float(values[entry.name][entry.component, 0])
+        for place, entry in zip(layout.end.places[0].tolist(), layout.end.entries, strict=True):
+            self.rows[place] = float(found[entry.source][entry.component, 0])
+
+
+def scaled_rows(problem: OptimalControlProblem, phases: Sequence[Recomputation]) -> FloatArray:
+    """Values of all rows of the program, divided by their scales."""
+    layouts = [phase_layout(own.phase) for own in phases]
+    scale = np.array([label.scale for label in row_labels(layouts)])
+    values = np.zeros(scale.size)
+    for own in phases:
+        values[list(own.rows)] = list(own.rows.values())
+    for link, layout, before, after in zip(
+        problem.links, layouts, phases[:-1], phases[1:], strict=False
+    ):
+        for place, entry in zip(layout.link.places[0].tolist(), layout.link.entries, strict=True):
+            if entry.source is not None and entry.name in link.names:  # the rest may jump
+                end, start = before.phase[entry.name][-1], after.phase[entry.name][0]
+                values[place] = start[entry.component] - end[entry.component]
+    return values / scale
+
+
+def missed_conditions(phases: Sequence[Recomputation], tolerance: float) -> list[str]:
+    """Start and end conditions that are not met, by the mesh values and as they are declared.
+
+    The tolerance is a share of the scale of a variable.
+    """
+    found = []
+    for own in phases:
+        phase = own.phase
+        for variable in node_variables(phase_layout(phase).phase):
+            for condition, k, place in (
+                (variable.initial, 0, "start"),
+                (variable.final, -1, "end"),
+            ):
+                if condition is None:
+                    continue
+                value = phase[variable.name][k]
+                beyond = np.maximum(condition[0] - value, value - condition[1])
+                found += [
+                    f"{place} of {variable.name}{f'[{i}]' if variable.size > 1 else ''} in phase "
+                    f"{phase.name!r} is {value[i]:.6g} {variable.unit}, {beyond[i]:.3g} beyond its "
+                    "condition"
+                    for i in np.flatnonzero(~(beyond <= tolerance * variable.scale))
+                ]
+    return found
+
+
+def check_cost(given: float, phases: Sequence[Recomputation]) -> CostCheck:
+    """The cost of a solution evaluated again."""
+    parts = np.concatenate([own.costs for own in phases])
+    integrals = sum(float(each_interval(own.phase).costs.sum()) for own in phases)
+    ends = sum(float(own.costs[-1]) for own in phases)
+    return CostCheck(given, float(parts.sum()), integrals + ends, max(np.abs(parts).sum(), TINY))
+
+
+def _split(items: Sequence[Variable | PathConstraint], table: FloatArray) -> dict[str, FloatArray]:
+    parts = np.split(table, np.cumsum([item.scale.size for item in items])[:-1])
+    return {item.name: part for item, part in zip(items, parts, strict=bool(items))}
+
+
+class _Expressions:
+    """Expressions of a phase as functions of tables of numbers."""
+
+    def __init__(self, phase: Phase) -> None:
+        self.phase = phase
+        self.variables = interpolated_variables(phase)
+        self.rates = [c for c in phase.controls if c.rate is not None]
+        symbols = [v.symbol for v in self.variables]
+        symbols += [c.rate for c in self.rates if c.rate is not None]
+        symbols += [phase.time, phase.duration, *(p.symbol for p in phase.parameters)]
+        self.symbols = ca.vertcat(*symbols)
+
+    def function(self, expressions: Sequence[ca.MX]) -> ca.Function:
+        """The expressions, one below the other, as a function of the table of all inputs."""
+        stacked = ca.densify(ca.vertcat(*expressions, ca.MX(0, 1)))
+        made = ca.Function("declared", [self.symbols], [stacked])
+        with suppress(RuntimeError):  # interpolants have no scalar graph
+            made = made.expand()
+        return made
+
+    def table(
+        self, values: Values, rates: Values, t: FloatArray, duration: FloatArray
+    ) -> FloatArray:
+        """All inputs of the functions at some points [inputs, M]."""
+        known = [values[v.name] for v in self.variables] + [rates[c.name] for c in self.rates]
+        fixed = [np.tile(p.value[:, None], (1, t.size)) for p in self.phase.parameters]
+        return np.vstack([*known, t, duration, *fixed])
+
+    @cached_property
+    def dynamics(self) -> ca.Function:
+        """Slopes of all states, then the running cost."""
+        phase = self.phase
+        slopes = [phase.derivatives[state.name] for state in phase.states]
+        return self.function([*slopes, sum(phase.running_costs, ca.MX(0))])
+
+    @cached_property
+    def _limits(self) -> ca.Function:
+        phase = self.phase
+        limits = [*phase.constraints, *phase.end_constraints]
+        return self.function([*(k.expression for k in limits), *phase.algebraic_equations])
+
+    def limits(self, table: FloatArray) -> dict[tuple[str, int] | None, FloatArray]:
+        """Path and end constraints by where they are declared; algebraic equations under None."""
+        phase = self.phase
+        names = [("constraints", i) for i in range(len(phase.constraints))]
+        names += [("end_constraints", i) for i in range(len(phase.end_constraints))]
+        sizes = [k.scale.size for k in (*phase.constraints, *phase.end_constraints)]
+        parts = np.split(self._limits(table).full(), np.cumsum(sizes))
+        return dict(zip([*names, None], parts, strict=True))
+
+
+class _Intervals:
+    """The stages of one kind in the units of the declaration, a column for each."""
+
+    def __init__(self, phase: PhaseSolution, group: StageGroup, expressions: _Expressions) -> None:
+        layout = phase_layout(phase)
+        assert phase.stages is not None
+        self.phase, self.group, self.expressions = phase, group, expressions
+        self.states = layout.phase.states
+        table = (layout.table(phase.stages, group) * group.kind.scale).T
+        nodes = node_variables(layout.phase)
+        self.node = _split(nodes, table[: layout.node_size - 1])
+        self.duration = table[layout.node_size - 1]
+        self.start = layout.mesh[group.intervals] * self.duration
+        self.length = np.diff(layout.mesh)[group.intervals] * self.duration
+        self.constant: dict[str, FloatArray] = {}
+        self.arrival: dict[str, FloatArray] = {}
+        self.inside: dict[str, dict[float, FloatArray]] = {}
+        row = layout.node_size
+        for own in group.kind.inner:
+            variable, part = own.source, table[row : row + own.source.size]
+            row += variable.size
+            if variable.shape == "constant":
+                self.constant[variable.name] = part
+            elif variable.shape == "linear":
+                self.arrival[variable.name] = part
+            else:
+                self.inside.setdefault(variable.name, {})[own.fraction] = part
+        self.rates = {
+            name: (end - self.node[name]) / self.length for name, end in self.arrival.items()
+        }
+        self.x = np.vstack([self.node[s.name] for s in self.states])
+        self.step = _FORMULAS.get(type(group.kind.scheme), _integrated)(self)
+
+    def states_inside(self) -> dict[float, FloatArray]:
+        """States [n, M] at the fractions at which they are variables."""
+        fractions = self.inside[self.states[0].name]
+        return {f: np.vstack([self.inside[s.name][f] for s in self.states]) for f in fractions}
+
+    def values(self, x: FloatArray, share: float) -> dict[str, FloatArray]:
+        """All variables [size, M] at a fraction of the intervals, where the state is x."""
+        known = _split(self.states, x) | self.constant
+        for name, end in self.arrival.items():
+            known[name] = self.node[name] + share * (end - self.node[name])
+        for name, points in self.inside.items():
+            if name not in known:
+                weights = _lagrange(list(points), share)
+                known[name] = np.tensordot(weights, np.stack([*points.values()]), axes=1)
+        return known
+
+    def table(self, x: FloatArray, share: float) -> FloatArray:
+        t = self.start + share * self.length
+        return self.expressions.table(self.values(x, share), self.rates, t, self.duration)
+
+    def slope(self, x: FloatArray, share: float) -> tuple[FloatArray, FloatArray]:
+        """Slopes of the states [n, M] and running cost [M]."""
+        found = self.expressions.dynamics(self.table(x, share)).full()
+        return found[:-1], found[-1]
+
+    def rows(self, following: tuple[Values, FloatArray]) -> FloatArray:
+        """Values of all rows [rows, M] of the stages, given the next mesh points."""
+        ahead, duration = following
+        arrived = _split(self.states, self.step.arrived) | self.arrival
+        defects = {f: _split(self.states, value) for f, value in self.step.defects.items()}
+        places: dict[float, tuple[Values, Mapping[tuple[str, int] | None, FloatArray]]] = {}
+        found = []
+        for entry in self.group.kind.rows:
+            name, i, share = entry.name, entry.component, entry.fraction
+            if entry.kind == "step" and entry.source is None:
+                found.append(duration - self.duration)
+            elif entry.kind == "step":
+                found.append(ahead[name][i] - arrived[name][i])
+            elif entry.kind == "defect":
+                found.append(defects[share][name][i])
+            else:
+                if share not in places:
+                    x = self.step.state(share)
+                    places[share] = (
+                        _split(self.states, x),
+                        self.expressions.limits(self.table(x, share)),
+                    )
+                states, limits = places[share]
+                found.append(states[name][i] if entry.kind == "bound" else limits[entry.source][i])
+        return np.array(found)
+
+
+# the formulas of the schemes ----------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class _Step:
+    """What a scheme says of some intervals.
+
+    Attributes
+    ----------
+    arrived : states at the end [n, M]
+    running : integral of the running cost [M]
+    state : states [n, M] at a fraction
+    defects : what is left of the dynamics [n, M], by fraction
+    """
+
+    arrived: FloatArray
+    running: FloatArray
+    state: Callable[[float], FloatArray]
+    defects: Mapping[float, FloatArray]
+
+
+def _runge_kutta(own: _Intervals) -> _Step:
+    scheme = own.group.kind.scheme
+    assert isinstance(scheme, Shooting)
+
+    def reach(share: float) -> tuple[FloatArray, FloatArray]:
+        x, cost, part = own.x, np.zeros(own.length.size), share / scheme.steps
+        h = part * own.length
+        for i in range(scheme.steps):
+            k1, l1 = own.slope(x, i * part)
+            k2, l2 = own.slope(x + h / 2 * k1, (i + 0.5) * part)
+            k3, l3 = own.slope(x + h / 2 * k2, (i + 0.5) * part)
+            k4, l4 = own.slope(x + h * k3, (i + 1) * part)
+            x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+            cost = cost + h / 6 * (l1 + 2 * l2 + 2 * l3 + l4)
+        return x, cost
+
+    return _Step(*reach(1.0), lambda share: reach(share)[0], {})
+
+
+def _trapezoidal(own: _Intervals) -> _Step:
+    h, x, after = own.length, own.x, own.states_inside()[1.0]
+    (f0, l0), (f1, l1) = own.slope(x, 0.0), own.slope(after, 1.0)
+    defect = after - x - h / 2 * (f0 + f1)
+    # the slope is a straight line
+    return _Step(
+        after,
+        h / 2 * (l0 + l1),
+        lambda s: x + h * (s * f0 + s**2 / 2 * (f1 - f0)),
+        {0.5: defect},
+    )
+
+
+def _hermite_simpson(own: _Intervals) -> _Step:
+    h, x, after = own.length, own.x, own.states_inside()[1.0]
+    (f0, l0), (f1, l1) = own.slope(x, 0.0), own.slope(after, 1.0)
+
+    def cubic(s: float) -> FloatArray:
+        """Hermite's cubic through both ends, with their slopes."""
+        rest, turn = after - x - h * f0, h * (f1 - f0)
+        return x + h * f0 * s + (3 * rest - turn) * s**2 + (turn - 2 * rest) * s**3
+
+    fm, lm = own.slope(cubic(0.5), 0.5)
+    defect = after - x - h / 6 * (f0 + 4 * fm + f1)
+    return _Step(after, h / 6 * (l0 + 4 * lm + l1), cubic, {0.5: defect})
+
+
+def _collocation(own: _Intervals) -> _Step:
+    inside = own.states_inside()
+    points, nodes = list(inside), [0.0, *inside]
+    x = np.stack([own.x, *inside.values()])
+    slopes, costs = zip(*(own.slope(inside[s], s) for s in points), strict=True)
+
+    def state(share: float) -> FloatArray:
+        return np.tensordot(_lagrange(nodes, share), x, axes=1)
+
+    defects = {
+        s: np.tensordot(_lagrange(nodes, s, derivative=1), x, axes=1) - own.length * slope
+        for s, slope in zip(points, slopes, strict=True)
+    }
+    weights = _lagrange(points, 1.0, derivative=-1)
+    running = own.length * sum(w * cost for w, cost in zip(weights, costs, strict=True))
+    return _Step(state(1.0), running, state, defects)
+
+
+def _integrated(own: _Intervals) -> _Step:
+    """For a scheme without a formula here: what the dynamics really do."""
+
+    def reach(share: float) -> tuple[FloatArray, FloatArray]:
+        found = each_interval(own.phase, until=share)
+        k = own.group.intervals
+        return found.states[k].T, found.costs[k]
+
+    return _Step(*reach(1.0), lambda share: reach(share)[0] if share else own.x, {})
+
+
+_FORMULAS: Mapping[type, Callable[[_Intervals], _Step]] = {
+    Shooting: _runge_kutta,
+    Trapezoidal: _trapezoidal,
+    HermiteSimpson: _hermite_simpson,
+    Collocation: _collocation,
+}
+
+
+def _lagrange(points: Sequence[float], s: float, derivative: int = 0) -> FloatArray:
+    """Lagrange polynomials [points] at s, their derivatives, or (-1) their integrals from 0."""
+    found = []
+    for own in points:
+        others = [other for other in points if other != own]
+        basis = np.poly1d(others, r=True) / np.prod([own - other for other in others])
+        if derivative > 0:
+            basis = basis.deriv(derivative)
+        elif derivative < 0:
+            basis = basis.integ(-derivative)
+        found.append(float(basis(s)))
+    return np.array(found)

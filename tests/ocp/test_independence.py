@@ -1,0 +1,173 @@
+"""Verification shares no formula with what it verifies: faults planted in the solve are found."""
+
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from microbot_ocp.ocp import OptimalControlProblem, SolverSettings, Transcription, solve, verify
+from microbot_ocp.ocp.solution import unpack
+from microbot_ocp.ocp.transcription import (
+    SCHEMES,
+    Collocation,
+    Shooting,
+    _kernels,
+    _transcription,
+    assemble,
+)
+from microbot_ocp.ocp.transcription.schemes import _shooting
+from microbot_ocp.ocp.verification import Recomputation, scaled_rows
+from ocp.textbook import everything
+
+SETTINGS = SolverSettings("ipopt", tolerance=1e-9)
+
+
+def cart(drag: float = 0.3) -> OptimalControlProblem:
+    """From rest to rest with drag and a limit of power, in two phases with scales of their own."""
+    problem = OptimalControlProblem("cart")
+    phases = []
+    for name, scale, first in (("out", 1.0, True), ("on", 10.0, False)):
+        phase = problem.phase(name, (0.1, 10.0))
+        x = phase.state("x", initial=0.0 if first else None, final=None if first else 2.0, unit="m")
+        v = phase.state(
+            "v", initial=0.0 if first else None, final=None if first else 0.0, scale=scale
+        )
+        u = phase.control("u", lower=-2.0, upper=2.0, shape="linear", unit="N")
+        phase.derivative(x, v)
+        phase.derivative(v, u - drag * v)
+        phase.constraint("power", u * v, upper=0.4, unit="W")
+        phase.running_cost(1.0 + u**2)
+        phases.append(phase)
+    problem.link(phases[0], phases[1])
+    return problem
+
+
+@pytest.mark.parametrize(
+    "scheme",
+    [*SCHEMES.values(), Shooting(3), Collocation("radau", 1), Collocation("legendre", 6)],
+    ids=str,
+)
+def test_rows_and_cost_of_the_declared_expressions_are_those_of_the_program(scheme):
+    problem = everything()
+    program = assemble(Transcription(problem, scheme=scheme).layouts([[0.0, 0.2, 0.5, 1.0], 4]))
+    random = np.random.default_rng(3)
+    x = random.uniform(0.2, 0.8, program.variable_lower.size)
+    x[[i for i, label in enumerate(program.variable_labels) if label.kind == "duration"]] = 0.9
+    again = [Recomputation(phase) for phase in unpack(program.layouts, x)]
+    rows = scaled_rows(problem, again)
+    own = [i for i, label in enumerate(program.row_labels) if label.kind != "link"]
+    np.testing.assert_allclose(rows[own], program.row_values(x)[own], rtol=1e-9, atol=1e-10)
+    cost = float(program.functions["gradient"](x, [])[0])
+    assert sum(part.costs.sum() for part in again) == pytest.approx(cost, rel=1e-11)
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_what_is_right_passes(scheme):
+    problem = cart()
+    certificate = verify(problem, solve(problem, 50, scheme=scheme, settings=SETTINGS))
+    assert certificate.ok, certificate.verdict
+    assert certificate.cost.error < 1e-7
+    assert certificate.cost.integration_error < 1e-3
+
+
+def test_a_cost_that_is_not_that_of_the_values_is_found():
+    problem = cart()
+    solution = solve(problem, 20, settings=SETTINGS)
+    certificate = verify(problem, replace(solution, cost=solution.cost * (1 + 1e-5)))
+    assert not certificate.ok
+    assert certificate.verdict.startswith(f"Failed: the cost is {solution.cost:.8g}, not the ")
+
+
+def altered_step(monkeypatch, change):
+    step = _shooting._runge_kutta
+    monkeypatch.setattr(_shooting, "_runge_kutta", lambda *a: change(*step(*a)))
+
+
+def lost_running_cost(monkeypatch):
+    altered_step(monkeypatch, lambda x, cost: (x, 0.9 * cost))
+
+
+def wrong_dynamics(monkeypatch):
+    altered_step(monkeypatch, lambda x, cost: (1.001 * x, cost))
+
+
+def halved_constraint(monkeypatch):
+    add = _kernels._Rows.add
+
+    def altered(self, kind, items, value, fraction=0.0):
+        add(self, kind, items, 0.5 * value if kind == "constraint" else value, fraction)
+
+    monkeypatch.setattr(_kernels._Rows, "add", altered)
+
+
+def constraint_left_out(monkeypatch):
+    monkeypatch.setattr(_kernels, "_holds", lambda *_: False)
+
+
+def altered_layout(monkeypatch, change):
+    lay_out = _transcription.lay_out
+    monkeypatch.setattr(_transcription, "lay_out", lambda *a, **k: change(lay_out(*a, **k)))
+
+
+def wrong_link(monkeypatch):
+    altered_layout(monkeypatch, lambda layout: replace(layout, factors=1.02 * layout.factors))
+
+
+def lost_end_condition(monkeypatch):
+    def without(layout):
+        none = replace(layout.final, entries=(), places=layout.final.places[:, :0])
+        return replace(layout, final=none)
+
+    altered_layout(monkeypatch, without)
+
+
+@pytest.mark.parametrize(
+    ("plant", "said"),
+    [
+        (lost_running_cost, "the cost is "),
+        (wrong_dynamics, "not feasible: step of "),
+        (halved_constraint, "constraint power of phase 'out' is "),
+        (constraint_left_out, "constraint power of phase 'out' is "),
+        (wrong_link, "not feasible: link of "),
+        (lost_end_condition, "end of x in phase 'on' is "),
+    ],
+)
+def test_a_fault_in_what_makes_the_program_is_found(plant, said, monkeypatch):
+    plant(monkeypatch)
+    problem = cart()
+    solution = solve(problem, 20, settings=SETTINGS)
+    assert solution.status.solved
+    certificate = verify(problem, solution)
+    assert not certificate.ok
+    assert said in certificate.verdict
+
+
+@pytest.mark.parametrize(
+    ("output", "said"), [(0, "not feasible: step of "), (2, "the cost is ")], ids=["next", "cost"]
+)
+def test_a_fault_in_a_prepared_kernel_is_found(output, said):
+    def altered(functions):
+        made = []
+        for function in functions:
+            v, c = (ca.SX.sym(f"i{k}", function.size1_in(k)) for k in range(2))
+            outputs = list(function(v, c))
+            outputs[output] = 1.01 * outputs[output]
+            made.append(ca.Function(function.name(), [v, c], outputs))
+            break
+        stage = made[0]
+        return _kernels.with_derivatives(stage, functions[3])
+
+    problem = cart()
+    solution = solve(Transcription(problem, prepare=altered), 20, settings=SETTINGS)
+    assert solution.status.solved
+    certificate = verify(problem, solution)
+    assert not certificate.ok
+    assert said in certificate.verdict
+
+
+def test_a_solution_of_other_dynamics_is_not_one_of_the_problem():
+    solution = solve(cart(), 20, settings=SETTINGS)
+    certificate = verify(cart(drag=0.31), solution)
+    assert not certificate.ok
+    assert "not feasible: step of v" in certificate.verdict
