@@ -7,7 +7,7 @@ import argparse
 import importlib
 import sys
 
-BENCHMARKS = ("rnea", "path_timing", "free_time_optimal", "units", "cops_arm", "recording")
+BENCHMARKS = ("rnea", "ik", "path_timing", "free_time_optimal", "units", "cops_arm", "recording")
 
 
 def main() -> None:

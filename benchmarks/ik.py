@@ -1,0 +1,124 @@
+"""Inverse kinematics: ours against ssik's closed forms, and how many reachable targets are missed.
+
+ssik solves an arm's kinematics in closed form, by subproblems of its geometry. It is given the same
+frames and limits, and asked for one representative of every branch (its choice of lock angles for
+seven joints), or for the solution nearest to a seed. Targets are poses of random joint positions
+within limits; a seed near one is 0.05 rad off in every joint, one far off is another such position.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+import ssik
+
+import microbot_ocp as mo
+from benchmarks.measure import Benchmark
+from microbot_ocp._base.fast_calls import fast_call
+
+TARGETS = 10_000  # of every arm, to count those that are missed
+BATCH = 1_000
+FEW = {6: 50, 7: 5}  # targets of one repetition of the slower calls, by joints
+
+
+def random_arm(count: int, seed: int) -> mo.Robot:
+    """An arm of revolute joints with any twists and lengths, and limits of 2.5 rad."""
+    random = np.random.default_rng(seed)
+    twists, lengths = random.uniform(-np.pi, np.pi, count), random.uniform(-0.5, 0.5, (2, count))
+    robot = mo.Robot.from_dh(
+        twists, *lengths, tool=(0, 0.1, 0, 0.1), name=f"random {count}R {seed}"
+    )
+    return robot.with_limits(mo.Limits(q_min=-2.5, q_max=2.5))
+
+
+def peer(robot: mo.Robot) -> ssik.Manipulator:
+    """The same arm for ssik: from frame to frame at zero, each joint about its own z axis."""
+    zero, last, steps = np.zeros(robot.joint_count), np.eye(4), []
+    for frame in (*range(1, robot.joint_count + 1), None):
+        pose = np.array(mo.forward_kinematics(robot, frame=frame)(zero))
+        steps.append(np.linalg.solve(last, pose))
+        last = pose
+    bounds = np.column_stack([robot.limits.q_min, robot.limits.q_max])
+    return ssik.Manipulator.from_transforms(np.array(steps), limits=bounds)
+
+
+def reachable(robot: mo.Robot, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Joints [N,n] within limits, the tool's poses [N,4,4] there, other joints [N,n]."""
+    bounds = robot.limits.q_min, robot.limits.q_max
+    random = np.random.default_rng(42)
+    q, other = random.uniform(*bounds, (2, count, robot.joint_count))
+    return q, fast_call(mo.forward_kinematics(robot))(q), other
+
+
+def per_target(call: Callable[[int], object], count: int) -> Callable[[], float]:
+    """Seconds of one of ``count`` calls, one a target."""
+
+    def seconds() -> float:
+        begin = time.perf_counter()
+        for index in range(count):
+            call(index)
+        return (time.perf_counter() - begin) / count
+
+    return seconds
+
+
+def compare(robot: mo.Robot, repetitions: int) -> None:
+    """One solution from a seed near and far off, then every branch."""
+    arm, few = peer(robot), FEW[robot.joint_count]
+    q, poses, other = reachable(robot, BATCH)
+    places, turns = np.array(poses[:, :3, 3]), np.array(poses[:, :3, :3])
+    for distance, seeds in (("near", q + 0.05), ("far", other)):
+
+        def theirs(k: int, seeds: np.ndarray = seeds) -> object:
+            return arm.solve(poses[k], max_solutions=1, q_seed=seeds[k])
+
+        def alone(k: int, seeds: np.ndarray = seeds) -> object:
+            return mo.solve_ik(robot, places[k], turns[k], seeds[k])
+
+        def together(_: int, seeds: np.ndarray = seeds) -> object:
+            return mo.solve_ik_each(robot, places, turns, seeds)
+
+        batch = per_target(together, 1)
+        Benchmark(
+            f"One solution, seed {distance}, {robot.name}",
+            ("ssik, max_solutions=1, q_seed", per_target(theirs, few)),
+            {
+                "solve_ik(seed=...)": per_target(alone, BATCH),
+                f"solve_ik_each, {BATCH} targets": lambda batch=batch: batch() / BATCH,
+            },
+        ).run(repetitions)
+    Benchmark(
+        f"Every branch, {robot.name}",
+        (
+            "ssik, enumerate_windings=False",
+            per_target(lambda k: arm.solve(poses[k], enumerate_windings=False), few),
+        ),
+        {
+            "solve_ik_all": per_target(lambda k: mo.solve_ik_all(robot, places[k], turns[k]), few),
+            f"solve_ik_batch, {few} targets": lambda: (
+                per_target(lambda _: mo.solve_ik_batch(robot, places[:few], turns[:few]), 1)() / few
+            ),
+        },
+    ).run(repetitions)
+
+
+def count_missed(robot: mo.Robot) -> None:
+    """Solve reachable targets from random seeds; a position alone for three joints."""
+    _, poses, seeds = reachable(robot, TARGETS)
+    turns = poses[:, :3, :3] if robot.joint_count > 3 else None
+    found = mo.solve_ik_each(robot, poses[:, :3, 3], turns, seeds)
+    missed = sum(not solution.solved for solution in found)
+    print(f"  {robot.name:12}  {missed} of {TARGETS} missed")
+
+
+def run(repetitions: int = 0) -> None:
+    """Packaged arms of six and seven joints; misses on those, the Microbot and random arms."""
+    packaged = [mo.load_robot(name) for name in ("puma560", "ur5e", "panda")]
+    for robot in packaged:
+        compare(robot, repetitions or 7)
+    print("\nReachable targets, seeds far off")
+    random = [random_arm(6, 1), random_arm(6, 2), random_arm(6, 3), random_arm(7, 4)]
+    for robot in (*packaged, mo.load_robot("microbot"), *random, random_arm(7, 5)):
+        count_missed(robot)
