@@ -1,6 +1,7 @@
 """URDF files as three packages ship them, every chain of them against pinocchio on the same file.
 
-``PYTHONPATH=tests:src python tests/external/urdf_packages.py`` prints the table.
+``PYTHONPATH=tests:src python tests/external/urdf_packages.py`` prints the table by file; with
+``--chains`` a line for every chain, too.
 
 The files come with ``example-robot-data``, ``rtb-data`` and ``airo-models``, which others maintain.
 Pinocchio reads the whole tree; joints that are not on the way to the tip stand still at zero, or
@@ -9,6 +10,7 @@ where a mimic's offset has them.
 
 from __future__ import annotations
 
+import sys
 import warnings
 from collections.abc import Iterator
 from dataclasses import replace
@@ -180,7 +182,7 @@ def _dynamics(
     )
 
 
-def main() -> None:
+def main(every_chain: bool) -> None:
     """Print the table by file, what is refused and why, and the counts."""
     every, moving, counted, worst = files(), 0, 0, np.zeros(4)
     head = f"{'file':52} {'tips':>9} {'joints':>7}" + "".join(f"{q:>9}" for q in QUANTITIES)
@@ -210,6 +212,9 @@ def main() -> None:
             + "".join(f"{value:9.1e}" for value in by_quantity),
             f" {alone[:60]}",
         )
+        for chain in done if every_chain else ():
+            figures = "".join(f"{value:9.1e}" for value in chain.differences)
+            print(f"    {chain.tip:48} {'':9} {chain.joint_count:7}{figures}")
         for text in sorted(
             {text for c in done for text in c.warnings} | {str(w.message) for w in caught}
         ):
@@ -220,4 +225,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    main("--chains" in sys.argv)

@@ -562,9 +562,21 @@ def test_xacro_is_expanded(tmp_path: Path) -> None:
     path.write_text(XACRO)
     robot = mo.load_robot(path)
     assert np.array(mo.forward_kinematics(robot)([0.0]))[:3, 3].tolist() == [0.5, 0.0, 0.0]
-    path.write_text(XACRO.replace("arm_description", "nowhere"))
-    with pytest.raises(InputError, match=r"arm\.urdf\.xacro cannot be expanded .*'nowhere'"):
+    path.write_text(XACRO.replace("arm_description", "renamed"))
+    assert mo.load_robot(path) == robot
+    path.write_text(XACRO.replace("joint.xacro", "none.xacro").replace("arm_d", "d"))
+    with pytest.raises(
+        InputError, match=r"arm\.urdf\.xacro cannot be expanded .*none.xacro.* \(package 'descr"
+    ):
         mo.load_robot(path)
+
+
+def test_a_warning_points_at_who_asked_for_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "arm.urdf"
+    path.write_text(chain(revolute(more="")))
+    with pytest.warns(RobotFileWarning) as caught:
+        mo.load_robot(path)
+    assert [w.filename for w in caught] == [__file__]
 
 
 def test_missing_xacro_names_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,7 +10,10 @@ from microbot_ocp.robot.files._mesh_files import package_folder
 
 
 def expanded(path: Path) -> str:
-    """URDF text of a xacro file; ``$(find package)`` looks around the file and on ROS_PACKAGE_PATH.
+    """URDF text of a xacro file.
+
+    ``$(find package)`` looks around the file and on ROS_PACKAGE_PATH; a package that is in neither
+    is taken for the one that the file is in, which may have been renamed.
 
     Raises
     ------
@@ -24,12 +27,13 @@ def expanded(path: Path) -> str:
         raise InputError(
             "reading xacro files needs the extra 'urdf': pip install 'microbot_ocp[urdf]'"
         ) from None
+    folder, missing = path.absolute().parent, []
 
     def find(name: str) -> str:
-        found = package_folder(name, path.absolute().parent)
+        found = package_folder(name, folder)
         if found is None:
-            raise InputError(f"package {name!r} is found neither around it nor on ROS_PACKAGE_PATH")
-        return str(found)
+            missing.append(name)
+        return str(found or folder.parent)
 
     before = substitution_args._eval_find
     substitution_args._eval_find = find
@@ -37,6 +41,7 @@ def expanded(path: Path) -> str:
         document: Any = xacro.process_file(str(path))
         return document.toxml()
     except Exception as problem:  # it raises whatever happens to go wrong inside
-        raise InputError(f"{path.name} cannot be expanded by xacro: {problem}") from None
+        advice = f" (package {missing[-1]!r} is not on ROS_PACKAGE_PATH)" if missing else ""
+        raise InputError(f"{path.name} cannot be expanded by xacro: {problem}{advice}") from None
     finally:
         substitution_args._eval_find = before
