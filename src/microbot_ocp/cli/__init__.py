@@ -1,4 +1,4 @@
-"""The command line ``microbot-ocp``; docs/cli.md tells what each command does."""
+"""The command line ``microbot-ocp``; docs/cli.md describes every command."""
 
 import lazy_loader
 

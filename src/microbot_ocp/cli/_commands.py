@@ -56,9 +56,9 @@ COMMANDS = {
 }
 
 
-def example(words: str) -> str:
+def example(command: str) -> str:
     """End of a help text."""
-    return f"\b\nExample:\n  {PROGRAM} {words}"
+    return f"\b\nExample:\n  {PROGRAM} {command}"
 
 
 class Commands(TyperGroup):
@@ -69,7 +69,7 @@ class Commands(TyperGroup):
         self.commands = {name: Command(name, entry) for name, entry in COMMANDS.items()}
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """The command of the first word; a wrong one is told what is allowed."""
+        """The command of the first word; an unknown one is refused with those that are allowed."""
         if args and args[0] not in self.commands and not args[0].startswith("-"):
             near = get_close_matches(args[0], self.commands, 1)
             hint = f"did you mean {near[0]!r}? " if near else ""
@@ -78,7 +78,7 @@ class Commands(TyperGroup):
 
 
 class Command(TyperCommand):
-    """A command that knows its name and first line, and loads itself to do anything else."""
+    """A command with its name and docstring; its module is loaded when it is called."""
 
     def __init__(self, name: str, entry: Entry) -> None:
         self.entry = entry

@@ -87,12 +87,12 @@ def _compiler() -> Finding:
         found = "no cc, gcc or clang: CasADi's virtual machine runs instead, 4 to 20 times slower"
         return Finding("compiler", "C", False, found, False)
     try:
-        said = subprocess.run(
+        lines = subprocess.run(
             [path, "--version"], capture_output=True, text=True, timeout=20, check=True
         ).stdout.splitlines()
     except (OSError, subprocess.SubprocessError) as problem:
         return Finding("compiler", "C", False, f"{path}: {problem}", False)
-    return Finding("compiler", "C", True, f"{path}: {said[0] if said else ''}", False)
+    return Finding("compiler", "C", True, f"{path}: {lines[0] if lines else ''}", False)
 
 
 def _cache() -> Finding:

@@ -21,7 +21,7 @@ from microbot_ocp.robot.files import packaged_robots
 
 
 def robot_names(incomplete: str) -> list[str]:
-    """Packaged robots to complete a word with."""
+    """Packaged robots whose names begin so, for completion."""
     return [name for name in packaged_robots() if name.startswith(incomplete)]
 
 

@@ -25,7 +25,7 @@ PIPE_WIDTH = 120  # columns where there is no terminal to ask
 
 
 def make_console(*, errors: bool = False) -> Console:
-    """Console on standard output or error; plain where ``NO_COLOR`` is set or nobody watches."""
+    """Console on standard output or error; plain in a pipe or where ``NO_COLOR`` is set."""
     from rich.console import Console
 
     stream = sys.stderr if errors else sys.stdout

@@ -93,14 +93,20 @@ def replay(
     return code
 
 
-def robot_of(motion: Motion, origin: str, given: str | None) -> Robot:
-    """The robot that was given, or the packaged one that the motion names; their joints fit."""
-    name = given or motion.provenance.get("robot")
-    if name is None:
+def find_robot(origin: str, named: str | None, given: str | None) -> Robot:
+    """The robot that was given, or the packaged one that a file names."""
+    if given is not None:
+        return load_robot(given)
+    if named is None:
         raise InputError(f"{origin} does not name its robot: give --robot")
-    if given is None and name not in packaged_robots():
-        raise InputError(f"{origin} names the robot {name!r}, which is not packaged: give --robot")
-    robot = load_robot(str(name))
+    if named not in packaged_robots():
+        raise InputError(f"{origin} names the robot {named!r}, which is not packaged: give --robot")
+    return load_robot(named)
+
+
+def robot_of(motion: Motion, origin: str, given: str | None) -> Robot:
+    """The robot of a motion; their joints fit."""
+    robot = find_robot(origin, motion.provenance.get("robot"), given)
     if robot.joint_count != motion.joint_count:
         raise InputError(
             f"{origin} has {motion.joint_count} joints, but robot {robot.name!r} has "
@@ -121,9 +127,7 @@ def load_comparison(folder: Path, robot_name: str | None) -> Comparison:
         raise InputError(f"{origin} cannot be read: {problem.strerror}") from None
     except (ValueError, KeyError, TypeError, AttributeError) as problem:
         raise InputError(f"{origin} is not a saved comparison: {problem}") from None
-    if robot_name is None and name not in packaged_robots():
-        raise InputError(f"{origin} names the robot {name!r}, which is not packaged: give --robot")
-    robot = load_robot(robot_name or name)
+    robot = find_robot(origin, name, robot_name)
     via = checks.array(f"via_q of {origin}", via_q, (None, robot.joint_count))
     robot = robot.with_limits(limits.for_joints(robot.joint_count))
     made = tuple(_entry(robot, via, folder, key, row) for key, row in rows)

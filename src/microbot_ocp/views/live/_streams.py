@@ -69,21 +69,21 @@ def spawned(every: int = 1) -> Iterator[IterationRecorder]:
 
 
 @contextmanager
-def served(tell: Callable[[str], object], every: int = 1) -> Iterator[IterationRecorder]:
+def served(announce: Callable[[str], object], every: int = 1) -> Iterator[IterationRecorder]:
     """A progress function that streams to a browser on this machine.
 
-    The server runs until the block ends. ``tell`` gets the address to open, ``every`` is that of
+    The server runs until the block ends. ``announce`` gets the address to open; ``every`` is as in
     :func:`connected`.
     """
-    with server(tell) as address, connected(address, every) as recorder:
+    with server(announce) as address, connected(address, every) as recorder:
         yield recorder
 
 
 @contextmanager
-def server(tell: Callable[[str], object]) -> Iterator[str]:
+def server(announce: Callable[[str], object]) -> Iterator[str]:
     """Serve the viewer to a browser on this machine until the block ends.
 
-    Yields the address for :func:`connected`. ``tell`` gets the address that the browser should
+    Yields the address for :func:`connected`. ``announce`` gets the address that the browser should
     open. Its theme is dark, which the recordings' colours are made for.
     """
     port, page = free_port(), free_port()
@@ -91,7 +91,7 @@ def server(tell: Callable[[str], object]) -> Iterator[str]:
     try:
         source, data = (f"http://{LOOPBACK}:{number}" for number in (page, port))
         with local_page(source, data) as address:
-            tell(f"{address}/?theme=dark&url={quote(_url(LOOPBACK, port), safe='')}")
+            announce(f"{address}/?theme=dark&url={quote(_url(LOOPBACK, port), safe='')}")
             yield f"{LOOPBACK}:{port}"
     finally:
         end_viewer(process)

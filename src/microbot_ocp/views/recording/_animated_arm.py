@@ -62,7 +62,7 @@ class Look:
 
 
 def looks(robot: Robot, styles: Sequence[EntryStyle]) -> list[Look]:
-    """Looks that tell arms apart even where they coincide."""
+    """Looks that keep arms apart even where they coincide."""
     size = reach(robot)
     return [
         Look(

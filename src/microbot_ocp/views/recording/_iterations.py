@@ -45,7 +45,7 @@ CONVERGENCE = {"cost": "cost", "infeasibility": "infeasibility, power of ten"}
 
 
 class IterationRecorder:
-    """Takes what a solve tells of itself and writes its iterates.
+    """A progress function that writes the iterates of a solve.
 
     Parameters
     ----------

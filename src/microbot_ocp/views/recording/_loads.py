@@ -146,7 +146,7 @@ def legend(robot: Robot, alone: bool, scales: Sequence[float]) -> str:
     if alone and robot.has_dynamics:
         parts.append("green balls: centres of mass, their volume as the mass")
     hidden = "frames" if alone else "frames, centres of mass, forces, velocities of ghosts"
-    parts.append(f"hidden until asked for: {hidden}")
+    parts.append(f"hidden, shown from the blueprint panel: {hidden}")
     return f"In space: {'; '.join(parts)}."
 
 

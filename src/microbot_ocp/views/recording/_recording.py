@@ -131,7 +131,7 @@ class Recording:
 
     @property
     def hidden(self) -> list[str]:
-        """Entities that are there but shown on request only, lest the scene be crowded."""
+        """Entities that are hidden at first, so that the scene is not crowded."""
         frames = range(1, self.robot.joint_count + 1)
         paths = []
         for arm in self.arms:

@@ -64,7 +64,7 @@ def draw_surroundings(
 
 
 def _label(place: FloatArray, places: FloatArray, names: Sequence[str]) -> str:
-    """Names of all that are at one place, lest their labels hide each other."""
+    """Names of all that are at one place, as one label."""
     here = np.linalg.norm(places - place, axis=1) < 1e-6
     return ", ".join(name for name, same in zip(names, here, strict=True) if same)
 
