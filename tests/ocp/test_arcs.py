@@ -11,7 +11,6 @@ from external.published_problems import PROBLEMS
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.refinement import (
     distance,
-    find_junctions,
     hold,
     place_junctions,
     solve_refined,
@@ -139,7 +138,6 @@ def test_the_cost_gains_digits(name, mesh, before, after):
 def test_nothing_is_placed_where_nothing_changes():
     _, places = placed(oscillator("polynomial"), 10)
     assert places is None
-    assert [k.size for k in find_junctions(solve(double_integrator(), 6, settings=FINE))] == [1]
 
 
 def test_dynamics_with_the_duration_of_their_phase_are_not_cut():

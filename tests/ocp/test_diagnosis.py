@@ -34,7 +34,7 @@ def test_the_limits_that_fight_are_named_with_what_each_would_give():
     assert alternatives["duration", "duration", ""].amount == pytest.approx(1.0, abs=1e-4)
     assert alternatives["limit", "u", "lower"].amount == pytest.approx(3.0, abs=1e-3)
     assert alternatives["limit", "u", "upper"].amount == pytest.approx(3.0, abs=1e-3)
-    assert {item.name for item in found.fights} == {"v"}
+    assert {item.name for item in found.conflicts} == {"v"}
 
 
 def test_it_says_so_in_words_with_units():

@@ -21,7 +21,7 @@ def cart(mass=1.0, force=1.0, goal=1.0, top=9.0, power=9.0, longest=10.0):
     problem = OptimalControlProblem("cart")
     phase = problem.phase("move", (0.1, longest))
     x = phase.state("x", initial=0.0, final=goal, unit="m")
-    v = phase.state("v", initial=0.0, final=0.0, upper=top, unit="m/s", between=True)
+    v = phase.state("v", initial=0.0, final=0.0, upper=top, unit="m/s", interior_points=True)
     u = phase.control("u", lower=-force, upper=force, unit="N", scale=2.0)
     m = phase.parameter("mass", mass)
     phase.parameter("unused", [1.0, 2.0])

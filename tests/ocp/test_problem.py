@@ -115,10 +115,10 @@ def test_a_duration_that_is_no_duration_is_refused(duration):
         empty_phase(duration)
 
 
-@pytest.mark.parametrize("between", [(0.0,), (0.5, 1.0), (-0.1,), (1.5,)])
-def test_points_between_lie_inside_an_interval(between):
-    with pytest.raises(InputError, match="between must be fractions inside"):
-        empty_phase(between=between)
+@pytest.mark.parametrize("points", [(0.0,), (0.5, 1.0), (-0.1,), (1.5,)])
+def test_interior_points_lie_inside_an_interval(points):
+    with pytest.raises(InputError, match="interior_points must be fractions inside"):
+        empty_phase(interior_points=points)
 
 
 def test_a_phase_name_is_used_once():

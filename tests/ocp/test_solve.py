@@ -67,8 +67,8 @@ def test_a_ceiling_is_kept_between_mesh_points():
     peaks = []
     for between in (True, False):
         problem = OptimalControlProblem("ceiling")
-        phase = problem.phase("fly", 1.0, between=(0.25, 0.5, 0.75) if between else ())
-        x = phase.state("x", initial=0.0, final=0.0, upper=0.05, between=True)
+        phase = problem.phase("fly", 1.0, interior_points=(0.25, 0.5, 0.75) if between else ())
+        x = phase.state("x", initial=0.0, final=0.0, upper=0.05, interior_points=True)
         v = phase.state("v", initial=1.0, final=-1.0)
         u = phase.control("u", shape="linear")
         phase.derivative(x, v)

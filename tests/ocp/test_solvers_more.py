@@ -12,7 +12,7 @@ import pytest
 
 from microbot_ocp._base.checks import InputError
 from microbot_ocp.ocp.problem import OptimalControlProblem
-from microbot_ocp.ocp.solution import Status, guess_from, start_from
+from microbot_ocp.ocp.solution import Status, guess_from, starting_point
 from microbot_ocp.ocp.solvers import SolverSettings, solve
 from microbot_ocp.ocp.transcription import Guess, Transcription, assemble
 from ocp.textbook import (
@@ -78,7 +78,7 @@ def test_multipliers_on_a_finer_mesh_are_near_those_found_there():
     settings = SolverSettings("ipopt", tolerance=1e-9)
     coarse, fine = (solve(transcription, n, settings=settings) for n in (36, 72))
     program = assemble(transcription.layouts(72))
-    start = start_from(program, transcription.problem, coarse)
+    start = starting_point(program, transcription.problem, coarse)
     layout = program.layouts[0]
     for column in (0, 1):  # the costates of x and v; that of x jumps at two mesh points
         rows = layout.groups[0].rows[2:-2, column]

@@ -412,7 +412,7 @@ def test_a_coarse_trapezoidal_mesh_does_not_pass(flight):
 
 def test_a_limit_exceeded_between_mesh_points_is_found():
     problem = OptimalControlProblem("bulge")
-    phase = problem.phase("fly", 1.0, between=())
+    phase = problem.phase("fly", 1.0, interior_points=())
     x = phase.state("x", initial=0.0, final=0.0)
     v = phase.state("v", initial=1.0, final=-1.0, unit="m/s")
     u = phase.control("u", shape="linear")

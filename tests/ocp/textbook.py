@@ -21,7 +21,9 @@ def mass(
     """A phase of a unit mass pushed along a line: x' = v, v' = u; ends are (x, v) pairs."""
     phase = problem.phase(name, duration)
     (x0, v0), (x1, v1) = ends
-    x = phase.state("x", initial=x0, final=x1, upper=top, unit="m", between=bool(top < np.inf))
+    x = phase.state(
+        "x", initial=x0, final=x1, upper=top, unit="m", interior_points=bool(top < np.inf)
+    )
     v = phase.state("v", initial=v0, final=v1, unit="m/s")
     u = phase.control("u", lower=-force, upper=force, unit="m/s^2", shape=shape)
     phase.derivative(x, v)
@@ -90,9 +92,9 @@ def regulator(shape: str = "linear") -> OptimalControlProblem:
 def everything() -> OptimalControlProblem:
     """Two phases with every kind of term: only the derivatives of its program are of interest."""
     problem = OptimalControlProblem("everything")
-    first = problem.phase("first", (0.2, 3.0), between=(0.25, 0.6))
+    first = problem.phase("first", (0.2, 3.0), interior_points=(0.25, 0.6))
     x = first.state("x", 2, lower=-5.0, upper=5.0, initial=[0.1, 0.2], scale=[2.0, 0.5])
-    y = first.state("y", lower=-1.0, upper=3.0, between=True, initial=(0.0, 1.0), scale=3.0)
+    y = first.state("y", lower=-1.0, upper=3.0, interior_points=True, initial=(0.0, 1.0), scale=3.0)
     pull = first.control("pull", 2, scale=[4.0, 0.3], shape="linear", initial=0.0)
     push = first.control("push", lower=-2.0, upper=2.0, scale=1.7)
     k = first.parameter("k", [0.7, -1.3])
@@ -103,7 +105,7 @@ def everything() -> OptimalControlProblem:
     first.running_cost(ca.sumsqr(first.rate(pull)) * y + push**2 * x[0] * k[1])
     first.end_cost(first.duration**2 + x[0] ** 3 * pull[1])
 
-    second = problem.phase("second", 1.5, between=())
+    second = problem.phase("second", 1.5, interior_points=())
     z = second.state("z", 2, scale=0.4)
     x = second.state("x", 2, final=([-1.0, -2.0], [1.0, 2.0]), scale=[1.5, 0.8])
     pull = second.control("pull", 2, scale=[2.5, 0.6], shape="linear", final=[0.5, 0.25])

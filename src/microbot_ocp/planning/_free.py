@@ -176,7 +176,7 @@ def free_problem(robot: Robot, via: FloatArray, *, payload: bool = False) -> Opt
             final=0.0 if last else None,
             scale=finite_scale(limits.qd_min, limits.qd_max),
             unit="rad/s",
-            between=bool(np.isfinite(limits.qd_max).any()),
+            interior_points=bool(np.isfinite(limits.qd_max).any()),
         )
         qdd = phase.control(
             "qdd",

@@ -9,7 +9,7 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.diagnosis._finiteness import not_finite
-from microbot_ocp.ocp.solution import Attempt, Start
+from microbot_ocp.ocp.solution import Attempt, StartingPoint
 from microbot_ocp.ocp.transcription import Label, Program
 
 VIOLATED = 1e-6  # scaled; less is no reason to fail
@@ -18,7 +18,9 @@ FAR = 0.1  # scaled violation of the dynamics by a guess that is worth a word
 DYNAMICS = ("step", "defect", "equation")
 
 
-def advice(program: Program, begin: Start, x: FloatArray, attempts: Sequence[Attempt]) -> str:
+def advice(
+    program: Program, begin: StartingPoint, x: FloatArray, attempts: Sequence[Attempt]
+) -> str:
     """What went wrong and what would help, one sentence a line.
 
     Parameters

@@ -2,8 +2,8 @@
 
 The dynamics are kept; every limit (bound, path constraint, end condition, duration) may give, by
 one amount over the whole phase, and the sum of these amounts, scaled, is made as small as possible.
-That names one way out. What holds against it, by its multipliers, fights with it, and each of these
-is then asked what it would have to give if it gave alone.
+That names one way out. Each limit that conflicts with it, by its multipliers, is then asked what it
+would have to give if it gave alone.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp.diagnosis._finiteness import check_start
 from microbot_ocp.ocp.problem import OptimalControlProblem
-from microbot_ocp.ocp.solution import Solution, scaled, start_from, unpack
+from microbot_ocp.ocp.solution import Solution, scaled, starting_point, unpack
 from microbot_ocp.ocp.transcription import (
     EQUATIONS,
     Guess,
@@ -30,7 +30,7 @@ from microbot_ocp.ocp.transcription import (
 )
 
 GIVES = 1e-4  # scaled amount below which a limit is said to hold
-FIGHTS = 1e-3  # multiplier, of a sum of scaled amounts, above which a limit is said to press
+CONFLICTS = 1e-3  # multiplier, of a sum of scaled amounts, above which a limit conflicts
 ALONE = 12  # how many limits are asked what they would give alone
 # Where one way out is as cheap as another: rather an end than a start.
 _WEIGHTS = {"final": 0.01, "duration": 0.02, "initial": 0.03}
@@ -93,7 +93,7 @@ class Explanation:
     conclusive : whether the elastic solve converged
     gives : the cheapest way out: what would have to give, together
     alternatives : other ways out, each by one limit alone (both its sides, all its components)
-    fights : limits that press against it and would not help alone
+    conflicts : limits that conflict with it and would not help alone
     phases : values by phase of the trajectory on the cheapest way out
     """
 
@@ -101,7 +101,7 @@ class Explanation:
     conclusive: bool
     gives: tuple[Relaxation, ...]
     alternatives: tuple[tuple[Relaxation, ...], ...]
-    fights: tuple[Relaxation, ...]
+    conflicts: tuple[Relaxation, ...]
     phases: Sequence[Any] = field(repr=False, default=())
 
     def __str__(self) -> str:
@@ -120,9 +120,9 @@ class Explanation:
         if self.alternatives:
             lines.append("Or, instead, one of these alone:")
             lines += ["  " + ", and ".join(map(str, items)) for items in self.alternatives]
-        if self.fights:
+        if self.conflicts:
             lines.append("Also in the way, but no help alone:")
-            lines += [f"  {item.subject}" for item in self.fights]
+            lines += [f"  {item.subject}" for item in self.conflicts]
         return "\n".join(lines)
 
 
@@ -150,7 +150,7 @@ def explain(
     transcription = problem
     layouts = transcription.layouts(mesh)
     program = assemble(layouts)
-    start = start_from(program, transcription.problem, guess)
+    start = starting_point(program, transcription.problem, guess)
     check_start(program, start.x)
     elastic = _Elastic(program, max_iterations)
     return elastic.explain(start.x)
@@ -311,9 +311,9 @@ class _Elastic:
             float(np.maximum(item.side * multipliers[place], 0.0).sum())  # positive at upper limits
             for item, place in zip(self.items, self.places, strict=True)
         ]
-        order = [int(i) for i in np.argsort(pressing)[::-1] if pressing[i] > FIGHTS]
+        order = [int(i) for i in np.argsort(pressing)[::-1] if pressing[i] > CONFLICTS]
         found = self._groups(giving.tolist())
-        alternatives, fights = [], []
+        alternatives, conflicts = [], []
         for group in self._groups(order)[:ALONE]:
             if [group] == found:
                 continue  # the way out that is known
@@ -326,8 +326,8 @@ class _Elastic:
                 alternatives.append(tuple(alone))
             else:
                 most = max(group, key=lambda i: pressing[i])
-                fights.append(self._relaxation(most, None, best, multipliers))
-        return Explanation(False, True, gives, tuple(alternatives), tuple(fights), phases)
+                conflicts.append(self._relaxation(most, None, best, multipliers))
+        return Explanation(False, True, gives, tuple(alternatives), tuple(conflicts), phases)
 
     def _groups(self, order: Sequence[int]) -> list[list[int]]:
         """Both sides and all components of a limit together, in the given order."""

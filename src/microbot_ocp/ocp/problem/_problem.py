@@ -7,7 +7,7 @@ declaration into a nonlinear program. Nothing here knows a robot.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import casadi as ca
 import numpy as np
@@ -32,7 +32,7 @@ class Variable:
     scale: FloatArray
     unit: str
     shape: str  # "state", "constant", "linear", "polynomial" or "algebraic"
-    between: bool = False
+    interior_points: bool = False
     rate: ca.MX | None = None
     scaled: bool = True  # whether the scale was declared
 
@@ -65,7 +65,7 @@ class Parameter:
 
 
 @dataclass(frozen=True)
-class Link:
+class PhaseLink:
     """Continuity of the named states and linear controls from one phase to the next."""
 
     before: str
@@ -83,7 +83,7 @@ class Phase:
 
     name: str
     duration_bounds: tuple[float, float]
-    between: tuple[float, ...] | None = None
+    interior_points: tuple[float, ...] | None = None
     duration_scale: float | None = None
     states: list[Variable] = field(default_factory=list)
     controls: list[Variable] = field(default_factory=list)
@@ -111,7 +111,7 @@ class Phase:
         final: Bound = None,
         scale: ArrayLike | None = None,
         unit: str = "",
-        between: bool = False,
+        interior_points: bool = False,
     ) -> ca.MX:
         """Declare a state; give it dynamics with :meth:`derivative`.
 
@@ -120,7 +120,7 @@ class Phase:
         name : str
         size : int
         lower, upper : array_like [size]
-            Bounds at the mesh points, and at the points between where ``between`` is set.
+            Bounds at the mesh points.
         initial, final : value, (lower, upper) or None
             At the two ends of the phase; None leaves them free.
         scale : array_like [size], optional
@@ -128,11 +128,12 @@ class Phase:
             :func:`~microbot_ocp.ocp.solution.scaled` finds one.
         unit : str
             For messages.
+        interior_points : bool
+            Whether the bounds also hold at the points inside the intervals at which path
+            constraints hold.
         """
         variable = self._declare(name, size, lower, upper, initial, final, scale, unit, "state")
-        self.states.append(
-            variable if not between else Variable(**{**vars(variable), "between": True})
-        )
+        self.states.append(replace(variable, interior_points=interior_points))
         return variable.symbol
 
     def control(
@@ -222,7 +223,7 @@ class Phase:
         scale: ArrayLike | None = None,
         unit: str = "",
     ) -> None:
-        """Keep ``lower <= expression <= upper`` on the mesh points and at the points between."""
+        """Keep ``lower <= expression <= upper`` at the mesh points and the interior points."""
         expression = ca.MX(expression)
         size = expression.shape[0]
         low, high = _ordered(name, lower, upper, size, unit)
@@ -320,29 +321,29 @@ class OptimalControlProblem:
     def __init__(self, name: str = "problem") -> None:
         self.name = name
         self.phases: list[Phase] = []
-        self.links: list[Link] = []
+        self.links: list[PhaseLink] = []
 
     def phase(
         self,
         name: str,
         duration: float | tuple[float, float],
         *,
-        between: Sequence[float] | None = None,
+        interior_points: Sequence[float] | None = None,
         scale: float | None = None,
     ) -> Phase:
         """Add a phase of fixed duration, or free within (lower, upper), s.
 
-        ``between`` are the fractions of every interval at which path constraints hold besides the
-        mesh points; by default those of the scheme. ``scale`` is a typical duration, s.
+        ``interior_points`` are the fractions of every interval at which path constraints hold
+        besides the mesh points; by default those of the scheme. ``scale`` is a typical duration, s.
         """
         if name in {phase.name for phase in self.phases}:
             raise InputError(f"phase {name!r} is declared twice")
         low, high = duration if isinstance(duration, tuple) else (duration, duration)
         low = checks.number(f"duration of phase {name!r}", low, "s", above=0.0)
         high = checks.number(f"upper duration of phase {name!r}", high, "s", at_least=low)
-        inner = None if between is None else tuple(between)
+        inner = None if interior_points is None else tuple(interior_points)
         if any(not 0 < fraction < 1 for fraction in inner or ()):
-            raise InputError(f"between must be fractions inside (0, 1), not {inner}")
+            raise InputError(f"interior_points must be fractions inside (0, 1), not {inner}")
         if scale is not None:
             scale = checks.number(f"scale of the duration of phase {name!r}", scale, "s", above=0.0)
         self.phases.append(Phase(name, (low, high), inner, scale))
@@ -369,7 +370,7 @@ class OptimalControlProblem:
                     f"{name!r} cannot be linked: phases {before.name!r} and {after.name!r} must "
                     "both have it as a state or linear control of the same size"
                 )
-        self.links.append(Link(before.name, after.name, chosen))
+        self.links.append(PhaseLink(before.name, after.name, chosen))
 
     def check(self) -> None:
         """Raise InputError where the declaration is not complete."""

@@ -6,7 +6,6 @@ from ._adaptive import (
 )
 from ._arcs import (
     distance as distance,
-    find_junctions as find_junctions,
     hold as hold,
     place_junctions as place_junctions,
 )

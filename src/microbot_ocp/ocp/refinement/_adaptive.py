@@ -40,7 +40,7 @@ from microbot_ocp.ocp.transcription import Guess, Mesh, Meshes, Transcription
 from microbot_ocp.ocp.transcription.schemes import Scheme
 from microbot_ocp.ocp.verification import (
     ALONG,
-    LimitUse,
+    OCPLimitUse,
     dense_phase,
     limit_uses,
     phase_layout,
@@ -235,7 +235,7 @@ class _Refinement:
         self.best: Solution | None = None
         self.errors: list[FloatArray] = []
         self.excess: list[FloatArray] = []
-        self.exceeded: LimitUse | None = None  # what the best solution exceeds most
+        self.exceeded: OCPLimitUse | None = None  # what the best solution exceeds most
         self.places: list[FloatArray] | None = None  # where arcs meet, once it is known
         self.vain = 0  # solves with one phase an arc that found nothing
         self.history: list[RefinementStep] = []
@@ -362,7 +362,7 @@ def _stalled(history: Sequence[RefinementStep]) -> bool:
     )
 
 
-def excess_of_limits(solution: Solution) -> tuple[list[FloatArray], LimitUse | None]:
+def excess_of_limits(solution: Solution) -> tuple[list[FloatArray], OCPLimitUse | None]:
     """Relative excess of limits on a dense grid, [N, K] a phase, and the worst of all."""
     dense = [dense_phase(phase) for phase in solution.phases]
     uses = [use for own in dense for use in limit_uses(own) if use.kind in ALONG and use.excess > 0]

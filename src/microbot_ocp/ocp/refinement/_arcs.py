@@ -22,10 +22,10 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.problem import (
-    Link,
     OptimalControlProblem,
     PathConstraint,
     Phase,
+    PhaseLink,
     Variable,
     node_variables,
 )
@@ -68,11 +68,6 @@ class _Arc:
     first: int
     last: int
     signature: tuple[int, ...]  # of all control components, then of all limits
-
-
-def find_junctions(solution: Solution) -> list[FloatArray]:
-    """Where arcs meet, as fractions of every phase, to about an interval."""
-    return [_guessed(phase, _arcs(phase)[0]) for phase in solution.phases]
 
 
 def place_junctions(
@@ -363,13 +358,13 @@ def _guess(phase: PhaseSolution, clock: Variable, begin: float, end: float) -> G
     return Guess((end - begin) * phase.duration, values)
 
 
-def _links(problem: OptimalControlProblem, groups: Sequence[Sequence[Phase]]) -> list[Link]:
+def _links(problem: OptimalControlProblem, groups: Sequence[Sequence[Phase]]) -> list[PhaseLink]:
     links = []
     for index, pieces in enumerate(groups):
         for before, after in itertools.pairwise(pieces):
             names = tuple(v.name for v in node_variables(before))
-            links.append(Link(before.name, after.name, names))
+            links.append(PhaseLink(before.name, after.name, names))
         if index + 1 < len(groups):
             declared = problem.links[index]
-            links.append(Link(pieces[-1].name, groups[index + 1][0].name, declared.names))
+            links.append(PhaseLink(pieces[-1].name, groups[index + 1][0].name, declared.names))
     return links

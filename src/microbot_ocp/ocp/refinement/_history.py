@@ -14,7 +14,7 @@ from microbot_ocp.ocp.refinement._switches import Switch, find_switches
 from microbot_ocp.ocp.solution import Solution
 from microbot_ocp.ocp.transcription import Mesh
 from microbot_ocp.ocp.transcription.schemes import Collocation
-from microbot_ocp.ocp.verification import LimitUse, phase_layout
+from microbot_ocp.ocp.verification import OCPLimitUse, phase_layout
 
 COLUMNS = (
     Column("round"),
@@ -57,7 +57,7 @@ class RefinementStep:
     state_error: float
     switch_offset: float
     limit_excess: float
-    worst_limit: LimitUse | None
+    worst_limit: OCPLimitUse | None
     switches: tuple[tuple[Switch, ...], ...]
     cost: float
     duration: float
@@ -128,7 +128,7 @@ class Refined:
     solution: Solution
     history: History
     status: Status
-    exceeded: LimitUse | None = None
+    exceeded: OCPLimitUse | None = None
 
     @property
     def advice(self) -> str:
@@ -164,7 +164,7 @@ def step_of(
     solution: Solution,
     errors: Sequence[FloatArray],
     excess: Sequence[FloatArray],
-    worst_limit: LimitUse | None,
+    worst_limit: OCPLimitUse | None,
     accepted: bool,
     wall_time: float,
 ) -> RefinementStep:

@@ -3,7 +3,7 @@
 from ._initial_guess import (
     default_guess as default_guess,
     guess_from as guess_from,
-    start_from as start_from,
+    starting_point as starting_point,
 )
 from ._problem_data import (
     problem_data as problem_data,
@@ -25,7 +25,7 @@ from ._solution import (
     Attempt as Attempt,
     PhaseSolution as PhaseSolution,
     Solution as Solution,
-    Start as Start,
+    StartingPoint as StartingPoint,
     Status as Status,
     pack as pack,
     unpack as unpack,

@@ -15,19 +15,19 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp.problem import OptimalControlProblem, Variable, node_variables
-from microbot_ocp.ocp.solution._solution import PhaseSolution, Solution, Start, pack
+from microbot_ocp.ocp.solution._solution import PhaseSolution, Solution, StartingPoint, pack
 from microbot_ocp.ocp.transcription import Block, Guess, GuessValue, PhaseLayout, Program
 from microbot_ocp.ocp.transcription.schemes import Collocation
 
 
-def start_from(
+def starting_point(
     program: Program,
     problem: OptimalControlProblem,
     guess: Mapping[str, Guess] | Solution | None,
-) -> Start:
+) -> StartingPoint:
     """Starting point from guesses, from an earlier solution, or from nothing."""
     if not isinstance(guess, Solution):
-        return Start(pack(program, guess or default_guess(problem)))
+        return StartingPoint(pack(program, guess or default_guess(problem)))
     layouts = [phase.layout for phase in guess.phases]
     old = [layout for layout in layouts if layout is not None]
     comparable = len(old) == len(program.layouts) == len(layouts) and all(
@@ -35,15 +35,15 @@ def start_from(
     )
     if not comparable or guess.variables is None:
         missing = tuple(missing_from(problem, guess))
-        return Start(pack(program, guess_from(problem, guess)), missing=missing)
+        return StartingPoint(pack(program, guess_from(problem, guess)), missing=missing)
     same = all(_same_mesh(a, b) for a, b in zip(old, program.layouts, strict=True))
     x = guess.variables if same else pack(program, guess_from(problem, guess))
     rows, variables = guess.row_multipliers, guess.variable_multipliers
     if not guess.status.solved or variables is None:
-        return Start(x)
+        return StartingPoint(x)
     if not same:
         rows, variables = _moved_multipliers(program, old, rows, variables)
-    return Start(x, rows, variables)
+    return StartingPoint(x, rows, variables)
 
 
 def _alike(a: PhaseLayout, b: PhaseLayout) -> bool:

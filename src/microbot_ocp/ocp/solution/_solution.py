@@ -95,7 +95,7 @@ class PhaseSolution:
 
 
 @dataclass(frozen=True, eq=False)
-class Start:
+class StartingPoint:
     """Scaled variables to start from, with multipliers where an earlier solve knows them."""
 
     x: FloatArray
@@ -140,7 +140,7 @@ class Solution:
     settings: Mapping[str, object] = field(default_factory=dict)
     cost_scale: float = 1.0
     advice: str = ""
-    start: Start | None = field(default=None, repr=False)
+    start: StartingPoint | None = field(default=None, repr=False)
 
     def __repr__(self) -> str:
         last = f", {self.attempts[-1].solver}" if self.attempts else ""

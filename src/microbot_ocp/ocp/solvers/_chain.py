@@ -23,10 +23,10 @@ from microbot_ocp.ocp.solution import (
     Attempt,
     Progress,
     Solution,
-    Start,
+    StartingPoint,
     cost_scale,
     scaled,
-    start_from,
+    starting_point,
     unpack,
 )
 from microbot_ocp.ocp.solvers._run import Made, Outcome, run
@@ -79,7 +79,7 @@ def solve(
     transcription = transcribed(problem, settings, scheme=scheme, guess=guess)
     layouts = transcription.layouts(mesh)
     program = assemble(layouts)
-    begin = start_from(program, transcription.problem, guess)
+    begin = starting_point(program, transcription.problem, guess)
     check_start(program, begin.x)
     program = with_cost_scale(program, begin.x, settings)
     build_time = time.perf_counter() - start
@@ -110,7 +110,7 @@ def with_cost_scale(program: Program, x: FloatArray, settings: SolverSettings) -
 def run_chain(
     program: Program,
     settings: SolverSettings,
-    start: Start,
+    start: StartingPoint,
     *,
     progress: Progress | None = None,
     build_time: float = 0.0,
@@ -131,7 +131,7 @@ def run_chain(
     attempts: list[Attempt] = []
     outcome: Outcome | None = None
     for name, variant in turns:
-        given = start if variant or name == "sqp" else Start(start.x)
+        given = start if variant or name == "sqp" else StartingPoint(start.x)
         outcome = run(program, name, settings, given, variant, progress, made)
         attempts.append(outcome.attempt)
         if outcome.attempt.status in (Status.SOLVED, Status.INTERRUPTED):

@@ -20,7 +20,7 @@ from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.ocp.diagnosis import check_start
 from microbot_ocp.ocp.problem import OptimalControlProblem, Phase, node_variables
-from microbot_ocp.ocp.solution import Progress, Solution, start_from
+from microbot_ocp.ocp.solution import Progress, Solution, starting_point
 from microbot_ocp.ocp.solvers import (
     Made,
     SolverSettings,
@@ -125,7 +125,7 @@ class ParametricSolver:
         program = self.program if not any(given.values()) else self._changed(given)
         problem = copy.copy(self.transcription.problem)
         problem.phases = [layout.phase for layout in program.layouts]
-        start = start_from(program, problem, guess)
+        start = starting_point(program, problem, guess)
         check_start(program, start.x)
         if self._cost_scale is None:  # the same for all solves: solvers are made for it
             self._cost_scale = with_cost_scale(program, start.x, self.settings).cost_scale

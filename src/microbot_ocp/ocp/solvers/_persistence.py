@@ -26,7 +26,7 @@ from microbot_ocp.ocp.solution import (
     Attempt,
     PhaseSolution,
     Solution,
-    Start,
+    StartingPoint,
     problem_data,
     with_problem_data,
 )
@@ -238,7 +238,9 @@ def _restored(
         settings=metadata["settings"],
         cost_scale=float(metadata.get("cost_scale", 1.0)),
         advice=str(metadata.get("advice") or status.sentence),
-        start=Start(arrays["start.x"], arrays.get("start.rows"), arrays.get("start.variables"))
+        start=StartingPoint(
+            arrays["start.x"], arrays.get("start.rows"), arrays.get("start.variables")
+        )
         if "start.x" in arrays
         else None,
     )

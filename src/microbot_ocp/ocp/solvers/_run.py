@@ -12,7 +12,7 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.status import Status
-from microbot_ocp.ocp.solution import Attempt, Progress, Start, Watch, watching
+from microbot_ocp.ocp.solution import Attempt, Progress, StartingPoint, Watch, watching
 from microbot_ocp.ocp.solvers._acceptance import accepted
 from microbot_ocp.ocp.solvers._plugins import create
 from microbot_ocp.ocp.solvers._settings import SolverSettings
@@ -37,7 +37,7 @@ def run(
     program: Program,
     name: str,
     settings: SolverSettings,
-    start: Start,
+    start: StartingPoint,
     variant: bool,
     progress: Progress | None,
     made: Made | None,

@@ -17,7 +17,13 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp.problem import PathConstraint, Phase, Variable, node_variables
 from microbot_ocp.ocp.transcription._table import Entry, entries_of
-from microbot_ocp.ocp.transcription.schemes import Interval, Scheme, StageVariable, Step, pointwise
+from microbot_ocp.ocp.transcription.schemes import (
+    Interval,
+    IntervalStep,
+    Scheme,
+    StageVariable,
+    pointwise,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,7 +201,7 @@ def _path_rows(
     physics: _Physics,
     scheme: Scheme,
     interval: Interval,
-    step: Step,
+    step: IntervalStep,
     rows: _Rows,
 ) -> None:
     """Path constraints and algebraic equations at the points where they hold."""
@@ -231,7 +237,7 @@ class _PathPoint:
 
 def _path_points(phase: Phase, scheme: Scheme) -> list[_PathPoint]:
     """Points of every interval at which something holds, and what."""
-    inner = scheme.points if phase.between is None else phase.between
+    inner = scheme.points if phase.interior_points is None else phase.interior_points
     inner = tuple(p for p in inner if p < 1.0)
     local = pointwise(phase)
     held = {(k.source.name, k.fraction) for k in scheme.variables(phase)}
@@ -242,7 +248,7 @@ def _path_points(phase: Phase, scheme: Scheme) -> list[_PathPoint]:
             states=tuple(
                 s
                 for s in phase.states
-                if point in inner and s.between and (s.name, point) not in held
+                if point in inner and s.interior_points and (s.name, point) not in held
             ),
             equations=point in scheme.points and bool(phase.algebraic_equations),
             constraints=tuple(

@@ -95,7 +95,7 @@ class ResimulationCheck:
 
 
 @dataclass(frozen=True)
-class LimitUse:
+class OCPLimitUse:
     """Worst point of one bound or path constraint of a phase, on a dense grid.
 
     Attributes
@@ -260,7 +260,7 @@ class OCPCertificate:
     verdict: str
     cost: CostCheck
     resimulations: tuple[ResimulationCheck, ...]
-    limits: tuple[LimitUse, ...]
+    limits: tuple[OCPLimitUse, ...]
     optimality: Optimality
     costates: tuple[Costates, ...]
     hamiltonians: tuple[Hamiltonian, ...]
@@ -283,7 +283,7 @@ class OCPCertificate:
         return next(h for h in self.hamiltonians if h.phase == phase)
 
     @property
-    def worst_limit(self) -> LimitUse | None:
+    def worst_limit(self) -> OCPLimitUse | None:
         """The limit that is exceeded most, relative; None where all are kept."""
         worst = max(self.limits, key=lambda use: use.relative, default=None)
         return worst if worst is not None and worst.excess > 0 else None

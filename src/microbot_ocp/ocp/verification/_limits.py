@@ -12,7 +12,7 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp.solution import PhaseSolution
 from microbot_ocp.ocp.transcription import DURATION, interpolated_variables
-from microbot_ocp.ocp.verification._certificate import LimitUse
+from microbot_ocp.ocp.verification._certificate import OCPLimitUse
 from microbot_ocp.ocp.verification._reintegration import phase_layout
 
 POINTS = 20  # dense points to an interval
@@ -119,7 +119,7 @@ def _limited(kind: str, own: Any, values: FloatArray, end: bool = False) -> Limi
     return Limited(kind, own.name, own.unit, own.lower, own.upper, own.scale, values, end)
 
 
-def limit_uses(dense: DensePhase) -> list[LimitUse]:
+def limit_uses(dense: DensePhase) -> list[OCPLimitUse]:
     """Worst point of every component that has a limit."""
     found = []
     for limited in dense.limited:
@@ -132,7 +132,7 @@ def limit_uses(dense: DensePhase) -> list[LimitUse]:
             k = int(beyond.argmax())
             excess = max(0.0, float(beyond[k]))
             found.append(
-                LimitUse(
+                OCPLimitUse(
                     phase=dense.phase.name,
                     name=limited.name,
                     component=i,

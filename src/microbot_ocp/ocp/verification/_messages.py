@@ -11,7 +11,7 @@ from microbot_ocp.ocp.verification._certificate import (
     Arc,
     CostCheck,
     Hamiltonian,
-    LimitUse,
+    OCPLimitUse,
     Optimality,
     ResimulationCheck,
     Thresholds,
@@ -41,7 +41,7 @@ def problems_of(solution: Solution, stages: Sequence[PhaseSolution]) -> list[str
 def judged(
     cost: CostCheck,
     resimulations: Sequence[ResimulationCheck],
-    uses: Sequence[LimitUse],
+    uses: Sequence[OCPLimitUse],
     optimality: Optimality,
     passes: Thresholds,
 ) -> list[str]:
@@ -98,7 +98,7 @@ def _component(name: str, component: int) -> str:
 
 def summary_of(
     resimulations: Sequence[ResimulationCheck],
-    uses: Sequence[LimitUse],
+    uses: Sequence[OCPLimitUse],
     optimality: Optimality,
     hamiltonians: Sequence[Hamiltonian],
     arcs: Sequence[Arc],

@@ -5,9 +5,9 @@ from dataclasses import replace
 from microbot_ocp._base.checks import InputError
 from microbot_ocp.ocp.transcription.schemes._base import (
     Interval,
+    IntervalStep,
     Scheme,
     StageVariable,
-    Step,
     pointwise,
 )
 from microbot_ocp.ocp.transcription.schemes._collocation import Collocation
@@ -43,10 +43,10 @@ __all__ = [
     "HermiteSimpson",
     "IntegratorShooting",
     "Interval",
+    "IntervalStep",
     "Scheme",
     "Shooting",
     "StageVariable",
-    "Step",
     "Trapezoidal",
     "pointwise",
     "with_degree",

@@ -61,7 +61,7 @@ class Interval:
 
 
 @dataclass(frozen=True, eq=False)
-class Step:
+class IntervalStep:
     """The step of a scheme over one interval.
 
     Attributes
@@ -96,7 +96,7 @@ class Scheme(Protocol):
         """Values needed inside every interval."""
         ...
 
-    def step(self, phase: Phase, interval: Interval, values: Sequence[ca.MX]) -> Step:
+    def step(self, phase: Phase, interval: Interval, values: Sequence[ca.MX]) -> IntervalStep:
         """Step over the interval, given the values of :meth:`variables`."""
         ...
 

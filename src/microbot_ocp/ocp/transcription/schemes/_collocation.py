@@ -20,8 +20,8 @@ from microbot_ocp.ocp.problem import Phase
 from microbot_ocp.ocp.transcription.schemes._base import (
     Fraction,
     Interval,
+    IntervalStep,
     StageVariable,
-    Step,
     pointwise,
 )
 
@@ -64,7 +64,7 @@ class Collocation:
         kept = [*phase.states, *pointwise(phase)]
         return tuple(StageVariable(v, point) for point in self.points for v in kept)
 
-    def step(self, phase: Phase, interval: Interval, values: Sequence[ca.MX]) -> Step:
+    def step(self, phase: Phase, interval: Interval, values: Sequence[ca.MX]) -> IntervalStep:
         """Polynomial over the interval with one defect a point."""
         points, slope_matrix, end_weights, cost_weights = _coefficients(self.kind, self.degree)
         states, local = len(phase.states), len(pointwise(phase))
@@ -87,7 +87,7 @@ class Collocation:
             inner = _interpolate(points, own, fraction) if local else ca.MX(0, 1)
             return state, ca.vertcat(interval.control(fraction), inner)
 
-        return Step(arrived, running, tuple(defects), at)
+        return IntervalStep(arrived, running, tuple(defects), at)
 
 
 @lru_cache(maxsize=32)

@@ -12,8 +12,8 @@ from microbot_ocp.ocp.problem import Phase
 from microbot_ocp.ocp.transcription.schemes._base import (
     Fraction,
     Interval,
+    IntervalStep,
     StageVariable,
-    Step,
     refuse_pointwise,
 )
 
@@ -36,7 +36,7 @@ class Shooting:
         refuse_pointwise(phase, "shooting")
         return ()
 
-    def step(self, phase: Phase, interval: Interval, values: Sequence[ca.MX]) -> Step:
+    def step(self, phase: Phase, interval: Interval, values: Sequence[ca.MX]) -> IntervalStep:
         """Runge-Kutta from the start of the interval."""
 
         def after(fraction: Fraction) -> tuple[ca.MX, ca.MX]:
@@ -47,7 +47,7 @@ class Shooting:
             return x, cost
 
         arrived, running = after(1.0)
-        return Step(arrived, running, (), lambda s: (after(s)[0], interval.control(s)))
+        return IntervalStep(arrived, running, (), lambda s: (after(s)[0], interval.control(s)))
 
 
 def _runge_kutta(
@@ -79,7 +79,7 @@ class IntegratorShooting:
         refuse_pointwise(phase, "shooting on an integrator")
         return ()
 
-    def step(self, phase: Phase, interval: Interval, values: Sequence[ca.MX]) -> Step:
+    def step(self, phase: Phase, interval: Interval, values: Sequence[ca.MX]) -> IntervalStep:
         """The integrator runs over the fraction s of the interval, from 0 to 1."""
         size = interval.x.shape[0]
         inputs = [
@@ -116,7 +116,7 @@ class IntegratorShooting:
             return result["xf"], result["qf"]
 
         arrived, running = after(1.0)
-        return Step(arrived, running, (), lambda s: (after(s)[0], interval.control(s)))
+        return IntervalStep(arrived, running, (), lambda s: (after(s)[0], interval.control(s)))
 
 
 _ADAPTIVE = ("cvodes", "idas")

@@ -15,8 +15,8 @@ from microbot_ocp.ocp.problem import Phase
 from microbot_ocp.ocp.transcription.schemes._base import (
     Fraction,
     Interval,
+    IntervalStep,
     StageVariable,
-    Step,
     refuse_pointwise,
 )
 
@@ -37,7 +37,7 @@ class Trapezoidal:
         """The state at the end."""
         return _next_state(phase, "trapezoidal")
 
-    def step(self, phase: Phase, interval: Interval, values: Sequence[ca.MX]) -> Step:
+    def step(self, phase: Phase, interval: Interval, values: Sequence[ca.MX]) -> IntervalStep:
         """One defect, from the slopes at both ends."""
         h, after = interval.length, ca.vertcat(*values)
         f0, l0 = interval.f(interval.x, interval.control(0.0), 0.0)
@@ -48,7 +48,7 @@ class Trapezoidal:
             state = interval.x + h * (s * f0 + s**2 / 2 * (f1 - f0))
             return state, interval.control(s)
 
-        return Step(after, h / 2 * (l0 + l1), ((0.5, defect),), at)
+        return IntervalStep(after, h / 2 * (l0 + l1), ((0.5, defect),), at)
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class HermiteSimpson:
         """The state at the end."""
         return _next_state(phase, "hermite_simpson")
 
-    def step(self, phase: Phase, interval: Interval, values: Sequence[ca.MX]) -> Step:
+    def step(self, phase: Phase, interval: Interval, values: Sequence[ca.MX]) -> IntervalStep:
         """One defect, by Simpson's rule with the Hermite cubic's middle."""
         h, x, after = interval.length, interval.x, ca.vertcat(*values)
         f0, l0 = interval.f(x, interval.control(0.0), 0.0)
@@ -81,4 +81,4 @@ class HermiteSimpson:
             )
             return state, interval.control(s)
 
-        return Step(after, h / 6 * (l0 + 4 * lm + l1), ((0.5, defect),), at)
+        return IntervalStep(after, h / 6 * (l0 + 4 * lm + l1), ((0.5, defect),), at)
