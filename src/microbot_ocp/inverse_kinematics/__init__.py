@@ -1,7 +1,9 @@
-"""Inverse kinematics: one solution, every branch, a line followed; by Gauss-Newton and by NLPs.
+"""Joint positions for poses of the tool: one solution, every branch, many targets, a line.
 
-``search`` runs many starts at once through one compiled step; the NLPs of ``kernels`` (IPOPT) take
-over where limits, a seed, a missed target or a continuum of solutions ask for an optimum.
+In: a robot and targets, positions with or without orientations. Out: :class:`IKSolution` (or an
+:class:`IKPath`), always, with a status, the nearest pose and a sentence where a target is missed.
+Begin with ``_solve.py``; ``_kernels.py`` holds the compiled descent and the nonlinear programs,
+``_search.py`` what is built of them: branches, continua, nearest poses.
 """
 
 import lazy_loader

@@ -1,4 +1,4 @@
-"""The CasADi functions of inverse kinematics: a damped step for batches, two small NLPs, measures.
+"""The CasADi functions of inverse kinematics: the compiled descent, two small NLPs, measures.
 
 Positions are divided by the arm's reach, so that a metre and a radian weigh alike. A target is a
 row [3] (position in the base frame, m) or [12] (position, then the columns of the rotation).
@@ -65,6 +65,7 @@ def revolute(robot: Robot) -> np.ndarray:
     return np.array(robot.joint_types) == "revolute"
 
 
+@lru_cache(maxsize=16)
 def evenly_spread_step(dimensions: int) -> FloatArray:
     """Step of an additive recurrence that fills the unit cube evenly (modulo 1).
 
@@ -73,7 +74,9 @@ def evenly_spread_step(dimensions: int) -> FloatArray:
     root = 2.0
     for _ in range(60):
         root = (1.0 + root) ** (1.0 / (dimensions + 1))
-    return root ** -np.arange(1.0, dimensions + 1)
+    step = root ** -np.arange(1.0, dimensions + 1)
+    step.setflags(write=False)
+    return step
 
 
 def _residual(

@@ -1,4 +1,4 @@
-"""Every branch of many targets at once: many starts, one compiled step, clusters modulo a turn.
+"""Solutions from seeds and every branch of many targets: many starts, one compiled descent.
 
 How completeness is judged: starts are added until every branch found was met by several of them
 and, for arms of revolute joints with as many joints as the task has equations, until the signs of
@@ -40,10 +40,11 @@ SAMPLES = 12  # of a continuum of solutions
 PROBE = 0.05  # rad (prismatic: share of the reach) along a suspected self-motion
 SAME = 1e-5  # rad between two runs that found the same solution
 NEAREST_TOLERANCE = 1e-5  # rad (prismatic: share of the reach)
+DOUBLE = 0.02  # rad within which two solutions may be one that is doubled
 SAME_ON_CONTINUUM = 0.02  # rad between representatives that settled at the same place
 
 
-SEARCH = Descent(patience=24, polish=3)
+SEARCH = Descent(patience=16, enough=1e-12, polish=2)
 SLIDE = Descent(nearest=70, polish=2)  # to the target and along its continuum
 DOWNHILL = Descent()  # to a target that may be out of reach
 # From the seed, then from farther and farther off. Half of the starts reach most targets. Within
@@ -186,23 +187,30 @@ def _merge_doubles(
     robot: Robot, q: FloatArray, met: np.ndarray, target: FloatArray
 ) -> tuple[FloatArray, np.ndarray]:
     """Join solutions whose midpoint is a solution too: two roots closer than can be told apart."""
-    i = 0
-    while i < len(q):
-        gap = difference(robot, q, q[i])
-        close = np.flatnonzero((np.abs(gap).max(axis=1) < 0.02) & (np.arange(len(q)) > i))
-        if close.size:
-            between = q[i] + gap[close] * joint_scale(robot) / 2
-            distance, angle = task_errors(robot, between, np.tile(target, (len(close), 1)))
-            one = (distance < POSITION_TOLERANCE) & (angle < ORIENTATION_TOLERANCE)
-            met[i] += met[close[one]].sum()
-            q, met = np.delete(q, close[one], axis=0), np.delete(met, close[one])
-        i += 1
-    return q, met
+    gaps = np.abs(difference(robot, q[:, None], q[None])).max(axis=2)
+    pairs = np.argwhere(np.triu(gaps < DOUBLE, 1))
+    if not len(pairs):
+        return q, met
+    between = q[pairs[:, 0]] + difference(robot, q[pairs[:, 1]], q[pairs[:, 0]]) * (
+        joint_scale(robot) / 2
+    )
+    distance, angle = task_errors(robot, between, np.tile(target, (len(pairs), 1)))
+    one = (distance < POSITION_TOLERANCE) & (angle < ORIENTATION_TOLERANCE)
+    kept = np.ones(len(q), dtype=bool)
+    for first, second in pairs[one]:
+        if kept[first] and kept[second]:
+            met[first] += met[second]
+            kept[second] = False
+    return q[kept], met[kept]
 
 
 def ranks(robot: Robot, q: FloatArray, width: int) -> np.ndarray:
     """Ranks [K] of the task's Jacobian at q [K,n]."""
-    values = np.linalg.svd(scaled_jacobian(robot, q, width), compute_uv=False)
+    return _rank(np.linalg.svd(scaled_jacobian(robot, q, width), compute_uv=False))
+
+
+def _rank(values: np.ndarray) -> np.ndarray:
+    """Ranks [K] of matrices with these singular values [K,m]."""
     return (values > RANK_TOLERANCE * np.maximum(values[:, :1], 1e-12)).sum(axis=1)
 
 
@@ -345,9 +353,8 @@ def find_branches(robot: Robot, targets: FloatArray) -> list[Found]:
     bounds = (robot.limits.q_min, robot.limits.q_max) if redundant else None
     size = 8 * 2 ** min(count, 3)
     pools = [np.zeros((0, count)) for _ in targets]
-    answers: list[tuple[FloatArray, np.ndarray]] = [
-        (np.zeros((0, count)), np.zeros(0, dtype=int)) for _ in targets
-    ]
+    answers = list(pools)
+    jacobian_ranks = [np.zeros(0, dtype=int) for _ in targets]
     pending = np.arange(len(targets))
     for turn in range(ROUNDS):
         starts = low + (high - low) * quasi_random(size, count, turn * size)
@@ -361,33 +368,37 @@ def find_branches(robot: Robot, targets: FloatArray) -> list[Found]:
             pools[index] = np.concatenate([pools[index], good])
             q, met = clusters(robot, pools[index], SAME)
             q, met = _merge_doubles(robot, q, met, targets[index])
-            answers[index] = q, met
+            jacobians = scaled_jacobian(robot, q, width)
+            values = np.linalg.svd(jacobians, compute_uv=False)
+            answers[index], jacobian_ranks[index] = q, _rank(values)
             if redundant and len(q):
                 enough = len(q) >= SAMPLES
             else:
-                enough = _complete(robot, q, met, width, turn, balanced_when_complete)
+                enough = _complete(jacobians, values, met, turn, balanced_when_complete)
             if not enough:
                 still.append(index)
         pending = np.array(still, dtype=int)
         if not pending.size:
             break
     for index in pending if redundant else ():
-        if not len(answers[index][0]):
+        if not len(answers[index]):
             q, reached = descend_from(robot, middle(robot)[None], targets[index : index + 1])
-            answers[index] = q[reached], np.ones(np.count_nonzero(reached), dtype=int)
-    return [_sorted_out(robot, q, target) for (q, _), target in zip(answers, targets, strict=True)]
+            answers[index], jacobian_ranks[index] = q[reached], ranks(robot, q[reached], width)
+    found_all = zip(answers, jacobian_ranks, targets, strict=True)
+    return [_sorted_out(robot, q, rank, target) for q, rank, target in found_all]
 
 
 def _complete(
-    robot: Robot, q: FloatArray, met: np.ndarray, width: int, turn: int, balanced: bool
+    jacobians: FloatArray, values: np.ndarray, met: np.ndarray, turn: int, balanced: bool
 ) -> bool:
-    """Whether the isolated solutions q [K,n], met so many times [K], are likely to be all."""
-    if not len(q):
+    """Whether isolated solutions, each met so many times [K], are likely to be all.
+
+    Given are their Jacobians [K,m,n] and the singular values of these.
+    """
+    if not len(met):
         return turn > 0
-    jacobians = scaled_jacobian(robot, q, width)
-    values = np.linalg.svd(jacobians, compute_uv=False)
     conditions = values[:, -1] / np.maximum(values[:, 0], 1e-12)
-    if len(values[0]) < robot.joint_count or conditions.min() < RANK_TOLERANCE:
+    if values.shape[1] < jacobians.shape[2] or conditions.min() < RANK_TOLERANCE:
         # a continuum gives a new solution every time: two rounds, and its neighbours met often
         isolated = conditions >= RANK_TOLERANCE
         return turn > 0 and bool(np.all(met[isolated] >= MEETINGS))
@@ -398,11 +409,11 @@ def _complete(
     return abs(np.sign(np.linalg.det(jacobians)).sum()) < 0.5
 
 
-def _sorted_out(robot: Robot, q: FloatArray, target: FloatArray) -> Found:
-    """Isolated solutions as they are, continua by representatives."""
+def _sorted_out(robot: Robot, q: FloatArray, rank: np.ndarray, target: FloatArray) -> Found:
+    """Isolated solutions as they are, continua by representatives; ``rank`` [K] is at q [K,n]."""
     if not len(q):
         return Found(q, np.zeros(0, dtype=int), False)
-    deficient = ranks(robot, q, target.size) < robot.joint_count
+    deficient = rank < robot.joint_count
     isolated, suspects = q[~deficient], q[deficient]
     if not len(suspects):
         return Found(q, np.zeros(len(q), dtype=int), True)
