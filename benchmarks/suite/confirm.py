@@ -1,6 +1,6 @@
 """Recompute the published figures without the package: plain CasADi and IPOPT on fine meshes.
 
-    python -m benchmarks.suite.confirm [NAME ...] [--meshes 50 200 400] [--limit 300]
+    python -m benchmarks.suite.confirm [NAME ...] [--meshes 50 200 400] [--limit 300] [--scaled]
 
 Every mesh starts from the one before it. What is printed is the cost on each, in the sense of the
 source, and how far the last is from the published figure.
@@ -21,7 +21,7 @@ TOLERANCE = 1e-9
 OPTIONS = {"max_iter": 3000, "mumps_mem_percent": 4000}
 
 
-def chain(name: str, meshes: list[int]) -> None:
+def chain(name: str, meshes: list[int], scaled: bool) -> None:
     """One problem in this process; a line of JSON a mesh."""
     problem = BY_NAME[name]
     guess = None if problem.guess is None else problem.guess()
@@ -29,17 +29,19 @@ def chain(name: str, meshes: list[int]) -> None:
         options = {**OPTIONS, "tol": TOLERANCE}
         if index:
             options |= {"mu_init": 1e-3}
-        result = solve_by_opti(problem.build(), intervals, guess, options=options)
+        result = solve_by_opti(problem.build(), intervals, guess, options=options, scaled=scaled)
         line = {"intervals": intervals, "cost": result.cost, "status": result.status}
         print(json.dumps({**line, "seconds": result.seconds}), flush=True)
         guess = result.guesses
 
 
-def confirmed(name: str, meshes: list[int], limit: float) -> str:
+def confirmed(name: str, meshes: list[int], limit: float, scaled: bool) -> str:
     """The same in a child process that is stopped after a while."""
-    command = [sys.executable, "-m", "benchmarks.suite.confirm", name, "--here", "--meshes"]
+    command = [sys.executable, "-m", "benchmarks.suite.confirm", name, "--here"]
+    command += ["--scaled"] if scaled else []
+    command += ["--meshes", *map(str, meshes)]
     with subprocess.Popen(
-        [*command, *map(str, meshes)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as child:
         try:
             said, complaint = child.communicate(timeout=limit)
@@ -67,15 +69,20 @@ def main() -> None:
     parser.add_argument("names", nargs="*", metavar="NAME")
     parser.add_argument("--meshes", nargs="+", type=int, default=[50, 200, 400])
     parser.add_argument("--limit", type=float, default=300.0, help="s, a problem")
+    parser.add_argument("--scaled", action="store_true", help="by the size of the guess")
     parser.add_argument("--here", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.here:
-        chain(options.names[0], options.meshes)
+        chain(options.names[0], options.meshes, options.scaled)
         return
     names = options.names or [problem.name for problem in PROBLEMS]
     with ThreadPoolExecutor(2) as pool:
-        for text in pool.map(lambda name: confirmed(name, options.meshes, options.limit), names):
-            print(text, flush=True)
+        jobs = [
+            pool.submit(confirmed, name, options.meshes, options.limit, options.scaled)
+            for name in names
+        ]
+        for job in jobs:
+            print(job.result(), flush=True)
 
 
 if __name__ == "__main__":
