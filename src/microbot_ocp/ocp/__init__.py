@@ -1,4 +1,7 @@
-"""Optimal-control problems on any CasADi dynamics: declare, solve, check, explain.
+"""Optimal-control problems on any CasADi dynamics: declare, solve, verify, explain.
+
+Comes in: a declared problem. Goes out: a solution, its certificate, or an explanation why there is
+none. Begin with :class:`OptimalControlProblem` and :func:`solve`.
 
 ====================================  ==============================================================
 declare                               :class:`OptimalControlProblem`, whose :class:`Phase` s hold
@@ -12,11 +15,11 @@ solve                                 :func:`solve` with :class:`SolverSettings`
                                       :class:`Guess` a phase or from an earlier :class:`Solution`;
                                       :class:`Iteration` is what a progress function gets
 solve to an accuracy                  :func:`solve_refined` on meshes that it chooses
-solve again with other numbers        :class:`ParametricSolver`
-look at the result                    :class:`Solution` with its :class:`Status`, every
-                                      :class:`Attempt`, and a :class:`PhaseSolution` a phase
-check it                              :func:`verify` makes an :class:`OCPCertificate`
-no solution                           :func:`explain` names the limits that contradict each other
+solve again with other data           :class:`ParametricSolver`: limits, conditions, parameters
+the result                            :class:`Solution` with its :class:`Status`, every
+                                      :class:`Attempt`, and one :class:`PhaseSolution` per phase
+verify it                             :func:`verify` makes an :class:`OCPCertificate`
+no solution                           :func:`explain` names the limits that conflict
 keep it                               :func:`save_solution`, :func:`load_solution`; :func:`repeat`
                                       solves again as it was solved
 ====================================  ==============================================================

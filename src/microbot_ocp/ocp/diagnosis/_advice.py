@@ -14,7 +14,7 @@ from microbot_ocp.ocp.transcription import Label, Program
 
 VIOLATED = 1e-6  # scaled; less is no reason to fail
 POOR = 1e3  # a variable this many times its scale, or a row that changes so much, is badly scaled
-FAR = 0.1  # scaled violation of the dynamics by a guess that is worth a word
+FAR = 0.1  # scaled violation of the dynamics by a guess, above which it is mentioned
 DYNAMICS = ("step", "defect", "equation")
 
 

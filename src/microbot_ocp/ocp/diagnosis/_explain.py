@@ -29,9 +29,9 @@ from microbot_ocp.ocp.transcription import (
     assemble,
 )
 
-GIVES = 1e-4  # scaled amount below which a limit is said to hold
+GIVES = 1e-4  # scaled amount below which a limit holds
 CONFLICTS = 1e-3  # multiplier, of a sum of scaled amounts, above which a limit conflicts
-ALONE = 12  # how many limits are asked what they would give alone
+ALONE = 12  # how many limits are tried alone
 # Where one way out is as cheap as another: rather an end than a start.
 _WEIGHTS = {"final": 0.01, "duration": 0.02, "initial": 0.03}
 _PLACES = {"initial": "start of ", "final": "end of "}
@@ -69,7 +69,7 @@ class Relaxation:
 
     @property
     def subject(self) -> str:
-        """The limit in words."""
+        """The limit and its place."""
         what = {"lower": "lower limit", "upper": "upper limit"}.get(self.side, "value")
         unit = f" {self.unit}" if self.unit else ""
         at = _PLACES.get(self.kind, "")

@@ -1,4 +1,4 @@
-"""Where the expressions of a problem are no numbers: which one, where, and what it comes from."""
+"""Where the expressions of a problem are not finite: which, where, and by which variable."""
 
 from __future__ import annotations
 
@@ -41,13 +41,13 @@ def check_start(program: Program, x: FloatArray) -> None:
 
 
 def not_finite(program: Program, x: FloatArray, where: str) -> str | None:
-    """The first expression that has no finite value or slope at x, in words; None where all have.
+    """The first expression that has no finite value or slope at x; None where all have one.
 
     Parameters
     ----------
     program : Program
     x : scaled variables
-    where : what x is, in words
+    where : what x is, for the message
     """
     f, slope = program.functions["gradient"](x, program.parameters)
     g, jacobian = program.functions["jacobian"](x, program.parameters)

@@ -1,4 +1,9 @@
-"""The declared problem: phases with states, controls, dynamics, costs and constraints."""
+"""An optimal-control problem as data: phases with states, controls, dynamics, costs and limits.
+
+Comes in: CasADi expressions of the symbols that the declarations return. Goes out: an
+:class:`OptimalControlProblem`, whose :class:`Phase` s hold names, units, bounds and expressions.
+Begin with ``_problem.py``, the only module; nothing here knows how a problem is solved.
+"""
 
 import lazy_loader
 

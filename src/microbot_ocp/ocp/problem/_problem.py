@@ -57,7 +57,7 @@ class PathConstraint:
 
 @dataclass(frozen=True, eq=False)
 class Parameter:
-    """A constant of a phase: its value may differ from phase to phase with the same kernels."""
+    """A constant of a phase; phases that differ in parameters only share compiled kernels."""
 
     name: str
     symbol: ca.MX

@@ -1,4 +1,10 @@
-"""Meshes chosen for a wanted accuracy."""
+"""Meshes chosen for a wanted accuracy.
+
+Comes in: a problem, an accuracy and a first mesh. Goes out: :class:`Refined`, the last accepted
+solution with the history of its meshes. Begin with :func:`solve_refined` in ``_adaptive.py``;
+``_mesh_error.py`` estimates errors, ``_degrees.py`` raises degrees, ``_switches.py`` and
+``_arcs.py`` move mesh points to switches, ``_refiner.py`` solves from mesh to mesh.
+"""
 
 import lazy_loader
 

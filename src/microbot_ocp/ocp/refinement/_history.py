@@ -1,4 +1,4 @@
-"""What a refinement leaves: its meshes in turn, printed as a table, and how it ended."""
+"""The result of a refinement: its meshes, printed as a table, and its status."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ class RefinementStep:
 
 
 class History(tuple[RefinementStep, ...]):
-    """Meshes of a refinement in turn; printed as a table."""
+    """Meshes of a refinement one after the other; printed as a table."""
 
     __slots__ = ()
 

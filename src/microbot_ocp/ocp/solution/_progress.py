@@ -1,9 +1,9 @@
 """Live progress of a solve, and what Ctrl-C does to it.
 
 IPOPT and the SQP method call back at every iteration. fatrop has no such call: there the Jacobian,
-which it asks for once an iteration, reports; it cannot be stopped either: it runs to its end, and
-the iterate at which it was told to stop is returned. Without a progress function nothing is in the
-way.
+which it asks for once an iteration, reports. It cannot be stopped either: it runs to its end, and
+the iterate at which it was asked to stop is returned. Without a progress function there are no
+callbacks.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class Iteration:
     x: FloatArray = field(repr=False)
 
     def __str__(self) -> str:
-        """One line for people."""
+        """One line of text."""
         return (
             f"{self.solver} {self.number}: cost {self.cost:.6g}, "
             f"infeasibility {self.infeasibility:.1e}"
@@ -61,7 +61,7 @@ StepProgress = Callable[[Iteration | str], object]
 
 
 def quiet(_: Iteration | str) -> None:
-    """Progress that nobody sees; solves are not watched for it."""
+    """No progress is reported; solves run without callbacks."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +91,7 @@ class Watch:
     count: int = -1
     stopped: bool = False
     failure: BaseException | None = None
-    asked: Callable[[], bool] = bool  # whether somebody else asked to stop
+    asked: Callable[[], bool] = bool  # whether Ctrl-C was pressed
     kept: ca.Callback | None = None
 
     def hook(self, cache: Mapping[str, ca.Function]) -> Hook:
@@ -173,7 +173,7 @@ class _JacobianCall(ca.Callback):
 
     def eval(self, arguments: Any) -> list[ca.DM]:
         g, block = self.inner.call(arguments)
-        # fatrop goes on whatever is said here, even without a Jacobian: it may as well have one
+        # fatrop cannot be stopped from here, so it gets its Jacobian
         self.watch.report(np.array(arguments[0]).ravel(), np.array(g).ravel())
         return [g, block]
 
@@ -193,11 +193,11 @@ def watching(solver: str) -> Iterator[Callable[[], bool]]:
         if solver != "fatrop":
             raise KeyboardInterrupt
 
-    if threading.current_thread() is not threading.main_thread():  # signals go to the main one
+    if threading.current_thread() is not threading.main_thread():  # signals go to the main thread
         yield lambda: seen
         return
     previous = signal.getsignal(signal.SIGINT)
-    if previous is not signal.default_int_handler:  # somebody else's business
+    if previous is not signal.default_int_handler:  # another handler is installed
         yield lambda: seen
         return
     signal.signal(signal.SIGINT, note)

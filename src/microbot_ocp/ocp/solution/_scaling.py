@@ -147,18 +147,18 @@ class _Look:
         self.phase = phase
         self.variables = [*phase.states, *phase.controls, *phase.algebraics]
         self.unscaled = [v for v in self.variables if not v.scaled]
-        told = ordinary.duration if given is None else float(given.duration)
-        # one that is refused where the guess is used says nothing here
-        self.duration = told if np.isfinite(told) and told > 0 else ordinary.duration
+        guessed = ordinary.duration if given is None else float(given.duration)
+        # a wrong duration is refused where the guess is used
+        self.duration = guessed if np.isfinite(guessed) and guessed > 0 else ordinary.duration
         self.share = np.linspace(0.0, 1.0, POINTS)
         values = {} if given is None else given.values
         self.tables = {
             v.name: _samples(values.get(v.name, ordinary.values.get(v.name, 0.0)), v, self.share)
             for v in self.variables
         }
-        guessed = {v.name: self.tables[v.name] for v in self.variables if v.name in values}
+        tables = {v.name: self.tables[v.name] for v in self.variables if v.name in values}
         self.sizes = {
-            v.name: v.scale if v.scaled else _size(v, guessed.get(v.name)) for v in self.variables
+            v.name: v.scale if v.scaled else _size(v, tables.get(v.name)) for v in self.variables
         }
         self.rates = [c for c in phase.controls if c.rate is not None]
 
@@ -266,14 +266,14 @@ def _samples(value: object, variable: Variable, share: FloatArray) -> FloatArray
 
 
 def _size(variable: Variable, guess: FloatArray | None) -> FloatArray:
-    """Size of a variable by what was declared and guessed; not a number where that says nothing."""
-    told = [np.zeros(variable.size)]
+    """Size of a variable by what was declared and guessed; NaN where neither gives one."""
+    sizes = [np.zeros(variable.size)]
     if guess is not None:
-        told.append(np.abs(guess).max(axis=0))
+        sizes.append(np.abs(guess).max(axis=0))
     for condition in (variable.initial, variable.final):
         if condition is not None:
-            told += [np.where(np.isfinite(side), np.abs(side), 0.0) for side in condition]
-    typical = np.max(told, axis=0)
+            sizes += [np.where(np.isfinite(side), np.abs(side), 0.0) for side in condition]
+    typical = np.max(sizes, axis=0)
     bounded = np.isfinite(variable.lower) & np.isfinite(variable.upper)
     bounds = np.where(bounded, np.fmax(np.abs(variable.lower), np.abs(variable.upper)), np.nan)
     if variable.shape != "state":  # controls go to their bounds

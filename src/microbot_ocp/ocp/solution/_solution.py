@@ -101,7 +101,7 @@ class StartingPoint:
     x: FloatArray
     row_multipliers: FloatArray | None = None
     variable_multipliers: FloatArray | None = None
-    missing: tuple[str, ...] = ()  # what the earlier solution did not have, in words
+    missing: tuple[str, ...] = ()  # names of what the earlier solution did not have
 
     @property
     def warm(self) -> bool:

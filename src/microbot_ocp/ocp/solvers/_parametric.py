@@ -41,7 +41,7 @@ Changes = Mapping[str, Mapping[str, Any]]
 
 
 class ParametricSolver:
-    """A transcribed problem on a mesh whose numbers may change from solve to solve.
+    """A transcribed problem on a mesh whose limits and parameters may change from solve to solve.
 
     Solvers are kept between solves. It can be pickled, for other processes; what is not plain data
     is made again there.
@@ -94,7 +94,7 @@ class ParametricSolver:
         guess: Mapping[str, Guess] | Solution | None = None,
         progress: Progress | None = None,
     ) -> Solution:
-        """Solve with some numbers changed; what is not named is as declared.
+        """Solve with some of the data changed; what is not named is as declared.
 
         Parameters
         ----------
@@ -166,7 +166,7 @@ def _restored(state: bytes) -> ParametricSolver:
 
 
 def _with_changes(phase: Phase, own: Mapping[str, Any]) -> Phase:
-    """A copy of a phase with the same expressions and other numbers."""
+    """A copy of a phase with the same expressions and other limits and parameters."""
     changed = copy.copy(phase)
     variables = {v.name: v for v in (*phase.states, *phase.controls, *phase.algebraics)}
     limits = {f"c {c.name}": c for c in phase.constraints}

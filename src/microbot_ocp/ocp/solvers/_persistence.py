@@ -61,7 +61,7 @@ _OPTIONAL = ("variable_multipliers", "variables")
 
 
 def versions() -> dict[str, str]:
-    """Versions of what computes."""
+    """Versions of CasADi, numpy and Python."""
     return {
         "casadi": ca.CasadiMeta.version(),
         "numpy": np.__version__,
@@ -146,7 +146,7 @@ def load_solution(
     problem : OptimalControlProblem or Transcription, optional
         The same problem: the solution can then be sampled between its mesh points, verified, and
         start another solve with its multipliers. Its limits, conditions, parameters and scales are
-        those that it was solved with, whatever the problem says.
+        those that it was solved with, not those declared.
 
     Raises
     ------
@@ -171,7 +171,7 @@ def load_solution(
 
 
 def repeat(path: str | Path, problem: OptimalControlProblem | Transcription) -> Solution:
-    """Solve again as a saved solution was solved: numbers, mesh, scheme, settings and start.
+    """Solve again as a saved solution was solved: problem data, mesh, scheme, settings and start.
 
     On the same machine with the same versions (see :func:`saved_with`) the outcome is the same.
 
@@ -254,7 +254,7 @@ def _flat(stages: FloatArray | None) -> FloatArray | None:
 def _as_solved(
     metadata: dict[str, Any], problem: OptimalControlProblem | Transcription
 ) -> Transcription:
-    """The problem with the numbers, and by the scheme, of a solve."""
+    """The problem with the data, and by the scheme, of a solve."""
     given = problem.problem if isinstance(problem, Transcription) else problem
     described = metadata["phases"]
     names, own = [d["name"] for d in described], [phase.name for phase in given.phases]
@@ -263,7 +263,7 @@ def _as_solved(
     if not all("numbers" in d for d in described):
         if isinstance(problem, Transcription):
             return problem
-        raise InputError("the solution was written without its numbers: give its transcription")
+        raise InputError("the solution has no problem data: give its transcription")
     made = copy.copy(given)
     made.phases = [
         with_problem_data(phase, d["numbers"])

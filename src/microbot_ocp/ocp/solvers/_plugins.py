@@ -15,7 +15,7 @@ from microbot_ocp.ocp.solution import Watch
 from microbot_ocp.ocp.solvers._settings import SolverSettings
 from microbot_ocp.ocp.transcription import Program
 
-FAR = 1e10  # value and violation that fatrop sees where there is none
+FAR = 1e10  # value and violation that fatrop gets where they are not finite
 LARGEST = 1e300
 # Barrier parameters lowered gently: with the default jumps fatrop stalls on the flat minima that
 # time-optimal problems have.
@@ -53,7 +53,7 @@ def create(
         "calc_lam_p": False,
         "calc_lam_x": False,
         "error_on_fail": False,
-        "show_eval_warnings": False,  # the advice says it once
+        "show_eval_warnings": False,  # the advice reports it
     }
     plugin, options, cache = {
         "fatrop": _fatrop,
@@ -64,7 +64,7 @@ def create(
         hook = watch.hook(cache)
         options, cache = {**options, **hook.options}, {**cache, **hook.cache}
     nlp = {**program.nlp, "f": program.nlp["f"] / program.cost_scale}
-    if name == "fatrop":  # which tries steps for ever where the values there are no numbers
+    if name == "fatrop":  # which would try steps for ever where values are not finite
         nlp = {**nlp, "f": ca.fmin(nlp["f"], FAR), "g": ca.fmin(nlp["g"], FAR)}
     return ca.nlpsol(name, plugin, nlp, {**common, **options, "cache": cache})
 

@@ -1,4 +1,4 @@
-"""How a solve ended: by the solver's own words, and by the point that it left."""
+"""How a solve ended: by what the solver reports, and by the point that it returns."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ def status_of(
     """Status from the statistics of a solver and the violation at its point."""
     message = str(stats.get("return_status", ""))
     limit = settings.options.get(name, {}).get("max_iter", settings.max_iterations)
-    if stats.get("success"):  # fatrop says so of points that are not even numbers, too
+    if stats.get("success"):  # fatrop reports it even of points that are not finite
         return Status.SOLVED if infeasibility <= FEASIBLE else Status.FAILED
     if stats.get("unified_return_status") == "SOLVER_RET_LIMITED" or "Maximum" in message:
         return Status.ITERATION_LIMIT
-    if name == "fatrop" and stats.get("iter_count", -1) >= limit:  # it has no word for it
+    if name == "fatrop" and stats.get("iter_count", -1) >= limit:  # it reports no reason
         return Status.ITERATION_LIMIT
     if "Infeasible" in message or "Restoration" in message:
         return Status.INFEASIBLE
@@ -52,7 +52,7 @@ def first_cause(problem: BaseException) -> str:
 
 
 def checked(program: Program, x: FloatArray) -> tuple[float, float]:
-    """Cost and largest violation of a bound or row at x, whatever the solver reports of them."""
+    """Cost and largest violation of a bound or row at x, independent of what the solver reports."""
     cost = float(program.functions["gradient"](x, program.parameters)[0])
     worst = float(program.violations(x, program.row_values(x)).max())
     return cost, worst if np.isfinite(cost) else np.inf

@@ -114,7 +114,7 @@ def assemble(layouts: Sequence[PhaseLayout], *, parametric: bool = False) -> Pro
     cost, cost_again = ca.densify(cost), ca.densify(cost_again)
     curvature = [x, p, lam_f, lam_g]
     slope_of_p = ca.MX.zeros(parameters.size)  # solvers take it only if they are asked for it
-    # solvers take the gradient for dense, whatever its sparsity says
+    # solvers assume a dense gradient
     g_again, slope = rows_again.vector(), ca.densify(gradient.vector())
     jacobian_matrix = jacobian.matrix(height, width)
     stationarity = lam_f * slope + jacobian_matrix.T @ lam_g

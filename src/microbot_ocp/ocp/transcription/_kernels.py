@@ -63,7 +63,8 @@ def stage_variables(phase: Phase, scheme: Scheme) -> list[StageVariable]:
 
 
 def interpolated_variables(phase: Phase) -> list[Variable]:
-    """What has values all along an interval: states, controls in turn, algebraic variables."""
+    """What has values all along an interval: states, constant, linear and polynomial
+    controls, algebraic variables."""
     return [*phase.states, *_constant(phase), *_linear(phase), *pointwise(phase)]
 
 
@@ -273,7 +274,7 @@ def _holds(
         return point in points  # it has no value elsewhere
     moving = [phase.time, *(v.symbol for v in node_variables(phase))]
     if not _depends(expression, moving):
-        return point == 0.0  # the same all over the interval: said again it would be dependent
+        return point == 0.0  # the same all over the interval: a second row would be dependent
     if point == 1.0:
         # a continuous expression is the next stage's business there
         return _jumps(phase, expression)

@@ -1,8 +1,9 @@
-"""Certificate of an optimal-control solution: re-simulation, dense limits, optimality conditions.
+"""Certificate of a solution: cost, dynamics, limits and optimality, evaluated independently.
 
-Nothing here trusts the solver or the derivatives that it was given. The dynamics are integrated
-again, the limits are looked at between the mesh points, and the conditions of Karush, Kuhn and
-Tucker are formed anew from the declared problem.
+Comes in: the declared problem and a solution. Goes out: an :class:`OCPCertificate`. Begin with
+:func:`verify` in ``_certification.py``; ``_recomputation.py`` evaluates the declared expressions
+again, ``_reintegration.py`` integrates the dynamics again, ``_limits.py`` looks between the mesh
+points, ``_stationarity.py`` forms the conditions of Karush, Kuhn and Tucker anew.
 """
 
 import lazy_loader

@@ -25,7 +25,7 @@ from microbot_ocp.ocp.verification._reintegration import phase_layout
 def as_declared(
     problem: OptimalControlProblem | Transcription, solution: Solution
 ) -> tuple[PhaseSolution, ...]:
-    """The phases of a solution with the declared expressions, and the numbers of the solve.
+    """The phases of a solution with the declared expressions and the data of the solve.
 
     Limits, conditions, parameters and scales may be others than those declared, see
     :class:`~microbot_ocp.ocp.ParametricSolver`. Kernels are built anew, without derivatives; of

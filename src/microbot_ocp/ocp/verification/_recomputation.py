@@ -296,7 +296,7 @@ class _Intervals:
 
 @dataclass(frozen=True, eq=False)
 class _Step:
-    """What a scheme says of some intervals.
+    """The step of a scheme over some intervals.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Switching structure: which limit acts when, and what it is worth."""
+"""Switching structure: which limit is active when, and what relaxing it is worth."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from microbot_ocp.ocp.verification._certificate import Arc
 from microbot_ocp.ocp.verification._limits import POINTS, DensePhase
 
 ACTIVE = 1e-4  # of the size of a limit: nearer it is active
-NEARLY_ACTIVE = 1e-2  # nearer it is active if its multiplier says so
+NEARLY_ACTIVE = 1e-2  # nearer it is active if its multiplier is large enough
 WORTHLESS = 1e-4  # of the cost: a limit that is worth less over an arc does not act there
 
 
