@@ -237,7 +237,7 @@ def test_the_stub_holds_nothing_but_public_names() -> None:
 
 def test_a_function_comes_before_the_folder_of_its_name() -> None:
     code = (
-        "import microbot_ocp.planning._path, microbot_ocp as mo\n"
+        "import microbot_ocp.planning._path_timing, microbot_ocp as mo\n"
         "assert callable(mo.time_optimal)\n"
         "import microbot_ocp.planning._free\n"
         "assert callable(mo.time_optimal)"

@@ -42,6 +42,11 @@ from .inverse_kinematics import (
     solve_ik_each as solve_ik_each,
     solve_ik_path as solve_ik_path,
 )
+from .limits import (
+    JointLimits as JointLimits,
+    Limit as Limit,
+    Limits as Limits,
+)
 from .motion import (
     Mark as Mark,
     Motion as Motion,
@@ -51,6 +56,7 @@ from .ocp import (
     OptimalControlProblem as OptimalControlProblem,
 )
 from .planning import (
+    PathTiming as PathTiming,
     PathTimingSettings as PathTimingSettings,
     PhasePlane as PhasePlane,
     TimeOptimalSettings as TimeOptimalSettings,
@@ -59,11 +65,10 @@ from .planning import (
     straight_path as straight_path,
     time_optimal as time_optimal,
     time_optimal_path as time_optimal_path,
+    time_path as time_path,
 )
 from .robot import (
     Capsule as Capsule,
-    JointLimits as JointLimits,
-    Limits as Limits,
     Link as Link,
     Robot as Robot,
     RobotFileWarning as RobotFileWarning,

@@ -129,7 +129,7 @@ def test_a_peak_between_the_mesh_points_is_found():
     assert found["qd"].value == pytest.approx(1.5, rel=1e-6)
     assert found["qd"].time == pytest.approx(0.5, abs=1e-3)
     assert found["qd"].violation == pytest.approx(0.25, rel=1e-6)
-    assert found["q"].violation == pytest.approx(0.1 / 1.9, rel=1e-6)
+    assert found["q"].violation == pytest.approx(0.1 / 0.95, rel=1e-6)
     assert found["qdd"].violation == pytest.approx(0.2, rel=1e-6)
     assert (found["tau"].limit, found["tau"].time) == (11.0, 0.0)
     assert found["tau"].violation == pytest.approx(1 / 11, rel=1e-6)

@@ -37,12 +37,12 @@ def test_shares_are_values_over_limits() -> None:
     robot = slider(tau_max=(-8.0, 4.0), qd_max=2.0)
     motion = mo.Motion.from_polynomial(robot, bang_cruise_bang(), label="mine")
     history = limit_history(robot, motion)
-    assert list(history.shares) == ["qd", "tau"]
-    np.testing.assert_allclose(history.shares["qd"], np.abs(history.values["qd"]) / 2.0)
-    assert history.shares["tau"][0, 0] == pytest.approx(1.0)
-    assert history.shares["tau"][-1, 0] == pytest.approx(0.5)  # -4 N of -8 N
+    assert list(history.use) == ["qd", "tau"]
+    np.testing.assert_allclose(history.use["qd"], np.abs(history.values["qd"]) / 2.0)
+    assert history.use["tau"][0, 0] == pytest.approx(1.0)
+    assert history.use["tau"][-1, 0] == pytest.approx(0.5)  # -4 N of -8 N
     other = limit_history(robot, motion, mo.Limits(q_min=0.0, q_max=1.0))
-    np.testing.assert_allclose(other.shares["q"][[0, -1], 0], 1.0, atol=1e-9)
+    np.testing.assert_allclose(other.use["q"][[0, -1], 0], 1.0, atol=1e-9)
     assert [s.side for s in other.spells("q")] == [-1, 1]
 
 
@@ -52,7 +52,7 @@ def test_the_largest_shares_are_those_of_the_certificate() -> None:
     motion = mo.Motion.from_polynomial(robot, shape, label="cubic")
     history, certificate = limit_history(robot, motion), mo.certify(robot, motion)
     for check in certificate.limit_checks:
-        largest = history.shares[check.quantity].max(axis=0)
+        largest = history.use[check.quantity].max(axis=0)
         np.testing.assert_array_equal(largest, check.utilisation)
 
 

@@ -8,7 +8,7 @@ import casadi as ca
 import pytest
 
 import microbot_ocp.planning._free
-import microbot_ocp.planning._path  # noqa: F401
+import microbot_ocp.planning._path_timing  # noqa: F401
 
 
 @pytest.fixture
@@ -19,5 +19,5 @@ def no_solver(monkeypatch: pytest.MonkeyPatch) -> None:
         pytest.fail("a solver was started")
 
     monkeypatch.setattr(ca, "nlpsol", refuse)
-    for module, name in (("_free", "_Search"), ("_path", "_PathSearch")):
+    for module, name in (("_free", "_Search"), ("_path_timing", "_PathSearch")):
         monkeypatch.setattr(sys.modules[f"microbot_ocp.planning.{module}"], name, refuse)

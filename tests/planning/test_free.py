@@ -120,7 +120,7 @@ def test_every_limit_holds_fifty_times_as_finely_as_the_mesh(microbot, report):
     excess = dense_excess(microbot, report, points=50)
     assert set(excess) == {"q", "qd", "tau"}
     # what was asked for, and what linear sampling may add
-    assert max(excess.values()) < TimeOptimalSettings().violation + 2e-4
+    assert max(excess.values()) < TimeOptimalSettings().limit_tolerance + 2e-4
     assert max(excess["qd"], excess["tau"]) > -1e-3
 
 

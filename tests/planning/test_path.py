@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 import microbot_ocp as mo
+from microbot_ocp.limits import LimitFamily
 from microbot_ocp.motion import PiecewisePolynomial
-from microbot_ocp.planning import corners, stops, straight_path, time_optimal_path
+from microbot_ocp.planning import corners, straight_path, time_optimal_path
+from microbot_ocp.planning._paths import stops
 from planning.shared import ARM_VIA, VIA_Q, VIA_QD, VIA_T, arm, dense_excess, pendulum, slider
 
 REPORT_CUBIC = mo.cubic(VIA_Q, VIA_T, VIA_QD)
@@ -42,7 +44,7 @@ def test_corners_are_where_the_tangent_jumps(path, expected):
 
 
 def test_under_torque_rate_limits_jumps_of_the_curvature_are_stops():
-    plain, rated = arm().limits, arm(tau_max=[60.0, 25.0], taud_max=[400.0, 150.0]).limits
+    plain, rated = map(LimitFamily.of, (arm(), arm(tau_max=[60.0, 25.0], taud_max=[400.0, 150.0])))
     assert stops(ARM_CUBIC, plain).size == 0
     np.testing.assert_array_equal(stops(ARM_CUBIC, rated), [1.0])
     straight = straight_path([[0.0, 0.0], [1.0, 1.0], [2.0, 2.0]])

@@ -11,8 +11,8 @@ from scipy.optimize import LinearConstraint, brentq, linprog, minimize
 import microbot_ocp as mo
 from helpers import two_link_arm
 from microbot_ocp.motion import PiecewisePolynomial
-from microbot_ocp.planning import path_grid, time_path
-from microbot_ocp.planning._reachability import _backward, _lines
+from microbot_ocp.planning import time_path
+from microbot_ocp.planning._reachability import _backward, _lines, path_grid
 
 ARM = two_link_arm(1.0, 0.8).with_limits(mo.Limits(tau_max=[60.0, 25.0], qd_max=3.0))
 CURVE = mo.cubic([[0.0, 0.3], [1.2, -0.6]], [0.0, 1.0], [[0.9, 0.4], [1.1, -0.8]])
@@ -132,9 +132,9 @@ def passes_by_linear_programs(robot, path, s):
 @pytest.mark.parametrize("path", [CURVE, BENT], ids=["one piece", "two pieces"])
 def test_the_profile_is_that_of_linear_programs_point_by_point(path):
     timing = time_path(ARM, path, ARM.limits, grid=60)
-    assert timing.feasible
+    assert timing.solved
     expected = passes_by_linear_programs(ARM, path, timing.s)
-    np.testing.assert_allclose(timing.speed_squared, expected, rtol=1e-6, atol=1e-7)
+    np.testing.assert_allclose(timing.speed**2, expected, rtol=1e-6, atol=1e-7)
 
 
 @pytest.mark.parametrize("path", [CURVE, BENT], ids=["one piece", "two pieces"])
@@ -143,8 +143,8 @@ def test_no_profile_on_the_same_grid_is_faster(path):
     timing = time_path(ARM, path, ARM.limits, grid=14)
     s, step = timing.s, np.diff(timing.s)
     matrix, bound, top = program_by_hand(ARM, path, s)
-    assert np.all(matrix @ timing.speed_squared <= bound + 1e-6)
-    assert np.all(timing.speed_squared <= top + 1e-9)
+    assert np.all(matrix @ timing.speed**2 <= bound + 1e-6)
+    assert np.all(timing.speed**2 <= top + 1e-9)
     inner = slice(1, -1)
 
     def duration(x):
@@ -153,7 +153,7 @@ def test_no_profile_on_the_same_grid_is_faster(path):
 
     found = minimize(
         duration,
-        0.5 * timing.speed_squared[inner],
+        0.5 * timing.speed ** 2[inner],
         bounds=[(1e-6, t) for t in top[inner]],
         constraints=LinearConstraint(matrix[:, inner], ub=bound),
         method="SLSQP",
@@ -213,7 +213,7 @@ def joint_limits(**limits):
 )
 def test_a_mass_on_a_rail_takes_the_closed_form(limits, duration):
     timing = time_path(slider(), line(1.5), joint_limits(**limits), grid=2000)
-    assert timing.feasible
+    assert timing.solved
     assert timing.duration == pytest.approx(duration, rel=3e-4)
 
 
@@ -251,7 +251,7 @@ def test_a_free_end_keeps_its_speed():
     limits = joint_limits(tau_max=4.0)
     timing = time_path(slider(), line(1.5), limits, grid=2000, end_free=True)
     assert timing.duration == pytest.approx(np.sqrt(2 * 1.5 / 2.0), rel=1e-3)
-    assert timing.speed_squared[-1] == pytest.approx(2 * 2.0 * 1.5, rel=1e-6)
+    assert timing.speed ** 2[-1] == pytest.approx(2 * 2.0 * 1.5, rel=1e-6)
 
 
 # what cannot be done ------------------------------------------------------------------------------
@@ -273,7 +273,7 @@ def test_a_pose_that_cannot_be_held_blocks_a_walk_at_low_speed():
     """Up to the horizontal needs 9.81 N m; from rest, with 6 N m, that is never reached."""
     robot = pendulum(6.0)
     timing = time_path(robot, line(np.pi / 2), robot.limits, grid=400)
-    assert not timing.feasible
+    assert not timing.solved
     assert 0.0 <= timing.blocked_at <= np.pi / 2
 
 
@@ -282,11 +282,11 @@ def test_momentum_carries_over_a_pose_that_cannot_be_held():
     robot = pendulum(9.7)
     path = PiecewisePolynomial([0.0, np.pi], [[[0.0], [1.0]]])
     timing = time_path(robot, path, robot.limits, grid=1000)
-    assert timing.feasible
-    assert np.all(timing.speed_squared[1:-1] > 0)
+    assert timing.solved
+    assert np.all(timing.speed ** 2[1:-1] > 0)
     holding = 9.81 * np.sin(timing.s)
     assert np.any(holding > 9.7)
-    energy = 0.5 * timing.speed_squared + 9.81 * (1 - np.cos(timing.s))
+    energy = 0.5 * timing.speed**2 + 9.81 * (1 - np.cos(timing.s))
     assert np.all(np.diff(energy) <= 9.7 * np.diff(timing.s) + 1e-6)
 
 
@@ -302,4 +302,4 @@ def test_a_compiled_pass_is_the_same_pass():
     one, other = (
         time_path(ARM, CURVE, ARM.limits, grid=100, compiled=compiled) for compiled in (True, False)
     )
-    np.testing.assert_allclose(one.speed_squared, other.speed_squared, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(one.speed**2, other.speed**2, rtol=1e-9, atol=1e-12)

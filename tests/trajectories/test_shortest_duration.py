@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 import microbot_ocp as mo
-from microbot_ocp.limits import LimitUse
+from microbot_ocp.limits import LimitFamily, LimitValues
 from microbot_ocp.motion import State, torque_along
 from microbot_ocp.robot import torque_and_rate
 from microbot_ocp.trajectories import (
@@ -155,21 +155,22 @@ def test_a_callable_that_refuses_short_durations():
 
 
 def test_limit_use():
-    limits = mo.Limits(
-        q_min=-1.0, q_max=3.0, qd_max=(-1.0, 2.0), tau_max=(0.0, 10.0), qdd_max=0.0
-    ).for_joints(1)
-    place, speed = LimitUse.of(limits, "q"), LimitUse.of(limits, "qd")
-    assert place(np.array([[-1.0], [1.0], [3.0]])).ravel().tolist() == [1.0, 0.0, 1.0]
-    assert speed(np.array([[-1.0], [0.0], [1.0], [4.0]])).ravel().tolist() == [1.0, 0.0, 0.5, 2.0]
-    assert (speed.limit(-0.4, 0), speed.limit(1.0, 0)) == (-1.0, 2.0)
-    assert speed.violation(2.0, 4.0, 0) == pytest.approx(1.0)
-    assert place.violation(2.0, 5.0, 0) == pytest.approx(0.5)
+    limits = mo.Limits(q_min=-1.0, q_max=3.0, qd_max=(-1.0, 2.0), tau_max=(0.0, 10.0), qdd_max=0.0)
+    family = LimitFamily.of(slider(), limits)
+
+    def values(key, given):
+        return LimitValues(np.array(given)[:, None], family[key].lower, family[key].upper)
+
+    def use(key, *given):
+        return family[key].use(values(key, given)).ravel().tolist()
+
+    assert use("q", -1.0, 1.0, 3.0, 5.0) == [1.0, 0.0, 1.0, 2.0]
+    assert use("qd", -1.0, 0.0, 1.0, 4.0) == [1.0, 0.0, 0.5, 2.0]
+    assert family["qd"].nearest_bound(values("qd", [-0.4, 1.0])).ravel().tolist() == [-1.0, 2.0]
     # A limit of zero is not used at rest.
-    torque, locked = LimitUse.of(limits, "tau"), LimitUse.of(limits, "qdd")
-    assert torque(np.array([[0.0], [5.0]])).ravel().tolist() == [0.0, 0.5]
-    assert torque(np.array([[-1.0]])).item() == 2.0
-    assert locked(np.array([[0.0]])).item() <= 0.0
-    assert locked(np.array([[0.1]])).item() > 1.0
+    assert use("tau", 0.0, 5.0, -1.0) == [0.0, 0.5, 2.0]
+    assert use("qdd", 0.0)[0] <= 0.0
+    assert use("qdd", 0.1)[0] > 1.0
 
 
 def refuse(limits, shape=None):

@@ -6,6 +6,8 @@ joints are in metres in both.
 
 from __future__ import annotations
 
+import functools
+import inspect
 import os
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -16,6 +18,7 @@ import typer
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp.limits import JOINT_QUANTITIES, MEMBER_KEYS, MEMBERS, with_further
 from microbot_ocp.robot import JointLimits, Robot, joint_scale, per_joint
 from microbot_ocp.robot.files import packaged_robots
 
@@ -75,16 +78,6 @@ ViaDeg = Annotated[
         metavar="POINTS",
     ),
 ]
-QMin = Annotated[str | None, option("--q-min", what="The same in rad (m).")]
-QMax = Annotated[str | None, option("--q-max", what="The same in rad (m).")]
-QMinDeg = Annotated[str | None, option("--q-min-deg", what="Least position, deg (m).")]
-QMaxDeg = Annotated[str | None, option("--q-max-deg", what="Largest position, deg (m).")]
-QdMax = Annotated[str | None, option("--qd-max", what="Largest speed, rad/s (m/s).")]
-QdMaxDeg = Annotated[str | None, option("--qd-max-deg", what="The same in deg/s (m/s).")]
-QddMax = Annotated[str | None, option("--qdd-max", what="Largest acceleration, rad/s^2 (m/s^2).")]
-TauMax = Annotated[str | None, option("--tau-max", what="Largest torque, N m (force, N).")]
-TaudMax = Annotated[str | None, option("--taud-max", what="Largest torque rate, N m/s (N/s).")]
-
 Live = Annotated[
     bool,
     typer.Option("--live", help="Watch the solvers in a Rerun viewer, bound to 127.0.0.1."),
@@ -114,10 +107,53 @@ OutMotion = Annotated[
     Path | None, option("--out", what="Write the motion to this .npz file.", metavar="FILE")
 ]
 
-LIMIT_OPTIONS = (
-    "q_min", "q_max", "q_min_deg", "q_max_deg", "qd_max", "qd_max_deg", "qdd_max", "tau_max",
-    "taud_max",
-)  # fmt: skip
+ANGULAR = ("q", "qd", "qdd", "qddd")  # quantities that may be given in degrees
+
+
+def _limit_options() -> dict[str, str]:
+    """Every option of a limit with its help: positions, then the others, then further limits."""
+    options = {}
+    for quantity in JOINT_QUANTITIES.values():
+        sides = {"min": "Least", "max": "Largest"} if quantity.key == "q" else {"max": "Largest"}
+        for side, word in sides.items():
+            name, unit = f"{quantity.key}_{side}", quantity.either_unit
+            options[name] = f"{word} {quantity.name}, {unit}."
+            if quantity.key in ANGULAR:
+                degrees = unit.replace("rad", "deg")
+                options[f"{name}_deg"] = f"The same in {degrees}."
+    for key, (member, side) in MEMBER_KEYS.items():
+        word = {"lower": "Least", "upper": "Largest"}[side]
+        options[key] = f"{word} {member.replace('_', ' ')}, {MEMBERS[member](1.0).unit}."
+    return options
+
+
+LIMIT_OPTIONS = _limit_options()
+
+
+def with_limit_options(command: Callable[..., int]) -> Callable[..., int]:
+    """The command with an option for every limit; :func:`limits_of` reads them from its context."""
+    signature = inspect.signature(command, eval_str=True)
+    given = {
+        name: inspect.Parameter(
+            name,
+            inspect.Parameter.KEYWORD_ONLY,
+            default=None,
+            annotation=Annotated[str | None, option(f"--{name.replace('_', '-')}", what=what)],
+        )
+        for name, what in LIMIT_OPTIONS.items()
+    }
+
+    @functools.wraps(command)
+    def run(*arguments: Any, **options: Any) -> int:
+        own = {name: value for name, value in options.items() if name not in LIMIT_OPTIONS}
+        return command(*arguments, **own)
+
+    parameters = [p.replace(kind=p.KEYWORD_ONLY) for p in signature.parameters.values()]
+    place = next(i for i, p in enumerate(parameters) if p.name == "mesh")
+    parameters[place:place] = given.values()
+    run.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
+    run.__annotations__ = {p.name: p.annotation for p in parameters} | {"return": int}
+    return run
 
 
 def numbers(name: str, text: str, count: int, what: str = "") -> FloatArray:
@@ -200,19 +236,24 @@ def via_points(
 def limits_of(robot: Robot, given: Mapping[str, Any]) -> JointLimits:
     """The robot's limits with those of the command line in their place."""
     changes: dict[str, Any] = {}
+    further: dict[str, Any] = {}
     for key in LIMIT_OPTIONS:
         text = given.get(key)
         if text is None:
             continue
         name = f"--{key.replace('_', '-')}"
+        values = _floats(name, text)
+        if key in MEMBER_KEYS:
+            further[key] = values if len(values) > 1 else values[0]
+            continue
         plain = key.removesuffix("_deg")
         if plain in changes:
             raise InputError(f"give --{plain.replace('_', '-')} or {name}, not both")
-        values = _floats(name, text)
         array = per_joint(robot, name, values if len(values) > 1 else values[0])
         changes[plain] = array * joint_scale(robot) if key != plain else array
     try:
-        return robot.with_limits(**changes).limits
+        changed = robot.with_limits(**changes)
+        return changed.with_limits(also=with_further(changed.limits.also, further)).limits
     except InputError as problem:
         raise InputError(f"limits: {problem}") from None
 

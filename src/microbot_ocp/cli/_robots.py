@@ -30,7 +30,8 @@ from microbot_ocp.cli._output import (
     span,
 )
 from microbot_ocp.cli._recordings import check_recording, open_recording, write_recording
-from microbot_ocp.robot import LIMIT_UNITS, Robot
+from microbot_ocp.limits import JOINT_QUANTITIES
+from microbot_ocp.robot import Robot
 from microbot_ocp.robot.files import load_robot, packaged_robots, robot_text, save_text
 
 if TYPE_CHECKING:
@@ -234,7 +235,7 @@ def _joint_document(robot: Robot, joint: int) -> dict[str, Any]:
         **{key: getattr(robot, key)[joint] for key in ("alpha", "a", "d", "theta_offset")},
         "limits": {
             key: bound[joint]
-            for quantity in LIMIT_UNITS
+            for quantity in JOINT_QUANTITIES
             for key, bound in zip(
                 (f"{quantity}_min", f"{quantity}_max"), robot.limits.bounds(quantity), strict=True
             )
@@ -274,7 +275,7 @@ def _show_robot(console: Console, robot: Robot) -> None:
             console.print(Table.of_text(heads, rows), "")
     else:
         console.print("No masses: kinematics only.\n")
-    quantities = [q for q in LIMIT_UNITS if np.isfinite(robot.limits.bounds(q)).any()]
+    quantities = [q for q in JOINT_QUANTITIES if np.isfinite(robot.limits.bounds(q)).any()]
     if not quantities:
         console.print("Limits: none\n")
         return

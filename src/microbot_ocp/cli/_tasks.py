@@ -20,17 +20,8 @@ from microbot_ocp.cli._options import (
     Open,
     OutFolder,
     OutMotion,
-    QddMax,
-    QdMax,
-    QdMaxDeg,
-    QMax,
-    QMaxDeg,
-    QMin,
-    QMinDeg,
     Recording,
     RobotName,
-    TaudMax,
-    TauMax,
     Tip,
     Via,
     ViaDeg,
@@ -40,6 +31,7 @@ from microbot_ocp.cli._options import (
     output_folder,
     via_points,
     whole_number,
+    with_limit_options,
     writable,
 )
 from microbot_ocp.cli._output import answer, close, joint_text, shown_progress
@@ -81,6 +73,7 @@ def _method_names(incomplete: str) -> list[str]:
     ]
 
 
+@with_limit_options
 def compare(
     context: typer.Context,
     robot_name: RobotName,
@@ -99,15 +92,6 @@ def compare(
         str | None,
         option("--time", what="Times at the via points for the textbook methods, s."),
     ] = None,
-    q_min_deg: QMinDeg = None,
-    q_min: QMin = None,
-    q_max_deg: QMaxDeg = None,
-    q_max: QMax = None,
-    qd_max: QdMax = None,
-    qd_max_deg: QdMaxDeg = None,
-    qdd_max: QddMax = None,
-    tau_max: TauMax = None,
-    taud_max: TaudMax = None,
     mesh: Mesh = TimeOptimalSettings.mesh,
     out: OutFolder = None,
     rerun: Recording = None,
@@ -147,20 +131,12 @@ def compare(
     return code
 
 
+@with_limit_options
 def time_optimal(
     context: typer.Context,
     robot_name: RobotName,
     via_deg: ViaDeg = None,
     via: Via = None,
-    q_min_deg: QMinDeg = None,
-    q_min: QMin = None,
-    q_max_deg: QMaxDeg = None,
-    q_max: QMax = None,
-    qd_max: QdMax = None,
-    qd_max_deg: QdMaxDeg = None,
-    qdd_max: QddMax = None,
-    tau_max: TauMax = None,
-    taud_max: TaudMax = None,
     mesh: Mesh = TimeOptimalSettings.mesh,
     starts: Annotated[
         int,

@@ -19,8 +19,16 @@ from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError, plain
 from microbot_ocp._base.showing import view_for
 from microbot_ocp._base.status import Status
-from microbot_ocp.limits import QUANTITY_NAMES, SATURATED, LimitHistory, dense_times
-from microbot_ocp.motion import JUMP_GAP, Motion, State, mesh_of, torque_along
+from microbot_ocp.limits import AT_LIMIT, LimitFamily, LimitHistory
+from microbot_ocp.motion import (
+    JUMP_GAP,
+    Motion,
+    State,
+    dense_times,
+    mesh_of,
+    samples_at,
+    torque_along,
+)
 from microbot_ocp.robot import JointLimits, Limits, Robot, forward_dynamics, mass_matrix_condition
 from microbot_ocp.simulation import ForcedEquation, IntegratorSettings, fitted, integrate
 
@@ -32,22 +40,28 @@ BETWEEN_SAMPLES = 0.05  # of the largest torque: how far it may stray between tw
 
 @dataclass(frozen=True, eq=False)
 class LimitCheck:
-    """How one kind of limit is used along a motion, on a dense grid.
+    """How one limit is used along a motion, on a dense grid.
 
     Attributes
     ----------
-    quantity : "q", "qd", "qdd", "tau" or "taud"
-    utilisation : array [n]
+    quantity : str
+        Key of the limit: "q", "qd", "qdd", "qddd", "tau", "taud", or that of a further one.
+    name : str
+        "torque", "tool speed".
+    utilisation : array [k]
         Largest share of the limit that each joint uses: 1 is the limit, NaN where there is none.
-        For q it is the place between the limits, 0 in the middle.
+        For q it is the place between the limits, 0 in the middle. k is 1 where the limit is not one
+        of the joints.
     violation : float
-        Worst relative violation, 0 where none: excess over the limit, divided by the limit (by the
-        range for q).
+        Worst relative violation, 0 where none: excess over the limit, divided by the limit (by half
+        the range for q).
     joint, time, value, limit, unit
-        Where the worst utilisation is: joint name, s, value and limit in ``unit``.
+        Where the worst utilisation is: joint name (empty where the limit is not one of the joints),
+        s, value and limit in ``unit``.
     """
 
     quantity: str
+    name: str
     utilisation: FloatArray
     violation: float
     joint: str
@@ -55,6 +69,11 @@ class LimitCheck:
     value: float
     limit: float
     unit: str
+
+    @property
+    def title(self) -> str:
+        """Such as "torque of elbow" or "tool speed"."""
+        return f"{self.name} of {self.joint}" if self.joint else self.name
 
 
 @dataclass(frozen=True)
@@ -254,12 +273,11 @@ def certify(
     for name, value in tolerances.items():
         tolerances[name] = checks.number(name, value, at_least=0.0)
     checks.number("integrator_tolerance", integrator_tolerance, above=0.0, at_most=1e-3)
-    chosen = (robot.limits if limits is None else limits).for_joints(count)
     via = None if via_q is None else checks.array("via_q", via_q, (None, count), "rad")
 
     t, ratio = dense_times(motion)
     state = motion.sample(t)
-    limit_checks, saturated = _check_limits(robot, motion, chosen, t, state)
+    limit_checks, saturated = _check_limits(LimitFamily.of(robot, limits), motion, t)
     condition, at = _condition(robot, t, state)
     torque_error, torque_sample, torque_joint = _stored_torque(robot, motion)
     stray, stray_time = _between_samples(robot, motion)
@@ -278,7 +296,7 @@ def certify(
             f"position, velocity and acceleration do not belong together: between the samples at "
             f"{stray_time:.4g} s the torque strays by {stray:.3g} of the largest"
         )
-    verdict = "; ".join(problems) if problems else _praise(limit_checks, again)
+    verdict = "; ".join(problems) if problems else _summary(limit_checks, again)
     if condition > NEAR_SINGULAR:
         verdict += (
             f"; mass matrix near singular at {t[at]:.4g} s (condition number {condition:.2g} at "
@@ -311,33 +329,29 @@ def certify(
 
 
 def _check_limits(
-    robot: Robot, motion: Motion, limits: JointLimits, t: FloatArray, state: State
+    family: LimitFamily, motion: Motion, t: FloatArray
 ) -> tuple[tuple[LimitCheck, ...], float]:
-    history = LimitHistory.of(robot, limits, motion, t, state)
+    history = LimitHistory.of(family, t, samples_at(motion, t))
     found = []
     busy = np.zeros(t.size, dtype=bool)
-    for use in history.uses:
-        share = history.shares[use.quantity]
-        if use.quantity != "q":
-            busy |= (share >= SATURATED).any(axis=1)
-        own = history.values[use.quantity]
-        worst = share.argmax(axis=0)
-        violations = np.array(
-            [use.violation(share[i, j], float(own[i, j]), j) for j, i in enumerate(worst)]
-        )
-        joint = int(violations.argmax() if violations.any() else share.max(axis=0).argmax())
-        i = int(worst[joint])
-        value = float(own[i, joint])
+    for member in family:
+        use, values = history.use[member.key], history.limited[member.key]
+        if member.key != "q":
+            busy |= (use >= AT_LIMIT).any(axis=1)
+        peaks = use.max(axis=0)
+        joint = int(peaks.argmax())
+        i = int(use[:, joint].argmax())
         found.append(
             LimitCheck(
-                quantity=use.quantity,
-                utilisation=np.where(use.limited, share.max(axis=0), np.nan),
-                violation=float(violations.max()),
-                joint=robot.joint_names[joint],
+                quantity=member.key,
+                name=member.name,
+                utilisation=np.where(member.limited, peaks, np.nan),
+                violation=max(0.0, float(peaks[joint]) - 1.0),
+                joint=member.labels[joint],
                 time=float(t[i]),
-                value=value,
-                limit=use.limit(value, joint),
-                unit=robot.unit(use.quantity, joint),
+                value=float(values.value[i, joint]),
+                limit=float(member.nearest_bound(values)[i, joint]),
+                unit=member.units[joint],
             )
         )
     spans = np.diff(t)
@@ -432,7 +446,7 @@ def _problems(
     vias: tuple[ViaCheck, ...],
 ) -> list[str]:
     problems = [
-        f"{QUANTITY_NAMES[check.quantity]} of {check.joint} is {check.value:.5g} {check.unit} at "
+        f"{check.title} is {check.value:.5g} {check.unit} at "
         f"{check.time:.4g} s, {100 * check.violation:.3g} % beyond its limit of "
         f"{check.limit:.5g} {check.unit}"
         for check in limit_checks
@@ -452,7 +466,7 @@ def _problems(
     return problems
 
 
-def _praise(limit_checks: tuple[LimitCheck, ...], again: _Resimulation) -> str:
+def _summary(limit_checks: tuple[LimitCheck, ...], again: _Resimulation) -> str:
     parts = []
     # Every motion fills the position range that its path needs; the others say how hard it is.
     used = [check for check in limit_checks if check.quantity != "q"] or list(limit_checks)
@@ -461,8 +475,8 @@ def _praise(limit_checks: tuple[LimitCheck, ...], again: _Resimulation) -> str:
         worst = max(check.violation for check in limit_checks)
         kept = "is kept" if worst <= ROUNDING else f"is kept to within {100 * worst:.2g} %"
         parts.append(
-            f"every limit {kept}, the tightest being {QUANTITY_NAMES[tightest.quantity]} of "
-            f"{tightest.joint} with {100 * np.nanmax(tightest.utilisation):.4g} % at "
+            f"every limit {kept}, the tightest being {tightest.title} "
+            f"with {100 * np.nanmax(tightest.utilisation):.4g} % at "
             f"{tightest.time:.4g} s"
         )
     parts.append(f"re-simulation ends within {again.final_position_error:.2g} rad")

@@ -18,16 +18,18 @@ from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
 from microbot_ocp.comparison._certificate import Certificate, certify
+from microbot_ocp.limits import LimitFamily
 from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial
 from microbot_ocp.ocp.solution import Iteration, StepProgress, quiet
 from microbot_ocp.planning import (
     PathTimingSettings,
     TimeOptimalSettings,
+    best_timing,
     check_limits,
+    check_path,
     check_via,
+    fastest_motion,
     straight_path,
-    time_optimal,
-    time_optimal_path,
 )
 from microbot_ocp.robot import JointLimits, Limits, Robot
 from microbot_ocp.trajectories import (
@@ -66,8 +68,8 @@ class Task:
 
     Attributes
     ----------
-    robot : Robot
-        With the limits of the task.
+    family : LimitFamily
+        The limits of the task.
     via_q : array [m,n], rad
     via_t : array [m], s
     via_qd : array [m,n], rad/s
@@ -80,7 +82,7 @@ class Task:
         Takes a line of progress, or an iteration.
     """
 
-    robot: Robot
+    family: LimitFamily
     via_q: FloatArray
     via_t: FloatArray
     via_qd: FloatArray
@@ -88,6 +90,11 @@ class Task:
     free_settings: TimeOptimalSettings
     path_settings: PathTimingSettings
     tell: StepProgress
+
+    @property
+    def robot(self) -> Robot:
+        """With the limits of the task."""
+        return self.family.robot
 
     def cubic(self) -> PiecewisePolynomial:
         """Cubic segments at the given timing."""
@@ -119,7 +126,8 @@ def _as_given(task: Task) -> Motion:
 
 
 def _scaled_motion(task: Task, scaled: Scaled, label: str, method: str, note: str) -> Motion:
-    where = f"{scaled.quantity} of {scaled.joint} at {scaled.time:.3f} s"
+    of = f" of {scaled.joint}" if scaled.joint else ""
+    where = f"{scaled.quantity.replace('_', ' ')}{of} at {scaled.time:.3f} s"
     return Motion.from_polynomial(
         task.robot,
         scaled.polynomial,
@@ -172,32 +180,20 @@ def _passage(via: FloatArray, q: FloatArray, qd: FloatArray) -> str:
 
 
 def _straight_path(task: Task) -> Motion:
-    return time_optimal_path(
-        task.robot,
-        straight_path(task.via_q),
-        label="straight path, best timing",
-        progress=task.tell,
-        settings=task.path_settings,
-    )
+    return _timed(task, straight_path(task.via_q), "straight path, best timing")
 
 
 def _cubic_path(task: Task) -> Motion:
-    return time_optimal_path(
-        task.robot,
-        task.cubic(),
-        label="cubic's path, best timing",
-        progress=task.tell,
-        settings=task.path_settings,
-    )
+    return _timed(task, task.cubic(), "cubic's path, best timing")
+
+
+def _timed(task: Task, path: PiecewisePolynomial, label: str) -> Motion:
+    check_path(task.family, path)
+    return best_timing(task.family, path, task.path_settings, label, task.tell)
 
 
 def _free(task: Task) -> Motion:
-    return time_optimal(
-        task.robot,
-        task.via_q,
-        progress=task.tell,
-        settings=task.free_settings,
-    )
+    return fastest_motion(task.family, task.via_q, task.free_settings, task.tell)
 
 
 METHODS: dict[str, Method] = {
@@ -398,8 +394,8 @@ def compare(
     >>> [entry.status for entry in result.entries]
     ['solved', 'solved']
     """
-    bounds = check_limits(robot, limits)
-    via = check_via(robot, via_q, bounds)
+    family = check_limits(robot, limits)
+    via = check_via(family, via_q)
     names = _method_names(methods, via_t is not None)
     share = checks.number("blend", blend, "of a segment", above=0.0, at_most=0.5)
     free, path = _settings(settings)
@@ -418,12 +414,12 @@ def compare(
                 progress(Step(done, total, stage, text, iteration))
 
         told = quiet if progress is None else tell
-        task = Task(robot.with_limits(bounds), via, times, velocities, share, free, path, told)
+        task = Task(family, via, times, velocities, share, free, path, told)
         tell("solving")
         entries.append(_entry(name, task, tell))
     if progress is not None:
         progress(Step(total, total, "done", f"{len(names)} methods done"))
-    return Comparison(robot, via, bounds, tuple(entries), REFERENCE)
+    return Comparison(robot, via, family.robot.limits, tuple(entries), REFERENCE)
 
 
 def _method_names(methods: Sequence[str] | None, timed: bool) -> list[str]:

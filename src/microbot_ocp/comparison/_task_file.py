@@ -26,12 +26,13 @@ from microbot_ocp.comparison._comparison import (
     Progress,
     compare,
 )
+from microbot_ocp.limits import JOINT_QUANTITIES
 from microbot_ocp.planning import PathTimingSettings, TimeOptimalSettings
-from microbot_ocp.robot import LIMIT_UNITS, JointLimits, Robot, joint_scale, per_joint
+from microbot_ocp.robot import JointLimits, Robot, joint_scale, per_joint
 from microbot_ocp.robot.files import load_robot, packaged_robots
 
 SCHEMA = 1
-LIMIT_KEYS = tuple(f"{quantity}_{side}" for quantity in LIMIT_UNITS for side in ("min", "max"))
+LIMIT_KEYS = tuple(f"{quantity}_{side}" for quantity in JOINT_QUANTITIES for side in ("min", "max"))
 ANGULAR = ("q", "qd", "qdd")  # quantities that may be given in degrees
 _SETTINGS: dict[str, Callable[..., Any]] = {
     f.name: TimeOptimalSettings for f in fields(TimeOptimalSettings)

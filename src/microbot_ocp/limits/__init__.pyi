@@ -1,18 +1,49 @@
 """Public names; loaded when they are first asked for."""
 
+from ._family import (
+    LimitFamily as LimitFamily,
+    LimitValues as LimitValues,
+    Member as Member,
+    MotionSamples as MotionSamples,
+)
 from ._history import (
-    QUANTITY_NAMES as QUANTITY_NAMES,
-    SATURATED as SATURATED,
     LimitHistory as LimitHistory,
     Spell as Spell,
-    dense_times as dense_times,
     limit_history as limit_history,
 )
+from ._joint_limits import (
+    JOINT_QUANTITIES as JOINT_QUANTITIES,
+    JointLimits as JointLimits,
+    LimitArgument as LimitArgument,
+    LimitChanges as LimitChanges,
+    Limits as Limits,
+    quantity_name as quantity_name,
+)
+from ._limit import (
+    Limit as Limit,
+)
+from ._members import (
+    MEMBER_KEYS as MEMBER_KEYS,
+    MEMBERS as MEMBERS,
+    limits_from_table as limits_from_table,
+    limits_to_table as limits_to_table,
+    with_further as with_further,
+)
 from ._peaks import (
-    Demand as Demand,
     Peak as Peak,
+    largest_use as largest_use,
+)
+from ._power import (
+    power as power,
+    total_power as total_power,
+)
+from ._tool_acceleration import (
+    tool_acceleration as tool_acceleration,
+)
+from ._tool_speed import (
+    tool_speed as tool_speed,
 )
 from ._use import (
+    AT_LIMIT as AT_LIMIT,
     ROUNDING as ROUNDING,
-    LimitUse as LimitUse,
 )

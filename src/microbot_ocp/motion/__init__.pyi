@@ -4,11 +4,9 @@ from ._files import (
     SCHEMA as SCHEMA,
 )
 from ._motion import (
-    JUMP_GAP as JUMP_GAP,
     SAMPLE_STEP as SAMPLE_STEP,
     Mark as Mark,
     Motion as Motion,
-    mesh_of as mesh_of,
     sample_times as sample_times,
     torque_along as torque_along,
 )
@@ -16,4 +14,10 @@ from ._polynomial import (
     PiecewisePolynomial as PiecewisePolynomial,
     State as State,
     quintic_between as quintic_between,
+)
+from ._sampling import (
+    JUMP_GAP as JUMP_GAP,
+    dense_times as dense_times,
+    mesh_of as mesh_of,
+    samples_at as samples_at,
 )

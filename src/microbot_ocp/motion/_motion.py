@@ -22,11 +22,12 @@ from microbot_ocp._base.codegen import compiler
 from microbot_ocp._base.fast_calls import fast_call
 from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
 from microbot_ocp._base.status import Status
+from microbot_ocp.limits import MotionSamples
 from microbot_ocp.motion._files import ARRAYS, read, write
 from microbot_ocp.motion._polynomial import PiecewisePolynomial, State, quintic_between
+from microbot_ocp.motion._sampling import JUMP_GAP, dense_times, samples_at
 from microbot_ocp.robot import Robot, inverse_dynamics
 
-JUMP_GAP = 1e-6  # s between the two samples that stand for a jump of the acceleration
 SAMPLE_STEP = 1e-3  # s, the longest step between the samples of a new motion
 
 
@@ -212,6 +213,15 @@ class Motion:
         i = np.clip(np.searchsorted(self.t, times, side="right") - 1, 0, self.t.size - 2)
         return State(*_quintic(self, i, times - self.t[i]))
 
+    def dense_samples(self) -> tuple[FloatArray, MotionSamples]:
+        """Times [N] on a grid that is dense enough to judge the motion, and the state there.
+
+        At least 20 points to each interval between breaks, steps of at most 0.25 ms; both sides of
+        each break.
+        """
+        t, _ = dense_times(self)
+        return t, samples_at(self, t)
+
     def resample(self, rate: float) -> Motion:
         """The motion on a grid of ``rate`` hertz, its end included; torques interpolated."""
         rate = checks.number("rate", rate, "Hz", above=0.0)
@@ -299,11 +309,3 @@ def _quintic(motion: Motion, i: np.ndarray, local: FloatArray) -> tuple[FloatArr
     qd = c[:, 1] + x * (2 * c[:, 2] + x * (3 * c[:, 3] + x * (4 * c[:, 4] + x * 5 * c[:, 5])))
     qdd = 2 * c[:, 2] + x * (6 * c[:, 3] + x * (12 * c[:, 4] + x * 20 * c[:, 5]))
     return q, qd, qdd
-
-
-def mesh_of(motion: Motion) -> FloatArray:
-    """Breaks of a motion with both ends; the gap that stands for a jump is not an interval."""
-    breaks = motion.t if motion.breaks is None else motion.breaks
-    inner = breaks[(breaks > 0.0) & (breaks < motion.duration)]
-    mesh = np.concatenate([[0.0], inner, [motion.duration]])
-    return mesh[np.append(np.diff(mesh) > 2 * JUMP_GAP, True)]

@@ -1,30 +1,32 @@
 """Public names; loaded when they are first asked for."""
 
+from ._fast_timing import (
+    PathTiming as PathTiming,
+    time_path as time_path,
+)
 from ._free import (
     TimeOptimalSettings as TimeOptimalSettings,
+    TimeOptimalSolver as TimeOptimalSolver,
+    fastest_motion as fastest_motion,
     time_optimal as time_optimal,
 )
-from ._path import (
+from ._path_timing import (
     PathTimingSettings as PathTimingSettings,
-    corners as corners,
-    stops as stops,
-    straight_path as straight_path,
+    best_timing as best_timing,
     time_optimal_path as time_optimal_path,
+)
+from ._paths import (
+    check_path as check_path,
+    corners as corners,
+    straight_path as straight_path,
 )
 from ._phase_plane import (
     PathLimit as PathLimit,
     PhasePlane as PhasePlane,
     phase_plane as phase_plane,
 )
-from ._prepared import (
-    TimeOptimalSolver as TimeOptimalSolver,
-)
 from ._progress import (
     MotionIteration as MotionIteration,
-)
-from ._reachability import (
-    path_grid as path_grid,
-    time_path as time_path,
 )
 from ._task import (
     check_limits as check_limits,

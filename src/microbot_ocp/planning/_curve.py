@@ -2,9 +2,10 @@
 
 A trajectory that starts from rest, such as a cubic or a quintic, has a vanishing tangent there:
 q - q(0) ~ s^(m+1), m = 1 for a cubic, 2 for a quintic. With m = 1 the arm leaves at a finite s',
-with m = 2 at an infinite one. Such an end is described by r with s = L (r/R)^(2/(m+1)) instead, in
-which every path leaves like r^2; R = 2L/(m+1) makes ds/dr = 1 at the other end of the piece, so
-that r' is continuous there. Every other piece keeps r = s.
+with m = 2 at an infinite one. Such an end is described by r with s = L (r/R)^(p/(m+1)) instead, in
+which every path leaves like r^p; R = p L/(m+1) makes ds/dr = 1 at the other end of the piece, so
+that r' is continuous there. Every other piece keeps r = s. With p = 2 the arm starts at a finite r'
+and acceleration; where the jerk is limited it starts with neither, and p = 1.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ class CurvePiece:
     length : float
         Range of s.
     order : int
-        Derivatives that vanish at the end that is bent (m), 1 where none needs bending.
+        Derivatives that vanish at the end that is bent (m).
     bent_at_end : bool
         Whether it is the end that is bent, not the start.
     halved : bool
@@ -43,14 +44,20 @@ class CurvePiece:
 
     coefficients: FloatArray
     length: float
-    order: int = 1
+    order: int = 0
     bent_at_end: bool = False
     halved: bool = False  # the first half of a piece of the path
+    leaves_like: int = 2  # power of r with which the path leaves the bent end (p)
+
+    @property
+    def bent(self) -> bool:
+        """Whether r is another parameter than s."""
+        return self.order + 1 > self.leaves_like
 
     @property
     def exponent(self) -> float:
         """Power of r in s."""
-        return 2.0 / (self.order + 1)
+        return self.leaves_like / (self.order + 1) if self.bent else 1.0
 
     @property
     def span(self) -> float:
@@ -60,7 +67,7 @@ class CurvePiece:
     @property
     def limits(self) -> tuple[float, float]:
         """First and last r that are used."""
-        if self.order == 1:
+        if not self.bent:
             return 0.0, self.span
         margin = INSIDE * self.span
         return (0.0, self.span - margin) if self.bent_at_end else (margin, self.span)
@@ -152,11 +159,17 @@ class Curve:
     end_free: bool
 
     @classmethod
-    def of(cls, path: PiecewisePolynomial) -> Curve:
-        """A path between two stops with a regular parameter."""
+    def of(cls, path: PiecewisePolynomial, leaves_like: int = 2) -> Curve:
+        """A path between two stops with a regular parameter.
+
+        ``leaves_like`` is the power of it with which the path leaves an end at rest: 2, or 1 where
+        the jerk is limited.
+        """
         start = vanishing_order(path, float(path.breaks[0]))
         end = vanishing_order(path, float(path.breaks[-1]))
-        return cls(tuple(_bent_pieces(path, start, end)), start > 0, end > 0)
+        free = leaves_like == 2
+        pieces = _bent_pieces(path, start, end, leaves_like)
+        return cls(tuple(pieces), free and start > 0, free and end > 0)
 
     @property
     def breaks(self) -> FloatArray:
@@ -191,17 +204,20 @@ class Curve:
             yield piece, here, r[here] - breaks[i] + piece.limits[0]
 
 
-def _bent_pieces(path: PiecewisePolynomial, start: int, end: int) -> list[CurvePiece]:
-    """Pieces of a path with its ends bent where more than one derivative vanishes there."""
+def _bent_pieces(
+    path: PiecewisePolynomial, start: int, end: int, leaves_like: int
+) -> list[CurvePiece]:
+    """Pieces of a path with its ends bent where more derivatives vanish there than they may."""
     pieces = [
-        CurvePiece(table, float(length))
+        CurvePiece(table, float(length), leaves_like=leaves_like)
         for table, length in zip(path.coefficients, np.diff(path.breaks), strict=True)
     ]
-    if len(pieces) == 1 and start > 1 and end > 1:
+    bent = start + 1 > leaves_like, end + 1 > leaves_like
+    if len(pieces) == 1 and all(bent):
         pieces = _halves(pieces[0])
-    if start > 1:
+    if bent[0]:
         pieces[0] = replace(pieces[0], order=start)
-    if end > 1:
+    if bent[1]:
         pieces[-1] = replace(pieces[-1], order=end, bent_at_end=True)
     return pieces
 
@@ -227,7 +243,8 @@ def _halves(piece: CurvePiece) -> list[CurvePiece]:
     for k in range(degree + 1):
         for j in range(k + 1):
             shifted[j] += piece.coefficients[k] * _binomial(k, j) * half ** (k - j)
-    return [CurvePiece(piece.coefficients, half, halved=True), CurvePiece(shifted, half)]
+    first = replace(piece, length=half, halved=True)
+    return [first, replace(piece, coefficients=shifted, length=half)]
 
 
 def _binomial(n: int, k: int) -> float:

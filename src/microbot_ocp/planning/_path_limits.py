@@ -1,21 +1,32 @@
 """Limits along a given path as half planes in u = s'' and x = s'^2.
 
 Along a path q(s) the torque is affine in both: ``tau = M q' u + (M q'' + C(q, q') q') x + g``. The
-coefficients come from three batched calls of the inverse dynamics.
+coefficients come from three batched calls of the inverse dynamics, and so do those of every other
+limit: its values are tried at a few (u, x), and it is a half plane where they lie on one. A limit
+of the velocity alone bounds s'. What is neither is left to the optimal-control problem in time.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.fast_calls import buffered_call
+from microbot_ocp.limits import ROUNDING, LimitFamily, LimitValues, MotionSamples
 from microbot_ocp.planning._curve import Curve
-from microbot_ocp.robot import JointLimits, Robot, inverse_dynamics
+from microbot_ocp.robot import Robot, inverse_dynamics
 
 FAR = 1e12  # stands for "no such limit"
+TRIED = ((-3.0, 0.7), (2.0, 1.9), (50.0, 4.0))  # s'' and s' at which a half plane is tested
+AFFINE = 1e-9  # relative distance from the half plane that is rounding
+SPEEDS_TRIED = 50  # on the way up to the first that breaks a limit
+BISECTIONS = 60
+
+
+LATER = "optimal-control problem"  # keeps what reachability cannot
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +51,96 @@ def nodes_of(path: Curve, s: FloatArray) -> Nodes:
     return Nodes(*tables, left=np.arange(s.size - 1), right=right)
 
 
+class Coefficients(NamedTuple):
+    """A limited quantity ``per_u u + per_x x + constant``, each [N,k], and its bounds [N,k]."""
+
+    per_u: FloatArray
+    per_x: FloatArray
+    constant: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class PathLimits:
+    """The limits of a robot at the nodes of a path, by how they can be kept.
+
+    Attributes
+    ----------
+    half_planes : mapping from the key of a limit to Coefficients
+    speed : mapping from the key of a limit to array [N,k]
+        Largest x = s'^2 that each component leaves.
+    later : tuple of str
+        Keys of the limits that are neither, such as jerk or power: left to the optimal-control
+        problem.
+    """
+
+    family: LimitFamily
+    half_planes: dict[str, Coefficients]
+    speed: dict[str, FloatArray]
+    later: tuple[str, ...]
+
+    @classmethod
+    def of(cls, family: LimitFamily, nodes: Nodes, fast: bool) -> PathLimits:
+        """Classify the limits of a family along a path."""
+        half_planes, speed, later = {}, {}, []
+        for member in family:
+            key = member.key
+            if key == "tau":
+                half_planes[key] = _torque(family, nodes, fast)
+            elif key == "qd":
+                speed[key] = _velocity_bound(family, nodes)
+            elif key == "qdd":
+                bounds = (
+                    np.broadcast_to(b, nodes.tangent.shape) for b in (member.lower, member.upper)
+                )
+                zero = np.zeros_like(nodes.tangent)
+                half_planes[key] = Coefficients(nodes.tangent, nodes.curvature, zero, *bounds)
+            elif member.order == 1:
+                speed[key] = _speed_bound(family, key, nodes)
+            elif member.order == 2 and (found := _half_planes(family, key, nodes)) is not None:
+                half_planes[key] = found
+            elif member.order > 0:
+                later.append(key)
+        return cls(family, half_planes, speed, tuple(later))
+
+    def speed_limit(self, nodes: Nodes, count: int) -> FloatArray:
+        """Largest x [N+1] that the limits of the velocity leave at the grid points."""
+        per_node = np.full(len(nodes.tangent), FAR)
+        for bound in self.speed.values():
+            per_node = np.minimum(per_node, bound.min(axis=1))
+        result = per_node[:count].copy()
+        np.minimum.at(result, np.arange(1, count), per_node[nodes.right])
+        return result
+
+
+def limits_kept_by(limits: PathLimits) -> dict[str, list[str]]:
+    """Names of limits by what keeps them first."""
+    names = {
+        "reachability": list(limits.half_planes),
+        "speed bound": list(limits.speed),
+        LATER: list(limits.later),
+    }
+    return {how: [limits.family[key].name for key in keys] for how, keys in names.items()}
+
+
+def _along(family: LimitFamily, nodes: Nodes, key: str, u: Any, v: Any) -> LimitValues:
+    """Values of a limit at the nodes for s'' = u and s' = v, numbers or [N]."""
+    u, v = (np.reshape(number, (-1, 1)) for number in (u, v))
+    qd = nodes.tangent * v
+    qdd = nodes.tangent * u + nodes.curvature * v**2
+    samples = MotionSamples(nodes.position, qd, qdd, np.zeros_like(qd))
+    return family.values(samples, [key])[key]
+
+
+def _torque(family: LimitFamily, nodes: Nodes, fast: bool) -> Coefficients:
+    """Torque per u, per x and at rest; Coulomb friction counts as at rest."""
+    robot, member = family.robot, family["tau"]
+    per_u, per_x, at_rest = torque_coefficients(robot, nodes, fast)
+    bounds = (np.broadcast_to(b, per_u.shape) for b in (member.lower, member.upper))
+    return Coefficients(per_u, per_x, at_rest, *bounds)
+
+
 def torque_coefficients(robot: Robot, nodes: Nodes, fast: bool) -> tuple[FloatArray, ...]:
     """Torque per u, per x and at rest, each [N,n]; Coulomb friction counts as at rest."""
     smooth = robot.with_links(
@@ -55,6 +156,54 @@ def torque_coefficients(robot: Robot, nodes: Nodes, fast: bool) -> tuple[FloatAr
     return per_u, per_x, at_rest + coulomb * np.sign(nodes.tangent)
 
 
+def _half_planes(family: LimitFamily, key: str, nodes: Nodes) -> Coefficients | None:
+    """The limit as half planes, or None where it is not affine in u and x."""
+    rest = _along(family, nodes, key, 0.0, 0.0)
+    with_u = _along(family, nodes, key, 1.0, 0.0)
+    with_x = _along(family, nodes, key, 0.0, 1.0)
+    per_u, per_x = with_u.value - rest.value, with_x.value - rest.value
+    size = 1.0 + np.abs(rest.value) + np.abs(per_u) + np.abs(per_x)
+    for u, v in TRIED:
+        tried = _along(family, nodes, key, u, v)
+        line = rest.value + u * per_u + v**2 * per_x
+        if np.any(np.abs(tried.value - line) > AFFINE * size * (1 + abs(u) + v**2)):
+            return None
+        for bound, usual in ((tried.lower, rest.lower), (tried.upper, rest.upper)):
+            if not np.array_equal(bound, usual):
+                return None
+    bounds = (np.broadcast_to(b, rest.value.shape) for b in (rest.lower, rest.upper))
+    return Coefficients(per_u, per_x, rest.value, *bounds)
+
+
+def _speed_bound(family: LimitFamily, key: str, nodes: Nodes) -> FloatArray:
+    """Largest x [N,1] up to which every speed keeps a limit of the velocity, by bisection."""
+
+    def kept(v: FloatArray) -> np.ndarray:
+        use = family[key].use(_along(family, nodes, key, 0.0, v)).max(axis=1)
+        return use <= 1.0 + ROUNDING
+
+    count = len(nodes.position)
+    low, high = np.zeros(count), np.full(count, np.inf)
+    for v in np.geomspace(1e-6, np.sqrt(FAR), SPEEDS_TRIED):
+        good, unknown = kept(np.full(count, v)), np.isinf(high)
+        low, high = np.where(unknown & good, v, low), np.where(unknown & ~good, v, high)
+    free = np.isinf(high)
+    high = np.where(free, low, high)
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (low + high)
+        good = kept(middle)
+        low, high = np.where(good, middle, low), np.where(good, high, middle)
+    return np.where(free, FAR, low**2)[:, None]
+
+
+def _velocity_bound(family: LimitFamily, nodes: Nodes) -> FloatArray:
+    """Largest x [N,n] that the joints' velocity limits leave."""
+    member, tangent = family["qd"], nodes.tangent
+    with np.errstate(divide="ignore", invalid="ignore"):
+        limit = np.where(tangent > 0, member.upper, member.lower) / tangent
+        return np.minimum(np.where(np.abs(tangent) > 0, np.square(limit), np.inf), FAR)
+
+
 @dataclass(frozen=True, eq=False)
 class LimitRows:
     """Limits ``lower <= per_u u + per_x x <= upper`` at nodes, one column a limit."""
@@ -65,43 +214,42 @@ class LimitRows:
     upper: FloatArray
     left: np.ndarray
     right: np.ndarray
-    torque_joints: np.ndarray
+    names: tuple[tuple[str, int], ...]  # key of the limit and component, a row each
 
     @classmethod
-    def of(
-        cls, nodes: Nodes, coefficients: tuple[FloatArray, ...], limits: JointLimits
-    ) -> LimitRows:
-        per_u, per_x, at_rest = coefficients
-        torque = np.flatnonzero(np.isfinite(limits.tau_min) | np.isfinite(limits.tau_max))
-        bounded = np.flatnonzero(np.isfinite(limits.qdd_min) | np.isfinite(limits.qdd_max))
-        zero = np.zeros((per_u.shape[0], bounded.size))
-        return cls(
-            per_u=np.hstack([per_u[:, torque], nodes.tangent[:, bounded]]),
-            per_x=np.hstack([per_x[:, torque], nodes.curvature[:, bounded]]),
-            lower=np.hstack(
-                [limits.tau_min[torque] - at_rest[:, torque], zero + limits.qdd_min[bounded]]
-            ),
-            upper=np.hstack(
-                [limits.tau_max[torque] - at_rest[:, torque], zero + limits.qdd_max[bounded]]
-            ),
-            left=nodes.left,
-            right=nodes.right,
-            torque_joints=torque,
-        )
+    def of(cls, nodes: Nodes, limits: PathLimits) -> LimitRows:
+        parts, names = [], []
+        for key, found in limits.half_planes.items():
+            bounded = np.flatnonzero(
+                (np.isfinite(found.lower) | np.isfinite(found.upper)).any(axis=0)
+            )
+            lower, upper = found.lower - found.constant, found.upper - found.constant
+            parts.append([a[:, bounded] for a in (found.per_u, found.per_x, lower, upper)])
+            names += [(key, int(j)) for j in bounded]
+        empty = np.zeros((len(nodes.position), 0))
+        tables = [np.hstack([empty, *columns]) for columns in zip(*parts, strict=True)] or [
+            empty
+        ] * 4
+        return cls(*tables, left=nodes.left, right=nodes.right, names=tuple(names))
 
-    def with_viscous(
-        self, nodes: Nodes, viscous: FloatArray, x: FloatArray, limits: JointLimits
-    ) -> LimitRows:
+    @property
+    def torques(self) -> tuple[np.ndarray, np.ndarray]:
+        """Columns that are of torques, and their joints."""
+        found = [(i, j) for i, (key, j) in enumerate(self.names) if key == "tau"]
+        table = np.array(found, dtype=int).reshape(-1, 2)
+        return table[:, 0], table[:, 1]
+
+    def with_viscous(self, nodes: Nodes, viscous: FloatArray, x: FloatArray) -> LimitRows:
         """Viscous friction ``f q' sqrt(x)``, linear in x around the timing found last."""
         at_nodes = self._spread(x)
         root = np.sqrt(np.maximum(at_nodes, 1e-9 * max(float(x.max()), 1e-12)))[:, None]
-        joints = self.torque_joints
+        columns, joints = self.torques
         slope = viscous[joints] * nodes.tangent[:, joints] / (2 * root)
         per_x, lower, upper = self.per_x.copy(), self.lower.copy(), self.upper.copy()
-        per_x[:, : joints.size] += slope
+        per_x[:, columns] += slope
         constant = slope * root**2
-        lower[:, : joints.size] -= constant
-        upper[:, : joints.size] -= constant
+        lower[:, columns] -= constant
+        upper[:, columns] -= constant
         return replace(self, per_x=per_x, lower=lower, upper=upper)
 
     def _spread(self, x: FloatArray) -> FloatArray:
@@ -121,15 +269,3 @@ class LimitRows:
         low = np.hstack([self.lower[self.left], self.lower[self.right]])
         high = np.hstack([self.upper[self.left], self.upper[self.right]])
         return np.hstack([p, -p]), np.hstack([q, -q]), np.hstack([high, -low])
-
-
-def speed_bounds(nodes: Nodes, limits: JointLimits, count: int) -> FloatArray:
-    """Largest x [N+1] that the velocity limits leave at the grid points."""
-    tangent = nodes.tangent
-    with np.errstate(divide="ignore", invalid="ignore"):
-        limit = np.where(tangent > 0, limits.qd_max, limits.qd_min) / tangent
-        per_joint = np.where(np.abs(tangent) > 0, np.square(limit), np.inf)
-    per_node = np.minimum(per_joint.min(axis=1), FAR)
-    result = per_node[:count].copy()
-    np.minimum.at(result, np.arange(1, count), per_node[nodes.right])
-    return result

@@ -17,20 +17,15 @@ from typing import NamedTuple
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.codegen import compiler
+from microbot_ocp.limits import JointLimits, LimitFamily, Limits
 from microbot_ocp.motion import PiecewisePolynomial
 from microbot_ocp.planning._curve import Curve
-from microbot_ocp.planning._path import stretches
-from microbot_ocp.planning._path_limits import (
-    FAR,
-    LimitRows,
-    Nodes,
-    nodes_of,
-    speed_bounds,
-    torque_coefficients,
-)
-from microbot_ocp.planning._reachability import PathTiming, time_path
+from microbot_ocp.planning._path_limits import FAR, LimitRows, Nodes, PathLimits
+from microbot_ocp.planning._paths import stretches
+from microbot_ocp.planning._reachability import CurveLimits, Reached, reach
 from microbot_ocp.planning._task import check_limits
-from microbot_ocp.robot import JointLimits, Limits, Robot
+from microbot_ocp.robot import Robot
 
 ACTIVE = 0.005  # room below a limit, as a share of its range, that counts as on the limit
 FEWEST = 3  # an arc on fewer grid intervals is a touch between two others, not an arc
@@ -41,9 +36,10 @@ class PathLimit(NamedTuple):
 
     Attributes
     ----------
-    quantity : "qd", "qdd" or "tau"
+    quantity : str
+        Key of the limit, such as "tau".
     joint : int
-        Index from 0.
+        Index of the joint, from 0 (0 where the limit is not one of the joints).
     side : int
         1 for the upper limit, -1 for the lower one.
     """
@@ -78,11 +74,12 @@ class PhasePlane:
         The maximum-velocity curve: largest ds/dt at which the limits of torque and acceleration
         leave an acceleration; infinite where they leave one at any speed.
     velocity_bound : array [N]
-        Largest ds/dt that the joint velocity limits leave.
+        Largest ds/dt that the limits of velocities leave.
     least : array [N]
         Smallest ds/dt at which they leave an acceleration: 0 where the arm can rest.
     velocity_joint : array [N]
-        Index of the joint whose velocity limit is the bound.
+        Index of the joint whose velocity limit leaves the least ds/dt; -1 where a limit that is not
+        one of the joints, such as of the tool's speed, leaves less.
     arcs : tuple of Arc
         Parts of the profile by the limit that it rides on, in order.
     duration : float
@@ -131,8 +128,8 @@ def phase_plane(
 ) -> PhasePlane:
     """The phase plane of a path from rest to rest.
 
-    Limits of the torque rate have no place in it and are left out (but for the stops that they
-    enforce).
+    Limits that are neither of the velocity nor affine in s'' and s'^2 (torque rates, jerk, power)
+    have no place in it and are left out, but for the stops that they enforce.
 
     Parameters
     ----------
@@ -168,11 +165,10 @@ def phase_plane(
         raise InputError(f"path must have {count} joints, not {path.coefficients.shape[2]}")
     if isinstance(grid, bool) or not isinstance(grid, int) or grid < 10:
         raise InputError(f"grid must be a whole number of at least 10, not {grid!r}")
-    bounds = check_limits(robot, limits)
-    limited = robot.with_limits(bounds)
+    family = check_limits(robot, limits)
     begin, parts = float(path.breaks[0]), []
-    for curve in stretches(path, bounds):
-        parts.append(_stretch(limited, curve, begin, grid))
+    for curve in stretches(path, family):
+        parts.append(_stretch(family, curve, begin, grid))
         begin = float(parts[-1].s[-1])
     joined = {
         name: np.concatenate([getattr(part, name) for part in parts])
@@ -187,27 +183,27 @@ def phase_plane(
     )
 
 
-def _stretch(robot: Robot, curve: Curve, begin: float, grid: int) -> PhasePlane:
+def _stretch(family: LimitFamily, curve: Curve, begin: float, grid: int) -> PhasePlane:
     """The phase plane between two stops, first in the regular parameter of the curve."""
-    limits = robot.limits
-    timing = time_path(robot, curve, limits, grid=grid)
-    nodes = nodes_of(curve, timing.s)
-    rows = LimitRows.of(nodes, torque_coefficients(robot, nodes, False), limits)
-    viscous = np.array([link.viscous_friction for link in robot.links])
-    least, most = speed_range(
-        rows, viscous[rows.torque_joints] * nodes.tangent[:, rows.torque_joints]
-    )
+    fast = compiler() is not None
+    along = CurveLimits.of(family, curve, grid, fast)
+    timing = reach(along, start_free=curve.start_free, end_free=curve.end_free, fast=fast)
+    nodes, rows = along.nodes, along.rows
+    friction = np.zeros_like(rows.per_x)
+    columns, joints = rows.torques
+    friction[:, columns] = along.viscous[joints] * nodes.tangent[:, joints]
+    least, most = speed_range(rows, friction)
     size = timing.s.size
     least, most = (
         _at_points(nodes, size, least, np.maximum),
         _at_points(nodes, size, most, np.minimum),
     )
-    fastest = np.sqrt(speed_bounds(nodes, limits, size))
+    fastest = np.sqrt(along.limits.speed_limit(nodes, size))
     own, slope = curve.parameter(timing.s)
     scale = np.abs(slope)
     profile = np.sqrt(timing.speed_squared) if timing.feasible else np.full(size, np.nan)
-    if timing.feasible and viscous.any():
-        rows = rows.with_viscous(nodes, viscous, timing.speed_squared, limits)
+    if timing.feasible and along.viscous.any():
+        rows = rows.with_viscous(nodes, along.viscous, timing.speed_squared)
     s = begin + own
     return PhasePlane(
         s=s,
@@ -215,8 +211,8 @@ def _stretch(robot: Robot, curve: Curve, begin: float, grid: int) -> PhasePlane:
         torque_bound=most * scale,
         velocity_bound=np.where(fastest >= np.sqrt(FAR), np.inf, fastest * scale),
         least=least * scale,
-        velocity_joint=_fastest_joint(nodes, limits)[:size],
-        arcs=tuple(_arcs(s, timing, rows, nodes, limits)) if timing.feasible else (),
+        velocity_joint=_fastest_joint(along.limits)[:size],
+        arcs=tuple(_arcs(s, timing, rows, nodes, along.limits)) if timing.feasible else (),
         duration=timing.duration if timing.feasible else float("nan"),
         blocked_at=float("nan")
         if timing.feasible
@@ -231,8 +227,8 @@ def speed_range(rows: LimitRows, per_v: FloatArray) -> tuple[FloatArray, FloatAr
     ----------
     rows : LimitRows
         With constants in s'' and s'^2.
-    per_v : array [nodes, k]
-        What the first k rows have in s' besides (viscous friction).
+    per_v : array [nodes, rows]
+        What the rows have in s' besides (viscous friction).
 
     Returns
     -------
@@ -240,12 +236,10 @@ def speed_range(rows: LimitRows, per_v: FloatArray) -> tuple[FloatArray, FloatAr
         ``most`` is below ``least`` where no speed is admissible, infinite where all above are. The
         set between them may have gaps under viscous friction.
     """
-    linear = np.zeros_like(rows.per_x)
-    linear[:, : per_v.shape[1]] = per_v
     # every row twice, as "at most": a u + f v + b v^2 <= h
     sides = ((1.0, rows.upper), (-1.0, -rows.lower))
     a, f, b = (
-        np.hstack([sign * table for sign, _ in sides]) for table in (rows.per_u, linear, rows.per_x)
+        np.hstack([sign * table for sign, _ in sides]) for table in (rows.per_u, per_v, rows.per_x)
     )
     h = np.hstack([bound for _, bound in sides])
     flat = np.abs(a) <= 1e-12 * np.abs(a).max(axis=0, initial=1e-300)
@@ -304,15 +298,22 @@ def _at_points(nodes: Nodes, size: int, values: FloatArray, choose: np.ufunc) ->
     return result
 
 
-def _fastest_joint(nodes: Nodes, limits: JointLimits) -> np.ndarray:
-    """Index of the joint whose velocity limit leaves the least speed, at every node."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        speed = np.where(nodes.tangent > 0, limits.qd_max, limits.qd_min) / nodes.tangent
-    return np.where(nodes.tangent == 0, np.inf, speed).argmin(axis=1)
+def _fastest_joint(limits: PathLimits) -> np.ndarray:
+    """Index of the joint whose velocity limit leaves the least speed, at every node, or -1."""
+    joints = limits.speed.get("qd")
+    if joints is None:
+        some = next(iter(limits.half_planes.values()), None)
+        count = len(some.per_u) if some else len(next(iter(limits.speed.values())))
+        return np.full(count, -1)
+    found, least = joints.argmin(axis=1), joints.min(axis=1)
+    for key, bound in limits.speed.items():
+        if key != "qd":
+            found = np.where(bound.min(axis=1) < least, -1, found)
+    return found
 
 
 def _arcs(
-    s: FloatArray, timing: PathTiming, rows: LimitRows, nodes: Nodes, limits: JointLimits
+    s: FloatArray, timing: Reached, rows: LimitRows, nodes: Nodes, limits: PathLimits
 ) -> list[Arc]:
     """Runs of grid intervals on the same limit."""
     names, room = _room(timing, rows, nodes, limits)
@@ -333,7 +334,7 @@ def _arcs(
 
 
 def _room(
-    timing: PathTiming, rows: LimitRows, nodes: Nodes, limits: JointLimits
+    timing: Reached, rows: LimitRows, nodes: Nodes, limits: PathLimits
 ) -> tuple[list[PathLimit], FloatArray]:
     """Every limit by name, and the room [N, limits] that the profile leaves below it.
 
@@ -343,8 +344,6 @@ def _room(
     u = (np.diff(x) / (2 * np.diff(timing.s)))[:, None]
     names: list[PathLimit] = []
     columns = []
-    bounded = np.flatnonzero(np.isfinite(limits.qdd_min) | np.isfinite(limits.qdd_max))
-    labels = [("tau", int(j)) for j in rows.torque_joints] + [("qdd", int(j)) for j in bounded]
     span = rows.upper - rows.lower
     for side, bound in ((1, rows.upper), (-1, rows.lower)):
         size = np.where(np.isfinite(span), span, 1.0 + np.abs(bound))
@@ -353,13 +352,25 @@ def _room(
             value = rows.per_u[at] * u + rows.per_x[at] * speed[:, None]
             rooms.append(side * (bound[at] - value) / size[at])
         columns.append(np.minimum(*rooms))
-        names += [PathLimit(quantity, joint, side) for quantity, joint in labels]
-    for joint in range(nodes.tangent.shape[1]):
-        for side, bound in ((1, limits.qd_max[joint]), (-1, limits.qd_min[joint])):
-            rooms = []
-            for at, speed in ((nodes.left, x[:-1]), (nodes.right, x[1:])):
-                with np.errstate(invalid="ignore", divide="ignore"):
-                    rooms.append(1.0 - nodes.tangent[at, joint] * np.sqrt(speed) / bound)
+        names += [PathLimit(quantity, joint, side) for quantity, joint in rows.names]
+    ends = ((nodes.left, x[:-1]), (nodes.right, x[1:]))
+    for quantity, bound in limits.speed.items():
+        if quantity == "qd":
+            continue
+        for component in range(bound.shape[1]):
+            with np.errstate(invalid="ignore", divide="ignore"):
+                rooms = [1.0 - np.sqrt(speed / bound[at, component]) for at, speed in ends]
             columns.append(np.minimum(*rooms)[:, None])
-            names.append(PathLimit("qd", joint, side))
+            names.append(PathLimit(quantity, component, 1))
+    if "qd" in limits.speed:
+        member = limits.family["qd"]
+        for joint in range(nodes.tangent.shape[1]):
+            for side, limit in ((1, member.upper[joint]), (-1, member.lower[joint])):
+                with np.errstate(invalid="ignore", divide="ignore"):
+                    rooms = [
+                        1.0 - nodes.tangent[at, joint] * np.sqrt(speed) / limit
+                        for at, speed in ends
+                    ]
+                columns.append(np.minimum(*rooms)[:, None])
+                names.append(PathLimit("qd", joint, side))
     return names, np.nan_to_num(np.hstack(columns), nan=np.inf, posinf=np.inf)

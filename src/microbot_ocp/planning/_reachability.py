@@ -20,18 +20,11 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp._base.codegen import compiler, maybe_compiled
+from microbot_ocp._base.codegen import maybe_compiled
 from microbot_ocp._base.fast_calls import FastCall, buffered_call
-from microbot_ocp.motion import PiecewisePolynomial
+from microbot_ocp.limits import LimitFamily
 from microbot_ocp.planning._curve import Curve
-from microbot_ocp.planning._path_limits import (
-    FAR,
-    LimitRows,
-    nodes_of,
-    speed_bounds,
-    torque_coefficients,
-)
-from microbot_ocp.robot import JointLimits, Robot
+from microbot_ocp.planning._path_limits import FAR, LimitRows, Nodes, PathLimits, nodes_of
 
 PENALTY = 1e6  # of leaving the feasible set, in the search for its best point
 CUTS = 14  # cutting planes of each linear program
@@ -40,16 +33,16 @@ VISCOUS_PASSES = 6  # linearisations of viscous friction, which goes with the ro
 
 
 @dataclass(frozen=True, eq=False)
-class PathTiming:
-    """Timing of a path on a grid.
+class Reached:
+    """Timing of a curve between two stops, on a grid.
 
     Attributes
     ----------
-    s : array [N+1], path parameter (of the curve: regular at the ends)
+    s : array [N+1], parameter of the curve
     speed_squared : array [N+1], (ds/dt)^2
     t : array [N+1], times, s
-    feasible : whether the path can be travelled within the limits at all
-    blocked_at : path parameter from which the end cannot be reached, NaN where feasible
+    feasible : whether the curve can be travelled within the limits at all
+    blocked_at : parameter from which the end cannot be reached, NaN where feasible
     """
 
     s: FloatArray
@@ -64,56 +57,49 @@ class PathTiming:
         return float(self.t[-1])
 
 
-def time_path(
-    robot: Robot,
-    path: PiecewisePolynomial | Curve,
-    limits: JointLimits,
+@dataclass(frozen=True, eq=False)
+class CurveLimits:
+    """What the passes need of a curve: its grid, its nodes, its limits at them."""
+
+    s: FloatArray
+    nodes: Nodes
+    limits: PathLimits
+    rows: LimitRows
+    viscous: FloatArray
+
+    @classmethod
+    def of(cls, family: LimitFamily, curve: Curve, grid: int, fast: bool) -> CurveLimits:
+        """Limits of a curve on a grid of about so many intervals."""
+        s = path_grid(curve, grid)
+        nodes = nodes_of(curve, s)
+        limits = PathLimits.of(family, nodes, fast)
+        viscous = np.zeros(family.robot.joint_count)
+        if "tau" in limits.half_planes:
+            viscous = np.array([link.viscous_friction for link in family.robot.links])
+        return cls(s, nodes, limits, LimitRows.of(nodes, limits), viscous)
+
+
+def reach(
+    along: CurveLimits,
     *,
-    grid: int = 1000,
-    start_free: bool | None = None,
-    end_free: bool | None = None,
-    compiled: bool = True,
-) -> PathTiming:
-    """Best timing of a smooth path on a grid, from rest to rest.
+    start_free: bool,
+    end_free: bool,
+    fast: bool,
+) -> Reached:
+    """Best timing of a curve on its grid, from rest to rest.
 
-    Parameters
-    ----------
-    robot : Robot
-    path : PiecewisePolynomial or Curve
-        q over a path parameter, with a continuous tangent.
-    limits : JointLimits
-        qd, qdd and tau are kept at the grid points, from both sides.
-    grid : int
-        Intervals in all; every break of the path is a grid point.
-    start_free, end_free : bool, optional
-        Whether ds/dt is free at an end; default where the tangent vanishes, as the arm rests there
-        all the same.
-    compiled : bool
-        Use compiled functions where there is a compiler.
-
-    Returns
-    -------
-    PathTiming
+    ``start_free`` and ``end_free`` leave ds/dt free at an end where the tangent vanishes, as the
+    arm rests there all the same. Viscous friction goes with the root of x and is linearised around
+    the timing found last.
     """
-    fast = compiled and compiler() is not None
-    curve = path if isinstance(path, Curve) else Curve.of(path)
-    free = (
-        curve.start_free if start_free is None else start_free,
-        curve.end_free if end_free is None else end_free,
-    )
-    s = path_grid(curve, grid)
-    nodes = nodes_of(curve, s)
+    s, free = along.s, (start_free, end_free)
     step = np.diff(s)
-    speed_limit = speed_bounds(nodes, limits, s.size)
-    coefficients = torque_coefficients(robot, nodes, fast)
-    rows = LimitRows.of(nodes, coefficients, limits)
-    viscous = np.array([link.viscous_friction for link in robot.links])
-    passes = VISCOUS_PASSES if viscous.any() else 1
-    timing = _passes(s, rows, step, speed_limit, free, fast)
-    for _ in range(passes - 1):
+    speed_limit = along.limits.speed_limit(along.nodes, s.size)
+    timing = _passes(s, along.rows, step, speed_limit, free, fast)
+    for _ in range(VISCOUS_PASSES - 1 if along.viscous.any() else 0):
         if not timing.feasible:
             break
-        bent = rows.with_viscous(nodes, viscous, timing.speed_squared, limits)
+        bent = along.rows.with_viscous(along.nodes, along.viscous, timing.speed_squared)
         timing = _passes(s, bent, step, speed_limit, free, fast)
     return timing
 
@@ -164,7 +150,7 @@ def _passes(
     speed_limit: FloatArray,
     free: tuple[bool, bool],
     fast: bool,
-) -> PathTiming:
+) -> Reached:
     p, q, h = rows.half_planes(step)
     n, width = p.shape
     back = _lines(p, q, h)
@@ -185,7 +171,7 @@ def _passes(
     if blocked.size or (not free[0] and low[0] > 0):
         at = s[blocked[-1]] if blocked.size else s[0]
         nothing = np.zeros_like(s)
-        return PathTiming(s, nothing, np.full_like(s, np.nan), False, float(at))
+        return Reached(s, nothing, np.full_like(s, np.nan), False, float(at))
     ahead = _lines(q, p, h)
     columns = np.vstack([*(part.T for part in ahead.upper), low[1:], high[1:]])
     first = _free_start(ahead, low, high) if free[0] else high[0]
@@ -197,8 +183,8 @@ def _passes(
     t = np.append(0.0, np.cumsum(duration))
     stuck = np.flatnonzero(~np.isfinite(duration))
     if stuck.size:
-        return PathTiming(s, x, t, False, float(s[stuck[0]]))
-    return PathTiming(s, x, t, True, float("nan"))
+        return Reached(s, x, t, False, float(s[stuck[0]]))
+    return Reached(s, x, t, True, float("nan"))
 
 
 def _free_start(ahead: _Lines, low: FloatArray, high: FloatArray) -> float:

@@ -1,25 +1,57 @@
-"""What every time-optimal solve checks of its task before a solver starts."""
+"""What every time-optimal solve checks of its task before a solver starts, and how it ends."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+import difflib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields, replace
+from typing import Any, TypeVar
 
+import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.status import Status
-from microbot_ocp.limits import LimitUse
-from microbot_ocp.motion import State, torque_along
-from microbot_ocp.ocp.solution import Solution
-from microbot_ocp.robot import JointLimits, Limits, Robot, gravity_torque, torque_and_rate
+from microbot_ocp.limits import (
+    ROUNDING,
+    JointLimits,
+    LimitFamily,
+    Limits,
+    Member,
+    MotionSamples,
+)
+from microbot_ocp.ocp import Phase, Solution
+from microbot_ocp.robot import Robot
 
-MOST_EXCESS = 5e-3  # relative, over any limit between mesh points
+STATE: tuple[str, ...] = ("q", "qd", "qdd", "qddd")
+MOST_EXCESS = 5e-3  # relative, over any limit between mesh points: what a certificate lets pass
+CHECKS_PER_INTERVAL = 20  # places inside every mesh interval at which limits are looked at
+
+Settings = TypeVar("Settings")
 
 
-def verdict(solution: Solution, excess: Sequence[FloatArray], violation: float) -> dict[str, Any]:
+def with_changes(settings: Settings, changes: Mapping[str, Any]) -> Settings:
+    """Settings with some fields replaced.
+
+    Raises
+    ------
+    TypeError
+        There is no such setting.
+    """
+    known = [f.name for f in fields(settings)]  # type: ignore[arg-type]
+    for name in changes:
+        if name not in known:
+            close = difflib.get_close_matches(name, known, n=1)
+            hint = f"; did you mean {close[0]!r}?" if close else ""
+            raise TypeError(f"there is no setting {name!r}{hint} (settings: {', '.join(known)})")
+    return replace(settings, **changes)  # type: ignore[type-var]
+
+
+def verdict(
+    solution: Solution, excess: Sequence[FloatArray], limit_tolerance: float
+) -> dict[str, Any]:
     """Status, advice and largest excess of a limit between mesh points, for the provenance.
 
     A solver that converged on the mesh points is not believed where limits are exceeded in between
@@ -27,13 +59,35 @@ def verdict(solution: Solution, excess: Sequence[FloatArray], violation: float) 
     """
     worst = max(float(e.max()) for e in excess)
     found = {"status": str(solution.status), "advice": solution.advice, "excess": worst}
-    if solution.status.solved and worst > max(violation, MOST_EXCESS):
+    if solution.status.solved and worst > max(limit_tolerance, MOST_EXCESS):
         found["status"] = str(Status.LIMITS_EXCEEDED)
         found["advice"] = (
             f"limits are exceeded by {100 * worst:.3g} % between mesh points, and refinement ended "
             "there: give a finer mesh, or look for a place that cannot be passed"
         )
     return found
+
+
+def provenance_of(
+    method: str,
+    outcome: Mapping[str, Any],
+    solution: Solution,
+    wall_time: float,
+    smoothing: float,
+    **more: Any,
+) -> dict[str, Any]:
+    """How a motion was made: what every time-optimal motion says, and ``more``."""
+    return {
+        "method": method,
+        **outcome,
+        "solver": solution.attempts[-1].solver,
+        "intervals": [phase.mesh.size - 1 for phase in solution.phases],
+        "phase_durations": [phase.duration for phase in solution.phases],
+        **more,
+        "wall_time": wall_time,
+        "smoothing": smoothing,
+        "casadi": ca.CasadiMeta.version(),
+    }
 
 
 def whole(name: str, value: Any, unit: str = "", *, at_least: int) -> None:
@@ -43,25 +97,20 @@ def whole(name: str, value: Any, unit: str = "", *, at_least: int) -> None:
         raise InputError(f"{name} must be a whole number, not {value}")
 
 
-def check_limits(robot: Robot, limits: Limits | JointLimits | None) -> JointLimits:
-    """Limits as arrays; some of them must bound the speed of a motion."""
-    chosen = robot.limits if limits is None else limits.for_joints(robot.joint_count)
-    for joint in range(robot.joint_count):
-        bounded = [
-            np.isfinite(chosen.bounds(quantity)[side][joint])
-            for quantity in ("qd", "qdd", "tau")
-            for side in (0, 1)
-        ]
-        if not any(bounded):
+def check_limits(robot: Robot, limits: Limits | JointLimits | None) -> LimitFamily:
+    """The family of limits of a task; some of them must bound the motion of every joint."""
+    family = LimitFamily.of(robot, limits)
+    for joint, name in enumerate(robot.joint_names):
+        if not family.bounds_motion_of(joint):
             raise InputError(
-                f"limits leave joint {robot.joint_names[joint]!r} without any bound on its "
+                f"limits leave joint {name!r} without any bound on its "
                 "velocity, acceleration or torque: its shortest time would be zero"
             )
-    return chosen
+    return family
 
 
-def check_via(robot: Robot, via_q: ArrayLike, limits: JointLimits) -> FloatArray:
-    """Via points [m,n], m >= 2, within the position limits, the first and last one holdable.
+def check_via(family: LimitFamily, via_q: ArrayLike) -> FloatArray:
+    """Via points [m,n], m >= 2, within the limits of the pose, the first and last one holdable.
 
     Raises
     ------
@@ -69,71 +118,120 @@ def check_via(robot: Robot, via_q: ArrayLike, limits: JointLimits) -> FloatArray
         Wrong width, not finite, a point outside the position limits, two equal points in a row, a
         pose of rest that gravity alone makes impossible.
     """
-    via = checks.array("via_q", via_q, (None, robot.joint_count), "rad")
+    via = checks.array("via_q", via_q, (None, family.robot.joint_count), "rad")
     if via.shape[0] < 2:
         raise InputError(f"via_q must have at least 2 points, not {via.shape[0]}")
     for index, point in enumerate(via):
-        check_position(robot, f"via point {index + 1}", point, limits)
+        check_position(family, f"via point {index + 1}", point)
         if index and np.array_equal(point, via[index - 1]):
             raise InputError(
                 f"via points {index} and {index + 1} are the same: the time between them would "
                 "be a duration of zero"
             )
     for index in (0, via.shape[0] - 1):
-        check_rest(robot, f"via point {index + 1}", via[index], limits)
+        check_rest(family, f"via point {index + 1}", via[index])
     return via
 
 
-def check_position(robot: Robot, what: str, q: FloatArray, limits: JointLimits) -> None:
-    """Raise InputError where a pose is outside the position limits."""
-    slack = 1e-9
-    for joint, (value, low, high) in enumerate(zip(q, limits.q_min, limits.q_max, strict=True)):
-        if value < low - slack or value > high + slack:
-            raise InputError(
-                f"{what} is outside the position limits: joint {robot.joint_names[joint]!r} at "
-                f"{describe(robot, joint, value)}, allowed {describe(robot, joint, low)} to "
-                f"{describe(robot, joint, high)}"
-            )
+def check_position(family: LimitFamily, what: str, q: FloatArray) -> None:
+    """Raise InputError where a pose is outside the limits of the pose."""
+    robot, keys = family.robot, family.of_order(0)
+    for key, values in family.values(_at_rest(q), keys).items():
+        member = family[key]
+        value, low, high = (np.broadcast_to(v, values.value.shape)[0] for v in values)
+        slack = 1e-9
+        for j in np.flatnonzero((value < low - slack) | (value > high + slack)):
+            if key == "q":
+                raise InputError(
+                    f"{what} is outside the position limits: joint {robot.joint_names[j]!r} at "
+                    f"{robot.position_text(j, value[j])}, allowed "
+                    f"{robot.position_text(j, low[j])} to {robot.position_text(j, high[j])}"
+                )
+            raise InputError(f"{what} breaks a limit: {_broken(member, j, value, low, high)}")
 
 
-def check_rest(robot: Robot, what: str, q: FloatArray, limits: JointLimits) -> None:
-    """Raise InputError where gravity alone asks for more torque than a joint has."""
-    needed = np.array(gravity_torque(robot)(q)).ravel()
-    for joint, (value, low, high) in enumerate(
-        zip(needed, limits.tau_min, limits.tau_max, strict=True)
-    ):
-        if value < low or value > high:
-            unit = robot.unit("tau", joint)
-            raise InputError(
-                f"{what} cannot be held at rest: joint {robot.joint_names[joint]!r} needs "
-                f"{value:.6g} {unit} against gravity, allowed {low:.6g} to {high:.6g} {unit}"
-            )
+def check_rest(family: LimitFamily, what: str, q: FloatArray) -> None:
+    """Raise InputError where the arm cannot rest: gravity asks for more torque than a joint has."""
+    for key, values in family.values(_at_rest(q), family.of_order(1, 2, 3)).items():
+        member = family[key]
+        value, low, high = (np.broadcast_to(v, values.value.shape)[0] for v in values)
+        use = member.use(values)[0]
+        for j in np.flatnonzero(use > 1.0 + ROUNDING):
+            if key == "tau":
+                raise InputError(
+                    f"{what} cannot be held at rest: joint {member.labels[j]!r} needs "
+                    f"{value[j]:.6g} {member.units[j]} against gravity, allowed {low[j]:.6g} to "
+                    f"{high[j]:.6g} {member.units[j]}"
+                )
+            told = _broken(member, j, value, low, high)
+            raise InputError(f"{what} cannot be held at rest: {told}")
 
 
-def limit_excess(robot: Robot, state: State, qddd: FloatArray) -> FloatArray:
-    """Largest relative excess [N] over any limit; negative inside them.
+def _at_rest(q: FloatArray) -> MotionSamples:
+    zero = np.zeros((1, q.size))
+    return MotionSamples(np.reshape(q, (1, -1)), zero, zero, zero)
 
-    ``qddd`` [N,n] is the jerk, of interest to torque rates only.
+
+def _broken(member: Member, j: Any, value: FloatArray, low: FloatArray, high: FloatArray) -> str:
+    unit = member.units[j]
+    return (
+        f"{member.title(j)} is {value[j]:.6g} {unit}, allowed {low[j]:.6g} to {high[j]:.6g} {unit}"
+    )
+
+
+def declare_limits(
+    phase: Phase,
+    family: LimitFamily,
+    keys: Sequence[str],
+    state: tuple[ca.MX, ca.MX, ca.MX, ca.MX],
+    reference: FloatArray,
+    torques: Callable[..., Any],
+    held: Sequence[ca.MX] = (),
+) -> None:
+    """Declare limits of these keys as constraints of a phase.
+
+    Parameters
+    ----------
+    phase : Phase
+    family : LimitFamily
+    keys : sequence of str
+    state : q, qd, qdd and qddd as expressions [n]
+    reference : array [n]
+        A pose at which bounds that vary are of their usual size.
+    torques : callable
+        Torque and torque rate of the state (and of ``held``).
+    held : further arguments of ``torques``
     """
-    values = {**state._asdict(), "tau": torque_along(robot, state)}
-    if np.isfinite([robot.limits.taud_min, robot.limits.taud_max]).any():
-        values["taud"] = np.array(torque_and_rate(robot)(*(v.T for v in (*state, qddd)))[1]).T
-    excess = np.full(state.q.shape[0], -1.0)
-    for quantity, value in values.items():
-        use = LimitUse.of(robot.limits, quantity)
-        if use.limited.any():
-            excess = np.maximum(excess, use(value).max(axis=1) - 1.0)
-    return excess
+    joint_values: dict[str, ca.MX] = dict(zip(STATE, state, strict=True))
+    if {"tau", "taud"} & set(keys):
+        joint_values["tau"], joint_values["taud"] = torques(*state, *held)
+    further = [key for key in keys if family[key].limit is not None]
+    payload = torques if isinstance(torques, ca.Function) and held else None
+    expressions = family.expressions(further, (*state, *held), payload)
+    usual = family.values(_at_rest(reference), further)
+    for key in keys:
+        member = family[key]
+        unit = member.units[0]
+        if member.limit is None or not member.varies:
+            value = joint_values[key] if member.limit is None else expressions[key][0]
+            scale = finite_scale(member.lower, member.upper)
+            phase.constraint(member.name, value, member.lower, member.upper, scale=scale, unit=unit)
+            continue
+        value, lower, upper = expressions[key]
+        for side, sign, bound, size in (
+            ("lower", -1.0, lower, usual[key].lower),
+            ("upper", 1.0, upper, usual[key].upper),
+        ):
+            constant = not isinstance(bound, ca.MX)
+            if constant and not np.isfinite(bound).any():
+                continue
+            room = sign * (value - (ca.DM(bound) if constant else bound))
+            scale = finite_scale(np.ravel(size), np.ravel(size))
+            name = f"{member.name}, {side} limit"
+            phase.constraint(name, room, upper=0.0, scale=scale, unit=unit)
 
 
 def finite_scale(lower: FloatArray, upper: FloatArray) -> FloatArray:
     """Sizes [n] of limits, 1 where there is none."""
     size = np.maximum(np.abs(lower), np.abs(upper))
     return np.where(np.isfinite(size) & (size > 0), size, 1.0)
-
-
-def describe(robot: Robot, joint: int, value: float) -> str:
-    """A joint position with its unit: degrees for a revolute joint, metres for a prismatic one."""
-    if robot.joint_types[joint] == "prismatic":
-        return f"{value:g} m"
-    return f"{np.degrees(value):g} deg"

@@ -25,17 +25,17 @@ from ._kinematics import (
     jacobian as jacobian,
     velocity_propagation as velocity_propagation,
 )
-from ._limits import (
-    LIMIT_UNITS as LIMIT_UNITS,
-    JointLimits as JointLimits,
-    Limits as Limits,
-)
 from ._links import (
     Link as Link,
 )
 from ._model import (
+    JointLimits as JointLimits,
+    Limits as Limits,
     Robot as Robot,
     dh_transform as dh_transform,
+)
+from ._motion_state import (
+    MotionState as MotionState,
 )
 from ._shapes import (
     Shape as Shape,

@@ -14,8 +14,8 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields, replace
-from typing import Any, Literal
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, Literal, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,9 +23,12 @@ from numpy.typing import ArrayLike
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.showing import view_for
-from microbot_ocp.robot._limits import LIMIT_UNITS, JointLimits, LimitArgument, Limits, changed
+from microbot_ocp.limits import JOINT_QUANTITIES, JointLimits, LimitChanges, Limits
 from microbot_ocp.robot._links import Link
 from microbot_ocp.robot._shapes import Shape
+
+if TYPE_CHECKING:
+    from microbot_ocp.robot._motion_state import MotionState
 
 JointType = Literal["revolute", "prismatic"]
 
@@ -209,23 +212,28 @@ class Robot:
         return bool(self.links)
 
     def unit(self, quantity: str, joint: int) -> str:
-        """Unit of ``q``, ``qd``, ``qdd``, ``tau`` or ``taud`` at joint index ``joint`` (from 0)."""
-        return LIMIT_UNITS[quantity][self.joint_types[joint] == "prismatic"]
+        """Unit of a quantity of the joints, such as ``"tau"``, at joint index ``joint``, from 0."""
+        return getattr(JOINT_QUANTITIES[quantity], self.joint_types[joint])
+
+    def position_text(self, joint: int, value: float, *, with_radians: bool = False) -> str:
+        """A position of a joint with its unit: degrees of a revolute, metres of a prismatic one."""
+        if self.joint_types[joint] == "prismatic":
+            return f"{value:.6g} m"
+        degrees = f"{np.degrees(value):.6g} deg"
+        return f"{degrees} ({value:.6g} rad)" if with_radians else degrees
+
+    def motion_state(
+        self, q: Any, qd: Any, qdd: Any, qddd: Any, torques: Any = None
+    ) -> MotionState:
+        """Quantities of a motion of this robot as CasADi expressions, for limits."""
+        from microbot_ocp.robot._motion_state import MotionState
+
+        return MotionState(self, q, qd, qdd, qddd, torques)
 
     def with_limits(
         self,
         limits: Limits | JointLimits | None = None,
-        *,
-        q_min: ArrayLike | None = None,
-        q_max: ArrayLike | None = None,
-        qd_max: LimitArgument | None = None,
-        qdd_max: LimitArgument | None = None,
-        tau_max: LimitArgument | None = None,
-        taud_max: LimitArgument | None = None,
-        qd_min: ArrayLike | None = None,
-        qdd_min: ArrayLike | None = None,
-        tau_min: ArrayLike | None = None,
-        taud_min: ArrayLike | None = None,
+        **changes: Unpack[LimitChanges],
     ) -> Robot:
         """Return the same robot with other limits: all of them, or those given by name.
 
@@ -233,9 +241,11 @@ class Robot:
         ----------
         limits : Limits or JointLimits, optional
             In the place of all that the robot has.
-        q_min, q_max, qd_max, qdd_max, tau_max, taud_max, qd_min, qdd_min, tau_min, taud_min
-            In the place of these alone, given as in :class:`Limits`: a number for all joints, one a
-            joint, or ``(lower, upper)``, in SI units. ``qd_max`` without ``qd_min`` means plus and
+        **changes
+            ``q_min``, ``q_max``, ``qd_max``, ``qdd_max``, ``qddd_max``, ``tau_max``, ``taud_max``,
+            ``qd_min`` and so on, ``also``: in the place of these alone, given as in
+            :class:`Limits`: a number for all joints, one a joint, or ``(lower, upper)``, in SI
+            units. ``qd_max`` without ``qd_min`` means plus and
             minus; ``qd_min`` without ``qd_max`` leaves the upper limit as it is.
 
         Raises
@@ -251,16 +261,13 @@ class Robot:
         >>> robot.limits.qdd_min.tolist(), robot.limits.tau_max.tolist()
         ([-40.0, -40.0, -40.0], [400.0, 500.0, 200.0])
         """
-        named = {
-            "q_min": q_min, "q_max": q_max, "qd_min": qd_min, "qd_max": qd_max,
-            "qdd_min": qdd_min, "qdd_max": qdd_max, "tau_min": tau_min, "tau_max": tau_max,
-            "taud_min": taud_min, "taud_max": taud_max,
-        }  # fmt: skip
-        changes = {name: value for name, value in named.items() if value is not None}
+        for name in changes:
+            checks.one_of("limit", name, LimitChanges.__annotations__)
+        given = {name: value for name, value in changes.items() if value is not None}
         if limits is None:
-            limits = changed(self.limits, changes)
-        elif changes:
-            raise InputError(f"give limits or {', '.join(changes)}, not both")
+            limits = self.limits.changed(given)
+        elif given:
+            raise InputError(f"give limits or {', '.join(given)}, not both")
         return replace(self, limits=_joint_limits(limits, self.joint_count))
 
     def with_links(self, links: Sequence[Link]) -> Robot:
@@ -311,7 +318,7 @@ class Robot:
     def _make_digest(self) -> str:
         digest = hashlib.sha256(repr((self.name, self.joint_types, self.joint_names)).encode())
         arrays = [self.alpha, self.a, self.d, self.theta_offset, self.gravity, self.tool]
-        arrays += [getattr(self.limits, f.name) for f in fields(self.limits)]
+        arrays += [bound for key in JOINT_QUANTITIES for bound in self.limits.bounds(key)]
         for link in self.links:
             scalars = [
                 link.mass,
@@ -329,10 +336,14 @@ class Robot:
         return digest.hexdigest()
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Robot) and self._digest == other._digest
+        return (
+            isinstance(other, Robot)
+            and self._digest == other._digest
+            and self.limits.also == other.limits.also
+        )
 
     def __hash__(self) -> int:
-        return hash(self._digest)
+        return hash((self._digest, self.limits.also))
 
 
 def _of_unit_mass(offset: FloatArray) -> FloatArray:

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import cast
 
 import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import InputError
-from microbot_ocp.limits import ROUNDING, Demand, Peak
+from microbot_ocp.limits import ROUNDING, LimitFamily, Member, Peak, largest_use
+from microbot_ocp.limits._peaks import largest_jump
 from microbot_ocp.motion import PiecewisePolynomial
 from microbot_ocp.robot import JointLimits, Limits, Robot
 
@@ -35,17 +36,17 @@ class Scaled:
     factor : float
         Duration divided by that of the shape given (NaN where a callable was given).
     quantity : str
-        The kind of limit that is just met: "qd", "qdd", "tau" or "taud"; "q" where a shorter
-        motion of a callable leaves the position limits, "shape" where the callable refuses one.
+        Key of the limit that is just met, such as "tau"; "q" where a shorter motion of a callable
+        leaves the position limits, "shape" where the callable refuses one.
     joint : str
-        Name of the joint that meets it.
+        Name of the joint that meets it; empty where the limit is not one of a joint.
     time : float
         When, s.
     value, limit : float
         Value there and the limit, in ``unit``.
     unit : str
     utilisation : float
-        Largest share of any velocity, acceleration, torque or torque-rate limit: 1 or just below.
+        Largest share of any limit that depends on the duration: 1 or just below.
     iterations : int
         How many durations were tried.
     wall_time : float
@@ -142,12 +143,12 @@ class _Search:
         self.robot = robot
         self.tolerance = checks.number("tolerance", tolerance, above=0.0, at_most=1e-3)
         chosen = (robot.limits if limits is None else limits).for_joints(robot.joint_count)
-        self.demand = Demand(robot, chosen)
-        self.kinds = [k for k in ("qd", "qdd", "tau", "taud") if k in self.demand.uses]
+        self.family = LimitFamily.of(robot, chosen)
+        self.kinds = self.family.of_order(1, 2, 3)
         if not self.kinds:
             raise InputError(
-                "limits must hold a finite qd_max, qdd_max, tau_max or taud_max for at least one "
-                "joint, or no duration is too short"
+                "limits must hold a finite qd_max, qdd_max, tau_max or another limit of the motion "
+                "for at least one joint, or no duration is too short"
             )
         self.tried = 0
         self.shape = make_motion if isinstance(make_motion, PiecewisePolynomial) else None
@@ -155,7 +156,7 @@ class _Search:
             shape = self._checked(self.shape)
             self.first = shape.duration
             self.make: MakeMotion = lambda duration: shape.stretched(duration / shape.duration)
-            refusal = self.demand.refusal(shape)
+            refusal = refusal_of(robot, self.family, shape)
         elif callable(make_motion):
             self.first = checks.number("first_duration", first_duration, "s", above=0.0)
             self.make = cast(MakeMotion, make_motion)
@@ -169,7 +170,13 @@ class _Search:
             raise InputError(refusal)
         friction = any(link.viscous_friction or link.coulomb_friction for link in robot.links)
         # Without friction a longer duration of the same shape never asks for more.
-        self.from_above = self.shape is None or (friction and "tau" in self.kinds)
+        self.from_above = self.shape is None or (
+            (friction and bool({"tau", "taud"} & set(self.kinds))) or self._unusual()
+        )
+
+    def _unusual(self) -> bool:
+        """Whether a limit is of the user's own, about which nothing is known."""
+        return any(member.limit is not None for member in self.family)
 
     def _checked(self, polynomial: PiecewisePolynomial) -> PiecewisePolynomial:
         width = polynomial.coefficients.shape[2]
@@ -187,7 +194,7 @@ class _Search:
                 polynomial = self._made(duration)
             except _TooShort:
                 continue
-            refusal = self.demand.refusal(polynomial)
+            refusal = refusal_of(self.robot, self.family, polynomial)
             if refusal is None:
                 return None
         return refusal
@@ -218,10 +225,10 @@ class _Search:
                 raise InputError(f"make_motion refuses every duration: {problem}") from problem
             return Peak(np.inf)
         if self.shape is None:
-            place = self.demand.peak(polynomial, ["q"])
+            place = largest_use(self.family, polynomial, self.family.of_order(0))
             if place.use > 1.0 + ROUNDING:
-                return Peak(np.inf, "q", place.joint, place.time, place.value, place.limit)
-        return self.demand.peak(polynomial, self.kinds)
+                return replace(place, use=np.inf)
+        return largest_use(self.family, polynomial, self.kinds)
 
     def run(self, started: float) -> Scaled:
         good, bad = self._bracket()
@@ -235,11 +242,11 @@ class _Search:
             duration=polynomial.duration,
             factor=good / self.first if self.shape is not None else np.nan,
             quantity=cause.quantity,
-            joint=self.robot.joint_names[cause.joint] if named else "",
+            joint=self.family[cause.quantity].labels[cause.joint] if named else "",
             time=cause.time,
             value=cause.value,
             limit=cause.limit,
-            unit=self.robot.unit(cause.quantity, cause.joint) if named else "",
+            unit=self.family[cause.quantity].units[cause.joint] if named else "",
             utilisation=met.use,
             iterations=self.tried,
             wall_time=time.perf_counter() - started,
@@ -280,11 +287,12 @@ class _Search:
         duration, peak = last
         if peak.quantity == "shape":
             return f"make_motion refuses every duration up to {duration:g} s"
-        unit = self.robot.unit(peak.quantity, peak.joint)
+        member = self.family[peak.quantity]
+        unit = member.units[peak.joint]
         return (
-            f"no duration up to {duration:g} s keeps the limits: there {peak.quantity} of joint "
-            f"{self.robot.joint_names[peak.joint]!r} is {peak.value:.6g} {unit} at "
-            f"{peak.time:.6g} s, its limit {peak.limit:g} {unit}"
+            f"no duration up to {duration:g} s keeps the limits: there "
+            f"{member.title(peak.joint)} is {peak.value:.6g} {unit} at {peak.time:.6g} s, its "
+            f"limit {peak.limit:g} {unit}"
         )
 
     def _narrow(
@@ -321,3 +329,49 @@ class _Search:
 
 class _TooShort(Exception):
     """A callable that refuses a duration."""
+
+
+def refusal_of(robot: Robot, family: LimitFamily, shape: PiecewisePolynomial) -> str | None:
+    """Why no duration of this shape keeps the limits, or None."""
+    for key in family.of_order(0):
+        place = largest_use(family, shape, [key])
+        if place.use > 1.0 + ROUNDING:
+            member = family[key]
+            return (
+                f"the shape leaves the {member.name} limits: "
+                f"{_whose(member, place)} reaches {_told(robot, member, place.value, place)} at "
+                f"{place.time:.6g} s, but its limit is {_told(robot, member, place.limit, place)}"
+            )
+    held = largest_use(family, shape, family.of_order(1, 2, 3), at_rest=True)
+    if held.use > 1.0 + ROUNDING:
+        member = family[held.quantity]
+        unit = member.units[held.joint]
+        pose = shape([held.time])[0]
+        values = [robot.position_text(j, q) for j, q in enumerate(pose)]
+        return (
+            f"holding the arm still at q = ({', '.join(values)}), {held.time:.6g} s into the "
+            f"shape, takes {held.value:.6g} {unit} at {_whose(member, held)}, but its "
+            f"{member.name} limits are {member.lower[held.joint]:g} to "
+            f"{member.upper[held.joint]:g} {unit}, so no duration keeps them"
+        )
+    jump = largest_jump(family, shape, family.keys)
+    if jump is not None:
+        member = family[jump.quantity]
+        jumping = "torque" if jump.quantity == "taud" else "acceleration"
+        return (
+            f"the {jumping} of {_whose(member, jump)} jumps at {jump.time:.6g} s, so no duration "
+            f"keeps its {member.name} limit of {abs(jump.limit):g} {member.units[jump.joint]}; "
+            "take a shape with continuous acceleration, such as a quintic"
+        )
+    return None
+
+
+def _whose(member: Member, peak: Peak) -> str:
+    label = member.labels[peak.joint]
+    return f"joint {label!r}" if label and member.limit is None else member.title(peak.joint)
+
+
+def _told(robot: Robot, member: Member, value: float, peak: Peak) -> str:
+    if member.key == "q":
+        return robot.position_text(peak.joint, value, with_radians=True)
+    return f"{value:.6g} {member.units[peak.joint]}"

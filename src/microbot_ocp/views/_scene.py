@@ -11,8 +11,9 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.fast_calls import buffered_call
 from microbot_ocp.comparison import Comparison, Entry
+from microbot_ocp.limits import JOINT_QUANTITIES
 from microbot_ocp.motion import Motion
-from microbot_ocp.robot import LIMIT_UNITS, JointLimits, Robot, forward_kinematics, frame_origins
+from microbot_ocp.robot import JointLimits, Robot, forward_kinematics, frame_origins
 
 VIA_TOLERANCE = 0.02  # rad or m: how near a mark's position must be to its via point
 LIMIT_STRETCH = 2.0  # a limit that would stretch the data's axis by more is named, not drawn
@@ -152,7 +153,7 @@ def near_limits(
     factor = display_factor(robot, quantity, joint)
     low, high = _data_range(values * factor)
     lower, upper = -np.inf, np.inf
-    if limits is not None and quantity in LIMIT_UNITS:
+    if limits is not None and quantity in JOINT_QUANTITIES:
         lower, upper = (float(bound[joint]) * factor for bound in limits.bounds(quantity))
     span = max(high - low, 1e-9)
     near_lower = np.isfinite(lower) and high - lower <= LIMIT_STRETCH * span

@@ -22,7 +22,7 @@ import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import InputError
-from microbot_ocp.robot._limits import Limits
+from microbot_ocp.limits import Limits
 from microbot_ocp.robot._links import Link
 from microbot_ocp.robot._model import Robot, dh_transform
 from microbot_ocp.robot._shapes import Shape

@@ -15,6 +15,7 @@ import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp.limits import JOINT_QUANTITIES
 from microbot_ocp.robot._links import inertia_fault
 from microbot_ocp.robot._shapes import ROLES, SIZES, Role, Shape
 from microbot_ocp.robot.files._mesh_files import find_mesh
@@ -24,7 +25,7 @@ EXTENSION = "microbot_ocp"
 MOVING = ("revolute", "continuous", "prismatic")
 HELD = ("planar", "floating", "spherical")  # a serial chain has no such joints
 # What a joint's extension element may hold: rotor inertia, and limits that <limit> has no room for.
-RANGES = ("qd", "qdd", "tau", "taud")
+RANGES = tuple(key for key in JOINT_QUANTITIES if key != "q")
 EXTRA_KEYS = ("armature", *(f"{quantity}_{side}" for quantity in RANGES for side in ("min", "max")))
 Colors = dict[str | None, tuple[float, ...]]  # name of a material -> red, green, blue, opacity
 MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")

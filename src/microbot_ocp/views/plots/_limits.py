@@ -13,7 +13,7 @@ from matplotlib.patches import Patch
 from microbot_ocp._base.checks import InputError
 from microbot_ocp._base.showing import GivenAxes
 from microbot_ocp.comparison import Comparison
-from microbot_ocp.limits import QUANTITY_NAMES, LimitHistory, Spell, limit_history
+from microbot_ocp.limits import LimitHistory, Spell, limit_history, quantity_name
 from microbot_ocp.motion import Motion
 from microbot_ocp.robot import JointLimits, Limits, Robot
 from microbot_ocp.views import _scene as scene
@@ -70,11 +70,11 @@ def limit_use(
         No limits at all, a quantity without one, a motion of another number of joints.
     """
     history = limit_history(robot, motion, limits)
-    limited = [quantity for quantity in history.shares if quantity != "q"]
-    shown = list(limited or history.shares) if quantities is None else list(quantities)
+    limited = [quantity for quantity in history.use if quantity != "q"]
+    shown = list(limited or history.use) if quantities is None else list(quantities)
     for quantity in shown:
-        if quantity not in history.shares:
-            known = ", ".join(history.shares) or "none"
+        if quantity not in history.use:
+            known = ", ".join(history.use) or "none"
             raise InputError(f"quantity must be one with a limit ({known}), not {quantity!r}")
     if not shown:
         raise InputError("limits must bound something: this robot has none")
@@ -110,7 +110,7 @@ def joint_line(joint: int) -> dict[str, Any]:
 
 
 def _draw_use(axes: Axes, history: LimitHistory, quantity: str, switches: Sequence[float]) -> None:
-    share = 100.0 * history.shares[quantity]
+    share = 100.0 * history.use[quantity]
     drawn = np.where(np.isfinite(share), np.maximum(share, 0.0), np.nan)
     for joint in range(share.shape[1]):
         axes.plot(history.t, drawn[:, joint], zorder=3 + 0.01 * joint, **joint_line(joint))
@@ -122,7 +122,7 @@ def _draw_use(axes: Axes, history: LimitHistory, quantity: str, switches: Sequen
     axes.axhspan(100.0, top, color="0.5", alpha=0.18, linewidth=0, zorder=1)
     axes.set_ylim(0.0, top)
     axes.set_yticks([0, 25, 50, 75, 100])
-    axes.set_ylabel(f"{QUANTITY_NAMES[quantity]} [%]")
+    axes.set_ylabel(f"{history.family[quantity].name} [%]")
 
 
 @styled()
@@ -172,7 +172,7 @@ def saturation(
         for joint in range(len(names)):
             panel.barh(first + joint, motion.duration, height=0.86, color="0.93", zorder=1)
             ticks.append(first + joint)
-        for quantity in history.shares:
+        for quantity in history.use:
             if quantity == "q":
                 continue
             for spell in history.spells(quantity):
@@ -239,5 +239,5 @@ def _face(quantity: str, side: int) -> dict[str, Any]:
 
 
 def _spell_patch(quantity: str, side: int) -> Patch:
-    text = QUANTITY_NAMES[quantity] + SIDES[side]
+    text = quantity_name(quantity) + SIDES[side]
     return Patch(label=text, **_face(quantity, side))

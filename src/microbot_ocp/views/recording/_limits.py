@@ -12,7 +12,7 @@ import numpy as np
 import rerun as rr
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp.limits import QUANTITY_NAMES, SATURATED
+from microbot_ocp.limits import AT_LIMIT, quantity_name
 from microbot_ocp.robot import JointLimits, Robot
 from microbot_ocp.views._scene import AxisLimits, display_factor, near_limits, reach
 from microbot_ocp.views.recording._animated_arm import (
@@ -47,7 +47,7 @@ class Spell(NamedTuple):
     @property
     def text(self) -> str:
         """Such as "torque max"."""
-        name = f"{QUANTITY_NAMES[self.quantity]} {self.side}"
+        name = f"{quantity_name(self.quantity)} {self.side}"
         return f"{name} exceeded" if self.beyond else name
 
 
@@ -60,7 +60,7 @@ def find_spells(limits: JointLimits, arm: AnimatedArm) -> list[Spell]:
             continue
         for side, bound in zip(SIDES, limits.bounds(quantity), strict=True):
             sign = 1.0 if side == "max" else -1.0
-            used = np.isfinite(bound) & (sign * values >= SATURATED * sign * bound)
+            used = np.isfinite(bound) & (sign * values >= AT_LIMIT * sign * bound)
             broken = np.isfinite(bound) & (sign * values > BEYOND * sign * bound + 1e-9)
             for joint in np.flatnonzero(used.any(axis=0)):
                 edges = np.flatnonzero(np.diff(used[:, joint], prepend=False, append=False))
@@ -79,7 +79,7 @@ def torque_share(limits: JointLimits, tau: FloatArray, joint: int) -> tuple[Floa
     own = np.where(tau >= 0.0, upper, -lower)
     if np.isfinite(own).all():
         share = np.divide(tau, own, out=np.sign(tau), where=own > 0.0)
-        return share, np.abs(share) >= SATURATED
+        return share, np.abs(share) >= AT_LIMIT
     largest = float(np.abs(tau).max())
     share = tau / largest if largest > 0.0 else np.zeros_like(tau)
     return share, np.zeros(len(tau), dtype=bool)
@@ -165,7 +165,7 @@ def draw_lanes(writer: Writer, robot: Robot, arm: AnimatedArm, spells: Sequence[
 def _lane_color(state: str) -> Color:
     if "exceeded" in state:
         return BEYOND_COLOR
-    return SATURATED_COLOR if QUANTITY_NAMES["tau"] in state else SPEED_COLOR
+    return SATURATED_COLOR if quantity_name("tau") in state else SPEED_COLOR
 
 
 def draw_switches(

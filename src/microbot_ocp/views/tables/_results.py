@@ -9,7 +9,7 @@ import numpy as np
 
 from microbot_ocp._base.table import Column, Table
 from microbot_ocp.comparison import Certificate
-from microbot_ocp.limits import QUANTITY_NAMES
+from microbot_ocp.limits import JOINT_QUANTITIES
 from microbot_ocp.motion import Motion
 from microbot_ocp.ocp import OCPCertificate, Refined, Solution
 from microbot_ocp.robot import Robot
@@ -26,7 +26,7 @@ def robot(robot: Robot) -> Table:
     if robot.has_dynamics:
         columns.append(Column("mass", "kg", ".4g"))
         cells.append([link.mass for link in robot.links])
-    for quantity, name in QUANTITY_NAMES.items():
+    for quantity, (_, name, *_) in JOINT_QUANTITIES.items():
         texts = scene.limit_texts(robot, robot.limits, quantity)
         if any(texts):
             columns.append(Column(f"{name} limits"))
@@ -59,7 +59,7 @@ def certificate(certificate: Certificate) -> Table:
         Column("excess", "%", ".2g"),
     )
     rows = [
-        (QUANTITY_NAMES[check.quantity], 100 * np.nanmax(check.utilisation), check.joint,
+        (check.name, 100 * np.nanmax(check.utilisation), check.joint,
          check.time, check.value, check.limit, check.unit, 100 * check.violation)
         for check in certificate.limit_checks
     ]  # fmt: skip

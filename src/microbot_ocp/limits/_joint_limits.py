@@ -1,27 +1,70 @@
-"""Limits as data, as users give them and as a robot holds them."""
+"""Limits of the joints as data, as users give them and as a robot holds them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, fields
-from typing import Any
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp.limits._limit import Limit
 
 LimitArgument = ArrayLike | tuple[ArrayLike, ArrayLike]
 
-# Quantity name -> (unit for a revolute joint, unit for a prismatic joint).
-LIMIT_UNITS: dict[str, tuple[str, str]] = {
-    "q": ("rad", "m"),
-    "qd": ("rad/s", "m/s"),
-    "qdd": ("rad/s^2", "m/s^2"),
-    "tau": ("N m", "N"),
-    "taud": ("N m/s", "N/s"),
+
+class JointQuantity(NamedTuple):
+    """A quantity that every joint has: its key, name, and unit for either type of joint."""
+
+    key: str
+    name: str
+    revolute: str
+    prismatic: str
+
+    @property
+    def either_unit(self) -> str:
+        """Both units, for messages that are about joints of any type."""
+        return f"{self.revolute} (prismatic: {self.prismatic})"
+
+
+JOINT_QUANTITIES = {
+    quantity.key: quantity
+    for quantity in (
+        JointQuantity("q", "position", "rad", "m"),
+        JointQuantity("qd", "velocity", "rad/s", "m/s"),
+        JointQuantity("qdd", "acceleration", "rad/s^2", "m/s^2"),
+        JointQuantity("qddd", "jerk", "rad/s^3", "m/s^3"),
+        JointQuantity("tau", "torque", "N m", "N"),
+        JointQuantity("taud", "torque rate", "N m/s", "N/s"),
+    )
 }
+
+
+def quantity_name(key: str) -> str:
+    """Name of a quantity by its key: "torque" of "tau", "tool speed" of "tool_speed"."""
+    known = JOINT_QUANTITIES.get(key)
+    return key.replace("_", " ") if known is None else known.name
+
+
+class LimitChanges(TypedDict, total=False):
+    """Limits by name, as :meth:`~microbot_ocp.Robot.with_limits` takes them."""
+
+    q_min: ArrayLike | None
+    q_max: ArrayLike | None
+    qd_max: LimitArgument | None
+    qdd_max: LimitArgument | None
+    qddd_max: LimitArgument | None
+    tau_max: LimitArgument | None
+    taud_max: LimitArgument | None
+    qd_min: ArrayLike | None
+    qdd_min: ArrayLike | None
+    qddd_min: ArrayLike | None
+    tau_min: ArrayLike | None
+    taud_min: ArrayLike | None
+    also: Iterable[Limit] | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,11 +72,14 @@ class Limits:
     """Limits of every joint; whatever is not given is unlimited.
 
     Each argument is a scalar (all joints alike) or a list or array [n] (one value a joint).
-    ``qd_max``, ``qdd_max``, ``tau_max`` and ``taud_max`` mean plus and minus, unless given as a
-    tuple ``(lower, upper)`` of such, or with their ``qd_min`` and so on. A robot holds its limits
-    as arrays [n]:
+    ``qd_max``, ``qdd_max``, ``qddd_max`` (jerk), ``tau_max`` and ``taud_max`` (torque rate) mean
+    plus and minus, unless given as a tuple ``(lower, upper)`` of such, or with their ``qd_min`` and
+    so on. A robot holds its limits as arrays [n]:
     ``robot.limits.q_min``, ``q_max``, ``qd_min``, ``qd_max``, ``qdd_min``, ... in rad, rad/s,
-    rad/s^2, N m, N m/s (prismatic joints: m, m/s, m/s^2, N, N/s).
+    rad/s^2, rad/s^3, N m, N m/s (prismatic joints: m, m/s, m/s^2, m/s^3, N, N/s).
+
+    ``also`` holds limits of other quantities, such as ``mo.limits.tool_speed(1.0)`` or any
+    :class:`~microbot_ocp.Limit`.
 
     Examples
     --------
@@ -46,12 +92,15 @@ class Limits:
     q_max: LimitArgument = np.inf
     qd_max: LimitArgument = np.inf
     qdd_max: LimitArgument = np.inf
+    qddd_max: LimitArgument = np.inf
     tau_max: LimitArgument = np.inf
     taud_max: LimitArgument = np.inf
     qd_min: ArrayLike | None = None
     qdd_min: ArrayLike | None = None
+    qddd_min: ArrayLike | None = None
     tau_min: ArrayLike | None = None
     taud_min: ArrayLike | None = None
+    also: Iterable[Limit] = ()
 
     def for_joints(self, count: int) -> JointLimits:
         """Return the limits as arrays [count], checked.
@@ -59,14 +108,14 @@ class Limits:
         Raises
         ------
         InputError
-            Wrong length, NaN, a lower limit above its upper one, or a rate or torque range
-            without zero inside.
+            Wrong length, NaN, a lower limit above its upper one, a rate or torque range without
+            zero inside, two limits of one name.
         """
         arrays: dict[str, FloatArray] = {}
-        for quantity in LIMIT_UNITS:
+        for quantity in JOINT_QUANTITIES:
             lower, upper = self._pair(quantity, count)
             arrays[f"{quantity}_min"], arrays[f"{quantity}_max"] = lower, upper
-            unit = _either_unit(quantity)
+            unit = JOINT_QUANTITIES[quantity].either_unit
             crossed = np.flatnonzero((lower > upper) | (lower == np.inf) | (upper == -np.inf))
             if crossed.size:
                 j = crossed[0]
@@ -83,7 +132,7 @@ class Limits:
                         f"[{lower[j]:g}, {upper[j]:g}] {unit} (a tuple means "
                         "(lower, upper); give one value a joint as a list)"
                     )
-        return JointLimits(**arrays)
+        return JointLimits(**arrays, also=_further(self.also))
 
     def _pair(self, quantity: str, count: int) -> tuple[FloatArray, FloatArray]:
         name = f"{quantity}_max"
@@ -115,15 +164,15 @@ class Limits:
         if negative.size:
             j = negative[0]
             raise InputError(
-                f"{name} of joint {j + 1} must be at least 0 {_either_unit(quantity)}, "
-                f"not {upper[j]:g}"
+                f"{name} of joint {j + 1} must be at least 0 "
+                f"{JOINT_QUANTITIES[quantity].either_unit}, not {upper[j]:g}"
             )
         return -upper, upper
 
 
 @dataclass(frozen=True, eq=False)
 class JointLimits:
-    """Limits of every joint as arrays [n], lower and upper; made by :meth:`Limits.for_joints`."""
+    """Limits of every joint as arrays [n], and further ones; see :meth:`Limits.for_joints`."""
 
     q_min: FloatArray
     q_max: FloatArray
@@ -131,14 +180,29 @@ class JointLimits:
     qd_max: FloatArray
     qdd_min: FloatArray
     qdd_max: FloatArray
+    qddd_min: FloatArray
+    qddd_max: FloatArray
     tau_min: FloatArray
     tau_max: FloatArray
     taud_min: FloatArray
     taud_max: FloatArray
+    also: tuple[Limit, ...] = ()
 
     def bounds(self, quantity: str) -> tuple[FloatArray, FloatArray]:
-        """Lower and upper arrays [n] of ``q``, ``qd``, ``qdd``, ``tau`` or ``taud``."""
+        """Lower and upper arrays [n] of a quantity of the joints, such as ``"tau"``."""
         return getattr(self, f"{quantity}_min"), getattr(self, f"{quantity}_max")
+
+    def changed(self, changes: Mapping[str, Any]) -> Limits:
+        """Limits with some replaced by name; ``qd_max`` alone means plus and minus."""
+        given: dict[str, Any] = {"also": changes.get("also", self.also)}
+        for quantity in JOINT_QUANTITIES:
+            low, high = f"{quantity}_min", f"{quantity}_max"
+            lower, upper = self.bounds(quantity)
+            if quantity == "q" or low in changes:
+                given[low], given[high] = changes.get(low, lower), changes.get(high, upper)
+            else:
+                given[high] = changes.get(high, (lower, upper))
+        return Limits(**given)
 
     def for_joints(self, count: int) -> JointLimits:
         """Return itself, once the width is checked."""
@@ -147,21 +211,12 @@ class JointLimits:
         return self
 
     def as_dict(self) -> dict[str, list[float]]:
-        """Plain lists, for JSON and TOML."""
-        return {f.name: getattr(self, f.name).tolist() for f in fields(self)}
-
-
-def changed(limits: JointLimits, changes: Mapping[str, Any]) -> Limits:
-    """Limits with some replaced; of a pair that has a new upper one alone, both are new."""
-    given: dict[str, Any] = {}
-    for quantity in LIMIT_UNITS:
-        low, high = f"{quantity}_min", f"{quantity}_max"
-        lower, upper = limits.bounds(quantity)
-        if quantity == "q" or low in changes:
-            given[low], given[high] = changes.get(low, lower), changes.get(high, upper)
-        else:
-            given[high] = changes.get(high, (lower, upper))
-    return Limits(**given)
+        """The limits of the joints as plain lists, for JSON and TOML."""
+        return {
+            f"{key}_{side}": bound.tolist()
+            for key in JOINT_QUANTITIES
+            for side, bound in zip(("min", "max"), self.bounds(key), strict=True)
+        }
 
 
 def _per_joint(name: str, value: Any, count: int) -> FloatArray:
@@ -170,6 +225,15 @@ def _per_joint(name: str, value: Any, count: int) -> FloatArray:
     return checks.array(name, value, (count,), finite=False)
 
 
-def _either_unit(quantity: str) -> str:
-    revolute, prismatic = LIMIT_UNITS[quantity]
-    return f"{revolute} (prismatic: {prismatic})"
+def _further(limits: Any) -> tuple[Limit, ...]:
+    if isinstance(limits, Limit):
+        raise InputError("also must be a list of limits: write also=[limit]")
+    found = tuple(limits)
+    for limit in found:
+        if not isinstance(limit, Limit):
+            raise InputError(f"also must hold limits, such as mo.Limit(...), not {limit!r}")
+    keys = [*JOINT_QUANTITIES, *(limit.key for limit in found)]
+    for limit in found:
+        if keys.count(limit.key) > 1:
+            raise InputError(f"also holds two limits named {limit.name!r}: names must differ")
+    return found

@@ -11,42 +11,42 @@ from __future__ import annotations
 
 import itertools
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.codegen import compile_functions, compiler
 from microbot_ocp._base.status import Status
+from microbot_ocp.limits import JointLimits, LimitFamily, Limits, MotionSamples
 from microbot_ocp.motion import SAMPLE_STEP, Mark, Motion, PiecewisePolynomial, State, sample_times
 from microbot_ocp.ocp.problem import OptimalControlProblem, Phase
 from microbot_ocp.ocp.refinement import Refiner
 from microbot_ocp.ocp.solution import PhaseSolution, Solution, StepProgress, quiet
 from microbot_ocp.ocp.transcription import Guess, Transcription
-from microbot_ocp.planning._curve import Curve, CurvePiece, evaluate, symbolic_derivatives
+from microbot_ocp.planning._curve import CurvePiece, evaluate, symbolic_derivatives
+from microbot_ocp.planning._path_limits import LATER, limits_kept_by
+from microbot_ocp.planning._paths import check_path, corners, stops, stretches
 from microbot_ocp.planning._progress import Samples, with_motion
-from microbot_ocp.planning._reachability import PathTiming, time_path
+from microbot_ocp.planning._reachability import CurveLimits, Reached, reach
 from microbot_ocp.planning._task import (
+    CHECKS_PER_INTERVAL,
     check_limits,
-    check_position,
-    check_rest,
-    finite_scale,
-    limit_excess,
+    declare_limits,
+    provenance_of,
     verdict,
     whole,
+    with_changes,
 )
-from microbot_ocp.robot import JointLimits, Limits, Robot, inverse_dynamics, torque_and_rate
+from microbot_ocp.robot import Robot, inverse_dynamics, torque_and_rate
 
 SMOOTHING = 1e-8  # weight of the squared rate of s'': picks one timing where many are equally fast
-CHECKS_PER_INTERVAL = 20
 SLOWER = 0.05  # share by which the timing may be slower than reachability, which is the optimum
-CORNER = 1e-6  # relative jump of the tangent that counts as a corner
 
 
 @dataclass(frozen=True)
@@ -57,36 +57,22 @@ class PathTimingSettings:
     ----------
     mesh : intervals of each polynomial piece
     grid : points of the reachability passes on each smooth stretch
-    violation : largest relative excess of a limit between mesh points
+    limit_tolerance : largest relative excess of a limit between mesh points
     solver : "ipopt" or "fatrop" (IPOPT steps in where it fails)
     compiled : compile to C where there is a compiler
     """
 
     mesh: int = 100
     grid: int = 1000
-    violation: float = 5e-4
+    limit_tolerance: float = 5e-4
     solver: str = "ipopt"
     compiled: bool = True
 
     def __post_init__(self) -> None:
         whole("mesh", self.mesh, "intervals", at_least=4)
         whole("grid", self.grid, "points", at_least=10)
-        checks.number("violation", self.violation, above=0.0)
+        checks.number("limit_tolerance", self.limit_tolerance, above=0.0)
         checks.one_of("solver", self.solver, ("ipopt", "fatrop"))
-
-
-def straight_path(via_q: ArrayLike) -> PiecewisePolynomial:
-    """Straight lines in joint space through via points [m,n]; s is the distance travelled, rad."""
-    via = checks.array("via_q", via_q, (None, None), "rad")
-    if via.shape[0] < 2:
-        raise InputError(f"via_q must have at least 2 points, not {via.shape[0]}")
-    steps = np.diff(via, axis=0)
-    lengths = np.linalg.norm(steps, axis=1)
-    if np.any(lengths == 0):
-        i = int(np.argmax(lengths == 0)) + 1
-        raise InputError(f"via points {i} and {i + 1} are the same: no path between them")
-    breaks = np.concatenate([[0.0], np.cumsum(lengths)])
-    return PiecewisePolynomial(breaks, np.stack([via[:-1], steps / lengths[:, None]], axis=1))
 
 
 def time_optimal_path(
@@ -101,7 +87,10 @@ def time_optimal_path(
 ) -> Motion:
     """The fastest motion along a path, at rest at both ends and at its corners.
 
-    Under torque-rate limits it rests wherever the curvature of the path jumps, too.
+    Under limits of the torque rate or the jerk it rests wherever the curvature of the path jumps,
+    too. Limits that are affine in s'' and s'^2 (torque, acceleration) and those of the velocity are
+    kept by reachability already, all others by the optimal-control problem that starts from it; the
+    provenance's ``limits_kept_by`` says which was which.
 
     Parameters
     ----------
@@ -113,8 +102,8 @@ def time_optimal_path(
     limits : Limits, optional
         Default the robot's own.
     settings : PathTimingSettings, optional
-        Single settings may be given as keywords: ``mesh``, ``grid``, ``violation``, ``solver``,
-        ``compiled``.
+        Single settings may be given as keywords: ``mesh``, ``grid``,
+        ``limit_tolerance``, ``solver``, ``compiled``.
 
     Returns
     -------
@@ -137,69 +126,21 @@ def time_optimal_path(
     >>> motion.solved
     True
     """
-    chosen = settings or PathTimingSettings()
-    chosen = PathTimingSettings(**{**vars(chosen), **changes})
-    bounds = check_limits(robot, limits)
-    limited = robot.with_limits(bounds)
-    _check_path(limited, path)
-    return _PathSearch(limited, path, chosen, label, progress or quiet).run()
+    chosen = with_changes(settings or PathTimingSettings(), changes)
+    family = check_limits(robot, limits)
+    check_path(family, path)
+    return best_timing(family, path, chosen, label, progress or quiet)
 
 
-def _check_path(robot: Robot, path: PiecewisePolynomial) -> None:
-    if path.coefficients.shape[2] != robot.joint_count:
-        raise InputError(
-            f"path must have {robot.joint_count} joints, not {path.coefficients.shape[2]}"
-        )
-    if not np.isfinite(path.coefficients).all():
-        raise InputError("path must be finite")
-    for before, after in itertools.pairwise(path.breaks):
-        s = np.linspace(before, after, 51)
-        for at, q in zip(s, path(s, from_left=True), strict=True):
-            check_position(robot, f"path at s = {at:g}", q, robot.limits)
-    for at in [path.breaks[0], *stops(path, robot.limits), path.breaks[-1]]:
-        check_rest(robot, f"path at s = {at:g}", path(at)[0], robot.limits)
-
-
-def corners(path: PiecewisePolynomial) -> FloatArray:
-    """Breaks at which the tangent jumps."""
-    return _jumps(path, path.derivative())
-
-
-def stops(path: PiecewisePolynomial, limits: JointLimits) -> FloatArray:
-    """Breaks at which the arm has to stop.
-
-    At corners, and under torque-rate limits wherever the curvature jumps, too: in motion the torque
-    would jump with it.
-    """
-    tangent = path.derivative()
-    found = _jumps(path, tangent)
-    if not _rated(limits):
-        return found
-    return np.union1d(found, _jumps(path, tangent.derivative()))
-
-
-def stretches(path: PiecewisePolynomial, limits: JointLimits) -> list[Curve]:
-    """What lies between two stops, with a regular parameter."""
-    ends = [path.breaks[0], *stops(path, limits), path.breaks[-1]]
-    curves = []
-    for before, after in itertools.pairwise(ends):
-        keep = (path.breaks[:-1] >= before) & (path.breaks[:-1] < after)
-        breaks = np.append(path.breaks[:-1][keep], after)
-        curves.append(Curve.of(PiecewisePolynomial(breaks, path.coefficients[keep])))
-    return curves
-
-
-def _jumps(path: PiecewisePolynomial, curve: PiecewisePolynomial) -> FloatArray:
-    """Breaks of the path at which a derivative of it jumps."""
-    inner = path.breaks[1:-1]
-    jump = np.abs(curve(inner) - curve(inner, from_left=True)).max(axis=1, initial=0.0)
-    size = np.abs(curve(np.linspace(path.breaks[0], path.breaks[-1], 101))).max()
-    return inner[jump > CORNER * size]
-
-
-def _rated(limits: JointLimits) -> bool:
-    """Whether any torque rate is limited."""
-    return bool(np.isfinite([limits.taud_min, limits.taud_max]).any())
+def best_timing(
+    family: LimitFamily,
+    path: PiecewisePolynomial,
+    settings: PathTimingSettings,
+    label: str,
+    progress: StepProgress,
+) -> Motion:
+    """As :func:`time_optimal_path`, of a path that is checked."""
+    return _PathSearch(family, path, settings, label, progress).run()
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,16 +173,17 @@ class _PathSearch:
 
     def __init__(
         self,
-        robot: Robot,
+        family: LimitFamily,
         path: PiecewisePolynomial,
         settings: PathTimingSettings,
         label: str,
         progress: StepProgress,
     ) -> None:
-        self.robot, self.path, self.settings = robot, path, settings
+        self.family, self.path, self.settings = family, path, settings
+        self.robot: Robot = family.robot
         self.label, self.progress = label, progress
-        self.stops = stops(path, robot.limits)
-        self.curves = stretches(path, robot.limits)
+        self.stops = stops(path, family)
+        self.curves = stretches(path, family)
         self.pieces = self._pieces()
 
     def _pieces(self) -> list[_Piece]:
@@ -250,8 +192,8 @@ class _PathSearch:
             for i, shape in enumerate(curve.pieces):
                 begins, ends = i == 0, i == len(curve.pieces) - 1
                 first, last = index == 0 and begins, index == len(self.curves) - 1 and ends
-                # on the way a limited torque rate leaves no jump of the acceleration: full stop
-                rated = _rated(self.robot.limits)
+                # on the way a limited rate leaves no jump of the acceleration: full stop
+                rated = self.family.jerk_matters
                 pieces.append(
                     _Piece(
                         name=f"piece {len(pieces) + 1}",
@@ -271,7 +213,7 @@ class _PathSearch:
 
     def run(self) -> Motion:
         begin = time.perf_counter()
-        timings = self._reach()
+        timings, kept_by = self._reach()
         reached = sum(timing.duration for timing in timings)
         for timing in timings:
             if not timing.feasible:
@@ -290,9 +232,11 @@ class _PathSearch:
             transcription,
             guess_from,
             self._excess,
-            self.settings.violation,
+            self.settings.limit_tolerance,
             solver=self.settings.solver,
-            progress=with_motion(self.progress, self.robot, self._via_q(), self._at_mesh),
+            progress=with_motion(
+                self.progress, self.robot, self.path(self.path.breaks), self._at_mesh
+            ),
         )
         solution = refiner.solve(self.settings.mesh, guesses)
         if not solution.status.solved and self.settings.solver != "ipopt":
@@ -303,21 +247,21 @@ class _PathSearch:
         )
         solution = refiner.refine(solution)
         wall = time.perf_counter() - begin
-        return self._motion(solution, refiner, timings, reached, wall)
+        return self._motion(solution, refiner, timings, reached, kept_by, wall)
 
-    def _reach(self) -> list[PathTiming]:
-        return [
-            time_path(
-                self.robot,
-                curve,
-                self.robot.limits,
-                grid=self.settings.grid,
-                compiled=self.settings.compiled,
-            )
-            for curve in self.curves
-        ]
+    def _reach(self) -> tuple[list[Reached], dict[str, list[str]]]:
+        """The timing of every stretch, and who keeps which limit."""
+        fast = self.settings.compiled and compiler() is not None
+        timings = []
+        kept_by: dict[str, list[str]] = {}
+        for curve in self.curves:
+            along = CurveLimits.of(self.family, curve, self.settings.grid, fast)
+            ends = {"start_free": curve.start_free, "end_free": curve.end_free}
+            timings.append(reach(along, **ends, fast=fast))
+            kept_by = kept_by or limits_kept_by(along.limits)
+        return timings, kept_by
 
-    def _guesses(self, timings: list[PathTiming]) -> tuple[dict[str, Guess], dict[str, float]]:
+    def _guesses(self, timings: list[Reached]) -> tuple[dict[str, Guess], dict[str, float]]:
         """Guess for every piece from the reachability profile; where it failed a slow walk."""
         guesses: dict[str, Guess] = {}
         speeds, accelerations = [], []
@@ -331,19 +275,16 @@ class _PathSearch:
     def _problem(self, scales: dict[str, float]) -> OptimalControlProblem:
         problem = OptimalControlProblem(f"timing of a path of {self.robot.name}")
         longest = max(piece.shape.span for piece in self.pieces)
-        phases = [_declare(problem, self.robot, piece, longest, scales) for piece in self.pieces]
+        phases = [_declare(problem, self.family, piece, longest, scales) for piece in self.pieces]
         for before, after in itertools.pairwise(zip(phases, self.pieces, strict=True)):
-            kept = ("v", "a") if _rated(self.robot.limits) else ("v",)
+            kept = ("v", "a") if self.family.jerk_matters else ("v",)
             problem.link(before[0], after[0], names=() if after[1].begins else kept)
         return problem
-
-    def _via_q(self) -> FloatArray:
-        return self.path(self.path.breaks)
 
     def _at_mesh(self, phases: Sequence[PhaseSolution]) -> Samples:
         starts = np.cumsum([0.0, *(phase.duration for phase in phases)])
         states = [
-            _state_and_jerk(phase_polynomial(phase), piece, phase.t)[0]
+            State(*_samples(phase_polynomial(phase), piece, phase.t)[:3])
             for phase, piece in zip(phases, self.pieces, strict=True)
         ]
         t = [start + phase.t for start, phase in zip(starts, phases, strict=False)]
@@ -355,7 +296,7 @@ class _PathSearch:
         for phase, piece in zip(solution.phases, self.pieces, strict=True):
             inside = np.linspace(0, 1, CHECKS_PER_INTERVAL + 1)
             t = (phase.t[:-1, None] + inside * np.diff(phase.t)[:, None]).ravel()
-            excess = limit_excess(self.robot, *_state_and_jerk(phase_polynomial(phase), piece, t))
+            excess = self.family.excess(_samples(phase_polynomial(phase), piece, t))
             result.append(excess.reshape(-1, inside.size))
         return result
 
@@ -363,8 +304,9 @@ class _PathSearch:
         self,
         solution: Solution,
         refiner: Refiner,
-        timings: list[PathTiming],
+        timings: list[Reached],
         reached: float,
+        kept_by: dict[str, list[str]],
         wall: float,
     ) -> Motion:
         edges = np.cumsum([0.0, *(phase.duration for phase in solution.phases)])
@@ -376,14 +318,14 @@ class _PathSearch:
             if not last:  # the acceleration may jump where the next piece begins
                 local[-1] = local[-1] - 1e-6
             t_parts.append(edges[index] + local)
-            states.append(_state_and_jerk(phase_polynomial(phase), piece, local)[0])
+            states.append(State(*_samples(phase_polynomial(phase), piece, local)[:3]))
             breaks.append(edges[index] + phase.t[1:])
         t = np.concatenate(t_parts)
         state = State(*(np.concatenate(parts) for parts in zip(*states, strict=True)))
         passed = [0.0, *(at for at, k in zip(edges[1:], self.pieces, strict=True) if k.via)]
-        outcome = verdict(solution, self._excess(solution), self.settings.violation)
-        # the passes know nothing of torque rates
-        if not _rated(self.robot.limits) and solution.duration > (1 + SLOWER) * reached:
+        outcome = verdict(solution, self._excess(solution), self.settings.limit_tolerance)
+        # the passes know nothing of what is left to the optimal-control problem
+        if not kept_by[LATER] and solution.duration > (1 + SLOWER) * reached:
             outcome |= _too_slow(outcome, solution.duration, reached)
         blocked = [timing.blocked_at for timing in timings if not timing.feasible]
         return Motion.from_state(
@@ -393,20 +335,18 @@ class _PathSearch:
             label=self.label,
             breaks=np.concatenate(breaks),
             marks=[Mark(float(at), f"via {i + 1}") for i, at in enumerate(passed)],
-            provenance={
-                "method": "time-optimal timing of a given path, multiple shooting",
-                **outcome,
-                "solver": solution.attempts[-1].solver,
-                "intervals": [phase.mesh.size - 1 for phase in solution.phases],
-                "phase_durations": [phase.duration for phase in solution.phases],
-                "reachability_duration": reached if np.isfinite(reached) else None,
-                "blocked_at": blocked,
-                "stops": [float(s) for s in self.stops],
-                "solves": refiner.history,
-                "wall_time": wall,
-                "smoothing": SMOOTHING,
-                "casadi": ca.CasadiMeta.version(),
-            },
+            provenance=provenance_of(
+                "time-optimal timing of a given path, multiple shooting",
+                outcome,
+                solution,
+                wall,
+                SMOOTHING,
+                reachability_duration=reached if np.isfinite(reached) else None,
+                limits_kept_by=kept_by,
+                blocked_at=blocked,
+                stops=[float(s) for s in self.stops],
+                solves=refiner.history,
+            ),
             note=_note(outcome, self.stops, corners(self.path).size, blocked, reached),
         )
 
@@ -442,12 +382,12 @@ def _note(
 
 def _declare(
     problem: OptimalControlProblem,
-    robot: Robot,
+    family: LimitFamily,
     piece: _Piece,
     longest: float,
     scales: dict[str, float],
 ) -> Phase:
-    count, limits = robot.joint_count, robot.limits
+    robot = family.robot
     phase = problem.phase(piece.name, duration=(1e-4, 1e4))
     begin, end = piece.shape.limits
     s = phase.state("s", lower=begin, initial=begin, final=end, scale=longest)
@@ -459,12 +399,13 @@ def _declare(
         scale=scales["v"],
         unit="1/s",
     )
-    # where the arm stops on the way a limited torque rate leaves no jump of the torque either
-    rated = _rated(limits)
+    # Where the arm stops on the way a limited rate leaves no jump of the acceleration either, and
+    # a limited jerk none where it starts and ends.
+    rated, jerky = family.jerk_matters, family.jerk_is_limited
     a = phase.control(
         "a",
-        initial=0.0 if rated and piece.stops_before and not piece.first else None,
-        final=0.0 if rated and piece.stops_after and not piece.last else None,
+        initial=0.0 if rated and piece.stops_before and (jerky or not piece.first) else None,
+        final=0.0 if rated and piece.stops_after and (jerky or not piece.last) else None,
         scale=scales["a"],
         unit="1/s^2",
         shape="linear",
@@ -474,31 +415,29 @@ def _declare(
     constants = phase.parameter("piece", piece.shape.constants)
     degree = piece.shape.coefficients.shape[0] - 1
     q, tangent, curvature, bend = symbolic_derivatives(
-        constants, degree, count, piece.shape.exponent, s
+        constants, degree, robot.joint_count, piece.shape.exponent, s
     )
     qd = tangent * v
     qdd = tangent * a + curvature * v**2
-    _limit(phase, "velocity", qd, limits, "qd", "rad/s")
-    _limit(phase, "acceleration", qdd, limits, "qdd", "rad/s^2")
-    _limit(phase, "torque", inverse_dynamics(robot)(q, qd, qdd), limits, "tau", "N m")
     jerk = tangent * phase.rate(a) + 3 * curvature * v * a + bend * v**3
-    if rated:
-        rate = torque_and_rate(robot)(q, qd, qdd, jerk)[1]
-        _limit(phase, "torque rate", rate, limits, "taud", "N m/s")
+    keys = [key for key in ("qd", "qdd", "tau", "taud", "qddd") if key in family]
+    keys += [member.key for member in family if member.limit is not None]
+    usual = evaluate(piece.shape, np.array([0.5 * (begin + end)]))[0][0]
+    torques = _torque_alone(robot) if "taud" not in family else torque_and_rate(robot)
+    declare_limits(phase, family, keys, (q, qd, qdd, jerk), usual, torques)
     phase.end_cost(phase.duration)
     phase.running_cost(SMOOTHING * (phase.rate(a) / (10.0 * scales["a"])) ** 2)
     return phase
 
 
-def _limit(
-    phase: Phase, name: str, value: ca.MX, limits: JointLimits, quantity: str, unit: str
-) -> None:
-    lower, upper = limits.bounds(quantity)
-    if np.isfinite([lower, upper]).any():
-        phase.constraint(name, value, lower, upper, scale=finite_scale(lower, upper), unit=unit)
+def _torque_alone(robot: Robot) -> Callable[..., tuple[ca.MX, None]]:
+    def torques(q: ca.MX, qd: ca.MX, qdd: ca.MX, _: ca.MX) -> tuple[ca.MX, None]:
+        return inverse_dynamics(robot)(q, qd, qdd), None
+
+    return torques
 
 
-def _piece_guess(piece: _Piece, timing: PathTiming) -> tuple[Guess, float, float]:
+def _piece_guess(piece: _Piece, timing: Reached) -> tuple[Guess, float, float]:
     begin, end = piece.shape.limits
     if not timing.feasible:
         duration = 10.0
@@ -562,9 +501,7 @@ def phase_polynomial(phase: Any) -> PiecewisePolynomial:
     return PiecewisePolynomial(phase.t, table)
 
 
-def _state_and_jerk(
-    curve: PiecewisePolynomial, piece: _Piece, t: FloatArray
-) -> tuple[State, FloatArray]:
+def _samples(curve: PiecewisePolynomial, piece: _Piece, t: FloatArray) -> MotionSamples:
     """q, qd, qdd and the jerk of a piece at times t since its start."""
     slope = curve.derivative()
     s = np.clip(curve(t, from_left=True), *piece.shape.limits)
@@ -572,5 +509,9 @@ def _state_and_jerk(
     a = slope.derivative()(t, from_left=True)
     jerk = slope.derivative().derivative()(t, from_left=True)
     q, tangent, curvature, bend = evaluate(piece.shape, s.ravel(), highest=3)
-    state = State(q, tangent * v, tangent * a + curvature * v**2)
-    return state, tangent * jerk + 3 * curvature * v * a + bend * v**3
+    return MotionSamples(
+        q,
+        tangent * v,
+        tangent * a + curvature * v**2,
+        tangent * jerk + 3 * curvature * v * a + bend * v**3,
+    )

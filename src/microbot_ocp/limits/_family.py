@@ -1,0 +1,389 @@
+"""All limits of a robot as one family, and the engine that evaluates them.
+
+Whoever asks anything about a limit (free motions, path timing, the shortest duration of a shape,
+certificates, figures, recordings, tables) asks a :class:`LimitFamily`: which limits there are,
+their values along samples, the share used, the excess, the expressions for an optimal-control
+problem.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, NamedTuple, Protocol
+
+import casadi as ca
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp.limits._finite_slopes import with_finite_slopes
+from microbot_ocp.limits._joint_limits import JOINT_QUANTITIES, JointLimits, Limits
+from microbot_ocp.limits._limit import Limit
+from microbot_ocp.limits._use import nearest_bound, use_of
+
+STATE = ("q", "qd", "qdd", "qddd")
+
+
+class Arm(Protocol):
+    """What the engine asks of a robot."""
+
+    @property
+    def joint_count(self) -> int: ...
+    @property
+    def joint_names(self) -> tuple[str, ...]: ...
+    @property
+    def limits(self) -> JointLimits: ...
+    def unit(self, quantity: str, joint: int) -> str: ...
+    def motion_state(
+        self, q: Any, qd: Any, qdd: Any, qddd: Any, torques: ca.Function | None = None
+    ) -> Any: ...
+
+
+class MotionSamples(NamedTuple):
+    """Joint positions and their first three derivatives at some times, each [N,n]."""
+
+    q: FloatArray
+    qd: FloatArray
+    qdd: FloatArray
+    qddd: FloatArray
+
+
+class LimitValues(NamedTuple):
+    """Values [N,k] of a limited quantity, with its bounds, [k] or [N,k]."""
+
+    value: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Member:
+    """One limit of one robot.
+
+    Attributes
+    ----------
+    key : str
+        "q", "qd", "qdd", "qddd", "tau", "taud", or the key of a further limit ("tool_speed").
+    name : str
+        "torque", "tool speed".
+    labels : tuple of str [k]
+        Of the components: the joints' names, or "" for a single value.
+    units : tuple of str [k]
+    lower, upper : array [k]
+        Infinite where there is no bound; NaN where it is an expression of the state.
+    order : int
+        The highest derivative of the position that it depends on: 0 to 3.
+    limit : Limit or None
+        None for a limit of the joints.
+    """
+
+    key: str
+    name: str
+    labels: tuple[str, ...]
+    units: tuple[str, ...]
+    lower: FloatArray
+    upper: FloatArray
+    order: int
+    limit: Limit | None = None
+
+    @property
+    def limited(self) -> np.ndarray:
+        """Which components [k] have a bound on either side."""
+        return ~(np.isneginf(self.lower) & np.isposinf(self.upper))
+
+    @property
+    def varies(self) -> bool:
+        """Whether a bound is an expression of the state."""
+        return bool(np.isnan(self.lower).any() or np.isnan(self.upper).any())
+
+    @property
+    def from_middle(self) -> bool:
+        """Whether its use is measured from the middle of the range."""
+        if self.limit is None:
+            return self.key == "q"
+        with np.errstate(invalid="ignore"):
+            return bool(np.any((self.lower > 0) | (self.upper < 0)))
+
+    def title(self, component: int) -> str:
+        """Such as "torque of elbow" or "tool speed"."""
+        label = self.labels[component]
+        return f"{self.name} of {label}" if label else self.name
+
+    def use(self, values: LimitValues) -> FloatArray:
+        """Share [N,k] used; minus infinity where there is no limit."""
+        return use_of(*values, from_middle=self.from_middle)
+
+    def nearest_bound(self, values: LimitValues) -> FloatArray:
+        """The bound [N,k] that each value is nearer to or beyond."""
+        return nearest_bound(*values, from_middle=self.from_middle)
+
+
+class LimitFamily:
+    """The limits that a robot has, joints' limits first.
+
+    Make one with :meth:`of`; it is cached.
+
+    Attributes
+    ----------
+    robot
+        With these limits.
+    members : tuple of Member
+    """
+
+    def __init__(self, robot: Arm) -> None:
+        self.robot: Any = robot
+        joints = [_joint_member(robot, key) for key in JOINT_QUANTITIES]
+        self.members = (
+            *(member for member in joints if member.limited.any()),
+            *(_further_member(robot, limit) for limit in robot.limits.also),
+        )
+        self._by_key = {member.key: member for member in self.members}
+
+    @classmethod
+    def of(cls, robot: Any, limits: Limits | JointLimits | None = None) -> LimitFamily:
+        """The family of a robot, under its own or other limits."""
+        return _family(robot if limits is None else robot.with_limits(limits))
+
+    def __iter__(self) -> Any:
+        return iter(self.members)
+
+    def __getitem__(self, key: str) -> Member:
+        return self._by_key[key]
+
+    def __contains__(self, key: object) -> bool:
+        return key in self._by_key
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """Keys of the members."""
+        return tuple(self._by_key)
+
+    def of_order(self, *orders: int) -> tuple[str, ...]:
+        """Keys of the members that depend on derivatives up to one of these orders."""
+        return tuple(member.key for member in self.members if member.order in orders)
+
+    @property
+    def jerk_matters(self) -> bool:
+        """Whether any limit depends on the jerk: torque rates, jerk itself, expressions of them."""
+        return any(member.order == 3 for member in self.members)
+
+    @property
+    def jerk_is_limited(self) -> bool:
+        """Whether a limit leaves no jump of the acceleration where the arm starts and ends at rest.
+
+        Limits of the torque rate are kept in motion; the torque may jump where motion begins.
+        """
+        return any(member.order == 3 and member.key != "taud" for member in self.members)
+
+    def bounds_motion_of(self, joint: int) -> bool:
+        """Whether any limit bounds how fast a joint may move."""
+        for member in self.members:
+            if member.order == 0:
+                continue
+            if member.limit is None:
+                if member.limited[joint]:
+                    return True
+                continue
+            function, _ = _function(self.robot, (member.key,))
+            if any(function.sparsity_jac(k, 0).get_col().count(joint) for k in (1, 2, 3)):
+                return True
+        return False
+
+    def values(
+        self, samples: MotionSamples, keys: Iterable[str] | None = None
+    ) -> dict[str, LimitValues]:
+        """Values and bounds of the limits (of these keys only) along samples."""
+        wanted = self.keys if keys is None else tuple(keys)
+        given = dict(zip(STATE, samples, strict=True))
+        computed = tuple(key for key in wanted if key not in given)
+        results: dict[str, list[FloatArray]] = {}
+        if computed:
+            function, names = _function(self.robot, computed)
+            columns = [np.ascontiguousarray(given[name].T) for name in STATE]
+            arrays = function(*columns)
+            arrays = arrays if isinstance(arrays, tuple) else (arrays,)
+            for (key, side), array in zip(names, arrays, strict=True):
+                results.setdefault(key, [np.empty(0)] * 3)[side] = np.array(array).T
+        found = {}
+        for key in wanted:
+            member = self[key]
+            if key in given:
+                found[key] = LimitValues(given[key], member.lower, member.upper)
+                continue
+            value, lower, upper = results[key]
+            found[key] = LimitValues(
+                value,
+                lower if lower.size else member.lower,
+                upper if upper.size else member.upper,
+            )
+        return found
+
+    def use(
+        self, samples: MotionSamples, keys: Iterable[str] | None = None
+    ) -> dict[str, FloatArray]:
+        """Share [N,k] used of the limits (of these keys only) along samples."""
+        return {key: self[key].use(v) for key, v in self.values(samples, keys).items()}
+
+    def excess(self, samples: MotionSamples) -> FloatArray:
+        """Largest relative excess [N] over any limit; negative inside them."""
+        worst = np.full(len(samples.q), -1.0)
+        for use in self.use(samples).values():
+            worst = np.maximum(worst, use.max(axis=1) - 1.0)
+        return worst
+
+    def expressions(
+        self, keys: Sequence[str], state: Sequence[Any], torques: ca.Function | None = None
+    ) -> dict[str, tuple[Any, Any, Any]]:
+        """Value, lower and upper bound of further limits as expressions.
+
+        Parameters
+        ----------
+        keys : sequence of str
+            Of further limits.
+        state : expressions of q, qd, qdd and qddd, each [n]
+        torques : casadi.Function, optional
+            In the place of the robot's own torque and torque rate.
+
+        Returns
+        -------
+        mapping from a key to (value [k], lower [k], upper [k])
+            Bounds are arrays where they are numbers.
+        """
+        if not keys:
+            return {}
+        function, names = _function(self.robot, tuple(keys), torques)
+        found = {key: [None, self[key].lower, self[key].upper] for key in keys}
+        for (key, side), value in zip(names, _as_tuple(function(*state)), strict=True):
+            found[key][side] = value
+        return {key: (entry[0], entry[1], entry[2]) for key, entry in found.items()}
+
+
+@lru_cache(maxsize=64)
+def _family(robot: Any) -> LimitFamily:
+    return LimitFamily(robot)
+
+
+def _as_tuple(answer: Any) -> tuple[Any, ...]:
+    return answer if isinstance(answer, tuple) else (answer,)
+
+
+def _joint_member(robot: Arm, key: str) -> Member:
+    quantity = JOINT_QUANTITIES[key]
+    lower, upper = robot.limits.bounds(key)
+    return Member(
+        key=key,
+        name=quantity.name,
+        labels=robot.joint_names,
+        units=tuple(robot.unit(key, joint) for joint in range(robot.joint_count)),
+        lower=lower,
+        upper=upper,
+        order={"q": 0, "qd": 1, "qdd": 2, "qddd": 3, "tau": 2, "taud": 3}[key],
+    )
+
+
+def _further_member(robot: Arm, limit: Limit) -> Member:
+    function, names = _function(robot, (limit.key,))
+    size = function.size1_out(0)
+    labels = limit.labels or (robot.joint_names if size == robot.joint_count > 1 else ("",) * size)
+    if len(labels) != size:
+        raise InputError(
+            f"limit {limit.name!r} has {len(labels)} labels, but its expression has {size} entries"
+        )
+    if size > 1 and not any(labels):
+        labels = tuple(str(k + 1) for k in range(size))
+    bounds = []
+    for side, default in (("lower", -np.inf), ("upper", np.inf)):
+        given = getattr(limit, side)
+        constant = limit.constant(side)
+        if given is None:
+            bounds.append(np.full(size, default))
+        elif constant is None:
+            bounds.append(np.full(size, np.nan))
+        elif constant.size not in (1, size):
+            raise InputError(
+                f"{side} bound of limit {limit.name!r} must be one number, or {size} as its "
+                f"expression has, not {constant.size}"
+            )
+        else:
+            bounds.append(np.broadcast_to(constant, (size,)).copy())
+    depends = [
+        k for k in range(4) if any(function.sparsity_jac(k, i).nnz() for i in range(len(names)))
+    ]
+    return Member(
+        key=limit.key,
+        name=limit.name,
+        labels=labels,
+        units=(limit.unit,) * size,
+        lower=bounds[0],
+        upper=bounds[1],
+        order=max(depends, default=0),
+        limit=limit,
+    )
+
+
+@lru_cache(maxsize=128)
+def _function(
+    robot: Any, keys: tuple[str, ...], torques: ca.Function | None = None
+) -> tuple[ca.Function, tuple[tuple[str, int], ...]]:
+    """One function of the state [n] each for the values (and bounds) of some limits.
+
+    Returns
+    -------
+    function, names
+        A name says what an output is: a key, and 0 for the value, 1 and 2 for a lower and upper
+        bound that is an expression.
+    """
+    further = {limit.key: limit for limit in robot.limits.also}
+    problem: Exception | None = None
+    for symbol in (ca.SX.sym, ca.MX.sym):  # a table or a spline is no SX
+        symbols: list[Any] = [symbol(name, robot.joint_count) for name in STATE]
+        if torques is not None:
+            extra = [symbol(torques.name_in(k)) for k in range(4, torques.n_in())]
+            state = robot.motion_state(*symbols, lambda *given, e=extra: torques(*given, *e))
+            symbols = [*symbols, *extra]
+        else:
+            state = robot.motion_state(*symbols)
+        try:
+            outputs, names = _outputs(further, keys, state)
+            function = ca.Function("limits", symbols, outputs)
+        except (RuntimeError, NotImplementedError, TypeError) as found:
+            problem = problem or found
+            continue
+        if function.is_a("SXFunction"):
+            function = with_finite_slopes(function)
+        return function, tuple(names)
+    named = ", ".join(repr(further[key].name) for key in keys if key in further)
+    lines = str(problem).strip().splitlines() or [type(problem).__name__]
+    raise InputError(f"the expression of limit {named} cannot be evaluated: {lines[-1]}")
+
+
+def _outputs(
+    further: Mapping[str, Limit], keys: Sequence[str], state: Any
+) -> tuple[list[Any], list[tuple[str, int]]]:
+    outputs, names = [], []
+    for key in keys:
+        if key not in further:
+            outputs.append(ca.densify(getattr(state, key)))
+            names.append((key, 0))
+            continue
+        limit = further[key]
+        value = _column(limit.expression(state))
+        outputs.append(value)
+        names.append((key, 0))
+        for side, bound in ((1, limit.lower), (2, limit.upper)):
+            if callable(bound):
+                given = _column(bound(state))
+                if given.shape[0] not in (1, value.shape[0]):
+                    raise TypeError(
+                        f"its bound has {given.shape[0]} entries, its value {value.shape[0]}"
+                    )
+                outputs.append(given * ca.DM.ones(value.shape[0], 1))
+                names.append((key, side))
+    return outputs, names
+
+
+def _column(value: Any) -> Any:
+    if isinstance(value, int | float | np.ndarray | list | tuple):
+        value = ca.DM(np.atleast_1d(np.asarray(value, dtype=float)))
+    return ca.densify(ca.vec(value))

@@ -1,0 +1,42 @@
+"""Functions whose slopes are numbers where a root or a norm is zero: at rest, for example."""
+
+from __future__ import annotations
+
+import casadi as ca
+
+SMALLEST = 1e-20  # below it the argument of a root counts as this
+
+
+def with_finite_slopes(function: ca.Function) -> ca.Function:
+    """The same function with ``sqrt(x)`` as ``sqrt(max(x, 1e-20))``.
+
+    The slope of a root is infinite at zero, and that of a norm 0/0: a tool at rest has a speed, but
+    no derivative of it. With the maximum inside, the slope there is zero and the value off by
+    1e-10.
+    """
+    kinds = [function.instruction_id(k) for k in range(function.n_instructions())]
+    if ca.OP_SQRT not in kinds:
+        return function
+    inputs = [
+        ca.SX.sym(function.name_in(i), function.sparsity_in(i)) for i in range(function.n_in())
+    ]
+    outputs = [[ca.SX(0)] * function.nnz_out(i) for i in range(function.n_out())]
+    work = [ca.SX(0)] * function.sz_w()
+    for k, kind in enumerate(kinds):
+        out, given = function.instruction_output(k), function.instruction_input(k)
+        if kind == ca.OP_CONST:
+            work[out[0]] = ca.SX(function.instruction_constant(k))
+        elif kind == ca.OP_INPUT:
+            work[out[0]] = inputs[given[0]].nz[given[1]]
+        elif kind == ca.OP_OUTPUT:
+            outputs[out[0]][out[1]] = work[given[0]]
+        elif kind == ca.OP_SQRT:
+            work[out[0]] = ca.sqrt(ca.fmax(work[given[0]], SMALLEST))
+        elif len(given) == 2:
+            work[out[0]] = ca.SX.binary(kind, work[given[0]], work[given[1]])
+        else:
+            work[out[0]] = ca.SX.unary(kind, work[given[0]])
+    made = [
+        ca.SX(function.sparsity_out(i), ca.vertcat(*entries)) for i, entries in enumerate(outputs)
+    ]
+    return ca.Function(function.name(), inputs, made, function.name_in(), function.name_out())

@@ -1,0 +1,25 @@
+"""Acceleration of the tool."""
+
+import casadi as ca
+
+from microbot_ocp.limits._limit import Bound, Limit
+
+
+def tool_acceleration(upper: Bound) -> Limit:
+    """Limit the size of the acceleration of the tool's origin in the base frame.
+
+    Parameters
+    ----------
+    upper : float or callable
+        m/s^2, or an expression of the motion's state.
+
+    Examples
+    --------
+    >>> import microbot_ocp as mo
+    >>> robot = mo.load_robot("microbot").with_limits(also=[mo.limits.tool_acceleration(20.0)])
+    """
+    return Limit("tool acceleration", _acceleration, upper=upper, unit="m/s^2")
+
+
+def _acceleration(state):
+    return ca.norm_2(state.tool_acceleration[:3])

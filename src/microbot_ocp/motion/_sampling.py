@@ -1,0 +1,67 @@
+"""A motion on a grid fine enough to judge it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray
+from microbot_ocp.limits import MotionSamples
+
+if TYPE_CHECKING:
+    from microbot_ocp.motion._motion import Motion
+
+JUMP_GAP = 1e-6  # s between the two samples that stand for a jump of the acceleration
+GRID_STEP = 0.25e-3  # s, the longest step of the dense grid
+GRID_RATIO = 20  # dense grid points to each mesh interval, at least
+
+
+def mesh_of(motion: Motion) -> FloatArray:
+    """Breaks of a motion with both ends; the gap that stands for a jump is not an interval."""
+    breaks = motion.t if motion.breaks is None else motion.breaks
+    inner = breaks[(breaks > 0.0) & (breaks < motion.duration)]
+    mesh = np.concatenate([[0.0], inner, [motion.duration]])
+    return mesh[np.append(np.diff(mesh) > 2 * JUMP_GAP, True)]
+
+
+def dense_times(motion: Motion) -> tuple[FloatArray, float]:
+    """Dense grid and its least number of points to a mesh interval."""
+    mesh = mesh_of(motion)
+    lengths = np.diff(mesh)
+    points = np.maximum(GRID_RATIO, np.ceil(lengths / GRID_STEP - 1e-9)).astype(int)
+    first = np.repeat(np.cumsum(points) - points, points)
+    place = (np.arange(points.sum()) - first) / np.repeat(points, points)
+    grid = np.repeat(mesh[:-1], points) + place * np.repeat(lengths, points)
+    # Just before each break as well, for the limits from the left.
+    before = mesh[1:-1] - np.minimum(2 * JUMP_GAP, 1e-3 * lengths[:-1])
+    return np.unique(np.concatenate([grid, before, motion.t])), float(points.min())
+
+
+def samples_at(motion: Motion, t: FloatArray) -> MotionSamples:
+    """Position and its first three derivatives [N,n] at times t [N] of the dense grid.
+
+    Where two samples stand for a jump of the acceleration, the jerk is their difference over the
+    gap.
+    """
+    state = motion.sample(t)
+    jerk = _slope_of_acceleration(motion, t)
+    first = np.flatnonzero(np.diff(motion.t) <= 2 * JUMP_GAP)
+    if first.size:
+        gap = (motion.t[first + 1] - motion.t[first])[:, None]
+        at = np.clip(np.searchsorted(t, motion.t[first]), 0, t.size - 1)
+        hit = t[at] == motion.t[first]
+        jerk[at[hit]] = ((motion.qdd[first + 1] - motion.qdd[first]) / gap)[hit]
+    return MotionSamples(*state, jerk)
+
+
+def _slope_of_acceleration(motion: Motion, t: FloatArray) -> FloatArray:
+    """Jerk [N,n], by differences inside the interval between two samples."""
+    i = np.clip(np.searchsorted(motion.t, t, side="right") - 1, 0, motion.t.size - 2)
+    start, end = motion.t[i], motion.t[i + 1]
+    reach = 0.05 * (end - start)
+    low = np.clip(t - reach, start, end)
+    # The end of an interval belongs to the next one when sampled.
+    high = np.clip(t + reach, start, end - 1e-3 * (end - start))
+    step = (high - low)[:, None]
+    return (motion.sample(high).qdd - motion.sample(low).qdd) / step

@@ -1,0 +1,221 @@
+"""The best timing of a path in milliseconds: by reachability alone, without a solver."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.codegen import compiler
+from microbot_ocp._base.status import Status
+from microbot_ocp.limits import JointLimits, Limits
+from microbot_ocp.motion import JUMP_GAP, Motion, PiecewisePolynomial, State
+from microbot_ocp.planning._curve import Curve
+from microbot_ocp.planning._path_limits import LATER, limits_kept_by
+from microbot_ocp.planning._paths import check_path, stretches
+from microbot_ocp.planning._reachability import CurveLimits, Reached, reach
+from microbot_ocp.planning._task import check_limits, whole
+from microbot_ocp.robot import Robot
+
+
+@dataclass(frozen=True, eq=False)
+class PathTiming:
+    """Timing of a path on a grid.
+
+    Attributes
+    ----------
+    status : Status
+        Solved, or infeasible where the end cannot be reached within the limits.
+    s : array [N+1]
+        Path parameter of the grid points; a stop on the way stands there twice.
+    speed : array [N+1]
+        ds/dt; NaN where the path cannot be travelled.
+    t : array [N+1], s
+    blocked_at : float
+        Path parameter from which the end cannot be reached; NaN where it can.
+    limits_kept_by : dict
+        Names of the limits that are kept as half planes ("reachability") or as bounds of ds/dt
+        ("speed bound"), and of those that are **not** kept ("optimal-control problem").
+    """
+
+    robot: Robot
+    status: Status
+    s: FloatArray
+    speed: FloatArray
+    t: FloatArray
+    blocked_at: float
+    limits_kept_by: dict[str, list[str]]
+    _parts: tuple[tuple[Curve, Reached], ...]
+
+    @property
+    def solved(self) -> bool:
+        """Whether the path can be travelled within the limits."""
+        return self.status.solved
+
+    @property
+    def duration(self) -> float:
+        """Time from end to end, s; NaN where the path cannot be travelled."""
+        return float(self.t[-1])
+
+    def motion(self, label: str = "path, reachability") -> Motion:
+        """The timing as a motion: the acceleration of the parameter is constant between points.
+
+        Raises
+        ------
+        InputError
+            The path cannot be travelled.
+        """
+        if not self.solved:
+            raise checks.InputError(
+                f"the path cannot be travelled within the limits beyond s = {self.blocked_at:g}"
+            )
+        times, states, begin = [], [], 0.0
+        for curve, reached in self._parts:
+            t, state = _sampled(curve, reached)
+            times.append(begin + t)
+            states.append(state)
+            begin += reached.duration
+        t = np.concatenate(times)
+        joined = (np.concatenate(parts) for parts in zip(*states, strict=True))
+        keep = np.append(True, np.diff(t) > 0.1 * JUMP_GAP)
+        state = State(*(values[keep] for values in joined))
+        unkept = ", ".join(self.limits_kept_by[LATER])
+        return Motion.from_state(
+            self.robot,
+            t[keep],
+            state,
+            label=label,
+            provenance={
+                "method": "timing of a path by reachability on a grid",
+                "status": str(self.status),
+                "limits_kept_by": self.limits_kept_by,
+            },
+            note=f"not kept: {unkept}" if unkept else "",
+        )
+
+
+def time_path(
+    robot: Robot,
+    path: PiecewisePolynomial,
+    limits: Limits | JointLimits | None = None,
+    *,
+    grid: int = 1000,
+    start_free: bool | None = None,
+    end_free: bool | None = None,
+    compiled: bool = True,
+) -> PathTiming:
+    """The best timing of a path on a grid, from rest to rest, by two passes of linear programs.
+
+    Takes milliseconds and starts no solver. Limits are kept at both ends of every grid interval,
+    the acceleration of the parameter is constant in it: between grid points limits may be exceeded
+    slightly, and the acceleration jumps. :func:`time_optimal_path` starts from this timing, makes
+    the acceleration continuous, keeps limits between the points and those of any other form.
+
+    Parameters
+    ----------
+    robot : Robot
+        With masses where torques are limited.
+    path : PiecewisePolynomial
+        Joint positions over any path parameter; the arm stops at its corners.
+    limits : Limits, optional
+        Default the robot's own.
+    grid : int
+        Intervals of each stretch between two stops; every break of the path is a grid point.
+    start_free, end_free : bool, optional
+        Whether ds/dt is free at an end of the path; default where the tangent vanishes, as the arm
+        rests there all the same.
+    compiled : bool
+        Use compiled functions where there is a compiler.
+
+    Returns
+    -------
+    PathTiming
+
+    Raises
+    ------
+    InputError
+        A path outside the position limits, an end or corner that cannot be held at rest, limits
+        that leave the time free.
+
+    Notes
+    -----
+    Pham and Pham, "A new approach to time-optimal path parameterization based on reachability
+    analysis", IEEE T-RO 34(3), 2018.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import microbot_ocp as mo
+    >>> path = mo.straight_path(np.radians([[0, 0, 0], [-8, 45, 30], [-90, 90, 90]]))
+    >>> timing = mo.time_path(mo.load_robot("microbot"), path)
+    >>> timing.solved, round(timing.duration, 3), timing.limits_kept_by["speed bound"]
+    (True, 2.575, ['velocity'])
+    """
+    whole("grid", grid, "points", at_least=10)
+    family = check_limits(robot, limits)
+    check_path(family, path)
+    fast = compiled and compiler() is not None
+    parts, s, speed, t, kept_by = [], [], [], [], {}
+    begin, start = float(path.breaks[0]), 0.0
+    curves = stretches(path, family)
+    for index, curve in enumerate(curves):
+        along = CurveLimits.of(family, curve, grid, fast)
+        first, last = index == 0, index == len(curves) - 1
+        reached = reach(
+            along,
+            start_free=curve.start_free if start_free is None or not first else start_free,
+            end_free=curve.end_free if end_free is None or not last else end_free,
+            fast=fast,
+        )
+        kept_by = kept_by or limits_kept_by(along.limits)
+        parts.append((curve, reached))
+        own, slope = curve.parameter(reached.s)
+        s.append(begin + own)
+        unknown = np.full(reached.s.size, np.nan)
+        speed.append(
+            np.sqrt(reached.speed_squared) * np.abs(slope) if reached.feasible else unknown
+        )
+        t.append(start + (reached.t if reached.feasible else unknown))
+        begin, start = float(s[-1][-1]), float(t[-1][-1])
+    blocked = [
+        float(np.interp(reached.blocked_at, reached.s, place))
+        for (_, reached), place in zip(parts, s, strict=True)
+        if not reached.feasible
+    ]
+    return PathTiming(
+        robot=family.robot,
+        status=Status.INFEASIBLE if blocked else Status.SOLVED,
+        s=np.concatenate(s),
+        speed=np.concatenate(speed),
+        t=np.concatenate(t),
+        blocked_at=blocked[0] if blocked else float("nan"),
+        limits_kept_by=kept_by,
+        _parts=tuple(parts),
+    )
+
+
+def _sampled(curve: Curve, reached: Reached) -> tuple[FloatArray, State]:
+    """Both ends of every grid interval, the later one a jump's gap before its end."""
+    x = reached.speed_squared
+    step = np.diff(reached.s)
+    u = np.diff(x) / (2 * step)
+    early = np.minimum(JUMP_GAP, 1e-3 * np.diff(reached.t))
+    back = np.sqrt(x[1:]) * early - 0.5 * u * early**2
+    s = np.stack([reached.s[:-1], reached.s[1:] - back], axis=1).ravel()
+    v = np.stack([np.sqrt(x[:-1]), np.sqrt(x[1:]) - u * early], axis=1).ravel()
+    t = np.stack([reached.t[:-1], reached.t[1:] - early], axis=1).ravel()
+    a = np.repeat(u, 2)
+    s, v, a, t = (
+        np.append(values, last)
+        for values, last in (
+            (s, reached.s[-1]),
+            (v, np.sqrt(x[-1])),
+            (a, u[-1]),
+            (t, reached.t[-1]),
+        )
+    )
+    q, tangent, curvature = curve.evaluate(s)
+    v, a = v[:, None], a[:, None]
+    return t, State(q, tangent * v, tangent * a + curvature * v**2)

@@ -1,0 +1,165 @@
+"""The optimal-control problem of a free motion through via points, and its solution as a motion."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.codegen import compile_functions, compiler
+from microbot_ocp.limits import LimitFamily, MotionSamples
+from microbot_ocp.motion import PiecewisePolynomial, State, quintic_between
+from microbot_ocp.ocp import OptimalControlProblem, PhaseSolution, Solution, Transcription
+from microbot_ocp.planning._progress import Samples
+from microbot_ocp.planning._task import CHECKS_PER_INTERVAL, declare_limits, finite_scale
+from microbot_ocp.robot import Robot, torque_and_rate
+
+# Weight of the squared jerk: picks one motion where many are equally fast. It costs 1.3e-5 of the
+# duration of the Microbot task and halves the swing of the torques that are not at a limit.
+SMOOTHING = 1e-6
+OF_VARIABLES = ("q", "qd", "qdd")  # limits that are bounds of states and of the control
+
+
+@lru_cache(maxsize=16)
+def transcription(
+    robot: Robot, via_bytes: bytes, count: int, compiled: bool, *, payload: bool = False
+) -> Transcription:
+    """Kernels for a robot (its own limits) and via points, built once."""
+    via = np.frombuffer(via_bytes).reshape(count, -1)
+    prepare = None
+    if compiled and compiler() is not None:
+        prepare = compile_functions
+    return Transcription(free_problem(robot, via, payload=payload), prepare=prepare)
+
+
+def free_problem(robot: Robot, via: FloatArray, *, payload: bool = False) -> OptimalControlProblem:
+    """The optimal-control problem of a robot (with its limits) through via points [m,n].
+
+    Each stretch between two via points is a phase of free duration with the states q, qd and a
+    continuous, piecewise linear acceleration as the control. With ``payload`` every phase has the
+    parameter "payload": a mass at the tool, kg, zero at first.
+    """
+    count, limits, family = robot.joint_count, robot.limits, LimitFamily.of(robot)
+    constraints = [key for key in ("tau", "taud", "qddd") if key in family]
+    constraints += [member.key for member in family if member.limit is not None]
+    torques = torque_and_rate_with_payload(robot) if payload else torque_and_rate(robot)
+    acceleration_scale = _acceleration_scale(robot)
+    # A limited jerk leaves no jump of the acceleration where the arm starts and stops.
+    still = 0.0 if family.jerk_is_limited else None
+    problem = OptimalControlProblem(f"time-optimal motion of {robot.name}")
+    for index, (start, end) in enumerate(itertools.pairwise(via)):
+        first, last = index == 0, index == len(via) - 2
+        phase = problem.phase(f"phase {index + 1}", duration=(1e-3, 1e3))
+        q = phase.state(
+            "q",
+            count,
+            lower=limits.q_min,
+            upper=limits.q_max,
+            initial=start,
+            final=end if last else None,
+            unit="rad",
+        )
+        qd = phase.state(
+            "qd",
+            count,
+            lower=limits.qd_min,
+            upper=limits.qd_max,
+            initial=0.0 if first else None,
+            final=0.0 if last else None,
+            scale=finite_scale(limits.qd_min, limits.qd_max),
+            unit="rad/s",
+            interior_points=bool(np.isfinite(limits.qd_max).any()),
+        )
+        qdd = phase.control(
+            "qdd",
+            count,
+            lower=limits.qdd_min,
+            upper=limits.qdd_max,
+            initial=still if first else None,
+            final=still if last else None,
+            scale=acceleration_scale,
+            unit="rad/s^2",
+            shape="linear",
+        )
+        phase.derivative(q, qd)
+        phase.derivative(qd, qdd)
+        jerk = phase.rate(qdd)
+        held = [phase.parameter("payload", 0.0)] if payload else []
+        declare_limits(phase, family, constraints, (q, qd, qdd, jerk), start, torques, held)
+        phase.end_cost(phase.duration)
+        phase.running_cost(SMOOTHING * ca.sumsqr(jerk / (10.0 * acceleration_scale)))
+    for before, after in itertools.pairwise(problem.phases):
+        problem.link(before, after, names=("q", "qd", "qdd"))
+    return problem
+
+
+@lru_cache(maxsize=16)
+def torque_and_rate_with_payload(robot: Robot) -> ca.Function:
+    """As :func:`torque_and_rate`, with the mass of a payload as a fifth argument: linear in it."""
+    functions = [torque_and_rate(held) for held in (robot, robot.with_payload(1.0))]
+    state = [ca.SX.sym(name, robot.joint_count) for name in ("q", "qd", "qdd", "qddd")]
+    payload = ca.SX.sym("payload")
+    pairs = zip(*(function(*state) for function in functions), strict=True)
+    values = [empty + payload * (holding_one - empty) for empty, holding_one in pairs]
+    names = ["q", "qd", "qdd", "qddd", "payload"]
+    return ca.Function("torque_and_rate", [*state, payload], values, names, ["tau", "taud"])
+
+
+def _acceleration_scale(robot: Robot) -> FloatArray:
+    """Typical accelerations [n]: the limits, where given, else 10 rad/s^2."""
+    return np.where(
+        np.isfinite(robot.limits.qdd_max) & (robot.limits.qdd_max > 0), robot.limits.qdd_max, 10.0
+    )
+
+
+def excess_between(family: LimitFamily, solution: Solution) -> list[FloatArray]:
+    """Largest relative excess of any limit along every interval: an array [N, K] a phase."""
+    shape = polynomial(solution)
+    velocity = shape.derivative()
+    acceleration = velocity.derivative()
+    inside = np.linspace(0, 1, CHECKS_PER_INTERVAL + 1)
+    t = (shape.breaks[:-1, None] + inside * np.diff(shape.breaks)[:, None]).ravel()
+    orders = (shape, velocity, acceleration, acceleration.derivative())
+    excess = family.excess(MotionSamples(*(order(t) for order in orders)))
+    edges = np.cumsum([phase.mesh.size - 1 for phase in solution.phases])[:-1]
+    return np.split(excess.reshape(-1, inside.size), edges)
+
+
+def motion_at_mesh(phases: Sequence[PhaseSolution]) -> Samples:
+    """Times and states at the mesh points of all phases."""
+    starts = np.cumsum([0.0, *(phase.duration for phase in phases)])
+    # where a phase ends the next begins
+    last = len(phases) - 1
+    kept = [slice(None) if k == last else slice(-1) for k in range(len(phases))]
+    parts = list(zip(phases, kept, strict=True))
+    t = [start + phase.t[part] for start, (phase, part) in zip(starts, parts, strict=False)]
+    states = (
+        np.concatenate([phase[name][part] for phase, part in parts]) for name in State._fields
+    )
+    return np.concatenate(t), State(*states)
+
+
+def via_times(solution: Solution) -> FloatArray:
+    """Times [m] at which the via points are passed, s."""
+    return np.concatenate([[0.0], np.cumsum([phase.duration for phase in solution.phases])])
+
+
+def polynomial(solution: Solution) -> PiecewisePolynomial:
+    """The motion between the mesh points: the quintic that meets q, qd and qdd at both ends.
+
+    It is the cubic of the linear acceleration wherever the solver closed the gaps between
+    intervals.
+    """
+    breaks, pieces = [np.zeros(1)], []
+    start = 0.0
+    for phase in solution.phases:
+        q, qd, qdd = phase["q"], phase["qd"], phase["qdd"]
+        ends = State(q[:-1], qd[:-1], qdd[:-1]), State(q[1:], qd[1:], qdd[1:])
+        pieces.append(quintic_between(*ends, np.diff(phase.t)))
+        breaks.append(start + phase.t[1:])
+        start += phase.duration
+    return PiecewisePolynomial(np.concatenate(breaks), np.concatenate(pieces))

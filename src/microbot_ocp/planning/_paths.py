@@ -1,0 +1,88 @@
+"""Joint paths to be timed: straight lines, checks, and the stretches between stops."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp.limits import LimitFamily
+from microbot_ocp.motion import PiecewisePolynomial
+from microbot_ocp.planning._curve import Curve
+from microbot_ocp.planning._task import check_position, check_rest
+
+CORNER = 1e-6  # relative jump of the tangent that counts as a corner
+
+
+def straight_path(via_q: ArrayLike) -> PiecewisePolynomial:
+    """Straight lines in joint space through via points [m,n]; s is the distance travelled, rad."""
+    via = checks.array("via_q", via_q, (None, None), "rad")
+    if via.shape[0] < 2:
+        raise InputError(f"via_q must have at least 2 points, not {via.shape[0]}")
+    steps = np.diff(via, axis=0)
+    lengths = np.linalg.norm(steps, axis=1)
+    if np.any(lengths == 0):
+        i = int(np.argmax(lengths == 0)) + 1
+        raise InputError(f"via points {i} and {i + 1} are the same: no path between them")
+    breaks = np.concatenate([[0.0], np.cumsum(lengths)])
+    return PiecewisePolynomial(breaks, np.stack([via[:-1], steps / lengths[:, None]], axis=1))
+
+
+def check_path(family: LimitFamily, path: PiecewisePolynomial) -> None:
+    """Raise InputError where a path cannot be timed, whatever the timing."""
+    robot = family.robot
+    if not isinstance(path, PiecewisePolynomial):
+        raise InputError(f"path must be a PiecewisePolynomial, not {type(path).__name__}")
+    if path.coefficients.shape[2] != robot.joint_count:
+        raise InputError(
+            f"path must have {robot.joint_count} joints, not {path.coefficients.shape[2]}"
+        )
+    if not np.isfinite(path.coefficients).all():
+        raise InputError("path must be finite")
+    for before, after in itertools.pairwise(path.breaks):
+        s = np.linspace(before, after, 51)
+        for at, q in zip(s, path(s, from_left=True), strict=True):
+            check_position(family, f"path at s = {at:g}", q)
+    for at in [path.breaks[0], *stops(path, family), path.breaks[-1]]:
+        check_rest(family, f"path at s = {at:g}", path(at)[0])
+
+
+def corners(path: PiecewisePolynomial) -> FloatArray:
+    """Breaks at which the tangent jumps."""
+    return _jumps(path, path.derivative())
+
+
+def stops(path: PiecewisePolynomial, family: LimitFamily) -> FloatArray:
+    """Breaks at which the arm has to stop.
+
+    At corners, and under limits of the jerk or the torque rate wherever the curvature jumps, too:
+    in motion the acceleration would jump with it.
+    """
+    tangent = path.derivative()
+    found = _jumps(path, tangent)
+    if not family.jerk_matters:
+        return found
+    return np.union1d(found, _jumps(path, tangent.derivative()))
+
+
+def stretches(path: PiecewisePolynomial, family: LimitFamily) -> list[Curve]:
+    """What lies between two stops, with a regular parameter."""
+    ends = [path.breaks[0], *stops(path, family), path.breaks[-1]]
+    leaves_like = 1 if family.jerk_is_limited else 2
+    curves = []
+    for before, after in itertools.pairwise(ends):
+        keep = (path.breaks[:-1] >= before) & (path.breaks[:-1] < after)
+        breaks = np.append(path.breaks[:-1][keep], after)
+        curves.append(Curve.of(PiecewisePolynomial(breaks, path.coefficients[keep]), leaves_like))
+    return curves
+
+
+def _jumps(path: PiecewisePolynomial, curve: PiecewisePolynomial) -> FloatArray:
+    """Breaks of the path at which a derivative of it jumps."""
+    inner = path.breaks[1:-1]
+    jump = np.abs(curve(inner) - curve(inner, from_left=True)).max(axis=1, initial=0.0)
+    size = np.abs(curve(np.linspace(path.breaks[0], path.breaks[-1], 101))).max()
+    return inner[jump > CORNER * size]
