@@ -235,7 +235,7 @@ def test_a_corner_that_cannot_be_held_is_an_entry_without_motion(pendulum):
         ({"methods": []}, "methods must be different names, not []"),
         ({"methods": ["cubic", "cubic"]}, "methods must be different names"),
         ({"methods": ["cubic_report"]}, "method 'cubic_report' needs via_t"),
-        ({"meshes": 40}, "setting of compare must be one of compiled, grid, mesh"),
+        ({"meshes": 40}, "setting of compare must be one of compiled, grid, limit_tolerance, mesh"),
         ({"mesh": 2}, "mesh must be at least 4 intervals, not 2"),
         ({"blend": 0.6}, "blend must be at most 0.5 of a segment, not 0.6"),
         ({"blend": 0.0}, "blend must be above 0 of a segment, not 0.0"),

@@ -26,24 +26,27 @@ from microbot_ocp.comparison._comparison import (
     Progress,
     compare,
 )
-from microbot_ocp.limits import JOINT_QUANTITIES
+from microbot_ocp.limits import JOINT_QUANTITIES, MEMBER_KEYS, with_further
 from microbot_ocp.planning import PathTimingSettings, TimeOptimalSettings
 from microbot_ocp.robot import JointLimits, Robot, joint_scale, per_joint
 from microbot_ocp.robot.files import load_robot, packaged_robots
 
 SCHEMA = 1
 LIMIT_KEYS = tuple(f"{quantity}_{side}" for quantity in JOINT_QUANTITIES for side in ("min", "max"))
-ANGULAR = ("q", "qd", "qdd")  # quantities that may be given in degrees
+ANGULAR = ("q", "qd", "qdd", "qddd")  # quantities that may be given in degrees
 _SETTINGS: dict[str, Callable[..., Any]] = {
     f.name: TimeOptimalSettings for f in fields(TimeOptimalSettings)
 } | {"grid": PathTimingSettings}
 KEYS: dict[str, tuple[str, ...]] = {
     "": ("schema", "robot", "tip", "methods", "outputs", "via", "limits", "settings"),
     "via": ("q", "q_deg", "t", "qd", "qd_deg"),
-    "limits": tuple(
-        name
-        for key in LIMIT_KEYS
-        for name in ((key, f"{key}_deg") if key.split("_")[0] in ANGULAR else (key,))
+    "limits": (
+        *(
+            name
+            for key in LIMIT_KEYS
+            for name in ((key, f"{key}_deg") if key.split("_")[0] in ANGULAR else (key,))
+        ),
+        *MEMBER_KEYS,
     ),
     "settings": (*_SETTINGS, "blend"),
 }
@@ -261,7 +264,12 @@ def _via_array(robot: Robot, via: Mapping[str, Any], key: str) -> FloatArray | N
 
 def _limits(robot: Robot, table: Mapping[str, Any]) -> JointLimits:
     changes: dict[str, Any] = {}
+    further = {name: value for name, value in table.items() if name in MEMBER_KEYS}
+    if further:
+        changes["also"] = with_further(robot.limits.also, further)
     for name, value in table.items():
+        if name in further:
+            continue
         key = name.removesuffix("_deg")
         if key in changes:
             raise InputError(f"limits gives both {key} and {key}_deg: give one of them")

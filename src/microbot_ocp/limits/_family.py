@@ -179,7 +179,7 @@ class LimitFamily:
     def bounds_motion_of(self, joint: int) -> bool:
         """Whether any limit bounds how fast a joint may move."""
         for member in self.members:
-            if member.order == 0:
+            if member.order == 0 or member.key == "taud":  # the torque may jump where motion begins
                 continue
             if member.limit is None:
                 if member.limited[joint]:

@@ -3,8 +3,9 @@
 Angles are in radians, or in degrees where the key ends in ``_deg``. Keys of a joint: ``name``,
 ``type``, ``alpha``, ``a``, ``d``, ``theta_offset``, ``beta``; ``mass``, ``center_of_mass``,
 ``inertia``, ``armature``, ``viscous_friction``, ``coulomb_friction``, ``allow_unphysical``;
-``q_min``, ``q_max``, ``qd_max``, ``qdd_max``, ``tau_max``, ``taud_max``. ``qd_max`` and the like
-may be ``[lower, upper]``. The tables ``[tool]`` and ``[base]`` hold a DH row or a ``matrix``; each
+``q_min``, ``q_max``, ``qd_max``, ``qdd_max``, ``qddd_max``, ``tau_max``, ``taud_max``. ``qd_max``
+and the like may be ``[lower, upper]``. The table ``[limits]`` holds further limits, such as
+``tool_speed_max``. The tables ``[tool]`` and ``[base]`` hold a DH row or a ``matrix``; each
 ``[[shape]]`` holds the fields of a :class:`~microbot_ocp.robot.Shape`; ``[sources]`` is for the
 reader's eyes.
 """
@@ -22,19 +23,46 @@ import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import InputError
-from microbot_ocp.limits import Limits
+from microbot_ocp.limits import (
+    JOINT_QUANTITIES,
+    MEMBER_KEYS,
+    Limit,
+    Limits,
+    limits_from_table,
+    limits_to_table,
+)
 from microbot_ocp.robot._links import Link
 from microbot_ocp.robot._model import Robot, dh_transform
 from microbot_ocp.robot._shapes import Shape
 
-ANGLES = ("alpha", "theta_offset", "theta", "beta", "q_min", "q_max", "qd_max", "qdd_max")
+ANGLES = (
+    "alpha",
+    "theta_offset",
+    "theta",
+    "beta",
+    "q_min",
+    "q_max",
+    "qd_max",
+    "qdd_max",
+    "qddd_max",
+)
 GEOMETRY = ("alpha", "a", "d", "theta_offset")
 INERTIAL = ("mass", "center_of_mass", "inertia", "armature", "allow_unphysical")
 FRICTION = ("viscous_friction", "coulomb_friction")
-BOUNDS = ("q_min", "q_max", "qd_max", "qdd_max", "tau_max", "taud_max")
+BOUNDS = ("q_min", *(f"{key}_max" for key in JOINT_QUANTITIES))
 JOINT_KEYS = ("name", "type", *GEOMETRY, "beta", *INERTIAL, *FRICTION, *BOUNDS)
 SHAPE_KEYS = tuple(f.name for f in fields(Shape))
-ROBOT_KEYS = ("name", "description", "gravity", "sources", "joint", "tool", "base", "shape")
+ROBOT_KEYS = (
+    "name",
+    "description",
+    "gravity",
+    "sources",
+    "joint",
+    "limits",
+    "tool",
+    "base",
+    "shape",
+)
 
 
 def parse_robot(text: str, origin: str = "robot") -> Robot:
@@ -58,7 +86,7 @@ def parse_robot(text: str, origin: str = "robot") -> Robot:
             *([row[key] for row in rows] for key in GEOMETRY),
             joint_type=[row["type"] for row in rows],
             links=[link for link in links if link is not None],
-            limits=_limits(rows),
+            limits=_limits(rows, _further(data.get("limits", {}), origin)),
             gravity=data.get("gravity", (0.0, 0.0, -9.81)),
             tool=_placement("tool", data.get("tool"), origin),
             base=_placement("base", data.get("base"), origin),
@@ -130,7 +158,7 @@ def _link(row: dict[str, Any], origin: str) -> Link | None:
         raise InputError(f"{origin}: {problem}") from None
 
 
-def _limits(rows: list[dict[str, Any]]) -> Limits:
+def _limits(rows: list[dict[str, Any]], also: tuple[Limit, ...]) -> Limits:
     free = {"q_min": -math.inf}
     columns: dict[str, Any] = {}
     for key in BOUNDS:
@@ -148,7 +176,15 @@ def _limits(rows: list[dict[str, Any]]) -> Limits:
             columns[key] = ([pair[0] for pair in pairs], [pair[1] for pair in pairs])
         else:
             columns[key] = values
-    return Limits(**columns)
+    return Limits(**columns, also=also)
+
+
+def _further(table: Any, origin: str) -> tuple[Limit, ...]:
+    if not isinstance(table, dict):
+        raise InputError(f"limits in {origin} must be a table")
+    for key in table:
+        checks.one_of(f"key of limits in {origin}", key, MEMBER_KEYS)
+    return limits_from_table(table)
 
 
 def _placement(name: str, table: Any, origin: str) -> Any:
@@ -237,6 +273,9 @@ def robot_to_toml(robot: Robot) -> str:
             lines += _link_lines(robot.links[joint])
         for key in BOUNDS:
             lines += _bound_line(robot, key, joint)
+    further = limits_to_table(robot.limits.also)
+    if further:
+        lines += ["", "[limits]", *(f"{key} = {value!r}" for key, value in further.items())]
     for name, matrix in (("tool", robot.tool), ("base", robot.base)):
         if not np.array_equal(matrix, np.eye(4)) or np.signbit(matrix).any():
             lines += ["", f"[{name}]", f"matrix = {matrix.tolist()}"]

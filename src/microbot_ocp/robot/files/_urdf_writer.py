@@ -161,7 +161,8 @@ def _write_moving(element: ElementTree.Element, robot: Robot, joint: int) -> Non
     extra: dict[str, str] = {}
     if prismatic or not unlimited:
         limit = {"lower": repr(q_min), "upper": repr(q_max)}
-    for quantity, key in (("qd", "velocity"), ("qdd", ""), ("tau", "effort"), ("taud", "")):
+    for quantity in RANGES:
+        key = {"qd": "velocity", "tau": "effort"}.get(quantity, "")
         lower, upper = (float(bound[joint]) for bound in robot.limits.bounds(quantity))
         size = max(-lower, upper)
         if key and math.isfinite(size):
