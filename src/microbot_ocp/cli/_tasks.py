@@ -296,7 +296,8 @@ def _show_motion(
     times = [0.0, *(m.time for m in motion.marks if 0 < m.time < motion.duration), motion.duration]
     for time, via in zip(times, via_q, strict=False):
         console.print(f"  {time:8.4f} s  {joint_text(robot, via)}")
-    checked = [check for check in certificate.limit_checks if np.isfinite(check.utilisation).any()]
+    checks = [check for check in certificate.limit_checks if np.isfinite(check.utilisation).any()]
+    checked = [check for check in checks if check.labels == robot.joint_names]
     rows = [
         [name, *(_share(float(check.utilisation[j])) for check in checked)]
         for j, name in enumerate(robot.joint_names)
@@ -304,6 +305,13 @@ def _show_motion(
     console.print()
     heads = ["share of limit", *(f"{c.quantity} [%]" for c in checked)]
     console.print(Table.of_text(heads, rows), "")
+    for check in checks:
+        if check not in checked:
+            shares = ", ".join(
+                f"{label} {_share(float(share))}".strip()
+                for label, share in zip(check.labels, check.utilisation, strict=True)
+            )
+            console.print(f"share of the limit of {check.name} [%]: {shares}")
     console.print(f"Certificate: {'ok' if certificate.ok else 'REFUSED'}; {certificate.verdict}")
 
 

@@ -48,6 +48,8 @@ class LimitCheck:
         Key of the limit: "q", "qd", "qdd", "qddd", "tau", "taud", or that of a further one.
     name : str
         "torque", "tool speed".
+    labels : tuple of str [k]
+        Names of the joints, or of the components of a further limit; ("",) where it is one number.
     utilisation : array [k]
         Largest share of the limit that each joint uses: 1 is the limit, NaN where there is none.
         For q it is the place between the limits, 0 in the middle. k is 1 where the limit is not one
@@ -62,6 +64,7 @@ class LimitCheck:
 
     quantity: str
     name: str
+    labels: tuple[str, ...]
     utilisation: FloatArray
     violation: float
     joint: str
@@ -345,6 +348,7 @@ def _check_limits(
             LimitCheck(
                 quantity=member.key,
                 name=member.name,
+                labels=member.labels,
                 utilisation=np.where(member.limited, peaks, np.nan),
                 violation=max(0.0, float(peaks[joint]) - 1.0),
                 joint=member.labels[joint],

@@ -14,7 +14,7 @@ from microbot_ocp.robot._links import Link
 from microbot_ocp.robot._model import Robot, dh_transform
 from microbot_ocp.robot._shapes import SIZES, Shape
 from microbot_ocp.robot.files._toml import save_text
-from microbot_ocp.robot.files._urdf_file import EXTENSION
+from microbot_ocp.robot.files._urdf_file import EXTENSION, RANGES
 
 
 def write_urdf(robot: Robot, path: str | Path) -> None:

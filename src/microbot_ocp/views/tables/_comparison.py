@@ -22,6 +22,9 @@ SHOWN_JOINTS = 4  # more joints than this: the table shows the busiest one only
 Row = dict[str, Any]
 
 
+WHOLE = "arm"  # in the place of a joint's name, for a limit of one number
+
+
 def comparison_rows(comparison: Comparison) -> list[Row]:
     """One plain row an entry, ready for strict JSON: what is not known or not finite is None.
 
@@ -160,9 +163,13 @@ def _row(comparison: Comparison, entry: Entry, reference: float) -> Row:
 
 
 def _utilisation(comparison: Comparison, certificate: Certificate | None) -> Row:
-    names = comparison.robot.joint_names
     checks = certificate.limit_checks if certificate is not None else ()
-    return {c.quantity: dict(zip(names, c.utilisation.tolist(), strict=True)) for c in checks}
+    return {
+        c.quantity: dict(
+            zip((name or WHOLE for name in c.labels), c.utilisation.tolist(), strict=True)
+        )
+        for c in checks
+    }
 
 
 def _proof(certificate: Certificate | None) -> Row:

@@ -1,0 +1,293 @@
+"""The family of limits: what a member is, and that every consumer asks the same engine."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+import microbot_ocp as mo
+from helpers import two_link_arm
+from microbot_ocp.limits import (
+    LimitFamily,
+    MotionSamples,
+    limit_history,
+    limits_from_table,
+    limits_to_table,
+)
+
+MICROBOT = mo.load_robot("microbot")
+VIA_Q = np.radians([[0, 0, 0], [-8, 45, 30], [-90, 90, 90]])
+HEIGHT = mo.Limit("tool height", lambda state: state.tool[2, 3], lower=0.5, unit="m")
+
+
+def samples(robot: mo.Robot, count: int = 20, seed: int = 0) -> MotionSamples:
+    random = np.random.default_rng(seed)
+    return MotionSamples(*random.uniform(-2.0, 2.0, (4, count, robot.joint_count)))
+
+
+# what a limit is ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("", abs, None, 1.0), "name of a limit must be text"),
+        (("speed", 3.0, None, 1.0), "expression of limit 'speed' must be a function"),
+        (("speed", abs), "limit 'speed' must have a lower or an upper bound"),
+        (("speed", abs, 2.0, 1.0), "lower bound of limit 'speed' must be at most its upper bound"),
+        (("speed", abs, None, "fast"), "upper bound of limit 'speed' must be an array of numbers"),
+        (("speed", abs, None, np.nan), "upper bound of limit 'speed' must be finite"),
+    ],
+)
+def test_bad_limits_are_refused(arguments, said):
+    with pytest.raises(mo.InputError, match=said):
+        mo.Limit(*arguments)
+
+
+def test_names_must_differ():
+    twice = [mo.limits.tool_speed(1.0), mo.limits.tool_speed(2.0)]
+    with pytest.raises(mo.InputError, match="two limits named 'tool speed'"):
+        MICROBOT.with_limits(also=twice)
+    with pytest.raises(mo.InputError, match="also must be a list of limits"):
+        MICROBOT.with_limits(also=HEIGHT)
+
+
+def test_an_expression_that_cannot_be_evaluated_is_named():
+    robot = MICROBOT.with_limits(also=[mo.Limit("grip", lambda state: state.gripper, upper=1.0)])
+    with pytest.raises(mo.InputError, match=r"limit 'grip'.*gripper"):
+        mo.time_optimal(robot, VIA_Q)
+
+
+def test_bounds_must_have_the_width_of_the_expression():
+    robot = MICROBOT.with_limits(also=[mo.limits.power([1.0, 2.0])])
+    with pytest.raises(mo.InputError, match="must be one number, or 3"):
+        LimitFamily.of(robot)
+
+
+def test_robots_differ_by_their_further_limits():
+    slow, fast = (MICROBOT.with_limits(also=[mo.limits.tool_speed(v)]) for v in (1.0, 2.0))
+    assert slow == MICROBOT.with_limits(also=[mo.limits.tool_speed(1.0)])
+    assert hash(slow) == hash(MICROBOT.with_limits(also=[mo.limits.tool_speed(1.0)]))
+    assert slow != fast
+    assert slow != MICROBOT
+    assert slow.with_limits(qd_max=1.0).limits.also == slow.limits.also
+
+
+# values -------------------------------------------------------------------------------------------
+
+
+def test_values_are_those_of_the_models():
+    members = [
+        mo.limits.tool_speed(1.0),
+        mo.limits.power(300.0),
+        mo.limits.total_power(500.0),
+        HEIGHT,
+    ]
+    robot = MICROBOT.with_limits(also=members, qddd_max=50.0, taud_max=1e3)
+    given = samples(robot)
+    values = {key: v.value for key, v in LimitFamily.of(robot).values(given).items()}
+    jacobian, pose = mo.jacobian(robot), mo.forward_kinematics(robot)
+    for k in range(len(given.q)):
+        q, qd, qdd, _ = (rows[k] for rows in given)
+        velocity = np.array(jacobian(q)) @ qd
+        tau = np.array(mo.inverse_dynamics(robot)(q, qd, qdd)).ravel()
+        assert values["tool_speed"][k, 0] == pytest.approx(np.linalg.norm(velocity[:3]))
+        assert values["tool_height"][k, 0] == pytest.approx(float(pose(q)[2, 3]))
+        np.testing.assert_allclose(values["tau"][k], tau, rtol=1e-12)
+        np.testing.assert_allclose(values["power"][k], tau * qd, rtol=1e-12)
+        assert values["total_power"][k, 0] == pytest.approx(float(tau @ qd))
+    np.testing.assert_array_equal(values["qddd"], given.qddd)
+
+
+def test_torque_rate_and_tool_acceleration_are_the_slopes_of_torque_and_velocity():
+    """Against central differences along a quartic motion."""
+    robot = MICROBOT.with_limits(
+        taud_max=1e3,
+        also=[mo.Limit("tool acceleration", lambda s: s.tool_acceleration, upper=1e3)],
+    )
+    family = LimitFamily.of(robot)
+    q0, qd0, qdd0, qddd0 = (rows[0] for rows in samples(robot, 1))
+
+    def at(t):
+        q = q0 + t * qd0 + t**2 / 2 * qdd0 + t**3 / 6 * qddd0
+        return q, qd0 + t * qdd0 + t**2 / 2 * qddd0, qdd0 + t * qddd0
+
+    step = 1e-4
+    values = family.values(
+        MotionSamples(*(rows[:1] for rows in (q0[None], qd0[None], qdd0[None], qddd0[None])))
+    )
+    tau = [np.array(mo.inverse_dynamics(robot)(*at(t))).ravel() for t in (-step, step)]
+    np.testing.assert_allclose(
+        values["taud"].value[0], np.subtract(*tau[::-1]) / (2 * step), rtol=1e-5
+    )
+    velocity = [np.array(mo.jacobian(robot)(at(t)[0])) @ at(t)[1] for t in (-step, step)]
+    slope = np.subtract(*velocity[::-1]) / (2 * step)
+    np.testing.assert_allclose(values["tool_acceleration"].value[0], slope, rtol=1e-5, atol=1e-6)
+
+
+def test_slopes_at_rest_are_numbers():
+    """A norm has no slope at zero; limits of it have."""
+    robot = MICROBOT.with_limits(also=[mo.limits.tool_speed(1.0)])
+    state = [ca.MX.sym(name, 3) for name in "abcd"]
+    value = LimitFamily.of(robot).expressions(["tool_speed"], state)["tool_speed"][0]
+    slopes = ca.Function(
+        "slopes", state, [value, ca.jacobian(value, state[1]), *ca.hessian(value, state[1])]
+    )
+    for number in slopes(VIA_Q[1], 0, 0, 0):
+        assert np.isfinite(np.array(number)).all()
+    assert float(slopes(VIA_Q[1], 0, 0, 0)[0]) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_table_may_bound_a_limit():
+    """An interpolant exists as an MX function only."""
+    table = ca.interpolant("torque", "linear", [[0.0, 1.0, 2.0]], [400.0, 300.0, 100.0])
+    curve = mo.Limit(
+        "torque by speed",
+        lambda s: s.tau[0],
+        upper=lambda s: table(ca.fabs(s.qd[0])),
+        unit="N m",
+    )
+    family = LimitFamily.of(MICROBOT.with_limits(also=[curve]))
+    zero = np.zeros((1, 3))
+    qd = np.array([[1.5, 0.0, 0.0]])
+    values = family.values(MotionSamples(zero, qd, zero, zero))["torque_by_speed"]
+    assert values.upper == pytest.approx(200.0)
+
+
+@given(st.floats(-4.0, 4.0), st.floats(-3.0, -0.1), st.floats(0.1, 3.0))
+@settings(max_examples=50, deadline=None)
+def test_use_is_one_at_the_bounds_and_grows_outwards(value, lower, upper):
+    limit = mo.Limit("speed", lambda s: s.qd[0], lower=lower, upper=upper)
+    family = LimitFamily.of(MICROBOT.with_limits(also=[limit]))
+    rows = np.zeros((4, 3))
+    qd = rows.copy()
+    qd[:, 0] = [value, lower, upper, 0.0]
+    use = family.use(MotionSamples(rows, qd, rows, rows), ["speed"])["speed"].ravel()
+    assert use[1:] == pytest.approx([1.0, 1.0, 0.0])
+    assert (use[0] > 1.0) == (value < lower or value > upper) or use[0] == pytest.approx(1.0)
+
+
+# consumers ----------------------------------------------------------------------------------------
+
+
+FURTHER = {
+    "tool speed": {"also": [mo.limits.tool_speed(4.0)]},
+    "tool acceleration": {"also": [mo.limits.tool_acceleration(20.0)]},
+    "total power": {"also": [mo.limits.total_power(500.0, -400.0)]},
+    "jerk": {"qddd_max": 200.0},
+    "own": {
+        "also": [
+            mo.Limit(
+                "motor torque",
+                lambda s: s.tau,
+                lower=lambda s: -450.0 * (1.0 + s.qd / 4.0),
+                upper=lambda s: 450.0 * (1.0 - s.qd / 4.0),
+                unit="N m",
+            )
+        ]
+    },
+    "zone": {
+        "also": [
+            mo.Limit(
+                "tool speed",
+                lambda s: ca.norm_2(s.tool_velocity[:3]),
+                upper=lambda s: 3.0 + ca.tanh(4.0 * (s.tool[2, 3] - 5.0)),
+                unit="m/s",
+            )
+        ]
+    },
+}
+
+
+@pytest.mark.parametrize("kind", FURTHER)
+def test_free_motions_keep_it_and_certificates_judge_it(kind):
+    robot = MICROBOT.with_limits(**FURTHER[kind])
+    motion = mo.time_optimal(robot, VIA_Q, mesh=40, starts=1)
+    assert motion.solved
+    certificate = mo.certify(robot, motion)
+    assert certificate.ok
+    plain = mo.time_optimal(MICROBOT, VIA_Q, mesh=40, starts=1)
+    assert motion.duration > plain.duration
+    member = LimitFamily.of(robot).members[-1]
+    judged = mo.certify(robot, plain)  # what knows nothing of the limit breaks it
+    broken = {check.quantity: check for check in judged.limit_checks}
+    key = "qddd" if kind == "jerk" else member.key
+    assert broken[key].violation > 0.005
+    assert not judged.ok
+    assert broken[key].name in judged.verdict
+
+
+@pytest.mark.parametrize("kind", FURTHER)
+def test_paths_are_timed_under_it(kind):
+    robot = MICROBOT.with_limits(**FURTHER[kind])
+    path = mo.straight_path(VIA_Q[[0, 2]])
+    motion = mo.time_optimal_path(robot, path, mesh=40)
+    assert motion.solved
+    assert mo.certify(robot, motion).ok
+    kept = motion.provenance["limits_kept_by"]
+    name = {"own": "motor torque", "zone": "tool speed"}.get(kind, kind)
+    home = "speed bound" if name == "tool speed" else "optimal-control problem"
+    assert name in kept[home]
+    assert "torque" in kept["reachability"]
+
+
+@pytest.mark.parametrize("kind", FURTHER)
+def test_shapes_are_scaled_to_it(kind):
+    robot = MICROBOT.with_limits(**FURTHER[kind]).with_limits(tau_max=1e4, qd_max=100.0)
+    found = mo.shortest_duration(robot, mo.quintic(VIA_Q, [0.0, 1.0, 2.0]))
+    assert found.utilisation == pytest.approx(1.0, abs=1e-6)
+    member = LimitFamily.of(robot).members[-1]
+    assert found.quantity == ("qddd" if kind == "jerk" else member.key)
+    motion = mo.Motion.from_polynomial(robot, found.polynomial, label="scaled")
+    assert mo.certify(robot, motion).worst_violation < 1e-4
+
+
+def test_affine_limits_are_half_planes_for_reachability():
+    """A bound on each component of the tool's acceleration is affine in s'' and s'^2."""
+    limit = mo.Limit("lift", lambda s: s.tool_acceleration[:3], lower=-8.0, upper=8.0, unit="m/s^2")
+    robot = MICROBOT.with_limits(also=[limit])
+    path = mo.straight_path(VIA_Q[[0, 2]])
+    timing = mo.time_path(robot, path)
+    assert "lift" in timing.limits_kept_by["reachability"]
+    history = limit_history(robot, timing.motion())
+    assert np.percentile(history.use["lift"].max(axis=1), 99.0) <= 1.01
+    assert timing.duration > mo.time_path(MICROBOT, path).duration
+
+
+def test_a_pose_that_breaks_a_limit_is_refused_before_any_solver():
+    robot = MICROBOT.with_limits(
+        also=[mo.Limit("tool height", HEIGHT.expression, lower=3.0, unit="m")]
+    )
+    with pytest.raises(mo.InputError, match="via point 1 breaks a limit: tool height is 2 m"):
+        mo.time_optimal(robot, VIA_Q)
+    with pytest.raises(mo.InputError, match="leaves the tool height limits"):
+        mo.shortest_duration(robot, mo.cubic(VIA_Q, [0.0, 1.0, 2.0]))
+
+
+def test_a_prepared_solver_takes_other_numbers_and_refuses_other_expressions():
+    robot = two_link_arm(1.0, 0.8).with_limits(
+        tau_max=[60.0, 25.0], qd_max=3.0, also=[mo.limits.tool_speed(2.0)]
+    )
+    solver = mo.TimeOptimalSolver(robot, [[0.0, 0.3], [1.2, -0.6]], mesh=20, starts=1)
+    slower = robot.with_limits(also=[mo.limits.tool_speed(1.0)])
+    assert solver(slower.limits).duration > solver().duration
+    other = robot.with_limits(also=[mo.Limit("tool speed", lambda s: s.qd[0], upper=1.0)])
+    with pytest.raises(mo.InputError, match="another expression"):
+        solver(other.limits)
+
+
+# files --------------------------------------------------------------------------------------------
+
+
+def test_files_hold_the_members_of_the_package(tmp_path):
+    robot = MICROBOT.with_limits(
+        qddd_max=80.0,
+        also=[mo.limits.tool_speed(1.5), mo.limits.power([300.0, 400.0, 150.0], -50.0)],
+    )
+    again = mo.load_robot(mo.write_toml(robot, tmp_path / "arm.toml"))
+    assert again == robot
+    assert limits_from_table(limits_to_table(robot.limits.also)) == robot.limits.also
+    with pytest.raises(mo.InputError, match="'tool height' is an expression of its own"):
+        mo.write_toml(MICROBOT.with_limits(also=[HEIGHT]), tmp_path / "own.toml")
