@@ -22,9 +22,9 @@ PACKAGE = Path(microbot_ocp.__file__).parent
 # folder its own modules. A new one must be placed.
 ORDER = (
     "_base",
+    "limits",
     "robot",
     "motion",
-    "limits",
     "inverse_kinematics",
     "trajectories",
     "simulation",

@@ -217,7 +217,7 @@ def test_limits_as_plain_lists(microbot: Robot) -> None:
     plain = microbot.limits.as_dict()
     assert plain["tau_max"] == [400.0, 500.0, 200.0]
     assert plain["taud_min"] == [-np.inf] * 3
-    assert len(plain) == 10
+    assert len(plain) == 12
 
 
 # ---- robots

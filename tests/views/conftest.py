@@ -5,6 +5,7 @@ import pytest
 
 from microbot_ocp import Status
 from microbot_ocp.comparison import Certificate, Comparison, Entry, LimitCheck
+from microbot_ocp.limits import quantity_name
 from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial
 from microbot_ocp.robot.files import load_robot
 
@@ -34,6 +35,8 @@ def certificate_of(robot, limits, motion, label):
         checks.append(
             LimitCheck(
                 quantity=quantity,
+                name=quantity_name(quantity),
+                labels=robot.joint_names,
                 utilisation=np.nanmax(share, axis=0),
                 violation=max(0.0, float(share[worst]) - 1.0),
                 joint=robot.joint_names[worst[1]],

@@ -347,7 +347,7 @@ def _function(
         try:
             outputs, names = _outputs(further, keys, state)
             function = ca.Function("limits", symbols, outputs)
-        except (RuntimeError, NotImplementedError, TypeError) as found:
+        except Exception as found:  # the expression is the user's
             problem = problem or found
             continue
         if function.is_a("SXFunction"):

@@ -23,14 +23,7 @@ import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import InputError
-from microbot_ocp.limits import (
-    JOINT_QUANTITIES,
-    MEMBER_KEYS,
-    Limit,
-    Limits,
-    limits_from_table,
-    limits_to_table,
-)
+from microbot_ocp.limits import JOINT_QUANTITIES, Limit, Limits
 from microbot_ocp.robot._links import Link
 from microbot_ocp.robot._model import Robot, dh_transform
 from microbot_ocp.robot._shapes import Shape
@@ -182,6 +175,10 @@ def _limits(rows: list[dict[str, Any]], also: tuple[Limit, ...]) -> Limits:
 def _further(table: Any, origin: str) -> tuple[Limit, ...]:
     if not isinstance(table, dict):
         raise InputError(f"limits in {origin} must be a table")
+    if not table:
+        return ()
+    from microbot_ocp.limits import MEMBER_KEYS, limits_from_table  # these load CasADi
+
     for key in table:
         checks.one_of(f"key of limits in {origin}", key, MEMBER_KEYS)
     return limits_from_table(table)
@@ -273,8 +270,10 @@ def robot_to_toml(robot: Robot) -> str:
             lines += _link_lines(robot.links[joint])
         for key in BOUNDS:
             lines += _bound_line(robot, key, joint)
-    further = limits_to_table(robot.limits.also)
-    if further:
+    if robot.limits.also:
+        from microbot_ocp.limits import limits_to_table
+
+        further = limits_to_table(robot.limits.also)
         lines += ["", "[limits]", *(f"{key} = {value!r}" for key, value in further.items())]
     for name, matrix in (("tool", robot.tool), ("base", robot.base)):
         if not np.array_equal(matrix, np.eye(4)) or np.signbit(matrix).any():

@@ -16,7 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from microbot_ocp.comparison import Comparison
-from microbot_ocp.limits import QUANTITY_NAMES, limit_history
+from microbot_ocp.limits import JOINT_QUANTITIES, limit_history, quantity_name
 from microbot_ocp.robot import JointLimits, Robot
 from microbot_ocp.views import _scene as scene
 from microbot_ocp.views.plots._comparison import entry_curves
@@ -117,7 +117,7 @@ def _task_text(comparison: Comparison) -> str:
     lines += textwrap.wrap(
         f"Task: {narrow_table(comparison).title}, at rest at both ends", LINE_WIDTH
     )
-    for quantity in QUANTITY_NAMES:
+    for quantity in JOINT_QUANTITIES:
         lines += textwrap.wrap(_limits_text(robot, comparison.limits, quantity), LINE_WIDTH)
     return "\n".join(lines)
 
@@ -125,7 +125,7 @@ def _task_text(comparison: Comparison) -> str:
 def _limits_text(robot: Robot, limits: JointLimits, quantity: str) -> str:
     """Limits of one kind, joint by joint; their unit once where it is the same."""
     texts = scene.limit_texts(robot, limits, quantity)
-    word = QUANTITY_NAMES[quantity]
+    word = quantity_name(quantity)
     if not any(texts):
         return f"Limits of {word}: none" if quantity in MAIN_LIMITS else ""
     units = {scene.display_unit(robot, quantity, joint) for joint in range(robot.joint_count)}
@@ -211,8 +211,8 @@ def _busiest(comparison: Comparison, chosen: list[str]) -> list[int]:
         motion = comparison[name].motion
         if motion is not None:
             history = limit_history(comparison.robot, motion, comparison.limits)
-            if "tau" in history.shares:
-                peak = np.maximum(peak, history.shares["tau"].max(axis=0))
+            if "tau" in history.use:
+                peak = np.maximum(peak, history.use["tau"].max(axis=0))
     return sorted(np.argsort(-peak, kind="stable")[:SHOWN_JOINTS].tolist())
 
 
