@@ -1,7 +1,5 @@
 """Mechanical power of the joints."""
 
-import casadi as ca
-
 from microbot_ocp.limits._limit import Bound, Limit
 
 
@@ -37,4 +35,4 @@ def _power(state):
 
 
 def _total_power(state):
-    return ca.dot(state.tau, state.qd)
+    return state.tau.T @ state.qd

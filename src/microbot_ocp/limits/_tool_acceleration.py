@@ -1,7 +1,5 @@
 """Acceleration of the tool."""
 
-import casadi as ca
-
 from microbot_ocp.limits._limit import Bound, Limit
 
 
@@ -22,4 +20,5 @@ def tool_acceleration(upper: Bound) -> Limit:
 
 
 def _acceleration(state):
-    return ca.norm_2(state.tool_acceleration[:3])
+    linear = state.tool_acceleration[:3]
+    return (linear.T @ linear) ** 0.5
