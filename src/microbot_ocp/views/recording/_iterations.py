@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import rerun as rr
@@ -41,7 +42,13 @@ EARLIER = 8  # iterations whose tool paths stay behind, faintly
 SMALLEST = 1e-16  # infeasibility that is drawn for none
 WIDE = 4  # more panels than this in a row: two columns
 PER_INTERVAL = 5  # samples of a state or control
-CONVERGENCE = {"cost": "cost", "infeasibility": "infeasibility, power of ten"}
+CONVERGENCE: dict[str, tuple[str, dict[str, Any]]] = {  # title and settings of the plot
+    "cost": ("cost", {}),
+    "infeasibility": (
+        "infeasibility, power of ten",
+        {"axis_y": rrb.ScalarAxis(range=(-16.5, 4.5))},  # Rerun labels -10 and 0
+    ),
+}
 
 
 class IterationRecorder:
@@ -239,7 +246,10 @@ def _blueprint(iteration: Iteration, curves: Mapping[str, Curve]) -> rrb.Bluepri
     else:
         shown = rrb.Tabs(*(rrb.Grid(*v, grid_columns=2, name=g) for g, v in views.items()))
     convergence = rrb.Horizontal(
-        *(plot_view(title, origin=f"convergence/{name}") for name, title in CONVERGENCE.items())
+        *(
+            plot_view(title, origin=f"convergence/{name}", **settings)
+            for name, (title, settings) in CONVERGENCE.items()
+        )
     )
     if isinstance(iteration, MotionIteration):
         left = rrb.Vertical(_space(iteration), text_lines_view("solves"), row_shares=[2.6, 1.0])
