@@ -11,7 +11,7 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.fast_calls import buffered_call
 from microbot_ocp.comparison import Comparison, Entry
-from microbot_ocp.limits import JOINT_QUANTITIES
+from microbot_ocp.limits import JOINT_QUANTITIES, LimitFamily
 from microbot_ocp.motion import Motion
 from microbot_ocp.robot import JointLimits, Robot, forward_kinematics, frame_origins
 
@@ -96,21 +96,39 @@ def display_unit(robot: Robot, quantity: str, joint: int) -> str:
     """Unit in which a quantity of a joint (0-based) is drawn."""
     if _in_degrees(robot, quantity, joint):
         return "deg"
-    return "mm" if quantity == "error" else robot.unit(quantity, joint)
+    if quantity == "error":
+        return "mm"
+    if quantity in JOINT_QUANTITIES:
+        return robot.unit(quantity, joint)
+    return LimitFamily.of(robot)[quantity].units[joint]
 
 
-def limit_texts(robot: Robot, limits: JointLimits, quantity: str) -> list[str]:
-    """Limits of a quantity joint by joint with their unit, such as "±2 rad/s"; "" for none."""
+def of_joints(robot: Robot, quantity: str) -> bool:
+    """Whether a quantity has one value a joint, not one for the arm."""
+    family = LimitFamily.of(robot)
+    return quantity not in family or family[quantity].labels == robot.joint_names
+
+
+def limit_texts(robot: Robot, quantity: str) -> list[str]:
+    """A robot's limits of a quantity by joint or component, with units; "" for none.
+
+    Such as "±2 rad/s", "at most 1 m/s", "varies".
+    """
+    family = LimitFamily.of(robot)
+    if quantity not in family:
+        return [""] * robot.joint_count
     texts = []
-    for joint, bounds in enumerate(zip(*limits.bounds(quantity), strict=True)):
-        low, high = (float(bound) * display_factor(robot, quantity, joint) for bound in bounds)
-        unit = display_unit(robot, quantity, joint)
-        if np.isinf(low) and np.isinf(high):
+    for k, bounds in enumerate(zip(family[quantity].lower, family[quantity].upper, strict=True)):
+        low, high = np.multiply(bounds, display_factor(robot, quantity, k))
+        unit = display_unit(robot, quantity, k)
+        if np.isnan(low) or np.isnan(high):
+            texts.append("varies")
+        elif np.isinf(low) and np.isinf(high):
             texts.append("")
-        elif np.isinf(low) or np.isinf(high):
-            texts.append(
-                f"at most {high:.4g} {unit}" if np.isinf(low) else f"at least {low:.4g} {unit}"
-            )
+        elif np.isinf(low):
+            texts.append(f"at most {high:.4g} {unit}")
+        elif np.isinf(high):
+            texts.append(f"at least {low:.4g} {unit}")
         else:
             both = f"±{high:.4g}" if np.isclose(low, -high) else f"{low:.4g} to {high:.4g}"
             texts.append(f"{both} {unit}")
@@ -134,27 +152,19 @@ class AxisLimits(NamedTuple):
     far: str
 
 
-def axis_limits(comparison: Comparison, quantity: str, joint: int) -> AxisLimits:
-    """Range of the curves of all motions with the limits near enough to be drawn beside them."""
-    columns = [getattr(m, quantity)[:, joint] for _, m in solved_entries(comparison)]
-    if quantity == "q":
-        columns.append(comparison.via_q[:, joint])
-    values = np.concatenate(columns) if columns else np.zeros(0)
-    return near_limits(comparison.robot, comparison.limits, quantity, joint, values)
-
-
 def near_limits(
     robot: Robot, limits: JointLimits | None, quantity: str, joint: int, values: FloatArray
 ) -> AxisLimits:
     """Range of values [N] in stored units with the limits near enough to be drawn beside them.
 
-    What is not finite is left out.
+    What is not finite is left out, and so is a bound that varies along the motion.
     """
     factor = display_factor(robot, quantity, joint)
     low, high = _data_range(values * factor)
     lower, upper = -np.inf, np.inf
-    if limits is not None and quantity in JOINT_QUANTITIES:
-        lower, upper = (float(bound[joint]) * factor for bound in limits.bounds(quantity))
+    if limits is not None and quantity in (family := LimitFamily.of(robot, limits)):
+        bounds = family[quantity].lower[joint], family[quantity].upper[joint]
+        lower, upper = (float(bound) * factor for bound in bounds)
     span = max(high - low, 1e-9)
     near_lower = np.isfinite(lower) and high - lower <= LIMIT_STRETCH * span
     near_upper = np.isfinite(upper) and upper - low <= LIMIT_STRETCH * span

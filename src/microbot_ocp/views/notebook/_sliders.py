@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from typing import Any
 
@@ -16,7 +16,7 @@ from microbot_ocp._base.checks import InputError
 from microbot_ocp.limits import limit_history
 from microbot_ocp.motion import Motion
 from microbot_ocp.planning import TimeOptimalSolver
-from microbot_ocp.robot import JointLimits, Limits, Robot
+from microbot_ocp.robot import JointLimits, Robot
 from microbot_ocp.views.live import NewestOnly
 
 EXTRA = "pip install 'microbot_ocp[notebook]'"
@@ -33,14 +33,13 @@ class Setting:
     def limits(self, robot: Robot) -> JointLimits:
         """The robot's limits with torques and velocities scaled."""
         own = robot.limits
-        return Limits(
-            q_min=own.q_min,
-            q_max=own.q_max,
-            qd_max=(self.speed * own.qd_min, self.speed * own.qd_max),
-            qdd_max=(own.qdd_min, own.qdd_max),
-            tau_max=(self.torque * own.tau_min, self.torque * own.tau_max),
-            taud_max=(own.taud_min, own.taud_max),
-        ).for_joints(robot.joint_count)
+        return replace(
+            own,
+            qd_min=self.speed * own.qd_min,
+            qd_max=self.speed * own.qd_max,
+            tau_min=self.torque * own.tau_min,
+            tau_max=self.torque * own.tau_max,
+        )
 
 
 class TimeOptimalSliders:

@@ -6,8 +6,10 @@ from ._arms import (
 from ._comparison import (
     comparison as comparison,
 )
-from ._curves import (
+from ._curve import (
     Curve as Curve,
+)
+from ._curves import (
     curves as curves,
 )
 from ._limits import (

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Sequence
+from dataclasses import replace
 
 from microbot_ocp._base.showing import GivenAxes
 from microbot_ocp.comparison import Comparison, Entry
 from microbot_ocp.motion import Motion
 from microbot_ocp.views import _scene as scene
-from microbot_ocp.views.plots._curves import Curve, curves
+from microbot_ocp.views.plots._curve import Curve
+from microbot_ocp.views.plots._curves import curves
 from microbot_ocp.views.plots._page import AxesGrid
-from microbot_ocp.views.plots._style import EntryStyle, entry_styles, failure_sentence
+from microbot_ocp.views.plots._style import entry_styles, failure_sentence
 
 
 def comparison(
@@ -30,7 +32,7 @@ def comparison(
     axes : array of Axes [quantities, joints], optional
         Default a new figure, a column for each joint (a row each for more than four).
     quantities : sequence of str
-        Of "q" [deg or m], "qd", "qdd", "tau".
+        Of "q", "qd", "qdd", "tau", or the key of another limit, such as "taud" or "tool_speed".
     joints : sequence of int, optional
         Indices from 0; default all.
     methods : sequence of str, optional
@@ -53,7 +55,7 @@ def comparison(
     chosen = [comparison[name] for name in names]
     return curves(
         comparison.robot,
-        entry_curves(comparison, names),
+        entry_curves(comparison, names, quantities),
         quantities,
         axes,
         joints=joints,
@@ -65,26 +67,24 @@ def comparison(
     )
 
 
-def entry_curves(comparison: Comparison, names: Sequence[str]) -> list[Curve]:
+def entry_curves(
+    comparison: Comparison, names: Sequence[str], quantities: Sequence[str]
+) -> list[Curve]:
     """Curves of the named entries that have a motion."""
     styles = entry_styles(comparison)
+    robot = comparison.robot.with_limits(comparison.limits)
     return [
-        _curve(comparison, styles[entry.name], entry, motion)
+        replace(
+            Curve.of(motion, legend_title(entry, motion), robot=robot, quantities=quantities),
+            color=styles[entry.name].color,
+            linestyle=styles[entry.name].linestyle,
+            passages=[passage.time for passage in scene.via_passages(comparison, motion)],
+            prominent=styles[entry.name].highlighted,
+            warning="",  # the label says so
+        )
         for entry, motion in scene.solved_entries(comparison)
         if entry.name in names
     ]
-
-
-def _curve(comparison: Comparison, style: EntryStyle, entry: Entry, motion: Motion) -> Curve:
-    return Curve(
-        label=legend_title(entry, motion),
-        t=motion.t,
-        values={name: getattr(motion, name) for name in ("q", "qd", "qdd", "tau")},
-        color=style.color,
-        linestyle=style.linestyle,
-        passages=[passage.time for passage in scene.via_passages(comparison, motion)],
-        prominent=style.highlighted,
-    )
 
 
 def legend_title(entry: Entry, motion: Motion) -> str:

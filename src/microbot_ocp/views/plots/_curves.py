@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -14,10 +13,10 @@ from matplotlib.patches import Patch
 
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.showing import GivenAxes
-from microbot_ocp.motion import Motion
+from microbot_ocp.limits import LimitFamily
 from microbot_ocp.robot import JointLimits, Robot
-from microbot_ocp.simulation import Simulation, Tracking
 from microbot_ocp.views import _scene as scene
+from microbot_ocp.views.plots._curve import NAMES, Curve
 from microbot_ocp.views.plots._page import (
     A4,
     A4_LANDSCAPE,
@@ -28,78 +27,11 @@ from microbot_ocp.views.plots._page import (
     axes_page,
     styled,
 )
-from microbot_ocp.views.plots._style import LineStyle, look
+from microbot_ocp.views.plots._style import look
 
 ROW_HEIGHT = 2.3  # inches
 COLUMN_JOINTS = 4  # with more joints than this each has a row, not a column
-NAMES = {
-    "q": "position",
-    "qd": "velocity",
-    "qdd": "acceleration",
-    "tau": "torque",
-    "error": "error",
-}
-
-
-@dataclass(frozen=True, eq=False)
-class Curve:
-    """One line in every axes.
-
-    Attributes
-    ----------
-    label : str
-        What the legend prints.
-    t : array [N], s
-    values : mapping from a quantity to array [N,n]
-        "q", "qd", "qdd", "tau" and "error" (of the position), rad (m), N m (N); NaN is not drawn.
-    color : str, optional
-        Default by the place among the curves, as is the line style.
-    linestyle : str or (offset, dashes), optional
-    passages : sequence of float
-        Times at which a via point is passed, s: marked.
-    prominent : bool
-        Whether it is drawn on top and a little wider.
-    warning : str
-        What is wrong with it, such as "not solved: ..."; printed in red above the legend.
-    torque_limits : (lower [n], upper [n]), optional
-        Its own, N m (N); where the torque is at one of them its axes are shaded.
-    """
-
-    label: str
-    t: FloatArray
-    values: Mapping[str, FloatArray] = field(default_factory=dict)
-    color: str | None = None
-    linestyle: LineStyle | None = None
-    passages: Sequence[float] = ()
-    prominent: bool = False
-    warning: str = ""
-    torque_limits: tuple[FloatArray, FloatArray] | None = None
-
-    @classmethod
-    def of(cls, source: Motion | Simulation, label: str | None = None) -> Curve:
-        """Curve of a motion, a simulation or a tracking; its own label where none is given."""
-        torque_limits = None
-        values = {name: getattr(source, name) for name in ("q", "qd", "qdd", "tau")}
-        name = label or str(getattr(source, "label", "simulation"))
-        if isinstance(source, Tracking):
-            values["error"] = source.error
-            torque_limits = source.torque_limits
-        if isinstance(source, Motion):
-            inner = tuple(m.time for m in source.marks if 0 < m.time < source.duration)
-            failure = "" if source.solved else f"{name}: not solved: {source.status}"
-            return cls(name, source.t, values, passages=inner, warning=failure)
-        warning = "" if source.solved else f"{name}: {source.status}"
-        return cls(name, source.t, values, warning=warning, torque_limits=torque_limits)
-
-    def saturated(self, joint: int) -> list[tuple[float, float]]:
-        """Stretches of time, s, in which the torque of a joint is at one of its own limits."""
-        if self.torque_limits is None or "tau" not in self.values:
-            return []
-        (lower, upper), tau = self.torque_limits, self.values["tau"][:, joint]
-        at_limit = (tau <= lower[joint]) | (tau >= upper[joint])
-        steps = np.diff(np.concatenate([[False], at_limit[:-1], [False]]).astype(int))
-        spans = zip(self.t[steps == 1], self.t[steps == -1], strict=True)
-        return [(float(start), float(end)) for start, end in spans]
+OWN_LIMIT: dict[str, Any] = {"linestyle": ":", "linewidth": 1.2}  # of one curve
 
 
 @styled()
@@ -127,7 +59,8 @@ def curves(
     curves : sequence of Curve
         Those without a quantity are left out of its axes.
     quantities : sequence of str
-        Of "q", "qd", "qdd", "tau", "error".
+        Of "q", "qd", "qdd", "tau", "error", or the key of another limit of the robot, such as
+        "taud" or "tool_speed"; what is one number, not one a joint, has one panel across.
     axes : array of Axes [quantities, joints], optional
         Where to draw; default a new figure, in which each joint has a column (a row where there are
         more than four).
@@ -159,12 +92,15 @@ def curves(
         A quantity or joint that is not there, axes of another shape.
     """
     shown = _shown_joints(robot, joints)
+    robot = robot if limits is None else robot.with_limits(limits)
     for quantity in quantities:
-        if quantity not in NAMES:
-            raise InputError(f"quantity must be one of {', '.join(NAMES)}, not {quantity!r}")
+        _check_quantity(robot, quantity)
     page = curve_page(robot, axes, len(quantities), shown, title)
-    for row, quantity in zip(page.axes, quantities, strict=True):
-        for panel, joint in zip(row, shown, strict=True):
+    for row, quantity in enumerate(quantities):
+        panels = list(zip(page.axes[row], shown, strict=True))
+        if not scene.of_joints(robot, quantity):
+            panels = [(_across(page, row), 0)]
+        for panel, joint in panels:
             draw_panel(panel, robot, curves, quantity, joint, limits, via, base)
             if bounds and quantity in bounds:
                 _cut(panel, bounds[quantity])
@@ -179,6 +115,33 @@ def curves(
     wrapped = [line for text in stated for line in textwrap.wrap(text, width)]
     page.legend(_handles(curves, via is not None, page), 4, "\n".join(wrapped))
     return page.axes
+
+
+def _check_quantity(robot: Robot, quantity: str) -> None:
+    family = LimitFamily.of(robot)
+    if quantity not in NAMES and quantity not in family:
+        known = ", ".join(dict.fromkeys([*NAMES, *family.keys]))
+        raise InputError(f"quantity must be one of {known}, not {quantity!r}")
+    if not scene.of_joints(robot, quantity) and len(family[quantity].labels) > 1:
+        raise InputError(
+            f"quantity {quantity!r} has {len(family[quantity].labels)} components that are not the "
+            "joints': plots.limit_use shows them"
+        )
+
+
+def _across(page: Page, row: int) -> Axes:
+    """One axes in the place of a row; on axes of the caller the first one, the others hidden."""
+    first, *others = page.axes[row]
+    if page.own:
+        grid = first.get_gridspec()
+        turned = grid.nrows != page.axes.shape[0] or grid.ncols != page.axes.shape[1]
+        first.set_subplotspec(grid[:, row] if turned else grid[row, :])
+        page.axes[row, :] = first
+    for panel in others:
+        panel.remove() if page.own else panel.set_visible(False)
+    for panel in page.axes.flat:  # panels of other widths below do not share their ticks
+        panel.tick_params(labelbottom=True)
+    return first
 
 
 def curve_page(
@@ -226,17 +189,11 @@ def draw_panel(
         axes.plot(curve.t, values * factor, label=curve.label, **line)
         if len(curve.passages):
             axes.plot(
-                curve.passages,
-                np.interp(curve.passages, curve.t, values * factor),
-                linestyle="none",
-                marker="o",
-                markersize=5.0 if quantity == "q" else 3.5,
-                color=line["color"],
-                markeredgecolor="white",
-                markeredgewidth=0.6,
-                zorder=5 + line["zorder"] / 10,
+                curve.passages, np.interp(curve.passages, curve.t, values * factor), "o",
+                markersize=5.0 if quantity == "q" else 3.5, color=line["color"],
+                markeredgecolor="white", markeredgewidth=0.6, zorder=5 + line["zorder"] / 10,
                 label="_via",
-            )
+            )  # fmt: skip
     if via is not None and quantity == "q":
         columns.append(via[1][:, joint])
         axes.plot(
@@ -252,37 +209,20 @@ def draw_panel(
 def _draw_saturation(
     axes: Axes, curves: Sequence[Curve], joint: int, limits: JointLimits | None, base: bool
 ) -> None:
-    """Limits of single curves, and a lane of its own for each curve that is at them."""
-    lanes = [place for place, curve in enumerate(curves) if curve.saturated(joint)]
+    """Limits of single curves, and shades where a curve is at them, each in its share of height."""
+    common = () if limits is None else [bound[joint] for bound in limits.bounds("tau")]
+    shaded = [place for place, curve in enumerate(curves) if curve.saturated(joint)]
     for place, curve in enumerate(curves):
-        if curve.torque_limits is None:
-            continue
         color = line_of(curve, place, base)["color"]
-        common = () if limits is None else [bound[joint] for bound in limits.bounds("tau")]
-        for bound in curve.torque_limits:
+        for bound in curve.torque_limits or ():
             if np.isfinite(bound[joint]) and bound[joint] not in common:
-                axes.axhline(
-                    bound[joint],
-                    color=color,
-                    linestyle=":",
-                    linewidth=1.2,
-                    zorder=2.5,
-                    label="_own limit",
-                )
-        if place in lanes:
-            top = 1.0 - lanes.index(place) / len(lanes)
-            for start, end in curve.saturated(joint):
-                axes.axvspan(
-                    start,
-                    end,
-                    top - 1.0 / len(lanes),
-                    top,
-                    color=color,
-                    alpha=0.2,
-                    linewidth=0,
-                    zorder=1.5,
-                    label="_saturated",
-                )
+                axes.axhline(bound[joint], color=color, zorder=2.5, label="_own limit", **OWN_LIMIT)
+        for start, end in curve.saturated(joint):
+            top = 1.0 - shaded.index(place) / len(shaded)
+            axes.axvspan(
+                start, end, top - 1.0 / len(shaded), top, color=color, alpha=0.2, linewidth=0,
+                zorder=1.5, label="_saturated",
+            )  # fmt: skip
 
 
 def line_of(curve: Curve, place: int, base: bool = False) -> dict[str, Any]:
@@ -309,16 +249,9 @@ def draw_limits(axes: Axes, limits: scene.AxisLimits) -> None:
             axes.axhspan(*sorted((limit, edge)), color="0.5", alpha=0.18, linewidth=0, zorder=1)
     if limits.far:
         axes.annotate(
-            limits.far,
-            (1.0, 1.0),
-            xycoords="axes fraction",
-            xytext=(-2, 2),
-            textcoords="offset points",
-            ha="right",
-            va="bottom",
-            fontsize=7.5,
-            color=LIMIT_COLOR,
-        )
+            limits.far, (1.0, 1.0), xycoords="axes fraction", xytext=(-2, 2),
+            textcoords="offset points", ha="right", va="bottom", fontsize=7.5, color=LIMIT_COLOR,
+        )  # fmt: skip
 
 
 def _cut(axes: Axes, bound: float) -> None:
@@ -337,17 +270,21 @@ def _label_panels(
 ) -> None:
     grid, many = page.axes, len(joints) > COLUMN_JOINTS and page.own
     for i, quantity in enumerate(quantities):
-        units = [scene.display_unit(robot, quantity, joint) for joint in joints]
-        name = quantity if symbols else NAMES[quantity]
+        components = joints if scene.of_joints(robot, quantity) else [0] * len(joints)
+        units = [scene.display_unit(robot, quantity, k) for k in components]
+        name = quantity if symbols and quantity in NAMES else _name(robot, quantity)
         for panel, unit in zip(grid[i], units, strict=True):
             panel.set_ylabel(f"{name} [{unit}]")
         if many:
             _many_labels(grid[i], name, units)
         else:
             for panel, unit in list(zip(grid[i], units, strict=True))[1:]:
-                if unit == units[0] and page.own:
+                if unit == units[0] and page.own and panel is not grid[i][0]:
                     panel.set_ylabel("")
-    for panel, joint in zip(grid[0], joints, strict=True):
+    first = next(
+        (row for row, q in zip(grid, quantities, strict=True) if scene.of_joints(robot, q)), ()
+    )
+    for panel, joint in zip(first, joints, strict=False):
         if many:
             name = robot.joint_names[joint]  # far limits are named at the right
             panel.set_title(name, fontweight="bold", loc="left", fontsize=9.5, pad=12)
@@ -357,6 +294,10 @@ def _label_panels(
         panel.set_xlabel("t [s]")
     if page.own:
         page.figure.align_ylabels(list(grid.flat))
+
+
+def _name(robot: Robot, quantity: str) -> str:
+    return NAMES.get(quantity) or LimitFamily.of(robot)[quantity].name
 
 
 def _many_labels(column: Sequence[Axes], name: str, units: Sequence[str]) -> None:
@@ -386,29 +327,17 @@ def _handles(curves: Sequence[Curve], marked: bool, page: Page) -> list[Any]:
 
 def _saturation_handles(curves: Sequence[Curve], drawn: set[str], page: Page) -> list[Any]:
     shades = {
-        p.get_facecolor()
-        for a in page.axes.flat
-        for p in a.patches
-        if p.get_label() == "_saturated"
+        patch.get_facecolor()
+        for panel in page.axes.flat
+        for patch in panel.patches
+        if patch.get_label() == "_saturated"
     }
     handles: list[Any] = []
     if "_own limit" in drawn:
-        handles.append(
-            Line2D(
-                [],
-                [],
-                color="0.25",
-                linestyle=":",
-                linewidth=1.2,
-                label="torque limit of the curve of its colour",
-            )
-        )
+        text = "torque limit of the curve of its colour"
+        handles.append(Line2D([], [], color=LIMIT_COLOR, label=text, **OWN_LIMIT))
     if shades:
         color = shades.pop() if len(shades) == 1 else ("0.4", 0.2)
-        text = (
-            "torque at its limit"
-            if len(curves) == 1
-            else "torque at its limit, of the curve of its colour"
-        )
-        handles.append(Patch(facecolor=color, label=text))
+        whose = "" if len(curves) == 1 else ", of the curve of its colour"
+        handles.append(Patch(facecolor=color, label=f"torque at its limit{whose}"))
     return handles

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping, Sequence
+from itertools import cycle
 from typing import Any
 
 import numpy as np
@@ -13,7 +15,7 @@ from matplotlib.patches import Patch
 from microbot_ocp._base.checks import InputError
 from microbot_ocp._base.showing import GivenAxes
 from microbot_ocp.comparison import Comparison
-from microbot_ocp.limits import LimitHistory, Spell, limit_history, quantity_name
+from microbot_ocp.limits import LimitFamily, LimitHistory, Spell, limit_history
 from microbot_ocp.motion import Motion
 from microbot_ocp.robot import JointLimits, Limits, Robot
 from microbot_ocp.views import _scene as scene
@@ -30,10 +32,12 @@ ROW = 2.1  # inches, of one kind of limit
 LANE = 0.24  # inches, of one joint of one motion
 TOP = 125.0  # percent, unless a limit is broken by more
 # Upper limits are plain, lower ones hatched; velocity is a thin bar in the middle of a lane.
-HEIGHTS = {"tau": 0.78, "taud": 0.5, "qdd": 0.5, "qd": 0.26}
+HEIGHTS = {"taud": 0.5, "qdd": 0.5, "qddd": 0.4, "qd": 0.26}
+HEIGHT = 0.78  # of any other
 SIDES = {1: " at its upper limit", -1: " at its lower limit", 0: " at a limit"}
 LOWER_HATCH = "//////"
-FACES = {"tau": "0.35", "taud": "0.6", "qdd": "0.6", "qd": "#E69F00"}
+FACES = {"tau": "0.35", "taud": "0.6", "qdd": "0.6", "qddd": "#56B4E9", "qd": "#E69F00"}
+FURTHER_FACES = ("#009E73", "#CC79A7", "#0072B2", "#882255")  # of limits beside the joints'
 
 
 @styled()
@@ -54,7 +58,8 @@ def limit_use(
     axes : array of Axes [quantities], optional
         Default a new figure.
     quantities : sequence of str, optional
-        Of "q", "qd", "qdd", "tau", "taud"; default all that have limits but the position's.
+        Keys of limits: "q", "qd", "qdd", "qddd", "tau", "taud", or of a further one, such as
+        "tool_speed"; default all that the robot has but the position's.
     limits : Limits, optional
         Default the robot's own.
 
@@ -78,6 +83,7 @@ def limit_use(
             raise InputError(f"quantity must be one with a limit ({known}), not {quantity!r}")
     if not shown:
         raise InputError("limits must bound something: this robot has none")
+    joints = {key for key in shown if scene.of_joints(history.family.robot, key)}
     size = (WIDTH, ROW * len(shown) + 1.3)
     title = f"{robot.name}, {motion.label}: use of the limits"
     page = axes_page(axes, len(shown), 1, size=size, title=title, sharex=True)
@@ -88,7 +94,7 @@ def limit_use(
     page.axes[-1, 0].set_xlabel("t [s]")
     handles: list[Any] = [
         Line2D([], [], label=name, **joint_line(joint))
-        for joint, name in enumerate(robot.joint_names)
+        for joint, name in enumerate(robot.joint_names if joints else ())
     ]
     handles.append(Line2D([], [], color=LIMIT_COLOR, linestyle="--", linewidth=1.0, label="limit"))
     if switches:
@@ -112,8 +118,12 @@ def joint_line(joint: int) -> dict[str, Any]:
 def _draw_use(axes: Axes, history: LimitHistory, quantity: str, switches: Sequence[float]) -> None:
     share = 100.0 * history.use[quantity]
     drawn = np.where(np.isfinite(share), np.maximum(share, 0.0), np.nan)
-    for joint in range(share.shape[1]):
-        axes.plot(history.t, drawn[:, joint], zorder=3 + 0.01 * joint, **joint_line(joint))
+    member, of_joints = history.family[quantity], scene.of_joints(history.family.robot, quantity)
+    for joint, label in enumerate(member.labels):
+        line = joint_line(joint) if of_joints else {**joint_line(joint), "color": "black"}
+        axes.plot(history.t, drawn[:, joint], zorder=3 + 0.01 * joint, label=label, **line)
+    if not of_joints and len(member.labels) > 1:
+        axes.legend(loc="best", fontsize=7.5)
     for time in switches:
         axes.axvline(time, color="0.55", linewidth=0.8, zorder=2, label="_switch")
     peak = float(np.nanmax(drawn))
@@ -122,7 +132,7 @@ def _draw_use(axes: Axes, history: LimitHistory, quantity: str, switches: Sequen
     axes.axhspan(100.0, top, color="0.5", alpha=0.18, linewidth=0, zorder=1)
     axes.set_ylim(0.0, top)
     axes.set_yticks([0, 25, 50, 75, 100])
-    axes.set_ylabel(f"{history.family[quantity].name} [%]")
+    axes.set_ylabel(f"{textwrap.fill(member.name, 20)} [%]")
 
 
 @styled()
@@ -133,7 +143,9 @@ def saturation(
     robot: Robot | None = None,
     methods: Sequence[str] | None = None,
 ) -> Axes:
-    """Which actuator saturates when: a lane for each joint of each motion.
+    """Which limit is used up when: a lane for each joint of each motion.
+
+    Limits of other quantities than the joints', such as the tool's speed, have lanes below them.
 
     Parameters
     ----------
@@ -159,7 +171,8 @@ def saturation(
         A method that is not there.
     """
     robot, limits, motions, failures = _motions(subject, robot, methods)
-    names = robot.joint_names
+    family = LimitFamily.of(robot, limits)
+    names = _lanes(family)
     lanes = len(motions) * len(names)
     size = (WIDTH, LANE * (lanes + len(motions)) + 1.6)
     page = axes_page(axes, 1, 1, size=size, title=f"{robot.name}: which limit is used up when")
@@ -172,12 +185,9 @@ def saturation(
         for joint in range(len(names)):
             panel.barh(first + joint, motion.duration, height=0.86, color="0.93", zorder=1)
             ticks.append(first + joint)
-        for quantity in history.use:
-            if quantity == "q":
-                continue
-            for spell in history.spells(quantity):
-                _draw_spell(panel, first, spell)
-                kinds.add((quantity, 0 if quantity == "qd" else spell.side))
+        for spell in history.every_spell():
+            _draw_spell(panel, first, family, spell)
+            kinds.add((spell.quantity, 0 if spell.quantity == "qd" else spell.side))
         panel.annotate(
             f"{label}, {motion.duration:.3f} s", (0.0, first - 0.55), ha="left", va="bottom",
             fontsize=7.5 if page.own else 6.5, fontweight="bold", annotation_clip=False,
@@ -188,8 +198,16 @@ def saturation(
     panel.grid(axis="y", visible=False)
     panel.tick_params(axis="y", length=0)
     panel.set_xlabel("t [s]")
-    page.legend([_spell_patch(*kind) for kind in sorted(kinds, reverse=True)], 4, failures)
+    kinds = sorted(kinds, key=lambda kind: (kind[0] in FACES, *kind), reverse=True)
+    page.legend([_spell_patch(family, *kind) for kind in kinds], 4, failures)
     return panel
+
+
+def _lanes(family: LimitFamily) -> list[str]:
+    """Names of the lanes of one motion: its joints, then what further limits are of."""
+    further = [member for member in family if not scene.of_joints(family.robot, member.key)]
+    titles = [member.title(k) for member in further for k in range(len(member.labels))]
+    return [*family.robot.joint_names, *titles]
 
 
 def _motions(
@@ -213,31 +231,32 @@ def _motions(
     return robot, robot.limits, dict(subject), ""
 
 
-def _draw_spell(axes: Axes, first: int, spell: Spell) -> None:
+def _draw_spell(axes: Axes, first: int, family: LimitFamily, spell: Spell) -> None:
+    member = family[spell.quantity]
+    lane = spell.joint
+    if not scene.of_joints(family.robot, member.key):
+        lane = _lanes(family).index(member.title(spell.joint))
     axes.barh(
-        first + spell.joint,
+        first + lane,
         spell.end - spell.start,
         left=spell.start,
-        height=HEIGHTS[spell.quantity],
+        height=HEIGHTS.get(spell.quantity, HEIGHT),
         zorder=3 if spell.quantity == "qd" else 2,
         label="_spell",
-        **_face(spell.quantity, spell.side),
+        **_face(family, spell.quantity, spell.side),
     )
 
 
-def _face(quantity: str, side: int) -> dict[str, Any]:
+def _face(family: LimitFamily, quantity: str, side: int) -> dict[str, Any]:
     if quantity == "qd":
         return {"facecolor": FACES[quantity], "edgecolor": "black", "linewidth": 0.5}
+    further = [key for key in family.keys if key != "q" and key not in FACES]
+    colors = dict(zip(further, cycle(FURTHER_FACES), strict=False))
+    color = FACES.get(quantity) or colors[quantity]
     if side > 0:
-        return {"facecolor": FACES[quantity], "edgecolor": FACES[quantity], "linewidth": 0.5}
-    return {
-        "facecolor": "white",
-        "edgecolor": FACES[quantity],
-        "linewidth": 0.5,
-        "hatch": LOWER_HATCH,
-    }
+        return {"facecolor": color, "edgecolor": color, "linewidth": 0.5}
+    return {"facecolor": "white", "edgecolor": color, "linewidth": 0.5, "hatch": LOWER_HATCH}
 
 
-def _spell_patch(quantity: str, side: int) -> Patch:
-    text = quantity_name(quantity) + SIDES[side]
-    return Patch(label=text, **_face(quantity, side))
+def _spell_patch(family: LimitFamily, quantity: str, side: int) -> Patch:
+    return Patch(label=family[quantity].name + SIDES[side], **_face(family, quantity, side))

@@ -9,7 +9,8 @@ from microbot_ocp._base.showing import GivenAxes
 from microbot_ocp.motion import Motion
 from microbot_ocp.robot import JointLimits, Limits, Robot
 from microbot_ocp.simulation import Simulation
-from microbot_ocp.views.plots._curves import Curve, curves
+from microbot_ocp.views.plots._curve import Curve
+from microbot_ocp.views.plots._curves import curves
 from microbot_ocp.views.plots._page import AxesGrid
 
 
@@ -31,7 +32,7 @@ def motion(
     axes : array of Axes [quantities, joints], optional
         Default a new figure.
     quantities : sequence of str
-        Of "q", "qd", "qdd", "tau".
+        Of "q", "qd", "qdd", "tau", or the key of another limit, such as "taud" or "tool_speed".
     joints : sequence of int, optional
         Indices from 0; default all.
     limits : Limits, optional
@@ -51,13 +52,14 @@ def motion(
     motions = [motion] if isinstance(motion, Motion) else list(motion)
     for each in motions:
         _same_joints("motion", each.joint_count, robot)
+    robot = robot if limits is None else robot.with_limits(limits)
     return curves(
         robot,
-        [Curve.of(each) for each in motions],
+        [Curve.of(each, robot=robot, quantities=quantities) for each in motions],
         quantities,
         axes,
         joints=joints,
-        limits=(robot.limits if limits is None else limits).for_joints(robot.joint_count),
+        limits=robot.limits,
         title=f"{robot.name}: {motions[0].label}" if len(motions) == 1 else robot.name,
     )
 
@@ -77,7 +79,7 @@ def simulation(
     _same_joints("simulation", simulation.q.shape[1], robot)
     return curves(
         robot,
-        [Curve.of(simulation)],
+        [Curve.of(simulation, robot=robot, quantities=quantities)],
         quantities,
         axes,
         joints=joints,

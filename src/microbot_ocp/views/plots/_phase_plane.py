@@ -12,6 +12,7 @@ from matplotlib.patches import Patch
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.showing import GivenAxes
+from microbot_ocp.limits import JOINT_QUANTITIES, quantity_name
 from microbot_ocp.motion import PiecewisePolynomial
 from microbot_ocp.planning import PathLimit, PhasePlane, phase_plane as make_plane
 from microbot_ocp.robot import Robot
@@ -21,7 +22,7 @@ from microbot_ocp.views.plots._style import JOINT_COLORS
 SIZE = (9.6, 6.2)  # inches
 ROOM = 1.35  # height of the axes over the largest speed
 ENDS = 0.02  # share of the path at each end where its parameter may run off
-WORDS = {"qd": "velocity", "qdd": "acceleration", "tau": "torque"}
+FURTHER_DASHES: Any = (0.0, (8.0, 1.0, 2.0, 1.0))  # of limits beside the joints'
 DASHES: dict[tuple[str, int], Any] = {
     ("tau", 1): "solid",
     ("tau", -1): (0.0, (4.0, 1.2)),
@@ -98,9 +99,12 @@ def limit_name(robot: Robot, limit: PathLimit | None) -> str:
     if limit is None:
         return "no limit used up"
     side = "upper" if limit.side > 0 else "lower"
-    pushes = limit.quantity == "tau" and robot.joint_types[limit.joint] == "prismatic"
-    word = "force" if pushes else WORDS[limit.quantity]
-    return f"{robot.joint_names[limit.joint]}: {side} {word} limit"
+    name = quantity_name(limit.quantity)
+    if limit.quantity not in JOINT_QUANTITIES:
+        return f"{side} limit of the {name}"
+    if limit.quantity == "tau" and robot.joint_types[limit.joint] == "prismatic":
+        name = "force"
+    return f"{robot.joint_names[limit.joint]}: {side} {name} limit"
 
 
 def _top(plane: PhasePlane) -> float:
@@ -124,9 +128,10 @@ def _draw_bounds(axes: Axes, robot: Robot, plane: PhasePlane, top: float) -> lis
         )  # fmt: skip
         handles.append(line)
     if np.isfinite(plane.velocity_bound).any():
+        every = "velocity limits" if (plane.velocity_joint < 0).any() else "joint velocity limits"
         (line,) = axes.plot(
             s, np.minimum(plane.velocity_bound, far), color="0.35", linewidth=1.3,
-            linestyle=(0.0, (6.0, 2.0)), zorder=2, label="joint velocity limits",
+            linestyle=(0.0, (6.0, 2.0)), zorder=2, label=every,
         )  # fmt: skip
         handles.append(line)
         _name_velocity_limits(axes, robot, plane, top)
@@ -141,7 +146,8 @@ def _name_velocity_limits(axes: Axes, robot: Robot, plane: PhasePlane, top: floa
         place = slice(first, last)
         value = plane.velocity_bound[place]
         inside = np.flatnonzero(value < 0.97 * top)
-        if inside.size < 2 or np.ptp(plane.s[place][inside]) < least:
+        other = joints[first] < 0  # such as the tool's speed: the profile's legend names it
+        if other or inside.size < 2 or np.ptp(plane.s[place][inside]) < least:
             continue
         middle = inside[inside.size // 2]
         axes.annotate(
@@ -174,6 +180,8 @@ def limit_look(limit: PathLimit | None) -> dict[str, Any]:
     """Colour of the joint and line style of the kind of limit."""
     if limit is None:
         return {"color": "0.4", "linestyle": "solid"}
+    if (limit.quantity, limit.side) not in DASHES:
+        return {"color": "black", "linestyle": FURTHER_DASHES}
     color = JOINT_COLORS[limit.joint % len(JOINT_COLORS)]
     return {"color": color, "linestyle": DASHES[limit.quantity, limit.side]}
 

@@ -16,8 +16,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from microbot_ocp.comparison import Comparison
-from microbot_ocp.limits import JOINT_QUANTITIES, limit_history, quantity_name
-from microbot_ocp.robot import JointLimits, Robot
+from microbot_ocp.limits import JOINT_QUANTITIES, LimitFamily, limit_history, quantity_name
+from microbot_ocp.robot import Robot
 from microbot_ocp.views import _scene as scene
 from microbot_ocp.views.plots._comparison import entry_curves
 from microbot_ocp.views.plots._curves import draw_panel
@@ -31,6 +31,7 @@ SHOWN_JOINTS = 4  # columns of curves
 SMALL = 6.8  # points
 MARGINS = (0.06, 0.03, 0.88, 0.94)  # left, bottom, width, height, as printers leave them
 LINE_WIDTH = 142  # characters of small text on the page
+HEAD_WIDTH, HEAD_COLUMN = 80, 11  # characters of the table's heads on one line, and else of each
 MAIN_LIMITS = ("q", "qd", "tau")  # listed even where there are none
 
 
@@ -63,7 +64,7 @@ def report_figure(comparison: Comparison, *, footer: str | None = None) -> Figur
     heights = (
         0.3,
         0.17 * _task_text(comparison).count("\n") + 0.35,
-        0.19 * (len(comparison.entries) + 1) + 0.1,
+        0.19 * (len(comparison.entries) + _head_lines(comparison)) + 0.1,
         2.9,
         2.35,
         max(1.0, min(2.6, 0.135 * lanes + 0.5)),
@@ -117,36 +118,46 @@ def _task_text(comparison: Comparison) -> str:
     lines += textwrap.wrap(
         f"Task: {narrow_table(comparison).title}, at rest at both ends", LINE_WIDTH
     )
-    for quantity in JOINT_QUANTITIES:
-        lines += textwrap.wrap(_limits_text(robot, comparison.limits, quantity), LINE_WIDTH)
+    limited = robot.with_limits(comparison.limits)
+    for quantity in dict.fromkeys([*JOINT_QUANTITIES, *LimitFamily.of(limited).keys]):
+        lines += textwrap.wrap(_limits_text(limited, quantity), LINE_WIDTH)
     return "\n".join(lines)
 
 
-def _limits_text(robot: Robot, limits: JointLimits, quantity: str) -> str:
+def _limits_text(robot: Robot, quantity: str) -> str:
     """Limits of one kind, joint by joint; their unit once where it is the same."""
-    texts = scene.limit_texts(robot, limits, quantity)
-    word = quantity_name(quantity)
+    texts = scene.limit_texts(robot, quantity)
+    name = quantity_name(quantity)
     if not any(texts):
-        return f"Limits of {word}: none" if quantity in MAIN_LIMITS else ""
-    units = {scene.display_unit(robot, quantity, joint) for joint in range(robot.joint_count)}
-    if len(units) == 1:
-        unit = f" {units.pop()}"
-        return (
-            f"Limits of {word}: " + " / ".join(t.removesuffix(unit) or "none" for t in texts) + unit
-        )
-    return f"Limits of {word}: " + " / ".join(text or "none" for text in texts)
+        return f"Limits of {name}: none" if quantity in MAIN_LIMITS else ""
+    units = {scene.display_unit(robot, quantity, k) for k in range(len(texts))}
+    unit = f" {units.pop()}" if len(units) == 1 else ""
+    return f"Limits of {name}: {' / '.join(t.removesuffix(unit) or 'none' for t in texts)}{unit}"
+
+
+def _heads(comparison: Comparison) -> list[str]:
+    """Heads of the table, in several lines where one line of all would not fit."""
+    heads = narrow_table(comparison).heads
+    if len("  ".join(heads)) <= HEAD_WIDTH:
+        return heads
+    return [textwrap.fill(head, HEAD_COLUMN, break_long_words=False) for head in heads]
+
+
+def _head_lines(comparison: Comparison) -> int:
+    return max(head.count("\n") + 1 for head in _heads(comparison))
 
 
 def _draw_table(axes: Axes, comparison: Comparison) -> None:
     axes.axis("off")
     shown = narrow_table(comparison)
-    heads = shown.heads
+    heads = _heads(comparison)
     rows = [["", *(textwrap.shorten(c, 48, placeholder="…") for c in row)] for row in shown.cells]
     certificate = heads.index("certificate") + 1
     heads = ["", *heads]
     if not rows:
         return
-    lengths = [max(len(row[k]) for row in [heads, *rows]) + 2.5 for k in range(len(heads))]
+    longest = [max(map(len, head.splitlines()), default=0) for head in heads]
+    lengths = [max([n, *(len(row[k]) for row in rows)]) + 2.5 for k, n in enumerate(longest)]
     lengths[0] = 5.0  # the line of the legend
     for row in [heads, *rows]:
         row[certificate] = f"    {row[certificate]}"  # apart from the numbers before it
@@ -162,6 +173,7 @@ def _draw_table(axes: Axes, comparison: Comparison) -> None:
         cell.set_text_props(ha="left" if column in (1, certificate) else "right")
         cell.PAD = 0.02
         if row == 0:
+            cell.set_height(_head_lines(comparison) * cell.get_height())
             cell.set_text_props(fontweight="bold")
         elif comparison.entries[row - 1].motion is None:
             cell.set_text_props(color=WARNING_COLOR)
@@ -171,7 +183,8 @@ def _draw_table(axes: Axes, comparison: Comparison) -> None:
     for place, (entry, _) in enumerate(scene.solved_entries(comparison)):
         style = styles[entry.name]
         index = comparison.entries.index(entry)
-        height = 1.0 - (index + 1.5) / (len(rows) + 1)
+        tall = _head_lines(comparison)
+        height = 1.0 - (index + tall + 0.5) / (len(rows) + tall)
         axes.plot(
             [0.004, widths[0] - 0.004], [height, height], linewidth=1.6, zorder=5 + place,
             color=style.color, linestyle=style.linestyle,
@@ -181,7 +194,7 @@ def _draw_table(axes: Axes, comparison: Comparison) -> None:
 def _draw_curves(figure: Figure, place: Any, comparison: Comparison, chosen: list[str]) -> None:
     robot, count = comparison.robot, comparison.robot.joint_count
     joints = _busiest(comparison, chosen) if count > SHOWN_JOINTS else list(range(count))
-    shown = entry_curves(comparison, chosen)
+    shown = entry_curves(comparison, chosen, ("qd", "tau"))
     panels = place.subgridspec(2, len(joints), wspace=0.08).subplots(sharex=True, squeeze=False)
     end = max((curve.t[-1] for curve in shown), default=1.0)
     for row, quantity in zip(panels, ("qd", "tau"), strict=True):

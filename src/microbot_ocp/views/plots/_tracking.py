@@ -11,7 +11,8 @@ from microbot_ocp._base.checks import InputError
 from microbot_ocp._base.showing import GivenAxes
 from microbot_ocp.robot import JointLimits, Robot
 from microbot_ocp.simulation import Tracking
-from microbot_ocp.views.plots._curves import Curve, curves
+from microbot_ocp.views.plots._curve import Curve
+from microbot_ocp.views.plots._curves import curves
 from microbot_ocp.views.plots._page import AxesGrid
 
 
@@ -34,7 +35,8 @@ def tracking(
     axes : array of Axes [quantities, joints], optional
         Default a new figure.
     quantities : sequence of str
-        Of "error" (reference less position, deg, prismatic: mm), "tau", "q", "qd", "qdd".
+        Of "error" (reference less position, deg, prismatic: mm), "tau", "q", "qd", "qdd", or the
+        key of another limit, such as "tool_speed".
     joints : sequence of int, optional
         Indices from 0; default all.
     title : str
@@ -69,7 +71,7 @@ def tracking(
             )
     return curves(
         robot,
-        [Curve.of(run, label) for label, run in runs],
+        [Curve.of(run, label, robot=robot, quantities=quantities) for label, run in runs],
         quantities,
         axes,
         joints=joints,

@@ -13,11 +13,15 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray, plain
 from microbot_ocp._base.table import NOTHING, Column, Table
 from microbot_ocp.comparison import Certificate, Comparison, Entry, LimitCheck
+from microbot_ocp.limits import JOINT_QUANTITIES, quantity_name
 from microbot_ocp.views._scene import display_factor, display_unit
 from microbot_ocp.views.plots._style import entry_styles
 
 SCHEMA = 1
 SHOWN_JOINTS = 4  # more joints than this: the table shows the busiest one only
+JUDGED = ("certificate_ok", "verdict", "verdict_short", "worst_violation")
+MEASURED = ("final_position_error", "final_velocity_error", "saturated_fraction", "condition_peak")
+PLACE = ("quantity", "joint", "time", "value", "limit", "unit")  # of the worst violation
 
 Row = dict[str, Any]
 
@@ -39,7 +43,8 @@ def comparison_rows(comparison: Comparison) -> list[Row]:
         ``final_velocity_error`` (rad/s), ``saturated_fraction``, ``condition_peak``,
         ``solve_time`` (s), ``note``, ``marks`` (time and name).
     """
-    reference = _reference_duration(comparison)
+    motion = comparison.motions.get(comparison.reference)
+    reference = math.nan if motion is None else motion.duration
     return [_row(comparison, entry, reference) for entry in comparison.entries]
 
 
@@ -55,7 +60,7 @@ def comparison_table(comparison: Comparison) -> Table:
         Column("method", left=True),
         Column("T", "s", ".3f"),
         Column("ratio", show=".3f", bar=True),
-        *(Column(f"peak {kind}", "%", _percentages) for kind in limited),
+        *(Column(f"peak {_short_name(kind)}", "%", _percentages) for kind in limited),
         Column("∫tau²", "(N m)² s", _significant),
         Column("work", "J", _significant),
         Column("certificate", left=True),
@@ -135,13 +140,6 @@ def _shown_via(comparison: Comparison) -> FloatArray:
     return np.round(comparison.via_q * factors, 10)  # 30, not 29.999999999999996
 
 
-def _reference_duration(comparison: Comparison) -> float:
-    for entry in comparison.entries:
-        if entry.name == comparison.reference and entry.motion is not None:
-            return entry.motion.duration
-    return math.nan
-
-
 def _row(comparison: Comparison, entry: Entry, reference: float) -> Row:
     motion, certificate = entry.motion, entry.certificate
     duration = motion.duration if motion is not None else math.nan
@@ -174,26 +172,10 @@ def _utilisation(comparison: Comparison, certificate: Certificate | None) -> Row
 
 def _proof(certificate: Certificate | None) -> Row:
     if certificate is None:
-        unknown = (
-            "certificate_ok",
-            "verdict",
-            "worst_violation",
-            "final_position_error",
-            "final_velocity_error",
-            "saturated_fraction",
-            "condition_peak",
-        )
-        return {**dict.fromkeys(unknown), "verdict_short": None}
-    return {
-        "certificate_ok": certificate.ok,
-        "verdict": certificate.verdict,
-        "verdict_short": _short_verdict(certificate),
-        "worst_violation": _violation(_worst_check(certificate)),
-        "final_position_error": certificate.final_position_error,
-        "final_velocity_error": certificate.final_velocity_error,
-        "saturated_fraction": certificate.saturated_fraction,
-        "condition_peak": certificate.condition_peak,
-    }
+        return dict.fromkeys((*JUDGED, *MEASURED))
+    judged = certificate.ok, certificate.verdict, _short_verdict(certificate), _worst(certificate)
+    measured = {key: getattr(certificate, key) for key in MEASURED}
+    return dict(zip(JUDGED, judged, strict=True)) | measured
 
 
 def _worst_check(certificate: Certificate) -> LimitCheck | None:
@@ -201,18 +183,11 @@ def _worst_check(certificate: Certificate) -> LimitCheck | None:
     return max(broken, key=lambda check: check.violation, default=None)
 
 
-def _violation(check: LimitCheck | None) -> Row | None:
+def _worst(certificate: Certificate) -> Row | None:
+    check = _worst_check(certificate)
     if check is None:
         return None
-    return {
-        "quantity": check.quantity,
-        "joint": check.joint,
-        "time": check.time,
-        "value": check.value,
-        "limit": check.limit,
-        "unit": check.unit,
-        "relative": check.violation,
-    }
+    return {key: getattr(check, key) for key in PLACE} | {"relative": check.violation}
 
 
 def _short_verdict(certificate: Certificate) -> str:
@@ -222,8 +197,14 @@ def _short_verdict(certificate: Certificate) -> str:
     if not certificate.resimulation_status.solved:
         return "FAILED: re-simulation"
     if worst is not None and worst.violation > 1e-6:
-        return f"FAILED: {worst.quantity} {worst.joint} +{_percent(worst.violation)}"
+        place = f"{_short_name(worst.quantity)} {worst.joint}".strip()
+        return f"FAILED: {place} +{_percent(worst.violation)}"
     return "FAILED"
+
+
+def _short_name(quantity: str) -> str:
+    """The symbol of a quantity of the joints, the name of any other."""
+    return quantity if quantity in JOINT_QUANTITIES else quantity_name(quantity)
 
 
 def _percent(share: float) -> str:
@@ -269,7 +250,8 @@ def _title(comparison: Comparison) -> str:
 def _notes(comparison: Comparison, rows: list[Row]) -> Iterator[str]:
     joints = comparison.robot.joint_names
     order = " / ".join(joints) if len(joints) <= SHOWN_JOINTS else "busiest joint only"
-    reference = _reference_title(rows, comparison)
+    titles = {row["name"]: row["title"] for row in rows}
+    reference = titles.get(comparison.reference, comparison.reference)
     yield f"Peaks: largest share of the limit ({order}). Ratio: to {reference}."
     for row in rows:
         remarks = []
@@ -285,22 +267,16 @@ def _notes(comparison: Comparison, rows: list[Row]) -> Iterator[str]:
 
 
 def _violation_text(violation: Row | None, verdict: str) -> list[str]:
-    if violation is None or violation["joint"] in verdict:  # the verdict says so already
-        return []
+    if violation is None or (violation["joint"] or violation["quantity"]) in verdict:
+        return []  # the verdict says so already
     value, limit, time = (violation[key] for key in ("value", "limit", "time"))
     if value is None or limit is None or time is None:
         return []
+    joint = f" of {violation['joint']}" if violation["joint"] else ""
     return [
-        f"{violation['quantity']} of {violation['joint']} reaches {value:.4g} {violation['unit']} "
+        f"{_short_name(violation['quantity'])}{joint} reaches {value:.4g} {violation['unit']} "
         f"at {time:.3f} s, limit {limit:.4g}"
     ]
-
-
-def _reference_title(rows: list[Row], comparison: Comparison) -> str:
-    for row in rows:
-        if row["name"] == comparison.reference:
-            return row["title"]
-    return comparison.reference
 
 
 def _flat(row: Row) -> Row:
@@ -312,7 +288,7 @@ def _flat(row: Row) -> Row:
                 for joint, share in shares.items():
                     flat[f"utilisation_{quantity}_{joint}"] = share
         elif key == "worst_violation":
-            for part in ("quantity", "joint", "time", "value", "limit", "unit", "relative"):
+            for part in (*PLACE, "relative"):
                 flat[f"worst_violation_{part}"] = value[part] if value else None
         elif key == "marks":
             flat[key] = "; ".join(f"{mark['time']:.6g} {mark['name']}" for mark in value)

@@ -9,7 +9,7 @@ import numpy as np
 
 from microbot_ocp._base.table import Column, Table
 from microbot_ocp.comparison import Certificate
-from microbot_ocp.limits import JOINT_QUANTITIES
+from microbot_ocp.limits import LimitFamily
 from microbot_ocp.motion import Motion
 from microbot_ocp.ocp import OCPCertificate, Refined, Solution
 from microbot_ocp.robot import Robot
@@ -26,13 +26,15 @@ def robot(robot: Robot) -> Table:
     if robot.has_dynamics:
         columns.append(Column("mass", "kg", ".4g"))
         cells.append([link.mass for link in robot.links])
-    for quantity, (_, name, *_) in JOINT_QUANTITIES.items():
-        texts = scene.limit_texts(robot, robot.limits, quantity)
-        if any(texts):
-            columns.append(Column(f"{name} limits"))
+    notes = [robot.description, f"{scene.reach(robot):.4g} m stretched out"]
+    for member in LimitFamily.of(robot):
+        texts = scene.limit_texts(robot, member.key)
+        if scene.of_joints(robot, member.key):
+            columns.append(Column(f"{member.name} limits"))
             cells.append([text or "none" for text in texts])
-    reach = f"{scene.reach(robot):.4g} m stretched out"
-    return _table(robot, columns, zip(*cells, strict=True), [robot.description, reach])
+        else:
+            notes.append(f"{member.name}: {', '.join(texts)}")
+    return _table(robot, columns, zip(*cells, strict=True), notes)
 
 
 def motion(motion: Motion) -> Table:
