@@ -16,7 +16,6 @@ import ssik
 
 import microbot_ocp as mo
 from benchmarks.measure import Benchmark
-from microbot_ocp._base.fast_calls import fast_call
 
 TARGETS = 10_000  # of every arm, to count those that are missed
 BATCH = 1_000
@@ -49,7 +48,7 @@ def reachable(robot: mo.Robot, count: int) -> tuple[np.ndarray, np.ndarray, np.n
     bounds = robot.limits.q_min, robot.limits.q_max
     random = np.random.default_rng(42)
     q, other = random.uniform(*bounds, (2, count, robot.joint_count))
-    return q, fast_call(mo.forward_kinematics(robot))(q), other
+    return q, mo.fast_call(mo.forward_kinematics(robot))(q), other
 
 
 def per_target(call: Callable[[int], object], count: int) -> Callable[[], float]:

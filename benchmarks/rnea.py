@@ -8,7 +8,6 @@ import pinocchio as pin
 import microbot_ocp as mo
 from benchmarks.measure import Benchmark, timed
 from external.pinocchio_model import pinocchio_model
-from microbot_ocp._base.fast_calls import fast_call
 
 GOAL = 5.0
 CALLS = 20_000
@@ -41,7 +40,7 @@ def compare(robot: mo.Robot, repetitions: int) -> None:
     model = pinocchio_model(robot)
     data = model.createData()
     compiled = mo.inverse_dynamics(robot, compiled=True)
-    fast = fast_call(mo.inverse_dynamics(robot))
+    fast = mo.fast_call(mo.inverse_dynamics(robot))
     theirs = np.array([pin.rnea(model, data, *rows) for rows in states.transpose(1, 0, 2)])
     np.testing.assert_allclose(fast(*states), theirs, rtol=1e-9, atol=1e-8)
     q, qd, qdd = state

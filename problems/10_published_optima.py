@@ -20,7 +20,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from microbot_ocp._base.checks import InputError
+from microbot_ocp import InputError
 from microbot_ocp.ocp import Solution, Status
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))

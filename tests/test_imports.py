@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from types import ModuleType
 from typing import NamedTuple, TypeGuard
@@ -17,6 +18,7 @@ import microbot_ocp
 import microbot_ocp.ocp
 
 PACKAGE = Path(microbot_ocp.__file__).parent
+ROOT = Path(__file__).resolve().parent.parent
 
 # Every module or folder of the package has its place here; it may import those before it, and a
 # folder its own modules. A new one must be placed.
@@ -243,6 +245,47 @@ def test_a_function_comes_before_the_folder_of_its_name() -> None:
         "assert callable(mo.time_optimal)"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@cache
+def public_homes() -> set[tuple[str, str]]:
+    """Private module and name of everything that the stub of some folder makes public."""
+    found = set()
+    for stub in PACKAGE.rglob("__init__.pyi"):
+        package = ["microbot_ocp", *stub.parent.relative_to(PACKAGE).parts]
+        for node in ast.parse(stub.read_text("utf-8")).body:
+            if isinstance(node, ast.ImportFrom):
+                modules = [name for name in names(node, package) if "._" in name]
+                found |= {(module, alias.name) for module in modules for alias in node.names}
+    return found
+
+
+def taken_from_behind(text: str) -> list[str]:
+    """Names that a text imports from a private module although a public folder has them."""
+    public = public_homes()
+    return [
+        f"{node.module}.{alias.name}"
+        for node in ast.walk(ast.parse(text))
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+        if (node.module, alias.name) in public
+    ]
+
+
+@pytest.mark.parametrize("folder", ["tests", "problems", "benchmarks", "docs"])
+def test_public_names_are_imported_from_public_folders(folder: str) -> None:
+    files = sorted((ROOT / folder).rglob("*.py"))
+    assert files
+    wrong = {str(file): found for file in files if (found := taken_from_behind(file.read_text()))}
+    assert not wrong
+
+
+def test_the_rule_for_public_names_itself() -> None:
+    assert taken_from_behind("from microbot_ocp.motion._motion import Motion, _quintic") == [
+        "microbot_ocp.motion._motion.Motion"
+    ]
+    assert taken_from_behind("def f():\n    from microbot_ocp._base.checks import InputError")
+    assert not taken_from_behind("from microbot_ocp.motion import Motion")
 
 
 def test_a_name_that_is_not_there() -> None:

@@ -13,7 +13,7 @@ import pytest
 import microbot_ocp as mo
 from helpers import any_robot, batch, difference, random_states
 from microbot_ocp._base import codegen
-from microbot_ocp._base.codegen import NotCompiled, compile_function, compile_functions
+from microbot_ocp._base.codegen import compile_function, compile_functions
 
 needs_compiler = pytest.mark.skipif(codegen.compiler() is None, reason="no C compiler")
 
@@ -128,7 +128,7 @@ def test_without_a_compiler_the_function_itself_comes_back_with_a_warning(
 ) -> None:
     monkeypatch.setattr(codegen, "compiler", lambda: None)
     plain = doubled()
-    with pytest.warns(NotCompiled, match="not compiled: doubled .*no C compiler"):
+    with pytest.warns(mo.NotCompiled, match="not compiled: doubled .*no C compiler"):
         result = compile_function(plain)
     assert result is plain
     assert not folder.exists()
@@ -152,7 +152,7 @@ def test_failing_compiler_is_quoted_in_the_warning(
     broken = stub_compiler(tmp_path / "broken-cc", "echo out of paper >&2; exit 3")
     monkeypatch.setattr(codegen, "compiler", lambda: broken)
     plain = doubled()
-    with pytest.warns(NotCompiled, match="status 3: out of paper"):
+    with pytest.warns(mo.NotCompiled, match="status 3: out of paper"):
         assert compile_function(plain) is plain
     assert list(folder.iterdir()) == []
 
@@ -173,14 +173,14 @@ def test_unusable_cache_folder_and_broken_library_are_warned_about(
 ) -> None:
     folder.write_text("a file where the folder should be")
     plain = doubled()
-    with pytest.warns(NotCompiled):
+    with pytest.warns(mo.NotCompiled):
         assert compile_function(plain) is plain
     folder.unlink()
     folder.mkdir()
     broken = folder / "broken.so"
     broken.write_bytes(b"not a library")
     monkeypatch.setattr(codegen, "_build", lambda *arguments: broken)
-    with pytest.warns(NotCompiled, match="not compiled: doubled"):
+    with pytest.warns(mo.NotCompiled, match="not compiled: doubled"):
         assert compile_function(plain) is plain
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import microbot_ocp as mo
-from microbot_ocp._base.fast_calls import FastCall, buffered_call, fast_call, fast_loop
+from microbot_ocp._base.fast_calls import FastCall, buffered_call, fast_loop
 
 ROBOT = mo.load_robot("microbot")
 FUNCTIONS = {
@@ -35,7 +35,7 @@ def way(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch, tmp_pat
 
 def fresh(function: ca.Function) -> FastCall:
     """Not from the cache of another test."""
-    return fast_call.__wrapped__(function)
+    return mo.fast_call.__wrapped__(function)
 
 
 def states(function: ca.Function) -> list[np.ndarray]:
@@ -115,10 +115,10 @@ def test_wrong_shapes(arrays: tuple[np.ndarray, ...], message: str, way: str) ->
 def test_functions_of_matrices_are_refused() -> None:
     matrix = ca.SX.sym("matrix", 2, 2)
     with pytest.raises(mo.InputError, match="matrix of f must be a dense vector, not 2x2"):
-        fast_call(ca.Function("f", [matrix], [ca.densify(matrix[:, 0])], ["matrix"], ["column"]))
+        mo.fast_call(ca.Function("f", [matrix], [ca.densify(matrix[:, 0])], ["matrix"], ["column"]))
     vector = ca.SX.sym("vector", 2)
     with pytest.raises(mo.InputError, match="every output of f must be dense"):
-        fast_call(ca.Function("f", [vector], [ca.diag(vector)], ["vector"], ["diagonal"]))
+        mo.fast_call(ca.Function("f", [vector], [ca.diag(vector)], ["vector"], ["diagonal"]))
 
 
 def test_buffered_call_takes_matrices() -> None:

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from microbot_ocp._base.checks import InputError
+from microbot_ocp import InputError
 from microbot_ocp.ocp.refinement import solve_refined, state_errors
 from microbot_ocp.ocp.solution import Status
 from microbot_ocp.ocp.solvers import SolverSettings, solve

@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from microbot_ocp._base.checks import InputError
+from microbot_ocp import InputError
 from microbot_ocp.ocp import (
     Guess,
     OptimalControlProblem,

@@ -9,7 +9,7 @@ import sys
 import numpy as np
 import pytest
 
-from microbot_ocp._base.checks import InputError
+from microbot_ocp import InputError
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.solvers import ParametricSolver, SolverSettings, _run as run, solve
 from microbot_ocp.ocp.transcription import Transcription

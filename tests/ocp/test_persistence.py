@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from microbot_ocp._base.checks import InputError
+from microbot_ocp import InputError
 from microbot_ocp.ocp import Status
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.solvers import (

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from microbot_ocp._base.checks import InputError
+from microbot_ocp import InputError
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.solution import PhaseSolution, Solution, Status, unpack
 from microbot_ocp.ocp.solvers import SolverSettings, solve

@@ -9,7 +9,6 @@ import pytest
 from reading import read, scalars
 
 import microbot_ocp as mo
-from microbot_ocp._base.checks import InputError
 from microbot_ocp.ocp import OptimalControlProblem, SolverSettings, solve
 from microbot_ocp.views.live import connected, parse_address, server
 from microbot_ocp.views.live._viewer import end_viewer, start_viewer
@@ -204,7 +203,7 @@ def test_a_browser_is_served_on_loopback_only():
     "address", ["10.0.0.1:9876", "localhost", "somewhere:1", "", "127.0.0.1:x"]
 )
 def test_addresses_elsewhere_are_refused(address):
-    with pytest.raises(InputError, match="must be HOST:PORT"):
+    with pytest.raises(mo.InputError, match="must be HOST:PORT"):
         parse_address(address)
 
 
@@ -212,5 +211,5 @@ def test_nobody_who_listens_is_said_before_the_solve():
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
-    with pytest.raises(InputError, match="no viewer listens"), connected(f"127.0.0.1:{port}"):
+    with pytest.raises(mo.InputError, match="no viewer listens"), connected(f"127.0.0.1:{port}"):
         pass
