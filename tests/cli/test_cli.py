@@ -756,3 +756,17 @@ def test_the_iterations_of_a_solve_are_recorded(ask, tmp_path):
 def test_who_watches_is_checked_before_the_solve(refused, arguments, words):
     via = ["--via-deg", "0,0,0 -90,90,90"]
     assert words in refused("time-optimal", "microbot", *via, *arguments)
+
+
+def test_a_warning_is_one_line_without_its_place_in_the_program(tmp_path):
+    path = tmp_path / "arm.urdf"
+    path.write_text(
+        "<robot name='r'><link name='a'/><link name='b'/><joint name='j' type='revolute'>"
+        "<parent link='a'/><child link='b'/></joint></robot>"
+    )
+    words = [sys.executable, "-m", "microbot_ocp.cli", "show", str(path)]
+    done = subprocess.run(words, capture_output=True, text=True)
+    assert done.returncode == 0
+    assert done.stderr == (
+        "warning: arm.urdf: joints without lower and upper limit are read as unlimited: 'j'\n"
+    )

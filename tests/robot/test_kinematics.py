@@ -229,3 +229,30 @@ def test_functions_name_their_arguments(
     assert function.name_in() == inputs
     assert function.name_out() == outputs
     assert make(microbot) is function  # type: ignore[operator]
+
+
+def test_beta_turns_about_y_between_the_two_screws_of_a_row() -> None:
+    rng = np.random.default_rng(11)
+    alpha, a, d, theta, beta = rng.uniform(-1.0, 1.0, (5, 3))
+    kinds = ("revolute", "prismatic", "revolute")
+    robot = mo.Robot.from_dh(alpha, a, d, theta, beta=beta, joint_type=kinds)
+    (q,), (qd,), _ = random_states(robot, 1)
+    pose = np.eye(4)
+    for j, kind in enumerate(kinds):
+        turn, slide = (q[j], 0.0) if kind == "revolute" else (0.0, q[j])
+        about_y = np.eye(4)
+        about_y[:3:2, :3:2] = [
+            [np.cos(beta[j]), np.sin(beta[j])],
+            [-np.sin(beta[j]), np.cos(beta[j])],
+        ]
+        pose = pose @ dh_transform(alpha[j], a[j], 0.0, 0.0) @ about_y
+        pose = pose @ dh_transform(0.0, 0.0, d[j] + slide, theta[j] + turn)
+    assert np.array(mo.forward_kinematics(robot)(q)) == pytest.approx(pose, abs=1e-14)
+    v, omega = (np.array(x) for x in mo.velocity_propagation(robot)(q, qd))
+    twist = np.array(mo.jacobian(robot)(q)).reshape(6, 3) @ qd
+    assert np.concatenate([pose[:3, :3] @ v[:, -1], pose[:3, :3] @ omega[:, -1]]) == pytest.approx(
+        twist, abs=1e-14
+    )
+    plain = mo.Robot.from_dh(alpha, a, d, theta, joint_type=kinds)
+    assert robot != plain
+    assert mo.Robot.from_dh(alpha, a, d, theta, joint_type=kinds, beta=np.zeros(3)) == plain

@@ -347,6 +347,21 @@ def test_inertias_that_no_body_has_are_taken_as_they_stand(moment: str, fault: s
     assert parse_robot(robot_to_toml(robot)) == robot
 
 
+def test_inertias_of_links_that_stand_still_are_told_apart() -> None:
+    body = BODY.replace('izz="0.1"', 'izz="0.3"')
+    with pytest.warns(RobotFileWarning, match="no rigid body has do not move here: 'l0' breaks"):
+        robot = parse_urdf(chain(revolute(), links=(body, BODY)))
+    assert not robot.links[0].allow_unphysical
+
+
+def test_dust_is_no_inertia() -> None:
+    dust = INERTIA.replace('"0.1"', '"0"').replace('izz="0"', 'izz="-1e-20"')
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        robot = parse_urdf(chain(revolute()).replace(INERTIA, dust))
+    assert not robot.links[0].allow_unphysical
+
+
 def test_a_mass_alone_is_a_point() -> None:
     text = chain(revolute()).replace(INERTIA, "")
     with pytest.warns(RobotFileWarning, match="are read as point masses: 'l1'"):

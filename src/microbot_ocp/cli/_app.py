@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import signal
 import sys
+import warnings
 from collections.abc import Sequence
 from typing import Annotated
 
@@ -95,9 +96,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def entry() -> int:
     """Entry point of the program; it exits silently when the reader of its output goes away."""
     interrupt.watch()
+    warnings.showwarning = _tell
     if hasattr(signal, "SIGPIPE"):
         signal.signal(signal.SIGPIPE, signal.SIG_DFL)
     return main()
+
+
+def _tell(message: Warning | str, *_: object, **__: object) -> None:
+    """Say a warning on one line, without the place in the program that it comes from."""
+    print(f"warning: {' '.join(str(message).split())}", file=sys.stderr)
 
 
 def _refuse(sentence: str) -> int:

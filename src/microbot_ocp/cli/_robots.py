@@ -232,7 +232,7 @@ def _joint_document(robot: Robot, joint: int) -> dict[str, Any]:
     document: dict[str, Any] = {
         "name": robot.joint_names[joint],
         "type": robot.joint_types[joint],
-        **{key: getattr(robot, key)[joint] for key in ("alpha", "a", "d", "theta_offset")},
+        **{key: getattr(robot, key)[joint] for key in ("alpha", "a", "d", "theta_offset", "beta")},
         "limits": {
             key: bound[joint]
             for quantity in JOINT_QUANTITIES
@@ -255,6 +255,11 @@ def _show_robot(console: Console, robot: Robot) -> None:
     console.print("\nModified DH rows (Craig)")
     heads = ["joint", "type", "alpha [deg]", "a [m]", "d [m]", "theta [deg]"]
     rows = [_dh_row(robot, j) for j in range(robot.joint_count)]
+    if robot.beta.any():
+        heads.append("beta [deg]")
+        rows = [
+            [*row, number(np.degrees(beta))] for row, beta in zip(rows, robot.beta, strict=True)
+        ]
     console.print(Table.of_text(heads, rows, left=2), "")
     tool, base = robot.tool[:3, 3], robot.base[:3, 3]
     console.print(f"Tool origin in the last link frame: {point_text(tool)} m")

@@ -9,6 +9,8 @@ import numpy as np
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 
+DUST = 1e-15  # kg m^2, that of 1 mg at 30 um: what rounding leaves of an inertia meant to be zero
+
 
 def _origin() -> FloatArray:
     return np.zeros(3)
@@ -89,13 +91,13 @@ class Link:
 
 def inertia_fault(inertia: FloatArray) -> str | None:
     """Why no rigid body has this inertia [3,3]; None if one may, up to rounding."""
-    size = max(float(np.abs(inertia).max()), 1e-12)
+    size = float(np.abs(inertia).max())
     principal = np.linalg.eigvalsh(inertia)
-    if principal[0] < -1e-9 * size:
+    if principal[0] < -1e-9 * size - DUST:
         return (
             f"must be positive semi-definite, but a principal moment is {principal[0]:.6g} kg m^2"
         )
-    if principal[0] + principal[1] < principal[2] - 1e-6 * size:
+    if principal[0] + principal[1] < principal[2] - 1e-6 * size - DUST:
         return (
             f"breaks the triangle inequality: principal moments {principal[0]:.6g} + "
             f"{principal[1]:.6g} < {principal[2]:.6g} kg m^2, which no rigid body has"

@@ -16,7 +16,6 @@ import numpy as np
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.limits import JOINT_QUANTITIES
-from microbot_ocp.robot._links import inertia_fault
 from microbot_ocp.robot._shapes import ROLES, SIZES, Role, Shape
 from microbot_ocp.robot.files._mesh_files import find_mesh
 from microbot_ocp.robot.files._remarks import Remarks
@@ -193,8 +192,6 @@ def _inertial(link: Element, name: str, remarks: Remarks) -> Inertial | None:
             _finite(tensor, key, f"the inertia of {label}") for key in MOMENTS
         )
         inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    if fault := inertia_fault(inertia):
-        remarks.add("inertias that no rigid body has are taken as they stand", f"{name!r} {fault}")
     return Inertial(value, inertia, _frame(element, f"inertial origin of {label}"))
 
 

@@ -376,6 +376,9 @@ class _Tree:
         for name in self.order:
             if own := self.links[name].inertial:
                 bodies[carriers[name]].add(own, frames[name] @ own.frame)
+                if fault := inertia_fault(own.inertia):
+                    what = "are taken as they stand" if carriers[name] else "do not move here"
+                    self.remarks.add(f"inertias that no rigid body has {what}", f"{name!r} {fault}")
         if all(body.empty for body in bodies[1:]):
             return []
         return [

@@ -23,6 +23,9 @@ def robot(robot: Robot) -> Table:
     columns.append(Column("offset", "deg", ".4g"))
     alpha, offset = np.degrees([robot.alpha, robot.theta_offset])
     cells = [robot.joint_names, robot.joint_types, alpha, robot.a, robot.d, offset]
+    if robot.beta.any():
+        columns.append(Column("beta", "deg", ".4g"))
+        cells.append(np.degrees(robot.beta))
     if robot.has_dynamics:
         columns.append(Column("mass", "kg", ".4g"))
         cells.append([link.mass for link in robot.links])
