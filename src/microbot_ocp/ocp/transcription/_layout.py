@@ -269,7 +269,7 @@ class PhaseLayout:
                 found = group.kind.kernels.dense(
                     v, self.constants(intervals[own]), share[None, own]
                 )
-                table[:, own] = np.vstack([np.array(part) for part in found])
+                table[:, own] = np.vstack([part.full() for part in found])
         edges = np.cumsum([v.size for v in variables])[:-1]
         parts = np.split(table.T, edges, axis=1)
         return {v.name: part for v, part in zip(variables, parts, strict=True)}

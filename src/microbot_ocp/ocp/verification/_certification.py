@@ -103,7 +103,7 @@ def verify(
     )
     resimulations = tuple(resimulate(phase) for phase in phases)
     cost = check_cost(solution.cost, again)
-    dense = [dense_phase(own.phase, own.at) for own in again]
+    dense = [dense_phase(own.phase, own.interpolated) for own in again]
     uses = tuple(use for d in dense for use in limit_uses(d))
     costates = tuple(
         costates_of(phase, part, lam_g) for phase, part in zip(phases, parts, strict=True)

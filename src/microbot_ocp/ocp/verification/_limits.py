@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import casadi as ca
@@ -11,7 +12,7 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp.solution import PhaseSolution
-from microbot_ocp.ocp.transcription import DURATION, interpolated_variables
+from microbot_ocp.ocp.transcription import DURATION, IntArray, interpolated_variables
 from microbot_ocp.ocp.verification._certificate import OCPLimitUse
 from microbot_ocp.ocp.verification._reintegration import phase_layout
 
@@ -59,31 +60,29 @@ class DensePhase:
 
 
 def dense_phase(
-    phase: PhaseSolution, at: Callable[[float], Mapping[str, FloatArray]] | None = None
+    phase: PhaseSolution,
+    interpolated: Callable[[IntArray, FloatArray], Mapping[str, FloatArray]] | None = None,
 ) -> DensePhase:
     """A phase with all its quantities that have limits, on a dense grid.
 
     Parameters
     ----------
     phase : PhaseSolution
-    at : callable, optional
-        Values [N, size] of all variables at a fraction of every interval; by default the
-        interpolation of the scheme.
+    interpolated : callable, optional
+        Values [M, size] of all variables in some intervals [M], at fractions [M] of them; by
+        default the interpolation of the scheme.
     """
     layout = phase_layout(phase)
-    own, stages, n = layout.phase, phase.stages, layout.intervals
-    assert stages is not None
-    at = at or (lambda part: layout.interpolated(stages, np.arange(n), np.full(n, part)))
+    own, n = layout.phase, layout.intervals
+    assert phase.stages is not None
+    interpolated = interpolated or partial(layout.interpolated, phase.stages)
     share = np.linspace(0.0, 1.0, POINTS + 1)
     interval = np.repeat(np.arange(n), share.size)
     place = np.tile(share, n)
     steps = np.diff(layout.mesh)
     constants = np.tile(layout.parameters, (place.size, 1))
-    points = [at(float(part)) for part in share]
     ordered = interpolated_variables(own)
-    known = {
-        v.name: np.stack([k[v.name] for k in points], axis=1).reshape(-1, v.size) for v in ordered
-    }
+    known = interpolated(interval, place)
     t = (layout.mesh[interval] + place * steps[interval]) * phase.duration
     dense = DensePhase(phase, t, interval)
     kinds = {id(v): "state" for v in own.states} | {id(v): "algebraic" for v in own.algebraics}

@@ -25,7 +25,7 @@ from microbot_ocp.ocp.problem import (
     node_variables,
 )
 from microbot_ocp.ocp.solution import PhaseSolution
-from microbot_ocp.ocp.transcription import StageGroup, interpolated_variables, row_labels
+from microbot_ocp.ocp.transcription import IntArray, StageGroup, interpolated_variables, row_labels
 from microbot_ocp.ocp.transcription.schemes import (
     Collocation,
     HermiteSimpson,
@@ -61,13 +61,16 @@ class Recomputation:
             self.rows |= zip(own.group.rows.T.ravel().tolist(), rows.ravel().tolist(), strict=True)
         self._add_ends()
 
-    def at(self, share: float) -> dict[str, FloatArray]:
-        """All variables [N, size] at a fraction of every interval."""
-        variables = self.expressions.variables
-        found = {v.name: np.zeros((self.phase.mesh.size - 1, v.size)) for v in variables}
+    def interpolated(self, intervals: IntArray, share: FloatArray) -> dict[str, FloatArray]:
+        """All variables [M, size] in some intervals [M], at fractions [M] of them."""
+        found = {v.name: np.zeros((share.size, v.size)) for v in self.expressions.variables}
         for own in self.groups:
-            for name, table in own.values(own.step.state(share), share).items():
-                found[name][own.group.intervals] = table.T
+            column = np.full(self.phase.mesh.size - 1, -1)
+            column[own.group.intervals] = np.arange(own.group.intervals.size)
+            for part in np.unique(share).tolist():
+                chosen = np.flatnonzero((share == part) & (column[intervals] >= 0))
+                for name, table in own.values(own.step.state(part), part).items():
+                    found[name][chosen] = table.T[column[intervals[chosen]]]
         return found
 
     def _node(self, k: Sequence[int] | np.ndarray) -> tuple[dict[str, FloatArray], FloatArray]:
@@ -145,7 +148,7 @@ def missed_conditions(phases: Sequence[Recomputation], tolerance: float) -> list
 def check_cost(given: float, phases: Sequence[Recomputation]) -> CostCheck:
     """The cost of a solution evaluated again."""
     parts = np.concatenate([own.costs for own in phases])
-    integrals = sum(float(each_interval(own.phase).costs.sum()) for own in phases)
+    integrals = sum(float(each_interval(own.phase, cost=True).costs.sum()) for own in phases)
     ends = sum(float(own.costs[-1]) for own in phases)
     return CostCheck(given, float(parts.sum()), integrals + ends, max(np.abs(parts).sum(), TINY))
 
@@ -380,7 +383,7 @@ def _integrated(own: _Intervals) -> _Step:
     """For a scheme without a formula here: what the dynamics really do."""
 
     def reach(share: float) -> tuple[FloatArray, FloatArray]:
-        found = each_interval(own.phase, until=share)
+        found = each_interval(own.phase, until=share, cost=True)
         k = own.group.intervals
         return found.states[k].T, found.costs[k]
 

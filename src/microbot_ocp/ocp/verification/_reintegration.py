@@ -55,7 +55,7 @@ class Integrated:
     Attributes
     ----------
     states : at the ends of the intervals [N, n]; not numbers where the integrator failed
-    costs : integrals of the running cost over the intervals [N]
+    costs : integrals of the running cost over the intervals [N], 0 where they were not asked for
     failure : why the integrator stopped; empty where it got through
     """
 
@@ -65,11 +65,16 @@ class Integrated:
 
 
 def each_interval(
-    phase: PhaseSolution, tolerance: float = INTEGRATOR_TOLERANCE, *, until: float = 1.0
+    phase: PhaseSolution,
+    tolerance: float = INTEGRATOR_TOLERANCE,
+    *,
+    until: float = 1.0,
+    cost: bool = False,
 ) -> Integrated:
     """Integrate every interval from its own mesh state, up to a fraction of it.
 
-    All intervals of one degree are one call of one mapped integrator.
+    All intervals of one degree are one call of one mapped integrator. The running cost is
+    integrated where ``cost`` asks for it.
     """
     start = mesh_states(phase)[:-1]
     layout, ends, costs = phase_layout(phase), np.zeros_like(start), np.zeros(len(start))
@@ -81,10 +86,13 @@ def each_interval(
             group.kind,
             tolerance,
             lambda run, own=own, data=data: run.map(own.size)(start[own].T, data.T),
+            cost,
         )
         if found is None:
             return _failed(phase, failure)
-        ends[own], costs[own] = found
+        ends[own] = found[0]
+        if cost:
+            costs[own] = found[1]
     return Integrated(ends, costs)
 
 
@@ -92,7 +100,7 @@ def open_loop(phase: PhaseSolution, tolerance: float = INTEGRATOR_TOLERANCE) -> 
     """Integrate the phase from its first state on."""
     layout, states = phase_layout(phase), mesh_states(phase)
     data = [_interval_data(phase, group) for group in layout.groups]
-    reached, ends, costs = states[0], np.zeros_like(states[1:]), np.zeros(len(states) - 1)
+    reached, ends = states[0], np.zeros_like(states[1:])
     # a run of intervals of one kind is one call
     changes = np.flatnonzero(np.diff(layout.kind_of)) + 1
     for own in np.split(np.arange(layout.intervals), changes):
@@ -109,9 +117,9 @@ def open_loop(phase: PhaseSolution, tolerance: float = INTEGRATOR_TOLERANCE) -> 
         )
         if found is None:
             return _failed(phase, failure)
-        ends[own], costs[own] = found
+        ends[own] = found[0]
         reached = ends[own[-1]]
-    return Integrated(ends, costs)
+    return Integrated(ends, np.zeros(len(ends)))
 
 
 def _failed(phase: PhaseSolution, failure: str) -> Integrated:
@@ -124,12 +132,13 @@ def _first_that_works(
     kind: StageKind,
     tolerance: float,
     call: Callable[[ca.Function], Any],
+    cost: bool = False,
 ) -> tuple[tuple[FloatArray, FloatArray] | None, str]:
     """States [M, n] and costs [M] by the first integrator that gets through, or why none did."""
     failure = ""
     for method in _methods(layout.phase):
         try:
-            states, costs = call(_integrator(layout, kind, method, tolerance))
+            states, costs = call(_integrator(layout, kind, method, tolerance, cost))
             return (states.full().T, costs.full().ravel()), ""
         except RuntimeError as problem:
             failure = _why(problem)
@@ -185,7 +194,9 @@ def _interval_data(phase: PhaseSolution, group: StageGroup, until: float = 1.0) 
     return np.hstack(columns)
 
 
-def _integrator(layout: PhaseLayout, kind: StageKind, method: str, tolerance: float) -> ca.Function:
+def _integrator(
+    layout: PhaseLayout, kind: StageKind, method: str, tolerance: float, cost: bool
+) -> ca.Function:
     """``(x at the start, data of the interval) -> x at the end, integral of the running cost``.
 
     The independent variable is the share of the part of the interval that is integrated, and the
@@ -224,21 +235,22 @@ def _integrator(layout: PhaseLayout, kind: StageKind, method: str, tolerance: fl
     slope = ca.vertcat(*(phase.derivatives[v.name] for v in phase.states))
     equations = ca.vertcat(*phase.algebraic_equations, ca.MX(0, 1))
     arguments = [x, z, *(symbol for symbol, _ in known)]
-    running = sum(phase.running_costs, ca.MX(0))
+    running = sum(phase.running_costs, ca.MX(0)) if cost else ca.MX(0, 1)
     physics = ca.Function("physics", arguments, [slope, equations, running])
     with contextlib.suppress(RuntimeError):  # interpolants have no scalar graph
         physics = physics.expand()
     scale = ca.DM(np.concatenate([v.scale for v in phase.states]))
     y, inner = ca.MX.sym("y", x.shape[0]), ca.MX.sym("z", z.shape[0])
-    rate, residual, cost = physics(y * scale, inner, *(value for _, value in known))
+    rate, residual, slope_of_cost = physics(y * scale, inner, *(value for _, value in known))
     reach = until * length
     dae: dict[str, Any] = {
         "t": share,
         "x": y,
         "p": ca.vertcat(*parts),
         "ode": reach * rate / scale,
-        "quad": reach * cost,
     }
+    if cost:
+        dae["quad"] = reach * slope_of_cost
     options: dict[str, Any] = {
         "abstol": tolerance,
         "reltol": tolerance,
