@@ -68,6 +68,13 @@ def compare(robot: mo.Robot, repetitions: int) -> None:
     arm, few = peer(robot), FEW[robot.joint_count]
     q, poses, other = reachable(robot, BATCH)
     places, turns = np.array(poses[:, :3, 3]), np.array(poses[:, :3, :3])
+    if robot.joint_count == 6:  # with seven joints both choose members of continua
+        for pose, place, turn in zip(poses[:few], places, turns, strict=False):
+            branches = [s.q for s in mo.solve_ik_all(robot, place, turn)]
+            peers = np.array([s.q for s in arm.solve(pose, enumerate_windings=False)])
+            assert len(branches) == len(peers), (robot.name, place)
+            gaps = np.abs((np.array(branches)[:, None] - peers + np.pi) % (2 * np.pi) - np.pi)
+            assert gaps.max(axis=2).min(axis=1).max() < 1e-6, (robot.name, place)
     for distance, seeds in (("near", q + 0.05), ("far", other)):
 
         def theirs(k: int, seeds: np.ndarray = seeds) -> object:
