@@ -255,6 +255,7 @@ def _integrator(
         "abstol": tolerance,
         "reltol": tolerance,
         "max_num_steps": MOST_STEPS,
+        "quad_err_con": True,  # else the steps suit the states alone
         "disable_internal_warnings": True,
     }
     plugin = "cvodes"
