@@ -27,7 +27,7 @@ from microbot_ocp.ocp.verification._recomputation import (
     missed_conditions,
     scaled_rows,
 )
-from microbot_ocp.ocp.verification._reintegration import phase_layout
+from microbot_ocp.ocp.verification._reintegration import each_interval, phase_layout
 from microbot_ocp.ocp.verification._resimulation import resimulate
 from microbot_ocp.ocp.verification._stationarity import (
     bound_multipliers,
@@ -45,6 +45,9 @@ def verify(
     thresholds: Thresholds | None = None,
 ) -> OCPCertificate:
     """Check a solution independently of what made it.
+
+    The declared expressions are evaluated again, with limits, conditions and parameters as they
+    were solved with; neither the program nor the derivatives that the solver had are used.
 
     Parameters
     ----------
@@ -82,7 +85,7 @@ def verify(
     """
     started = time.perf_counter()
     limits_of = thresholds or Thresholds()
-    own = problem.problem if isinstance(problem, Transcription) else problem
+    declared = problem.problem if isinstance(problem, Transcription) else problem
     phases = as_declared(problem, solution)
     layouts = [phase_layout(phase) for phase in phases]
     bounds = bounds_of(layouts)
@@ -91,18 +94,19 @@ def verify(
     if lam_g.size != bounds.row_lower.size:
         raise InputError(
             f"the solution has {lam_g.size} row multipliers for {bounds.row_lower.size} rows of "
-            f"problem {own.name!r}"
+            f"problem {declared.name!r}"
         )
     x, again = scaled_variables(phases), [Recomputation(phase) for phase in phases]
-    g = scaled_rows(own, again)
+    g = scaled_rows(declared, again)
     parts = [differentiate(phase, lam_g) for phase in phases]
     gradient = lagrangian_gradient(parts, lam_g)
     lam_x, computed = bound_multipliers(bounds, solution, gradient)
     optimality = optimality_of(
         labels, bounds, x, g, gradient, lam_g, lam_x, computed, solution.cost_scale
     )
-    resimulations = tuple(resimulate(phase) for phase in phases)
-    cost = check_cost(solution.cost, again)
+    local = [each_interval(phase, cost=True) for phase in phases]
+    resimulations = tuple(map(resimulate, phases, local))
+    cost = check_cost(solution.cost, again, local)
     dense = [dense_phase(own.phase, own.interpolated) for own in again]
     uses = tuple(use for d in dense for use in limit_uses(d))
     costates = tuple(
@@ -121,7 +125,7 @@ def verify(
     ]
     said = problems or summary_of(resimulations, uses, optimality, hamiltonians, arcs)
     return OCPCertificate(
-        problem=own.name,
+        problem=declared.name,
         ok=not problems,
         verdict=("Failed: " if problems else "Passed: ") + "; ".join(said) + ".",
         cost=cost,

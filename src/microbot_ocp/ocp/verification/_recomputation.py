@@ -33,7 +33,7 @@ from microbot_ocp.ocp.transcription.schemes import (
     Trapezoidal,
 )
 from microbot_ocp.ocp.verification._certificate import CostCheck
-from microbot_ocp.ocp.verification._reintegration import each_interval, phase_layout
+from microbot_ocp.ocp.verification._reintegration import Integrated, each_interval, phase_layout
 
 TINY = 1e-12  # size of a cost that is zero
 Values = Mapping[str, FloatArray]  # tables [size, M] of variables, or rates, by name
@@ -145,10 +145,12 @@ def missed_conditions(phases: Sequence[Recomputation], tolerance: float) -> list
     return found
 
 
-def check_cost(given: float, phases: Sequence[Recomputation]) -> CostCheck:
-    """The cost of a solution evaluated again."""
+def check_cost(
+    given: float, phases: Sequence[Recomputation], integrated: Sequence[Integrated]
+) -> CostCheck:
+    """The cost of a solution evaluated again, and integrated again."""
     parts = np.concatenate([own.costs for own in phases])
-    integrals = sum(float(each_interval(own.phase, cost=True).costs.sum()) for own in phases)
+    integrals = sum(float(own.costs.sum()) for own in integrated)
     ends = sum(float(own.costs[-1]) for own in phases)
     return CostCheck(given, float(parts.sum()), integrals + ends, max(np.abs(parts).sum(), TINY))
 

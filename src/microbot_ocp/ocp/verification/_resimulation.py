@@ -8,7 +8,7 @@ from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.solution import PhaseSolution
 from microbot_ocp.ocp.verification._certificate import ResimulationCheck
 from microbot_ocp.ocp.verification._reintegration import (
-    each_interval,
+    Integrated,
     mesh_states,
     open_loop,
     phase_layout,
@@ -16,13 +16,13 @@ from microbot_ocp.ocp.verification._reintegration import (
 )
 
 
-def resimulate(phase: PhaseSolution) -> ResimulationCheck:
-    """Integrate a phase again from its first state and interval by interval."""
+def resimulate(phase: PhaseSolution, intervals: Integrated) -> ResimulationCheck:
+    """Integrate a phase again from its first state; its intervals are integrated already."""
     states = phase_layout(phase).phase.states
     wanted, weights = mesh_states(phase)[1:], state_weights(phase)
     again = open_loop(phase)
     error = np.nan_to_num(np.abs(again.states - wanted) / weights, nan=np.inf)
-    local = np.nan_to_num(np.abs(each_interval(phase).states - wanted) / weights, nan=np.inf)
+    local = np.nan_to_num(np.abs(intervals.states - wanted) / weights, nan=np.inf)
     k, column = np.unravel_index(int(error.argmax()), error.shape)
     owners = [(state, i) for state in states for i in range(state.size)]
     state, component = owners[int(column)]
