@@ -1,6 +1,7 @@
 """One problem solved in one way in this process, which is fresh; the last line printed is JSON.
 
-python -m benchmarks.suite.child NAME WAY [--scheme SCHEME] [--mesh INTERVALS] [--limit SECONDS]
+python -m benchmarks.suite.child NAME WAY [--scheme SCHEME] [--controls SHAPE]
+    [--mesh INTERVALS] [--limit SECONDS]
 
 The process is ended by the system when it has used its limit of processor time: a solver that
 never returns cannot be stopped from inside.
@@ -12,7 +13,10 @@ import argparse
 import json
 import resource
 import time
+from dataclasses import replace
 from typing import Any
+
+import casadi as ca
 
 from benchmarks.suite.peer import solve_by_opti
 from benchmarks.suite.table import BY_NAME
@@ -22,7 +26,13 @@ WAYS = ("solve", "refined", "peer")
 INTERVALS = 50  # of ocp.solve by default
 
 
-def run(name: str, way: str, scheme: str | None = None, mesh: int | None = None) -> dict[str, Any]:
+def run(
+    name: str,
+    way: str,
+    scheme: str | None = None,
+    mesh: int | None = None,
+    controls: str | None = None,
+) -> dict[str, Any]:
     """What came of it, as plain values; an exception is a status, too."""
     problem = BY_NAME[name]
     guess = None if problem.guess is None else problem.guess()
@@ -30,6 +40,8 @@ def run(name: str, way: str, scheme: str | None = None, mesh: int | None = None)
     chosen |= {} if scheme is None else {"scheme": scheme}
     chosen |= {} if mesh is None else {"mesh": mesh}
     built = problem.build()
+    if controls is not None and way != "peer":
+        _shape_controls(built, controls)
     begin = time.process_time()
     try:
         if way == "peer":
@@ -55,6 +67,15 @@ def run(name: str, way: str, scheme: str | None = None, mesh: int | None = None)
     return {**found, "seconds": time.process_time() - begin}
 
 
+def _shape_controls(problem: ocp.OptimalControlProblem, shape: str) -> None:
+    """Give every control another shape than it was declared with."""
+    for phase in problem.phases:
+        phase.controls = [
+            replace(c, shape=shape, rate=ca.MX.sym("rate", c.size) if shape == "linear" else None)
+            for c in phase.controls
+        ]
+
+
 def _words(status) -> str:
     return status.name.lower().replace("_", " ")
 
@@ -64,12 +85,14 @@ def main() -> None:
     parser.add_argument("name", choices=sorted(BY_NAME))
     parser.add_argument("way", choices=WAYS)
     parser.add_argument("--scheme")
+    parser.add_argument("--controls", choices=("constant", "linear", "polynomial"))
     parser.add_argument("--mesh", type=int)
     parser.add_argument("--limit", type=int, default=60, help="processor time, s")
     options = parser.parse_args()
     resource.setrlimit(resource.RLIMIT_CPU, (options.limit, options.limit + 1))
     print()
-    print(json.dumps(run(options.name, options.way, options.scheme, options.mesh)))
+    found = run(options.name, options.way, options.scheme, options.mesh, options.controls)
+    print(json.dumps(found))
 
 
 if __name__ == "__main__":

@@ -1,7 +1,8 @@
 """Every problem in child processes, and the table of what came of it.
 
     python -m benchmarks suite [--only NAME ...] [--ways solve refined peer] [--scheme SCHEME]
-        [--mesh INTERVALS] [--limit SECONDS] [--jobs N] [--json FILE] [--read FILE] [--markdown]
+        [--controls SHAPE] [--mesh INTERVALS] [--limit SECONDS] [--jobs N] [--json FILE]
+        [--read FILE] [--markdown]
 
 Errors are relative to the optimum that the table of problems knows. An answer counts as met when
 it is within 0.1 %, whatever its status; as a wrong success when it is reported as solved and is
@@ -37,6 +38,8 @@ def run_child(name: str, way: str, options: argparse.Namespace) -> Result:
     command += ["--limit", str(options.limit)]
     if way != "peer" and options.scheme:
         command += ["--scheme", options.scheme]
+    if options.controls:
+        command += ["--controls", options.controls]
     if options.mesh:
         command += ["--mesh", str(options.mesh)]
     single = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
@@ -153,6 +156,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--only", nargs="+", metavar="NAME", choices=sorted(BY_NAME))
     parser.add_argument("--ways", nargs="+", choices=WAYS, default=list(WAYS))
     parser.add_argument("--scheme", help="of ocp.solve and solve_refined; default: theirs")
+    parser.add_argument("--controls", metavar="SHAPE", help="of all; default: constant")
     parser.add_argument("--mesh", type=int, help="intervals a phase; default: theirs, Opti 50")
     parser.add_argument("--limit", type=int, default=60, help="processor time of a child, s")
     parser.add_argument("--jobs", type=int, default=2, help="children at once")

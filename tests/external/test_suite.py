@@ -87,7 +87,9 @@ def test_plain_casadi_meets_closed_forms(name: str):
 
 
 def options(**changed: object) -> argparse.Namespace:
-    return argparse.Namespace(**{"limit": 60, "scheme": None, "mesh": None, **changed})
+    return argparse.Namespace(
+        **{"limit": 60, "scheme": None, "controls": None, "mesh": None, **changed}
+    )
 
 
 def test_a_child_says_what_it_found():
@@ -95,6 +97,12 @@ def test_a_child_says_what_it_found():
     assert found["status"] == "solved"
     assert BY_NAME["interior_point"].error(found["cost"]) < 1e-3
     assert found["iterations"] > 0
+
+
+def test_another_shape_of_the_controls_is_another_answer():
+    smooth = options(scheme="radau", controls="polynomial")
+    found = runner.run_child("breakwell", "solve", smooth)
+    assert BY_NAME["breakwell"].error(found["cost"]) < 1e-5
 
 
 def test_a_child_that_does_not_end_is_a_timeout():
