@@ -2,13 +2,16 @@
 
 import numpy as np
 import pytest
-from reading import read, static
+from reading import read, scalars, static
 
+from microbot_ocp.limits import Limit, tool_speed
 from microbot_ocp.motion import Mark, Motion
 from microbot_ocp.robot import Limits
+from microbot_ocp.trajectories import cubic
 from microbot_ocp.views import _scene as scene
 from microbot_ocp.views.recording import of_motion
 from microbot_ocp.views.recording._limits import find_spells
+from microbot_ocp.views.recording._loads import tool_velocity
 
 
 @pytest.fixture(scope="module")
@@ -89,4 +92,59 @@ def test_lanes_have_a_colour_for_every_word(bang):
 
 def test_nothing_is_at_no_limit(bang):
     recording, _ = bang
-    assert find_spells(Limits().for_joints(3), recording.arms[0]) == []
+    assert find_spells(recording.robot, Limits().for_joints(3), recording.arms[0]) == []
+
+
+@pytest.fixture(scope="module")
+def limited(microbot, tmp_path_factory):
+    """A cubic that breaks one further limit and keeps the rest."""
+    shape = cubic([[0, 0, 0], [-0.5, 1.0, 0.8]], [0.0, 2.0])
+    motion = Motion.from_polynomial(microbot, shape, label="cubic")
+    state = motion.sample(motion.t)
+    fastest = np.linalg.norm(tool_velocity(microbot, state), axis=1).max()
+    height = Limit("tool height", lambda state: state.tool[2, 3], lower=-100.0, unit="m")
+    zone = Limit(
+        "zone speed",
+        lambda state: state.tool_velocity[2],
+        upper=lambda state: 20.0 + state.q[0],
+        unit="m/s",
+    )
+    also = [tool_speed(0.95 * fastest), height, zone]
+    robot = microbot.with_limits(qddd_max=[3.0, np.inf, np.inf], also=also)
+    recording = of_motion(robot, motion)
+    path = recording.save(tmp_path_factory.mktemp("rrd") / "limited.rrd")
+    return recording, path, fastest
+
+
+def test_further_limits_have_plots_with_their_bounds(limited):
+    recording, path, fastest = limited
+    arm = recording.arms[0]
+    _, speed = scalars(path, "/plots/tool_speed/value/motion")
+    expected = np.linalg.norm(tool_velocity(recording.robot, arm.state), axis=1)
+    np.testing.assert_allclose(speed, expected, rtol=1e-9, atol=1e-9)
+    _, rows = read(path, "/plots/tool_speed/value/limit_upper", "Scalars:scalars")
+    np.testing.assert_allclose([row[0] for row in rows if row], 0.95 * fastest)
+    titles = [plot.title for plot in recording.limit_plots]
+    assert titles == [
+        "jerk of waist [rad/s^3]",
+        "tool speed [m/s]",
+        "tool height [m]",
+        "zone speed [m/s]",
+    ]
+    _, zone = scalars(path, "/plots/zone_speed/value/limit_upper")
+    np.testing.assert_allclose(zone, 20.0 + arm.q[:, 0])
+
+
+def test_spells_at_a_tool_speed_limit_have_a_lane_and_lines_of_text(limited):
+    recording, path, fastest = limited
+    (spell,) = [s for s in recording.spells["motion"] if s.name == "tool speed"]
+    assert (spell.joint, spell.text) == (None, "tool speed max exceeded")
+    _, speed = scalars(path, "/plots/tool_speed/value/motion")
+    at = np.flatnonzero(speed >= 0.99 * 0.95 * fastest)
+    assert (spell.first, spell.last) == (at[0], at[-1])
+    _, states = read(path, "/saturation/motion/4_other", "StateChange:state")
+    assert [row[0] for row in states] == ["within", "tool speed max exceeded", "within"]
+    _, lines = read(path, "/marks/motion", "TextLog:text")
+    assert "tool speed max exceeded begins" in [line[0] for line in lines]
+    text = static(path, "/summary", "TextDocument:text")[0]
+    assert "Tool speed: at most 105 % of its limit" in text

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp.motion import JUMP_GAP, Mark, Motion, State
+from microbot_ocp.limits import LimitFamily, LimitValues
+from microbot_ocp.motion import JUMP_GAP, Mark, Motion, State, samples_at
 from microbot_ocp.robot import Robot
 from microbot_ocp.views._scene import reach
 from microbot_ocp.views.plots._style import EntryStyle
 from microbot_ocp.views.recording._writer import BRANCH, PROGRESS, TIME, WHOLE, Times
 
 RATE = 200.0  # Hz, of what is drawn: smoother than any screen
+JOINT_CURVES = ("q", "qd", "qdd", "tau")  # have curves of their own
 GHOST_ALPHA = 110
 BRIGHTER = 0.25  # share of white in colours, which are chosen for paper, on a dark screen
 
@@ -90,6 +92,9 @@ class AnimatedArm:
         Values [N,n] of every quantity that is plotted, in stored units.
     marks : tuple of Mark
         Named instants, s.
+    limited : mapping
+        Values [N,k] with their bounds of the limits that are not of velocity, acceleration or
+        torque, by the key of the limit.
     """
 
     look: Look
@@ -97,6 +102,7 @@ class AnimatedArm:
     state: State
     curves: Mapping[str, FloatArray]
     marks: tuple[Mark, ...] = ()
+    limited: Mapping[str, LimitValues] = field(default_factory=dict)
 
     @property
     def name(self) -> str:
@@ -123,13 +129,21 @@ class AnimatedArm:
         return self.state.qdd if quantity == "qdd" else self.curves.get(quantity)
 
 
-def moving_arm(motion: Motion, look: Look, rate: float = RATE) -> AnimatedArm:
-    """An arm at the motion's own samples, thinned to ``rate`` (Hz), filled in where sparser."""
+def moving_arm(
+    motion: Motion, look: Look, rate: float = RATE, family: LimitFamily | None = None
+) -> AnimatedArm:
+    """An arm at the motion's own samples, thinned to ``rate`` (Hz), filled in where sparser.
+
+    ``family`` holds the limits whose values are drawn.
+    """
     t = drawn_times(motion.t, rate)
     state = motion.sample(t)
+    further = [key for key in family.keys if key not in JOINT_CURVES] if family else []
+    limited = family.values(samples_at(motion, t), further) if family and further else {}
     tau = np.column_stack([np.interp(t, motion.t, column) for column in motion.tau.T])
     times = {TIME: t, PROGRESS: np.rint(WHOLE * progress(motion, t))}
-    return AnimatedArm(look, times, state, {"q": state.q, "qd": state.qd, "tau": tau}, motion.marks)
+    curves = {"q": state.q, "qd": state.qd, "tau": tau}
+    return AnimatedArm(look, times, state, curves, motion.marks, limited)
 
 
 def standing_arm(q: FloatArray, look: Look) -> AnimatedArm:

@@ -10,6 +10,7 @@ from rerun.components import Plane3D
 
 from microbot_ocp.robot import Robot
 from microbot_ocp.views._scene import display_unit
+from microbot_ocp.views.recording._limits import lane_order
 from microbot_ocp.views.recording._surroundings import Eye, grid_spacing, upward
 from microbot_ocp.views.recording._writer import (
     MARKS,
@@ -135,6 +136,12 @@ def _right(recording: Recording) -> rrb.Container:
     else:
         every = [view for views in rows.values() for view in views]
         tabs = [rrb.Grid(*every, grid_columns=robot.joint_count, name="joints")]
+    if recording.limit_plots:
+        further = [
+            plot_view(plot.title, origin=plot_path(plot.key, plot.label))
+            for plot in recording.limit_plots
+        ]
+        tabs.append(rrb.Grid(*further, grid_columns=2, name="further limits"))
     if recording.timeline == TIME:
         tool = [
             plot_view(name, contents=[f"{plot_path(quantity)}/**" for quantity in quantities])
@@ -145,7 +152,7 @@ def _right(recording: Recording) -> rrb.Container:
     solid = next((arm for arm in recording.arms if arm.look.solid), None)
     if solid is None or not recording.spells.get(solid.name):
         return curves
-    met = sorted({spell.joint for spell in recording.spells[solid.name]})
+    met = sorted({spell.joint for spell in recording.spells[solid.name]}, key=lane_order)
     lanes = rrb.StateTimelineView(
         contents=[lane_path(robot, solid.name, joint) for joint in met],
         name=f"limits met: {solid.title}" if solid.title else "limits met",

@@ -11,6 +11,7 @@ from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.table import Table
 from microbot_ocp.comparison import Certificate, Comparison
 from microbot_ocp.inverse_kinematics import IKSolution
+from microbot_ocp.limits import LimitFamily
 from microbot_ocp.motion import Motion
 from microbot_ocp.robot import JointLimits, Limits, Robot
 from microbot_ocp.simulation import Tracking
@@ -34,7 +35,11 @@ def of_comparison(comparison: Comparison, rate: float = RATE) -> Recording:
     styles = entry_styles(comparison)
     solved = solved_entries(comparison)
     shown = looks(comparison.robot, [styles[entry.name] for entry, _ in solved])
-    arms = [moving_arm(motion, look, rate) for (_, motion), look in zip(solved, shown, strict=True)]
+    family = LimitFamily.of(comparison.robot, comparison.limits)
+    arms = [
+        moving_arm(motion, look, rate, family)
+        for (_, motion), look in zip(solved, shown, strict=True)
+    ]
     return Recording(
         title=f"{comparison.robot.name}, {len(comparison.entries)} methods",
         robot=comparison.robot,
@@ -59,7 +64,7 @@ def of_motion(
     )
     via_q = motion.sample([0.0, *inner, motion.duration]).q
     (look,) = looks(robot, [_solid("motion", "")])
-    arm = moving_arm(motion, look, rate)
+    arm = moving_arm(motion, look, rate, LimitFamily.of(robot))
     title = f"{robot.name}: {motion.label}"
     sentences = [
         "" if motion.solved else f"Not solved: {motion.status}.",

@@ -62,6 +62,13 @@ def draw_curve(
     writer.columns(path, times, rr.Scalars.columns(scalars=values))
 
 
+def draw_bound(writer: Writer, path: str, times: Times, values: FloatArray) -> None:
+    """A bound [N] that varies along the motion."""
+    look = rr.SeriesLines.from_fields(names=["limit"], colors=[LIMIT_COLOR], widths=[1.2])
+    writer.static(path, look)
+    writer.columns(path, times, rr.Scalars.columns(scalars=values))
+
+
 def draw_limits(writer: Writer, path: str, limits: AxisLimits, end: Times) -> None:
     """Dashed lines over all timelines, beside the curves at a path."""
     whole = {key: (0.0, float(value[0])) for key, value in end.items()}

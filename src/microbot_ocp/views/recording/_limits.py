@@ -12,7 +12,7 @@ import numpy as np
 import rerun as rr
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp.limits import AT_LIMIT, quantity_name
+from microbot_ocp.limits import AT_LIMIT, LimitFamily, LimitValues, Member, quantity_name
 from microbot_ocp.robot import JointLimits, Robot
 from microbot_ocp.views._scene import AxisLimits, display_factor, near_limits, reach
 from microbot_ocp.views.recording._animated_arm import (
@@ -23,8 +23,17 @@ from microbot_ocp.views.recording._animated_arm import (
     AnimatedArm,
     Color,
 )
+from microbot_ocp.views.recording._curves import draw_bound, draw_curve, draw_dashed
 from microbot_ocp.views.recording._surroundings import upward
-from microbot_ocp.views.recording._writer import MARKS, TIME, Times, Writer, arm_path, lane_path
+from microbot_ocp.views.recording._writer import (
+    MARKS,
+    TIME,
+    Times,
+    Writer,
+    arm_path,
+    lane_path,
+    plot_path,
+)
 
 BEYOND = 1.005  # share of a limit from which on it counts as broken, as certificates have it
 QUANTITIES = ("qd", "qdd", "tau")  # every motion comes near some limit of its positions
@@ -35,10 +44,10 @@ SIDES = ("min", "max")
 
 
 class Spell(NamedTuple):
-    """A time that a joint (0-based) spends at a limit: samples ``first`` to ``last``."""
+    """A time spent at a limit: samples ``first`` to ``last``."""
 
-    joint: int
-    quantity: str
+    joint: int | None  # 0-based; None for a limit that is not of a joint
+    name: str  # "torque", "tool speed"
     side: str  # "min" or "max"
     first: int
     last: int
@@ -47,12 +56,12 @@ class Spell(NamedTuple):
     @property
     def text(self) -> str:
         """Such as "torque max"."""
-        name = f"{quantity_name(self.quantity)} {self.side}"
+        name = f"{self.name} {self.side}"
         return f"{name} exceeded" if self.beyond else name
 
 
-def find_spells(limits: JointLimits, arm: AnimatedArm) -> list[Spell]:
-    """Every spell of an arm at a limit of velocity, acceleration or torque, in order of time."""
+def find_spells(robot: Robot, limits: JointLimits, arm: AnimatedArm) -> list[Spell]:
+    """Every spell of an arm at a limit but those of positions, in order of time."""
     found = []
     for quantity in QUANTITIES:
         values = arm.values(quantity)
@@ -62,12 +71,96 @@ def find_spells(limits: JointLimits, arm: AnimatedArm) -> list[Spell]:
             sign = 1.0 if side == "max" else -1.0
             used = np.isfinite(bound) & (sign * values >= AT_LIMIT * sign * bound)
             broken = np.isfinite(bound) & (sign * values > BEYOND * sign * bound + 1e-9)
-            for joint in np.flatnonzero(used.any(axis=0)):
-                edges = np.flatnonzero(np.diff(used[:, joint], prepend=False, append=False))
-                for first, after in edges.reshape(-1, 2).tolist():
-                    beyond = bool(broken[first:after, joint].any())
-                    found.append(Spell(int(joint), quantity, side, first, after - 1, beyond))
-    return sorted(found, key=lambda spell: (spell.first, spell.joint))
+            for joint in range(values.shape[1]):
+                for first, last, beyond in _stretches(used[:, joint], broken[:, joint]):
+                    found.append(Spell(joint, quantity_name(quantity), side, first, last, beyond))
+    for member, values in _further(robot, limits, arm):
+        use, nearest = member.use(values), member.nearest_bound(values)
+        for side, bound in zip(SIDES, (values.lower, values.upper), strict=True):
+            here = np.isfinite(bound) & (nearest == bound)
+            for k in range(use.shape[1]):
+                joint = k if member.limit is None else None
+                name = member.name if member.limit is None else member.title(k)
+                used, broken = (here[:, k] & (use[:, k] >= share) for share in (AT_LIMIT, BEYOND))
+                for first, last, beyond in _stretches(used, broken):
+                    found.append(Spell(joint, name, side, first, last, beyond))
+    return sorted(found, key=lambda spell: (spell.first, lane_order(spell.joint)))
+
+
+def lane_order(joint: int | None) -> float:
+    """Joints in their order, then what is not of a joint."""
+    return np.inf if joint is None else joint
+
+
+def _stretches(used: np.ndarray, broken: np.ndarray) -> list[tuple[int, int, bool]]:
+    """First and last sample of every stretch that is used, and whether it is broken there."""
+    edges = np.flatnonzero(np.diff(used, prepend=False, append=False)).reshape(-1, 2)
+    return [(a, b - 1, bool(broken[a:b].any())) for a, b in edges.tolist()]
+
+
+def _further(
+    robot: Robot, limits: JointLimits, arm: AnimatedArm
+) -> list[tuple[Member, LimitValues]]:
+    """The limits beside those of position, velocity, acceleration and torque, with values."""
+    family = LimitFamily.of(robot, limits)
+    return [(family[key], values) for key, values in arm.limited.items()]
+
+
+class LimitPlot(NamedTuple):
+    """A plot of one component of a further limit."""
+
+    key: str
+    label: str
+    title: str
+
+
+def limit_plots(robot: Robot, limits: JointLimits, arms: Sequence[AnimatedArm]) -> list[LimitPlot]:
+    """Plots of the further limits that some arm has values of."""
+    found = []
+    for arm in arms:
+        for member, _ in _further(robot, limits, arm):
+            for k in np.flatnonzero(member.limited).tolist():
+                unit = f" [{member.units[k]}]" if member.units[k] else ""
+                label = member.labels[k] or "value"
+                found.append(LimitPlot(member.key, label, f"{member.title(k)}{unit}"))
+    return list(dict.fromkeys(found))
+
+
+def draw_limit_curves(
+    writer: Writer, robot: Robot, limits: JointLimits, arm: AnimatedArm, end: Times
+) -> None:
+    """Values of the further limits along the motion; the bounds beside those of the solid arm."""
+    whole = {key: (0.0, float(value[0])) for key, value in end.items()}
+    for member, values in _further(robot, limits, arm):
+        for k in np.flatnonzero(member.limited):
+            path = plot_path(member.key, member.labels[k] or "value")
+            draw_curve(writer, arm, f"{path}/{arm.name}", arm.times, values.value[:, k])
+            if not arm.look.solid:
+                continue
+            for side, bound in (("lower", values.lower), ("upper", values.upper)):
+                own = np.broadcast_to(bound, values.value.shape)[:, k]
+                if np.isinf(own).all():
+                    continue
+                if np.ptp(own) == 0.0:
+                    draw_dashed(writer, f"{path}/limit_{side}", [(whole, float(own[0]))])
+                else:
+                    draw_bound(writer, f"{path}/limit_{side}", arm.times, own)
+
+
+def limit_notes(robot: Robot, limits: JointLimits, arm: AnimatedArm) -> list[str]:
+    """A sentence on the peak of every further limit."""
+    notes = []
+    for member, values in _further(robot, limits, arm):
+        use = member.use(values)
+        i, k = np.unravel_index(int(use.argmax()), use.shape)
+        bound = member.nearest_bound(values)[i, k]
+        title, unit = member.title(int(k)), member.units[k]
+        notes.append(
+            f"{title[0].upper()}{title[1:]}: at most {100 * use[i, k]:.0f} % of its limit of "
+            f"{bound:.4g} {unit}".rstrip()
+            + f", at {arm.times[TIME][i]:.3f} s."
+        )
+    return notes
 
 
 def torque_share(limits: JointLimits, tau: FloatArray, joint: int) -> tuple[FloatArray, np.ndarray]:
@@ -131,8 +224,9 @@ class Switch(NamedTuple):
 
     def text(self, robot: Robot) -> str:
         """Such as "elbow torque max begins"."""
-        what = f"{robot.joint_names[self.spell.joint]} {self.spell.text}"
-        return f"{what} {'begins' if self.begins else 'ends'}"
+        joint = self.spell.joint
+        owner = "" if joint is None else f"{robot.joint_names[joint]} "
+        return f"{owner}{self.spell.text} {'begins' if self.begins else 'ends'}"
 
 
 def _switches(spells: Iterable[Spell], count: int) -> list[Switch]:
@@ -143,8 +237,12 @@ def _switches(spells: Iterable[Spell], count: int) -> list[Switch]:
 
 
 def draw_lanes(writer: Writer, robot: Robot, arm: AnimatedArm, spells: Sequence[Spell]) -> None:
-    """A lane for every joint that shows at which limit it is, for the state timeline."""
-    for joint in range(robot.joint_count):
+    """A lane for every joint that shows at which limit it is, for the state timeline.
+
+    One more lane is for the limits that are not of a joint, where one of them is met.
+    """
+    others = [None] if any(spell.joint is None for spell in spells) else []
+    for joint in [*range(robot.joint_count), *others]:
         states = np.full(len(arm.q), "", dtype=object)
         for spell in spells:
             if spell.joint == joint:

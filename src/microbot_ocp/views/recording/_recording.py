@@ -25,12 +25,16 @@ from microbot_ocp.views.recording._arm import (
 from microbot_ocp.views.recording._blueprint import recording_blueprint
 from microbot_ocp.views.recording._curves import draw_curve, draw_curves, draw_limits, draw_progress
 from microbot_ocp.views.recording._limits import (
+    LimitPlot,
     Spell,
     axis_limits,
     draw_lanes,
+    draw_limit_curves,
     draw_marks,
     draw_switches,
     find_spells,
+    limit_notes,
+    limit_plots,
 )
 from microbot_ocp.views.recording._loads import (
     Arrows,
@@ -101,7 +105,12 @@ class Recording:
     @cached_property
     def spells(self) -> Mapping[str, list[Spell]]:
         """Spells at limits by the name of the arm."""
-        return {arm.name: find_spells(self.limits, arm) for arm in self._moving}
+        return {arm.name: find_spells(self.robot, self.limits, arm) for arm in self._moving}
+
+    @property
+    def limit_plots(self) -> list[LimitPlot]:
+        """Plots of limits beside those of position, velocity, acceleration and torque."""
+        return limit_plots(self.robot, self.limits, self._moving)
 
     @property
     def application(self) -> str:
@@ -178,6 +187,7 @@ class Recording:
         draw_switches(writer, self.robot, arm, spells, tool)
         draw_marks(writer, self.robot, arm, spells)
         draw_progress(writer, arm)
+        draw_limit_curves(writer, self.robot, self.limits, arm, self.end)
         if arm.look.solid and "tau" in arm.curves and self.robot.has_dynamics:
             draw_torques(writer, self.robot, self.limits, arm)
 
@@ -202,7 +212,10 @@ class Recording:
             for (quantity, joint), limits in self.axis_limits.items()
             if limits.far
         ]
-        notes = [f"Too far off to be drawn: {'; '.join(far)}."] if far else []
+        solid = [arm for arm in self._moving if arm.look.solid]
+        notes = [note for arm in solid for note in limit_notes(self.robot, self.limits, arm)]
+        if far:
+            notes.append(f"Too far off to be drawn: {'; '.join(far)}.")
         if self._moving:
             scales = [kind.scale for kind in self._arrows]
             notes.append(legend(self.robot, len(self._moving) == 1, scales))

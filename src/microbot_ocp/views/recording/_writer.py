@@ -56,11 +56,15 @@ def plot_path(*parts: str) -> str:
     return rr.new_entity_path(["plots", *parts])
 
 
-def lane_path(robot: Robot, name: str, joint: int) -> str:
-    """Path of the lane of a joint (0-based); lanes are shown in the order of their paths."""
-    digits = len(str(robot.joint_count))
-    label = robot.joint_names[joint].replace(" ", "_")
-    return rr.new_entity_path([SATURATION, name, f"{joint + 1:0{digits}d}_{label}"])
+def lane_path(robot: Robot, name: str, joint: int | None) -> str:
+    """Path of the lane of a joint (0-based), or of limits that are not of a joint.
+
+    Lanes are shown in the order of their paths.
+    """
+    count = robot.joint_count
+    number = count + 1 if joint is None else joint + 1
+    label = "other" if joint is None else robot.joint_names[joint].replace(" ", "_")
+    return rr.new_entity_path([SATURATION, name, f"{number:0{len(str(count))}d}_{label}"])
 
 
 @dataclass(frozen=True)
