@@ -258,7 +258,7 @@ def test_joints_off_the_way_to_the_tip_are_held_at_zero() -> None:
     with pytest.raises(
         InputError,
         match=r"branches at link 'l1' into joints 'j2', 'to side': choose an end by tip, one of "
-        r"\(with its number of joints\) 'l1' \(1\), 'side' \(2\), 'l2' \(2\)$",
+        r"\(with its number of joints\) 'l1' \(1\), 'l2' \(2\), 'side' \(2\)$",
     ):
         parse_urdf(text, "arm.urdf")
     robot = quiet(text, tip="l2")
@@ -352,6 +352,12 @@ def test_inertias_of_links_that_stand_still_are_told_apart() -> None:
     with pytest.warns(RobotFileWarning, match="no rigid body has do not move here: 'l0' breaks"):
         robot = parse_urdf(chain(revolute(), links=(body, BODY)))
     assert not robot.links[0].allow_unphysical
+
+
+def test_a_message_lists_no_more_than_it_has_room_for() -> None:
+    many = "".join(branch(f"tip{i}", "l1") for i in range(100))
+    with pytest.raises(InputError, match=r"'to tip28', 71 more: choose .* 72 more$"):
+        parse_urdf(chain(revolute(), revolute(), more=many))
 
 
 def test_dust_is_no_inertia() -> None:
@@ -487,6 +493,10 @@ RING = (
         (chain(revolute(more=LIMIT + "<dynamics friction='x'/>")), ["friction of joint 'j1'"]),
         (chain(revolute()).replace('mass value="2"', 'mass value="-1"'), ["mass of link 'l1'"]),
         (chain(revolute()).replace('mass value="2"', 'mass value="nan"'), ["mass of link 'l1'"]),
+        (
+            chain(revolute(), fixed("1e200 0 0")).replace("0.1", "1"),
+            ["inertia of link 'l1' must be finite"],
+        ),
         (chain(revolute()).replace('mass value="2"', "mass"), ["mass of link 'l1' lacks value"]),
         (chain(revolute()).replace(INERTIA, "<inertia ixx='1'/>"), ["inertia of link 'l1' lacks"]),
         (chain(revolute()).replace('<mass value="2"/>', ""), ["mass of link 'l1' lacks value"]),
@@ -498,7 +508,7 @@ RING = (
         (chain(revolute(), more=TWICE), ["two joints named 'j1'"]),
         (chain(revolute(), more="<link name='l1'/>"), ["two links named 'l1'"]),
         (chain(revolute(), more=LOOSE), ["parent of joint 'k' must be a link", "'x'"]),
-        (chain(revolute(), more="<link name='x'/>"), ["one root link, not ['l0', 'x']"]),
+        (chain(revolute(), more="<link name='x'/>"), ["one root link, not 'l0', 'x'"]),
         (chain(revolute(), more=RING), ["in a ring"]),
         (
             chain(revolute(), more=BRANCH + branch("left2", "l0").replace("'left2'/>", "'left'/>")),

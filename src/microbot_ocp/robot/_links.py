@@ -92,7 +92,9 @@ class Link:
 def inertia_fault(inertia: FloatArray) -> str | None:
     """Why no rigid body has this inertia [3,3]; None if one may, up to rounding."""
     size = float(np.abs(inertia).max())
-    principal = np.linalg.eigvalsh(inertia)
+    if not 0.0 < size < np.inf:
+        return None
+    principal = size * np.linalg.eigvalsh(inertia / size)
     if principal[0] < -1e-9 * size - DUST:
         return (
             f"must be positive semi-definite, but a principal moment is {principal[0]:.6g} kg m^2"

@@ -30,7 +30,7 @@ Colors = dict[str | None, tuple[float, ...]]  # name of a material -> red, green
 MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Inertial:
     """Mass, kg, and inertia [3,3] about the centre of mass, kg m^2, in a ``frame`` [4,4]."""
 
@@ -39,7 +39,7 @@ class Inertial:
     frame: FloatArray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class UrdfLink:
     """A link: its mass properties, and its geometry in its own frame."""
 
@@ -48,7 +48,7 @@ class UrdfLink:
     shapes: tuple[Shape, ...]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class UrdfJoint:
     """A joint; what does not belong to its type is left at its default."""
 
@@ -75,7 +75,7 @@ class UrdfJoint:
         return self.type in MOVING
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class UrdfFile:
     """All of a file."""
 

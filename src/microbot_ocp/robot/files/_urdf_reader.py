@@ -41,7 +41,7 @@ from microbot_ocp.robot.files._xml import read_xml
 
 PARALLEL = 1e-12  # rad: what rounding in the computation leaves between parallel axes
 USUAL_TOOL = "tool0"  # name of the tool frame by ROS-Industrial's convention
-LISTED = 30  # tips in a message
+LISTED = 30  # names in a message
 
 
 @dataclass
@@ -153,7 +153,8 @@ def parse_urdf(
     remarks = Remarks()
     try:
         file = urdf_file(read_xml(text, remarks), origin, folder, remarks)
-        robot = _Tree(file, remarks).robot(tip, parallel_tolerance)
+        with np.errstate(all="ignore"):  # what overflows is refused by name
+            robot = _Tree(file, remarks).robot(tip, parallel_tolerance)
     except InputError as problem:
         raise InputError(f"{origin}: {problem}") from None
     remarks.warn(origin)
@@ -185,7 +186,10 @@ class _Tree:
             self.below[joint.parent].append(joint)
         roots = [name for name in self.links if name not in self.above]
         if len(roots) != 1:
-            raise InputError(f"there must be one root link, not {roots}: the file is not one chain")
+            raise InputError(
+                f"there must be one root link, not {_some(list(map(repr, roots))) or 'none'}: the "
+                "file is not one chain"
+            )
         self.root = roots[0]
         self.order = list(self._outward(self.root))
         if len(self.order) != len(self.links):
@@ -240,15 +244,12 @@ class _Tree:
 
     def _ends(self) -> list[str]:
         """Links without others outward of them."""
-        return [name for name in self.order if not self.below[name]]
+        return [name for name in self.links if not self.below[name]]
 
     def _tips(self, more: list[str] | None = None) -> str:
         """Links that can be the tip, with the number of joints on the way, for messages."""
         counts = {name: len(self._free(self._way(name))) for name in [*(more or []), *self._ends()]}
-        able = [f"{name!r} ({count})" for name, count in counts.items() if count]
-        if len(able) > LISTED:
-            able[LISTED:] = [f"{len(able) - LISTED} more"]
-        return ", ".join(able)
+        return _some([f"{name!r} ({count})" for name, count in counts.items() if count])
 
     def _only_tip(self) -> str:
         """The end of a file that is one arm."""
@@ -260,7 +261,7 @@ class _Tree:
             if len(arms) > 1:
                 if self._is_gripper(last):
                     break
-                names = ", ".join(repr(joint.name) for joint in arms)
+                names = _some([repr(joint.name) for joint in arms])
                 raise InputError(
                     f"the file branches at link {last!r} into joints {names}: choose an end by "
                     f"tip, one of (with its number of joints) {self._tips([last])}"
@@ -270,7 +271,7 @@ class _Tree:
         if len(ends) == 1:
             return ends[0]
         tip = USUAL_TOOL if USUAL_TOOL in ends else last
-        others = ", ".join(repr(name) for name in ends if name != tip)
+        others = _some([repr(name) for name in ends if name != tip])
         self.remarks.add(f"the tool frame is that of {tip!r}; others can be chosen by tip", others)
         return tip
 
@@ -283,7 +284,7 @@ class _Tree:
         )
 
     def _checked_tip(self, tip: str) -> str:
-        if tip not in self.links:
+        if not isinstance(tip, str) or tip not in self.links:
             near = get_close_matches(str(tip), self.links, 3)
             advice = f" (near it: {', '.join(map(repr, near))})" if near else ""
             raise InputError(
@@ -408,6 +409,12 @@ class _Tree:
                 for shape in self.links[name].shapes
             ]
         return shapes
+
+
+def _some(texts: list[str]) -> str:
+    """As many texts as a message has room for."""
+    rest = len(texts) - LISTED
+    return ", ".join([*texts[:LISTED], f"{rest} more"] if rest > 0 else texts)
 
 
 def _extra(joint: UrdfJoint, key: str, default: float) -> float:
