@@ -1,5 +1,6 @@
 # make demo   the method comparison, into out/demo     make lint   ruff and pyright
 # make test   the whole test suite                     make clean  remove all that make made
+# make test-fast   the tests that take a moment only   (CONTRIBUTING.md)
 # make bench  speed ratios against peers               make docs   the documentation, into out/docs
 # make figures, make screenshots   figures of the documentation, pictures of recordings: docs/images
 # make suite  published problems by the defaults       (docs/suite.md)
@@ -17,10 +18,10 @@ PIP := PIP_DISABLE_PIP_VERSION_CHECK=1 $(BIN)/python -m pip install -qq
 OUT := out/demo
 SITE := out/docs
 
-.PHONY: help demo test test-environment bench suite docs figures screenshots lint clean
+.PHONY: help demo test test-fast test-environment bench suite docs figures screenshots lint clean
 
 help:
-	@sed -n 's/^# \{0,1\}//p' Makefile | head -6
+	@sed -n 's/^# \{0,1\}//p' Makefile | head -7
 
 # A stamp newer than pyproject.toml means that its packages are installed.
 $(VENV)/.made:
@@ -59,6 +60,9 @@ test-environment: $(VENV)/.ready-test
 
 test: test-environment
 	@$(BIN)/python -m pytest -n 2
+
+test-fast: test-environment
+	@$(BIN)/python -m pytest -n 2 -m 'not slow' tests
 
 bench: $(VENV)/.ready-bench
 	@$(BIN)/python -m benchmarks

@@ -26,6 +26,7 @@ from test_imports import ORDER
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
 HOW_TO = [path for path in sorted((DOCS / "how-to").glob("*.md")) if path.stem != "index"]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(DOCS.rglob("*.md"))]
 RUN = [ROOT / "README.md", DOCS / "tutorial.md", *HOW_TO]
 
 
@@ -135,6 +136,15 @@ def test_files_that_the_readme_links_to_exist() -> None:
     local = [link for link in re.findall(r"\]\(([^)#]+)[^)]*\)", text) if not links.outside(link)]
     assert local
     assert [link for link in local if not (ROOT / link).exists()] == []
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_files_that_a_page_names_exist(page: Path) -> None:
+    """Those in backticks that end in .py, .pyi or a slash, from the root or from the package."""
+    named = re.findall(r"`([\w./-]+(?:\.pyi?|/))`", page.read_text("utf-8"))
+    package = ROOT / "src" / "microbot_ocp"
+    homes = [ROOT, DOCS, package, package / "ocp"]
+    assert [name for name in named if not any((home / name).exists() for home in homes)] == []
 
 
 def test_the_import_diagram_is_that_of_the_source() -> None:
