@@ -21,7 +21,9 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.motion import PiecewisePolynomial
 
 VANISHING = 1e-9  # relative size of a derivative that counts as zero
-INSIDE = 1e-7  # share of a bent piece by which it starts inside, where powers of r are finite
+# Share of a bent piece by which it starts inside, where powers of r are finite; by the power of r
+# with which the path leaves. With 1e-6 and p = 1 a quintic's third derivative stops the solver.
+INSIDE = {2: 1e-7, 1: 1e-5}
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +71,7 @@ class CurvePiece:
         """First and last r that are used."""
         if not self.bent:
             return 0.0, self.span
-        margin = INSIDE * self.span
+        margin = INSIDE[self.leaves_like] * self.span
         return (0.0, self.span - margin) if self.bent_at_end else (margin, self.span)
 
     @property

@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
@@ -40,6 +41,7 @@ from microbot_ocp.planning._task import (
     MOST_EXCESS,
     check_limits,
     check_via,
+    jerk_switches,
     provenance_of,
     verdict,
     whole,
@@ -209,7 +211,17 @@ class _Search:
     def _finish(self, best: Solution) -> Solution:
         """Coarse to fine from the best start, then local refinement while limits are exceeded."""
         best = self.refiner.finer(best, [self.settings.mesh] * len(self.names))
-        return self.refiner.refine(best)
+        best = self.refiner.refine(best)
+        if "qddd" in self.family:
+            best = self.refiner.refine(self.refiner.sharpen(best, self._jerk_switches))
+        return best
+
+    def _jerk_switches(self, solution: Solution) -> list[np.ndarray]:
+        member = self.family["qddd"]
+        return [
+            jerk_switches(np.diff(phase["qdd"], axis=0) / np.diff(phase.t)[:, None], member)
+            for phase in solution.phases
+        ]
 
     def _guess_from(self, solution: Solution) -> dict[str, Guess]:
         return guesses_along(self.names, polynomial(solution), via_times(solution))

@@ -38,6 +38,7 @@ from microbot_ocp.planning._task import (
     CHECKS_PER_INTERVAL,
     check_limits,
     declare_limits,
+    jerk_switches,
     provenance_of,
     verdict,
     whole,
@@ -230,7 +231,7 @@ class _PathSearch:
         )
         refiner = Refiner(
             transcription,
-            guess_from,
+            self._guess_from,
             self._excess,
             self.settings.limit_tolerance,
             solver=self.settings.solver,
@@ -246,6 +247,8 @@ class _PathSearch:
             f"{solution.duration:.6f} s, {solution.status}"
         )
         solution = refiner.refine(solution)
+        if "qddd" in self.family:
+            solution = refiner.refine(refiner.sharpen(solution, self._jerk_switches))
         wall = time.perf_counter() - begin
         return self._motion(solution, refiner, timings, reached, kept_by, wall)
 
@@ -290,6 +293,30 @@ class _PathSearch:
         t = [start + phase.t for start, phase in zip(starts, phases, strict=False)]
         joined = (np.concatenate(parts) for parts in zip(*states, strict=True))
         return np.concatenate(t), State(*joined)
+
+    def _guess_from(self, solution: Solution) -> dict[str, Guess]:
+        """Guesses for another mesh from a solution."""
+        guesses = {}
+        for phase, piece in zip(solution.phases, self.pieces, strict=True):
+            curve = phase_polynomial(phase)
+            slope = curve.derivative()
+            curves = {"s": curve, "v": slope, "a": slope.derivative()}
+            # Beyond its ends a bent piece is no number.
+            ends = {"s": piece.shape.limits}
+            values = {
+                name: partial(_along, c, phase.duration, ends.get(name, (-np.inf, np.inf)))
+                for name, c in curves.items()
+            }
+            guesses[phase.name] = Guess(phase.duration, values)
+        return guesses
+
+    def _jerk_switches(self, solution: Solution) -> list[np.ndarray]:
+        found = []
+        for phase, piece in zip(solution.phases, self.pieces, strict=True):
+            middle = 0.5 * (phase.t[:-1] + phase.t[1:])
+            jerk = _samples(phase_polynomial(phase), piece, middle).qddd
+            found.append(jerk_switches(jerk, self.family["qddd"]))
+        return found
 
     def _excess(self, solution: Solution) -> list[FloatArray]:
         result = []
@@ -390,7 +417,9 @@ def _declare(
     robot = family.robot
     phase = problem.phase(piece.name, duration=(1e-4, 1e4))
     begin, end = piece.shape.limits
-    s = phase.state("s", lower=begin, initial=begin, final=end, scale=longest)
+    # Beyond a bent end there is no path.
+    most = end if piece.shape.bent and piece.shape.bent_at_end else np.inf
+    s = phase.state("s", lower=begin, upper=most, initial=begin, final=end, scale=longest)
     v = phase.state(
         "v",
         lower=0.0,
@@ -478,19 +507,10 @@ def _where_speed_changes(a: FloatArray, t: FloatArray) -> float:
     return float(size[order][min(half, size.size - 1)])
 
 
-def guess_from(solution: Solution) -> dict[str, Guess]:
-    """Guesses for another mesh from a solution."""
-    guesses = {}
-    for phase in solution.phases:
-        curve = phase_polynomial(phase)
-        slope = curve.derivative()
-        curves = {"s": curve, "v": slope, "a": slope.derivative()}
-        values = {
-            name: partial(lambda c, f, T: c(f * T), c, T=phase.duration)
-            for name, c in curves.items()
-        }
-        guesses[phase.name] = Guess(phase.duration, values)
-    return guesses
+def _along(
+    curve: PiecewisePolynomial, duration: float, ends: tuple[float, float], f: FloatArray
+) -> FloatArray:
+    return np.clip(curve(f * duration), *ends)
 
 
 def phase_polynomial(phase: Any) -> PiecewisePolynomial:

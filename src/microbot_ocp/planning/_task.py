@@ -179,6 +179,19 @@ def _broken(member: Member, j: Any, value: FloatArray, low: FloatArray, high: Fl
     )
 
 
+def jerk_switches(jerk: FloatArray, member: Member) -> np.ndarray:
+    """Intervals [N] inside which a limited jerk [N,n], constant in each, goes from one value on.
+
+    Between its neighbours' values, which differ by more than a quarter of its range.
+    """
+    size = np.where(np.isfinite(member.upper), 0.5 * (member.upper - member.lower), np.inf)
+    found = np.zeros(len(jerk), dtype=bool)
+    before, here, after = jerk[:-2] / size, jerk[1:-1] / size, jerk[2:] / size
+    apart = np.minimum(np.abs(here - before), np.abs(after - here)) > 0.02
+    found[1:-1] = (apart & (np.abs(after - before) > 0.5)).any(axis=1)
+    return found
+
+
 def declare_limits(
     phase: Phase,
     family: LimitFamily,

@@ -20,8 +20,10 @@ from microbot_ocp.ocp.transcription import Guess, Meshes, MeshLike, Transcriptio
 
 GuessFrom = Callable[[Solution], Mapping[str, Guess]]
 Excess = Callable[[Solution], Sequence[FloatArray]]
+Switching = Callable[[Solution], Sequence[np.ndarray]]
 
 WORSE = 1e-3  # of the cost
+SHARP = 1e-6  # share of the cost: less is not worth another mesh
 # Barrier parameter of warm starts; with the usual start at 0.1 IPOPT leaves the good guess and
 # comes back late or elsewhere (146 against 35 iterations on one task with four via points).
 WARM_BARRIER = 1e-4
@@ -151,6 +153,29 @@ class Refiner:
             if refined is solution:  # nothing accepted: another round would only repeat it
                 break
             solution = refined
+        return solution
+
+    def sharpen(self, solution: Solution, switching: Switching) -> Solution:
+        """Split the intervals inside which a control switches, while that lowers the cost.
+
+        What is constant over an interval is a mean of its two values there, which costs in
+        proportion to the square of the interval's length.
+        """
+        for _ in range(self.rounds):
+            marked = switching(solution)
+            if not solution.status.solved or not any(places.any() for places in marked):
+                break
+            meshes = [
+                split(phase.mesh, places)
+                for phase, places in zip(solution.phases, marked, strict=True)
+            ]
+            finer = self.finer(solution, meshes)
+            gained = solution.cost - finer.cost
+            if finer is solution or gained <= 0.0:
+                break
+            solution = finer
+            if gained < SHARP * abs(solution.cost):
+                break
         return solution
 
 

@@ -1,0 +1,54 @@
+"""A limit of one's own: the speed of the tool is halved inside a zone around a person.
+
+It is ten lines. The fastest motion, the best timing of a path and the shortest duration of a shape
+keep it, the certificate judges it, tables and figures show it.
+
+    python problems/11_own_limit.py --out out/own_limit
+"""
+
+import casadi as ca
+import numpy as np
+from script import run
+
+import microbot_ocp as mo
+
+VIA_Q = np.radians([[0, 0, 0], [-8, 45, 30], [-90, 90, 90]])
+PERSON = [2.0, -4.0, 4.0]  # m
+
+
+def speed(state):
+    return ca.norm_2(state.tool_velocity[:3])
+
+
+def allowed(state):
+    """8 m/s far away, 4 m/s near the person, m/s."""
+    distance = ca.norm_2(state.tool[:3, 3] - ca.DM(PERSON))
+    return 6.0 + 2.0 * ca.tanh(2.0 * (distance - 2.5))
+
+
+ZONE = mo.Limit("tool speed near a person", speed, upper=allowed, unit="m/s")
+
+
+def main(out):
+    plain = mo.load_robot("microbot")
+    robot = plain.with_limits(also=[ZONE])
+    shape = mo.quintic(VIA_Q, [0.0, 1.0, 2.0])
+    motions = {
+        "free": mo.time_optimal(robot, VIA_Q),
+        "path": mo.time_optimal_path(robot, shape),
+        "shape": mo.Motion.from_polynomial(
+            robot, mo.shortest_duration(robot, shape).polynomial, label="quintic, scaled"
+        ),
+    }
+    careless = mo.time_optimal(plain, VIA_Q)
+    print(f"without the zone {careless.duration:.3f} s: {mo.certify(robot, careless).verdict}")
+    for name, motion in motions.items():
+        certificate = mo.certify(robot, motion)
+        print(f"{name:5s} {motion.duration:.3f} s: {certificate.verdict}")
+    mo.plots.limit_use(robot, motions["free"]).savefig(out / "limit_use.png")
+    motions["free"].to_rerun(robot, out / "free.rrd")
+    return all(mo.certify(robot, motion).ok for motion in motions.values())
+
+
+if __name__ == "__main__":
+    run(main)
