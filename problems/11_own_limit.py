@@ -3,24 +3,28 @@
 It is ten lines. The fastest motion, the best timing of a path and the shortest duration of a shape
 keep it, the certificate judges it, tables and figures show it.
 
-    python problems/11_own_limit.py --out out/own_limit
+example: python problems/11_own_limit.py --out out/11
 """
 
+from __future__ import annotations
+
+import argparse
+
 import casadi as ca
-import numpy as np
-from script import run
 
 import microbot_ocp as mo
+import script
+from microbot_ocp.robot import MotionState
+from report import VIA_Q
 
-VIA_Q = np.radians([[0, 0, 0], [-8, 45, 30], [-90, 90, 90]])
 PERSON = [2.0, -4.0, 4.0]  # m
 
 
-def speed(state):
+def speed(state: MotionState) -> ca.SX:
     return ca.norm_2(state.tool_velocity[:3])
 
 
-def allowed(state):
+def allowed(state: MotionState) -> ca.SX:
     """8 m/s far away, 4 m/s near the person, m/s."""
     distance = ca.norm_2(state.tool[:3, 3] - ca.DM(PERSON))
     return 6.0 + 2.0 * ca.tanh(2.0 * (distance - 2.5))
@@ -29,8 +33,8 @@ def allowed(state):
 ZONE = mo.Limit("tool speed near a person", speed, upper=allowed, unit="m/s")
 
 
-def main(out):
-    plain = mo.load_robot("microbot")
+def main(arguments: argparse.Namespace) -> None:
+    plain = mo.load_robot(arguments.robot)
     robot = plain.with_limits(also=[ZONE])
     shape = mo.quintic(VIA_Q, [0.0, 1.0, 2.0])
     motions = {
@@ -45,10 +49,10 @@ def main(out):
     for name, motion in motions.items():
         certificate = mo.certify(robot, motion)
         print(f"{name:5s} {motion.duration:.3f} s: {certificate.verdict}")
-    mo.plots.limit_use(robot, motions["free"]).savefig(out / "limit_use.png")
-    motions["free"].to_rerun(robot, out / "free.rrd")
-    return all(mo.certify(robot, motion).ok for motion in motions.values())
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    mo.plots.limit_use(robot, motions["free"]).savefig(arguments.out / "limit_use.png")
+    motions["free"].to_rerun(robot, arguments.out / "free.rrd")
 
 
 if __name__ == "__main__":
-    run(main)
+    script.run(main, script.parser(__doc__, "out/11"))

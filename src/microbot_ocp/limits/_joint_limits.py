@@ -14,6 +14,7 @@ from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.limits._limit import Limit
 
 LimitArgument = ArrayLike | tuple[ArrayLike, ArrayLike]
+"""A number, one a joint, or a pair (lower, upper) of such."""
 
 
 class JointQuantity(NamedTuple):

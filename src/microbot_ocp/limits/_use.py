@@ -6,8 +6,10 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
 
-AT_LIMIT = 0.99  # share of a limit from which on it counts as used up
-ROUNDING = 1e-9  # excess, relative to the limit, that is put down to rounding
+AT_LIMIT = 0.99
+"""Share of a limit from which on it counts as used up."""
+ROUNDING = 1e-9
+"""Excess, relative to the limit, that is put down to rounding."""
 
 
 def use_of(
@@ -18,11 +20,13 @@ def use_of(
     0 at rest, 1 at the limit, minus infinity where there is none. It is the value divided by the
     bound that it is nearer to or beyond. ``from_middle`` is for quantities whose bounds need not
     have zero between them, such as positions: the distance from the middle of the range, divided by
-    half the range. The excess over a limit is its use minus 1.
+    half the range; where there is but one bound, 0 from its own size away from it. The excess over a
+    limit is its use minus 1.
     """
     above = _side(values - upper, upper, lower, upper, from_middle)
     below = _side(lower - values, lower, lower, upper, from_middle)
-    return np.maximum(above, below)
+    use = np.maximum(above, below)
+    return np.where(np.isneginf(use), use, np.maximum(use, 0.0))
 
 
 def nearest_bound(
