@@ -86,7 +86,7 @@ def home(path: str) -> str:
     # a function may have the name of its module
     count = max(i for i in range(1, len(parts)) if is_module(".".join(parts[:i])))
     found = attrgetter(".".join(parts[count:]))(import_module(".".join(parts[:count])))
-    if inspect.isclass(found) or inspect.isroutine(found):
+    if inspect.isclass(found) or (inspect.isroutine(found) and hasattr(found, "__qualname__")):
         return f"{found.__module__}.{found.__qualname__}"
     return path
 

@@ -20,8 +20,8 @@ def use_of(
     0 at rest, 1 at the limit, minus infinity where there is none. It is the value divided by the
     bound that it is nearer to or beyond. ``from_middle`` is for quantities whose bounds need not
     have zero between them, such as positions: the distance from the middle of the range, divided by
-    half the range; where there is but one bound, 0 from its own size away from it. The excess over a
-    limit is its use minus 1.
+    half the range, and with one bound only the distance from it, 0 from its own size on. The excess
+    over a limit is its use minus 1.
     """
     above = _side(values - upper, upper, lower, upper, from_middle)
     below = _side(lower - values, lower, lower, upper, from_middle)
