@@ -23,6 +23,8 @@ import make_import_diagram
 import microbot_ocp
 from test_imports import ORDER
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
 HOW_TO = [path for path in sorted((DOCS / "how-to").glob("*.md")) if path.stem != "index"]

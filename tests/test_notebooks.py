@@ -11,6 +11,8 @@ import pytest
 from nbclient import NotebookClient
 from traitlets.config import Config
 
+pytestmark = pytest.mark.slow
+
 NOTEBOOKS = sorted((Path(__file__).parent.parent / "notebooks").glob("*.ipynb"))
 WORDS_A_MINUTE = 180
 SECONDS_A_LINE_OF_CODE = 3.0

@@ -9,6 +9,8 @@ import pytest
 
 import microbot_ocp as mo
 
+pytestmark = pytest.mark.slow
+
 PROBLEMS = Path(__file__).parent.parent / "problems"
 COMPARISON = PROBLEMS / "07_time_optimal_comparison.py"
 

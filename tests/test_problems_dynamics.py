@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.slow
+
 PROBLEMS = Path(__file__).parent.parent / "problems"
 SCRIPTS = {
     "04a_inverse_dynamics.py": [

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.slow
+
 PROBLEMS = Path(__file__).parent.parent / "problems"
 FORWARD, INVERSE, VELOCITY = (
     "01_forward_kinematics.py",

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).resolve().parent.parent
 FORMS = ROOT / "benchmarks" / "cops_arm"
 BENCHMARK = runpy.run_path(str(FORMS / "__init__.py"))

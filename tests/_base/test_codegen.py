@@ -43,6 +43,7 @@ def forbid_compiling(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(codegen, "_run", refuse)
 
 
+@pytest.mark.slow
 @needs_compiler
 @pytest.mark.parametrize("name", ["microbot", "rrprp"])
 @pytest.mark.parametrize(

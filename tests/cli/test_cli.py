@@ -147,6 +147,7 @@ def test_completion(call, monkeypatch, words, offered, kept_back):
     assert not kept_back & set(out.split())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -238,6 +239,7 @@ def test_robots(call, ask):
     assert [robot["name"] for robot in document["robots"]] == list(mo.packaged_robots())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", mo.packaged_robots())
 def test_show_fits_80_columns_and_tells_everything(call, ask, name):
     code, out, _ = call("show", name)
@@ -254,6 +256,7 @@ def test_show_fits_80_columns_and_tells_everything(call, ask, name):
         assert 0 < reach["reach_found"] <= reach["reach_bound"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", mo.packaged_robots())
 def test_a_packaged_robot_is_a_start_for_a_robot_file(call, tmp_path, name):
     code, out, err = call("show", name, "--toml")
@@ -440,6 +443,7 @@ def test_compare_writes_nothing_unless_it_is_asked(call, tmp_path):
     )
 
 
+@pytest.mark.slow
 def test_compare_records_and_says_so(call, tmp_path):
     arguments = ("compare", "microbot", "--via-deg", "0,0,0 -90,90,90", "--methods", "cubic,lspb")
     code, out, err = call(*arguments, "--rerun", "both.rrd")
@@ -452,6 +456,7 @@ def test_compare_records_and_says_so(call, tmp_path):
     assert out.splitlines()[-2:] == ["written: 10 files in out", "written: both.rrd"]
 
 
+@pytest.mark.slow
 def test_compare_does_not_break_the_names_of_joints(call):
     via = "0,-30,0,-120,0,90,45 60,40,30,-60,40,130,0"
     code, out, _ = call("compare", "panda", "--via-deg", via, "--methods", "cubic")
@@ -470,6 +475,7 @@ def test_ik_does_not_break_the_names_of_joints(call, tmp_path):
     assert max(map(len, out.splitlines())) <= 80
 
 
+@pytest.mark.slow
 def test_compare_saves_what_replay_reads(ask, refused, tmp_path):
     arguments = ("compare", "microbot", "--methods", "cubic,lspb", "--tau-max", "400,500,250")
     via = ("--via-deg", "0, 0, 0", "--via-deg", "-90,90,90")
@@ -506,6 +512,7 @@ def test_a_method_that_cannot_do_the_task_is_exit_code_1(call, monkeypatch):
     assert "cubic, scaled" in out
 
 
+@pytest.mark.slow
 def test_time_optimal(ask, call, tmp_path):
     arguments = ("time-optimal", "microbot", "--via-deg", VIA_DEG, "--mesh", "20", "--starts", "1")
     code, document = ask(*arguments, "--out", "best.npz", "--rerun", "best.rrd")
@@ -630,6 +637,7 @@ def program(tmp_path):
     assert list(home.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_a_pipe_has_no_codes_and_a_reader_may_leave(program):
     done = program("robots")
     assert done.returncode == 0
@@ -647,6 +655,7 @@ def test_a_refusal_in_a_process(program):
     assert len(done.stderr.splitlines()) == 1
 
 
+@pytest.mark.slow
 def test_a_stream_that_knows_ascii_only(program):
     done = program("show", "microbot", "--json", PYTHONIOENCODING="ascii")
     assert done.returncode == 0
@@ -654,12 +663,14 @@ def test_a_stream_that_knows_ascii_only(program):
     assert program("show", "microbot", PYTHONIOENCODING="ascii").returncode == 0
 
 
+@pytest.mark.slow
 def test_a_solve_writes_into_the_cache_only(program):
     done = program("compare", "microbot", "--via-deg", "0,0,0 -90,90,90", "--methods", "cubic")
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("script") is None, reason="script makes the terminal")
 @pytest.mark.parametrize("no_color", [False, True])
 def test_a_terminal_has_colours_unless_no_color_is_set(tmp_path, no_color):
@@ -732,6 +743,7 @@ def test_every_command_takes_json():
 # watching a solve ---------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_iterations_of_a_solve_are_recorded(ask, tmp_path):
     path = tmp_path / "iterations.rrd"
     given = ["--via-deg", "0,0,0 -90,90,90", "--mesh", "20", "--starts", "1"]

@@ -11,6 +11,8 @@ from scipy.integrate import solve_ivp
 import microbot_ocp as mo
 from microbot_ocp.comparison import METHODS, Step
 
+pytestmark = pytest.mark.slow
+
 VIA_Q = np.radians([[0, 0, 0], [-8, 45, 30], [-90, 90, 90]])  # report, part 5
 VIA_T = [0.0, 2.0, 4.0]
 VIA_QD = np.radians([[0, 0, 0], [10, 40, 20], [0, 0, 0]])

@@ -22,6 +22,7 @@ def parse(text):
     return parse_task(text, "task.toml", Path())
 
 
+@pytest.mark.slow
 def test_the_example_of_the_document():
     task = parse(example())
     assert task.robot == mo.load_robot("microbot")

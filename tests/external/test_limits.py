@@ -90,6 +90,7 @@ def test_a_straight_line_under_jerk_is_as_fast_as_ruckigs():
     assert motion.duration == pytest.approx(exact, rel=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("shape", "slower"), [("cubic", 2e-3), ("quintic", 6e-3)])
 def test_jerk_along_a_trajectory_that_starts_from_rest(shape, slower):
     """Along one line every shape takes what the line takes, but for its singular ends."""

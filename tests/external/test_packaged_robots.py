@@ -147,6 +147,7 @@ def test_gravity_torque_and_its_derivative(case: Case) -> None:
     assert difference(batch(slope(ours, "q"), case.q), by_q) < RELATIVE
 
 
+@pytest.mark.slow
 def test_forward_dynamics_and_its_derivatives(case: Case) -> None:
     well = batch(mo.mass_matrix_condition(case.robot), case.q)[:, 0] < SINGULAR
     assert well.mean() > 0.99
@@ -239,6 +240,7 @@ def test_written_urdf_is_what_mujoco_reads(name: str) -> None:
     assert model.jnt_range[:, 1] == pytest.approx(robot.limits.q_max)
 
 
+@pytest.mark.slow
 def test_two_seconds_of_motion_are_those_of_mujoco(rigid: mo.Robot) -> None:
     """From a random start under half the torque that holds it, with all its friction.
 

@@ -23,6 +23,8 @@ from external.published_problems import (
     robot_arm,
 )
 
+pytestmark = pytest.mark.slow
+
 BY_NAME = {problem.name: problem for problem in PROBLEMS}
 SCRIPT = Path(__file__).resolve().parents[2] / "problems" / "10_published_optima.py"
 CASES = [

@@ -18,6 +18,8 @@ from benchmarks.suite.peer import solve_by_opti  # noqa: E402
 from benchmarks.suite.problem import SuiteProblem  # noqa: E402
 from benchmarks.suite.table import BY_NAME, PROBLEMS  # noqa: E402
 
+pytestmark = pytest.mark.slow
+
 each = pytest.mark.parametrize("problem", PROBLEMS, ids=lambda p: p.name)
 
 

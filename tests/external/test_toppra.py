@@ -11,6 +11,8 @@ from helpers import random_robot
 from microbot_ocp.motion import PiecewisePolynomial
 from microbot_ocp.planning import phase_plane, time_path
 
+pytestmark = pytest.mark.slow
+
 VIA_Q = np.radians([[0, 0, 0], [-8, 45, 30], [-90, 90, 90]])
 RELATIVE = 2e-3  # toppra itself is off by 3e-4 on 5,000 points: see the first test
 

@@ -9,6 +9,8 @@ import microbot_ocp as mo
 pytest.importorskip("pinocchio")
 from external.urdf_packages import QUANTITIES, File, chains, files
 
+pytestmark = pytest.mark.slow
+
 FILES = files()
 RELATIVE = 1e-9
 

@@ -131,6 +131,7 @@ def test_branches_close_to_the_edges_are_told_apart(microbot: mo.Robot, edge: fl
         assert same_set(solutions, elbow_arm_branches(target), 1e-5), target
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [0, 1, 2])
 def test_random_three_joint_arms_come_back_to_where_they_were(count: int) -> None:
     rng = np.random.default_rng(count)
@@ -142,6 +143,7 @@ def test_random_three_joint_arms_come_back_to_where_they_were(count: int) -> Non
         assert sum(gaps(s.q, row) < 1e-6 for s in solutions) == 1
 
 
+@pytest.mark.slow
 def test_a_spherical_wrist_has_eight_branches(puma: mo.Robot) -> None:
     q = np.random.default_rng(3).uniform(-np.pi, np.pi, (200, 6))
     for row, solutions in zip(q, mo.solve_ik_batch(puma, *poses(puma, q)), strict=True):
@@ -153,6 +155,7 @@ def test_a_spherical_wrist_has_eight_branches(puma: mo.Robot) -> None:
         assert min(np.sort(gaps(s.q, found))[1] for s in solutions) > 1e-3
 
 
+@pytest.mark.slow
 def test_branches_of_a_general_six_joint_arm_are_even_in_number() -> None:
     robot = random_robot("rrrrrr")
     q = np.random.default_rng(4).uniform(-np.pi, np.pi, (40, 6))
@@ -174,6 +177,7 @@ def test_forward_kinematics_of_a_solution_is_the_target(
         assert np.linalg.norm(solution.pose - reached) < 1e-12
 
 
+@pytest.mark.slow
 def test_prismatic_joints_have_branches_too() -> None:
     scara = mo.Robot.from_dh(
         alpha=[0, 0, 0, np.pi],
@@ -264,6 +268,7 @@ def reachable(robot: mo.Robot, count: int, seed: int) -> tuple[np.ndarray, ...]:
     return (q, *poses(robot, q), other)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["microbot", "puma560", "ur5e", "panda", "stanford"])
 def test_no_reachable_target_is_missed_from_anywhere(name: str) -> None:
     robot = mo.load_robot(name)
@@ -277,6 +282,7 @@ def test_no_reachable_target_is_missed_from_anywhere(name: str) -> None:
         assert np.all(found.q <= robot.limits.q_max)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [6, 7])
 def test_no_reachable_target_of_a_random_arm_is_missed(count: int) -> None:
     robot = limited(random_arm(count, seed=12), -2.5, 2.5)
@@ -368,6 +374,7 @@ def test_far_pose_keeps_its_orientation(puma: mo.Robot) -> None:
     assert solution.orientation_error < 1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["puma560", "panda", "ur5e", "stanford"])
 def test_every_answer_for_far_targets_is_a_nearest_pose(name: str) -> None:
     """No small move of joints within their limits brings the tool nearer."""
@@ -487,6 +494,7 @@ def test_planar_arm_moves_within_itself() -> None:
 # ---- other arms
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", mo.packaged_robots())
 def test_packaged_robots_come_back_to_their_seed(name: str) -> None:
     robot = mo.load_robot(name)
@@ -499,6 +507,7 @@ def test_packaged_robots_come_back_to_their_seed(name: str) -> None:
             assert found.q == pytest.approx(row, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_single_joints() -> None:
     crank = mo.Robot.from_dh([0], [0], [0], tool=(0, 1, 0, 0))
     assert mo.solve_ik(crank, [0, 1, 0]).q == pytest.approx([np.pi / 2])
@@ -513,6 +522,7 @@ def test_single_joints() -> None:
     assert beside.position_error == pytest.approx(0.1, abs=1e-8)
 
 
+@pytest.mark.slow
 def test_wrist_without_lengths() -> None:
     wrist = mo.Robot.from_dh(np.radians([0, -90, 90]), [0, 0, 0], [0, 0, 0])
     (_,), (turn,) = poses(wrist, np.array([[0.3, 0.4, 0.5]]))

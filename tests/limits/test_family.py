@@ -201,6 +201,7 @@ FURTHER = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", FURTHER)
 def test_free_motions_keep_it_and_certificates_judge_it(kind):
     robot = MICROBOT.with_limits(**FURTHER[kind])
@@ -219,6 +220,7 @@ def test_free_motions_keep_it_and_certificates_judge_it(kind):
     assert broken[key].name in judged.verdict
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", FURTHER)
 def test_paths_are_timed_under_it(kind):
     robot = MICROBOT.with_limits(**FURTHER[kind])
@@ -233,6 +235,7 @@ def test_paths_are_timed_under_it(kind):
     assert "torque" in kept["reachability"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", FURTHER)
 def test_shapes_are_scaled_to_it(kind):
     robot = MICROBOT.with_limits(**FURTHER[kind]).with_limits(tau_max=1e4, qd_max=100.0)

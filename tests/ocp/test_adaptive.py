@@ -16,6 +16,8 @@ from microbot_ocp.ocp.verification import verify
 from ocp.test_mesh import pendulum as swing
 from ocp.textbook import bryson_denham, double_integrator, oscillator, pendulum, through_half_way
 
+pytestmark = pytest.mark.slow
+
 FINE = SolverSettings("ipopt", tolerance=1e-10)
 by_every_scheme = pytest.mark.parametrize("scheme", SCHEMES)
 

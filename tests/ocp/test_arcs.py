@@ -115,6 +115,7 @@ def test_every_phase_is_cut_by_itself():
         np.testing.assert_allclose(own, [0.5], atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "mesh", "before", "after"),
     [

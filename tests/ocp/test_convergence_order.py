@@ -27,6 +27,8 @@ from microbot_ocp.ocp.transcription.schemes import (
     Trapezoidal,
 )
 
+pytestmark = pytest.mark.slow
+
 RADIUS, DURATION = 0.3, 2.0
 
 

@@ -43,6 +43,7 @@ def cart(drag: float = 0.3) -> OptimalControlProblem:
     return problem
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "scheme",
     [*SCHEMES.values(), Shooting(3), Collocation("radau", 1), Collocation("legendre", 6)],
@@ -62,6 +63,7 @@ def test_rows_and_cost_of_the_declared_expressions_are_those_of_the_program(sche
     assert sum(part.costs.sum() for part in again) == pytest.approx(cost, rel=1e-11)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_what_is_right_passes(scheme):
     problem = cart()
@@ -122,6 +124,7 @@ def lost_end_condition(monkeypatch):
     altered_layout(monkeypatch, without)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("plant", "said"),
     [

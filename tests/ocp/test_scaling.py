@@ -45,6 +45,7 @@ def test_a_rocket_in_si_units_needs_no_scales(solver):
     assert found["declared"].attempts[-1].iterations > 2 * best.attempts[-1].iterations
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("solver", ["ipopt", "fatrop"])
 @pytest.mark.parametrize(("m", "s"), [(1e3, 1e3), (1e-3, 1e6)])
 def test_an_arm_in_odd_units_takes_the_time_that_it_takes_in_good_ones(solver, m, s):

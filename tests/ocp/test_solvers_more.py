@@ -191,6 +191,7 @@ time.sleep(0.1)
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("solver", ["ipopt", "fatrop"])
 @pytest.mark.parametrize("how", ["watched", "alone"])
 def test_a_real_signal_ends_a_solve_with_its_iterate(solver, how):

@@ -108,6 +108,7 @@ def test_a_point_less_is_never_slower():
 # the report's task --------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_report_task_is_solved_in_less_than_any_given_path(microbot, report):
     assert report.solved
     assert report.duration == pytest.approx(1.9236, abs=1e-3)
@@ -140,6 +141,7 @@ def test_the_acceleration_is_continuous_and_so_is_the_torque(report):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "changes",
     [
@@ -157,6 +159,7 @@ def test_other_starts_and_solvers_lead_to_the_same_optimum(microbot, report, cha
     assert motion.duration == pytest.approx(report.duration, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_the_same_seed_is_the_same_motion(microbot):
     one, other = (time_optimal(microbot, VIA_Q, mesh=40, starts=3, seed=3) for _ in range(2))
     assert one.duration == other.duration
@@ -203,6 +206,7 @@ def test_progress_is_told_in_lines_and_iterations(microbot):
 # other limits -------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("limits", "met", "allowed"),
     [
@@ -233,6 +237,7 @@ def test_position_limits_hold():
     assert motion.duration > free.duration
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("friction", "allowed"),
     [

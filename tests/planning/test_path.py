@@ -103,6 +103,7 @@ def report_straight(microbot):
     return time_optimal_path(microbot, straight_path(VIA_Q), mesh=100)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["report_cubic", "report_straight"])
 def test_two_methods_find_the_same_duration(name, request):
     motion = request.getfixturevalue(name)
@@ -155,6 +156,7 @@ def test_the_arm_stops_at_a_corner_only(report_cubic, report_straight):
     assert report_cubic.provenance["stops"] == []
 
 
+@pytest.mark.slow
 def test_a_path_backwards_takes_as_long_without_gravity():
     robot = arm(gravity=0.0)
     curve = mo.cubic(ARM_VIA, [0.0, 1.0, 2.0])
@@ -176,6 +178,7 @@ def test_a_pendulum_goes_down_as_it_came_up(torque):
     assert up.tau.min() == pytest.approx(torque[0], rel=1e-3)
 
 
+@pytest.mark.slow
 def test_four_times_the_torque_halves_the_time_without_gravity():
     path = mo.cubic(ARM_VIA, [0.0, 1.0, 2.0])
     durations = [
@@ -185,6 +188,7 @@ def test_four_times_the_torque_halves_the_time_without_gravity():
     assert durations[0] / durations[1] == pytest.approx(2.0, rel=3e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("friction", "allowed"),
     [
@@ -212,6 +216,7 @@ def test_acceleration_limits_hold():
     assert excess["tau"] < 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("corner", [True, False])
 def test_torque_rate_limits_hold_also_where_pieces_meet(corner):
     robot = arm(tau_max=[60.0, 25.0], taud_max=[400.0, 150.0])
@@ -312,6 +317,7 @@ def test_what_happened_is_in_the_provenance(report_cubic):
     assert "reachability on a grid gives" in report_cubic.note
 
 
+@pytest.mark.slow
 def test_both_solvers_find_the_same_timing():
     durations = [
         time_optimal_path(arm(), ARM_CUBIC, mesh=50, solver=solver).duration
@@ -320,6 +326,7 @@ def test_both_solvers_find_the_same_timing():
     assert durations[1] == pytest.approx(durations[0], rel=1e-4)
 
 
+@pytest.mark.slow
 def test_a_path_over_any_parameter_takes_the_same_time():
     stretched = PiecewisePolynomial(
         7.0 + 3.0 * ARM_CUBIC.breaks,

@@ -6,6 +6,8 @@ import pytest
 import microbot_ocp as mo
 from planning.shared import VIA_Q, pendulum, slider
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def prepared(microbot):

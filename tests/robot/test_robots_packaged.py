@@ -226,6 +226,7 @@ def moved(robot: mo.Robot) -> mo.Robot:
     return replace(robot, base=PLACEMENT)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["microbot", "panda", *RANDOM_CHAINS])
 def test_base_moves_poses_and_turns_gravity(name: str) -> None:
     """On a base, a robot is itself seen from a frame moved the other way."""
@@ -301,6 +302,7 @@ AWKWARD = st.floats(-1e6, 1e6)
 BOUND = st.one_of(st.just(np.inf), st.floats(0.0, 1e300))
 
 
+@pytest.mark.slow
 @given(
     rows=st.lists(st.tuples(AWKWARD, AWKWARD, AWKWARD, AWKWARD), min_size=3, max_size=3),
     bounds=st.lists(st.tuples(BOUND, BOUND), min_size=3, max_size=3),

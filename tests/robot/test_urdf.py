@@ -165,6 +165,7 @@ def test_poses_of_random_chains_are_those_of_the_parser(seed: int, kinds: str) -
     assert difference(ours, parser_poses(text, q, tip)) < 1e-11
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("second", SPECIAL)
 @pytest.mark.parametrize("first", SPECIAL)
 def test_special_axes_have_rows_too(first: str, second: str) -> None:
@@ -636,6 +637,7 @@ def test_rows_of_axes_nearly_parallel_survive_every_file() -> None:
     assert difference(*poses) < 1e-12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("full", [False, True])
 @pytest.mark.parametrize("name", [*mo.packaged_robots(), *RANDOM_CHAINS])
 def test_written_urdf_is_the_same_robot(tmp_path: Path, name: str, full: bool) -> None:

@@ -77,12 +77,14 @@ def test_all_joints_have_a_column_each(robot, drawn):
     assert len({axes.get_xlim() for axes in grid.flat}) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("quantities", [("q",), ("q", "qd", "qdd"), ("error", "tau")])
 def test_nothing_is_outside_the_page(robot, drawn, quantities):
     assert_all_on_the_page(curves(robot, drawn, quantities, title="a title").figure)
     assert_all_on_the_page(curves(robot, drawn, quantities, joints=[0]).figure)
 
 
+@pytest.mark.slow
 def test_seven_joints_have_a_row_each_and_the_grid_is_the_same_way_round():
     arm = mo.load_robot("panda")
     middle = 0.5 * (arm.limits.q_min + arm.limits.q_max)

@@ -63,6 +63,7 @@ def test_a_torque_rate_has_a_panel_for_each_joint_where_it_is_limited(robot, mot
     np.testing.assert_allclose(y[inside], slope[inside], rtol=1e-3, atol=1.0)
 
 
+@pytest.mark.slow
 def test_other_layouts_and_axes_of_the_caller(robot, motion):
     alone = motion.plot(robot, quantities=["tool_speed"])
     assert alone[0, 0].get_title() == ""
@@ -80,6 +81,7 @@ def test_other_layouts_and_axes_of_the_caller(robot, motion):
     assert_all_on_the_page(grid.figure)
 
 
+@pytest.mark.slow
 def test_a_tracking_and_a_comparison_draw_it_too(robot, motion, comparison):
     run = mo.track(robot, motion, mo.ComputedTorque(100.0))
     panel = run.plot(robot, quantities=["tool_speed"])[0, 0]

@@ -22,10 +22,13 @@ from microbot_ocp.comparison import Comparison
 from planning.shared import slider
 
 MADE_WITH = "3.11"  # 3.10 sets text and layout otherwise: 21 to 39 grey levels RMS away
-pytestmark = pytest.mark.skipif(
-    not matplotlib.__version__.startswith(f"{MADE_WITH}."),
-    reason=f"the pictures are those of matplotlib {MADE_WITH}, not {matplotlib.__version__}",
-)
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(
+        not matplotlib.__version__.startswith(f"{MADE_WITH}."),
+        reason=f"the pictures are those of matplotlib {MADE_WITH}, not {matplotlib.__version__}",
+    ),
+]
 DPI = 50
 TOLERANCE = 2.0  # grey levels RMS: rounding of edges, far less than one moved line
 pictured = pytest.mark.mpl_image_compare(

@@ -21,6 +21,7 @@ def motion(robot):
     return mo.Motion.from_polynomial(robot, shape, label="a $ sign", step=0.1)
 
 
+@pytest.mark.slow
 def test_axes_show_their_figure_in_a_notebook(robot, motion):
     grid = motion.plot(robot)
     assert grid.shape == (3, 2)
@@ -62,6 +63,7 @@ def test_save_takes_a_folder_not_a_file(tmp_path):
     assert not (tmp_path / "new").exists()
 
 
+@pytest.mark.slow
 def test_axes_of_every_kind_write_their_figure(robot, motion, tmp_path):
     grid, space = motion.plot(robot), mo.plots.arms(robot, {"zero": [0.0, 0.0]})
     assert grid.savefig(tmp_path / "grid.png", dpi=40) == tmp_path / "grid.png"

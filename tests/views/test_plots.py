@@ -165,6 +165,7 @@ def test_paths_views(comparison, paths):
     assert (line.get_xdata()[-1], line.get_ydata()[-1]) == pytest.approx((-4.0, 5.0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", [plots.comparison, plots.paths])
 def test_nothing_is_outside_the_page(comparison, make):
     figure = make(comparison).figure
@@ -177,6 +178,7 @@ def test_nothing_is_outside_the_page(comparison, make):
     assert box.y1 <= page.y1 + 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", [plots.comparison, plots.paths])
 def test_without_any_motion_or_limit(comparison, make):
     nothing = replace(comparison, entries=comparison.entries[3:], limits=Limits().for_joints(3))
@@ -185,6 +187,7 @@ def test_without_any_motion_or_limit(comparison, make):
     assert "not solved" in figure.legends[0].get_title().get_text()
 
 
+@pytest.mark.slow
 def test_save(paths, tmp_path):
     png, pdf = plots.save(paths, tmp_path / "new", "paths")
     assert (png.name, pdf.name) == ("paths.png", "paths.pdf")
@@ -221,6 +224,7 @@ def test_paths_on_given_axes(comparison):
         plots.paths(comparison, figure.subplots(1, 3))
 
 
+@pytest.mark.slow
 def test_no_global_state():
     code = """
 import sys, matplotlib, microbot_ocp as mo

@@ -52,6 +52,7 @@ def test_nothing_is_outside_the_page(page):
     assert box.y1 <= page.bbox.y1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("names", [[], [0], [3]], ids=["none", "reference", "failure"])
 def test_fewer_methods_or_no_limits(comparison, names):
     entries = tuple(comparison.entries[k] for k in names)
@@ -59,6 +60,7 @@ def test_fewer_methods_or_no_limits(comparison, names):
     assert "Limits of torque: none" in words(report_figure(fewer, footer=""))
 
 
+@pytest.mark.slow
 def test_one_page_of_vectors(comparison, tmp_path):
     path = comparison.report(tmp_path / "report.pdf")
     content = path.read_bytes()

@@ -41,6 +41,7 @@ def coloured(pixels):
     return int(near.sum())
 
 
+@pytest.mark.slow
 def test_a_moved_slider_solves_the_task_under_its_limits(at_rest, robot):
     before, pixels = at_rest.motion, picture(at_rest)
     at_rest.torque.value, at_rest.speed.value = 80, 120

@@ -40,6 +40,7 @@ def shades(axes):
     return found
 
 
+@pytest.mark.slow
 def test_errors_in_degrees_and_limits_of_the_drives(robot, runs):
     run = runs[0]
     grid = run.plot(robot)

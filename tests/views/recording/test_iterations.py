@@ -49,6 +49,7 @@ def recorded(tmp_path_factory):
     return path, motion, iterations, [event for event in events if isinstance(event, str)]
 
 
+@pytest.mark.slow
 def test_cost_and_infeasibility_are_those_of_every_iteration(recorded):
     path, _, iterations, _ = recorded
     for name, values in (
@@ -60,6 +61,7 @@ def test_cost_and_infeasibility_are_those_of_every_iteration(recorded):
         np.testing.assert_allclose(found, values, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_the_trail_of_every_iterate_is_the_path_of_its_tool(recorded):
     path, motion, iterations, _ = recorded
     robot = mo.load_robot("microbot")
@@ -73,6 +75,7 @@ def test_the_trail_of_every_iterate_is_the_path_of_its_tool(recorded):
     np.testing.assert_allclose([rows[-1][0][0], rows[-1][0][-1]], ends, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_torque_curves_end_at_the_limits_of_the_optimum(recorded):
     """The panel's own axes turn a drawn line back into newton metres and seconds."""
     path, motion, iterations, _ = recorded
@@ -88,6 +91,7 @@ def test_torque_curves_end_at_the_limits_of_the_optimum(recorded):
     assert t[-1] == pytest.approx(motion.duration, abs=1e-5)
 
 
+@pytest.mark.slow
 def test_what_the_solve_said_stands_beside_its_iterations(recorded):
     path, _, iterations, said = recorded
     number, rows = read(path, "/marks", "TextLog:text", TIMELINE)

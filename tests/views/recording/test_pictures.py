@@ -5,7 +5,10 @@ import pytest
 from every_kind import KINDS
 from headless_viewer import HeadlessViewer, missing_driver
 
-pytestmark = pytest.mark.skipif(missing_driver() is not None, reason=str(missing_driver()))
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(missing_driver() is not None, reason=str(missing_driver())),
+]
 
 DIFFERENT = 24  # of 255, from which on two pixels differ
 MOVED = 2e-3  # share of the pixels that change when an arm moves, at least

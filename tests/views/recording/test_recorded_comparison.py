@@ -17,6 +17,8 @@ from microbot_ocp.views.recording import of_comparison
 from microbot_ocp.views.recording._curves import DASHES
 from microbot_ocp.views.recording._writer import plot_path
 
+pytestmark = pytest.mark.slow
+
 
 def test_curves_hold_the_samples_of_the_motion(comparison, recording):
     for entry in comparison.entries[:3]:
