@@ -105,6 +105,7 @@ def imports_of(text: str, origin: Path) -> list[Import]:
     ]
 
 
+@cache
 def imports() -> list[Import]:
     return [
         found

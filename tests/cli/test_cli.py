@@ -266,6 +266,7 @@ def test_a_packaged_robot_is_a_start_for_a_robot_file(call, tmp_path, name):
     assert "[sources]" in out
 
 
+@pytest.mark.slow
 def test_a_robot_is_copied_from_one_format_to_the_other(call, ask, refused, tmp_path):
     assert ask("show", "panda", "--out", "arm.urdf")[1]["written"] == ["arm.urdf"]
     code, out, _ = call("show", "arm.urdf", "--out", "arm.toml")
@@ -528,6 +529,7 @@ def test_time_optimal(ask, call, tmp_path):
     assert max(map(len, out.splitlines())) <= 80
 
 
+@pytest.mark.slow
 def test_a_solver_that_does_not_converge_is_exit_code_1(call, monkeypatch):
     from dataclasses import replace
 
@@ -716,6 +718,7 @@ def test_ctrl_c_is_130_without_a_traceback(tmp_path):
     assert "Traceback" not in err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "unloaded"), [("--help", {"rich", "casadi"}), ("robots", {"casadi"})]
 )

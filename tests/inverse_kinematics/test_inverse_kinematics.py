@@ -115,6 +115,7 @@ def test_closed_form_refuses_what_is_out_of_reach(position: tuple[float, ...]) -
 # ---- every branch, none missed and none doubled
 
 
+@pytest.mark.slow
 def test_a_thousand_targets_have_the_branches_of_the_closed_form(microbot: mo.Robot) -> None:
     radius = np.random.default_rng(1).uniform(1.0, 7.0, (1000, 1))
     targets = SHOULDER + radius * directions(1000)

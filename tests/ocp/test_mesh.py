@@ -108,6 +108,7 @@ def swing():
     return solve(pendulum(), [mesh], settings=EXACT, scheme="gauss")
 
 
+@pytest.mark.slow
 def test_a_solution_with_mixed_degrees_passes_the_certificate(swing):
     assert swing.status.solved
     assert swing.cost == pytest.approx(

@@ -71,6 +71,7 @@ def test_a_weak_pendulum_swings_back_first():
 # laws ---------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_four_times_the_torque_halves_the_time_without_gravity():
     durations = [
         time_optimal(arm(0.0, tau_max=[15.0 * k, 6.0 * k]), ARM_VIA, mesh=60, starts=2).duration
@@ -79,6 +80,7 @@ def test_four_times_the_torque_halves_the_time_without_gravity():
     assert durations[0] / durations[1] == pytest.approx(2.0, rel=1.5e-3)
 
 
+@pytest.mark.slow
 def test_the_way_back_takes_as_long_without_gravity():
     robot = arm(0.0)
     there, again = (
@@ -87,6 +89,7 @@ def test_the_way_back_takes_as_long_without_gravity():
     assert there == pytest.approx(again, rel=5e-4)
 
 
+@pytest.mark.slow
 def test_larger_limits_are_faster_and_never_slower_than_the_scaled_cubic():
     durations = []
     for k in (1.0, 1.5, 3.0):
@@ -178,12 +181,14 @@ def test_the_provenance_tells_every_start_and_every_mesh(report):
     assert "3 starts ended at" in report.note
 
 
+@pytest.mark.slow
 def test_settings_are_given_as_one_or_singly(microbot):
     one = time_optimal(arm(), ARM_VIA, settings=TimeOptimalSettings(mesh=20, starts=1))
     other = time_optimal(arm(), ARM_VIA, settings=TimeOptimalSettings(mesh=80, starts=1), mesh=20)
     assert one.duration == other.duration
 
 
+@pytest.mark.slow
 def test_progress_is_told_in_lines_and_iterations(microbot):
     told = []
     motion = time_optimal(arm(), ARM_VIA, mesh=30, starts=2, progress=told.append)

@@ -111,6 +111,7 @@ def test_two_methods_find_the_same_duration(name, request):
     assert motion.duration == pytest.approx(motion.provenance["reachability_duration"], rel=2e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["report_cubic", "report_straight"])
 def test_limits_hold_between_mesh_points(microbot, name, request):
     excess = dense_excess(microbot, request.getfixturevalue(name))
@@ -208,6 +209,7 @@ def test_torque_limits_hold_with_friction(friction, allowed):
     assert motion.duration == pytest.approx(motion.provenance["reachability_duration"], rel=3e-3)
 
 
+@pytest.mark.slow
 def test_acceleration_limits_hold():
     robot = arm(tau_max=[60.0, 25.0], qdd_max=[4.0, 6.0])
     motion = time_optimal_path(robot, ARM_CUBIC, mesh=50)

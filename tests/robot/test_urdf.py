@@ -155,6 +155,7 @@ def test_any_chain_moves_as_its_parser_says(seed: int, kinds: str) -> None:
     assert robot.name == "random"
 
 
+@pytest.mark.slow
 @given(st.integers(0, 10_000), st.text("rpf", min_size=1, max_size=7))
 def test_poses_of_random_chains_are_those_of_the_parser(seed: int, kinds: str) -> None:
     text = random_urdf(seed, kinds + "r")

@@ -82,6 +82,7 @@ def test_the_reports_torques(robot, gravity):
         np.testing.assert_allclose(motion.tau[at], tau, rtol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 def test_forward_dynamics_give_the_reports_motion_back(robot, integrator):
     motion = mo.motion_from_formula(robot, report_motion, 2.0, label="report", step=0.05)
@@ -155,6 +156,7 @@ def test_jumping_torque_of_a_motion_costs_no_digits(robot):
     assert np.abs(mo.simulate(heavy, motion).q - motion.q).max() > 0.05
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arm", [mo.load_robot("microbot"), slider().with_gravity([0, 0, 0])])
 def test_an_arm_that_waits_is_not_stepped_over(arm):
     """At rest nothing changes, at the edge of a piece neither: a free step may jump over both."""

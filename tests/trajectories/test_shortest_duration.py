@@ -139,6 +139,7 @@ def test_any_shape_keeps_and_meets_its_limits(seed, friction):
     assert worst(robot, limits, found.polynomial.stretched(0.999)) > 1.0
 
 
+@pytest.mark.slow
 def test_a_callable_of_the_duration():
     robot = mo.load_robot("microbot")
     shape = lspb(VIA_Q, VIA_T, 0.5)

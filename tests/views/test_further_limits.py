@@ -164,6 +164,7 @@ def test_a_broken_one_is_named_in_the_verdict(robot, motion):
     assert "FAILED: tool speed +" in str(comparison.table())
 
 
+@pytest.mark.slow
 def test_notebooks_and_the_report_name_it(robot, comparison):
     assert "tool speed: at most 6 m/s" in robot._repr_html_()
     figure = mo.plots.report_figure(comparison, footer="")
@@ -172,6 +173,7 @@ def test_notebooks_and_the_report_name_it(robot, comparison):
     figure.draw_without_rendering()
 
 
+@pytest.mark.slow
 def test_the_phase_plane_names_it(robot):
     slow = robot.with_limits(also=[mo.limits.tool_speed(upper=1.0)])
     axes = mo.plots.phase_plane(slow, mo.straight_path(VIA_Q))

@@ -159,6 +159,7 @@ def listener(tmp_path):
     end_viewer(process)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")  # it was received, not written
 def test_a_viewer_gets_every_iterate_while_the_solve_runs(listener):
     address, path = listener
@@ -181,6 +182,7 @@ def test_a_viewer_gets_every_iterate_while_the_solve_runs(listener):
     np.testing.assert_allclose(found, costs, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_browser_is_served_on_loopback_only():
     said = []
     with server(said.append) as address:
