@@ -185,6 +185,17 @@ class Certificate:
         return plain(self)
 
 
+class Tolerances(NamedTuple):
+    """What still passes; see :func:`certify`."""
+
+    limit: float = 0.005
+    position: float = 1e-3
+    torque: float = 1e-3
+    via: float = 1e-3
+    integrator: float = 1e-12
+    max_steps: int = 20_000
+
+
 class _Resimulation(NamedTuple):
     status: Status
     final_position_error: float = np.nan
@@ -263,32 +274,44 @@ def certify(
     >>> certificate.ok, certificate.resimulation_status.solved
     (True, True)
     """
-    started = time.perf_counter()
     count = robot.joint_count
     if motion.joint_count != count:
         raise InputError(f"motion is of {motion.joint_count} joints, but the robot has {count}")
-    tolerances = {
-        "limit_tolerance": limit_tolerance,
-        "position_tolerance": position_tolerance,
-        "torque_tolerance": torque_tolerance,
-        "via_tolerance": via_tolerance,
-    }
-    for name, value in tolerances.items():
-        tolerances[name] = checks.number(name, value, at_least=0.0)
-    checks.number("integrator_tolerance", integrator_tolerance, above=0.0, at_most=1e-3)
+    tolerances = Tolerances(
+        limit=checks.number("limit_tolerance", limit_tolerance, at_least=0.0),
+        position=checks.number("position_tolerance", position_tolerance, at_least=0.0),
+        torque=checks.number("torque_tolerance", torque_tolerance, at_least=0.0),
+        via=checks.number("via_tolerance", via_tolerance, at_least=0.0),
+        integrator=checks.number(
+            "integrator_tolerance", integrator_tolerance, above=0.0, at_most=1e-3
+        ),
+        max_steps=max_steps,
+    )
     via = None if via_q is None else checks.array("via_q", via_q, (None, count), "rad")
+    return certificate_of(LimitFamily.of(robot, limits), motion, via, tolerances)
 
+
+def certificate_of(
+    family: LimitFamily,
+    motion: Motion,
+    via: FloatArray | None,
+    tolerances: Tolerances | None = None,
+) -> Certificate:
+    """As :func:`certify`, of what is checked."""
+    started = time.perf_counter()
+    robot: Robot = family.robot
+    tolerances = tolerances or Tolerances()
     t, ratio = dense_times(motion)
     state = motion.sample(t)
-    limit_checks, saturated = _check_limits(LimitFamily.of(robot, limits), motion, t)
+    limit_checks, saturated = _check_limits(family, motion, t)
     condition, at = _condition(robot, t, state)
     torque_error, torque_sample, torque_joint = _stored_torque(robot, motion)
     stray, stray_time = _between_samples(robot, motion)
     vias = () if via is None else _check_vias(motion, via, t, state)
-    again = _resimulate(robot, motion, integrator_tolerance, max_steps)
+    again = _resimulate(robot, motion, tolerances.integrator, tolerances.max_steps)
 
     problems = _problems(tolerances, limit_checks, again, vias)
-    if torque_error > tolerances["torque_tolerance"]:
+    if torque_error > tolerances.torque:
         problems.append(
             f"stored torque of {robot.joint_names[torque_joint]} at "
             f"{motion.t[torque_sample]:.4g} s is not that of inverse dynamics: it differs by "
@@ -444,7 +467,7 @@ def _resimulate(robot: Robot, motion: Motion, tolerance: float, max_steps: int) 
 
 
 def _problems(
-    tolerances: dict[str, float],
+    tolerances: Tolerances,
     limit_checks: tuple[LimitCheck, ...],
     again: _Resimulation,
     vias: tuple[ViaCheck, ...],
@@ -454,18 +477,18 @@ def _problems(
         f"{check.time:.4g} s, {100 * check.violation:.3g} % beyond its limit of "
         f"{check.limit:.5g} {check.unit}"
         for check in limit_checks
-        if check.violation > tolerances["limit_tolerance"]
+        if check.violation > tolerances.limit
     ]
     if not again.status.solved:
         problems.append(f"re-simulation stopped: {again.message}")
-    elif not again.final_position_error <= tolerances["position_tolerance"]:
+    elif not again.final_position_error <= tolerances.position:
         problems.append(
             f"re-simulation ends {again.final_position_error:.3g} rad from the motion's end"
         )
     problems += [
         f"{via.name} is missed by {via.distance:.3g} rad (nearest at {via.time:.4g} s)"
         for via in vias
-        if via.distance > tolerances["via_tolerance"]
+        if via.distance > tolerances.via
     ]
     return problems
 

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
-from microbot_ocp.comparison._certificate import Certificate, certify
+from microbot_ocp.comparison._certificate import Certificate, certificate_of
 from microbot_ocp.limits import LimitFamily
 from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial
 from microbot_ocp.ocp.solution import Iteration, StepProgress, quiet
@@ -29,15 +29,15 @@ from microbot_ocp.planning import (
     check_path,
     check_via,
     fastest_motion,
-    straight_path,
+    straight_through,
 )
 from microbot_ocp.robot import JointLimits, Limits, Robot
 from microbot_ocp.trajectories import (
     Scaled,
-    cubic,
-    lspb,
+    ViaPoints,
+    cubic_through,
+    lspb_through,
     shortest_duration,
-    via_points,
     via_velocities,
 )
 
@@ -98,12 +98,12 @@ class Task:
 
     def cubic(self) -> PiecewisePolynomial:
         """Cubic segments at the given timing."""
-        return cubic(self.via_q, self.via_t, self.via_qd)
+        return cubic_through(ViaPoints(self.via_q, self.via_t), self.via_qd)
 
     def lspb(self) -> PiecewisePolynomial:
         """Linear segments with parabolic blends at the given timing."""
         blends = self.blend * np.diff(self.via_t)
-        return lspb(self.via_q, self.via_t, blends, self.via_qd)
+        return lspb_through(ViaPoints(self.via_q, self.via_t), blends, self.via_qd)
 
 
 @dataclass(frozen=True)
@@ -180,7 +180,7 @@ def _passage(via: FloatArray, q: FloatArray, qd: FloatArray) -> str:
 
 
 def _straight_path(task: Task) -> Motion:
-    return _timed(task, straight_path(task.via_q), "straight path, best timing")
+    return _timed(task, straight_through(task.via_q), "straight path, best timing")
 
 
 def _cubic_path(task: Task) -> Motion:
@@ -457,7 +457,7 @@ def _timing(
             )
     if via_qd is not None:
         return times, checks.array("via_qd", via_qd, via.shape, "rad/s")
-    return times, via_velocities(via_points(via, times))
+    return times, via_velocities(ViaPoints(via, times))
 
 
 def _entry(name: str, task: Task, tell: Callable[..., None]) -> Entry:
@@ -474,7 +474,7 @@ def _entry(name: str, task: Task, tell: Callable[..., None]) -> Entry:
     wall = time.perf_counter() - begin
     motion = replace(motion, provenance={**motion.provenance, "robot": task.robot.name})
     tell(f"{motion.duration:.4f} s, certifying", stage="certify")
-    certificate = certify(task.robot, motion, via_q=task.via_q)
+    certificate = certificate_of(task.family, motion, task.via_q)
     return Entry(
         name=name,
         title=method.title,

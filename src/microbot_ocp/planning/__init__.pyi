@@ -19,6 +19,7 @@ from ._paths import (
     check_path as check_path,
     corners as corners,
     straight_path as straight_path,
+    straight_through as straight_through,
 )
 from ._phase_plane import (
     PathLimit as PathLimit,

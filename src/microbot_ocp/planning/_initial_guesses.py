@@ -13,7 +13,7 @@ from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.motion import PiecewisePolynomial
 from microbot_ocp.ocp.transcription import Guess
 from microbot_ocp.robot import Robot
-from microbot_ocp.trajectories import cubic, shortest_duration
+from microbot_ocp.trajectories import ViaPoints, cubic_through, shortest_duration, via_velocities
 
 LARGEST_BOW = 0.7  # rad (m), sideways in the middle of a stretch
 USUAL_SPEED = 2.0  # rad/s (m/s) where the velocity is not limited
@@ -76,7 +76,8 @@ def guesses_along(
 def _cubic(robot: Robot, via: FloatArray, names: Sequence[str]) -> Start:
     """The cubic through the via points at the shortest duration that keeps the limits."""
     steps = np.abs(np.diff(via, axis=0)).max(axis=1)
-    shape = cubic(via, np.concatenate([[0.0], np.cumsum(np.maximum(steps, 1e-3))]))
+    timed = ViaPoints(via, np.concatenate([[0.0], np.cumsum(np.maximum(steps, 1e-3))]))
+    shape = cubic_through(timed, via_velocities(timed))
     # where gravity forbids rest on the way it is a start all the same, only not a feasible one
     with contextlib.suppress(InputError):
         shape = shortest_duration(robot, shape).polynomial

@@ -22,6 +22,11 @@ def straight_path(via_q: ArrayLike) -> PiecewisePolynomial:
     via = checks.array("via_q", via_q, (None, None), "rad")
     if via.shape[0] < 2:
         raise InputError(f"via_q must have at least 2 points, not {via.shape[0]}")
+    return straight_through(via)
+
+
+def straight_through(via: FloatArray) -> PiecewisePolynomial:
+    """As :func:`straight_path`, through via points [m,n] that are checked."""
     steps = np.diff(via, axis=0)
     lengths = np.linalg.norm(steps, axis=1)
     if np.any(lengths == 0):
