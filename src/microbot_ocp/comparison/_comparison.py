@@ -391,7 +391,7 @@ def compare(
     >>> import microbot_ocp as mo
     >>> via_q = np.radians([[0, 0, 0], [-8, 45, 30], [-90, 90, 90]])
     >>> result = mo.compare(mo.load_robot("microbot"), via_q, ["cubic", "lspb"])
-    >>> [entry.status for entry in result.entries]
+    >>> [str(entry.status) for entry in result.entries]
     ['solved', 'solved']
     """
     family = check_limits(robot, limits)

@@ -2,10 +2,11 @@
 
 A trajectory that starts from rest, such as a cubic or a quintic, has a vanishing tangent there:
 q - q(0) ~ s^(m+1), m = 1 for a cubic, 2 for a quintic. With m = 1 the arm leaves at a finite s',
-with m = 2 at an infinite one. Such an end is described by r with s = L (r/R)^(p/(m+1)) instead, in
-which every path leaves like r^p; R = p L/(m+1) makes ds/dr = 1 at the other end of the piece, so
-that r' is continuous there. Every other piece keeps r = s. With p = 2 the arm starts at a finite r'
-and acceleration; where the jerk is limited it starts with neither, and p = 1.
+with m = 2 at an infinite one. Such an end is described by another parameter r instead,
+``s = L x^e ((1 + e) + (1 - e) x) / 2`` with ``x = r/R``, ``e = p/(m+1)`` and ``R = L (1 + e)/2``,
+in which every path leaves like r^p. At the other end of the piece ds/dr = 1 and its slope is zero,
+so that r' and r'' are continuous there. Every other piece keeps r = s. With p = 2 the arm starts at
+a finite r' and acceleration; where the jerk is limited it starts with neither, and p = 1.
 """
 
 from __future__ import annotations
@@ -64,7 +65,7 @@ class CurvePiece:
     @property
     def span(self) -> float:
         """Range R of the parameter r."""
-        return self.length * self.exponent
+        return 0.5 * self.length * (1.0 + self.exponent)
 
     @property
     def limits(self) -> tuple[float, float]:
@@ -107,14 +108,17 @@ def _bend(length: Any, at_end: Any, exponent: float, r: Any) -> tuple[Any, list[
     """s since the start of a piece and its first three derivatives with respect to r."""
     if exponent == 1.0:
         return r, [1.0, 0.0, 0.0]
-    span = length * exponent
+    span = 0.5 * length * (1.0 + exponent)
     sign = 1.0 - 2.0 * at_end
     x = (at_end * span + sign * r) / span  # distance from the bent end, 0 to 1
+    low, high = 0.5 * (1.0 + exponent), 0.5 * (1.0 - exponent)
+    s = at_end * length + sign * length * (low * x**exponent + high * x ** (exponent + 1.0))
     slopes, factor = [], length * sign
     for k in range(3):
-        factor = factor * (exponent - k) * sign / span
-        slopes.append(factor * x ** (exponent - k - 1))
-    return at_end * length + sign * length * x**exponent, slopes
+        low, high = low * (exponent - k), high * (exponent + 1.0 - k)
+        factor = factor * sign / span
+        slopes.append(factor * (low * x ** (exponent - k - 1.0) + high * x ** (exponent - k)))
+    return s, slopes
 
 
 def _power_sum(table: Any, s: Any, order: int) -> Any:

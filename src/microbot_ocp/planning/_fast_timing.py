@@ -151,7 +151,7 @@ def time_path(
     >>> path = mo.straight_path(np.radians([[0, 0, 0], [-8, 45, 30], [-90, 90, 90]]))
     >>> timing = mo.time_path(mo.load_robot("microbot"), path)
     >>> timing.solved, round(timing.duration, 3), timing.limits_kept_by["speed bound"]
-    (True, 2.575, ['velocity'])
+    (True, 2.576, ['velocity'])
     """
     whole("grid", grid, "points", at_least=10)
     family = check_limits(robot, limits)

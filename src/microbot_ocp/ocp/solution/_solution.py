@@ -160,6 +160,11 @@ class Solution:
         raise KeyError(name)
 
     @property
+    def solved(self) -> bool:
+        """Whether the solve ended well."""
+        return self.status.solved
+
+    @property
     def duration(self) -> float:
         """Sum of the durations of the phases, s."""
         return float(sum(phase.duration for phase in self.phases))
