@@ -185,8 +185,9 @@ class LimitFamily:
                 if member.limited[joint]:
                     return True
                 continue
-            function, _ = _function(self.robot, (member.key,))
-            if any(function.sparsity_jac(k, 0).get_col().count(joint) for k in (1, 2, 3)):
+            function, _, used = _function(self.robot, (member.key,))
+            moving = [place for place, k in enumerate(used) if k > 0]
+            if any(joint in function.sparsity_jac(place, 0).get_col() for place in moving):
                 return True
         return False
 
@@ -199,9 +200,8 @@ class LimitFamily:
         computed = tuple(key for key in wanted if key not in given)
         results: dict[str, list[FloatArray]] = {}
         if computed:
-            function, names = _function(self.robot, computed)
-            columns = [np.ascontiguousarray(given[name].T) for name in STATE]
-            arrays = function(*columns)
+            function, names, used = _function(self.robot, computed)
+            arrays = function(*(np.ascontiguousarray(given[STATE[k]].T) for k in used))
             arrays = arrays if isinstance(arrays, tuple) else (arrays,)
             for (key, side), array in zip(names, arrays, strict=True):
                 results.setdefault(key, [np.empty(0)] * 3)[side] = np.array(array).T
@@ -252,9 +252,11 @@ class LimitFamily:
         """
         if not keys:
             return {}
-        function, names = _function(self.robot, tuple(keys), torques)
+        function, names, used = _function(self.robot, tuple(keys), torques)
         found = {key: [None, self[key].lower, self[key].upper] for key in keys}
-        for (key, side), value in zip(names, _as_tuple(function(*state)), strict=True):
+        for (key, side), value in zip(
+            names, _as_tuple(function(*(state[k] for k in used))), strict=True
+        ):
             found[key][side] = value
         return {key: (entry[0], entry[1], entry[2]) for key, entry in found.items()}
 
@@ -283,7 +285,7 @@ def _joint_member(robot: Arm, key: str) -> Member:
 
 
 def _further_member(robot: Arm, limit: Limit) -> Member:
-    function, names = _function(robot, (limit.key,))
+    function, names, used = _function(robot, (limit.key,))
     size = function.size1_out(0)
     labels = limit.labels or (robot.joint_names if size == robot.joint_count > 1 else ("",) * size)
     if len(labels) != size:
@@ -308,7 +310,9 @@ def _further_member(robot: Arm, limit: Limit) -> Member:
         else:
             bounds.append(np.broadcast_to(constant, (size,)).copy())
     depends = [
-        k for k in range(4) if any(function.sparsity_jac(k, i).nnz() for i in range(len(names)))
+        k
+        for place, k in enumerate(used)
+        if any(function.sparsity_jac(place, i).nnz() for i in range(len(names)))
     ]
     return Member(
         key=limit.key,
@@ -325,14 +329,14 @@ def _further_member(robot: Arm, limit: Limit) -> Member:
 @lru_cache(maxsize=128)
 def _function(
     robot: Any, keys: tuple[str, ...], torques: ca.Function | None = None
-) -> tuple[ca.Function, tuple[tuple[str, int], ...]]:
+) -> tuple[ca.Function, tuple[tuple[str, int], ...], tuple[int, ...]]:
     """One function of the state [n] each for the values (and bounds) of some limits.
 
     Returns
     -------
-    function, names
+    function, names, used
         A name says what an output is: a key, and 0 for the value, 1 and 2 for a lower and upper
-        bound that is an expression.
+        bound that is an expression. ``used`` says which parts of the state are its arguments.
     """
     further = {limit.key: limit for limit in robot.limits.also}
     problem: Exception | None = None
@@ -346,13 +350,15 @@ def _function(
             state = robot.motion_state(*symbols)
         try:
             outputs, names = _outputs(further, keys, state)
-            function = ca.Function("limits", symbols, outputs)
+            every = ca.vertcat(*outputs)
+            used = tuple(k for k, s in enumerate(symbols) if ca.depends_on(every, s)) or (0,)
+            function = ca.Function("limits", [symbols[k] for k in used], outputs)
         except Exception as found:  # the expression is the user's
             problem = problem or found
             continue
         if function.is_a("SXFunction"):
             function = with_finite_slopes(function)
-        return function, tuple(names)
+        return function, tuple(names), used
     named = ", ".join(repr(further[key].name) for key in keys if key in further)
     lines = str(problem).strip().splitlines() or [type(problem).__name__]
     raise InputError(f"the expression of limit {named} cannot be evaluated: {lines[-1]}")
