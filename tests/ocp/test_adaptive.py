@@ -180,7 +180,7 @@ def under_a_path_constraint():
     "made", [lambda: bryson_denham(TOP, "polynomial"), under_a_path_constraint]
 )
 def test_a_limit_exceeded_between_mesh_points_is_refined(made, degrees):
-    loose = solve_refined(made(), scheme="radau", degrees=degrees, limit_accuracy=1.0)
+    loose = solve_refined(made(), scheme="radau", degrees=degrees, limit_tolerance=1.0)
     refined = solve_refined(made(), scheme="radau", degrees=degrees)
     assert loose.status.solved
     assert refined.status.solved
@@ -275,5 +275,5 @@ def test_the_history_is_plain_values_and_progress_is_told():
 def test_a_bad_accuracy_is_refused(accuracy, no_solver):
     with pytest.raises(InputError, match="accuracy"):
         solve_refined(oscillator(), accuracy)
-    with pytest.raises(InputError, match="limit_accuracy"):
-        solve_refined(oscillator(), limit_accuracy=accuracy)
+    with pytest.raises(InputError, match="limit_tolerance"):
+        solve_refined(oscillator(), limit_tolerance=accuracy)

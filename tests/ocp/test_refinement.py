@@ -166,7 +166,7 @@ def test_a_real_problem_is_refined_until_its_ceiling_holds_between_mesh_points()
         }
         return {"fly": Guess(fly.duration, values)}
 
-    refiner = Refiner(Transcription(bryson_denham(top)), guess_from, bulge, violation=1e-5)
+    refiner = Refiner(Transcription(bryson_denham(top)), guess_from, bulge, limit_tolerance=1e-5)
     first = refiner.solve(5, guess_from(solve(bryson_denham(top), 5)))
     assert bulge(first)[0].max() > 1e-3
     last = refiner.refine(first)

@@ -224,7 +224,7 @@ def test_torque_rate_limits_hold_also_where_pieces_meet(corner):
     robot = arm(tau_max=[60.0, 25.0], taud_max=[400.0, 150.0])
     path = straight_path(ARM_VIA) if corner else ARM_CUBIC
     motion = time_optimal_path(robot, path, mesh=60)
-    check = mo.certify(robot, motion).limit_check("taud")
+    check = next(c for c in mo.certify(robot, motion).limit_checks if c.quantity == "taud")
     assert check.violation < (2e-3 if corner else 2e-2)
     if not corner:  # where the tangent vanishes the ends are hard to follow: held, or admitted
         assert motion.solved == (motion.provenance["excess"] <= 5e-3)

@@ -171,10 +171,6 @@ class Certificate:
     def _repr_html_(self) -> str:
         return view_for(self, "table")(self)._repr_html_()
 
-    def limit_check(self, quantity: str) -> LimitCheck | None:
-        """The check of one kind of limit; None where the robot has none of it."""
-        return next((c for c in self.limit_checks if c.quantity == quantity), None)
-
     @property
     def worst_violation(self) -> float:
         """Worst relative violation of any limit, 0 where none."""

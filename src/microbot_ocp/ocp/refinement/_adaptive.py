@@ -64,7 +64,7 @@ def solve_refined(
     *,
     degrees: tuple[int, int] | None = None,
     switch_accuracy: float = 1e-3,
-    limit_accuracy: float = 1e-5,
+    limit_tolerance: float = 1e-5,
     arcs: bool = True,
     rounds: int = 10,
     most_intervals: int = 2000,
@@ -91,7 +91,7 @@ def solve_refined(
         where it is not (hp). Default: intervals are divided, the degree stays.
     switch_accuracy : float
         Distance of a switch from the mesh that is accepted, as a fraction of its phase.
-    limit_accuracy : float
+    limit_tolerance : float
         Excess of a state, an algebraic variable or a path constraint between the mesh points that
         is accepted, relative to half the range of its limits, or to the limit where there is only
         one. Meshes are divided where it is more. Bounds of the controls are left to
@@ -137,7 +137,7 @@ def solve_refined(
     """
     accuracy = checks.number("accuracy", accuracy, above=0.0)
     switch_accuracy = checks.number("switch_accuracy", switch_accuracy, above=0.0)
-    limit_accuracy = checks.number("limit_accuracy", limit_accuracy, above=0.0)
+    limit_tolerance = checks.number("limit_tolerance", limit_tolerance, above=0.0)
     if not most_time > 0:
         raise InputError(f"most_time must be above 0 s, not {most_time}")
     settings = settings or SolverSettings()
@@ -147,7 +147,7 @@ def solve_refined(
         transcription,
         guess_from=resampled,
         excess=state_errors,
-        violation=accuracy,
+        limit_tolerance=accuracy,
         solver=settings.solver,
         tolerance=settings.tolerance,
         progress=progress,
@@ -155,7 +155,7 @@ def solve_refined(
         worse=DEARER,
     )
     hp = None if degrees is None else Degrees(*degrees)
-    goal = _Goal(accuracy, switch_accuracy, limit_accuracy, hp)
+    goal = _Goal(accuracy, switch_accuracy, limit_tolerance, hp)
     limits = _Limits(rounds, most_intervals, time.perf_counter() + most_time, arcs)
     return _Refinement(refiner, goal, limits).run(mesh, guess)
 
@@ -164,7 +164,7 @@ def solve_refined(
 class _Goal:
     accuracy: float
     switch_accuracy: float
-    limit_accuracy: float
+    limit_tolerance: float
     degrees: Degrees | None
 
     def met(self, step: RefinementStep) -> bool:
@@ -172,7 +172,7 @@ class _Goal:
         return (
             step.state_error <= self.accuracy
             and step.switch_offset <= self.switch_accuracy
-            and step.limit_excess <= self.limit_accuracy
+            and step.limit_excess <= self.limit_tolerance
         )
 
     def next_mesh(
@@ -205,7 +205,7 @@ class _Goal:
 
     def _divided_at_limits(self, mesh: FloatArray, finer: Mesh, excess: FloatArray) -> Mesh:
         """Divide where a limit is exceeded, but for intervals that are divided already."""
-        bad = excess > self.limit_accuracy
+        bad = excess > self.limit_tolerance
         if not bad.any():
             return finer
         cuts = split(mesh, bad)
@@ -254,7 +254,7 @@ class _Refinement:
                 self._enter(first, first.status.solved)
                 status = self._rounds() if first.status.solved else first.status
         use = self.exceeded
-        over = use is not None and use.relative > self.goal.limit_accuracy
+        over = use is not None and use.relative > self.goal.limit_tolerance
         return Refined(self.best, History(self.history), status, use if over else None)
 
     def _rounds(self) -> Status:

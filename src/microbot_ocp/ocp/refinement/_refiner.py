@@ -41,7 +41,7 @@ class Refiner:
     excess : callable
         For a solution, the largest relative excess of any constraint inside every interval, or at K
         evenly spaced places of it with both its ends: one array [N] or [N, K] a phase.
-    violation : float
+    limit_tolerance : float
         Excess that is accepted.
     solver : str
         For fine meshes; what is not solved by it goes to IPOPT.
@@ -59,7 +59,7 @@ class Refiner:
     transcription: Transcription
     guess_from: GuessFrom
     excess: Excess
-    violation: float
+    limit_tolerance: float
     solver: str = "ipopt"
     tolerance: float = 1e-8
     rounds: int = 10
@@ -143,10 +143,10 @@ class Refiner:
             worst = max(float(e.max()) for e in excess)
             self.history[-1]["excess"] = worst
             self.progress(f"largest excess of a limit between mesh points: {100 * worst:.3g} %")
-            if worst <= self.violation:
+            if worst <= self.limit_tolerance:
                 break
             meshes = [
-                split(phase.mesh, e > self.violation)
+                split(phase.mesh, e > self.limit_tolerance)
                 for phase, e in zip(solution.phases, excess, strict=True)
             ]
             refined = self.finer(solution, meshes)
