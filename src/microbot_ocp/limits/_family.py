@@ -160,7 +160,7 @@ class LimitFamily:
         return tuple(self._by_key)
 
     def of_order(self, *orders: int) -> tuple[str, ...]:
-        """Keys of the members that depend on derivatives up to one of these orders."""
+        """Keys of the members whose highest derivative of the position is one of these."""
         return tuple(member.key for member in self.members if member.order in orders)
 
     @property
@@ -202,8 +202,7 @@ class LimitFamily:
         if computed:
             function, names, used = _function(self.robot, computed)
             arrays = function(*(np.ascontiguousarray(given[STATE[k]].T) for k in used))
-            arrays = arrays if isinstance(arrays, tuple) else (arrays,)
-            for (key, side), array in zip(names, arrays, strict=True):
+            for (key, side), array in zip(names, _as_tuple(arrays), strict=True):
                 results.setdefault(key, [np.empty(0)] * 3)[side] = np.array(array).T
         found = {}
         for key in wanted:

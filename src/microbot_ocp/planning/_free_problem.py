@@ -44,8 +44,7 @@ def free_problem(robot: Robot, via: FloatArray, *, payload: bool = False) -> Opt
     parameter "payload": a mass at the tool, kg, zero at first.
     """
     count, limits, family = robot.joint_count, robot.limits, LimitFamily.of(robot)
-    constraints = [key for key in ("tau", "taud", "qddd") if key in family]
-    constraints += [member.key for member in family if member.limit is not None]
+    constraints = [key for key in family.keys if key not in OF_VARIABLES]
     torques = torque_and_rate_with_payload(robot) if payload else torque_and_rate(robot)
     acceleration_scale = _acceleration_scale(robot)
     # A limited jerk leaves no jump of the acceleration where the arm starts and stops.

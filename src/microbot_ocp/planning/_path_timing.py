@@ -449,8 +449,7 @@ def _declare(
     qd = tangent * v
     qdd = tangent * a + curvature * v**2
     jerk = tangent * phase.rate(a) + 3 * curvature * v * a + bend * v**3
-    keys = [key for key in ("qd", "qdd", "tau", "taud", "qddd") if key in family]
-    keys += [member.key for member in family if member.limit is not None]
+    keys = [key for key in family.keys if key != "q"]
     usual = evaluate(piece.shape, np.array([0.5 * (begin + end)]))[0][0]
     torques = _torque_alone(robot) if "taud" not in family else torque_and_rate(robot)
     declare_limits(phase, family, keys, (q, qd, qdd, jerk), usual, torques)
