@@ -19,7 +19,7 @@ from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError, plain
 from microbot_ocp._base.showing import view_for
 from microbot_ocp._base.status import Status
-from microbot_ocp.limits import AT_LIMIT, LimitFamily, LimitHistory
+from microbot_ocp.limits import AT_LIMIT, LIMIT_TOLERANCE, LimitFamily, LimitHistory
 from microbot_ocp.motion import (
     JUMP_GAP,
     Motion,
@@ -184,7 +184,7 @@ class Certificate:
 class Tolerances(NamedTuple):
     """What still passes; see :func:`certify`."""
 
-    limit: float = 0.005
+    limit: float = LIMIT_TOLERANCE
     position: float = 1e-3
     torque: float = 1e-3
     via: float = 1e-3
@@ -207,7 +207,7 @@ def certify(
     limits: Limits | JointLimits | None = None,
     *,
     via_q: ArrayLike | None = None,
-    limit_tolerance: float = 0.005,
+    limit_tolerance: float = LIMIT_TOLERANCE,
     position_tolerance: float = 1e-3,
     torque_tolerance: float = 1e-3,
     via_tolerance: float = 1e-3,

@@ -45,5 +45,7 @@ from ._tool_speed import (
 )
 from ._use import (
     AT_LIMIT as AT_LIMIT,
+    LIMIT_TOLERANCE as LIMIT_TOLERANCE,
     ROUNDING as ROUNDING,
+    use_of as use_of,
 )

@@ -192,16 +192,22 @@ class LimitFamily:
         return False
 
     def values(
-        self, samples: MotionSamples, keys: Iterable[str] | None = None
+        self,
+        samples: MotionSamples,
+        keys: Iterable[str] | None = None,
+        measured: Mapping[str, FloatArray] | None = None,
     ) -> dict[str, LimitValues]:
-        """Values and bounds of the limits (of these keys only) along samples."""
+        """Values and bounds of the limits (of these keys only) along samples.
+
+        ``measured`` holds values [N,n] by key that are not to be computed: the torques of a drive.
+        """
         wanted = self.keys if keys is None else tuple(keys)
-        given = dict(zip(STATE, samples, strict=True))
+        given = dict(zip(STATE, samples, strict=True)) | dict(measured or {})
         computed = tuple(key for key in wanted if key not in given)
         results: dict[str, list[FloatArray]] = {}
         if computed:
             function, names, used = _function(self.robot, computed)
-            arrays = function(*(np.ascontiguousarray(given[STATE[k]].T) for k in used))
+            arrays = function(*(np.ascontiguousarray(samples[k].T) for k in used))
             for (key, side), array in zip(names, _as_tuple(arrays), strict=True):
                 results.setdefault(key, [np.empty(0)] * 3)[side] = np.array(array).T
         found = {}

@@ -51,9 +51,18 @@ class LimitHistory:
     use: Mapping[str, FloatArray]
 
     @classmethod
-    def of(cls, family: LimitFamily, t: FloatArray, samples: MotionSamples) -> LimitHistory:
-        """The use of the limits at times t [N] with their states."""
-        values = family.values(samples)
+    def of(
+        cls,
+        family: LimitFamily,
+        t: FloatArray,
+        samples: MotionSamples,
+        measured: Mapping[str, FloatArray] | None = None,
+    ) -> LimitHistory:
+        """The use of the limits at times t [N] with their states.
+
+        ``measured`` holds values [N,n] by key that are not to be computed: the torques of a drive.
+        """
+        values = family.values(samples, measured=measured)
         return cls(t, family, values, {key: family[key].use(v) for key, v in values.items()})
 
     @property

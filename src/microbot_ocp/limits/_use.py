@@ -8,6 +8,8 @@ from microbot_ocp._base.checks import FloatArray
 
 AT_LIMIT = 0.99
 """Share of a limit from which on it counts as used up."""
+LIMIT_TOLERANCE = 5e-3
+"""Excess, relative to the limit, that a certificate lets pass unless it is told otherwise."""
 ROUNDING = 1e-9
 """Excess, relative to the limit, that is put down to rounding."""
 
@@ -23,8 +25,9 @@ def use_of(
     half the range, and with one bound only the distance from it, 0 from its own size on. The excess
     over a limit is its use minus 1.
     """
-    above = _side(values - upper, upper, lower, upper, from_middle)
-    below = _side(lower - values, lower, lower, upper, from_middle)
+    with np.errstate(invalid="ignore"):  # a diverged value may be infinite, as its bound
+        above = _side(values - upper, upper, lower, upper, from_middle)
+        below = _side(lower - values, lower, lower, upper, from_middle)
     use = np.maximum(above, below)
     return np.where(np.isneginf(use), use, np.maximum(use, 0.0))
 

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
-from microbot_ocp.limits import JointLimits, LimitFamily, Limits
+from microbot_ocp.limits import LIMIT_TOLERANCE, JointLimits, LimitFamily, Limits
 from microbot_ocp.motion import Mark, Motion
 from microbot_ocp.ocp import ParametricSolver, Solution, SolverSettings
 from microbot_ocp.ocp.refinement import WORSE, Refiner, split
@@ -38,7 +38,6 @@ from microbot_ocp.planning._free_problem import (
 from microbot_ocp.planning._initial_guesses import guesses_along, starting_motions
 from microbot_ocp.planning._progress import with_motion
 from microbot_ocp.planning._task import (
-    MOST_EXCESS,
     check_limits,
     check_via,
     jerk_switches,
@@ -408,10 +407,10 @@ class TimeOptimalSolver:
         """Split intervals inside which a limit is exceeded; keep what is no worse."""
         for _ in range(self._rounds):
             excess = excess_between(family, solution)
-            if max(float(e.max()) for e in excess) <= MOST_EXCESS:
+            if max(float(e.max()) for e in excess) <= LIMIT_TOLERANCE:
                 break
             pairs = zip(solution.phases, excess, strict=True)
-            meshes = [split(phase.mesh, e > MOST_EXCESS) for phase, e in pairs]
+            meshes = [split(phase.mesh, e > LIMIT_TOLERANCE) for phase, e in pairs]
             finer = self._on(meshes).solve(guess=solution, **changes)
             if not finer.status.solved or finer.cost > solution.cost * (1 + WORSE):
                 break
@@ -461,7 +460,7 @@ class TimeOptimalSolver:
         payload: float,
         begin: float,
     ) -> Motion:
-        outcome = verdict(solution, excess_between(family, solution), MOST_EXCESS)
+        outcome = verdict(solution, excess_between(family, solution), LIMIT_TOLERANCE)
         starts = [
             {
                 "start": name,

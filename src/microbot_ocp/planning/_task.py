@@ -15,6 +15,7 @@ from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import (
+    LIMIT_TOLERANCE,
     ROUNDING,
     JointLimits,
     LimitFamily,
@@ -26,7 +27,6 @@ from microbot_ocp.ocp import Phase, Solution
 from microbot_ocp.robot import Robot
 
 STATE: tuple[str, ...] = ("q", "qd", "qdd", "qddd")
-MOST_EXCESS = 5e-3  # relative, over any limit between mesh points: what a certificate lets pass
 CHECKS_PER_INTERVAL = 20  # places inside every mesh interval at which limits are looked at
 
 Settings = TypeVar("Settings")
@@ -59,7 +59,7 @@ def verdict(
     """
     worst = max(float(e.max()) for e in excess)
     found = {"status": str(solution.status), "advice": solution.advice, "excess": worst}
-    if solution.status.solved and worst > max(limit_tolerance, MOST_EXCESS):
+    if solution.status.solved and worst > max(limit_tolerance, LIMIT_TOLERANCE):
         found["status"] = str(Status.LIMITS_EXCEEDED)
         found["advice"] = (
             f"limits are exceeded by {100 * worst:.3g} % between mesh points, and refinement ended "

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import InputError
+from microbot_ocp.limits import AT_LIMIT, use_of
 from microbot_ocp.motion import SAMPLE_STEP, Motion, PiecewisePolynomial, State
 from microbot_ocp.robot import JointLimits, Limits, Robot, forward_dynamics
 from microbot_ocp.simulation._controllers import (
@@ -153,7 +154,7 @@ def track(
         loop = SampledLoop(arm, _law(torque, count), load, signal, errors)
         grid, run, tau = loop.run(samples, start, settings)
     fields = result_fields(arm, grid, run, tau, load, settings, started)
-    at_limit: Any = np.any((tau <= lower) | (tau >= upper), axis=1)
+    at_limit: Any = (use_of(tau, lower, upper) >= AT_LIMIT).any(axis=1)
     span = np.diff(grid)
     return Tracking(
         **fields,

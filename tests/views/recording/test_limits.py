@@ -4,13 +4,12 @@ import numpy as np
 import pytest
 from reading import read, scalars, static
 
-from microbot_ocp.limits import Limit, tool_speed
+from microbot_ocp.limits import Limit, limit_history, tool_speed
 from microbot_ocp.motion import Mark, Motion
 from microbot_ocp.robot import Limits
 from microbot_ocp.trajectories import cubic
 from microbot_ocp.views import _scene as scene
 from microbot_ocp.views.recording import of_motion
-from microbot_ocp.views.recording._limits import find_spells
 from microbot_ocp.views.recording._loads import tool_velocity
 
 
@@ -35,13 +34,13 @@ def test_spells(bang):
     recording, _ = bang
     clock = recording.arms[0].times["sim_time"]
     told = [
-        (s.joint, s.text, round(clock[s.first], 2), round(clock[s.last], 2), s.beyond)
+        (s.joint, s.text, round(clock[s.first], 2), round(clock[s.last], 2))
         for s in recording.spells["motion"]
     ]
     assert told == [
-        (0, "torque max", 0.0, 0.3, False),
-        (2, "velocity max", 0.2, 0.4, False),
-        (0, "torque min exceeded", 0.6, 1.0, True),
+        (0, "torque max", 0.0, 0.3),
+        (2, "velocity max", 0.2, 0.4),
+        (0, "torque min exceeded", 0.6, 1.0),
     ]
 
 
@@ -90,9 +89,23 @@ def test_lanes_have_a_colour_for_every_word(bang):
     }  # fmt: skip
 
 
-def test_nothing_is_at_no_limit(bang):
-    recording, _ = bang
-    assert find_spells(recording.robot, Limits().for_joints(3), recording.arms[0]) == []
+def test_nothing_is_at_no_limit(microbot):
+    shape = cubic([[0, 0, 0], [-0.5, 1.0, 0.8]], [0.0, 0.4])
+    free = microbot.with_limits(Limits())
+    recording = of_motion(free, Motion.from_polynomial(free, shape, label="cubic"))
+    assert recording.spells["motion"] == []
+
+
+def test_spells_are_those_of_the_limit_history(microbot):
+    shape = cubic([[0, 0, 0], [-0.5, 1.0, 0.8]], [0.0, 0.6])
+    motion = Motion.from_polynomial(microbot, shape, label="cubic")
+    recording = of_motion(microbot, motion)
+    clock = recording.arms[0].times["sim_time"]
+    drawn = {(s.joint, round(clock[s.first], 1), round(clock[s.last], 1))
+             for s in recording.spells["motion"]}  # fmt: skip
+    history = limit_history(microbot, motion)
+    told = {(s.joint, round(s.start, 1), round(s.end, 1)) for s in history.every_spell()}
+    assert drawn == told != set()
 
 
 @pytest.fixture(scope="module")
@@ -137,7 +150,7 @@ def test_further_limits_have_plots_with_their_bounds(limited):
 
 def test_spells_at_a_tool_speed_limit_have_a_lane_and_lines_of_text(limited):
     recording, path, fastest = limited
-    (spell,) = [s for s in recording.spells["motion"] if s.name == "tool speed"]
+    (spell,) = [s for s in recording.spells["motion"] if s.text.startswith("tool speed")]
     assert (spell.joint, spell.text) == (None, "tool speed max exceeded")
     _, speed = scalars(path, "/plots/tool_speed/value/motion")
     at = np.flatnonzero(speed >= 0.99 * 0.95 * fastest)

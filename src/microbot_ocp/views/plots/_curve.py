@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp.limits import limit_history
+from microbot_ocp.limits import AT_LIMIT, limit_history, use_of
 from microbot_ocp.motion import Motion
 from microbot_ocp.robot import Robot
 from microbot_ocp.simulation import Simulation, Tracking
@@ -99,7 +99,7 @@ class Curve:
         if self.torque_limits is None or "tau" not in self.values:
             return []
         (lower, upper), tau = self.torque_limits, self.values["tau"][:, joint]
-        at_limit = (tau <= lower[joint]) | (tau >= upper[joint])
+        at_limit = use_of(tau, lower[joint], upper[joint]) >= AT_LIMIT
         steps = np.diff(np.concatenate([[False], at_limit[:-1], [False]]).astype(int))
         spans = zip(self.t[steps == 1], self.t[steps == -1], strict=True)
         return [(float(start), float(end)) for start, end in spans]

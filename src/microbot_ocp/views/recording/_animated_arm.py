@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp.limits import LimitFamily, LimitValues
+from microbot_ocp.limits import LimitFamily, LimitHistory
 from microbot_ocp.motion import JUMP_GAP, Mark, Motion, State, samples_at
 from microbot_ocp.robot import Robot
 from microbot_ocp.views._scene import reach
@@ -92,9 +92,8 @@ class AnimatedArm:
         Values [N,n] of every quantity that is plotted, in stored units.
     marks : tuple of Mark
         Named instants, s.
-    limited : mapping
-        Values [N,k] with their bounds of the limits that are not of velocity, acceleration or
-        torque, by the key of the limit.
+    history : LimitHistory, optional
+        How much of its limits it uses.
     """
 
     look: Look
@@ -102,7 +101,7 @@ class AnimatedArm:
     state: State
     curves: Mapping[str, FloatArray]
     marks: tuple[Mark, ...] = ()
-    limited: Mapping[str, LimitValues] = field(default_factory=dict)
+    history: LimitHistory | None = None
 
     @property
     def name(self) -> str:
@@ -134,16 +133,17 @@ def moving_arm(
 ) -> AnimatedArm:
     """An arm at the motion's own samples, thinned to ``rate`` (Hz), filled in where sparser.
 
-    ``family`` holds the limits whose values are drawn.
+    ``family`` holds the limits that are drawn.
     """
     t = drawn_times(motion.t, rate)
     state = motion.sample(t)
-    further = [key for key in family.keys if key not in JOINT_CURVES] if family else []
-    limited = family.values(samples_at(motion, t), further) if family and further else {}
     tau = np.column_stack([np.interp(t, motion.t, column) for column in motion.tau.T])
     times = {TIME: t, PROGRESS: np.rint(WHOLE * progress(motion, t))}
     curves = {"q": state.q, "qd": state.qd, "tau": tau}
-    return AnimatedArm(look, times, state, curves, motion.marks, limited)
+    history = None
+    if family is not None:
+        history = LimitHistory.of(family, t, samples_at(motion, t), {"tau": tau})
+    return AnimatedArm(look, times, state, curves, motion.marks, history)
 
 
 def standing_arm(q: FloatArray, look: Look) -> AnimatedArm:

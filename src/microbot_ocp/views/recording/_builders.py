@@ -79,7 +79,7 @@ def of_motion(
         places=_tools(robot, via_q),
         place_names=_via_names(len(via_q)) if inner else ("start", "end"),
         summary=replace(
-            Table.of_text(*peak_table(robot, robot.limits, arm)),
+            Table.of_text(*peak_table(arm)),
             title=f"{title}, {motion.duration:.3f} s",
             notes=sentences,
         ),
@@ -103,10 +103,10 @@ def of_tracking(
     reference = tracking.reference
     wanted = Motion(motion.t, *reference, np.zeros_like(reference.q), "desired")
     ghost_look, look = looks(robot, [_ghost("desired", "desired"), _solid("actual", "actual")])
-    ghost, actual = moving_arm(wanted, ghost_look, rate), moving_arm(motion, look, rate)
+    family = LimitFamily.of(robot, limits)
+    ghost, actual = moving_arm(wanted, ghost_look, rate), moving_arm(motion, look, rate, family)
     error = ghost.q - actual.q
-    chosen = (robot.limits if limits is None else limits).for_joints(robot.joint_count)
-    heads, rows = peak_table(robot, chosen, actual)
+    heads, rows = peak_table(actual)
     for joint, row in enumerate(rows):
         factor = display_factor(robot, "error", joint)
         unit = display_unit(robot, "error", joint)
@@ -116,7 +116,7 @@ def of_tracking(
     return Recording(
         title=title,
         robot=robot,
-        limits=chosen,
+        limits=family.robot.limits,
         arms=(
             replace(ghost, curves={key: ghost.curves[key] for key in ("q", "qd")}),
             replace(actual, curves={**actual.curves, "error": error}),

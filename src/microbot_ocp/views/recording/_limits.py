@@ -12,11 +12,12 @@ import numpy as np
 import rerun as rr
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp.limits import AT_LIMIT, LimitFamily, LimitValues, Member, quantity_name
+from microbot_ocp.limits import AT_LIMIT, LIMIT_TOLERANCE, LimitValues, Member, quantity_name
 from microbot_ocp.robot import JointLimits, Robot
 from microbot_ocp.views._scene import AxisLimits, display_factor, near_limits, reach
 from microbot_ocp.views.recording._animated_arm import (
     BEYOND_COLOR,
+    JOINT_CURVES,
     SATURATED_COLOR,
     SPEED_COLOR,
     VIA_COLOR,
@@ -35,55 +36,36 @@ from microbot_ocp.views.recording._writer import (
     plot_path,
 )
 
-BEYOND = 1.005  # share of a limit from which on it counts as broken, as certificates have it
 QUANTITIES = ("qd", "qdd", "tau")  # every motion comes near some limit of its positions
 LABEL_HEIGHT = 0.05  # of a switch, share of the reach
 LABEL_TIME = 0.1  # that it stands, share of the motion
 FREE = "within"
-SIDES = ("min", "max")
+SIDES = {-1: "min", 1: "max"}
 
 
-class Spell(NamedTuple):
+class LimitSpell(NamedTuple):
     """A time spent at a limit: samples ``first`` to ``last``."""
 
     joint: int | None  # 0-based; None for a limit that is not of a joint
-    name: str  # "torque", "tool speed"
-    side: str  # "min" or "max"
+    text: str  # "torque max", "tool speed max exceeded"
     first: int
     last: int
-    beyond: bool  # whether the limit is broken on the way
-
-    @property
-    def text(self) -> str:
-        """Such as "torque max"."""
-        name = f"{self.name} {self.side}"
-        return f"{name} exceeded" if self.beyond else name
 
 
-def find_spells(robot: Robot, limits: JointLimits, arm: AnimatedArm) -> list[Spell]:
+def limit_spells(arm: AnimatedArm) -> list[LimitSpell]:
     """Every spell of an arm at a limit but those of positions, in order of time."""
+    if arm.history is None:
+        return []
     found = []
-    for quantity in QUANTITIES:
-        values = arm.values(quantity)
-        if values is None:
-            continue
-        for side, bound in zip(SIDES, limits.bounds(quantity), strict=True):
-            sign = 1.0 if side == "max" else -1.0
-            used = np.isfinite(bound) & (sign * values >= AT_LIMIT * sign * bound)
-            broken = np.isfinite(bound) & (sign * values > BEYOND * sign * bound + 1e-9)
-            for joint in range(values.shape[1]):
-                for first, last, beyond in _stretches(used[:, joint], broken[:, joint]):
-                    found.append(Spell(joint, quantity_name(quantity), side, first, last, beyond))
-    for member, values in _further(robot, limits, arm):
-        use, nearest = member.use(values), member.nearest_bound(values)
-        for side, bound in zip(SIDES, (values.lower, values.upper), strict=True):
-            here = np.isfinite(bound) & (nearest == bound)
-            for k in range(use.shape[1]):
-                joint = k if member.limit is None else None
-                name = member.name if member.limit is None else member.title(k)
-                used, broken = (here[:, k] & (use[:, k] >= share) for share in (AT_LIMIT, BEYOND))
-                for first, last, beyond in _stretches(used, broken):
-                    found.append(Spell(joint, name, side, first, last, beyond))
+    t, family = arm.history.t, arm.history.family
+    for spell in arm.history.every_spell():
+        member, k = family[spell.quantity], spell.joint
+        first, last = (int(i) for i in np.searchsorted(t, [spell.start, spell.end]))
+        peak = float(arm.history.use[spell.quantity][first : last + 1, k].max())
+        text = f"{member.name if member.limit is None else member.title(k)} {SIDES[spell.side]}"
+        if peak > 1.0 + LIMIT_TOLERANCE:
+            text += " exceeded"
+        found.append(LimitSpell(k if member.limit is None else None, text, first, last))
     return sorted(found, key=lambda spell: (spell.first, lane_order(spell.joint)))
 
 
@@ -92,18 +74,12 @@ def lane_order(joint: int | None) -> float:
     return np.inf if joint is None else joint
 
 
-def _stretches(used: np.ndarray, broken: np.ndarray) -> list[tuple[int, int, bool]]:
-    """First and last sample of every stretch that is used, and whether it is broken there."""
-    edges = np.flatnonzero(np.diff(used, prepend=False, append=False)).reshape(-1, 2)
-    return [(a, b - 1, bool(broken[a:b].any())) for a, b in edges.tolist()]
-
-
-def _further(
-    robot: Robot, limits: JointLimits, arm: AnimatedArm
-) -> list[tuple[Member, LimitValues]]:
+def _further(arm: AnimatedArm) -> list[tuple[Member, LimitValues]]:
     """The limits beside those of position, velocity, acceleration and torque, with values."""
-    family = LimitFamily.of(robot, limits)
-    return [(family[key], values) for key, values in arm.limited.items()]
+    if arm.history is None:
+        return []
+    family, limited = arm.history.family, arm.history.limited
+    return [(family[key], limited[key]) for key in limited if key not in JOINT_CURVES]
 
 
 class LimitPlot(NamedTuple):
@@ -114,11 +90,11 @@ class LimitPlot(NamedTuple):
     title: str
 
 
-def limit_plots(robot: Robot, limits: JointLimits, arms: Sequence[AnimatedArm]) -> list[LimitPlot]:
+def limit_plots(arms: Sequence[AnimatedArm]) -> list[LimitPlot]:
     """Plots of the further limits that some arm has values of."""
     found = []
     for arm in arms:
-        for member, _ in _further(robot, limits, arm):
+        for member, _ in _further(arm):
             for k in np.flatnonzero(member.limited).tolist():
                 unit = f" [{member.units[k]}]" if member.units[k] else ""
                 label = member.labels[k] or "value"
@@ -126,12 +102,10 @@ def limit_plots(robot: Robot, limits: JointLimits, arms: Sequence[AnimatedArm]) 
     return list(dict.fromkeys(found))
 
 
-def draw_limit_curves(
-    writer: Writer, robot: Robot, limits: JointLimits, arm: AnimatedArm, end: Times
-) -> None:
+def draw_limit_curves(writer: Writer, arm: AnimatedArm, end: Times) -> None:
     """Values of the further limits along the motion; the bounds beside those of the solid arm."""
     whole = {key: (0.0, float(value[0])) for key, value in end.items()}
-    for member, values in _further(robot, limits, arm):
+    for member, values in _further(arm):
         for k in np.flatnonzero(member.limited):
             path = plot_path(member.key, member.labels[k] or "value")
             draw_curve(writer, arm, f"{path}/{arm.name}", arm.times, values.value[:, k])
@@ -147,10 +121,10 @@ def draw_limit_curves(
                     draw_bound(writer, f"{path}/limit_{side}", arm.times, own)
 
 
-def limit_notes(robot: Robot, limits: JointLimits, arm: AnimatedArm) -> list[str]:
+def limit_notes(arm: AnimatedArm) -> list[str]:
     """A sentence on the peak of every further limit."""
     notes = []
-    for member, values in _further(robot, limits, arm):
+    for member, values in _further(arm):
         use = member.use(values)
         i, k = np.unravel_index(int(use.argmax()), use.shape)
         bound = member.nearest_bound(values)[i, k]
@@ -194,32 +168,22 @@ def axis_limits(
     return near_limits(robot, limits, quantity, joint, joined)
 
 
-def peak_table(
-    robot: Robot, limits: JointLimits, arm: AnimatedArm
-) -> tuple[list[str], list[list[str]]]:
+def peak_table(arm: AnimatedArm) -> tuple[list[str], list[list[str]]]:
     """Heads, and a row for every joint: an arm's peaks, % of the limits where there are any."""
-    limited = [q for q in QUANTITIES if np.isfinite(limits.bounds(q)).any()]
-    rows = [[name] for name in robot.joint_names]
-    for quantity in limited:
-        lower, upper = limits.bounds(quantity)
-        values = arm.values(quantity)
-        assert values is not None
-        for joint, row in enumerate(rows):
-            own = values[:, joint]
-            share = max(_share(own.max(), upper[joint]), _share(-own.min(), -lower[joint]))
-            row.append(f"{100 * share:.0f}" if share > 0.0 else "–")
-    return ["joint", *(f"peak {quantity} [%]" for quantity in limited)], rows
-
-
-def _share(value: float, limit: float) -> float:
-    return value / limit if limit > 0.0 and np.isfinite(limit) else 0.0
+    assert arm.history is not None
+    use = {key: arm.history.use[key].max(axis=0) for key in QUANTITIES if key in arm.history.use}
+    rows = [[name] for name in arm.history.family.robot.joint_names]
+    for peaks in use.values():
+        for row, peak in zip(rows, peaks, strict=True):
+            row.append(f"{100 * peak:.0f}" if peak > 0.0 else "–")
+    return ["joint", *(f"peak {key} [%]" for key in use)], rows
 
 
 class Switch(NamedTuple):
     """A sample at which a spell begins or ends."""
 
     sample: int
-    spell: Spell
+    spell: LimitSpell
     begins: bool
 
     def text(self, robot: Robot) -> str:
@@ -229,14 +193,16 @@ class Switch(NamedTuple):
         return f"{owner}{self.spell.text} {'begins' if self.begins else 'ends'}"
 
 
-def _switches(spells: Iterable[Spell], count: int) -> list[Switch]:
+def _switches(spells: Iterable[LimitSpell], count: int) -> list[Switch]:
     """Where spells begin and end within a motion of ``count`` samples, in order of time."""
     every = [Switch(spell.first, spell, True) for spell in spells if spell.first > 0]
     every += [Switch(spell.last, spell, False) for spell in spells if spell.last < count - 1]
     return sorted(every, key=lambda switch: switch.sample)
 
 
-def draw_lanes(writer: Writer, robot: Robot, arm: AnimatedArm, spells: Sequence[Spell]) -> None:
+def draw_lanes(
+    writer: Writer, robot: Robot, arm: AnimatedArm, spells: Sequence[LimitSpell]
+) -> None:
     """A lane for every joint that shows at which limit it is, for the state timeline.
 
     One more lane is for the limits that are not of a joint, where one of them is met.
@@ -267,7 +233,7 @@ def _lane_color(state: str) -> Color:
 
 
 def draw_switches(
-    writer: Writer, robot: Robot, arm: AnimatedArm, spells: Sequence[Spell], tool: FloatArray
+    writer: Writer, robot: Robot, arm: AnimatedArm, spells: Sequence[LimitSpell], tool: FloatArray
 ) -> None:
     """A point on the trail ``tool`` [N,3] wherever a limit is reached or left."""
     switches = _switches(spells, len(arm.q))
@@ -296,7 +262,9 @@ def draw_switches(
         writer.columns(f"{path}/latest", times, empty)
 
 
-def draw_marks(writer: Writer, robot: Robot, arm: AnimatedArm, spells: Sequence[Spell]) -> None:
+def draw_marks(
+    writer: Writer, robot: Robot, arm: AnimatedArm, spells: Sequence[LimitSpell]
+) -> None:
     """A line of text for every mark and every switch; whose it is, if there are several."""
     clock = arm.times[TIME]
     lines = [(mark.time, mark.name) for mark in arm.marks]

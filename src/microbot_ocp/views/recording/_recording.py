@@ -26,15 +26,15 @@ from microbot_ocp.views.recording._blueprint import recording_blueprint
 from microbot_ocp.views.recording._curves import draw_curve, draw_curves, draw_limits, draw_progress
 from microbot_ocp.views.recording._limits import (
     LimitPlot,
-    Spell,
+    LimitSpell,
     axis_limits,
     draw_lanes,
     draw_limit_curves,
     draw_marks,
     draw_switches,
-    find_spells,
     limit_notes,
     limit_plots,
+    limit_spells,
 )
 from microbot_ocp.views.recording._loads import (
     Arrows,
@@ -103,14 +103,14 @@ class Recording:
         }
 
     @cached_property
-    def spells(self) -> Mapping[str, list[Spell]]:
+    def spells(self) -> Mapping[str, list[LimitSpell]]:
         """Spells at limits by the name of the arm."""
-        return {arm.name: find_spells(self.robot, self.limits, arm) for arm in self._moving}
+        return {arm.name: limit_spells(arm) for arm in self._moving}
 
     @property
     def limit_plots(self) -> list[LimitPlot]:
         """Plots of limits beside those of position, velocity, acceleration and torque."""
-        return limit_plots(self.robot, self.limits, self._moving)
+        return limit_plots(self._moving)
 
     @property
     def application(self) -> str:
@@ -187,7 +187,7 @@ class Recording:
         draw_switches(writer, self.robot, arm, spells, tool)
         draw_marks(writer, self.robot, arm, spells)
         draw_progress(writer, arm)
-        draw_limit_curves(writer, self.robot, self.limits, arm, self.end)
+        draw_limit_curves(writer, arm, self.end)
         if arm.look.solid and "tau" in arm.curves and self.robot.has_dynamics:
             draw_torques(writer, self.robot, self.limits, arm)
 
@@ -213,7 +213,7 @@ class Recording:
             if limits.far
         ]
         solid = [arm for arm in self._moving if arm.look.solid]
-        notes = [note for arm in solid for note in limit_notes(self.robot, self.limits, arm)]
+        notes = [note for arm in solid for note in limit_notes(arm)]
         if far:
             notes.append(f"Too far off to be drawn: {'; '.join(far)}.")
         if self._moving:
