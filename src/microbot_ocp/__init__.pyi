@@ -32,6 +32,7 @@ from .comparison import (
     Entry as Entry,
     certify as certify,
     compare as compare,
+    load_comparison as load_comparison,
 )
 from .inverse_kinematics import (
     IKPath as IKPath,

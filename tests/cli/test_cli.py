@@ -19,7 +19,6 @@ from microbot_ocp.cli import (
     _commands as commands,
     _interrupt as interrupt,
     _recordings as recordings,
-    _replay as replay,
     fixed_angles,
     joint_sweep,
     largest_reach,
@@ -488,7 +487,7 @@ def test_compare_saves_what_replay_reads(ask, refused, tmp_path):
     code, replayed = ask("replay", "out", "--rerun", "again.rrd")
     assert code == 0
     assert set(replayed["motions"]) == {"cubic", "lspb"}
-    loaded = replay.load_comparison(tmp_path / "out", None)
+    loaded = mo.load_comparison(tmp_path / "out", None)
     assert loaded.limits.tau_max.tolist() == [400, 500, 250]
     assert np.isinf(loaded.limits.qdd_max).all()
     assert all(certificate.ok for certificate in loaded.certificates.values())

@@ -15,6 +15,10 @@ from ._comparison import (
     Step as Step,
     compare as compare,
 )
+from ._saved import (
+    load_comparison as load_comparison,
+    named_robot as named_robot,
+)
 from ._task_file import (
     KEYS as KEYS,
     TaskFile as TaskFile,

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
+from microbot_ocp._base.status import Status
 from microbot_ocp.comparison._certificate import Certificate, certificate_of
 from microbot_ocp.limits import LimitFamily
 from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial
@@ -120,7 +121,7 @@ def _as_given(task: Task) -> Motion:
         task.cubic(),
         label="cubic as in the report",
         marks=_via_marks(task.via_t),
-        provenance={"method": "cubic segments at the given timing", "status": "solved"},
+        provenance={"method": "cubic segments at the given timing", "status": Status.SOLVED},
         note="as given: not scaled to the limits",
     )
 
@@ -135,7 +136,7 @@ def _scaled_motion(task: Task, scaled: Scaled, label: str, method: str, note: st
         marks=_via_marks(task.via_t * scaled.factor),
         provenance={
             "method": method,
-            "status": "solved",
+            "status": Status.SOLVED,
             "factor": scaled.factor,
             "met": where,
             "iterations": scaled.iterations,
@@ -219,8 +220,7 @@ class Entry:
     motion : Motion or None
         None where the method has none; ``status`` and ``note`` then say why.
     certificate : Certificate or None
-    status : str
-        "solved", or why not.
+    status : Status
     note : str
     solve_time : float
         Wall time, s.
@@ -236,7 +236,7 @@ class Entry:
     title: str
     motion: Motion | None
     certificate: Certificate | None
-    status: str
+    status: Status
     note: str
     solve_time: float
     torque_squared: float
@@ -469,7 +469,16 @@ def _entry(name: str, task: Task, tell: Callable[..., None]) -> Entry:
         wall = time.perf_counter() - begin
         nothing = float("nan")
         return Entry(
-            name, method.title, None, None, "not possible", str(problem), wall, nothing, nothing, {}
+            name=name,
+            title=method.title,
+            motion=None,
+            certificate=None,
+            status=Status.NOT_POSSIBLE,
+            note=str(problem),
+            solve_time=wall,
+            torque_squared=nothing,
+            work=nothing,
+            details={},
         )
     wall = time.perf_counter() - begin
     motion = replace(motion, provenance={**motion.provenance, "robot": task.robot.name})

@@ -14,7 +14,7 @@ from microbot_ocp.limits import JointLimits, Limits
 from microbot_ocp.motion import JUMP_GAP, Motion, PiecewisePolynomial, State
 from microbot_ocp.planning._curve import Curve
 from microbot_ocp.planning._path_limits import LATER, limits_kept_by
-from microbot_ocp.planning._paths import check_path, stretches
+from microbot_ocp.planning._paths import check_path, segments
 from microbot_ocp.planning._reachability import CurveLimits, Reached, reach
 from microbot_ocp.planning._task import check_limits, whole
 from microbot_ocp.robot import Robot
@@ -122,7 +122,7 @@ def time_path(
     limits : Limits, optional
         Default the robot's own.
     grid : int
-        Intervals of each stretch between two stops; every break of the path is a grid point.
+        Intervals of each segment between two stops; every break of the path is a grid point.
     start_free, end_free : bool, optional
         Whether ds/dt is free at an end of the path; default where the tangent vanishes, as the arm
         rests there all the same.
@@ -159,7 +159,7 @@ def time_path(
     fast = compiled and compiler() is not None
     parts, s, speed, t, kept_by = [], [], [], [], {}
     begin, start = float(path.breaks[0]), 0.0
-    curves = stretches(path, family)
+    curves = segments(path, family)
     for index, curve in enumerate(curves):
         along = CurveLimits.of(family, curve, grid, fast)
         first, last = index == 0, index == len(curves) - 1

@@ -1,6 +1,6 @@
 """Free time-optimal motions through via points: path and timing are both found.
 
-Each stretch between two via points is a phase (see ``_free_problem.py``); torque limits are kept by
+Each segment between two via points is a phase (see ``_free_problem.py``); torque limits are kept by
 the inverse dynamics, which needs no inverse of the mass matrix. Local optima are real: several
 starts are tried, and a finer mesh whose optimum is worse than the coarse one is not accepted.
 
@@ -35,7 +35,7 @@ from microbot_ocp.planning._free_problem import (
     transcription,
     via_times,
 )
-from microbot_ocp.planning._initial_guesses import guesses_along, starting_motions
+from microbot_ocp.planning._initial_guesses import guesses_along, initial_guesses
 from microbot_ocp.planning._progress import with_motion
 from microbot_ocp.planning._task import (
     check_limits,
@@ -185,7 +185,7 @@ class _Search:
         tried: list[dict[str, Any]] = []
         best: Solution | None = None
         chosen = self.settings.starts, self.settings.seed
-        for start in starting_motions(self.robot, self.via, self.names, *chosen):
+        for start in initial_guesses(self.robot, self.via, self.names, *chosen):
             solution = self.refiner.solve(
                 mesh, start.guesses, tolerance=EXPLORE_TOLERANCE, solver=self.settings.solver
             )
@@ -390,7 +390,7 @@ class TimeOptimalSolver:
         robot = family.robot
         changes = self._changes(family, float(payload))
         tried: list[tuple[str, Solution]] = []
-        for start in starting_motions(robot, self.via_q, self._phases, self._starts, self._seed):
+        for start in initial_guesses(robot, self.via_q, self._phases, self._starts, self._seed):
             tried.append((start.name, self._solver.solve(guess=start.guesses, **changes)))
             if tried[-1][1].status.solved and not search:
                 break

@@ -39,7 +39,7 @@ def transcription(
 def free_problem(robot: Robot, via: FloatArray, *, payload: bool = False) -> OptimalControlProblem:
     """The optimal-control problem of a robot (with its limits) through via points [m,n].
 
-    Each stretch between two via points is a phase of free duration with the states q, qd and a
+    Each segment between two via points is a phase of free duration with the states q, qd and a
     continuous, piecewise linear acceleration as the control. With ``payload`` every phase has the
     parameter "payload": a mass at the tool, kg, zero at first.
     """

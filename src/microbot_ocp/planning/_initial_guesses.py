@@ -15,22 +15,22 @@ from microbot_ocp.ocp.transcription import Guess
 from microbot_ocp.robot import Robot
 from microbot_ocp.trajectories import ViaPoints, cubic_through, shortest_duration, via_velocities
 
-LARGEST_BOW = 0.7  # rad (m), sideways in the middle of a stretch
+LARGEST_BOW = 0.7  # rad (m), sideways in the middle of a segment
 USUAL_SPEED = 2.0  # rad/s (m/s) where the velocity is not limited
 
 
 @dataclass(frozen=True, eq=False)
-class Start:
+class InitialGuess:
     """A motion to start from: its name, and a guess for every phase."""
 
     name: str
     guesses: Mapping[str, Guess]
 
 
-def starting_motions(
+def initial_guesses(
     robot: Robot, via: FloatArray, names: Sequence[str], count: int, seed: int
-) -> Iterator[Start]:
-    """The first ``count`` of: the scaled cubic, straight stretches, stretches bowed at random.
+) -> Iterator[InitialGuess]:
+    """The first ``count`` of: the scaled cubic, straight segments, segments bowed at random.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ def starting_motions(
         With its limits.
     via : array [m,n], rad (m)
     names : sequence of str
-        Of the phases, one a stretch between via points.
+        Of the phases, one a segment between via points.
     count : int
     seed : int
         Of the random bows.
@@ -73,7 +73,7 @@ def guesses_along(
     return guesses
 
 
-def _cubic(robot: Robot, via: FloatArray, names: Sequence[str]) -> Start:
+def _cubic(robot: Robot, via: FloatArray, names: Sequence[str]) -> InitialGuess:
     """The cubic through the via points at the shortest duration that keeps the limits."""
     steps = np.abs(np.diff(via, axis=0)).max(axis=1)
     timed = ViaPoints(via, np.concatenate([[0.0], np.cumsum(np.maximum(steps, 1e-3))]))
@@ -81,13 +81,13 @@ def _cubic(robot: Robot, via: FloatArray, names: Sequence[str]) -> Start:
     # where gravity forbids rest on the way it is a start all the same, only not a feasible one
     with contextlib.suppress(InputError):
         shape = shortest_duration(robot, shape).polynomial
-    return Start("cubic", guesses_along(names, shape, shape.breaks))
+    return InitialGuess("cubic", guesses_along(names, shape, shape.breaks))
 
 
 def _bowed(
     robot: Robot, via: FloatArray, names: Sequence[str], name: str, bow: FloatArray
-) -> Start:
-    """Straight stretches bent sideways, at a speed that the velocity limits would allow."""
+) -> InitialGuess:
+    """Straight segments bent sideways, at a speed that the velocity limits would allow."""
     limit = np.where(np.isfinite(robot.limits.qd_max), robot.limits.qd_max, USUAL_SPEED)
     guesses = {}
     for phase, start, end in zip(names, via[:-1], via[1:], strict=True):
@@ -106,4 +106,4 @@ def _bowed(
             return np.clip(slope / duration, -limit, limit)
 
         guesses[phase] = Guess(duration, {"q": position, "qd": velocity, "qdd": 0.0})
-    return Start(name, guesses)
+    return InitialGuess(name, guesses)

@@ -31,7 +31,7 @@ from microbot_ocp.ocp.solution import PhaseSolution, Solution, StepProgress, qui
 from microbot_ocp.ocp.transcription import Guess, Transcription
 from microbot_ocp.planning._curve import CurvePiece, evaluate, symbolic_derivatives
 from microbot_ocp.planning._path_limits import LATER, limits_kept_by
-from microbot_ocp.planning._paths import check_path, corners, stops, stretches
+from microbot_ocp.planning._paths import check_path, corners, segments, stops
 from microbot_ocp.planning._progress import Samples, with_motion
 from microbot_ocp.planning._reachability import CurveLimits, Reached, reach
 from microbot_ocp.planning._task import (
@@ -57,7 +57,7 @@ class PathTimingSettings:
     Attributes
     ----------
     mesh : intervals of each polynomial piece
-    grid : points of the reachability passes on each smooth stretch
+    grid : points of the reachability passes on each smooth segment
     limit_tolerance : largest relative excess of a limit between mesh points
     solver : "ipopt" or "fatrop" (IPOPT steps in where it fails)
     compiled : compile to C where there is a compiler
@@ -150,9 +150,9 @@ class _Piece:
 
     name: str
     shape: CurvePiece
-    stretch: int
-    offset: float  # parameter of the stretch where the piece's own is zero
-    begins: bool  # whether the stretch begins with it
+    segment: int
+    offset: float  # parameter of the segment where the piece's own is zero
+    begins: bool  # whether the segment begins with it
     ends: bool
     start_free: bool  # the tangent vanishes there: at rest whatever the speed of the parameter
     end_free: bool
@@ -170,7 +170,7 @@ class _Piece:
 
 
 class _PathSearch:
-    """Reachability on every smooth stretch, then all pieces as one optimal-control problem."""
+    """Reachability on every smooth segment, then all pieces as one optimal-control problem."""
 
     def __init__(
         self,
@@ -184,7 +184,7 @@ class _PathSearch:
         self.robot: Robot = family.robot
         self.label, self.progress = label, progress
         self.stops = stops(path, family)
-        self.curves = stretches(path, family)
+        self.curves = segments(path, family)
         self.pieces = self._pieces()
 
     def _pieces(self) -> list[_Piece]:
@@ -199,7 +199,7 @@ class _PathSearch:
                     _Piece(
                         name=f"piece {len(pieces) + 1}",
                         shape=shape,
-                        stretch=index,
+                        segment=index,
                         offset=float(curve.breaks[i]) - shape.limits[0],
                         begins=begins,
                         ends=ends,
@@ -253,7 +253,7 @@ class _PathSearch:
         return self._motion(solution, refiner, timings, reached, kept_by, wall)
 
     def _reach(self) -> tuple[list[Reached], dict[str, list[str]]]:
-        """The timing of every stretch, and who keeps which limit."""
+        """The timing of every segment, and who keeps which limit."""
         fast = self.settings.compiled and compiler() is not None
         timings = []
         kept_by: dict[str, list[str]] = {}
@@ -269,7 +269,7 @@ class _PathSearch:
         guesses: dict[str, Guess] = {}
         speeds, accelerations = [], []
         for piece in self.pieces:
-            guess, speed, acceleration = _piece_guess(piece, timings[piece.stretch])
+            guess, speed, acceleration = _piece_guess(piece, timings[piece.segment])
             guesses[piece.name] = guess
             speeds.append(speed)
             accelerations.append(acceleration)

@@ -1,4 +1,4 @@
-"""Joint paths to be timed: straight lines, checks, and the stretches between stops."""
+"""Joint paths to be timed: straight lines, checks, and the segments between stops."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def stops(path: PiecewisePolynomial, family: LimitFamily) -> FloatArray:
     return np.union1d(found, _jumps(path, tangent.derivative()))
 
 
-def stretches(path: PiecewisePolynomial, family: LimitFamily) -> list[Curve]:
+def segments(path: PiecewisePolynomial, family: LimitFamily) -> list[Curve]:
     """What lies between two stops, with a regular parameter."""
     ends = [path.breaks[0], *stops(path, family), path.breaks[-1]]
     leaves_like = 1 if family.jerk_is_limited else 2

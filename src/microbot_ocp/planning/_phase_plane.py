@@ -22,7 +22,7 @@ from microbot_ocp.limits import JointLimits, LimitFamily, Limits
 from microbot_ocp.motion import PiecewisePolynomial
 from microbot_ocp.planning._curve import Curve
 from microbot_ocp.planning._path_limits import FAR, LimitRows, Nodes, PathLimits
-from microbot_ocp.planning._paths import stretches
+from microbot_ocp.planning._paths import segments
 from microbot_ocp.planning._reachability import CurveLimits, Reached, reach
 from microbot_ocp.planning._task import check_limits
 from microbot_ocp.robot import Robot
@@ -140,7 +140,7 @@ def phase_plane(
     limits : Limits, optional
         Default the robot's own.
     grid : int
-        Intervals of each stretch between two stops.
+        Intervals of each segment between two stops.
 
     Returns
     -------
@@ -167,7 +167,7 @@ def phase_plane(
         raise InputError(f"grid must be a whole number of at least 10, not {grid!r}")
     family = check_limits(robot, limits)
     begin, parts = float(path.breaks[0]), []
-    for curve in stretches(path, family):
+    for curve in segments(path, family):
         parts.append(_stretch(family, curve, begin, grid))
         begin = float(parts[-1].s[-1])
     joined = {

@@ -1,0 +1,101 @@
+"""A comparison read from the folder that it was saved in."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.status import Status
+from microbot_ocp.comparison._certificate import certify
+from microbot_ocp.comparison._comparison import Comparison, Entry
+from microbot_ocp.motion import Motion
+from microbot_ocp.robot import JointLimits, Robot, load_robot, packaged_robots
+
+
+def load_comparison(folder: str | Path, robot: Robot | str | None = None) -> Comparison:
+    """A comparison from the folder that :meth:`Comparison.save` wrote; motions are certified anew.
+
+    Parameters
+    ----------
+    folder : path
+    robot : Robot or str, optional
+        In the place of the packaged robot that the file names: a robot, or what
+        :func:`microbot_ocp.load_robot` takes.
+
+    Raises
+    ------
+    InputError
+        The folder holds no comparison, its file is damaged, or it names a robot that is not known.
+    """
+    folder = Path(folder)
+    origin = str(folder / "comparison.json")
+    try:
+        saved = json.loads(Path(origin).read_text("utf-8"))
+        entries, via_q, limits = saved["entries"], saved["via_q"], _stored_limits(saved["limits"])
+        name, reference = str(saved["robot"]), str(saved["reference"])
+        rows = [(str(row["name"]), dict(row)) for row in entries]
+    except OSError as problem:
+        raise InputError(f"{origin} cannot be read: {problem.strerror}") from None
+    except (ValueError, KeyError, TypeError, AttributeError) as problem:
+        raise InputError(f"{origin} is not a saved comparison: {problem}") from None
+    arm = named_robot(origin, name, robot)
+    via = checks.array(f"via_q of {origin}", via_q, (None, arm.joint_count))
+    arm = arm.with_limits(limits.for_joints(arm.joint_count))
+    made = tuple(_entry(arm, via, folder, key, row) for key, row in rows)
+    return Comparison(arm, via, arm.limits, made, reference)
+
+
+def named_robot(origin: str, named: str | None, given: Robot | str | None) -> Robot:
+    """The robot that was given, or the packaged one that the file ``origin`` names."""
+    if given is not None:
+        return given if isinstance(given, Robot) else load_robot(given)
+    if named is None:
+        raise InputError(f"{origin} does not name its robot: name one with robot (--robot)")
+    if named not in packaged_robots():
+        raise InputError(
+            f"{origin} names robot {named!r}, which is not packaged: name one with robot (--robot)"
+        )
+    return load_robot(named)
+
+
+def _stored_limits(saved: Mapping[str, Any]) -> JointLimits:
+    """Limits from JSON, where what is infinite is null."""
+    arrays = {}
+    for key, values in saved.items():
+        none = -np.inf if key.endswith("_min") else np.inf
+        arrays[key] = np.array([none if value is None else float(value) for value in values])
+    return JointLimits(**arrays)
+
+
+def _entry(robot: Robot, via: FloatArray, folder: Path, name: str, row: Mapping[str, Any]) -> Entry:
+    path = folder / "motions" / f"{name}.npz"
+    motion = Motion.load(path) if path.exists() else None
+    if motion is not None and motion.joint_count != robot.joint_count:
+        raise InputError(f"{path} has {motion.joint_count} joints, the robot {robot.joint_count}")
+    return Entry(
+        name=name,
+        title=str(row.get("title", name)),
+        motion=motion,
+        certificate=None if motion is None else certify(robot, motion, via_q=via),
+        status=_status(row.get("status")),
+        note=str(row.get("note", "")),
+        **{key: _float(row.get(key)) for key in ("solve_time", "torque_squared", "work")},
+        details={},
+    )
+
+
+def _status(value: Any) -> Status:
+    try:
+        return Status(value)
+    except ValueError:
+        raise InputError(f"status must be one of {', '.join(Status)}, not {value!r}") from None
+
+
+def _float(value: Any) -> float:
+    return float(value) if isinstance(value, int | float) else float("nan")
