@@ -106,6 +106,7 @@ def test_a_finer_mesh_that_is_not_accepted_ends_the_refinement_and_is_shown(monk
     from microbot_ocp.ocp.refinement import _refiner as refinement
 
     monkeypatch.setattr(refinement.Refiner, "_accepts", lambda self, before, after: False)
+    monkeypatch.setattr(refinement.Refiner, "_cheat", lambda self, before: 0.0)
     refined = solve_refined(oscillator(), 1e-6, mesh=10)
     assert refined.status is Status.NOT_ACCEPTED
     assert [step.accepted for step in refined.history] == [True, False]

@@ -135,11 +135,32 @@ def test_refinement_gives_up_after_its_rounds(pretend):
 
 
 def test_a_round_that_is_refused_is_the_last(pretend):
-    refiner, calls = pretend([solution(2.0)] * 20, lambda _: [np.full(4, 0.5)], rounds=5)
+    failed = solution(0.5, Status.FAILED)
+    refiner, calls = pretend([failed] * 20, lambda _: [np.full(4, 0.5)], rounds=5)
     refiner.history.append({})
     first = solution(1.0)
     assert refiner.refine(first) is first
     assert len(calls) <= 2  # once as it is, once more with another start of the solver
+
+
+@pytest.mark.parametrize(
+    ("excess", "answers", "kept"),
+    [
+        (8.79, [2.0], 0),  # cheaper only by the limits that it exceeds
+        (0.2, [1.1], 0),
+        (0.2, [2.0, 1.5], 1),  # the cheaper one of two
+        (0.2, [1.5, 2.0], 0),
+        (0.009, [2.0, 1.5], None),  # it keeps its limits: a dearer answer is another optimum
+    ],
+)
+def test_an_answer_that_exceeds_its_limits_does_not_refuse_a_dearer_one(
+    pretend, excess, answers, kept
+):
+    found = [solution(cost) for cost in answers]
+    refiner, calls = pretend(found, lambda _: [np.full(4, excess)])
+    first = solution(1.0)
+    assert refiner.finer(first, [8]) is (first if kept is None else found[kept])
+    assert len(calls) == len(found)
 
 
 def bulge(result):
