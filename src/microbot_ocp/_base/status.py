@@ -24,6 +24,7 @@ class Status(StrEnum):
     INFEASIBLE = "infeasible"
     INTERRUPTED = "interrupted"
     FAILED = "failed"
+    GAP_LEFT = "gap left"
     # refinement
     NOT_ACCEPTED = "finer mesh not accepted"
     NO_PROGRESS = "no progress"
@@ -73,6 +74,10 @@ _SENTENCES = {
     ),
     Status.INTERRUPTED: "Interrupted: the last iterate or accepted solution is returned.",
     Status.FAILED: "The solver broke down: check scales and guess, try the other solver.",
+    Status.GAP_LEFT: (
+        "Converged, but the cost may be lower by more than the gap asked for: check scales and "
+        "guess, or allow a larger gap."
+    ),
     Status.NOT_ACCEPTED: (
         "A finer mesh was not solved, or only at a higher cost: the last accepted solution is "
         "returned."

@@ -51,7 +51,7 @@ from microbot_ocp.robot import Robot
 EXPLORE_MESH = 20  # intervals a phase for the first look at every start
 EXPLORE_TOLERANCE = 1e-5
 # of a prepared solver: somebody waits
-PREPARED = SolverSettings("ipopt", tolerance=1e-6, max_iterations=150)
+PREPARED = SolverSettings("ipopt", tolerance=1e-6, gap=np.inf, max_iterations=150)
 
 
 @dataclass(frozen=True)

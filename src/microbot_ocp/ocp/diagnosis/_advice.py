@@ -39,6 +39,8 @@ def advice(
         for attempt in attempts
         if attempt.broke_down
     ]
+    if status is Status.GAP_LEFT:
+        lines.append(f"The cost is {attempts[-1].message}.")
     lines += _overdetermined(program)
     if not np.isfinite(x).all():
         lines.append("The last iterate is not finite: what follows is about the start.")

@@ -85,6 +85,7 @@ class Refiner:
             solver=solver or self.solver,
             tolerance=tolerance or self.tolerance,
             initial_barrier=barrier,
+            gap=self.settings.gap if tolerance is None else np.inf,  # of a first look none is asked
         )
         watched = None if self.progress is quiet else self.progress
         solution = solve(self.transcription, mesh, guesses, settings, progress=watched)

@@ -1,5 +1,11 @@
 """Public names; loaded when they are first asked for."""
 
+from ._gap import (
+    UNKNOWN as UNKNOWN,
+    Gap as Gap,
+    cost_size as cost_size,
+    gap_of as gap_of,
+)
 from ._initial_guess import (
     default_guess as default_guess,
     guess_from as guess_from,

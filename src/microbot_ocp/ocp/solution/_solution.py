@@ -14,6 +14,7 @@ from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.problem import Phase, Variable, node_variables
+from microbot_ocp.ocp.solution._gap import UNKNOWN, Gap
 from microbot_ocp.ocp.transcription import Guess, IntArray, PhaseLayout, Program, fill_transitions
 
 
@@ -125,6 +126,7 @@ class Solution:
     variables : the scaled variables
     settings : how it was solved, as plain values
     cost_scale : what the solver divided the cost by; cost and multipliers are whole
+    gap : how much the cost may be above that of the local optimum beside it, in its unit
     advice : what the status means; of a solve that did not converge also what would help, by lines
     start : where it started from
     """
@@ -139,12 +141,14 @@ class Solution:
     variables: FloatArray | None = None
     settings: Mapping[str, object] = field(default_factory=dict)
     cost_scale: float = 1.0
+    gap: Gap = UNKNOWN
     advice: str = ""
     start: StartingPoint | None = field(default=None, repr=False)
 
     def __repr__(self) -> str:
         last = f", {self.attempts[-1].solver}" if self.attempts else ""
-        return f"<Solution: {self.status}, cost {self.cost:.8g}, {self.duration:.6g} s{last}>"
+        cost = f"cost {self.cost:.8g}{self.gap}"
+        return f"<Solution: {self.status}, {cost}, {self.duration:.6g} s{last}>"
 
     def _repr_html_(self) -> str:
         return view_for(self, "table")(self)._repr_html_()

@@ -1,10 +1,11 @@
 """Solvers in turn until one converges.
 
 The chain of "auto" is: from an earlier solution with multipliers IPOPT, warm; then fatrop; then
-IPOPT; the other way round where there are no inequalities. The first that converges ends it, and
-the solution lists every attempt. The SQP method is active-set: good for small programs and for
-solves from a neighbouring solution, never chosen by itself; it clips the eigenvalues of the
-Hessian, and where that fails it tries once more with a regularised one.
+IPOPT; the other way round where there are no inequalities. The first that converges ends it; from
+there the solve goes on until the gap is as small as wanted. The solution lists every attempt. The
+SQP method is active-set: good for small programs and for solves from a neighbouring solution, never
+chosen by itself; it clips the eigenvalues of the Hessian, and where that fails it tries once more
+with a regularised one.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ from microbot_ocp.ocp.solution import (
 )
 from microbot_ocp.ocp.solvers._run import Made, Outcome, run
 from microbot_ocp.ocp.solvers._settings import SolverSettings
+from microbot_ocp.ocp.solvers._tightening import tightened
 from microbot_ocp.ocp.transcription import Guess, Meshes, Program, Transcription, assemble
 from microbot_ocp.ocp.transcription.schemes import Scheme
 
@@ -137,6 +139,8 @@ def run_chain(
         if outcome.attempt.status in (Status.SOLVED, Status.INTERRUPTED):
             break
     assert outcome is not None
+    outcome, gap, further = tightened(program, settings, outcome, progress, made)
+    attempts += further
     return Solution(
         status=outcome.attempt.status,
         cost=outcome.attempt.cost,
@@ -148,6 +152,7 @@ def run_chain(
         variables=outcome.x,
         settings=settings.as_dict(),
         cost_scale=program.cost_scale,
+        gap=gap,
         start=start,
         advice=advice(program, start, outcome.x, attempts),
     )

@@ -23,7 +23,9 @@ from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.solution import (
+    UNKNOWN,
     Attempt,
+    Gap,
     PhaseSolution,
     Solution,
     StartingPoint,
@@ -115,6 +117,7 @@ def save_solution(solution: Solution, path: str | Path) -> Path:
         "status": solution.status.name,
         "cost": solution.cost,
         "cost_scale": solution.cost_scale,
+        "gap": vars(solution.gap),
         "build_time": solution.build_time,
         "advice": solution.advice,
         "attempts": [{**vars(a), "status": a.status.name} for a in solution.attempts],
@@ -237,6 +240,7 @@ def _restored(
         variables=arrays.get("variables"),
         settings=metadata["settings"],
         cost_scale=float(metadata.get("cost_scale", 1.0)),
+        gap=Gap(**metadata["gap"]) if metadata.get("gap") else UNKNOWN,
         advice=str(metadata.get("advice") or status.sentence),
         start=StartingPoint(
             arrays["start.x"], arrays.get("start.rows"), arrays.get("start.variables")

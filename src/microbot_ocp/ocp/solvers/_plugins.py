@@ -29,6 +29,16 @@ IPOPT_OPTIONS = {"print_level": 0, "sb": "yes", "mumps_pivtol": 1e-7}
 # 62 on the Microbot task with its torque limits changed by 5 %; a barrier of 1e-5 ends too early).
 WARM_BARRIER = 1e-7
 WARM_PUSH = 1e-4
+WARM_PUSHES = tuple(
+    f"warm_start_{what}"
+    for what in (
+        "bound_push",
+        "bound_frac",
+        "slack_bound_push",
+        "slack_bound_frac",
+        "mult_bound_push",
+    )
+)
 SQP_OPTIONS = {
     "qpsol": "qrqp",
     "qpsol_options": {"print_iter": False, "print_header": False, "error_on_fail": False},
@@ -158,16 +168,7 @@ def _warm_ipopt(program: Program, settings: SolverSettings) -> Plugin:
     warm = {
         "warm_start_init_point": "yes",
         "mu_init": WARM_BARRIER,
-        **{
-            f"warm_start_{what}": WARM_PUSH
-            for what in (
-                "bound_push",
-                "bound_frac",
-                "slack_bound_push",
-                "slack_bound_frac",
-                "mult_bound_push",
-            )
-        },
+        **dict.fromkeys(WARM_PUSHES, WARM_PUSH),
     }
     return plugin, {"ipopt": {**warm, **options["ipopt"]}}, cache
 

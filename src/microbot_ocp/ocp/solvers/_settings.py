@@ -24,6 +24,9 @@ class SolverSettings:
     tolerance : optimality and feasibility of the scaled program
     max_iterations : limit for each solver
     initial_barrier : start of the barrier parameter; small for a warm start
+    gap : how much the cost may be above that of the local optimum, relative to it (to a thousandth
+        of its scale where it is less): a solve that converged goes on until it is known to be
+        less; infinite to leave it at that
     options : further options by solver name
     scaling : "auto" (sizes that were not declared are found, see
         ``ocp/solution/_scaling.py``) or "declared" (one where no scale was declared)
@@ -31,6 +34,7 @@ class SolverSettings:
 
     solver: str = "auto"
     tolerance: float = 1e-7
+    gap: float = 1e-6
     max_iterations: int = 300
     initial_barrier: float | None = None
     options: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
@@ -39,6 +43,8 @@ class SolverSettings:
     def __post_init__(self) -> None:
         checks.one_of("scaling", self.scaling, SCALINGS)
         checks.number("tolerance", self.tolerance, above=0.0)
+        if not self.gap > 0:
+            raise InputError(f"gap must be above 0, not {self.gap}")
         checks.number("max_iterations", self.max_iterations, at_least=0)
         if self.max_iterations != int(self.max_iterations):
             raise InputError(f"max_iterations must be a whole number, not {self.max_iterations}")

@@ -9,6 +9,7 @@ from typing import Any
 from microbot_ocp._base.checks import FloatArray, plain
 from microbot_ocp._base.showing import view_for
 from microbot_ocp._base.status import Status
+from microbot_ocp.ocp.solution import Gap
 
 
 @dataclass(frozen=True)
@@ -18,6 +19,7 @@ class Thresholds:
     Attributes
     ----------
     cost : of the cost given, relative to the sum of the sizes of its parts
+    gap : to the local optimum, likewise
     state_error : of the re-simulation, relative to the state's largest magnitude; of the cost
         integrated again
     excess : of a limit between mesh points, relative to the limit
@@ -27,6 +29,7 @@ class Thresholds:
     """
 
     cost: float = 1e-6
+    gap: float = 1e-5
     state_error: float = 1e-3
     excess: float = 1e-3
     feasibility: float = 1e-6
@@ -149,6 +152,7 @@ class Optimality:
     sign : multiplier that pushes towards a bound that is not there
     computed_bounds : whether the multipliers of the bounds are those of the solver (False), or were
         computed from the stationarity (True), which then says nothing of bounded variables
+    gap : how much the cost may be above that of the local optimum beside it, in its unit
     """
 
     stationarity: Residual
@@ -156,6 +160,7 @@ class Optimality:
     complementarity: Residual
     sign: Residual
     computed_bounds: bool
+    gap: Gap
 
 
 @dataclass(frozen=True, eq=False)

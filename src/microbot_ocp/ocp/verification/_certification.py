@@ -121,7 +121,7 @@ def verify(
     problems = [
         *problems_of(solution, unpack(layouts, x)),
         *missed_conditions(again, limits_of.feasibility),
-        *judged(cost, resimulations, uses, optimality, limits_of),
+        *judged(cost, resimulations, uses, optimality, limits_of, solution.cost_scale),
     ]
     said = problems or summary_of(resimulations, uses, optimality, hamiltonians, arcs)
     return OCPCertificate(

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from microbot_ocp.ocp.solution import PhaseSolution, Solution
+from microbot_ocp.ocp.solution import PhaseSolution, Solution, cost_size
 from microbot_ocp.ocp.verification._certificate import (
     Arc,
     CostCheck,
@@ -44,6 +44,7 @@ def judged(
     uses: Sequence[OCPLimitUse],
     optimality: Optimality,
     passes: Thresholds,
+    cost_scale: float,
 ) -> list[str]:
     """What did not pass; nothing where all did."""
     problems = []
@@ -76,6 +77,11 @@ def judged(
         for use in uses
         if not use.relative <= passes.excess
     ]
+    if not optimality.gap.total <= passes.gap * cost_size(cost.size, cost_scale):
+        problems.append(
+            f"the cost of {cost.recomputed:.8g} may be {optimality.gap.total:.2g} above that of "
+            "the local optimum"
+        )
     for residual, limit, said in (
         (optimality.feasibility, passes.feasibility, "not feasible: {} is violated by {}"),
         (optimality.stationarity, passes.stationarity, "not stationary: {} has a slope of {} left"),
@@ -110,6 +116,7 @@ def summary_of(
     said = [
         f"first-order conditions hold to {optimality.stationarity.scaled:.1e} (stationarity) and "
         f"{optimality.complementarity.scaled:.1e} (complementarity)",
+        f"the cost is at most {optimality.gap.total:.1e} above that of the local optimum",
         f"re-simulation stays within {error:.2g} of the states' size",
         f"every limit {kept} between mesh points",
     ]

@@ -15,7 +15,7 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp.problem import node_variables
-from microbot_ocp.ocp.solution import PhaseSolution, Solution
+from microbot_ocp.ocp.solution import PhaseSolution, Solution, gap_of
 from microbot_ocp.ocp.transcription import Bounds, Label, PhaseLayout
 from microbot_ocp.ocp.verification._certificate import Optimality, Residual
 from microbot_ocp.ocp.verification._reintegration import phase_layout
@@ -167,4 +167,5 @@ def optimality_of(
         complementarity=worst(slack, np.ones(scale.size), "cost", size),
         sign=worst(wrong, 1 / scale, "cost per {}", size),
         computed_bounds=computed,
+        gap=gap_of(bounds, x, g, gradient + lam_x, lam),
     )

@@ -104,7 +104,9 @@ def ocp_certificate(certificate: OCPCertificate) -> Table:
     """The conditions of an optimum, re-simulations and Hamiltonians, and which limit acts when."""
     names = ("stationarity", "feasibility", "complementarity", "sign")
     residuals = [getattr(certificate.optimality, name) for name in names]
+    gap = certificate.optimality.gap
     rows = [
+        ("gap", f"{gap.total:.1e} cost", f"{gap.slack:.1e} of it at limits"),
         *((n, f"{r.value:.1e} {r.unit}", r.where) for n, r in zip(names, residuals, strict=True)),
         *((f"re-simulation of {check.phase}", f"{check.error:.1e} relative", check.status)
           for check in certificate.resimulations),

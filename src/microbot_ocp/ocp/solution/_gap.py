@@ -1,0 +1,75 @@
+"""How far the cost of an answer may be above that of the local optimum beside it.
+
+A barrier method stops before its inequalities act: every one that it keeps away from costs its
+multiplier times the distance that is left. Of a convex program the sum of all is the gap to the
+dual cost, and no other point costs less by more; of any program it is so near the optimum, to first
+order.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray
+from microbot_ocp.ocp.transcription import Bounds
+
+
+@dataclass(frozen=True)
+class Gap:
+    """What an answer may cost more than the local optimum, in the unit of the cost.
+
+    Attributes
+    ----------
+    slack : multipliers times the distances to their limits, what a barrier leaves
+    residuals : the rest: slopes that are not zero, times the scales of their variables, and
+        multipliers times violations
+    """
+
+    slack: float
+    residuals: float
+
+    @property
+    def total(self) -> float:
+        """Both, the "at most" of what is printed."""
+        return self.slack + self.residuals
+
+    def __str__(self) -> str:
+        """What follows the cost where it is printed; nothing where the gap is not known."""
+        known = np.isfinite(self.total)
+        return f" (at most {self.total:.1e} above the local optimum)" if known else ""
+
+
+FLAT = 1e-3  # of the scale of the cost: a cost below it is compared with this
+UNKNOWN = Gap(float("nan"), float("nan"))
+
+
+def cost_size(cost: float, scale: float) -> float:
+    """What a gap is relative to: the cost, or a share of its scale where it is less."""
+    return max(abs(cost), FLAT * scale)
+
+
+def gap_of(
+    bounds: Bounds, x: FloatArray, rows: FloatArray, slope: FloatArray, multipliers: FloatArray
+) -> Gap:
+    """Gap of a point of a scaled program.
+
+    Parameters
+    ----------
+    bounds : Bounds
+    x, rows : values of the variables and rows
+    slope : of the Lagrangian with all multipliers
+    multipliers : of the variables, then of the rows: positive at upper bounds
+    """
+    low = np.concatenate([bounds.variable_lower, bounds.row_lower])
+    high = np.concatenate([bounds.variable_upper, bounds.row_upper])
+    value, lam = np.concatenate([x, rows]), multipliers
+    with np.errstate(invalid="ignore"):
+        distance = np.where(lam > 0, high - value, value - low)
+        # a multiplier of a limit that is not there is a slope that is not zero
+        distance = np.where(np.isfinite(distance), distance, -1.0)
+        acts = (low < high) & (distance > 0)
+        products = np.where(lam == 0, 0.0, np.abs(lam * distance))
+    slack = float(products[acts].sum())
+    return Gap(slack, float(products[~acts].sum() + np.abs(slope).sum()))

@@ -1,0 +1,139 @@
+"""A solve goes on until its answer is as near the optimum as wanted.
+
+Solvers stop at a barrier parameter that belongs to their tolerance, whatever that costs: on a flat
+problem with many limits much more than the tolerance. The gap tells how much, and the solve goes on
+from there with the barrier that the wanted gap asks for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from microbot_ocp._base.status import Status
+from microbot_ocp.ocp.solution import (
+    UNKNOWN,
+    Attempt,
+    Gap,
+    Progress,
+    StartingPoint,
+    cost_size,
+    gap_of,
+)
+from microbot_ocp.ocp.solvers._plugins import WARM_PUSHES
+from microbot_ocp.ocp.solvers._run import Made, Outcome, run
+from microbot_ocp.ocp.solvers._settings import SolverSettings
+from microbot_ocp.ocp.transcription import Program
+
+SHARE = 0.5  # of the wanted gap that the barrier may take
+MOST_ITERATIONS = 60  # of one further solve
+# Tolerance of every further solve and its options. The second moves what the first cannot: IPOPT
+# exceeds bounds by 1e-8 of their size unless it is told not to, which takes a larger barrier.
+FURTHER: tuple[tuple[float, dict[str, float]], ...] = (
+    (1e-8, {}),
+    (1e-10, {"bound_relax_factor": 1e-10, "mu_init": 1e-6}),
+)
+
+
+def gap_at(program: Program, outcome: Outcome) -> Gap:
+    """Gap of what a solver left; not a number where it is none."""
+    x, lam_g, lam_x = outcome.x, outcome.row_multipliers, outcome.variable_multipliers
+    if not all(np.isfinite(k).all() for k in (x, lam_g, lam_x)):
+        return UNKNOWN
+    rows, jacobian = program.functions["jacobian"](x, program.parameters)
+    _, slope = program.functions["gradient"](x, program.parameters)
+    slope = np.array(slope + ca.mtimes(jacobian.T, ca.DM(lam_g))).ravel() + lam_x
+    return gap_of(program, x, np.array(rows).ravel(), slope, np.concatenate([lam_x, lam_g]))
+
+
+def wanted_gap(program: Program, settings: SolverSettings, cost: float) -> float:
+    """Gap that the settings allow, in the unit of the cost."""
+    return settings.gap * cost_size(cost, program.cost_scale)
+
+
+def tightened(
+    program: Program,
+    settings: SolverSettings,
+    outcome: Outcome,
+    progress: Progress | None,
+    made: Made | None = None,
+) -> tuple[Outcome, Gap, list[Attempt]]:
+    """An outcome as near its optimum as wanted, its gap, and the further attempts that it took.
+
+    What did not converge stays as it is. Where the gap stays larger than wanted, that is the status
+    of the last attempt.
+    """
+    if outcome.attempt.status is not Status.SOLVED:
+        return outcome, UNKNOWN, []
+    best, gap = outcome, gap_at(program, outcome)
+    attempts: list[Attempt] = []
+    wanted = wanted_gap(program, settings, best.attempt.cost)
+    for tolerance, options in FURTHER:
+        if not gap.total > wanted:
+            break
+        tried = _further(program, settings, best, wanted, (tolerance, options), progress, made)
+        attempts.append(tried.attempt)
+        if tried.attempt.status is Status.INTERRUPTED:
+            return tried, UNKNOWN, attempts
+        own = gap_at(program, tried)
+        if own.total < gap.total and _feasible(tried, best, settings):
+            best, gap = replace(tried, attempt=replace(tried.attempt, status=Status.SOLVED)), own
+            attempts[-1] = best.attempt
+        wanted = wanted_gap(program, settings, best.attempt.cost)
+    if not gap.total <= wanted:
+        said = f"at most {gap.total:.2g} above the optimum, {wanted:.2g} is wanted"
+        left = replace(
+            best.attempt, status=Status.GAP_LEFT, message=said, iterations=0, wall_time=0.0
+        )
+        return replace(best, attempt=left), gap, [*attempts, left]
+    return best, gap, attempts
+
+
+def _feasible(tried: Outcome, best: Outcome, settings: SolverSettings) -> bool:
+    return tried.attempt.infeasibility <= max(settings.tolerance, best.attempt.infeasibility)
+
+
+def _further(
+    program: Program,
+    settings: SolverSettings,
+    before: Outcome,
+    wanted: float,
+    how: tuple[float, dict[str, float]],
+    progress: Progress | None,
+    made: Made | None,
+) -> Outcome:
+    count = sum(
+        int(np.sum(np.isfinite(low) & (low < high)) + np.sum(np.isfinite(high) & (low < high)))
+        for low, high in (
+            (program.variable_lower, program.variable_upper),
+            (program.row_lower, program.row_upper),
+        )
+    )
+    barrier = SHARE * wanted / program.cost_scale / max(count, 1)
+    own: dict[str, Any] = {
+        "compl_inf_tol": barrier,
+        "mu_init": barrier,
+        **dict.fromkeys(WARM_PUSHES, 1e-16),
+        **how[1],
+    }
+    given: Mapping[str, Any] = settings.options.get("ipopt", {})
+    finer = replace(
+        settings,
+        solver="ipopt",
+        tolerance=min(settings.tolerance, how[0]),
+        max_iterations=MOST_ITERATIONS,
+        initial_barrier=None,
+        options={**settings.options, "ipopt": {**own, **given}},
+    )
+    start = StartingPoint(before.x, before.row_multipliers, before.variable_multipliers)
+    # a kept solver has the barrier of its first solve, which is good enough for neighbouring ones
+    kept, own_key = ("ipopt", True, program.cost_scale), ("ipopt", True, -how[0])
+    known: Made = {kept: made[own_key]} if made is not None and own_key in made else {}
+    outcome = run(program, "ipopt", finer, start, True, progress, known)
+    if made is not None and kept in known:
+        made[own_key] = known[kept]
+    return outcome
