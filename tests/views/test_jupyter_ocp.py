@@ -20,7 +20,7 @@ def cells(html, tag="td"):
 
 def test_a_solution_is_one_line_and_a_table_of_its_attempts(refined):
     solution = refined.solution
-    assert re.fullmatch(r"<Solution: solved, cost [\d.]+, 1 s, \w+>", repr(solution))
+    assert re.fullmatch(r"<Solution: solved, cost [\d.]+ \(at most .*\), 1 s, \w+>", repr(solution))
     assert re.fullmatch(
         r"<PhaseSolution '.*': 1 s, \d+ intervals; x, v, u>", repr(solution.phases[0])
     )

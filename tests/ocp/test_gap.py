@@ -1,0 +1,99 @@
+"""The gap to the local optimum: said with every answer, and closed."""
+
+import numpy as np
+import pytest
+
+from microbot_ocp.ocp import (
+    OptimalControlProblem,
+    ParametricSolver,
+    SolverSettings,
+    Status,
+    load_solution,
+    save_solution,
+    solve,
+    verify,
+)
+from microbot_ocp.ocp.solution import gap_of
+from microbot_ocp.ocp.transcription import Bounds
+
+
+def least_fuel(price=1.0):
+    """1 m from rest to rest in 3 s, both thrusts within [0, 1]: flat where neither is used."""
+    problem = OptimalControlProblem("least fuel")
+    phase = problem.phase("move", 3.0)
+    x = phase.state("x", initial=0.0, final=1.0)
+    v = phase.state("v", initial=0.0, final=0.0)
+    thrusts = [phase.control(name, lower=0.0, upper=1.0) for name in ("forward", "back")]
+    phase.derivative(x, v)
+    phase.derivative(v, thrusts[0] - thrusts[1])
+    phase.running_cost(price * (thrusts[0] + thrusts[1]))
+    return problem
+
+
+@pytest.mark.parametrize("solver", ["fatrop", "ipopt"])
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-5, 1e-7])
+def test_the_gap_is_a_bound_of_what_is_left(solver, tolerance):
+    exact = solve(least_fuel(), 40, settings=SolverSettings("ipopt", gap=1e-10)).cost
+    loose = solve(least_fuel(), 40, settings=SolverSettings(solver, tolerance, gap=np.inf))
+    assert len(loose.attempts) == 1
+    assert loose.solved
+    assert 0.0 < loose.cost - exact <= loose.gap.total < 1e4 * tolerance
+
+
+@pytest.mark.parametrize("price", [1.0, 1e-4, 1e5])
+def test_a_solve_goes_on_until_the_gap_is_small(price):
+    loose = solve(least_fuel(price), 40, settings=SolverSettings(tolerance=1e-4))
+    exact = solve(least_fuel(price), 40, settings=SolverSettings(gap=1e-10))
+    assert loose.solved
+    assert loose.gap.total <= 1e-6 * loose.cost
+    assert abs(loose.cost - exact.cost) <= 1e-6 * exact.cost
+    assert "above the local optimum" in repr(loose)
+
+
+def test_what_is_wanted_and_not_reached_is_no_success():
+    left = solve(least_fuel(), 40, settings=SolverSettings(gap=1e-17))
+    assert left.status is Status.GAP_LEFT
+    assert not left.solved
+    assert f"at most {left.gap.total:.2g} above the optimum" in left.advice
+    assert left.cost == pytest.approx(solve(least_fuel(), 40).cost, rel=1e-6)
+
+
+def test_a_certificate_finds_the_same_gap():
+    solution = solve(least_fuel(), 40)
+    certificate = verify(least_fuel(), solution)
+    assert certificate.ok
+    assert certificate.optimality.gap.total == pytest.approx(solution.gap.total, rel=1e-3)
+    assert certificate.as_dict()["optimality"]["gap"]["slack"] > 0
+    loose = solve(least_fuel(), 40, settings=SolverSettings(tolerance=1e-5, gap=np.inf))
+    found = verify(least_fuel(), loose)
+    assert not found.ok
+    assert "above that of the local optimum" in found.verdict
+
+
+def test_a_saved_solution_keeps_its_gap(tmp_path):
+    solution = solve(least_fuel(), 10)
+    assert load_solution(save_solution(solution, tmp_path / "a.npz")).gap == solution.gap
+
+
+def test_solves_with_other_data_are_tightened_too():
+    solver = ParametricSolver(least_fuel(), 20, SolverSettings(tolerance=1e-4))
+    for way in (1.0, 1.1, 0.5):
+        solution = solver.solve(final={"move": {"x": way}})
+        assert solution.solved
+        assert solution.gap.total <= 1e-6 * solution.cost
+
+
+def test_the_gap_counts_slack_slopes_violations_and_limits_that_are_not_there():
+    def gap(x, multiplier, slope=0.0, low=0.0, high=1.0):
+        bounds = Bounds(*(np.array([k]) for k in (low, high)), np.zeros(0), np.zeros(0))
+        found = gap_of(
+            bounds, np.array([x]), np.zeros(0), np.array([slope]), np.array([multiplier])
+        )
+        return found.slack, found.residuals
+
+    assert gap(0.25, 2.0) == (1.5, 0.0)  # a positive multiplier is one of the upper bound
+    assert gap(0.25, -2.0) == (0.5, 0.0)
+    assert gap(1.5, 2.0) == (0.0, 1.0)
+    assert gap(0.25, 0.0, slope=-0.1) == (0.0, 0.1)
+    assert gap(0.25, 2.0, high=np.inf) == (0.0, 2.0)
+    assert gap(0.5, 3.0, low=1.0) == (0.0, 1.5)  # an equation
