@@ -53,6 +53,20 @@ def test_its_value_is_drawn_with_its_bound_across_the_page(robot, motion, speed)
     assert_all_on_the_page(grid.figure)
 
 
+def test_a_bound_that_varies_is_a_curve_beside_the_value(robot, motion):
+    zone = mo.Limit(
+        "zone speed",
+        lambda state: state.tool_velocity[0],
+        lower=-30.0,
+        upper=lambda state: 10.0 + state.q[0],
+        unit="m/s",
+    )
+    grid = motion.plot(robot.with_limits(also=[zone]), quantities=["zone_speed"])
+    (bound,) = [line for line in grid[0, 0].get_lines() if line.get_label() == "_own limit"]
+    np.testing.assert_allclose(bound.get_ydata(), 10.0 + motion.q[:, 0])
+    assert "limit of the curve of its colour" in legend_texts(grid.figure)
+
+
 def test_a_torque_rate_has_a_panel_for_each_joint_where_it_is_limited(robot, motion):
     limited = robot.with_limits(taud_max=5000.0)
     grid = motion.plot(limited, quantities=["taud"])

@@ -157,7 +157,7 @@ def near_limits(
 ) -> AxisLimits:
     """Range of values [N] in stored units with the limits near enough to be drawn beside them.
 
-    What is not finite is left out, and so is a bound that varies along the motion.
+    What is not finite is left out; a bound that varies along the motion is a curve of its own.
     """
     factor = display_factor(robot, quantity, joint)
     low, high = _data_range(values * factor)

@@ -46,6 +46,8 @@ class Curve:
         What is wrong with it, such as "not solved: ..."; printed in red above the legend.
     torque_limits : (lower [n], upper [n]), optional
         Its own, N m (N); where the torque is at one of them its axes are shaded.
+    bounds : mapping from a quantity to arrays [N,n]
+        Bounds that vary along the motion.
     """
 
     label: str
@@ -57,6 +59,7 @@ class Curve:
     prominent: bool = False
     warning: str = ""
     torque_limits: tuple[FloatArray, FloatArray] | None = None
+    bounds: Mapping[str, Sequence[FloatArray]] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -79,20 +82,23 @@ class Curve:
         quantities : sequence of str
             Keys of limits whose quantity is evaluated besides, such as "tool_speed".
         """
-        torque_limits = None
+        torque_limits, bounds = None, {}
         values = {name: getattr(source, name) for name in ("q", "qd", "qdd", "tau")}
         name = label or str(getattr(source, "label", "simulation"))
         if robot is not None:
-            values |= _limited_values(robot, source, [q for q in quantities if q not in NAMES])
+            more, bounds = _limited_values(robot, source, [q for q in quantities if q not in NAMES])
+            values |= more
         if isinstance(source, Tracking):
             values["error"] = source.error
             torque_limits = source.torque_limits
         if isinstance(source, Motion):
             inner = tuple(m.time for m in source.marks if 0 < m.time < source.duration)
             failure = "" if source.solved else f"{name}: not solved: {source.status}"
-            return cls(name, source.t, values, passages=inner, warning=failure)
+            return cls(name, source.t, values, passages=inner, warning=failure, bounds=bounds)
         warning = "" if source.solved else f"{name}: {source.status}"
-        return cls(name, source.t, values, warning=warning, torque_limits=torque_limits)
+        return cls(
+            name, source.t, values, warning=warning, torque_limits=torque_limits, bounds=bounds
+        )
 
     def saturated(self, joint: int) -> list[tuple[float, float]]:
         """Stretches of time, s, in which the torque of a joint is at one of its own limits."""
@@ -107,11 +113,16 @@ class Curve:
 
 def _limited_values(
     robot: Robot, source: Motion | Simulation, keys: Sequence[str]
-) -> dict[str, FloatArray]:
-    """Values at the samples of quantities that have a limit."""
+) -> tuple[dict[str, FloatArray], dict[str, list[FloatArray]]]:
+    """Values at the samples of quantities that have a limit, and the bounds that vary."""
     if not keys:
-        return {}
+        return {}, {}
     motion = source if isinstance(source, Motion) else source.as_motion("")
     history = limit_history(robot, motion)
     at = np.searchsorted(history.t, motion.t)  # the samples are among the times of the history
-    return {key: history.values[key][at] for key in keys if key in history.values}
+    found = {key: history.limited[key] for key in keys if key in history.limited}
+    bounds = {
+        key: [bound[at] for bound in limited[1:] if bound.shape == limited.value.shape]
+        for key, limited in found.items()
+    }
+    return {key: limited.value[at] for key, limited in found.items()}, bounds

@@ -187,6 +187,10 @@ def draw_panel(
         columns.append(values)
         line = line_of(curve, place, base)
         axes.plot(curve.t, values * factor, label=curve.label, **line)
+        for bound in curve.bounds.get(quantity, ()):
+            own = bound[:, joint]
+            axes.plot(curve.t, own * factor, color=line["color"], label="_own limit", **OWN_LIMIT)
+            columns.append(own)
         if len(curve.passages):
             axes.plot(
                 curve.passages, np.interp(curve.passages, curve.t, values * factor), "o",
@@ -334,7 +338,7 @@ def _saturation_handles(curves: Sequence[Curve], drawn: set[str], page: Page) ->
     }
     handles: list[Any] = []
     if "_own limit" in drawn:
-        text = "torque limit of the curve of its colour"
+        text = "limit of the curve of its colour"
         handles.append(Line2D([], [], color=LIMIT_COLOR, label=text, **OWN_LIMIT))
     if shades:
         color = shades.pop() if len(shades) == 1 else ("0.4", 0.2)
