@@ -52,7 +52,7 @@ SLOWER = 0.05  # share by which the timing may be slower than reachability, whic
 
 @dataclass(frozen=True)
 class PathTimingSettings:
-    """How finely to time a path.
+    """Settings of path timing.
 
     Attributes
     ----------

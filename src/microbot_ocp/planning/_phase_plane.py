@@ -168,7 +168,7 @@ def phase_plane(
     family = check_limits(robot, limits)
     begin, parts = float(path.breaks[0]), []
     for curve in segments(path, family):
-        parts.append(_stretch(family, curve, begin, grid))
+        parts.append(_segment(family, curve, begin, grid))
         begin = float(parts[-1].s[-1])
     joined = {
         name: np.concatenate([getattr(part, name) for part in parts])
@@ -183,7 +183,7 @@ def phase_plane(
     )
 
 
-def _stretch(family: LimitFamily, curve: Curve, begin: float, grid: int) -> PhasePlane:
+def _segment(family: LimitFamily, curve: Curve, begin: float, grid: int) -> PhasePlane:
     """The phase plane between two stops, first in the regular parameter of the curve."""
     fast = compiler() is not None
     along = CurveLimits.of(family, curve, grid, fast)

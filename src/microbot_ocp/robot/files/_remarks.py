@@ -1,4 +1,4 @@
-"""What a reader puts up with in a robot file, gathered and said as warnings, one for each kind."""
+"""Tolerated faults of a robot file, gathered and reported as warnings, one for each kind."""
 
 from __future__ import annotations
 

@@ -455,7 +455,7 @@ def _limits(moving: list[UrdfJoint]) -> Limits:
 
 
 def _cleaned(matrix: FloatArray) -> FloatArray:
-    """The transform without the dust of right angles: entries below 1e-15 become zero."""
+    """The transform with entries below 1e-15, rounding errors of right angles, set to zero."""
     return np.where(np.abs(matrix) < 1e-15, 0.0, matrix)
 
 

@@ -1,4 +1,4 @@
-"""XML as robot files have it: sloppy where that does no harm, refused where it may.
+"""XML of robot files: harmless faults are tolerated, anything else is refused.
 
 Read are undeclared prefixes (``drake:...``), comments of any form, and any encoding, with or
 without a byte order mark. Refused are entity declarations and elements nested without end.
