@@ -15,7 +15,13 @@ from microbot_ocp.limits import LimitFamily, MotionSamples
 from microbot_ocp.motion import PiecewisePolynomial, State, quintic_between
 from microbot_ocp.ocp import OptimalControlProblem, PhaseSolution, Solution, Transcription
 from microbot_ocp.planning._progress import Samples
-from microbot_ocp.planning._task import CHECKS_PER_INTERVAL, declare_limits, finite_scale
+from microbot_ocp.planning._task import (
+    CHECKS_PER_INTERVAL,
+    declare_limits,
+    derivatives_for,
+    finite_scale,
+    torques_of,
+)
 from microbot_ocp.robot import Robot, torque_and_rate
 
 # Weight of the squared jerk: picks one motion where many are equally fast. It costs 1.3e-5 of the
@@ -33,7 +39,11 @@ def transcription(
     prepare = None
     if compiled and compiler() is not None:
         prepare = compile_functions
-    return Transcription(free_problem(robot, via, payload=payload), prepare=prepare)
+    return Transcription(
+        free_problem(robot, via, payload=payload),
+        prepare=prepare,
+        derivatives=derivatives_for(robot),
+    )
 
 
 def free_problem(robot: Robot, via: FloatArray, *, payload: bool = False) -> OptimalControlProblem:
@@ -45,7 +55,7 @@ def free_problem(robot: Robot, via: FloatArray, *, payload: bool = False) -> Opt
     """
     count, limits, family = robot.joint_count, robot.limits, LimitFamily.of(robot)
     constraints = [key for key in family.keys if key not in OF_VARIABLES]
-    torques = torque_and_rate_with_payload(robot) if payload else torque_and_rate(robot)
+    torques = torque_and_rate_with_payload(robot) if payload else torques_of(robot, constraints)
     acceleration_scale = _acceleration_scale(robot)
     # A limited jerk leaves no jump of the acceleration where the arm starts and stops.
     still = 0.0 if family.jerk_is_limited else None

@@ -11,12 +11,11 @@ from __future__ import annotations
 
 import itertools
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-import casadi as ca
 import numpy as np
 
 from microbot_ocp._base import checks
@@ -38,13 +37,15 @@ from microbot_ocp.planning._task import (
     CHECKS_PER_INTERVAL,
     check_limits,
     declare_limits,
+    derivatives_for,
     jerk_switches,
     provenance_of,
+    torques_of,
     verdict,
     whole,
     with_changes,
 )
-from microbot_ocp.robot import Robot, inverse_dynamics, torque_and_rate
+from microbot_ocp.robot import Robot
 
 SMOOTHING = 1e-8  # weight of the squared rate of s'': picks one timing where many are equally fast
 SLOWER = 0.05  # share by which the timing may be slower than reachability, which is the optimum
@@ -228,6 +229,7 @@ class _PathSearch:
         transcription = Transcription(
             self._problem(scales),
             prepare=compile_functions if compiled else None,
+            derivatives=derivatives_for(self.robot),
         )
         refiner = Refiner(
             transcription,
@@ -451,18 +453,11 @@ def _declare(
     jerk = tangent * phase.rate(a) + 3 * curvature * v * a + bend * v**3
     keys = [key for key in family.keys if key != "q"]
     usual = evaluate(piece.shape, np.array([0.5 * (begin + end)]))[0][0]
-    torques = _torque_alone(robot) if "taud" not in family else torque_and_rate(robot)
+    torques = torques_of(robot, keys)
     declare_limits(phase, family, keys, (q, qd, qdd, jerk), usual, torques)
     phase.end_cost(phase.duration)
     phase.running_cost(SMOOTHING * (phase.rate(a) / (10.0 * scales["a"])) ** 2)
     return phase
-
-
-def _torque_alone(robot: Robot) -> Callable[..., tuple[ca.MX, None]]:
-    def torques(q: ca.MX, qd: ca.MX, qdd: ca.MX, _: ca.MX) -> tuple[ca.MX, None]:
-        return inverse_dynamics(robot)(q, qd, qdd), None
-
-    return torques
 
 
 def _piece_guess(piece: _Piece, timing: Reached) -> tuple[Guess, float, float]:

@@ -24,7 +24,7 @@ from microbot_ocp.limits import (
     MotionSamples,
 )
 from microbot_ocp.ocp import Phase, Solution
-from microbot_ocp.robot import Robot
+from microbot_ocp.robot import Robot, inverse_dynamics, torque_and_rate, torque_derivatives
 
 STATE: tuple[str, ...] = ("q", "qd", "qdd", "qddd")
 CHECKS_PER_INTERVAL = 20  # places inside every mesh interval at which limits are looked at
@@ -191,6 +191,25 @@ def jerk_switches(jerk: FloatArray, member: Member) -> np.ndarray:
     apart = np.minimum(np.abs(here - before), np.abs(after - here)) > 0.02
     found[1:-1] = (apart & (np.abs(after - before) > 0.5)).any(axis=1)
     return found
+
+
+def torques_of(robot: Robot, keys: Sequence[str]) -> Callable[..., Any]:
+    """Torque and torque rate of q, qd, qdd and qddd; the rate is None where no key asks for it."""
+    if "taud" in keys:
+        return torque_and_rate(robot)
+    return lambda q, qd, qdd, _: (inverse_dynamics(robot)(q, qd, qdd), None)
+
+
+def derivatives_for(robot: Robot) -> Callable[[ca.Function], Any]:
+    """What a transcription is told: the derivatives of those functions that have some."""
+
+    def find(function: ca.Function) -> Any:
+        for own, rates in ((inverse_dynamics(robot), False), (torque_and_rate(robot), True)):
+            if own.__hash__() == function.__hash__():
+                return torque_derivatives(robot, rates=rates)
+        return None
+
+    return find
 
 
 def declare_limits(

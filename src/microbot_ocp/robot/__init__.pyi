@@ -40,6 +40,9 @@ from ._motion_state import (
 from ._shapes import (
     Shape as Shape,
 )
+from ._torque_derivatives import (
+    torque_derivatives as torque_derivatives,
+)
 from .files import (
     RobotFileWarning as RobotFileWarning,
     load_robot as load_robot,

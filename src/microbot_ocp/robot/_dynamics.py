@@ -33,7 +33,8 @@ def _cross(left: ca.SX, right: ca.SX) -> ca.SX:
     return ca.sparsify(ca.cross(ca.densify(left), ca.densify(right)))
 
 
-def _friction(robot: Robot, qd: ca.SX) -> ca.SX:
+def friction_torque(robot: Robot, qd: ca.SX) -> ca.SX:
+    """Torques [n] of friction, each of the speed of its own joint."""
     terms = []
     for joint, link in enumerate(robot.links):
         term = ca.SX(0)
@@ -90,7 +91,7 @@ def _newton_euler(
         along = moment if robot.joint_types[joint] == "revolute" else force
         torque[joint] = ca.densify(along)[2] + robot.links[joint].armature * qdd[joint]
     total = ca.vertcat(*torque)
-    return total + _friction(robot, qd) if friction else total
+    return total + friction_torque(robot, qd) if friction else total
 
 
 def _mass_matrix(robot: Robot, q: ca.SX) -> ca.SX:

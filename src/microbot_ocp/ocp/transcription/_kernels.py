@@ -16,6 +16,13 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp.problem import PathConstraint, Phase, Variable, node_variables
+from microbot_ocp.ocp.transcription._composition import (
+    Composition,
+    Derivatives,
+    automatic,
+    composed_derivatives,
+    divided,
+)
 from microbot_ocp.ocp.transcription._table import Entry, entries_of
 from microbot_ocp.ocp.transcription.schemes import (
     Interval,
@@ -68,12 +75,19 @@ def interpolated_variables(phase: Phase) -> list[Variable]:
     return [*phase.states, *_constant(phase), *_linear(phase), *pointwise(phase)]
 
 
-Derive = Callable[[ca.Function, ca.Function], Sequence[ca.Function]]
+Derive = Callable[[ca.Function, ca.Function, Composition | None], Sequence[ca.Function]]
 
 
-def with_derivatives(stage: ca.Function, end: ca.Function) -> Sequence[ca.Function]:
+def with_derivatives(
+    stage: ca.Function,
+    end: ca.Function,
+    composition: Composition | None = None,
+    derivatives: Derivatives = automatic,
+) -> Sequence[ca.Function]:
     """Stage and end functions, each with its Jacobian and Hessian."""
-    return [*_stage_derivatives(stage), *_end_derivatives(end)]
+    if composition is None:
+        return [*_stage_derivatives(stage), *_end_derivatives(end)]
+    return [stage, *composed_derivatives(composition, derivatives), *_end_derivatives(end)]
 
 
 def build_kernels(
@@ -101,7 +115,7 @@ def build_kernels(
     dense = ca.Function("dense", [v, c, s], list(step.at(s)))
     end, end_rows = _end(phase, physics, node_scale)
     return Kernels(
-        *derive(_expanded(stage), _expanded(end)),
+        *derive(_expanded(stage), _expanded(end), divided(stage)),
         dense=_expanded(dense),
         stage_rows=tuple(rows.entries),
         end_rows=tuple(end_rows.entries),
@@ -154,7 +168,12 @@ class _Physics:
         slope = ca.vertcat(*(phase.derivatives[s.name] for s in phase.states))
         running = sum(phase.running_costs, ca.MX(0))
         self.dynamics = ca.Function("dynamics", arguments, [slope, running])
-        self.limits = ca.Function("limits", arguments, [k.expression for k in phase.constraints])
+        self.limits = ca.Function(
+            "limits",
+            arguments,
+            [k.expression for k in phase.constraints],
+            {"always_inline": True},  # heavy calls in it are seen in the stage
+        )
         equations = ca.vertcat(*phase.algebraic_equations, ca.MX(0, 1))
         self.equations = ca.Function("equations", arguments, [equations])
         total = sum(phase.end_costs, ca.MX(0))

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.ocp.problem import OptimalControlProblem, Phase
+from microbot_ocp.ocp.transcription._composition import Composition, Derivatives, automatic
 from microbot_ocp.ocp.transcription._kernels import (
     build_kernels,
     stage_variables,
@@ -52,6 +53,9 @@ class Transcription:
         Typical duration of the phases that declare none, s.
     prepare : callable, optional
         Turns each kernel function into a faster equal one (compiled code).
+    derivatives : callable, optional
+        Gives for a function that expressions of the problem call its first and second derivatives,
+        or None; see ``_composition.py``.
     """
 
     def __init__(
@@ -61,6 +65,7 @@ class Transcription:
         scheme: str | Scheme = "shooting",
         duration_scale: float = 1.0,
         prepare: Callable[[Sequence[ca.Function]], Sequence[ca.Function]] | None = None,
+        derivatives: Derivatives = automatic,
     ) -> None:
         problem.check()
         self.problem = problem
@@ -69,15 +74,18 @@ class Transcription:
             scheme = SCHEMES[checks.one_of("scheme", scheme, SCHEMES)]
         self.scheme = scheme
         self._prepare = prepare
+        self._derivatives = derivatives
         self._known: dict[str, Sequence[ca.Function]] = {}
         self._kinds: dict[tuple[int, int | None], StageKind] = {}
         self.kernels = [self._kind(index, None).kernels for index in range(len(problem.phases))]
 
-    def _derive(self, stage: ca.Function, end: ca.Function) -> Sequence[ca.Function]:
+    def _derive(
+        self, stage: ca.Function, end: ca.Function, composition: Composition | None
+    ) -> Sequence[ca.Function]:
         # phases with the same physics share everything that is expensive
         key = stage.serialize() + end.serialize()
         if key not in self._known:
-            made = with_derivatives(stage, end)
+            made = with_derivatives(stage, end, composition, self._derivatives)
             self._known[key] = made if self._prepare is None else self._prepare(made)
         return self._known[key]
 

@@ -60,7 +60,7 @@ def as_declared(
 def _laid_out(phase: Phase, given: PhaseLayout) -> PhaseLayout:
     """A layout with the places of another, and kernels of its own."""
 
-    def derive(stage: ca.Function, end: ca.Function) -> Sequence[ca.Function]:
+    def derive(stage: ca.Function, end: ca.Function, _: object) -> Sequence[ca.Function]:
         return [stage, stage, stage, end, end, end]  # differentiated here, not by the builder
 
     groups, scale = [], float(given.node_scale[-1])

@@ -1,0 +1,245 @@
+"""A stage as light formulas around calls of heavy functions, differentiated by the chain rule.
+
+A heavy function, such as the torques of an arm, stands in a stage at several points of its
+interval. Written out and differentiated by all variables of the stage it makes the derivatives as
+many times as large. Here it is differentiated once, by its own arguments; what it is called with,
+and what is made of its results, is light, and matrix products join them.
+
+Somebody who knows a function may give its derivatives: ``first_derivatives`` with its inputs ->
+values [w], Jacobian [w, a], and ``second_derivatives`` with its inputs and weights [w] -> gradient
+[a], Hessian [a, a] of the weighted sum of its values, by all its inputs, stacked.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+
+HEAVY = 400  # operations from which a function is differentiated by itself
+
+
+@dataclass(frozen=True, eq=False)
+class Calls:
+    """Calls of one heavy function: ``arguments`` is ``(v, c) -> A [a, K]``, a column a call."""
+
+    function: ca.Function
+    arguments: ca.Function
+
+    @property
+    def count(self) -> int:
+        return self.arguments.size2_out(0)
+
+
+@dataclass(frozen=True, eq=False)
+class Composition:
+    """A stage ``(v, c) -> next, rows, cost``; ``outer`` has the results w of all calls, too:
+    ``(v, c, w) -> next, rows, cost``.
+    """
+
+    calls: tuple[Calls, ...]
+    outer: ca.Function
+
+
+def divided(stage: ca.Function) -> Composition | None:
+    """The stage around the heavy functions that it calls, or None where there are none."""
+    v, c = (ca.MX.sym(name, stage.size1_in(k)) for k, name in enumerate("vc"))
+    results = ca.cse(list(stage.call([v, c], True, False)))
+    found = _heavy_calls(results)
+    if not found:
+        return None
+    calls, symbols, replaced, symbol_of = [], [], [], []
+    try:
+        for function, nodes in found:
+            columns = []
+            for node, outputs in nodes:
+                own = [ca.MX.sym("w", function.size1_out(k)) for k in range(function.n_out())]
+                columns.append(ca.vertcat(*(node.dep(i) for i in range(node.n_dep()))))
+                symbols += own
+                replaced += outputs
+                symbol_of += [own[output.which_output()] for output in outputs]
+            if _heavy_calls(columns):  # one inside of another
+                return None
+            arguments = ca.Function("stage_arguments", [v, c], [ca.horzcat(*columns)]).expand()
+            calls.append(Calls(function, arguments))
+        outer = ca.graph_substitute(results, replaced, symbol_of)
+        outer = ca.Function("stage_outer", [v, c, ca.vertcat(*symbols)], outer).expand()
+    except RuntimeError:  # something without a scalar graph
+        return None
+    return Composition(tuple(calls), outer)
+
+
+HeavyCalls = list[tuple[ca.Function, list[tuple[ca.MX, list[ca.MX]]]]]
+
+
+def _heavy_calls(expressions: Sequence[ca.MX]) -> HeavyCalls:
+    """Heavy functions that expressions call: every call with those outputs that are used."""
+    calls: dict[int, dict[int, tuple[ca.MX, list[ca.MX]]]] = {}
+    functions: dict[int, ca.Function] = {}
+    seen: set[int] = set()
+    waiting = list(expressions)
+    while waiting:
+        node = waiting.pop()
+        if node.__hash__() in seen:
+            continue
+        seen.add(node.__hash__())
+        waiting += [node.dep(i) for i in range(node.n_dep())]
+        if not node.is_output() or not node.dep(0).is_call():
+            continue
+        call = node.dep(0)
+        function = call.which_function()
+        if function.is_a("SXFunction") and function.n_instructions() >= HEAVY:
+            key = function.__hash__()
+            functions[key] = function
+            own = calls.setdefault(key, {})
+            own.setdefault(call.__hash__(), (call, []))[1].append(node)
+    return [(functions[key], list(own.values())) for key, own in calls.items()]
+
+
+Derivatives = Callable[[ca.Function], tuple[ca.Function, ca.Function] | None]
+
+
+def automatic(function: ca.Function) -> None:
+    """No derivatives are given: they are found by automatic differentiation."""
+
+
+def composed_derivatives(
+    stage: Composition, derivatives: Derivatives = automatic
+) -> tuple[ca.Function, ca.Function]:
+    """Jacobian and Hessian of a stage, as those of one that is not divided."""
+    made = [derivatives(calls.function) or _derivatives_of(calls.function) for calls in stage.calls]
+    first, second = zip(*made, strict=True)
+    return _composed_jacobian(stage, first), _composed_hessian(stage, first, second)
+
+
+def _composed_jacobian(stage: Composition, first: Sequence[ca.Function]) -> ca.Function:
+    """``(v, c) -> [next; rows], their Jacobian, cost, its gradient``, all by v."""
+    v, c = _inputs(stage)
+    w, through = _results(stage, first, v, c)
+    sv, sc, sw = (ca.SX.sym("i", stage.outer.size1_in(k)) for k in range(3))
+    following, rows, cost = stage.outer(sv, sc, sw)
+    both = ca.vertcat(following, rows)
+    outputs = [both, cost, *(ca.jacobian(k, x) for x in (sv, sw) for k in (both, cost))]
+    light = ca.Function("stage_light_jacobian", [sv, sc, sw], ca.cse(outputs))
+    both, cost, by_v, slope_v, by_w, slope_w = light(v, c, w)
+    gradient = ca.densify((slope_v + slope_w @ through).T)
+    return ca.Function("stage_jacobian", [v, c], [both, by_v + by_w @ through, cost, gradient])
+
+
+def _composed_hessian(
+    stage: Composition, first: Sequence[ca.Function], second: Sequence[ca.Function]
+) -> ca.Function:
+    """``(v, c, lam, sigma) -> H``: of sigma times the cost plus lam times [-next; rows], by v."""
+    v, c = _inputs(stage)
+    lam = ca.MX.sym("lam", stage.outer.size1_out(0) + stage.outer.size1_out(1))
+    sigma = ca.MX.sym("sigma")
+    weights, light = _light_hessian(stage)
+    mixed = any(light.nnz_out(k) for k in (1, 2))  # results that are not only weighed and added
+    w, through = (
+        _results(stage, first, v, c) if mixed else (ca.MX(stage.outer.size1_in(2), 1), None)
+    )
+    pulled = ca.vertsplit(weights(v, c, w, lam, sigma), _edges(_result_size(stage)))
+    gradients, total = [], ca.MX(v.shape[0], v.shape[0])
+    for calls, function, weight in zip(stage.calls, second, pulled, strict=True):
+        arguments, slopes = _slopes(calls)(v, c)
+        columns = ca.reshape(weight, -1, calls.count)
+        gradient, hessians = _at_every_call(function, arguments, columns)
+        gradients.append(ca.vec(gradient))
+        for slope, hessian in zip(_below(slopes, calls), _beside(hessians, calls), strict=True):
+            total = total + slope.T @ (hessian @ slope)
+    straight, by_vw, by_ww = light(v, c, w, lam, sigma, ca.vertcat(*gradients))
+    total = total + straight
+    if through is not None:
+        half = by_vw @ through
+        total = total + half + half.T + through.T @ (by_ww @ through)
+    return ca.Function("stage_hessian", [v, c, lam, sigma], [total])
+
+
+def _inputs(stage: Composition) -> list[ca.MX]:
+    return [ca.MX.sym(name, stage.outer.size1_in(k)) for k, name in enumerate("vc")]
+
+
+def _result_size(stage: Composition) -> list[int]:
+    return [sum(c.function.size1_out(k) for k in range(c.function.n_out())) * c.count
+            for c in stage.calls]  # fmt: skip
+
+
+def _edges(sizes: Sequence[int]) -> list[int]:
+    return [0, *itertools.accumulate(sizes)]
+
+
+def _beside(matrix: ca.MX, calls: Calls) -> list[ca.MX]:
+    return ca.horzsplit(matrix, matrix.shape[1] // calls.count)
+
+
+def _below(matrix: ca.MX, calls: Calls) -> list[ca.MX]:
+    return ca.vertsplit(matrix, matrix.shape[0] // calls.count)
+
+
+def _results(
+    stage: Composition, first: Sequence[ca.Function], v: ca.MX, c: ca.MX
+) -> tuple[ca.MX, ca.MX]:
+    """Results w of all calls, and their derivatives by v."""
+    results, through = [], []
+    for calls, function in zip(stage.calls, first, strict=True):
+        arguments, slopes = _slopes(calls)(v, c)
+        values, inner = _at_every_call(function, arguments)
+        results.append(ca.vec(values))
+        pairs = zip(_beside(inner, calls), _below(slopes, calls), strict=True)
+        through += [jacobian @ slope for jacobian, slope in pairs]
+    return ca.vertcat(*results), ca.vertcat(*through)
+
+
+def _slopes(calls: Calls) -> ca.Function:
+    """``(v, c) -> A [a, K]``, and its derivatives by v, those of every column below the last."""
+    v, c = (ca.SX.sym("i", calls.arguments.size1_in(k)) for k in range(2))
+    arguments = calls.arguments(v, c)
+    slopes = ca.jacobian(ca.vec(arguments), v)
+    return ca.Function("stage_slopes", [v, c], ca.cse([ca.densify(arguments), slopes]))
+
+
+def _light_hessian(stage: Composition) -> tuple[ca.Function, ca.Function]:
+    """``(v, c, w, lam, sigma) -> weights of w``, and with the gradients of all calls besides
+    second derivatives by v, by v and w, by w.
+    """
+    v, c, w = (ca.SX.sym("i", stage.outer.size1_in(k)) for k in range(3))
+    following, rows, cost = stage.outer(v, c, w)
+    lam, sigma = ca.SX.sym("lam", following.shape[0] + rows.shape[0]), ca.SX.sym("sigma")
+    arguments = ca.vertcat(*(ca.vec(calls.arguments(v, c)) for calls in stage.calls))
+    gradients = ca.SX.sym("p", arguments.shape[0])
+    lagrangian = sigma * cost + ca.dot(lam, ca.vertcat(-following, rows))
+    inputs = [v, c, w, lam, sigma]
+    by_w = ca.densify(ca.gradient(lagrangian, w))
+    straight = ca.hessian(lagrangian + ca.dot(gradients, arguments), v)[0]
+    outputs = [straight, ca.jacobian(by_w, v).T, ca.jacobian(by_w, w)]
+    return (
+        ca.Function("stage_weights", inputs, [by_w]),
+        ca.Function("stage_light_hessian", [*inputs, gradients], ca.cse(outputs)),
+    )
+
+
+def _at_every_call(function: ca.Function, arguments: ca.MX, *more: ca.MX) -> list[ca.MX]:
+    """Outputs side by side for every column of the arguments."""
+    count = function.n_in() - len(more)
+    edges = _edges([function.size1_in(k) for k in range(count)])
+    parts = [arguments[a:b, :] for a, b in itertools.pairwise(edges)]
+    return list(function.map(arguments.shape[1])(*parts, *more))
+
+
+def _derivatives_of(function: ca.Function) -> tuple[ca.Function, ca.Function]:
+    inputs, stacked, values = _scalars(function)
+    first = ca.cse([ca.densify(values), ca.jacobian(values, stacked)])
+    weights = ca.SX.sym("weights", values.shape[0])
+    hessian, gradient = ca.hessian(ca.dot(weights, values), stacked)
+    second = ca.cse([ca.densify(gradient), hessian])
+    return (
+        ca.Function("first_derivatives", inputs, first),
+        ca.Function("second_derivatives", [*inputs, weights], second),
+    )
+
+
+def _scalars(function: ca.Function) -> tuple[list[ca.SX], ca.SX, ca.SX]:
+    inputs = [ca.SX.sym("i", function.size1_in(k)) for k in range(function.n_in())]
+    return inputs, ca.vertcat(*inputs), ca.vertcat(*function.call(inputs))

@@ -1,0 +1,354 @@
+"""First and second derivatives of the joint torques and their rates, by formulas of their own.
+
+The chain is a cloud of mass points r with velocities r' that joint velocities qd give them, and r*
+that virtual joint velocities nu give them. ``nu . tau`` is the sum of ``m r* . (r'' - g)``. Its
+derivatives need nothing but moments of the links outside of a joint, of r, r' and r* with r, and
+the force and moment there. With the screw S of joint k and its changes by the motion inside of it,
+
+``S* = w x S``, ``S' = v x S``, ``S'' = a x S + v x S'``,
+
+every entry of the second derivative is a few scalar products of S, S*, S' and S'' of an inner joint
+with six vectors of an outer one. A torque rate is the time derivative of all that, which one sweep
+of forward differentiation gives: third derivatives never appear. With 7 joints that is half of the
+operations of automatic differentiation.
+
+Turning the outer chain is the same as a change of the motion of its base: Carpentier and Mansard,
+"Analytical derivatives of rigid body dynamics algorithms", RSS 2018; Singh, Russell and Wensing,
+"Efficient analytical derivatives of rigid-body dynamics using spatial vector algebra", IEEE RA-L
+7(2), 2022.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from microbot_ocp.robot._dynamics import friction_torque
+from microbot_ocp.robot._kinematics import base_transform, joint_transform
+from microbot_ocp.robot._model import Robot
+
+FROM_JOINTS = 6  # with fewer joints automatic derivatives are the smaller ones
+_UNIT = ca.SX.eye(3)
+_STATE = ("q", "qd", "qdd", "qddd")
+
+
+class _Pair(NamedTuple):
+    """A screw (angular, linear) or a wrench (moment, force), about the base origin."""
+
+    angular: ca.SX
+    linear: ca.SX
+
+    def __add__(self, other: _Pair) -> _Pair:  # type: ignore[override]
+        return _Pair(self.angular + other.angular, self.linear + other.linear)
+
+    def times(self, factor: ca.SX | float) -> _Pair:
+        return _Pair(factor * self.angular, factor * self.linear)
+
+    def dot(self, other: _Pair) -> ca.SX:
+        return ca.dot(self.angular, other.angular) + ca.dot(self.linear, other.linear)
+
+    def on_screw(self, other: _Pair) -> _Pair:
+        """Rate of a screw that is carried along by this one."""
+        linear = ca.cross(self.angular, other.linear) + ca.cross(self.linear, other.angular)
+        return _Pair(ca.cross(self.angular, other.angular), linear)
+
+    def on_wrench(self, other: _Pair) -> _Pair:
+        """Rate of a wrench that is carried along by this one."""
+        angular = ca.cross(self.angular, other.angular) + ca.cross(self.linear, other.linear)
+        return _Pair(angular, ca.cross(self.angular, other.linear))
+
+    def moments(self, first: ca.SX, second: ca.SX) -> ca.SX:
+        """Sum of m x(r) r' of the velocities x(r) of this screw: [3,3]."""
+        return self.linear @ first.T + _matrix(self.angular) @ second
+
+    def momentum(self, mass: ca.SX, first: ca.SX) -> ca.SX:
+        """Sum of m x(r): [3]."""
+        return mass * self.linear + ca.cross(self.angular, first)
+
+
+def _matrix(vector: ca.SX) -> ca.SX:
+    return ca.skew(vector)
+
+
+def _axial(matrix: ca.SX) -> ca.SX:
+    """Sum of r x y, of the sum of y r'."""
+    return ca.vertcat(
+        matrix[2, 1] - matrix[1, 2], matrix[0, 2] - matrix[2, 0], matrix[1, 0] - matrix[0, 1]
+    )
+
+
+def _none() -> _Pair:
+    return _Pair(ca.SX.zeros(3), ca.SX.zeros(3))
+
+
+@dataclass
+class _Moments:
+    """Sums over the mass points of links: r r', of their velocities, and the force on them."""
+
+    mass: ca.SX
+    first: ca.SX  # m r
+    second: ca.SX  # m r r'
+    velocity: ca.SX  # m r', and with r
+    velocities: ca.SX
+    virtual: ca.SX  # m r*, and with r
+    virtuals: ca.SX
+    both: ca.SX  # m r' x r*
+    wrench: _Pair
+
+    def __add__(self, other: _Moments) -> _Moments:
+        return _Moments(*(mine + vars(other)[name] for name, mine in vars(self).items()))
+
+    def inertia(self, x: _Pair) -> _Pair:
+        """Wrench that a screw of accelerations needs."""
+        turned = ca.trace(self.second) * x.angular - self.second @ x.angular
+        return _Pair(ca.cross(self.first, x.linear) + turned, x.momentum(self.mass, self.first))
+
+    def coriolis(self, x: _Pair) -> _Pair:
+        """Change of the wrench with the velocity, as the base of these links changes its own."""
+        turned = ca.trace(self.velocities) * x.angular - self.velocities @ x.angular
+        return _Pair(2 * turned, 2 * ca.cross(x.angular, self.velocity))
+
+    def coriolis_transposed(self, x: _Pair) -> _Pair:
+        turned = ca.trace(self.velocities) * x.angular - self.velocities.T @ x.angular
+        return _Pair(2 * (ca.cross(self.velocity, x.linear) + turned), ca.SX.zeros(3))
+
+    def centripetal(self, x: _Pair) -> _Pair:
+        """Virtual power of the centripetal accelerations, which are quadratic in the velocity."""
+        symmetric = self.virtuals + self.virtuals.T - 2 * ca.trace(self.virtuals) * _UNIT
+        angular = ca.cross(x.linear, self.virtual) + symmetric @ x.angular
+        return _Pair(angular, ca.cross(self.virtual, x.angular))
+
+    @property
+    def virtual_momentum(self) -> _Pair:
+        return _Pair(_axial(self.virtuals), self.virtual)
+
+
+class _Link(NamedTuple):
+    screw: _Pair  # S, S', S'', S*
+    rate: _Pair
+    second_rate: _Pair
+    virtual: _Pair
+    outside: _Moments  # of this link and all outside of it
+
+
+def _chain(
+    robot: Robot, q: ca.SX, qd: ca.SX, qdd: ca.SX, nu: ca.SX, payload: ca.SX | None
+) -> list[_Link]:
+    rotation, origin = (ca.densify(part) for part in base_transform(robot))
+    upward = ca.SX(ca.DM(-robot.gravity))
+    v, a, w = _none(), _Pair(ca.SX.zeros(3), upward), _none()
+    screws: list[tuple[_Pair, _Pair, _Pair, _Pair]] = []
+    own: list[_Moments] = []
+    for k, link in enumerate(robot.links):
+        turn, step = joint_transform(robot, k, q[k])
+        origin, rotation = origin + rotation @ step, rotation @ turn
+        axis = ca.densify(rotation[:, 2])
+        revolute = robot.joint_types[k] == "revolute"
+        screw = _Pair(axis, ca.cross(origin, axis)) if revolute else _Pair(ca.SX.zeros(3), axis)
+        rate = v.on_screw(screw)
+        screws.append((screw, rate, a.on_screw(screw) + v.on_screw(rate), w.on_screw(screw)))
+        v, w = v + screw.times(qd[k]), w + screw.times(nu[k])
+        a = a + screw.times(qdd[k]) + rate.times(qd[k])
+        center, spread = ca.DM(link.center_of_mass), _spread(link.inertia)
+        mass, local, spread = ca.SX(link.mass), ca.SX(link.mass * center), ca.SX(spread)
+        if payload is not None and k == robot.joint_count - 1:
+            tool = ca.DM(robot.tool[:3, 3])
+            mass, local = mass + payload, local + payload * tool
+            held = payload * tool @ tool.T
+        else:
+            held = ca.SX(3, 3)
+        arm = rotation @ local
+        first = mass * origin + arm
+        about_origin = spread + link.mass * center @ center.T + held
+        crossed = arm @ origin.T
+        second = rotation @ about_origin @ rotation.T + crossed + crossed.T
+        second = second + mass * origin @ origin.T
+        velocities, virtuals = v.moments(first, second), w.moments(first, second)
+        velocity, virtual = v.momentum(mass, first), w.momentum(mass, first)
+        # m r' x r*, with r* = w(r): the moment of r* with r gives it
+        both = ca.cross(v.linear, virtual) + _axial(virtuals @ _matrix(v.angular).T)
+        force = a.momentum(mass, first) + ca.cross(v.angular, velocity)
+        moment = _axial(a.moments(first, second) + _matrix(v.angular) @ velocities)
+        own.append(
+            _Moments(
+                mass, first, second, velocity, velocities, virtual, virtuals, both,
+                _Pair(moment, force),
+            )
+        )  # fmt: skip
+    links: list[_Link] = []
+    outside: _Moments | None = None
+    for parts, moments in zip(reversed(screws), reversed(own), strict=True):
+        outside = moments if outside is None else moments + outside
+        links.append(_Link(*parts, outside))
+    return links[::-1]
+
+
+def _spread(inertia: np.ndarray) -> ca.DM:
+    """Second moment of the mass about its centre, of the inertia there."""
+    return ca.DM(0.5 * np.trace(inertia) * np.eye(3) - inertia)
+
+
+def torque_derivatives(
+    robot: Robot, *, rates: bool = False, payload: bool = False
+) -> tuple[ca.Function, ca.Function] | None:
+    """First and second derivatives of the torques, or None where automatic ones are smaller.
+
+    Parameters
+    ----------
+    robot : Robot
+    rates : bool
+        Of torques and torque rates, as :func:`torque_and_rate` stacks them, else of torques alone.
+    payload : bool
+        With the mass of a point at the tool, kg, as the last argument; nothing is differentiated
+        by it.
+
+    Returns
+    -------
+    tuple of casadi.Function
+        With the arguments a, which are q, qd, qdd (and qddd, payload), ``first_derivatives(a...) ->
+        values, Jacobian`` and ``second_derivatives(a..., weights) -> gradient, Hessian`` of the sum
+        of all values, each times its weight.
+    """
+    if robot.joint_count < FROM_JOINTS:
+        return None
+    return _derivatives(robot, rates, payload)
+
+
+@lru_cache(maxsize=16)
+def _derivatives(robot: Robot, rates: bool, payload: bool) -> tuple[ca.Function, ca.Function]:
+    n = robot.joint_count
+    q, qd, qdd, qddd, nu, pull = (ca.SX.sym(name, n) for name in (*_STATE, "nu", "pull"))
+    held = [ca.SX.sym("payload")] if payload else []
+    inputs = [q, qd, qdd, *([qddd] if rates else []), *held]
+    first, second = _terms(robot, q, qd, qdd, nu, *held)
+    weights = nu
+    if rates:
+        change = _along([q, qd, qdd], [qd, qdd, qddd], first)
+        rate = first["q"] @ qd + first["qd"] @ qdd + first["qdd"] @ qddd
+        jacobian = [
+            [first["q"], first["qd"], first["qdd"], ca.SX(n, n)],
+            [change["q"], change["qd"] + first["q"], change["qdd"] + first["qd"], first["qdd"]],
+        ]
+        values = ca.vertcat(first["tau"], rate)
+        # d/dt (nu . tau) with d nu / dt as the weights of the torques themselves
+        change = _along([q, qd, qdd, nu], [qd, qdd, qddd, pull], second)
+        weights = ca.vertcat(pull, nu)
+        gradient = [
+            change["q"],
+            change["qd"] + second["q"],
+            change["qdd"] + second["qd"],
+            second["qdd"],
+        ]
+        crossed = second["q qd"] + second["q qd"].T
+        hessian = {
+            (0, 0): change["q q"],
+            (0, 1): change["q qd"] + second["q q"],
+            (0, 2): change["q qdd"] + second["q qd"],
+            (0, 3): second["q qdd"],
+            (1, 1): change["qd qd"] + crossed,
+            (1, 2): second["qd qd"] + second["q qdd"],
+        }
+    else:
+        jacobian, values = [[first[name] for name in _STATE[:3]]], first["tau"]
+        gradient = [second[name] for name in _STATE[:3]]
+        hessian = {
+            (0, 0): second["q q"],
+            (0, 1): second["q qd"],
+            (0, 2): second["q qdd"],
+            (1, 1): second["qd qd"],
+        }
+    size = sum(k.shape[0] for k in inputs)
+    matrix, edge = ca.SX(size, size), 0
+    for (i, k), block in hessian.items():
+        matrix[i * n : (i + 1) * n, k * n : (k + 1) * n] = block
+        matrix[k * n : (k + 1) * n, i * n : (i + 1) * n] = block.T
+    rows = ca.blockcat(jacobian)
+    edge = ca.SX(rows.shape[0], len(held))
+    own = [values, ca.horzcat(rows, edge)]
+    slope = [ca.vertcat(*gradient, *(ca.SX(1, 1) for _ in held)), matrix]
+    return (
+        ca.Function("first_derivatives", inputs, ca.cse([ca.densify(own[0]), own[1]])),
+        ca.Function(
+            "second_derivatives", [*inputs, weights], ca.cse([ca.densify(slope[0]), slope[1]])
+        ),
+    )
+
+
+def _along(names: list[ca.SX], rates: list[ca.SX], terms: dict[str, ca.SX]) -> dict[str, ca.SX]:
+    """Time derivatives of all terms."""
+    flat = ca.vertcat(*(ca.vec(ca.densify(term)) for term in terms.values()))
+    change = ca.jtimes(flat, ca.vertcat(*names), ca.vertcat(*rates))
+    edges = np.cumsum([0, *(term.numel() for term in terms.values())]).tolist()
+    return {
+        name: ca.reshape(change[a:b], *term.shape)
+        for (name, term), a, b in zip(terms.items(), edges[:-1], edges[1:], strict=True)
+    }
+
+
+def _terms(
+    robot: Robot,
+    q: ca.SX,
+    qd: ca.SX,
+    qdd: ca.SX,
+    nu: ca.SX,
+    payload: ca.SX | None = None,
+) -> tuple[dict[str, ca.SX], dict[str, ca.SX]]:
+    """Torques with their Jacobians, and first and second derivatives of nu . tau.
+
+    The second ones by qd and qdd, and twice by qdd, are zero.
+    """
+    links = _chain(robot, q, qd, qdd, nu, payload)
+    n = robot.joint_count
+    armature = ca.SX(ca.DM([link.armature for link in robot.links]))
+    friction = friction_torque(robot, qd)
+    slope = ca.jacobian(friction, qd)
+    tau, by_q, by_qd, by_qdd = friction + armature * qdd, ca.SX(n, 1), slope.T @ nu, armature * nu
+    tau_q, tau_qd, tau_qdd = ca.SX(n, n), slope, ca.diag(armature)
+    q_q, q_qd, qd_qd, q_qdd = ca.SX(n, n), ca.SX(n, n), ca.jacobian(by_qd, qd), ca.SX(n, n)
+    for k, (screw, rate, second_rate, virtual, outside) in enumerate(links):
+        momentum, wrench = outside.virtual_momentum, outside.wrench
+        gyration = _Pair(2 * outside.both, ca.SX.zeros(3))
+        with_screw = outside.inertia(screw)
+        coriolis, backward = outside.coriolis(screw), outside.coriolis_transposed(screw)
+        carried = screw.on_wrench(momentum)
+        with_virtual = outside.inertia(virtual) + carried
+        with_rate = (
+            outside.coriolis_transposed(virtual)
+            + rate.on_wrench(momentum)
+            + screw.on_wrench(gyration)
+            + outside.centripetal(rate)
+        )
+        change = screw.on_wrench(wrench) + outside.inertia(second_rate) + outside.coriolis(rate)
+        drag = outside.inertia(rate).times(2) + coriolis
+        curvature = carried + outside.centripetal(screw)
+        tau[k] += screw.dot(wrench)
+        by_q[k] = virtual.dot(wrench) + second_rate.dot(momentum) + rate.dot(gyration)
+        by_qd[k] += 2 * rate.dot(momentum) + screw.dot(gyration)
+        by_qdd[k] += screw.dot(momentum)
+        for i, inner in enumerate(links[: k + 1]):
+            across = inner.screw.dot(with_screw)
+            bend = inner.screw.dot(curvature)
+            tau_q[i, k] = inner.screw.dot(change)
+            tau_qd[i, k] += inner.screw.dot(drag)
+            tau_qdd[i, k] += across
+            qd_qd[i, k] += bend
+            q_q[i, k] = (
+                inner.virtual.dot(change)
+                + inner.second_rate.dot(with_virtual)
+                + inner.rate.dot(with_rate)
+            )
+            q_qd[i, k] = inner.virtual.dot(drag) + inner.rate.dot(curvature)
+            q_qdd[i, k] = inner.virtual.dot(with_screw)
+            if i < k:
+                tau_qdd[k, i], qd_qd[k, i], q_q[k, i] = across, bend, q_q[i, k]
+                tau_q[k, i] = inner.second_rate.dot(with_screw) + inner.rate.dot(backward)
+                tau_qd[k, i] = 2 * inner.rate.dot(with_screw) + inner.screw.dot(backward)
+                q_qd[k, i] = 2 * inner.rate.dot(with_virtual) + inner.screw.dot(with_rate)
+                q_qdd[k, i] = inner.screw.dot(with_virtual)
+    first = {"tau": tau, "q": tau_q, "qd": tau_qd, "qdd": tau_qdd}
+    gradient = {"q": by_q, "qd": by_qd, "qdd": by_qdd}
+    return first, gradient | {"q q": q_q, "q qd": q_qd, "qd qd": qd_qd, "q qdd": q_qdd}

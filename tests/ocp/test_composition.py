@@ -1,0 +1,61 @@
+"""Stages that call heavy functions are differentiated by the chain rule."""
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from microbot_ocp.ocp import OptimalControlProblem, Transcription
+from microbot_ocp.ocp.transcription import _composition, _kernels
+
+
+def heavy(name):
+    """A function of two arguments with far more operations than are written out."""
+    x, u = ca.SX.sym("x", 3), ca.SX.sym("u", 2)
+    value = ca.vertcat(x, u)
+    for turn in range(60):
+        value = ca.sin(value + 0.1 * turn) + 0.3 * value[[1, 2, 3, 4, 0]] * value
+    return ca.Function(name, [x, u], [value[:2], value[2:]])
+
+
+def problem(*, mixed):
+    function, other = heavy("one"), heavy("other")
+    problem = OptimalControlProblem("heavy")
+    phase = problem.phase("move", duration=(0.5, 2.0))
+    x = phase.state("x", 3, initial=0.0)
+    u = phase.control("u", 2, shape="linear")
+    phase.derivative(x, ca.vertcat(u, x[0] * x[1]))
+    first, second = function(x, u)
+    phase.constraint("first", first, upper=1.0)
+    if mixed:
+        product = ca.dot(first, u) * second[0]
+        phase.constraint("product", product + other(x, 2 * u)[0][1], upper=1.0)
+    phase.running_cost(ca.sumsqr(u))
+    phase.end_cost(phase.duration)
+    return problem
+
+
+@pytest.mark.parametrize("mixed", [False, True])
+def test_they_are_those_of_the_stage_written_out(mixed):
+    kernels = Transcription(problem(mixed=mixed)).kernels[0]
+    assert not kernels.stage_hessian.is_a("SXFunction")  # divided
+    whole = _kernels.with_derivatives(kernels.stage, kernels.end)
+    random = np.random.default_rng(0)
+    for ours, theirs in ((kernels.stage_jacobian, whole[1]), (kernels.stage_hessian, whole[2])):
+        at = [random.uniform(0.1, 0.6, ours.size_in(k)) for k in range(ours.n_in())]
+        for mine, other in zip(ours.call(at), theirs.call(at), strict=True):
+            assert np.allclose(np.array(mine), np.array(other), rtol=1e-10, atol=1e-10)
+
+
+def test_derivatives_that_are_given_are_taken():
+    asked = []
+
+    def given(function):
+        asked.append(function.name())
+
+    Transcription(problem(mixed=True), derivatives=given)
+    assert sorted(asked) == ["one", "other"]
+
+
+def test_light_functions_are_written_out(monkeypatch):
+    monkeypatch.setattr(_composition, "HEAVY", 10**9)
+    assert Transcription(problem(mixed=True)).kernels[0].stage_hessian.is_a("SXFunction")
