@@ -13,7 +13,7 @@ import pytest
 import microbot_ocp as mo
 from helpers import any_robot, batch, difference, random_states
 from microbot_ocp._base import codegen
-from microbot_ocp._base.codegen import compile_function, compile_functions
+from microbot_ocp._base.codegen import compile_function, compile_functions, compile_recipe
 
 needs_compiler = pytest.mark.skipif(codegen.compiler() is None, reason="no C compiler")
 
@@ -124,6 +124,33 @@ def test_several_functions_share_one_library(folder: Path) -> None:
     assert np.array(other([1.0, 1.0])).ravel().tolist() == [5.0, 5.0]
 
 
+@needs_compiler
+def test_large_functions_have_libraries_of_their_own(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(codegen, "SIZES", ((3, "-O2"), (float("inf"), "-O0")))
+    made = compile_functions([doubled("one"), doubled("other", 5.0)])
+    assert len(list(folder.iterdir())) == 2
+    assert [float(f([1.0, 1.0])[0]) for f in made] == [2.0, 5.0]
+
+
+@needs_compiler
+def test_a_recipe_is_followed_once(folder: Path) -> None:
+    (first,) = compile_recipe("twice", lambda: [doubled()])
+
+    def again() -> list[ca.Function]:
+        raise AssertionError("made again")
+
+    (second,) = compile_recipe("twice", again)
+    assert float(first([1.0, 1.0])[0]) == float(second([1.0, 1.0])[0]) == 2.0
+    (note,) = folder.glob("recipe_*.json")
+    for damage in ("[", '[["lost.so", "doubled"]]', "{}", "[3]"):
+        note.write_text(damage)
+        assert float(compile_recipe("twice", lambda: [doubled()])[0]([1.0, 1.0])[0]) == 2.0
+    (other,) = compile_recipe("thrice", lambda: [doubled(factor=3.0)])
+    assert float(other([1.0, 1.0])[0]) == 3.0
+
+
 def test_without_a_compiler_the_function_itself_comes_back_with_a_warning(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -180,7 +207,7 @@ def test_unusable_cache_folder_and_broken_library_are_warned_about(
     folder.mkdir()
     broken = folder / "broken.so"
     broken.write_bytes(b"not a library")
-    monkeypatch.setattr(codegen, "_build", lambda *arguments: broken)
+    monkeypatch.setattr(codegen, "build_library", lambda *arguments: broken)
     with pytest.warns(mo.NotCompiled, match="not compiled: doubled"):
         assert compile_function(plain) is plain
 

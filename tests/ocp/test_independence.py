@@ -150,8 +150,8 @@ def test_a_fault_in_what_makes_the_program_is_found(plant, said, monkeypatch):
     ("output", "said"), [(0, "not feasible: step of "), (2, "the cost is ")], ids=["next", "cost"]
 )
 def test_a_fault_in_a_prepared_kernel_is_found(output, said):
-    def altered(functions):
-        made = []
+    def altered(_, make):
+        functions, made = make(), []
         for function in functions:
             v, c = (ca.SX.sym(f"i{k}", function.size1_in(k)) for k in range(2))
             outputs = list(function(v, c))

@@ -10,13 +10,15 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import json
 import os
 import platform
 import shutil
 import subprocess
 import tempfile
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
 from pathlib import Path
 
@@ -28,8 +30,11 @@ FLAGS = ("-fno-math-errno", "-shared", "-fPIC")
 NATIVE = "-march=native"
 
 
-# Operations up to which an optimisation pays for its compile time.
-SIZES = ((4_000, "-O2"), (20_000, "-O1"), (float("inf"), "-O0"))
+# Operations up to which an optimisation pays for its compile time: what a compiler takes for the
+# one long block that a derivative is grows faster than its length. The Panda's second derivative of
+# a stage, 11,000 operations: 1.6 s with -O1, 0.4 s with -O0, which runs 3 times slower and still 5
+# times faster than CasADi's virtual machine; with torque rates, 30,000 operations: 7 s and 1 s.
+SIZES = ((4_000, "-O2"), (30_000, "-O1"), (float("inf"), "-O0"))
 
 
 class NotCompiled(UserWarning):
@@ -95,50 +100,115 @@ def compile_function(function: ca.Function) -> ca.Function:
 def compile_functions(
     functions: Sequence[ca.Function], *, optimization: str | None = None
 ) -> tuple[ca.Function, ...]:
-    """Compile several functions into one library; on any failure warn and return them as they are.
+    """Compile several functions; on any failure warn and return them as they are.
+
+    Large ones have libraries of their own, which are compiled at the same time.
 
     Parameters
     ----------
     functions : sequence of casadi.Function
     optimization : str, optional
-        "-O0" to "-O3"; default by size, see :func:`optimization_for`.
+        "-O0" to "-O3"; default by size.
     """
     given = tuple(functions)
-    names = ", ".join(function.name() for function in given)
+    made = _compiled(given, optimization)
+    return given if made is None else tuple(ca.external(name, str(path)) for path, name in made)
+
+
+def compile_recipe(
+    recipe: bytes | str, make: Callable[[], Sequence[ca.Function]]
+) -> tuple[ca.Function, ...]:
+    """The functions that a recipe makes, compiled; they are made only where they are not at hand.
+
+    Parameters
+    ----------
+    recipe : bytes or str
+        What the functions follow from, besides the source of this package.
+    make : callable
+        Makes the functions; what takes the time where compiled code is in the cache already.
+    """
+    identity = repr((recipe, package(), compiler(), FLAGS, NATIVE, SIZES, processor()))
+    note = cache_folder() / f"recipe_{hashlib.sha256(identity.encode()).hexdigest()[:24]}.json"
+    with contextlib.suppress(OSError, ValueError, TypeError, RuntimeError):
+        known = json.loads(note.read_text("utf-8"))
+        if known:
+            return tuple(ca.external(name, str(note.parent / lib)) for lib, name in known)
+    given = tuple(make())
+    made = _compiled(given, None)
+    if made is None:
+        return given
+    with contextlib.suppress(OSError), tempfile.TemporaryDirectory(dir=note.parent) as work:
+        text = Path(work) / note.name
+        text.write_text(json.dumps([[path.name, name] for path, name in made]), "utf-8")
+        text.replace(note)
+    return tuple(ca.external(name, str(path)) for path, name in made)
+
+
+@lru_cache(maxsize=1)
+def package() -> str:
+    """Digest of the source of this package and the version of CasADi."""
+    digest = hashlib.sha256(ca.CasadiMeta.version().encode())
+    for path in sorted(Path(__file__).parent.parent.rglob("*.py")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+def _compiled(
+    given: Sequence[ca.Function], optimization: str | None
+) -> list[tuple[Path, str]] | None:
+    """Library and name of every function; where that fails a warning and None."""
     cc = compiler()
     if cc is None:
         problem = "no C compiler was found"
     else:
+        small = [f for f in given if _operations(f) <= SIZES[0][0]]
+        groups = [[f] for f in given if _operations(f) > SIZES[0][0]] + ([small] if small else [])
         try:
-            library = str(_build(given, cc, optimization or optimization_for(given)))
-            return tuple(ca.external(function.name(), library) for function in given)
+            with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+                sources = [(group, _source(group)) for group in groups]
+                jobs = [
+                    pool.submit(
+                        build_library,
+                        source,
+                        group[0].name(),
+                        cc,
+                        optimization or optimization_for(group),
+                    )
+                    for group, source in sources
+                ]
+                libraries = [job.result() for job in jobs]
+            made = {f.name(): p for g, p in zip(groups, libraries, strict=True) for f in g}
+            for name, path in made.items():
+                ca.external(name, str(path))
+            return [(made[function.name()], function.name()) for function in given]
         except (OSError, subprocess.SubprocessError, RuntimeError) as failure:
             problem = str(failure)
+    names = ", ".join(function.name() for function in given)
     warnings.warn(
         f"not compiled: {names} ({problem}); CasADi's virtual machine runs instead",
         NotCompiled,
-        stacklevel=3,
+        stacklevel=4,
     )
-    return given
+    return None
+
+
+def _operations(function: ca.Function) -> int:
+    """Operations of a function and of all that it calls."""
+    inner = (function, *function.find_functions())
+    return sum(k.n_instructions() for k in inner if k.is_a("SXFunction"))
 
 
 def optimization_for(functions: Sequence[ca.Function]) -> str:
-    """Compiler option for functions of this size.
-
-    A compiler takes more than linear time for the one long block that a large derivative is:
-    a UR5e's stage kernels (86,000 operations) took 23 s with -O1 and 4 s with -O0, and run 5 times
-    slower then, still 5 times faster than CasADi's virtual machine.
-    """
-    size = sum(function.n_instructions() for function in functions if not function.is_a("External"))
+    """Compiler option for functions of this size."""
+    size = sum(map(_operations, functions))
     return next(option for limit, option in SIZES if size <= limit)
 
 
-def _build(functions: Sequence[ca.Function], cc: str, optimization: str) -> Path:
-    stem = functions[0].name()
-    generator = ca.CodeGenerator(f"{stem}.c", {"with_header": False})
+def _source(functions: Sequence[ca.Function]) -> str:
+    generator = ca.CodeGenerator(f"{functions[0].name()}.c", {"with_header": False})
     for function in functions:
         generator.add(function)
-    return build_library(generator.dump(), stem, cc, optimization)
+    return generator.dump()
 
 
 def build_library(

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp._base.codegen import compile_functions, compiler
+from microbot_ocp._base.codegen import compile_recipe, compiler
 from microbot_ocp.limits import LimitFamily, MotionSamples
 from microbot_ocp.motion import PiecewisePolynomial, State, quintic_between
 from microbot_ocp.ocp import OptimalControlProblem, PhaseSolution, Solution, Transcription
@@ -38,7 +38,7 @@ def transcription(
     via = np.frombuffer(via_bytes).reshape(count, -1)
     prepare = None
     if compiled and compiler() is not None:
-        prepare = compile_functions
+        prepare = compile_recipe
     return Transcription(
         free_problem(robot, via, payload=payload),
         prepare=prepare,

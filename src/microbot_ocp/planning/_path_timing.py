@@ -20,7 +20,7 @@ import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp._base.codegen import compile_functions, compiler
+from microbot_ocp._base.codegen import compile_recipe, compiler
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import JointLimits, LimitFamily, Limits, MotionSamples
 from microbot_ocp.motion import SAMPLE_STEP, Mark, Motion, PiecewisePolynomial, State, sample_times
@@ -228,7 +228,7 @@ class _PathSearch:
         compiled = self.settings.compiled and compiler() is not None
         transcription = Transcription(
             self._problem(scales),
-            prepare=compile_functions if compiled else None,
+            prepare=compile_recipe if compiled else None,
             derivatives=derivatives_for(self.robot),
         )
         refiner = Refiner(

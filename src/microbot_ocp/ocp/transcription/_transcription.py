@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence, Sized
 from dataclasses import dataclass
+from functools import partial
 
 import casadi as ca
 import numpy as np
@@ -26,6 +27,7 @@ from microbot_ocp.ocp.transcription._layout import PhaseLayout, StageKind, lay_o
 from microbot_ocp.ocp.transcription._mesh import Mesh, Meshes, mesh_of
 from microbot_ocp.ocp.transcription.schemes import SCHEMES, Scheme, with_degree
 
+MakeKernels = Callable[[], Sequence[ca.Function]]
 GuessValue = ArrayLike | Callable[[FloatArray], ArrayLike]
 
 
@@ -52,7 +54,8 @@ class Transcription:
     duration_scale : float
         Typical duration of the phases that declare none, s.
     prepare : callable, optional
-        Turns each kernel function into a faster equal one (compiled code).
+        Gets a text that the kernels of a phase follow from and a function that makes them, and
+        returns equal ones that are faster (compiled code).
     derivatives : callable, optional
         Gives for a function that expressions of the problem call its first and second derivatives,
         or None; see ``_composition.py``.
@@ -64,7 +67,7 @@ class Transcription:
         *,
         scheme: str | Scheme = "shooting",
         duration_scale: float = 1.0,
-        prepare: Callable[[Sequence[ca.Function]], Sequence[ca.Function]] | None = None,
+        prepare: Callable[[str, MakeKernels], Sequence[ca.Function]] | None = None,
         derivatives: Derivatives = automatic,
     ) -> None:
         problem.check()
@@ -85,8 +88,8 @@ class Transcription:
         # phases with the same physics share everything that is expensive
         key = stage.serialize() + end.serialize()
         if key not in self._known:
-            made = with_derivatives(stage, end, composition, self._derivatives)
-            self._known[key] = made if self._prepare is None else self._prepare(made)
+            make = partial(with_derivatives, stage, end, composition, self._derivatives)
+            self._known[key] = make() if self._prepare is None else self._prepare(key, make)
         return self._known[key]
 
     def _duration_scale(self, phase: Phase) -> float:
