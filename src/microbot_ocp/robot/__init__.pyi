@@ -38,7 +38,9 @@ from ._motion_state import (
     MotionState as MotionState,
 )
 from ._shapes import (
+    Mesh as Mesh,
     Shape as Shape,
+    read_mesh as read_mesh,
 )
 from ._torque_derivatives import (
     torque_derivatives as torque_derivatives,

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,7 +17,7 @@ from numpy.typing import ArrayLike
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.robot._model import Robot
-from microbot_ocp.robot._shapes import ROLES, Role, Shape
+from microbot_ocp.robot._shapes import ROLES, Role, Shape, read_mesh
 
 SIDES = 32  # of the polygon around a circle
 DIRECTIONS = 400  # in which a sphere is sampled, and points are searched for the outermost
@@ -123,7 +122,7 @@ def _around(shapes: list[Shape]) -> Capsule:
 def _points(shape: Shape) -> FloatArray:
     """Points [N,3] whose convex hull holds the shape, in the shape's link frame."""
     if shape.kind == "mesh":
-        points = _vertices(shape) * shape.size
+        points = read_mesh(shape).vertices
     elif shape.kind == "box":
         points = np.array(np.meshgrid(*[(-0.5, 0.5)] * 3)).reshape(3, -1).T * shape.size
     elif shape.kind == "cylinder":
@@ -136,28 +135,6 @@ def _points(shape: Shape) -> FloatArray:
         ball, shift = SPHERE_SLACK * shape.size[0] * _directions(), np.array([0.0, 0.0, half])
         points = np.vstack([ball + shift, ball - shift])
     return points @ shape.pose[:3, :3].T + shape.pose[:3, 3]
-
-
-def _vertices(shape: Shape) -> FloatArray:
-    """Vertices [N,3] of a mesh file, m."""
-    try:
-        import trimesh
-    except ImportError:
-        raise InputError(
-            "reading meshes needs the extra 'urdf': pip install 'microbot_ocp[urdf]'"
-        ) from None
-    try:
-        scene: Any = trimesh.load_scene(shape.path, process=False)
-        if scene.units:
-            scene = scene.convert_units("meters")
-        vertices = np.array(scene.to_geometry().vertices, dtype=float).reshape(-1, 3)
-    except Exception as problem:  # it raises whatever happens to go wrong inside
-        raise InputError(
-            f"mesh {shape.path!r} of link {shape.link!r} cannot be read: {problem}"
-        ) from None
-    if not len(vertices) or not np.isfinite(vertices).all():
-        raise InputError(f"mesh {shape.path!r} of link {shape.link!r} has no vertices to go by")
-    return vertices
 
 
 def _directions() -> FloatArray:

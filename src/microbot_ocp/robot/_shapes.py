@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from functools import lru_cache
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
@@ -79,3 +82,57 @@ class Shape:
             raise InputError(f"{label} must have a path if it is a mesh, and only then")
         if self.color is not None:
             put(self, "color", tuple(checks.array(f"color of {label}", self.color, (4,)).tolist()))
+
+
+class Mesh(NamedTuple):
+    """Triangles of a mesh file, in the frame of its shape.
+
+    Attributes
+    ----------
+    vertices : array [N,3], m
+    triangles : array [M,3] of indices of vertices
+    colors : array [N,4] of 0 to 255, or None where the file has none
+    """
+
+    vertices: FloatArray
+    triangles: np.ndarray
+    colors: np.ndarray | None
+
+
+def read_mesh(shape: Shape) -> Mesh:
+    """The mesh of a shape, at its scale; needs the extra ``urdf``.
+
+    Raises
+    ------
+    InputError
+        A file that cannot be read or is empty, or the extra is missing.
+    """
+    mesh = _mesh_file(shape.path, shape.link)
+    return mesh._replace(vertices=mesh.vertices * shape.size)
+
+
+@lru_cache(maxsize=64)
+def _mesh_file(path: str, link: str) -> Mesh:
+    try:
+        import trimesh
+    except ImportError:
+        raise InputError(
+            "reading meshes needs the extra 'urdf': pip install 'microbot_ocp[urdf]'"
+        ) from None
+    try:
+        scene: Any = trimesh.load_scene(path, process=False)
+        if scene.units:
+            scene = scene.convert_units("meters")
+        given: Any = scene.to_geometry()
+        vertices = np.array(given.vertices, dtype=float).reshape(-1, 3)
+        triangles = np.array(getattr(given, "faces", ()), dtype=np.uint32).reshape(-1, 3)
+        visual = given.visual
+        colored = visual.defined and (visual.kind != "texture" or visual.uv is not None)
+        colors = np.array(visual.to_color().vertex_colors) if colored else None
+    except Exception as problem:  # it raises whatever happens to go wrong inside
+        raise InputError(f"mesh {path!r} of link {link!r} cannot be read: {problem}") from None
+    if not len(vertices) or not np.isfinite(vertices).all():
+        raise InputError(f"mesh {path!r} of link {link!r} has no vertices to go by")
+    if colors is not None and colors.shape != (len(vertices), 4):
+        colors = None
+    return Mesh(vertices, triangles, colors)

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 import rerun as rr
 
-from microbot_ocp._base.checks import FloatArray
-from microbot_ocp.robot import Robot
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp.robot import Mesh, Robot, Shape, read_mesh
 from microbot_ocp.views._scene import link_origins, link_poses, reach
-from microbot_ocp.views.recording._animated_arm import MASS_COLOR, AnimatedArm, Look
+from microbot_ocp.views.recording._animated_arm import MASS_COLOR, AnimatedArm, Color, Look
 from microbot_ocp.views.recording._surroundings import Eye, upward
 from microbot_ocp.views.recording._writer import (
     PROGRESS,
@@ -27,6 +29,7 @@ from microbot_ocp.views.recording._writer import (
 NOWHERE = 1e-6  # m, below which a link has no length
 JOINT = (1.5, 3.6)  # radius and length of a joint in link radii
 MASS = (1.3, 2.2)  # radius of the smallest and the largest mass in link radii
+OWN_COLOR: Color = (190, 195, 205, 255)  # of geometry that has none
 FRAME = 0.07  # length of a frame's axes as a share of the reach
 # Texts, as shares of the reach: over the tool, one over the other, below a place; a letter's width.
 LABEL_GAP, LABEL_STEP, PLACE_GAP, LABEL_LETTER = 0.075, 0.072, 0.04, 0.026
@@ -39,7 +42,11 @@ def draw_arm(writer: Writer, robot: Robot, arm: AnimatedArm, end: Times) -> None
     poses = link_poses(robot, q)
     origins, rotations = poses[:, :, :3, 3], poses[:, :, :3, :3]
     start = np.broadcast_to(robot.base[:3, 3], origins[:, 0].shape)
-    _draw_link(writer, link_path(name, 0, "shape"), look, times, start, origins[:, 1])
+    bare = not look.solid or not drawn_geometry(robot).shapes
+    if bare:
+        _draw_link(writer, link_path(name, 0, "shape"), look, times, start, origins[:, 1])
+    else:
+        _draw_geometry(writer, robot, name)
     axes = rr.TransformAxes3D(FRAME * reach(robot))
     for k in range(1, count + 1):
         path = link_path(name, k)
@@ -48,8 +55,9 @@ def draw_arm(writer: Writer, robot: Robot, arm: AnimatedArm, end: Times) -> None
         )
         writer.columns(path, times, pose)
         step = np.einsum("nij,ni->nj", rotations[:, k], origins[:, k + 1] - origins[:, k])
-        _draw_link(writer, f"{path}/shape", look, times, np.zeros_like(step), step)
-        _draw_joint(writer, f"{path}/joint", look, robot.joint_types[k - 1])
+        if bare:
+            _draw_link(writer, f"{path}/shape", look, times, np.zeros_like(step), step)
+            _draw_joint(writer, f"{path}/joint", look, robot.joint_types[k - 1])
         writer.static(f"{path}/frame", axes)
     for k, radius in enumerate(_mass_radii(robot), start=1):
         place, size = robot.links[k - 1].center_of_mass, radius * look.radius
@@ -64,6 +72,67 @@ def draw_arm(writer: Writer, robot: Robot, arm: AnimatedArm, end: Times) -> None
     ball = rr.Points3D([[0, 0, 0]], radii=1.4 * look.radius, colors=[look.color])
     writer.static(tool_path(name, "ball"), ball)
     _draw_trail(writer, arm, times, tool)
+
+
+class Geometry(NamedTuple):
+    """What is drawn of a robot's own geometry, and why something is not."""
+
+    shapes: tuple[tuple[Shape, Mesh | None], ...]
+    missing: tuple[str, ...]
+
+
+@lru_cache(maxsize=8)
+def drawn_geometry(robot: Robot) -> Geometry:
+    """Visual shapes of a robot, collision shapes of links without any; none if one is not read."""
+    seen = {shape.link for shape in robot.shapes if shape.role == "visual"}
+    wanted = [s for s in robot.shapes if s.role == "visual" or s.link not in seen]
+    try:
+        found = tuple((s, read_mesh(s) if s.kind == "mesh" else None) for s in wanted)
+    except InputError as problem:
+        return Geometry((), (f"Links are drawn as capsules: {problem}.",))
+    return Geometry(found, ())
+
+
+def _draw_geometry(writer: Writer, robot: Robot, name: str) -> None:
+    """The robot's own geometry, each shape rigid in its link."""
+    for index, (shape, mesh) in enumerate(drawn_geometry(robot).shapes, start=1):
+        path = f"{link_path(name, shape.frame)}/geometry_{index}"
+        pose = shape.pose
+        color = OWN_COLOR if shape.color is None else tuple(round(255 * c) for c in shape.color)
+        style: dict[str, Any] = {"colors": [color], "fill_mode": "solid"}
+        if mesh is not None:
+            own = None if shape.color is not None else mesh.colors
+            drawn: Any = rr.Mesh3D(
+                vertex_positions=mesh.vertices.astype(np.float32),
+                triangle_indices=mesh.triangles,
+                vertex_normals=_normals(mesh).astype(np.float32),
+                vertex_colors=own,
+                albedo_factor=None if own is not None else color,
+            )
+        elif shape.kind == "box":
+            drawn = rr.Boxes3D(half_sizes=[shape.size / 2], **style)
+        elif shape.kind == "sphere":
+            drawn = rr.Ellipsoids3D(radii=[shape.size[0]], **style)
+        elif shape.kind == "cylinder":
+            drawn = rr.Cylinders3D(radii=[shape.size[0]], lengths=[shape.size[1]], **style)
+        else:
+            below = np.eye(4)  # Rerun's capsules begin at their origin
+            below[2, 3] = -shape.size[1] / 2
+            pose = pose @ below
+            drawn = rr.Capsules3D(radii=[shape.size[0]], lengths=[shape.size[1]], **style)
+        writer.static(path, rr.Transform3D(translation=pose[:3, 3], mat3x3=pose[:3, :3]))
+        writer.static(path, drawn)
+
+
+def _normals(mesh: Mesh) -> FloatArray:
+    """Unit normals [N,3] of the vertices: without them the viewer does not shade."""
+    corners = mesh.vertices[mesh.triangles]
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = np.zeros_like(mesh.vertices)
+    for corner in range(3):
+        np.add.at(normals, mesh.triangles[:, corner], across)
+    size = np.linalg.norm(normals, axis=1, keepdims=True)
+    return np.divide(normals, size, out=np.zeros_like(normals), where=size > 0)
 
 
 def _held(times: Times, values: FloatArray, end: Times) -> tuple[Times, FloatArray]:

@@ -21,6 +21,7 @@ from microbot_ocp.views.recording._arm import (
     LABEL_STEP,
     draw_arm,
     draw_labels,
+    drawn_geometry,
 )
 from microbot_ocp.views.recording._blueprint import recording_blueprint
 from microbot_ocp.views.recording._curves import draw_curve, draw_curves, draw_limits, draw_progress
@@ -146,8 +147,9 @@ class Recording:
         for arm in self.arms:
             paths += [link_path(arm.name, frame, "frame") for frame in frames]
             paths.append(tool_path(arm.name, "frame"))
-            if len(self.arms) > 1:
+            if len(self.arms) > 1 or drawn_geometry(self.robot).shapes:
                 paths += [link_path(arm.name, frame, "center_of_mass") for frame in frames]
+            if len(self.arms) > 1:
                 paths.append(tool_path(arm.name, "force"))
                 paths.append(arm_path(arm.name, "switches", "latest"))
             if not arm.look.solid:
@@ -214,6 +216,8 @@ class Recording:
         ]
         solid = [arm for arm in self._moving if arm.look.solid]
         notes = [note for arm in solid for note in limit_notes(arm)]
+        if solid:
+            notes += drawn_geometry(self.robot).missing
         if far:
             notes.append(f"Too far off to be drawn: {'; '.join(far)}.")
         if self._moving:
