@@ -83,8 +83,8 @@ _SENTENCES = {
         "returned."
     ),
     Status.NO_PROGRESS: (
-        "The accuracy is not reached, and the last finer meshes came no nearer: lower the "
-        "solver's tolerance or ask for less."
+        "The accuracy is not reached, and the last finer meshes came no nearer: ask for "
+        "less of what is missed."
     ),
     Status.ROUND_LIMIT: "The accuracy is not reached within the allowed number of rounds.",
     Status.SIZE_LIMIT: "The accuracy is not reached within the allowed number of intervals.",

@@ -1,7 +1,6 @@
 """A mesh as fine as an accuracy asks for: divided, raised in degree, moved to the switches.
 
-The accuracy is that of the dynamics and of the limits between the mesh points: how near the control
-is to the optimal one is another matter.
+The accuracy is that of the dynamics, of the limits between the mesh points, and of the cost.
 """
 
 from __future__ import annotations
@@ -18,6 +17,12 @@ from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.problem import OptimalControlProblem, node_variables
 from microbot_ocp.ocp.refinement._arcs import distance, hold, place_junctions
+from microbot_ocp.ocp.refinement._cost_error import (
+    control_orders,
+    cost_error,
+    shares,
+    with_more_freedom,
+)
 from microbot_ocp.ocp.refinement._degrees import Degrees, decay_rates, degrees_on, refine_hp
 from microbot_ocp.ocp.refinement._history import (
     History,
@@ -49,6 +54,7 @@ from microbot_ocp.ocp.verification import (
 
 MOST_VAIN = 2  # solves with one phase an arc that may find nothing
 PROGRESS = 0.9  # share of the former error that counts as an improvement
+HALF = 0.5  # of the former error of the cost: what a mesh should gain that is divided for it
 # A finer mesh meets constraints and dynamics that the coarser one cut short, and may honestly cost
 # more by this share.
 DEARER = 0.05
@@ -63,6 +69,7 @@ def solve_refined(
     settings: SolverSettings | None = None,
     *,
     degrees: tuple[int, int] | None = None,
+    cost_accuracy: float = 1e-5,
     switch_accuracy: float = 1e-3,
     limit_tolerance: float = 1e-5,
     arcs: bool = True,
@@ -71,7 +78,7 @@ def solve_refined(
     most_time: float = np.inf,
     progress: StepProgress = quiet,
 ) -> Refined:
-    """Solve on finer and finer meshes until state error and limits are within an accuracy.
+    """Solve on finer and finer meshes until states, limits and cost are within an accuracy.
 
     Parameters
     ----------
@@ -89,6 +96,9 @@ def solve_refined(
     degrees : (least, most), optional
         Of collocation: the degree is raised where the solution is smooth, intervals are divided
         where it is not (hp). Default: intervals are divided, the degree stays.
+    cost_accuracy : float
+        Relative error of the cost that is accepted: what a solve with finer controls or a higher
+        degree gains, once the rest is good enough. Infinite to ask for none.
     switch_accuracy : float
         Distance of a switch from the mesh that is accepted, as a fraction of its phase.
     limit_tolerance : float
@@ -137,6 +147,8 @@ def solve_refined(
     """
     accuracy = checks.number("accuracy", accuracy, above=0.0)
     switch_accuracy = checks.number("switch_accuracy", switch_accuracy, above=0.0)
+    if not cost_accuracy > 0:
+        raise InputError(f"cost_accuracy must be above 0, not {cost_accuracy}")
     limit_tolerance = checks.number("limit_tolerance", limit_tolerance, above=0.0)
     if not most_time > 0:
         raise InputError(f"most_time must be above 0 s, not {most_time}")
@@ -155,7 +167,7 @@ def solve_refined(
         worse=DEARER,
     )
     hp = None if degrees is None else Degrees(*degrees)
-    goal = _Goal(accuracy, switch_accuracy, limit_tolerance, hp)
+    goal = _Goal(accuracy, cost_accuracy, switch_accuracy, limit_tolerance, hp)
     limits = _Limits(rounds, most_intervals, time.perf_counter() + most_time, arcs)
     return _Refinement(refiner, goal, limits).run(mesh, guess)
 
@@ -163,16 +175,36 @@ def solve_refined(
 @dataclass(frozen=True)
 class _Goal:
     accuracy: float
+    cost_accuracy: float
     switch_accuracy: float
     limit_tolerance: float
     degrees: Degrees | None
 
     def met(self, step: RefinementStep) -> bool:
-        """Whether a mesh is good enough."""
+        """Whether a mesh is good enough, but for its cost."""
         return (
             step.state_error <= self.accuracy
             and step.switch_offset <= self.switch_accuracy
             and step.limit_excess <= self.limit_tolerance
+        )
+
+    def missed(self, step: RefinementStep) -> tuple[str, ...]:
+        """What a mesh misses, in words."""
+        parts = (
+            ("state error", step.state_error, self.accuracy, ""),
+            (
+                "offset of a switch",
+                step.switch_offset,
+                self.switch_accuracy,
+                " of a phase",
+            ),
+            ("excess of a limit", step.limit_excess, self.limit_tolerance, " of it"),
+            ("error of the cost", step.cost_error, self.cost_accuracy, " of it"),
+        )
+        return tuple(
+            f"{name} {value:.1e}{unit} instead of {wanted:.1e}"
+            for name, value, wanted, unit in parts
+            if wanted < value < np.inf
         )
 
     def next_mesh(
@@ -182,16 +214,24 @@ class _Goal:
         excess: FloatArray,
         switches: Sequence[Switch],
         places: FloatArray | None,
+        cost_errors: FloatArray | None,
     ) -> Mesh:
-        """A mesh for a phase that comes nearer."""
+        """A mesh for a phase that comes nearer.
+
+        Where errors of the cost are given, in the proportions of the intervals, the rest is good
+        enough.
+        """
         layout = phase_layout(phase)
+        accuracy = self.accuracy
+        if cost_errors is not None:
+            errors, accuracy = cost_errors, self.cost_accuracy
         if self.degrees is None:
             orders = np.array([kind.scheme.order for kind in layout.kinds])[layout.kind_of]
-            finer = Mesh(divide(phase.mesh, errors, self.accuracy, orders))
+            if cost_errors is not None:
+                orders = control_orders(phase)
+            finer = Mesh(divide(phase.mesh, errors, accuracy, orders))
         else:
-            finer = refine_hp(
-                layout.chosen, errors, decay_rates(phase), self.accuracy, self.degrees
-            )
+            finer = refine_hp(layout.chosen, errors, decay_rates(phase), accuracy, self.degrees)
         finer = self._divided_at_limits(layout.mesh, finer, excess)
         if places is not None:
             moved = hold(finer.fractions, places, self.switch_accuracy)
@@ -239,6 +279,8 @@ class _Refinement:
         self.places: list[FloatArray] | None = None  # where arcs meet, once it is known
         self.vain = 0  # solves with one phase an arc that found nothing
         self.history: list[RefinementStep] = []
+        self.cost_errors: list[FloatArray] | None = None  # of the best, where it is all it lacks
+        self.freer: Solution | None = None  # that it was found with
         self.started = time.perf_counter()
 
     def run(self, mesh: Meshes, guess: Mapping[str, Guess] | Solution | None) -> Refined:
@@ -255,14 +297,22 @@ class _Refinement:
                 status = self._rounds() if first.status.solved else first.status
         use = self.exceeded
         over = use is not None and use.relative > self.goal.limit_tolerance
-        return Refined(self.best, History(self.history), status, use if over else None)
+        missed = self.goal.missed(self._last_accepted()) if self.history else ()
+        return Refined(self.best, History(self.history), status, use if over else None, missed)
 
     def _rounds(self) -> Status:
         for done in range(self.limits.rounds + 1):
             assert self.best is not None
             step = self._placed()
             if self.goal.met(step):
-                return Status.SOLVED
+                step = self._with_cost_error()
+                if step.cost_error <= self.goal.cost_accuracy:
+                    return Status.SOLVED
+                if self.freer is None:
+                    return self._refused()
+                if self._cost_stalls():
+                    self._enter(self.freer, True)
+                    continue
             if done == self.limits.rounds:
                 break
             if _stalled(self.history):
@@ -270,28 +320,59 @@ class _Refinement:
             if time.perf_counter() > self.limits.until:
                 return Status.TIME_LIMIT
             meshes = [
-                self.goal.next_mesh(phase, errors, excess, switches, places)
-                for phase, errors, excess, switches, places in zip(
+                self.goal.next_mesh(phase, errors, excess, switches, places, costs)
+                for phase, errors, excess, switches, places, costs in zip(
                     self.best.phases,
                     self.errors,
                     self.excess,
                     step.switches,
                     self.places or [None] * len(self.best.phases),
+                    self.cost_errors or [None] * len(self.best.phases),
                     strict=True,
                 )
             ]
             if sum(m.intervals for m in meshes) > self.limits.intervals:
                 return Status.SIZE_LIMIT
-            finer = self.refiner.finer(self.best, meshes)
-            if finer is self.best:
-                last = self.refiner.last
-                if last is not None and last is not self.best:
-                    self._enter(last, False)
-                    if last.status is Status.INTERRUPTED:
-                        return Status.INTERRUPTED
-                return Status.NOT_ACCEPTED
+            before = self.freer or self.best
+            finer = self.refiner.finer(before, meshes)
+            if finer is before:
+                return self._refused()
             self._enter(finer, True)
         return Status.ROUND_LIMIT
+
+    def _refused(self) -> Status:
+        """Why the last solve was not accepted, which goes into the history."""
+        last = self.refiner.last
+        if last is not None and last is not self.best:
+            self._enter(last, False)
+            if last.status is Status.INTERRUPTED:
+                return Status.INTERRUPTED
+        return Status.NOT_ACCEPTED
+
+    def _cost_stalls(self) -> bool:
+        """Whether dividing where controls differ brought the cost no nearer."""
+        known = [step.cost_error for step in self.history if step.cost_error < np.inf]
+        return len(known) > 1 and known[-1] > HALF * known[-2]
+
+    def _last_accepted(self) -> RefinementStep:
+        return next((s for s in reversed(self.history) if s.accepted), self.history[-1])
+
+    def _with_cost_error(self) -> RefinementStep:
+        """The last step with the error of its cost, found by a solve with more freedom."""
+        assert self.best is not None
+        if self.goal.cost_accuracy == np.inf:
+            self.history[-1] = replace(self.history[-1], cost_error=0.0)
+            return self.history[-1]
+        freer = self.refiner.finer(self.best, with_more_freedom(self.best))
+        if freer is self.best:
+            return self.history[-1]
+        found = cost_error(self.best, freer)
+        self.refiner.progress(f"error of the cost {found:.2g}")
+        own = shares(self.best, freer)
+        count = sum(part.size for part in own)
+        self.freer, self.cost_errors = freer, [found * count * part for part in own]
+        step = self.history[-1] = replace(self.history[-1], cost_error=found)
+        return step
 
     def _placed(self) -> RefinementStep:
         """The last step, with the distance of the mesh from where arcs meet."""
@@ -330,6 +411,7 @@ class _Refinement:
         step = step_of(made, errors, excess, worst, accepted, taken)
         if accepted:
             self.best, self.errors, self.excess, self.exceeded = made, errors, excess, worst
+            self.cost_errors = self.freer = None
         self.history.append(step)
         self.started = time.perf_counter()
         self.refiner.progress(
@@ -350,7 +432,7 @@ def _with_degrees(transcription: Transcription, mesh: Meshes, degrees: Degrees) 
 
 
 def _stalled(history: Sequence[RefinementStep]) -> bool:
-    """Whether the last two meshes improved neither the state error, the switches nor the limits."""
+    """Whether the last two meshes improved no error, switch nor limit."""
     if len(history) < 3:
         return False
     before, *later = history[-3:]
@@ -358,6 +440,7 @@ def _stalled(history: Sequence[RefinementStep]) -> bool:
         step.state_error > PROGRESS * before.state_error
         and step.switch_offset >= PROGRESS * before.switch_offset
         and step.limit_excess >= PROGRESS * before.limit_excess
+        and not step.cost_error < PROGRESS * before.cost_error
         for step in later
     )
 

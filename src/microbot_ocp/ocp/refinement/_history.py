@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
+
+import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.showing import view_for
@@ -16,6 +19,7 @@ from microbot_ocp.ocp.transcription import Mesh
 from microbot_ocp.ocp.transcription.schemes import Collocation
 from microbot_ocp.ocp.verification import OCPLimitUse, phase_layout
 
+DEARER = 1e-6  # share of the cost: by more a finer mesh may not cost more without a reason
 COLUMNS = (
     Column("round"),
     Column("intervals"),
@@ -25,6 +29,7 @@ COLUMNS = (
     Column("switch offset", show=".1e"),
     Column("limit excess", show=".1e"),
     Column("cost", show=".9g"),
+    Column("cost error", show=".1e"),
     Column("iterations"),
     Column("time", "s", ".2f"),
     Column("", left=True),
@@ -46,6 +51,8 @@ class RefinementStep:
         points, relative to half the range of its limits, or to the limit where there is only one;
         infinite where nothing was solved
     worst_limit : where that is; None where all limits are kept
+    cost_error : relative, found by a solve with finer controls or a higher degree once all else is
+        good enough; infinite where it was not looked for
     switches : of every phase
     cost, duration, status, accepted, iterations : of the solve
     wall_time : of solve and error estimate, s
@@ -65,6 +72,7 @@ class RefinementStep:
     accepted: bool
     iterations: int
     wall_time: float
+    cost_error: float = np.inf
 
     @property
     def intervals(self) -> tuple[int, ...]:
@@ -105,6 +113,7 @@ def _cells(step: RefinementStep) -> tuple[Any, ...]:
         step.switch_offset,
         step.limit_excess,
         step.cost,
+        step.cost_error if np.isfinite(step.cost_error) else "",
         step.iterations,
         step.wall_time,
         "" if step.accepted else f"{step.status}, not accepted",
@@ -123,30 +132,46 @@ class Refined:
         Why it ended. Where the first mesh was not solved it is the status of that solve.
     exceeded : the limit that the solution exceeds most between mesh points, if by more than asked
         for
+    missed : what was asked for and is not reached, in words
     """
 
     solution: Solution
     history: History
     status: Status
     exceeded: OCPLimitUse | None = None
+    missed: tuple[str, ...] = ()
 
     @property
     def advice(self) -> str:
-        """What the status means, and a limit that is still exceeded.
+        """What the status means, what is missed, and why a finer mesh costs more where it does.
 
         Where the first mesh was not solved it is the advice of that solve.
         """
         if not self.solution.status.solved:
             return self.solution.advice
+        said = [self.status.sentence]
+        if self.missed and not self.status.solved:
+            said.append(f"Missed: {'; '.join(self.missed)}.")
         use = self.exceeded
-        if use is None:
-            return self.status.sentence
-        name = f"{use.name}[{use.component}]" if use.component else use.name
-        return (
-            f"{self.status.sentence} Between mesh points {use.kind} {name} of phase {use.phase!r} "
-            f"is still {use.excess:.2g} {use.unit} beyond its limit of {use.limit:.6g} at "
-            f"{use.time:.4g} s."
-        )
+        if use is not None:
+            name = f"{use.name}[{use.component}]" if use.component else use.name
+            said.append(
+                f"Between mesh points {use.kind} {name} of phase {use.phase!r} is still "
+                f"{use.excess:.2g} {use.unit} beyond its limit of {use.limit:.6g} at "
+                f"{use.time:.4g} s."
+            )
+        return " ".join([*said, *self._rises()])
+
+    def _rises(self) -> Iterator[str]:
+        """Why a finer mesh costs more than a coarser one; nothing where none does."""
+        kept = [(number, step) for number, step in enumerate(self.history) if step.accepted]
+        for (one, coarse), (other, fine) in itertools.pairwise(kept):
+            if fine.cost - coarse.cost > DEARER * abs(coarse.cost):
+                yield (
+                    f"The cost rises from {coarse.cost:.8g} on mesh {one} to {fine.cost:.8g} on "
+                    f"mesh {other}: mesh {one} has a state error of {coarse.state_error:.1e} and "
+                    f"exceeds limits by {coarse.limit_excess:.1e} between its points."
+                )
 
     def __str__(self) -> str:
         return f"{self.history}\n{self.advice}"

@@ -13,8 +13,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp.ocp.solution import Solution
-from microbot_ocp.ocp.verification import each_interval, mesh_states, state_weights
+from microbot_ocp.ocp.solution import Solution, cost_size
+from microbot_ocp.ocp.verification import (
+    Recomputation,
+    each_interval,
+    mesh_states,
+    phase_layout,
+    state_weights,
+)
 
 MOST_PIECES = 6  # into which an interval is divided at once: its error may be estimated badly
 SAFETY = 0.5  # share of the accuracy that the divided intervals aim at
@@ -25,13 +31,20 @@ def state_errors(solution: Solution) -> list[FloatArray]:
 
     ``max_i |x_i(t_k+1) - reached_i| / weight_i``, where reached is the integral of the dynamics
     from the mesh state at t_k and the weight is the largest magnitude of the state along the phase,
-    or a hundredth of its scale if that is more. Infinite where the integrator fails.
+    or a hundredth of its scale if that is more. The running cost counts as one state more, whose
+    weight is the size of the cost. Infinite where the integrator fails.
     """
     errors = []
+    size = cost_size(solution.cost, solution.cost_scale)
     for phase in solution.phases:
-        arrived = each_interval(phase).states
-        gap = np.abs(arrived - mesh_states(phase)[1:]) / state_weights(phase)
-        errors.append(np.nan_to_num(gap.max(axis=1), nan=np.inf))
+        costs = bool(phase_layout(phase).phase.running_costs)
+        arrived = each_interval(phase, cost=costs)
+        gap = np.abs(arrived.states - mesh_states(phase)[1:]) / state_weights(phase)
+        own = gap.max(axis=1)
+        if costs:
+            summed = Recomputation(phase).costs[:-1]
+            own = np.maximum(own, np.abs(arrived.costs - summed) / size)
+        errors.append(np.nan_to_num(own, nan=np.inf))
     return errors
 
 

@@ -17,13 +17,16 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.solution import Solution, StepProgress, quiet
 from microbot_ocp.ocp.solvers import SolverSettings, solve
-from microbot_ocp.ocp.transcription import Guess, Meshes, MeshLike, Transcription
+from microbot_ocp.ocp.transcription import Guess, Meshes, MeshLike, Transcription, mesh_of
 
 GuessFrom = Callable[[Solution], Mapping[str, Guess]]
 Excess = Callable[[Solution], Sequence[FloatArray]]
 Switching = Callable[[Solution], Sequence[np.ndarray]]
 
 WORSE = 1e-3  # of the cost
+# Intervals from which IPOPT comes first: the time to make a solver of fatrop grows with their square
+# (0.4 s for 500 intervals of Radau collocation, 6 s for 2000)
+MANY = 500
 SHARP = 1e-6  # share of the cost: less is not worth another mesh
 # Barrier parameter of warm starts; with the usual start at 0.1 IPOPT leaves the good guess and
 # comes back late or elsewhere (146 against 35 iterations on one task with four via points).
@@ -107,12 +110,10 @@ class Refiner:
         """Solve on another mesh from a solution; keep the old one where the new one is worse."""
         guesses = self.guess_from(before)
         first: tuple[str, float | None, Mapping[str, Guess] | Solution]
-        first = (self.solver, WARM_BARRIER, guesses)
-        if (
-            self.solver == "ipopt"
-            and before.status.solved
-            and before.variable_multipliers is not None
-        ):
+        many = sum(mesh_of(mesh).intervals for mesh in meshes) > MANY
+        own = "ipopt" if self.solver == "auto" and many else self.solver
+        first = (own, WARM_BARRIER, guesses)
+        if own == "ipopt" and before.status.solved and before.variable_multipliers is not None:
             # with multipliers: 20 against 30 iterations on the Microbot task from 20 to 100
             first = ("ipopt", None, before)
         after, dearer = before, None

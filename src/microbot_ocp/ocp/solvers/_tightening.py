@@ -30,6 +30,7 @@ from microbot_ocp.ocp.solvers._settings import SolverSettings
 from microbot_ocp.ocp.transcription import Program
 
 SHARE = 0.5  # of the wanted gap that the barrier may take
+LEAST_BARRIER = 1e-15
 MOST_ITERATIONS = 60  # of one further solve
 # Tolerance of every further solve and its options. The second moves what the first cannot: IPOPT
 # exceeds bounds by 1e-8 of their size unless it is told not to, which takes a larger barrier.
@@ -75,7 +76,9 @@ def tightened(
     for tolerance, options in FURTHER:
         if not gap.total > wanted:
             break
-        tried = _further(program, settings, best, wanted, (tolerance, options), progress, made)
+        tried = _further(
+            program, settings, best, min(wanted, gap.slack), (tolerance, options), progress, made
+        )
         attempts.append(tried.attempt)
         if tried.attempt.status is Status.INTERRUPTED:
             return tried, UNKNOWN, attempts
@@ -101,7 +104,7 @@ def _further(
     program: Program,
     settings: SolverSettings,
     before: Outcome,
-    wanted: float,
+    slack: float,
     how: tuple[float, dict[str, float]],
     progress: Progress | None,
     made: Made | None,
@@ -113,7 +116,7 @@ def _further(
             (program.row_lower, program.row_upper),
         )
     )
-    barrier = SHARE * wanted / program.cost_scale / max(count, 1)
+    barrier = max(SHARE * slack / program.cost_scale / max(count, 1), LEAST_BARRIER)
     own: dict[str, Any] = {
         "compl_inf_tol": barrier,
         "mu_init": barrier,
