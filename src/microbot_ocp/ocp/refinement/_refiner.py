@@ -24,7 +24,7 @@ Excess = Callable[[Solution], Sequence[FloatArray]]
 Switching = Callable[[Solution], Sequence[np.ndarray]]
 
 WORSE = 1e-3  # of the cost
-# Intervals from which IPOPT comes first: the time to make a solver of fatrop grows with their square
+# Intervals from which IPOPT comes first: what fatrop takes to be made grows with their square
 # (0.4 s for 500 intervals of Radau collocation, 6 s for 2000)
 MANY = 500
 SHARP = 1e-6  # share of the cost: less is not worth another mesh
