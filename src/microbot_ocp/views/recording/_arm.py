@@ -42,7 +42,7 @@ def draw_arm(writer: Writer, robot: Robot, arm: AnimatedArm, end: Times) -> None
     poses = link_poses(robot, q)
     origins, rotations = poses[:, :, :3, 3], poses[:, :, :3, :3]
     start = np.broadcast_to(robot.base[:3, 3], origins[:, 0].shape)
-    bare = not look.solid or not drawn_geometry(robot).shapes
+    bare = not look.solid or not drawn_geometry(robot.shapes).shapes
     if bare:
         _draw_link(writer, link_path(name, 0, "shape"), look, times, start, origins[:, 1])
     else:
@@ -82,10 +82,10 @@ class Geometry(NamedTuple):
 
 
 @lru_cache(maxsize=8)
-def drawn_geometry(robot: Robot) -> Geometry:
-    """Visual shapes of a robot, collision shapes of links without any; none if one is not read."""
-    seen = {shape.link for shape in robot.shapes if shape.role == "visual"}
-    wanted = [s for s in robot.shapes if s.role == "visual" or s.link not in seen]
+def drawn_geometry(shapes: tuple[Shape, ...]) -> Geometry:
+    """Visual shapes, collision shapes of links without any; none if one is not read."""
+    seen = {shape.link for shape in shapes if shape.role == "visual"}
+    wanted = [s for s in shapes if s.role == "visual" or s.link not in seen]
     try:
         found = tuple((s, read_mesh(s) if s.kind == "mesh" else None) for s in wanted)
     except InputError as problem:
@@ -95,7 +95,7 @@ def drawn_geometry(robot: Robot) -> Geometry:
 
 def _draw_geometry(writer: Writer, robot: Robot, name: str) -> None:
     """The robot's own geometry, each shape rigid in its link."""
-    for index, (shape, mesh) in enumerate(drawn_geometry(robot).shapes, start=1):
+    for index, (shape, mesh) in enumerate(drawn_geometry(robot.shapes).shapes, start=1):
         path = f"{link_path(name, shape.frame)}/geometry_{index}"
         pose = shape.pose
         color = OWN_COLOR if shape.color is None else tuple(round(255 * c) for c in shape.color)

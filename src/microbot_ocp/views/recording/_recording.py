@@ -147,7 +147,7 @@ class Recording:
         for arm in self.arms:
             paths += [link_path(arm.name, frame, "frame") for frame in frames]
             paths.append(tool_path(arm.name, "frame"))
-            if len(self.arms) > 1 or drawn_geometry(self.robot).shapes:
+            if len(self.arms) > 1 or drawn_geometry(self.robot.shapes).shapes:
                 paths += [link_path(arm.name, frame, "center_of_mass") for frame in frames]
             if len(self.arms) > 1:
                 paths.append(tool_path(arm.name, "force"))
@@ -217,7 +217,7 @@ class Recording:
         solid = [arm for arm in self._moving if arm.look.solid]
         notes = [note for arm in solid for note in limit_notes(arm)]
         if solid:
-            notes += drawn_geometry(self.robot).missing
+            notes += drawn_geometry(self.robot.shapes).missing
         if far:
             notes.append(f"Too far off to be drawn: {'; '.join(far)}.")
         if self._moving:
