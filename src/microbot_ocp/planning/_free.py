@@ -10,8 +10,9 @@ makes one task ready and solves it again and again, with limits and payload as n
 
 from __future__ import annotations
 
+import itertools
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,6 +21,7 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.status import Status
 from microbot_ocp.limits import LIMIT_TOLERANCE, JointLimits, LimitFamily, Limits
 from microbot_ocp.motion import Mark, Motion
 from microbot_ocp.ocp import ParametricSolver, Solution, SolverSettings
@@ -35,8 +37,14 @@ from microbot_ocp.planning._free_problem import (
     transcription,
     via_times,
 )
-from microbot_ocp.planning._initial_guesses import guesses_along, initial_guesses
+from microbot_ocp.planning._initial_guesses import (
+    InitialGuess,
+    guesses_along,
+    initial_guesses,
+    swings,
+)
 from microbot_ocp.planning._progress import with_motion
+from microbot_ocp.planning._scale import TaskScale
 from microbot_ocp.planning._task import (
     check_limits,
     check_via,
@@ -45,11 +53,19 @@ from microbot_ocp.planning._task import (
     verdict,
     whole,
     with_changes,
+    with_locked_joints_held,
 )
 from microbot_ocp.robot import Robot
 
 EXPLORE_MESH = 20  # intervals a phase for the first look at every start
+SWING_MESH = 30  # the same of swings, which take longer
 EXPLORE_TOLERANCE = 1e-5
+AGREEING = 3  # starts that end at the same optimum are enough
+SAME = 1e-3  # share of the duration by which two solves of the same optimum may differ
+MOST_REFINED = 3  # of the optima found on the coarse mesh
+# Intervals of all phases together where nobody says how many: 30 via points need no 3000
+FULL_MESH, FULL_MESH_SUM, LEAST_MESH = 100, 400, 12
+EXPLORE_SUM, LEAST_EXPLORE_MESH = 160, 6
 # of a prepared solver: somebody waits
 PREPARED = SolverSettings("ipopt", tolerance=1e-6, gap=np.inf, max_iterations=150)
 
@@ -60,8 +76,11 @@ class TimeOptimalSettings:
 
     Attributes
     ----------
-    mesh : intervals of each phase in the first full solve
-    starts : how many starting motions to try on the coarse mesh
+    mesh : intervals of each phase in the first full solve; by default 100, and fewer where there
+        are more than four phases: 400 together, but at least 12 each
+    starts : how many starting motions to try on the coarse mesh; fewer where three agree
+    tries : how many to try at most: while fewer than ``starts`` are solved, the arm is made to
+        swing to and fro at random, as it must where torques are too small to lift it
     limit_tolerance : largest relative excess of a limit between mesh points; the mesh is refined
         until it holds
     solver : "auto" (fatrop explores, IPOPT finishes), "fatrop" or "ipopt" for everything
@@ -69,16 +88,19 @@ class TimeOptimalSettings:
     seed : of the random starts
     """
 
-    mesh: int = 100
+    mesh: int | None = None
     starts: int = 5
+    tries: int = 30
     limit_tolerance: float = 5e-4
     solver: str = "auto"
     compiled: bool = True
     seed: int = 0
 
     def __post_init__(self) -> None:
-        whole("mesh", self.mesh, "intervals", at_least=4)
+        if self.mesh is not None:
+            whole("mesh", self.mesh, "intervals", at_least=4)
         whole("starts", self.starts, at_least=1)
+        whole("tries", self.tries, at_least=0)
         whole("seed", self.seed, at_least=0)
         checks.number("limit_tolerance", self.limit_tolerance, above=0.0)
         checks.one_of("solver", self.solver, ("auto", "fatrop", "ipopt"))
@@ -107,9 +129,8 @@ def time_optimal(
     limits : Limits, optional
         Default the robot's own.
     settings : TimeOptimalSettings, optional
-        Single settings may be given as keywords instead: ``mesh``, ``starts``,
-        ``limit_tolerance``,
-        ``solver``, ``compiled``, ``seed``.
+        Single settings may be given as keywords instead: ``mesh``, ``starts``, ``tries``,
+        ``limit_tolerance``, ``solver``, ``compiled``, ``seed``.
     progress : callable, optional
         Called with a line of text at every step, and at every iteration of a solver with a
         :class:`~microbot_ocp.planning.MotionIteration`.
@@ -158,10 +179,12 @@ class _Search:
     ) -> None:
         self.family, self.via, self.settings = family, via, settings
         self.robot: Robot = family.robot
+        self.scale = TaskScale.of(family, via)
         self.progress = progress
         self.names = [f"phase {i + 1}" for i in range(len(via) - 1)]
         begin = time.perf_counter()
-        kernels = transcription(self.robot, self.via.tobytes(), len(self.via), settings.compiled)
+        held: Robot = with_locked_joints_held(family).robot
+        kernels = transcription(held, self.via.tobytes(), len(self.via), settings.compiled)
         self.kernel_time = time.perf_counter() - begin
         self.refiner = Refiner(
             kernels,
@@ -174,46 +197,106 @@ class _Search:
 
     def run(self) -> Motion:
         begin = time.perf_counter()
-        starts, best = self._explore()
-        solution = self._finish(best)
+        starts, found = self._explore()
+        solution = self._finish(found)
         return self._motion(solution, starts, time.perf_counter() - begin + self.kernel_time)
 
     # starts ---------------------------------------------------------------------------------
 
-    def _explore(self) -> tuple[list[dict[str, Any]], Solution]:
-        mesh = min(EXPLORE_MESH, self.settings.mesh)
+    def _explore(self) -> tuple[list[dict[str, Any]], list[Solution]]:
+        """What every start led to on a coarse mesh."""
         tried: list[dict[str, Any]] = []
-        best: Solution | None = None
-        chosen = self.settings.starts, self.settings.seed
-        for start in initial_guesses(self.robot, self.via, self.names, *chosen):
+        found: list[Solution] = []
+        for guess, mesh, solver in self._trials():
             solution = self.refiner.solve(
-                mesh, start.guesses, tolerance=EXPLORE_TOLERANCE, solver=self.settings.solver
+                mesh, guess.guesses, tolerance=EXPLORE_TOLERANCE, solver=solver
             )
             tried.append(
                 {
-                    "start": start.name,
+                    "start": guess.name,
                     "status": str(solution.status),
                     "duration": solution.duration,
                 }
             )
             self.progress(
-                f"start {start.name}: {solution.duration:.4f} s on {mesh} intervals a phase, "
+                f"start {guess.name}: {solution.duration:.4f} s on {mesh} intervals a phase, "
                 f"{solution.status}"
             )
-            if _better(solution, best):
-                best = solution
-        assert best is not None
-        return tried, best
+            found.append(solution)
+            if solution.status is Status.INTERRUPTED:
+                break
+            solved = [s.duration for s in found if s.status.solved]
+            best = min(solved, default=0.0)
+            if sum(duration <= (1 + SAME) * best for duration in solved) >= AGREEING:
+                break
+            if len(found) >= self.settings.starts <= len(solved):
+                break
+        return tried, found
+
+    def _trials(self) -> Iterator[tuple[InitialGuess, int, str]]:
+        """Guesses with the intervals a phase and the solver for each."""
+        solver, seed = self.settings.solver, self.settings.seed
+        task = self.family, self.via, self.names
+        coarse = min(self._mesh, max(EXPLORE_SUM // len(self.names), LEAST_EXPLORE_MESH))
+        for guess in initial_guesses(*task, self.settings.starts, seed):
+            yield guess, min(coarse, EXPLORE_MESH), solver
+        further = max(self.settings.tries - self.settings.starts, 0)
+        for index, guess in enumerate(itertools.islice(swings(*task, seed), further)):
+            other = "ipopt" if index % 3 == 2 else "fatrop"  # what one misses the other may find
+            yield guess, min(coarse, SWING_MESH), other if solver == "auto" else solver
+
+    @property
+    def _mesh(self) -> int:
+        if self.settings.mesh is not None:
+            return self.settings.mesh
+        return max(min(FULL_MESH, FULL_MESH_SUM // len(self.names)), LEAST_MESH)
 
     # refinement -----------------------------------------------------------------------------
 
-    def _finish(self, best: Solution) -> Solution:
-        """Coarse to fine from the best start, then local refinement while limits are exceeded."""
-        best = self.refiner.finer(best, [self.settings.mesh] * len(self.names))
+    def _finish(self, found: list[Solution]) -> Solution:
+        """Refine the most promising coarse answers until none of the others can be better.
+
+        What an answer exceeds its limits by between mesh points counts as if it were slower by as
+        much, so that none wins by that.
+        """
+        best: Solution | None = None
+        hoped: list[float] = []
+        solved = [s for s in found if s.status.solved]
+        if not solved:
+            nearest = min(found, key=lambda s: (not s.attempts, s.attempts[-1].infeasibility))
+            return self._refined(nearest)
+        for coarse in sorted(solved, key=self._honest_duration):
+            honest = self._honest_duration(coarse)
+            if any(abs(honest - other) <= SAME * other for other in hoped):
+                continue
+            if best is not None and (
+                len(hoped) == MOST_REFINED or self._rank(best) <= (False, (1 - SAME) * honest)
+            ):
+                break
+            hoped.append(honest)
+            refined = self._refined(coarse)
+            best = refined if best is None else min(best, refined, key=self._rank)
+        assert best is not None
+        return best
+
+    def _refined(self, coarse: Solution) -> Solution:
+        """Coarse to fine, then local refinement while limits are exceeded."""
+        best = self.refiner.finer(coarse, [self._mesh] * len(self.names))
         best = self.refiner.refine(best)
         if "qddd" in self.family:
             best = self.refiner.refine(self.refiner.sharpen(best, self._jerk_switches))
         return best
+
+    def _honest_duration(self, solution: Solution) -> float:
+        return solution.duration * (1.0 + max(0.0, self._largest_excess(solution)))
+
+    def _rank(self, solution: Solution) -> tuple[bool, float]:
+        """What keeps its limits first, then what is faster."""
+        kept = solution.status.solved and self._largest_excess(solution) <= MOST_EXCESS
+        return not kept, solution.duration
+
+    def _largest_excess(self, solution: Solution) -> float:
+        return max(float(e.max()) for e in self._excess(solution))
 
     def _jerk_switches(self, solution: Solution) -> list[np.ndarray]:
         member = self.family["qddd"]
@@ -277,12 +360,6 @@ def _note(outcome: dict[str, Any], via_count: int, start_count: int, found: list
         f"{passed.get(via_count, 'via points passed at any velocity; ')}{start_count} starts ended "
         f"at {optima} s on the coarse mesh, the best was refined"
     )
-
-
-def _better(solution: Solution, best: Solution | None) -> bool:
-    if best is None or solution.status.solved != best.status.solved:
-        return best is None or solution.status.solved
-    return solution.duration < best.duration
 
 
 class TimeOptimalSolver:
@@ -390,7 +467,7 @@ class TimeOptimalSolver:
         robot = family.robot
         changes = self._changes(family, float(payload))
         tried: list[tuple[str, Solution]] = []
-        for start in initial_guesses(robot, self.via_q, self._phases, self._starts, self._seed):
+        for start in initial_guesses(family, self.via_q, self._phases, self._starts, self._seed):
             tried.append((start.name, self._solver.solve(guess=start.guesses, **changes)))
             if tried[-1][1].status.solved and not search:
                 break

@@ -15,11 +15,11 @@ from microbot_ocp.limits import LimitFamily, MotionSamples
 from microbot_ocp.motion import PiecewisePolynomial, State, quintic_between
 from microbot_ocp.ocp import OptimalControlProblem, PhaseSolution, Solution, Transcription
 from microbot_ocp.planning._progress import Samples
+from microbot_ocp.planning._scale import TaskScale
 from microbot_ocp.planning._task import (
     CHECKS_PER_INTERVAL,
     declare_limits,
     derivatives_for,
-    finite_scale,
     torques_of,
 )
 from microbot_ocp.robot import Robot, torque_and_rate
@@ -56,20 +56,27 @@ def free_problem(robot: Robot, via: FloatArray, *, payload: bool = False) -> Opt
     count, limits, family = robot.joint_count, robot.limits, LimitFamily.of(robot)
     constraints = [key for key in family.keys if key not in OF_VARIABLES]
     torques = torque_and_rate_with_payload(robot) if payload else torques_of(robot, constraints)
-    acceleration_scale = _acceleration_scale(robot)
+    size = TaskScale.of(family, via)
+    velocity_scale = _scale(limits.bounds("qd"), size.velocity)
+    acceleration_scale = _scale(limits.bounds("qdd"), size.acceleration)
+    held = (limits.qdd_min == 0.0) & (limits.qdd_max == 0.0)  # they stay where they start
     # A limited jerk leaves no jump of the acceleration where the arm starts and stops.
-    still = 0.0 if family.jerk_is_limited else None
+    rests, still = family.jerk_is_limited, np.zeros(count)
     problem = OptimalControlProblem(f"time-optimal motion of {robot.name}")
     for index, (start, end) in enumerate(itertools.pairwise(via)):
         first, last = index == 0, index == len(via) - 2
-        phase = problem.phase(f"phase {index + 1}", duration=(1e-3, 1e3))
+        phase = problem.phase(
+            f"phase {index + 1}",
+            duration=(size.shortest[index], size.longest[index]),
+            scale=None if size.time == 1.0 else size.time,
+        )
         q = phase.state(
             "q",
             count,
             lower=limits.q_min,
             upper=limits.q_max,
-            initial=start,
-            final=end if last else None,
+            initial=start if first else _unless(held, start),
+            final=_unless(held, end) if last else None,
             unit="rad",
         )
         qd = phase.state(
@@ -78,8 +85,8 @@ def free_problem(robot: Robot, via: FloatArray, *, payload: bool = False) -> Opt
             lower=limits.qd_min,
             upper=limits.qd_max,
             initial=0.0 if first else None,
-            final=0.0 if last else None,
-            scale=finite_scale(limits.qd_min, limits.qd_max),
+            final=_unless(held, np.zeros(count)) if last else None,
+            scale=velocity_scale,
             unit="rad/s",
             interior_points=bool(np.isfinite(limits.qd_max).any()),
         )
@@ -88,8 +95,8 @@ def free_problem(robot: Robot, via: FloatArray, *, payload: bool = False) -> Opt
             count,
             lower=limits.qdd_min,
             upper=limits.qdd_max,
-            initial=still if first else None,
-            final=still if last else None,
+            initial=_unless(held, still) if first and rests else None,
+            final=_unless(held, still) if last and rests else None,
             scale=acceleration_scale,
             unit="rad/s^2",
             shape="linear",
@@ -97,10 +104,10 @@ def free_problem(robot: Robot, via: FloatArray, *, payload: bool = False) -> Opt
         phase.derivative(q, qd)
         phase.derivative(qd, qdd)
         jerk = phase.rate(qdd)
-        held = [phase.parameter("payload", 0.0)] if payload else []
-        declare_limits(phase, family, constraints, (q, qd, qdd, jerk), start, torques, held)
+        mass = [phase.parameter("payload", 0.0)] if payload else []
+        declare_limits(phase, family, constraints, (q, qd, qdd, jerk), start, torques, mass)
         phase.end_cost(phase.duration)
-        phase.running_cost(SMOOTHING * ca.sumsqr(jerk / (10.0 * acceleration_scale)))
+        phase.running_cost(SMOOTHING * ca.sumsqr(size.time * jerk / (10.0 * acceleration_scale)))
     for before, after in itertools.pairwise(problem.phases):
         problem.link(before, after, names=("q", "qd", "qdd"))
     return problem
@@ -118,11 +125,15 @@ def torque_and_rate_with_payload(robot: Robot) -> ca.Function:
     return ca.Function("torque_and_rate", [*state, payload], values, names, ["tau", "taud"])
 
 
-def _acceleration_scale(robot: Robot) -> FloatArray:
-    """Typical accelerations [n]: the limits, where given, else 10 rad/s^2."""
-    return np.where(
-        np.isfinite(robot.limits.qdd_max) & (robot.limits.qdd_max > 0), robot.limits.qdd_max, 10.0
-    )
+def _scale(bounds: tuple[FloatArray, FloatArray], typical: FloatArray) -> FloatArray:
+    """The limits [n], where given, else typical values."""
+    size = np.maximum(-bounds[0], bounds[1])
+    return np.where(np.isfinite(size) & (size > 0), size, typical)
+
+
+def _unless(held: np.ndarray, value: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """A condition [n] for joints that are not held."""
+    return np.where(held, -np.inf, value), np.where(held, np.inf, value)
 
 
 def excess_between(family: LimitFamily, solution: Solution) -> list[FloatArray]:

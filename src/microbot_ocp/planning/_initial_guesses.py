@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -10,13 +11,22 @@ from functools import partial
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp.limits import LimitFamily
 from microbot_ocp.motion import PiecewisePolynomial
 from microbot_ocp.ocp.transcription import Guess
+from microbot_ocp.planning._scale import TaskScale
+from microbot_ocp.planning._task import locked_joints
 from microbot_ocp.robot import Robot
 from microbot_ocp.trajectories import ViaPoints, cubic_through, shortest_duration, via_velocities
 
 LARGEST_BOW = 0.7  # rad (m), sideways in the middle of a segment
-USUAL_SPEED = 2.0  # rad/s (m/s) where the velocity is not limited
+BOW_SHARE = 0.7  # of the way of all segments: a bow is not larger either
+# Swings, for tasks that a straight way does not solve: as far as these, rad (m), in so many
+# harmonics, and as slow as so many times the typical duration
+SWINGS = (0.5, 2.5)
+SWING_DURATIONS = (1.0, 4.0)
+SPREAD = 2.0  # of the durations of single segments
+HARMONICS = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,14 +38,13 @@ class InitialGuess:
 
 
 def initial_guesses(
-    robot: Robot, via: FloatArray, names: Sequence[str], count: int, seed: int
+    family: LimitFamily, via: FloatArray, names: Sequence[str], count: int, seed: int
 ) -> Iterator[InitialGuess]:
     """The first ``count`` of: the scaled cubic, straight segments, segments bowed at random.
 
     Parameters
     ----------
-    robot : Robot
-        With its limits.
+    family : LimitFamily
     via : array [m,n], rad (m)
     names : sequence of str
         Of the phases, one a segment between via points.
@@ -43,14 +52,35 @@ def initial_guesses(
     seed : int
         Of the random bows.
     """
-    yield _cubic(robot, via, names)
+    yield _cubic(family.robot, via, names)
     random = np.random.default_rng(seed)
+    durations = TaskScale.of(family, via).durations
+    way = float(np.abs(np.diff(via, axis=0)).sum(axis=0).max())
+    largest = min(LARGEST_BOW, BOW_SHARE * way) * _moving(family)
     for index in range(count - 1):
-        if index == 0:
-            yield _bowed(robot, via, names, "straight", np.zeros(via.shape[1]))
-        else:
-            bow = random.uniform(-LARGEST_BOW, LARGEST_BOW, via.shape[1])
-            yield _bowed(robot, via, names, f"bow {index}", bow)
+        bow = random.uniform(-largest, largest) if index else 0.0 * largest
+        name = f"bow {index}" if index else "straight"
+        waves = np.broadcast_to(bow, (len(names), 1, bow.size))
+        yield _swung(family, via, names, name, waves, durations)
+
+
+def swings(
+    family: LimitFamily, via: FloatArray, names: Sequence[str], seed: int
+) -> Iterator[InitialGuess]:
+    """Segments that swing to and fro at random, without end.
+
+    Where torques are too small to lift the arm, it has to gather speed first: the solver finds how,
+    if it starts from a motion that swings at all.
+    """
+    random = np.random.default_rng(seed + 1)
+    durations = TaskScale.of(family, via).durations
+    shape = (len(names), HARMONICS, via.shape[1])
+    for index in itertools.count(1):
+        size = _between(random, SWINGS) * _moving(family)
+        waves = random.normal(size=shape) * size / np.arange(1, HARMONICS + 1)[:, None]
+        slower = _between(random, SWING_DURATIONS)
+        own = slower * SPREAD ** random.uniform(-1.0, 1.0, len(names))
+        yield _swung(family, via, names, f"swing {index}", waves, own * durations)
 
 
 def guesses_along(
@@ -76,7 +106,7 @@ def guesses_along(
 def _cubic(robot: Robot, via: FloatArray, names: Sequence[str]) -> InitialGuess:
     """The cubic through the via points at the shortest duration that keeps the limits."""
     steps = np.abs(np.diff(via, axis=0)).max(axis=1)
-    timed = ViaPoints(via, np.concatenate([[0.0], np.cumsum(np.maximum(steps, 1e-3))]))
+    timed = ViaPoints(via, np.concatenate([[0.0], np.cumsum(steps)]))
     shape = cubic_through(timed, via_velocities(timed))
     # where gravity forbids rest on the way it is a start all the same, only not a feasible one
     with contextlib.suppress(InputError):
@@ -84,26 +114,38 @@ def _cubic(robot: Robot, via: FloatArray, names: Sequence[str]) -> InitialGuess:
     return InitialGuess("cubic", guesses_along(names, shape, shape.breaks))
 
 
-def _bowed(
-    robot: Robot, via: FloatArray, names: Sequence[str], name: str, bow: FloatArray
+def _swung(
+    family: LimitFamily,
+    via: FloatArray,
+    names: Sequence[str],
+    name: str,
+    waves: FloatArray,
+    durations: FloatArray,
 ) -> InitialGuess:
-    """Straight segments bent sideways, at a speed that the velocity limits would allow."""
-    limit = np.where(np.isfinite(robot.limits.qd_max), robot.limits.qd_max, USUAL_SPEED)
+    """Straight segments with waves [m-1,K,n] on them: the amplitudes of sines of 1 to K arcs."""
+    limits = family.robot.limits
+    turns = np.pi * np.arange(1, waves.shape[1] + 1)
     guesses = {}
-    for phase, start, end in zip(names, via[:-1], via[1:], strict=True):
-        duration = max(1.5 * float(np.max(np.abs(end - start) / limit)), 1e-2)
+    rows = zip(names, via[:-1], np.diff(via, axis=0), waves, durations, strict=True)
+    for phase, start, step, wave, duration in rows:
 
-        def position(s: FloatArray, start: FloatArray = start, end: FloatArray = end) -> FloatArray:
-            return start + s[:, None] * (end - start) + np.sin(np.pi * s)[:, None] * bow
+        def position(s: FloatArray, start=start, step=step, wave=wave) -> FloatArray:
+            q = start + s[:, None] * step + np.sin(np.outer(s, turns)) @ wave
+            return np.clip(q, limits.q_min, limits.q_max)
 
-        def velocity(
-            s: FloatArray,
-            start: FloatArray = start,
-            end: FloatArray = end,
-            duration: float = duration,
-        ) -> FloatArray:
-            slope = (end - start) + np.pi * np.cos(np.pi * s)[:, None] * bow
-            return np.clip(slope / duration, -limit, limit)
+        def velocity(s: FloatArray, step=step, wave=wave, duration=duration) -> FloatArray:
+            slope = step + (np.cos(np.outer(s, turns)) * turns) @ wave
+            return np.clip(slope / duration, limits.qd_min, limits.qd_max)
 
-        guesses[phase] = Guess(duration, {"q": position, "qd": velocity, "qdd": 0.0})
+        guesses[phase] = Guess(float(duration), {"q": position, "qd": velocity, "qdd": 0.0})
     return InitialGuess(name, guesses)
+
+
+def _moving(family: LimitFamily) -> FloatArray:
+    """One [n] for joints that may move, zero for locked ones."""
+    return np.where(locked_joints(family), 0.0, 1.0)
+
+
+def _between(random: np.random.Generator, ends: tuple[float, float]) -> float:
+    """A random number, its logarithm evenly spread."""
+    return float(np.exp(random.uniform(*np.log(ends))))

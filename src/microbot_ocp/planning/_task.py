@@ -129,9 +129,44 @@ def check_via(family: LimitFamily, via_q: ArrayLike) -> FloatArray:
                 f"via points {index} and {index + 1} are the same: the time between them would "
                 "be a duration of zero"
             )
+    for joint in np.flatnonzero(locked_joints(family)):
+        moved = np.flatnonzero(np.diff(via[:, joint]))
+        if moved.size:
+            raise InputError(_cannot_move(family.robot, joint, via, moved[0]))
     for index in (0, via.shape[0] - 1):
         check_rest(family, f"via point {index + 1}", via[index])
     return via
+
+
+def locked_joints(family: LimitFamily) -> np.ndarray:
+    """Which joints [n] stand still: a limit of their velocity, acceleration or jerk is zero."""
+    bounds = [np.array(family.robot.limits.bounds(key)) for key in STATE[1:]]
+    return np.any([(pair == 0.0).all(axis=0) for pair in bounds], axis=0)
+
+
+def with_locked_joints_held(family: LimitFamily, bounded: str | None = "qdd") -> LimitFamily:
+    """The same family, locked joints bounded in one way only: others would repeat the equation.
+
+    ``bounded`` is the quantity that stays zero; None where nothing could move these joints.
+    """
+    locked = locked_joints(family)
+    if not locked.any():
+        return family
+    changes = {}
+    for key in STATE:
+        low, high = family.robot.limits.bounds(key)
+        size = 0.0 if key == bounded else np.inf
+        changes[f"{key}_min"] = np.where(locked, -size, low)
+        changes[f"{key}_max"] = np.where(locked, size, high)
+    return LimitFamily.of(family.robot, family.robot.limits.changed(changes))
+
+
+def _cannot_move(robot: Robot, joint: int, via: FloatArray, index: int) -> str:
+    start, end = (robot.position_text(joint, via[k, joint]) for k in (index, index + 1))
+    return (
+        f"joint {robot.joint_names[joint]!r} cannot move, as a limit of its velocity, acceleration "
+        f"or jerk is 0, but is at {start} at via point {index + 1} and at {end} at the next"
+    )
 
 
 def check_position(family: LimitFamily, what: str, q: FloatArray) -> None:

@@ -1,0 +1,115 @@
+"""Sizes that follow from a task: how long its segments take, and how hard its joints accelerate.
+
+Solvers compare everything with one, so a task of microradians and one of metres each need units of
+their own. Sizes within a factor of ten of the usual ones are left alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray
+from microbot_ocp.limits import LimitFamily
+from microbot_ocp.robot import Robot, inverse_dynamics
+
+USUAL_SPEED = 2.0  # rad/s (m/s) of joints that nothing bounds directly
+USUAL_ACCELERATION = 10.0  # rad/s^2 (m/s^2), ten times what is typical
+POSES = 5  # along every segment, at which inertias are looked at
+LONGEST = 1e3  # times the sum of the typical durations: no segment takes longer
+SHORTEST = 1e-2  # of the time at the highest speed that a joint might reach
+
+
+@dataclass(frozen=True, eq=False)
+class TaskScale:
+    """Sizes of a motion through via points [m,n].
+
+    Attributes
+    ----------
+    durations : array [m-1]
+        Typical durations of the segments, s: from rest to rest, the slowest joint alone.
+    shortest, longest : array [m-1]
+        Bounds of the durations for the solver, s, far from what is expected.
+    time : float
+        Unit of time, s: a power of ten, 1 for ordinary tasks.
+    velocity, acceleration : array [n]
+        Units for joints without such limits.
+    """
+
+    durations: FloatArray
+    shortest: FloatArray
+    longest: FloatArray
+    time: float
+    velocity: FloatArray
+    acceleration: FloatArray
+
+    @classmethod
+    def of(cls, family: LimitFamily, via: FloatArray) -> TaskScale:
+        """Sizes of a task from its limits; motions joint by joint, without gravity."""
+        limits = family.robot.limits
+        steps = np.abs(np.diff(via, axis=0))
+        speed = _larger(limits.bounds("qd"))
+        jerk = _larger(limits.bounds("qddd"))
+        accelerated = np.minimum(_larger(limits.bounds("qdd")), _by_torque(family.robot, via))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            times = np.nan_to_num(
+                [
+                    1.5 * steps / speed,
+                    2.0 * np.sqrt(steps / accelerated),
+                    np.cbrt(32.0 * steps / jerk),
+                ],
+                posinf=0.0,
+            )
+            durations = times.max(axis=(0, 2))
+            durations = np.where(durations > 0, durations, steps.max(axis=1) / USUAL_SPEED)
+            highest = np.minimum(speed, np.sqrt(2.0 * accelerated * steps.sum(axis=0)))
+            fastest = np.nan_to_num(steps / highest, posinf=0.0).max(axis=1)
+            reached = steps / durations[:, None]
+            gained = np.minimum(accelerated, 4.0 * reached / durations[:, None])
+        velocity, acceleration = (
+            np.maximum(size.max(axis=0), 0.1 * size.max()) for size in (reached, gained)
+        )
+        return cls(
+            durations=durations,
+            shortest=SHORTEST * np.where(fastest > 0, fastest, 0.1 * durations),
+            longest=np.full(durations.size, LONGEST * durations.sum()),
+            time=float(_power(durations.max())),
+            velocity=_power(velocity),
+            acceleration=USUAL_ACCELERATION * _power(acceleration),
+        )
+
+
+def _larger(bounds: tuple[FloatArray, FloatArray]) -> FloatArray:
+    """Sizes [n] of limits; infinite for joints that are held, which need no time."""
+    size = np.maximum(-bounds[0], bounds[1])
+    return np.where(size > 0, size, np.inf)
+
+
+def _by_torque(robot: Robot, via: FloatArray) -> FloatArray:
+    """Accelerations [n] that torques give joints one at a time, in the middle of poses on the way.
+
+    Infinite where a torque is not limited.
+    """
+    torque = _larger(robot.limits.bounds("tau"))
+    if not np.isfinite(torque).any():
+        return torque
+    share = np.linspace(0.0, 1.0, POSES)[:, None, None]
+    poses = (via[:-1] + share * np.diff(via, axis=0)).reshape(-1, via.shape[1]).T
+    count, still = poses.shape[1], np.zeros_like(poses)
+    function = inverse_dynamics(robot).map(count)
+    held = np.array(function(poses, still, still))
+    inertia = np.zeros_like(held)
+    for joint in range(robot.joint_count):
+        unit = still.copy()
+        unit[joint] = 1.0
+        inertia[joint] = (np.array(function(poses, still, unit)) - held)[joint]
+    with np.errstate(divide="ignore"):
+        return torque / np.maximum(np.median(inertia, axis=1), 0.0)
+
+
+def _power(size: FloatArray) -> FloatArray:
+    """Powers of ten; one where a size is within a factor of ten of it, or unknown."""
+    known = np.isfinite(size) & (size > 0)
+    size = np.where(known, size, 1.0)
+    return np.where((size >= 0.1) & (size <= 10.0), 1.0, 10.0 ** np.round(np.log10(size)))
