@@ -60,8 +60,13 @@ if TYPE_CHECKING:
 WIDE = 110  # columns that the full table of a comparison needs
 
 Mesh = Annotated[
-    int,
-    typer.Option(help="Intervals between two via points.", metavar="N", parser=whole_number),
+    int | None,
+    typer.Option(
+        help="Intervals between two via points.",
+        metavar="N",
+        parser=whole_number,
+        show_default="100, fewer for many via points",
+    ),
 ]
 
 
@@ -92,7 +97,7 @@ def compare(
         str | None,
         option("--time", what="Times at the via points for the textbook methods, s."),
     ] = None,
-    mesh: Mesh = TimeOptimalSettings.mesh,
+    mesh: Mesh = None,
     out: OutFolder = None,
     rerun: Recording = None,
     open_viewer: Open = False,
@@ -120,8 +125,8 @@ def compare(
             [name.strip() for name in methods.split(",")] if methods is not None else None,
             limits_of(robot, context.params),
             via_t=numbers("--time", time, len(points)) if time is not None else None,
-            mesh=mesh,
             progress=progress,
+            **({} if mesh is None else {"mesh": mesh}),
         )
     written = _save(as_json, result, out, OUTPUTS, rerun)
     code = _show_comparison(as_json, result, written, out, watchers)
@@ -137,11 +142,20 @@ def time_optimal(
     robot_name: RobotName,
     via_deg: ViaDeg = None,
     via: Via = None,
-    mesh: Mesh = TimeOptimalSettings.mesh,
+    mesh: Mesh = None,
     starts: Annotated[
         int,
         typer.Option(help="Starting motions to try.", metavar="N", parser=whole_number),
     ] = TimeOptimalSettings.starts,
+    tries: Annotated[
+        int,
+        typer.Option(
+            help="Starts to try at most, swings to and fro too, while fewer than --starts are "
+            "solved.",
+            metavar="N",
+            parser=whole_number,
+        ),
+    ] = TimeOptimalSettings.tries,
     out: OutMotion = None,
     rerun: Recording = None,
     open_viewer: Open = False,
@@ -163,7 +177,7 @@ def time_optimal(
     writable(out, ".npz", "--out")
     check_recording(rerun, open_viewer)
     watchers = Watchers(live, live_serve, live_connect, iterations)
-    settings = TimeOptimalSettings(mesh=mesh, starts=starts)
+    settings = TimeOptimalSettings(mesh=mesh, starts=starts, tries=tries)
     with watchers.progress(as_json) as progress:
         motion = find_time_optimal(
             limited, points, settings=settings, progress=_steps(progress, "solve")

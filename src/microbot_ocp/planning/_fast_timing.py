@@ -16,7 +16,7 @@ from microbot_ocp.planning._curve import Curve
 from microbot_ocp.planning._path_limits import LATER, limits_kept_by
 from microbot_ocp.planning._paths import check_path, segments
 from microbot_ocp.planning._reachability import CurveLimits, Reached, reach
-from microbot_ocp.planning._task import check_limits, whole
+from microbot_ocp.planning._task import check_limits, whole, with_locked_joints_held
 from microbot_ocp.robot import Robot
 
 
@@ -156,12 +156,13 @@ def time_path(
     whole("grid", grid, "points", at_least=10)
     family = check_limits(robot, limits)
     check_path(family, path)
+    moving = with_locked_joints_held(family, None)
     fast = compiled and compiler() is not None
     parts, s, speed, t, kept_by = [], [], [], [], {}
     begin, start = float(path.breaks[0]), 0.0
-    curves = segments(path, family)
+    curves = segments(path, moving)
     for index, curve in enumerate(curves):
-        along = CurveLimits.of(family, curve, grid, fast)
+        along = CurveLimits.of(moving, curve, grid, fast)
         first, last = index == 0, index == len(curves) - 1
         reached = reach(
             along,

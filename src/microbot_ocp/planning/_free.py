@@ -49,6 +49,7 @@ from microbot_ocp.planning._task import (
     check_limits,
     check_via,
     jerk_switches,
+    locked_joints,
     provenance_of,
     verdict,
     whole,
@@ -292,7 +293,7 @@ class _Search:
 
     def _rank(self, solution: Solution) -> tuple[bool, float]:
         """What keeps its limits first, then what is faster."""
-        kept = solution.status.solved and self._largest_excess(solution) <= MOST_EXCESS
+        kept = solution.status.solved and self._largest_excess(solution) <= LIMIT_TOLERANCE
         return not kept, solution.duration
 
     def _largest_excess(self, solution: Solution) -> float:
@@ -320,6 +321,7 @@ class _Search:
         wall: float,
     ) -> Motion:
         outcome = verdict(solution, self._excess(solution), self.settings.limit_tolerance)
+        outcome["advice"] += self.scale.active_bounds([p.duration for p in solution.phases])
         found = sorted({round(s["duration"], 3) for s in starts if s["status"] == "solved"})
         return _as_motion(
             self.robot,
@@ -425,8 +427,9 @@ class TimeOptimalSolver:
         self.via_q = check_via(check_limits(robot, None), via_q)
         self._starts, self._seed, self._rounds = starts, seed, rounds
         self._phases = [f"phase {i + 1}" for i in range(len(self.via_q) - 1)]
+        held: Robot = with_locked_joints_held(LimitFamily.of(robot)).robot
         self._kernels = transcription(
-            robot, self.via_q.tobytes(), len(self.via_q), compiled, payload=True
+            held, self.via_q.tobytes(), len(self.via_q), compiled, payload=True
         )
         self._solver = self._on([mesh] * len(self._phases))
 
@@ -464,7 +467,6 @@ class TimeOptimalSolver:
         family = check_limits(self.robot.with_payload(payload), limits)
         self._check_kinds(family)
         check_via(family, self.via_q)
-        robot = family.robot
         changes = self._changes(family, float(payload))
         tried: list[tuple[str, Solution]] = []
         for start in initial_guesses(family, self.via_q, self._phases, self._starts, self._seed):
@@ -495,6 +497,8 @@ class TimeOptimalSolver:
         return solution
 
     def _changes(self, family: LimitFamily, payload: float) -> dict[str, Any]:
+        size = TaskScale.of(family, self.via_q)
+        family = with_locked_joints_held(family)
         declared = {c.name for c in self._kernels.problem.phases[0].constraints}
         pairs = {key: family.robot.limits.bounds(key) for key in OF_VARIABLES}
         for member in family:
@@ -503,11 +507,23 @@ class TimeOptimalSolver:
         return {
             "bounds": dict.fromkeys(self._phases, pairs),
             "parameters": {phase: {"payload": payload} for phase in self._phases},
+            "durations": {
+                phase: (float(shortest), float(longest))
+                for phase, shortest, longest in zip(
+                    self._phases, size.shortest, size.longest, strict=True
+                )
+            },
         }
 
     def _check_kinds(self, family: LimitFamily) -> None:
         """Only the numbers of limits may change: their expressions are built in."""
         own = LimitFamily.of(self.robot)
+        freed = np.flatnonzero(locked_joints(own) & ~locked_joints(family))
+        if freed.size:
+            raise InputError(
+                f"limits let joint {self.robot.joint_names[freed[0]]!r} move, but the solver was "
+                "made for a robot that locks it"
+            )
         for member in family:
             if member.key in ("q", "qdd"):  # bounds of variables, which are always there
                 continue

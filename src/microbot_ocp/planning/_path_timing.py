@@ -44,6 +44,7 @@ from microbot_ocp.planning._task import (
     verdict,
     whole,
     with_changes,
+    with_locked_joints_held,
 )
 from microbot_ocp.robot import Robot
 
@@ -181,11 +182,12 @@ class _PathSearch:
         label: str,
         progress: StepProgress,
     ) -> None:
-        self.family, self.path, self.settings = family, path, settings
+        self.family, self.path = with_locked_joints_held(family, None), path
+        self.settings = settings
         self.robot: Robot = family.robot
         self.label, self.progress = label, progress
-        self.stops = stops(path, family)
-        self.curves = segments(path, family)
+        self.stops = stops(path, self.family)
+        self.curves = segments(path, self.family)
         self.pieces = self._pieces()
 
     def _pieces(self) -> list[_Piece]:

@@ -6,6 +6,7 @@ their own. Sizes within a factor of ten of the usual ones are left alone.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +20,7 @@ USUAL_ACCELERATION = 10.0  # rad/s^2 (m/s^2), ten times what is typical
 POSES = 5  # along every segment, at which inertias are looked at
 LONGEST = 1e3  # times the sum of the typical durations: no segment takes longer
 SHORTEST = 1e-2  # of the time at the highest speed that a joint might reach
+AT_BOUND = 1e-2  # relative distance at which a duration stands on a bound
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +80,17 @@ class TaskScale:
             velocity=_power(velocity),
             acceleration=USUAL_ACCELERATION * _power(acceleration),
         )
+
+    def active_bounds(self, durations: Sequence[float]) -> str:
+        """Sentences on the segments whose durations [m-1] stand on a bound, "" where none does."""
+        said = ""
+        for k, duration in enumerate(durations):
+            between = f"between via points {k + 1} and {k + 2}"
+            if duration <= self.shortest[k] * (1 + AT_BOUND):
+                said += f"\nThe time {between} could not be shorter than {duration:.3g} s"
+            elif duration >= self.longest[k] * (1 - AT_BOUND):
+                said += f"\nThe time {between} could not be longer than {duration:.3g} s"
+        return said and f"{said}: bounds of the search, which no limit asks for."
 
 
 def _larger(bounds: tuple[FloatArray, FloatArray]) -> FloatArray:

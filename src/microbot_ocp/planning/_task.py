@@ -129,10 +129,10 @@ def check_via(family: LimitFamily, via_q: ArrayLike) -> FloatArray:
                 f"via points {index} and {index + 1} are the same: the time between them would "
                 "be a duration of zero"
             )
-    for joint in np.flatnonzero(locked_joints(family)):
+    for joint in np.flatnonzero(locked_joints(family)).tolist():
         moved = np.flatnonzero(np.diff(via[:, joint]))
         if moved.size:
-            raise InputError(_cannot_move(family.robot, joint, via, moved[0]))
+            raise InputError(_cannot_move(family.robot, joint, via, int(moved[0])))
     for index in (0, via.shape[0] - 1):
         check_rest(family, f"via point {index + 1}", via[index])
     return via

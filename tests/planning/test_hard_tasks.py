@@ -1,0 +1,93 @@
+"""Tasks that are hard: locked joints, tiny and huge sizes, torques too small to lift the arm."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import microbot_ocp as mo
+from planning.shared import arm, pendulum, slider
+
+LOCKED_VIA = np.array([[0.0, 0.3], [1.0, 0.3], [0.5, 0.3]])
+
+
+@pytest.fixture
+def locked():
+    return arm().with_limits(qd_max=[3.0, 0.0])
+
+
+def test_a_locked_joint_stands_still_in_a_free_motion(locked):
+    motion = mo.time_optimal(locked, LOCKED_VIA, mesh=30, compiled=False)
+    assert motion.solved
+    assert mo.certify(locked, motion, via_q=LOCKED_VIA).ok
+    np.testing.assert_allclose(motion.q[:, 1], 0.3, atol=1e-9)
+    free = mo.time_optimal(arm(), LOCKED_VIA, mesh=30, compiled=False)
+    assert free.duration <= motion.duration * (1 + 1e-6)
+
+
+def test_a_locked_joint_stands_still_along_a_path(locked):
+    path = mo.straight_path(LOCKED_VIA)
+    motion = mo.time_optimal_path(locked, path, mesh=30, compiled=False)
+    assert motion.solved
+    assert mo.certify(locked, motion).ok
+    assert mo.time_path(locked, path).duration == pytest.approx(motion.duration, rel=1e-3)
+
+
+@pytest.mark.parametrize("quantity", ["qd_max", "qdd_max", "qddd_max"])
+def test_a_locked_joint_that_must_move_is_named(quantity):
+    robot = arm().with_limits(**{quantity: [3.0, 0.0]})
+    via = [[0.0, 0.3], [1.0, 0.3], [0.5, 0.4]]
+    with pytest.raises(mo.InputError, match=r"joint 2' cannot move.* at via point 2 and"):
+        mo.time_optimal(robot, via)
+    with pytest.raises(mo.InputError, match=r"path moves joint 'joint 2', which cannot move"):
+        mo.time_optimal_path(robot, mo.straight_path(via))
+
+
+@pytest.mark.parametrize("way", [1e-5, 1.0, 1e4])
+@pytest.mark.parametrize("mass", [1e-3, 1e3])
+def test_a_rail_of_any_length_takes_the_closed_form(way, mass):
+    motion = mo.time_optimal(slider(mass, tau_max=5.0), [[0.0], [way]], mesh=40, compiled=False)
+    assert motion.solved
+    assert motion.duration == pytest.approx(2 * np.sqrt(way * mass / 5.0), rel=2e-3)
+
+
+def test_a_velocity_limit_may_be_tiny():
+    robot = slider(qd_max=1e-4, tau_max=5.0)
+    motion = mo.time_optimal(robot, [[0.0], [1.0]], mesh=40, compiled=False)
+    assert motion.solved
+    assert motion.duration == pytest.approx(1e4, rel=0.03)
+
+
+@pytest.mark.parametrize("apart", [1e-3, 1e-5])
+def test_via_points_close_together_cost_nothing(apart):
+    robot = slider(tau_max=2.0)
+    via = [[0.0], [0.5], [0.5 + apart], [1.0]]
+    motion = mo.time_optimal(robot, via, mesh=20, compiled=False)
+    assert motion.solved
+    assert motion.duration == pytest.approx(2.0, rel=2e-3)
+
+
+def test_a_pendulum_too_weak_to_be_lifted_swings_several_times():
+    robot = pendulum(tau_max=2.5, qd_max=20.0)
+    via = [[0.0], [np.pi]]
+    motion = mo.time_optimal(robot, via, mesh=60, compiled=False)
+    assert motion.solved
+    assert mo.certify(robot, motion, via_q=via).ok
+    assert np.count_nonzero(np.diff(np.sign(motion.qd[1:-1, 0]))) >= 2
+    tried = motion.provenance["starts"]
+    assert len(tried) <= 30
+    one = mo.time_optimal(robot, via, mesh=60, compiled=False, starts=1, tries=1)
+    assert len(one.provenance["starts"]) == 1
+
+
+def test_an_answer_on_a_bound_of_the_duration_says_so(monkeypatch):
+    from microbot_ocp.planning import _scale
+
+    monkeypatch.setattr(_scale, "LONGEST", 0.3)
+    robot = slider(1.0, tau_max=5.0)
+    motion = mo.time_optimal(robot, [[0.0], [1.234]], mesh=20, compiled=False)
+    assert not motion.solved
+    monkeypatch.setattr(_scale, "LONGEST", 1e3)
+    monkeypatch.setattr(_scale, "SHORTEST", 5.0)
+    motion = mo.time_optimal(robot, [[0.0], [1.2345]], mesh=20, compiled=False)
+    assert "could not be shorter than" in motion.provenance["advice"]
