@@ -159,7 +159,7 @@ def test_a_fault_in_a_prepared_kernel_is_found(output, said):
             made.append(ca.Function(function.name(), [v, c], outputs))
             break
         stage = made[0]
-        return _kernels.with_derivatives(stage, functions[3])
+        return _kernels.with_derivatives([stage, functions[3]])
 
     problem = cart()
     solution = solve(Transcription(problem, prepare=altered), 20, settings=SETTINGS)

@@ -87,6 +87,10 @@ def _terms(phase: Phase) -> Iterator[_Term]:
         yield _Term("an algebraic equation", equation)
     for cost in phase.running_costs:
         yield _Term("a running cost", cost)
+    for item in phase.point_costs:
+        yield _Term("a point cost", item.expression)
+    for limit in phase.point_constraints:
+        yield _Term(f"point constraint {limit.name!r}", limit.expression)
     for limit in phase.end_constraints:
         yield _Term(f"end constraint {limit.name!r}", limit.expression, at_end=True)
     for cost in phase.end_costs:
@@ -143,6 +147,9 @@ def _points(
     for parameter in phase.parameters:
         names.append((parameter.name, parameter.symbol))
         tables.append(np.tile(parameter.value[:, None], (1, k.size)))
+    for data in phase.measurements:
+        names.append((data.name, data.symbol))
+        tables.append(np.tile(data.value.mean(axis=0)[:, None], (1, k.size)))
     times = (values.mesh[k] + share * h[k]) * values.duration
     names += [("time", phase.time), ("duration", phase.duration)]
     tables += [times[None, :], np.full((1, k.size), values.duration)]

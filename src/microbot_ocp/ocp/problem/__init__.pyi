@@ -1,10 +1,18 @@
 """Public names; loaded when they are first asked for."""
 
+from ._items import (
+    Measurement as Measurement,
+    Parameter as Parameter,
+    PathConstraint as PathConstraint,
+    PhaseLink as PhaseLink,
+    PointConstraint as PointConstraint,
+    PointCost as PointCost,
+    Variable as Variable,
+)
+from ._phase import (
+    Phase as Phase,
+)
 from ._problem import (
     OptimalControlProblem as OptimalControlProblem,
-    PathConstraint as PathConstraint,
-    Phase as Phase,
-    PhaseLink as PhaseLink,
-    Variable as Variable,
     node_variables as node_variables,
 )

@@ -116,7 +116,7 @@ def guess_from(problem: OptimalControlProblem, solution: Solution) -> dict[str, 
             share = (index / len(problem.phases), (index + 1) / len(problem.phases))
         whole = sum(piece.duration for piece in pieces)
         values: dict[str, GuessValue] = dict(ordinary[phase.name].values)
-        for variable in [*phase.states, *phase.controls, *phase.algebraics]:
+        for variable in phase.variables:
             if all(_has(piece, variable) for piece in pieces):
                 values[variable.name] = partial(_along, pieces, variable.name, share)
         duration = float(np.clip(whole * (share[1] - share[0]), *phase.duration_bounds))
@@ -130,7 +130,7 @@ def missing_from(problem: OptimalControlProblem, solution: Solution) -> Iterator
     matched = all(phase.name in known for phase in problem.phases)
     for phase in problem.phases:
         pieces = (known[phase.name],) if matched else solution.phases
-        for variable in [*phase.states, *phase.controls, *phase.algebraics]:
+        for variable in phase.variables:
             if not all(_has(piece, variable) for piece in pieces):
                 yield f"{variable.name} of phase {phase.name!r}"
 
@@ -179,8 +179,9 @@ def _moved_multipliers(
     new_rows = np.zeros(program.row_lower.size)
     new_variables = np.zeros(program.variable_lower.size)
     for before, after in zip(old, program.layouts, strict=True):
-        for which in ("initial", "link", "end", "final"):
-            new_rows[getattr(after, which).places] = rows[getattr(before, which).places]
+        ends = zip(before.rows[len(before.groups) :], after.rows[len(after.groups) :], strict=True)
+        for old_block, new_block in ends:
+            new_rows[new_block.places] = rows[old_block.places]
         _move(_row_series(before), _row_series(after), rows, new_rows)
         _move(_variable_series(before), _variable_series(after), variables, new_variables)
         _move_nodes(before, after, variables, new_variables)

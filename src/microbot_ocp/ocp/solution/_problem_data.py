@@ -16,8 +16,9 @@ from microbot_ocp._base.checks import InputError
 from microbot_ocp.ocp.problem import PathConstraint, Phase, Variable
 from microbot_ocp.ocp.transcription import PhaseLayout
 
-KINDS = ("states", "controls", "algebraics")
-LIMITS = ("constraints", "end_constraints")
+KINDS = ("states", "controls", "algebraics", "free_parameters")
+LIMITS = ("constraints", "end_constraints", "point_constraints")
+CONSTANTS = ("parameters", "measurements")
 
 
 def problem_data(layout: PhaseLayout) -> dict[str, Any]:
@@ -26,7 +27,7 @@ def problem_data(layout: PhaseLayout) -> dict[str, Any]:
     return {
         "duration": list(phase.duration_bounds),
         "duration_scale": float(layout.node_scale[-1]),
-        "parameters": {p.name: p.value.tolist() for p in phase.parameters},
+        **{kind: {p.name: p.value.tolist() for p in getattr(phase, kind)} for kind in CONSTANTS},
         **{kind: [_of_variable(v) for v in getattr(phase, kind)] for kind in KINDS},
         **{kind: [_of_limit(c) for c in getattr(phase, kind)] for kind in LIMITS},
     }
@@ -42,7 +43,7 @@ def with_problem_data(phase: Phase, data: Mapping[str, Any]) -> Phase:
     """
     made = copy.copy(phase)
     for kind in (*KINDS, *LIMITS):
-        own, given = getattr(phase, kind), data[kind]
+        own, given = getattr(phase, kind), data.get(kind, [])
         same = [(v.name, v.scale.size) for v in own] == [
             (g["name"], len(g["scale"])) for g in given
         ]
@@ -53,16 +54,15 @@ def with_problem_data(phase: Phase, data: Mapping[str, Any]) -> Phase:
                 f"{[v.name for v in own]}"
             )
         setattr(made, kind, [_changed(v, g) for v, g in zip(own, given, strict=True)])
-    names = [p.name for p in phase.parameters]
-    if names != list(data["parameters"]):
-        raise InputError(
-            f"phase {phase.name!r} of the solution has the parameters "
-            f"{list(data['parameters'])}, not {names}"
-        )
-    made.parameters = [
-        replace(p, value=np.array(data["parameters"][p.name], dtype=float))
-        for p in phase.parameters
-    ]
+    for kind in CONSTANTS:
+        own, values = getattr(phase, kind), data.get(kind, {})
+        shapes = {name: np.shape(value) for name, value in values.items()}
+        if shapes != {p.name: p.value.shape for p in own}:
+            raise InputError(
+                f"phase {phase.name!r} of the solution has the {kind} {list(values)}, not "
+                f"{[p.name for p in own]}"
+            )
+        setattr(made, kind, [replace(p, value=np.array(values[p.name], float)) for p in own])
     low, high = data["duration"]
     made.duration_bounds = (low, high)
     made.duration_scale = data["duration_scale"]

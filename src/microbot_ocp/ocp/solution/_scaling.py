@@ -22,6 +22,7 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp.problem import OptimalControlProblem, PathConstraint, Phase, Variable
 from microbot_ocp.ocp.solution._initial_guess import default_guess, guess_from
+from microbot_ocp.ocp.solution._problem_data import KINDS, LIMITS
 from microbot_ocp.ocp.solution._solution import Solution
 from microbot_ocp.ocp.transcription import Guess, Program
 
@@ -113,13 +114,12 @@ def _with_scales(
     duration_scale: float | None,
 ) -> Phase:
     made = copy.copy(phase)
-    for kind in ("states", "controls", "algebraics"):
+    for kind in KINDS:
         own = [replace(v, scale=scales.get(v.name, v.scale)) for v in getattr(phase, kind)]
         setattr(made, kind, own)
-    own = [*phase.constraints, *phase.end_constraints]
-    new = [replace(c, scale=s) for c, s in zip(own, limits, strict=True)]
-    made.constraints = new[: len(phase.constraints)]
-    made.end_constraints = new[len(phase.constraints) :]
+    found = iter(limits)
+    for kind in LIMITS:
+        setattr(made, kind, [replace(c, scale=next(found)) for c in getattr(phase, kind)])
     made.duration_scale = duration_scale
     return made
 
@@ -145,7 +145,7 @@ class _Look:
 
     def __init__(self, phase: Phase, given: Guess | None, ordinary: Guess) -> None:
         self.phase = phase
-        self.variables = [*phase.states, *phase.controls, *phase.algebraics]
+        self.variables = phase.variables
         self.unscaled = [v for v in self.variables if not v.scaled]
         guessed = ordinary.duration if given is None else float(given.duration)
         # a wrong duration is refused where the guess is used
@@ -171,6 +171,15 @@ class _Look:
 
     def find_sizes(self) -> None:
         """Sizes that are not known from those that are."""
+        self._follow_dynamics()
+        for limit in self.phase.point_constraints:
+            if limit.defines and np.isnan(self.sizes[limit.defines]).any():
+                found = self._evaluated(limit.expression)
+                span = np.nan_to_num(self._stacked(self.variables))
+                size = _typical((np.abs(found.slopes) * span).max(axis=2))
+                self.sizes[limit.defines] = np.where(size > 0, size, _typical(np.abs(found.values)))
+
+    def _follow_dynamics(self) -> None:
         slope = ca.vertcat(*(self.phase.derivatives[s.name] for s in self.phase.states))
         for _ in range(ROUNDS):
             sizes = self._stacked(self.variables)
@@ -197,9 +206,12 @@ class _Look:
     def limit_scales(self, scales: Mapping[str, FloatArray]) -> list[FloatArray]:
         """How far constraints change when the variables change by their scales."""
         self.sizes = dict(scales)
-        limits = [*self.phase.constraints, *self.phase.end_constraints]
+        limits = [limit for kind in LIMITS for limit in getattr(self.phase, kind)]
         found = []
         for limit in limits:
+            if getattr(limit, "defines", ""):
+                found.append(scales[limit.defines])
+                continue
             if limit.scaled:
                 found.append(limit.scale)
                 continue
@@ -243,6 +255,9 @@ class _Look:
         for parameter in self.phase.parameters:
             symbols.append(parameter.symbol)
             points.append(np.tile(parameter.value[:, None], (1, POINTS)))
+        for data in self.phase.measurements:
+            symbols.append(data.symbol)
+            points.append(data.value[np.arange(POINTS) % len(data.value)].T)
         symbols += [self.phase.time, self.phase.duration]
         points += [self.duration * self.share[None, :], np.full((1, POINTS), self.duration)]
         slopes = ca.densify(ca.jacobian(expression, moving))

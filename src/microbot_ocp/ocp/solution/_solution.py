@@ -15,7 +15,14 @@ from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.problem import Phase, Variable, node_variables
 from microbot_ocp.ocp.solution._gap import UNKNOWN, Gap
-from microbot_ocp.ocp.transcription import Guess, IntArray, PhaseLayout, Program, fill_transitions
+from microbot_ocp.ocp.transcription import (
+    Guess,
+    IntArray,
+    PhaseLayout,
+    Program,
+    fill_transitions,
+    fill_values,
+)
 
 
 @dataclass(frozen=True)
@@ -54,6 +61,7 @@ class PhaseSolution:
     layout : where the values stand in the program
     stages : its scaled stages, in turn
     degrees : of the intervals [N], where they were chosen one by one
+    parameters : its free parameters [size] by name; ``values`` has them at every mesh point
     """
 
     name: str
@@ -63,6 +71,7 @@ class PhaseSolution:
     layout: PhaseLayout | None = None
     stages: FloatArray | None = None
     degrees: IntArray | None = None
+    parameters: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         names = ", ".join(self.values)
@@ -169,6 +178,11 @@ class Solution:
         return self.status.solved
 
     @property
+    def parameters(self) -> dict[str, FloatArray]:
+        """Free parameters by name [size], and values at points of phases that something needed."""
+        return {k: v for phase in self.phases for k, v in phase.parameters.items()}
+
+    @property
     def duration(self) -> float:
         """Sum of the durations of the phases, s."""
         return float(sum(phase.duration for phase in self.phases))
@@ -196,7 +210,14 @@ def _phase_values(layout: PhaseLayout, x: FloatArray) -> PhaseSolution:
             inside.setdefault(name, []).append((group.intervals, np.stack(parts, axis=1)))
     values.update({name: _in_turn(parts) for name, parts in inside.items()})
     return PhaseSolution(
-        layout.phase.name, float(nodes[0, -1]), layout.mesh, values, layout, stages, layout.degrees
+        layout.phase.name,
+        float(nodes[0, -1]),
+        layout.mesh,
+        values,
+        layout,
+        stages,
+        layout.degrees,
+        {v.name: values[v.name][0] for v in layout.phase.free_parameters},
     )
 
 
@@ -225,7 +246,7 @@ def pack(program: Program, guesses: Mapping[str, Guess]) -> FloatArray:
     """
     x = np.zeros(program.variable_lower.size)
     for layout in program.layouts:
-        guess = _guess_for(layout.phase.name, guesses)
+        guess = _with_parameters(layout.phase, _guess_for(layout.phase.name, guesses), guesses)
         _check_names(layout.phase, guess)
         nodes = node_variables(layout.phase)
         table = [_guess_table(layout, guess, v, layout.mesh) for v in nodes]
@@ -247,6 +268,7 @@ def pack(program: Program, guesses: Mapping[str, Guess]) -> FloatArray:
             if w:
                 places = group.variables[:, layout.node_size :]
                 x[places] = np.hstack(w) / group.kind.scale[layout.node_size :]
+    fill_values(program.layouts, x)
     fill_transitions(program.layouts, x)
     return x
 
@@ -259,8 +281,22 @@ def _guess_for(name: str, guesses: Mapping[str, Guess]) -> Guess:
     return guesses[name]
 
 
+def _with_parameters(phase: Phase, guess: Guess, guesses: Mapping[str, Guess]) -> Guess:
+    """The guess with free parameters as any other phase has them, or within their bounds."""
+    values = dict(guess.values)
+    for own in phase.free_parameters:
+        known = [other.values[own.name] for other in guesses.values() if own.name in other.values]
+        bounded = np.isfinite(own.lower) & np.isfinite(own.upper)
+        with np.errstate(invalid="ignore"):
+            middle = np.where(
+                bounded, (own.lower + own.upper) / 2, np.clip(0.0, own.lower, own.upper)
+            )
+        values.setdefault(own.name, known[0] if known else middle)
+    return Guess(guess.duration, values)
+
+
 def _check_names(phase: Phase, guess: Guess) -> None:
-    known = [v.name for v in (*phase.states, *phase.controls, *phase.algebraics)]
+    known = [v.name for v in phase.variables]
     for name in guess.values:
         if name not in known:
             raise InputError(

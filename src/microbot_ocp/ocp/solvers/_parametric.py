@@ -149,7 +149,7 @@ class ParametricSolver:
             self.program,
             layouts=tuple(layouts),
             **vars(bounds_of(layouts)),
-            parameters=np.concatenate([layout.parameters for layout in layouts]),
+            parameters=np.concatenate([layout.data for layout in layouts]),
         )
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -168,17 +168,18 @@ def _restored(state: bytes) -> ParametricSolver:
 def _with_changes(phase: Phase, own: Mapping[str, Any]) -> Phase:
     """A copy of a phase with the same expressions and other limits and parameters."""
     changed = copy.copy(phase)
-    variables = {v.name: v for v in (*phase.states, *phase.controls, *phase.algebraics)}
-    limits = {f"c {c.name}": c for c in phase.constraints}
+    variables = {v.name: v for v in phase.variables}
+    limits: dict[str, Any] = {f"c {c.name}": c for c in phase.constraints}
     limits |= {f"e {c.name}": c for c in phase.end_constraints}
-    constants = {p.name: p for p in phase.parameters}
+    limits |= {f"p {c.name}": c for c in phase.point_constraints}
+    constants: dict[str, Any] = {p.name: p for p in (*phase.parameters, *phase.measurements)}
     for name, value in (own["parameters"] or {}).items():
         old = _known("parameter", name, constants, phase)
         label = f"parameter {name!r}"
         new = checks.array(label, np.ravel(np.asarray(value, float)), (old.value.size,))
-        constants[name] = replace(old, value=new)
+        constants[name] = replace(old, value=new.reshape(old.value.shape))
     for name, pair in (own["bounds"] or {}).items():
-        kinds = [k for k in (f"c {name}", f"e {name}") if k in limits]
+        kinds = [k for k in (f"c {name}", f"e {name}", f"p {name}") if k in limits]
         for pool, key in [(limits, k) for k in kinds] or [(variables, name)]:
             old = _known("limit", key, pool, phase, name)
             low, high = _pair(f"bounds of {name!r}", pair, old.lower, old.upper)
@@ -189,6 +190,11 @@ def _with_changes(phase: Phase, own: Mapping[str, Any]) -> Phase:
             old = _known(which, name, {k: v for k, v in variables.items() if k in nodes}, phase)
             variables[name] = replace(old, **{which: _condition(phase, old, which, value)})
     if own["durations"] is not None:
+        if phase.point_fractions:
+            raise InputError(
+                f"phase {phase.name!r} has costs or constraints at given times: its duration is "
+                "as declared"
+            )
         value = own["durations"]
         low, high = value if isinstance(value, tuple) else (value, value)
         low = checks.number(f"duration of phase {phase.name!r}", low, "s", above=0.0)
@@ -197,9 +203,12 @@ def _with_changes(phase: Phase, own: Mapping[str, Any]) -> Phase:
     changed.states = [variables[v.name] for v in phase.states]
     changed.controls = [variables[v.name] for v in phase.controls]
     changed.algebraics = [variables[v.name] for v in phase.algebraics]
+    changed.free_parameters = [variables[v.name] for v in phase.free_parameters]
     changed.constraints = [limits[f"c {c.name}"] for c in phase.constraints]
     changed.end_constraints = [limits[f"e {c.name}"] for c in phase.end_constraints]
-    changed.parameters = list(constants.values())
+    changed.point_constraints = [limits[f"p {c.name}"] for c in phase.point_constraints]
+    changed.parameters = [constants[p.name] for p in phase.parameters]
+    changed.measurements = [constants[m.name] for m in phase.measurements]
     return changed
 
 

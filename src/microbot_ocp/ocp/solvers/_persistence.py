@@ -103,11 +103,11 @@ def save_solution(solution: Solution, path: str | Path) -> Path:
             "name": phase.name,
             "duration": phase.duration,
             "values": list(phase.values),
+            "free": {name: value.tolist() for name, value in phase.parameters.items()},
         }
         if phase.layout is not None:
             own = phase.layout.phase
-            variables = (*own.states, *own.controls, *own.algebraics)
-            described["units"] = {v.name: v.unit for v in variables}
+            described["units"] = {v.name: v.unit for v in own.variables}
             described["numbers"] = problem_data(phase.layout)
             scheme = phase.layout.scheme
             described["scheme"] = [type(scheme).__name__, dict(vars(scheme))]
@@ -222,6 +222,7 @@ def _restored(
             layout=layouts[i],
             stages=_flat(arrays.get(f"phase{i}.stages")),
             degrees=arrays.get(f"phase{i}.degrees"),
+            parameters={k: np.array(v, float) for k, v in described.get("free", {}).items()},
         )
         for i, described in enumerate(metadata["phases"])
     )

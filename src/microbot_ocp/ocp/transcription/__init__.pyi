@@ -6,6 +6,7 @@ from ._assembly import (
 )
 from ._kernels import (
     Kernels as Kernels,
+    PointKernel as PointKernel,
     build_kernels as build_kernels,
     interpolated_variables as interpolated_variables,
     joined as joined,
@@ -14,10 +15,12 @@ from ._kernels import (
 from ._layout import (
     Bounds as Bounds,
     PhaseLayout as PhaseLayout,
+    PointGroup as PointGroup,
     StageGroup as StageGroup,
     StageKind as StageKind,
     bounds_of as bounds_of,
     fill_transitions as fill_transitions,
+    fill_values as fill_values,
     row_labels as row_labels,
     stage_kind as stage_kind,
     variable_labels as variable_labels,

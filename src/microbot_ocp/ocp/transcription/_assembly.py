@@ -15,6 +15,7 @@ from microbot_ocp.ocp.transcription._kernels import joined
 from microbot_ocp.ocp.transcription._layout import (
     Bounds,
     PhaseLayout,
+    PointGroup,
     StageGroup,
     bounds_of,
     row_labels,
@@ -83,8 +84,17 @@ class _Entries:
         rows, columns = np.concatenate(self.rows), np.concatenate(self.columns)
         keep = np.flatnonzero(rows <= columns) if upper else np.arange(rows.size)
         order = keep[np.lexsort((rows[keep], columns[keep]))]
-        sparsity = ca.Sparsity.triplet(height, width, rows[order].tolist(), columns[order].tolist())
-        return ca.MX(sparsity, ca.vertcat(*self.values)[order.tolist()])
+        rows, columns, values = rows[order], columns[order], ca.vertcat(*self.values)
+        fresh = (np.diff(rows, prepend=-1) != 0) | (np.diff(columns, prepend=-1) != 0)
+        own = np.cumsum(fresh) - 1  # nonzero of every entry
+        nonzeros = values[order[fresh].tolist()]
+        for turn in range(1, int(np.bincount(own).max(initial=0))):
+            # points inside a phase add to what their stages have there
+            again = np.flatnonzero(np.arange(own.size) - np.flatnonzero(fresh)[own] == turn)
+            nonzeros[own[again].tolist()] += values[order[again].tolist()]
+        rows, columns = rows[fresh], columns[fresh]
+        sparsity = ca.Sparsity.triplet(height, width, rows.tolist(), columns.tolist())
+        return ca.MX(sparsity, nonzeros)
 
 
 def assemble(layouts: Sequence[PhaseLayout], *, parametric: bool = False) -> Program:
@@ -95,7 +105,7 @@ def assemble(layouts: Sequence[PhaseLayout], *, parametric: bool = False) -> Pro
     bounds = bounds_of(layouts)
     width, height = bounds.variable_lower.size, bounds.row_lower.size
     x = ca.MX.sym("x", width)
-    declared = [layout.parameters for layout in layouts]
+    declared = [layout.data for layout in layouts]
     parameters = joined(declared) if parametric else np.zeros(0)
     p = ca.MX.sym("p", parameters.size)
     offsets = np.cumsum([0, *(d.size for d in declared)]).tolist()
@@ -165,14 +175,13 @@ class _PhasePiece:
     def __init__(self, layout: PhaseLayout, x: ca.MX, constants: ca.MX) -> None:
         nodes = layout.nodes
         self.layout = layout
-        self.end = layout.kinds[0].kernels
-        self.z_last = x[nodes[-1].tolist()]
         self.conditions = [
             (block.places[0], nodes[place, layout.node_columns(block)])
             for block, place in ((layout.initial, 0), (layout.final, -1))
         ]
         self.x = x
-        self.constants = constants
+        self.points = [_PointPiece(layout, group, x, constants) for group in layout.points]
+        fixed = constants[: layout.parameters.size]
         grid = np.vstack([layout.mesh[:-1], np.diff(layout.mesh)])
         self.groups = [
             _GroupPiece(
@@ -182,24 +191,27 @@ class _PhasePiece:
                 arrivals=nodes[group.intervals + 1],
                 grid=ca.vertcat(
                     ca.MX(ca.DM(grid[:, group.intervals])),
-                    ca.repmat(constants, 1, group.intervals.size),
+                    ca.repmat(fixed, 1, group.intervals.size),
                 ),
             )
             for group in layout.groups
         ]
 
-    def _common_rows(self, rows: _Parts, end: ca.MX) -> None:
+    def _common_rows(self, rows: _Parts) -> None:
         layout, x = self.layout, self.x
         for places, columns in self.conditions:
             rows.add(places, x[columns.tolist()])
         source, target = x[layout.sources.tolist()], x[layout.targets.tolist()]
         rows.add(layout.link.places, target - ca.DM(layout.factors) * source)
-        rows.add(layout.end.places, end)
 
     def values(self, rows: _Parts) -> ca.MX:
         """Cost; rows are added to those of the program."""
-        tail, cost = self.end.end(self.z_last, self.constants)
-        self._common_rows(rows, tail)
+        self._common_rows(rows)
+        cost = ca.MX(0)
+        for point in self.points:
+            found, added = point.mapped(point.kernel.point)(point.z, point.c)
+            rows.add(point.group.block.places, found)
+            cost = cost + ca.sum2(added)
         for own in self.groups:
             kernel = own.group.kind.kernels.stage.map(own.count)
             following, constraints, running = kernel(own.v, own.grid)
@@ -210,13 +222,20 @@ class _PhasePiece:
     def first_order(self, rows: _Parts, gradient: _Parts, jacobian: _Entries) -> ca.MX:
         """Cost; rows, its gradient and the Jacobian are added to those of the program."""
         layout = self.layout
-        nz, last = layout.node_size, layout.nodes[-1]
-        tail, block, cost, slope = self.end.end_jacobian(self.z_last, self.constants)
-        self._common_rows(rows, tail)
-        gradient.add(last, slope)
+        nz, cost = layout.node_size, ca.MX(0)
+        self._common_rows(rows)
+        slopes = ca.MX.zeros(nz, layout.intervals + 1)
+        inner = any(point.group.nodes[0] < layout.intervals for point in self.points)
+        for point in self.points:
+            kernel = point.kernel.jacobian
+            found, block, added, slope = point.mapped(kernel)(point.z, point.c)
+            rows.add(point.group.block.places, found)
+            slopes[:, point.group.nodes.tolist()] += slope
+            at, column = _triplet(kernel, 1)
+            jacobian.add(point.group.block.places[:, at], point.places[:, column], block.nz[:])
+            cost = cost + ca.sum2(added)
+        gradient.add(layout.nodes[-1], slopes[:, -1])
         gradient.add(layout.transition.places, ca.MX.zeros(layout.transition.places.size))
-        at, column = _triplet(self.end.end_jacobian, 1)
-        jacobian.add(layout.end.places[0, at], last[column], block.nz[:])
         for places, columns in self.conditions:
             jacobian.add(places, columns, np.ones(places.size))
         jacobian.add(layout.link.places, layout.targets, np.ones(layout.targets.size))
@@ -229,23 +248,41 @@ class _PhasePiece:
             jacobian.add(group.rows[:, at], group.variables[:, column], block.nz[:] * ca.DM(sign))
             jacobian.add(group.rows[:, :nz], own.arrivals, np.ones(own.arrivals.size))
             rows.add(group.rows, ca.vertcat(own.z_next - both[:nz, :], both[nz:, :]))
+            if inner:
+                slope[:nz, :] += slopes[:, group.intervals.tolist()]
             gradient.add(group.variables, slope)
             cost = cost + ca.sum2(running)
         return cost
 
     def second_order(self, lam_f: ca.MX, lam_g: ca.MX, hessian: _Entries) -> None:
         """The Hessian is added to that of the program."""
-        lam_end = lam_g[self.layout.end.places[0].tolist()]
-        block = self.end.end_hessian(self.z_last, self.constants, lam_end, lam_f)
-        row, column = _triplet(self.end.end_hessian, 0)
-        last = self.layout.nodes[-1]
-        hessian.add(last[row], last[column], block.nz[:])
+        for point in self.points:
+            kernel = point.kernel.hessian
+            lam = _gathered(lam_g, point.group.block.places)
+            factor = ca.repmat(lam_f, 1, point.group.nodes.size)
+            block = point.mapped(kernel)(point.z, point.c, lam, factor)
+            row, column = _triplet(kernel, 0)
+            hessian.add(point.places[:, row], point.places[:, column], block.nz[:])
         for own in self.groups:
             group, kernel = own.group, own.group.kind.kernels.stage_hessian
             lam = _gathered(lam_g, group.rows)
             block = kernel.map(own.count)(own.v, own.grid, lam, ca.repmat(lam_f, 1, own.count))
             row, column = _triplet(kernel, 0)
             hessian.add(group.variables[:, row], group.variables[:, column], block.nz[:])
+
+
+class _PointPiece:
+    """Points of one kind: their z with its indices, and their constants."""
+
+    def __init__(self, layout: PhaseLayout, group: PointGroup, x: ca.MX, constants: ca.MX) -> None:
+        self.group, self.kernel = group, group.kernel
+        self.places = layout.nodes[group.nodes]
+        self.z = _gathered(x, self.places)
+        fractions = ca.MX(ca.DM(layout.mesh[group.nodes]).T)
+        self.c = ca.vertcat(fractions, _gathered(constants, layout.point_places(group).T))
+
+    def mapped(self, function: ca.Function) -> ca.Function:
+        return function.map(self.group.nodes.size)
 
 
 @dataclass(frozen=True, eq=False)

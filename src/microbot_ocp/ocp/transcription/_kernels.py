@@ -1,7 +1,8 @@
 """Kernels of one interval: its step, rows and cost as functions, with their derivatives.
 
-Every mesh point carries z = (states, linear controls, duration); an interval adds w = (constant
-controls, linear controls at its end, what its scheme needs inside). All of it is scaled.
+Every mesh point carries z = (states, linear controls, free parameters, duration); an interval adds
+w = (constant controls, linear controls at its end, what its scheme needs inside). All of it is
+scaled.
 """
 
 from __future__ import annotations
@@ -15,7 +16,13 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp.ocp.problem import PathConstraint, Phase, Variable, node_variables
+from microbot_ocp.ocp.problem import (
+    PathConstraint,
+    Phase,
+    PointConstraint,
+    Variable,
+    node_variables,
+)
 from microbot_ocp.ocp.transcription._composition import (
     Composition,
     Derivatives,
@@ -34,24 +41,42 @@ from microbot_ocp.ocp.transcription.schemes import (
 
 
 @dataclass(frozen=True, eq=False)
+class PointKernel:
+    """What is demanded or costs at some mesh points, with its derivatives, in scaled variables.
+
+    ``point(z, c) -> constraints, cost`` with c = (fraction, parameters, data).
+
+    Attributes
+    ----------
+    rows : what the constraints are, in their order
+    fractions : at which fractions [M] of the phase
+    data : names of the measurements of which c has the data
+    """
+
+    point: ca.Function
+    jacobian: ca.Function
+    hessian: ca.Function
+    rows: tuple[Entry, ...]
+    fractions: tuple[float, ...]
+    data: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
 class Kernels:
-    """Stage and end functions of a phase with their derivatives, in scaled variables.
+    """Stage and point functions of a phase with their derivatives, in scaled variables.
 
     ``stage(v, c) -> next, constraints, cost`` with v = (z, w) and c = (fraction at the start,
-    length of the interval as a fraction, parameters); ``end(z, parameters) -> constraints, cost``;
-    ``dense(v, c, fraction) -> x, u`` in the units of the declaration. The constraints are, in
-    their order, ``stage_rows`` and ``end_rows``.
+    length of the interval as a fraction, parameters); ``dense(v, c, fraction) -> x, u`` in the
+    units of the declaration. The constraints of a stage are, in their order, ``stage_rows``. The
+    last of the points is the end of the phase.
     """
 
     stage: ca.Function
     stage_jacobian: ca.Function
     stage_hessian: ca.Function
-    end: ca.Function
-    end_jacobian: ca.Function
-    end_hessian: ca.Function
     dense: ca.Function
     stage_rows: tuple[Entry, ...]
-    end_rows: tuple[Entry, ...]
+    points: tuple[PointKernel, ...]
 
 
 def _linear(phase: Phase) -> list[Variable]:
@@ -70,24 +95,29 @@ def stage_variables(phase: Phase, scheme: Scheme) -> list[StageVariable]:
 
 
 def interpolated_variables(phase: Phase) -> list[Variable]:
-    """What has values all along an interval: states, constant, linear and polynomial
-    controls, algebraic variables."""
-    return [*phase.states, *_constant(phase), *_linear(phase), *pointwise(phase)]
+    """What has values all along an interval: states, constant and linear controls, free
+    parameters, polynomial controls, algebraic variables."""
+    known = [*phase.states, *_constant(phase), *_linear(phase), *phase.free_parameters]
+    return [*known, *pointwise(phase)]
 
 
-Derive = Callable[[ca.Function, ca.Function, Composition | None], Sequence[ca.Function]]
+Derive = Callable[[Sequence[ca.Function], Composition | None], Sequence[ca.Function]]
 
 
 def with_derivatives(
-    stage: ca.Function,
-    end: ca.Function,
+    functions: Sequence[ca.Function],
     composition: Composition | None = None,
     derivatives: Derivatives = automatic,
 ) -> Sequence[ca.Function]:
-    """Stage and end functions, each with its Jacobian and Hessian."""
+    """The stage function, then those of points, each with its Jacobian and Hessian."""
+    stage, *points = functions
     if composition is None:
-        return [*_stage_derivatives(stage), *_end_derivatives(end)]
-    return [stage, *composed_derivatives(composition, derivatives), *_end_derivatives(end)]
+        found = list(_stage_derivatives(stage))
+    else:
+        found = [stage, *composed_derivatives(composition, derivatives)]
+    for point in points:
+        found += _point_derivatives(point)
+    return found
 
 
 def build_kernels(
@@ -113,12 +143,24 @@ def build_kernels(
     stage = ca.Function("stage", [v, c], [following, rows.stacked(), step.running])
     s = ca.MX.sym("s")
     dense = ca.Function("dense", [v, c, s], list(step.at(s)))
-    end, end_rows = _end(phase, physics, node_scale)
+    points = [*_points(phase, physics, node_scale), _end(phase, physics, node_scale)]
+    functions = [_expanded(stage), *(_expanded(own.function) for own in points)]
+    made = derive(functions, divided(stage))
     return Kernels(
-        *derive(_expanded(stage), _expanded(end), divided(stage)),
+        *made[:3],
         dense=_expanded(dense),
         stage_rows=tuple(rows.entries),
-        end_rows=tuple(end_rows.entries),
+        points=tuple(
+            PointKernel(
+                point=made[3 * k],
+                jacobian=made[3 * k + 1],
+                hessian=made[3 * k + 2],
+                rows=tuple(own.rows.entries),
+                fractions=own.fractions,
+                data=own.data,
+            )
+            for k, own in enumerate(points, start=1)
+        ),
     )
 
 
@@ -177,10 +219,10 @@ class _Physics:
         equations = ca.vertcat(*phase.algebraic_equations, ca.MX(0, 1))
         self.equations = ca.Function("equations", arguments, [equations])
         total = sum(phase.end_costs, ca.MX(0))
-        at_end = [x, u, phase.time, phase.duration, self.constants]
-        self.end_cost = ca.Function("end_cost", at_end, [total])
+        self.at_point = [x, u, phase.time, phase.duration, self.constants]
+        self.end_cost = ca.Function("end_cost", self.at_point, [total])
         self.end_limits = ca.Function(
-            "end_limits", at_end, [k.expression for k in phase.end_constraints]
+            "end_limits", self.at_point, [k.expression for k in phase.end_constraints]
         )
         self.missing = ca.MX.zeros(sum(k.size for k in pointwise(phase)))
 
@@ -194,17 +236,18 @@ def _interval(
 ) -> tuple[Interval, list[ca.MX]]:
     """Symbols of the interval, and the values that its scheme asked for."""
     own = [k.source.size for k in inner]
-    head = [sum(v.size for v in phase.states), sum(v.size for v in _linear(phase)), 1]
+    node = (phase.states, _linear(phase), phase.free_parameters)
+    head = [*(sum(v.size for v in own) for own in node), 1]
     edges = np.cumsum([0, *head, *own]).tolist()
-    x, begin, duration, *rest = (unscaled[a:b] for a, b in itertools.pairwise(edges))
+    x, begin, free, duration, *rest = (unscaled[a:b] for a, b in itertools.pairwise(edges))
     constants, linear = len(_constant(phase)), len(_linear(phase))
     none = ca.MX(0, 1)
     end = ca.vertcat(*rest[constants : constants + linear], none)
     length = c[1] * duration
     interval = Interval(
         x=x,
-        begin=begin,
-        end=end,
+        begin=ca.vertcat(begin, free),
+        end=ca.vertcat(end, free),
         constant=ca.vertcat(*rest[:constants], none),
         rate=(end - begin) / length if linear else none,
         start=c[0] * duration,
@@ -291,7 +334,7 @@ def _holds(
     """Whether a path constraint is kept at a point of the interval."""
     if _depends(expression, [v.symbol for v in pointwise(phase)]):
         return point in points  # it has no value elsewhere
-    moving = [phase.time, *(v.symbol for v in node_variables(phase))]
+    moving = [phase.time, *(v.symbol for v in (*phase.states, *_linear(phase)))]
     if not _depends(expression, moving):
         return point == 0.0  # the same all over the interval: a second row would be dependent
     if point == 1.0:
@@ -300,28 +343,67 @@ def _holds(
     return point == 0.0 or point in inner
 
 
-def _end(phase: Phase, physics: _Physics, node_scale: FloatArray) -> tuple[ca.Function, _Rows]:
+@dataclass(frozen=True, eq=False)
+class _Point:
+    """A function of points before it is differentiated, as in :class:`PointKernel`."""
+
+    function: ca.Function
+    rows: _Rows
+    fractions: tuple[float, ...]
+    data: tuple[str, ...] = ()
+
+
+def _end(phase: Phase, physics: _Physics, node_scale: FloatArray) -> _Point:
     """Cost, end constraints and continuous path constraints at the end of the phase."""
-    z = ca.MX.sym("z", node_scale.size)
-    constants = ca.MX.sym("c", physics.constants.shape[0])
-    last = z * node_scale
-    states = sum(v.size for v in phase.states)
-    x, linear, duration = last[:states], last[states:-1], last[-1]
-    no_control = ca.MX.zeros(sum(v.size for v in _constant(phase)))
-    u = ca.vertcat(no_control, linear, physics.missing)
-    no_rate = ca.MX.zeros(linear.shape[0])
-    values = _as_list(physics.limits(x, u, no_rate, duration, duration, constants))
+    z, c, at_end = _node(phase, physics, node_scale)
+    no_rate = ca.MX.zeros(sum(v.size for v in _linear(phase)))
+    x, u, *known = at_end
+    values = _as_list(physics.limits(x, u, no_rate, *known))
     rows = _Rows(phase)
     for limit, value in zip(phase.constraints, values, strict=True):
         if _continuous(phase, limit.expression):
             rows.add("constraint", [limit], value)
-    at_end = (x, u, duration, duration, constants)
     for limit, value in zip(
         phase.end_constraints, _as_list(physics.end_limits(*at_end)), strict=True
     ):
         rows.add("end", [limit], value)
     cost = physics.end_cost(*at_end)
-    return ca.Function("end", [z, constants], [rows.stacked(), cost]), rows
+    return _Point(ca.Function("point", [z, c], [rows.stacked(), cost]), rows, (1.0,))
+
+
+def _points(phase: Phase, physics: _Physics, node_scale: FloatArray) -> list[_Point]:
+    """What is demanded or costs at given times, one function a declaration."""
+    found = []
+    for item in (*phase.point_constraints, *phase.point_costs):
+        data = [m for m in phase.measurements if ca.depends_on(item.expression, m.symbol)]
+        symbols = ca.vertcat(*(m.symbol for m in data), ca.MX(0, 1))
+        z, c, known = _node(phase, physics, node_scale, symbols.shape[0])
+        value = ca.Function("value", [*physics.at_point, symbols], [item.expression])
+        values = value(*known, c[c.shape[0] - symbols.shape[0] :])
+        rows, cost = _Rows(phase), ca.MX(0)
+        if isinstance(item, PointConstraint):
+            rows.add("value" if item.defines else "point", [item], values)
+        else:
+            cost = values
+        function = ca.Function("point", [z, c], [rows.stacked(), cost])
+        names = tuple(m.name for m in data)
+        found.append(_Point(function, rows, tuple(item.fractions.tolist()), names))
+    return found
+
+
+def _node(
+    phase: Phase, physics: _Physics, node_scale: FloatArray, data: int = 0
+) -> tuple[ca.MX, ca.MX, list[ca.MX]]:
+    """Scaled z and constants of a mesh point, and the arguments of functions of points."""
+    z = ca.MX.sym("z", node_scale.size)
+    size = physics.constants.shape[0]
+    c = ca.MX.sym("c", 1 + size + data)
+    last = z * node_scale
+    states = sum(v.size for v in phase.states)
+    duration = last[-1]
+    no_control = ca.MX.zeros(sum(v.size for v in _constant(phase)))
+    u = ca.vertcat(no_control, last[states:-1], physics.missing)
+    return z, c, [last[:states], u, c[0] * duration, duration, c[1 : 1 + size]]
 
 
 def joined(parts: Sequence[FloatArray]) -> FloatArray:
@@ -384,19 +466,19 @@ def _stage_derivatives(stage: ca.Function) -> tuple[ca.Function, ca.Function, ca
     )
 
 
-def _end_derivatives(end: ca.Function) -> tuple[ca.Function, ca.Function, ca.Function]:
-    z, c = _symbols(end)
-    rows, cost = end(z, c)
+def _point_derivatives(point: ca.Function) -> tuple[ca.Function, ca.Function, ca.Function]:
+    z, c = _symbols(point)
+    rows, cost = point(z, c)
     jacobian = ca.Function(
-        "end_jacobian", [z, c], [rows, ca.jacobian(rows, z), cost, _row(ca.gradient(cost, z))]
+        "point_jacobian", [z, c], [rows, ca.jacobian(rows, z), cost, _row(ca.gradient(cost, z))]
     )
     lam = type(z).sym("lam", rows.shape[0])
     sigma = type(z).sym("sigma")
     lagrangian = sigma * cost + ca.dot(lam, rows)
     return (
-        end,
+        point,
         _without_repeats(jacobian),
-        _hessian("end_hessian", lagrangian, z, [z, c, lam, sigma]),
+        _hessian("point_hessian", lagrangian, z, [z, c, lam, sigma]),
     )
 
 

@@ -3,8 +3,9 @@
 For each phase the variables are (z_0, w_0, z_1, w_1, ..., z_N, transition) and the rows
 ``[z_1 - next(z_0, w_0), constraints_0, start conditions, z_2 - next(z_1, w_1), constraints_1, ...,
 link to the next phase, end constraints, end conditions]``: the block order that fatrop wants, and a
-banded matrix for everyone else. Intervals may differ in their degree, and so in the size of w and
-in their rows: those that are alike make a group, evaluated at once.
+banded matrix for everyone else. What is demanded at a mesh point stands with its stage. Intervals
+may differ in their degree, and so in the size of w and in their rows: those that are alike make a
+group, evaluated at once.
 """
 
 from __future__ import annotations
@@ -17,7 +18,12 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp.problem import Phase, Variable, node_variables
-from microbot_ocp.ocp.transcription._kernels import Kernels, interpolated_variables, joined
+from microbot_ocp.ocp.transcription._kernels import (
+    Kernels,
+    PointKernel,
+    interpolated_variables,
+    joined,
+)
 from microbot_ocp.ocp.transcription._mesh import IntArray, Mesh
 from microbot_ocp.ocp.transcription._table import (
     DURATION,
@@ -54,7 +60,7 @@ class StageKind:
 
     @property
     def node(self) -> tuple[Entry, ...]:
-        """Entries of z: states, linear controls, duration."""
+        """Entries of z: states, linear controls, free parameters, duration."""
         return self.variables[: self.node_size]
 
     @cached_property
@@ -91,7 +97,7 @@ def stage_kind(
 
 
 def _kind(variable: Variable) -> str:
-    return variable.shape if variable.shape in ("state", "algebraic") else "control"
+    return variable.shape if variable.shape in ("state", "algebraic", "parameter") else "control"
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,6 +119,25 @@ class StageGroup:
 
 
 @dataclass(frozen=True, eq=False)
+class PointGroup:
+    """Mesh points at which the same is demanded or costs.
+
+    Attributes
+    ----------
+    kernel : PointKernel
+    block : its rows, with the indices of the mesh points as intervals
+    """
+
+    kernel: PointKernel
+    block: Block
+
+    @property
+    def nodes(self) -> IntArray:
+        """Which mesh points [M]."""
+        return self.block.intervals
+
+
+@dataclass(frozen=True, eq=False)
 class PhaseLayout:
     """Where one phase stands in the program, and its kernels.
 
@@ -127,7 +152,7 @@ class PhaseLayout:
     nodes : indices [N+1, node size] of every z in the program
     transition : extra variables at the last mesh point, for the link to the next phase
     initial, final : rows of conditions at the ends
-    end : rows of constraints at the end
+    points : what is demanded or costs at given mesh points; the last is the end of the phase
     link : rows ``x[targets] - factors * x[sources] = 0`` that tie the next phase to the end of this
         one; none at the last phase
     targets : the first z of the next phase
@@ -144,7 +169,7 @@ class PhaseLayout:
     nodes: IntArray
     transition: Block
     initial: Block
-    end: Block
+    points: tuple[PointGroup, ...]
     final: Block
     link: Block
     targets: IntArray
@@ -192,7 +217,13 @@ class PhaseLayout:
     def rows(self) -> tuple[Block, ...]:
         """All rows of the phase."""
         stages = [Block(g.kind.rows, g.intervals, g.rows) for g in self.groups]
-        return (*stages, self.initial, self.link, self.end, self.final)
+        points = (group.block for group in self.points)
+        return (*stages, self.initial, self.link, *points, self.final)
+
+    @property
+    def end(self) -> Block:
+        """Rows of constraints at the end."""
+        return self.points[-1].block
 
     @property
     def variable_count(self) -> int:
@@ -213,11 +244,14 @@ class PhaseLayout:
         nz = self.node_size
         controls = np.array([len(kind.variables) - nz for kind in self.kinds])[self.kind_of]
         rows = np.array([len(kind.rows) - nz for kind in self.kinds])[self.kind_of]
+        rows = np.append(rows, len(self.final.entries))
         rows[0] += len(self.initial.entries)
+        for group in self.points:
+            rows[group.nodes] += len(group.block.entries)
         return (
             np.full(self.intervals + 1, nz),
             np.append(controls, len(self.transition.entries)),
-            np.append(rows, len(self.end.entries) + len(self.final.entries)),
+            rows,
         )
 
     def node_columns(self, block: Block) -> list[int]:
@@ -236,6 +270,27 @@ class PhaseLayout:
     def parameters(self) -> FloatArray:
         """Values of the parameters of the phase, in one array."""
         return joined([p.value for p in self.phase.parameters])
+
+    @property
+    def data(self) -> FloatArray:
+        """Values of the parameters and then of the measurements of the phase, in one array."""
+        return joined([self.parameters, *(m.value.ravel() for m in self.phase.measurements)])
+
+    def point_places(self, group: PointGroup) -> IntArray:
+        """What of ``data`` the kernel of some points gets besides the fraction [..., M]."""
+        count, parameters = group.nodes.size, self.parameters.size
+        found = [np.tile(np.arange(parameters)[:, None], (1, count))]
+        offset = parameters
+        for own in self.phase.measurements:
+            places = offset + np.arange(own.value.size).reshape(own.value.shape)
+            offset += own.value.size
+            if own.name in group.kernel.data:
+                found.append(places.T)
+        return np.vstack(found)
+
+    def point_constants(self, group: PointGroup) -> FloatArray:
+        """Second argument of the kernel of some points [..., M]."""
+        return np.vstack([self.mesh[group.nodes], self.data[self.point_places(group)]])
 
     def constants(self, intervals: IntArray) -> FloatArray:
         """Second argument of the kernels, for some intervals [..., M]."""
@@ -304,6 +359,12 @@ def lay_out(
     corners = variable_offset + np.concatenate([[0], np.cumsum(widths)])
     heights = np.array([len(kind.rows) for kind in kinds])[kind_of]
     heights[0] += len(initial)  # the start conditions follow the rows of the first stage
+    kernels = kinds[0].kernels.points
+    where = [np.searchsorted(mesh.fractions, kernel.fractions) for kernel in kernels]
+    extra = np.zeros(mesh.intervals + 1, dtype=int)
+    for kernel, nodes in zip(kernels, where, strict=True):
+        extra[nodes] += len(kernel.rows)
+    heights += extra[:-1]
     first = row_offset + np.concatenate([[0], np.cumsum(heights)])
 
     def block(entries: Sequence[Entry], begin: int, interval: int = mesh.intervals) -> Block:
@@ -313,7 +374,13 @@ def lay_out(
     jumping = [e for e in following if e.source is None or e.name not in linked]
     transition = block([replace(e, kind="transition") for e in jumping], corners[-1] + len(node))
     link = block([replace(e, kind="link") for e in following], first[-1])
-    end = block(kinds[0].kernels.end_rows, first[-1] + len(following))
+    free_place = np.append(first[1:] - extra[:-1], first[-1] + len(following))
+    begin = int(free_place[0]) - len(initial)
+    points = []
+    for kernel, nodes in zip(kernels, where, strict=True):
+        places = free_place[nodes][:, None] + np.arange(len(kernel.rows))
+        free_place[nodes] += len(kernel.rows)
+        points.append(PointGroup(kernel, Block(kernel.rows, nodes, places)))
     ends = {(e.name, e.component): e for e in node if e.source is not None}
     sources, factors, free = [], [], iter(transition.places[0])
     for entry in following:
@@ -342,10 +409,10 @@ def lay_out(
         kind_of=kind_of,
         nodes=corners[:, None] + np.arange(len(node)),
         transition=transition,
-        initial=block(initial, first[1] - len(initial), 0),
+        initial=block(initial, begin, 0),
         link=link,
-        end=end,
-        final=block(final, first[-1] + len(following) + len(end.entries)),
+        points=tuple(points),
+        final=block(final, int(free_place[-1])),
         targets=np.arange(after, after + len(following)),
         sources=np.array(sources, dtype=int),
         factors=np.array(factors),
@@ -357,6 +424,22 @@ def fill_transitions(layouts: Sequence[PhaseLayout], x: FloatArray) -> None:
     for layout in layouts:
         free = layout.sources > layout.nodes[-1, -1]
         x[layout.sources[free]] = x[layout.targets[free]]
+
+
+def fill_values(layouts: Sequence[PhaseLayout], x: FloatArray) -> None:
+    """Give the free parameters in x that stand for values of expressions these values."""
+    for layout in layouts:
+        for group in layout.points:
+            own = [entry for entry in group.block.entries if entry.kind == "value"]
+            if not own:
+                continue
+            z = x[layout.nodes[group.nodes]].T
+            missed = group.kernel.point(z, layout.point_constants(group))[0].full()[:, 0]
+            for other in layouts:
+                node = [entry.name for entry in other.groups[0].kind.node]
+                if own[0].name in node:
+                    first = node.index(own[0].name)
+                    x[other.nodes[:, first : first + len(own)]] += missed
 
 
 @dataclass(frozen=True, eq=False)
@@ -390,8 +473,11 @@ def bounds_of(layouts: Sequence[PhaseLayout]) -> Bounds:
                 for side, limits in zip(table, limits_of(layout.phase, block.entries), strict=True):
                     side[block.places] = limits
         low, high = layout.phase.duration_bounds
-        if low == high:  # fixed at the first node: at the others it would say the same again
-            variables[:, layout.nodes[1:, -1]] = [[-np.inf], [np.inf]]
+        # at the other nodes it would say the same again
+        node = layout.groups[0].kind.node
+        said = [entry.kind == "parameter" for entry in node[:-1]] + [low == high]
+        again = layout.nodes[1:, np.flatnonzero(said)]
+        variables[0, again], variables[1, again] = -np.inf, np.inf
     return Bounds(*variables, *rows)
 
 

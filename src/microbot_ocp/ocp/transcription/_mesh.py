@@ -64,6 +64,29 @@ def mesh_of(given: MeshLike) -> Mesh:
     return given if isinstance(given, Mesh) else Mesh(given)
 
 
+def with_points(mesh: Mesh, fractions: Sequence[float]) -> Mesh:
+    """The mesh with some fractions among its points.
+
+    The nearest point of its own moves there, where it is nearer than half of the shorter interval
+    beside it; otherwise there is one more. Chosen degrees stay those of the intervals.
+    """
+    points, degrees = mesh.fractions.tolist(), mesh.degrees
+    wanted = [f for f in fractions if f not in points]
+    kept = set(fractions)
+    for fraction in wanted:
+        place = int(np.searchsorted(points, fraction))
+        near = min((place - 1, place), key=lambda k: abs(points[k] - fraction))
+        movable = 0 < near < len(points) - 1 and points[near] not in kept
+        gap = abs(points[near] - fraction)
+        if movable and 2 * gap < min(np.diff(points[near - 1 : near + 2])):
+            points[near] = fraction
+        else:
+            points.insert(place, fraction)
+            if degrees is not None:
+                degrees = np.insert(degrees, place, degrees[place - 1])
+    return Mesh(points, degrees) if wanted else mesh
+
+
 def _fractions(mesh: ArrayLike | int) -> FloatArray:
     if isinstance(mesh, (int, np.integer)):
         if mesh < 2:

@@ -16,11 +16,19 @@ from microbot_ocp.ocp.problem import PathConstraint, Phase, Variable
 from microbot_ocp.ocp.transcription._mesh import IntArray
 
 DURATION = "duration"
-EQUATIONS = ("step", "defect", "equation", "link")
+EQUATIONS = ("step", "defect", "equation", "link", "value")
 """Kinds of rows that are zero; the others have declared limits."""
 
 _FREE = ("arrival", "transition")  # variables that are bounded where they arrive
-_LISTS = ("states", "controls", "algebraics", "constraints", "end_constraints")
+_LISTS = (
+    "states",
+    "controls",
+    "algebraics",
+    "free_parameters",
+    "constraints",
+    "end_constraints",
+    "point_constraints",
+)
 _DESCRIPTIONS = {
     "step": "step of {}",
     "defect": "dynamics of {}",
@@ -30,9 +38,12 @@ _DESCRIPTIONS = {
     "initial": "start condition of {}",
     "link": "link of {} to the next phase",
     "end": "end constraint {}",
+    "point": "point constraint {}",
+    "value": "{}",
     "final": "end condition of {}",
     "state": "state {}",
     "control": "control {}",
+    "parameter": "free parameter {}",
     "arrival": "control {} at the end of the interval",
     "algebraic": "algebraic variable {}",
     "duration": "{}",
@@ -49,10 +60,11 @@ class Entry:
     kind : str
         Of a row: "step" (a mesh point is what the scheme arrives at), "defect" (the dynamics inside
         an interval), "bound" (of a state between mesh points), "equation" (algebraic), "constraint"
-        (along the phase), "initial", "link", "end" (constraint at the end) or "final".
-        Of a variable: "state", "control", "arrival" (a linear control at the end of its interval),
-        "algebraic", "duration" or "transition" (what the last mesh point holds of the start of the
-        next phase).
+        (along the phase), "initial", "link", "end" (constraint at the end), "point" (constraint at
+        given times), "value" (what a free parameter stands for) or "final".
+        Of a variable: "state", "control", "parameter" (a free one), "arrival" (a linear control at
+        the end of its interval), "algebraic", "duration" or "transition" (what the last mesh point
+        holds of the start of the next phase).
     source : tuple of str and int, or None
         List of the phase in which it is declared, and its position there; None for the duration and
         the algebraic equations.

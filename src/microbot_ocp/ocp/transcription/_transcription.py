@@ -6,7 +6,7 @@ the degree of collocation interval by interval.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence, Sized
+from collections.abc import Callable, Iterator, Mapping, Sequence, Sized
 from dataclasses import dataclass
 from functools import partial
 
@@ -24,7 +24,7 @@ from microbot_ocp.ocp.transcription._kernels import (
     with_derivatives,
 )
 from microbot_ocp.ocp.transcription._layout import PhaseLayout, StageKind, lay_out, stage_kind
-from microbot_ocp.ocp.transcription._mesh import Mesh, Meshes, mesh_of
+from microbot_ocp.ocp.transcription._mesh import Mesh, Meshes, mesh_of, with_points
 from microbot_ocp.ocp.transcription.schemes import SCHEMES, Scheme, with_degree
 
 MakeKernels = Callable[[], Sequence[ca.Function]]
@@ -83,12 +83,12 @@ class Transcription:
         self.kernels = [self._kind(index, None).kernels for index in range(len(problem.phases))]
 
     def _derive(
-        self, stage: ca.Function, end: ca.Function, composition: Composition | None
+        self, functions: Sequence[ca.Function], composition: Composition | None
     ) -> Sequence[ca.Function]:
         # phases with the same physics share everything that is expensive
-        key = stage.serialize() + end.serialize()
+        key = "".join(function.serialize() for function in functions)
         if key not in self._known:
-            make = partial(with_derivatives, stage, end, composition, self._derivatives)
+            make = partial(with_derivatives, functions, composition, self._derivatives)
             self._known[key] = make() if self._prepare is None else self._prepare(key, make)
         return self._known[key]
 
@@ -122,7 +122,10 @@ class Transcription:
         chosen = list(meshes) if isinstance(meshes, Sized) else [meshes] * len(phases)
         if len(chosen) != len(phases):
             raise InputError(f"mesh has {len(chosen)} entries for {len(phases)} phases")
-        given = list(map(mesh_of, chosen))
+        given = [
+            with_points(mesh_of(own), phase.point_fractions)
+            for own, phase in zip(chosen, phases, strict=True)
+        ]
         kinds = [self._kinds_on(index, mesh) for index, mesh in enumerate(given)]
         links = {link.before: link.names for link in self.problem.links}
         layouts: list[PhaseLayout] = []
@@ -134,7 +137,7 @@ class Transcription:
                 self.scheme,
                 *kinds[index],
                 following=kinds[index + 1][0][0].node if index + 1 < len(phases) else (),
-                linked=links.get(phase.name, ()),
+                linked=(*links.get(phase.name, ()), *_carried(*phases[index : index + 2])),
                 variable_offset=variable_offset,
                 row_offset=row_offset,
             )
@@ -142,3 +145,11 @@ class Transcription:
             variable_offset += layout.variable_count
             row_offset += layout.row_count
         return tuple(layouts)
+
+
+def _carried(before: Phase, after: Phase | None = None) -> Iterator[str]:
+    """Names of the free parameters that two phases share."""
+    for own in before.free_parameters if after is not None else ():
+        assert after is not None
+        if any(ca.is_equal(own.symbol, other.symbol) for other in after.free_parameters):
+            yield own.name

@@ -13,6 +13,7 @@ from microbot_ocp.ocp.problem import OptimalControlProblem, Phase, node_variable
 from microbot_ocp.ocp.solution import PhaseSolution, Solution, problem_data, with_problem_data
 from microbot_ocp.ocp.transcription import (
     PhaseLayout,
+    PointGroup,
     Transcription,
     build_kernels,
     fill_transitions,
@@ -60,8 +61,9 @@ def as_declared(
 def _laid_out(phase: Phase, given: PhaseLayout) -> PhaseLayout:
     """A layout with the places of another, and kernels of its own."""
 
-    def derive(stage: ca.Function, end: ca.Function, _: object) -> Sequence[ca.Function]:
-        return [stage, stage, stage, end, end, end]  # differentiated here, not by the builder
+    def derive(functions: Sequence[ca.Function], _: object) -> Sequence[ca.Function]:
+        # differentiated here, not by the builder
+        return [function for function in functions for _ in range(3)]
 
     groups, scale = [], float(given.node_scale[-1])
     for group in given.groups:
@@ -69,8 +71,11 @@ def _laid_out(phase: Phase, given: PhaseLayout) -> PhaseLayout:
         kernels = build_kernels(phase, scale, scheme, derive)
         kind = stage_kind(phase, scheme, stage_variables(phase, scheme), kernels, scale)
         groups.append(replace(group, kind=kind))
-    end = replace(given.end, entries=groups[0].kind.kernels.end_rows)
-    return replace(given, phase=phase, groups=tuple(groups), end=end)
+    points = tuple(
+        PointGroup(kernel, replace(point.block, entries=kernel.rows))
+        for point, kernel in zip(given.points, groups[0].kind.kernels.points, strict=True)
+    )
+    return replace(given, phase=phase, groups=tuple(groups), points=points)
 
 
 def scaled_variables(phases: Sequence[PhaseSolution]) -> FloatArray:

@@ -33,7 +33,8 @@ def hamiltonian_of(phase: PhaseSolution, part: Derivatives, lam_x: FloatArray) -
     price = -float(lam_x[layout.nodes[:, -1]].sum()) / layout.node_scale[-1]
     low, high = own.duration_bounds
     free = low < high and min(phase.duration - low, high - phase.duration) > INSIDE * phase.duration
-    constraints = [c.expression for c in own.end_constraints]
+    points = (*own.end_constraints, *own.point_constraints, *own.point_costs)
+    constraints = [c.expression for c in points]
     apart = not ca.depends_on(ca.vertcat(used, *constraints), own.duration)
     return Hamiltonian(
         phase=phase.name,

@@ -86,6 +86,7 @@ def dense_phase(
     t = (layout.mesh[interval] + place * steps[interval]) * phase.duration
     dense = DensePhase(phase, t, interval)
     kinds = {id(v): "state" for v in own.states} | {id(v): "algebraic" for v in own.algebraics}
+    kinds |= {id(v): "parameter" for v in own.free_parameters}
     for variable in ordered:
         kind = kinds.get(id(variable), "control")
         dense.limited.append(_limited(kind, variable, known[variable.name]))

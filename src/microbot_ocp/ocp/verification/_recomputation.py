@@ -21,6 +21,7 @@ from microbot_ocp.ocp.problem import (
     OptimalControlProblem,
     PathConstraint,
     Phase,
+    PointConstraint,
     Variable,
     node_variables,
 )
@@ -45,7 +46,7 @@ class Recomputation:
     Attributes
     ----------
     rows : values of its rows, in their own units, by their places in the program; without the link
-    costs : running cost over every interval [N], then the end cost
+    costs : running cost over every interval [N], the costs at points, and the end cost
     """
 
     def __init__(self, phase: PhaseSolution) -> None:
@@ -54,12 +55,13 @@ class Recomputation:
         self.expressions = _Expressions(layout.phase)
         self.groups = [_Intervals(phase, group, self.expressions) for group in layout.groups]
         self.rows: dict[int, float] = {}
-        self.costs = np.zeros(layout.intervals + 1)
+        self.costs = np.zeros(layout.intervals)
         for own in self.groups:
             self.costs[own.group.intervals] = own.step.running
             rows = own.rows(self._node(own.group.intervals + 1))
             self.rows |= zip(own.group.rows.T.ravel().tolist(), rows.ravel().tolist(), strict=True)
         self._add_ends()
+        self._add_points()
 
     def interpolated(self, intervals: IntArray, share: FloatArray) -> dict[str, FloatArray]:
         """All variables [M, size] in some intervals [M], at fractions [M] of them."""
@@ -84,6 +86,30 @@ class Recomputation:
         table = np.vstack([inner, last])[k].T
         return _split(nodes, table[:-1]), table[-1]
 
+    def _add_points(self) -> None:
+        """Costs and constraints at given times, one declaration and time after the other."""
+        layout, own = phase_layout(self.phase), self.expressions
+        declared = layout.phase
+        rows = iter(layout.points)  # in the order of the declarations
+        for item in (*declared.point_constraints, *declared.point_costs):
+            data = [m for m in declared.measurements if ca.depends_on(item.expression, m.symbol)]
+            inputs = ca.vertcat(own.symbols, *(m.symbol for m in data))
+            function = ca.Function("point", [inputs], [ca.densify(item.expression)])
+            places, found = next(rows).block.places, []
+            for k, fraction in enumerate(item.fractions.tolist()):
+                node = int(np.abs(self.phase.mesh - fraction).argmin())
+                values, duration = self._node([node])
+                known = {v.name: np.zeros((v.size, 1)) for v in own.variables} | values
+                rates = {c.name: np.zeros((c.size, 1)) for c in own.rates}
+                table = own.table(known, rates, fraction * duration, duration)
+                measured = [m.value[k][:, None] for m in data]
+                found.append(function(np.vstack([table, *measured])).full().ravel())
+            if isinstance(item, PointConstraint):
+                for own_places, values in zip(places.tolist(), found, strict=True):
+                    self.rows |= dict(zip(own_places, values.tolist(), strict=True))
+            else:
+                self.costs = np.insert(self.costs, -1, np.concatenate(found))
+
     def _add_ends(self) -> None:
         """Conditions and constraints at the ends, and the end cost."""
         layout, own = phase_layout(self.phase), self.expressions
@@ -93,7 +119,8 @@ class Recomputation:
         known = {v.name: np.zeros((v.size, 1)) for v in own.variables} | last
         rates = {c.name: np.zeros((c.size, 1)) for c in own.rates}
         table = own.table(known, rates, duration, duration)
-        self.costs[-1] = float(own.function([sum(declared.end_costs, ca.MX(0))])(table))
+        cost = float(own.function([sum(declared.end_costs, ca.MX(0))])(table))
+        self.costs = np.append(self.costs, cost)
         found = own.limits(table)
         for block, values in ((layout.initial, self._node([0])[0]), (layout.final, last)):
             for place, entry in zip(block.places[0].tolist(), block.entries, strict=True):
@@ -113,7 +140,9 @@ def scaled_rows(problem: OptimalControlProblem, phases: Sequence[Recomputation])
         problem.links, layouts, phases[:-1], phases[1:], strict=False
     ):
         for place, entry in zip(layout.link.places[0].tolist(), layout.link.entries, strict=True):
-            if entry.source is not None and entry.name in link.names:  # the rest may jump
+            # the rest may jump
+            carried = entry.name in link.names or entry.name in before.phase.parameters
+            if entry.source is not None and carried:
                 end, start = before.phase[entry.name][-1], after.phase[entry.name][0]
                 values[place] = start[entry.component] - end[entry.component]
     return values / scale
@@ -151,7 +180,7 @@ def check_cost(
     """The cost of a solution evaluated again, and integrated again."""
     parts = np.concatenate([own.costs for own in phases])
     integrals = sum(float(own.costs.sum()) for own in integrated)
-    ends = sum(float(own.costs[-1]) for own in phases)
+    ends = sum(float(own.costs[own.phase.mesh.size - 1 :].sum()) for own in phases)
     return CostCheck(given, float(parts.sum()), integrals + ends, max(np.abs(parts).sum(), TINY))
 
 
@@ -238,6 +267,7 @@ class _Intervals:
                 self.arrival[variable.name] = part
             else:
                 self.inside.setdefault(variable.name, {})[own.fraction] = part
+        self.free = {v.name: self.node[v.name] for v in layout.phase.free_parameters}
         self.rates = {
             name: (end - self.node[name]) / self.length for name, end in self.arrival.items()
         }
@@ -251,7 +281,7 @@ class _Intervals:
 
     def values(self, x: FloatArray, share: float) -> dict[str, FloatArray]:
         """All variables [size, M] at a fraction of the intervals, where the state is x."""
-        known = _split(self.states, x) | self.constant
+        known = _split(self.states, x) | self.constant | self.free
         for name, end in self.arrival.items():
             known[name] = self.node[name] + share * (end - self.node[name])
         for name, points in self.inside.items():
@@ -272,7 +302,7 @@ class _Intervals:
     def rows(self, following: tuple[Values, FloatArray]) -> FloatArray:
         """Values of all rows [rows, M] of the stages, given the next mesh points."""
         ahead, duration = following
-        arrived = _split(self.states, self.step.arrived) | self.arrival
+        arrived = _split(self.states, self.step.arrived) | self.arrival | self.free
         defects = {f: _split(self.states, value) for f, value in self.step.defects.items()}
         places: dict[float, tuple[Values, Mapping[tuple[str, int] | None, FloatArray]]] = {}
         found = []

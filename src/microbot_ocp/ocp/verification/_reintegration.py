@@ -189,6 +189,7 @@ def _interval_data(phase: PhaseSolution, group: StageGroup, until: float = 1.0) 
         *(values[k] for values in linear),
         *(values[k + 1] for values in linear),
         *(values.reshape(k.size, -1) for values in polynomial),
+        *(phase.values[v.name][k] for v in own.free_parameters),
         *algebraic,
     ]
     return np.hstack(columns)
@@ -227,6 +228,7 @@ def _integrator(
         points = points_of(kind, variable)
         values = ca.reshape(part(variable.size * len(points)), variable.size, len(points))
         known.append((variable.symbol, values @ lagrange(points, s)))
+    known += [(v.symbol, part(v.size)) for v in phase.free_parameters]
     guesses = [part(v.size) for v in phase.algebraics]
     known += [(phase.time, start + s * length), (phase.duration, duration)]
 

@@ -30,7 +30,7 @@ class Derivatives:
     layout : PhaseLayout
     by_stage : of the variables of the stages in turn, without the row that a stage arrives at
     by_start, by_length : with respect to start and length of the interval, as fractions [N]
-    by_end : [node size], of end costs and end constraints
+    by_point : [N+1, node size], of costs and constraints at mesh points
     end_cost : of the end costs alone [node size]
     step : multipliers of the steps [N, node size]
     """
@@ -39,7 +39,7 @@ class Derivatives:
     by_stage: FloatArray
     by_start: FloatArray
     by_length: FloatArray
-    by_end: FloatArray
+    by_point: FloatArray
     end_cost: FloatArray
     step: FloatArray
 
@@ -59,17 +59,26 @@ def differentiate(phase: PhaseSolution, lam_g: FloatArray) -> Derivatives:
         by_stage[group.variables - layout.stages.start] = slope.full().T
         by_grid[:, group.intervals] = slope_of_grid.full()
         step[group.intervals] = lam_g[group.rows[:, : layout.node_size]]
-    node = [phase.values[v.name][-1] for v in node_variables(layout.phase)]
-    z = np.append(np.concatenate(node), phase.duration) / layout.node_scale
-    lam_end = lam_g[layout.end.places[0]]
-    run = _end_gradient(layout.kinds[0].kernels.end)
+    last = [phase.values[v.name][-1] for v in node_variables(layout.phase)]
+    z = np.vstack(
+        [
+            phase.stages[layout.nodes[:-1] - layout.stages.start],
+            np.append(np.concatenate(last), phase.duration) / layout.node_scale,
+        ]
+    )
+    by_point, end_cost = np.zeros_like(z), np.zeros(layout.node_size)
+    for group in layout.points:
+        run = _point_gradient(group.kernel.point).map(group.nodes.size)
+        constants, lam = layout.point_constants(group), lam_g[group.block.places].T
+        by_point[group.nodes] += run(z[group.nodes].T, constants, lam).full().T
+        end_cost = run(z[group.nodes].T, constants, 0 * lam).full()[:, -1]  # the end comes last
     return Derivatives(
         layout=layout,
         by_stage=by_stage,
         by_start=by_grid[0],
         by_length=by_grid[1],
-        by_end=run(z, layout.parameters, lam_end).full().ravel(),
-        end_cost=run(z, layout.parameters, np.zeros(lam_end.size)).full().ravel(),
+        by_point=by_point,
+        end_cost=end_cost,
         step=step,
     )
 
@@ -89,12 +98,12 @@ def _stage_gradient(stage: ca.Function) -> ca.Function:
     return ca.Function("stage_gradient", [v, c, lam], [slopes[0], slopes[1][:2]])
 
 
-def _end_gradient(end: ca.Function) -> ca.Function:
-    z, c = _symbols(end)
-    rows, cost = end(z, c)
+def _point_gradient(point: ca.Function) -> ca.Function:
+    z, c = _symbols(point)
+    rows, cost = point(z, c)
     lam = type(z).sym("lam", rows.shape[0])
     slope = ca.densify(ca.gradient(cost + ca.dot(lam, rows), z))
-    return ca.Function("end_gradient", [z, c, lam], [slope])
+    return ca.Function("point_gradient", [z, c, lam], [slope])
 
 
 def lagrangian_gradient(parts: Sequence[Derivatives], lam_g: FloatArray) -> FloatArray:
@@ -104,7 +113,7 @@ def lagrangian_gradient(parts: Sequence[Derivatives], lam_g: FloatArray) -> Floa
         layout = part.layout
         gradient[layout.stages] += part.by_stage
         gradient[layout.nodes[1:]] += part.step
-        gradient[layout.nodes[-1]] += part.by_end
+        gradient[layout.nodes] += part.by_point
         for block, node in ((layout.initial, layout.nodes[0]), (layout.final, layout.nodes[-1])):
             gradient[node[layout.node_columns(block)]] += lam_g[block.places[0]]
         lam_link = lam_g[layout.link.places[0]]

@@ -29,13 +29,13 @@ class Interval:
     Attributes
     ----------
     x : state at the start
-    begin, end : linear controls at the start and at the end
+    begin, end : linear controls at the start and at the end, and free parameters
     constant : constant controls
     rate : time derivative of the linear controls
     start, length, duration : start and length of the interval and duration of the phase, s
     constants : parameters of the phase
     dynamics : ``(x, u, rate, time, duration, constants) -> slope, running cost``; u stacks
-        constant, linear, polynomial controls and algebraic variables
+        constant and linear controls, free parameters, polynomial controls and algebraic variables
     """
 
     x: ca.MX
@@ -56,7 +56,7 @@ class Interval:
         return slope, cost
 
     def control(self, fraction: Fraction) -> ca.MX:
-        """Constant and linear controls at a fraction of the interval."""
+        """Constant and linear controls and free parameters at a fraction of the interval."""
         return ca.vertcat(self.constant, self.begin + fraction * (self.end - self.begin))
 
 

@@ -94,7 +94,7 @@ class IntegratorShooting:
         symbols = [ca.MX.sym(f"p{i}", k.shape[0]) for i, k in enumerate(inputs)]
         begin, end, constant, start, length, duration, constants = symbols
         reach = ca.MX.sym("reach")
-        rate = (end - begin) / length if interval.rate.shape[0] else ca.MX(0, 1)
+        rate = ((end - begin) / length)[: interval.rate.shape[0]]
         x, s = ca.MX.sym("x", size), ca.MX.sym("s")
         inner = Interval(
             x, begin, end, constant, rate, start, length, duration, constants, interval.dynamics

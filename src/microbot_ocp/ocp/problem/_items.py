@@ -1,0 +1,154 @@
+"""What a phase is declared with: variables, limits and parameters, as data."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import FloatArray, InputError
+
+Bound = ArrayLike | ca.MX | tuple[ArrayLike | ca.MX, ArrayLike | ca.MX] | None
+
+
+@dataclass(frozen=True, eq=False)
+class Variable:
+    """A state, control or free parameter of a phase, with bounds [size] in its own unit."""
+
+    name: str
+    symbol: ca.MX
+    lower: FloatArray
+    upper: FloatArray
+    initial: tuple[FloatArray, FloatArray] | None
+    final: tuple[FloatArray, FloatArray] | None
+    scale: FloatArray
+    unit: str
+    shape: str  # "state", "constant", "linear", "polynomial", "algebraic" or "parameter"
+    interior_points: bool = False
+    rate: ca.MX | None = None
+    scaled: bool = True  # whether the scale was declared
+
+    @property
+    def size(self) -> int:
+        """Number of components."""
+        return self.symbol.shape[0]
+
+
+@dataclass(frozen=True, eq=False)
+class PathConstraint:
+    """``lower <= expression <= upper`` along a phase, or at its end."""
+
+    name: str
+    expression: ca.MX
+    lower: FloatArray
+    upper: FloatArray
+    scale: FloatArray
+    unit: str
+    scaled: bool = True  # whether the scale was declared
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PointConstraint(PathConstraint):
+    """``lower <= expression <= upper`` at some fractions [M] of a phase.
+
+    What ``defines`` a free parameter, by its name, is zero: the parameter is the value of an
+    expression at that point.
+    """
+
+    fractions: FloatArray
+    defines: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class PointCost:
+    """A cost that is added at every one of some fractions [M] of a phase."""
+
+    expression: ca.MX
+    fractions: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Parameter:
+    """A constant [size] of a phase; phases that differ in parameters only share kernels."""
+
+    name: str
+    symbol: ca.MX
+    value: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Measurement(Parameter):
+    """Data [M, size] at some fractions [M] of a phase; the symbol stands for one of its rows."""
+
+    fractions: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class PointValue:
+    """The value of an expression at a fraction of a phase, as a symbol for other expressions."""
+
+    name: str
+    symbol: ca.MX
+    expression: ca.MX
+    fraction: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class PhaseLink:
+    """Continuity of the named states and linear controls from one phase to the next."""
+
+    before: str
+    after: str
+    names: tuple[str, ...]
+
+
+def moving(value: object) -> bool:
+    """Whether a bound or condition is an expression, and not numbers."""
+    if isinstance(value, tuple):
+        return any(isinstance(side, ca.MX) for side in value)
+    return isinstance(value, ca.MX)
+
+
+def fill(name: str, value: ArrayLike, size: int) -> FloatArray:
+    """A number for every component, or an array of them."""
+    given = np.asarray(value, dtype=float)
+    if given.ndim == 0:
+        given = np.full(size, float(given))
+    return checks.array(name, given.ravel(), (size,), finite=False)
+
+
+def ordered(
+    name: str, lower: ArrayLike, upper: ArrayLike, size: int, unit: str
+) -> tuple[FloatArray, FloatArray]:
+    """Lower and upper bounds that are not crossed."""
+    low, high = fill(f"lower {name}", lower, size), fill(f"upper {name}", upper, size)
+    if np.any(low > high):
+        i = int(np.argmax(low > high))
+        raise InputError(
+            f"bounds of {name!r} are crossed: lower {low[i]:g} is above upper {high[i]:g} {unit}"
+        )
+    return low, high
+
+
+def condition(
+    name: str, value: Bound, size: int, unit: str
+) -> tuple[FloatArray, FloatArray] | None:
+    """Bounds at an end; None where there are none, or where they are expressions."""
+    if value is None or moving(value):
+        return None
+    low, high = value if isinstance(value, tuple) and len(value) == 2 else (value, value)
+    return ordered(name, low, high, size, unit)
+
+
+def positive_scale(name: str, value: ArrayLike | None, size: int) -> FloatArray:
+    """A declared scale, or one."""
+    if value is None:
+        return np.ones(size)
+    scale = fill(f"scale of {name}", value, size)
+    if np.any(~np.isfinite(scale)) or np.any(scale <= 0):
+        raise InputError(f"scale of {name!r} must be finite and above 0, not {value}")
+    return scale

@@ -1,0 +1,651 @@
+"""One phase as data: states, controls, dynamics, costs and limits.
+
+Values at other places (the start, the end, another phase) and free parameters are symbols: the
+phases that use one carry it as a free parameter, and a row at the place where it is taken says what
+it is. So whatever is coupled, every stage of the program touches its own variables alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp.ocp.problem._items import (
+    Bound,
+    Measurement,
+    Parameter,
+    PathConstraint,
+    PointConstraint,
+    PointCost,
+    PointValue,
+    Variable,
+    condition,
+    moving,
+    ordered,
+    positive_scale,
+)
+
+if TYPE_CHECKING:
+    from microbot_ocp.ocp.problem._problem import OptimalControlProblem
+
+Limit = ArrayLike | ca.MX
+
+
+@dataclass(eq=False)
+class Phase:
+    """One phase: a stretch of time with one set of dynamics.
+
+    Made by :meth:`OptimalControlProblem.phase`. The symbols ``time`` (since the start of the
+    phase, s) and ``duration`` may be used in expressions, ``duration`` also in those of other
+    phases.
+
+    Expressions may use what the phase declares, the free parameters of the problem, and the values
+    that :meth:`initial`, :meth:`final` and :meth:`value` of any phase return.
+    """
+
+    name: str
+    duration_bounds: tuple[float, float]
+    interior_points: tuple[float, ...] | None = None
+    duration_scale: float | None = None
+    states: list[Variable] = field(default_factory=list)
+    controls: list[Variable] = field(default_factory=list)
+    parameters: list[Parameter] = field(default_factory=list)
+    algebraics: list[Variable] = field(default_factory=list)
+    algebraic_equations: list[ca.MX] = field(default_factory=list)
+    derivatives: dict[str, ca.MX] = field(default_factory=dict)
+    constraints: list[PathConstraint] = field(default_factory=list)
+    end_constraints: list[PathConstraint] = field(default_factory=list)
+    running_costs: list[ca.MX] = field(default_factory=list)
+    end_costs: list[ca.MX] = field(default_factory=list)
+    free_parameters: list[Variable] = field(default_factory=list)
+    measurements: list[Measurement] = field(default_factory=list)
+    point_constraints: list[PointConstraint] = field(default_factory=list)
+    point_costs: list[PointCost] = field(default_factory=list)
+    problem: OptimalControlProblem | None = field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        self.time = ca.MX.sym(f"{self.name}.time")
+        self.duration = ca.MX.sym(f"{self.name}.duration")
+        self._values: list[PointValue] = []
+
+    @property
+    def variables(self) -> list[Variable]:
+        """States, controls, algebraic variables and free parameters."""
+        return [*self.states, *self.controls, *self.algebraics, *self.free_parameters]
+
+    @property
+    def point_fractions(self) -> tuple[float, ...]:
+        """Fractions inside the phase at which something is demanded or costs: mesh points."""
+        items = (*self.point_constraints, *self.point_costs)
+        found = {fraction for item in items for fraction in item.fractions.tolist()}
+        return tuple(sorted(found - {0.0, 1.0}))
+
+    def state(
+        self,
+        name: str,
+        size: int = 1,
+        *,
+        lower: Limit = -np.inf,
+        upper: Limit = np.inf,
+        initial: Bound = None,
+        final: Bound = None,
+        scale: ArrayLike | None = None,
+        unit: str = "",
+        interior_points: bool = False,
+    ) -> ca.MX:
+        """Declare a state; give it dynamics with :meth:`derivative`.
+
+        Parameters
+        ----------
+        name : str
+        size : int
+        lower, upper : array_like [size] or expression
+            Bounds at the mesh points. An expression makes a path constraint.
+        initial, final : value, (lower, upper) or None
+            At the two ends of the phase; None leaves them free. An expression, of values that
+            :meth:`initial` and :meth:`final` of other phases return and of free parameters, couples
+            phases: a jump, a drop of mass, a period.
+        scale : array_like [size], optional
+            Typical size; the solver sees the state divided by it. Where none is given,
+            :func:`~microbot_ocp.ocp.solution.scaled` finds one.
+        unit : str
+            For messages.
+        interior_points : bool
+            Whether the bounds also hold at the points inside the intervals at which path
+            constraints hold.
+
+        Examples
+        --------
+        A rocket drops a tank of a quarter of its mass between two phases.
+
+        >>> from microbot_ocp.ocp import OptimalControlProblem, solve
+        >>> problem = OptimalControlProblem("two stages")
+        >>> first = problem.phase("first", duration=1.0)
+        >>> m1 = first.state("m", initial=4.0, unit="kg")
+        >>> first.derivative(m1, -1.0)
+        >>> second = problem.phase("second", duration=1.0)
+        >>> m2 = second.state("m", initial=first.final(m1) - 1.0, unit="kg")
+        >>> second.derivative(m2, -0.5)
+        >>> problem.link(first, second)
+        >>> solution = solve(problem, mesh=4)
+        >>> solution["second"]["m"][[0, -1], 0].round(6)
+        array([2. , 1.5])
+        """
+        variable = self._declare(name, size, lower, upper, initial, final, scale, unit, "state")
+        self.states.append(replace(variable, interior_points=interior_points))
+        self._add_moving(variable, lower, upper, initial, final)
+        return variable.symbol
+
+    def control(
+        self,
+        name: str,
+        size: int = 1,
+        *,
+        lower: Limit = -np.inf,
+        upper: Limit = np.inf,
+        initial: Bound = None,
+        final: Bound = None,
+        scale: ArrayLike | None = None,
+        unit: str = "",
+        shape: str = "constant",
+    ) -> ca.MX:
+        """Declare a control.
+
+        Over each interval it is "constant", "linear" (and continuous), or "polynomial" with a
+        value at each collocation point. Bounds that are expressions make path constraints.
+        """
+        checks.one_of("shape", shape, ("constant", "linear", "polynomial"))
+        variable = self._declare(name, size, lower, upper, initial, final, scale, unit, shape)
+        if shape != "linear" and (initial is not None or final is not None):
+            raise InputError(f"control {name!r} is {shape}: initial and final need shape='linear'")
+        self.controls.append(variable)
+        self._add_moving(variable, lower, upper, initial, final)
+        return variable.symbol
+
+    def algebraic(
+        self,
+        name: str,
+        size: int = 1,
+        *,
+        lower: Limit = -np.inf,
+        upper: Limit = np.inf,
+        scale: ArrayLike | None = None,
+        unit: str = "",
+    ) -> ca.MX:
+        """Declare an algebraic variable; :meth:`algebraic_equation` determines it (collocation)."""
+        variable = self._declare(name, size, lower, upper, None, None, scale, unit, "algebraic")
+        self.algebraics.append(variable)
+        self._add_moving(variable, lower, upper, None, None)
+        return variable.symbol
+
+    def algebraic_equation(self, expression: ca.MX) -> None:
+        """Demand that ``expression`` be zero at every collocation point."""
+        self.algebraic_equations.append(self._own(expression))
+
+    def parameter(self, name: str, value: ArrayLike) -> ca.MX:
+        """Declare a constant [size] of the phase and return its symbol.
+
+        Phases that differ in parameters only share compiled kernels. What the solver is to find is
+        a :meth:`~OptimalControlProblem.free_parameter` of the problem.
+        """
+        self._refuse_second(f"parameter {name!r}", name, [*self.parameters, *self.measurements])
+        given = checks.array(f"parameter {name!r}", np.ravel(np.asarray(value, float)), (None,))
+        symbol = ca.MX.sym(f"{self.name}.{name}", given.size)
+        self.parameters.append(Parameter(name, symbol, given))
+        return symbol
+
+    def measurement(self, name: str, at: ArrayLike, values: ArrayLike) -> ca.MX:
+        """Declare data at given times of the phase; the symbol stands for the datum of each time.
+
+        Parameters
+        ----------
+        name : str
+        at : array_like [M]
+            Times since the start of the phase, s, whose duration must be fixed. They become mesh
+            points.
+        values : array_like [M] or [M, size]
+            May be changed from solve to solve with ``parameters`` of a
+            :class:`~microbot_ocp.ocp.ParametricSolver`.
+
+        Returns
+        -------
+        casadi.MX [size]
+            For :meth:`point_cost` and :meth:`point_constraint`, which then hold at these times.
+
+        Examples
+        --------
+        The rate of a decay from three measurements.
+
+        >>> from microbot_ocp.ocp import OptimalControlProblem, solve
+        >>> problem = OptimalControlProblem("decay")
+        >>> rate = problem.free_parameter("rate", lower=0.0, upper=5.0, unit="1/s")
+        >>> phase = problem.phase("decay", duration=2.0)
+        >>> x = phase.state("x", initial=1.0)
+        >>> phase.derivative(x, -rate * x)
+        >>> y = phase.measurement("y", at=[0.5, 1.0, 2.0], values=np.exp([-0.35, -0.7, -1.4]))
+        >>> phase.point_cost((x - y) ** 2)
+        >>> round(float(solve(problem, mesh=10).parameters["rate"][0]), 4)
+        0.7
+        """
+        self._refuse_second(f"measurement {name!r}", name, [*self.parameters, *self.measurements])
+        fractions = self._fractions(f"times of {name!r}", at)
+        table = np.asarray(values, dtype=float)
+        table = table[:, None] if table.ndim == 1 else table
+        table = checks.array(f"values of {name!r}", table, (fractions.size, None))
+        symbol = ca.MX.sym(f"{self.name}.{name}", table.shape[1])
+        self.measurements.append(Measurement(name, symbol, table, fractions))
+        return symbol
+
+    def rate(self, control: ca.MX) -> ca.MX:
+        """Time derivative of a linear control, as a symbol for path constraints."""
+        for variable in self.controls:
+            if ca.is_equal(variable.symbol, control) and variable.rate is not None:
+                return variable.rate
+        raise InputError(f"rate needs a control of shape 'linear' of phase {self.name!r}")
+
+    def derivative(self, state: ca.MX, expression: ca.MX | float) -> None:
+        """Set the time derivative of a state."""
+        for variable in self.states:
+            if ca.is_equal(variable.symbol, state):
+                expression = self._own(expression)
+                if expression.shape != state.shape:
+                    raise InputError(
+                        f"derivative of {variable.name!r} must have shape {state.shape}, not "
+                        f"{expression.shape}"
+                    )
+                self.derivatives[variable.name] = expression
+                return
+        raise InputError(f"derivative needs a state of phase {self.name!r}, not {state}")
+
+    def integral(
+        self,
+        name: str,
+        expression: ca.MX,
+        lower: ArrayLike = -np.inf,
+        upper: ArrayLike = np.inf,
+        *,
+        scale: ArrayLike | None = None,
+        unit: str = "",
+    ) -> ca.MX:
+        """The time integral of an expression since the start of the phase, as a state.
+
+        Its bounds hold at the end of the phase, where it is the integral over the whole of it;
+        there it may be used in end costs and end constraints, elsewhere as ``final`` of it.
+
+        Examples
+        --------
+        The farthest way in 1 s from rest to rest with an effort of 1 m^2/s^3: 1/sqrt(12) m.
+
+        >>> from microbot_ocp.ocp import OptimalControlProblem, solve
+        >>> problem = OptimalControlProblem("least effort")
+        >>> phase = problem.phase("move", duration=1.0)
+        >>> x = phase.state("x", initial=0.0, unit="m")
+        >>> v = phase.state("v", initial=0.0, final=0.0, unit="m/s")
+        >>> u = phase.control("u", shape="linear", unit="m/s^2")
+        >>> phase.derivative(x, v)
+        >>> phase.derivative(v, u)
+        >>> effort = phase.integral("effort", u**2, upper=1.0)
+        >>> phase.end_cost(-x)
+        >>> round(-solve(problem, mesh=20).cost, 4)
+        0.2887
+        """
+        expression = ca.MX(expression)
+        size = expression.shape[0]
+        low, high = ordered(name, lower, upper, size, unit)
+        bounds = None if np.isinf(low).all() and np.isinf(high).all() else (low, high)
+        symbol = self.state(
+            name, size, initial=np.zeros(size), final=bounds, scale=scale, unit=unit
+        )
+        self.derivative(symbol, expression)
+        return symbol
+
+    def constraint(
+        self,
+        name: str,
+        expression: ca.MX,
+        lower: ArrayLike = -np.inf,
+        upper: ArrayLike = np.inf,
+        *,
+        scale: ArrayLike | None = None,
+        unit: str = "",
+    ) -> None:
+        """Keep ``lower <= expression <= upper`` at the mesh points and the interior points."""
+        expression = self._own(expression)
+        low, high = ordered(name, lower, upper, expression.shape[0], unit)
+        self.constraints.append(_limit(name, expression, (low, high), scale, unit))
+
+    def end_constraint(
+        self,
+        name: str,
+        expression: ca.MX,
+        lower: ArrayLike = -np.inf,
+        upper: ArrayLike = np.inf,
+        *,
+        scale: ArrayLike | None = None,
+        unit: str = "",
+    ) -> None:
+        """Demand ``lower <= expression <= upper`` of the state at the end of the phase.
+
+        The expression is of states, linear controls, parameters, ``duration`` and values at other
+        places. What is a bound of a state itself is said by its ``final``.
+
+        Examples
+        --------
+        The cheapest periodic orbit of a forced oscillator needs no force but at resonance.
+
+        >>> from microbot_ocp.ocp import OptimalControlProblem, solve
+        >>> problem = OptimalControlProblem("period")
+        >>> phase = problem.phase("lap", duration=(5.0, 8.0))
+        >>> x, v = phase.state("x"), phase.state("v")
+        >>> u = phase.control("u", shape="linear")
+        >>> phase.derivative(x, v)
+        >>> phase.derivative(v, u - x)
+        >>> phase.running_cost(u**2 + (x**2 + v**2 - 1.0) ** 2)
+        >>> state = ca.vertcat(x, v)
+        >>> phase.end_constraint("period", state - phase.initial(state), 0.0, 0.0)
+        >>> phase.point_constraint("start", x, lower=0.5, at=0.0)
+        >>> round(solve(problem, mesh=40).duration, 3)  # 2 pi
+        6.283
+        """
+        expression = self._own(expression, at=1.0)
+        low, high = ordered(name, lower, upper, expression.shape[0], unit)
+        self.end_constraints.append(_limit(name, expression, (low, high), scale, unit))
+
+    def point_constraint(
+        self,
+        name: str,
+        expression: ca.MX,
+        lower: ArrayLike = -np.inf,
+        upper: ArrayLike = np.inf,
+        *,
+        at: ArrayLike | None = None,
+        scale: ArrayLike | None = None,
+        unit: str = "",
+    ) -> None:
+        """Demand ``lower <= expression <= upper`` at given times of the phase.
+
+        The expression is of what has a value at a mesh point: states and linear controls. ``at`` is
+        one time or several [M], s since the start, and may be 0; by default they are those of the
+        measurement in the expression. Other times than 0 need a phase of fixed duration.
+        """
+        fractions = self._point_fractions(f"constraint {name!r}", expression, at)
+        expression = self._own(expression, at=float(fractions[0]) if fractions.size == 1 else None)
+        low, high = ordered(name, lower, upper, expression.shape[0], unit)
+        plain = _limit(name, expression, (low, high), scale, unit)
+        self.point_constraints.append(PointConstraint(**vars(plain), fractions=fractions))
+
+    def running_cost(self, expression: ca.MX) -> None:
+        """Add the time integral of ``expression`` to the cost."""
+        self.running_costs.append(self._cost("running cost", self._own(expression)))
+
+    def end_cost(self, expression: ca.MX) -> None:
+        """Add ``expression`` of the end state and ``duration`` to the cost."""
+        self.end_costs.append(self._cost("end cost", self._own(expression, at=1.0)))
+
+    def point_cost(self, expression: ca.MX, *, at: ArrayLike | None = None) -> None:
+        """Add ``expression`` at every one of some times of the phase to the cost.
+
+        The times are as in :meth:`point_constraint`; see :meth:`measurement` for an example.
+        """
+        fractions = self._point_fractions("a point cost", expression, at)
+        expression = self._cost("point cost", self._own(expression))
+        self.point_costs.append(PointCost(expression, fractions))
+
+    # values at other places -----------------------------------------------------------------------
+
+    def initial(self, expression: ca.MX) -> ca.MX:
+        """The value at the start of the phase, for expressions of this and other phases.
+
+        ``expression`` is of what has a value there: states, linear controls, ``duration``, free
+        parameters.
+        """
+        return self._value(expression, 0.0, "at the start of")
+
+    def final(self, expression: ca.MX) -> ca.MX:
+        """The value at the end of the phase, for expressions of this and other phases."""
+        return self._value(expression, 1.0, "at the end of")
+
+    def value(self, expression: ca.MX, at: float) -> ca.MX:
+        """The value at a time since the start of the phase, s, whose duration must be fixed.
+
+        Examples
+        --------
+        A pulse at the start such that x(2) = 2 x(1): at the least cost of the speed.
+
+        >>> from microbot_ocp.ocp import OptimalControlProblem, solve
+        >>> problem = OptimalControlProblem("half way")
+        >>> phase = problem.phase("all", duration=2.0)
+        >>> x = phase.state("x", initial=1.0)
+        >>> u = phase.control("u")
+        >>> phase.derivative(x, u)
+        >>> phase.running_cost(u**2)
+        >>> phase.end_constraint("twice", x - 2 * phase.value(x, at=1.0), 0.0, 0.0)
+        >>> round(solve(problem, mesh=10).cost, 4)
+        0.5
+        """
+        fraction = float(self._fractions("at", at)[0])
+        return self._value(expression, fraction, f"at {float(at):g} s of")
+
+    def _value(self, expression: ca.MX, fraction: float, where: str) -> ca.MX:
+        expression = self._own(ca.MX(expression))
+        for known in self._values:
+            if known.fraction == fraction and ca.is_equal(known.expression, expression, 9):
+                return known.symbol
+        own = next((v for v in self.variables if ca.is_equal(v.symbol, expression)), None)
+        if ca.is_equal(expression, self.duration):
+            label, unit = "duration", "s"
+        elif own is not None:
+            label, unit = own.name, own.unit
+        else:
+            label, unit = f"value {len(self._values) + 1}", ""
+        name = f"{label} {where} {self.name!r}"
+        symbol = ca.MX.sym(name, expression.shape[0])
+        self._values.append(PointValue(name, symbol, expression, fraction, unit))
+        return symbol
+
+    def _own(self, expression: ca.MX | float, at: float | None = None) -> ca.MX:
+        """An expression with everything that comes from elsewhere among the free parameters.
+
+        Values that are taken at the very place ``at`` of this phase, at which the expression is
+        evaluated, are replaced by what they stand for.
+        """
+        expression = ca.MX(expression)
+        if self.problem is None:
+            return expression
+        for symbol in ca.symvar(expression):
+            for phase in self.problem.phases:
+                if phase is not self and ca.is_equal(symbol, phase.duration):
+                    fixed = phase.duration_bounds[0] == phase.duration_bounds[1]
+                    value = ca.MX(phase.duration_bounds[0]) if fixed else phase.final(symbol)
+                    return self._own(ca.substitute(expression, symbol, value), at)
+                for value in phase._values:
+                    if ca.is_equal(symbol, value.symbol):
+                        if phase is self and value.fraction == at:
+                            made = ca.substitute(expression, symbol, value.expression)
+                            return self._own(made, at)
+                        phase._take(value)
+                        self._carry(phase, symbol)
+            for free in self.problem.free_parameters:
+                if ca.is_equal(symbol, free.symbol):
+                    holder = next(
+                        (p for p in self.problem.phases if free in p.free_parameters), self
+                    )
+                    if holder is self and free not in self.free_parameters:
+                        self.free_parameters.append(free)
+                    self._carry(holder, symbol)
+        return expression
+
+    def _take(self, value: PointValue) -> None:
+        """Make a value at a point of the phase one of its free parameters."""
+        if value.name in {v.name for v in self.free_parameters}:
+            return
+        size = value.symbol.shape[0]
+        low, high = ordered(value.name, -np.inf, np.inf, size, value.unit)
+        ones, zeros = np.ones(size), np.zeros(size)
+        self.free_parameters.append(
+            Variable(
+                value.name,
+                value.symbol,
+                low,
+                high,
+                None,
+                None,
+                ones,
+                value.unit,
+                "parameter",
+                scaled=False,
+            )
+        )
+        self.point_constraints.append(
+            PointConstraint(
+                value.name,
+                value.expression - value.symbol,
+                zeros,
+                zeros,
+                ones,
+                value.unit,
+                scaled=False,
+                fractions=np.array([value.fraction]),
+                defines=value.name,
+            )
+        )
+
+    def _carry(self, owner: Phase, symbol: ca.MX) -> None:
+        """Let a free parameter of another phase reach this one through those between them."""
+        assert self.problem is not None
+        phases = self.problem.phases
+        own = next(v for v in owner.free_parameters if ca.is_equal(v.symbol, symbol))
+        first, last = sorted((phases.index(owner), phases.index(self)))
+        for phase in phases[first : last + 1]:
+            if own.name not in {v.name for v in phase.free_parameters}:
+                phase.free_parameters.append(own)
+
+    # checks ---------------------------------------------------------------------------------------
+
+    def _fractions(self, label: str, at: ArrayLike) -> FloatArray:
+        """Increasing fractions [M] of the phase from times, s."""
+        times = checks.array(label, np.atleast_1d(np.asarray(at, dtype=float)), (None,), "s")
+        low, high = self.duration_bounds
+        if low < high and np.any(times != 0):
+            raise InputError(
+                f"{label}: phase {self.name!r} has a free duration, so only its start has a fixed "
+                "place in it; end it at that time, link another phase to it, and use final()"
+            )
+        if np.any(times < 0) or np.any(times > high):
+            raise InputError(
+                f"{label} must be within phase {self.name!r}, 0 to {high:g} s, not "
+                f"{times.min():g} to {times.max():g} s"
+            )
+        if np.any(np.diff(times) <= 0):
+            raise InputError(f"{label} must increase, not {times.tolist()}")
+        return times / high if low == high else times
+
+    def _point_fractions(self, label: str, expression: ca.MX, at: ArrayLike | None) -> FloatArray:
+        """Where something holds: as given, or where the measurements in it were made."""
+        expression = ca.MX(expression)
+        used = [m for m in self.measurements if ca.depends_on(expression, m.symbol)]
+        found = [m.fractions for m in used]
+        if at is not None:
+            found.append(self._fractions(f"at of {label}", at))
+        if not found:
+            raise InputError(f"{label} of phase {self.name!r} needs times: at=...")
+        if any(not np.array_equal(found[0], other) for other in found[1:]):
+            names = [m.name for m in used]
+            raise InputError(f"{label} of phase {self.name!r}: {names} and at have other times")
+        return found[0]
+
+    def _cost(self, kind: str, expression: ca.MX) -> ca.MX:
+        if not expression.is_scalar():
+            raise InputError(
+                f"a {kind} of phase {self.name!r} must be one number, but has shape "
+                f"{expression.shape}"
+            )
+        return expression
+
+    def _refuse_second(self, label: str, name: str, known: Sequence[Parameter]) -> None:
+        if name in {k.name for k in known}:
+            raise InputError(f"{label} is declared twice in phase {self.name!r}")
+
+    def _declare(
+        self,
+        name: str,
+        size: int,
+        lower: Limit,
+        upper: Limit,
+        initial: Bound,
+        final: Bound,
+        scale: ArrayLike | None,
+        unit: str,
+        shape: str,
+    ) -> Variable:
+        if name in {v.name for v in self.variables}:
+            raise InputError(f"{name!r} is declared twice in phase {self.name!r}")
+        if not isinstance(size, int | np.integer) or size < 1:
+            raise InputError(f"size of {name!r} must be a whole number from 1 up, not {size!r}")
+        low = -np.inf if isinstance(lower, ca.MX) else lower
+        high = np.inf if isinstance(upper, ca.MX) else upper
+        low, high = ordered(name, low, high, size, unit)
+        return Variable(
+            name=name,
+            symbol=ca.MX.sym(f"{self.name}.{name}", size),
+            lower=low,
+            upper=high,
+            initial=condition(f"initial {name}", initial, size, unit),
+            final=condition(f"final {name}", final, size, unit),
+            scale=positive_scale(name, scale, size),
+            scaled=scale is not None,
+            unit=unit,
+            shape=shape,
+            rate=ca.MX.sym(f"{self.name}.{name}.rate", size) if shape == "linear" else None,
+        )
+
+    def _add_moving(
+        self, variable: Variable, lower: Limit, upper: Limit, initial: Bound, final: Bound
+    ) -> None:
+        """Bounds and conditions that are expressions, as constraints."""
+        name, symbol, unit = variable.name, variable.symbol, variable.unit
+        scale = variable.scale if variable.scaled else None
+        if isinstance(lower, ca.MX):
+            self.constraint(f"lower bound of {name}", symbol - lower, 0.0, scale=scale, unit=unit)
+        if isinstance(upper, ca.MX):
+            label = f"upper bound of {name}"
+            self.constraint(label, symbol - upper, upper=0.0, scale=scale, unit=unit)
+        for given, fraction, where in ((initial, 0.0, "start"), (final, 1.0, "end")):
+            for side, base, low, high in _sides(given):
+                label = f"{where} of {name}{side}"
+                difference = self._own(symbol - base, at=fraction)
+                bounds = ordered(label, low, high, variable.size, unit)
+                plain = _limit(label, difference, bounds, scale, unit)
+                own = PointConstraint(**vars(plain), fractions=np.array([fraction]))
+                self.point_constraints.append(own)
+
+
+def _sides(given: Bound) -> Iterator[tuple[str, ca.MX, float, float]]:
+    """What a condition by expressions compares with, and the bounds of the difference."""
+    if not moving(given):
+        return
+    sides: tuple[Any, ...] = given if isinstance(given, tuple) else (given,)
+    bounds = ((" (lower)", 0.0, np.inf), (" (upper)", -np.inf, 0.0))
+    for base, (side, low, high) in zip(
+        sides, bounds if len(sides) > 1 else (("", 0.0, 0.0),), strict=True
+    ):
+        if isinstance(base, ca.MX) or np.isfinite(base).all():
+            yield side, ca.MX(base), low, high
+
+
+def _limit(
+    name: str,
+    expression: ca.MX,
+    bounds: tuple[FloatArray, FloatArray],
+    scale: ArrayLike | None,
+    unit: str,
+) -> PathConstraint:
+    size = positive_scale(name, scale, expression.shape[0])
+    return PathConstraint(name, expression, *bounds, size, unit, scaled=scale is not None)

@@ -1,0 +1,209 @@
+"""Free parameters, values at other places, measurements, integrals: against closed forms."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from microbot_ocp import InputError
+from microbot_ocp.ocp import (
+    OptimalControlProblem,
+    ParametricSolver,
+    SolverSettings,
+    load_solution,
+    repeat,
+    save_solution,
+    solve,
+    solve_refined,
+    verify,
+)
+
+TIMES = np.array([0.25, 0.5, 1.0])
+
+
+def decay(rate: float = 2.0, duration: float = 1.0) -> OptimalControlProblem:
+    """The rate of a decay from three measurements."""
+    problem = OptimalControlProblem("decay")
+    unknown = problem.free_parameter("rate", lower=0.0, upper=10.0, unit="1/s")
+    phase = problem.phase("decay", duration)
+    x = phase.state("x", initial=1.0)
+    phase.derivative(x, -unknown * x)
+    y = phase.measurement("y", at=TIMES, values=np.exp(-rate * TIMES))
+    phase.point_cost((x - y) ** 2)
+    return problem
+
+
+def chain() -> OptimalControlProblem:
+    """Three phases: a jump, a condition on the start of the first, all durations in one cost."""
+    problem = OptimalControlProblem("chain")
+    first = problem.phase("first", 1.0)
+    x = first.state("x", initial=(0.5, 3.0))
+    first.derivative(x, -x)
+    second = problem.phase("second", (0.1, 5.0))
+    y = second.state("x", initial=first.final(x) + 1.0)
+    u = second.control("u", lower=-1.0, upper=1.0)
+    second.derivative(y, u)
+    effort = second.integral("effort", u**2)
+    third = problem.phase("third", 1.0)
+    z = third.state("x", initial=second.final(y))
+    third.derivative(z, 0.0)
+    problem.link(first, second)
+    problem.link(second, third)
+    problem.constraint("twice", third.final(z) - 2.0 * first.initial(x), 0.0, 0.0)
+    problem.cost(second.final(effort) + second.duration + first.initial(x) ** 2)
+    return problem
+
+
+@pytest.mark.parametrize("scheme", ["shooting", "trapezoidal", "hermite_simpson", "radau", "gauss"])
+@pytest.mark.parametrize("solver", ["fatrop", "ipopt", "sqp"])
+def test_a_free_parameter_is_found_by_every_scheme_and_solver(scheme, solver):
+    solution = solve(decay(), 20, scheme=scheme, settings=SolverSettings(solver=solver))
+    assert solution.solved
+    accuracy = 2e-3 if scheme == "trapezoidal" else 1e-5
+    assert solution.parameters["rate"] == pytest.approx([2.0], abs=accuracy)
+
+
+@pytest.mark.parametrize("scheme", ["shooting", "radau"])
+def test_what_is_coupled_is_verified_from_the_declaration(scheme):
+    problem = chain()
+    solution = solve(problem, 10, scheme=scheme)
+    # x0: second phase goes from x0/e + 1 to 2 x0 at speed 1 (cost 2 a distance) in the optimum
+    share = 2.0 - np.exp(-1.0)
+    start = solution.parameters["x at the start of 'first'"][0]
+    way = abs(share * start - 1.0)
+    assert solution.solved
+    assert solution.cost == pytest.approx(
+        way**2 / solution["second"].duration + solution["second"].duration + start**2, abs=1e-6
+    )
+    jump = solution["second"]["x"][0] - solution["first"]["x"][-1]
+    assert jump == pytest.approx([1.0], abs=1e-7)
+    certificate = verify(problem, solution)
+    assert certificate.ok, certificate.verdict
+    assert certificate.cost.recomputed == pytest.approx(solution.cost, rel=1e-9)
+
+
+def test_costs_at_given_times_are_evaluated_again():
+    problem = decay()
+    solution = solve(problem, 7, scheme="radau")
+    assert np.isin(TIMES, solution["decay"].t).all()  # mesh points
+    wrong = decay(rate=2.5)
+    assert verify(problem, solution).ok
+    assert verify(wrong, solution).ok  # data are those that it was solved with
+    biased = decay()
+    biased.phases[0].point_costs.clear()
+    biased.phases[0].point_cost(1.01 * (biased.phases[0].states[0].symbol - 1.0) ** 2, at=TIMES)
+    assert not verify(biased, solution).ok
+
+
+def test_measurements_change_from_solve_to_solve():
+    solver = ParametricSolver(decay(), 20)
+    first = solver.solve()
+    second = solver.solve(parameters={"decay": {"y": np.exp(-3.0 * TIMES)}}, guess=first)
+    assert second.parameters["rate"] == pytest.approx([3.0], rel=1e-5)
+    with pytest.raises(InputError, match="costs or constraints at given times"):
+        solver.solve(durations={"decay": 2.0})
+
+
+def test_what_is_new_is_kept_in_files(tmp_path):
+    solution = solve(chain(), 10)
+    path = save_solution(solution, tmp_path / "chain.npz")
+    alone = load_solution(path)
+    assert alone.parameters == solution.parameters
+    again = load_solution(path, chain())
+    assert verify(chain(), again).ok
+    assert repeat(path, chain()).cost == pytest.approx(solution.cost, rel=1e-9)
+    fit = save_solution(solve(decay(), 10, scheme="radau"), tmp_path / "fit.npz")
+    assert verify(decay(), load_solution(fit, decay())).ok
+
+
+def test_refinement_keeps_the_times_and_the_parameters():
+    refined = solve_refined(decay(), 1e-8, mesh=5)
+    assert refined.status.solved
+    assert refined.solution.parameters["rate"] == pytest.approx([2.0], abs=1e-6)
+    assert solve_refined(chain(), 1e-7, mesh=5).status.solved
+
+
+def test_a_period_of_a_linear_system_is_the_closed_form():
+    # x' = -x + sin(2 pi t): the periodic solution starts at -w / (1 + w^2)
+    problem = OptimalControlProblem("period")
+    phase = problem.phase("lap", 1.0)
+    x = phase.state("x")
+    phase.derivative(x, -x + ca.sin(2 * np.pi * phase.time))
+    phase.end_constraint("period", x - phase.initial(x), 0.0, 0.0)
+    solution = solve(problem, 40)
+    w = 2 * np.pi
+    assert solution["lap"]["x"][0] == pytest.approx([-w / (1 + w**2)], abs=1e-6)
+    assert verify(problem, solution).ok
+
+
+def test_bounds_that_are_expressions_hold():
+    # fastest x' = u with u <= 1 - x / 2 from 0 to 1: 2 log 2
+    problem = OptimalControlProblem("slower and slower")
+    phase = problem.phase("go", (0.1, 10.0))
+    x = phase.state("x", initial=0.0, final=1.0)
+    u = phase.control("u", lower=-x, upper=1.0 - x / 2, shape="linear")
+    phase.derivative(x, u)
+    phase.end_cost(phase.duration)
+    solution = solve(problem, 50)
+    assert solution.cost == pytest.approx(2 * np.log(2.0), rel=1e-4)
+
+
+def test_a_parameter_of_all_phases_is_one_number():
+    problem = OptimalControlProblem("two decays")
+    rate = problem.free_parameter("rate", lower=0.0, upper=10.0)
+    phases = []
+    for name, start in (("a", 1.0), ("between", 1.0), ("b", 3.0)):
+        phase = problem.phase(name, 1.0)
+        x = phase.state("x", initial=start)
+        phase.derivative(x, -x if name == "between" else -rate * x)
+        if name != "between":
+            data = start * np.exp([-0.5 + (0.1 if name == "a" else 0.0), -1.0])
+            y = phase.measurement("y", at=[0.5, 1.0], values=data)
+            phase.point_cost((x - y) ** 2)
+        phases.append(phase)
+    problem.link(phases[0], phases[1], ())
+    problem.link(phases[1], phases[2], ())
+    solution = solve(problem, 10)
+    found = {name: solution[name].parameters["rate"][0] for name in ("a", "between", "b")}
+    assert found["a"] == pytest.approx(found["b"], abs=1e-9)
+    assert found["a"] == pytest.approx(found["between"], abs=1e-9)
+    assert 0.9 < found["a"] < 1.0
+
+
+def refusals():
+    problem = OptimalControlProblem("refused")
+    phase = problem.phase("go", (1.0, 2.0))
+    x = phase.state("x", initial=0.0)
+    phase.derivative(x, 1.0)
+    fixed = problem.phase("stay", 1.0)
+    z = fixed.state("z")
+    fixed.derivative(z, 1.0)
+    problem.link(phase, fixed, ())
+    y = fixed.measurement("y", [0.5], [1.0])
+    return problem, phase, x, fixed, z, y
+
+
+def test_what_cannot_be_said_is_refused_by_name():
+    problem, phase, x, fixed, z, y = refusals()
+    with pytest.raises(InputError, match="phase 'go' has a free duration"):
+        phase.point_cost(x**2, at=1.0)
+    with pytest.raises(InputError, match="must be within phase 'stay', 0 to 1 s"):
+        fixed.value(z, at=1.5)
+    with pytest.raises(InputError, match="needs times"):
+        fixed.point_cost(z**2)
+    with pytest.raises(InputError, match="other times"):
+        fixed.point_cost((z - y) ** 2, at=0.25)
+    with pytest.raises(InputError, match="must increase"):
+        fixed.point_cost(z**2, at=[0.5, 0.5])
+    fixed.end_cost(x)
+    with pytest.raises(InputError, match="initial"):
+        problem.check()
+    problem, phase, x, fixed, z, y = refusals()
+    fixed.running_cost((z - y) ** 2)
+    with pytest.raises(InputError, match=r"measurement 'stay\.y' where there is none"):
+        problem.check()
+    problem, *_ = refusals()
+    problem.free_parameter("mass")
+    with pytest.raises(InputError, match="'mass' appears nowhere"):
+        problem.check()
