@@ -1,6 +1,14 @@
-"""Inverse dynamics from Python: ours, compiled, against ``pinocchio.rnea``."""
+"""Inverse dynamics from Python: ours, compiled, against ``pinocchio.rnea``; frax beside them."""
 
 from __future__ import annotations
+
+import os
+import re
+import tempfile
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -12,6 +20,10 @@ from external.pinocchio_model import pinocchio_model
 GOAL = 5.0
 CALLS = 20_000
 BATCH = 1_000
+NOTHING = (
+    '<inertial><origin xyz="0 0 0"/><mass value="1e-14"/>'
+    '<inertia ixx="1e-14" iyy="1e-14" izz="1e-14" ixy="0" ixz="0" iyz="0"/></inertial>'
+)
 
 
 def seven_joints(seed: int = 7) -> mo.Robot:
@@ -32,6 +44,34 @@ def seven_joints(seed: int = 7) -> mo.Robot:
     )
 
 
+def frax_calls(robot: mo.Robot) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """frax's inverse dynamics of one state and of a batch, compiled by JAX in double precision."""
+    os.environ.setdefault("JAX_ENABLE_X64", "1")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # frax recommends settings of the environment
+        import frax
+        import jax
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "arm.urdf"
+        mo.write_urdf(robot, path)
+        # frax wants mass properties of every link; those of base and tool do not move
+        text = re.sub(
+            r'<link name="([^"]+)" />', rf'<link name="\1">{NOTHING}</link>', path.read_text()
+        )
+        path.write_text(text)
+        theirs = frax.Robot(str(path))
+    upward = np.append(-robot.gravity, np.zeros(3))
+
+    def torque(q: Any, qd: Any, qdd: Any) -> Any:
+        return theirs.rnea(q, qd, qdd, upward, None)
+
+    one, many = jax.jit(torque), jax.jit(jax.vmap(torque))
+    return (
+        lambda *state: one(*state).block_until_ready(),
+        lambda *states: many(*states).block_until_ready(),
+    )
+
+
 def compare(robot: mo.Robot, repetitions: int) -> None:
     """One state from Python, then a batch of them."""
     count = robot.joint_count
@@ -43,6 +83,8 @@ def compare(robot: mo.Robot, repetitions: int) -> None:
     fast = mo.fast_call(mo.inverse_dynamics(robot))
     theirs = np.array([pin.rnea(model, data, *rows) for rows in states.transpose(1, 0, 2)])
     np.testing.assert_allclose(fast(*states), theirs, rtol=1e-9, atol=1e-8)
+    frax_one, frax_batch = frax_calls(robot)
+    np.testing.assert_allclose(frax_batch(*states), theirs, rtol=1e-9, atol=1e-8)
     q, qd, qdd = state
     names = {"rnea": pin.rnea, "model": model, "data": data, "q": q, "qd": qd, "qdd": qdd}
     # memory bound once: the caller writes the state in place and reads tau
@@ -62,6 +104,7 @@ def compare(robot: mo.Robot, repetitions: int) -> None:
             "fast_call(f)": timed("f(q, qd, qdd)", CALLS, f=fast, **names),
             "f.buffer(), state written in place": timed("run()", CALLS, run=run_in_place),
             "f, a CasADi call": timed("f(q, qd, qdd)", CALLS // 50, f=compiled, **names),
+            "frax.Robot.rnea, jitted": timed("f(q, qd, qdd)", CALLS // 50, f=frax_one, **names),
         },
         {"fast_call(f)": GOAL},
     ).run(repetitions)
@@ -76,6 +119,7 @@ def compare(robot: mo.Robot, repetitions: int) -> None:
         {
             "fast_call(f)": timed("f(*states)", 200, f=fast, states=states),
             "f, a CasADi map": timed("f(*columns)", 20, f=compiled, columns=columns),
+            "frax.Robot.rnea, mapped": timed("f(*states)", 20, f=frax_batch, states=states),
         },
     ).run(repetitions)
 
