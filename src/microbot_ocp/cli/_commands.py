@@ -52,6 +52,7 @@ COMMANDS = {
     ),
     "solve": Entry("_tasks", "solve", "solve task.toml --out out"),
     "replay": Entry("_replay", "replay", "replay best.npz --rerun best.rrd"),
+    "export": Entry("_export", "export", "export best.npz best.csv --rate 100"),
     "doctor": Entry("_doctor", "doctor", "doctor"),
 }
 

@@ -1,5 +1,8 @@
 """Public names; loaded when they are first asked for."""
 
+from ._export import (
+    EXPORT_FORMATS as EXPORT_FORMATS,
+)
 from ._files import (
     SCHEMA as SCHEMA,
 )

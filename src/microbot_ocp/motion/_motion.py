@@ -23,6 +23,7 @@ from microbot_ocp._base.fast_calls import fast_call
 from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import MotionSamples
+from microbot_ocp.motion._export import export
 from microbot_ocp.motion._files import ARRAYS, read, write
 from microbot_ocp.motion._polynomial import PiecewisePolynomial, State, quintic_between
 from microbot_ocp.motion._sampling import JUMP_GAP, dense_times, samples_at
@@ -240,6 +241,48 @@ class Motion:
     def to_rerun(self, robot: Robot, path: str | Path) -> Path:
         """Write a Rerun recording (``.rrd``) of the robot on this motion, under its limits."""
         return view_for(self, "rerun")(robot, self).save(path)
+
+    def export(
+        self, path: str | Path, rate: float | None = None, robot: Robot | None = None
+    ) -> Path:
+        """Write the motion for another program; the ending of the path says for which.
+
+        Parameters
+        ----------
+        path : str or Path
+            ``.csv``: heads with units. ``.json``: a ``trajectory_msgs/JointTrajectory`` of ROS, as
+            MoveIt and ros2_control take it. ``.mat``: MATLAB (needs scipy). ``.parquet`` (needs
+            pyarrow). ``.xml``: keyframes of a MuJoCo model. Read back by :meth:`load` is only what
+            :meth:`save` writes.
+        rate : float, optional
+            Samples a second, Hz, the end included; default the motion's own samples.
+        robot : Robot, optional
+            Gives names and units of the joints; without it they are numbered, and revolute.
+
+        Returns
+        -------
+        Path
+            The file.
+
+        Raises
+        ------
+        InputError
+            Another ending, a rate that is not above 0, a robot with other joints, a package that is
+            missing.
+
+        Examples
+        --------
+        >>> import tempfile
+        >>> import microbot_ocp as mo
+        >>> robot = mo.load_robot("microbot")
+        >>> shape = mo.cubic([[0, 0, 0], [1, 1, 1]], [0, 1])
+        >>> motion = mo.Motion.from_polynomial(robot, shape, label="cubic")
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     text = motion.export(f"{folder}/cubic.csv", rate=100.0, robot=robot).read_text()
+        >>> text[:33]
+        't [s],q waist [rad],q shoulder [r'
+        """
+        return export(self, path, rate, robot)
 
     def save(self, path: str | Path) -> Path:
         """Write one ``.npz``: arrays t, q, qd, qdd, tau, breaks and a JSON string ``metadata``."""

@@ -1,0 +1,146 @@
+"""Motions for other programs: CSV, ROS trajectories, MATLAB, Parquet, MuJoCo keyframes.
+
+Every format has the same columns: time, and position, velocity, acceleration and torque of every
+joint, SI.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+from xml.etree import ElementTree
+
+import numpy as np
+
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp.robot import Robot
+
+QUANTITIES = ("q", "qd", "qdd", "tau")
+NANOSECONDS = 1_000_000_000
+
+
+class Columns(NamedTuple):
+    """What is written: times [N], values [N,n] by quantity, and the joints' names and units."""
+
+    label: str
+    t: FloatArray
+    values: Mapping[str, FloatArray]
+    joints: tuple[str, ...]
+    units: Mapping[str, tuple[str, ...]]
+
+    @classmethod
+    def of(cls, motion: Any, robot: Robot | None) -> Columns:
+        """Of a motion; without a robot joints are numbered and taken for revolute ones."""
+        count = motion.joint_count
+        if robot is not None and robot.joint_count != count:
+            raise InputError(f"robot has {robot.joint_count} joints, but the motion has {count}")
+        if robot is None:
+            usual = {"q": "rad", "qd": "rad/s", "qdd": "rad/s^2", "tau": "N m"}
+            joints = tuple(f"joint_{j + 1}" for j in range(count))
+            units = {key: (unit,) * count for key, unit in usual.items()}
+        else:
+            joints = robot.joint_names
+            units = {key: tuple(robot.unit(key, j) for j in range(count)) for key in QUANTITIES}
+        values = {key: getattr(motion, key) for key in QUANTITIES}
+        return cls(motion.label, motion.t, values, joints, units)
+
+    def table(self) -> tuple[list[str], FloatArray]:
+        """Heads, such as "qd elbow [rad/s]", and values [N, 1 + 4 n]."""
+        heads = ["t [s]"]
+        for key in self.values:
+            heads += [
+                f"{key} {joint} [{unit}]"
+                for joint, unit in zip(self.joints, self.units[key], strict=True)
+            ]
+        return heads, np.column_stack([self.t, *self.values.values()])
+
+
+def export(motion: Any, path: str | Path, rate: float | None, robot: Robot | None) -> Path:
+    """Write a motion; see :meth:`microbot_ocp.Motion.export`."""
+    target = Path(path)
+    checks.one_of("ending of path", target.suffix, EXPORT_FORMATS)
+    sampled = motion if rate is None else motion.resample(rate)
+    EXPORT_FORMATS[target.suffix](target, Columns.of(sampled, robot))
+    return target
+
+
+def _write_csv(path: Path, columns: Columns) -> None:
+    heads, values = columns.table()
+    with path.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream)
+        writer.writerow(heads)
+        writer.writerows(values.tolist())
+
+
+def _write_trajectory(path: Path, columns: Columns) -> None:
+    """A ``trajectory_msgs/JointTrajectory`` of ROS as JSON."""
+    names = {"positions": "q", "velocities": "qd", "accelerations": "qdd", "effort": "tau"}
+    whole = np.rint(columns.t * NANOSECONDS).astype(np.int64)
+    # A controller wants increasing times: of two samples at a jump it gets the later one.
+    kept = np.append(np.diff(whole) > 10_000, True)
+    points = [
+        {
+            **{name: columns.values[key][i].tolist() for name, key in names.items()},
+            "time_from_start": _stamp(int(whole[i])),
+        }
+        for i in np.flatnonzero(kept)
+    ]
+    document = {
+        "header": {"stamp": _stamp(0), "frame_id": ""},
+        "joint_names": list(columns.joints),
+        "points": points,
+    }
+    path.write_text(json.dumps(document) + "\n", "utf-8")
+
+
+def _stamp(nanoseconds: int) -> dict[str, int]:
+    seconds, rest = divmod(nanoseconds, NANOSECONDS)
+    return {"sec": seconds, "nanosec": rest}
+
+
+def _write_matlab(path: Path, columns: Columns) -> None:
+    savemat = _needed("scipy.io", "scipy").savemat
+    units = {f"{key}_unit": list(columns.units[key]) for key in QUANTITIES}
+    named = {"joint_names": list(columns.joints), "label": columns.label}
+    savemat(path, {"t": columns.t[:, None], **columns.values, **units, **named}, appendmat=False)
+
+
+def _write_parquet(path: Path, columns: Columns) -> None:
+    arrow, parquet = _needed("pyarrow", "pyarrow"), _needed("pyarrow.parquet", "pyarrow")
+    heads, values = columns.table()
+    table = arrow.table(dict(zip(heads, values.T, strict=True)))
+    parquet.write_table(table.replace_schema_metadata({"label": columns.label}), path)
+
+
+def _write_keyframes(path: Path, columns: Columns) -> None:
+    """``<keyframe>`` of a MuJoCo model whose joints are those of the arm, one key a sample."""
+    root = ElementTree.Element("mujoco")
+    frame = ElementTree.SubElement(root, "keyframe")
+    for i, t in enumerate(columns.t.tolist()):
+        row = {"qpos": columns.values["q"][i], "qvel": columns.values["qd"][i]}
+        texts = {key: " ".join(map(repr, values.tolist())) for key, values in row.items()}
+        ElementTree.SubElement(frame, "key", {"name": str(i), "time": repr(t), **texts})
+    ElementTree.indent(root)
+    ElementTree.ElementTree(root).write(path, encoding="utf-8")
+
+
+def _needed(module: str, package: str) -> Any:
+    try:
+        return __import__(module, fromlist=["*"])
+    except ImportError:
+        raise InputError(
+            f"this format needs {package}: pip install 'microbot_ocp[export]'"
+        ) from None
+
+
+EXPORT_FORMATS: dict[str, Callable[[Path, Columns], None]] = {
+    ".csv": _write_csv,
+    ".json": _write_trajectory,
+    ".mat": _write_matlab,
+    ".parquet": _write_parquet,
+    ".xml": _write_keyframes,
+}
