@@ -25,6 +25,9 @@ from ._base.table import (
     Column as Column,
     Table as Table,
 )
+from ._base.writing import (
+    NotWritten as NotWritten,
+)
 from .comparison import (
     METHODS as METHODS,
     Certificate as Certificate,

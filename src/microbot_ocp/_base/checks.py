@@ -5,6 +5,7 @@ A message names the argument, the value that was given, its unit and what is all
 
 from __future__ import annotations
 
+import reprlib
 from collections.abc import Iterable, Mapping
 from dataclasses import fields
 from typing import Any
@@ -17,6 +18,25 @@ FloatArray = NDArray[np.float64]
 
 class InputError(ValueError):
     """Bad input, found before any solver starts; the message is one complete sentence."""
+
+
+_brief = reprlib.Repr()
+_brief.maxlevel, _brief.maxstring, _brief.maxother, _brief.maxlong = 3, 80, 80, 40
+_brief.maxlist = _brief.maxtuple = _brief.maxset = _brief.maxdict = _brief.maxarray = 6
+
+
+def shown(value: Any) -> str:
+    """A value as a message may quote it: its ``repr``, of bounded length and depth."""
+    try:
+        return shortened(_brief.repr(value), 120)
+    except Exception:  # a repr is anyone's code; a huge integer has none
+        return f"a value of type {type(value).__name__}"
+
+
+def shortened(text: str, most: int) -> str:
+    """``text`` on one line with at most so many characters, the middle left out."""
+    line = " ".join(text[: 20 * most].split()) if len(text) < 20 * most else text
+    return line if len(line) <= most else f"{line[: most // 2]}…{line[len(line) - most // 2 + 1 :]}"
 
 
 def _with_unit(value: Any, unit: str) -> str:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import csv
+import io
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from microbot_ocp._base.showing import view_for
+from microbot_ocp._base.writing import write_whole
 
 NOTHING = "–"  # stands for what is not known
 
@@ -127,11 +129,10 @@ class Table:
 
     def write_csv(self, path: str | Path) -> Path:
         """Write heads and values, numbers in full, as CSV; what is not known is empty."""
-        target = Path(path)
         known = [[value if value == value else None for value in row] for row in self.rows]
-        with target.open("w", newline="", encoding="utf-8") as stream:
-            csv.writer(stream).writerows([self.heads, *known])
-        return target
+        stream = io.StringIO()
+        csv.writer(stream).writerows([self.heads, *known])
+        return write_whole(path, stream.getvalue())
 
     def __rich__(self) -> Any:
         return view_for(self, "terminal")(self)

@@ -18,6 +18,7 @@ import typer
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.writing import NotWritten, check_writable
 from microbot_ocp.limits import JOINT_QUANTITIES, MEMBER_KEYS, MEMBERS, with_further
 from microbot_ocp.robot import JointLimits, Robot, joint_scale, per_joint
 from microbot_ocp.robot.files import packaged_robots
@@ -97,6 +98,11 @@ Iterations = Annotated[
         what="Write a recording of the solvers' iterations (.rrd) to this file.",
         metavar="FILE",
     ),
+]
+
+AllowUncertified = Annotated[
+    bool,
+    typer.Option("--allow-uncertified", help="Exit code 0 also where a certificate is refused."),
 ]
 
 OutFolder = Annotated[
@@ -265,15 +271,11 @@ def writable(path: Path | None, ending: str | tuple[str, ...], name: str) -> Pat
     endings = (ending,) if isinstance(ending, str) else ending
     if path.suffix not in endings:
         raise InputError(f"{name} must end in {' or '.join(endings)}, not {str(path)!r}")
-    reason = ""
-    if path.is_dir():
-        reason = "it is a folder"
-    elif not path.parent.is_dir():
-        reason = "its folder does not exist"
-    elif not os.access(path if path.exists() else path.parent, os.W_OK):
-        reason = "permission denied"
-    if reason:
-        raise InputError(f"{name} cannot be written to {str(path)!r}: {reason}")
+    try:
+        check_writable(path)
+    except NotWritten as problem:
+        sentence = f"{name} cannot be written to {problem.path!r}: {problem.reason}"
+        raise InputError(sentence) from None
     return path
 
 

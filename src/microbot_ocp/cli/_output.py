@@ -6,13 +6,16 @@ import json
 import math
 import os
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from microbot_ocp._base.checks import shortened
+from microbot_ocp._base.writing import NotWritten
 from microbot_ocp.cli import _interrupt as interrupt
 
 if TYPE_CHECKING:
@@ -40,16 +43,53 @@ def make_console(*, errors: bool = False) -> Console:
     )
 
 
+@dataclass
+class Written:
+    """Files that a command wrote, and those that it could not; its result is printed anyway."""
+
+    files: list[str] = field(default_factory=list)
+    missing: list[dict[str, str]] = field(default_factory=list)
+
+    def add(self, path: Path | None, save: Callable[[Path], Any]) -> None:
+        """Call ``save`` with the path, if there is one; it may return the files that it made."""
+        if path is None:
+            return
+        try:
+            made = save(path)
+        except NotWritten as problem:
+            self.missing.append({"file": problem.path, "reason": problem.reason})
+        except Exception as problem:
+            interrupt.check()
+            reason = str(problem) or type(problem).__name__
+            self.missing.append({"file": str(path), "reason": shortened(reason, 120)})
+        else:
+            self.files += map(str, made) if isinstance(made, list) else [str(path)]
+
+
 def answer(
-    as_json: bool, document: Mapping[str, Any], show: Callable[[Console], None], code: int = 0
+    as_json: bool,
+    document: Mapping[str, Any],
+    show: Callable[[Console], None],
+    code: int = 0,
+    written: Written | None = None,
+    folder: Path | None = None,
 ) -> int:
-    """Print the document as JSON, or let ``show`` print it for people; return the exit code."""
+    """Print the document as JSON, or let ``show`` print it for people; return the exit code.
+
+    Files come last, those in ``folder`` as a count. One that is missing makes the exit code 1.
+    """
     interrupt.check()
+    if written is not None:
+        document = {**document, "written": written.files, "not_written": written.missing}
+        code = 1 if written.missing else code
     if as_json:
         utf8 = (sys.stdout.encoding or "").lower().replace("-", "") == "utf8"
         print(json.dumps(plain(document), indent=2, ensure_ascii=not utf8, allow_nan=False))
     else:
-        show(make_console())
+        console = make_console()
+        show(console)
+        if written is not None:
+            _show_written(console, written, folder)
     return code
 
 
@@ -102,18 +142,15 @@ def in_degrees(robot: Robot, q: Any) -> np.ndarray:
     return np.round(np.asarray(q, dtype=float) * np.where(turns, 180.0 / np.pi, 1.0), 10)
 
 
-def close(
-    console: Console, advice: str, written: Sequence[str], folder: Path | None = None
-) -> None:
-    """Print what comes last: advice, and the files that were written; only a count in a folder."""
-    if advice:
-        console.print(f"Advice: {advice}")
-    inside = [path for path in written if folder and Path(path).is_relative_to(folder)]
+def _show_written(console: Console, written: Written, folder: Path | None) -> None:
+    inside = [path for path in written.files if folder and Path(path).is_relative_to(folder)]
     if len(inside) > 1:
         console.print(f"written: {len(inside)} files in {folder}", soft_wrap=True)
-        written = [path for path in written if path not in inside]
-    for path in written:
-        console.print(f"written: {path}", soft_wrap=True)
+    for path in written.files:
+        if len(inside) < 2 or path not in inside:
+            console.print(f"written: {path}", soft_wrap=True)
+    for missing in written.missing:
+        console.print(f"not written: {missing['file']}: {missing['reason']}", soft_wrap=True)
 
 
 @contextmanager

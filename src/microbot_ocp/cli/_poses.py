@@ -25,15 +25,15 @@ from microbot_ocp.cli._options import (
     whole_number,
 )
 from microbot_ocp.cli._output import (
+    Written,
     answer,
-    close,
     in_degrees,
     joint_text,
     number,
     point_text,
     span,
 )
-from microbot_ocp.cli._recordings import check_recording, open_recording, write_recording
+from microbot_ocp.cli._recordings import check_recording, open_recording
 from microbot_ocp.inverse_kinematics import IKSolution, solve_ik, solve_ik_all
 from microbot_ocp.robot import Robot, forward_kinematics
 from microbot_ocp.robot.files import load_robot
@@ -125,14 +125,14 @@ def ik(
 
         return of_branches(robot, found, target, rotation).save(path)
 
-    written = write_recording(save, rerun)
+    written = Written()
+    written.add(rerun, save)
     document = {
         "robot": robot.name,
         "position": target,
         "rotation": rotation,
         "solved": solved,
         "solutions": [_solution_document(robot, solution) for solution in found],
-        "written": written,
     }
 
     def text(console: Console) -> None:
@@ -160,9 +160,8 @@ def ik(
         console.print(Table.of_text(heads, rows, left=0), "")
         for sentence in dict.fromkeys(s.advice for s in found if not s.solved or s.self_motion):
             console.print(sentence)
-        close(console, "", written)
 
-    code = answer(as_json, document, text, 0 if solved else 1)
+    code = answer(as_json, document, text, 0 if solved else 1, written)
     if open_viewer:
         open_recording(save, rerun)
     return code

@@ -22,14 +22,6 @@ def check_recording(rerun: Path | None, open_viewer: bool) -> None:
         check_viewer("--open")
 
 
-def write_recording(save: Save, rerun: Path | None) -> list[str]:
-    """Write the recording if a file is given; the files that were written."""
-    if rerun is None:
-        return []
-    save(rerun)
-    return [str(rerun)]
-
-
 def open_recording(save: Save, rerun: Path | None) -> None:
     """Show the recording that was written, or a temporary one, until the viewer is closed."""
     from microbot_ocp.views.live import LOOPBACK

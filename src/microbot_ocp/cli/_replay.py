@@ -11,13 +11,8 @@ import typer
 import microbot_ocp as mo
 from microbot_ocp._base.checks import InputError
 from microbot_ocp.cli._options import Json, Open, Recording, option, robot_names
-from microbot_ocp.cli._output import answer, close
-from microbot_ocp.cli._recordings import (
-    Save,
-    check_recording,
-    open_recording,
-    write_recording,
-)
+from microbot_ocp.cli._output import Written, answer
+from microbot_ocp.cli._recordings import Save, check_recording, open_recording
 from microbot_ocp.comparison import named_robot
 from microbot_ocp.robot import Robot
 
@@ -68,21 +63,20 @@ def replay(
         robot = robot_of(motion, str(file), robot_name)
         motions = {"motion": motion}
         save = partial(motion.to_rerun, robot)
-    written = write_recording(save, rerun)
+    written = Written()
+    written.add(rerun, save)
     document = {
         "robot": robot.name,
         "motions": {
             name: {"label": m.label, "duration": m.duration} for name, m in motions.items()
         },
-        "written": written,
     }
 
     def text(console: Console) -> None:
         for motion in motions.values():
             console.print(f"{motion.label}: {motion.duration:.3f} s", soft_wrap=True)
-        close(console, "", written)
 
-    code = answer(as_json, document, text)
+    code = answer(as_json, document, text, written=written)
     if open_viewer:
         open_recording(save, rerun)
     return code

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -22,14 +23,14 @@ from microbot_ocp.cli._options import (
     writable,
 )
 from microbot_ocp.cli._output import (
+    Written,
     answer,
-    close,
     joint_text,
     number,
     point_text,
     span,
 )
-from microbot_ocp.cli._recordings import check_recording, open_recording, write_recording
+from microbot_ocp.cli._recordings import check_recording, open_recording
 from microbot_ocp.limits import JOINT_QUANTITIES
 from microbot_ocp.robot import Robot
 from microbot_ocp.robot.files import load_robot, packaged_robots, robot_text, save_text
@@ -94,12 +95,13 @@ def show(
         raise InputError("give --toml or --json, not both")
     writable(out, (".toml", ".urdf"), "--out")
     check_recording(rerun, open_viewer)
-    written = [] if out is None else [str(_write(robot_name, tip, robot, out))]
+    written = Written()
+    written.add(out, lambda path: _write(robot_name, tip, robot, path))
 
     def save(path: Path) -> Path:
         return joint_sweep(robot).to_rerun(robot, path)
 
-    written += write_recording(save, rerun)
+    written.add(rerun, save)
     rest = _nearest_zero(robot)
     pose = np.array(mo.forward_kinematics(robot)(rest))
     found, bound = largest_reach(robot)
@@ -117,7 +119,6 @@ def show(
             "reach_found": found,
             "reach_bound": bound,
         },
-        "written": written,
     }
 
     def tables(console: Console) -> None:
@@ -127,12 +128,17 @@ def show(
         reach = f"{number(found, 3)} m from the base origin found within the limits"
         most = f"; at most {number(bound, 3)} m with every link stretched out"
         console.print(f"Reach: {reach}{most if np.isfinite(bound) else ''}")
-        close(console, "", written)
 
     def file(console: Console) -> None:
         console.file.write(robot_text(robot_name, tip))
 
-    code = answer(as_json, document, file if toml else tables)
+    if toml:  # and nothing else, so that it can be piped into a file
+        code = answer(as_json, document, file)
+        for missing in written.missing:
+            print(f"error: {missing['file']}: {missing['reason']}", file=sys.stderr)
+        code = 1 if written.missing else code
+    else:
+        code = answer(as_json, document, tables, written=written)
     if open_viewer:
         open_recording(save, rerun)
     return code

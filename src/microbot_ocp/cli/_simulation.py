@@ -28,8 +28,8 @@ from microbot_ocp.cli._options import (
     optional_joint_values,
     writable,
 )
-from microbot_ocp.cli._output import answer, close, in_degrees, number
-from microbot_ocp.cli._recordings import Save, check_recording, open_recording, write_recording
+from microbot_ocp.cli._output import Written, answer, in_degrees, number
+from microbot_ocp.cli._recordings import Save, check_recording, open_recording
 from microbot_ocp.motion import SAMPLE_STEP, Motion
 from microbot_ocp.robot.files import load_robot
 from microbot_ocp.simulation import simulate as integrate
@@ -121,16 +121,15 @@ def simulate(
         "qd_peak": np.abs(result.qd).max(axis=0),
         "condition_peak": result.condition_peak,
         "wall_time": result.wall_time,
-        "written": [],
     }
+    written = Written()
     save: Save | None = None
     if result.solved:
         provenance = {"method": "simulation", "robot": robot.name, "torques": source}
         motion = replace(result.as_motion(f"simulation, {source}"), provenance=provenance)
-        if out is not None:
-            document["written"].append(str(motion.save(out)))
+        written.add(out, motion.save)
         save = partial(motion.to_rerun, robot)
-        document["written"] += write_recording(save, rerun)
+        written.add(rerun, save)
 
     def text(console: Console) -> None:
         console.print(f"{robot.name}, {source}, {number(length)} s: {result.status}\n")
@@ -143,9 +142,10 @@ def simulate(
         ]
         heads = ["joint", "unit", "start", "end", "speed at the end [/s]", "peak speed [/s]"]
         console.print(Table.of_text(heads, rows, left=2), "")
-        close(console, result.advice, document["written"])
+        if result.advice:
+            console.print(f"Advice: {result.advice}")
 
-    code = answer(as_json, document, text, 0 if result.solved else 1)
+    code = answer(as_json, document, text, 0 if result.solved else 1, written)
     if open_viewer and save is not None:
         open_recording(save, rerun)
     return code

@@ -12,6 +12,7 @@ import typer
 
 from microbot_ocp._base.table import Column, Table
 from microbot_ocp.cli._options import (
+    AllowUncertified,
     Iterations,
     Json,
     Live,
@@ -34,8 +35,8 @@ from microbot_ocp.cli._options import (
     with_limit_options,
     writable,
 )
-from microbot_ocp.cli._output import answer, close, joint_text, shown_progress
-from microbot_ocp.cli._recordings import check_recording, open_recording, write_recording
+from microbot_ocp.cli._output import Written, answer, joint_text, shown_progress
+from microbot_ocp.cli._recordings import check_recording, open_recording
 from microbot_ocp.cli._watching import Watchers
 from microbot_ocp.comparison import (
     METHODS,
@@ -106,12 +107,13 @@ def compare(
     live_serve: LiveServe = False,
     live_connect: LiveConnect = None,
     tip: Tip = None,
+    allow_uncertified: AllowUncertified = False,
     as_json: Json = False,
 ) -> int:
     """Compare several methods on one task, under the same limits.
 
     Every motion is certified. A limit is one number, or one a joint with commas between; those not
-    given are the robot's own. Exit code 1 where a method found no solution.
+    given are the robot's own. Exit code 1 where a method found no certified solution.
     """
     robot = load_robot(robot_name, tip)
     points = via_points(robot, via, via_deg)
@@ -128,8 +130,8 @@ def compare(
             progress=progress,
             **({} if mesh is None else {"mesh": mesh}),
         )
-    written = _save(as_json, result, out, OUTPUTS, rerun)
-    code = _show_comparison(as_json, result, written, out, watchers)
+    written = _save(as_json, result, out, OUTPUTS, watchers.written, rerun)
+    code = _show_comparison(as_json, result, written, out, allow_uncertified)
     if open_viewer:
         open_recording(result.to_rerun, rerun)
     watchers.linger()
@@ -164,12 +166,14 @@ def time_optimal(
     live_serve: LiveServe = False,
     live_connect: LiveConnect = None,
     tip: Tip = None,
+    allow_uncertified: AllowUncertified = False,
     as_json: Json = False,
 ) -> int:
     """Find and certify the fastest motion through via points.
 
     It is at rest at both ends. A limit is one number, or one a joint with commas between; those not
-    given are the robot's own. Exit code 1 where the solver did not converge.
+    given are the robot's own. Exit code 1 where the solver did not converge or the certificate is
+    refused.
     """
     robot = load_robot(robot_name, tip)
     points = via_points(robot, via, via_deg)
@@ -191,8 +195,9 @@ def time_optimal(
 
         return of_motion(limited, motion, certificate).save(path)
 
-    written = [str(motion.save(out))] if out is not None else []
-    written += [*write_recording(save, rerun), *watchers.written()]
+    written = watchers.written
+    written.add(out, motion.save)
+    written.add(rerun, save)
     document = {
         "robot": robot.name,
         "via_q": points,
@@ -203,14 +208,15 @@ def time_optimal(
         "duration": motion.duration,
         "marks": [{"time": mark.time, "name": mark.name} for mark in motion.marks],
         "certificate": certificate.as_dict(),
-        "written": written,
     }
 
     def text(console: Console) -> None:
         _show_motion(console, limited, points, motion, certificate)
-        close(console, "" if motion.solved else str(document["advice"]), written)
+        if not motion.solved and document["advice"]:
+            console.print(f"Advice: {document['advice']}")
 
-    code = answer(as_json, document, text, 0 if motion.solved else 1)
+    good = motion.solved and (certificate.ok or allow_uncertified)
+    code = answer(as_json, document, text, 0 if good else 1, written)
     if open_viewer:
         open_recording(save, rerun)
     watchers.linger()
@@ -226,19 +232,20 @@ def solve(
     live: Live = False,
     live_serve: LiveServe = False,
     live_connect: LiveConnect = None,
+    allow_uncertified: AllowUncertified = False,
     as_json: Json = False,
 ) -> int:
     """Solve the task of a TOML file.
 
-    --out says where its outputs go. Exit code 1 where a method found no solution.
+    --out says where its outputs go. Exit code 1 where a method found no certified solution.
     """
     task = read_task(file)
     output_folder(out)
     watchers = Watchers(live, live_serve, live_connect, iterations)
     with watchers.progress(as_json) as progress:
         result = task.compare(progress)
-    written = _save(as_json, result, out, task.outputs)
-    code = _show_comparison(as_json, result, written, out, watchers)
+    written = _save(as_json, result, out, task.outputs, watchers.written)
+    code = _show_comparison(as_json, result, written, out, allow_uncertified)
     watchers.linger()
     return code
 
@@ -248,46 +255,43 @@ def _save(
     comparison: Comparison,
     folder: Path | None,
     outputs: Sequence[str],
+    written: Written,
     rerun: Path | None = None,
-) -> list[str]:
+) -> Written:
     """Write some of :data:`OUTPUTS` into a folder and a recording, where they are given."""
-    written = []
     with shown_progress(as_json) as progress:
-        if folder is not None:
-            for done, output in enumerate(outputs):
-                progress(Step(done, len(outputs), "write", f"{output} in {folder}"))
-                written += map(str, comparison.save(folder, [output]))
+        written.add(folder, lambda path: comparison.save(path, outputs, progress=progress))
         if rerun is not None:
             progress(Step(0, 1, "write", str(rerun)))
-        return written + write_recording(comparison.to_rerun, rerun)
+        written.add(rerun, comparison.to_rerun)
+    return written
 
 
 def _show_comparison(
     as_json: bool,
     comparison: Comparison,
-    written: list[str],
+    written: Written,
     out: Path | None,
-    watchers: Watchers,
+    allow_uncertified: bool,
 ) -> int:
     from microbot_ocp.views.tables import comparison_rows
 
-    written = [*written, *watchers.written()]
     document = {
         "robot": comparison.robot.name,
         "via_q": comparison.via_q,
         "limits": comparison.limits.as_dict(),
         "reference": comparison.reference,
         "solved": comparison.solved,
+        "certified": comparison.certified,
         "entries": comparison_rows(comparison),
-        "written": written,
     }
 
     def text(console: Console) -> None:
         table = comparison.table()
         console.print(table if console.width >= WIDE else _narrow(table))
-        close(console, "", written, out)
 
-    return answer(as_json, document, text, 0 if comparison.solved else 1)
+    good = comparison.solved and (comparison.certified or allow_uncertified)
+    return answer(as_json, document, text, 0 if good else 1, written, out)
 
 
 def _narrow(table: Table) -> Table:

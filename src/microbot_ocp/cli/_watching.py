@@ -7,12 +7,13 @@ import time
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from microbot_ocp._base.checks import InputError
 from microbot_ocp.cli._options import writable
-from microbot_ocp.cli._output import shown_progress
+from microbot_ocp.cli._output import Written, shown_progress
 from microbot_ocp.cli._recordings import check_viewer
 
 if TYPE_CHECKING:
@@ -30,6 +31,7 @@ class Watchers:
     serve: bool = False
     connect: str | None = None
     iterations: Path | None = None
+    written: Written = field(default_factory=Written)  # of the recording of the iterations
     _server: ExitStack = field(default_factory=ExitStack, repr=False)
 
     def __post_init__(self) -> None:
@@ -51,7 +53,9 @@ class Watchers:
             if self.iterations is not None:
                 from microbot_ocp.views.recording import record_iterations
 
-                watchers.append(stack.enter_context(record_iterations(self.iterations)))
+                recording = record_iterations(self.iterations)
+                watchers.append(recording.__enter__())
+                stack.push(partial(self._end_recording, recording))
             if self.live or self.serve or self.connect is not None:
                 watchers.append(stack.enter_context(self._viewer()))
 
@@ -73,6 +77,13 @@ class Watchers:
         address = self.connect or self._server.enter_context(live.server(_print_address))
         return live.connected(address)
 
+    def _end_recording(self, recording: AbstractContextManager[Any], *problem: Any) -> None:
+        """A recording that cannot be written does not lose the result."""
+        if problem[0] is not None:
+            recording.__exit__(*problem)
+        else:
+            self.written.add(self.iterations, lambda _: recording.__exit__(None, None, None))
+
     def linger(self) -> None:
         """Keep serving a browser until Ctrl-C."""
         if not self.serve:
@@ -81,10 +92,6 @@ class Watchers:
         with self._server, suppress(KeyboardInterrupt):
             while True:
                 time.sleep(1.0)
-
-    def written(self) -> list[str]:
-        """Files that were written."""
-        return [] if self.iterations is None else [str(self.iterations)]
 
 
 def _print_address(address: str) -> None:

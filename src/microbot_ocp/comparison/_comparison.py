@@ -5,6 +5,7 @@ A method is one line in :data:`METHODS`: a key, a title and a function from the 
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -18,7 +19,9 @@ from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
 from microbot_ocp._base.status import Status
+from microbot_ocp._base.writing import NotWritten, temporary_path
 from microbot_ocp.comparison._certificate import Certificate, certificate_of
+from microbot_ocp.comparison._folder import swap_in
 from microbot_ocp.limits import LimitFamily
 from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial
 from microbot_ocp.ocp.solution import Iteration, StepProgress, quiet
@@ -55,7 +58,7 @@ class Step:
 
     done: int
     total: int
-    stage: str  # "solve", "certify" or "done"
+    stage: str  # "solve", "certify", "write" or "done"
     text: str
     iteration: Iteration | None = None  # where a solver is at work
 
@@ -289,6 +292,11 @@ class Comparison:
         """Whether every method was solved."""
         return all(entry.solved for entry in self.entries)
 
+    @property
+    def certified(self) -> bool:
+        """Whether the certificate of every motion is ok."""
+        return all(certificate.ok for certificate in self.certificates.values())
+
     def table(self) -> Table:
         """One row a method: printed, in a rich console, in Jupyter, as Markdown or CSV."""
         return view_for(self, "table")(self)
@@ -309,35 +317,74 @@ class Comparison:
         """Write a Rerun recording with its blueprint inside."""
         return view_for(self, "rerun")(self).save(path)
 
-    def save(self, folder: str | Path, outputs: Sequence[str] = OUTPUTS) -> list[Path]:
+    def save(
+        self,
+        folder: str | Path,
+        outputs: Sequence[str] = OUTPUTS,
+        *,
+        progress: Progress | None = None,
+    ) -> list[Path]:
         """Write some of :data:`OUTPUTS` into a folder, by default all.
+
+        They are made in a hidden folder inside and moved when all are whole; what an earlier run
+        left in the folder is replaced. ``comparison.json`` is moved last and holds digests of the
+        others, so that :func:`load_comparison` refuses files of two runs.
+
+        Parameters
+        ----------
+        folder : str or Path
+        outputs : sequence of str
+        progress : callable, optional
+            Called with a :class:`Step` before each output.
 
         Returns
         -------
         list of Path
             ``comparison.json``, ``.csv``, ``.rrd``, ``.png``, ``.pdf``, ``paths.png``, ``.pdf``,
             ``report.pdf``, ``motions/NAME.npz``.
+
+        Raises
+        ------
+        InputError
+            An output that is not known.
+        NotWritten
+            An ``InputError`` and ``OSError``: the folder or disk does not allow it. Unless files
+            could not be moved, those of the earlier run are all there.
         """
         for output in outputs:
             checks.one_of("outputs", output, OUTPUTS)
         target = Path(folder)
-        target.mkdir(parents=True, exist_ok=True)
-        written: list[Path] = []
-        if "motions" in outputs:
-            (target / "motions").mkdir(exist_ok=True)
+        try:
+            target.mkdir(parents=True, exist_ok=True)
+            with temporary_path(target / "run") as stage:
+                (stage / "motions").mkdir(parents=True)
+                for done, output in enumerate(outputs):
+                    if progress is not None:
+                        progress(Step(done, len(outputs), "write", f"{output} in {target}"))
+                    self._write(output, stage)
+                for output in {"json", "motions"} - set(outputs):  # they tell which run it is
+                    self._write(output, stage)
+                return swap_in(stage, target, "json" in outputs, "motions" in outputs)
+        except NotWritten as problem:  # names the file in its place, not the temporary one
+            place = re.sub(r"\.run\.[^/\\]*\.part[/\\]", "", problem.path)
+            raise NotWritten(place, problem.reason) from None
+        except OSError as problem:
+            raise NotWritten(target, problem.strerror or str(problem)) from None
+
+    def _write(self, output: str, folder: Path) -> None:
+        if output == "motions":
             for name, motion in self.motions.items():
-                written.append(motion.save(target / "motions" / f"{name}.npz"))
-        for kind in ("json", "csv"):
-            if kind in outputs:
-                written.append(view_for(self, kind)(self, target / f"comparison.{kind}"))
-        if "figures" in outputs:
+                motion.save(folder / "motions" / f"{name}.npz")
+        elif output == "figures":
             for name, axes in (("comparison", self.plot()), ("paths", self.plot_paths())):
-                written += [axes.savefig(target / f"{name}.{kind}") for kind in ("png", "pdf")]
-        if "report" in outputs:
-            written.append(self.report(target / "report.pdf"))
-        if "recording" in outputs:
-            written.append(self.to_rerun(target / "comparison.rrd"))
-        return written
+                for kind in ("png", "pdf"):
+                    axes.savefig(folder / f"{name}.{kind}")
+        elif output == "report":
+            self.report(folder / "report.pdf")
+        elif output == "recording":
+            self.to_rerun(folder / "comparison.rrd")
+        else:
+            view_for(self, output)(self, folder / f"comparison.{output}")
 
 
 def compare(

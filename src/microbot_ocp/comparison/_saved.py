@@ -10,12 +10,17 @@ from typing import Any
 import numpy as np
 
 from microbot_ocp._base import checks
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.checks import FloatArray, InputError, shortened, shown
 from microbot_ocp._base.status import Status
 from microbot_ocp.comparison._certificate import certify
 from microbot_ocp.comparison._comparison import Comparison, Entry
+from microbot_ocp.comparison._folder import INDEX, NAME, check_run
+from microbot_ocp.limits import JOINT_QUANTITIES
 from microbot_ocp.motion import Motion
-from microbot_ocp.robot import JointLimits, Robot, load_robot, packaged_robots
+from microbot_ocp.planning import check_limits, check_via
+from microbot_ocp.robot import Limits, Robot, load_robot, packaged_robots
+
+LIMIT_KEYS = [f"{key}_{side}" for key in JOINT_QUANTITIES for side in ("min", "max")]
 
 
 def load_comparison(folder: str | Path, robot: Robot | str | None = None) -> Comparison:
@@ -31,23 +36,32 @@ def load_comparison(folder: str | Path, robot: Robot | str | None = None) -> Com
     Raises
     ------
     InputError
-        The folder holds no comparison, its file is damaged, or it names a robot that is not known.
+        The folder holds no comparison, its files are damaged or of two runs, or it names a robot
+        that is not known.
     """
     folder = Path(folder)
-    origin = str(folder / "comparison.json")
+    origin = str(folder / INDEX)
     try:
         saved = json.loads(Path(origin).read_text("utf-8"))
-        entries, via_q, limits = saved["entries"], saved["via_q"], _stored_limits(saved["limits"])
+        via_q = saved["via_q"]
         name, reference = str(saved["robot"]), str(saved["reference"])
-        rows = [(str(row["name"]), dict(row)) for row in entries]
+        rows = [(str(row["name"]), dict(row)) for row in saved["entries"]]
+        bounds = {str(key): list(values) for key, values in saved["limits"].items()}
     except OSError as problem:
-        raise InputError(f"{origin} cannot be read: {problem.strerror}") from None
-    except (ValueError, KeyError, TypeError, AttributeError) as problem:
-        raise InputError(f"{origin} is not a saved comparison: {problem}") from None
+        raise InputError(f"{shortened(origin, 150)} cannot be read: {problem.strerror}") from None
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as problem:
+        raise InputError(
+            f"{shortened(origin, 100)} is not a saved comparison: {shortened(str(problem), 100)}"
+        ) from None
+    names = [key for key, _ in rows]
+    if not all(map(NAME.fullmatch, names)) or len(set(names)) < len(names):
+        raise InputError(f"entries of {origin} must have different names, not {shown(names)}")
     arm = named_robot(origin, name, robot)
+    arm = arm.with_limits(_stored_limits(origin, bounds))
     via = checks.array(f"via_q of {origin}", via_q, (None, arm.joint_count))
-    arm = arm.with_limits(limits.for_joints(arm.joint_count))
+    check_via(check_limits(arm, None), via)
     made = tuple(_entry(arm, via, folder, key, row) for key, row in rows)
+    check_run(folder, saved)  # after reading: what is read is then known to be of this run
     return Comparison(arm, via, arm.limits, made, reference)
 
 
@@ -64,13 +78,14 @@ def named_robot(origin: str, named: str | None, given: Robot | str | None) -> Ro
     return load_robot(named)
 
 
-def _stored_limits(saved: Mapping[str, Any]) -> JointLimits:
+def _stored_limits(origin: str, saved: Mapping[str, list[Any]]) -> Limits:
     """Limits from JSON, where what is infinite is null."""
     arrays = {}
     for key, values in saved.items():
+        checks.one_of(f"limits of {origin}", key, LIMIT_KEYS)
         none = -np.inf if key.endswith("_min") else np.inf
-        arrays[key] = np.array([none if value is None else float(value) for value in values])
-    return JointLimits(**arrays)
+        arrays[key] = [none if value is None else value for value in values]
+    return Limits(**arrays)
 
 
 def _entry(robot: Robot, via: FloatArray, folder: Path, name: str, row: Mapping[str, Any]) -> Entry:
@@ -94,7 +109,7 @@ def _status(value: Any) -> Status:
     try:
         return Status(value)
     except ValueError:
-        raise InputError(f"status must be one of {', '.join(Status)}, not {value!r}") from None
+        raise InputError(f"status must be a known word, not {shown(value)}") from None
 
 
 def _float(value: Any) -> float:

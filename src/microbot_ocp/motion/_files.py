@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 from collections.abc import Mapping
 from pathlib import Path
@@ -12,6 +13,7 @@ from zlib import error as zlib_error
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.writing import write_whole
 
 SCHEMA = 1
 ARRAYS = ("t", "q", "qd", "qdd", "tau", "breaks")
@@ -23,17 +25,15 @@ _BROKEN = (
 
 
 def write(path: Path, arrays: Mapping[str, FloatArray], metadata: Mapping[str, Any]) -> Path:
-    """Write the file, replacing an old one only when the new one is complete."""
+    """Write the file, whole or not at all."""
     try:
         text = json.dumps({"schema": SCHEMA, **metadata})
     except TypeError as problem:
         raise InputError(f"provenance must hold plain JSON values: {problem}") from None
     contents: dict[str, Any] = {**arrays, "metadata": text}
-    partial = path.with_name(path.name + ".part")
-    with partial.open("wb") as stream:
-        np.savez_compressed(stream, **contents)
-    partial.replace(path)
-    return path
+    stream = io.BytesIO()
+    np.savez_compressed(stream, **contents)
+    return write_whole(path, stream.getvalue())
 
 
 def read(path: Path) -> tuple[dict[str, FloatArray], dict[str, Any]]:

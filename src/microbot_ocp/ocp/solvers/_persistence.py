@@ -7,6 +7,7 @@ settings of the solver and the versions of the packages.
 from __future__ import annotations
 
 import copy
+import io
 import json
 import platform
 from collections.abc import Callable
@@ -21,6 +22,7 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.status import Status
+from microbot_ocp._base.writing import write_whole
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.solution import (
     UNKNOWN,
@@ -131,11 +133,9 @@ def save_solution(solution: Solution, path: str | Path) -> Path:
         raise InputError(
             f"options of solvers and schemes must be plain JSON values: {problem}"
         ) from None
-    partial = target.with_name(target.name + ".part")
-    with partial.open("wb") as stream:
-        np.savez_compressed(stream, metadata=np.array(text), **arrays)
-    partial.replace(target)
-    return target
+    stream = io.BytesIO()
+    np.savez_compressed(stream, metadata=np.array(text), **arrays)
+    return write_whole(target, stream.getvalue())
 
 
 def load_solution(

@@ -23,6 +23,7 @@ import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import InputError
+from microbot_ocp._base.writing import write_whole
 from microbot_ocp.limits import JOINT_QUANTITIES, Limit, Limits
 from microbot_ocp.robot._links import Link
 from microbot_ocp.robot._model import Robot, dh_transform
@@ -248,10 +249,7 @@ def save_text(text: str, path: str | Path, ending: str) -> None:
     """Write ``text`` to ``path``, which must have the ending of its format."""
     if Path(path).suffix != ending:
         raise InputError(f"path must end in {ending}, not {str(path)!r}")
-    try:
-        Path(path).write_text(text, "utf-8", newline="\n")
-    except OSError as problem:
-        raise InputError(f"robot file {str(path)!r} cannot be written: {problem}") from None
+    write_whole(path, text)
 
 
 def robot_to_toml(robot: Robot) -> str:

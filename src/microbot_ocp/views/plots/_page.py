@@ -22,6 +22,7 @@ from mpl_toolkits.mplot3d import Axes3D
 
 from microbot_ocp._base.checks import InputError
 from microbot_ocp._base.showing import DrawnAxes, GivenAxes
+from microbot_ocp._base.writing import write_whole
 
 A4 = (8.27, 11.69)  # inches
 A4_LANDSCAPE = (11.69, 8.27)
@@ -283,7 +284,13 @@ def write(drawn: Drawn, path: str | Path, **options: Any) -> Path:
         Nothing to draw.
     """
     target = Path(path)
-    undated = {"CreationDate": None} if target.suffix == ".pdf" else None  # same figure, same file
+    figure, stream = figure_of(drawn), io.BytesIO()
+    format = options.pop("format", target.suffix[1:].lower() or "png")
+    known = figure.canvas.get_supported_filetypes()
+    if format not in known:
+        raise InputError(f"path must end in one of {', '.join(known)}, not {target.suffix!r}")
+    undated = {"CreationDate": None} if format == "pdf" else None  # same figure, same file
+    settings = {"dpi": PNG_DPI, "metadata": undated, **options}
     with styled():
-        figure_of(drawn).savefig(target, **{"dpi": PNG_DPI, "metadata": undated, **options})
-    return target
+        figure.savefig(stream, format=format, **settings)
+    return write_whole(target, stream.getvalue())

@@ -16,6 +16,7 @@ import rerun.blueprint as rrb
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.table import Table
+from microbot_ocp._base.writing import check_writable, write_whole
 from microbot_ocp.robot import Robot
 
 APPLICATION = "microbot_ocp"
@@ -107,21 +108,20 @@ def file_writer(
 ) -> Iterator[Writer]:
     """Writer of a file with its layout inside; the file appears when all is written.
 
-    A viewer keeps one layout for each ``application``.
+    A viewer keeps one layout for each ``application``. The recording is gathered in memory: Rerun's
+    own file sink waits for ever on a full disk.
     """
-    target = Path(path)
-    partial = target.with_name(target.name + ".part")
+    check_writable(path)
     stream = rr.RecordingStream(application)
     try:
-        stream.save(partial, default_blueprint=blueprint)
+        memory = stream.memory_recording()
+        if blueprint is not None:
+            stream.send_blueprint(blueprint, make_active=False, make_default=True)
         yield Writer(stream)
-        stream.flush()
-    except BaseException:
+        content = memory.drain_as_bytes()
+    finally:
         stream.disconnect()
-        partial.unlink(missing_ok=True)
-        raise
-    stream.disconnect()  # writes the footer, without which the file is not valid
-    partial.replace(target)
+    write_whole(path, content)
 
 
 def quaternions(rotations: FloatArray) -> FloatArray:

@@ -12,6 +12,7 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, plain
 from microbot_ocp._base.table import NOTHING, Column, Table
+from microbot_ocp._base.writing import write_whole
 from microbot_ocp.comparison import Certificate, Comparison, Entry, LimitCheck
 from microbot_ocp.limits import JOINT_QUANTITIES, quantity_name
 from microbot_ocp.views._scene import display_factor, display_unit
@@ -127,10 +128,8 @@ def write_json(comparison: Comparison, path: str | Path) -> Path:
         "reference": comparison.reference,
         "entries": comparison_rows(comparison),
     }
-    target = Path(path)
     text = json.dumps(plain(document), indent=2, ensure_ascii=False, allow_nan=False)
-    target.write_text(text + "\n", encoding="utf-8")
-    return target
+    return write_whole(path, text + "\n")
 
 
 def _shown_via(comparison: Comparison) -> FloatArray:

@@ -1,0 +1,191 @@
+"""The one writer of files: each is whole or absent, whatever ends the process or fills the disk.
+
+A file is written under a temporary name in its folder, forced to the disk and renamed. Temporary
+names are hidden, differ between writers, and end in ``.part``; what a killed process left is
+removed by the next writer in that folder.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+import platform
+import re
+import secrets
+import shutil
+import stat
+from collections.abc import Iterator
+from pathlib import Path
+
+from microbot_ocp._base.checks import InputError, shortened
+
+# .NAME.HOST.PID.RANDOM.microbot.part: at most 200 bytes, where file systems allow 255
+_LEFTOVER = re.compile(r"\..*\.(?P<host>[\w-]+)\.(?P<pid>\d+)\.[0-9a-f]{12}\.microbot\.part")
+_DIRECT = re.compile(r"/dev/(stdout|stderr|fd/.*)|/proc/.*")
+_open: set[str] = set()  # temporary paths of this process that are in use
+
+
+class NotWritten(OSError, InputError):
+    """A file could not be written; the message names it and says why."""
+
+    def __init__(self, path: str | Path, reason: str) -> None:
+        super().__init__(f"{shortened(str(path), 150)} was not written: {shortened(reason, 120)}")
+        self.path, self.reason = str(path), shortened(reason, 120)
+
+
+@contextlib.contextmanager
+def whole_file(path: str | Path) -> Iterator[Path]:
+    """Path to write to in the place of ``path``, which gets the file when the block ends.
+
+    A link stays a link, and what it points to is replaced. Devices and pipes are written directly.
+    Permissions are those of a new file.
+
+    Raises
+    ------
+    NotWritten
+        The file, its folder or the disk does not allow it. What was at ``path`` is still there,
+        and no temporary file is left.
+    """
+    target = check_writable(path)
+    with _explained(path):
+        if _is_direct(path):
+            yield target
+            return
+        with temporary_path(target) as partial:
+            yield partial
+            sync(partial)
+            os.replace(partial, target)
+        sync(target.parent)
+
+
+def check_writable(path: str | Path) -> Path:
+    """Where ``path`` leads; :class:`NotWritten` where it is plain that nothing can be written."""
+    with _explained(path):
+        if _is_direct(path):
+            return Path(path)
+        target = Path(os.path.realpath(path))
+        reason = ""
+        if target.is_dir():
+            reason = "it is a folder"
+        elif not target.parent.is_dir():
+            reason = "its folder does not exist"
+        elif not os.access(target if target.exists() else target.parent, os.W_OK):
+            reason = "permission denied"
+        if reason:
+            raise NotWritten(path, reason)
+        return target
+
+
+def write_whole(path: str | Path, content: str | bytes) -> Path:
+    """Write text (UTF-8, lines as they are) or bytes by :func:`whole_file`; return the path.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_whole(f"{folder}/a.txt", "text").read_text()
+    'text'
+    """
+    with whole_file(path) as partial:
+        partial.write_bytes(content.encode() if isinstance(content, str) else content)
+    return Path(path)
+
+
+@contextlib.contextmanager
+def temporary_path(target: Path) -> Iterator[Path]:
+    """A new name beside ``target``, for a file or a folder that is removed when the block ends."""
+    remove_leftovers(target.parent)
+    shown = os.fsencode(target.name)[:80].decode(errors="ignore")
+    label = f".{shown}.{_host()}.{os.getpid()}.{secrets.token_hex(6)}.microbot.part"
+    partial = target.parent / label
+    _open.add(str(partial))
+    try:
+        yield partial
+    finally:
+        _remove(partial)
+        _open.discard(str(partial))
+
+
+def remove_leftovers(folder: Path) -> None:
+    """Remove what writers of this machine left in a folder when they were killed."""
+    with contextlib.suppress(OSError), os.scandir(folder) as entries:
+        for entry in entries:
+            found = _LEFTOVER.fullmatch(entry.name)
+            if found is None or found["host"] != _host() or entry.path in _open:
+                continue
+            pid = int(found["pid"])
+            if pid == os.getpid() or not _alive(pid):
+                _remove(Path(entry.path))
+
+
+def sync(path: Path) -> None:
+    """Force a file, or the names in a folder, to the disk."""
+    if path.is_dir():
+        with contextlib.suppress(OSError):  # not every file system can do it for folders
+            _fsync(path, os.O_RDONLY)
+    else:
+        _fsync(path, os.O_RDWR if os.name == "nt" else os.O_RDONLY)
+
+
+def digest(path: Path) -> str:
+    """SHA-256 of a file's content, in hexadecimal digits."""
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def _fsync(path: Path, flags: int) -> None:
+    handle = os.open(path, flags)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+@contextlib.contextmanager
+def _explained(path: str | Path) -> Iterator[None]:
+    try:
+        yield
+    except NotWritten:
+        raise
+    except (OSError, UnicodeEncodeError) as problem:
+        reason = getattr(problem, "strerror", None) or str(problem) or type(problem).__name__
+        raise NotWritten(path, reason[:1].lower() + reason[1:]) from None
+    except ValueError as problem:
+        if "null" not in str(problem):  # a NUL character in the path
+            raise
+        raise NotWritten(path, str(problem)) from None
+
+
+def _is_direct(path: str | Path) -> bool:
+    try:
+        mode = os.stat(path).st_mode
+    except OSError:
+        return False
+    if stat.S_ISDIR(mode):
+        return False
+    return not stat.S_ISREG(mode) or bool(_DIRECT.fullmatch(os.path.abspath(path)))
+
+
+def _remove(path: Path) -> None:
+    with contextlib.suppress(OSError):
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path, ignore_errors=True)
+        else:
+            path.unlink(missing_ok=True)
+
+
+def _host() -> str:
+    return re.sub(r"[^\w-]", "-", platform.node(), flags=re.ASCII)[:40] or "-"
+
+
+def _alive(pid: int) -> bool:
+    if os.name == "nt":  # where no signal can ask
+        return True
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except (OSError, OverflowError):
+        pass
+    return True

@@ -1,0 +1,144 @@
+"""The folder of a saved comparison: files of one run, which ``comparison.json`` lists by digest."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from microbot_ocp._base.checks import InputError, shown
+from microbot_ocp._base.writing import NotWritten, digest, sync
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None
+
+INDEX = "comparison.json"
+NAME = re.compile(r"\w[\w .+-]{0,99}", re.ASCII)  # of a method: it is the name of a file, too
+_LISTED = re.compile(rf"(motions/)?{NAME.pattern}", re.ASCII)
+
+
+def files_in(folder: Path) -> dict[str, str]:
+    """Digests of the files in a folder and its folders, by their path in it."""
+    found = sorted(path for path in folder.rglob("*") if path.is_file())
+    return {path.relative_to(folder).as_posix(): digest(path) for path in found}
+
+
+def swap_in(staged: Path, target: Path, index: bool, motions: bool) -> list[Path]:
+    """Move a run's files from one folder into another, ``comparison.json`` last.
+
+    Until that is in place :func:`check_run` refuses the folder. Files of the earlier run that the
+    new one does not have are removed, unless someone changed them.
+
+    Parameters
+    ----------
+    staged : Path
+        On the same disk, always with ``comparison.json`` and the motions.
+    target : Path
+    index, motions : bool
+        Whether ``comparison.json`` and the motions are moved, too. A ``comparison.json`` of the
+        same run that is in place is renewed.
+
+    Returns
+    -------
+    list of Path
+        The files in place.
+
+    Raises
+    ------
+    NotWritten
+    """
+    document = json.loads((staged / INDEX).read_text("utf-8"))
+    made = {name: value for name, value in files_in(staged).items() if name != INDEX}
+    new = {n: value for n, value in made.items() if motions or not n.startswith("motions/")}
+    with _locked(target):
+        old = _read(target / INDEX)
+        same = old is not None and {**old, "files": None} == {**document, "files": None}
+        earlier = _listed(old)
+        listed = {n: value for n, value in made.items() if n in new or _has(target / n, value)}
+        if same:
+            listed = {**earlier, **listed}
+        text = json.dumps({**document, "files": listed}, indent=2, ensure_ascii=False)
+        (staged / INDEX).write_text(text + "\n", "utf-8")
+        sync(staged / INDEX)
+        written = [*new, *([INDEX] if index or same else [])]
+        for name in written:
+            place = target / name
+            try:
+                place.parent.mkdir(exist_ok=True)
+                if name == INDEX:
+                    sync(target / "motions")
+                    sync(target)
+                os.replace(staged / name, place)
+            except OSError as problem:
+                raise NotWritten(place, problem.strerror or str(problem)) from None
+        if index and not same:
+            for name, value in earlier.items():
+                if name not in listed and _has(target / name, value):
+                    (target / name).unlink(missing_ok=True)
+        sync(target)
+    return [target / name for name in written if name != INDEX or index]
+
+
+def check_run(folder: Path, document: Mapping[str, Any]) -> None:
+    """Refuse a folder whose files are not those that its ``comparison.json`` lists.
+
+    Raises
+    ------
+    InputError
+    """
+    listed = document.get("files", {})
+    if not isinstance(listed, Mapping) or not all(map(_LISTED.fullmatch, listed)):
+        raise InputError(f"{folder / INDEX} lists files that no comparison has: {shown(listed)}")
+    for name, value in listed.items():
+        path = folder / name
+        if path.is_file() and digest(path) != value:
+            raise InputError(
+                f"{path} is damaged or of another run than {INDEX}: save the comparison again"
+            )
+        if not path.is_file() and name.startswith("motions/"):
+            raise InputError(f"{path} is missing: save the comparison again")
+    for row in document["entries"]:
+        path = folder / "motions" / f"{row['name']}.npz"
+        if path.exists() and f"motions/{row['name']}.npz" not in listed:
+            raise InputError(f"{path} is of another run than {INDEX}: save the comparison again")
+
+
+def _read(path: Path) -> dict[str, Any] | None:
+    with contextlib.suppress(OSError, ValueError, RecursionError):
+        found = json.loads(path.read_text("utf-8"))
+        return found if isinstance(found, dict) else None
+    return None
+
+
+def _listed(document: Mapping[str, Any] | None) -> dict[str, str]:
+    files = (document or {}).get("files")
+    if not isinstance(files, Mapping):
+        return {}
+    return {name: str(value) for name, value in files.items() if _LISTED.fullmatch(name)}
+
+
+def _has(path: Path, value: str) -> bool:
+    with contextlib.suppress(OSError):
+        return digest(path) == value
+    return False
+
+
+@contextlib.contextmanager
+def _locked(folder: Path) -> Iterator[None]:
+    """One writer at a time, where the system can do that for a folder."""
+    handle = None
+    if fcntl is not None:
+        with contextlib.suppress(OSError):
+            handle = os.open(folder, os.O_RDONLY)
+            fcntl.flock(handle, fcntl.LOCK_EX)
+    try:
+        yield
+    finally:
+        if handle is not None:
+            os.close(handle)

@@ -1,0 +1,132 @@
+import json
+import os
+import signal
+import time
+
+import numpy as np
+import pytest
+
+import microbot_ocp as mo
+from microbot_ocp import NotWritten
+
+VIA = np.radians([[0, 0, 0], [-90, 90, 90]])
+OUTPUTS = ("json", "csv", "motions")
+
+
+@pytest.fixture(scope="module")
+def runs():
+    robot = mo.load_robot("microbot")
+    return [
+        mo.compare(robot, VIA, methods, limits=mo.Limits(qd_max=speed))
+        for methods, speed in ((["cubic", "lspb"], 1.0), (["cubic"], 0.5))
+    ]
+
+
+def refusal(folder, **changes):
+    path = folder / "comparison.json"
+    if changes:
+        path.write_text(json.dumps({**json.loads(path.read_text()), **changes}))
+    with pytest.raises(mo.InputError) as caught:
+        mo.load_comparison(folder)
+    assert len(str(caught.value)) < 400
+    return str(caught.value)
+
+
+def test_a_second_run_replaces_the_first_wholly(runs, tmp_path):
+    first, second = runs
+    first.save(tmp_path, OUTPUTS)
+    (tmp_path / "notes.txt").write_text("mine")
+    assert set(mo.load_comparison(tmp_path).motions) == {"cubic", "lspb"}
+    second.save(tmp_path, OUTPUTS)
+    assert set(mo.load_comparison(tmp_path).motions) == {"cubic"}
+    found = sorted(path.name for path in tmp_path.rglob("*"))
+    assert found == ["comparison.csv", "comparison.json", "cubic.npz", "motions", "notes.txt"]
+
+
+def test_files_of_two_runs_are_refused(runs, tmp_path):
+    first, second = runs
+    first.save(tmp_path, OUTPUTS)
+    second.save(tmp_path, ["csv"])
+    assert "comparison.csv is damaged or of another run" in refusal(tmp_path)
+    first.save(tmp_path, ["csv"])
+    assert mo.load_comparison(tmp_path)
+    second.save(tmp_path, ["motions"])
+    assert "cubic.npz is damaged or of another run" in refusal(tmp_path)
+    second.save(tmp_path, ["json"])
+    assert list(mo.load_comparison(tmp_path).motions) == ["cubic"]
+
+
+def test_outputs_of_one_run_may_be_saved_one_by_one(runs, tmp_path):
+    for output in ("motions", "json", "csv", "motions", "json"):
+        runs[0].save(tmp_path, [output])
+    assert set(mo.load_comparison(tmp_path).motions) == {"cubic", "lspb"}
+
+
+def test_damage_is_found(runs, tmp_path):
+    runs[0].save(tmp_path, OUTPUTS)
+    path = tmp_path / "motions" / "lspb.npz"
+    content = path.read_bytes()
+    path.unlink()
+    assert "lspb.npz is missing" in refusal(tmp_path)
+    path.write_bytes(content[:-1] + b"\0\0")
+    assert "lspb.npz" in refusal(tmp_path)
+
+
+def test_impossible_files_are_refused(runs, tmp_path):
+    runs[0].save(tmp_path, OUTPUTS)
+    document = json.loads((tmp_path / "comparison.json").read_text())
+    limits, entries = document["limits"], document["entries"]
+    limits["q_min"] = [5.0, 5.0, 5.0]
+    assert "outside the position limits" in refusal(tmp_path, limits=limits)
+    limits["q_min"] = [None, None, None]
+    assert "qd_max" in refusal(tmp_path, limits={**limits, "qd_max": [-1.0, 1.0, 1.0]})
+    assert "numbers" in refusal(tmp_path, limits={**limits, "tau_max": ["much", 1, 1]})
+    evil = [{**entries[0], "name": "../../cubic"}]
+    assert "names" in refusal(tmp_path, limits=limits, entries=evil)
+    assert "names" in refusal(tmp_path, entries=[entries[0], entries[0]])
+    assert "lists files" in refusal(tmp_path, entries=entries, files={"../x": "1"})
+    (tmp_path / "comparison.json").write_text("[" * 50_000)
+    assert "not a saved comparison" in refusal(tmp_path)
+
+
+def test_a_folder_that_cannot_be_written_keeps_what_it_has(runs, tmp_path, monkeypatch):
+    runs[0].save(tmp_path, OUTPUTS)
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    import microbot_ocp._base.writing as writing
+
+    def full(path):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(writing, "_fsync", lambda path, flags: full(path))
+    with pytest.raises(NotWritten, match="no space left") as caught:
+        runs[1].save(tmp_path, OUTPUTS)
+    assert ".part" not in str(caught.value)
+    monkeypatch.undo()
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+def test_a_kill_leaves_one_run_or_a_folder_that_is_refused(runs, tmp_path):
+    kills = int(os.environ.get("MICROBOT_OCP_KILLS", "6"))
+    rng, whole, refused = np.random.default_rng(), 0, 0
+    for _ in range(kills):
+        runs[1].save(tmp_path, OUTPUTS)
+        child = os.fork()
+        if not child:
+            while True:
+                runs[0].save(tmp_path, OUTPUTS)
+                runs[1].save(tmp_path, OUTPUTS)
+        time.sleep(rng.uniform(0.0, 0.1))
+        os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+        try:
+            found = set(mo.load_comparison(tmp_path).motions)
+            assert found in ({"cubic"}, {"cubic", "lspb"})
+            whole += 1
+        except mo.InputError as problem:
+            assert "of another run" in str(problem) or "missing" in str(problem)  # noqa: PT017
+            refused += 1
+        runs[0].save(tmp_path, OUTPUTS)
+        assert not list(tmp_path.rglob("*.part"))
+        assert set(mo.load_comparison(tmp_path).motions) == {"cubic", "lspb"}
+    print(f"{kills} kills while saving: {whole} folders of one run, {refused} refused, none mixed")
