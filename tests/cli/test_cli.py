@@ -35,6 +35,7 @@ COMMANDS = [
     "time-optimal",
     "solve",
     "replay",
+    "export",
     "doctor",
 ]
 VIA_DEG = "0,0,0 -8,45,30 -90,90,90"
@@ -736,6 +737,18 @@ def test_the_list_of_commands_says_what_each_says_of_itself():
         command = commands.Command(name, entry)
         assert command.get_short_help_str() == command.whole.get_short_help_str()
         assert command.whole.name == name
+
+
+def test_export_takes_the_robot_that_the_motion_names(call, ask, tmp_path):
+    assert call("simulate", "microbot", "--q-deg", "0,30,20", "--out", "fall.npz")[0] == 0
+    code, answer = ask("export", "fall.npz", "fall.csv", "--rate", "50")
+    assert (code, answer["samples"], answer["written"]) == (0, 51, ["fall.csv"])
+    heads, *rows = (tmp_path / "fall.csv").read_text().splitlines()
+    assert heads.startswith("t [s],q waist [rad]")
+    assert len(rows) == 51
+    code, _, err = call("export", "fall.npz", "fall.txt")
+    assert code == 2
+    assert ".csv" in err
 
 
 def test_every_command_takes_json():
