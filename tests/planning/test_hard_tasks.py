@@ -91,3 +91,43 @@ def test_an_answer_on_a_bound_of_the_duration_says_so(monkeypatch):
     monkeypatch.setattr(_scale, "SHORTEST", 5.0)
     motion = mo.time_optimal(robot, [[0.0], [1.2345]], mesh=20, compiled=False)
     assert "could not be shorter than" in motion.provenance["advice"]
+
+
+@pytest.mark.parametrize(
+    ("advice", "said"),
+    [
+        (
+            "Most violated: start condition of q[1] in phase 'phase 2' at t = 0 s, by 0.3 rad.",
+            "Most violated: position of joint 2 at via point 2, by 0.3 rad.",
+        ),
+        (
+            "Most violated: end condition of qd[0] in phase 'phase 2' at t = 2 s, by 1 rad/s.",
+            "Most violated: velocity of joint 1 at via point 3, by 1 rad/s.",
+        ),
+        (
+            "Most violated: constraint torque[1] in phase 'phase 1' at t = 0.5 s, by 3 N m.",
+            "Most violated: torque of joint 2 between via points 1 and 2, 0.5 s after the first of "
+            "them, by 3 N m.",
+        ),
+        (
+            "Most violated: step of v in phase 'piece 3' at t = 0.4 s, by 0.1 1/s.",
+            "Most violated: speed along the path, 0.4 s after the start of piece 3 of the path, by "
+            "0.1 1/s.",
+        ),
+        ("No.\nCall explain(problem, mesh, solution): it tells.", "No."),
+        ("The state q[0] of phase 'phase 1' reaches 9 rad: declare scale=10.", ""),
+    ],
+)
+def test_advice_speaks_of_via_points_joints_and_limits(advice, said):
+    from microbot_ocp.limits import LimitFamily
+    from microbot_ocp.planning._task import in_words_of_the_task
+
+    assert in_words_of_the_task(advice, LimitFamily.of(arm())) == said
+
+
+def test_a_task_that_cannot_be_done_is_told_in_its_own_words():
+    robot = pendulum(q_min=-0.01, q_max=3.2, tau_max=3.0)
+    motion = mo.time_optimal(robot, [[0.0], [np.pi]], mesh=10, tries=3, starts=2, compiled=False)
+    assert not motion.solved
+    for word in ("phase", "q[", "explain", "declare"):
+        assert word not in motion.provenance["advice"]

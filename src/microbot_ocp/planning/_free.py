@@ -65,7 +65,9 @@ AGREEING = 3  # starts that end at the same optimum are enough
 SAME = 1e-3  # share of the duration by which two solves of the same optimum may differ
 MOST_REFINED = 3  # of the optima found on the coarse mesh
 # Intervals of all phases together where nobody says how many: 30 via points need no 3000
-FULL_MESH, FULL_MESH_SUM, LEAST_MESH = 100, 400, 12
+FULL_MESH, FULL_MESH_SUM, LEAST_MESH = 100, 400, 25
+MANY_PHASES = 4  # more count as many
+FATROP_TOLERANCE = 1e-6  # which it reaches; it stalls at 1e-8 on the flat minima of such tasks
 EXPLORE_SUM, LEAST_EXPLORE_MESH = 160, 6
 # of a prepared solver: somebody waits
 PREPARED = SolverSettings("ipopt", tolerance=1e-6, gap=np.inf, max_iterations=150)
@@ -78,7 +80,7 @@ class TimeOptimalSettings:
     Attributes
     ----------
     mesh : intervals of each phase in the first full solve; by default 100, and fewer where there
-        are more than four phases: 400 together, but at least 12 each
+        are more than four phases: 400 together, but at least 25 each
     starts : how many starting motions to try on the coarse mesh; fewer where three agree
     tries : how many to try at most: while fewer than ``starts`` are solved, the arm is made to
         swing to and fro at random, as it must where torques are too small to lift it
@@ -282,7 +284,10 @@ class _Search:
 
     def _refined(self, coarse: Solution) -> Solution:
         """Coarse to fine, then local refinement while limits are exceeded."""
-        best = self.refiner.finer(coarse, [self._mesh] * len(self.names))
+        # from far away IPOPT takes longer the more phases there are: 10 s for 29, fatrop 1 s
+        several = self.settings.solver == "auto" and len(self.names) > MANY_PHASES
+        first = ("fatrop", FATROP_TOLERANCE) if several else (None, None)
+        best = self.refiner.finer(coarse, [self._mesh] * len(self.names), *first)
         best = self.refiner.refine(best)
         if "qddd" in self.family:
             best = self.refiner.refine(self.refiner.sharpen(best, self._jerk_switches))
@@ -320,7 +325,9 @@ class _Search:
         starts: list[dict[str, Any]],
         wall: float,
     ) -> Motion:
-        outcome = verdict(solution, self._excess(solution), self.settings.limit_tolerance)
+        outcome = verdict(
+            self.family, solution, self._excess(solution), self.settings.limit_tolerance
+        )
         outcome["advice"] += self.scale.active_bounds([p.duration for p in solution.phases])
         found = sorted({round(s["duration"], 3) for s in starts if s["status"] == "solved"})
         return _as_motion(
@@ -553,7 +560,7 @@ class TimeOptimalSolver:
         payload: float,
         begin: float,
     ) -> Motion:
-        outcome = verdict(solution, excess_between(family, solution), LIMIT_TOLERANCE)
+        outcome = verdict(family, solution, excess_between(family, solution), LIMIT_TOLERANCE)
         starts = [
             {
                 "start": name,

@@ -354,7 +354,9 @@ class _PathSearch:
         t = np.concatenate(t_parts)
         state = State(*(np.concatenate(parts) for parts in zip(*states, strict=True)))
         passed = [0.0, *(at for at, k in zip(edges[1:], self.pieces, strict=True) if k.via)]
-        outcome = verdict(solution, self._excess(solution), self.settings.limit_tolerance)
+        outcome = verdict(
+            self.family, solution, self._excess(solution), self.settings.limit_tolerance
+        )
         # the passes know nothing of what is left to the optimal-control problem
         if not kept_by[LATER] and solution.duration > (1 + SLOWER) * reached:
             outcome |= _too_slow(outcome, solution.duration, reached)

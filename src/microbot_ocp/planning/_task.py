@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, replace
 from typing import Any, TypeVar
@@ -50,7 +51,10 @@ def with_changes(settings: Settings, changes: Mapping[str, Any]) -> Settings:
 
 
 def verdict(
-    solution: Solution, excess: Sequence[FloatArray], limit_tolerance: float
+    family: LimitFamily,
+    solution: Solution,
+    excess: Sequence[FloatArray],
+    limit_tolerance: float,
 ) -> dict[str, Any]:
     """Status, advice and largest excess of a limit between mesh points, for the provenance.
 
@@ -58,7 +62,8 @@ def verdict(
     by more than a certificate lets pass.
     """
     worst = max(float(e.max()) for e in excess)
-    found = {"status": str(solution.status), "advice": solution.advice, "excess": worst}
+    advice = in_words_of_the_task(solution.advice, family)
+    found = {"status": str(solution.status), "advice": advice, "excess": worst}
     if solution.status.solved and worst > max(limit_tolerance, LIMIT_TOLERANCE):
         found["status"] = str(Status.LIMITS_EXCEEDED)
         found["advice"] = (
@@ -66,6 +71,48 @@ def verdict(
             "there: give a finer mesh, or look for a place that cannot be passed"
         )
     return found
+
+
+def in_words_of_the_task(advice: str, family: LimitFamily) -> str:
+    """Advice on a program as advice on a task: via points, joints and limits, not its variables."""
+    lines = advice.replace("; explain names them", "").splitlines()
+    kept = [line for line in lines if not any(word in line for word in _OF_THE_PROGRAM)]
+    return "\n".join(_ROW.sub(lambda found: _named(found, family), line) for line in kept)
+
+
+# lines that only who declared the program can follow
+_OF_THE_PROGRAM = ("declare ", "explain(", "no trajectory", "Not in the solution", "leave some out")
+_ROW = re.compile(
+    r"(?:(?P<kind>start condition of|end condition of|step of|dynamics of|bound of|constraint|"
+    r"state|control|link of) )?(?P<name>\w[\w ,]*?)(\[(?P<index>\d+)\])?"
+    r"(?P<rest> at the end of the interval| to the next phase| in the next phase)?"
+    r" in phase '(?P<phase>phase|piece) (?P<number>\d+)' at t = (?P<t>\S+) s"
+)
+_QUANTITIES = {
+    "q": "position",
+    "qd": "velocity",
+    "qdd": "acceleration",
+    "s": "place on the path",
+    "v": "speed along the path",
+    "a": "acceleration along the path",
+}
+
+
+def _named(found: re.Match[str], family: LimitFamily) -> str:
+    name, index, number = found["name"].strip(), int(found["index"] or 0), int(found["number"])
+    members = {member.name: member for member in family}
+    if name in members:
+        what = members[name].title(index)
+    elif name in ("q", "qd", "qdd"):
+        what = f"{_QUANTITIES[name]} of {family.robot.joint_names[index]}"
+    else:
+        what = _QUANTITIES.get(name, name)
+    if found["phase"] == "piece":
+        return f"{what}, {found['t']} s after the start of piece {number} of the path"
+    if found["kind"] in ("start condition of", "end condition of"):
+        return f"{what} at via point {number + (found['kind'][0] == 'e')}"
+    where = f"between via points {number} and {number + 1}"
+    return f"{what} {where}, {found['t']} s after the first of them"
 
 
 def provenance_of(

@@ -106,19 +106,29 @@ class Refiner:
         )
         return solution
 
-    def finer(self, before: Solution, meshes: Sequence[MeshLike]) -> Solution:
-        """Solve on another mesh from a solution; keep the old one where the new one is worse."""
+    def finer(
+        self,
+        before: Solution,
+        meshes: Sequence[MeshLike],
+        solver: str | None = None,
+        tolerance: float | None = None,
+    ) -> Solution:
+        """Solve on another mesh from a solution; keep the old one where the new one is worse.
+
+        ``solver``, with this tolerance, comes first in the place of the usual one.
+        """
         guesses = self.guess_from(before)
         first: tuple[str, float | None, Mapping[str, Guess] | Solution]
         many = sum(mesh_of(mesh).intervals for mesh in meshes) > MANY
-        own = "ipopt" if self.solver == "auto" and many else self.solver
+        own = solver or ("ipopt" if self.solver == "auto" and many else self.solver)
         first = (own, WARM_BARRIER, guesses)
         if own == "ipopt" and before.status.solved and before.variable_multipliers is not None:
             # with multipliers: 20 against 30 iterations on the Microbot task from 20 to 100
             first = ("ipopt", None, before)
         after, dearer = before, None
-        for solver, barrier, start in (first, ("ipopt", None, guesses)):
-            after = self.solve(meshes, start, solver=solver, barrier=barrier)
+        for name, barrier, start in (first, ("ipopt", None, guesses)):
+            wanted = tolerance if name == solver else None
+            after = self.solve(meshes, start, solver=name, barrier=barrier, tolerance=wanted)
             accepted = self._accepts(before, after)
             self.history[-1]["accepted"] = accepted
             sizes = " + ".join(str(phase.mesh.size - 1) for phase in after.phases)
