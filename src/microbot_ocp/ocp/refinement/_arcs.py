@@ -212,7 +212,7 @@ def _jumping(phase: Phase) -> list[Variable]:
 def _limits(phase: PhaseSolution, declared: Phase) -> list[_Limit]:
     """Limits of the states alone, and the intervals on which they act."""
     symbols = [v.symbol for v in declared.states]
-    others = [v.symbol for v in (*declared.controls, *declared.algebraics)]
+    others = [v.symbol for v in declared.variables if v not in declared.states]
     others += [c.rate for c in declared.controls if c.rate is not None]
     others += [declared.time, declared.duration, *(p.symbol for p in declared.parameters)]
     known = [
@@ -257,6 +257,10 @@ def _cut(
     declared = phase_layout(phase).phase
     along = [*declared.derivatives.values(), *declared.running_costs]
     along += [*declared.algebraic_equations, *(c.expression for c in declared.constraints)]
+    points = [*declared.point_constraints, *declared.point_costs]
+    if any(len(k.fractions) > 1 for k in points) or declared.point_fractions:
+        return None
+    along += [k.expression for k in points if k.fractions[0] == 0.0]
     if any(ca.depends_on(k, declared.duration) for k in along):
         return None
     clock = _clock(declared, phase.duration)
@@ -297,6 +301,10 @@ def _cut(
         ]
         if not last:
             piece.end_constraints = _met(limits, arc, arcs[index + 1])
+        kept = [place for place, here in ((0.0, first), (1.0, last)) if here]
+        for kind in ("point_constraints", "point_costs"):
+            own = [k for k in getattr(declared, kind) if k.fractions[0] in kept]
+            setattr(piece, kind, [replace(k, expression=final(k.expression)) for k in own])
         made.append(piece)
         guesses.append(_guess(phase, clock, begin, end))
         meshes.append(Mesh(max(arc.last - arc.first + 1, LEAST_INTERVALS)))
@@ -305,7 +313,7 @@ def _cut(
 
 def _clock(phase: Phase, duration: float) -> Variable:
     name = "elapsed time"
-    while name in {v.name for v in (*phase.states, *phase.controls, *phase.algebraics)}:
+    while name in {v.name for v in phase.variables}:
         name += "'"
     free = np.full(1, np.inf)
     symbol = ca.MX.sym(f"{phase.name}.{name}")
