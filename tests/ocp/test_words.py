@@ -171,6 +171,111 @@ def test_a_parameter_of_all_phases_is_one_number():
     assert 0.9 < found["a"] < 1.0
 
 
+def fit(states, rates, slopes, start, times, data, most):
+    """A reaction with unknown rates from measurements of all states."""
+    problem = OptimalControlProblem("reaction")
+    k = problem.free_parameter("k", rates, lower=0.0, upper=most)
+    phase = problem.phase("all", times[-1])
+    x = phase.state("x", states, initial=start)
+    phase.derivative(x, slopes(x, k))
+    phase.point_cost(ca.sumsqr(x - phase.measurement("y", times, np.transpose(data))))
+    return problem
+
+
+def isomers(y, k):
+    return ca.vertcat(
+        -(k[0] + k[1]) * y[0],
+        k[0] * y[0],
+        k[1] * y[0] - (k[2] + k[3]) * y[2] + k[4] * y[4],
+        k[2] * y[2],
+        k[3] * y[2] - k[4] * y[4],
+    )
+
+
+def predators(z, k):
+    return ca.vertcat(k[0] * z[0] * (1 - z[1]), k[1] * z[1] * (z[0] - 1))
+
+
+def consecutive(y, k):
+    return ca.vertcat(-k[0] * y[0], k[0] * y[0] - k[1] * y[1])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "cost", "rates"),
+    [
+        (  # alpha-pinene: COPS 3.0, problem 12 (Box et al. 1973)
+            (
+                5,
+                5,
+                isomers,
+                [100.0, 0, 0, 0, 0],
+                [1230.0, 3060, 4920, 7800, 10680, 15030, 22620, 36420],
+                [
+                    [88.35, 76.4, 65.1, 50.4, 37.5, 25.9, 14.0, 4.5],
+                    [7.3, 15.6, 23.1, 32.9, 42.7, 49.1, 57.4, 63.1],
+                    [2.3, 4.5, 5.3, 6.0, 6.0, 5.9, 5.1, 3.8],
+                    [0.4, 0.7, 1.1, 1.5, 1.9, 2.2, 2.6, 2.9],
+                    [1.75, 2.8, 5.8, 9.3, 12.0, 17.0, 21.0, 25.7],
+                ],
+                1e-2,
+            ),
+            19.8721,
+            [5.926e-5, 2.963e-5, 2.047e-5, 2.745e-4, 3.998e-5],
+        ),
+        (  # Esposito and Floudas, Ind. Eng. Chem. Res. 39 (2000), Lotka-Volterra
+            (
+                2,
+                2,
+                predators,
+                [1.2, 1.1],
+                np.arange(1.0, 11.0),
+                [
+                    [0.799, 0.8731, 1.2487, 1.0362, 0.7483, 1.0024, 1.2816, 0.8944, 0.7852, 1.1527],
+                    [
+                        1.0758,
+                        0.8711,
+                        0.9393,
+                        1.1468,
+                        1.0027,
+                        0.8577,
+                        1.0274,
+                        1.1369,
+                        0.9325,
+                        0.9074,
+                    ],
+                ],
+                10.0,
+            ),
+            1.24924e-3,
+            [3.2434, 0.9209],
+        ),
+        (  # Tjoa and Biegler, Ind. Eng. Chem. Res. 30 (1991), example 1
+            (
+                2,
+                2,
+                consecutive,
+                [1.0, 0.0],
+                np.arange(1, 11) / 10,
+                [
+                    [0.606, 0.368, 0.223, 0.135, 0.082, 0.05, 0.03, 0.018, 0.011, 0.007],
+                    [0.373, 0.564, 0.647, 0.669, 0.656, 0.624, 0.583, 0.539, 0.494, 0.451],
+                ],
+                10.0,
+            ),
+            1.18584e-6,
+            [5.0035, 1.0],
+        ),
+    ],
+)
+def test_published_fits_are_reproduced_without_a_guess(arguments, cost, rates):
+    problem = fit(*arguments)
+    solution = solve(problem, scheme="radau")
+    assert solution.solved
+    assert solution.cost == pytest.approx(cost, rel=5e-5)
+    assert solution.parameters["k"] == pytest.approx(rates, rel=2e-3)
+    assert verify(problem, solution).ok
+
+
 def refusals():
     problem = OptimalControlProblem("refused")
     phase = problem.phase("go", (1.0, 2.0))

@@ -15,6 +15,7 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp.problem import OptimalControlProblem, Variable, node_variables
+from microbot_ocp.ocp.solution._measured_guess import with_measurements
 from microbot_ocp.ocp.solution._solution import PhaseSolution, Solution, StartingPoint, pack
 from microbot_ocp.ocp.transcription import Block, Guess, GuessValue, PhaseLayout, Program
 from microbot_ocp.ocp.transcription.schemes import Collocation
@@ -70,7 +71,10 @@ def _same_mesh(a: PhaseLayout, b: PhaseLayout) -> bool:
 
 
 def default_guess(problem: OptimalControlProblem) -> dict[str, Guess]:
-    """Straight lines between the end conditions, or the middle of the bounds, or zero."""
+    """Straight lines between the end conditions, or the middle of the bounds, or zero.
+
+    What measurements see goes through them, see :mod:`._measured_guess`.
+    """
     guesses = {}
     for phase in problem.phases:
         values = {}
@@ -79,7 +83,7 @@ def default_guess(problem: OptimalControlProblem) -> dict[str, Guess]:
             values[variable.name] = partial(_line, start, end)
         low, high = phase.duration_bounds
         guesses[phase.name] = Guess(float(np.sqrt(low * min(high, 1e3 * low))), values)
-    return guesses
+    return with_measurements(problem, guesses)
 
 
 def _middle(variable: Variable, which: str) -> FloatArray:

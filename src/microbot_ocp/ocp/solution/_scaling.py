@@ -156,7 +156,8 @@ class _Look:
             v.name: _samples(values.get(v.name, ordinary.values.get(v.name, 0.0)), v, self.share)
             for v in self.variables
         }
-        tables = {v.name: self.tables[v.name] for v in self.variables if v.name in values}
+        told = {*values, *(v.name for v in phase.free_parameters)}  # also by measurements
+        tables = {v.name: self.tables[v.name] for v in self.variables if v.name in told}
         self.sizes = {
             v.name: v.scale if v.scaled else _size(v, tables.get(v.name)) for v in self.variables
         }
@@ -291,7 +292,7 @@ def _size(variable: Variable, guess: FloatArray | None) -> FloatArray:
     typical = np.max(sizes, axis=0)
     bounded = np.isfinite(variable.lower) & np.isfinite(variable.upper)
     bounds = np.where(bounded, np.fmax(np.abs(variable.lower), np.abs(variable.upper)), np.nan)
-    if variable.shape != "state":  # controls go to their bounds
+    if variable.shape not in ("state", "parameter"):  # controls go to their bounds
         near = bounded & ((typical == 0) | (bounds <= LOOSE * typical))
         typical = np.where(near, bounds, typical)
     typical = np.where(typical > 0, typical, bounds)
