@@ -17,6 +17,7 @@ import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.writing import whole_file
 from microbot_ocp.robot import Robot
 
 QUANTITIES = ("q", "qd", "qdd", "tau")
@@ -64,7 +65,9 @@ def export(motion: Any, path: str | Path, rate: float | None, robot: Robot | Non
     target = Path(path)
     checks.one_of("ending of path", target.suffix, EXPORT_FORMATS)
     sampled = motion if rate is None else motion.resample(rate)
-    EXPORT_FORMATS[target.suffix](target, Columns.of(sampled, robot))
+    columns = Columns.of(sampled, robot)
+    with whole_file(target) as partial:
+        EXPORT_FORMATS[target.suffix](partial, columns)
     return target
 
 
