@@ -27,3 +27,6 @@ from ._result import (
     Simulation as Simulation,
     Tracking as Tracking,
 )
+from ._signals import (
+    interpolated as interpolated,
+)

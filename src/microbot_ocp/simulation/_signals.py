@@ -34,7 +34,8 @@ def torque_signal(tau: Motion | ArrayLike | Formula | None, grid: FloatArray, co
         breaks = mesh_of(tau)
         inner = breaks[(breaks > grid[0]) & (breaks < grid[-1])]
         edges = np.concatenate([grid[:1], inner, grid[-1:]])
-        return fitted(_stored_torque(tau), edges, FIT * np.abs(tau.tau).max())
+        torque = interpolated(tau, tau.tau, breaks)
+        return fitted(torque, edges, FIT * np.abs(tau.tau).max())
     if callable(tau):
         t, expression = symbolic("tau", tau, count)
         return formula_signal(expression, t)
@@ -114,9 +115,12 @@ def symbolic(name: str, formula: Formula, count: int) -> tuple[ca.SX, ca.SX]:
     return t, expression
 
 
-def _stored_torque(motion: Motion) -> Values:
-    """The stored torques between samples: quintics through the nearest six that no break parts."""
-    first = np.searchsorted(motion.t, mesh_of(motion) - 1e-9)  # sample of every break
+def interpolated(motion: Motion, samples: FloatArray, breaks: FloatArray, most: int = 6) -> Values:
+    """Samples [N,n] of a motion in between: polynomials through the nearest that no break parts.
+
+    ``most`` is the number that they go through, at most: six for quintics.
+    """
+    first = np.searchsorted(motion.t, breaks - 1e-9)  # sample of every break
     gap = np.append(np.diff(motion.t) <= 2 * JUMP_GAP, False)
 
     def values(times: FloatArray) -> FloatArray:
@@ -124,14 +128,14 @@ def _stored_torque(motion: Motion) -> Values:
         piece = np.clip(np.searchsorted(first, i, side="right") - 1, 0, first.size - 2)
         low, high = first[piece], first[piece + 1]
         high = high - gap[high - 1]  # the later side of a jump belongs to the piece that follows
-        widths = np.minimum(6, high - low + 1)
+        widths = np.minimum(most, high - low + 1)
         answer = np.zeros((times.size, motion.joint_count))
         for width in np.unique(widths):
             own = np.flatnonzero(widths == width)
             leftmost = np.clip(i[own] - width // 2 + 1, low[own], high[own] - width + 1)
             stencil = leftmost[:, None] + np.arange(width)
             weights = _lagrange(times[own], motion.t[stencil])
-            answer[own] = (weights[:, :, None] * motion.tau[stencil]).sum(axis=1)
+            answer[own] = (weights[:, :, None] * samples[stencil]).sum(axis=1)
         return answer
 
     return values

@@ -21,7 +21,14 @@ from microbot_ocp.views.plots._style import entry_styles
 SCHEMA = 1
 SHOWN_JOINTS = 4  # more joints than this: the table shows the busiest one only
 JUDGED = ("certificate_ok", "verdict", "verdict_short", "worst_violation")
-MEASURED = ("final_position_error", "final_velocity_error", "saturated_fraction", "condition_peak")
+MEASURED = (
+    "defect",
+    "amplification",
+    "final_position_error",
+    "final_velocity_error",
+    "saturated_fraction",
+    "condition_peak",
+)
 PLACE = ("quantity", "joint", "time", "value", "limit", "unit")  # of the worst violation
 
 Row = dict[str, Any]
@@ -40,8 +47,9 @@ def comparison_rows(comparison: Comparison) -> list[Row]:
         reference's), ``utilisation`` (quantity -> joint -> largest share of the limit, 1 is the
         limit), ``torque_squared`` ((N m)^2 s), ``work`` (J), ``certificate_ok``, ``verdict``,
         ``verdict_short``, ``worst_violation`` (quantity, joint, time, value, limit, unit and
-        relative size; None where every limit holds), ``final_position_error`` (rad),
-        ``final_velocity_error`` (rad/s), ``saturated_fraction``, ``condition_peak``,
+        relative size; None where every limit holds), ``defect``, ``amplification``,
+        ``final_position_error`` (rad), ``final_velocity_error`` (rad/s), ``saturated_fraction``,
+        ``condition_peak``,
         ``solve_time`` (s), ``note``, ``marks`` (time and name).
     """
     motion = comparison.motions.get(comparison.reference)

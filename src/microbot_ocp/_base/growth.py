@@ -1,0 +1,66 @@
+"""How a differential equation carries small errors: transition matrices and what they add up to.
+
+A trajectory is judged segment by segment, each simulated from the trajectory's own state at its
+start. What is missed at the end of a segment is its defect. One simulation over the whole time
+would have carried every defect on by the transition matrices of the segments after it, and an
+unstable system makes much of little there: that says something of the system, not of the
+trajectory.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray
+
+TAYLOR_TERMS = 13  # rounding, for matrices of norm 1/2
+
+
+class Carried(NamedTuple):
+    """Defects carried on to first order.
+
+    ``errors`` [K,n] after every segment; ``amplification``, the largest norm of the transition
+    matrices from the segments' ends to the end of the last.
+    """
+
+    errors: FloatArray
+    amplification: float
+
+
+def transition_matrices(slopes: FloatArray, lengths: FloatArray) -> FloatArray:
+    """Matrix exponentials [K,n,n] of the linearised dynamics [K,n,n] over the lengths [K].
+
+    By squaring a Taylor series (Moler and Van Loan, 2003, *Nineteen dubious ways to compute the
+    exponential of a matrix*, method 3).
+    """
+    matrices = slopes * lengths[:, None, None]
+    size = float(np.abs(matrices).sum(axis=2).max(initial=0.0))
+    halvings = max(0, int(np.ceil(np.log2(size))) + 1) if 0 < size < np.inf else 0
+    matrices = matrices / 2.0**halvings
+    total = np.broadcast_to(np.eye(slopes.shape[1]), matrices.shape)
+    term = total
+    for k in range(1, TAYLOR_TERMS + 1):
+        term = term @ matrices / k
+        total = total + term
+    with np.errstate(over="ignore", invalid="ignore"):
+        for _ in range(halvings):
+            total = total @ total
+    return total
+
+
+def carry(defects: FloatArray, transitions: FloatArray) -> Carried:
+    """What defects [K,n] come to along the way, in units that make the components comparable."""
+    error, errors = np.zeros(defects.shape[1]), np.zeros_like(defects)
+    rest, amplification = np.eye(defects.shape[1]), 1.0
+    with np.errstate(over="ignore", invalid="ignore"):
+        for k, (transition, defect) in enumerate(zip(transitions, defects, strict=True)):
+            errors[k] = error = transition @ error + defect
+        for transition in transitions[:0:-1]:
+            rest = rest @ transition
+            norm = float(np.linalg.norm(rest, 2)) if np.isfinite(rest).all() else np.inf
+            amplification = max(amplification, norm)
+            if not norm < np.inf:
+                break
+    return Carried(np.where(np.isfinite(errors), errors, np.inf), amplification)

@@ -1,0 +1,323 @@
+"""A motion simulated again from its own torque, segment by segment.
+
+Each segment starts at the motion's own state. It is driven by the torque that inverse dynamics ask
+for the sampled accelerations, interpolated, and by what the stored torques differ from it. The
+forward dynamics are integrated by Gauss-Legendre collocation, solved by Picard's iteration for all
+segments at once, and what is missed at the end is put down to a torque: the constant one that would
+cause it, by the mass matrix. Where the mass matrix is all but singular torques do not determine the
+acceleration, so the motion's own is integrated there and inverse dynamics say what torque it takes.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.growth import carry, transition_matrices
+from microbot_ocp._base.status import Status
+from microbot_ocp.motion import JUMP_GAP, Motion, State, mesh_of, torque_along
+from microbot_ocp.robot import Robot, forward_dynamics, mass_matrix
+from microbot_ocp.simulation import interpolated
+
+NODES = 9  # of a segment
+LONGEST, SHORTEST = 0.1, 2e-3  # s, of a segment; shorter ones only between breaks
+ROUNDS = 16  # of Picard's iteration, before a segment is halved
+CONVERGED = 1e-13  # relative change of the state
+RESOLVED = 0.03  # of the torque that is judged: what may be left of the last Legendre coefficients
+NEIGHBOURS = (-2, -1, 1, 2)
+SAMPLES = 4  # between breaks; fewer say too little of the acceleration
+WRONG = 100.0  # times what is allowed: no finer segments will mend that
+KNOWN = 1e-8  # rad (m) and rad/s (m/s): how well a motion's states are taken to be known
+NEAR_SINGULAR = 1e6  # condition number of the mass matrix
+UNDETERMINED = 0.02  # s, the longest segment that is judged by inverse dynamics alone
+SMALL_TORQUE = 1e-3  # of the largest: what the torque of a joint counts as, at least
+STEP = 1e-6  # of the differences that linearise the dynamics, rad (m) and rad/s (m/s)
+
+IntArray = NDArray[np.intp]
+BoolArray = NDArray[np.bool_]
+
+_points, _weights = np.polynomial.legendre.leggauss(NODES)
+_to_coefficients = np.linalg.inv(np.polynomial.legendre.legvander(_points, NODES - 1))
+PLACES, WEIGHTS = 0.5 * (_points + 1.0), 0.5 * _weights
+# Integrals from the start to each place, of the polynomial through the values at all of them.
+INTEGRALS = 0.5 * np.column_stack(
+    [
+        np.polynomial.legendre.legval(_points, np.polynomial.legendre.legint(column, lbnd=-1))
+        for column in _to_coefficients.T
+    ]
+)
+TAIL = _to_coefficients[-2:]
+
+
+class Resimulation(NamedTuple):
+    """What became of a motion; see the attributes of the same names of a certificate."""
+
+    status: Status
+    message: str
+    segments: int
+    defect: float
+    defect_joint: int
+    defect_time: float
+    position_defect: float
+    amplification: float
+    undetermined: FloatArray  # [n], direction; zeros where the torques determine the motion
+    undetermined_fraction: float
+    final_position_error: float
+    final_velocity_error: float
+    path_position_error: float
+    path_error_time: float
+
+
+class _Segments(NamedTuple):
+    """Segments [K] that have been integrated."""
+
+    start: FloatArray
+    end: FloatArray
+    defects: FloatArray  # [K,2n], of position and velocity
+    torques: FloatArray  # [K,n], what would explain them
+    unknown: FloatArray  # [K,n], what the samples leave open of the torque
+    determined: BoolArray  # [K]
+
+    def where(self, chosen: BoolArray | IntArray) -> _Segments:
+        parts: Any = [column[chosen] for column in self]
+        return _Segments(*parts)
+
+
+class _Drive:
+    """The torque of a motion as a function of time, from its samples."""
+
+    def __init__(self, robot: Robot, motion: Motion) -> None:
+        self.robot, self.motion = robot, motion
+        excess = motion.tau - torque_along(robot, State(motion.q, motion.qd, motion.qdd))
+        self.excess = excess if np.abs(excess).max() > 1e-9 * np.abs(motion.tau).max() else None
+        breaks = mesh_of(motion)
+        if motion.breaks is None or motion.breaks.size == motion.t.size:
+            # Nothing is said of breaks: only a pair of samples is one.
+            pairs = motion.t[1:][np.diff(motion.t) <= 2 * JUMP_GAP]
+            breaks = np.concatenate([[0.0], pairs, [motion.duration]])
+        self.breaks = breaks
+        self.smooth = interpolated(motion, motion.qdd, breaks)
+        first = np.searchsorted(motion.t, breaks - 1e-9)
+        self.few = np.diff(first) < SAMPLES
+        self.missed = np.cumsum(_missed(motion, first), axis=0)
+
+    def unknown(self, start: FloatArray, end: FloatArray) -> FloatArray:
+        """How uncertain the mean acceleration [K,n] from start to end [K] is."""
+        both = np.stack([start, end])
+        total = np.stack([np.interp(both, self.motion.t, column) for column in self.missed.T], -1)
+        return (total[1] - total[0]) / (end - start)[:, None]
+
+    def __call__(self, t: FloatArray, state: State) -> tuple[FloatArray, ...]:
+        """Accelerations, torques, and what the stored torques are too large [N,n]."""
+        smooth = self.smooth(t)
+        piece = np.clip(np.searchsorted(self.breaks, t, side="right") - 1, 0, self.few.size - 1)
+        few = self.few[piece]
+        smooth[few] = state.qdd[few]
+        tau, added = (
+            torque_along(self.robot, State(state.q, state.qd, smooth)),
+            np.zeros_like(smooth),
+        )
+        if self.excess is not None:
+            columns = [np.interp(t, self.motion.t, column) for column in self.excess.T]
+            added = np.column_stack(columns)
+        return smooth, tau + added, added
+
+
+def _missed(motion: Motion, first: IntArray) -> FloatArray:
+    """Integral [N,n] over the interval before each sample of how uncertain the acceleration is.
+
+    That is how far the samples at its ends are from the cubics through their four neighbours: all
+    of a jump that the samples do not mark, and next to nothing where they are dense.
+    """
+    t, count = motion.t, motion.t.size
+    missed = np.zeros_like(motion.qdd)
+    if count < 5:
+        return missed
+    middle = np.arange(2, count - 2)
+    guess = np.zeros((middle.size, motion.joint_count))
+    for k in NEIGHBOURS:
+        weight = np.ones(middle.size)
+        for other in NEIGHBOURS:
+            if other != k:
+                weight *= (t[middle] - t[middle + other]) / (t[middle + k] - t[middle + other])
+        guess += weight[:, None] * motion.qdd[middle + k]
+    missed[2:-2] = 2.0 * np.abs(guess - motion.qdd[2:-2])
+    edges = first[1:-1, None] + np.arange(-3, 3)  # no cubic goes across a break
+    missed[np.clip(edges, 0, count - 1)] = 0.0
+    missed[1:] = np.maximum(missed[1:], missed[:-1]) * np.diff(t)[:, None]
+    return missed
+
+
+def resimulate(robot: Robot, motion: Motion, tolerance: float) -> Resimulation:
+    """Simulate a motion again; ``tolerance`` of the torque, relative, is what will be judged."""
+    mesh, drive = mesh_of(motion), _Drive(robot, motion)
+    size = torque_sizes(robot, motion)
+    edges = np.linspace(0.0, motion.duration, int(np.ceil(motion.duration / LONGEST)) + 1)
+    nearest = mesh[np.abs(mesh[:, None] - edges).argmin(axis=0)]
+    near = np.abs(nearest - edges) < 0.5 * edges[1]
+    edges = np.unique(np.where(near, nearest, edges))
+    todo = np.column_stack([edges[:-1], edges[1:]])
+    done, stuck = [], 0
+    while todo.size:
+        found, good = _integrated(drive, size * tolerance, todo)
+        low = np.searchsorted(mesh, todo[:, 0] + 1e-9, side="right")
+        inner = low < np.searchsorted(mesh, todo[:, 1] - 1e-9, side="left")
+        good &= ~(inner & (found.torques > size * tolerance).any(axis=1))
+        small = ~inner & (np.diff(todo)[:, 0] <= SHORTEST)
+        stuck += int((small & ~good & ~np.isfinite(found.defects).all(axis=1)).sum())
+        done.append(found.where(good | small))
+        todo = todo[~(good | small)]
+        cut = todo.mean(axis=1)
+        for k in np.flatnonzero(inner[~(good | small)]):
+            own = mesh[(mesh > todo[k, 0] + 1e-9) & (mesh < todo[k, 1] - 1e-9)]
+            cut[k] = own[np.abs(own - cut[k]).argmin()]
+        todo = np.vstack([np.column_stack([todo[:, 0], cut]), np.column_stack([cut, todo[:, 1]])])
+    every = _Segments(*(np.concatenate(column) for column in zip(*done, strict=True)))
+    every = every.where(np.argsort(every.start))
+    return _judged(robot, motion, every, size, tolerance, stuck)
+
+
+def torque_sizes(robot: Robot, motion: Motion) -> FloatArray:
+    """What errors of the torques [n] are relative to: the largest of each joint, N m (N).
+
+    At least a thousandth of the largest of all, and what would stop the motion in its duration.
+    """
+    peaks = np.abs(torque_along(robot, State(motion.q, motion.qd, motion.qdd))).max(axis=0)
+    some = np.linspace(0, motion.t.size - 1, min(100, motion.t.size)).astype(int)
+    momentum = np.abs(_times_mass(robot, motion.q[some], motion.qd[some])).max(axis=0)
+    peaks = np.maximum(peaks, momentum / motion.duration)
+    return np.maximum(peaks, max(SMALL_TORQUE * float(peaks.max()), 1e-9))
+
+
+def _integrated(
+    drive: _Drive, allowed: FloatArray, spans: FloatArray
+) -> tuple[_Segments, BoolArray]:
+    """Segments [K] integrated, and which are accurate, or as wrong as can be told."""
+    robot, motion = drive.robot, drive.motion
+    count, begin, h = robot.joint_count, spans[:, 0], np.diff(spans)[:, 0]
+    h1 = h[:, None, None]
+    t = (begin[:, None] + h[:, None] * PLACES).ravel()
+    shape = (h.size, NODES, count)
+    flat = motion.sample(t)
+    qdd, tau, added = (part.reshape(shape) for part in drive(t, flat))
+    q, qd = flat.q.reshape(shape), flat.qd.reshape(shape)
+    matrices = _mass_matrices(robot, flat.q)
+    regular: BoolArray = np.less(_condition(matrices), NEAR_SINGULAR).reshape(shape[:2])
+    determined: BoolArray = np.logical_and.reduce(regular, axis=1)
+    first, last = motion.sample(begin), motion.sample(spans[:, 1])
+    q0, qd0 = first.q[:, None], first.qd[:, None]
+    good: BoolArray = np.zeros(h.size, dtype=bool)
+    open_ = determined.copy()
+    for _ in range(ROUNDS):
+        if not open_.any():
+            break
+        qdd[open_] = _accelerations(robot, q[open_], qd[open_], tau[open_])
+        with np.errstate(over="ignore", invalid="ignore"):
+            speed = qd0[open_] + h1[open_] * (INTEGRALS @ qdd[open_])
+            place = q0[open_] + h1[open_] * (INTEGRALS @ speed)
+            change = np.maximum(
+                np.abs(place - q[open_]).max(axis=(1, 2)),
+                np.abs(speed - qd[open_]).max(axis=(1, 2)) * np.minimum(1.0, h[open_]),
+            )
+            size = 1.0 + np.abs(place).max(axis=(1, 2))
+        q[open_], qd[open_] = place, speed
+        which = np.flatnonzero(open_)
+        good[which[change <= CONVERGED * size]] = True
+        open_[which[~(change > CONVERGED * size) | ~np.isfinite(change)]] = False
+    good |= ~determined & (h < UNDETERMINED)
+    with np.errstate(over="ignore", invalid="ignore"):
+        # Of what is undetermined the motion's own velocity and acceleration are integrated.
+        tail = np.abs(np.einsum("an,knj->kaj", TAIL, qdd)).max(axis=1)
+        end_speed = qd0[:, 0] + h[:, None] * (WEIGHTS @ qdd)
+        end_place = q0[:, 0] + h[:, None] * (WEIGHTS @ qd)
+        defects = np.hstack([end_place - last.q, end_speed - last.qd])
+        inertia = matrices.reshape(h.size, NODES, count, count)[:, NODES // 2]
+        beyond = np.sign(defects) * np.maximum(0.0, np.abs(defects) - KNOWN)
+        by_place = np.abs(np.einsum("kij,kj->ki", inertia, beyond[:, :count]))
+        by_speed = np.abs(np.einsum("kij,kj->ki", inertia, beyond[:, count:]))
+        torques = np.maximum(2.0 * by_place / h[:, None] ** 2, by_speed / h[:, None])
+        torques[~determined] += np.abs(added[~determined]).max(axis=1)
+        unknown = np.einsum("kij,kj->ki", np.abs(inertia), drive.unknown(begin, spans[:, 1]))
+        rough = np.abs(np.einsum("kij,kj->ki", inertia, tail)) > RESOLVED * allowed
+        good &= ~rough.any(axis=1) | (torques > WRONG * (allowed + unknown)).any(axis=1)
+    return _Segments(begin, spans[:, 1], defects, torques, unknown, determined), good
+
+
+def _judged(
+    robot: Robot, motion: Motion, every: _Segments, size: FloatArray, tolerance: float, stuck: int
+) -> Resimulation:
+    count = robot.joint_count
+    share = np.nan_to_num(every.torques / (size + every.unknown / tolerance), nan=np.inf)
+    k, joint = np.unravel_index(int(share.argmax()), share.shape)
+    lengths = every.end - every.start
+    middle = motion.sample(0.5 * (every.start + every.end))
+    slopes = _linearised(robot, middle)
+    slopes[~every.determined] = 0.0
+    carried = carry(np.nan_to_num(every.defects), transition_matrices(slopes, lengths))
+    along = np.abs(carried.errors[:, :count]).max(axis=1)
+    worst = int(along.argmax())
+    direction = np.zeros(count)
+    if not every.determined.all():
+        matrices = _mass_matrices(robot, middle.q[~every.determined])
+        values, vectors = np.linalg.eigh(matrices)
+        least = int((values[:, 0] / values[:, -1]).argmin())
+        direction = vectors[least, :, 0]
+        direction = direction * np.sign(direction[np.abs(direction).argmax()])
+    message = f"it did not converge on {stuck} of {lengths.size} segments" if stuck else ""
+    return Resimulation(
+        status=Status.INTEGRATION_FAILED if stuck else Status.SOLVED,
+        message=message,
+        segments=lengths.size,
+        defect=float(share[k, joint]),
+        defect_joint=int(joint),
+        defect_time=float(every.end[k]),
+        position_defect=float(np.nan_to_num(np.abs(every.defects[:, :count]), nan=np.inf).max()),
+        amplification=carried.amplification,
+        undetermined=direction,
+        undetermined_fraction=float(lengths[~every.determined].sum() / motion.duration),
+        final_position_error=float(along[-1]),
+        final_velocity_error=float(np.abs(carried.errors[-1, count:]).max()),
+        path_position_error=float(along[worst]),
+        path_error_time=float(every.end[worst]),
+    )
+
+
+def _linearised(robot: Robot, state: State) -> FloatArray:
+    """Derivative [K,2n,2n] of velocity and acceleration by position and velocity."""
+    tau, count = torque_along(robot, state), robot.joint_count
+    slopes = np.zeros((len(tau), 2 * count, 2 * count))
+    slopes[:, :count, count:] = np.eye(count)
+    base = _accelerations(robot, state.q, state.qd, tau)
+    for j in range(count):
+        step = STEP * np.eye(count)[j]
+        slopes[:, count:, j] = (_accelerations(robot, state.q + step, state.qd, tau) - base) / STEP
+        faster = _accelerations(robot, state.q, state.qd + step, tau)
+        slopes[:, count:, count + j] = (faster - base) / STEP
+    return np.nan_to_num(slopes)
+
+
+def _accelerations(robot: Robot, q: FloatArray, qd: FloatArray, tau: FloatArray) -> FloatArray:
+    """Forward dynamics [...,n]."""
+    rows = [np.reshape(part, (-1, robot.joint_count)).T for part in (q, qd, tau)]
+    return forward_dynamics(robot)(*rows).full().T.reshape(np.shape(q))
+
+
+def _mass_matrices(robot: Robot, q: FloatArray) -> FloatArray:
+    """Mass matrices [K,n,n] at positions [K,n]."""
+    count = robot.joint_count
+    return mass_matrix(robot)(q.T).full().reshape(count, -1, count).transpose(1, 0, 2)
+
+
+def _times_mass(robot: Robot, q: FloatArray, qd: FloatArray) -> FloatArray:
+    return np.einsum("kij,kj->ki", _mass_matrices(robot, q), qd)
+
+
+def _condition(matrices: FloatArray) -> FloatArray:
+    """Condition numbers [K], in the 2-norm; infinite where not positive definite."""
+    values = np.linalg.eigvalsh(matrices)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        condition = values[:, -1] / values[:, 0]
+    return np.where(values[:, 0] > 0, condition, np.inf)

@@ -1,0 +1,136 @@
+"""Motions simulated again by MuJoCo and pinocchio, and mutations that a certificate must find."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+import microbot_ocp as mo
+from external.motions import FREE, mutations, planned, shapes
+from external.pinocchio_model import pinocchio_model
+from external.test_mujoco import mjcf
+from microbot_ocp.motion import Motion, mesh_of
+from microbot_ocp.simulation import interpolated
+
+mujoco = pytest.importorskip("mujoco")
+pin = pytest.importorskip("pinocchio")
+
+STEP = 1e-3  # s, of the classical Runge-Kutta method
+SEGMENT = 50  # steps
+EVERY = 5  # one of so many segments is simulated
+Acceleration = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+
+
+def plain(robot: mo.Robot) -> mo.Robot:
+    """Without friction, and each link at least a ball of 0.01 kg m^2: MuJoCo takes no points."""
+    links = [
+        replace(
+            link,
+            viscous_friction=0.0,
+            coulomb_friction=0.0,
+            inertia=link.inertia if link.inertia.any() else 0.01 * np.eye(3),
+        )
+        for link in robot.links
+    ]
+    return robot.with_links(links)
+
+
+def by_mujoco(robot: mo.Robot) -> Acceleration:
+    model = mujoco.MjModel.from_xml_string(mjcf(robot))
+    data = mujoco.MjData(model)
+
+    def acceleration(q: np.ndarray, qd: np.ndarray, tau: np.ndarray) -> np.ndarray:
+        data.qpos[:], data.qvel[:], data.qfrc_applied[:] = q, qd, tau
+        mujoco.mj_forward(model, data)
+        return data.qacc.copy()
+
+    return acceleration
+
+
+def by_pinocchio(robot: mo.Robot) -> Acceleration:
+    model = pinocchio_model(robot)
+    data = model.createData()
+    return lambda q, qd, tau: pin.aba(model, data, q, qd, tau).copy()
+
+
+def largest_miss(acceleration: Acceleration, motion: Motion) -> float:
+    """Largest error of a position, rad, at the end of a segment from the motion's own state."""
+    torque, mesh, n = interpolated(motion, motion.tau, mesh_of(motion)), mesh_of(motion), 0
+    if motion.breaks is None or motion.breaks.size == motion.t.size:
+        torque, mesh = interpolated(motion, motion.tau, mesh[[0, -1]]), mesh[[0, -1]]
+    worst, x = 0.0, np.zeros(0)
+
+    def rate(x: np.ndarray, tau: np.ndarray) -> np.ndarray:
+        q, qd = np.split(x, 2)
+        return np.concatenate([qd, acceleration(q, qd, tau)])
+
+    for start, end in pairwise(mesh):
+        count = int(np.ceil((end - start) / STEP))
+        t = np.linspace(start, end, 2 * count + 1)
+        t[-1] -= 1e-9  # the torque before the break
+        tau = torque(t)
+        own = motion.sample(t)
+        h = (end - start) / count
+        for k in range(count):
+            if n % SEGMENT == 0:
+                x = np.concatenate([own.q[2 * k], own.qd[2 * k]])
+            n += 1
+            if (n - 1) // SEGMENT % EVERY:
+                continue
+            first = rate(x, tau[2 * k])
+            second = rate(x + 0.5 * h * first, tau[2 * k + 1])
+            third = rate(x + 0.5 * h * second, tau[2 * k + 1])
+            fourth = rate(x + h * third, tau[2 * k + 2])
+            x = x + h / 6 * (first + 2 * second + 2 * third + fourth)
+            worst = max(worst, float(np.abs(x[: x.size // 2] - own.q[2 * k + 2]).max()))
+    return worst
+
+
+@pytest.fixture(scope="module")
+def every_kind() -> tuple[mo.Robot, dict[str, Motion]]:
+    robot = plain(mo.load_robot("microbot"))
+    return robot, dict((*shapes(robot, 0.8), *planned(robot)))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("simulator", [by_mujoco, by_pinocchio])
+def test_others_find_the_same_motion(simulator, every_kind):
+    robot, motions = every_kind
+    acceleration = simulator(robot)
+    for name, motion in motions.items():
+        assert mo.certify(robot, motion, FREE).ok, name
+        assert largest_miss(acceleration, motion) < 1e-7, name
+        wrong = replace(motion, tau=motion.tau * 1.001)
+        assert largest_miss(acceleration, wrong) > 1e-6, name
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("simulator", [by_mujoco, by_pinocchio])
+def test_others_find_the_same_motion_of_seven_joints(simulator):
+    robot = plain(mo.load_robot("panda"))
+    for name, motion in shapes(robot, 1.0):
+        assert largest_miss(simulator(robot), motion) < 1e-7, name
+
+
+@pytest.mark.slow
+def test_mutations_of_every_kind_of_motion_are_found(every_kind):
+    robot, motions = every_kind
+    for kind, motion in motions.items():
+        for what, other, wrong in mutations(robot, motion):
+            found = mo.certify(other, wrong, FREE)
+            assert not found.ok, f"{kind}: {what}"
+            assert found.verdict.startswith("Failed: "), f"{kind}: {what}"
+
+
+@pytest.mark.parametrize("name", ["puma560", "panda"])
+def test_slow_motions_pass_whatever_one_simulation_makes_of_them(name):
+    robot = mo.load_robot(name)
+    kind, motion = next(shapes(robot, 8.0))
+    found = mo.certify(robot, motion, FREE)
+    assert found.ok, f"{kind}: {found.verdict}"
+    assert found.amplification > 1e4
+    assert found.defect < 1e-8
