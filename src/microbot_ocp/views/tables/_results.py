@@ -69,8 +69,8 @@ def certificate(certificate: Certificate) -> Table:
         for check in certificate.limit_checks
     ]  # fmt: skip
     again = (
-        f"re-simulation: {certificate.resimulation_status}, {certificate.segments} segments, largest "
-        f"defect {certificate.defect:.1g} of the torque; over the whole time errors grow up to "
+        f"re-simulation: {certificate.resimulation_status}, {certificate.segments} segments, "
+        f"largest defect {certificate.defect:.1g} of the torque; over the whole time errors grow up to "
         f"{certificate.amplification:.2g}-fold"
     )
     return _table(certificate, columns, rows, [certificate.verdict, again])
