@@ -10,7 +10,7 @@ import typer
 import microbot_ocp as mo
 from microbot_ocp._base.checks import InputError
 from microbot_ocp.cli._options import Json, one_number, option, robot_names, writable
-from microbot_ocp.cli._output import answer, close
+from microbot_ocp.cli._output import Written, answer
 from microbot_ocp.motion import EXPORT_FORMATS
 from microbot_ocp.robot import load_robot, packaged_robots
 
@@ -51,12 +51,12 @@ def export(
     robot = None if named is None else load_robot(named)
     if robot is not None and robot.joint_count != motion.joint_count:
         raise InputError(f"{file} has {motion.joint_count} joints, the robot {robot.joint_count}")
-    path = motion.export(target, rate, robot)
+    written = Written()
+    written.add(target, lambda path: motion.export(path, rate, robot))
     samples = len(motion.t) if rate is None else motion.resample(rate).t.size
-    document = {"robot": named, "samples": samples, "written": [str(path)]}
+    document = {"robot": named, "samples": samples}
 
     def text(console: Console) -> None:
         console.print(f"{motion.label}: {motion.duration:.3f} s, {samples} samples")
-        close(console, "", [str(path)])
 
-    return answer(as_json, document, text)
+    return answer(as_json, document, text, written=written)
