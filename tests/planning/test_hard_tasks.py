@@ -131,3 +131,28 @@ def test_a_task_that_cannot_be_done_is_told_in_its_own_words():
     assert not motion.solved
     for word in ("phase", "q[", "explain", "declare"):
         assert word not in motion.provenance["advice"]
+
+
+def test_slack_is_given_for_less_effort():
+    robot, via = arm(), [[0.0, 0.3], [1.0, -0.5], [0.5, 0.8]]
+    fastest = mo.time_optimal(robot, via, mesh=30, starts=1, compiled=False)
+    before = np.inf
+    for slack in (1e-3, 1e-2, 0.1):
+        motion = mo.time_optimal(robot, via, mesh=30, starts=1, slack=slack, compiled=False)
+        assert motion.solved
+        assert mo.certify(robot, motion, via_q=via).ok
+        assert motion.duration <= fastest.duration * (1 + slack) * (1 + 1e-6)
+        told = motion.provenance["least_effort"]
+        assert told["fastest"] == pytest.approx(fastest.duration, rel=1e-6)
+        assert told["effort"] < min(before, told["effort_of_the_fastest"])
+        assert "less effort" in motion.note
+        before = told["effort"]
+
+
+def test_without_gravity_the_motion_of_least_effort_has_a_torque_linear_in_time():
+    # least integral of tau^2 over a given time from rest to rest: tau falls in a straight line
+    robot, slack = slider(1.0, tau_max=2.0), 0.25
+    motion = mo.time_optimal(robot, [[0.0], [1.0]], mesh=60, slack=slack, compiled=False)
+    assert motion.duration == pytest.approx(2 * np.sqrt(0.5) * (1 + slack), rel=1e-3)
+    least = 12.0 / motion.duration**3 / 4.0  # of (tau / 2)^2
+    assert motion.provenance["least_effort"]["effort"] == pytest.approx(least, rel=2e-3)

@@ -158,6 +158,14 @@ def time_optimal(
             parser=whole_number,
         ),
     ] = TimeOptimalSettings.tries,
+    slack: Annotated[
+        float,
+        typer.Option(
+            help="Share of the duration to give for less effort: 0.01 is the motion of least "
+            "effort of all that are at most 1 % slower.",
+            metavar="SHARE",
+        ),
+    ] = TimeOptimalSettings.slack,
     out: OutMotion = None,
     rerun: Recording = None,
     open_viewer: Open = False,
@@ -181,7 +189,7 @@ def time_optimal(
     writable(out, ".npz", "--out")
     check_recording(rerun, open_viewer)
     watchers = Watchers(live, live_serve, live_connect, iterations)
-    settings = TimeOptimalSettings(mesh=mesh, starts=starts, tries=tries)
+    settings = TimeOptimalSettings(mesh=mesh, starts=starts, tries=tries, slack=slack)
     with watchers.progress(as_json) as progress:
         motion = find_time_optimal(
             limited, points, settings=settings, progress=_steps(progress, "solve")

@@ -13,7 +13,8 @@ from __future__ import annotations
 import itertools
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -31,6 +32,7 @@ from microbot_ocp.ocp.transcription import Guess
 from microbot_ocp.planning._free_problem import (
     OF_VARIABLES,
     SMOOTHING,
+    effort_scale,
     excess_between,
     motion_at_mesh,
     polynomial,
@@ -67,6 +69,7 @@ MOST_REFINED = 3  # of the optima found on the coarse mesh
 # Intervals of all phases together where nobody says how many: 30 via points need no 3000
 FULL_MESH, FULL_MESH_SUM, LEAST_MESH = 100, 400, 25
 MANY_PHASES = 4  # more count as many
+CALMER_BARRIER = 1e-3  # of the solve for less effort, from the fastest motion slowed down
 FATROP_TOLERANCE = 1e-6  # which it reaches; it stalls at 1e-8 on the flat minima of such tasks
 EXPLORE_SUM, LEAST_EXPLORE_MESH = 160, 6
 # of a prepared solver: somebody waits
@@ -84,6 +87,11 @@ class TimeOptimalSettings:
     starts : how many starting motions to try on the coarse mesh; fewer where three agree
     tries : how many to try at most: while fewer than ``starts`` are solved, the arm is made to
         swing to and fro at random, as it must where torques are too small to lift it
+    slack : share of the shortest duration that may be given for less effort: of all motions at
+        most so much slower the one of least effort is returned, the time integral of the squared
+        torques, each relative to its limit (of the accelerations where a robot has no masses). Zero
+        is the fastest motion; a smoothing of the jerk, which costs 1.3e-5 of the duration of the
+        Microbot task, then picks one where many are equally fast
     limit_tolerance : largest relative excess of a limit between mesh points; the mesh is refined
         until it holds
     solver : "auto" (fatrop explores, IPOPT finishes), "fatrop" or "ipopt" for everything
@@ -94,6 +102,7 @@ class TimeOptimalSettings:
     mesh: int | None = None
     starts: int = 5
     tries: int = 30
+    slack: float = 0.0
     limit_tolerance: float = 5e-4
     solver: str = "auto"
     compiled: bool = True
@@ -105,6 +114,7 @@ class TimeOptimalSettings:
         whole("starts", self.starts, at_least=1)
         whole("tries", self.tries, at_least=0)
         whole("seed", self.seed, at_least=0)
+        checks.number("slack", self.slack, at_least=0.0)
         checks.number("limit_tolerance", self.limit_tolerance, above=0.0)
         checks.one_of("solver", self.solver, ("auto", "fatrop", "ipopt"))
 
@@ -133,7 +143,7 @@ def time_optimal(
         Default the robot's own.
     settings : TimeOptimalSettings, optional
         Single settings may be given as keywords instead: ``mesh``, ``starts``, ``tries``,
-        ``limit_tolerance``, ``solver``, ``compiled``, ``seed``.
+        ``slack``, ``limit_tolerance``, ``solver``, ``compiled``, ``seed``.
     progress : callable, optional
         Called with a line of text at every step, and at every iteration of a solver with a
         :class:`~microbot_ocp.planning.MotionIteration`.
@@ -185,6 +195,7 @@ class _Search:
         self.scale = TaskScale.of(family, via)
         self.progress = progress
         self.names = [f"phase {i + 1}" for i in range(len(via) - 1)]
+        self.calmed: dict[str, Any] = {}
         begin = time.perf_counter()
         held: Robot = with_locked_joints_held(family).robot
         kernels = transcription(held, self.via.tobytes(), len(self.via), settings.compiled)
@@ -202,6 +213,8 @@ class _Search:
         begin = time.perf_counter()
         starts, found = self._explore()
         solution = self._finish(found)
+        if self.settings.slack and self._rank(solution)[0] is False:
+            solution = self._calmer(solution)
         return self._motion(solution, starts, time.perf_counter() - begin + self.kernel_time)
 
     # starts ---------------------------------------------------------------------------------
@@ -304,6 +317,51 @@ class _Search:
     def _largest_excess(self, solution: Solution) -> float:
         return max(float(e.max()) for e in self._excess(solution))
 
+    def _calmer(self, fastest: Solution) -> Solution:
+        """The motion of least effort that takes at most the slack longer; the fastest if none."""
+        slower = 1.0 + self.settings.slack
+        kernels = transcription(
+            with_locked_joints_held(self.family).robot,
+            self.via.tobytes(),
+            len(self.via),
+            self.settings.compiled,
+            budget=slower * fastest.duration,
+        )
+        refiner = replace(self.refiner, transcription=kernels, guess_from=self._with_clock)
+        meshes = [phase.mesh for phase in fastest.phases]
+        guesses = self._with_clock(fastest, slower)
+        calmer = refiner.refine(refiner.solve(meshes, guesses, barrier=CALMER_BARRIER))
+        self.progress(f"least effort: {calmer.duration:.6f} s, {calmer.status}")
+        solved = self._rank(calmer)[0] is False
+        self.calmed = {
+            "slack": self.settings.slack,
+            "fastest": fastest.duration,
+            "effort": self._effort(calmer if solved else fastest),
+            "effort_of_the_fastest": self._effort(fastest),
+            "status": str(calmer.status),
+        }
+        return calmer if solved else fastest
+
+    def _effort(self, solution: Solution) -> float:
+        motion = Motion.from_polynomial(self.robot, polynomial(solution), label="effort")
+        moved = motion.tau if self.robot.has_dynamics else motion.qdd
+        scaled = moved / effort_scale(self.family, self.scale.acceleration)
+        return float(np.trapezoid((scaled**2).sum(axis=1), motion.t))
+
+    def _with_clock(self, solution: Solution, slower: float = 1.0) -> dict[str, Guess]:
+        """Guesses from a solution, with the time that has passed, slowed down evenly."""
+        edges = slower * via_times(solution)
+        guesses = self._guess_from(solution)
+        found = {}
+        for name, start, end in zip(self.names, edges[:-1], edges[1:], strict=True):
+            rates = {
+                key: partial(_slowed, guesses[name].values[key], slower**power)
+                for power, key in enumerate(("q", "qd", "qdd"))
+            }
+            clock = partial(_clock, start, end)
+            found[name] = Guess(float(end - start), {**rates, "clock": clock})
+        return found
+
     def _jerk_switches(self, solution: Solution) -> list[np.ndarray]:
         member = self.family["qddd"]
         return [
@@ -343,9 +401,19 @@ class _Search:
                 starts=starts,
                 solves=self.refiner.history,
                 kernel_time=self.kernel_time,
+                **({"least_effort": self.calmed} if self.calmed else {}),
             ),
-            _note(outcome, len(self.via), len(starts), found),
+            _note(outcome, len(self.via), len(starts), found) + self._slack_note(solution),
         )
+
+    def _slack_note(self, solution: Solution) -> str:
+        if not self.calmed:
+            return ""
+        fastest, before = self.calmed["fastest"], self.calmed["effort_of_the_fastest"]
+        if solution.duration == fastest:
+            return f"; no motion of less effort was found ({self.calmed['status']})"
+        saved, slower = 1.0 - self.calmed["effort"] / before, solution.duration / fastest - 1.0
+        return f"; {100 * slower:.3g} % slower than the fastest for {100 * saved:.3g} % less effort"
 
 
 def _as_motion(robot: Robot, solution: Solution, provenance: dict[str, Any], note: str) -> Motion:
@@ -369,6 +437,14 @@ def _note(outcome: dict[str, Any], via_count: int, start_count: int, found: list
         f"{passed.get(via_count, 'via points passed at any velocity; ')}{start_count} starts ended "
         f"at {optima} s on the coarse mesh, the best was refined"
     )
+
+
+def _slowed(curve: Any, by: float, s: FloatArray) -> FloatArray:
+    return curve(s) / by
+
+
+def _clock(start: float, end: float, s: FloatArray) -> FloatArray:
+    return start + (end - start) * s[:, None]
 
 
 class TimeOptimalSolver:

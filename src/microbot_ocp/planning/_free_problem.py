@@ -32,7 +32,13 @@ OF_VARIABLES = ("q", "qd", "qdd")  # limits that are bounds of states and of the
 
 @lru_cache(maxsize=16)
 def transcription(
-    robot: Robot, via_bytes: bytes, count: int, compiled: bool, *, payload: bool = False
+    robot: Robot,
+    via_bytes: bytes,
+    count: int,
+    compiled: bool,
+    *,
+    payload: bool = False,
+    budget: float | None = None,
 ) -> Transcription:
     """Kernels for a robot (its own limits) and via points, built once."""
     via = np.frombuffer(via_bytes).reshape(count, -1)
@@ -40,18 +46,21 @@ def transcription(
     if compiled and compiler() is not None:
         prepare = compile_recipe
     return Transcription(
-        free_problem(robot, via, payload=payload),
+        free_problem(robot, via, payload=payload, budget=budget),
         prepare=prepare,
         derivatives=derivatives_for(robot),
     )
 
 
-def free_problem(robot: Robot, via: FloatArray, *, payload: bool = False) -> OptimalControlProblem:
+def free_problem(
+    robot: Robot, via: FloatArray, *, payload: bool = False, budget: float | None = None
+) -> OptimalControlProblem:
     """The optimal-control problem of a robot (with its limits) through via points [m,n].
 
     Each segment between two via points is a phase of free duration with the states q, qd and a
     continuous, piecewise linear acceleration as the control. With ``payload`` every phase has the
-    parameter "payload": a mass at the tool, kg, zero at first.
+    parameter "payload": a mass at the tool, kg, zero at first. With a ``budget``, s, all phases
+    together take no longer, and the effort is minimised in the place of the time.
     """
     count, limits, family = robot.joint_count, robot.limits, LimitFamily.of(robot)
     constraints = [key for key in family.keys if key not in OF_VARIABLES]
@@ -106,11 +115,38 @@ def free_problem(robot: Robot, via: FloatArray, *, payload: bool = False) -> Opt
         jerk = phase.rate(qdd)
         mass = [phase.parameter("payload", 0.0)] if payload else []
         declare_limits(phase, family, constraints, (q, qd, qdd, jerk), start, torques, mass)
-        phase.end_cost(phase.duration)
+        if budget is None:
+            phase.end_cost(phase.duration)
+        else:
+            clock = phase.state(
+                "clock",
+                initial=0.0 if first else None,
+                final=(-np.inf, budget) if last else None,
+                scale=size.time,
+                unit="s",
+            )
+            phase.derivative(clock, ca.MX(1.0))
+            moved = torques(q, qd, qdd, jerk, *mass)[0] if robot.has_dynamics else qdd
+            phase.running_cost(ca.sumsqr(moved / effort_scale(family, acceleration_scale)))
         phase.running_cost(SMOOTHING * ca.sumsqr(size.time * jerk / (10.0 * acceleration_scale)))
     for before, after in itertools.pairwise(problem.phases):
-        problem.link(before, after, names=("q", "qd", "qdd"))
+        names = ("q", "qd", "qdd") if budget is None else ("q", "qd", "clock", "qdd")
+        problem.link(before, after, names=names)
     return problem
+
+
+def effort_scale(family: LimitFamily, acceleration: FloatArray) -> FloatArray:
+    """What torques [n], or accelerations without masses, are divided by before they are squared.
+
+    Their limits, so that the effort is what the motors lose as heat, each in proportion to its
+    own; the largest limit where a joint has none.
+    """
+    limits = family.robot.limits
+    if not family.robot.has_dynamics:
+        return acceleration
+    size = np.maximum(-limits.tau_min, limits.tau_max)
+    known = np.isfinite(size) & (size > 0)
+    return np.where(known, size, size[known].max() if known.any() else 1.0)
 
 
 @lru_cache(maxsize=16)
