@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -35,7 +37,8 @@ def test_a_locked_joint_stands_still_along_a_path(locked):
 
 @pytest.mark.parametrize("quantity", ["qd_max", "qdd_max", "qddd_max"])
 def test_a_locked_joint_that_must_move_is_named(quantity):
-    robot = arm().with_limits(**{quantity: [3.0, 0.0]})
+    changes: dict[str, Any] = {quantity: [3.0, 0.0]}
+    robot = arm().with_limits(**changes)
     via = [[0.0, 0.3], [1.0, 0.3], [0.5, 0.4]]
     with pytest.raises(mo.InputError, match=r"joint 2' cannot move.* at via point 2 and"):
         mo.time_optimal(robot, via)
