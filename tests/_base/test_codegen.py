@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import shutil
+import signal
 import stat
+import time
+import warnings
+from collections.abc import Callable
 from pathlib import Path
 
 import casadi as ca
@@ -12,6 +17,7 @@ import pytest
 
 import microbot_ocp as mo
 from helpers import any_robot, batch, difference, random_states
+from microbot_ocp import fast_call
 from microbot_ocp._base import codegen
 from microbot_ocp._base.codegen import compile_function, compile_functions, compile_recipe
 
@@ -82,17 +88,17 @@ def test_second_compilation_takes_the_cached_file(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     compile_function(doubled())
-    (library,) = folder.iterdir()
+    (library,) = folder.glob("*.so")
     forbid_compiling(monkeypatch)
     again = compile_function(doubled())
     assert np.array(again([1.0, 2.0])).ravel().tolist() == [2.0, 4.0]
-    assert list(folder.iterdir()) == [library]
+    assert list(folder.glob("*.so")) == [library]
 
 
 @needs_compiler
 def test_same_name_with_other_contents_is_another_file(folder: Path) -> None:
     twice, thrice = compile_function(doubled()), compile_function(doubled(factor=3.0))
-    assert len(list(folder.iterdir())) == 2
+    assert len(list(folder.glob("*.so"))) == 2
     assert np.array(twice([1.0, 1.0])).ravel().tolist() == [2.0, 2.0]
     assert np.array(thrice([1.0, 1.0])).ravel().tolist() == [3.0, 3.0]
 
@@ -104,7 +110,7 @@ def test_another_processor_does_not_take_the_cached_file(
     compile_function(doubled())
     monkeypatch.setattr(codegen, "processor", lambda: "another one")
     compile_function(doubled())
-    assert len(list(folder.iterdir())) == 2
+    assert len(list(folder.glob("*.so"))) == 2
 
 
 def test_processor_is_described_and_stays_the_same() -> None:
@@ -119,7 +125,7 @@ def test_processor_is_described_and_stays_the_same() -> None:
 @needs_compiler
 def test_several_functions_share_one_library(folder: Path) -> None:
     one, other = compile_functions([doubled("one"), doubled("other", 5.0)])
-    assert len(list(folder.iterdir())) == 1
+    assert len(list(folder.glob("*.so"))) == 1
     assert np.array(one([1.0, 1.0])).ravel().tolist() == [2.0, 2.0]
     assert np.array(other([1.0, 1.0])).ravel().tolist() == [5.0, 5.0]
 
@@ -130,7 +136,7 @@ def test_large_functions_have_libraries_of_their_own(
 ) -> None:
     monkeypatch.setattr(codegen, "SIZES", ((3, "-O2"), (float("inf"), "-O0")))
     made = compile_functions([doubled("one"), doubled("other", 5.0)])
-    assert len(list(folder.iterdir())) == 2
+    assert len(list(folder.glob("*.so"))) == 2
     assert [float(f([1.0, 1.0])[0]) for f in made] == [2.0, 5.0]
 
 
@@ -145,7 +151,7 @@ def test_a_recipe_is_followed_once(folder: Path) -> None:
     assert float(first([1.0, 1.0])[0]) == float(second([1.0, 1.0])[0]) == 2.0
     (note,) = folder.glob("recipe_*.json")
     for damage in ("[", '[["lost.so", "doubled"]]', "{}", "[3]"):
-        note.write_text(damage)
+        codegen._keep(note, damage.encode())
         assert float(compile_recipe("twice", lambda: [doubled()])[0]([1.0, 1.0])[0]) == 2.0
     (other,) = compile_recipe("thrice", lambda: [doubled(factor=3.0)])
     assert float(other([1.0, 1.0])[0]) == 3.0
@@ -196,20 +202,153 @@ def test_compiler_that_does_not_know_the_processor_flag_still_compiles(
 
 
 @needs_compiler
-def test_unusable_cache_folder_and_broken_library_are_warned_about(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    folder.write_text("a file where the folder should be")
-    plain = doubled()
-    with pytest.warns(mo.NotCompiled):
-        assert compile_function(plain) is plain
-    folder.unlink()
-    folder.mkdir()
+def test_what_is_no_library_is_warned_about(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     broken = folder / "broken.so"
+    folder.mkdir()
     broken.write_bytes(b"not a library")
     monkeypatch.setattr(codegen, "build_library", lambda *arguments: broken)
     with pytest.warns(mo.NotCompiled, match="not compiled: doubled"):
-        assert compile_function(plain) is plain
+        compile_function(doubled())
+    assert not broken.exists()
+
+
+@pytest.fixture
+def temporary(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The system's folder for temporary files."""
+    (tmp_path / "tmp").mkdir()
+    monkeypatch.setattr(codegen.tempfile, "gettempdir", lambda: str(tmp_path / "tmp"))
+    codegen._say_once.cache_clear()
+    return tmp_path / "tmp"
+
+
+def unsafe_file(folder: Path, tmp_path: Path) -> None:
+    folder.write_text("a file where the folder should be")
+
+
+def unsafe_link(folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "elsewhere").mkdir()
+    folder.symlink_to(tmp_path / "elsewhere")
+
+
+def unsafe_mode(folder: Path, tmp_path: Path) -> None:
+    folder.mkdir()
+    folder.chmod(0o777)
+
+
+@needs_compiler
+@pytest.mark.parametrize("spoil", [unsafe_file, unsafe_link, unsafe_mode])
+def test_a_folder_that_is_not_safe_is_not_used_and_that_is_said_once(
+    folder: Path, temporary: Path, tmp_path: Path, spoil: Callable[[Path, Path], None]
+) -> None:
+    spoil(folder, tmp_path)
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        assert all(compile_function(doubled(name)).is_a("External") for name in ("one", "two"))
+    (warning,) = said
+    assert str(folder) in str(warning.message)
+    assert len(list(temporary.glob("microbot_ocp-*/*.so"))) == 2
+    assert not list((tmp_path / "elsewhere").glob("*"))
+
+
+def damaged(kind: str, library: Path, rng: np.random.Generator) -> None:
+    content = bytearray(library.read_bytes())
+    if kind == "truncated":
+        content = content[: rng.integers(len(content))]
+    elif kind == "flipped":
+        content[rng.integers(len(content))] ^= 1 << rng.integers(8)
+    elif kind == "lengthened":
+        content += b"\0"
+    mode = library.stat().st_mode
+    library.unlink()  # as it may be mapped
+    if kind == "planted":
+        other = library.with_name("other")
+        other.write_bytes(content)
+        library.symlink_to(other)
+        return
+    library.write_bytes(content)
+    library.chmod(0o777 if kind == "writable" else mode)
+
+
+@needs_compiler
+@pytest.mark.parametrize("kind", ["truncated", "flipped", "lengthened", "planted", "writable"])
+def test_a_damaged_library_is_not_loaded_but_made_again(folder: Path, kind: str) -> None:
+    compile_function(doubled())
+    (library,) = folder.glob("*.so")
+    rng = np.random.default_rng()
+    for _ in range(int(os.environ.get("MICROBOT_OCP_KILLS", "2"))):
+        damaged(kind, library, rng)
+        assert not codegen._trusted(library)
+        again = compile_function(doubled())
+        assert again.is_a("External")
+        assert np.array(again([1.0, 2.0])).ravel().tolist() == [2.0, 4.0]
+        assert codegen._trusted(library)
+        assert not library.is_symlink()
+
+
+@needs_compiler
+def test_a_damaged_extension_module_is_made_again(folder: Path) -> None:
+    x = ca.SX.sym("x", 2)
+    for _ in range(2):
+        twice = fast_call(ca.Function("twice", [x], [2 * x]))
+        assert twice([1.0, 2.0]).tolist() == [2.0, 4.0]
+        (library,) = [path for path in folder.glob("fast_*") if path.suffix == ".so"]
+        damaged("truncated", library, np.random.default_rng())
+
+
+def test_a_compiler_that_hangs_is_ended_with_its_children(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    script = f"sleep 60 & echo $! > {tmp_path}/child; wait"
+    monkeypatch.setattr(codegen, "compiler", lambda: stub_compiler(tmp_path / "slow-cc", script))
+    monkeypatch.setattr(codegen, "COMPILE_TIMEOUT", 0.5)
+    with pytest.warns(mo.NotCompiled, match=r"was ended after 0\.5 s"):
+        compile_function(doubled())
+    child = Path("/proc") / (tmp_path / "child").read_text().strip()
+    deadline = time.monotonic() + 5
+    while child.exists() and "(sleep) Z" not in (child / "stat").read_text():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    assert list(folder.iterdir()) == []
+
+
+@needs_compiler
+def test_a_killed_compile_leaves_nothing_to_the_next(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real, slow = codegen.compiler(), stub_compiler(tmp_path / "slow-cc", "sleep 60")
+    monkeypatch.setattr(codegen, "compiler", lambda: slow)
+    child = os.fork()
+    if not child:
+        compile_function(doubled())
+        os._exit(1)
+    while not folder.is_dir() or not list(folder.glob(".*/function.c")):
+        time.sleep(0.01)
+    os.kill(child, signal.SIGKILL)
+    os.waitpid(child, 0)
+    assert len(list(folder.iterdir())) == 1
+    monkeypatch.setattr(codegen, "compiler", lambda: real)
+    compile_function(doubled())
+    assert sorted(path.suffix for path in folder.iterdir()) == [".sha256", ".so"]
+
+
+def test_a_compiler_may_say_what_is_no_text(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rude = stub_compiler(tmp_path / "rude-cc", r"printf '\377\376 no' >&2; exit 1")
+    monkeypatch.setattr(codegen, "compiler", lambda: rude)
+    with pytest.warns(mo.NotCompiled, match="status 1"):
+        compile_function(doubled())
+
+
+def test_a_user_without_a_home(temporary: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def unknown() -> Path:
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.delenv("MICROBOT_OCP_CACHE")
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.setattr(Path, "home", unknown)
+    assert codegen.cache_folder().parent == temporary
+    assert codegen.usable_folder().is_dir()
 
 
 def test_cache_folder_follows_the_environment(

@@ -4,16 +4,24 @@ The cache is ``$MICROBOT_OCP_CACHE``, by default a folder in the user's cache. T
 a hash of the C text, the compiler, its flags and the processor, so neither a changed robot nor
 another machine that shares the folder loads the wrong code. Falling back to the virtual machine
 raises the warning :class:`NotCompiled`.
+
+A library is loaded only if it is the user's own, no link, writable by nobody else, and has the
+digest that stands beside it (``.sha256``, checked in 0.6 ms a megabyte); else it is compiled again.
+A folder that is not the user's own or writable by others is not used: a private one is, with the
+warning :class:`PrivateCache`.
 """
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import hashlib
 import json
 import os
 import platform
 import shutil
+import signal
+import stat
 import subprocess
 import tempfile
 import warnings
@@ -23,6 +31,8 @@ from functools import lru_cache
 from pathlib import Path
 
 import casadi as ca
+
+from microbot_ocp._base.writing import temporary_path, whole_file
 
 FLAGS = ("-fno-math-errno", "-shared", "-fPIC")
 # Measured for recursive Newton-Euler: no gain with 3 joints, 6 % with 7; for its derivatives with
@@ -35,6 +45,13 @@ NATIVE = "-march=native"
 # a stage, 11,000 operations: 1.6 s with -O1, 0.4 s with -O0, which runs 3 times slower and still 5
 # times faster than CasADi's virtual machine; with torque rates, 30,000 operations: 7 s and 1 s.
 SIZES = ((4_000, "-O2"), (30_000, "-O1"), (float("inf"), "-O0"))
+
+
+COMPILE_TIMEOUT = 120.0  # s; then the compiler is ended with its children
+
+
+class PrivateCache(UserWarning):
+    """The cache folder is not safe or cannot be used: another one is."""
 
 
 class NotCompiled(UserWarning):
@@ -67,8 +84,111 @@ def cache_folder() -> Path:
     chosen = os.environ.get("MICROBOT_OCP_CACHE")
     if chosen:
         return Path(chosen)
-    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(base) / "microbot_ocp"
+    base = os.environ.get("XDG_CACHE_HOME")
+    try:
+        return Path(base or Path.home() / ".cache") / "microbot_ocp"
+    except RuntimeError:  # no HOME, and a user whom the system does not know
+        return _private_folder()
+
+
+def _private_folder() -> Path:
+    """Where the user's own cache cannot be."""
+    return Path(tempfile.gettempdir()) / f"microbot_ocp-{_user()}"
+
+
+def usable_folder() -> Path:
+    """The cache folder, made if need be; a private one where it is not safe.
+
+    Warns
+    -----
+    PrivateCache
+        Once for each folder.
+    """
+    return _usable(cache_folder())
+
+
+@lru_cache(maxsize=16)
+def _made_for_this_process() -> Path:
+    folder = Path(tempfile.mkdtemp(prefix="microbot_ocp-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return folder
+
+
+def _usable(folder: Path) -> Path:
+    problem = _folder_problem(folder)
+    if not problem:
+        return folder
+    private = _private_folder()
+    other = private if not _folder_problem(private) else _made_for_this_process()
+    _say_once(f"the cache folder {folder} is not used: {problem}; {other} is")
+    return other
+
+
+@lru_cache(maxsize=64)
+def _say_once(sentence: str) -> None:
+    warnings.warn(sentence, PrivateCache, stacklevel=6)
+
+
+def _folder_problem(folder: Path) -> str:
+    """Why a folder is not used; empty where it may be."""
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with contextlib.suppress(FileExistsError):
+            folder.mkdir(mode=0o700)
+        found = folder.lstat()
+        if not stat.S_ISDIR(found.st_mode):
+            return "it is no folder of its own"
+        if not os.access(folder, os.W_OK | os.X_OK):
+            return "permission denied"
+    except (OSError, ValueError) as problem:
+        return getattr(problem, "strerror", None) or str(problem)
+    return _ownership_problem(found)
+
+
+def _ownership_problem(found: os.stat_result) -> str:
+    if os.name == "nt":
+        return ""
+    if found.st_uid != _user():
+        return "it belongs to another user"
+    return "others may write to it" if found.st_mode & 0o022 else ""
+
+
+def _user() -> int:
+    return os.geteuid() if hasattr(os, "geteuid") else 0
+
+
+def _trusted(path: Path) -> bool:
+    """Whether a file of the cache is whole, and nobody else's."""
+    try:
+        with open(os.open(path, os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0)), "rb") as stream:
+            found = os.fstat(stream.fileno())
+            if not stat.S_ISREG(found.st_mode) or _ownership_problem(found):
+                return False
+            digest = hashlib.file_digest(stream, "sha256").hexdigest()
+        return _beside(path).read_text("ascii") == digest
+    except (OSError, ValueError):
+        return False
+
+
+def _keep(path: Path, content: bytes) -> None:
+    """Put a file into the cache, whole, and its digest beside it."""
+    digest = hashlib.sha256(content).hexdigest().encode()
+    for place, data in ((path, content), (_beside(path), digest)):
+        if place.is_symlink():
+            place.unlink()
+        with whole_file(place) as partial:
+            partial.write_bytes(data)
+            partial.chmod(0o700)
+
+
+def _beside(path: Path) -> Path:
+    return path.with_name(f"{path.name}.sha256")
+
+
+def _forget(path: Path) -> None:
+    for place in (path, _beside(path)):
+        with contextlib.suppress(OSError):
+            place.unlink()
 
 
 def maybe_compiled(function: ca.Function, wanted: bool) -> ca.Function:
@@ -128,19 +248,17 @@ def compile_recipe(
         Makes the functions; what takes the time where compiled code is in the cache already.
     """
     identity = repr((recipe, package(), compiler(), FLAGS, NATIVE, SIZES, processor()))
-    note = cache_folder() / f"recipe_{hashlib.sha256(identity.encode()).hexdigest()[:24]}.json"
+    note = usable_folder() / f"recipe_{hashlib.sha256(identity.encode()).hexdigest()[:24]}.json"
     with contextlib.suppress(OSError, ValueError, TypeError, RuntimeError):
-        known = json.loads(note.read_text("utf-8"))
-        if known:
+        known = json.loads(note.read_bytes()) if _trusted(note) else []
+        if known and all(_trusted(note.with_name(lib)) for lib, _ in known):
             return tuple(ca.external(name, str(note.parent / lib)) for lib, name in known)
     given = tuple(make())
     made = _compiled(given, None)
     if made is None:
         return given
-    with contextlib.suppress(OSError), tempfile.TemporaryDirectory(dir=note.parent) as work:
-        text = Path(work) / note.name
-        text.write_text(json.dumps([[path.name, name] for path, name in made]), "utf-8")
-        text.replace(note)
+    with contextlib.suppress(OSError):
+        _keep(note, json.dumps([[path.name, name] for path, name in made]).encode())
     return tuple(ca.external(name, str(path)) for path, name in made)
 
 
@@ -176,10 +294,20 @@ def _compiled(
                     )
                     for group, source in sources
                 ]
-                libraries = [job.result() for job in jobs]
+                try:
+                    libraries = [job.result() for job in jobs]
+                except BaseException:
+                    for job in jobs:
+                        job.cancel()
+                    _end_compilers()
+                    raise
             made = {f.name(): p for g, p in zip(groups, libraries, strict=True) for f in g}
             for name, path in made.items():
-                ca.external(name, str(path))
+                try:
+                    ca.external(name, str(path))
+                except RuntimeError:  # what the compiler made is no library
+                    _forget(path)
+                    raise
             return [(made[function.name()], function.name()) for function in given]
         except (OSError, subprocess.SubprocessError, RuntimeError) as failure:
             problem = str(failure)
@@ -239,26 +367,62 @@ def build_library(
     flags = (optimization, *FLAGS)
     identity = repr((source, cc, flags, NATIVE, processor(), serves))
     key = hashlib.sha256(identity.encode()).hexdigest()[:24]
-    folder = cache_folder()
+    folder = usable_folder()
     library = folder / f"{stem}_{key}{suffix}"
-    if library.exists():
+    if _trusted(library):
         return library
-    folder.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=folder) as work:
-        text = Path(work) / "function.c"
+    with temporary_path(folder / stem) as work:
+        work.mkdir(mode=0o700)
+        text, made = work / "function.c", work / "function.so"
         text.write_text(source)
-        made = Path(work) / "function.so"
         headers = [f"-I{header}" for header in include]
         rest = [*flags, *headers, str(text), "-o", str(made), "-lm"]
         done = _run([cc, NATIVE, *rest])
         if done.returncode:  # a compiler that does not know the flag
             done = _run([cc, *rest])
         if done.returncode:
-            said = " ".join(done.stderr.split())[-300:]
+            said = " ".join(done.stderr.decode(errors="replace").split())[-300:]
             raise RuntimeError(f"{cc} ended with status {done.returncode}: {said}")
-        made.replace(library)  # atomic: a second process never loads half a file
+        _keep(library, made.read_bytes())
     return library
 
 
-def _run(command: list[str]) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(command, check=False, capture_output=True, text=True, timeout=120)
+_running: set[subprocess.Popen[bytes]] = set()
+
+
+def _run(command: list[str]) -> subprocess.CompletedProcess[bytes]:
+    """Run a compiler in a process group of its own, which is ended as a whole."""
+    with subprocess.Popen(
+        command,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+    ) as process:
+        _running.add(process)
+        try:
+            _, err = process.communicate(timeout=COMPILE_TIMEOUT)
+        except BaseException as problem:
+            _end(process)
+            if isinstance(problem, subprocess.TimeoutExpired):
+                sentence = f"{command[0]} was ended after {COMPILE_TIMEOUT:g} s"
+                raise RuntimeError(sentence) from None
+            raise
+        finally:
+            _running.discard(process)
+    if process.returncode < 0:
+        raise RuntimeError(f"{command[0]} was ended by signal {-process.returncode}")
+    return subprocess.CompletedProcess(command, process.returncode, b"", err)
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    with contextlib.suppress(OSError):
+        if hasattr(os, "killpg"):
+            os.killpg(process.pid, signal.SIGKILL)
+        else:
+            process.kill()
+
+
+def _end_compilers() -> None:
+    for process in list(_running):
+        _end(process)
