@@ -15,6 +15,7 @@ solve                                 :func:`solve` with :class:`SolverSettings`
                                       :class:`Guess` a phase or from an earlier :class:`Solution`;
                                       :class:`Iteration` is what a progress function gets
 solve to an accuracy                  :func:`solve_refined` on meshes that it chooses
+solve for switching times             :func:`solve_switching_times`: one phase of free length an arc
 solve again with other data           :class:`ParametricSolver`: limits, conditions, parameters
 the result                            :class:`Solution` with its :class:`Status`, every
                                       :class:`Attempt`, and one :class:`PhaseSolution` per phase

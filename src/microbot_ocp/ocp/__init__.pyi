@@ -10,9 +10,12 @@ from .problem import (
     Phase as Phase,
 )
 from .refinement import (
+    Junction as Junction,
     Refined as Refined,
+    SwitchingTimes as SwitchingTimes,
     find_switches as find_switches,
     solve_refined as solve_refined,
+    solve_switching_times as solve_switching_times,
 )
 from .solution import (
     Attempt as Attempt,

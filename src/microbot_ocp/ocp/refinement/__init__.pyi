@@ -32,3 +32,8 @@ from ._switches import (
     find_switches as find_switches,
     move_to_switches as move_to_switches,
 )
+from ._switching_times import (
+    Junction as Junction,
+    SwitchingTimes as SwitchingTimes,
+    solve_switching_times as solve_switching_times,
+)

@@ -6,7 +6,8 @@ of free duration and with its controls held at their bounds, the problem has its
 unknowns. A limit that acts on an arc is met at both of its ends. Source: J. T. Betts, *Practical
 Methods for Optimal Control and Estimation*, 2nd ed., chapter 4.
 
-Continuous controls are left free. Limits that depend on controls are not looked at.
+Continuous controls are left free. Limits that depend on controls are looked at where the arcs are
+the answer (``_switching_times.py``), not where they only place mesh points.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import copy
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -41,6 +43,9 @@ SHORTEST = 2  # intervals of an arc: what is shorter is the smeared end of two o
 MOST_ARCS = 12  # of a phase: a solution that chatters is not cut into pieces
 SHORTEST_DURATION = 1e-4  # of the phase, that an arc may shrink to
 LEAST_INTERVALS = 4  # of an arc's own mesh
+HIGHEST_ORDER = 3  # of a limit of the states whose derivative determines a control
+MIXED = 2e-3  # of its range: nearer to a limit that depends on controls it acts
+INSIDE = np.array([0.1, 0.5, 0.9])  # of an interval at which such limits are looked at
 WORSE = 1e-6  # share by which arcs may cost more than the solution that they come from
 
 
@@ -51,9 +56,10 @@ class _Limit:
     constraint: PathConstraint
     component: int
     sides: np.ndarray  # of the intervals [N]
+    mixed: bool = False  # whether it depends on controls
 
     def met(self, side: int) -> PathConstraint:
-        """The limit as an equation for the end of an arc."""
+        """The limit as an equation."""
         own, i = self.constraint, self.component
         value = (own.lower if side < 0 else own.upper)[i : i + 1]
         return PathConstraint(
@@ -68,6 +74,19 @@ class _Arc:
     first: int
     last: int
     signature: tuple[int, ...]  # of all control components, then of all limits
+
+
+@dataclass(frozen=True, eq=False)
+class Stretch:
+    """An arc as it is guessed: fractions of its phase, what acts, and its mesh."""
+
+    begin: float
+    end: float
+    signature: tuple[int, ...]
+    intervals: int
+
+
+Sample = Callable[[FloatArray], dict[str, FloatArray]]  # of the times since the start of a phase
 
 
 def place_junctions(
@@ -86,25 +105,26 @@ def place_junctions(
     KeyboardInterrupt
         The solve was interrupted.
     """
-    found = [_arcs(phase) for phase in solution.phases]
+    found = [arcs_of(phase) for phase in solution.phases]
     if all(len(arcs) < 2 for arcs, _ in found):
         return None
     if any(len(arcs) > MOST_ARCS for arcs, _ in found):
         return None
-    cut = OptimalControlProblem(f"{problem.name} in arcs")
+    in_arcs = OptimalControlProblem(f"{problem.name} in arcs")
     guesses, meshes = {}, []
     groups: list[list[Phase]] = []
     for phase, (arcs, limits) in zip(solution.phases, found, strict=True):
-        made = _cut(phase, arcs, limits)
+        declared = phase_layout(phase).phase
+        made = cut(declared, phase.duration, stretches(phase, arcs), limits, phase.sample)
         if made is None:
             return None
         own, own_guesses, own_meshes = made
         groups.append(own)
-        cut.phases += own
+        in_arcs.phases += own
         guesses |= {piece.name: guess for piece, guess in zip(own, own_guesses, strict=True)}
         meshes += own_meshes
-    cut.links = _links(problem, groups)
-    solved = solve(cut, meshes, guesses, replace(settings, solver="ipopt"), scheme=scheme)
+    in_arcs.links = links_between(problem, groups)
+    solved = solve(in_arcs, meshes, guesses, replace(settings, solver="ipopt"), scheme=scheme)
     if solved.status is Status.INTERRUPTED:
         raise KeyboardInterrupt  # the solver kept it to itself
     if not solved.status.solved or solved.cost > solution.cost + WORSE * abs(solution.cost):
@@ -123,7 +143,7 @@ def _ends(declared: Phase, pieces: Sequence[PhaseSolution]) -> FloatArray:
     ends = np.cumsum([0.0, *(piece.duration for piece in pieces)])
     inner = []
     for begin, piece in zip(ends[:-1], pieces, strict=True):
-        found, _ = _arcs(piece, declared)
+        found, _ = arcs_of(piece, declared)
         inner += [begin + piece.t[arc.first] for arc in found[1:]]
     places = ends[1:-1]
     if len(inner) + places.size < MOST_ARCS:
@@ -168,11 +188,13 @@ def distance(mesh: FloatArray, places: FloatArray) -> float:
 # arcs of a solution -------------------------------------------------------------------------------
 
 
-def _arcs(phase: PhaseSolution, declared: Phase | None = None) -> tuple[list[_Arc], list[_Limit]]:
+def arcs_of(
+    phase: PhaseSolution, declared: Phase | None = None, *, mixed: bool = False
+) -> tuple[list[_Arc], list[_Limit]]:
     """Arcs of a phase, and the limits of its states that act somewhere.
 
-    Of a piece of a phase, with the declaration of the whole: arcs of its controls alone, however
-    short.
+    With ``mixed`` also those that depend on controls. Of a piece of a phase, with the declaration
+    of the whole: arcs of its controls alone, however short.
     """
     whole, shortest = declared is None, SHORTEST if declared is None else 1
     declared = declared or phase_layout(phase).phase
@@ -186,6 +208,7 @@ def _arcs(phase: PhaseSolution, declared: Phase | None = None) -> tuple[list[_Ar
         lower = (values.largest <= control.lower + near) & ~fixed
         columns.append(upper.astype(int) - lower.astype(int))
     limits = _limits(phase, declared) if whole else []
+    limits += _mixed_limits(phase, declared) if whole and mixed else []
     columns += [limit.sides[:, None] for limit in limits]
     if not columns or not np.any(np.hstack(columns)):
         return [], limits
@@ -237,6 +260,56 @@ def _limits(phase: PhaseSolution, declared: Phase) -> list[_Limit]:
     return found
 
 
+def _mixed_limits(phase: PhaseSolution, declared: Phase) -> list[_Limit]:
+    """Limits that depend on controls that may jump, and the intervals all along which they act."""
+    jumping = [c.symbol for c in _jumping(declared)]
+    own = [*declared.states, *declared.controls]
+    others = [c.rate for c in declared.controls if c.rate is not None]
+    others += [v.symbol for v in declared.variables if v not in own]
+    chosen = [
+        c
+        for c in declared.constraints
+        if any(ca.depends_on(c.expression, symbol) for symbol in jumping)
+        and not any(ca.depends_on(c.expression, symbol) for symbol in others)
+    ]
+    if not chosen:
+        return []
+    steps = np.diff(phase.mesh)
+    t = (phase.mesh[:-1, None] + INSIDE * steps[:, None]).ravel() * phase.duration
+    known = phase.sample(t)
+    variables = [*declared.states, *declared.controls]
+    symbols = [*(v.symbol for v in variables), declared.time, declared.duration]
+    symbols += [p.symbol for p in declared.parameters]
+    tables = [
+        *(known[v.name].T for v in variables),
+        t[None, :],
+        np.full((1, t.size), phase.duration),
+    ]
+    tables += [np.tile(p.value[:, None], (1, t.size)) for p in declared.parameters]
+    found = []
+    for constraint in chosen:
+        run = ca.Function("value", symbols, [ca.densify(constraint.expression)]).map(t.size)
+        for i, row in enumerate(np.array(run(*tables))):
+            low, high = float(constraint.lower[i]), float(constraint.upper[i])
+            near = MIXED * (high - low if np.isfinite(high - low) else float(np.ptp(row)))
+            acts = (row >= high - near).astype(int) - (row <= low + near).astype(int)
+            table = acts.reshape(steps.size, INSIDE.size)
+            sides = np.where(np.all(table == table[:, :1], axis=1), table[:, 0], 0)
+            if near > 0 and low < high and np.any(sides):
+                found.append(_Limit(constraint, i, sides, mixed=True))
+    return found
+
+
+def stretches(phase: PhaseSolution, arcs: Sequence[_Arc]) -> list[Stretch]:
+    """Arcs with junctions in the middle between those that meet there; without arcs all is one."""
+    arcs = arcs or [_Arc(0, phase.mesh.size - 2, ())]
+    edges = np.concatenate([[0.0], _guessed(phase, arcs), [1.0]])
+    return [
+        Stretch(float(a), float(b), arc.signature, arc.last - arc.first + 1)
+        for arc, (a, b) in zip(arcs, itertools.pairwise(edges), strict=True)
+    ]
+
+
 def _guessed(phase: PhaseSolution, arcs: Sequence[_Arc]) -> FloatArray:
     """Junctions in the middle between the arcs that meet there."""
     return np.array(
@@ -250,11 +323,26 @@ def _guessed(phase: PhaseSolution, arcs: Sequence[_Arc]) -> FloatArray:
 # the problem in arcs ------------------------------------------------------------------------------
 
 
-def _cut(
-    phase: PhaseSolution, arcs: Sequence[_Arc], limits: Sequence[_Limit]
+def cut(
+    declared: Phase,
+    duration: float,
+    arcs: Sequence[Stretch],
+    limits: Sequence[_Limit],
+    sample: Sample,
+    *,
+    exact: bool = False,
 ) -> tuple[list[Phase], list[Guess], list[Mesh]] | None:
-    """A phase for every arc, with guesses and meshes; the clock goes on from one to the next."""
-    declared = phase_layout(phase).phase
+    """A phase for every arc, with guesses and meshes; the clock goes on from one to the next.
+
+    Parameters
+    ----------
+    declared, duration, sample : the phase, and the values that guesses are made of
+    arcs : its arcs in turn
+    limits : what their signatures say after all control components
+    exact : bool
+        Whether what acts on an arc determines it: mixed limits are equations, limits of states act
+        through the derivative that the controls appear in, and what is left free is polynomial.
+    """
     along = [*declared.derivatives.values(), *declared.running_costs]
     along += [*declared.algebraic_equations, *(c.expression for c in declared.constraints)]
     points = [*declared.point_constraints, *declared.point_costs]
@@ -263,21 +351,23 @@ def _cut(
     along += [k.expression for k in points if k.fractions[0] == 0.0]
     if any(ca.depends_on(k, declared.duration) for k in along):
         return None
-    clock = _clock(declared, phase.duration)
+    clock = _clock(declared, duration)
     # what was written with the time of the phase gets that of the clock
     timed: Callable[[ca.MX], ca.MX] = lambda e: ca.substitute(e, declared.time, clock.symbol)  # noqa: E731
     final: Callable[[ca.MX], ca.MX] = lambda e: ca.substitute(  # noqa: E731
         timed(e), declared.duration, clock.symbol
     )
-    arcs = arcs or [_Arc(0, phase.mesh.size - 2, ())]
-    edges = np.concatenate([[0.0], _guessed(phase, arcs), [1.0]])
+    held = [_held(declared, arc) for arc in arcs]
+    own = [
+        conditions_on(declared, arc, limits, first=index == 0) if exact else Conditions()
+        for index, arc in enumerate(arcs)
+    ]
     made, guesses, meshes = [], [], []
     for index, arc in enumerate(arcs):
         first, last = index == 0, index == len(arcs) - 1
-        begin, end = float(edges[index]), float(edges[index + 1])
         piece = copy.copy(declared)
         piece.name = f"{declared.name} {index + 1}"
-        piece.duration_bounds = (SHORTEST_DURATION * phase.duration, 3.0 * phase.duration)
+        piece.duration_bounds = (SHORTEST_DURATION * duration, 3.0 * duration)
         if len(arcs) == 1:
             piece.duration_bounds = declared.duration_bounds
         low, high = declared.duration_bounds
@@ -285,30 +375,111 @@ def _cut(
             "initial": (np.zeros(1), np.zeros(1)) if first else None,
             "final": (np.array([low]), np.array([high])) if last else None,
         }
-        piece.states = [_inside(s, first, last) for s in declared.states]
+        piece.states = [own[index].freed(_inside(s, first, last)) for s in declared.states]
         piece.states.append(replace(clock, **ends))
         piece.derivatives = {k: timed(e) for k, e in declared.derivatives.items()}
         piece.derivatives[clock.name] = ca.MX(1.0)
-        piece.controls = _held(declared, arc, first, last)
+        piece.controls = [
+            held[index].get(c.name) or _inside(c, first, last) for c in declared.controls
+        ]
         piece.running_costs = [timed(e) for e in declared.running_costs]
         piece.algebraic_equations = [timed(e) for e in declared.algebraic_equations]
         piece.constraints = [
-            replace(c, expression=timed(c.expression)) for c in declared.constraints
+            replace(c, expression=timed(c.expression))
+            for c in (*map(own[index].freed, declared.constraints), *own[index].along)
         ]
         piece.end_costs = [final(e) for e in declared.end_costs] if last else []
         piece.end_constraints = [
             replace(c, expression=final(c.expression)) for c in declared.end_constraints
         ]
         if not last:
-            piece.end_constraints = _met(limits, arc, arcs[index + 1])
+            piece.end_constraints = [
+                replace(c, expression=timed(c.expression)) for c in own[index + 1].entry
+            ]
+            piece.end_constraints += _met(limits, arc, arcs[index + 1], own[index], own[index + 1])
         kept = [place for place, here in ((0.0, first), (1.0, last)) if here]
         for kind in ("point_constraints", "point_costs"):
-            own = [k for k in getattr(declared, kind) if k.fractions[0] in kept]
-            setattr(piece, kind, [replace(k, expression=final(k.expression)) for k in own])
+            there = [k for k in getattr(declared, kind) if k.fractions[0] in kept]
+            setattr(piece, kind, [replace(k, expression=final(k.expression)) for k in there])
+        if exact:
+            piece.interior_points = None  # the points of the scheme, where controls have values
+            piece.controls = [
+                replace(c, shape="polynomial")
+                if c.shape == "constant" and np.any(c.lower < c.upper)
+                else c
+                for c in piece.controls
+            ]
         made.append(piece)
-        guesses.append(_guess(phase, clock, begin, end))
-        meshes.append(Mesh(max(arc.last - arc.first + 1, LEAST_INTERVALS)))
+        guesses.append(_guess(declared, duration, sample, clock, arc))
+        meshes.append(Mesh(max(arc.intervals, LEAST_INTERVALS)))
     return made, guesses, meshes
+
+
+@dataclass(frozen=True, eq=False)
+class Conditions:
+    """What limits demand of an arc on which they act.
+
+    Attributes
+    ----------
+    along : equations at all its points
+    entry : equations where it begins, for the end of the arc before it
+    replaced : names and components of the limits that these keep
+    """
+
+    along: tuple[PathConstraint, ...] = ()
+    entry: tuple[PathConstraint, ...] = ()
+    replaced: frozenset[tuple[str, int]] = frozenset()
+
+    def freed(self, limited: Any) -> Any:
+        """A state or path constraint without the bounds that are kept by equations."""
+        own = [i for name, i in self.replaced if name == limited.name]
+        if not own:
+            return limited
+        low, high = limited.lower.copy(), limited.upper.copy()
+        low[own], high[own] = -np.inf, np.inf
+        return replace(limited, lower=low, upper=high)
+
+
+def conditions_on(
+    declared: Phase, arc: Stretch, limits: Sequence[_Limit], *, first: bool
+) -> Conditions:
+    """Equations of the limits that act on an arc, as many as it has free control components."""
+    sides = arc.signature[len(arc.signature) - len(limits) :] if arc.signature else ()
+    free = sum(c.size for c in _jumping(declared))
+    free -= sum(k != 0 for k in arc.signature[: len(arc.signature) - len(limits)])
+    along: list[PathConstraint] = []
+    entry: list[PathConstraint] = []
+    replaced: set[tuple[str, int]] = set()
+    for limit, side in zip(limits, sides, strict=True):
+        if not side or free <= 0:
+            continue
+        chain = [limit.met(side)] if limit.mixed else _derivatives(declared, limit, side)
+        if not chain or (first and len(chain) > 1):
+            continue
+        along.append(chain[-1])
+        entry += chain[:-1]
+        replaced.add((limit.constraint.name, limit.component))
+        free -= 1
+    return Conditions(tuple(along), tuple(entry), frozenset(replaced))
+
+
+def _derivatives(declared: Phase, limit: _Limit, side: int) -> list[PathConstraint]:
+    """A limit of the states that is met, and its time derivatives up to one with a jumping control.
+
+    Nothing where that is none of the first three.
+    """
+    x = ca.vertcat(*(s.symbol for s in declared.states))
+    slope = ca.vertcat(*(declared.derivatives[s.name] for s in declared.states))
+    own = limit.met(side)
+    found, value = [own], own.expression
+    for order in range(1, HIGHEST_ORDER + 1):
+        value = ca.jtimes(value, x, slope)
+        zero = np.zeros(1)
+        name = f"{own.name}, derivative {order}"
+        found.append(replace(own, name=name, expression=value, lower=zero, upper=zero))
+        if any(ca.depends_on(value, c.symbol) for c in _jumping(declared)):
+            return found
+    return []
 
 
 def _clock(phase: Phase, duration: float) -> Variable:
@@ -330,8 +501,8 @@ def _inside(variable: Variable, first: bool, last: bool) -> Variable:
     )
 
 
-def _held(phase: Phase, arc: _Arc, first: bool, last: bool) -> list[Variable]:
-    """Controls of an arc, fixed where they are at a bound."""
+def _held(phase: Phase, arc: Stretch) -> dict[str, Variable]:
+    """Controls of an arc that may jump, fixed where they are at a bound."""
     held, offset = {}, 0
     for control in _jumping(phase):
         sides = np.array(arc.signature[offset : offset + control.size] or [0] * control.size)
@@ -341,32 +512,40 @@ def _held(phase: Phase, arc: _Arc, first: bool, last: bool) -> list[Variable]:
             lower=np.where(sides > 0, control.upper, control.lower),
             upper=np.where(sides < 0, control.lower, control.upper),
         )
-    return [held.get(c.name) or _inside(c, first, last) for c in phase.controls]
+    return held
 
 
-def _met(limits: Sequence[_Limit], arc: _Arc, after: _Arc) -> list[PathConstraint]:
-    """Limits that begin or cease to act where two arcs meet."""
+def _met(
+    limits: Sequence[_Limit], arc: Stretch, after: Stretch, own: Conditions, following: Conditions
+) -> list[PathConstraint]:
+    """Limits of states that begin or cease to act where two arcs meet, but for what keeps them."""
     found = []
     for column, limit in enumerate(limits, start=len(arc.signature) - len(limits)):
         sides = arc.signature[column], after.signature[column]
-        if sides[0] != sides[1]:
-            found += [limit.met(side) for side in sides if side]
+        key = (limit.constraint.name, limit.component)
+        if limit.mixed or sides[0] == sides[1] or key in own.replaced | following.replaced:
+            continue
+        found += [limit.met(side) for side in sides if side]
     return found
 
 
-def _guess(phase: PhaseSolution, clock: Variable, begin: float, end: float) -> Guess:
-    declared = phase_layout(phase).phase
+def _guess(
+    declared: Phase, duration: float, sample: Sample, clock: Variable, arc: Stretch
+) -> Guess:
     names = [v.name for v in (*node_variables(declared), *declared.controls, *declared.algebraics)]
+    reach = arc.end - arc.begin
 
     def along(name: str) -> Callable[[FloatArray], FloatArray]:
-        return lambda s: phase.sample((begin + s * (end - begin)) * phase.duration)[name]
+        return lambda s: sample((arc.begin + s * reach) * duration)[name]
 
     values = {name: along(name) for name in dict.fromkeys(names)}
-    values[clock.name] = lambda s: (begin + s * (end - begin))[:, None] * phase.duration
-    return Guess((end - begin) * phase.duration, values)
+    values[clock.name] = lambda s: (arc.begin + s * reach)[:, None] * duration
+    return Guess(reach * duration, values)
 
 
-def _links(problem: OptimalControlProblem, groups: Sequence[Sequence[Phase]]) -> list[PhaseLink]:
+def links_between(
+    problem: OptimalControlProblem, groups: Sequence[Sequence[Phase]]
+) -> list[PhaseLink]:
     links = []
     for index, pieces in enumerate(groups):
         for before, after in itertools.pairwise(pieces):

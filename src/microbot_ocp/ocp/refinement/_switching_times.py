@@ -1,0 +1,538 @@
+"""Switching times as unknowns: the arcs of a solution, each a phase of free length.
+
+On an arc every control is at a bound, or follows from a limit that acts, or is free; what is held
+has no discretisation, and the dynamics are integrated by Radau collocation of order 9,
+until they hold to a wanted accuracy. A bang-bang problem becomes a handful of equations for its
+switching times. Source: C. Y. Kaya and J. L. Noakes, *Computational method for time-optimal
+switching control*, J. Optim. Theory Appl. 117 (2003) 69-92.
+
+The arcs are corrected as the solves go: what shrinks to nothing is left out, where a held control
+would rather leave its bound it is freed, and a free one that comes to lie at a bound is held.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.status import Status
+from microbot_ocp._base.table import Column, Table
+from microbot_ocp.ocp.problem import OptimalControlProblem, Phase
+from microbot_ocp.ocp.refinement._arcs import (
+    LEAST_INTERVALS,
+    MOST_ARCS,
+    SHORTEST_DURATION,
+    Sample,
+    Stretch,
+    arcs_of,
+    cut,
+    links_between,
+    stretches,
+)
+from microbot_ocp.ocp.refinement._mesh_error import divide, state_errors
+from microbot_ocp.ocp.solution import Gap, PhaseSolution, Solution, StepProgress, quiet
+from microbot_ocp.ocp.solvers import SolverSettings, solve
+from microbot_ocp.ocp.transcription import (
+    Label,
+    Mesh,
+    Transcription,
+    row_labels,
+    variable_labels,
+)
+from microbot_ocp.ocp.transcription.schemes import Collocation
+from microbot_ocp.ocp.verification import phase_layout
+
+SCHEME = Collocation("radau", 5)
+FREE_DEGREE = 3  # where a control is free: more would let it swing where it is singular
+SETTINGS = SolverSettings("ipopt", tolerance=1e-10, gap=1e-7)
+MOST_INTERVALS = 8  # of an arc at first: the order is high
+WORSE = 1e-3  # share by which the arcs may cost more than what they come from
+WRONG = 1e-3  # of its largest: a multiplier of the wrong sign that is larger frees a control
+CHANGES = 4  # solves that may change the arcs
+NAMES = {-1: "lower limit", 0: "free", 1: "upper limit"}
+
+
+@dataclass(frozen=True)
+class Junction:
+    """Where one arc ends and another begins, and one thing that changes there.
+
+    Attributes
+    ----------
+    phase : str
+    time : s since the start of the phase
+    name, component : the control or limit that changes
+    before, after : "lower limit", "upper limit" or "free"
+    """
+
+    phase: str
+    time: float
+    name: str
+    component: int
+    before: str
+    after: str
+
+
+@dataclass(frozen=True, eq=False)
+class SwitchingTimes:
+    """A solution in arcs.
+
+    Attributes
+    ----------
+    status : Status
+    advice : str
+    junctions : in the order of time
+    solution : of the problem with one phase an arc; its gap is that of the times
+    pieces : names of its phases by the phase that they are arcs of
+    state_error : largest relative error of the dynamics in any interval
+    """
+
+    status: Status
+    advice: str
+    junctions: tuple[Junction, ...]
+    solution: Solution
+    pieces: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    state_error: float = np.inf
+
+    @property
+    def solved(self) -> bool:
+        """Whether the arcs are those of a local optimum, and followed to the accuracy."""
+        return self.status.solved
+
+    @property
+    def cost(self) -> float:
+        """Cost of the whole."""
+        return self.solution.cost
+
+    @property
+    def gap(self) -> Gap:
+        """How much the cost may be above that of the local optimum beside it."""
+        return self.solution.gap
+
+    def duration(self, phase: str) -> float:
+        """Duration of a phase, s."""
+        return float(sum(self.solution[name].duration for name in self.pieces[phase]))
+
+    def sample(self, phase: str, t: ArrayLike) -> dict[str, FloatArray]:
+        """Every variable [M, size] of a phase at times t [M] since its start.
+
+        At a junction it is the arc that begins there.
+        """
+        times = checks.array("t", np.atleast_1d(np.asarray(t, dtype=float)), (None,), "s")
+        return _joined([self.solution[name] for name in self.pieces[phase]])(times)
+
+    def table(self) -> Table:
+        """One row a junction."""
+        columns = (
+            Column("phase", left=True),
+            Column("time", "s", ".12g"),
+            Column("what", left=True),
+            Column("before", left=True),
+            Column("after", left=True),
+        )
+        rows = [
+            (j.phase, j.time, f"{j.name}[{j.component}]", j.before, j.after) for j in self.junctions
+        ]
+        return Table(columns, rows)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        return {
+            "status": str(self.status),
+            "advice": self.advice,
+            "cost": self.cost,
+            "gap": self.gap.total,
+            "state_error": self.state_error,
+            "junctions": [vars(junction) for junction in self.junctions],
+        }
+
+    def __str__(self) -> str:
+        return f"{self.table()}\ncost {self.cost:.15g}{self.gap}\n{self.advice}"
+
+    def __repr__(self) -> str:
+        count = len(self.junctions)
+        return f"<SwitchingTimes: {self.status}, {count} switches, cost {self.cost:.12g}{self.gap}>"
+
+
+def solve_switching_times(
+    problem: OptimalControlProblem | Transcription,
+    start: Solution | None = None,
+    *,
+    accuracy: float = 1e-9,
+    settings: SolverSettings | None = None,
+    rounds: int = 10,
+    progress: StepProgress = quiet,
+) -> SwitchingTimes:
+    """Solve for the times at which controls switch and limits begin or cease to act.
+
+    Parameters
+    ----------
+    problem : OptimalControlProblem or Transcription
+    start : Solution, optional
+        That shows the arcs; its cost is what theirs may not exceed. Default: :func:`solve` on 50
+        intervals.
+    accuracy : float
+        Relative error of the dynamics that is accepted in any interval.
+    settings : SolverSettings, optional
+        Default: IPOPT to a tolerance of 1e-10 and a gap of 1e-7 of the cost.
+    rounds : int
+        Most solves.
+    progress : callable
+        Called with a line of text for every solve.
+
+    Returns
+    -------
+    SwitchingTimes
+        Also where that failed: look at ``status``.
+
+    Raises
+    ------
+    InputError
+        The start is none of the problem, or the problem cannot be cut: it has expressions of the
+        duration of a phase along that phase.
+
+    Examples
+    --------
+    >>> problem = OptimalControlProblem("double integrator")
+    >>> phase = problem.phase("move", duration=(0.1, 10.0))
+    >>> x = phase.state("x", initial=0.0, final=3.0)
+    >>> v = phase.state("v", initial=0.0, final=0.0)
+    >>> u = phase.control("u", lower=-1.0, upper=2.0)
+    >>> phase.derivative(x, v)
+    >>> phase.derivative(v, u)
+    >>> phase.end_cost(phase.duration)
+    >>> found = solve_switching_times(problem)  # 1 s at 2, then 2 s at -1
+    >>> [(j.name, round(j.time, 9), j.after) for j in found.junctions], round(found.cost, 9)
+    ([('u', 1.0, 'lower limit')], 3.0)
+    """
+    accuracy = checks.number("accuracy", accuracy, above=0.0)
+    declared = problem.problem if isinstance(problem, Transcription) else problem
+    first = solve(problem, 50) if start is None else start
+    names = [phase.name for phase in first.phases]
+    if names != [phase.name for phase in declared.phases]:
+        raise InputError(f"start has the phases {names}, which are not those of the problem")
+    if not first.status.solved:
+        return SwitchingTimes(first.status, first.advice, (), first)
+    plans = [_planned(phase) for phase in first.phases]
+    return _Search(declared, first, plans, accuracy, settings or SETTINGS, progress).run(rounds)
+
+
+@dataclass(frozen=True, eq=False)
+class _Plan:
+    """The arcs of one phase as they are guessed, and what the guess is made of."""
+
+    declared: Phase
+    duration: float
+    sample: Sample
+    arcs: tuple[Stretch, ...]
+    limits: tuple[Any, ...]
+    columns: tuple[tuple[str, int], ...]  # names and components of what a signature says
+
+    @property
+    def signatures(self) -> tuple[tuple[int, ...], ...]:
+        return tuple(arc.signature for arc in self.arcs)
+
+
+def _planned(phase: PhaseSolution) -> _Plan:
+    declared = phase_layout(phase).phase
+    found, limits = arcs_of(phase, mixed=True)
+    arcs = [
+        replace(arc, intervals=min(arc.intervals, MOST_INTERVALS))
+        for arc in stretches(phase, found)
+    ]
+    columns = [(c.name, i) for c in declared.controls if c.shape != "linear" for i in range(c.size)]
+    columns += [(limit.constraint.name, limit.component) for limit in limits]
+    arcs = [arc if arc.signature else replace(arc, signature=(0,) * len(columns)) for arc in arcs]
+    arcs = _merged([replace(arc, signature=_active(arc, limits)) for arc in arcs])
+    return _Plan(declared, phase.duration, phase.sample, tuple(arcs), tuple(limits), tuple(columns))
+
+
+def _active(arc: Stretch, limits: Sequence[Any]) -> tuple[int, ...]:
+    """A signature without limits of states that are met where no control is left to keep them."""
+    controls = arc.signature[: len(arc.signature) - len(limits)]
+    sides = arc.signature[len(controls) :]
+    if not controls or not all(controls):
+        return arc.signature
+    return (*controls, *(k * limit.mixed for k, limit in zip(sides, limits, strict=True)))
+
+
+def _merged(arcs: Sequence[Stretch]) -> list[Stretch]:
+    """Neighbours that have everything in common are one."""
+    found: list[Stretch] = []
+    for arc in arcs:
+        if found and found[-1].signature == arc.signature:
+            intervals = min(found[-1].intervals + arc.intervals, MOST_INTERVALS)
+            found[-1] = replace(found[-1], end=arc.end, intervals=intervals)
+        else:
+            found.append(arc)
+    return found
+
+
+def _order(piece: PhaseSolution) -> int:
+    return int(phase_layout(piece).kinds[0].scheme.order)
+
+
+def _joined(pieces: Sequence[PhaseSolution]) -> Sample:
+    """Values at times since the start of the first piece."""
+    ends = np.cumsum([piece.duration for piece in pieces])
+
+    def sample(t: FloatArray) -> dict[str, FloatArray]:
+        own = np.minimum(np.searchsorted(ends, t, side="right"), len(pieces) - 1)
+        found: dict[str, FloatArray] = {}
+        for index in np.unique(own).tolist():
+            piece, chosen = pieces[index], own == index
+            begin = float(ends[index]) - piece.duration
+            for name, values in piece.sample(t[chosen] - begin).items():
+                found.setdefault(name, np.zeros((t.size, values.shape[1])))[chosen] = values
+        return found
+
+    return sample
+
+
+class _Search:
+    """Solves with one phase an arc, and what changes between them."""
+
+    def __init__(
+        self,
+        problem: OptimalControlProblem,
+        first: Solution,
+        plans: list[_Plan],
+        accuracy: float,
+        settings: SolverSettings,
+        progress: StepProgress,
+    ) -> None:
+        self.problem, self.first, self.plans = problem, first, plans
+        self.accuracy, self.settings, self.progress = accuracy, settings, progress
+
+    def run(self, rounds: int) -> SwitchingTimes:
+        status, said = Status.ROUND_LIMIT, ""
+        found: SwitchingTimes | None = None
+        for done in range(rounds):
+            if any(len(plan.arcs) > MOST_ARCS for plan in self.plans):
+                said = f"More than {MOST_ARCS} arcs in a phase are too many to solve for."
+                status = Status.NOT_POSSIBLE
+                break
+            solution, groups = self._solved()
+            self.progress(
+                f"{sum(map(len, groups))} arcs: cost {solution.cost:.12g}, {solution.status}"
+            )
+            if not solution.status.solved:
+                status, said = solution.status, solution.advice
+                break
+            changed = self._changed(solution, groups) if done < CHANGES else None
+            if changed is not None:
+                self.plans = changed
+                continue
+            errors = state_errors(solution)
+            found = self._result(solution, groups, max(float(e.max()) for e in errors))
+            if found.state_error <= self.accuracy:
+                status, said = self._judged(solution, groups)
+                break
+            self._refine(solution, groups, errors)
+        found = found or SwitchingTimes(status, "", (), self.first)
+        if status is Status.ROUND_LIMIT:
+            said = (
+                f"{status.sentence} The dynamics hold to {found.state_error:.1e}, "
+                f"{self.accuracy:.1e} is wanted."
+            )
+        return replace(found, status=status, advice=said or status.sentence)
+
+    def _solved(self) -> tuple[Solution, list[list[Phase]]]:
+        whole = OptimalControlProblem(f"{self.problem.name} in arcs")
+        guesses, meshes, groups = {}, [], []
+        for plan in self.plans:
+            made = cut(
+                plan.declared, plan.duration, plan.arcs, plan.limits, plan.sample, exact=True
+            )
+            if made is None:
+                raise InputError(
+                    f"phase {plan.declared.name!r} cannot be cut into arcs: what holds along it "
+                    "depends on its duration"
+                )
+            own, own_guesses, own_meshes = made
+            groups.append(own)
+            whole.phases += own
+            guesses |= {k.name: guess for k, guess in zip(own, own_guesses, strict=True)}
+            meshes += [_with_degree(*pair) for pair in zip(own, own_meshes, strict=True)]
+        whole.links = links_between(self.problem, groups)
+        return solve(whole, meshes, guesses, self.settings, scheme=SCHEME), groups
+
+    def _changed(self, solution: Solution, groups: Sequence[Sequence[Phase]]) -> list[_Plan] | None:
+        """Plans with other arcs, where the solution asks for them."""
+        wrong = _wrong_signs(solution, self.plans, groups)
+        plans = []
+        for plan, group in zip(self.plans, groups, strict=True):
+            pieces = [solution[piece.name] for piece in group]
+            plans.append(_revised(plan, pieces, wrong))
+        before, after = ([p.signatures for p in own] for own in (self.plans, plans))
+        return plans if before != after else None
+
+    def _refine(
+        self, solution: Solution, groups: Sequence[Sequence[Phase]], errors: Sequence[FloatArray]
+    ) -> None:
+        """More intervals for arcs whose dynamics are not accurate enough."""
+        left = iter(errors)
+        for index, (plan, group) in enumerate(zip(self.plans, groups, strict=True)):
+            pieces = [solution[piece.name] for piece in group]
+            arcs = [
+                replace(
+                    arc,
+                    intervals=divide(piece.mesh, next(left), self.accuracy, _order(piece)).size - 1,
+                )
+                for arc, piece in zip(_as_solved(plan, pieces), pieces, strict=True)
+            ]
+            duration = sum(piece.duration for piece in pieces)
+            self.plans[index] = replace(
+                plan, arcs=tuple(arcs), duration=duration, sample=_joined(pieces)
+            )
+
+    def _result(
+        self, solution: Solution, groups: Sequence[Sequence[Phase]], error: float
+    ) -> SwitchingTimes:
+        junctions = []
+        for plan, group in zip(self.plans, groups, strict=True):
+            ends = np.cumsum([solution[piece.name].duration for piece in group])
+            for end, (one, other) in zip(ends, itertools.pairwise(plan.signatures), strict=False):
+                junctions += [
+                    Junction(plan.declared.name, float(end), *column, NAMES[a], NAMES[b])
+                    for column, a, b in zip(plan.columns, one, other, strict=True)
+                    if a != b
+                ]
+        pieces = {
+            plan.declared.name: tuple(piece.name for piece in group)
+            for plan, group in zip(self.plans, groups, strict=True)
+        }
+        return SwitchingTimes(Status.SOLVED, "", tuple(junctions), solution, pieces, error)
+
+    def _judged(self, solution: Solution, groups: Sequence[Sequence[Phase]]) -> tuple[Status, str]:
+        """Whether the arcs are those of a local optimum, and why not."""
+        if solution.cost > self.first.cost + WORSE * abs(self.first.cost):
+            return Status.NOT_ACCEPTED, (
+                f"The arcs cost {solution.cost:.8g}, more than the {self.first.cost:.8g} of the "
+                "solution that they were read from: give one of a finer mesh."
+            )
+        wrong = _wrong_signs(solution, self.plans, groups)
+        if wrong:
+            return Status.NO_PROGRESS, (
+                f"A control that is held at its limit in {', '.join(wrong)} would rather leave it: "
+                "there are more switches than the solution that was given shows."
+            )
+        return Status.SOLVED, ""
+
+
+def _with_degree(piece: Phase, mesh: Mesh) -> Mesh:
+    """The mesh of an arc, of a lower degree where something is free on it."""
+    equations = sum(int(np.sum(c.lower == c.upper)) for c in piece.constraints)
+    free = sum(int(np.sum(c.lower < c.upper)) for c in piece.controls if c.shape == "polynomial")
+    return Mesh(mesh.fractions, FREE_DEGREE if free > equations else SCHEME.degree)
+
+
+def _as_solved(plan: _Plan, pieces: Sequence[PhaseSolution]) -> list[Stretch]:
+    """The arcs of a plan where a solution has them."""
+    ends = np.cumsum([0.0, *(piece.duration for piece in pieces)])
+    ends /= ends[-1]
+    return [
+        replace(arc, begin=float(a), end=float(b))
+        for arc, (a, b) in zip(plan.arcs, itertools.pairwise(ends), strict=True)
+    ]
+
+
+def _revised(
+    plan: _Plan, pieces: Sequence[PhaseSolution], wrong: Mapping[str, np.ndarray]
+) -> _Plan:
+    """A plan without the arcs that shrank to nothing, and with those that are divided."""
+    duration = float(sum(piece.duration for piece in pieces))
+    found: list[Stretch] = []
+    for arc, piece in zip(_as_solved(plan, pieces), pieces, strict=True):
+        if piece.duration <= 2 * SHORTEST_DURATION * plan.duration and len(pieces) > 1:
+            continue
+        table = np.tile(arc.signature, (piece.mesh.size - 1, 1))
+        count = len(plan.columns) - len(plan.limits)
+        if count and not np.all(table[0, :count]):
+            table[:, :count] = _sides_of_free(plan, piece, table[:, :count])
+        if piece.name in wrong:
+            table[wrong[piece.name]] = 0
+        edges = np.flatnonzero(np.any(np.diff(table, axis=0) != 0, axis=1)) + 1
+        whole = arc.end - arc.begin
+        for first, after in itertools.pairwise([0, *edges.tolist(), len(table)]):
+            share = piece.mesh[[first, after]]
+            begin, end = (arc.begin + share * whole).tolist()
+            signature = tuple(int(side) for side in table[first])
+            found.append(Stretch(begin, end, signature, max(after - first, LEAST_INTERVALS)))
+    merged = _merged(found)
+    # what was left out leaves no hole
+    closed = [
+        replace(arc, begin=0.0 if k == 0 else merged[k - 1].end) for k, arc in enumerate(merged)
+    ]
+    closed[-1] = replace(closed[-1], end=1.0)
+    return replace(plan, arcs=tuple(closed), duration=duration, sample=_joined(pieces))
+
+
+def _sides_of_free(plan: _Plan, piece: PhaseSolution, held: np.ndarray) -> np.ndarray:
+    """Sides of all control components [N, components], found anew where nothing held them."""
+    own = phase_layout(piece).phase
+    bounds = {c.name: c for c in plan.declared.controls}
+    declared = replace_controls(
+        own,
+        [replace(c, lower=bounds[c.name].lower, upper=bounds[c.name].upper) for c in own.controls],
+    )
+    arcs, _ = arcs_of(piece, declared)
+    table = held.copy()
+    for arc in arcs:
+        rows = slice(arc.first, arc.last + 1)
+        table[rows] = np.where(held[rows] == 0, np.array(arc.signature), held[rows])
+    return table
+
+
+def replace_controls(phase: Phase, controls: Sequence[Any]) -> Phase:
+    """A phase that differs from another in its controls only."""
+    made = Phase(phase.name, phase.duration_bounds)
+    made.__dict__.update({**vars(phase), "controls": list(controls)})
+    return made
+
+
+def _wrong_signs(
+    solution: Solution, plans: Sequence[_Plan], groups: Sequence[Sequence[Phase]]
+) -> dict[str, np.ndarray]:
+    """By the name of a piece, where [N, columns] what is held would rather leave its limit."""
+    layouts = [phase_layout(phase) for phase in solution.phases]
+    assert solution.variable_multipliers is not None
+    sums: dict[tuple[str, str, int], FloatArray] = {}
+
+    def gather(labels: Sequence[Label], multipliers: FloatArray, kind: str) -> None:
+        for label, multiplier in zip(labels, multipliers.tolist(), strict=True):
+            if label.kind == kind:
+                key = (label.phase, label.name, label.component)
+                size = solution[label.phase].mesh.size - 1
+                own = sums.setdefault(key, np.zeros(size))
+                own[min(label.interval, size - 1)] += multiplier
+
+    gather(variable_labels(layouts), np.asarray(solution.variable_multipliers), "control")
+    gather(row_labels(layouts), solution.row_multipliers, "constraint")
+    found: dict[str, np.ndarray] = {}
+    for plan, group in zip(plans, groups, strict=True):
+        controls = len(plan.columns) - len(plan.limits)
+        for place, (name, component) in enumerate(plan.columns):
+            if place >= controls and not plan.limits[place - controls].mixed:
+                continue
+            if place >= controls:
+                name, component = f"{name}[{component}] met", 0
+            own = {piece.name: sums.get((piece.name, name, component)) for piece in group}
+            largest = max(
+                (float(np.abs(v).max()) for v in own.values() if v is not None), default=0.0
+            )
+            for piece, arc in zip(group, plan.arcs, strict=True):
+                values, side = own[piece.name], arc.signature[place]
+                if values is None or side == 0:
+                    continue
+                bad = side * values < -WRONG * largest
+                if bad.any():
+                    shape = (bad.size, len(plan.columns))
+                    found.setdefault(piece.name, np.zeros(shape, dtype=bool))[:, place] |= bad
+    return found
