@@ -51,9 +51,9 @@ def export(
     robot = None if named is None else load_robot(named)
     if robot is not None and robot.joint_count != motion.joint_count:
         raise InputError(f"{file} has {motion.joint_count} joints, the robot {robot.joint_count}")
+    samples = len(motion.t) if rate is None else motion.resample(rate).t.size
     written = Written()
     written.add(target, lambda path: motion.export(path, rate, robot))
-    samples = len(motion.t) if rate is None else motion.resample(rate).t.size
     document = {"robot": named, "samples": samples}
 
     def text(console: Console) -> None:
