@@ -276,6 +276,76 @@ def test_published_fits_are_reproduced_without_a_guess(arguments, cost, rates):
     assert verify(problem, solution).ok
 
 
+def test_what_is_maximised_is_the_objective(tmp_path):
+    problem = OptimalControlProblem("as high as possible", maximize=True)
+    phase = problem.phase("go", 1.0)
+    x = phase.state("x", initial=0.0)
+    u = phase.control("u", lower=-1.0, upper=2.0)
+    phase.derivative(x, u)
+    phase.end_cost(x)
+    solution = solve(problem, 5)
+    assert solution.objective == pytest.approx(2.0, abs=1e-6)
+    assert solution.cost == -solution.objective
+    assert "objective 1.99999" in repr(solution)
+    assert verify(problem, solution).ok
+    path = save_solution(solution, tmp_path / "high.npz")
+    assert load_solution(path).objective == solution.objective
+
+
+def test_the_clock_goes_on_from_phase_to_phase():
+    problem = OptimalControlProblem("clock")
+    phases = [
+        problem.phase("a", 1.0, start=(2.0, 5.0)),
+        problem.phase("b", (0.5, 2.0)),
+        problem.phase("c", 1.0),
+    ]
+    for phase in phases:
+        x = phase.state("x", initial=0.0 if phase is phases[0] else None)
+        phase.derivative(x, phase.start + phase.time)
+    problem.link(*phases[:2])
+    problem.link(*phases[1:])
+    problem.constraint("end", phases[2].start + 1.0, 6.0, 6.0)
+    problem.cost(phases[2].final(x) - 2.0 * phases[1].duration)
+    solution = solve(problem, 5)
+    start = solution.parameters["start of 'a'"][0]
+    duration = solution["b"].duration
+    assert start + 2.0 + duration == pytest.approx(6.0, abs=1e-7)
+    assert solution["c"]["x"][-1] == pytest.approx([(36.0 - start**2) / 2], abs=1e-6)
+    assert duration == pytest.approx(0.5, abs=1e-4)  # a second costs the start's 4 s, less 2
+    assert verify(problem, solution).ok
+
+
+def test_a_template_is_repeated_with_data_of_its_own():
+    # two experiments, a decay each from its own start: one rate, two data
+    problem = OptimalControlProblem("experiments")
+    rate = problem.free_parameter("rate", lower=0.0, upper=10.0)
+    phase = problem.phase("experiment", 1.0)
+    start = phase.parameter("start", 1.0)
+    x = phase.state("x", initial=start)
+    phase.derivative(x, -rate * x)
+    y = phase.measurement("y", [0.5, 1.0], np.exp([-0.4, -0.8]))
+    phase.point_cost((x - y) ** 2)
+    phase.point_cost((phase.initial(x) - start) ** 2, at=1.0)  # its own start
+    made = problem.repeat(
+        phase, 3, names=(), parameters=[{"start": s, "y": s * np.exp([-0.4, -0.8])} for s in (2, 3)]
+    )
+    assert [own.name for own in made] == ["experiment", "experiment 2", "experiment 3"]
+    solution = solve(problem, 10, scheme="radau")
+    assert solution.cost == pytest.approx(0.0, abs=1e-10)
+    assert solution["experiment 3"].parameters["rate"] == pytest.approx([0.8], abs=1e-5)
+    assert [p["x"][0, 0] for p in solution.phases] == pytest.approx([1.0, 2.0, 3.0], abs=1e-7)
+    assert verify(problem, solution).ok
+    phase.start  # noqa: B018
+    with pytest.raises(InputError, match="takes the last phase"):
+        problem.repeat(phase, 2)
+
+
+def test_two_components_with_a_pair_are_ambiguous():
+    phase = OptimalControlProblem("pair").phase("go", 1.0)
+    with pytest.raises(InputError, match="may mean two values or a range"):
+        phase.state("x", 2, initial=(1.0, 2.0))
+
+
 def refusals():
     problem = OptimalControlProblem("refused")
     phase = problem.phase("go", (1.0, 2.0))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -140,7 +141,13 @@ def condition(
     """Bounds at an end; None where there are none, or where they are expressions."""
     if value is None or moving(value):
         return None
-    low, high = value if isinstance(value, tuple) and len(value) == 2 else (value, value)
+    sides: Any = value if isinstance(value, tuple) and len(value) == 2 else (value, value)
+    low, high = sides
+    if sides is value and size == 2 and np.ndim(low) == 0 and np.ndim(high) == 0:
+        raise InputError(
+            f"{name} has two components, so ({low}, {high}) may mean two values or a range: write "
+            f"[{low}, {high}] for the values, ([{low}] * 2, [{high}] * 2) for the range"
+        )
     return ordered(name, low, high, size, unit)
 
 

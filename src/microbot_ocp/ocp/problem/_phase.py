@@ -44,7 +44,8 @@ class Phase:
 
     Made by :meth:`OptimalControlProblem.phase`. The symbols ``time`` (since the start of the
     phase, s) and ``duration`` may be used in expressions, ``duration`` also in those of other
-    phases.
+    phases. :attr:`start` is when the phase starts: ``start + time`` is the time since the start of
+    the first phase, or whatever was declared.
 
     Expressions may use what the phase declares, the free parameters of the problem, and the values
     that :meth:`initial`, :meth:`final` and :meth:`value` of any phase return.
@@ -69,11 +70,19 @@ class Phase:
     point_constraints: list[PointConstraint] = field(default_factory=list)
     point_costs: list[PointCost] = field(default_factory=list)
     problem: OptimalControlProblem | None = field(default=None, repr=False)
+    begins: ca.MX = field(default_factory=lambda: ca.MX(0.0), repr=False)
 
     def __post_init__(self) -> None:
         self.time = ca.MX.sym(f"{self.name}.time")
         self.duration = ca.MX.sym(f"{self.name}.duration")
         self._values: list[PointValue] = []
+        self._asked_start = False
+
+    @property
+    def start(self) -> ca.MX:
+        """When the phase starts, s: as declared, or when the phase before ends."""
+        self._asked_start = True
+        return self.begins
 
     @property
     def variables(self) -> list[Variable]:
@@ -527,6 +536,46 @@ class Phase:
             if own.name not in {v.name for v in phase.free_parameters}:
                 phase.free_parameters.append(own)
 
+    def _copied(self, name: str, linked: Sequence[str]) -> Phase:
+        """The phase with symbols of its own and without conditions at the start of what is linked.
+
+        What comes from other phases, and free parameters of the problem, stay what they are.
+        """
+        made = replace(self, name=name, **{kind: [] for kind in _SYMBOLIC})
+        own = {c.defines for c in self.point_constraints}
+        old, new = [self.time, self.duration], [made.time, made.duration]
+
+        def fresh(item: Any) -> Any:
+            if item in self.free_parameters and item.name not in own:
+                return item
+            label = item.name.replace(repr(self.name), repr(name))
+            symbol = ca.MX.sym(f"{name}.{label}", item.symbol.shape[0])
+            old.append(item.symbol)
+            new.append(symbol)
+            changes: dict[str, Any] = {"name": label, "symbol": symbol}
+            if getattr(item, "rate", None) is not None:
+                changes["rate"] = ca.MX.sym(f"{name}.{label}.rate", item.size)
+                old.append(item.rate)
+                new.append(changes["rate"])
+            if item.name in linked:
+                changes["initial"] = None
+            return replace(item, **changes)
+
+        for kind in _SYMBOLIC:
+            setattr(made, kind, [fresh(item) for item in getattr(self, kind)])
+        renewed = lambda e: ca.graph_substitute(e, old, new)  # noqa: E731
+        made.derivatives = {k: renewed(e) for k, e in self.derivatives.items()}
+        for kind in ("algebraic_equations", "running_costs", "end_costs"):
+            setattr(made, kind, [renewed(e) for e in getattr(self, kind)])
+        for kind in ("constraints", "end_constraints", "point_constraints", "point_costs"):
+            items = [replace(k, expression=renewed(k.expression)) for k in getattr(self, kind)]
+            setattr(made, kind, items)
+        made.point_constraints = [
+            replace(k, defines=k.defines.replace(repr(self.name), repr(name)), name=k.name)
+            for k in made.point_constraints
+        ]
+        return made
+
     # checks ---------------------------------------------------------------------------------------
 
     def _fractions(self, label: str, at: ArrayLike) -> FloatArray:
@@ -567,7 +616,8 @@ class Phase:
                 f"a {kind} of phase {self.name!r} must be one number, but has shape "
                 f"{expression.shape}"
             )
-        return expression
+        gains = self.problem is not None and self.problem.maximize
+        return -expression if gains else expression
 
     def _refuse_second(self, label: str, name: str, known: Sequence[Parameter]) -> None:
         if name in {k.name for k in known}:
@@ -625,6 +675,16 @@ class Phase:
                 plain = _limit(label, difference, bounds, scale, unit)
                 own = PointConstraint(**vars(plain), fractions=np.array([fraction]))
                 self.point_constraints.append(own)
+
+
+_SYMBOLIC = (
+    "states",
+    "controls",
+    "algebraics",
+    "free_parameters",
+    "parameters",
+    "measurements",
+)  # what is declared with a symbol
 
 
 def _sides(given: Bound) -> Iterator[tuple[str, ca.MX, float, float]]:

@@ -6,7 +6,9 @@ declaration into a nonlinear program. Nothing here knows a robot.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -20,6 +22,9 @@ from microbot_ocp.ocp.problem._phase import Phase
 
 class OptimalControlProblem:
     """Phases in a row, linked; minimise the sum of their costs.
+
+    With ``maximize`` all costs are gains, and their sum is to be as large as possible: it is the
+    ``objective`` of a solution, whose ``cost`` is that with the other sign.
 
     Examples
     --------
@@ -38,8 +43,9 @@ class OptimalControlProblem:
     2.0
     """
 
-    def __init__(self, name: str = "problem") -> None:
+    def __init__(self, name: str = "problem", *, maximize: bool = False) -> None:
         self.name = name
+        self.maximize = maximize
         self.phases: list[Phase] = []
         self.links: list[PhaseLink] = []
         self.free_parameters: list[Variable] = []
@@ -51,11 +57,27 @@ class OptimalControlProblem:
         *,
         interior_points: Sequence[float] | None = None,
         scale: float | None = None,
+        start: float | tuple[float, float] | ca.MX | None = None,
     ) -> Phase:
         """Add a phase of fixed duration, or free within (lower, upper), s.
 
         ``interior_points`` are the fractions of every interval at which path constraints hold
         besides the mesh points; by default those of the scheme. ``scale`` is a typical duration, s.
+        ``start`` is the time at which the phase starts, s: a value, (lower, upper) where it is
+        free, or an expression; by default 0, or the end of the phase before.
+
+        Examples
+        --------
+        When the integral of sin(t) over 1 s is least: the middle is at 3 pi / 2.
+
+        >>> from microbot_ocp.ocp import solve
+        >>> problem = OptimalControlProblem("when")
+        >>> phase = problem.phase("second", 1.0, start=(0.0, 6.0))
+        >>> phase.derivative(phase.state("x", initial=0.0), 1.0)
+        >>> phase.running_cost(ca.sin(phase.start + phase.time))
+        >>> start = solve(problem, mesh=20).parameters["start of 'second'"]
+        >>> round(float(start[0]) + 0.5, 3)
+        4.712
         """
         if name in {phase.name for phase in self.phases}:
             raise InputError(f"phase {name!r} is declared twice")
@@ -67,8 +89,89 @@ class OptimalControlProblem:
             raise InputError(f"interior_points must be fractions inside (0, 1), not {inner}")
         if scale is not None:
             scale = checks.number(f"scale of the duration of phase {name!r}", scale, "s", above=0.0)
-        self.phases.append(Phase(name, (low, high), inner, scale, problem=self))
-        return self.phases[-1]
+        if start is None:
+            before = self.phases[-1] if self.phases else None
+            start = ca.MX(0.0) if before is None else before.begins + before.duration
+        elif isinstance(start, tuple):
+            start = self.free_parameter(
+                f"start of {name!r}", lower=start[0], upper=start[1], unit="s"
+            )
+        phase = Phase(name, (low, high), inner, scale, problem=self, begins=ca.MX(start))
+        self.phases.append(phase)
+        return phase
+
+    def repeat(
+        self,
+        phase: Phase,
+        times: int,
+        *,
+        names: Sequence[str] | None = None,
+        parameters: Sequence[Mapping[str, ArrayLike]] = (),
+    ) -> list[Phase]:
+        """Go through the last phase ``times`` times: copies of it, each linked to the one before.
+
+        Parameters
+        ----------
+        phase : Phase
+            The last one, declared wholly.
+        times : int
+        names : sequence of str, optional
+            What is continuous from each to the next; by default all states. Conditions of these
+            hold at the start of the first and at the end of the last only.
+        parameters : sequence of mappings from name to value, optional
+            Parameters and measurements in the copies, from the second on, where they differ.
+
+        Returns
+        -------
+        list of Phase
+            The phase and its copies, with " 2", " 3" ... after their names.
+
+        Examples
+        --------
+        Three laps of 1 m, each at a speed limit of its own.
+
+        >>> from microbot_ocp.ocp import solve
+        >>> problem = OptimalControlProblem("laps")
+        >>> lap = problem.phase("lap", duration=(0.1, 10.0))
+        >>> x = lap.state("x", initial=0.0, unit="m")
+        >>> v = lap.control("v", lower=0.0, unit="m/s")
+        >>> limit = lap.parameter("limit", 1.0)
+        >>> lap.derivative(x, v)
+        >>> lap.constraint("limit", v - limit, upper=0.0)
+        >>> lap.end_constraint("one lap", x - lap.initial(x), 1.0, 1.0)
+        >>> lap.end_cost(lap.duration)
+        >>> laps = problem.repeat(lap, 3, parameters=[{"limit": 2.0}, {"limit": 4.0}])
+        >>> round(solve(problem, mesh=10).duration, 3)
+        1.75
+        """
+        if not self.phases or phase is not self.phases[-1]:
+            raise InputError(f"repeat takes the last phase of a problem, not {phase.name!r}")
+        if phase._asked_start:
+            raise InputError(
+                f"phase {phase.name!r} uses its start, which is not that of its copies: declare a "
+                "state with the derivative 1"
+            )
+        if not isinstance(times, int | np.integer) or times < 1:
+            raise InputError(f"times must be a whole number from 1 up, not {times!r}")
+        if len(parameters) not in (0, times - 1):
+            raise InputError(f"parameters must be of {times - 1} copies, not {len(parameters)}")
+        linked = [v.name for v in phase.states] if names is None else list(names)
+        made = [phase]
+        for k in range(2, times + 1):
+            copy = phase._copied(f"{phase.name} {k}", linked)
+            for kind in ("parameters", "measurements"):
+                given = parameters[k - 2] if parameters else {}
+                setattr(copy, kind, [_with_value(p, given) for p in getattr(copy, kind)])
+            self.phases.append(copy)
+            copy.begins = made[-1].begins + made[-1].duration
+            self.link(made[-1], copy, linked)
+            made.append(copy)
+        for own in made[:-1]:
+            for kind in ("states", "controls"):
+                items = getattr(own, kind)
+                kept = [replace(v, final=None) if v.name in linked else v for v in items]
+                setattr(own, kind, kept)
+        return made
 
     def free_parameter(
         self,
@@ -240,6 +343,18 @@ class OptimalControlProblem:
         for free in self.free_parameters:
             if not any(free.name in {v.name for v in p.free_parameters} for p in self.phases):
                 raise InputError(f"free parameter {free.name!r} appears nowhere")
+
+
+def _with_value(item: Any, given: Mapping[str, ArrayLike]) -> Any:
+    """A parameter or measurement with the value that is given for it."""
+    if item.name not in given:
+        return item
+    value = np.asarray(given[item.name], dtype=float)
+    label = f"parameter {item.name!r}"
+    return replace(
+        item,
+        value=checks.array(label, value.reshape(-1), (item.value.size,)).reshape(item.value.shape),
+    )
 
 
 def _check_symbols(phase: Phase, used: ca.MX) -> None:

@@ -138,6 +138,7 @@ class Solution:
     gap : how much the cost may be above that of the local optimum beside it, in its unit
     advice : what the status means; of a solve that did not converge also what would help, by lines
     start : where it started from
+    maximize : whether its cost is a gain with the other sign, see ``objective``
     """
 
     status: Status
@@ -153,10 +154,13 @@ class Solution:
     gap: Gap = UNKNOWN
     advice: str = ""
     start: StartingPoint | None = field(default=None, repr=False)
+    maximize: bool = False
 
     def __repr__(self) -> str:
         last = f", {self.attempts[-1].solver}" if self.attempts else ""
         cost = f"cost {self.cost:.8g}{self.gap}"
+        if self.maximize:
+            cost = f"objective {self.objective:.8g}{self.gap}".replace("above", "below")
         return f"<Solution: {self.status}, {cost}, {self.duration:.6g} s{last}>"
 
     def _repr_html_(self) -> str:
@@ -176,6 +180,11 @@ class Solution:
     def solved(self) -> bool:
         """Whether the solve ended well."""
         return self.status.solved
+
+    @property
+    def objective(self) -> float:
+        """The cost, or of a problem that maximises the gain."""
+        return -self.cost if self.maximize else self.cost
 
     @property
     def parameters(self) -> dict[str, FloatArray]:

@@ -155,7 +155,13 @@ def run_chain(
         gap=gap,
         start=start,
         advice=advice(program, start, outcome.x, attempts),
+        maximize=_maximizes(program),
     )
+
+
+def _maximizes(program: Program) -> bool:
+    problem = program.layouts[0].phase.problem
+    return problem is not None and problem.maximize
 
 
 def _has_inequalities(program: Program) -> bool:

@@ -119,6 +119,7 @@ def save_solution(solution: Solution, path: str | Path) -> Path:
         "status": solution.status.name,
         "cost": solution.cost,
         "cost_scale": solution.cost_scale,
+        "maximize": solution.maximize,
         "gap": vars(solution.gap),
         "build_time": solution.build_time,
         "advice": solution.advice,
@@ -241,6 +242,7 @@ def _restored(
         variables=arrays.get("variables"),
         settings=metadata["settings"],
         cost_scale=float(metadata.get("cost_scale", 1.0)),
+        maximize=bool(metadata.get("maximize", False)),
         gap=Gap(**metadata["gap"]) if metadata.get("gap") else UNKNOWN,
         advice=str(metadata.get("advice") or status.sentence),
         start=StartingPoint(
