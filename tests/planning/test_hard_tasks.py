@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -94,6 +95,29 @@ def test_an_answer_on_a_bound_of_the_duration_says_so(monkeypatch):
     monkeypatch.setattr(_scale, "SHORTEST", 5.0)
     motion = mo.time_optimal(robot, [[0.0], [1.2345]], mesh=20, compiled=False)
     assert "could not be shorter than" in motion.provenance["advice"]
+
+
+@pytest.mark.parametrize("jerk", [np.inf, 50.0])
+def test_a_robot_without_masses_does_what_kinematics_allows(jerk):
+    limits = mo.Limits(qd_max=2.0, qdd_max=5.0, qddd_max=jerk, tau_max=1.0)
+    bare = mo.Robot.from_dh([0.0, np.pi / 2], [0.0, 0.0], [0.5, 0.0], limits=limits, name="bare")
+    assert not bare.has_dynamics
+    via = np.array([[0.0, 0.0], [1.0, 0.5], [0.2, 1.0]])
+    free = mo.time_optimal(bare, via, mesh=30, compiled=False)
+    path = mo.time_optimal_path(bare, mo.straight_path(via), mesh=30, compiled=False)
+    for motion in (free, path):
+        assert motion.solved
+        certificate = mo.certify(bare, motion, via_q=via)
+        assert certificate.ok, certificate.verdict
+        assert "kinematics only: bare has no masses" in certificate.verdict
+        assert not motion.tau.any()
+    assert free.duration < path.duration
+    faster = bare.with_limits(qd_max=1.8)
+    assert "velocity of joint 1" in mo.certify(faster, free).verdict
+    q = free.q.copy()
+    q[len(q) // 2, 0] += 0.01
+    assert not mo.certify(bare, replace(free, q=q)).ok
+    assert not mo.certify(bare, free, via_q=via + 0.01).ok
 
 
 @pytest.mark.parametrize(

@@ -74,7 +74,7 @@ def test_a_prismatic_joint_is_spoken_of_in_metres(no_solver):
     refused(lambda: time_optimal(robot, [[0.0], [1.5]]), said)
 
 
-def test_a_robot_without_masses_is_refused(no_solver):
+def test_a_robot_without_masses_needs_limits_of_its_motion(no_solver):
     bare = mo.Robot.from_dh([0, 0], [0, 1], [0, 0], limits=mo.Limits(tau_max=1.0))
     for call in (
         lambda: time_optimal(bare, ARM_VIA),

@@ -8,7 +8,9 @@ integrator that knows the forward dynamics only.
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -248,10 +250,12 @@ def certify(
       determine the acceleration. The certificate names the direction, and judges by inverse
       dynamics there.
 
+    Of a robot without masses the limits of position, velocity, acceleration and jerk, the via
+    points and whether its samples belong together are checked, and the verdict says so.
+
     Parameters
     ----------
     robot : Robot
-        A robot with masses.
     motion : Motion
     limits : Limits or JointLimits, optional
         Default ``robot.limits``.
@@ -274,7 +278,7 @@ def certify(
     Raises
     ------
     InputError
-        A robot without masses or of another number of joints, a bad via point or tolerance.
+        A robot of another number of joints, a bad via point or tolerance.
 
     Examples
     --------
@@ -312,9 +316,36 @@ def certificate_of(
     t, ratio = dense_times(motion)
     state = motion.sample(t)
     limit_checks, saturated = _check_limits(family, motion, t)
+    if not robot.has_dynamics:
+        vias = () if via is None else _check_vias(motion, via, t, state)
+        problems = _beyond_limits(tolerances, limit_checks) + _missed(tolerances, vias)
+        stray, stray_time = _between_samples(motion, lambda state: state.qdd)
+        if stray > BETWEEN_SAMPLES:
+            problems.append(_strays("acceleration", stray, stray_time))
+        verdict = "; ".join(problems) if problems else _tightest(limit_checks)
+        return Certificate(
+            label=motion.label,
+            ok=not problems,
+            verdict=("Failed: " if problems else "Passed: ")
+            + f"{verdict}; kinematics only: {robot.name} has no masses, so nothing was simulated "
+            "and no torque looked at.",
+            limit_checks=limit_checks,
+            final_position_error=np.nan,
+            final_velocity_error=np.nan,
+            resimulation_status=Status.NOT_POSSIBLE,
+            grid_step=float(np.diff(t).max()),
+            grid_ratio=ratio,
+            condition_peak=np.nan,
+            condition_time=np.nan,
+            saturated_fraction=saturated,
+            between_samples_error=stray,
+            between_samples_time=stray_time,
+            via_checks=vias,
+            wall_time=time.perf_counter() - started,
+        )
     condition, at = _condition(robot, t, state)
     torque_error, torque_sample, torque_joint = _stored_torque(robot, motion)
-    stray, stray_time = _between_samples(robot, motion)
+    stray, stray_time = _between_samples(motion, partial(torque_along, robot))
     vias = () if via is None else _check_vias(motion, via, t, state)
     again = resimulate(robot, motion, tolerances.torque)
 
@@ -326,10 +357,7 @@ def certificate_of(
             f"{torque_error:.3g} of its largest torque"
         )
     if stray > BETWEEN_SAMPLES:
-        problems.append(
-            f"position, velocity and acceleration do not belong together: between the samples at "
-            f"{stray_time:.4g} s the torque strays by {stray:.3g} of the largest"
-        )
+        problems.append(_strays("torque", stray, stray_time))
     verdict = "; ".join(problems) if problems else _summary(limit_checks, again)
     if condition > NEAR_SINGULAR:
         verdict += (
@@ -421,13 +449,23 @@ def _stored_torque(robot: Robot, motion: Motion) -> tuple[float, int, int]:
     return float(share[i, joint]), int(i), int(joint)
 
 
-def _between_samples(robot: Robot, motion: Motion) -> tuple[float, float]:
-    """How far the torque half-way between samples lies outside theirs (relative), and when."""
+def _strays(what: str, stray: float, stray_time: float) -> str:
+    return (
+        f"position, velocity and acceleration do not belong together: between the samples at "
+        f"{stray_time:.4g} s the {what} strays by {stray:.3g} of the largest"
+    )
+
+
+def _between_samples(motion: Motion, moved: Callable[[State], FloatArray]) -> tuple[float, float]:
+    """How far the torque half-way between samples lies outside theirs (relative), and when.
+
+    ``moved`` gives it, or the acceleration of a robot without masses, from states.
+    """
     start, end = motion.t[:-1], motion.t[1:]
     long = end - start > 2 * JUMP_GAP
     middle = 0.5 * (start + end)[long]
-    tau = torque_along(robot, motion.sample(middle))
-    ends = torque_along(robot, State(motion.q, motion.qd, motion.qdd))
+    tau = moved(motion.sample(middle))
+    ends = moved(State(motion.q, motion.qd, motion.qdd))
     low, high = np.minimum(ends[:-1], ends[1:])[long], np.maximum(ends[:-1], ends[1:])[long]
     # Interpolating over a jump between two samples overshoots by less than the jump.
     outside = (np.maximum(tau - high, low - tau) - (high - low)).max(axis=1)
@@ -462,13 +500,7 @@ def _problems(
     again: Resimulation,
     vias: tuple[ViaCheck, ...],
 ) -> list[str]:
-    problems = [
-        f"{check.title} is {check.value:.5g} {check.unit} at "
-        f"{check.time:.4g} s, {100 * check.violation:.3g} % beyond its limit of "
-        f"{check.limit:.5g} {check.unit}"
-        for check in limit_checks
-        if check.violation > tolerances.limit
-    ]
+    problems = _beyond_limits(tolerances, limit_checks)
     if not again.status.solved:
         problems.append(f"re-simulation stopped: {again.message}")
     elif not (again.defect <= tolerances.torque and again.position_defect <= tolerances.position):
@@ -478,27 +510,44 @@ def _problems(
             f"explain (of {again.segments} segments one ends up to {again.position_defect:.2g} rad "
             "off)"
         )
-    problems += [
+    return problems + _missed(tolerances, vias)
+
+
+def _beyond_limits(tolerances: Tolerances, limit_checks: tuple[LimitCheck, ...]) -> list[str]:
+    return [
+        f"{check.title} is {check.value:.5g} {check.unit} at "
+        f"{check.time:.4g} s, {100 * check.violation:.3g} % beyond its limit of "
+        f"{check.limit:.5g} {check.unit}"
+        for check in limit_checks
+        if check.violation > tolerances.limit
+    ]
+
+
+def _missed(tolerances: Tolerances, vias: tuple[ViaCheck, ...]) -> list[str]:
+    return [
         f"{via.name} is missed by {via.distance:.3g} rad (nearest at {via.time:.4g} s)"
         for via in vias
         if via.distance > tolerances.via
     ]
-    return problems
+
+
+def _tightest(limit_checks: tuple[LimitCheck, ...]) -> str:
+    # Every motion fills the position range that its path needs; the others say how hard it is.
+    used = [check for check in limit_checks if check.quantity != "q"] or list(limit_checks)
+    if not used:
+        return "there is no limit"
+    tightest = max(used, key=lambda check: np.nanmax(check.utilisation))
+    worst = max(check.violation for check in limit_checks)
+    kept = "is kept" if worst <= ROUNDING else f"is kept to within {100 * worst:.2g} %"
+    return (
+        f"every limit {kept}, the tightest being {tightest.title} "
+        f"with {100 * np.nanmax(tightest.utilisation):.4g} % at "
+        f"{tightest.time:.4g} s"
+    )
 
 
 def _summary(limit_checks: tuple[LimitCheck, ...], again: Resimulation) -> str:
-    parts = []
-    # Every motion fills the position range that its path needs; the others say how hard it is.
-    used = [check for check in limit_checks if check.quantity != "q"] or list(limit_checks)
-    if used:
-        tightest = max(used, key=lambda check: np.nanmax(check.utilisation))
-        worst = max(check.violation for check in limit_checks)
-        kept = "is kept" if worst <= ROUNDING else f"is kept to within {100 * worst:.2g} %"
-        parts.append(
-            f"every limit {kept}, the tightest being {tightest.title} "
-            f"with {100 * np.nanmax(tightest.utilisation):.4g} % at "
-            f"{tightest.time:.4g} s"
-        )
+    parts = [_tightest(limit_checks)] if limit_checks else []
     to = f" to {again.defect:.1g} of the torques" if again.defect > 1e-12 else ""
     parts.append(f"re-simulation of {again.segments} segments agrees{to}")
     if again.final_position_error < SAYS_NOTHING:

@@ -34,6 +34,8 @@ class Arm(Protocol):
     def joint_names(self) -> tuple[str, ...]: ...
     @property
     def limits(self) -> JointLimits: ...
+    @property
+    def has_dynamics(self) -> bool: ...
     def unit(self, quantity: str, joint: int) -> str: ...
     def motion_state(
         self, q: Any, qd: Any, qdd: Any, qddd: Any, torques: ca.Function | None = None
@@ -133,7 +135,9 @@ class LimitFamily:
 
     def __init__(self, robot: Arm) -> None:
         self.robot: Any = robot
-        joints = [_joint_member(robot, key) for key in JOINT_QUANTITIES]
+        # without masses there are no torques that could be beyond a limit
+        known = [k for k in JOINT_QUANTITIES if robot.has_dynamics or k not in ("tau", "taud")]
+        joints = [_joint_member(robot, key) for key in known]
         self.members = (
             *(member for member in joints if member.limited.any()),
             *(_further_member(robot, limit) for limit in robot.limits.also),

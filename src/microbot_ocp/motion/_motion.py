@@ -320,8 +320,10 @@ class Motion:
 
 
 def torque_along(robot: Robot, state: State) -> FloatArray:
-    """Inverse dynamics [N,n] of states [N,n], in one call."""
+    """Inverse dynamics [N,n] of states [N,n], in one call; zero for a robot without masses."""
     q = checks.array("q", state.q, (None, robot.joint_count))
+    if not robot.has_dynamics:
+        return np.zeros_like(q)
     if compiler() is None:
         return np.array(inverse_dynamics(robot)(q.T, state.qd.T, state.qdd.T)).T
     return fast_call(inverse_dynamics(robot))(q, state.qd, state.qdd)

@@ -136,7 +136,7 @@ def time_optimal(
     Parameters
     ----------
     robot : Robot
-        With masses.
+        Without masses only limits of its motion count, none of torques.
     via_q : array_like [m,n]
         Via points, rad (m for prismatic joints).
     limits : Limits, optional

@@ -98,7 +98,7 @@ def time_optimal_path(
     Parameters
     ----------
     robot : Robot
-        With masses.
+        Without masses only limits of its motion count, none of torques.
     path : PiecewisePolynomial
         Joint positions over any path parameter: a trajectory (its timing is replaced), or
         :func:`straight_path`.

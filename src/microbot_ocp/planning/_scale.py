@@ -105,8 +105,8 @@ def _by_torque(robot: Robot, via: FloatArray) -> FloatArray:
     Infinite where a torque is not limited.
     """
     torque = _larger(robot.limits.bounds("tau"))
-    if not np.isfinite(torque).any():
-        return torque
+    if not robot.has_dynamics or not np.isfinite(torque).any():
+        return np.full(robot.joint_count, np.inf)
     share = np.linspace(0.0, 1.0, POSES)[:, None, None]
     poses = (via[:-1] + share * np.diff(via, axis=0)).reshape(-1, via.shape[1]).T
     count, still = poses.shape[1], np.zeros_like(poses)

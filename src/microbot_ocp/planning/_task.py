@@ -153,6 +153,7 @@ def check_limits(robot: Robot, limits: Limits | JointLimits | None) -> LimitFami
             raise InputError(
                 f"limits leave joint {name!r} without any bound on its "
                 "velocity, acceleration or torque: its shortest time would be zero"
+                + ("" if robot.has_dynamics else "; without masses torques bound nothing")
             )
     return family
 
@@ -286,6 +287,8 @@ def derivatives_for(robot: Robot) -> Callable[[ca.Function], Any]:
     """What a transcription is told: the derivatives of those functions that have some."""
 
     def find(function: ca.Function) -> Any:
+        if not robot.has_dynamics:
+            return None
         for own, rates in ((inverse_dynamics(robot), False), (torque_and_rate(robot), True)):
             if own.__hash__() == function.__hash__():
                 return torque_derivatives(robot, rates=rates)
