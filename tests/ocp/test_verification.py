@@ -9,6 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from microbot_ocp import InputError
+from microbot_ocp._base.growth import carry, transition_matrices
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.solution import PhaseSolution, Solution, Status, unpack
 from microbot_ocp.ocp.solvers import SolverSettings, solve
@@ -338,6 +339,59 @@ def test_a_state_that_is_not_reached_is_found(flight):
     assert "re-simulation of phase 'fly' has " in certificate.verdict
     assert "not feasible: step of v in phase 'fly', interval 10" in certificate.verdict
     assert certificate.optimality.feasibility.value == pytest.approx(0.01, rel=0.01)
+
+
+@pytest.fixture(scope="module")
+def upright():
+    """A pendulum brought upright and held there for 8 s: errors grow by exp(40)."""
+    problem = OptimalControlProblem("upright")
+    phase = problem.phase("fly", 8.0)
+    x = phase.state("x", initial=1.0, final=0.0)
+    v = phase.state("v", initial=0.0, final=0.0)
+    u = phase.control("u", shape="linear")
+    phase.derivative(x, v)
+    phase.derivative(v, 25.0 * x + u)
+    phase.running_cost(u**2)
+    return problem, solved(problem, 120, "hermite_simpson")
+
+
+def test_a_right_answer_of_an_unstable_system_passes(upright):
+    certificate = verify(*upright)
+    assert certificate.ok, certificate.verdict
+    (check,) = certificate.resimulations
+    assert 1e16 < check.amplification < 1e19  # exp(40) is 2e17
+    assert check.open_loop_error > 1.0
+    assert check.local_error < check.error < 1e-3
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda stages: np.multiply(stages[:, 2], 1.01, out=stages[:, 2]),
+        lambda stages: np.multiply(stages[:, 1], -1.0, out=stages[:, 1]),
+        lambda stages: np.add(stages[20, 0], 0.01, out=stages[20, :1]),
+    ],
+)
+def test_a_wrong_answer_of_an_unstable_system_does_not(upright, change):
+    problem, solution = upright
+    certificate = verify(problem, tampered(solution, change))
+    assert "re-simulation of phase 'fly' has " in certificate.verdict
+    assert certificate.resimulations[0].error > 2e-3
+
+
+def test_the_growth_is_that_of_the_transition_matrix():
+    slopes = np.array([[[0.0, 1.0], [4.0, 0.0]]] * 5 + [[[0.0, 1.0], [-9.0, -2.0]]])
+    lengths = np.array([0.1, 0.3, 0.2, 0.05, 0.4, 3.0])
+    found = transition_matrices(slopes, lengths)
+    for slope, length, matrix in zip(slopes, lengths, found, strict=True):
+        values, vectors = np.linalg.eig(slope)
+        exact = (vectors * np.exp(values * length)) @ np.linalg.inv(vectors)
+        np.testing.assert_allclose(matrix, exact.real, rtol=1e-12, atol=1e-14)
+    defects = np.random.default_rng(1).normal(size=(6, 2))
+    carried = carry(defects, found)
+    np.testing.assert_allclose(carried.errors[1], found[1] @ defects[0] + defects[1])
+    rest = [np.linalg.multi_dot([np.eye(2), *found[:k:-1], np.eye(2)]) for k in range(6)]
+    assert carried.amplification == pytest.approx(max(np.linalg.norm(m, 2) for m in rest))
 
 
 def test_a_limit_that_is_exceeded_is_named(flight):

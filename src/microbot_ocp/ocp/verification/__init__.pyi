@@ -31,10 +31,10 @@ from ._recomputation import (
 from ._reintegration import (
     each_interval as each_interval,
     mesh_states as mesh_states,
-    open_loop as open_loop,
     phase_layout as phase_layout,
     point_values as point_values,
     state_weights as state_weights,
+    transitions as transitions,
 )
 from ._stationarity import (
     differentiate as differentiate,

@@ -20,7 +20,8 @@ class Thresholds:
     ----------
     cost : of the cost given, relative to the sum of the sizes of its parts
     gap : to the local optimum, likewise
-    state_error : of the re-simulation, relative to the state's largest magnitude; of the cost
+    state_error : defects of the re-simulation, summed up, relative to the state's largest
+        magnitude; of the cost
         integrated again
     excess : of a limit between mesh points, relative to the limit
     feasibility : violation of a row or bound of the scaled program
@@ -70,7 +71,10 @@ class CostCheck:
 
 @dataclass(frozen=True)
 class ResimulationCheck:
-    """A phase integrated again from its first state with the solution's own control.
+    """A phase integrated again with the solution's own control, each interval from its own state.
+
+    What an interval misses is its defect. Integrated over the whole phase, an unstable system would
+    make much of small defects, so that is told and not judged.
 
     Attributes
     ----------
@@ -79,9 +83,14 @@ class ResimulationCheck:
         SOLVED, or FAILED where the integrator stopped.
     failure : str
         Why it stopped.
-    error : largest error along the phase, relative to the largest magnitude of the state
-    local_error : the same where every interval starts at its own mesh state
-    state, component, time, value, wanted, unit : where the largest error is, and both values
+    error : what is judged: the defects, carried along by the dynamics but not amplified (their sum
+        or ``open_loop_error``, whichever is smaller), relative to the largest magnitude of the
+        state
+    local_error : the largest defect, relative to the same
+    open_loop_error : what one integration from the first state on would miss, to first order
+    amplification : how far an error may have grown at the end of the phase, to first order: largest
+        norm of the transition matrices to the end, of the states relative to their magnitudes
+    state, component, time, value, wanted, unit : where the largest defect is, and both values
     """
 
     phase: str
@@ -89,6 +98,8 @@ class ResimulationCheck:
     failure: str
     error: float
     local_error: float
+    open_loop_error: float
+    amplification: float
     state: str
     component: int
     time: float

@@ -10,12 +10,14 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from io import StringIO
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.growth import transition_matrices
 from microbot_ocp.ocp.problem import Phase, Variable
 from microbot_ocp.ocp.solution import PhaseSolution
 from microbot_ocp.ocp.transcription import PhaseLayout, StageGroup, StageKind
@@ -96,30 +98,23 @@ def each_interval(
     return Integrated(ends, costs)
 
 
-def open_loop(phase: PhaseSolution, tolerance: float = INTEGRATOR_TOLERANCE) -> Integrated:
-    """Integrate the phase from its first state on."""
-    layout, states = phase_layout(phase), mesh_states(phase)
-    data = [_interval_data(phase, group) for group in layout.groups]
-    reached, ends = states[0], np.zeros_like(states[1:])
-    # a run of intervals of one kind is one call
-    changes = np.flatnonzero(np.diff(layout.kind_of)) + 1
-    for own in np.split(np.arange(layout.intervals), changes):
-        index = int(layout.kind_of[own[0]])
-        group = layout.groups[index]
-        table = data[index][np.searchsorted(group.intervals, own)]
-        found, failure = _first_that_works(
-            layout,
-            group.kind,
-            tolerance,
-            lambda run, own=own, table=table, reached=reached: run.mapaccum(own.size)(
-                reached, table.T
-            ),
+def transitions(phase: PhaseSolution) -> FloatArray:
+    """Transition matrices [N,n,n] of the intervals, in states divided by their weights.
+
+    Of the dynamics linearised in the middle of each interval.
+    """
+    layout, weights = phase_layout(phase), state_weights(phase)
+    states = mesh_states(phase)
+    middles = 0.5 * (states[:-1] + states[1:])
+    slopes = np.zeros((layout.intervals, weights.size, weights.size))
+    for group in layout.groups:
+        own = group.intervals
+        found = _linearised(layout, group.kind).map(own.size)(
+            middles[own].T, _interval_data(phase, group).T
         )
-        if found is None:
-            return _failed(phase, failure)
-        ends[own] = found[0]
-        reached = ends[own[-1]]
-    return Integrated(ends, np.zeros(len(ends)))
+        slopes[own] = found.full().T.reshape(own.size, weights.size, -1).transpose(0, 2, 1)
+    slopes = np.nan_to_num(slopes) * (weights[None, None, :] / weights[None, :, None])
+    return transition_matrices(slopes, np.ones(layout.intervals))
 
 
 def _failed(phase: PhaseSolution, failure: str) -> Integrated:
@@ -138,7 +133,10 @@ def _first_that_works(
     failure = ""
     for method in _methods(layout.phase):
         try:
-            states, costs = call(_integrator(layout, kind, method, tolerance, cost))
+            # What CasADi prints of a failure is all its inputs; the message is enough.
+            told = StringIO()
+            with contextlib.redirect_stdout(told), contextlib.redirect_stderr(told):
+                states, costs = call(_integrator(layout, kind, method, tolerance, cost))
             return (states.full().T, costs.full().ravel()), ""
         except RuntimeError as problem:
             failure = _why(problem)
@@ -195,14 +193,20 @@ def _interval_data(phase: PhaseSolution, group: StageGroup, until: float = 1.0) 
     return np.hstack(columns)
 
 
-def _integrator(
-    layout: PhaseLayout, kind: StageKind, method: str, tolerance: float, cost: bool
-) -> ca.Function:
-    """``(x at the start, data of the interval) -> x at the end, integral of the running cost``.
+class _Equation(NamedTuple):
+    """The dynamics on an interval, in the share of it that has gone by.
 
-    The independent variable is the share of the part of the interval that is integrated, and the
-    states are divided by their scales, so that one absolute tolerance suits all.
+    ``dae`` are CasADi's, of states divided by their scales, so that one absolute tolerance suits
+    all; ``parts`` the data of the interval, of which ``guesses`` are for the algebraic variables.
     """
+
+    dae: dict[str, Any]
+    parts: list[ca.MX]
+    guesses: ca.MX
+    scale: ca.DM
+
+
+def _equation(layout: PhaseLayout, kind: StageKind, cost: bool) -> _Equation:
     phase = layout.phase
     constant, linear = _of_shape(phase, "constant"), _of_shape(phase, "linear")
     polynomial = _of_shape(phase, "polynomial")
@@ -253,26 +257,55 @@ def _integrator(
     }
     if cost:
         dae["quad"] = reach * slope_of_cost
+    if phase.algebraics:
+        dae["z"], dae["alg"] = inner, residual
+    return _Equation(dae, parts, ca.vertcat(*guesses, ca.MX(0, 1)), scale)
+
+
+def _integrator(
+    layout: PhaseLayout, kind: StageKind, method: str, tolerance: float, cost: bool
+) -> ca.Function:
+    """``(x at the start, data of the interval) -> x at the end, integral of the running cost``."""
+    dae, parts, guesses, scale = _equation(layout, kind, cost)
     options: dict[str, Any] = {
         "abstol": tolerance,
         "reltol": tolerance,
         "max_num_steps": MOST_STEPS,
         "quad_err_con": True,  # else the steps suit the states alone
         "disable_internal_warnings": True,
+        "show_eval_warnings": False,
     }
-    plugin = "cvodes"
     if method == "adams":
         options["linear_multistep_method"] = "adams"
         options["nonlinear_solver_iteration"] = "functional"
-    if method == "idas":
-        plugin, dae["z"], dae["alg"] = "idas", inner, residual
+    plugin = "idas" if method == "idas" else "cvodes"
     solver = ca.integrator("interval", plugin, dae, 0.0, 1.0, options)
-    first, data = ca.MX.sym("x0", x.shape[0]), ca.vertcat(*parts)
-    result = solver(x0=first / scale, p=data, z0=ca.vertcat(*guesses, ca.MX(0, 1)))
-    flat = ca.MX.sym("data", data.shape[0])
-    whole = ca.Function("whole", [first, *parts], [result["xf"] * scale, result["qf"]])
-    pieces = ca.vertsplit(flat, np.cumsum([0, *(p.shape[0] for p in parts)]).tolist())
-    return ca.Function("reach", [first, flat], whole.call([first, *pieces]))
+    first = ca.MX.sym("x0", scale.shape[0])
+    result = solver(x0=first / scale, p=ca.vertcat(*parts), z0=guesses)
+    return _of_flat_data(first, parts, [result["xf"] * scale, result["qf"]])
+
+
+def _linearised(layout: PhaseLayout, kind: StageKind) -> ca.Function:
+    """``(x half-way, data of the interval) -> slopes [n,n]`` of what the integrator integrates."""
+    dae, parts, guesses, scale = _equation(layout, kind, cost=False)
+    slopes = ca.jacobian(dae["ode"], dae["x"])
+    if "z" in dae:
+        inner = ca.solve(ca.jacobian(dae["alg"], dae["z"]), ca.jacobian(dae["alg"], dae["x"]))
+        slopes = slopes - ca.jacobian(dae["ode"], dae["z"]) @ inner
+    first = ca.MX.sym("x0", scale.shape[0])
+    known = [dae["t"], dae["x"], *([dae["z"]] if "z" in dae else [])]
+    values = [ca.MX(0.5), first / scale, *([guesses] if "z" in dae else [])]
+    (at,) = ca.graph_substitute([ca.densify(slopes)], known, values)
+    at = ca.diag(scale) @ at @ ca.diag(1 / scale)
+    return _of_flat_data(first, parts, [ca.vec(ca.densify(at))])
+
+
+def _of_flat_data(first: ca.MX, parts: list[ca.MX], results: list[ca.MX]) -> ca.Function:
+    whole = ca.Function("whole", [first, *parts], results)
+    sizes = [part.shape[0] for part in parts]
+    flat = ca.MX.sym("data", sum(sizes))
+    pieces = ca.vertsplit(flat, np.cumsum([0, *sizes]).tolist())
+    return ca.Function("of_interval", [first, flat], whole.call([first, *pieces]))
 
 
 def lagrange(points: list[float], s: ca.MX) -> ca.MX:

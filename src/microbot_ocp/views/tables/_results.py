@@ -69,9 +69,9 @@ def certificate(certificate: Certificate) -> Table:
         for check in certificate.limit_checks
     ]  # fmt: skip
     again = (
-        f"re-simulation: {certificate.resimulation_status}, {certificate.segments} segments, "
-        f"largest defect {certificate.defect:.1g} of the torque; over the whole time errors grow up to "
-        f"{certificate.amplification:.2g}-fold"
+        f"re-simulation: {certificate.resimulation_status}, {certificate.segments} segments with "
+        f"defects up to {certificate.defect:.1g} of the torque; over the whole time errors grow "
+        f"up to {certificate.amplification:.2g}-fold"
     )
     return _table(certificate, columns, rows, [certificate.verdict, again])
 
@@ -109,7 +109,8 @@ def ocp_certificate(certificate: OCPCertificate) -> Table:
     rows = [
         ("gap", f"{gap.total:.1e} cost", f"{gap.slack:.1e} of it at limits"),
         *((n, f"{r.value:.1e} {r.unit}", r.where) for n, r in zip(names, residuals, strict=True)),
-        *((f"re-simulation of {check.phase}", f"{check.error:.1e} relative", check.status)
+        *((f"re-simulation of {check.phase}", f"{check.error:.1e} relative",
+           f"{check.status}, growth {check.amplification:.2g}")
           for check in certificate.resimulations),
         *((f"Hamiltonian of {h.phase}", f"{h.mean:.6g}", f"drift {h.drift:.1e}")
           for h in certificate.hamiltonians),
