@@ -124,17 +124,19 @@ def test_a_finer_mesh_that_is_not_accepted_ends_the_refinement_and_is_shown(monk
 def test_an_interruption_returns_the_last_accepted_solution(monkeypatch, solves):
     """The solver's own answer to Ctrl-C, in the first solve or a later one."""
     from microbot_ocp.ocp.refinement import _refiner as refinement
+    from microbot_ocp.ocp.solvers import _solve as first, solve_on
 
     calls = []
 
     def interrupted(*arguments, **named):
-        made = solve(*arguments, **named)
+        made = solve_on(*arguments, **named)
         calls.append(made)
         if len(calls) < solves:
             return made
         return replace(made, status=Status.INTERRUPTED)
 
-    monkeypatch.setattr(refinement, "solve", interrupted)
+    monkeypatch.setattr(refinement, "solve_on", interrupted)
+    monkeypatch.setattr(first, "solve_on", interrupted)
     refined = solve_refined(oscillator(), 1e-9, mesh=10)
     assert refined.status is Status.INTERRUPTED
     assert not refined.status.solved
@@ -161,11 +163,11 @@ def test_an_interruption_of_the_estimate_returns_the_last_accepted_solution(monk
 
 
 def test_the_time_limit_is_said():
-    refined = solve_refined(oscillator(), 1e-9, mesh=10, most_time=1e-3)
+    refined = solve_refined(oscillator(), 1e-9, mesh=10, time_limit=1e-3)
     assert refined.status is Status.TIME_LIMIT
     assert len(refined.history) == 1
-    with pytest.raises(InputError, match="most_time must be above 0 s"):
-        solve_refined(oscillator(), 1e-9, most_time=0.0)
+    with pytest.raises(InputError, match="time_limit must be above 0 s"):
+        solve_refined(oscillator(), 1e-9, time_limit=0.0)
 
 
 # limits between the mesh points -------------------------------------------------------------------
@@ -256,7 +258,7 @@ def test_algebraic_variables_and_parameters_are_refined_as_well(degrees):
 
 def test_degrees_ask_for_collocation(no_solver):
     with pytest.raises(InputError, match="needs collocation"):
-        solve_refined(oscillator(), degrees=(3, 8))
+        solve_refined(oscillator(), scheme="shooting", degrees=(3, 8))
     with pytest.raises(InputError, match="least <= most"):
         solve_refined(oscillator(), scheme="radau", degrees=(5, 3))
 
@@ -294,7 +296,7 @@ def smooth_effort():
     problem = OptimalControlProblem("smooth effort")
     phase = problem.phase("rise", 1.0)
     x = phase.state("x", initial=0.0, final=1.0)
-    u = phase.control("u")
+    u = phase.control("u", shape="constant")
     phase.derivative(x, u)
     phase.running_cost(u**2 + x**2)
     return problem

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from external.published_problems import PROBLEMS
-from microbot_ocp.ocp.problem import OptimalControlProblem
+from microbot_ocp.ocp.problem import OptimalControlProblem, with_shapes
 from microbot_ocp.ocp.refinement import (
     distance,
     hold,
@@ -30,7 +30,7 @@ def along(top_speed: float = np.inf, *, growing: bool = False) -> OptimalControl
     phase = problem.phase("move", (0.1, 10.0))
     x = phase.state("x", initial=0.0, final=5.0)
     v = phase.state("v", initial=0.0, final=0.0, upper=top_speed)
-    u = phase.control("u", lower=-1.0, upper=1.0)
+    u = phase.control("u", lower=-1.0, upper=1.0, shape="constant")
     phase.derivative(x, v)
     phase.derivative(v, u * (1 + phase.time) if growing else u)
     phase.end_cost(phase.duration)
@@ -128,9 +128,8 @@ def test_every_phase_is_cut_by_itself():
 def test_the_cost_gains_digits(name, mesh, before, after):
     problem = BY_NAME[name]
     optimum = {"goddard_rocket": 1.01283691}.get(name, problem.optimum)
-    refined = solve_refined(
-        problem.build(), 1e-7, mesh, "radau", problem.guess, FINE, switch_accuracy=1e-4
-    )
+    built = with_shapes(problem.build(), "constant")
+    refined = solve_refined(built, 1e-7, mesh, "radau", problem.guess, FINE, switch_accuracy=1e-4)
     errors = [abs(problem.sign * step.cost / optimum - 1) for step in refined.history]
     assert errors[0] > before
     assert errors[-1] < after

@@ -162,7 +162,9 @@ def test_a_fault_in_a_prepared_kernel_is_found(output, said):
         return _kernels.with_derivatives([stage, functions[3]])
 
     problem = cart()
-    solution = solve(Transcription(problem, prepare=altered), 20, settings=SETTINGS)
+    solution = solve(
+        Transcription(problem, scheme="shooting", prepare=altered), 20, settings=SETTINGS
+    )
     assert solution.status.solved
     certificate = verify(problem, solution)
     assert not certificate.ok
@@ -170,7 +172,7 @@ def test_a_fault_in_a_prepared_kernel_is_found(output, said):
 
 
 def test_a_solution_of_other_dynamics_is_not_one_of_the_problem():
-    solution = solve(cart(), 20, settings=SETTINGS)
+    solution = solve(cart(), 20, settings=SETTINGS, scheme="shooting")
     certificate = verify(cart(drag=0.31), solution)
     assert not certificate.ok
     assert "not feasible: step of v" in certificate.verdict

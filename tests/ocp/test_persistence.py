@@ -85,8 +85,10 @@ def test_another_problem_is_refused(solution, tmp_path):
     path = save_solution(solution, tmp_path / "run.npz")
     with pytest.raises(InputError, match=r"has the phases .* the problem \['move'\]"):
         load_solution(path, Transcription(double_integrator()))
-    with pytest.raises(InputError, match="'first' of the solution has other variables"):
-        load_solution(path, Transcription(through_half_way(("x", "v"))))
+    other = through_half_way(("x", "v"))
+    other.phases[0].parameter("mass", 1.0)
+    with pytest.raises(InputError, match="'first' of the solution has the parameters"):
+        load_solution(path, Transcription(other))
 
 
 def test_a_newer_or_broken_file_is_refused_in_one_line(solution, tmp_path):
@@ -194,6 +196,6 @@ def test_a_file_that_an_earlier_version_wrote_is_read(name, status):
     assert loaded["move"]["x"].shape == (11, 1)
     if status.solved:
         assert verify(double_integrator(), loaded).ok
-        assert repeat(stored, double_integrator()).cost == pytest.approx(loaded.cost, rel=1e-9)
+        assert repeat(stored, double_integrator()).cost == pytest.approx(loaded.cost, rel=1e-6)
     else:
         assert "tells whether the limits" in loaded.advice

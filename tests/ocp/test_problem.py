@@ -7,6 +7,7 @@ import pytest
 
 from microbot_ocp import InputError
 from microbot_ocp.ocp.problem import OptimalControlProblem
+from microbot_ocp.ocp.solution import completed, default_guess
 from microbot_ocp.ocp.solvers import SolverSettings, solve
 from microbot_ocp.ocp.transcription import Guess, Transcription
 from ocp.textbook import double_integrator, spline, through_half_way
@@ -92,10 +93,19 @@ def test_a_control_that_is_used_by_its_rate_only_is_used():
         (lambda p: p.state("x", 1.5), "size of 'x' must be a whole number from 1 up, not 1.5"),
         (lambda p: (p.parameter("k", 1), p.parameter("k", 2)), "parameter 'k' is declared twice"),
         (lambda p: p.parameter("k", np.inf), "parameter 'k' must be finite"),
-        (lambda p: p.control("u", shape="cubic"), "shape must be one of constant, linear"),
-        (lambda p: p.control("u", initial=0.0), "control 'u' is constant: initial and final need"),
-        (lambda p: p.control("u", final=0.0), "control 'u' is constant: initial and final need"),
-        (lambda p: p.rate(p.control("u")), "rate needs a control of shape 'linear'"),
+        (lambda p: p.control("u", shape="cubic"), "shape must be one of auto, constant, linear"),
+        (
+            lambda p: p.control("u", initial=0.0, shape="constant"),
+            "control 'u' is constant: initial and final need",
+        ),
+        (
+            lambda p: p.control("u", final=0.0, shape="polynomial"),
+            "control 'u' is polynomial: initial and final need",
+        ),
+        (
+            lambda p: p.rate(p.control("u", shape="constant")),
+            "rate needs a control of shape 'linear'",
+        ),
         (lambda p: p.derivative(p.control("u"), 1.0), "derivative needs a state of phase 'move'"),
         (lambda p: p.derivative(p.state("x", 2), 1.0), "derivative of 'x' must have shape (2, 1)"),
         (
@@ -168,7 +178,6 @@ def test_a_mesh_is_a_number_or_fractions(mesh):
 @pytest.mark.parametrize(
     ("values", "said"),
     [
-        ({"x": 0.0}, "guess of 'v' in phase 'move' is missing"),
         ({"x": 0.0, "v": [0.0, 1.0]}, "must have shape [5, 1], not [2]"),
         ({"x": np.zeros((4, 1)), "v": 0.0}, "guess of 'x' in phase 'move' must have shape [5, 1]"),
         ({"x": lambda s: s, "v": 0.0}, "must have shape [5, 1], not [5]"),
@@ -187,10 +196,31 @@ def test_a_guess_has_a_finite_duration(duration, no_solver):
         solve(double_integrator(), 4, {"move": Guess(duration, {"x": 0.0, "v": 0.0})})
 
 
-def test_every_phase_needs_a_guess(no_solver):
-    guess = {"first": Guess(1.0, {"x": 0.0, "v": 0.0})}
-    with pytest.raises(InputError, match=r"no entry for phase 'second'; it has \['first'\]"):
+def test_a_guess_of_a_phase_that_there_is_not_is_refused(no_solver):
+    guess = {"third": Guess(1.0, {"x": 0.0, "v": 0.0})}
+    said = r"guess has phase 'third'; the problem has \['first', 'second'\]"
+    with pytest.raises(InputError, match=said):
         solve(through_half_way(("x", "v")), 4, guess)
+
+
+def test_what_a_guess_leaves_out_starts_from_the_default():
+    problem = through_half_way(("x", "v"))
+    given = completed(problem, {"first": Guess(values={"x": 0.3})})
+    ordinary = default_guess(problem)
+    assert given["first"].values["x"] == 0.3
+    assert given["first"].duration == ordinary["first"].duration
+    assert given["second"].values.keys() == ordinary["second"].values.keys()
+    assert solve(problem, 8, {"second": Guess(0.9)}).status.solved
+
+
+def test_a_control_without_a_shape_has_that_of_its_scheme():
+    for scheme, shape in (("shooting", "constant"), ("radau", "polynomial")):
+        transcription = Transcription(double_integrator("auto"), scheme=scheme)
+        assert [c.shape for c in transcription.problem.phases[0].controls] == [shape]
+    phase = OptimalControlProblem("test").phase("move", 1.0)
+    phase.control("begun", initial=0.0)
+    phase.rate(phase.control("slow"))
+    assert [c.shape for c in phase.controls] == ["linear", "linear"]
 
 
 def test_an_unknown_solver_is_refused_with_those_there_are(no_solver):

@@ -57,11 +57,11 @@ def pretend(monkeypatch):
     def prepare(answers, excess=lambda _: [np.zeros(4)], **options):
         calls = []
 
-        def fake(transcription, mesh, guesses, settings, progress):
+        def fake(transcription, mesh, guesses, settings, until, progress):
             calls.append((mesh[0] if isinstance(mesh, list) else mesh, guesses, settings))
             return answers[len(calls) - 1]
 
-        monkeypatch.setattr(refinement, "solve", fake)
+        monkeypatch.setattr(refinement, "solve_on", fake)
         refiner = Refiner(None, lambda s: {"from": s.cost}, excess, 0.01, **options)
         return refiner, calls
 

@@ -74,7 +74,7 @@ def test_a_ceiling_is_kept_between_mesh_points():
         phase.derivative(x, v)
         phase.derivative(v, u)
         phase.running_cost(u**2)
-        fly = solved(problem, 4)["fly"]
+        fly = solve(problem, 4, scheme="shooting")["fly"]
         h, inside = 0.25, np.linspace(0, 0.25, 101)
         slope = np.diff(fly["u"], axis=0) / h
         arcs = (
@@ -172,9 +172,9 @@ def test_a_mesh_of_uneven_fractions_is_solved_as_it_is():
 
 
 def test_what_one_solver_leaves_open_goes_to_the_next():
-    settings = SolverSettings(options={"fatrop": {"max_iter": 1}})
+    settings = SolverSettings(options={"ipopt": {"max_iter": 1}}, gap=np.inf)
     solution = solve(double_integrator(), 20, settings=settings)
-    assert [attempt.solver for attempt in solution.attempts] == ["fatrop", "ipopt"]
+    assert [attempt.solver for attempt in solution.attempts] == ["ipopt", "fatrop"]
     assert [attempt.status.solved for attempt in solution.attempts] == [False, True]
     assert solution.attempts[0].status is Status.ITERATION_LIMIT
     assert solution.status is Status.SOLVED
@@ -183,7 +183,7 @@ def test_what_one_solver_leaves_open_goes_to_the_next():
 
 def test_a_solver_that_succeeds_is_the_last_one_tried():
     solution = solved(double_integrator(), 20)
-    assert [attempt.solver for attempt in solution.attempts] == ["fatrop"]
+    assert {attempt.solver for attempt in solution.attempts} == {"ipopt"}
 
 
 @pytest.mark.parametrize("solver", ["auto", *SOLVERS])
@@ -193,7 +193,8 @@ def test_the_iteration_limit_is_said_with_advice(solver):
     assert solution.status is Status.ITERATION_LIMIT
     assert "iteration limit" in solution.advice
     assert "guess" in solution.advice
-    assert len(solution.attempts) == (2 if solver == "auto" else 1)
+    ways = {attempt.way for attempt in solution.attempts}
+    assert (len(ways) > 1) == (solver == "auto")
     assert np.isfinite(solution["move"]["x"]).all()
 
 
@@ -221,9 +222,8 @@ def test_a_problem_without_an_answer_is_a_status_not_an_exception(solver):
     solution = solve(contradictory(), 10, settings=settings)
     assert not solution.status.solved
     assert solution.advice.startswith(solution.status.sentence)
-    assert [attempt.solver for attempt in solution.attempts] == (
-        list(SOLVERS) if solver == "auto" else [solver]
-    )
+    solvers = [attempt.solver for attempt in solution.attempts if not attempt.way]
+    assert solvers == (["ipopt", "fatrop"] if solver == "auto" else [solver])
     assert not solution.attempts[-1].infeasibility < 1e-6
 
 

@@ -15,7 +15,7 @@ MESHES = [[0.0, 0.2, 0.35, 0.7, 1.0], 3]
 
 
 def program_of(problem, meshes):
-    transcription = Transcription(problem, duration_scale=0.7)
+    transcription = Transcription(problem, scheme="shooting", duration_scale=0.7)
     return assemble(transcription.layouts(meshes))
 
 

@@ -249,13 +249,14 @@ class _Search:
                 break
         return tried, found
 
-    def _trials(self) -> Iterator[tuple[InitialGuess, int, str]]:
+    def _trials(self) -> Iterator[tuple[InitialGuess, int, str | tuple[str, ...]]]:
         """Guesses with the intervals a phase and the solver for each."""
         solver, seed = self.settings.solver, self.settings.seed
         task = self.family, self.via, self.names
         coarse = min(self._mesh, max(EXPLORE_SUM // len(self.names), LEAST_EXPLORE_MESH))
         for guess in initial_guesses(*task, self.settings.starts, seed):
-            yield guess, min(coarse, EXPLORE_MESH), solver
+            both = ("fatrop", "ipopt") if solver == "auto" else solver
+            yield guess, min(coarse, EXPLORE_MESH), both
         further = max(self.settings.tries - self.settings.starts, 0)
         for index, guess in enumerate(itertools.islice(swings(*task, seed), further)):
             other = "ipopt" if index % 3 == 2 else "fatrop"  # what one misses the other may find

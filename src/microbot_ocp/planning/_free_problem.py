@@ -47,6 +47,7 @@ def transcription(
         prepare = compile_recipe
     return Transcription(
         free_problem(robot, via, payload=payload, budget=budget),
+        scheme="shooting",
         prepare=prepare,
         derivatives=derivatives_for(robot),
     )

@@ -230,6 +230,7 @@ class _PathSearch:
         compiled = self.settings.compiled and compiler() is not None
         transcription = Transcription(
             self._problem(scales),
+            scheme="shooting",
             prepare=compile_recipe if compiled else None,
             derivatives=derivatives_for(self.robot),
         )

@@ -9,5 +9,6 @@ from ._explain import (
     explain as explain,
 )
 from ._finiteness import (
+    NotFinite as NotFinite,
     check_start as check_start,
 )

@@ -25,6 +25,10 @@ class _Term:
     at_end: bool = False
 
 
+class NotFinite(InputError):
+    """A start at which something has no finite value or slope."""
+
+
 def check_start(program: Program, x: FloatArray) -> None:
     """Refuse a start at which the user's expressions or their slopes are not finite.
 
@@ -32,12 +36,12 @@ def check_start(program: Program, x: FloatArray) -> None:
 
     Raises
     ------
-    InputError
+    NotFinite
         Names the expression, the place and the variable that it comes from.
     """
     said = not_finite(program, _inside(program, x), "the guess")
     if said is not None:
-        raise InputError(said)
+        raise NotFinite(said)
 
 
 def not_finite(program: Program, x: FloatArray, where: str) -> str | None:

@@ -15,4 +15,5 @@ from ._phase import (
 from ._problem import (
     OptimalControlProblem as OptimalControlProblem,
     node_variables as node_variables,
+    with_shapes as with_shapes,
 )

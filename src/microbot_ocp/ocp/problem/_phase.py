@@ -163,14 +163,18 @@ class Phase:
         final: Bound = None,
         scale: ArrayLike | None = None,
         unit: str = "",
-        shape: str = "constant",
+        shape: str = "auto",
     ) -> ca.MX:
         """Declare a control.
 
         Over each interval it is "constant", "linear" (and continuous), or "polynomial" with a
-        value at each collocation point. Bounds that are expressions make path constraints.
+        value at each collocation point. "auto" is linear where the control has a condition at an
+        end or its :meth:`rate` is used, else polynomial with collocation and constant with any
+        other scheme. Bounds that are expressions make path constraints.
         """
-        checks.one_of("shape", shape, ("constant", "linear", "polynomial"))
+        checks.one_of("shape", shape, ("auto", "constant", "linear", "polynomial"))
+        if shape == "auto" and (initial is not None or final is not None):
+            shape = "linear"
         variable = self._declare(name, size, lower, upper, initial, final, scale, unit, shape)
         if shape != "linear" and (initial is not None or final is not None):
             raise InputError(f"control {name!r} is {shape}: initial and final need shape='linear'")
@@ -254,7 +258,11 @@ class Phase:
 
     def rate(self, control: ca.MX) -> ca.MX:
         """Time derivative of a linear control, as a symbol for path constraints."""
-        for variable in self.controls:
+        for index, variable in enumerate(self.controls):
+            if ca.is_equal(variable.symbol, control) and variable.shape == "auto":
+                rate = ca.MX.sym(f"{self.name}.{variable.name}.rate", variable.size)
+                self.controls[index] = replace(variable, shape="linear", rate=rate)
+                return rate
             if ca.is_equal(variable.symbol, control) and variable.rate is not None:
                 return variable.rate
         raise InputError(f"rate needs a control of shape 'linear' of phase {self.name!r}")

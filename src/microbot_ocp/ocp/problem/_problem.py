@@ -6,6 +6,7 @@ declaration into a nonlinear program. Nothing here knows a robot.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -389,6 +390,17 @@ def _check_symbols(phase: Phase, used: ca.MX) -> None:
                     f"{symbol.name()!r}, which has no value at the {name}: use states and "
                     "controls of shape 'linear'"
                 )
+
+
+def with_shapes(problem: OptimalControlProblem, shape: str) -> OptimalControlProblem:
+    """The problem with a shape for every control that was declared without one."""
+    made = copy.copy(problem)
+    made.phases = [copy.copy(phase) for phase in problem.phases]
+    for phase in made.phases:
+        phase.controls = [
+            replace(c, shape=shape) if c.shape == "auto" else c for c in phase.controls
+        ]
+    return made
 
 
 def node_variables(phase: Phase) -> list[Variable]:

@@ -37,10 +37,9 @@ from microbot_ocp.ocp.solution import (
     PhaseSolution,
     Solution,
     StepProgress,
-    default_guess,
     quiet,
 )
-from microbot_ocp.ocp.solvers import SolverSettings, transcribed
+from microbot_ocp.ocp.solvers import SolverSettings, first_solution, transcribed
 from microbot_ocp.ocp.transcription import Guess, Mesh, Meshes, Transcription
 from microbot_ocp.ocp.transcription.schemes import Scheme
 from microbot_ocp.ocp.verification import (
@@ -64,8 +63,8 @@ def solve_refined(
     problem: OptimalControlProblem | Transcription,
     accuracy: float = 1e-6,
     mesh: Meshes = 20,
-    scheme: str | Scheme = "shooting",
-    guess: Mapping[str, Guess] | Solution | None = None,
+    scheme: str | Scheme = "radau",
+    guess: Mapping[str, Guess] | Solution | str | None = None,
     settings: SolverSettings | None = None,
     *,
     degrees: tuple[int, int] | None = None,
@@ -75,7 +74,7 @@ def solve_refined(
     arcs: bool = True,
     rounds: int = 10,
     most_intervals: int = 2000,
-    most_time: float = np.inf,
+    time_limit: float = 60.0,
     progress: StepProgress = quiet,
 ) -> Refined:
     """Solve on finer and finer meshes until states, limits and cost are within an accuracy.
@@ -90,7 +89,9 @@ def solve_refined(
     mesh : int, Mesh, or one int, Mesh or array of fractions [N+1] a phase
         The first mesh.
     scheme : str or Scheme
-    guess : mapping from phase name to Guess, or Solution, optional
+    guess : mapping from phase name to Guess, Solution or "rollout", optional
+        As of :func:`~microbot_ocp.ocp.solve`; where the first mesh is not solved it is tried in
+        other ways, too.
     settings : SolverSettings, optional
         The tolerance becomes a tenth of the accuracy if it is more.
     degrees : (least, most), optional
@@ -115,8 +116,8 @@ def solve_refined(
         Most finer meshes.
     most_intervals : int
         Of all phases together.
-    most_time : float
-        Wall time after which no other mesh is begun, s.
+    time_limit : float
+        Wall time after which it is stopped, s: the last accepted solution is returned.
     progress : callable
         Called with a line of text for every mesh, and with every iteration of the solvers.
 
@@ -150,11 +151,17 @@ def solve_refined(
     if not cost_accuracy > 0:
         raise InputError(f"cost_accuracy must be above 0, not {cost_accuracy}")
     limit_tolerance = checks.number("limit_tolerance", limit_tolerance, above=0.0)
-    if not most_time > 0:
-        raise InputError(f"most_time must be above 0 s, not {most_time}")
+    if not time_limit > 0:
+        raise InputError(f"time_limit must be above 0 s, not {time_limit}")
     settings = settings or SolverSettings()
-    transcription = transcribed(problem, settings, scheme=scheme, guess=guess)
     settings = replace(settings, tolerance=min(settings.tolerance, max(accuracy / 10, 1e-10)))
+    until = time.perf_counter() + min(time_limit, settings.time_limit)
+    hp = None if degrees is None else Degrees(*degrees)
+    if hp is not None:
+        own = transcribed(problem, settings, scheme=scheme, guess=guess)
+        mesh = _with_degrees(own, mesh, hp)
+    watched = None if progress is quiet else progress
+    first, transcription = first_solution(problem, mesh, guess, settings, scheme, until, watched)
     refiner = Refiner(
         transcription,
         guess_from=resampled,
@@ -165,11 +172,12 @@ def solve_refined(
         progress=progress,
         settings=settings,
         worse=DEARER,
+        until=until,
+        last=first,
     )
-    hp = None if degrees is None else Degrees(*degrees)
     goal = _Goal(accuracy, cost_accuracy, switch_accuracy, limit_tolerance, hp)
-    limits = _Limits(rounds, most_intervals, time.perf_counter() + most_time, arcs)
-    return _Refinement(refiner, goal, limits).run(mesh, guess)
+    limits = _Limits(rounds, most_intervals, until, arcs)
+    return _Refinement(refiner, goal, limits).run(first)
 
 
 @dataclass(frozen=True)
@@ -283,12 +291,7 @@ class _Refinement:
         self.freer: Solution | None = None  # that it was found with
         self.started = time.perf_counter()
 
-    def run(self, mesh: Meshes, guess: Mapping[str, Guess] | Solution | None) -> Refined:
-        transcription = self.refiner.transcription
-        if self.goal.degrees is not None:
-            mesh = _with_degrees(transcription, mesh, self.goal.degrees)
-        start = guess or default_guess(transcription.problem)
-        first = self.refiner.solve(mesh, start)
+    def run(self, first: Solution) -> Refined:
         status = Status.INTERRUPTED
         self.best = first
         if first.status is not Status.INTERRUPTED:

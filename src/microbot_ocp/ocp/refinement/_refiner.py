@@ -16,7 +16,7 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.solution import Solution, StepProgress, quiet
-from microbot_ocp.ocp.solvers import SolverSettings, solve
+from microbot_ocp.ocp.solvers import SolverSettings, solve_on
 from microbot_ocp.ocp.transcription import Guess, Meshes, MeshLike, Transcription, mesh_of
 
 GuessFrom = Callable[[Solution], Mapping[str, Guess]]
@@ -47,7 +47,7 @@ class Refiner:
         evenly spaced places of it with both its ends: one array [N] or [N, K] a phase.
     limit_tolerance : float
         Excess that is accepted.
-    solver : str
+    solver : str or tuple of str
         For fine meshes; what is not solved by it goes to IPOPT.
     tolerance : float
     rounds : int
@@ -58,18 +58,21 @@ class Refiner:
         What else the solvers are told.
     worse : float
         A finer mesh may not cost more than a coarser one by more, relative.
+    until : float
+        When the time is over, by the clock of ``time.perf_counter``.
     """
 
     transcription: Transcription
     guess_from: GuessFrom
     excess: Excess
     limit_tolerance: float
-    solver: str = "ipopt"
+    solver: str | tuple[str, ...] = "ipopt"
     tolerance: float = 1e-8
     rounds: int = 10
     progress: StepProgress = quiet
     settings: SolverSettings = field(default_factory=SolverSettings)
     worse: float = WORSE
+    until: float = np.inf
     history: list[dict[str, Any]] = field(default_factory=list)
     last: Solution | None = None  # of any solve, accepted or not
 
@@ -79,7 +82,7 @@ class Refiner:
         guesses: Mapping[str, Guess] | Solution,
         *,
         tolerance: float | None = None,
-        solver: str | None = None,
+        solver: str | tuple[str, ...] | None = None,
         barrier: float | None = None,
     ) -> Solution:
         """One solve, entered in the history."""
@@ -91,7 +94,9 @@ class Refiner:
             gap=self.settings.gap if tolerance is None else np.inf,  # of a first look none is asked
         )
         watched = None if self.progress is quiet else self.progress
-        solution = solve(self.transcription, mesh, guesses, settings, progress=watched)
+        solution = solve_on(
+            self.transcription, mesh, guesses, settings, until=self.until, progress=watched
+        )
         self.last = solution
         self.history.append(
             {
@@ -118,7 +123,7 @@ class Refiner:
         ``solver``, with this tolerance, comes first in the place of the usual one.
         """
         guesses = self.guess_from(before)
-        first: tuple[str, float | None, Mapping[str, Guess] | Solution]
+        first: tuple[str | tuple[str, ...], float | None, Mapping[str, Guess] | Solution]
         many = sum(mesh_of(mesh).intervals for mesh in meshes) > MANY
         own = solver or ("ipopt" if self.solver == "auto" and many else self.solver)
         first = (own, WARM_BARRIER, guesses)

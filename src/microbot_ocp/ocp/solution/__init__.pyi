@@ -7,6 +7,7 @@ from ._gap import (
     gap_of as gap_of,
 )
 from ._initial_guess import (
+    completed as completed,
     default_guess as default_guess,
     guess_from as guess_from,
     starting_point as starting_point,
@@ -22,6 +23,10 @@ from ._progress import (
     Watch as Watch,
     quiet as quiet,
     watching as watching,
+)
+from ._rollout import (
+    rollout as rollout,
+    rollouts as rollouts,
 )
 from ._scaling import (
     cost_scale as cost_scale,

@@ -13,9 +13,10 @@ from functools import partial
 
 import numpy as np
 
-from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.ocp.problem import OptimalControlProblem, Variable, node_variables
 from microbot_ocp.ocp.solution._measured_guess import with_measurements
+from microbot_ocp.ocp.solution._rollout import rollout
 from microbot_ocp.ocp.solution._solution import PhaseSolution, Solution, StartingPoint, pack
 from microbot_ocp.ocp.transcription import Block, Guess, GuessValue, PhaseLayout, Program
 from microbot_ocp.ocp.transcription.schemes import Collocation
@@ -24,11 +25,11 @@ from microbot_ocp.ocp.transcription.schemes import Collocation
 def starting_point(
     program: Program,
     problem: OptimalControlProblem,
-    guess: Mapping[str, Guess] | Solution | None,
+    guess: Mapping[str, Guess] | Solution | str | None,
 ) -> StartingPoint:
     """Starting point from guesses, from an earlier solution, or from nothing."""
     if not isinstance(guess, Solution):
-        return StartingPoint(pack(program, guess or default_guess(problem)))
+        return StartingPoint(pack(program, completed(problem, guess)))
     layouts = [phase.layout for phase in guess.phases]
     old = [layout for layout in layouts if layout is not None]
     comparable = len(old) == len(program.layouts) == len(layouts) and all(
@@ -70,27 +71,79 @@ def _same_mesh(a: PhaseLayout, b: PhaseLayout) -> bool:
 # guesses ------------------------------------------------------------------------------------------
 
 
-def default_guess(problem: OptimalControlProblem) -> dict[str, Guess]:
-    """Straight lines between the end conditions, or the middle of the bounds, or zero.
+def completed(
+    problem: OptimalControlProblem, guess: Mapping[str, Guess] | str | None
+) -> dict[str, Guess]:
+    """A guess for every phase: what is not given is the default.
 
-    What measurements see goes through them, see :mod:`._measured_guess`.
+    Parameters
+    ----------
+    problem : OptimalControlProblem
+    guess : mapping from phase name to Guess, "rollout" or None
+        "rollout" simulates the problem: :func:`rollout`.
+
+    Raises
+    ------
+    InputError
+        A phase that the problem does not have, or another word.
+    """
+    if guess == "rollout":
+        return rollout(problem, default_guess(problem))
+    if isinstance(guess, str):
+        raise InputError(f"guess must be a mapping, a Solution or 'rollout', not {guess!r}")
+    ordinary, given = default_guess(problem), guess or {}
+    free = {v.name for phase in problem.phases for v in phase.free_parameters}
+    shared = {k: v for g in given.values() for k, v in g.values.items() if k in free}
+    for phase in problem.phases:  # a free parameter is the same in all phases that have it
+        own = {v.name: shared[v.name] for v in phase.free_parameters if v.name in shared}
+        old = ordinary[phase.name]
+        ordinary[phase.name] = Guess(old.duration, {**old.values, **own})
+    for name, value in given.items():
+        if name not in ordinary:
+            raise InputError(f"guess has phase {name!r}; the problem has {list(ordinary)}")
+        own = ordinary[name]
+        duration = own.duration if value.duration is None else value.duration
+        ordinary[name] = Guess(duration, {**own.values, **value.values})
+    return ordinary
+
+
+def default_guess(problem: OptimalControlProblem) -> dict[str, Guess]:
+    """Straight lines between the end conditions.
+
+    What has a condition at one end keeps that value; what has none is in the middle of its bounds,
+    or zero. What measurements see goes through them, see :mod:`._measured_guess`.
     """
     guesses = {}
+    links = {link.after: link.names for link in problem.links}
+    last: dict[str, FloatArray] = {}
     for phase in problem.phases:
         values = {}
         for variable in node_variables(phase):
-            start, end = (_middle(variable, which) for which in ("initial", "final"))
-            values[variable.name] = partial(_line, start, end)
+            name = variable.name
+            linked = name in last and name in links.get(phase.name, ())
+            before = last[name] if linked else _middle(variable.lower, variable.upper)
+            start = _at_end(variable, "initial", before)
+            end = last[name] = _at_end(variable, "final", start)
+            if not linked:
+                start = _at_end(variable, "initial", end)
+            values[name] = partial(_line, start, end)
         low, high = phase.duration_bounds
         guesses[phase.name] = Guess(float(np.sqrt(low * min(high, 1e3 * low))), values)
     return with_measurements(problem, guesses)
 
 
-def _middle(variable: Variable, which: str) -> FloatArray:
+def _at_end(variable: Variable, which: str, otherwise: FloatArray) -> FloatArray:
+    """The middle of the condition at one end, or what else is within it and the bounds."""
     low, high = variable.lower, variable.upper
     condition = getattr(variable, which)
-    if condition is not None:
-        low, high = np.maximum(low, condition[0]), np.minimum(high, condition[1])
+    if condition is None:
+        return np.clip(otherwise, low, high)
+    known = np.isfinite(condition[0]) & np.isfinite(condition[1])
+    low, high = np.maximum(low, condition[0]), np.minimum(high, condition[1])
+    return np.where(known, _middle(low, high), np.clip(otherwise, low, high))
+
+
+def _middle(low: FloatArray, high: FloatArray) -> FloatArray:
     both = np.isfinite(low) & np.isfinite(high)
     with np.errstate(invalid="ignore"):
         return np.where(both, (low + high) / 2, np.clip(0.0, low, high))

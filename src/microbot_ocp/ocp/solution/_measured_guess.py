@@ -71,7 +71,7 @@ class _Seen:
         tables = [self.table(v, fractions).T for v in phase.variables]
         rates = [np.zeros((c.size, size)) for c in phase.controls if c.rate is not None]
         fixed = [np.tile(p.value[:, None], (1, size)) for p in phase.parameters]
-        duration = self.guess.duration
+        duration = float(self.guess.duration or 1.0)
         return [*tables, *rates, *fixed, duration * fractions[None], np.full((1, size), duration)]
 
     def _symbols(self) -> list[ca.MX]:
@@ -157,7 +157,7 @@ class _Seen:
                     own = free[first : first + variable.size]
                     inputs[k] = ca.repmat(own, 1, at.size)
             slope = ca.reshape(function.map(at.size)(*inputs)[i, :], NODES, steps.size)
-            integral = ca.DM(weights[None] / 2) @ slope * ca.DM(steps * self.guess.duration).T
+            integral = ca.DM(weights[None] / 2) @ slope * ca.DM(steps * float(self.guess.duration or 1.0)).T
             size = max(float(np.abs(points.values).max()), 1e-12)
             found.append((ca.DM(np.diff(points.values)) - integral.T) / size)
         return ca.vertcat(*found)

@@ -79,11 +79,13 @@ def _of_variable(variable: Variable) -> dict[str, Any]:
     for which in ("initial", "final"):
         condition: Sequence[Any] | None = getattr(variable, which)
         ends[which] = None if condition is None else [side.tolist() for side in condition]
-    return {**_of_limit(variable), **ends}
+    return {**_of_limit(variable), "shape": variable.shape, **ends}
 
 
 def _changed(item: Any, given: Mapping[str, Any]) -> Any:
     new: dict[str, Any] = {k: np.array(given[k], dtype=float) for k in ("lower", "upper", "scale")}
+    if getattr(item, "shape", "") == "auto":
+        new["shape"] = given.get("shape", "constant")
     for which in ("initial", "final"):
         if which in given:
             pair = given[which]

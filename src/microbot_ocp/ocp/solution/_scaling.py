@@ -21,7 +21,7 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp.problem import OptimalControlProblem, PathConstraint, Phase, Variable
-from microbot_ocp.ocp.solution._initial_guess import default_guess, guess_from
+from microbot_ocp.ocp.solution._initial_guess import completed, default_guess, guess_from
 from microbot_ocp.ocp.solution._problem_data import KINDS, LIMITS
 from microbot_ocp.ocp.solution._solution import Solution
 from microbot_ocp.ocp.transcription import Guess, Program
@@ -29,12 +29,13 @@ from microbot_ocp.ocp.transcription import Guess, Program
 POINTS = 40  # at which expressions are looked at
 ROUNDS = 10  # of sizes that follow from other sizes
 LOOSE = 1e3  # bounds that are wider, compared with the guess, say nothing of a control's size
+TINY = 1e-9  # share of its bounds, or of one, below which a guess says nothing of a size
 BAND = 10.0  # sizes within this factor of one are left alone
 COST, COST_BAND = 10.0, 100.0  # of the cost: change that is aimed at, and the same
 
 
 def scaled(
-    problem: OptimalControlProblem, guess: Mapping[str, Guess] | Solution | None = None
+    problem: OptimalControlProblem, guess: Mapping[str, Guess] | Solution | str | None = None
 ) -> OptimalControlProblem:
     """The problem with a scale for everything that was declared without.
 
@@ -61,8 +62,11 @@ def scaled(
     [('height', 1000000.0), ('thrust', 0.01)]
     """
     problem.check()
-    given: Mapping[str, Guess]
-    given = guess_from(problem, guess) if isinstance(guess, Solution) else guess or {}
+    given: Mapping[str, Guess] = {}
+    if isinstance(guess, Solution):
+        given = guess_from(problem, guess)
+    elif guess is not None:
+        given = completed(problem, guess) if isinstance(guess, str) else guess
     ordinary = default_guess(problem)
     looks = [_Look(phase, given.get(phase.name), ordinary[phase.name]) for phase in problem.phases]
     for look in looks:
@@ -147,9 +151,11 @@ class _Look:
         self.phase = phase
         self.variables = phase.variables
         self.unscaled = [v for v in self.variables if not v.scaled]
-        guessed = ordinary.duration if given is None else float(given.duration)
+        guessed = np.nan if given is None or given.duration is None else float(given.duration)
         # a wrong duration is refused where the guess is used
-        self.duration = guessed if np.isfinite(guessed) and guessed > 0 else ordinary.duration
+        if not (np.isfinite(guessed) and guessed > 0):
+            guessed = float(ordinary.duration or 1.0)
+        self.duration = guessed
         self.share = np.linspace(0.0, 1.0, POINTS)
         values = {} if given is None else given.values
         self.tables = {
@@ -275,6 +281,7 @@ def _samples(value: object, variable: Variable, share: FloatArray) -> FloatArray
     table = np.asarray(value(share) if callable(value) else value, dtype=float)
     if table.ndim <= 1 and table.size in (1, variable.size):
         table = np.broadcast_to(table.reshape(1, -1), (share.size, variable.size))
+    table = table[:, 0] if table.ndim == 3 else table
     if table.ndim != 2 or table.shape[1] != variable.size:
         return np.zeros((share.size, variable.size))  # refused where the guess is used
     own = np.linspace(0.0, 1.0, table.shape[0])
@@ -284,14 +291,16 @@ def _samples(value: object, variable: Variable, share: FloatArray) -> FloatArray
 def _size(variable: Variable, guess: FloatArray | None) -> FloatArray:
     """Size of a variable by what was declared and guessed; NaN where neither gives one."""
     sizes = [np.zeros(variable.size)]
+    bounded = np.isfinite(variable.lower) & np.isfinite(variable.upper)
+    bounds = np.where(bounded, np.fmax(np.abs(variable.lower), np.abs(variable.upper)), np.nan)
     if guess is not None:
-        sizes.append(np.abs(guess).max(axis=0))
+        size = np.abs(guess).max(axis=0)
+        # what a computation left instead of zero is no size
+        sizes.append(np.where(size > TINY * np.where(bounded, bounds, 1.0), size, 0.0))
     for condition in (variable.initial, variable.final):
         if condition is not None:
             sizes += [np.where(np.isfinite(side), np.abs(side), 0.0) for side in condition]
     typical = np.max(sizes, axis=0)
-    bounded = np.isfinite(variable.lower) & np.isfinite(variable.upper)
-    bounds = np.where(bounded, np.fmax(np.abs(variable.lower), np.abs(variable.upper)), np.nan)
     if variable.shape not in ("state", "parameter"):  # controls go to their bounds
         near = bounded & ((typical == 0) | (bounds <= LOOSE * typical))
         typical = np.where(near, bounds, typical)

@@ -39,6 +39,7 @@ class Attempt:
     create_time: float
     function_time: float
     broke_down: bool = False  # with an error of its own, which is the message
+    way: str = ""  # of those in which a problem is tried; nothing for the first
 
     def as_dict(self) -> dict[str, object]:
         """Plain values for JSON."""
@@ -259,7 +260,7 @@ def pack(program: Program, guesses: Mapping[str, Guess]) -> FloatArray:
         _check_names(layout.phase, guess)
         nodes = node_variables(layout.phase)
         table = [_guess_table(layout, guess, v, layout.mesh) for v in nodes]
-        table.append(np.full((layout.intervals + 1, 1), guess.duration))
+        table.append(np.full((layout.intervals + 1, 1), float(guess.duration or 0.0)))
         z = np.hstack(table) / layout.node_scale
         x[layout.nodes] = z
         steps = np.diff(layout.mesh)
@@ -271,6 +272,9 @@ def pack(program: Program, guesses: Mapping[str, Guess]) -> FloatArray:
                     k.source,
                     layout.mesh[:-1] + k.fraction * steps,
                     default=None if k.source.shape in ("state", "linear") else 0.0,
+                    which=group.kind.scheme.points.index(k.fraction)
+                    if k.source.shape in ("polynomial", "algebraic")
+                    else None,
                 )[group.intervals]
                 for k in group.kind.inner
             ]
@@ -283,8 +287,6 @@ def pack(program: Program, guesses: Mapping[str, Guess]) -> FloatArray:
 
 
 def _guess_for(name: str, guesses: Mapping[str, Guess]) -> Guess:
-    if name not in guesses:
-        raise InputError(f"guess has no entry for phase {name!r}; it has {sorted(guesses)}")
     label = f"guess of the duration of phase {name!r}"
     checks.number(label, guesses[name].duration, "s", above=0.0)
     return guesses[name]
@@ -320,6 +322,7 @@ def _guess_table(
     variable: Variable,
     points: FloatArray,
     default: float | None = None,
+    which: int | None = None,
 ) -> FloatArray:
     label = f"guess of {variable.name!r} in phase {layout.phase.name!r}"
     if variable.name not in guess.values and default is not None:
@@ -330,6 +333,8 @@ def _guess_table(
     table = np.asarray(value(points) if callable(value) else value, dtype=float)
     if table.ndim <= 1 and table.size in (1, variable.size):
         table = np.broadcast_to(table.reshape(1, -1), (points.size, variable.size))
+    if table.ndim == 3 and which is not None and which < table.shape[1]:
+        table = table[:, which]  # of the values of an earlier solution
     if table.shape == (layout.mesh.size, variable.size) and not np.array_equal(points, layout.mesh):
         table = np.column_stack([np.interp(points, layout.mesh, column) for column in table.T])
     if table.shape != (points.size, variable.size):

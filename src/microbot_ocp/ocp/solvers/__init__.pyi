@@ -5,7 +5,7 @@ from ._acceptance import (
 )
 from ._chain import (
     run_chain as run_chain,
-    solve as solve,
+    solve_on as solve_on,
     transcribed as transcribed,
     with_cost_scale as with_cost_scale,
 )
@@ -24,4 +24,8 @@ from ._run import (
 from ._settings import (
     SOLVERS as SOLVERS,
     SolverSettings as SolverSettings,
+)
+from ._solve import (
+    first_solution as first_solution,
+    solve as solve,
 )

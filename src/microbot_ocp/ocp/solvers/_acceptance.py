@@ -59,7 +59,10 @@ def accepted(
     lam_x[np.abs(lam_x) < own] = 0.0
     given = np.array(slope).ravel() / program.cost_scale
     given = given + np.array(ca.mtimes(jacobian.T, ca.DM(lam_g))).ravel() + lam_x
-    lam_g[equal], lam_x[fixed], left = _least_squares(jacobian, equal, fixed, given)
+    try:
+        lam_g[equal], lam_x[fixed], left = _least_squares(jacobian, equal, fixed, given)
+    except RuntimeError:  # the matrix has no factors
+        return None
     size = max(100.0, float(np.mean(np.abs(np.concatenate([lam_g, lam_x]))))) / 100.0
     error = max(
         float(np.abs(left).max()),

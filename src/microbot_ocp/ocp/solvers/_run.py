@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import casadi as ca
@@ -14,10 +14,14 @@ from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.solution import Attempt, Progress, StartingPoint, Watch, watching
 from microbot_ocp.ocp.solvers._acceptance import accepted
+from microbot_ocp.ocp.solvers._child_process import Died, OutOfTime, Send, can_fork, in_child
 from microbot_ocp.ocp.solvers._plugins import create
 from microbot_ocp.ocp.solvers._settings import SolverSettings
 from microbot_ocp.ocp.solvers._status import checked, first_cause, stats_of, status_of
 from microbot_ocp.ocp.transcription import Program
+
+LARGE = 2000  # variables: IPOPT on more may spend longer than a limit in one factorisation
+MOST = 600.0  # s, of a solver that is not trusted to end, where there is no limit
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +37,17 @@ class Outcome:
 Made = dict[tuple[str, bool, float], ca.Function]
 
 
+@dataclass(frozen=True, eq=False)
+class _Answer:
+    """What a call of a solver gave, as plain values; ``x`` and multipliers are missing where it
+    gave nothing."""
+
+    values: Mapping[str, FloatArray] = field(default_factory=dict)
+    stats: Mapping[str, Any] = field(default_factory=dict)
+    broken: str = ""
+    out_of_time: bool = False
+
+
 def run(
     program: Program,
     name: str,
@@ -41,16 +56,21 @@ def run(
     variant: bool,
     progress: Progress | None,
     made: Made | None,
+    until: float = np.inf,
 ) -> Outcome:
-    """Run one solver from a start; ``made`` keeps it for further solves of the program."""
+    """Run one solver from a start until a time of ``time.perf_counter``.
+
+    ``made`` keeps it for further solves of the program.
+    """
     begin = time.perf_counter()
     watch = Watch(program, name, progress) if progress is not None else None
     key = (name, variant, program.cost_scale)
     solver = None if made is None or watch is not None else made.get(key)
     broken = ""
     if solver is None:
+        left = until - begin if made is None else settings.time_limit
         try:
-            solver = create(program, name, settings, variant=variant, watch=watch)
+            solver = create(program, name, settings, variant=variant, watch=watch, seconds=left)
         except RuntimeError as problem:
             broken = first_cause(problem)
         if made is not None and watch is None and solver is not None:
@@ -70,51 +90,107 @@ def run(
             ("lam_g0", start.row_multipliers),
         ):
             arguments[key] = np.asarray(value) / program.cost_scale
-    result: Mapping[str, Any] = {}
-    with watching(name) as interrupted:
-        if watch is not None:
-            watch.asked = interrupted
-        # what stops the SQP method takes its result along
-        try:
-            result = {} if solver is None else solver(**arguments)
-        except (KeyboardInterrupt, RuntimeError) as problem:
-            asked = interrupted() or (watch is not None and watch.stopped)
-            if isinstance(problem, KeyboardInterrupt) and not asked:
-                raise
-            broken = "" if asked else first_cause(problem)
-    if broken and settings.options.get(name) and "option" in broken.lower():
-        raise InputError(f"options of {name} were refused: {broken}")
+    answer, interrupted = _Answer(broken=broken), False
+    if solver is not None:
+        answer, interrupted = _answered(solver, name, arguments, watch, until)
+    if answer.broken and settings.options.get(name) and "option" in answer.broken.lower():
+        raise InputError(f"options of {name} were refused: {answer.broken}")
     done = time.perf_counter()
-    stopped = interrupted() or (watch is not None and watch.stopped)
+    stopped = interrupted or (watch is not None and watch.stopped)
     if watch is not None and watch.failure is not None:
         raise watch.failure
-    stats = stats_of(solver) if solver is not None and result else {}
+    stats, result = answer.stats, answer.values
     last = start.x if watch is None or watch.x is None else watch.x
-    x = np.array(result["x"]).ravel() if result else last
-    if stopped and watch is not None:
-        x = last
+    x = last if not result or (stopped and watch is not None) else result["x"]
     cost, infeasibility = checked(program, x)
+    status = status_of(name, stats, settings, infeasibility)
+    if answer.out_of_time:
+        status = Status.TIME_LIMIT
+    count = stats.get("iter_count", -1) if not answer.broken else -1
     attempt = Attempt(
         solver=name,
-        status=Status.INTERRUPTED if stopped else status_of(name, stats, settings, infeasibility),
-        message=broken or str(stats.get("return_status", "")),
-        iterations=int(stats.get("iter_count", -1 if watch is None else watch.count)),
+        status=Status.INTERRUPTED if stopped else status,
+        message=answer.broken or str(stats.get("return_status", "")),
+        # a solver that broke down has not counted
+        iterations=int(count) if count >= 0 else max(0 if watch is None else watch.count, 0),
         cost=cost,
         infeasibility=infeasibility,
         wall_time=done - created,
         create_time=created - begin,
         function_time=sum(v for k, v in stats.items() if k.startswith("t_wall_nlp_")),
-        broke_down=bool(broken),
+        broke_down=bool(answer.broken),
     )
     # the solvers hand over the multipliers of their own bounds, though CasADi computes none
     rows, variables = (
-        np.array(result[key]).ravel() * program.cost_scale if result else np.zeros(size)
+        result[key] * program.cost_scale if result else np.zeros(size)
         for key, size in (("lam_g", program.row_lower.size), ("lam_x", x.size))
     )
-    if name == "fatrop" and attempt.status in (Status.ITERATION_LIMIT, Status.FAILED) and result:
+    if attempt.status in (Status.ITERATION_LIMIT, Status.FAILED) and result and name != "sqp":
         passed = accepted(program, x, rows, variables, settings.tolerance)
         if passed is not None:
             said = f"stopped, but its point is an optimum to {passed.error:.1e}"
             attempt = replace(attempt, status=Status.SOLVED, message=said)
             rows, variables = passed.row_multipliers, passed.variable_multipliers
     return Outcome(attempt, x, rows, variables)
+
+
+def _answered(
+    solver: ca.Function,
+    name: str,
+    arguments: Mapping[str, Any],
+    watch: Watch | None,
+    until: float,
+) -> tuple[_Answer, bool]:
+    """What a solver answers, and whether Ctrl-C was pressed."""
+    size = np.size(arguments["x0"])
+    trusted = name == "ipopt" and (size <= LARGE or not np.isfinite(until))
+    if can_fork and not trusted:
+        return _answered_by_child(solver, arguments, watch, until)
+    with watching(name) as interrupted:
+        if watch is not None:
+            watch.asked = interrupted
+        try:
+            return _called(solver, arguments), interrupted()
+        except (KeyboardInterrupt, RuntimeError) as problem:
+            asked = interrupted() or (watch is not None and watch.stopped)
+            if isinstance(problem, KeyboardInterrupt) and not asked:
+                raise
+            # what stops the SQP method takes its result along
+            return _Answer(broken="" if asked else first_cause(problem)), interrupted()
+
+
+def _called(solver: ca.Function, arguments: Mapping[str, Any]) -> _Answer:
+    result = solver(**arguments)
+    values = {key: np.array(result[key]).ravel() for key in ("x", "lam_g", "lam_x")}
+    return _Answer(values, _plain(stats_of(solver)))
+
+
+def _plain(stats: Mapping[str, Any]) -> dict[str, Any]:
+    return {k: v for k, v in stats.items() if isinstance(v, (bool, int, float, str))}
+
+
+def _answered_by_child(
+    solver: ca.Function, arguments: Mapping[str, Any], watch: Watch | None, until: float
+) -> tuple[_Answer, bool]:
+    def work(send: Send) -> _Answer:
+        if watch is not None:
+            watch.progress = lambda iteration: send((iteration.x, iteration.cost))
+        try:
+            return _called(solver, arguments)
+        except (KeyboardInterrupt, RuntimeError) as problem:
+            return _Answer(broken=first_cause(problem))
+
+    def receive(what: tuple[FloatArray, float]) -> bool:
+        assert watch is not None
+        return watch.report(what[0], watch.program.row_values(what[0]), what[1])
+
+    until = min(until, time.perf_counter() + MOST)
+    try:
+        return in_child(work, until, receive), False
+    except OutOfTime:
+        return _Answer(out_of_time=True), False
+    except Died:
+        return _Answer(broken="the process of the solver ended"), False
+    except KeyboardInterrupt:
+        # of the progress function, of its error, or of the keyboard
+        return _Answer(), watch is None or watch.failure is None

@@ -6,12 +6,14 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+import numpy as np
+
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import InputError
 
 SOLVERS = ("fatrop", "ipopt", "sqp")
 SCALINGS = ("auto", "declared")
-CHAIN = ("fatrop", "ipopt")  # of "auto"
+CHAIN = ("ipopt", "fatrop")  # of "auto"
 
 
 @dataclass(frozen=True)
@@ -20,7 +22,8 @@ class SolverSettings:
 
     Attributes
     ----------
-    solver : "auto" (fatrop, then IPOPT if it does not converge), "fatrop", "ipopt" or "sqp"
+    solver : "auto" (IPOPT, then fatrop if it does not converge), "fatrop", "ipopt" or "sqp", or
+        several of them in turn
     tolerance : optimality and feasibility of the scaled program
     max_iterations : limit for each solver
     initial_barrier : start of the barrier parameter; small for a warm start
@@ -30,18 +33,22 @@ class SolverSettings:
     options : further options by solver name
     scaling : "auto" (sizes that were not declared are found, see
         ``ocp/solution/_scaling.py``) or "declared" (one where no scale was declared)
+    time_limit : wall time after which a solve is stopped, s; of all solvers together
     """
 
-    solver: str = "auto"
+    solver: str | tuple[str, ...] = "auto"
     tolerance: float = 1e-7
     gap: float = 1e-6
-    max_iterations: int = 300
+    max_iterations: int = 1000
     initial_barrier: float | None = None
     options: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     scaling: str = "auto"
+    time_limit: float = np.inf
 
     def __post_init__(self) -> None:
         checks.one_of("scaling", self.scaling, SCALINGS)
+        if not self.time_limit > 0:
+            raise InputError(f"time_limit must be above 0 s, not {self.time_limit}")
         checks.number("tolerance", self.tolerance, above=0.0)
         if not self.gap > 0:
             raise InputError(f"gap must be above 0, not {self.gap}")
@@ -53,6 +60,8 @@ class SolverSettings:
 
     def chain(self) -> tuple[str, ...]:
         """Solvers to try in turn."""
+        if not isinstance(self.solver, str):
+            return tuple(checks.one_of("solver", name, SOLVERS) for name in self.solver)
         checks.one_of("solver", self.solver, ("auto", *SOLVERS))
         return CHAIN if self.solver == "auto" else (self.solver,)
 

@@ -7,6 +7,7 @@ from there with the barrier that the wanted gap asks for.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
@@ -62,6 +63,7 @@ def tightened(
     outcome: Outcome,
     progress: Progress | None,
     made: Made | None = None,
+    until: float = np.inf,
 ) -> tuple[Outcome, Gap, list[Attempt]]:
     """An outcome as near its optimum as wanted, its gap, and the further attempts that it took.
 
@@ -74,11 +76,11 @@ def tightened(
     attempts: list[Attempt] = []
     wanted = wanted_gap(program, settings, best.attempt.cost)
     for tolerance, options in FURTHER:
-        if not gap.total > wanted:
+        if not gap.total > wanted or time.perf_counter() > until:
             break
-        tried = _further(
-            program, settings, best, min(wanted, gap.slack), (tolerance, options), progress, made
-        )
+        aim = min(wanted, gap.slack)
+        how = (tolerance, options)
+        tried = _further(program, settings, best, aim, how, progress, made, until)
         attempts.append(tried.attempt)
         if tried.attempt.status is Status.INTERRUPTED:
             return tried, UNKNOWN, attempts
@@ -108,6 +110,7 @@ def _further(
     how: tuple[float, dict[str, float]],
     progress: Progress | None,
     made: Made | None,
+    until: float,
 ) -> Outcome:
     count = sum(
         int(np.sum(np.isfinite(low) & (low < high)) + np.sum(np.isfinite(high) & (low < high)))
@@ -136,7 +139,7 @@ def _further(
     # a kept solver has the barrier of its first solve, which is good enough for neighbouring ones
     kept, own_key = ("ipopt", True, program.cost_scale), ("ipopt", True, -how[0])
     known: Made = {kept: made[own_key]} if made is not None and own_key in made else {}
-    outcome = run(program, "ipopt", finer, start, True, progress, known)
+    outcome = run(program, "ipopt", finer, start, True, progress, known, until)
     if made is not None and kept in known:
         made[own_key] = known[kept]
     return outcome

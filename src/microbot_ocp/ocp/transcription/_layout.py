@@ -34,7 +34,7 @@ from microbot_ocp.ocp.transcription._table import (
     entries_of,
     limits_of,
 )
-from microbot_ocp.ocp.transcription.schemes import Scheme, StageVariable
+from microbot_ocp.ocp.transcription.schemes import Scheme, StageVariable, within_bounds
 
 
 @dataclass(frozen=True, eq=False)
@@ -312,7 +312,8 @@ class PhaseLayout:
     ) -> dict[str, FloatArray]:
         """States, controls and algebraic variables [M, size], in their declared units.
 
-        In some intervals [M], at fractions [M] of them, by the interpolation of the scheme.
+        In some intervals [M], at fractions [M] of them, by the interpolation of the scheme;
+        polynomial controls are kept within their bounds: :func:`within_bounds`.
         """
         variables = interpolated_variables(self.phase)
         table = np.zeros((sum(v.size for v in variables), intervals.size))
@@ -320,7 +321,7 @@ class PhaseLayout:
             own = np.flatnonzero(self.kind_of[intervals] == index)
             if own.size:
                 chosen = np.searchsorted(group.intervals, intervals[own])
-                v = self.table(stages, group)[chosen].T
+                v = _within_bounds(self.phase, group.kind, self.table(stages, group)[chosen]).T
                 found = group.kind.kernels.dense(
                     v, self.constants(intervals[own]), share[None, own]
                 )
@@ -328,6 +329,23 @@ class PhaseLayout:
         edges = np.cumsum([v.size for v in variables])[:-1]
         parts = np.split(table.T, edges, axis=1)
         return {v.name: part for v, part in zip(variables, parts, strict=True)}
+
+
+def _within_bounds(phase: Phase, kind: StageKind, table: FloatArray) -> FloatArray:
+    """Scaled (z, w) [M, ...] whose polynomial controls keep their bounds all along."""
+    made, row = table.copy(), kind.node_size
+    places: dict[str, list[int]] = {}
+    for own in kind.inner:
+        places.setdefault(own.source.name, []).append(row)
+        row += own.source.size
+    for variable in phase.controls:
+        if variable.shape != "polynomial":
+            continue
+        columns = np.add.outer(places[variable.name], np.arange(variable.size))
+        points = [k.fraction for k in kind.inner if k.source.name == variable.name]
+        limits = variable.lower / variable.scale, variable.upper / variable.scale
+        made[:, columns] = within_bounds(table[:, columns], points, *limits)
+    return made
 
 
 def lay_out(

@@ -7,7 +7,7 @@ the degree of collocation interval by interval.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence, Sized
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 
 import casadi as ca
@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
-from microbot_ocp.ocp.problem import OptimalControlProblem, Phase
+from microbot_ocp.ocp.problem import OptimalControlProblem, Phase, with_shapes
 from microbot_ocp.ocp.transcription._composition import Composition, Derivatives, automatic
 from microbot_ocp.ocp.transcription._kernels import (
     build_kernels,
@@ -25,7 +25,7 @@ from microbot_ocp.ocp.transcription._kernels import (
 )
 from microbot_ocp.ocp.transcription._layout import PhaseLayout, StageKind, lay_out, stage_kind
 from microbot_ocp.ocp.transcription._mesh import Mesh, Meshes, mesh_of, with_points
-from microbot_ocp.ocp.transcription.schemes import SCHEMES, Scheme, with_degree
+from microbot_ocp.ocp.transcription.schemes import SCHEMES, Collocation, Scheme, with_degree
 
 MakeKernels = Callable[[], Sequence[ca.Function]]
 GuessValue = ArrayLike | Callable[[FloatArray], ArrayLike]
@@ -33,14 +33,15 @@ GuessValue = ArrayLike | Callable[[FloatArray], ArrayLike]
 
 @dataclass(frozen=True, eq=False)
 class Guess:
-    """Starting point of one phase: its duration and values by name.
+    """Starting point of one phase: its duration, s, and values by name.
 
     Values are constants [size], arrays [N+1, size] over the mesh points, or functions of the
-    fractions [N+1] of the phase returning such arrays.
+    fractions [N+1] of the phase returning such arrays. What is left out starts from
+    :func:`~microbot_ocp.ocp.solution.default_guess`.
     """
 
-    duration: float
-    values: Mapping[str, GuessValue]
+    duration: float | None = None
+    values: Mapping[str, GuessValue] = field(default_factory=dict)
 
 
 class Transcription:
@@ -65,17 +66,18 @@ class Transcription:
         self,
         problem: OptimalControlProblem,
         *,
-        scheme: str | Scheme = "shooting",
+        scheme: str | Scheme = "radau",
         duration_scale: float = 1.0,
         prepare: Callable[[str, MakeKernels], Sequence[ca.Function]] | None = None,
         derivatives: Derivatives = automatic,
     ) -> None:
         problem.check()
-        self.problem = problem
         self.duration_scale = duration_scale
         if isinstance(scheme, str):
             scheme = SCHEMES[checks.one_of("scheme", scheme, SCHEMES)]
         self.scheme = scheme
+        inside = isinstance(scheme, Collocation)
+        self.problem = problem = with_shapes(problem, "polynomial" if inside else "constant")
         self._prepare = prepare
         self._derivatives = derivatives
         self._known: dict[str, Sequence[ca.Function]] = {}

@@ -32,6 +32,7 @@ from microbot_ocp.ocp.transcription.schemes import (
     HermiteSimpson,
     Shooting,
     Trapezoidal,
+    within_bounds,
 )
 from microbot_ocp.ocp.verification._certificate import CostCheck
 from microbot_ocp.ocp.verification._reintegration import Integrated, each_interval, phase_layout
@@ -71,7 +72,8 @@ class Recomputation:
             column[own.group.intervals] = np.arange(own.group.intervals.size)
             for part in np.unique(share).tolist():
                 chosen = np.flatnonzero((share == part) & (column[intervals] >= 0))
-                for name, table in own.values(own.step.state(part), part).items():
+                known = own.values(own.step.state(part), part) | own.controls_within_bounds(part)
+                for name, table in known.items():
                     found[name][chosen] = table.T[column[intervals[chosen]]]
         return found
 
@@ -289,6 +291,18 @@ class _Intervals:
                 weights = _lagrange(list(points), share)
                 known[name] = np.tensordot(weights, np.stack([*points.values()]), axes=1)
         return known
+
+    def controls_within_bounds(self, share: float) -> dict[str, FloatArray]:
+        """Polynomial controls [size, M] at a fraction of the intervals, as they are applied."""
+        found = {}
+        for control in phase_layout(self.phase).phase.controls:
+            if control.shape == "polynomial":
+                points = self.inside[control.name]
+                values = np.stack([table.T for table in points.values()], axis=1)
+                kept = within_bounds(values, list(points), control.lower, control.upper)
+                weights = _lagrange(list(points), share)
+                found[control.name] = np.tensordot(weights, kept, axes=(0, 1)).T
+        return found
 
     def table(self, x: FloatArray, share: float) -> FloatArray:
         t = self.start + share * self.length

@@ -21,6 +21,7 @@ from microbot_ocp._base.growth import transition_matrices
 from microbot_ocp.ocp.problem import Phase, Variable
 from microbot_ocp.ocp.solution import PhaseSolution
 from microbot_ocp.ocp.transcription import PhaseLayout, StageGroup, StageKind
+from microbot_ocp.ocp.transcription.schemes import within_bounds
 
 INTEGRATOR_TOLERANCE = 1e-11  # absolute (of the scaled states) and relative
 MOST_STEPS = 20_000  # of the integrator on one interval
@@ -175,7 +176,10 @@ def _interval_data(phase: PhaseSolution, group: StageGroup, until: float = 1.0) 
     """What the integrator needs to know of every interval of a group [M, ...], in its order."""
     own, k = phase_layout(phase).phase, group.intervals
     linear = [phase.values[v.name] for v in _of_shape(own, "linear")]
-    polynomial = [point_values(phase, group, v) for v in _of_shape(own, "polynomial")]
+    polynomial = [
+        within_bounds(point_values(phase, group, v), points_of(group.kind, v), v.lower, v.upper)
+        for v in _of_shape(own, "polynomial")
+    ]
     algebraic = [point_values(phase, group, v)[:, 0] for v in own.algebraics]  # first guess
     columns = [
         phase.t[k, None],

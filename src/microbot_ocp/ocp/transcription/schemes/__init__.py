@@ -10,7 +10,7 @@ from microbot_ocp.ocp.transcription.schemes._base import (
     StageVariable,
     pointwise,
 )
-from microbot_ocp.ocp.transcription.schemes._collocation import Collocation
+from microbot_ocp.ocp.transcription.schemes._collocation import Collocation, within_bounds
 from microbot_ocp.ocp.transcription.schemes._shooting import IntegratorShooting, Shooting
 from microbot_ocp.ocp.transcription.schemes._trapezoidal import HermiteSimpson, Trapezoidal
 
@@ -50,4 +50,5 @@ __all__ = [
     "Trapezoidal",
     "pointwise",
     "with_degree",
+    "within_bounds",
 ]

@@ -25,6 +25,8 @@ from microbot_ocp.ocp.transcription.schemes._base import (
     pointwise,
 )
 
+DENSE = 41  # places of an interval at which a polynomial control is held against its bounds
+
 
 @dataclass(frozen=True)
 class Collocation:
@@ -88,6 +90,49 @@ class Collocation:
             return state, ca.vertcat(interval.control(fraction), inner)
 
         return IntervalStep(arrived, running, tuple(defects), at)
+
+
+def within_bounds(
+    values: FloatArray, points: Sequence[float], lower: FloatArray, upper: FloatArray
+) -> FloatArray:
+    """Values of polynomial controls at the points so that between them no bound is exceeded, too.
+
+    A polynomial through points that keep their bounds may leave them in between, and does where the
+    control jumps. There it is drawn towards its mean over the interval, as little as the bounds
+    need: the mean stays, and with it what the control moves (the limiter of Zhang and Shu, *Journal
+    of Computational Physics* 229, 2010). Elsewhere nothing changes.
+
+    Parameters
+    ----------
+    values : array [M, points, size] in M intervals
+    points : fractions of an interval [points]
+    lower, upper : bounds [size]
+    """
+    if len(points) == 1 or not (np.isfinite(lower) | np.isfinite(upper)).any():
+        return values
+    mean = np.tensordot(values, _quadrature(points), axes=(1, 0))[:, None]
+    along = np.einsum("gp,mps->mgs", _dense_basis(tuple(points)), values)
+    share = np.ones_like(mean)
+    for bound, extreme, sign in (
+        (upper, along.max(axis=1, keepdims=True), 1.0),
+        (lower, along.min(axis=1, keepdims=True), -1.0),
+    ):
+        with np.errstate(all="ignore"):
+            room = sign * (bound - mean) / (sign * (extreme - mean))
+        over = sign * (extreme - bound) > 0
+        share = np.where(over, np.minimum(share, np.clip(room, 0.0, 1.0)), share)
+    return np.where(share < 1, mean + share * (values - mean), values)
+
+
+@lru_cache(maxsize=32)
+def _dense_basis(points: tuple[float, ...]) -> FloatArray:
+    """Lagrange polynomials [G, points] at evenly spaced places of an interval."""
+    places = np.linspace(0.0, 1.0, DENSE)
+    columns = []
+    for i, own in enumerate(points):
+        others = [k for j, k in enumerate(points) if j != i]
+        columns.append(np.prod([(places - k) / (own - k) for k in others], axis=0))
+    return np.column_stack(columns)
 
 
 @lru_cache(maxsize=32)

@@ -1,0 +1,173 @@
+"""Guesses by simulation: the dynamics integrated from the start with constant controls."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+
+import casadi as ca
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray
+from microbot_ocp.ocp.problem import OptimalControlProblem, Phase, Variable
+from microbot_ocp.ocp.transcription import Guess, GuessValue
+
+SHARES = (0.5, 0.2, 0.1, 0.8, 0.0, 1.0)  # of the range of all controls that are tried
+POINTS = 101  # of every phase
+TOLERANCE = 1e-6
+
+
+def rollout(
+    problem: OptimalControlProblem,
+    ordinary: Mapping[str, Guess],
+    durations: Mapping[str, float] | None = None,
+) -> dict[str, Guess]:
+    """The first of :func:`rollouts`."""
+    return rollouts(problem, ordinary, durations)[0]
+
+
+def rollouts(
+    problem: OptimalControlProblem,
+    ordinary: Mapping[str, Guess],
+    durations: Mapping[str, float] | None = None,
+) -> list[dict[str, Guess]]:
+    """Guesses whose states follow the dynamics under constant controls.
+
+    Controls without bounds are zero; the others are at one share of their ranges. The first guess
+    is the one in which states stay nearest to their bounds and come nearest to the conditions at
+    their ends. A state that leaves the finite numbers keeps its last value, and so does one that
+    leaves its bounds in the guess.
+
+    Parameters
+    ----------
+    problem : OptimalControlProblem
+    ordinary : mapping from phase name to Guess
+        Where states start that have no condition, and what algebraic variables are.
+    durations : mapping from phase name to duration, s, optional
+        Default: those of ``ordinary``.
+    """
+    bounded = any(
+        bool((np.isfinite(c.lower) & np.isfinite(c.upper)).any())
+        for p in problem.phases
+        for c in p.controls
+    )
+    tried = [
+        _simulated(problem, ordinary, durations or {}, share)
+        for share in (SHARES if bounded else SHARES[:1])
+    ]
+    return [guess for guess, _ in sorted(tried, key=lambda found: found[1])]
+
+
+def _simulated(
+    problem: OptimalControlProblem,
+    ordinary: Mapping[str, Guess],
+    durations: Mapping[str, float],
+    share: float,
+) -> tuple[dict[str, Guess], float]:
+    """Guesses, and how far they are from bounds and conditions, relative to their sizes."""
+    guesses, miss = {}, 0.0
+    links = {link.after: link.names for link in problem.links}
+    last: dict[str, FloatArray] = {}
+    for phase in problem.phases:
+        own = ordinary[phase.name]
+        duration = float(durations.get(phase.name, own.duration or 1.0))
+        start = {
+            s.name: last[s.name]
+            if s.name in links.get(phase.name, ()) and s.name in last
+            else _values(own, s, np.zeros(1))[0]
+            for s in phase.states
+        }
+        controls = {c.name: _constant(c, share) for c in phase.controls}
+        table = _integrated(phase, own, start, controls, duration)
+        values: dict[str, GuessValue] = dict(own.values)
+        values.update(controls)
+        offset = 0
+        for state in phase.states:
+            part = table[:, offset : offset + state.size]
+            offset += state.size
+            kept = np.clip(part, state.lower, state.upper)
+            values[state.name] = partial(_along, kept)
+            last[state.name] = kept[-1]
+            size = np.maximum(np.abs(kept).max(axis=0), 1e-6)
+            miss += float((np.abs(part - kept).max(axis=0) / size).sum())
+            if state.final is not None:
+                nearest = np.clip(kept[-1], *state.final)
+                size = np.maximum(size, np.abs(nearest))
+                miss += float((np.abs(kept[-1] - nearest) / size).sum())
+        guesses[phase.name] = Guess(duration, values)
+    return guesses, miss if np.isfinite(miss) else np.inf
+
+
+def _constant(control: Variable, share: float) -> FloatArray:
+    low, high = control.lower, control.upper
+    both = np.isfinite(low) & np.isfinite(high)
+    with np.errstate(invalid="ignore"):
+        return np.where(both, low + share * (high - low), np.clip(0.0, low, high))
+
+
+def _values(guess: Guess, variable: Variable, share: FloatArray) -> FloatArray:
+    value = guess.values.get(variable.name, np.clip(0.0, variable.lower, variable.upper))
+    table = np.asarray(value(share) if callable(value) else value, dtype=float)
+    if table.ndim <= 1:
+        return np.broadcast_to(table.reshape(1, -1), (share.size, variable.size))
+    return table[: share.size]
+
+
+def _along(table: FloatArray, s: FloatArray) -> FloatArray:
+    own = np.linspace(0.0, 1.0, table.shape[0])
+    return np.column_stack([np.interp(s, own, column) for column in table.T])
+
+
+def _integrated(
+    phase: Phase,
+    own: Guess,
+    start: Mapping[str, FloatArray],
+    controls: Mapping[str, FloatArray],
+    duration: float,
+) -> FloatArray:
+    """States [POINTS, n]; from where the integrator stops they keep their values."""
+    states = ca.vertcat(*(s.symbol for s in phase.states))
+    algebraic = ca.vertcat(*(a.symbol for a in phase.algebraics), ca.MX(0, 1))
+    slopes = ca.vertcat(*(phase.derivatives[s.name] for s in phase.states))
+    equations = ca.vertcat(*phase.algebraic_equations, ca.MX(0, 1))
+    known: list[ca.MX] = [phase.duration]
+    values: list[FloatArray] = [np.array([duration])]
+    for control in phase.controls:
+        known.append(control.symbol)
+        values.append(controls[control.name])
+        if control.rate is not None:
+            known.append(control.rate)
+            values.append(np.zeros(control.size))
+    for parameter in phase.parameters:
+        known.append(parameter.symbol)
+        values.append(parameter.value)
+    for free in phase.free_parameters:
+        known.append(free.symbol)
+        values.append(_values(own, free, np.zeros(1))[0])
+    constants = [ca.MX(ca.DM(value)) for value in values]
+    slopes, equations = ca.graph_substitute([slopes, equations], known, constants)
+    share, begin = ca.MX.sym("share"), ca.MX.sym("begin")
+    time = duration * (begin + share)
+    slopes, equations = ca.graph_substitute([slopes, equations], [phase.time], [time])
+    dae = {"x": states, "t": share, "p": begin, "ode": duration * slopes}
+    if phase.algebraics:
+        dae |= {"z": algebraic, "alg": equations}
+    x = np.concatenate([start[s.name] for s in phase.states])
+    z = np.concatenate([*(_values(own, a, np.zeros(1))[0] for a in phase.algebraics), np.zeros(0)])
+    grid = np.linspace(0.0, 1.0, POINTS)
+    table = np.tile(x, (POINTS, 1))
+    options = {"abstol": TOLERANCE, "reltol": TOLERANCE, "max_num_steps": 500}
+    options |= {"show_eval_warnings": False, "disable_internal_warnings": True}
+    kind = "idas" if phase.algebraics else "cvodes"
+    step = ca.integrator("rollout", kind, dae, 0.0, grid[1], options)
+    for k in range(1, POINTS):  # in pieces, so that what was reached is known where it stops
+        try:
+            result = step(x0=x, z0=z, p=grid[k - 1])
+            x, z = np.array(result["xf"]).ravel(), np.array(result["zf"]).ravel()
+        except RuntimeError:
+            x = np.full(x.size, np.nan)
+        if not np.isfinite(x).all():
+            table[k:] = table[k - 1]
+            break
+        table[k] = x
+    return table

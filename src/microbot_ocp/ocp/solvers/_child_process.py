@@ -1,0 +1,102 @@
+"""Work in a process of its own, which is ended when its time is over.
+
+fatrop may try one regularisation after the other without ever evaluating anything, MUMPS may spend
+minutes in a single factorisation: neither can be stopped from inside. A fork costs about 8 ms.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import select
+import signal
+import struct
+import time
+import warnings
+from collections.abc import Callable
+from typing import Any
+
+HEAD = struct.Struct("<Q")
+Send = Callable[[Any], None]
+
+can_fork = hasattr(os, "fork")
+
+
+class OutOfTime(Exception):
+    """The work was not done in time, and was ended."""
+
+
+class Died(Exception):
+    """The process ended without an answer."""
+
+
+def in_child(
+    work: Callable[[Send], Any], until: float, receive: Callable[[Any], bool] | None = None
+) -> Any:
+    """Do work in a copy of this process and return what it returns.
+
+    Parameters
+    ----------
+    work : callable
+        Gets a function that sends an object to this process at once.
+    until : by the clock of ``time.perf_counter``
+    receive : callable, optional
+        Gets what was sent; False ends the process.
+
+    Raises
+    ------
+    OutOfTime, Died
+        KeyboardInterrupt passes through; the process is ended before.
+    """
+    reading, writing = os.pipe()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # of other threads: only this one forks
+        child = os.fork()
+    if child == 0:
+        _work(work, reading, writing)
+    os.close(writing)
+    try:
+        while True:
+            done, what = _message(reading, until)
+            if done:
+                return what
+            if receive is not None and not receive(what):
+                raise KeyboardInterrupt
+    finally:
+        os.close(reading)
+        os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+
+
+def _work(work: Callable[[Send], Any], reading: int, writing: int) -> None:
+    try:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends this process
+        os.close(reading)
+
+        def say(done: bool, what: Any) -> None:
+            content = pickle.dumps((done, what), protocol=pickle.HIGHEST_PROTOCOL)
+            left = memoryview(HEAD.pack(len(content)) + content)
+            while left:
+                left = left[os.write(writing, left) :]
+
+        say(True, work(lambda what: say(False, what)))
+    finally:
+        os._exit(0)
+
+
+def _message(reading: int, until: float) -> tuple[bool, Any]:
+    size = HEAD.unpack(_bytes(reading, HEAD.size, until))[0]
+    return pickle.loads(_bytes(reading, size, until))
+
+
+def _bytes(reading: int, size: int, until: float) -> bytes:
+    content = b""
+    while len(content) < size:
+        left = min(until - time.perf_counter(), 1e6)
+        if left <= 0 or not select.select([reading], [], [], left)[0]:
+            raise OutOfTime
+        part = os.read(reading, size - len(content))
+        if not part:
+            raise Died
+        content += part
+    return content

@@ -1,0 +1,306 @@
+"""Solve a problem as it was declared; what fails is tried in other ways, and the mesh made finer.
+
+A solve that does not converge says little about the problem: it may have begun badly or with bad
+scales. So it is tried again, from a simulation, with the scales that were declared, with other
+durations, from a coarse mesh. The solution says which way it was.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.status import Status
+from microbot_ocp.ocp import refinement
+from microbot_ocp.ocp.diagnosis import NotFinite
+from microbot_ocp.ocp.problem import OptimalControlProblem
+from microbot_ocp.ocp.solution import (
+    Attempt,
+    Progress,
+    Solution,
+    completed,
+    default_guess,
+    rollout,
+    rollouts,
+)
+from microbot_ocp.ocp.solvers._chain import solve_on, transcribed
+from microbot_ocp.ocp.solvers._settings import SolverSettings
+from microbot_ocp.ocp.transcription import Guess, Meshes, Transcription
+from microbot_ocp.ocp.transcription.schemes import Scheme
+
+Given = Mapping[str, Guess] | Solution | str | None
+
+INTERVALS = 50  # of a problem of one or two phases
+FEWEST = 10  # of every phase of a problem of many
+COARSE = 8  # intervals a phase of a first look
+SHARE = 0.35  # of the time that is left, which one way may take
+SIMULATED = 4  # simulations that a problem is solved from
+LONGER = (3.0, 0.3, 10.0)  # other durations, where they are free
+CONVERGED = (Status.SOLVED, Status.GAP_LEFT)
+ENDED = (*CONVERGED, Status.INTERRUPTED)
+
+ACCURACY = 1e-4  # relative: local errors of the state, change of the cost from mesh to mesh
+ROUGH = 1e-2  # local error of the state above which an answer is none
+SETTLED = 5.0  # times the accuracy: what is left of the cost's change at which it has settled
+ROUNDS = 14
+MOST_PIECES = 10  # into which an interval is divided at once
+MOST_INTERVALS = 1000
+
+
+def solve(
+    problem: OptimalControlProblem | Transcription,
+    mesh: Meshes | None = None,
+    guess: Given = None,
+    settings: SolverSettings | None = None,
+    *,
+    scheme: str | Scheme = "radau",
+    time_limit: float = 60.0,
+    progress: Progress | None = None,
+) -> Solution:
+    """Transcribe a problem on a mesh and solve it.
+
+    Parameters
+    ----------
+    problem : OptimalControlProblem or Transcription
+        A transcription keeps its kernels from solve to solve; it is solved in one way only.
+    mesh : int, Mesh, or one int, Mesh or array of fractions [N+1] a phase
+        Default: 50 intervals, shared by the phases where there are more than two, and finer until
+        the cost changes by less than 1e-4 of itself; what does not settle is not solved.
+    guess : mapping from phase name to Guess, Solution or "rollout", optional
+        What is left out of it starts from :func:`~microbot_ocp.ocp.solution.default_guess`. A
+        solution may be of another mesh or of other phases; with the same phases its multipliers are
+        used as well. "rollout" simulates with a constant control.
+    settings : SolverSettings, optional
+        Where they name a solver that one is tried, and in one way only.
+    scheme : str or Scheme
+        Of a problem that is not transcribed yet: "shooting", "radau", "gauss", "trapezoidal",
+        "hermite_simpson", or one with settings.
+    time_limit : float
+        Wall time after which it is stopped, s.
+    progress : callable, optional
+        Called with an :class:`~microbot_ocp.ocp.solution.Iteration` at every iteration. It may
+        raise KeyboardInterrupt to stop the solve.
+
+    Returns
+    -------
+    Solution
+        Also where no solver converged: look at ``status``. Its ``attempts`` are all that was tried.
+        After Ctrl-C it is the last iterate, with the status INTERRUPTED.
+
+    Raises
+    ------
+    InputError
+        The declaration, mesh or guess is not complete or not finite, or the dynamics, constraints
+        or costs are not finite at the guess.
+    """
+    settings = settings or SolverSettings()
+    if not time_limit > 0:
+        raise InputError(f"time_limit must be above 0 s, not {time_limit}")
+    until = time.perf_counter() + min(time_limit, settings.time_limit)
+    chosen = default_mesh(problem) if mesh is None else mesh
+    solution, transcription = first_solution(
+        problem, chosen, guess, settings, scheme, until, progress
+    )
+    if mesh is None:
+        solution = _on_finer_meshes(solution, transcription, settings, until, progress)
+    return solution
+
+
+def default_mesh(problem: OptimalControlProblem | Transcription) -> int:
+    """Intervals of every phase: fewer where there are many."""
+    phases = (problem.problem if isinstance(problem, Transcription) else problem).phases
+    return max(FEWEST, round(2 * INTERVALS / max(len(phases), 2)))
+
+
+# other ways ---------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Way:
+    """Another way to solve a problem, in words that follow "found"."""
+
+    said: str
+    guess: Given | tuple[dict[str, Guess], ...]  # of several the one that ends at the least cost
+    scaling: str
+    coarse: bool = False
+
+
+def first_solution(
+    problem: OptimalControlProblem | Transcription,
+    mesh: Meshes,
+    guess: Given,
+    settings: SolverSettings,
+    scheme: str | Scheme,
+    until: float,
+    progress: Progress | None,
+) -> tuple[Solution, Transcription]:
+    """The solution of the first way that converges, else that of the first, and its program."""
+    ways: Iterator[_Way] = iter([_Way("", guess, settings.scaling)])
+    attempts: list[Attempt] = []
+    first: tuple[Solution, Transcription] | None = None
+    refused: InputError | None = None
+    alone = isinstance(problem, Transcription) or settings.solver != "auto"
+    while (way := next(ways, None)) is not None:
+        # what helps fatrop is seen in the first way
+        solver = "ipopt" if way.said and settings.solver == "auto" else settings.solver
+        own = replace(settings, scaling=way.scaling, solver=solver)
+        now = time.perf_counter()
+        share = until if alone or not np.isfinite(until) else now + SHARE * (until - now)
+        best: tuple[Solution, Transcription] | None = None
+        for given in way.guess if isinstance(way.guess, tuple) else (way.guess,):
+            try:
+                transcription = transcribed(problem, own, scheme=scheme, guess=given)
+                if way.coarse:
+                    given = solve_on(transcription, COARSE, given, own, share, progress)
+                    attempts += [replace(a, way=f"{way.said}, coarse") for a in given.attempts]
+                    if given.status not in ENDED:
+                        continue
+                made = solve_on(transcription, mesh, given, own, share, progress)
+            except NotFinite as problem_met:
+                if alone or guess is not None:
+                    raise
+                refused = refused or problem_met
+                continue
+            attempts += [replace(a, way=way.said) for a in made.attempts]
+            first = first or (made, transcription)
+            if made.status in ENDED and (best is None or made.cost < best[0].cost):
+                best = made, transcription
+            if made.status is Status.INTERRUPTED or time.perf_counter() >= share:
+                break
+        if best is not None:
+            first = best
+            break
+        if alone or time.perf_counter() >= until:
+            break
+        if not way.said and not isinstance(problem, Transcription):
+            ways = _other_ways(problem, guess, settings)
+    if first is None:
+        assert refused is not None
+        raise refused
+    solution, transcription = first
+    if solution.status.solved and attempts[-1].way:
+        said = f"{solution.advice} The first try failed; this was found {attempts[-1].way}."
+        solution = replace(solution, advice=said)
+    return replace(solution, attempts=tuple(attempts)), transcription
+
+
+def _other_ways(
+    problem: OptimalControlProblem, guess: Given, settings: SolverSettings
+) -> Iterator[_Way]:
+    auto = settings.scaling
+    simulated: Given = None
+    if guess is None:
+        found = rollouts(problem, default_guess(problem))
+        simulated = found[0]
+        yield _Way("from a simulation with constant controls", tuple(found[:SIMULATED]), auto)
+    if auto != "declared":
+        yield _Way("with the declared scales", guess, "declared")
+    yield _Way("from a coarse mesh", guess, auto, coarse=True)
+    free = any(low < high for low, high in (p.duration_bounds for p in problem.phases))
+    if free and not isinstance(guess, Solution):
+        ordinary = completed(problem, guess)
+        for factor in LONGER:
+            durations = {
+                p.name: float(
+                    np.clip(factor * (ordinary[p.name].duration or 1.0), *p.duration_bounds)
+                )
+                for p in problem.phases
+            }
+            said = f"from {factor:g} times the duration"
+            longer = {k: Guess(durations[k], g.values) for k, g in ordinary.items()}
+            yield _Way(said, longer, auto)
+            if guess is None:
+                longer = rollout(problem, default_guess(problem), durations)
+                yield _Way(f"{said}, simulated", longer, auto)
+    if simulated is not None and auto != "declared":
+        said = "from a simulation with constant controls, with the declared scales"
+        yield _Way(said, simulated, "declared")
+    if simulated is not None:
+        yield _Way("from a simulation on a coarse mesh", simulated, auto, coarse=True)
+
+
+# finer meshes -------------------------------------------------------------------------------------
+
+
+def _on_finer_meshes(
+    solution: Solution,
+    transcription: Transcription,
+    settings: SolverSettings,
+    until: float,
+    progress: Progress | None,
+) -> Solution:
+    """The solution on meshes so fine that its cost does not change any more."""
+    if solution.status not in CONVERGED:
+        return solution
+    attempts, left, worst = list(solution.attempts), _Left(), np.inf
+    for done in range(ROUNDS + 1):
+        errors = refinement.state_errors(solution)
+        worst = max(float(e.max()) for e in errors)
+        if done == ROUNDS or (left.estimate <= ACCURACY and worst <= ROUGH):
+            break
+        meshes = _finer(solution, errors)
+        if sum(m.size - 1 for m in meshes) > MOST_INTERVALS or time.perf_counter() > until:
+            break
+        finer = solve_on(transcription, meshes, solution, settings, until, progress)
+        attempts += [replace(a, way="on a finer mesh") for a in finer.attempts]
+        if finer.status not in CONVERGED:
+            break
+        size = max(abs(finer.cost), abs(solution.cost), 1e-3 * finer.cost_scale)
+        left.enter(abs(finer.cost - solution.cost) / size)
+        advice = finer.advice if finer.status is Status.GAP_LEFT else solution.advice
+        solution = replace(finer, advice=advice)
+    solution = replace(solution, attempts=tuple(attempts))
+    if left.estimate <= SETTLED * ACCURACY and worst <= ROUGH:
+        return solution
+    said = (
+        f"{Status.NO_PROGRESS.sentence} On the last meshes the cost still changed by "
+        f"{left.change:.1g} of itself, the state is wrong by {worst:.1g} of its size within an "
+        "interval: call solve_refined."
+    )
+    return replace(solution, status=Status.NO_PROGRESS, advice=said)
+
+
+class _Left:
+    """What the cost would still change by, seen from what it changed by from mesh to mesh."""
+
+    def __init__(self) -> None:
+        self.change, self.ratios = np.inf, (0.5, 0.0)
+
+    def enter(self, change: float) -> None:
+        if 0 < self.change < np.inf:
+            ratio = float(np.clip(change / self.change, 0.1, 0.9))
+            self.ratios = (ratio, self.ratios[0] if self.ratios[1] else 0.1)
+        self.change = change
+
+    @property
+    def estimate(self) -> float:
+        """The sum of all further changes, if they go on shrinking as they did."""
+        ratio = max(self.ratios)  # one that happens to be small proves nothing
+        return self.change * ratio / (1 - ratio)
+
+
+def _finer(solution: Solution, errors: list[FloatArray]) -> list[FloatArray]:
+    """Every interval halved, or as the errors ask for where some are large.
+
+    An interval is divided as the order of the scheme predicts, into ten at most; where nothing
+    happens two become one.
+    """
+    meshes = []
+    for phase, own in zip(solution.phases, errors, strict=True):
+        assert phase.layout is not None
+        orders = np.array([kind.scheme.order for kind in phase.layout.kinds])[phase.layout.kind_of]
+        error = np.nan_to_num(own, nan=ROUGH, posinf=ROUGH)
+        pieces = np.clip((2 * error / ACCURACY) ** (1 / (orders + 1)), 0.5, MOST_PIECES)
+        count = int(np.ceil(pieces.sum()))
+        if count < 1.5 * own.size and own.max() <= ROUGH:
+            meshes.append(np.union1d(phase.mesh, (phase.mesh[:-1] + phase.mesh[1:]) / 2))
+            continue
+        filled = np.append(0.0, np.cumsum(pieces))
+        mesh = np.interp(np.linspace(0.0, filled[-1], count + 1), filled, phase.mesh)
+        mesh[[0, -1]] = 0.0, 1.0
+        meshes.append(mesh)
+    return meshes
