@@ -157,7 +157,11 @@ class _Seen:
                     own = free[first : first + variable.size]
                     inputs[k] = ca.repmat(own, 1, at.size)
             slope = ca.reshape(function.map(at.size)(*inputs)[i, :], NODES, steps.size)
-            integral = ca.DM(weights[None] / 2) @ slope * ca.DM(steps * float(self.guess.duration or 1.0)).T
+            integral = (
+                ca.DM(weights[None] / 2)
+                @ slope
+                * ca.DM(steps * float(self.guess.duration or 1.0)).T
+            )
             size = max(float(np.abs(points.values).max()), 1e-12)
             found.append((ca.DM(np.diff(points.values)) - integral.T) / size)
         return ca.vertcat(*found)
