@@ -111,7 +111,7 @@ def default_guess(problem: OptimalControlProblem) -> dict[str, Guess]:
     """Straight lines between the end conditions.
 
     What has a condition at one end keeps that value; what has none is in the middle of its bounds,
-    or zero. What measurements see goes through them, see :mod:`._measured_guess`.
+    or zero. What measurements see goes through them, and free parameters suit it.
     """
     guesses = {}
     links = {link.after: link.names for link in problem.links}
