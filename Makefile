@@ -3,6 +3,7 @@
 # make test-fast   the tests that take a moment only   (CONTRIBUTING.md)
 # make bench  speed ratios against peers               make docs   the documentation, into out/docs
 # make figures, make screenshots   figures of the documentation, pictures of recordings: docs/images
+# make torture  a thousand random tasks, or COUNT=50 of them  (docs/torture.md)
 # make suite  published problems by the defaults       (docs/suite.md)
 # Everything is installed by pip, from the index it is configured for, into .venv.
 
@@ -18,10 +19,10 @@ PIP := PIP_DISABLE_PIP_VERSION_CHECK=1 $(BIN)/python -m pip install -qq
 OUT := out/demo
 SITE := out/docs
 
-.PHONY: help demo test test-fast test-environment bench suite docs figures screenshots lint clean
+.PHONY: help demo test test-fast test-environment bench suite torture docs figures screenshots lint clean
 
 help:
-	@sed -n 's/^# \{0,1\}//p' Makefile | head -7
+	@sed -n 's/^# \{0,1\}//p' Makefile | head -8
 
 # A stamp newer than pyproject.toml means that its packages are installed.
 $(VENV)/.made:
@@ -66,6 +67,9 @@ test-fast: test-environment
 
 bench: $(VENV)/.ready-bench
 	@$(BIN)/python -m benchmarks
+
+torture: $(VENV)/.ready-bench
+	@$(BIN)/python -m benchmarks torture --count $(or $(COUNT),1000)
 
 suite: $(VENV)/.ready
 	@$(BIN)/python -m benchmarks suite

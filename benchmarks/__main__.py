@@ -1,6 +1,7 @@
 """Run the benchmarks named on the command line, or all of them, and print one table each.
 
-``python -m benchmarks suite`` solves the suite of published problems; see its own ``--help``.
+``python -m benchmarks suite`` solves the suite of published problems, ``python -m benchmarks
+torture`` random tasks by seed; see their own ``--help``.
 """
 
 import argparse
@@ -14,6 +15,9 @@ def main() -> None:
     """Misses are printed, not punished: a busy machine is no reason to fail."""
     if sys.argv[1:2] == ["suite"]:
         importlib.import_module("benchmarks.suite.runner").main(sys.argv[2:])
+        return
+    if sys.argv[1:2] == ["torture"]:
+        importlib.import_module("benchmarks.torture").main(sys.argv[2:])
         return
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join(BENCHMARKS))

@@ -1,0 +1,331 @@
+"""Random tasks by seed: free motions and timings of paths, and what became of each.
+
+``python -m benchmarks torture [--count 1000] [--first 0] [--limit 120] [--out FILE]``
+
+A seed says everything of a task: its kind, robot, limits and via points. Every task is solved with
+default settings and certified, in a process of its own that the system ends when it has used its
+limit of processor time. One line of JSON a task goes to FILE, every failure with its seed;
+``--task SEED`` solves one of them again and prints how it goes.
+
+A failure counts where somebody can solve the task: where the scaled cubic keeps the limits, or the
+straight path, by reachability; or, of a path, where toppra times it. Elsewhere the task may be
+impossible, and what is returned must say so.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import resource
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import microbot_ocp as mo
+from microbot_ocp._base.checks import FloatArray
+from microbot_ocp.motion import PiecewisePolynomial
+
+COUNT, LIMIT = 1000, 120
+TIMING = 1e-4  # share by which the timing of a path may be slower than the best known one
+ARMS = ("microbot", "planar_2r", "planar_3r", "stanford", "puma560", "ur5e", "panda")
+REACH = 3.0  # rad (m): via points are at most as far from zero
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """One task: a free motion through via points, or the timing of a path."""
+
+    kind: str
+    robot: mo.Robot
+    via: FloatArray
+    path: PiecewisePolynomial | None = None
+
+    def __str__(self) -> str:
+        return f"{self.kind}: {self.robot.name}, {len(self.via)} via points"
+
+
+def packaged(random: np.random.Generator) -> Task:
+    """A packaged robot, some of its limits changed, two to five via points."""
+    robot = mo.load_robot(str(random.choice(ARMS)))
+    changed: dict[str, Any] = {}
+    if random.random() < 0.3:
+        changed["qd_max"] = np.minimum(robot.limits.qd_max, 10.0) * random.uniform(0.3, 2.0)
+    if random.random() < 0.2:
+        changed["qdd_max"] = random.uniform(2.0, 30.0)
+    if random.random() < 0.2:
+        changed["qddd_max"] = random.uniform(50.0, 500.0)
+    robot = robot.with_limits(**changed)
+    return Task("packaged arm", robot, via_points(random, robot, int(random.integers(2, 6))))
+
+
+def chain(random: np.random.Generator) -> Task:
+    """One to eight joints, prismatic ones among them, of 1 g to 1 t and 1 cm to 10 m."""
+    robot = random_chain(random, int(random.integers(1, 9)), 10.0 ** random.uniform(-3, 3))
+    strength = random.uniform(1.2, 5.0)
+    robot = robot.with_limits(tau_max=strength * gravity_sizes(random, robot))
+    return Task("random chain", robot, via_points(random, robot, int(random.integers(2, 5))))
+
+
+def tight(random: np.random.Generator) -> Task:
+    """Torques of 0.6 times the largest against gravity: the arm has to swing."""
+    name = str(random.choice(["microbot", "planar_3r", "chain"]))
+    robot = random_chain(random, int(random.integers(2, 5))) if name == "chain" else None
+    robot = robot or mo.load_robot(name)
+    robot = robot.with_limits(tau_max=0.6 * gravity_sizes(random, robot))
+    return Task("tight torques", robot, via_points(random, robot, int(random.integers(2, 5))))
+
+
+def many(random: np.random.Generator) -> Task:
+    """Six to thirty via points."""
+    robot = mo.load_robot(str(random.choice(["microbot", "planar_3r", "stanford"])))
+    return Task("many via points", robot, via_points(random, robot, int(random.integers(6, 31))))
+
+
+def small(random: np.random.Generator) -> Task:
+    """Tiny ways, tiny velocities, a locked joint: sizes that no default expects."""
+    robot = mo.load_robot(str(random.choice(["microbot", "planar_3r"])))
+    via = via_points(random, robot, int(random.integers(2, 5)))
+    if random.random() < 0.4:
+        via = via[0] + 10.0 ** random.uniform(-5, -2) * (via - via[0])
+    if random.random() < 0.4:
+        robot = robot.with_limits(qd_max=10.0 ** random.uniform(-3, 0))
+    if random.random() < 0.3:
+        joint = int(random.integers(robot.joint_count))
+        via[:, joint] = via[0, joint]
+        locked = np.array(robot.limits.qd_max, dtype=float)
+        locked[joint] = 0.0
+        robot = robot.with_limits(qd_max=locked)
+    return Task("odd sizes", robot, via)
+
+
+def timing(random: np.random.Generator) -> Task:
+    """A cubic spline or straight lines through two to eight points, to be timed."""
+    robot = mo.load_robot(str(random.choice(ARMS))).with_limits(taud_max=np.inf)
+    via = via_points(random, robot, int(random.integers(2, 9)), everywhere=True)
+    path = mo.straight_path(via)
+    if random.random() < 0.7:
+        path = mo.cubic(via, np.arange(float(len(via))))
+    return Task("path timing", robot, via, path)
+
+
+KINDS: tuple[Callable[[np.random.Generator], Task], ...] = (
+    packaged,
+    chain,
+    tight,
+    timing,
+    many,
+    packaged,
+    chain,
+    small,
+    tight,
+    timing,
+)
+
+
+def task_of(seed: int) -> Task:
+    """The task of a seed."""
+    return KINDS[seed % len(KINDS)](np.random.default_rng([seed, 20261121]))
+
+
+def random_chain(random: np.random.Generator, count: int, mass: float = 2.0) -> mo.Robot:
+    """Links that become lighter outward, of lengths alike."""
+    length = 10.0 ** random.uniform(-2, 1) if mass != 2.0 else 0.5
+    prismatic = (random.random(count) < 0.2) & (mass != 2.0)
+    links = []
+    for joint in range(count):
+        own = mass * 0.7**joint * random.uniform(0.5, 1.5)
+        inertia = own * length**2 * np.diag(random.uniform(0.05, 0.09, 3))
+        center = length * random.uniform(-0.5, 0.5, 3)
+        links.append(mo.Link(own, center, inertia))
+    return mo.Robot.from_dh(
+        alpha=random.choice([0.0, np.pi / 2, -np.pi / 2], count),
+        a=length * random.uniform(0.0, 1.0, count),
+        d=length * random.uniform(-0.3, 0.3, count),
+        joint_type=["prismatic" if p else "revolute" for p in prismatic],
+        links=links,
+        gravity=(0.0, -9.81, 0.0),
+        limits=mo.Limits(
+            q_min=np.where(prismatic, -length, -6.0), q_max=np.where(prismatic, length, 6.0)
+        ),
+        name=f"chain of {count}",
+    )
+
+
+def gravity_sizes(random: np.random.Generator, robot: mo.Robot) -> FloatArray:
+    """Largest torque [n] against gravity; of joints that carry none a third of the largest."""
+    q = random.uniform(*reach(robot), (500, robot.joint_count))
+    found = np.abs(np.array(mo.gravity_torque(robot).map(len(q))(q.T))).max(axis=1)
+    return np.maximum(found, 0.3 * found.max() + 1e-9)
+
+
+def reach(robot: mo.Robot) -> tuple[FloatArray, FloatArray]:
+    """Where via points may lie [n]."""
+    return np.maximum(robot.limits.q_min, -REACH), np.minimum(robot.limits.q_max, REACH)
+
+
+def via_points(
+    random: np.random.Generator, robot: mo.Robot, count: int, *, everywhere: bool = False
+) -> FloatArray:
+    """Random poses [m,n]; the arm can rest at both ends, or ``everywhere``."""
+    torque = mo.gravity_torque(robot)
+    via = random.uniform(*reach(robot), (count, robot.joint_count))
+    for k in range(count) if everywhere else (0, count - 1):
+        for _ in range(2000):
+            if (np.abs(np.array(torque(via[k])).ravel()) <= 0.98 * robot.limits.tau_max).all():
+                break
+            via[k] = random.uniform(*reach(robot))
+    return via
+
+
+def solve(task: Task, progress: Callable[[Any], None] | None = None) -> dict[str, Any]:
+    """What becomes of a task, as plain values."""
+    begin = time.process_time()
+    try:
+        if task.path is None:
+            motion = mo.time_optimal(task.robot, task.via, progress=progress)
+        else:
+            motion = mo.time_optimal_path(task.robot, task.path, progress=progress)
+        spent = time.process_time() - begin
+        certificate = mo.certify(task.robot, motion, via_q=task.via if task.path is None else None)
+    except mo.InputError as problem:
+        return {"status": f"refused: {problem}", "time": time.process_time() - begin}
+    return {
+        "status": motion.provenance["status"],
+        "advice": motion.provenance["advice"],
+        "solved": bool(motion.solved),
+        "certified": bool(certificate.ok),
+        "verdict": certificate.verdict,
+        "duration": motion.duration,
+        "excess": certificate.worst_violation,
+        "time": spent,
+        "certificate_time": certificate.wall_time,
+    }
+
+
+def best_known(task: Task) -> float:
+    """A duration in s that somebody else reaches; infinite where nobody does."""
+    known = [np.inf]
+    if task.path is not None:
+        from external.toppra_timing import graded_grid, toppra_duration
+
+        grid = graded_grid(task.path, 2000)
+        for duration in (
+            lambda: toppra_duration(task.robot, task.path, grid),
+            lambda: mo.time_path(task.robot, task.path, grid=4000).duration,
+        ):
+            try:
+                known.append(float(np.nan_to_num(duration(), nan=np.inf)))
+            except (RuntimeError, ValueError):
+                continue
+        return min(known)
+    shape = mo.cubic(task.via, np.arange(float(len(task.via))))
+    for duration in (
+        lambda: mo.time_path(task.robot, mo.straight_path(task.via)).duration,
+        lambda: mo.shortest_duration(task.robot, shape).duration,
+    ):
+        try:
+            known.append(float(np.nan_to_num(duration(), nan=np.inf)))
+        except mo.InputError:
+            continue
+    return min(known)
+
+
+def judged(task: Task, found: dict[str, Any]) -> str:
+    """In one word: "certified", "failed" or, where nobody is known to do better, "open"."""
+    done = found.get("solved") and found.get("certified")
+    known = found["best_known"]
+    if not done:
+        return "failed" if np.isfinite(known) else "open"
+    slower = found["duration"] / known - 1.0
+    if task.path is not None and slower > TIMING:
+        return "failed"
+    return "certified" if slower <= 0.01 else "failed"
+
+
+def table(results: Sequence[dict[str, Any]]) -> str:
+    """What became of the tasks, by kind, as Markdown."""
+    lines = [
+        "| kind | tasks | certified | failed, though known to be possible | open | ended at the "
+        "limit of time | median time, s | longest, s |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    kinds = list(dict.fromkeys(r["kind"] for r in results))
+    for kind in [*kinds, "all"]:
+        own = [r for r in results if kind in (r["kind"], "all")]
+        counts = [
+            sum(r["verdict_word"] == word for r in own)
+            for word in ("certified", "failed", "open", "hung")
+        ]
+        times = [r["time"] for r in own]
+        row = [kind, len(own), *counts, f"{np.median(times):.2f}", f"{max(times):.1f}"]
+        lines.append("| " + " | ".join(str(cell) for cell in row) + " |")
+    return "\n".join(lines)
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Run tasks and print the table."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks torture",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--count", type=int, default=COUNT, help="tasks")
+    parser.add_argument("--first", type=int, default=0, help="first seed")
+    parser.add_argument("--limit", type=int, default=LIMIT, help="processor time of a task, s")
+    parser.add_argument("--out", type=Path, default=Path("out/torture.jsonl"))
+    parser.add_argument("--task", type=int, help="one seed only, here, telling how it goes")
+    parser.add_argument("--child", action="store_true", help=argparse.SUPPRESS)
+    options = parser.parse_args(arguments)
+    if options.task is not None:
+        _one(options.task, options.limit, quiet=options.child)
+        return
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    results = []
+    with options.out.open("a", encoding="utf-8") as file:
+        for seed in range(options.first, options.first + options.count):
+            found = _in_a_process(seed, options.limit)
+            results.append(found)
+            file.write(json.dumps(found) + "\n")
+            file.flush()
+            if found["verdict_word"] != "certified":
+                told = {k: found.get(k) for k in ("seed", "task", "verdict_word", "status")}
+                print(json.dumps(told), flush=True)
+    print(table(results))
+
+
+def _one(seed: int, limit: int, *, quiet: bool) -> None:
+    task = task_of(seed)
+    if not quiet:
+        print(seed, task)
+    else:
+        resource.setrlimit(resource.RLIMIT_CPU, (limit, limit + 5))
+    found = solve(task, None if quiet else lambda said: print(said) if _text(said) else None)
+    found |= {"seed": seed, "kind": task.kind, "task": str(task), "best_known": best_known(task)}
+    print(json.dumps(found | {"verdict_word": judged(task, found)}))
+
+
+def _text(said: Any) -> bool:
+    return isinstance(said, str)
+
+
+def _in_a_process(seed: int, limit: int) -> dict[str, Any]:
+    command = [sys.executable, "-m", "benchmarks", "torture", "--child", "--task", str(seed)]
+    command += ["--limit", str(limit)]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=10 * limit)
+        lines, code = done.stdout.splitlines(), done.returncode
+        error = done.stderr.strip().splitlines()[-1:]
+    except subprocess.TimeoutExpired:
+        lines, code, error = [], 0, ["no answer"]
+    if lines and lines[-1].startswith("{"):
+        return json.loads(lines[-1])
+    task = task_of(seed)
+    said = {"seed": seed, "kind": task.kind, "task": str(task), "time": float(limit)}
+    word = "hung" if code <= 0 else "failed"
+    return said | {"status": f"ended: {code} {error}", "verdict_word": word}
