@@ -299,7 +299,7 @@ def _compiled(
                 except BaseException:
                     for job in jobs:
                         job.cancel()
-                    _end_compilers()
+                    abandon()
                     raise
             made = {f.name(): p for g, p in zip(groups, libraries, strict=True) for f in g}
             for name, path in made.items():
@@ -423,6 +423,7 @@ def _end(process: subprocess.Popen[bytes]) -> None:
             process.kill()
 
 
-def _end_compilers() -> None:
+def abandon() -> None:
+    """End every compiler: the process is about to end."""
     for process in list(_running):
         _end(process)

@@ -119,6 +119,12 @@ def remove_leftovers(folder: Path) -> None:
                 _remove(Path(entry.path))
 
 
+def abandon() -> None:
+    """Remove every temporary file: the process is about to end."""
+    for path in list(_open):
+        _remove(Path(path))
+
+
 def sync(path: Path) -> None:
     """Force a file, or the names in a folder, to the disk."""
     if path.is_dir():

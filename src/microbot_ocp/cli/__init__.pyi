@@ -1,8 +1,10 @@
 """Public names; loaded when they are first asked for."""
 
 from ._app import (
-    entry as entry,
     main as main,
+)
+from ._entry import (
+    entry as entry,
 )
 from ._poses import (
     fixed_angles as fixed_angles,

@@ -1,11 +1,13 @@
 """The program: its commands in order, and how an ending becomes an exit code.
 
-0 is success, 1 a task without a solution, 2 bad input (one line on standard error), 130 Ctrl-C.
+0 is success, 1 a task without a solution, 2 bad input (one line on standard error), 70 a fault of
+this program, 128 and its number a signal (130 Ctrl-C).
 """
 
 from __future__ import annotations
 
 import contextlib
+import os
 import signal
 import sys
 import warnings
@@ -14,12 +16,13 @@ from typing import Annotated
 
 import typer
 
-from microbot_ocp._base.checks import InputError
+from microbot_ocp._base.checks import InputError, shortened
 from microbot_ocp.cli import _interrupt as interrupt
 from microbot_ocp.cli._commands import PROGRAM, SETTINGS, Commands, example
 
 BAD_INPUT = 2
-INTERRUPTED = 130
+FAULT = 70
+TRACEBACK = "MICROBOT_OCP_TRACEBACK"  # environment variable that asks for Python's own report
 
 app = typer.Typer(
     cls=Commands,
@@ -80,26 +83,42 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except typer.TyperException as problem:
         return _refuse(_lowered(problem.format_message()))
     except KeyboardInterrupt:
-        return INTERRUPTED
+        return interrupt.exit_code()
     except OSError as problem:
         where = f"{problem.filename}: " if problem.filename is not None else ""
         return _refuse(f"{where}{_lowered(problem.strerror or str(problem))}")
-    except Exception:
+    except Exception as problem:
         if interrupt.pressed():  # CasADi turned it into another error
-            return INTERRUPTED
-        raise
+            return interrupt.exit_code()
+        return _fault(problem)
     except SystemExit as ending:  # raised by the completion scripts
         return ending.code if isinstance(ending.code, int) else 0
-    return int(code or 0)
+    return interrupt.exit_code() if interrupt.pressed() else int(code or 0)
 
 
-def entry() -> int:
-    """Entry point of the program; it exits silently when the reader of its output goes away."""
-    interrupt.watch()
+def run() -> int:
+    """The program as :func:`~microbot_ocp.cli.entry` runs it."""
     warnings.showwarning = _tell
     if hasattr(signal, "SIGPIPE"):
         signal.signal(signal.SIGPIPE, signal.SIG_DFL)
+    if hasattr(signal, "SIGXFSZ"):
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)  # a file too large is an error like others
     return main()
+
+
+def _fault(problem: Exception) -> int:
+    """One line on an error that nobody foresaw."""
+    if os.environ.get(TRACEBACK):
+        raise problem
+    what = f"{type(problem).__name__}: {problem}" if str(problem) else type(problem).__name__
+    if isinstance(problem, MemoryError | RecursionError):
+        return _refuse(f"the task is too large: {what}")
+    print(
+        f"error: a fault of this program, please report it: {shortened(what, 200)} "
+        f"({TRACEBACK}=1 shows where)",
+        file=sys.stderr,
+    )
+    return FAULT
 
 
 def _tell(message: Warning | str, *_: object, **__: object) -> None:
@@ -108,7 +127,7 @@ def _tell(message: Warning | str, *_: object, **__: object) -> None:
 
 
 def _refuse(sentence: str) -> int:
-    print(f"error: {' '.join(sentence.split())}", file=sys.stderr)
+    print(f"error: {shortened(sentence, 290)}", file=sys.stderr)
     return BAD_INPUT
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import subprocess
 import sys
 import tempfile
 from collections.abc import Callable
@@ -24,7 +23,7 @@ def check_recording(rerun: Path | None, open_viewer: bool) -> None:
 
 def open_recording(save: Save, rerun: Path | None) -> None:
     """Show the recording that was written, or a temporary one, until the viewer is closed."""
-    from microbot_ocp.views.live import LOOPBACK
+    from microbot_ocp.views.live import LOOPBACK, wait_for_viewer
 
     with tempfile.TemporaryDirectory(prefix="microbot_ocp_") as folder:
         path = rerun
@@ -33,10 +32,9 @@ def open_recording(save: Save, rerun: Path | None) -> None:
             save(path)
         # a new viewer each time: one that is open already may listen on every interface
         command = [check_viewer("--open"), "--bind", LOOPBACK, "--new", str(path)]
-        quiet = {"RUST_LOG": "error", **os.environ}
-        done = subprocess.run(command, check=False, stdout=sys.stderr, env=quiet)
-    if done.returncode:
-        raise InputError(f"the Rerun viewer ended with status {done.returncode}")
+        status = wait_for_viewer(command)
+    if status:
+        raise InputError(f"the Rerun viewer ended with status {status}")
 
 
 def has_display() -> bool:

@@ -22,4 +22,5 @@ from ._terminal import (
 from ._viewer import (
     LOOPBACK as LOOPBACK,
     find_viewer as find_viewer,
+    wait_for_viewer as wait_for_viewer,
 )

@@ -18,6 +18,7 @@ from microbot_ocp.views.live._viewer import (
     LOOPBACK,
     end_viewer,
     free_port,
+    keep_open,
     listens,
     start_viewer,
 )
@@ -63,7 +64,7 @@ def spawned(every: int = 1) -> Iterator[IterationRecorder]:
     The viewer stays open; it needs a screen. ``every`` is that of :func:`connected`.
     """
     port = free_port()
-    start_viewer("--new", "--expect-data-soon", "--hide-welcome-screen", ports=(port,))
+    keep_open(start_viewer("--new", "--expect-data-soon", "--hide-welcome-screen", ports=(port,)))
     with connected(f"{LOOPBACK}:{port}", every) as recorder:
         yield recorder
 

@@ -16,7 +16,17 @@ from microbot_ocp._base.checks import InputError
 
 LOOPBACK = "127.0.0.1"
 START_TIMEOUT = 20.0  # s
-END_TIMEOUT = 5.0  # s
+END_TIMEOUT = 0.4  # s, then the viewer is killed; the process itself has to end within 1 s
+_started: set[subprocess.Popen[bytes]] = set()
+
+
+def viewer_environment() -> dict[str, str]:
+    """Environment of a viewer: it reports its use to nobody.
+
+    Rerun sends nothing where ``CI`` is set, unless ``FORCE_RERUN_ANALYTICS`` is.
+    """
+    kept = {key: value for key, value in os.environ.items() if key != "FORCE_RERUN_ANALYTICS"}
+    return {"RUST_LOG": "error", **kept, "CI": "1"}
 
 
 def find_viewer() -> str | None:
@@ -40,18 +50,37 @@ def start_viewer(*options: str, ports: tuple[int, ...]) -> subprocess.Popen[byte
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
-        env={"RUST_LOG": "error", **os.environ},
+        env=viewer_environment(),
         start_new_session=True,  # Ctrl-C is for the solve; and a group can be ended as a whole
     )
+    _started.add(process)
+    try:
+        _wait_for(process, ports)
+    except BaseException:
+        end_viewer(process)
+        raise
+    return process
+
+
+def _wait_for(process: subprocess.Popen[bytes], ports: tuple[int, ...]) -> None:
     deadline = time.monotonic() + START_TIMEOUT
     while not all(listens(LOOPBACK, port) for port in ports):
         if process.poll() is not None:
             raise InputError(f"the Rerun viewer ended at once with status {process.returncode}")
         if time.monotonic() > deadline:
-            end_viewer(process)
             raise InputError(f"the Rerun viewer did not listen within {START_TIMEOUT:g} s")
         time.sleep(0.05)
-    return process
+
+
+def wait_for_viewer(command: list[str]) -> int:
+    """Run a viewer until it is closed; return its status. Its output goes to standard error."""
+    environment = viewer_environment()
+    process = subprocess.Popen(command, stdout=sys.stderr, env=environment, start_new_session=True)
+    _started.add(process)
+    try:
+        return process.wait()
+    finally:
+        end_viewer(process)
 
 
 def end_viewer(process: subprocess.Popen[bytes]) -> None:
@@ -65,6 +94,19 @@ def end_viewer(process: subprocess.Popen[bytes]) -> None:
             time.sleep(0.02)
         os.killpg(process.pid, signal.SIGKILL)
     process.wait()
+    _started.discard(process)
+
+
+def keep_open(process: subprocess.Popen[bytes]) -> None:
+    """Let a viewer outlive this process."""
+    _started.discard(process)
+
+
+def abandon() -> None:
+    """Kill every viewer that is not to stay open: the process is about to end."""
+    for process in list(_started):
+        with suppress(OSError):
+            os.killpg(process.pid, signal.SIGKILL)
 
 
 def listens(host: str, port: int) -> bool:
