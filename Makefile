@@ -54,7 +54,7 @@ demo: $(VENV)/.ready
 	@echo; echo "Outputs in $(OUT):"
 	@find $(OUT) -type f | sort | sed 's/^/  /'
 	@echo "Pictures and tables open in any viewer; a recording (.rrd) opens with:"
-	@find $(OUT) -name '*.rrd' | sort | sed 's|^|  $(BIN)/rerun |'
+	@find $(OUT) -name '*.rrd' | sort | sed 's|.*|  $(BIN)/microbot-ocp replay & --open|'
 
 test-environment: $(VENV)/.ready-test
 	@:

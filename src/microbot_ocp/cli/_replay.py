@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 import microbot_ocp as mo
-from microbot_ocp._base.checks import InputError
+from microbot_ocp._base.checks import InputError, shortened
 from microbot_ocp.cli._options import Json, Open, Recording, option, robot_names
 from microbot_ocp.cli._output import Written, answer
 from microbot_ocp.cli._recordings import Save, check_recording, open_recording
@@ -26,7 +26,8 @@ def replay(
     file: Annotated[
         Path,
         typer.Argument(
-            metavar="FILE", help="Motion (.npz), or the folder that a comparison was saved in."
+            metavar="FILE",
+            help="Motion (.npz), recording (.rrd), or the folder that a comparison was saved in.",
         ),
     ],
     robot_name: Annotated[
@@ -50,7 +51,11 @@ def replay(
     if rerun is None and not open_viewer:
         raise InputError("give --rerun FILE.rrd to write the recording, or --open to see it")
     if file.suffix == ".rrd":
-        raise InputError(f"{file} is a recording already: open it with rerun {file}")
+        if rerun is not None or not file.is_file():
+            raise InputError(f"{shortened(str(file), 150)} must be a recording that --open shows")
+        code = answer(as_json, {"recording": str(file)}, lambda console: None)
+        open_recording(lambda path: path, file)
+        return code
     source = file.parent if file.name == "comparison.json" else file
     if source.is_dir():
         comparison = mo.load_comparison(source, robot_name)

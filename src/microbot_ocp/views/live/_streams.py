@@ -45,7 +45,10 @@ def connected(address: str, every: int = 1) -> Iterator[IterationRecorder]:
     """
     host, port = parse_address(address)
     if not listens(host, port):
-        raise InputError(f"no viewer listens at {host}:{port}: start one with rerun --bind {host}")
+        raise InputError(
+            f"no viewer listens at {host}:{port}: start one with "
+            f"CI=1 rerun --bind {host} (CI=1: it reports its use to nobody)"
+        )
     stream = rr.RecordingStream(APPLICATION)
     stream.connect_grpc(_url(host, port))
     recorder = IterationRecorder(Writer(stream), every)

@@ -25,7 +25,7 @@ from microbot_ocp.robot import Robot
 ASSET = "RERUN_NOTEBOOK_ASSET"
 MISSING = (
     "The embedded viewer needs the extra 'notebook': pip install 'microbot_ocp[notebook]'. "
-    "A recording in a file (to_rerun) opens without it: rerun FILE.rrd"
+    "A recording in a file (to_rerun) opens without it: microbot-ocp replay FILE.rrd --open"
 )
 
 
