@@ -76,6 +76,7 @@ from .robot import (
     Link as Link,
     Robot as Robot,
     RobotFileWarning as RobotFileWarning,
+    Rotor as Rotor,
     Shape as Shape,
     bias_torque as bias_torque,
     coriolis_matrix as coriolis_matrix,

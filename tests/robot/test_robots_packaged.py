@@ -134,6 +134,7 @@ def test_every_figure_has_a_source(name: str) -> None:
         "center_of_mass": ("center_of_mass",),
         "inertia": ("inertia",),
         "armature": ("armature",),
+        "rotor": ("rotor",),
         "friction": ("viscous_friction", "coulomb_friction"),
         "viscous_friction": ("viscous_friction",),
         "coulomb_friction": ("coulomb_friction",),
@@ -170,6 +171,7 @@ def test_kinds_of_packaged_robots() -> None:
         for name in mo.packaged_robots()
     }
     assert kinds == {
+        "manutec_r3": "rrr",
         "microbot": "rrr",
         "panda": "rrrrrrr",
         "planar_2r": "rr",

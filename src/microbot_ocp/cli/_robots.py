@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import asdict
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -252,6 +253,8 @@ def _joint_document(robot: Robot, joint: int) -> dict[str, Any]:
         keys = ("mass", "center_of_mass", "inertia", "armature")
         keys += ("viscous_friction", "coulomb_friction")
         document["link"] = {key: getattr(link, key) for key in keys}
+        if link.rotor is not None:
+            document["link"]["rotor"] = asdict(link.rotor)
     return document
 
 
@@ -326,7 +329,9 @@ def _link_row(robot: Robot, joint: int) -> list[str]:
 
 def _drive(robot: Robot, joint: int) -> tuple[float, float, float]:
     link = robot.links[joint]
-    return link.armature, link.viscous_friction, link.coulomb_friction
+    rotor = link.rotor
+    reflected = rotor.inertia * rotor.gear_ratio**2 if rotor else 0.0
+    return link.armature + reflected, link.viscous_friction, link.coulomb_friction
 
 
 def _shown_unit(robot: Robot, quantity: str, joint: int) -> str:

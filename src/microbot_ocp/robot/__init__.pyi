@@ -27,6 +27,7 @@ from ._kinematics import (
 )
 from ._links import (
     Link as Link,
+    Rotor as Rotor,
 )
 from ._model import (
     JointLimits as JointLimits,

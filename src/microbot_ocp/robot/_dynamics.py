@@ -6,8 +6,10 @@ Sources: Craig, *Introduction to Robotics*, 3rd ed., section 6.5 (recursive Newt
 frames; the moment balance is ``n_i = N_i + R n_{i+1} + Pc_i x F_i + P_{i+1} x (R f_{i+1})``);
 Featherstone, *Rigid Body Dynamics Algorithms*, chapter 6 (composite rigid bodies).
 Joint friction is ``viscous qd + coulomb tanh(qd / 0.01)``: the sign of the speed, smoothed so that
-its derivatives exist, is within 1 % of its full size beyond 0.027 rad/s (m/s). Rotor inertia adds
-to the diagonal of M.
+its derivatives exist, is within 1 % of its full size beyond 0.027 rad/s (m/s). Armature adds to the
+diagonal of M. A rotor of inertia J that spins G times as fast as joint j about the axis a of a link
+with angular velocity omega has the angular momentum ``J G qd_j a`` more than at rest; its rate of
+change is a moment on the link, and ``J G (a . omega_dot + G qdd_j)`` is the torque at the joint.
 """
 
 from __future__ import annotations
@@ -56,7 +58,7 @@ def _newton_euler(
     upward = base_transform(robot)[0].T @ ca.SX(ca.DM(-robot.gravity))
     acceleration = ca.sparsify(upward) if gravity else ca.SX(3, 1)
     omega, omega_dot = ca.SX(3, 1), ca.SX(3, 1)
-    turns, steps, forces, moments = [], [], [], []
+    turns, steps, forces, moments, spins = [], [], [], [], [(omega, omega_dot)]
     for joint, link in enumerate(robot.links):
         turn, step = joint_transform(robot, joint, q[joint])
         acceleration = turn.T @ (
@@ -79,7 +81,16 @@ def _newton_euler(
         steps.append(step)
         forces.append(force)
         moments.append(moment)
-    torque: list[ca.SX] = [ca.SX(0)] * count
+        spins.append((omega, omega_dot))
+    torque: list[ca.SX] = [link.armature * qdd[joint] for joint, link in enumerate(robot.links)]
+    for joint, rotor, carrier in robot.rotors:
+        omega, omega_dot = spins[carrier]
+        axis = ca.sparsify(ca.SX(ca.DM(rotor.axis)))
+        spin = rotor.inertia * rotor.gear_ratio
+        torque[joint] += spin * (ca.dot(axis, omega_dot) + rotor.gear_ratio * qdd[joint])
+        if carrier:
+            change = qdd[joint] * axis + qd[joint] * _cross(omega, axis)
+            moments[carrier - 1] = moments[carrier - 1] + spin * change
     force, moment = ca.SX(3, 1), ca.SX(3, 1)
     for joint in reversed(range(count)):
         if joint + 1 < count:
@@ -89,7 +100,7 @@ def _newton_euler(
         force = forces[joint] + force
         moment = moments[joint] + moment
         along = moment if robot.joint_types[joint] == "revolute" else force
-        torque[joint] = ca.densify(along)[2] + robot.links[joint].armature * qdd[joint]
+        torque[joint] += ca.densify(along)[2]
     total = ca.vertcat(*torque)
     return total + friction_torque(robot, qd) if friction else total
 
@@ -126,6 +137,16 @@ def _mass_matrix(robot: Robot, q: ca.SX) -> ca.SX:
         second = turn @ second @ turn.T
         second = second + _shift(turned, step) + mass * _parallel_axis(step)
         first = turned + mass * step
+    for joint, rotor, carrier in robot.rotors:
+        spin = rotor.inertia * rotor.gear_ratio
+        matrix[joint, joint] += spin * rotor.gear_ratio
+        axis = ca.sparsify(ca.SX(ca.DM(rotor.axis)))
+        for outer in range(carrier - 1, -1, -1):
+            if robot.joint_types[outer] == "revolute":
+                coupling = spin * ca.densify(axis)[2]
+                matrix[outer, joint] += coupling
+                matrix[joint, outer] += coupling
+            axis = transforms[outer][0] @ axis
     return matrix
 
 

@@ -20,6 +20,71 @@ def _point_mass() -> FloatArray:
     return np.zeros((3, 3))
 
 
+def _along_joint() -> FloatArray:
+    return np.array([0.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True, eq=False)
+class Rotor:
+    """The rotor of a geared drive, which spins on the link that carries it.
+
+    It turns ``gear_ratio`` times as fast as its joint, relative to its carrier: its kinetic energy
+    is ``inertia / 2 (axis . omega + gear_ratio qd)^2`` with the angular velocity ``omega`` of the
+    carrier. So it adds ``inertia gear_ratio^2`` to the joint's own inertia, as ``armature`` does,
+    and couples the joint with those that turn the carrier.
+
+    Parameters
+    ----------
+    inertia : float
+        About its axis, kg m^2. Its mass and its inertia at rest are part of the carrier's.
+    gear_ratio : float
+        Turns of the rotor a turn of the joint (rad/m for a prismatic joint); negative where it
+        spins the other way about its axis.
+    axis : array_like [3], optional
+        Its axis in the carrier's link frame (default: Z).
+    carrier : int, optional
+        The link that carries it: 0 is the base, 1 the first link. Default the link before its
+        joint.
+
+    Raises
+    ------
+    InputError
+        A negative inertia, a ratio of zero, an axis without direction, a carrier below zero.
+
+    Examples
+    --------
+    >>> Rotor(1.3e-3, 60.0, axis=[0.0, 0.0, 2.0], carrier=2).axis.tolist()
+    [0.0, 0.0, 1.0]
+    """
+
+    inertia: float
+    gear_ratio: float
+    axis: FloatArray = field(default_factory=_along_joint)
+    carrier: int | None = None
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        inertia = checks.number("inertia of the rotor", self.inertia, "kg m^2", at_least=0.0)
+        ratio = checks.number("gear_ratio of the rotor", self.gear_ratio)
+        if ratio == 0.0:
+            raise InputError("gear_ratio of the rotor must not be 0")
+        axis = checks.array("axis of the rotor", self.axis, (3,))
+        length = float(np.linalg.norm(axis))
+        if length == 0.0:
+            raise InputError("axis of the rotor must have a direction, not [0, 0, 0]")
+        carrier = self.carrier
+        if carrier is not None and (
+            isinstance(carrier, bool) or not isinstance(carrier, int) or carrier < 0
+        ):
+            raise InputError(
+                f"carrier of the rotor must be the number of a link, 0 for the base, not "
+                f"{carrier!r}"
+            )
+        put(self, "inertia", inertia)
+        put(self, "gear_ratio", ratio)
+        put(self, "axis", axis if length == 1.0 else axis / length)
+
+
 @dataclass(frozen=True, eq=False)
 class Link:
     """One rigid link with what its joint carries.
@@ -34,6 +99,9 @@ class Link:
         Inertia tensor about the centre of mass in the link frame, kg m^2 (default: a point mass).
     armature : float
         Rotor inertia as seen at the joint, kg m^2 (kg for a prismatic joint).
+    rotor : Rotor, optional
+        The rotor that drives the joint, where it is to be told from an ``armature``: on a moving
+        link it couples the joints.
     viscous_friction : float
         Joint friction proportional to speed, N m s/rad (N s/m).
     coulomb_friction : float
@@ -59,6 +127,7 @@ class Link:
     coulomb_friction: float = 0.0
     name: str | None = None
     allow_unphysical: bool = False
+    rotor: Rotor | None = None
 
     def __post_init__(self) -> None:
         label = f"link {self.name!r}" if self.name else "link"
@@ -76,6 +145,8 @@ class Link:
             raise InputError(
                 f"allow_unphysical of {label} must be True or False, not {self.allow_unphysical!r}"
             )
+        if self.rotor is not None and not isinstance(self.rotor, Rotor):
+            raise InputError(f"rotor of {label} must be a Rotor, not {self.rotor!r}")
         fault = None if self.allow_unphysical else inertia_fault(inertia)
         if fault:
             raise InputError(f"inertia of {label} {fault}")

@@ -24,7 +24,7 @@ from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.showing import view_for
 from microbot_ocp.limits import JOINT_QUANTITIES, JointLimits, LimitChanges, Limits
-from microbot_ocp.robot._links import Link
+from microbot_ocp.robot._links import Link, Rotor
 from microbot_ocp.robot._shapes import Shape
 
 if TYPE_CHECKING:
@@ -211,6 +211,15 @@ class Robot:
         """Whether the links carry masses."""
         return bool(self.links)
 
+    @property
+    def rotors(self) -> tuple[tuple[int, Rotor, int], ...]:
+        """Joint index, from 0, rotor and number of the link that carries it, 0 for the base."""
+        return tuple(
+            (joint, link.rotor, joint if link.rotor.carrier is None else link.rotor.carrier)
+            for joint, link in enumerate(self.links)
+            if link.rotor is not None
+        )
+
     def unit(self, quantity: str, joint: int) -> str:
         """Unit of a quantity of the joints, such as ``"tau"``, at joint index ``joint``, from 0."""
         return getattr(JOINT_QUANTITIES[quantity], self.joint_types[joint])
@@ -327,6 +336,8 @@ class Robot:
                 link.coulomb_friction,
             ]
             arrays += [np.array(scalars), link.center_of_mass, link.inertia]
+        for joint, rotor, carrier in self.rotors:
+            arrays += [np.array([joint, rotor.inertia, rotor.gear_ratio, carrier]), rotor.axis]
         if not np.array_equal(self.base, np.eye(4)):
             arrays.append(self.base)
         if self.beta.any():
@@ -358,6 +369,11 @@ def _chain(links: Any, count: int) -> tuple[Link, ...]:
     for entry in chain:
         if not isinstance(entry, Link):
             raise InputError(f"links must hold Link objects, not {entry!r}")
+        carrier = entry.rotor.carrier if entry.rotor else None
+        if carrier is not None and carrier > count:
+            raise InputError(
+                f"carrier of the rotor must be a link from 0 (the base) to {count}, not {carrier}"
+            )
     return chain
 
 

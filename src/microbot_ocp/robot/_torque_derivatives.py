@@ -213,7 +213,7 @@ def torque_derivatives(
         values, Jacobian`` and ``second_derivatives(a..., weights) -> gradient, Hessian`` of the sum
         of all values, each times its weight.
     """
-    if robot.joint_count < FROM_JOINTS:
+    if robot.joint_count < FROM_JOINTS or robot.rotors:
         return None
     return _derivatives(robot, rates, payload)
 

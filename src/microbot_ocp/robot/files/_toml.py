@@ -2,7 +2,8 @@
 
 Angles are in radians, or in degrees where the key ends in ``_deg``. Keys of a joint: ``name``,
 ``type``, ``alpha``, ``a``, ``d``, ``theta_offset``, ``beta``; ``mass``, ``center_of_mass``,
-``inertia``, ``armature``, ``viscous_friction``, ``coulomb_friction``, ``allow_unphysical``;
+``inertia``, ``armature``, ``viscous_friction``, ``coulomb_friction``, ``allow_unphysical``; a table
+``rotor`` with ``inertia``, ``gear_ratio``, ``axis``, ``carrier``;
 ``q_min``, ``q_max``, ``qd_max``, ``qdd_max``, ``qddd_max``, ``tau_max``, ``taud_max``. ``qd_max``
 and the like may be ``[lower, upper]``. The table ``[limits]`` holds further limits, such as
 ``tool_speed_max``. The tables ``[tool]`` and ``[base]`` hold a DH row or a ``matrix``; each
@@ -25,7 +26,7 @@ from microbot_ocp._base import checks
 from microbot_ocp._base.checks import InputError
 from microbot_ocp._base.writing import write_whole
 from microbot_ocp.limits import JOINT_QUANTITIES, Limit, Limits
-from microbot_ocp.robot._links import Link
+from microbot_ocp.robot._links import Link, Rotor
 from microbot_ocp.robot._model import Robot, dh_transform
 from microbot_ocp.robot._shapes import Shape
 
@@ -41,10 +42,11 @@ ANGLES = (
     "qddd_max",
 )
 GEOMETRY = ("alpha", "a", "d", "theta_offset")
-INERTIAL = ("mass", "center_of_mass", "inertia", "armature", "allow_unphysical")
+INERTIAL = ("mass", "center_of_mass", "inertia", "armature", "allow_unphysical", "rotor")
 FRICTION = ("viscous_friction", "coulomb_friction")
 BOUNDS = ("q_min", *(f"{key}_max" for key in JOINT_QUANTITIES))
 JOINT_KEYS = ("name", "type", *GEOMETRY, "beta", *INERTIAL, *FRICTION, *BOUNDS)
+ROTOR_KEYS = tuple(f.name for f in fields(Rotor))
 SHAPE_KEYS = tuple(f.name for f in fields(Shape))
 ROBOT_KEYS = (
     "name",
@@ -147,9 +149,22 @@ def _link(row: dict[str, Any], origin: str) -> Link | None:
         )
     given.setdefault("center_of_mass", (0.0, 0.0, 0.0))
     try:
+        if "rotor" in given:
+            given["rotor"] = _rotor(given["rotor"], f"rotor of joint {row['name']!r}")
         return Link(**given, name=row["name"])
     except InputError as problem:
         raise InputError(f"{origin}: {problem}") from None
+
+
+def _rotor(table: Any, label: str) -> Rotor:
+    if not isinstance(table, dict):
+        raise InputError(f"{label} must be a table")
+    for key in table:
+        checks.one_of(f"key of {label}", key, ROTOR_KEYS)
+    for key in ROTOR_KEYS[:2]:
+        if key not in table:
+            raise InputError(f"{key} of {label} is missing")
+    return Rotor(**table)
 
 
 def _limits(rows: list[dict[str, Any]], also: tuple[Limit, ...]) -> Limits:
@@ -291,7 +306,13 @@ def _link_lines(link: Link) -> list[str]:
     lines.append(f"inertia = {link.inertia.tolist()}")
     if link.allow_unphysical:
         lines.append("allow_unphysical = true")
-    return lines + [f"{key} = {getattr(link, key)!r}" for key in ("armature", *FRICTION)]
+    lines += [f"{key} = {getattr(link, key)!r}" for key in ("armature", *FRICTION)]
+    if link.rotor is not None:
+        values = {key: getattr(link.rotor, key) for key in ROTOR_KEYS}
+        values["axis"] = link.rotor.axis.tolist()
+        known = (f"{key} = {value!r}" for key, value in values.items() if value is not None)
+        lines.append(f"rotor = {{ {', '.join(known)} }}")
+    return lines
 
 
 def _shape_lines(shape: Shape) -> list[str]:

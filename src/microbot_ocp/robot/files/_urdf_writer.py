@@ -33,13 +33,19 @@ def write_urdf(robot: Robot, path: str | Path) -> None:
     Raises
     ------
     InputError
-        Another ending, or a file that cannot be written.
+        Another ending, a file that cannot be written, or a robot with rotors on its links, for
+        which URDF has no place.
     """
     save_text(robot_to_urdf(robot), path, ".urdf")
 
 
 def robot_to_urdf(robot: Robot) -> str:
     """Text of the URDF file of a robot."""
+    if robot.rotors:
+        raise InputError(
+            f"robot {robot.name!r} has rotors, for which URDF has no place: write TOML, or put "
+            "inertia times gear_ratio squared into armature"
+        )
     root = ElementTree.Element("robot", name=robot.name)
     about = {"gravity": _vector(robot.gravity)}
     if robot.description:
