@@ -32,11 +32,11 @@ def _complementarity_guess() -> dict[str, Guess]:
 def kinetic_batch_reactor() -> OptimalControlProblem:
     """A stiff batch reactor as a differential-algebraic system in three phases.
 
-    The amount of catalyst, the final time and a clock are states; the acid's concentration starts
-    from the catalyst's.
+    The acid's concentration starts from the catalyst's; a clock is a state.
     """
     problem = OptimalControlProblem("kinetic batch reactor")
-    phases = []
+    p = problem.free_parameter("p", lower=0.0, upper=0.0262)
+    phases, middle = [], ca.MX(0)
     for k, duration in enumerate((0.01, (0.01, 2.5), (0.5, 8.0))):
         phase = problem.phase(f"stage {k + 1}", duration)
         starts = (1.5776, 8.32, 0.0, 0.0, 0.0) if k == 0 else (None,) * 5
@@ -46,9 +46,7 @@ def kinetic_batch_reactor() -> OptimalControlProblem:
             for i in range(5)
         )
         more = phase.state("y6 more than p", initial=0.0 if k == 0 else None)
-        p = phase.state("p", lower=0.0, upper=0.0262)
         clock = phase.state("clock", initial=0.0 if k == 0 else None, unit="h")
-        last = phase.state("final time", lower=0.1, upper=10.0, unit="h")
         u1 = phase.algebraic("pH", lower=0.0, upper=15.0)
         u2 = phase.algebraic("u2", lower=0.0, upper=0.02)
         u3 = phase.algebraic("u3", lower=0.0, upper=5e-5)
@@ -67,9 +65,7 @@ def kinetic_batch_reactor() -> OptimalControlProblem:
         phase.derivative(y4, -third)
         phase.derivative(y5, first)
         phase.derivative(more, -first - third)
-        phase.derivative(p, ca.MX(0))
         phase.derivative(clock, ca.MX(1))
-        phase.derivative(last, ca.MX(0))
         acid = 10**-u1
         phase.algebraic_equation(p - y6 + acid - u2 - u3 - u4)
         phase.algebraic_equation(u2 - 4.876e-14 * y1 / (4.876e-14 + acid))
@@ -78,9 +74,9 @@ def kinetic_batch_reactor() -> OptimalControlProblem:
         if k < 2:
             phase.constraint("slow start", y4 - 2 * clock**2, upper=0.0)
         if k == 1:
-            phase.end_constraint("a quarter", clock - 0.25 * last, 0.0, 0.0)
+            middle = phase.final(clock)
         if k == 2:
-            phase.end_constraint("the end", clock - last, 0.0, 0.0)
+            phase.end_constraint("the end", clock - 4 * middle, 0.0, 0.0)
             phase.end_constraint("enough", y4, lower=1.0)
             phase.end_cost(clock + 100 * p)
         phases.append(phase)
@@ -105,7 +101,7 @@ def _kinetic_guess() -> dict[str, Guess]:
     guesses = {}
     for k, duration in enumerate((0.01, 2.49, 7.5)):
         values = {name: line(*ends[name][k : k + 2]) for name in ends}
-        values |= {"y6 more than p": 0.0, "p": 0.013, "final time": 10.0, "u2": 0.0}
+        values |= {"y6 more than p": 0.0, "p": 0.013, "u2": 0.0}
         guesses[f"stage {k + 1}"] = Guess(duration, values)
     return guesses
 

@@ -157,25 +157,18 @@ def _orbit_raising_guess() -> dict[str, Guess]:
 
 
 def dynamic_soaring() -> OptimalControlProblem:
-    """Least wind gradient in which a glider can soar for ever, ft and slug.
-
-    The gradient and the start of what is periodic are states that do not change.
-    """
+    """Least wind gradient in which a glider can soar for ever, ft and slug."""
     problem = OptimalControlProblem("dynamic soaring")
+    gradient = problem.free_parameter("gradient", lower=0.0, upper=1.0, unit="1/s")
     phase = problem.phase("cycle", (10.0, 30.0))
     x = phase.state("x", initial=0.0, final=0.0, lower=-1500.0, upper=1500.0, unit="ft")
     y = phase.state("y", initial=0.0, final=0.0, lower=-1000.0, upper=1000.0, unit="ft")
     h = phase.state("h", initial=0.0, final=0.0, lower=0.0, upper=1000.0, unit="ft")
-    gain = phase.state("speed gained", initial=0.0, final=0.0, unit="ft/s")
-    climb = phase.state("path gained", initial=0.0, final=0.0, unit="rad")
-    turned = phase.state("turned", initial=0.0, final=2 * pi, unit="rad")
-    v0 = phase.state("first speed", lower=10.0, upper=350.0, unit="ft/s")
-    path0 = phase.state("first path", lower=radians(-75), upper=radians(75))
-    heading0 = phase.state("first heading")
-    gradient = phase.state("gradient", lower=0.0, upper=1.0, unit="1/s")
+    v = phase.state("v", lower=10.0, upper=350.0, unit="ft/s")
+    path = phase.state("path", lower=radians(-75), upper=radians(75))
+    heading = phase.state("heading", lower=radians(-225), upper=radians(225))
     lift = phase.control("lift", lower=0.0, upper=1.5)
     bank = phase.control("bank", lower=radians(-75), upper=radians(75))
-    v, path, heading = v0 + gain, path0 + climb, heading0 + turned
     mass, gravity, area, density = 5.6, 32.2, 45.09703, 0.002378
     pressure = 0.5 * density * area * v**2
     force, drag = pressure * lift, pressure * (0.00873 + 0.045 * lift**2)
@@ -185,10 +178,10 @@ def dynamic_soaring() -> OptimalControlProblem:
     phase.derivative(y, v * ca.cos(path) * ca.cos(heading))
     phase.derivative(h, rise)
     phase.derivative(
-        gain, -(drag + shear * ca.cos(path) * ca.sin(heading)) / mass - gravity * ca.sin(path)
+        v, -(drag + shear * ca.cos(path) * ca.sin(heading)) / mass - gravity * ca.sin(path)
     )
     phase.derivative(
-        climb,
+        path,
         (
             force * ca.cos(bank)
             - mass * gravity * ca.cos(path)
@@ -197,14 +190,11 @@ def dynamic_soaring() -> OptimalControlProblem:
         / (mass * v),
     )
     phase.derivative(
-        turned, (force * ca.sin(bank) - shear * ca.cos(heading)) / (mass * v * ca.cos(path))
+        heading, (force * ca.sin(bank) - shear * ca.cos(heading)) / (mass * v * ca.cos(path))
     )
-    for constant in (v0, path0, heading0, gradient):
-        phase.derivative(constant, ca.MX(0))
     phase.constraint("load", force / (mass * gravity), -2.0, 5.0)
-    phase.constraint("speed", v, 10.0, 350.0, unit="ft/s")
-    phase.constraint("path", path, radians(-75), radians(75))
-    phase.constraint("heading", heading, radians(-225), radians(225))
+    state, turned = ca.vertcat(v, path, heading), [0.0, 0.0, 2 * pi]
+    phase.end_constraint("period", state - phase.initial(state), turned, turned)
     phase.end_cost(gradient)
     return problem
 
@@ -215,12 +205,9 @@ def _soaring_guess() -> dict[str, Guess]:
         "x": along(x),
         "y": along(lambda s: -200 * np.sin(2 * pi * s)),
         "h": along(lambda s: -0.7 * x(s)),
-        "speed gained": 0.0,
-        "path gained": 0.0,
-        "turned": line(0.0, 2 * pi),
-        "first speed": 150.0,
-        "first path": 0.0,
-        "first heading": 0.0,
+        "v": 150.0,
+        "path": 0.0,
+        "heading": line(0.0, 2 * pi),
         "gradient": 0.08,
         "lift": 0.5,
         "bank": radians(45),

@@ -8,13 +8,14 @@ shape declared; bounds and path constraints hold there. Nothing is scaled.
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import casadi as ca
 import numpy as np
 
 from microbot_ocp.ocp import Guess, OptimalControlProblem, Phase, default_guess
+from microbot_ocp.ocp.problem import PointConstraint
 
 Array = np.ndarray
 
@@ -54,8 +55,11 @@ def solve_by_opti(
     guesses = {**default_guess(problem), **(guess or {})}
     opti = ca.Opti()
     mesh = np.linspace(0.0, 1.0, intervals + 1) if mesh is None else mesh
+    free: dict[str, ca.MX] = {}
     parts = [
-        _Part(opti, phase, mesh, degree, guesses[phase.name], scaled) for phase in problem.phases
+        _Part(opti, phase, np.union1d(mesh, phase.point_fractions), degree, guess, scaled, free)
+        for phase in problem.phases
+        for guess in [guesses[phase.name]]
     ]
     for link, before, after in zip(problem.links, parts[:-1], parts[1:], strict=True):
         for name in link.names:
@@ -96,6 +100,7 @@ class _Part:
         degree: int,
         guess: Guess,
         scaled: bool,
+        free: dict[str, ca.MX],
     ) -> None:
         if any(c.rate is not None and _uses(phase, c.rate) for c in phase.controls):
             raise NotImplementedError("rates of linear controls")
@@ -117,6 +122,14 @@ class _Part:
             self.duration = opti.variable()
             opti.subject_to(opti.bounded(low, self.duration, high))
             opti.set_initial(self.duration, guess.duration)
+        for own in phase.free_parameters:  # the same in all phases that have it
+            if own.name not in free:
+                free[own.name] = opti.variable(own.size)
+                self._limit(free[own.name], own.lower, own.upper)
+                opti.set_initial(free[own.name], guess.values.get(own.name, 0.0))
+        self.free = free
+        names = [own.name for own in phase.free_parameters]
+        self.p = ca.vertcat(*(free[name] for name in names), ca.MX(0, 1))
         self.scale = self._scale(guess) if scaled else np.ones(size)
         self._bound()
         self.cost = self._collocate(points, steps)
@@ -175,21 +188,19 @@ class _Part:
                 offset += variable.size
                 self._limit(table[rows, :], variable.lower, variable.upper)
 
-    def _function(self, name: str, outputs: list[ca.MX]) -> ca.Function:
+    def _function(self, name: str, outputs: list[ca.MX], data: Sequence[ca.MX] = ()) -> ca.Function:
         phase = self.phase
-        x, u, z = (
-            ca.vertcat(*(v.symbol for v in kind)) if kind else ca.MX(0, 1)
-            for kind in (phase.states, phase.controls, phase.algebraics)
-        )
+        kinds = (phase.states, phase.controls, phase.algebraics, phase.free_parameters)
+        sizes = [sum(v.size for v in kind) for kind in kinds]
         t, duration = phase.time, phase.duration
-        table = [ca.MX.sym(k, v.shape[0]) for k, v in zip("xuz", (x, u, z), strict=True)]
-        old = [v.symbol for v in (*phase.states, *phase.controls, *phase.algebraics)]
+        table = [ca.MX.sym(k, size) for k, size in zip("xuzp", sizes, strict=True)]
+        old = [v.symbol for v in phase.variables]
         sizes = [v.shape[0] for v in old]
         new = ca.vertsplit(ca.vertcat(*table), [0, *np.cumsum(sizes).tolist()])
         old += [p.symbol for p in phase.parameters]
         new += [ca.MX(ca.DM(p.value)) for p in phase.parameters]
         made = ca.graph_substitute([ca.densify(out) for out in outputs], old, new)
-        function = ca.Function(name, [*table, t, duration], made, {"allow_free": False})
+        function = ca.Function(name, [*table, t, duration, *data], made, {"allow_free": False})
         try:
             return function.expand()
         except RuntimeError:  # tables have no scalar form
@@ -207,7 +218,12 @@ class _Part:
         times = self.duration * ca.DM(self.places[1:]).T
         duration = self.duration if isinstance(self.duration, ca.MX) else ca.MX(self.duration)
         f, q, path, equation = along.map(columns)(
-            self.x[:, 1:], self.u, self.z, times, ca.repmat(duration, 1, columns)
+            self.x[:, 1:],
+            self.u,
+            self.z,
+            ca.repmat(self.p, 1, columns),
+            times,
+            ca.repmat(duration, 1, columns),
         )
         slope_of, _, weights = ca.collocation_coeff(points.tolist())
         heights = np.repeat(steps, d)
@@ -227,14 +243,34 @@ class _Part:
             offset += size
         ends = ca.vertcat(*(c.expression for c in phase.end_constraints), ca.MX(0, 1))
         at_end = self._function("end", [sum(phase.end_costs, zero), ends])
-        cost, end = at_end(self.x[:, -1], self.u[:, -1], self.z[:, -1], times[-1], duration)
+        last = self.x[:, -1], self.u[:, -1], self.z[:, -1], self.p, times[-1], duration
+        cost, end = at_end(*last)
         offset = 0
         for limit in phase.end_constraints:
             size = limit.expression.shape[0]
             self._limit(end[offset : offset + size], limit.lower, limit.upper)
             offset += size
+        cost = cost + self._points(duration)
         each = ca.DM(np.tile(np.array(weights).ravel(), steps.size) * heights)
         return cost + duration * (q @ each)
+
+    def _points(self, duration: ca.MX) -> ca.MX:
+        """Costs at given times; their constraints are added."""
+        phase, total = self.phase, ca.MX(1, 1)
+        for item in (*phase.point_constraints, *phase.point_costs):
+            data = [m for m in phase.measurements if ca.depends_on(item.expression, m.symbol)]
+            function = self._function("point", [item.expression], [m.symbol for m in data])
+            for k, fraction in enumerate(item.fractions):
+                column = int(np.abs(self.places - fraction).argmin())
+                before = max(column - 1, 0)
+                table = self.x[:, column], self.u[:, before], self.z[:, before], self.p
+                measured = [ca.DM(m.value[k]) for m in data]
+                value = function(*table, fraction * duration, duration, *measured)
+                if isinstance(item, PointConstraint):
+                    self._limit(value, item.lower, item.upper)
+                else:
+                    total = total + value
+        return total
 
     def _start(self, guess: Guess) -> None:
         phase = self.phase
@@ -262,6 +298,8 @@ class _Part:
                 own = own.reshape(variable.size, places.size)
                 offset += variable.size
                 values[variable.name] = _interpolated(places, own)
+        for own in self.phase.free_parameters:
+            values[own.name] = np.ravel(value(self.free[own.name]))
         return Guess(float(value(self.duration)), values)
 
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import casadi as ca
+import numpy as np
 
 from benchmarks.suite.problem import SuiteProblem, line
 from microbot_ocp.ocp import Guess, OptimalControlProblem
@@ -104,27 +103,16 @@ _GASOLINE = (
 
 
 def cracking() -> OptimalControlProblem:
-    """Catalytic cracking of gas oil: three rates from 21 measurements, a phase between each two.
-
-    The rates are states that do not change.
-    """
+    """Catalytic cracking of gas oil: three rates from 21 measurements."""
     problem = OptimalControlProblem("catalytic cracking")
-    before = None
-    for k, (begin, end) in enumerate(pairwise(_TIMES)):
-        phase = problem.phase(f"until {end}", end - begin)
-        oil = phase.state("oil", initial=_OIL[0] if k == 0 else None, lower=0.0, upper=2.0)
-        gasoline = phase.state(
-            "gasoline", initial=_GASOLINE[0] if k == 0 else None, lower=0.0, upper=2.0
-        )
-        a, b, c = (phase.state(f"rate {i}", lower=0.0, upper=20.0) for i in (1, 2, 3))
-        phase.derivative(oil, -(a + c) * oil**2)
-        phase.derivative(gasoline, a * oil**2 - b * gasoline)
-        for rate in (a, b, c):
-            phase.derivative(rate, ca.MX(0))
-        phase.end_cost((oil - _OIL[k + 1]) ** 2 + (gasoline - _GASOLINE[k + 1]) ** 2)
-        if before is not None:
-            problem.link(before, phase)
-        before = phase
+    a, b, c = (problem.free_parameter(f"rate {i}", lower=0.0, upper=20.0) for i in (1, 2, 3))
+    phase = problem.phase("all", _TIMES[-1])
+    oil = phase.state("oil", initial=_OIL[0], lower=0.0, upper=2.0)
+    gasoline = phase.state("gasoline", initial=_GASOLINE[0], lower=0.0, upper=2.0)
+    phase.derivative(oil, -(a + c) * oil**2)
+    phase.derivative(gasoline, a * oil**2 - b * gasoline)
+    data = phase.measurement("data", _TIMES, np.transpose([_OIL, _GASOLINE]))
+    phase.point_cost(ca.sumsqr(ca.vertcat(oil, gasoline) - data))
     return problem
 
 
@@ -170,7 +158,7 @@ PROBLEMS = (
     ),
     SuiteProblem(
         cracking,
-        kind="parameters, phases",
+        kind="parameters, data",
         source="COPS 3.0 (Dolan, Moré, Munson 2004), problem 13: 5.23664e-3; PSOPT: 5.228971e-3",
         published=5.23664e-3,
         tolerance=1e-5,

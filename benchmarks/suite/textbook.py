@@ -114,10 +114,9 @@ def isoperimetric() -> OptimalControlProblem:
     problem = OptimalControlProblem("isoperimetric")
     phase = problem.phase("only", 1.0)
     x = phase.state("x", initial=1.0, final=0.0, lower=-10.0, upper=10.0)
-    spent = phase.state("spent", initial=0.0, final=10.0)
     u = phase.control("u", lower=-4.0, upper=4.0)
     phase.derivative(x, -ca.sin(x) + u)
-    phase.derivative(spent, u**2)
+    phase.integral("spent", u**2, 10.0, 10.0)
     phase.running_cost(x)
     return problem
 
@@ -125,15 +124,12 @@ def isoperimetric() -> OptimalControlProblem:
 def interior_point() -> OptimalControlProblem:
     """Least integral of x^2 + u^2 from 1 to 0.75 in 1 s by way of 0.9 at 0.75 s."""
     problem = OptimalControlProblem("interior point")
-    phases = []
-    for name, duration, start, end in (("first", 0.75, 1.0, 0.9), ("last", 0.25, None, 0.75)):
-        phase = problem.phase(name, duration)
-        x = phase.state("x", initial=start, final=end, lower=-1.0, upper=1.0)
-        u = phase.control("u", lower=-1.0, upper=1.0)
-        phase.derivative(x, u)
-        phase.running_cost(x**2 + u**2)
-        phases.append(phase)
-    problem.link(*phases)
+    phase = problem.phase("all", 1.0)
+    x = phase.state("x", initial=1.0, final=0.75, lower=-1.0, upper=1.0)
+    u = phase.control("u", lower=-1.0, upper=1.0)
+    phase.derivative(x, u)
+    phase.running_cost(x**2 + u**2)
+    phase.point_constraint("by way of", x, 0.9, 0.9, at=0.75)
     return problem
 
 

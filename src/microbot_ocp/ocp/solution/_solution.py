@@ -256,7 +256,7 @@ def pack(program: Program, guesses: Mapping[str, Guess]) -> FloatArray:
     """
     x = np.zeros(program.variable_lower.size)
     for layout in program.layouts:
-        guess = _with_parameters(layout.phase, _guess_for(layout.phase.name, guesses), guesses)
+        guess = _guess_for(layout.phase.name, guesses)
         _check_names(layout.phase, guess)
         nodes = node_variables(layout.phase)
         table = [_guess_table(layout, guess, v, layout.mesh) for v in nodes]
@@ -290,20 +290,6 @@ def _guess_for(name: str, guesses: Mapping[str, Guess]) -> Guess:
     label = f"guess of the duration of phase {name!r}"
     checks.number(label, guesses[name].duration, "s", above=0.0)
     return guesses[name]
-
-
-def _with_parameters(phase: Phase, guess: Guess, guesses: Mapping[str, Guess]) -> Guess:
-    """The guess with free parameters as any other phase has them, or within their bounds."""
-    values = dict(guess.values)
-    for own in phase.free_parameters:
-        known = [other.values[own.name] for other in guesses.values() if own.name in other.values]
-        bounded = np.isfinite(own.lower) & np.isfinite(own.upper)
-        with np.errstate(invalid="ignore"):
-            middle = np.where(
-                bounded, (own.lower + own.upper) / 2, np.clip(0.0, own.lower, own.upper)
-            )
-        values.setdefault(own.name, known[0] if known else middle)
-    return Guess(guess.duration, values)
 
 
 def _check_names(phase: Phase, guess: Guess) -> None:
