@@ -10,7 +10,7 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.diagnosis._finiteness import not_finite
 from microbot_ocp.ocp.solution import Attempt, StartingPoint
-from microbot_ocp.ocp.transcription import Label, Program
+from microbot_ocp.ocp.transcription import DURATION, Label, Program
 
 VIOLATED = 1e-6  # scaled; less is no reason to fail
 POOR = 1e3  # a variable this many times its scale, or a row that changes so much, is badly scaled
@@ -63,9 +63,12 @@ def advice(
 
 def _most_violated(program: Program, x: FloatArray) -> Iterator[str]:
     excess = program.violations(x, program.row_values(x))
-    worst = int(np.argmax(excess))
+    labels = [*program.row_labels, *program.variable_labels]
+    # a phase whose time is too short bends its duration from stage to stage: that is no cause
+    told = np.array([not (k.kind == "step" and k.name == DURATION) for k in labels])
+    worst = int(np.argmax(np.where(told, excess, 0.0)))
     if excess[worst] > VIOLATED:
-        label = [*program.row_labels, *program.variable_labels][worst]
+        label = labels[worst]
         yield f"Most violated: {_placed(program, label, x)}, by {_amount(label, excess[worst])}."
 
 
@@ -78,8 +81,8 @@ def _guess(program: Program, start: FloatArray) -> Iterator[str]:
         label = rows[worst]
         yield (
             f"The guess was no trajectory: it misses the {_placed(program, label, start)}, by "
-            f"{_amount(label, own[worst])}; simulate one with a plausible control, or solve on a "
-            "coarser mesh first."
+            f'{_amount(label, own[worst])}; start from guess="rollout", a simulation, or solve '
+            "on a coarser mesh first."
         )
 
 

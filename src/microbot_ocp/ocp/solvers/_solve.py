@@ -38,6 +38,7 @@ INTERVALS = 50  # of a problem of one or two phases
 FEWEST = 10  # of every phase of a problem of many
 COARSE = 8  # intervals a phase of a first look
 SHARE = 0.35  # of the time that is left, which one way may take
+SHARE_FINER = 0.5  # the same of a finer mesh
 SIMULATED = 4  # simulations that a problem is solved from
 LONGER = (3.0, 0.3, 10.0)  # other durations, where they are free
 CONVERGED = (Status.SOLVED, Status.GAP_LEFT)
@@ -102,12 +103,19 @@ def solve(
         raise InputError(f"time_limit must be above 0 s, not {time_limit}")
     until = time.perf_counter() + min(time_limit, settings.time_limit)
     chosen = default_mesh(problem) if mesh is None else mesh
-    solution, transcription = first_solution(
-        problem, chosen, guess, settings, scheme, until, progress
-    )
-    if mesh is None:
-        solution = _on_finer_meshes(solution, transcription, settings, until, progress)
-    return solution
+    best: Solution | None = None
+    attempts: list[Attempt] = []
+    found = solutions(problem, chosen, guess, settings, scheme, until, progress)
+    for solution, transcription in found:
+        if mesh is None:
+            solution = _on_finer_meshes(solution, transcription, settings, until, progress)
+        attempts += solution.attempts
+        if best is None or solution.status in ENDED:
+            best = solution
+        if solution.status in ENDED or mesh is not None or time.perf_counter() >= until:
+            break
+    assert best is not None
+    return replace(best, attempts=tuple(attempts))
 
 
 def default_mesh(problem: OptimalControlProblem | Transcription) -> int:
@@ -139,10 +147,25 @@ def first_solution(
     progress: Progress | None,
 ) -> tuple[Solution, Transcription]:
     """The solution of the first way that converges, else that of the first, and its program."""
+    found = solutions(problem, mesh, guess, settings, scheme, until, progress)
+    return next(found)
+
+
+def solutions(
+    problem: OptimalControlProblem | Transcription,
+    mesh: Meshes,
+    guess: Given,
+    settings: SolverSettings,
+    scheme: str | Scheme,
+    until: float,
+    progress: Progress | None,
+) -> Iterator[tuple[Solution, Transcription]]:
+    """Solutions of all ways that converge, each with its program; of the first if none does."""
     ways: Iterator[_Way] = iter([_Way("", guess, settings.scaling)])
     attempts: list[Attempt] = []
     first: tuple[Solution, Transcription] | None = None
     refused: InputError | None = None
+    told = False
     alone = isinstance(problem, Transcription) or settings.solver != "auto"
     while (way := next(ways, None)) is not None:
         # what helps fatrop is seen in the first way
@@ -172,20 +195,31 @@ def first_solution(
             if made.status is Status.INTERRUPTED or time.perf_counter() >= share:
                 break
         if best is not None:
-            first = best
-            break
+            told = True
+            yield _told(*best, attempts, way.said)
+            attempts = []
+            if best[0].status is Status.INTERRUPTED:
+                return
         if alone or time.perf_counter() >= until:
             break
         if not way.said and not isinstance(problem, Transcription):
             ways = _other_ways(problem, guess, settings)
+    if told:
+        return
     if first is None:
         assert refused is not None
         raise refused
-    solution, transcription = first
-    if solution.status.solved and attempts[-1].way:
-        said = f"{solution.advice} The first try failed; this was found {attempts[-1].way}."
-        solution = replace(solution, advice=said)
-    return replace(solution, attempts=tuple(attempts)), transcription
+    yield _told(*first, attempts, "")
+
+
+def _told(
+    solution: Solution, transcription: Transcription, attempts: list[Attempt], said: str
+) -> tuple[Solution, Transcription]:
+    """A solution with all attempts that led to it, and the way that it was found in."""
+    advice = solution.advice
+    if solution.status.solved and said:
+        advice = f"{advice} The first try failed; this was found {said}."
+    return replace(solution, attempts=tuple(attempts), advice=advice), transcription
 
 
 def _other_ways(
@@ -237,6 +271,7 @@ def _on_finer_meshes(
     if solution.status not in CONVERGED:
         return solution
     attempts, left, worst = list(solution.attempts), _Left(), np.inf
+    warm = replace(settings, solver="ipopt") if settings.solver == "auto" else settings
     for done in range(ROUNDS + 1):
         errors = refinement.state_errors(solution)
         worst = max(float(e.max()) for e in errors)
@@ -245,7 +280,9 @@ def _on_finer_meshes(
         meshes = _finer(solution, errors)
         if sum(m.size - 1 for m in meshes) > MOST_INTERVALS or time.perf_counter() > until:
             break
-        finer = solve_on(transcription, meshes, solution, settings, until, progress)
+        now = time.perf_counter()
+        share = until if not np.isfinite(until) else now + SHARE_FINER * (until - now)
+        finer = solve_on(transcription, meshes, solution, warm, share, progress)
         attempts += [replace(a, way="on a finer mesh") for a in finer.attempts]
         if finer.status not in CONVERGED:
             break

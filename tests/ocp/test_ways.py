@@ -1,0 +1,175 @@
+"""Solves that end in time, whatever happens inside, and that are tried in other ways."""
+
+import os
+import time
+
+import numpy as np
+import pytest
+
+from microbot_ocp import InputError
+from microbot_ocp._base.status import Status
+from microbot_ocp.ocp import solve_refined, verify
+from microbot_ocp.ocp.problem import OptimalControlProblem
+from microbot_ocp.ocp.solution import completed, default_guess, scaled
+from microbot_ocp.ocp.solvers import SolverSettings, solve
+from microbot_ocp.ocp.solvers._child_process import Died, OutOfTime, in_child
+from microbot_ocp.ocp.transcription import Guess
+from microbot_ocp.ocp.transcription.schemes import within_bounds
+from ocp.textbook import double_integrator
+
+
+def hypersensitive(duration=1e4):
+    problem = OptimalControlProblem("hypersensitive")
+    phase = problem.phase("all", duration)
+    x = phase.state("x", initial=1.5, final=1.0)
+    u = phase.control("u", shape="linear")
+    phase.derivative(x, -(x**3) + u)
+    phase.running_cost(0.5 * (x**2 + u**2))
+    return problem
+
+
+# time ---------------------------------------------------------------------------------------------
+
+
+def test_fatrop_ends_at_the_time_limit_where_it_would_never():
+    began = time.perf_counter()
+    settings = SolverSettings("fatrop")
+    solution = solve(hypersensitive(), 50, None, settings, scheme="shooting", time_limit=0.5)
+    assert time.perf_counter() - began < 5.0
+    assert solution.status is Status.TIME_LIMIT
+    assert solution.attempts[0].iterations == 0
+
+
+def test_what_never_returned_is_solved_by_default():
+    solution = solve(hypersensitive(), 50)
+    assert solution.status.solved
+    assert {attempt.way for attempt in solution.attempts} == {""}
+
+
+def test_a_solve_in_progress_is_stopped():
+    began = time.perf_counter()
+    solution = solve(hypersensitive(), 4000, time_limit=0.3)
+    assert solution.status is Status.TIME_LIMIT
+    refined = solve_refined(hypersensitive(), 1e-9, 4000, time_limit=0.3)
+    assert refined.status is Status.TIME_LIMIT
+    assert time.perf_counter() - began < 20.0  # most of it builds the program
+    with pytest.raises(InputError, match="time_limit must be above 0 s"):
+        solve(double_integrator(), 4, time_limit=0.0)
+
+
+def test_work_in_a_child_comes_back_or_ends():
+    soon = time.perf_counter() + 5.0
+    heard = []
+
+    def work(send):
+        send(1)
+        return {"x": np.arange(3.0), "process": os.getpid()}
+
+    found = in_child(work, soon, lambda what: heard.append(what) or True)
+    assert heard == [1]
+    assert found["x"].tolist() == [0.0, 1.0, 2.0]
+    assert found["process"] != os.getpid()
+    with pytest.raises(OutOfTime):
+        in_child(lambda _: time.sleep(60.0), time.perf_counter() + 0.1)
+    with pytest.raises(Died):
+        in_child(lambda _: os._exit(3), soon)
+    with pytest.raises(KeyboardInterrupt):
+        in_child(work, soon, lambda _: False)
+    with pytest.raises(ChildProcessError):  # nothing is left
+        os.waitpid(-1, os.WNOHANG)
+
+
+# meshes -------------------------------------------------------------------------------------------
+
+
+def test_the_default_mesh_is_fine_enough_for_layers():
+    """x and u decay within a few seconds at both ends; by quadrature 1.3308069 over 25 s."""
+    problem = hypersensitive(25.0)
+    solution = solve(problem)
+    assert solution.status.solved
+    assert solution.cost == pytest.approx(1.3308069, rel=1e-4)
+    assert solution.attempts[-1].way == "on a finer mesh"
+
+
+# other ways ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_another_duration_is_tried_where_the_first_fails():
+    """Bang-bang control of an oscillator that needs longer than the first guess, Luus."""
+    problem = OptimalControlProblem("oscillator")
+    phase = problem.phase("calm", (1.0, 100.0))
+    x = phase.state("x", initial=10.0, final=0.0)
+    v = phase.state("v", initial=0.0, final=0.0)
+    u = phase.control("u", lower=-1.0, upper=1.0)
+    phase.derivative(x, v)
+    phase.derivative(v, -x + u)
+    phase.end_cost(phase.duration)
+    solution = solve(problem, 40)
+    assert solution.status.solved
+    alone = solve(problem, 40, settings=SolverSettings("ipopt"))
+    assert len({attempt.way for attempt in alone.attempts}) == 1
+
+
+# guesses and scales -------------------------------------------------------------------------------
+
+
+def test_a_free_end_is_guessed_at_the_value_of_the_start():
+    problem = OptimalControlProblem("tank")
+    phase = problem.phase("drain", 1.0)
+    volume = phase.state("volume", initial=7.0)
+    phase.derivative(volume, -1 / volume)
+    phase.end_cost(volume)
+    line = default_guess(problem)["drain"].values["volume"]
+    assert line(np.array([0.0, 1.0])).ravel().tolist() == [7.0, 7.0]
+    assert solve(problem, 10).cost == pytest.approx(np.sqrt(47.0), rel=1e-8)
+
+
+def test_a_rollout_follows_the_dynamics():
+    problem = OptimalControlProblem("decay")
+    phase = problem.phase("fall", 2.0)
+    x = phase.state("x", initial=3.0)
+    u = phase.control("u", lower=0.0, upper=2.0)
+    phase.derivative(x, -x * u)
+    phase.running_cost(u**2 + x)
+    guess = completed(problem, "rollout")["fall"]
+    times = np.linspace(0.0, 1.0, 5)
+    share = guess.values["u"].item()
+    np.testing.assert_allclose(
+        guess.values["x"](times).ravel(), 3 * np.exp(-2 * share * times), rtol=1e-3
+    )
+    assert solve(problem, 10, "rollout").status.solved
+    with pytest.raises(InputError, match="or 'rollout', not 'simulate'"):
+        solve(problem, 10, "simulate")
+
+
+def test_rounding_errors_of_a_guess_are_no_scale():
+    problem = double_integrator()
+    guess = {"move": Guess(2.0, {"u": 1e-16 * np.ones(21)[:, None], "v": 1e-17})}
+    (phase,) = scaled(problem, guess).phases
+    assert [float(v.scale[0]) for v in (*phase.states, *phase.controls)] == [1.0, 1.0, 1.0]
+    assert solve(problem, 20, guess).status.solved
+
+
+# controls between the collocation points ----------------------------------------------------------
+
+
+def test_polynomial_controls_keep_their_bounds_and_their_mean():
+    points = [0.155051, 0.644949, 1.0]
+    weights = np.array([0.376403, 0.512486, 0.111111])
+    values = np.array([[[1.0], [1.0], [-1.0]], [[0.1], [0.2], [0.3]], [[-1.0], [1.0], [1.0]]])
+    kept = within_bounds(values, points, np.array([-1.0]), np.array([1.0]))
+    np.testing.assert_array_equal(kept[1], values[1])
+    s = np.linspace(0, 1, 201)
+    for own, old in zip(kept[..., 0], values[..., 0], strict=True):
+        along = np.polyval(np.polyfit(points, own, 2), s)
+        assert np.abs(along).max() < 1 + 1e-3
+        assert own @ weights == pytest.approx(old @ weights, abs=1e-5)
+
+
+def test_a_bang_bang_answer_is_within_its_bounds_everywhere():
+    problem = double_integrator("auto")
+    solution = solve(problem, 15)
+    u = solution["move"].sample(np.linspace(0.0, solution.duration, 500))["u"]
+    assert np.abs(u).max() <= 1.0 + 1e-7
+    assert not [use for use in verify(problem, solution).limits if use.excess > 1e-6]
