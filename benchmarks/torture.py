@@ -210,28 +210,26 @@ def solve(task: Task, progress: Callable[[Any], None] | None = None) -> dict[str
 
 def best_known(task: Task) -> float:
     """A duration in s that somebody else reaches; infinite where nobody does."""
-    known = [np.inf]
-    if task.path is not None:
+    robot, path = task.robot, task.path
+    if path is not None:
         from external.toppra_timing import graded_grid, toppra_duration
 
-        grid = graded_grid(task.path, 2000)
-        for duration in (
-            lambda: toppra_duration(task.robot, task.path, grid),
-            lambda: mo.time_path(task.robot, task.path, grid=4000).duration,
-        ):
-            try:
-                known.append(float(np.nan_to_num(duration(), nan=np.inf)))
-            except (RuntimeError, ValueError):
-                continue
-        return min(known)
-    shape = mo.cubic(task.via, np.arange(float(len(task.via))))
-    for duration in (
-        lambda: mo.time_path(task.robot, mo.straight_path(task.via)).duration,
-        lambda: mo.shortest_duration(task.robot, shape).duration,
-    ):
+        grid = graded_grid(path, 2000)
+        ways = (
+            lambda: toppra_duration(robot, path, grid),
+            lambda: mo.time_path(robot, path, grid=4000).duration,
+        )
+    else:
+        shape = mo.cubic(task.via, np.arange(float(len(task.via))))
+        ways = (
+            lambda: mo.time_path(robot, mo.straight_path(task.via)).duration,
+            lambda: mo.shortest_duration(robot, shape).duration,
+        )
+    known = [np.inf]
+    for duration in ways:
         try:
             known.append(float(np.nan_to_num(duration(), nan=np.inf)))
-        except mo.InputError:
+        except (RuntimeError, ValueError):  # InputError, too: this way is none
             continue
     return min(known)
 
