@@ -30,6 +30,7 @@ from microbot_ocp.motion._sampling import JUMP_GAP, dense_times, samples_at
 from microbot_ocp.robot import Robot, inverse_dynamics
 
 SAMPLE_STEP = 1e-3  # s, the longest step between the samples of a new motion
+MOST_SAMPLES = 100_000  # of even steps; motions longer than 100 s have longer ones
 
 
 @dataclass(frozen=True)
@@ -157,6 +158,7 @@ class Motion:
         after = acceleration(breaks)[1:-1]
         size = 1.0 + np.abs(acceleration.coefficients[:, 0]).max()
         jumps = np.abs(after - before).max(axis=1) > 1e-9 * size
+        step = max(step, (breaks[-1] - breaks[0]) / MOST_SAMPLES)
         t = sample_times(breaks, breaks[1:-1][jumps], step)
         return cls.from_state(
             robot,

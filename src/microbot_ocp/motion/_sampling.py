@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
 JUMP_GAP = 1e-6  # s between the two samples that stand for a jump of the acceleration
 GRID_STEP = 0.25e-3  # s, the longest step of the dense grid
+MOST_STEPS = 400_000  # of that; motions longer than 100 s have longer ones
 GRID_RATIO = 20  # dense grid points to each mesh interval, at least
 
 
@@ -29,7 +30,8 @@ def dense_times(motion: Motion) -> tuple[FloatArray, float]:
     """Dense grid and its least number of points to a mesh interval."""
     mesh = mesh_of(motion)
     lengths = np.diff(mesh)
-    points = np.maximum(GRID_RATIO, np.ceil(lengths / GRID_STEP - 1e-9)).astype(int)
+    step = max(GRID_STEP, motion.duration / MOST_STEPS)
+    points = np.maximum(GRID_RATIO, np.ceil(lengths / step - 1e-9)).astype(int)
     first = np.repeat(np.cumsum(points) - points, points)
     place = (np.arange(points.sum()) - first) / np.repeat(points, points)
     grid = np.repeat(mesh[:-1], points) + place * np.repeat(lengths, points)

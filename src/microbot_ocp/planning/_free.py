@@ -303,6 +303,8 @@ class _Search:
         first = ("fatrop", FATROP_TOLERANCE) if several else (None, None)
         best = self.refiner.finer(coarse, [self._mesh] * len(self.names), *first)
         best = self.refiner.refine(best)
+        if any(places.any() for places in self._velocity_switches(best)):
+            best = self.refiner.refine(self.refiner.sharpen(best, self._velocity_switches))
         if "qddd" in self.family:
             best = self.refiner.refine(self.refiner.sharpen(best, self._jerk_switches))
         return best
@@ -362,6 +364,18 @@ class _Search:
             clock = partial(_clock, start, end)
             found[name] = Guess(float(end - start), {**rates, "clock": clock})
         return found
+
+    def _velocity_switches(self, solution: Solution) -> list[np.ndarray]:
+        """Intervals in which a velocity goes through more than half of its limit at once.
+
+        The arm could reach it in far less time than the mesh lets it.
+        """
+        limit = np.maximum(*(np.abs(b) for b in self.robot.limits.bounds("qd")))
+        limit = np.where(limit > 0, limit, np.inf)
+        return [
+            (np.abs(np.diff(phase["qd"], axis=0)) > 0.5 * limit).any(axis=1)
+            for phase in solution.phases
+        ]
 
     def _jerk_switches(self, solution: Solution) -> list[np.ndarray]:
         member = self.family["qddd"]

@@ -129,7 +129,7 @@ def free_problem(
             phase.derivative(clock, ca.MX(1.0))
             moved = torques(q, qd, qdd, jerk, *mass)[0] if robot.has_dynamics else qdd
             phase.running_cost(ca.sumsqr(moved / effort_scale(family, acceleration_scale)))
-        phase.running_cost(SMOOTHING * ca.sumsqr(size.time * jerk / (10.0 * acceleration_scale)))
+        phase.running_cost(SMOOTHING * ca.sumsqr(jerk / size.jerk))
     for before, after in itertools.pairwise(problem.phases):
         names = ("q", "qd", "qdd") if budget is None else ("q", "qd", "clock", "qdd")
         problem.link(before, after, names=names)

@@ -37,6 +37,8 @@ class TaskScale:
         Unit of time, s: a power of ten, 1 for ordinary tasks.
     velocity, acceleration : array [n]
         Units for joints without such limits.
+    jerk : array [n]
+        What the smoothing of the jerk is relative to.
     """
 
     durations: FloatArray
@@ -45,6 +47,7 @@ class TaskScale:
     time: float
     velocity: FloatArray
     acceleration: FloatArray
+    jerk: FloatArray
 
     @classmethod
     def of(cls, family: LimitFamily, via: FloatArray) -> TaskScale:
@@ -72,13 +75,21 @@ class TaskScale:
         velocity, acceleration = (
             np.maximum(size.max(axis=0), 0.1 * size.max()) for size in (reached, gained)
         )
+        time = float(_power(durations.max()))
+        unit = USUAL_ACCELERATION * _power(acceleration)
+        limited = _larger(limits.bounds("qdd"))
+        hardest = np.where(np.isfinite(limited), limited, unit)
+        if time != 1.0:  # slow motions may start and stop as hard as others
+            possible = np.where(np.isfinite(accelerated), accelerated, 0.0)
+            hardest = np.maximum(hardest, USUAL_ACCELERATION * _power(possible))
         return cls(
             durations=durations,
             shortest=SHORTEST * np.where(fastest > 0, fastest, 0.1 * durations),
             longest=np.full(durations.size, LONGEST * durations.sum()),
-            time=float(_power(durations.max())),
+            time=time,
             velocity=_power(velocity),
-            acceleration=USUAL_ACCELERATION * _power(acceleration),
+            acceleration=unit,
+            jerk=10.0 * hardest / time,
         )
 
     def active_bounds(self, durations: Sequence[float]) -> str:
