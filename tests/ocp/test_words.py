@@ -12,6 +12,7 @@ from microbot_ocp.ocp import (
     ParametricSolver,
     SolverSettings,
     load_solution,
+    numeric_function,
     repeat,
     save_solution,
     solve,
@@ -344,6 +345,23 @@ def test_two_components_with_a_pair_are_ambiguous():
     phase = OptimalControlProblem("pair").phase("go", 1.0)
     with pytest.raises(InputError, match="may mean two values or a range"):
         phase.state("x", 2, initial=(1.0, 2.0))
+
+
+def test_functions_of_numbers_are_differentiated_by_differences():
+    problem = OptimalControlProblem("slope")
+    slower = numeric_function(lambda x, share: 1.0 - share * x / 2, sizes=(1, 1))
+    phase = problem.phase("up", duration=(0.1, 10.0))
+    x = phase.state("x", initial=0.0, final=1.0)
+    u = phase.control("u", lower=0.0, upper=1.0)
+    phase.derivative(x, u * slower(x, phase.parameter("share", 1.0)))
+    phase.end_cost(phase.duration)
+    for scheme in ("shooting", "radau"):
+        solution = solve(problem, 5, scheme=scheme)
+        assert solution.solved
+        assert solution.cost == pytest.approx(2 * np.log(2.0), rel=1e-5)
+    assert verify(problem, solution).ok
+    with pytest.raises(InputError, match="whole numbers from 1 up"):
+        numeric_function(np.sin, sizes=(0,))
 
 
 def refusals():

@@ -8,6 +8,7 @@ from .diagnosis import (
 from .problem import (
     OptimalControlProblem as OptimalControlProblem,
     Phase as Phase,
+    numeric_function as numeric_function,
 )
 from .refinement import (
     Junction as Junction,

@@ -9,6 +9,9 @@ from ._items import (
     PointCost as PointCost,
     Variable as Variable,
 )
+from ._numeric import (
+    numeric_function as numeric_function,
+)
 from ._phase import (
     Phase as Phase,
 )
