@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from math import cos, pi, sin
+from typing import Any
 
 import casadi as ca
+import numpy as np
 
 from benchmarks.suite.problem import SuiteProblem, line
-from microbot_ocp.ocp import Guess, OptimalControlProblem
+from microbot_ocp.ocp import Guess, OptimalControlProblem, Phase
+from microbot_ocp.robot import forward_dynamics, load_robot
 
 
 def luus_arm() -> OptimalControlProblem:
@@ -178,6 +181,42 @@ def _reorientation_guess() -> dict[str, Guess]:
     return {"turn": Guess(35.0, values)}
 
 
+MANUTEC_VOLT = np.array([-126.0, 252.0, 72.0])  # N m per V
+
+
+def _manutec(name: str, duration: float | tuple[float, float]) -> tuple[Any, Phase, Any]:
+    robot = load_robot("manutec_r3")
+    bounds = robot.limits
+    problem = OptimalControlProblem(name)
+    phase = problem.phase("move", duration)
+    q = phase.state(
+        "q", 3, initial=[0.0, -1.5, 0.0], final=[1.0, -1.95, 1.0], lower=bounds.q_min,
+        upper=bounds.q_max, unit="rad",
+    )  # fmt: skip
+    qd = phase.state(
+        "qd", 3, initial=[0.0] * 3, final=[0.0] * 3, lower=bounds.qd_min, upper=bounds.qd_max,
+        unit="rad/s",
+    )  # fmt: skip
+    u = phase.control("u", 3, lower=-7.5, upper=7.5, unit="V")
+    phase.derivative(q, qd)
+    phase.derivative(qd, forward_dynamics(robot)(q, qd, MANUTEC_VOLT * u))
+    return problem, phase, u
+
+
+def manutec_time() -> OptimalControlProblem:
+    """The Manutec r3 from rest at (0, -1.5, 0) to rest at (1, -1.95, 1) rad in the least time."""
+    problem, phase, _ = _manutec("Manutec r3, time", (0.1, 5.0))
+    phase.end_cost(phase.duration)
+    return problem
+
+
+def manutec_effort() -> OptimalControlProblem:
+    """The same in 0.53 s with the least integral of the voltages' squares."""
+    problem, phase, u = _manutec("Manutec r3, effort", 0.53)
+    phase.running_cost(ca.sumsqr(u))
+    return problem
+
+
 PROBLEMS = (
     SuiteProblem(
         luus_arm,
@@ -240,5 +279,23 @@ PROBLEMS = (
         tolerance=2e-5,
         confirmed="fine mesh",
         guess=_reorientation_guess,
+    ),
+    SuiteProblem(
+        manutec_time,
+        kind="bang-bang, state constraint",
+        source="Otter and Tuerk, DFVLR-Mitteilung 88-13 (1988), model 2; Betts, Practical Methods "
+        "(2010): 0.4951963",
+        published=0.4951963,
+        tolerance=2e-7,
+        confirmed="fine mesh",
+    ),
+    SuiteProblem(
+        manutec_effort,
+        kind="state constraint",
+        source="Otter and Tuerk, DFVLR-Mitteilung 88-13 (1988), model 2; Betts, Practical Methods "
+        "(2010): 20.404247",
+        published=20.404247,
+        tolerance=5e-8,
+        confirmed="fine mesh",
     ),
 )
