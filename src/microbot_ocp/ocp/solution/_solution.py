@@ -129,7 +129,7 @@ class Solution:
     status : Status
     cost : float
     phases : one PhaseSolution a phase
-    attempts : every solver tried, in order; the last one made this solution
+    attempts : every solver tried, in order
     row_multipliers : multipliers of the rows of the scaled program, positive at upper bounds
     variable_multipliers : multipliers of the bounds of its variables, likewise
     build_time : wall time of the transcription, s

@@ -100,14 +100,18 @@ def run_chain(
     outcome: Outcome | None = None
     for name, variant in turns:
         given = start if variant or name == "sqp" else StartingPoint(start.x)
-        outcome = run(program, name, settings, given, variant, progress, made, until)
-        attempts.append(outcome.attempt)
-        over = time.perf_counter() >= until
-        if over or outcome.attempt.status in (Status.SOLVED, Status.INTERRUPTED):
+        tried = run(program, name, settings, given, variant, progress, made, until)
+        attempts.append(tried.attempt)
+        status = tried.attempt.status
+        # what one solver finds infeasible is not less so where the next one breaks down
+        if outcome is None or _rank(status) <= _rank(outcome.attempt.status):
+            outcome = tried
+        if time.perf_counter() >= until or status in (Status.SOLVED, Status.INTERRUPTED):
             break
     assert outcome is not None
     outcome, gap, further = tightened(program, settings, outcome, progress, made, until)
     attempts += further
+    ended = [*(a for a in attempts if a is not outcome.attempt), outcome.attempt]
     return Solution(
         status=outcome.attempt.status,
         cost=outcome.attempt.cost,
@@ -121,9 +125,15 @@ def run_chain(
         cost_scale=program.cost_scale,
         gap=gap,
         start=start,
-        advice=advice(program, start, outcome.x, attempts),
+        advice=advice(program, start, outcome.x, ended),
         maximize=_maximizes(program),
     )
+
+
+def _rank(status: Status) -> int:
+    """The lower, the more it says of a problem."""
+    order = (Status.SOLVED, Status.INTERRUPTED, Status.INFEASIBLE, Status.ITERATION_LIMIT)
+    return order.index(status) if status in order else len(order)
 
 
 def _maximizes(program: Program) -> bool:
