@@ -217,12 +217,12 @@ def best_known(task: Task) -> float:
         grid = graded_grid(path, 2000)
         ways = (
             lambda: toppra_duration(robot, path, grid),
-            lambda: mo.time_path(robot, path, grid=4000).duration,
+            lambda: reachability(robot, path),
         )
     else:
         shape = mo.cubic(task.via, np.arange(float(len(task.via))))
         ways = (
-            lambda: mo.time_path(robot, mo.straight_path(task.via)).duration,
+            lambda: reachability(robot, mo.straight_path(task.via)),
             lambda: mo.shortest_duration(robot, shape).duration,
         )
     known = [np.inf]
@@ -232,6 +232,14 @@ def best_known(task: Task) -> float:
         except (RuntimeError, ValueError):  # InputError, too: this way is none
             continue
     return min(known)
+
+
+def reachability(robot: mo.Robot, path: PiecewisePolynomial) -> float:
+    """Duration in s by the passes on a grid, where they keep every limit."""
+    timing = mo.time_path(robot, path, grid=4000)
+    kept = len(timing.limits_kept_by["reachability"] + timing.limits_kept_by["speed bound"])
+    every = sum(len(names) for names in timing.limits_kept_by.values())
+    return timing.duration if kept == every else np.inf
 
 
 def judged(task: Task, found: dict[str, Any]) -> str:
