@@ -258,7 +258,7 @@ def _rocket(
     h = phase.state("h", lower=1.0, initial=start[0])
     v = phase.state("v", lower=0.0, initial=start[1], scale=0.1)
     m = phase.state("m", lower=0.6, upper=1.0, initial=start[2], final=0.6 if empty else None)
-    force = phase.control("thrust", lower=thrust[0], upper=thrust[1])
+    force = phase.control("thrust", lower=thrust[0], upper=thrust[1], shape="constant")
     drag = 310 * v**2 * ca.exp(-500 * (h - 1))
     phase.derivative(h, v)
     phase.derivative(v, (force - drag) / m - 1 / h**2)
