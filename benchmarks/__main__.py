@@ -8,7 +8,16 @@ import argparse
 import importlib
 import sys
 
-BENCHMARKS = ("rnea", "ik", "path_timing", "free_time_optimal", "units", "cops_arm", "recording")
+BENCHMARKS = (
+    "rnea",
+    "ik",
+    "path_timing",
+    "free_time_optimal",
+    "drake",
+    "units",
+    "cops_arm",
+    "recording",
+)
 
 
 def main() -> None:

@@ -28,7 +28,7 @@ from benchmarks.measure import Benchmark
 GOAL = 10.0
 MESH = 100
 VIA_Q = np.radians([[0, 0, 0], [-8, 45, 30], [-90, 90, 90]])
-LIKE_FOR_LIKE = {"mesh": MESH, "starts": 1, "violation": 1.0}  # one guess, no refinement
+LIKE_FOR_LIKE = {"mesh": MESH, "starts": 1, "limit_tolerance": 1.0}  # one guess, no refinement
 
 
 def rockit_duration(robot: mo.Robot, *, guess_by_rockit: bool = False) -> float:

@@ -48,6 +48,8 @@ from microbot_ocp.planning._initial_guesses import (
 from microbot_ocp.planning._progress import with_motion
 from microbot_ocp.planning._scale import TaskScale
 from microbot_ocp.planning._task import (
+    GAP,
+    ROUGH_TOLERANCE,
     check_limits,
     check_via,
     jerk_switches,
@@ -207,6 +209,8 @@ class _Search:
             settings.limit_tolerance,
             solver="ipopt" if settings.solver == "auto" else settings.solver,
             progress=with_motion(progress, self.robot, via, motion_at_mesh),
+            settings=SolverSettings(gap=GAP),
+            rough=ROUGH_TOLERANCE,
         )
 
     def run(self) -> Motion:
@@ -294,7 +298,7 @@ class _Search:
             refined = self._refined(coarse)
             best = refined if best is None else min(best, refined, key=self._rank)
         assert best is not None
-        return best
+        return self.refiner.finished(best)
 
     def _refined(self, coarse: Solution) -> Solution:
         """Coarse to fine, then local refinement while limits are exceeded."""

@@ -27,6 +27,7 @@ from microbot_ocp.motion import SAMPLE_STEP, Mark, Motion, PiecewisePolynomial, 
 from microbot_ocp.ocp.problem import OptimalControlProblem, Phase
 from microbot_ocp.ocp.refinement import Refiner
 from microbot_ocp.ocp.solution import PhaseSolution, Solution, StepProgress, quiet
+from microbot_ocp.ocp.solvers import SolverSettings
 from microbot_ocp.ocp.transcription import Guess, Transcription
 from microbot_ocp.planning._curve import CurvePiece, evaluate, symbolic_derivatives
 from microbot_ocp.planning._path_limits import LATER, limits_kept_by
@@ -35,6 +36,8 @@ from microbot_ocp.planning._progress import Samples, with_motion
 from microbot_ocp.planning._reachability import CurveLimits, Reached, reach
 from microbot_ocp.planning._task import (
     CHECKS_PER_INTERVAL,
+    GAP,
+    ROUGH_TOLERANCE,
     check_limits,
     declare_limits,
     derivatives_for,
@@ -49,6 +52,8 @@ from microbot_ocp.planning._task import (
 from microbot_ocp.robot import Robot
 
 SMOOTHING = 1e-8  # weight of the squared rate of s'': picks one timing where many are equally fast
+# Intervals of a piece, and of all together, where nobody says how many
+FULL_MESH, FULL_MESH_SUM, LEAST_MESH = 100, 200, 20
 SLOWER = 0.05  # share by which the timing may be slower than reachability, which is the optimum
 
 
@@ -58,21 +63,22 @@ class PathTimingSettings:
 
     Attributes
     ----------
-    mesh : intervals of each polynomial piece
+    mesh : intervals of each polynomial piece; default 100, fewer on paths of more than two
     grid : points of the reachability passes on each smooth segment
     limit_tolerance : largest relative excess of a limit between mesh points
     solver : "ipopt" or "fatrop" (IPOPT steps in where it fails)
     compiled : compile to C where there is a compiler
     """
 
-    mesh: int = 100
+    mesh: int | None = None
     grid: int = 1000
     limit_tolerance: float = 5e-4
     solver: str = "ipopt"
     compiled: bool = True
 
     def __post_init__(self) -> None:
-        whole("mesh", self.mesh, "intervals", at_least=4)
+        if self.mesh is not None:
+            whole("mesh", self.mesh, "intervals", at_least=4)
         whole("grid", self.grid, "points", at_least=10)
         checks.number("limit_tolerance", self.limit_tolerance, above=0.0)
         checks.one_of("solver", self.solver, ("ipopt", "fatrop"))
@@ -240,22 +246,33 @@ class _PathSearch:
             self._excess,
             self.settings.limit_tolerance,
             solver=self.settings.solver,
+            settings=SolverSettings(gap=GAP),
+            rough=ROUGH_TOLERANCE,
+            deep=True,
             progress=with_motion(
                 self.progress, self.robot, self.path(self.path.breaks), self._at_mesh
             ),
         )
-        solution = refiner.solve(self.settings.mesh, guesses)
+        mesh = self._mesh
+        solution = refiner.solve(mesh, guesses)
         if not solution.status.solved and self.settings.solver != "ipopt":
-            solution = refiner.solve(self.settings.mesh, guesses, solver="ipopt")
+            solution = refiner.solve(mesh, guesses, solver="ipopt")
         self.progress(
-            f"mesh {' + '.join([str(self.settings.mesh)] * len(self.pieces))}: "
+            f"mesh {' + '.join([str(mesh)] * len(self.pieces))}: "
             f"{solution.duration:.6f} s, {solution.status}"
         )
         solution = refiner.refine(solution)
         if "qddd" in self.family:
             solution = refiner.refine(refiner.sharpen(solution, self._jerk_switches))
+        solution = refiner.finished(solution)
         wall = time.perf_counter() - begin
         return self._motion(solution, refiner, timings, reached, kept_by, wall)
+
+    @property
+    def _mesh(self) -> int:
+        if self.settings.mesh is not None:
+            return self.settings.mesh
+        return max(min(FULL_MESH, FULL_MESH_SUM // len(self.pieces)), LEAST_MESH)
 
     def _reach(self) -> tuple[list[Reached], dict[str, list[str]]]:
         """The timing of every segment, and who keeps which limit."""

@@ -28,6 +28,8 @@ from microbot_ocp.ocp import Phase, Solution
 from microbot_ocp.robot import Robot, inverse_dynamics, torque_and_rate, torque_derivatives
 
 STATE: tuple[str, ...] = ("q", "qd", "qdd", "qddd")
+GAP = 1e-5  # relative, of a duration above its local optimum
+ROUGH_TOLERANCE = 1e-6  # of solves on all meshes but the last one
 CHECKS_PER_INTERVAL = 20  # places inside every mesh interval at which limits are looked at
 
 Settings = TypeVar("Settings")

@@ -31,6 +31,9 @@ SHARP = 1e-6  # share of the cost: less is not worth another mesh
 # Barrier parameter of warm starts; with the usual start at 0.1 IPOPT leaves the good guess and
 # comes back late or elsewhere (146 against 35 iterations on one task with four via points).
 WARM_BARRIER = 1e-4
+FAR_ABOVE = 3.0  # times the accepted excess; halving an interval divides it by about four
+POLISHED = 0.1  # share of the wanted gap that needs no polish
+MOST_POLISHING = 60  # iterations
 
 
 @dataclass(eq=False)
@@ -60,6 +63,12 @@ class Refiner:
         A finer mesh may not cost more than a coarser one by more, relative.
     until : float
         When the time is over, by the clock of ``time.perf_counter``.
+    rough : float, optional
+        Tolerance of all solves until :meth:`finished`: on a flat minimum most iterations are
+        spent on the last digits, which the next mesh changes.
+    deep : bool
+        Halve once more where the excess is far above what is accepted: fewer meshes with more
+        intervals, for programs whose iterations are cheap.
     """
 
     transcription: Transcription
@@ -73,6 +82,8 @@ class Refiner:
     settings: SolverSettings = field(default_factory=SolverSettings)
     worse: float = WORSE
     until: float = np.inf
+    rough: float | None = None
+    deep: bool = False
     history: list[dict[str, Any]] = field(default_factory=list)
     last: Solution | None = None  # of any solve, accepted or not
 
@@ -86,6 +97,7 @@ class Refiner:
         barrier: float | None = None,
     ) -> Solution:
         """One solve, entered in the history."""
+        tolerance = tolerance or self.rough
         settings = replace(
             self.settings,
             solver=solver or self.solver,
@@ -93,9 +105,46 @@ class Refiner:
             initial_barrier=barrier,
             gap=self.settings.gap if tolerance is None else np.inf,  # of a first look none is asked
         )
+        return self._solve(mesh, guesses, settings)
+
+    def finished(self, solution: Solution) -> Solution:
+        """A rough solution to the full tolerance and refined so further, or as it is where that
+        takes too long."""
+        if self.rough is None or not solution.status.solved:
+            return solution
+        if solution.gap.total <= POLISHED * self.settings.gap * abs(solution.cost):
+            return solution
+        settings = replace(
+            self.settings,
+            solver=self.solver,
+            tolerance=self.tolerance,
+            max_iterations=min(self.settings.max_iterations, MOST_POLISHING),
+        )
+        meshes = [phase.mesh for phase in solution.phases]
+        finer = self._solve(meshes, solution, settings, warm_only=True)
+        accepted = self.history[-1]["accepted"] = self._accepts(solution, finer)
+        self.progress(f"the last digits: {finer.duration:.6f} s, {finer.status}")
+        if not accepted:
+            return solution
+        self.rough = None
+        return self.refine(finer)
+
+    def _solve(
+        self,
+        mesh: Meshes,
+        guesses: Mapping[str, Guess] | Solution,
+        settings: SolverSettings,
+        **further: Any,
+    ) -> Solution:
         watched = None if self.progress is quiet else self.progress
         solution = solve_on(
-            self.transcription, mesh, guesses, settings, until=self.until, progress=watched
+            self.transcription,
+            mesh,
+            guesses,
+            settings,
+            until=self.until,
+            progress=watched,
+            **further,
         )
         self.last = solution
         self.history.append(
@@ -186,6 +235,11 @@ class Refiner:
                 split(phase.mesh, e > self.limit_tolerance)
                 for phase, e in zip(solution.phases, excess, strict=True)
             ]
+            if self.deep:
+                meshes = [
+                    halved_within(mesh, phase.mesh, e > FAR_ABOVE * self.limit_tolerance)
+                    for mesh, phase, e in zip(meshes, solution.phases, excess, strict=True)
+                ]
             refined = self.finer(solution, meshes)
             if refined is solution:  # nothing accepted: another round would only repeat it
                 break
@@ -214,6 +268,13 @@ class Refiner:
             if gained < SHARP * abs(solution.cost):
                 break
         return solution
+
+
+def halved_within(mesh: FloatArray, coarse: FloatArray, bad: np.ndarray) -> FloatArray:
+    """Halve the intervals of a mesh that lie in bad intervals [N] or [N, K] of a coarser one."""
+    rows: np.ndarray = np.any(bad.reshape(coarse.size - 1, -1), axis=1)
+    middle = 0.5 * (mesh[:-1] + mesh[1:])
+    return np.union1d(mesh, middle[rows[np.searchsorted(coarse, middle) - 1]])
 
 
 def split(mesh: FloatArray, bad: np.ndarray) -> FloatArray:

@@ -41,8 +41,12 @@ def solve_on(
     settings: SolverSettings,
     until: float | None = None,
     progress: Progress | None = None,
+    warm_only: bool = False,
 ) -> Solution:
-    """Solve on a mesh from a guess, by the solvers of the settings in turn."""
+    """Solve on a mesh from a guess, by the solvers of the settings in turn.
+
+    With ``warm_only`` it ends where the warm start from a solution does not converge.
+    """
     start = time.perf_counter()
     program = assemble(transcription.layouts(mesh))
     begin = starting_point(program, transcription.problem, guess)
@@ -50,7 +54,13 @@ def solve_on(
     program = with_cost_scale(program, begin.x, settings)
     build_time = time.perf_counter() - start
     return run_chain(
-        program, settings, begin, progress=progress, build_time=build_time, until=until
+        program,
+        settings,
+        begin,
+        progress=progress,
+        build_time=build_time,
+        until=until,
+        warm_only=warm_only,
     )
 
 
@@ -84,6 +94,7 @@ def run_chain(
     build_time: float = 0.0,
     made: Made | None = None,
     until: float | None = None,
+    warm_only: bool = False,
 ) -> Solution:
     """Try the solvers of the settings in turn until one converges.
 
@@ -95,7 +106,7 @@ def run_chain(
     if settings.solver == "sqp":
         turns.append(("sqp", True))
     if start.warm and settings.initial_barrier is None and settings.solver in ("auto", "ipopt"):
-        turns.insert(0, ("ipopt", True))
+        turns = [("ipopt", True), *([] if warm_only else turns)]
     attempts: list[Attempt] = []
     outcome: Outcome | None = None
     for name, variant in turns:
