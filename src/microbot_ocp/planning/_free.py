@@ -285,7 +285,7 @@ class _Search:
         solved = [s for s in found if s.status.solved]
         if not solved:
             nearest = min(found, key=lambda s: (not s.attempts, s.attempts[-1].infeasibility))
-            return self._refined(nearest)
+            return self.refiner.finished(self._refined(nearest))
         for coarse in sorted(solved, key=self._honest_duration):
             honest = self._honest_duration(coarse)
             if any(abs(honest - other) <= SAME * other for other in hoped):
