@@ -116,6 +116,36 @@ def cracking() -> OptimalControlProblem:
     return problem
 
 
+_MINUTES = (1230, 3060, 4920, 7800, 10680, 15030, 22620, 36420)
+_ISOMERS = (
+    (88.35, 76.4, 65.1, 50.4, 37.5, 25.9, 14.0, 4.5),
+    (7.3, 15.6, 23.1, 32.9, 42.7, 49.1, 57.4, 63.1),
+    (2.3, 4.5, 5.3, 6.0, 6.0, 5.9, 5.1, 3.8),
+    (0.4, 0.7, 1.1, 1.5, 1.9, 2.2, 2.6, 2.9),
+    (1.75, 2.8, 5.8, 9.3, 12.0, 17.0, 21.0, 25.7),
+)
+
+
+def isomerisation() -> OptimalControlProblem:
+    """Isomerisation of alpha-pinene: five rates, six orders apart from 1, from 8 measurements."""
+    problem = OptimalControlProblem("alpha-pinene")
+    k = problem.free_parameter("k", 5, lower=0.0, upper=0.01, unit="1/min")
+    phase = problem.phase("all", float(_MINUTES[-1]))
+    y = phase.state("y", 5, initial=[100.0, 0.0, 0.0, 0.0, 0.0], unit="%")
+    to_third, back = k[1] * y[0], k[4] * y[4]
+    slopes = (
+        -k[0] * y[0] - to_third,
+        k[0] * y[0],
+        to_third - (k[2] + k[3]) * y[2] + back,
+        k[2] * y[2],
+        k[3] * y[2] - back,
+    )
+    phase.derivative(y, ca.vertcat(*slopes))
+    data = phase.measurement("data", _MINUTES, np.transpose(_ISOMERS))
+    phase.point_cost(ca.sumsqr(y - data))
+    return problem
+
+
 FINE = "fine mesh"
 
 PROBLEMS = (
@@ -155,6 +185,14 @@ PROBLEMS = (
         tolerance=5e-4,
         confirmed=FINE,
         sign=-1.0,
+    ),
+    SuiteProblem(
+        isomerisation,
+        kind="parameters, data",
+        source="COPS 3.0 (Dolan, Moré, Munson 2004), problem 12 (Box et al. 1973): 19.8721",
+        published=19.8721,
+        tolerance=1e-5,
+        confirmed=FINE,
     ),
     SuiteProblem(
         cracking,

@@ -40,15 +40,14 @@ def test_the_declaration_is_complete(problem: SuiteProblem):
 def test_nothing_is_tuned(problem: SuiteProblem):
     """No scales and no shapes of controls: what a user declares at first."""
     for phase in problem.build().phases:
-        variables = [*phase.states, *phase.controls, *phase.algebraics]
-        assert not any(v.scaled for v in variables)
-        assert all(c.shape == "constant" for c in phase.controls)
+        assert not any(v.scaled for v in phase.variables)
+        assert all(c.shape == "auto" for c in phase.controls)
         assert not any(c.scaled for c in [*phase.constraints, *phase.end_constraints])
         assert phase.duration_scale is None
 
 
 def variables_of(phase: Phase) -> set[str]:
-    return {v.name for v in [*phase.states, *phase.controls, *phase.algebraics]}
+    return {v.name for v in phase.variables}
 
 
 @pytest.mark.parametrize("problem", [p for p in PROBLEMS if p.guess], ids=lambda p: p.name)

@@ -27,7 +27,7 @@ class Variable:
     final: tuple[FloatArray, FloatArray] | None
     scale: FloatArray
     unit: str
-    shape: str  # "state", "constant", "linear", "polynomial", "algebraic" or "parameter"
+    shape: str  # "state", "auto", "constant", "linear", "polynomial", "algebraic", "parameter"
     interior_points: bool = False
     rate: ca.MX | None = None
     scaled: bool = True  # whether the scale was declared

@@ -494,8 +494,8 @@ class Phase:
                     holder = next(
                         (p for p in self.problem.phases if free in p.free_parameters), self
                     )
-                    if holder is self and free not in self.free_parameters:
-                        self.free_parameters.append(free)
+                    if holder is self:
+                        self._add_free(free)
                     self._carry(holder, symbol)
         return expression
 
@@ -541,8 +541,17 @@ class Phase:
         own = next(v for v in owner.free_parameters if ca.is_equal(v.symbol, symbol))
         first, last = sorted((phases.index(owner), phases.index(self)))
         for phase in phases[first : last + 1]:
-            if own.name not in {v.name for v in phase.free_parameters}:
-                phase.free_parameters.append(own)
+            phase._add_free(own)
+
+    def _add_free(self, parameter: Variable) -> None:
+        known = {v.name: v for v in self.variables}
+        if parameter.name not in known:
+            self.free_parameters.append(parameter)
+        elif not ca.is_equal(known[parameter.name].symbol, parameter.symbol):
+            raise InputError(
+                f"phase {self.name!r} has a variable {parameter.name!r} of its own, and needs the "
+                "free parameter of that name: call one of them something else"
+            )
 
     def _copied(self, name: str, linked: Sequence[str]) -> Phase:
         """The phase with symbols of its own and without conditions at the start of what is linked.
