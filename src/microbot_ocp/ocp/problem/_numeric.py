@@ -19,9 +19,9 @@ def numeric_function(
     """A function of numbers, such as a table or a simulation, for expressions.
 
     Its derivatives are central differences, those of second order differences of differences: good
-    to about 1e-6 and 1e-4, and every evaluation is a call of Python. It must be smooth, and is
-    evaluated a little beside where the solver is. What CasADi can say (``ca.interpolant`` for
-    tables) is better said there.
+    to about 1e-6 and 1e-4, and every evaluation is a call of Python, of which an iteration needs
+    some hundreds for every interval. It must be smooth, and is evaluated a little beside where the
+    solver is. What CasADi can say (``ca.interpolant`` for tables) is better said there.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def numeric_function(
     >>> u = phase.control("u", lower=0.0, upper=1.0)
     >>> phase.derivative(x, u * slower(x))
     >>> phase.end_cost(phase.duration)
-    >>> round(solve(problem, mesh=5).cost, 4)
+    >>> round(solve(problem, mesh=3).cost, 4)
     1.3863
     """
     for size in (*sizes, result):
