@@ -268,7 +268,7 @@ def test_a_motion_that_was_not_solved_says_so(monkeypatch):
     def stopped(problem, mesh, guess, settings, **_):
         return solve(problem, mesh, guess, replace(settings, max_iterations=2))
 
-    monkeypatch.setattr(refinement, "solve", stopped)
+    monkeypatch.setattr(refinement, "solve_on", stopped)
     motion = time_optimal(arm(), ARM_VIA, mesh=20, starts=2)
     assert not motion.solved
     assert motion.provenance["status"] == "iteration limit"

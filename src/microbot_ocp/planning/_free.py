@@ -334,7 +334,9 @@ class _Search:
             self.settings.compiled,
             budget=slower * fastest.duration,
         )
-        refiner = replace(self.refiner, transcription=kernels, guess_from=self._with_clock)
+        refiner = replace(
+            self.refiner, transcription=kernels, guess_from=self._with_clock, rough=None
+        )
         meshes = [phase.mesh for phase in fastest.phases]
         guesses = self._with_clock(fastest, slower)
         calmer = refiner.refine(refiner.solve(meshes, guesses, barrier=CALMER_BARRIER))
