@@ -286,8 +286,9 @@ PROBLEMS = (
         source="Otter and Tuerk, DFVLR-Mitteilung 88-13 (1988), model 2; Betts, Practical Methods "
         "(2010): 0.4951963",
         published=0.4951963,
-        tolerance=2e-7,
-        confirmed="fine mesh",
+        reference=0.495189035837,
+        tolerance=2e-5,
+        confirmed="nine arcs by Newton's method",
     ),
     SuiteProblem(
         manutec_effort,
