@@ -139,7 +139,7 @@ def lost_end_condition(monkeypatch):
 def test_a_fault_in_what_makes_the_program_is_found(plant, said, monkeypatch):
     plant(monkeypatch)
     problem = cart()
-    solution = solve(problem, 20, settings=SETTINGS)
+    solution = solve(problem, 20, scheme="shooting", settings=SETTINGS)
     assert solution.status.solved
     certificate = verify(problem, solution)
     assert not certificate.ok

@@ -189,7 +189,8 @@ def test_a_problem_without_a_cost_is_one_of_feasibility(solver):
 def test_kernels_are_built_once_for_all_meshes():
     made = []
 
-    def prepare(functions):
+    def prepare(_, make):
+        functions = make()
         made.append([function.name() for function in functions])
         return functions
 
@@ -200,7 +201,9 @@ def test_kernels_are_built_once_for_all_meshes():
 
 
 def test_a_prepared_kernel_takes_the_place_of_the_built_one():
-    def doubled_cost(functions):
+    def doubled_cost(_, make):
+        functions = make()
+
         def altered(function):
             v, c = (ca.SX.sym(f"i{k}", function.size1_in(k)) for k in range(2))
             outputs = list(function(v, c))
