@@ -47,6 +47,7 @@ from microbot_ocp.planning._initial_guesses import (
 )
 from microbot_ocp.planning._progress import with_motion
 from microbot_ocp.planning._scale import TaskScale
+from microbot_ocp.planning._switching import in_arcs
 from microbot_ocp.planning._task import (
     GAP,
     ROUGH_TOLERANCE,
@@ -96,6 +97,10 @@ class TimeOptimalSettings:
         Microbot task, then picks one where many are equally fast
     limit_tolerance : largest relative excess of a limit between mesh points; the mesh is refined
         until it holds
+    switching_times : whether the times at which one limit takes over from another are solved for
+        in the end, each arc a phase of free length: the fastest motion to the accuracy of the
+        integrator, with accelerations that jump, and its times in the provenance. Where the arcs
+        cannot be found it is the motion of the mesh, and the provenance says why
     solver : "auto" (fatrop explores, IPOPT finishes), "fatrop" or "ipopt" for everything
     compiled : compile the kernels to C where there is a compiler
     seed : of the random starts
@@ -106,6 +111,7 @@ class TimeOptimalSettings:
     tries: int = 30
     slack: float = 0.0
     limit_tolerance: float = 5e-4
+    switching_times: bool = False
     solver: str = "auto"
     compiled: bool = True
     seed: int = 0
@@ -118,6 +124,8 @@ class TimeOptimalSettings:
         whole("seed", self.seed, at_least=0)
         checks.number("slack", self.slack, at_least=0.0)
         checks.number("limit_tolerance", self.limit_tolerance, above=0.0)
+        if self.switching_times and self.slack:
+            raise InputError("switching_times are those of the fastest motion: slack must be 0")
         checks.one_of("solver", self.solver, ("auto", "fatrop", "ipopt"))
 
 
@@ -145,7 +153,7 @@ def time_optimal(
         Default the robot's own.
     settings : TimeOptimalSettings, optional
         Single settings may be given as keywords instead: ``mesh``, ``starts``, ``tries``,
-        ``slack``, ``limit_tolerance``, ``solver``, ``compiled``, ``seed``.
+        ``slack``, ``limit_tolerance``, ``switching_times``, ``solver``, ``compiled``, ``seed``.
     progress : callable, optional
         Called with a line of text at every step, and at every iteration of a solver with a
         :class:`~microbot_ocp.planning.MotionIteration`.
@@ -219,7 +227,13 @@ class _Search:
         solution = self._finish(found)
         if self.settings.slack and self._rank(solution)[0] is False:
             solution = self._calmer(solution)
-        return self._motion(solution, starts, time.perf_counter() - begin + self.kernel_time)
+        motion = self._motion(solution, starts, time.perf_counter() - begin + self.kernel_time)
+        if not self.settings.switching_times or not motion.solved:
+            return motion
+        held: Robot = with_locked_joints_held(self.family).robot
+        exact = in_arcs(self.family, held, motion, self._guess_from(solution), self.progress)
+        spent = time.perf_counter() - begin + self.kernel_time
+        return replace(exact, provenance={**exact.provenance, "wall_time": spent})
 
     # starts ---------------------------------------------------------------------------------
 

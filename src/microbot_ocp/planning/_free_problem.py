@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from functools import lru_cache
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -54,14 +55,21 @@ def transcription(
 
 
 def free_problem(
-    robot: Robot, via: FloatArray, *, payload: bool = False, budget: float | None = None
+    robot: Robot,
+    via: FloatArray,
+    *,
+    payload: bool = False,
+    budget: float | None = None,
+    jumps: bool = False,
 ) -> OptimalControlProblem:
     """The optimal-control problem of a robot (with its limits) through via points [m,n].
 
     Each segment between two via points is a phase of free duration with the states q, qd and a
     continuous, piecewise linear acceleration as the control. With ``payload`` every phase has the
     parameter "payload": a mass at the tool, kg, zero at first. With a ``budget``, s, all phases
-    together take no longer, and the effort is minimised in the place of the time.
+    together take no longer, and the effort is minimised in the place of the time. With ``jumps``
+    the acceleration may jump, as it does in the fastest motion, and nothing is smoothed; where a
+    limit is one of the jerk or the torque rate it is the jerk that may.
     """
     count, limits, family = robot.joint_count, robot.limits, LimitFamily.of(robot)
     constraints = [key for key in family.keys if key not in OF_VARIABLES]
@@ -72,6 +80,7 @@ def free_problem(
     held = (limits.qdd_min == 0.0) & (limits.qdd_max == 0.0)  # they stay where they start
     # A limited jerk leaves no jump of the acceleration where the arm starts and stops.
     rests, still = family.jerk_is_limited, np.zeros(count)
+    rated = any(member.order == 3 for member in family)
     problem = OptimalControlProblem(f"time-optimal motion of {robot.name}")
     for index, (start, end) in enumerate(itertools.pairwise(via)):
         first, last = index == 0, index == len(via) - 2
@@ -100,20 +109,28 @@ def free_problem(
             unit="rad/s",
             interior_points=bool(np.isfinite(limits.qd_max).any()),
         )
-        qdd = phase.control(
-            "qdd",
-            count,
-            lower=limits.qdd_min,
-            upper=limits.qdd_max,
-            initial=_unless(held, still) if first and rests else None,
-            final=_unless(held, still) if last and rests else None,
-            scale=acceleration_scale,
-            unit="rad/s^2",
-            shape="linear",
-        )
+        own: dict[str, Any] = {
+            "lower": limits.qdd_min,
+            "upper": limits.qdd_max,
+            "scale": acceleration_scale,
+            "unit": "rad/s^2",
+        }
+        ends: dict[str, Any] = {
+            "initial": _unless(held, still) if first and rests else None,
+            "final": _unless(held, still) if last and rests else None,
+        }
+        if not jumps:
+            qdd = phase.control("qdd", count, **own, **ends, shape="linear")
+            jerk = phase.rate(qdd)
+        elif rated:
+            qdd = phase.state("qdd", count, **own, **ends)
+            jerk = phase.control("jerk", count, unit="rad/s^3", shape="polynomial")
+            phase.derivative(qdd, jerk)
+        else:
+            qdd = phase.control("qdd", count, **own, shape="polynomial")
+            jerk = ca.MX.zeros(count)
         phase.derivative(q, qd)
         phase.derivative(qd, qdd)
-        jerk = phase.rate(qdd)
         mass = [phase.parameter("payload", 0.0)] if payload else []
         declare_limits(phase, family, constraints, (q, qd, qdd, jerk), start, torques, mass)
         if budget is None:
@@ -129,10 +146,11 @@ def free_problem(
             phase.derivative(clock, ca.MX(1.0))
             moved = torques(q, qd, qdd, jerk, *mass)[0] if robot.has_dynamics else qdd
             phase.running_cost(ca.sumsqr(moved / effort_scale(family, acceleration_scale)))
-        phase.running_cost(SMOOTHING * ca.sumsqr(jerk / size.jerk))
+        if not jumps:
+            phase.running_cost(SMOOTHING * ca.sumsqr(jerk / size.jerk))
     for before, after in itertools.pairwise(problem.phases):
-        names = ("q", "qd", "qdd") if budget is None else ("q", "qd", "clock", "qdd")
-        problem.link(before, after, names=names)
+        names = ["q", "qd", *([] if budget is None else ["clock"])]
+        problem.link(before, after, names=[*names, *([] if jumps and not rated else ["qdd"])])
     return problem
 
 
@@ -175,15 +193,19 @@ def _unless(held: np.ndarray, value: FloatArray) -> tuple[FloatArray, FloatArray
 
 def excess_between(family: LimitFamily, solution: Solution) -> list[FloatArray]:
     """Largest relative excess of any limit along every interval: an array [N, K] a phase."""
-    shape = polynomial(solution)
+    excess = excess_along(family, polynomial(solution))
+    return np.split(excess, np.cumsum([p.mesh.size - 1 for p in solution.phases])[:-1])
+
+
+def excess_along(family: LimitFamily, shape: PiecewisePolynomial) -> FloatArray:
+    """Largest relative excess of any limit at K places of every piece [N, K]."""
     velocity = shape.derivative()
     acceleration = velocity.derivative()
     inside = np.linspace(0, 1, CHECKS_PER_INTERVAL + 1)
     t = (shape.breaks[:-1, None] + inside * np.diff(shape.breaks)[:, None]).ravel()
     orders = (shape, velocity, acceleration, acceleration.derivative())
     excess = family.excess(MotionSamples(*(order(t) for order in orders)))
-    edges = np.cumsum([phase.mesh.size - 1 for phase in solution.phases])[:-1]
-    return np.split(excess.reshape(-1, inside.size), edges)
+    return excess.reshape(-1, inside.size)
 
 
 def motion_at_mesh(phases: Sequence[PhaseSolution]) -> Samples:

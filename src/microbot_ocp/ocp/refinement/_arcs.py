@@ -189,14 +189,19 @@ def distance(mesh: FloatArray, places: FloatArray) -> float:
 
 
 def arcs_of(
-    phase: PhaseSolution, declared: Phase | None = None, *, mixed: bool = False
+    phase: PhaseSolution,
+    declared: Phase | None = None,
+    *,
+    mixed: bool = False,
+    shortest: int = SHORTEST,
 ) -> tuple[list[_Arc], list[_Limit]]:
     """Arcs of a phase, and the limits of its states that act somewhere.
 
-    With ``mixed`` also those that depend on controls. Of a piece of a phase, with the declaration
+    Arcs of fewer intervals than ``shortest`` are left out; with ``mixed`` limits that depend on
+    controls are looked at, too. Of a piece of a phase, with the declaration
     of the whole: arcs of its controls alone, however short.
     """
-    whole, shortest = declared is None, SHORTEST if declared is None else 1
+    whole, shortest = declared is None, shortest if declared is None else 1
     declared = declared or phase_layout(phase).phase
     columns = []
     for control in _jumping(declared):

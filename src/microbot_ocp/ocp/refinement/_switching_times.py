@@ -13,7 +13,7 @@ would rather leave its bound it is freed, and a free one that comes to lie at a 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -25,6 +25,7 @@ from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.status import Status
 from microbot_ocp._base.table import Column, Table
 from microbot_ocp.ocp.problem import OptimalControlProblem, Phase
+from microbot_ocp.ocp.refinement._adaptive import excess_of_limits
 from microbot_ocp.ocp.refinement._arcs import (
     LEAST_INTERVALS,
     MOST_ARCS,
@@ -37,7 +38,15 @@ from microbot_ocp.ocp.refinement._arcs import (
     stretches,
 )
 from microbot_ocp.ocp.refinement._mesh_error import divide, state_errors
-from microbot_ocp.ocp.solution import Gap, PhaseSolution, Solution, StepProgress, quiet
+from microbot_ocp.ocp.solution import (
+    Gap,
+    PhaseSolution,
+    Solution,
+    StepProgress,
+    cost_size,
+    quiet,
+    scaled,
+)
 from microbot_ocp.ocp.solvers import SolverSettings, solve
 from microbot_ocp.ocp.transcription import (
     Label,
@@ -55,7 +64,9 @@ SETTINGS = SolverSettings("ipopt", tolerance=1e-10, gap=1e-7)
 MOST_INTERVALS = 8  # of an arc at first: the order is high
 WORSE = 1e-3  # share by which the arcs may cost more than what they come from
 WRONG = 1e-3  # of its largest: a multiplier of the wrong sign that is larger frees a control
+EXCEEDED = 1e-4  # of a limit: by more it may not be exceeded on an arc where it is free to act
 CHANGES = 4  # solves that may change the arcs
+MOST = 2 * MOST_ARCS  # of a phase: short ones may turn out to be none
 NAMES = {-1: "lower limit", 0: "free", 1: "upper limit"}
 
 
@@ -168,6 +179,7 @@ def solve_switching_times(
     settings: SolverSettings | None = None,
     rounds: int = 10,
     progress: StepProgress = quiet,
+    transcribe: Callable[..., Transcription] = Transcription,
 ) -> SwitchingTimes:
     """Solve for the times at which controls switch and limits begin or cease to act.
 
@@ -185,6 +197,8 @@ def solve_switching_times(
         Most solves.
     progress : callable
         Called with a line of text for every solve.
+    transcribe : callable
+        Makes a transcription of the problem with one phase an arc; its keyword is ``scheme``.
 
     Returns
     -------
@@ -219,8 +233,17 @@ def solve_switching_times(
         raise InputError(f"start has the phases {names}, which are not those of the problem")
     if not first.status.solved:
         return SwitchingTimes(first.status, first.advice, (), first)
-    plans = [_planned(phase) for phase in first.phases]
-    return _Search(declared, first, plans, accuracy, settings or SETTINGS, progress).run(rounds)
+    how = settings or SETTINGS, progress, transcribe
+    found: SwitchingTimes | None = None
+    # what is an interval or two long is the smeared end of two arcs, or an arc that is short
+    for shortest in (3, 2, 1):
+        plans = [_planned(phase, shortest) for phase in first.phases]
+        tried = _Search(declared, first, plans, accuracy, *how).run(rounds)
+        found = tried if found is None or tried.solved else found
+        if found.status in (Status.SOLVED, Status.INTERRUPTED):
+            break
+    assert found is not None
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -239,9 +262,9 @@ class _Plan:
         return tuple(arc.signature for arc in self.arcs)
 
 
-def _planned(phase: PhaseSolution) -> _Plan:
+def _planned(phase: PhaseSolution, shortest: int) -> _Plan:
     declared = phase_layout(phase).phase
-    found, limits = arcs_of(phase, mixed=True)
+    found, limits = arcs_of(phase, mixed=True, shortest=shortest)
     arcs = [
         replace(arc, intervals=min(arc.intervals, MOST_INTERVALS))
         for arc in stretches(phase, found)
@@ -306,23 +329,26 @@ class _Search:
         accuracy: float,
         settings: SolverSettings,
         progress: StepProgress,
+        transcribe: Callable[..., Transcription],
     ) -> None:
         self.problem, self.first, self.plans = problem, first, plans
         self.accuracy, self.settings, self.progress = accuracy, settings, progress
+        self.transcribe = transcribe
+        self.closing = False  # whether the gap is to be closed, once all else is well
 
     def run(self, rounds: int) -> SwitchingTimes:
         status, said = Status.ROUND_LIMIT, ""
         found: SwitchingTimes | None = None
         for done in range(rounds):
-            if any(len(plan.arcs) > MOST_ARCS for plan in self.plans):
-                said = f"More than {MOST_ARCS} arcs in a phase are too many to solve for."
+            if any(len(plan.arcs) > MOST for plan in self.plans):
+                said = f"More than {MOST} arcs in a phase are too many to solve for."
                 status = Status.NOT_POSSIBLE
                 break
             solution, groups = self._solved()
             self.progress(
                 f"{sum(map(len, groups))} arcs: cost {solution.cost:.12g}, {solution.status}"
             )
-            if not solution.status.solved:
+            if solution.status not in (Status.SOLVED, Status.GAP_LEFT):
                 status, said = solution.status, solution.advice
                 break
             changed = self._changed(solution, groups) if done < CHANGES else None
@@ -333,7 +359,9 @@ class _Search:
             found = self._result(solution, groups, max(float(e.max()) for e in errors))
             if found.state_error <= self.accuracy:
                 status, said = self._judged(solution, groups)
-                break
+                if status is not Status.GAP_LEFT or self.closing:
+                    break
+                self.closing, status = True, Status.ROUND_LIMIT
             self._refine(solution, groups, errors)
         found = found or SwitchingTimes(status, "", (), self.first)
         if status is Status.ROUND_LIMIT:
@@ -361,7 +389,9 @@ class _Search:
             guesses |= {k.name: guess for k, guess in zip(own, own_guesses, strict=True)}
             meshes += [_with_degree(*pair) for pair in zip(own, own_meshes, strict=True)]
         whole.links = links_between(self.problem, groups)
-        return solve(whole, meshes, guesses, self.settings, scheme=SCHEME), groups
+        made = self.transcribe(scaled(whole, guesses), scheme=SCHEME)
+        settings = self.settings if self.closing else replace(self.settings, gap=np.inf)
+        return solve(made, meshes, guesses, settings), groups
 
     def _changed(self, solution: Solution, groups: Sequence[Sequence[Phase]]) -> list[_Plan] | None:
         """Plans with other arcs, where the solution asks for them."""
@@ -416,6 +446,18 @@ class _Search:
             return Status.NOT_ACCEPTED, (
                 f"The arcs cost {solution.cost:.8g}, more than the {self.first.cost:.8g} of the "
                 "solution that they were read from: give one of a finer mesh."
+            )
+        worst = excess_of_limits(solution)[1]
+        if worst is not None and worst.relative > EXCEEDED:
+            return Status.LIMITS_EXCEEDED, (
+                f"Between mesh points {worst.kind} {worst.name} of {worst.phase!r} is "
+                f"{100 * worst.relative:.2g} % beyond its limit: there are more arcs than the "
+                "solution that was given shows."
+            )
+        wanted = self.settings.gap * cost_size(solution.cost, solution.cost_scale)
+        if not solution.gap.total <= wanted:
+            return Status.GAP_LEFT, (
+                f"{Status.GAP_LEFT.sentence} It is {solution.gap.total:.2g} instead of {wanted:.2g}."
             )
         wrong = _wrong_signs(solution, self.plans, groups)
         if wrong:
