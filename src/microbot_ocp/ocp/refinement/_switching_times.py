@@ -61,6 +61,7 @@ from microbot_ocp.ocp.verification import phase_layout
 SCHEME = Collocation("radau", 5)
 FREE_DEGREE = 3  # where a control is free: more would let it swing where it is singular
 SETTINGS = SolverSettings("ipopt", tolerance=1e-10, gap=1e-7)
+LOOSER = 1e-8
 MOST_INTERVALS = 8  # of an arc at first: the order is high
 WORSE = 1e-3  # share by which the arcs may cost more than what they come from
 WRONG = 1e-3  # of its largest: a multiplier of the wrong sign that is larger frees a control
@@ -391,7 +392,11 @@ class _Search:
         whole.links = links_between(self.problem, groups)
         made = self.transcribe(scaled(whole, guesses), scheme=SCHEME)
         settings = self.settings if self.closing else replace(self.settings, gap=np.inf)
-        return solve(made, meshes, guesses, settings), groups
+        solution = solve(made, meshes, guesses, settings)
+        if solution.status is Status.FAILED:  # rounding may leave the first tolerance out of reach
+            looser = replace(settings, tolerance=max(settings.tolerance, LOOSER))
+            solution = solve(made, meshes, guesses, looser)
+        return solution, groups
 
     def _changed(self, solution: Solution, groups: Sequence[Sequence[Phase]]) -> list[_Plan] | None:
         """Plans with other arcs, where the solution asks for them."""
@@ -457,7 +462,7 @@ class _Search:
         wanted = self.settings.gap * cost_size(solution.cost, solution.cost_scale)
         if not solution.gap.total <= wanted:
             return Status.GAP_LEFT, (
-                f"{Status.GAP_LEFT.sentence} It is {solution.gap.total:.2g} instead of {wanted:.2g}."
+                f"{Status.GAP_LEFT.sentence} It is {solution.gap.total:.2g}, not {wanted:.2g}."
             )
         wrong = _wrong_signs(solution, self.plans, groups)
         if wrong:
