@@ -6,8 +6,7 @@ import time
 import numpy as np
 import pytest
 
-from microbot_ocp import InputError
-from microbot_ocp._base.status import Status
+from microbot_ocp import InputError, Status
 from microbot_ocp.ocp import solve_refined, verify
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.solution import completed, default_guess, scaled

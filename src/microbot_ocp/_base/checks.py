@@ -16,8 +16,21 @@ from numpy.typing import ArrayLike, NDArray
 FloatArray = NDArray[np.float64]
 
 
+MOST_MESSAGE = 290  # characters
+LONGEST = 1e4  # s, of a motion whose duration is given
+MOST_SAMPLES = 100_000  # of a new motion: a longer one has fewer a second
+MOST_GIVEN = 2_000_000  # samples that may be asked for
+
+
 class InputError(ValueError):
-    """Bad input, found before any solver starts; the message is one complete sentence."""
+    """Bad input, found before any solver starts; the message is one complete sentence.
+
+    It has less than 300 characters: a value that is longer is quoted by its ends.
+    """
+
+    def __init__(self, *arguments: object) -> None:
+        brief = (shortened(a, MOST_MESSAGE) if isinstance(a, str) else a for a in arguments)
+        super().__init__(*brief)
 
 
 _brief = reprlib.Repr()
@@ -35,7 +48,9 @@ def shown(value: Any) -> str:
 
 def shortened(text: str, most: int) -> str:
     """``text`` on one line with at most so many characters, the middle left out."""
-    line = " ".join(text[: 20 * most].split()) if len(text) < 20 * most else text
+    if len(text) <= most:
+        return text
+    line = " ".join(text.split())
     return line if len(line) <= most else f"{line[: most // 2]}…{line[len(line) - most // 2 + 1 :]}"
 
 
@@ -47,9 +62,11 @@ def _is_numeric(value: Any) -> bool:
     """Whether numpy would read numbers only: no text, no truth values, at any depth."""
     if isinstance(value, list | tuple):
         return all(_is_numeric(entry) for entry in value)
-    if isinstance(value, str | bytes | bool | np.bool_):
+    if isinstance(value, str | bytes | bool | np.bool_ | complex | np.complexfloating):
         return False
-    return not isinstance(value, np.ndarray) or value.dtype.kind in "iufO"
+    if isinstance(value, np.ndarray) and value.dtype.kind == "O":
+        return all(_is_numeric(entry) for entry in value.flat)
+    return not isinstance(value, np.ndarray) or value.dtype.kind in "iuf"
 
 
 def number(
@@ -66,8 +83,8 @@ def number(
         if not _is_numeric(value) or (isinstance(value, np.ndarray) and value.ndim):
             raise TypeError
         result = float(value)
-    except (TypeError, ValueError, OverflowError):
-        raise InputError(f"{name} must be a number, not {value!r}") from None
+    except (TypeError, ValueError, OverflowError, RecursionError, AttributeError, RuntimeError):
+        raise InputError(f"{name} must be a number, not {shown(value)}") from None
     if not np.isfinite(result):
         raise InputError(f"{name} must be finite, not {_with_unit(value, unit)}")
     if above is not None and result <= above:
@@ -94,8 +111,11 @@ def array(
         if not _is_numeric(value):
             raise TypeError
         result = np.array(value, dtype=float)
-    except (TypeError, ValueError):
-        raise InputError(f"{name} must be an array of numbers, not {value!r}") from None
+    except (
+        TypeError, ValueError, OverflowError, RecursionError, AttributeError, RuntimeError,
+        NotImplementedError,
+    ):  # fmt: skip
+        raise InputError(f"{name} must be an array of numbers, not {shown(value)}") from None
     fits = result.ndim == len(shape) and all(
         want is None or have == want for have, want in zip(result.shape, shape, strict=True)
     )
@@ -112,11 +132,20 @@ def array(
     return result
 
 
+def size(what: str, count: float, most: int) -> None:
+    """Refuse what would have more than ``most`` entries (samples, intervals) before it is made."""
+    if not count <= most:
+        raise InputError(
+            f"{what} would be {count:.3g}, {8e-9 * count:.2g} GB a column: "
+            f"at most {most:,} are allowed"
+        )
+
+
 def one_of(name: str, value: str, allowed: Iterable[str]) -> str:
     """Return ``value`` if it is one of ``allowed``."""
     names = list(allowed)
-    if value not in names:
-        raise InputError(f"{name} must be one of {', '.join(names)}, not {value!r}")
+    if not isinstance(value, str) or value not in names:
+        raise InputError(f"{name} must be one of {', '.join(names)}, not {shown(value)}")
     return value
 
 

@@ -498,6 +498,7 @@ def _timing(
         times = np.concatenate([[0.0], np.cumsum(2.0 * steps / steps.max())])
     else:
         times = checks.array("via_t", via_t, (len(via),), "s")
+        checks.number("the last of via_t", times[-1], "s", at_most=checks.LONGEST)
         if times[0] != 0.0 or np.any(np.diff(times) <= 0):
             raise InputError(
                 f"via_t must increase from 0 s without a duration of zero, not {times.tolist()}"

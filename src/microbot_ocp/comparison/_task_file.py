@@ -157,7 +157,7 @@ def parse_task(text: str, origin: str, folder: Path) -> TaskFile:
     """Task from the text of a file; ``origin`` names it, ``folder`` holds the robots it names."""
     try:
         data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as problem:
+    except (ValueError, RecursionError) as problem:  # an integer of 5,000 digits; nesting
         raise InputError(f"{origin} is not valid TOML: {problem}") from None
     try:
         return _task(data, origin, folder)

@@ -270,10 +270,14 @@ def _nearer_members(
     return moved, motions
 
 
+FARTHEST = 1e6  # m; beyond, nothing is left of a reach in double precision
+
+
 def checked_target(robot: Robot, position: ArrayLike, orientation: ArrayLike | None) -> FloatArray:
     """Row [3] or [12] of a checked position [3] and orientation [3,3]."""
     _check_robot(robot)
     place = checks.array("position", position, (3,), "m")
+    _check_near("position", place)
     if orientation is None:
         return np.array(place)
     turn = checks.array("orientation", orientation, (3, 3))
@@ -288,10 +292,17 @@ def checked_targets(
     places = checks.array("positions", positions, (None, 3), "m")
     if not len(places):
         raise InputError("positions must have at least one row, not 0")
+    _check_near("positions", places)
     if orientations is None:
         return np.array(places)
     turns = checks.array("orientations", orientations, (len(places), 3, 3))
     return np.hstack([places, _rotation_rows("orientations[{}]", turns)])
+
+
+def _check_near(name: str, places: FloatArray) -> None:
+    far = float(np.abs(places).max())
+    if far > FARTHEST:
+        raise InputError(f"{name} must be within {FARTHEST:g} m of the base, not {far:g} m")
 
 
 def _check_robot(robot: Robot) -> None:

@@ -228,6 +228,7 @@ class Motion:
     def resample(self, rate: float) -> Motion:
         """The motion on a grid of ``rate`` hertz, its end included; torques interpolated."""
         rate = checks.number("rate", rate, "Hz", above=0.0)
+        checks.size("the number of samples", self.duration * rate, checks.MOST_GIVEN)
         count = max(1, int(np.ceil(self.duration * rate - 0.5)))
         t = np.append(np.arange(count) / rate, self.duration)
         state = self.sample(t)
@@ -334,9 +335,11 @@ def torque_along(robot: Robot, state: State) -> FloatArray:
 def sample_times(breaks: FloatArray, jumps: FloatArray, step: float) -> FloatArray:
     """Times from the first to the last break, at most ``step`` apart, with the breaks among them.
 
-    Every time in ``jumps`` is preceded by a sample 1 microsecond before it.
+    Long motions have a longer step, so that memory is bounded (:data:`checks.MOST_SAMPLES`). Every
+    time in ``jumps`` is preceded by a sample 1 microsecond before it.
     """
     pieces = []
+    step = max(step, float(breaks[-1] - breaks[0]) / checks.MOST_SAMPLES)
     jumping = set(np.asarray(jumps).tolist())
     for start, end in pairwise(np.asarray(breaks, dtype=float)):
         last = end - JUMP_GAP if end in jumping and end - start > 2 * JUMP_GAP else end

@@ -153,7 +153,7 @@ def time_path(
     >>> timing.solved, round(timing.duration, 3), timing.limits_kept_by["speed bound"]
     (True, 2.576, ['velocity'])
     """
-    whole("grid", grid, "points", at_least=10)
+    whole("grid", grid, "points", at_least=10, at_most=1_000_000)
     family = check_limits(robot, limits)
     check_path(family, path)
     moving = with_locked_joints_held(family, None)

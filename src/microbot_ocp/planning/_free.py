@@ -121,7 +121,7 @@ class TimeOptimalSettings:
             whole("mesh", self.mesh, "intervals", at_least=4)
         whole("starts", self.starts, at_least=1)
         whole("tries", self.tries, at_least=0)
-        whole("seed", self.seed, at_least=0)
+        whole("seed", self.seed, at_least=0, at_most=2**63)
         checks.number("slack", self.slack, at_least=0.0)
         checks.number("limit_tolerance", self.limit_tolerance, above=0.0)
         if self.switching_times and self.slack:
@@ -540,7 +540,7 @@ class TimeOptimalSolver:
         whole("mesh", mesh, "intervals", at_least=4)
         whole("starts", starts, at_least=1)
         whole("rounds", rounds, at_least=0)
-        whole("seed", seed, at_least=0)
+        whole("seed", seed, at_least=0, at_most=2**63)
         self.robot = robot
         self.via_q = check_via(check_limits(robot, None), via_q)
         self._starts, self._seed, self._rounds = starts, seed, rounds

@@ -79,7 +79,7 @@ class PathTimingSettings:
     def __post_init__(self) -> None:
         if self.mesh is not None:
             whole("mesh", self.mesh, "intervals", at_least=4)
-        whole("grid", self.grid, "points", at_least=10)
+        whole("grid", self.grid, "points", at_least=10, at_most=1_000_000)
         checks.number("limit_tolerance", self.limit_tolerance, above=0.0)
         checks.one_of("solver", self.solver, ("ipopt", "fatrop"))
 

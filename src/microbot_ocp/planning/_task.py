@@ -140,9 +140,14 @@ def provenance_of(
     }
 
 
-def whole(name: str, value: Any, unit: str = "", *, at_least: int) -> None:
-    """Raise InputError where a setting is not a whole number of at least so many."""
-    checks.number(name, value, unit, at_least=at_least)
+MOST_WHOLE = 20_000  # intervals, starts, tries: far more than any computer does in a day
+
+
+def whole(
+    name: str, value: Any, unit: str = "", *, at_least: int, at_most: int = MOST_WHOLE
+) -> None:
+    """Raise InputError where a setting is not a whole number within bounds."""
+    checks.number(name, value, unit, at_least=at_least, at_most=at_most)
     if not isinstance(value, int | np.integer):
         raise InputError(f"{name} must be a whole number, not {value}")
 

@@ -30,6 +30,7 @@ def checked_times(t: ArrayLike) -> FloatArray:
     grid = checks.array("t", t, (None,), "s")
     if grid.size < 2:
         raise InputError("t must hold at least two times, s")
+    checks.size("the number of samples", grid.size, checks.MOST_GIVEN)
     stuck = np.flatnonzero(np.diff(grid) <= 0)
     if stuck.size:
         i = int(stuck[0])

@@ -87,10 +87,14 @@ def with_points(mesh: Mesh, fractions: Sequence[float]) -> Mesh:
     return Mesh(points, degrees) if wanted else mesh
 
 
+MOST_INTERVALS = 100_000
+
+
 def _fractions(mesh: ArrayLike | int) -> FloatArray:
     if isinstance(mesh, (int, np.integer)):
         if mesh < 2:
             raise InputError(f"mesh must have at least 2 intervals, not {mesh}")
+        checks.size("the number of intervals", float(min(mesh, 10**300)), MOST_INTERVALS)
         return np.linspace(0.0, 1.0, int(mesh) + 1)
     if isinstance(mesh, float):
         raise InputError(f"mesh must be a whole number of intervals or fractions, not {mesh}")

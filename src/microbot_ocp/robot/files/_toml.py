@@ -65,7 +65,7 @@ def parse_robot(text: str, origin: str = "robot") -> Robot:
     """Robot from the text of a TOML file; ``origin`` names it in error messages."""
     try:
         data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as problem:
+    except (ValueError, RecursionError) as problem:  # an integer of 5,000 digits; nesting
         raise InputError(f"{origin} is not valid TOML: {problem}") from None
     for key in data:
         checks.one_of(f"key in {origin}", key, ROBOT_KEYS)

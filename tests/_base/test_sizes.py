@@ -1,0 +1,80 @@
+"""Sizes are bounded before they hurt, and messages are short whatever is given."""
+
+import numpy as np
+import pytest
+
+import microbot_ocp as mo
+from microbot_ocp._base import checks
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return mo.load_robot("microbot")
+
+
+VIA = [[0.0, 0.0, 0.0], [-1.0, 1.0, 1.0]]
+
+
+@pytest.mark.parametrize("setting", ["mesh", "starts", "tries"])
+def test_settings_beyond_all_computers_are_refused(robot, setting):
+    with pytest.raises(mo.InputError, match=f"{setting} must be at most 20000"):
+        mo.time_optimal(robot, VIA, **{setting: 10**12})
+
+
+def test_a_long_motion_has_fewer_samples_a_second(robot):
+    motion = mo.Motion.from_polynomial(robot, mo.quintic(VIA, [0, 1e6]), label="slow")
+    assert motion.t.size <= checks.MOST_SAMPLES + 2
+    assert motion.duration == 1e6
+    with pytest.raises(mo.InputError, match="samples would be 1e\\+09"):
+        motion.resample(1000.0)
+
+
+def test_what_is_far_away_is_refused(robot):
+    for position in ([1e155, 0, 0], [1e7, 0, 0]):
+        with pytest.raises(mo.InputError, match="within 1e\\+06 m"):
+            mo.solve_ik(robot, position)
+    with pytest.raises(mo.InputError, match="at most 10000 s"):
+        mo.compare(robot, VIA, ["cubic_report"], via_t=[0, 1e6])
+
+
+def nested(depth):
+    value = []
+    for _ in range(depth):
+        value = [value]
+    return value
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        1 + 2j,
+        [np.complex128(1j)] * 3,
+        np.array([1j, 0, 0]),
+        np.array([1j, 0, 0], dtype=object),
+        nested(5000),
+        10**400,
+        10**5000,
+        "1" * 5000,
+        {"a": 1},
+        object(),
+        None,
+        [[1], [2, 3]],
+        True,
+    ],
+    ids=lambda value: type(value).__name__,
+)
+def test_what_is_no_number_is_refused_in_a_short_sentence(robot, value):
+    for call in (
+        lambda: checks.number("speed", value),
+        lambda: checks.array("speed", value, (3,)),
+        lambda: robot.with_limits(qd_max=[1.0, value, 1.0]),
+    ):
+        with pytest.raises(mo.InputError, match=r"speed|qd_max") as caught:
+            call()
+        assert len(str(caught.value)) < 300
+
+
+def test_a_long_message_keeps_its_ends():
+    message = str(mo.InputError("begin " + "x" * 5000 + " end"))
+    assert len(message) < 300
+    assert (message[:5], message[-3:]) == ("begin", "end")
