@@ -15,7 +15,7 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.status import Status
-from microbot_ocp.ocp import refinement
+from microbot_ocp.ocp import refinement, verification
 from microbot_ocp.ocp.diagnosis import NotFinite
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.solution import (
@@ -273,7 +273,7 @@ def _on_finer_meshes(
     attempts, left, worst = list(solution.attempts), _Left(), np.inf
     warm = replace(settings, solver="ipopt") if settings.solver == "auto" else settings
     for done in range(ROUNDS + 1):
-        errors = refinement.state_errors(solution)
+        errors = _errors(solution)
         worst = max(float(e.max()) for e in errors)
         if done == ROUNDS or (left.estimate <= ACCURACY and worst <= ROUGH):
             break
@@ -295,10 +295,22 @@ def _on_finer_meshes(
         return solution
     said = (
         f"{Status.NO_PROGRESS.sentence} On the last meshes the cost still changed by "
-        f"{left.change:.1g} of itself, the state is wrong by {worst:.1g} of its size within an "
-        "interval: call solve_refined."
+        f"{left.change:.1g} of itself; within an interval states are wrong, or limits exceeded, by "
+        f"{worst:.1g} of their sizes: call solve_refined."
     )
     return replace(solution, status=Status.NO_PROGRESS, advice=said)
+
+
+def _errors(solution: Solution) -> list[FloatArray]:
+    """Of every interval the larger of its state error and what it exceeds limits by in between.
+
+    The latter counts less the shorter an interval is: where a control jumps it does not vanish.
+    """
+    found = []
+    for phase, own in zip(solution.phases, refinement.state_errors(solution), strict=True):
+        excess = verification.relative_excess(verification.dense_phase(phase)).max(axis=1)
+        found.append(np.maximum(own, excess * np.minimum(1.0, INTERVALS * np.diff(phase.mesh))))
+    return found
 
 
 class _Left:
