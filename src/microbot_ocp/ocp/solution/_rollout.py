@@ -15,6 +15,7 @@ from microbot_ocp.ocp.transcription import Guess, GuessValue
 SHARES = (0.5, 0.2, 0.1, 0.8, 0.0, 1.0)  # of the range of all controls that are tried
 POINTS = 101  # of every phase
 TOLERANCE = 1e-6
+EXPLODES = 1e4  # times the size of the usual guess: what grows so is no start, nor gives scales
 
 
 def rollout(
@@ -36,7 +37,8 @@ def rollouts(
     Controls without bounds are zero; the others are at one share of their ranges. The first guess
     is the one in which states stay nearest to their bounds and come nearest to the conditions at
     their ends. A state that leaves the finite numbers keeps its last value, and so does one that
-    leaves its bounds in the guess.
+    leaves its bounds in the guess. What grows out of all proportion is left out; where everything
+    does the guess is ``ordinary``.
 
     Parameters
     ----------
@@ -55,7 +57,8 @@ def rollouts(
         _simulated(problem, ordinary, durations or {}, share)
         for share in (SHARES if bounded else SHARES[:1])
     ]
-    return [guess for guess, _ in sorted(tried, key=lambda found: found[1])]
+    near = [(guess, miss) for guess, miss in tried if np.isfinite(miss)]
+    return [guess for guess, _ in sorted(near, key=lambda found: found[1])] or [dict(ordinary)]
 
 
 def _simulated(
@@ -89,6 +92,9 @@ def _simulated(
             values[state.name] = partial(_along, kept)
             last[state.name] = kept[-1]
             size = np.maximum(np.abs(kept).max(axis=0), 1e-6)
+            usual = np.abs(_values(own, state, np.array([0.0, 1.0]))).max(axis=0)
+            if np.any(size > EXPLODES * np.maximum(usual, 1.0)):
+                miss = np.inf
             miss += float((np.abs(part - kept).max(axis=0) / size).sum())
             if state.final is not None:
                 nearest = np.clip(kept[-1], *state.final)
