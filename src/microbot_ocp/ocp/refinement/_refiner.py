@@ -34,6 +34,7 @@ WARM_BARRIER = 1e-4
 FAR_ABOVE = 3.0  # times the accepted excess; halving an interval divides it by about four
 POLISHED = 0.1  # share of the wanted gap that needs no polish
 MOST_POLISHING = 60  # iterations
+MOST_FINISHING = 2  # meshes after that
 
 
 @dataclass(eq=False)
@@ -108,8 +109,10 @@ class Refiner:
         return self._solve(mesh, guesses, settings)
 
     def finished(self, solution: Solution) -> Solution:
-        """A rough solution to the full tolerance and refined so further, or as it is where that
-        takes too long."""
+        """A rough solution to the full tolerance and refined so further.
+
+        As it is where that takes too long or does not keep the limits.
+        """
         if self.rough is None or not solution.status.solved:
             return solution
         if solution.gap.total <= POLISHED * self.settings.gap * abs(solution.cost):
@@ -126,8 +129,12 @@ class Refiner:
         self.progress(f"the last digits: {finer.duration:.6f} s, {finer.status}")
         if not accepted:
             return solution
-        self.rough = None
-        return self.refine(finer)
+        self.rough, rounds, self.rounds = None, self.rounds, MOST_FINISHING
+        finer = self.refine(finer)
+        self.rounds = rounds
+        before, after = (max(float(e.max()) for e in self.excess(k)) for k in (solution, finer))
+        kept = after <= max(self.limit_tolerance, before)
+        return finer if kept else solution
 
     def _solve(
         self,
