@@ -267,7 +267,8 @@ def certify(
         Miss of a position at the end of a segment that still passes, rad (m).
     torque_tolerance : float
         Error of a torque, relative to the largest of its joint, that still passes: of the stored
-        ones, and of the one that would explain what a segment misses.
+        ones, and of the one that would explain what a segment misses. Motions whose torques are
+        interpolated, as those of ``Motion.resample``, or rounded need a larger one, such as 1e-3.
     via_tolerance : float
         Distance to a via point that still passes, rad (m).
 
