@@ -1,6 +1,7 @@
 # make demo   the method comparison, into out/demo     make lint   ruff and pyright
 # make test   the whole test suite                     make clean  remove all that make made
 # make test-fast   the tests that take a moment only   (CONTRIBUTING.md)
+# make fuzz, make faults   damaged inputs; kills, full disks, damaged caches (docs/reliability.md)
 # make bench  speed ratios against peers               make docs   the documentation, into out/docs
 # make figures, make screenshots   figures of the documentation, pictures of recordings: docs/images
 # make torture  a thousand random tasks, or COUNT=50 of them  (docs/torture.md)
@@ -19,7 +20,7 @@ PIP := PIP_DISABLE_PIP_VERSION_CHECK=1 $(BIN)/python -m pip install -qq
 OUT := out/demo
 SITE := out/docs
 
-.PHONY: help demo test test-fast test-environment bench suite torture docs figures screenshots lint clean
+.PHONY: help demo test test-fast fuzz faults test-environment bench suite torture docs figures screenshots lint clean
 
 help:
 	@sed -n 's/^# \{0,1\}//p' Makefile | head -8
@@ -64,6 +65,13 @@ test: test-environment
 
 test-fast: test-environment
 	@$(BIN)/python -m pytest -n 2 -m 'not slow' tests
+
+fuzz: test-environment
+	@MICROBOT_OCP_FUZZ=10000 $(BIN)/python -m pytest -q tests/reliability/test_fuzz.py
+
+faults: test-environment
+	@MICROBOT_OCP_KILLS=100 $(BIN)/python -m pytest -q -s tests/_base/test_codegen.py \
+	    tests/_base/test_writing.py tests/comparison/test_folder.py tests/reliability/test_network.py
 
 bench: $(VENV)/.ready-bench
 	@$(BIN)/python -m benchmarks
