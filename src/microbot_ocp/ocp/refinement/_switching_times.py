@@ -13,6 +13,7 @@ would rather leave its bound it is freed, and a free one that comes to lie at a 
 from __future__ import annotations
 
 import itertools
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -179,6 +180,7 @@ def solve_switching_times(
     accuracy: float = 1e-9,
     settings: SolverSettings | None = None,
     rounds: int = 10,
+    most_time: float = 60.0,
     progress: StepProgress = quiet,
     transcribe: Callable[..., Transcription] = Transcription,
 ) -> SwitchingTimes:
@@ -195,7 +197,9 @@ def solve_switching_times(
     settings : SolverSettings, optional
         Default: IPOPT to a tolerance of 1e-10 and a gap of 1e-7 of the cost.
     rounds : int
-        Most solves.
+        Most solves of one set of arcs.
+    most_time : float
+        Wall time after which no other solve is begun, s.
     progress : callable
         Called with a line of text for every solve.
     transcribe : callable
@@ -235,13 +239,15 @@ def solve_switching_times(
     if not first.status.solved:
         return SwitchingTimes(first.status, first.advice, (), first)
     how = settings or SETTINGS, progress, transcribe
+    until = time.perf_counter() + most_time
     found: SwitchingTimes | None = None
     # what is an interval or two long is the smeared end of two arcs, or an arc that is short
     for shortest in (3, 2, 1):
         plans = [_planned(phase, shortest) for phase in first.phases]
-        tried = _Search(declared, first, plans, accuracy, *how).run(rounds)
+        tried = _Search(declared, first, plans, accuracy, *how).run(rounds, until)
         found = tried if found is None or tried.solved else found
-        if found.status in (Status.SOLVED, Status.INTERRUPTED):
+        late = time.perf_counter() > until
+        if late or found.status in (Status.SOLVED, Status.INTERRUPTED):
             break
     assert found is not None
     return found
@@ -337,13 +343,16 @@ class _Search:
         self.transcribe = transcribe
         self.closing = False  # whether the gap is to be closed, once all else is well
 
-    def run(self, rounds: int) -> SwitchingTimes:
+    def run(self, rounds: int, until: float) -> SwitchingTimes:
         status, said = Status.ROUND_LIMIT, ""
         found: SwitchingTimes | None = None
         for done in range(rounds):
             if any(len(plan.arcs) > MOST for plan in self.plans):
                 said = f"More than {MOST} arcs in a phase are too many to solve for."
                 status = Status.NOT_POSSIBLE
+                break
+            if time.perf_counter() > until:
+                status = Status.TIME_LIMIT
                 break
             solution, groups = self._solved()
             self.progress(
