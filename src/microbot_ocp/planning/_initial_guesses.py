@@ -19,7 +19,7 @@ from microbot_ocp.planning._task import locked_joints
 from microbot_ocp.robot import Robot
 from microbot_ocp.trajectories import ViaPoints, cubic_through, shortest_duration, via_velocities
 
-LARGEST_BOW = 0.7  # rad (m), sideways in the middle of a segment
+LARGEST_BOW = 1.5  # rad (m), sideways in the middle of a segment
 BOW_SHARE = 0.7  # of the way of all segments: a bow is not larger either
 # Swings, for tasks that a straight way does not solve: as far as these, rad (m), in so many
 # harmonics, and as slow as so many times the typical duration
