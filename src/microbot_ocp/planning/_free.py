@@ -385,7 +385,7 @@ class _Search:
             found[name] = Guess(float(end - start), {**rates, "clock": clock})
         return found
 
-    def _velocity_switches(self, solution: Solution) -> list[np.ndarray]:
+    def _velocity_switches(self, solution: Solution) -> list[Any]:
         """Intervals in which a velocity goes through more than half of its limit at once.
 
         The arm could reach it in far less time than the mesh lets it.
