@@ -7,8 +7,6 @@ import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
-from zlib import error as zlib_error
 
 import numpy as np
 
@@ -17,11 +15,8 @@ from microbot_ocp._base.writing import write_whole
 
 SCHEMA = 1
 ARRAYS = ("t", "q", "qd", "qdd", "tau", "breaks")
-# What numpy and json raise on files that are damaged or something else.
-_BROKEN = (
-    OSError, EOFError, LookupError, TypeError, ValueError, BadZipFile, zlib_error,
-    AttributeError, NotImplementedError,
-)  # fmt: skip
+# zipfile, zlib, tokenize and numpy raise a dozen kinds on what is damaged or something else.
+_BROKEN = Exception
 
 
 def write(path: Path, arrays: Mapping[str, FloatArray], metadata: Mapping[str, Any]) -> Path:

@@ -14,8 +14,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
-from zlib import error as zlib_error
 
 import casadi as ca
 import numpy as np
@@ -50,17 +48,8 @@ _SCHEMES: dict[str, Callable[..., Scheme]] = {
     kind.__name__: kind
     for kind in (Collocation, HermiteSimpson, IntegratorShooting, Shooting, Trapezoidal)
 }
-_BROKEN = (
-    OSError,
-    EOFError,
-    LookupError,
-    TypeError,
-    ValueError,
-    AttributeError,
-    NotImplementedError,
-    BadZipFile,
-    zlib_error,
-)
+# zipfile, zlib, tokenize and numpy raise a dozen kinds on what is damaged or something else.
+_BROKEN = Exception
 _OPTIONAL = ("variable_multipliers", "variables")
 
 
