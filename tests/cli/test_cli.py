@@ -186,7 +186,7 @@ def test_completion(call, monkeypatch, words, offered, kept_back):
         (["replay", "none.npz", "--rerun", "x.rrd"], ["none.npz"]),
         (["replay", ".", "--rerun", "x.rrd"], ["comparison.json"]),
         (["replay", "x.npz"], ["--rerun", "--open"]),
-        (["replay", "x.rrd", "--rerun", "y.rrd"], ["already", "rerun x.rrd"]),
+        (["replay", "x.rrd", "--rerun", "y.rrd"], ["already", "replay x.rrd --open"]),
     ],
 )
 def test_bad_input_is_one_line(refused, tmp_path, arguments, words):

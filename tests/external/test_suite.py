@@ -107,7 +107,7 @@ def test_another_shape_of_the_controls_is_another_answer():
 
 
 def test_a_child_that_does_not_end_is_a_timeout():
-    found = runner.run_child("cracking", "peer", options(limit=1))
+    found = runner.run_child("cracking", "peer", options(limit=1, mesh=3000))
     assert found["status"] == runner.TIMEOUT
     assert found["cost"] is None
 

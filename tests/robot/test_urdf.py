@@ -263,7 +263,7 @@ def test_joints_off_the_way_to_the_tip_are_held_at_zero() -> None:
     with pytest.raises(
         InputError,
         match=r"branches at link 'l1' into joints 'j2', 'to side': choose an end by tip, one of "
-        r"\(with its number of joints\) 'l1' \(1\), 'l2' \(2\), 'side' \(2\)$",
+        r"\(with its number of joints\) 'l2' \(2\), 'side' \(2\), 'l1' \(1\)$",
     ):
         parse_urdf(text, "arm.urdf")
     robot = quiet(text, tip="l2")
@@ -361,7 +361,7 @@ def test_inertias_of_links_that_stand_still_are_told_apart() -> None:
 
 def test_a_message_lists_no_more_than_it_has_room_for() -> None:
     many = "".join(branch(f"tip{i}", "l1") for i in range(100))
-    with pytest.raises(InputError, match=r"'to tip28', 71 more: choose .* 72 more$"):
+    with pytest.raises(InputError, match=r"'to tip4', 95 more: choose .* 9. more$"):
         parse_urdf(chain(revolute(), revolute(), more=many))
 
 
@@ -723,5 +723,5 @@ def test_names_that_xml_cannot_hold_are_refused() -> None:
 def test_urdf_goes_to_a_file_of_its_ending(tmp_path: Path, microbot: mo.Robot) -> None:
     with pytest.raises(InputError, match=r"path must end in \.urdf, not '.*arm\.xml'"):
         mo.write_urdf(microbot, tmp_path / "arm.xml")
-    with pytest.raises(InputError, match=r"robot file '.*arm\.urdf' cannot be written: "):
+    with pytest.raises(InputError, match=r"arm\.urdf was not written: its folder does"):
         mo.write_urdf(microbot, tmp_path / "none" / "arm.urdf")

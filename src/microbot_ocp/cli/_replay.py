@@ -52,7 +52,10 @@ def replay(
         raise InputError("give --rerun FILE.rrd to write the recording, or --open to see it")
     if file.suffix == ".rrd":
         if rerun is not None or not file.is_file():
-            raise InputError(f"{shortened(str(file), 150)} must be a recording that --open shows")
+            raise InputError(
+                f"{shortened(str(file), 150)} is a recording already, which replay can show only: "
+                f"microbot-ocp replay {shortened(file.name, 60)} --open"
+            )
         code = answer(as_json, {"recording": str(file)}, lambda console: None)
         open_recording(lambda path: path, file)
         return code

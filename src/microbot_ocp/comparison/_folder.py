@@ -72,8 +72,9 @@ def swap_in(staged: Path, target: Path, index: bool, motions: bool) -> list[Path
             try:
                 place.parent.mkdir(exist_ok=True)
                 if name == INDEX:
-                    sync(target / "motions")
-                    sync(target)
+                    for folder in (target / "motions", target):
+                        if folder.is_dir():
+                            sync(folder)
                 os.replace(staged / name, place)
             except OSError as problem:
                 raise NotWritten(place, problem.strerror or str(problem)) from None

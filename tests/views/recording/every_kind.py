@@ -129,7 +129,7 @@ def solution() -> SolutionRecording:
         phase.derivative(v, a)
         phase.end_cost(phase.duration)
     problem.link(*problem.phases)
-    return of_solution(solve(problem, mesh=20), "cart")
+    return of_solution(solve(problem, mesh=20, scheme="shooting"), "cart")
 
 
 class Iterations:

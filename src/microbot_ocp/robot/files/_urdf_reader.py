@@ -11,6 +11,7 @@ gravity. Writing puts these in elements ``<microbot_ocp>``, which other readers 
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -41,7 +42,7 @@ from microbot_ocp.robot.files._xml import read_xml
 
 PARALLEL = 1e-12  # rad: what rounding in the computation leaves between parallel axes
 USUAL_TOOL = "tool0"  # name of the tool frame by ROS-Industrial's convention
-LISTED = 30  # names in a message
+ROOM = 70  # characters that a list of names takes in a message
 
 
 @dataclass
@@ -247,9 +248,10 @@ class _Tree:
         return [name for name in self.links if not self.below[name]]
 
     def _tips(self, more: list[str] | None = None) -> str:
-        """Links that can be the tip, with the number of joints on the way, for messages."""
+        """Links that can be the tip, those with the most joints on the way first, for messages."""
         counts = {name: len(self._free(self._way(name))) for name in [*(more or []), *self._ends()]}
-        return _some([f"{name!r} ({count})" for name, count in counts.items() if count])
+        longest = sorted(counts.items(), key=lambda pair: -pair[1])
+        return _some([f"{name!r} ({count})" for name, count in longest if count])
 
     def _only_tip(self) -> str:
         """The end of a file that is one arm."""
@@ -412,9 +414,11 @@ class _Tree:
 
 
 def _some(texts: list[str]) -> str:
-    """As many texts as a message has room for."""
-    rest = len(texts) - LISTED
-    return ", ".join([*texts[:LISTED], f"{rest} more"] if rest > 0 else texts)
+    """As many texts as a message has room for, at least one."""
+    ends = itertools.accumulate(len(text) + 2 for text in texts)
+    fitting = max(sum(end <= ROOM for end in ends), 1)
+    rest = len(texts) - fitting
+    return ", ".join([*texts[:fitting], f"{rest} more"] if rest > 0 else texts)
 
 
 def _extra(joint: UrdfJoint, key: str, default: float) -> float:
