@@ -447,3 +447,14 @@ def test_file_of_a_newer_version_is_refused_as_such(bang_bang: Motion, tmp_path:
     message = rf"newer version \(schema {SCHEMA + 1}; this one reads up to {SCHEMA}\)"
     with pytest.raises(InputError, match=message):
         Motion.load(path)
+
+
+def test_resampled_torques_are_those_of_the_robot(microbot):
+    shape = mo.lspb([[0, 0, 0], [0.9, 0.7, 0.8]], [0.0, 1.0], 0.3)
+    motion = mo.Motion.from_polynomial(microbot, shape, label="lspb")
+    sampled = motion.resample(730.0, microbot)
+    tau = np.array(mo.inverse_dynamics(microbot).map(sampled.t.size)(
+        sampled.q.T, sampled.qd.T, sampled.qdd.T
+    )).T  # fmt: skip
+    np.testing.assert_allclose(sampled.tau, tau, rtol=1e-12, atol=1e-9)
+    assert np.abs(motion.resample(730.0).tau - tau).max() > 1e-6

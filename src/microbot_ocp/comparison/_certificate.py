@@ -268,7 +268,8 @@ def certify(
     torque_tolerance : float
         Error of a torque, relative to the largest of its joint, that still passes: of the stored
         ones, and of the one that would explain what a segment misses. Motions whose torques are
-        interpolated, as those of ``Motion.resample``, or rounded need a larger one, such as 1e-3.
+        interpolated, as those of ``Motion.resample`` without the robot, or rounded need a larger
+        one, such as 1e-3.
     via_tolerance : float
         Distance to a via point that still passes, rad (m).
 

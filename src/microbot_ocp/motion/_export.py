@@ -64,7 +64,7 @@ def export(motion: Any, path: str | Path, rate: float | None, robot: Robot | Non
     """Write a motion; see :meth:`microbot_ocp.Motion.export`."""
     target = Path(path)
     checks.one_of("ending of path", target.suffix, EXPORT_FORMATS)
-    sampled = motion if rate is None else motion.resample(rate)
+    sampled = motion if rate is None else motion.resample(rate, robot)
     columns = Columns.of(sampled, robot)
     with whole_file(target) as partial:
         EXPORT_FORMATS[target.suffix](partial, columns)

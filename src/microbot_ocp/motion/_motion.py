@@ -225,14 +225,21 @@ class Motion:
         t, _ = dense_times(self)
         return t, samples_at(self, t)
 
-    def resample(self, rate: float) -> Motion:
-        """The motion on a grid of ``rate`` hertz, its end included; torques interpolated."""
+    def resample(self, rate: float, robot: Robot | None = None) -> Motion:
+        """The motion on a grid of ``rate`` hertz, its end included.
+
+        Torques are those of the inverse dynamics of ``robot``. Without it they are interpolated,
+        which is exact to some thousandths only where they bend.
+        """
         rate = checks.number("rate", rate, "Hz", above=0.0)
         checks.size("the number of samples", self.duration * rate, checks.MOST_GIVEN)
         count = max(1, int(np.ceil(self.duration * rate - 0.5)))
         t = np.append(np.arange(count) / rate, self.duration)
         state = self.sample(t)
-        tau = np.column_stack([np.interp(t, self.t, column) for column in self.tau.T])
+        if robot is not None and robot.has_dynamics:
+            tau = torque_along(robot, state)
+        else:
+            tau = np.column_stack([np.interp(t, self.t, column) for column in self.tau.T])
         return Motion(
             t, *state, tau, self.label, None, self.marks, dict(self.provenance), self.note
         )
