@@ -53,6 +53,15 @@ RobotName = Annotated[
 Tip = Annotated[
     str | None, option("--tip", what="Last link of a URDF file's chain.", metavar="LINK")
 ]
+MotionRobot = Annotated[
+    str | None,
+    option(
+        "--robot",
+        what="Robot of the motion, where the file names none.",
+        metavar="ROBOT",
+        completion=robot_names,
+    ),
+]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document.")]
 Recording = Annotated[
     Path | None,

@@ -10,7 +10,7 @@ import typer
 
 import microbot_ocp as mo
 from microbot_ocp._base.checks import InputError, shortened
-from microbot_ocp.cli._options import Json, Open, Recording, option, robot_names
+from microbot_ocp.cli._options import Json, MotionRobot, Open, Recording
 from microbot_ocp.cli._output import Written, answer
 from microbot_ocp.cli._recordings import Save, check_recording, open_recording
 from microbot_ocp.comparison import named_robot
@@ -30,15 +30,7 @@ def replay(
             help="Motion (.npz), recording (.rrd), or the folder that a comparison was saved in.",
         ),
     ],
-    robot_name: Annotated[
-        str | None,
-        option(
-            "--robot",
-            what="Robot of the motion, where the file names none.",
-            metavar="ROBOT",
-            completion=robot_names,
-        ),
-    ] = None,
+    robot_name: MotionRobot = None,
     rerun: Recording = None,
     open_viewer: Open = False,
     as_json: Json = False,

@@ -39,7 +39,7 @@ from microbot_ocp.ocp.solution import (
     StepProgress,
     quiet,
 )
-from microbot_ocp.ocp.solvers import SolverSettings, first_solution, transcribed
+from microbot_ocp.ocp.solvers import SolverSettings, solutions, transcribed
 from microbot_ocp.ocp.transcription import Guess, Mesh, Meshes, Transcription
 from microbot_ocp.ocp.transcription.schemes import Scheme
 from microbot_ocp.ocp.verification import (
@@ -161,7 +161,7 @@ def solve_refined(
         own = transcribed(problem, settings, scheme=scheme, guess=guess)
         mesh = _with_degrees(own, mesh, hp)
     watched = None if progress is quiet else progress
-    first, transcription = first_solution(problem, mesh, guess, settings, scheme, until, watched)
+    first, transcription = next(solutions(problem, mesh, guess, settings, scheme, until, watched))
     refiner = Refiner(
         transcription,
         guess_from=resampled,

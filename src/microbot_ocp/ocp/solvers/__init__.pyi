@@ -26,6 +26,6 @@ from ._settings import (
     SolverSettings as SolverSettings,
 )
 from ._solve import (
-    first_solution as first_solution,
+    solutions as solutions,
     solve as solve,
 )

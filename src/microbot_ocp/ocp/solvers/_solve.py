@@ -137,20 +137,6 @@ class _Way:
     coarse: bool = False
 
 
-def first_solution(
-    problem: OptimalControlProblem | Transcription,
-    mesh: Meshes,
-    guess: Given,
-    settings: SolverSettings,
-    scheme: str | Scheme,
-    until: float,
-    progress: Progress | None,
-) -> tuple[Solution, Transcription]:
-    """The solution of the first way that converges, else that of the first, and its program."""
-    found = solutions(problem, mesh, guess, settings, scheme, until, progress)
-    return next(found)
-
-
 def solutions(
     problem: OptimalControlProblem | Transcription,
     mesh: Meshes,
