@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from scipy.optimize import least_squares
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp.problem import OptimalControlProblem, Phase, Variable
@@ -181,6 +180,8 @@ def _fitted(seen: list[_Seen], unknown: list[Variable]) -> dict[str, FloatArray]
     value = ca.Function("residuals", [free], [residuals])
     slope = ca.Function("slopes", [free], [ca.densify(ca.jacobian(residuals, free))])
     try:
+        from scipy.optimize import least_squares  # slow to import, needed for data only
+
         made = least_squares(
             lambda k: value(k).full().ravel(),
             start,
