@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.ocp.problem import OptimalControlProblem, Phase, Variable
 from microbot_ocp.ocp.transcription import Guess, GuessValue
 
@@ -180,8 +180,12 @@ def _fitted(seen: list[_Seen], unknown: list[Variable]) -> dict[str, FloatArray]
     value = ca.Function("residuals", [free], [residuals])
     slope = ca.Function("slopes", [free], [ca.densify(ca.jacobian(residuals, free))])
     try:
-        from scipy.optimize import least_squares  # slow to import, needed for data only
-
+        from scipy.optimize import least_squares
+    except ImportError:
+        raise InputError(
+            "guesses of fits to data need scipy: pip install 'microbot_ocp[fit]', or give guess="
+        ) from None
+    try:
         made = least_squares(
             lambda k: value(k).full().ravel(),
             start,
