@@ -19,5 +19,5 @@ def no_solver(monkeypatch: pytest.MonkeyPatch) -> None:
         pytest.fail("a solver was started")
 
     monkeypatch.setattr(ca, "nlpsol", refuse)
-    for module, name in (("_free", "_Search"), ("_path_timing", "_PathSearch")):
+    for module, name in (("_free", "FreeSearch"), ("_path_timing", "_PathSearch")):
         monkeypatch.setattr(sys.modules[f"microbot_ocp.planning.{module}"], name, refuse)

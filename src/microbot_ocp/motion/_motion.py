@@ -142,10 +142,12 @@ class Motion:
         provenance: Mapping[str, Any] | None = None,
         note: str = "",
         step: float = SAMPLE_STEP,
+        jumps_at: Sequence[float] = (),
     ) -> Motion:
         """Sample a piecewise polynomial (degree up to five) with its inverse dynamics.
 
-        The samples are at most ``step`` seconds apart; every break is one of them.
+        The samples are at most ``step`` seconds apart; every break is one of them. ``jumps_at`` are
+        those breaks at which something else than the acceleration jumps.
         """
         degree = polynomial.coefficients.shape[1] - 1
         if degree > 5:
@@ -158,6 +160,7 @@ class Motion:
         after = acceleration(breaks)[1:-1]
         size = 1.0 + np.abs(acceleration.coefficients[:, 0]).max()
         jumps = np.abs(after - before).max(axis=1) > 1e-9 * size
+        jumps |= np.isin(breaks[1:-1], jumps_at)
         step = max(step, (breaks[-1] - breaks[0]) / MOST_SAMPLES)
         t = sample_times(breaks, breaks[1:-1][jumps], step)
         return cls.from_state(

@@ -28,7 +28,7 @@ from microbot_ocp.motion import Mark, Motion
 from microbot_ocp.ocp import ParametricSolver, Solution, SolverSettings
 from microbot_ocp.ocp.refinement import WORSE, Refiner, split
 from microbot_ocp.ocp.solution import StepProgress, quiet
-from microbot_ocp.ocp.transcription import Guess
+from microbot_ocp.ocp.transcription import Guess, Transcription
 from microbot_ocp.planning._free_problem import (
     OF_VARIABLES,
     SMOOTHING,
@@ -187,10 +187,10 @@ def fastest_motion(
     family: LimitFamily, via: FloatArray, settings: TimeOptimalSettings, progress: StepProgress
 ) -> Motion:
     """As :func:`time_optimal`, of via points that are checked."""
-    return _Search(family, via, settings, progress).run()
+    return FreeSearch(family, via, settings, progress).run()
 
 
-class _Search:
+class FreeSearch:
     """Several starts on a coarse mesh, the best refined until limits hold between points."""
 
     def __init__(
@@ -207,8 +207,7 @@ class _Search:
         self.names = [f"phase {i + 1}" for i in range(len(via) - 1)]
         self.calmed: dict[str, Any] = {}
         begin = time.perf_counter()
-        held: Robot = with_locked_joints_held(family).robot
-        kernels = transcription(held, self.via.tobytes(), len(self.via), settings.compiled)
+        kernels = self._kernels()
         self.kernel_time = time.perf_counter() - begin
         self.refiner = Refiner(
             kernels,
@@ -220,6 +219,11 @@ class _Search:
             settings=SolverSettings(gap=GAP),
             rough=ROUGH_TOLERANCE,
         )
+
+    def _kernels(self, budget: float | None = None) -> Transcription:
+        held: Robot = with_locked_joints_held(self.family).robot
+        compiled = self.settings.compiled
+        return transcription(held, self.via.tobytes(), len(self.via), compiled, budget=budget)
 
     def run(self) -> Motion:
         begin = time.perf_counter()
@@ -341,13 +345,7 @@ class _Search:
     def _calmer(self, fastest: Solution) -> Solution:
         """The motion of least effort that takes at most the slack longer; the fastest if none."""
         slower = 1.0 + self.settings.slack
-        kernels = transcription(
-            with_locked_joints_held(self.family).robot,
-            self.via.tobytes(),
-            len(self.via),
-            self.settings.compiled,
-            budget=slower * fastest.duration,
-        )
+        kernels = self._kernels(slower * fastest.duration)
         refiner = replace(
             self.refiner, transcription=kernels, guess_from=self._with_clock, rough=None
         )
@@ -366,7 +364,7 @@ class _Search:
         return calmer if solved else fastest
 
     def _effort(self, solution: Solution) -> float:
-        motion = Motion.from_polynomial(self.robot, polynomial(solution), label="effort")
+        motion = self._shaped(solution, {}, "")
         moved = motion.tau if self.robot.has_dynamics else motion.qdd
         scaled = moved / effort_scale(self.family, self.scale.acceleration)
         return float(np.trapezoid((scaled**2).sum(axis=1), motion.t))
@@ -423,8 +421,7 @@ class _Search:
         )
         outcome["advice"] += self.scale.active_bounds([p.duration for p in solution.phases])
         found = sorted({round(s["duration"], 3) for s in starts if s["status"] == "solved"})
-        return _as_motion(
-            self.robot,
+        return self._shaped(
             solution,
             provenance_of(
                 "free time-optimal motion, multiple shooting on the inverse dynamics",
@@ -440,6 +437,9 @@ class _Search:
             ),
             _note(outcome, len(self.via), len(starts), found) + self._slack_note(solution),
         )
+
+    def _shaped(self, solution: Solution, provenance: dict[str, Any], note: str) -> Motion:
+        return _as_motion(self.robot, solution, provenance, note)
 
     def _slack_note(self, solution: Solution) -> str:
         if not self.calmed:

@@ -15,6 +15,7 @@ from microbot_ocp._base.codegen import compile_recipe, compiler
 from microbot_ocp.limits import LimitFamily, MotionSamples
 from microbot_ocp.motion import PiecewisePolynomial, State, quintic_between
 from microbot_ocp.ocp import OptimalControlProblem, PhaseSolution, Solution, Transcription
+from microbot_ocp.planning._conditions import Bounds, Conditions, passing
 from microbot_ocp.planning._progress import Samples
 from microbot_ocp.planning._scale import TaskScale
 from microbot_ocp.planning._task import (
@@ -40,6 +41,7 @@ def transcription(
     *,
     payload: bool = False,
     budget: float | None = None,
+    conditions: Conditions | None = None,
 ) -> Transcription:
     """Kernels for a robot (its own limits) and via points, built once."""
     via = np.frombuffer(via_bytes).reshape(count, -1)
@@ -47,10 +49,10 @@ def transcription(
     if compiled and compiler() is not None:
         prepare = compile_recipe
     return Transcription(
-        free_problem(robot, via, payload=payload, budget=budget),
+        free_problem(robot, via, payload=payload, budget=budget, conditions=conditions),
         scheme="shooting",
         prepare=prepare,
-        derivatives=derivatives_for(robot),
+        derivatives=derivatives_for(*(conditions.robots if conditions else (robot,))),
     )
 
 
@@ -61,6 +63,7 @@ def free_problem(
     payload: bool = False,
     budget: float | None = None,
     jumps: bool = False,
+    conditions: Conditions | None = None,
 ) -> OptimalControlProblem:
     """The optimal-control problem of a robot (with its limits) through via points [m,n].
 
@@ -69,21 +72,29 @@ def free_problem(
     parameter "payload": a mass at the tool, kg, zero at first. With a ``budget``, s, all phases
     together take no longer, and the effort is minimised in the place of the time. With ``jumps``
     the acceleration may jump, as it does in the fastest motion, and nothing is smoothed; where a
-    limit is one of the jerk or the torque rate it is the jerk that may.
+    limit is one of the jerk or the torque rate it is the jerk that may. ``conditions`` say what
+    holds at the via points and which robot moves between them; by default the arm is at rest at
+    both ends and passes the others.
     """
     count, limits, family = robot.joint_count, robot.limits, LimitFamily.of(robot)
-    constraints = [key for key in family.keys if key not in OF_VARIABLES]
-    torques = torque_and_rate_with_payload(robot) if payload else torques_of(robot, constraints)
+    told = conditions or passing(robot, via)
     size = TaskScale.of(family, via)
     velocity_scale = _scale(limits.bounds("qd"), size.velocity)
     acceleration_scale = _scale(limits.bounds("qdd"), size.acceleration)
     held = (limits.qdd_min == 0.0) & (limits.qdd_max == 0.0)  # they stay where they start
     # A limited jerk leaves no jump of the acceleration where the arm starts and stops.
-    rests, still = family.jerk_is_limited, np.zeros(count)
+    still = np.zeros(count)
     rated = any(member.order == 3 for member in family)
     problem = OptimalControlProblem(f"time-optimal motion of {robot.name}")
-    for index, (start, end) in enumerate(itertools.pairwise(via)):
+    for index, start in enumerate(via[:-1]):
         first, last = index == 0, index == len(via) - 2
+        at_start, at_end = told.ends[index], told.ends[index + 1]
+        own_family = LimitFamily.of(told.robots[index])
+        constraints = [key for key in own_family.keys if key not in OF_VARIABLES]
+        moving = told.robots[index]
+        torques = torques_of(moving, constraints)
+        if payload:
+            torques = torque_and_rate_with_payload(moving)
         phase = problem.phase(
             f"phase {index + 1}",
             duration=(size.shortest[index], size.longest[index]),
@@ -94,8 +105,8 @@ def free_problem(
             count,
             lower=limits.q_min,
             upper=limits.q_max,
-            initial=start if first else _unless(held, start),
-            final=_unless(held, end) if last else None,
+            initial=at_start.q if first else _unless(held, at_start.q),
+            final=_unless(held, at_end.q) if last else None,
             unit="rad",
         )
         qd = phase.state(
@@ -103,8 +114,8 @@ def free_problem(
             count,
             lower=limits.qd_min,
             upper=limits.qd_max,
-            initial=0.0 if first else None,
-            final=_unless(held, np.zeros(count)) if last else None,
+            initial=at_start.qd if first else _unless(held, at_start.qd),
+            final=_unless(held, at_end.qd) if last else None,
             scale=velocity_scale,
             unit="rad/s",
             interior_points=bool(np.isfinite(limits.qd_max).any()),
@@ -116,8 +127,8 @@ def free_problem(
             "unit": "rad/s^2",
         }
         ends: dict[str, Any] = {
-            "initial": _unless(held, still) if first and rests else None,
-            "final": _unless(held, still) if last and rests else None,
+            "initial": _unless(held, (still, still)) if at_start.still else None,
+            "final": _unless(held, (still, still)) if at_end.still else None,
         }
         if not jumps:
             qdd = phase.control("qdd", count, **own, **ends, shape="linear")
@@ -132,7 +143,11 @@ def free_problem(
         phase.derivative(q, qd)
         phase.derivative(qd, qdd)
         mass = [phase.parameter("payload", 0.0)] if payload else []
-        declare_limits(phase, family, constraints, (q, qd, qdd, jerk), start, torques, mass)
+        declare_limits(phase, own_family, constraints, (q, qd, qdd, jerk), start, torques, mass)
+        for row in at_start.rows:
+            phase.point_constraint(row.name, row.expression(q, qd), *row.bounds, at=0.0)
+        for row in at_end.rows if last else ():
+            phase.end_constraint(row.name, row.expression(q, qd), *row.bounds)
         if budget is None:
             phase.end_cost(phase.duration)
         else:
@@ -148,9 +163,17 @@ def free_problem(
             phase.running_cost(ca.sumsqr(moved / effort_scale(family, acceleration_scale)))
         if not jumps:
             phase.running_cost(SMOOTHING * ca.sumsqr(jerk / size.jerk))
-    for before, after in itertools.pairwise(problem.phases):
+    for index, (before, after) in enumerate(itertools.pairwise(problem.phases)):
         names = ["q", "qd", *([] if budget is None else ["clock"])]
-        problem.link(before, after, names=[*names, *([] if jumps and not rated else ["qdd"])])
+        leaps = told.ends[index + 1].leaps or (jumps and not rated)
+        problem.link(before, after, names=[*names, *([] if leaps else ["qdd"])])
+    for name in told.closed:
+        begun, ended = (
+            next(v.symbol for v in (*phase.states, *phase.controls) if v.name == name)
+            for phase in (problem.phases[0], problem.phases[-1])
+        )
+        back = ended - problem.phases[0].initial(begun)
+        problem.phases[-1].end_constraint(f"{name} of the cycle", back, 0.0, 0.0)
     return problem
 
 
@@ -186,9 +209,10 @@ def _scale(bounds: tuple[FloatArray, FloatArray], typical: FloatArray) -> FloatA
     return np.where(np.isfinite(size) & (size > 0), size, typical)
 
 
-def _unless(held: np.ndarray, value: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """A condition [n] for joints that are not held."""
-    return np.where(held, -np.inf, value), np.where(held, np.inf, value)
+def _unless(held: np.ndarray, bounds: Bounds) -> Bounds | None:
+    """A condition [n] for joints that are not held; None where there is none."""
+    lower, upper = np.where(held, -np.inf, bounds[0]), np.where(held, np.inf, bounds[1])
+    return (lower, upper) if np.isfinite([lower, upper]).any() else None
 
 
 def excess_between(family: LimitFamily, solution: Solution) -> list[FloatArray]:

@@ -290,15 +290,16 @@ def torques_of(robot: Robot, keys: Sequence[str]) -> Callable[..., Any]:
     return lambda q, qd, qdd, _: (inverse_dynamics(robot)(q, qd, qdd), None)
 
 
-def derivatives_for(robot: Robot) -> Callable[[ca.Function], Any]:
+def derivatives_for(*robots: Robot) -> Callable[[ca.Function], Any]:
     """What a transcription is told: the derivatives of those functions that have some."""
 
     def find(function: ca.Function) -> Any:
-        if not robot.has_dynamics:
-            return None
-        for own, rates in ((inverse_dynamics(robot), False), (torque_and_rate(robot), True)):
-            if own.__hash__() == function.__hash__():
-                return torque_derivatives(robot, rates=rates)
+        for robot in robots:
+            if not robot.has_dynamics:
+                continue
+            for own, rates in ((inverse_dynamics(robot), False), (torque_and_rate(robot), True)):
+                if own.__hash__() == function.__hash__():
+                    return torque_derivatives(robot, rates=rates)
         return None
 
     return find

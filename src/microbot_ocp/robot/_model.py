@@ -283,8 +283,13 @@ class Robot:
         """Return the same robot with other links (payload, model mismatch, rotor inertia)."""
         return replace(self, links=_chain(links, self.joint_count))
 
-    def with_payload(self, mass: float, center_of_mass: ArrayLike = (0.0, 0.0, 0.0)) -> Robot:
-        """Return the same robot holding a point mass: part of its last link from then on.
+    def with_payload(
+        self,
+        mass: float,
+        center_of_mass: ArrayLike = (0.0, 0.0, 0.0),
+        inertia: ArrayLike | None = None,
+    ) -> Robot:
+        """Return the same robot holding a mass: part of its last link from then on.
 
         Parameters
         ----------
@@ -292,11 +297,15 @@ class Robot:
             kg; 0 is no payload.
         center_of_mass : array_like [3]
             Where, in the tool frame, m.
+        inertia : array_like [3,3], optional
+            About its centre of mass, along the axes of the tool frame, kg m^2; a point mass by
+            default.
 
         Raises
         ------
         InputError
-            A negative mass, a place that is not finite, a robot without masses.
+            A negative mass, an inertia that no body has, a place that is not finite, a robot
+            without masses.
 
         Examples
         --------
@@ -311,13 +320,15 @@ class Robot:
             raise InputError(f"robot {self.name!r} has no links with masses to add a payload to")
         if load == 0.0:
             return self
-        last = self.links[-1]
-        held = self.tool[:3, :3] @ place + self.tool[:3, 3]
+        own = np.zeros((3, 3)) if inertia is None else np.asarray(inertia, dtype=float)
+        own = Link(load, place, own).inertia
+        last, turn = self.links[-1], self.tool[:3, :3]
+        held = turn @ place + self.tool[:3, 3]
         total = last.mass + load
         center = (last.mass * last.center_of_mass + load * held) / total
-        inertia = last.inertia + last.mass * _of_unit_mass(last.center_of_mass - center)
-        inertia = inertia + load * _of_unit_mass(held - center)
-        loaded = replace(last, mass=total, center_of_mass=center, inertia=inertia)
+        whole = last.inertia + last.mass * _of_unit_mass(last.center_of_mass - center)
+        whole = whole + turn @ own @ turn.T + load * _of_unit_mass(held - center)
+        loaded = replace(last, mass=total, center_of_mass=center, inertia=whole)
         return self.with_links([*self.links[:-1], loaded])
 
     def with_gravity(self, gravity: ArrayLike) -> Robot:
