@@ -1,4 +1,7 @@
-"""Every URDF file of three packages is read, every chain of it as pinocchio has it."""
+"""Every URDF file of three packages is read, its chains as pinocchio has them.
+
+Up to five chains of a file, evenly spread; ``urdf_packages.py`` compares every one.
+"""
 
 from __future__ import annotations
 
@@ -20,9 +23,9 @@ if not FILES:
 
 @pytest.mark.filterwarnings("ignore::microbot_ocp.RobotFileWarning")
 @pytest.mark.parametrize("file", [f for f in FILES if f.joint_count], ids=lambda f: f.label)
-def test_every_chain_is_the_one_of_pinocchio(file: File) -> None:
-    done = list(chains(file))
-    assert [chain.tip for chain in done] == list(file.tips)
+def test_a_chain_is_the_one_of_pinocchio(file: File) -> None:
+    done = list(chains(file, most=5))
+    assert done
     for chain in done:
         for quantity, value in zip(QUANTITIES, chain.differences, strict=True):
             assert not value > RELATIVE, f"{quantity} of {chain.tip}"  # NaN: no masses
