@@ -90,7 +90,7 @@ def _file(path: Path) -> File:
 
 
 def chains(file: File, most: int | None = None) -> Iterator[Chain]:
-    """Chains from the root of a file to a link at an end, read and compared: all, or ``most`` of them."""
+    """Chains from the root to the links at an end, compared: all, or about ``most`` of them."""
     model = pin.buildModelFromUrdf(str(file.path))
     told: dict[tuple[str, ...], tuple[float, float]] = {}
     step = -(-len(file.tips) // most) if most else 1

@@ -9,10 +9,10 @@ from microbot_ocp.ocp.transcription import _composition, _kernels
 
 
 def heavy(name):
-    """A function of two arguments with far more operations than are written out."""
+    """A function of two arguments with more operations than are written out."""
     x, u = ca.SX.sym("x", 3), ca.SX.sym("u", 2)
     value = ca.vertcat(x, u)
-    for turn in range(60):
+    for turn in range(20):
         value = ca.sin(value + 0.1 * turn) + 0.3 * value[[1, 2, 3, 4, 0]] * value
     return ca.Function(name, [x, u], [value[:2], value[2:]])
 
