@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from microbot_ocp import InputError, Status
+from microbot_ocp._base.child_process import Died, OutOfTime, in_child
 from microbot_ocp.ocp import solve_refined, verify
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.solution import completed, default_guess, scaled
 from microbot_ocp.ocp.solvers import SolverSettings, solve
-from microbot_ocp.ocp.solvers._child_process import Died, OutOfTime, in_child
 from microbot_ocp.ocp.transcription import Guess
 from microbot_ocp.ocp.transcription.schemes import within_bounds
 from ocp.textbook import double_integrator

@@ -98,6 +98,13 @@ def number(
     return result
 
 
+def time_limit(value: Any) -> float:
+    """Return a wall time above 0 s; infinite is no limit."""
+    if isinstance(value, float | np.floating) and value == np.inf:
+        return np.inf
+    return number("time_limit", value, "s", above=0.0)
+
+
 def array(
     name: str,
     value: ArrayLike,

@@ -27,11 +27,13 @@ import tempfile
 import warnings
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextvars import copy_context
 from functools import lru_cache
 from pathlib import Path
 
 import casadi as ca
 
+from microbot_ocp._base import deadline
 from microbot_ocp._base.writing import temporary_path, whole_file
 
 FLAGS = ("-fno-math-errno", "-shared", "-fPIC")
@@ -286,6 +288,7 @@ def _compiled(
                 sources = [(group, _source(group)) for group in groups]
                 jobs = [
                     pool.submit(
+                        copy_context().run,  # for its time limit
                         build_library,
                         source,
                         group[0].name(),
@@ -392,6 +395,9 @@ _running: set[subprocess.Popen[bytes]] = set()
 
 def _run(command: list[str]) -> subprocess.CompletedProcess[bytes]:
     """Run a compiler in a process group of its own, which is ended as a whole."""
+    if deadline.over():
+        raise RuntimeError("the time limit was over")
+    seconds = min(COMPILE_TIMEOUT, deadline.left())
     with subprocess.Popen(
         command,
         stdin=subprocess.DEVNULL,
@@ -401,11 +407,11 @@ def _run(command: list[str]) -> subprocess.CompletedProcess[bytes]:
     ) as process:
         _running.add(process)
         try:
-            _, err = process.communicate(timeout=COMPILE_TIMEOUT)
+            _, err = process.communicate(timeout=seconds)
         except BaseException as problem:
             _end(process)
             if isinstance(problem, subprocess.TimeoutExpired):
-                sentence = f"{command[0]} was ended after {COMPILE_TIMEOUT:g} s"
+                sentence = f"{command[0]} was ended after {seconds:.3g} s"
                 raise RuntimeError(sentence) from None
             raise
         finally:

@@ -41,6 +41,14 @@ def option(
     )
 
 
+def time_limit(text: str | float) -> float:
+    """Parser of the option of that name."""
+    try:
+        return checks.time_limit(float(text))
+    except (ValueError, OverflowError):
+        raise typer.BadParameter(f"it must be a time above 0 s, not {text!r}") from None
+
+
 RobotName = Annotated[
     str,
     typer.Argument(
@@ -114,6 +122,15 @@ AllowUncertified = Annotated[
     typer.Option("--allow-uncertified", help="Exit code 0 also where a certificate is refused."),
 ]
 
+TimeLimit = Annotated[
+    float | None,
+    typer.Option(
+        help="Stop the solvers after so much time, s; the best so far counts.",
+        show_default=False,
+        metavar="S",
+        parser=time_limit,
+    ),
+]
 OutFolder = Annotated[
     Path | None,
     option("--out", what="Folder for tables, figures, recording, motions.", metavar="FOLDER"),

@@ -17,6 +17,7 @@ from microbot_ocp.cli._options import (
     QDeg,
     Recording,
     RobotName,
+    TimeLimit,
     Tip,
     joint_values,
     numbers,
@@ -98,6 +99,7 @@ def ik(
         option("--seed-deg", what="Only the solution nearest to these joints, deg (m)."),
     ] = None,
     seed: Annotated[str | None, option("--seed", what="The same in rad (m).")] = None,
+    time_limit: TimeLimit = None,
     rerun: Recording = None,
     open_viewer: Open = False,
     tip: Tip = None,
@@ -114,10 +116,11 @@ def ik(
     rotation = _orientation(rpy, rpy_deg)
     start = optional_joint_values(robot, "seed", seed, seed_deg)
     check_recording(rerun, open_viewer)
+    limit = np.inf if time_limit is None else time_limit
     if start is None:
-        found = solve_ik_all(robot, target, rotation)
+        found = solve_ik_all(robot, target, rotation, time_limit=limit)
     else:
-        found = (solve_ik(robot, target, rotation, start),)
+        found = (solve_ik(robot, target, rotation, start, time_limit=limit),)
     solved = all(solution.solved for solution in found)
 
     def save(path: Path) -> Path:

@@ -21,6 +21,7 @@ from microbot_ocp.cli._options import (
     QDeg,
     Recording,
     RobotName,
+    TimeLimit,
     Tip,
     numbers,
     one_number,
@@ -67,6 +68,7 @@ def simulate(
         float,
         typer.Option(help="Between the samples, s.", metavar="S", parser=one_number),
     ] = SAMPLE_STEP,
+    time_limit: TimeLimit = None,
     out: OutMotion = None,
     rerun: Recording = None,
     open_viewer: Open = False,
@@ -108,7 +110,8 @@ def simulate(
     grid = np.linspace(0.0, length, max(1, int(np.ceil(length / step - 1e-9))) + 1)
     if isinstance(torques, Motion) and duration is None:
         grid = torques.t
-    result = integrate(robot, torques, start, speeds, grid)
+    limit = np.inf if time_limit is None else time_limit
+    result = integrate(robot, torques, start, speeds, grid, time_limit=limit)
     source = "free fall" if torques is None else "constant torques"
     if isinstance(torques, Motion):
         source = f"torques of {torques.label}"

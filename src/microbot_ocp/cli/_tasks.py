@@ -23,6 +23,7 @@ from microbot_ocp.cli._options import (
     OutMotion,
     Recording,
     RobotName,
+    TimeLimit,
     Tip,
     Via,
     ViaDeg,
@@ -99,6 +100,7 @@ def compare(
         option("--time", what="Times at the via points for the textbook methods, s."),
     ] = None,
     mesh: Mesh = None,
+    time_limit: TimeLimit = None,
     out: OutFolder = None,
     rerun: Recording = None,
     open_viewer: Open = False,
@@ -128,6 +130,7 @@ def compare(
             limits_of(robot, context.params),
             via_t=numbers("--time", time, len(points)) if time is not None else None,
             progress=progress,
+            time_limit=np.inf if time_limit is None else time_limit,
             **({} if mesh is None else {"mesh": mesh}),
         )
     written = _save(as_json, result, out, OUTPUTS, watchers.written, rerun)
@@ -166,6 +169,7 @@ def time_optimal(
             metavar="SHARE",
         ),
     ] = TimeOptimalSettings.slack,
+    time_limit: TimeLimit = None,
     out: OutMotion = None,
     rerun: Recording = None,
     open_viewer: Open = False,
@@ -189,7 +193,13 @@ def time_optimal(
     writable(out, ".npz", "--out")
     check_recording(rerun, open_viewer)
     watchers = Watchers(live, live_serve, live_connect, iterations)
-    settings = TimeOptimalSettings(mesh=mesh, starts=starts, tries=tries, slack=slack)
+    settings = TimeOptimalSettings(
+        mesh=mesh,
+        starts=starts,
+        tries=tries,
+        slack=slack,
+        time_limit=np.inf if time_limit is None else time_limit,
+    )
     with watchers.progress(as_json) as progress:
         motion = find_time_optimal(
             limited, points, settings=settings, progress=_steps(progress, "solve")
@@ -235,6 +245,7 @@ def solve(
     file: Annotated[
         Path, typer.Argument(metavar="FILE", help="Task in TOML; docs/task_file.md has the keys.")
     ],
+    time_limit: TimeLimit = None,
     out: OutFolder = None,
     iterations: Iterations = None,
     live: Live = False,
@@ -251,7 +262,7 @@ def solve(
     output_folder(out)
     watchers = Watchers(live, live_serve, live_connect, iterations)
     with watchers.progress(as_json) as progress:
-        result = task.compare(progress)
+        result = task.compare(progress, np.inf if time_limit is None else time_limit)
     written = _save(as_json, result, out, task.outputs, watchers.written)
     code = _show_comparison(as_json, result, written, out, allow_uncertified)
     watchers.linger()

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from microbot_ocp._base import checks
+from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray, InputError, plain
 from microbot_ocp._base.showing import view_for
 from microbot_ocp._base.status import Status
@@ -232,6 +232,7 @@ def certify(
     position_tolerance: float = 1e-3,
     torque_tolerance: float = 1e-5,
     via_tolerance: float = 1e-3,
+    time_limit: float = np.inf,
 ) -> Certificate:
     """Check a motion against the limits and against the arm's forward dynamics.
 
@@ -272,6 +273,8 @@ def certify(
         one, such as 1e-3.
     via_tolerance : float
         Distance to a via point that still passes, rad (m).
+    time_limit : float
+        Wall time, s, after which no further segments are simulated: the certificate is refused.
 
     Returns
     -------
@@ -302,7 +305,8 @@ def certify(
         via=checks.number("via_tolerance", via_tolerance, at_least=0.0),
     )
     via = None if via_q is None else checks.array("via_q", via_q, (None, count), "rad")
-    return certificate_of(LimitFamily.of(robot, limits), motion, via, tolerances)
+    with deadline.within(time_limit):
+        return certificate_of(LimitFamily.of(robot, limits), motion, via, tolerances)
 
 
 def certificate_of(

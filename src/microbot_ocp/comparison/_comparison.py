@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from microbot_ocp._base import checks
+from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
 from microbot_ocp._base.status import Status
@@ -49,6 +49,7 @@ if TYPE_CHECKING:
     from microbot_ocp._base.table import Table
 
 REFERENCE = "cubic"
+LEAST_TIME = 1e-3  # s, of a method where the time is over
 OUTPUTS = ("json", "csv", "figures", "report", "recording", "motions")  # of a comparison
 
 
@@ -139,7 +140,7 @@ def _scaled_motion(task: Task, scaled: Scaled, label: str, method: str, note: st
         marks=_via_marks(task.via_t * scaled.factor),
         provenance={
             "method": method,
-            "status": Status.SOLVED,
+            "status": scaled.status,
             "factor": scaled.factor,
             "met": where,
             "iterations": scaled.iterations,
@@ -396,6 +397,7 @@ def compare(
     via_t: ArrayLike | None = None,
     via_qd: ArrayLike | None = None,
     blend: float = 0.25,
+    time_limit: float = np.inf,
     progress: Progress | None = None,
     **settings: Any,
 ) -> Comparison:
@@ -417,6 +419,9 @@ def compare(
         Via velocities of the textbook methods at ``via_t``, rad/s; default Craig's heuristic.
     blend : float
         Blend time of LSPB as a share of each segment, up to 0.5.
+    time_limit : float
+        Wall time of all methods together, s. What one leaves is shared by those after it; one whose
+        share is over has the best so far and the status "time limit". Certificates are not counted.
     progress : callable, optional
         Called with a :class:`Step`.
     **settings
@@ -444,11 +449,12 @@ def compare(
     family = check_limits(robot, limits)
     via = check_via(family, via_q)
     names = _method_names(methods, via_t is not None)
-    share = checks.number("blend", blend, "of a segment", above=0.0, at_most=0.5)
+    blend_share = checks.number("blend", blend, "of a segment", above=0.0, at_most=0.5)
     free, path = _settings(settings)
     times, velocities = _timing(via, via_t, via_qd)
     total = 2 * len(names)
     entries: list[Entry] = []
+    solving = min(checks.time_limit(time_limit), deadline.left())
     for index, name in enumerate(names):
 
         def tell(
@@ -461,9 +467,11 @@ def compare(
                 progress(Step(done, total, stage, text, iteration))
 
         told = quiet if progress is None else tell
-        task = Task(family, via, times, velocities, share, free, path, told)
+        task = Task(family, via, times, velocities, blend_share, free, path, told)
         tell("solving")
-        entries.append(_entry(name, task, tell))
+        share = max(solving / (len(names) - index), LEAST_TIME)
+        entries.append(_entry(name, task, tell, share))
+        solving -= entries[-1].solve_time
     if progress is not None:
         progress(Step(total, total, "done", f"{len(names)} methods done"))
     return Comparison(robot, via, family.robot.limits, tuple(entries), REFERENCE)
@@ -482,8 +490,8 @@ def _method_names(methods: Sequence[str] | None, timed: bool) -> list[str]:
 
 def _settings(given: Mapping[str, Any]) -> tuple[TimeOptimalSettings, PathTimingSettings]:
     """The given settings for the free motion and, as far as they have them, for path timing."""
-    for_free = {f.name for f in fields(TimeOptimalSettings)}
-    for_path = {f.name for f in fields(PathTimingSettings)} - {"solver"}
+    for_free = {f.name for f in fields(TimeOptimalSettings)} - {"time_limit"}
+    for_path = {f.name for f in fields(PathTimingSettings)} - {"solver", "time_limit"}
     for key in given:
         checks.one_of("setting of compare", key, sorted(for_free | for_path))
     free = TimeOptimalSettings(**{k: v for k, v in given.items() if k in for_free})
@@ -508,11 +516,12 @@ def _timing(
     return times, via_velocities(ViaPoints(via, times))
 
 
-def _entry(name: str, task: Task, tell: Callable[..., None]) -> Entry:
+def _entry(name: str, task: Task, tell: Callable[..., None], seconds: float) -> Entry:
     begin = time.perf_counter()
     method = METHODS[name]
     try:
-        motion = method.solve(task)
+        with deadline.within(seconds):
+            motion = method.solve(task)
     except InputError as problem:  # this method cannot do the task; the others may
         wall = time.perf_counter() - begin
         nothing = float("nan")

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.growth import carry, transition_matrices
 from microbot_ocp._base.status import Status
@@ -161,7 +162,8 @@ def resimulate(robot: Robot, motion: Motion, tolerance: float) -> Resimulation:
     edges = np.unique(np.where(near, nearest, edges))
     todo = np.column_stack([edges[:-1], edges[1:]])
     done, stuck = [], 0
-    while todo.size:
+    left = 0
+    while todo.size and not left:
         found, good = _integrated(drive, size * tolerance, todo)
         low = np.searchsorted(mesh, todo[:, 0] + 1e-9, side="right")
         inner = low < np.searchsorted(mesh, todo[:, 1] - 1e-9, side="left")
@@ -175,9 +177,16 @@ def resimulate(robot: Robot, motion: Motion, tolerance: float) -> Resimulation:
             own = mesh[(mesh > todo[k, 0] + 1e-9) & (mesh < todo[k, 1] - 1e-9)]
             cut[k] = own[np.abs(own - cut[k]).argmin()]
         todo = np.vstack([np.column_stack([todo[:, 0], cut]), np.column_stack([cut, todo[:, 1]])])
+        if deadline.over():
+            left = int((~(good | small)).sum())
+            done.append(found.where(~(good | small)))
     every = _Segments(*(np.concatenate(column) for column in zip(*done, strict=True)))
     every = every.where(np.argsort(every.start))
-    return _judged(robot, motion, every, size, tolerance, stuck)
+    judged = _judged(robot, motion, every, size, tolerance, stuck)
+    if not left:
+        return judged
+    said = f"the time limit was over, {left} of {judged.segments} segments are not resolved"
+    return judged._replace(status=Status.TIME_LIMIT, message=said)
 
 
 def torque_sizes(robot: Robot, motion: Motion) -> FloatArray:

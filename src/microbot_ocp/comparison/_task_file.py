@@ -85,14 +85,16 @@ class TaskFile:
     settings: Mapping[str, Any]
     outputs: tuple[str, ...]
 
-    def compare(self, progress: Progress | None = None) -> Comparison:
-        """Do the task by its methods.
+    def compare(self, progress: Progress | None = None, time_limit: float = np.inf) -> Comparison:
+        """Do the task by its methods, in a time (s) that may be shorter than that of the file.
 
         Raises
         ------
         InputError
             What only the methods can tell, such as a via point that cannot be held at rest.
         """
+        settings = dict(self.settings)
+        settings["time_limit"] = min(time_limit, settings.get("time_limit", np.inf))
         try:
             return compare(
                 self.robot,
@@ -102,7 +104,7 @@ class TaskFile:
                 via_t=self.via_t,
                 via_qd=self.via_qd,
                 progress=progress,
-                **self.settings,
+                **settings,
             )
         except InputError as problem:
             raise InputError(f"{self.origin}: {problem}") from None

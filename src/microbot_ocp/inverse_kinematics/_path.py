@@ -7,7 +7,7 @@ import time
 import numpy as np
 from numpy.typing import ArrayLike
 
-from microbot_ocp._base import checks
+from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.status import Status
 from microbot_ocp.inverse_kinematics._kernels import joint_scale
@@ -34,6 +34,8 @@ def solve_ik_path(
     positions: ArrayLike,
     orientations: ArrayLike | None = None,
     seed: ArrayLike | None = None,
+    *,
+    time_limit: float = np.inf,
 ) -> IKPath:
     """Joint positions along a line of targets, continuous from row to row.
 
@@ -52,6 +54,8 @@ def solve_ik_path(
     seed : array_like [n], optional
         The branch nearest to these joint positions is followed, rad (prismatic: m). Default: of
         the branches of the first target the most central one that can be followed to the end.
+    time_limit : float
+        Wall time, s, after which the rows that are left have the status "time limit".
 
     Returns
     -------
@@ -71,8 +75,13 @@ def solve_ik_path(
     >>> followed.solved, followed.largest_step < 0.02
     (True, True)
     """
-    begin = time.perf_counter()
     targets = checked_targets(robot, positions, orientations)
+    with deadline.within(time_limit):
+        return _path(robot, targets, seed)
+
+
+def _path(robot: Robot, targets: FloatArray, seed: ArrayLike | None) -> IKPath:
+    begin = time.perf_counter()
     if seed is not None:
         wanted = checks.array("seed", seed, (robot.joint_count,), "rad (prismatic: m)")
         starts = nearest_solution(robot, targets[0], wanted, begin).q[None]
@@ -86,7 +95,7 @@ def solve_ik_path(
     lengths = []  # rows that each start can be followed for
     for start in starts if len(starts) > 1 else ():
         lengths.append(_rows_followed(robot, targets, start))
-        if lengths[-1] == len(targets):
+        if lengths[-1] == len(targets) or deadline.over():
             break
     chosen = starts[int(np.argmax(lengths))] if lengths else starts[0]
     return _followed(robot, targets, chosen, begin)
@@ -124,6 +133,11 @@ def _followed(robot: Robot, targets: FloatArray, start: FloatArray, begin: float
     here, where = start, targets[0]
     reached = True  # whether the row before was, so that a branch exists to be kept
     for row, target in enumerate(targets):
+        if deadline.over():
+            left = len(targets) - row
+            q += [here] * left
+            statuses += [Status.TIME_LIMIT] * left
+            break
         following = _advance(robot, here, where, target, bounds, HALVINGS) if reached else None
         if following is not None:
             here, status = following, Status.SOLVED
@@ -163,7 +177,7 @@ def _advance(
     ended, errors = descend(robot, q[None], target[None], bounds)
     if errors[0] < goal(robot) and _step(robot, ended[0], q) <= LARGEST_STEP:
         return ended[0]
-    if halvings == 0 or np.array_equal(origin, target):
+    if halvings == 0 or np.array_equal(origin, target) or deadline.over():
         return None
     between = _halfway(origin, target)
     half = _advance(robot, q, origin, between, bounds, halvings - 1)

@@ -14,6 +14,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.inverse_kinematics._kernels import (
     RANK_TOLERANCE,
@@ -378,10 +379,10 @@ def find_branches(robot: Robot, targets: FloatArray) -> list[Found]:
             if not enough:
                 still.append(index)
         pending = np.array(still, dtype=int)
-        if not pending.size:
+        if not pending.size or deadline.over():
             break
     for index in pending if redundant else ():
-        if not len(answers[index]):
+        if not len(answers[index]) and not deadline.over():
             q, reached = descend_from(robot, middle(robot)[None], targets[index : index + 1])
             answers[index], jacobian_ranks[index] = q[reached], ranks(robot, q[reached], width)
     found_all = zip(answers, jacobian_ranks, targets, strict=True)
@@ -459,7 +460,9 @@ def nearest_pose(
         found = np.array(start)[None]
     solve = nearest_pose_nlp(robot, target.size)
     best, best_key, converged = found[0], (np.inf, np.inf), False
-    for begin in found[: 4 if target.size == 3 else 8]:
+    for index, begin in enumerate(found[: 4 if target.size == 3 else 8]):
+        if index and deadline.over():
+            break
         q, ended = begin, True
         for share in (weight, 0.0) if target.size == 12 else (weight,):
             answer = solve(x0=q, p=np.append(target, share), lbx=bounds[0], ubx=bounds[1])

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from microbot_ocp._base import checks
+from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.status import Status
 from microbot_ocp.inverse_kinematics._kernels import generic_rank, joint_scale, pose_of
@@ -42,6 +42,8 @@ def solve_ik(
     position: ArrayLike,
     orientation: ArrayLike | None = None,
     seed: ArrayLike | None = None,
+    *,
+    time_limit: float = np.inf,
 ) -> IKSolution:
     """Joint positions that bring the tool to a position and, if asked, an orientation.
 
@@ -59,6 +61,8 @@ def solve_ik(
         branch nearest to them if they are close to it, and on a continuum to about the nearest
         point. Where it leads nowhere, starts farther and farther off follow, then a search of all
         branches. Default: of all branches the most central one.
+    time_limit : float
+        Wall time, s, after which what is not found yet has the status "time limit".
 
     Returns
     -------
@@ -79,10 +83,11 @@ def solve_ik(
     """
     begin = time.perf_counter()
     target = checked_target(robot, position, orientation)
-    if seed is None:
-        return nearest_solution(robot, target, None, begin)
-    wanted = checks.array("seed", seed, (robot.joint_count,), "rad (prismatic: m)")
-    return _from_seeds(robot, target[None], wanted[None], begin)[0]
+    with deadline.within(time_limit):
+        if seed is None:
+            return nearest_solution(robot, target, None, begin)
+        wanted = checks.array("seed", seed, (robot.joint_count,), "rad (prismatic: m)")
+        return _from_seeds(robot, target[None], wanted[None])[0]
 
 
 def solve_ik_each(
@@ -90,6 +95,8 @@ def solve_ik_each(
     positions: ArrayLike,
     orientations: ArrayLike | None = None,
     seeds: ArrayLike | None = None,
+    *,
+    time_limit: float = np.inf,
 ) -> tuple[IKSolution, ...]:
     """:func:`solve_ik` with a seed, for many targets at once.
 
@@ -103,6 +110,8 @@ def solve_ik_each(
         Rotations of the tool in the base frame.
     seeds : array_like [N,n] or [n], optional
         One a target, or one for all, rad (prismatic: m). Default: the middle of the limits.
+    time_limit : float
+        Wall time, s, after which what is not found yet has the status "time limit".
 
     Returns
     -------
@@ -121,18 +130,35 @@ def solve_ik_each(
     >>> len(found), all(solution.solved for solution in found)
     (50, True)
     """
-    begin = time.perf_counter()
     targets = checked_targets(robot, positions, orientations)
     given = middle(robot) if seeds is None else seeds
     shape = (robot.joint_count,) if np.ndim(given) == 1 else (len(targets), robot.joint_count)
     wanted = checks.array("seeds", given, shape, "rad (prismatic: m)")
-    return _from_seeds(robot, targets, np.broadcast_to(wanted, (len(targets), shape[-1])), begin)
+    wanted = np.broadcast_to(wanted, (len(targets), shape[-1]))
+    found: list[IKSolution] = []
+    with deadline.within(time_limit):
+        for part in _parts(len(targets)):
+            found += _from_seeds(robot, targets[part], wanted[part])
+    return tuple(found)
 
 
-def _from_seeds(
-    robot: Robot, targets: FloatArray, seeds: FloatArray, begin: float
-) -> tuple[IKSolution, ...]:
+PART = 64  # targets that are solved at once where there is a time limit
+
+
+def _parts(count: int) -> list[slice]:
+    size = PART if np.isfinite(deadline.until()) else count
+    return [slice(k, k + size) for k in range(0, count, size)]
+
+
+def _given_up(robot: Robot, target: FloatArray) -> IKSolution:
+    return _solution(robot, target, middle(robot), 0, 0.0, Status.TIME_LIMIT)
+
+
+def _from_seeds(robot: Robot, targets: FloatArray, seeds: FloatArray) -> tuple[IKSolution, ...]:
     """Downhill from the seeds [N,n]; by a search of all branches where that fails."""
+    begin = time.perf_counter()
+    if deadline.over():
+        return tuple(_given_up(robot, target) for target in targets)
     q, solved = descend_from(robot, seeds, targets)
     share = (time.perf_counter() - begin) / len(targets)
     made = iter(_solutions(robot, targets[solved], q[solved], None, share))
@@ -143,7 +169,11 @@ def _from_seeds(
 
 
 def solve_ik_all(
-    robot: Robot, position: ArrayLike, orientation: ArrayLike | None = None
+    robot: Robot,
+    position: ArrayLike,
+    orientation: ArrayLike | None = None,
+    *,
+    time_limit: float = np.inf,
 ) -> tuple[IKSolution, ...]:
     """Every branch within the joint limits that brings the tool to a pose.
 
@@ -154,6 +184,8 @@ def solve_ik_all(
         Tool origin in the base frame, m.
     orientation : array_like [3,3], optional
         Rotation of the tool in the base frame.
+    time_limit : float
+        Wall time, s, after which what is not found yet has the status "time limit".
 
     Returns
     -------
@@ -175,11 +207,16 @@ def solve_ik_all(
     >>> len(mo.solve_ik_all(mo.load_robot("microbot"), [3, -1, 4.5]))
     4
     """
-    return _branches(robot, checked_target(robot, position, orientation)[None])[0]
+    with deadline.within(time_limit):
+        return _branches(robot, checked_target(robot, position, orientation)[None])[0]
 
 
 def solve_ik_batch(
-    robot: Robot, positions: ArrayLike, orientations: ArrayLike | None = None
+    robot: Robot,
+    positions: ArrayLike,
+    orientations: ArrayLike | None = None,
+    *,
+    time_limit: float = np.inf,
 ) -> tuple[tuple[IKSolution, ...], ...]:
     """:func:`solve_ik_all` for positions [N,3] and orientations [N,3,3] at once.
 
@@ -193,11 +230,18 @@ def solve_ik_batch(
     InputError
         As for :func:`solve_ik`.
     """
-    return _branches(robot, checked_targets(robot, positions, orientations))
+    targets = checked_targets(robot, positions, orientations)
+    found: list[tuple[IKSolution, ...]] = []
+    with deadline.within(time_limit):
+        for part in _parts(len(targets)):
+            found += _branches(robot, targets[part])
+    return tuple(found)
 
 
 def _branches(robot: Robot, targets: FloatArray) -> tuple[tuple[IKSolution, ...], ...]:
     begin = time.perf_counter()
+    if deadline.over():
+        return tuple((_given_up(robot, target),) for target in targets)
     wanted, everything = middle(robot), find_branches(robot, targets)
     rows, motions, owners = [], [], []
     for index, found in enumerate(everything):
@@ -335,6 +379,8 @@ def _missed(
     near = distance < POSITION_TOLERANCE
     if near and angle < ORIENTATION_TOLERANCE:
         status = Status.SOLVED
+    elif deadline.over():
+        status = Status.TIME_LIMIT
     elif not converged:
         status = Status.NOT_CONVERGED
     elif found.reached or _reached_without_limits(robot, target):

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from microbot_ocp._base import checks
+from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import LIMIT_TOLERANCE, JointLimits, LimitFamily, Limits
@@ -104,6 +104,7 @@ class TimeOptimalSettings:
     solver : "auto" (fatrop explores, IPOPT finishes), "fatrop" or "ipopt" for everything
     compiled : compile the kernels to C where there is a compiler
     seed : of the random starts
+    time_limit : wall time, s, after which the best so far is returned with the status "time limit"
     """
 
     mesh: int | None = None
@@ -115,8 +116,10 @@ class TimeOptimalSettings:
     solver: str = "auto"
     compiled: bool = True
     seed: int = 0
+    time_limit: float = np.inf
 
     def __post_init__(self) -> None:
+        checks.time_limit(self.time_limit)
         if self.mesh is not None:
             whole("mesh", self.mesh, "intervals", at_least=4)
         whole("starts", self.starts, at_least=1)
@@ -153,7 +156,8 @@ def time_optimal(
         Default the robot's own.
     settings : TimeOptimalSettings, optional
         Single settings may be given as keywords instead: ``mesh``, ``starts``, ``tries``,
-        ``slack``, ``limit_tolerance``, ``switching_times``, ``solver``, ``compiled``, ``seed``.
+        ``slack``, ``limit_tolerance``, ``switching_times``, ``solver``, ``compiled``, ``seed``,
+        ``time_limit``.
     progress : callable, optional
         Called with a line of text at every step, and at every iteration of a solver with a
         :class:`~microbot_ocp.planning.MotionIteration`.
@@ -187,7 +191,8 @@ def fastest_motion(
     family: LimitFamily, via: FloatArray, settings: TimeOptimalSettings, progress: StepProgress
 ) -> Motion:
     """As :func:`time_optimal`, of via points that are checked."""
-    return FreeSearch(family, via, settings, progress).run()
+    with deadline.within(settings.time_limit):
+        return FreeSearch(family, via, settings, progress).run()
 
 
 class FreeSearch:
@@ -208,6 +213,8 @@ class FreeSearch:
         self.calmed: dict[str, Any] = {}
         begin = time.perf_counter()
         kernels = self._kernels()
+        if deadline.over():  # they may not be compiled: made again the next time
+            transcription.cache_clear()
         self.kernel_time = time.perf_counter() - begin
         self.refiner = Refiner(
             kernels,
@@ -229,7 +236,7 @@ class FreeSearch:
         begin = time.perf_counter()
         starts, found = self._explore()
         solution = self._finish(found)
-        if self.settings.slack and self._rank(solution)[0] is False:
+        if self.settings.slack and self._rank(solution)[0] is False and not deadline.over():
             solution = self._calmer(solution)
         motion = self._motion(solution, starts, time.perf_counter() - begin + self.kernel_time)
         if not self.settings.switching_times or not motion.solved:
@@ -261,7 +268,7 @@ class FreeSearch:
                 f"{solution.status}"
             )
             found.append(solution)
-            if solution.status is Status.INTERRUPTED:
+            if solution.status is Status.INTERRUPTED or deadline.over():
                 break
             solved = [s.duration for s in found if s.status.solved]
             best = min(solved, default=0.0)
@@ -309,7 +316,9 @@ class FreeSearch:
             if any(abs(honest - other) <= SAME * other for other in hoped):
                 continue
             if best is not None and (
-                len(hoped) == MOST_REFINED or self._rank(best) <= (False, (1 - SAME) * honest)
+                deadline.over()
+                or len(hoped) == MOST_REFINED
+                or self._rank(best) <= (False, (1 - SAME) * honest)
             ):
                 break
             hoped.append(honest)
@@ -557,6 +566,7 @@ class TimeOptimalSolver:
         payload: float = 0.0,
         *,
         search: bool = False,
+        time_limit: float = np.inf,
     ) -> Motion:
         """Solve once more.
 
@@ -569,6 +579,8 @@ class TimeOptimalSolver:
         search : bool
             Try every start, not only the scaled cubic: local optima are real. The others are tried
             anyway where the first one leads nowhere.
+        time_limit : float
+            Wall time, s, after which the best so far is returned with the status "time limit".
 
         Returns
         -------
@@ -581,6 +593,10 @@ class TimeOptimalSolver:
         InputError
             Bad limits or payload, a via point that cannot be held: before any solver starts.
         """
+        with deadline.within(time_limit):
+            return self._solved(limits, payload, search)
+
+    def _solved(self, limits: Limits | JointLimits | None, payload: float, search: bool) -> Motion:
         begin = time.perf_counter()
         family = check_limits(self.robot.with_payload(payload), limits)
         self._check_kinds(family)
@@ -589,7 +605,7 @@ class TimeOptimalSolver:
         tried: list[tuple[str, Solution]] = []
         for start in initial_guesses(family, self.via_q, self._phases, self._starts, self._seed):
             tried.append((start.name, self._solver.solve(guess=start.guesses, **changes)))
-            if tried[-1][1].status.solved and not search:
+            if (tried[-1][1].status.solved and not search) or deadline.over():
                 break
         name, best = min(tried, key=lambda pair: (not pair[1].status.solved, pair[1].duration))
         solution = self._refined(family, best, changes) if best.status.solved else best
@@ -604,7 +620,7 @@ class TimeOptimalSolver:
         """Split intervals inside which a limit is exceeded; keep what is no worse."""
         for _ in range(self._rounds):
             excess = excess_between(family, solution)
-            if max(float(e.max()) for e in excess) <= LIMIT_TOLERANCE:
+            if max(float(e.max()) for e in excess) <= LIMIT_TOLERANCE or deadline.over():
                 break
             pairs = zip(solution.phases, excess, strict=True)
             meshes = [split(phase.mesh, e > LIMIT_TOLERANCE) for phase, e in pairs]

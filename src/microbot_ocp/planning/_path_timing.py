@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from microbot_ocp._base import checks
+from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.codegen import compile_recipe, compiler
 from microbot_ocp._base.status import Status
@@ -68,6 +68,7 @@ class PathTimingSettings:
     limit_tolerance : largest relative excess of a limit between mesh points
     solver : "ipopt" or "fatrop" (IPOPT steps in where it fails)
     compiled : compile to C where there is a compiler
+    time_limit : wall time, s, after which the best so far is returned with the status "time limit"
     """
 
     mesh: int | None = None
@@ -75,8 +76,10 @@ class PathTimingSettings:
     limit_tolerance: float = 5e-4
     solver: str = "ipopt"
     compiled: bool = True
+    time_limit: float = np.inf
 
     def __post_init__(self) -> None:
+        checks.time_limit(self.time_limit)
         if self.mesh is not None:
             whole("mesh", self.mesh, "intervals", at_least=4)
         whole("grid", self.grid, "points", at_least=10, at_most=1_000_000)
@@ -112,7 +115,7 @@ def time_optimal_path(
         Default the robot's own.
     settings : PathTimingSettings, optional
         Single settings may be given as keywords: ``mesh``, ``grid``,
-        ``limit_tolerance``, ``solver``, ``compiled``.
+        ``limit_tolerance``, ``solver``, ``compiled``, ``time_limit``.
 
     Returns
     -------
@@ -149,7 +152,8 @@ def best_timing(
     progress: StepProgress,
 ) -> Motion:
     """As :func:`time_optimal_path`, of a path that is checked."""
-    return _PathSearch(family, path, settings, label, progress).run()
+    with deadline.within(settings.time_limit):
+        return _PathSearch(family, path, settings, label, progress).run()
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,7 +259,7 @@ class _PathSearch:
         )
         mesh = self._mesh
         solution = refiner.solve(mesh, guesses)
-        if not solution.status.solved and self.settings.solver != "ipopt":
+        if not (solution.status.solved or refiner.over) and self.settings.solver != "ipopt":
             solution = refiner.solve(mesh, guesses, solver="ipopt")
         self.progress(
             f"mesh {' + '.join([str(mesh)] * len(self.pieces))}: "
@@ -376,7 +380,7 @@ class _PathSearch:
             self.family, solution, self._excess(solution), self.settings.limit_tolerance
         )
         # the passes know nothing of what is left to the optimal-control problem
-        if not kept_by[LATER] and solution.duration > (1 + SLOWER) * reached:
+        if not (kept_by[LATER] or deadline.over()) and solution.duration > (1 + SLOWER) * reached:
             outcome |= _too_slow(outcome, solution.duration, reached)
         blocked = [timing.blocked_at for timing in timings if not timing.feasible]
         return Motion.from_state(

@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from microbot_ocp._base import checks
+from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import (
@@ -66,6 +66,9 @@ def verdict(
     worst = max(float(e.max()) for e in excess)
     advice = in_words_of_the_task(solution.advice, family)
     found = {"status": str(solution.status), "advice": advice, "excess": worst}
+    if deadline.over() and solution.status is not Status.INTERRUPTED:
+        found["status"], found["advice"] = str(Status.TIME_LIMIT), Status.TIME_LIMIT.sentence
+        return found
     if solution.status.solved and worst > max(limit_tolerance, LIMIT_TOLERANCE):
         found["status"] = str(Status.LIMITS_EXCEEDED)
         found["advice"] = (

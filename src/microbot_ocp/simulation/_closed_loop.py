@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from microbot_ocp._base import checks
+from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import InputError
 from microbot_ocp.limits import AT_LIMIT, use_of
 from microbot_ocp.motion import SAMPLE_STEP, Motion, PiecewisePolynomial, State
@@ -54,6 +54,7 @@ def track(
     integrator: Integrator | None = None,
     tolerance: float = 1e-10,
     max_steps: int = 20_000,
+    time_limit: float = np.inf,
 ) -> Tracking:
     """Simulate the arm ``plant`` along a motion, under a controller with the model ``robot``.
 
@@ -92,6 +93,8 @@ def track(
     tolerance, max_steps
         See :func:`simulate`; under sampled control a fixed step may take 100 steps a sample in any
         case.
+    time_limit
+        See :func:`simulate`; of sampled control nothing is kept.
 
     Returns
     -------
@@ -143,7 +146,8 @@ def track(
         if noise is not None:
             raise InputError("noise needs a sample_rate: a continuous loop does not sample")
         grid = np.linspace(begin, end, max(1, int(np.ceil((end - begin) / step - 1e-9))) + 1)
-        run = integrate(forced, start, grid, settings)
+        with deadline.within(time_limit):
+            run = integrate(forced, start, grid, settings)
         law = _law(torque, count)
         columns = (signal.values(grid).T, run.states[:, :count].T, run.states[:, count:].T)
         tau = np.array(law.map(grid.size)(*columns)).T
@@ -152,7 +156,8 @@ def track(
         samples = Samples.of(begin, end, sample_rate, step)
         errors = (SensorNoise() if noise is None else noise).draw(samples.t.size, count)
         loop = SampledLoop(arm, _law(torque, count), load, signal, errors)
-        grid, run, tau = loop.run(samples, start, settings)
+        with deadline.within(time_limit):
+            grid, run, tau = loop.run(samples, start, settings)
     fields = result_fields(arm, grid, run, tau, load, settings, started)
     at_limit: Any = (use_of(tau, lower, upper) >= AT_LIMIT).any(axis=1)
     span = np.diff(grid)

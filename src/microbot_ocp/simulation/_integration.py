@@ -8,13 +8,15 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.child_process import Died, OutOfTime, Send, can_fork, in_child
 from microbot_ocp._base.status import Status
 
 Values = Callable[[FloatArray], FloatArray]  # times [N] to values [N,m]
@@ -25,6 +27,7 @@ FIT = 1e-11  # their largest error, relative to the largest value
 SHORTEST_PIECE = 0.5e-3  # s; a piece that holds no break is not divided below this
 LONGEST_STEP = 0.1  # of a piece: an arm at rest must not be stepped over until it moves
 ROUNDING = 1e-9  # where halving a fixed step no longer helps, below this it is rounding
+PARTS = 10  # integrator calls where there is a time limit: what is done by then is known
 PROBES = 2000  # steps of the run that looks for the place where an integrator failed
 NOT_FINITE = "the accelerations are not finite"
 # What the integrators' return codes mean.
@@ -218,13 +221,31 @@ def integrate(
     wanted = np.clip(np.searchsorted(stops, s[1:] - 1e-12 * edges.size), 0, stops.size - 1)
     piece = np.clip(np.ceil(stops - 1e-9).astype(int) - 1, 0, edges.size - 2)
 
-    def states(steps: int) -> FloatArray:
-        name, options = plugin(settings, steps)
-        run = ca.integrator("run", name, equation, 0.0, stops.tolist(), options)
-        found = run(x0=start, u=inputs[:, piece])["xf"].full().T
-        return np.vstack([start, found[wanted]])
+    by_error = settings.integrator in ("cvodes", "idas")
+    limited = np.isfinite(deadline.until())
+    parts = np.array_split(np.arange(stops.size), PARTS if limited and by_error else 1)
 
-    run = settled(states, settings, max(stops.size, 32))
+    def states(steps: int, send: Send = lambda _: None) -> FloatArray:
+        name, options = plugin(settings, steps)
+        x, low, found = start, 0.0, []
+        for part in filter(np.size, parts):
+            run = ca.integrator("run", name, equation, low, stops[part].tolist(), options)
+            found.append(run(x0=x, u=inputs[:, piece[part]])["xf"].full().T)
+            x, low = found[-1][-1], float(stops[part[-1]])
+            send(found[-1])
+        return np.vstack([start, np.vstack(found)[wanted]])
+
+    arrived: list[FloatArray] = []
+    run = in_time(
+        lambda send: settled(lambda steps: states(steps, send), settings, max(stops.size, 32)),
+        missing,
+        arrived.append,
+    )
+    if run.status is Status.TIME_LIMIT:
+        known = np.full((stops.size, forced.states), np.nan)
+        if by_error and arrived:
+            known[: sum(map(len, arrived))] = np.vstack(arrived)
+        return run._replace(states=np.vstack([start, known[wanted]]))
     if not run.states.size:
         run = run._replace(states=np.full((grid.size, forced.states), np.nan))
     if run.status.solved or settings.integrator == "rk":
@@ -232,6 +253,38 @@ def integrate(
     # A fixed step does not stop where the other integrator does, so it shows where that is.
     settings = settings._replace(integrator="rk")
     return run._replace(trace=(grid, states(PROBES)))
+
+
+T = TypeVar("T")
+
+
+def in_time(
+    work: Callable[[Send], T],
+    otherwise: Callable[[Status, str], T],
+    receive: Callable[[FloatArray], object] = lambda _: None,
+) -> T:
+    """What ``work`` returns; where there is a time limit another process does the work.
+
+    ``receive`` gets what ``work`` sends, ``otherwise`` a status and message where nothing came.
+    """
+    if not (can_fork and np.isfinite(deadline.until())):
+        return work(lambda _: None)
+
+    def taken(part: FloatArray) -> bool:
+        receive(part)
+        return True
+
+    try:
+        return in_child(work, deadline.until(), taken)
+    except OutOfTime:
+        return otherwise(Status.TIME_LIMIT, "stopped at the time limit")
+    except Died:
+        return otherwise(Status.INTEGRATION_FAILED, "the process of the integrator ended")
+
+
+def missing(status: Status, message: str) -> Run:
+    """A run without states."""
+    return Run(status, np.zeros((0, 0)), message=message)
 
 
 def settled(states: Callable[[int], FloatArray], settings: IntegratorSettings, steps: int) -> Run:

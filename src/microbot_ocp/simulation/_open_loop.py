@@ -5,8 +5,10 @@ from __future__ import annotations
 import time
 
 import casadi as ca
+import numpy as np
 from numpy.typing import ArrayLike
 
+from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import InputError
 from microbot_ocp.motion import Motion
 from microbot_ocp.robot import Robot, forward_dynamics
@@ -33,6 +35,7 @@ def simulate(
     integrator: Integrator = "cvodes",
     tolerance: float = 1e-10,
     max_steps: int = 20_000,
+    time_limit: float = np.inf,
 ) -> Simulation:
     """Simulate an arm from given torques: ``M(q) qdd = tau - C(q, qd) qd - g(q) - friction``.
 
@@ -61,6 +64,9 @@ def simulate(
         Absolute and relative tolerance.
     max_steps : int
         Most steps: from one time of the grid to the next, of a fixed step in all.
+    time_limit : float
+        Wall time, s, after which the integrator is stopped: the status is "time limit", and what it
+        has not reached, NaN. Up to a tenth of the duration that was reached may be missing.
 
     Returns
     -------
@@ -99,7 +105,8 @@ def simulate(
         return ca.vertcat(x[count:], forward_dynamics(robot)(x[:count], x[count:], w))
 
     forced = ForcedEquation(rate, 2 * count, signal)
-    run = integrate(forced, start, grid, settings)
+    with deadline.within(time_limit):
+        run = integrate(forced, start, grid, settings)
     return Simulation(
         **result_fields(robot, grid, run, signal.values(grid), None, settings, started)
     )

@@ -33,7 +33,8 @@ def result_fields(
     count = robot.joint_count
     states = run.states
     times, trace = (grid, states) if run.trace is None else run.trace
-    if not np.isfinite(states).all():
+    stopped = run.status is Status.TIME_LIMIT
+    if not (stopped or np.isfinite(states).all()):
         states = np.full_like(states, np.nan)
     q, qd = states[:, :count], states[:, count:]
     outer = 0.0 if disturbance is None else np.array(disturbance.map(grid.size)(grid[None, :])).T
@@ -42,7 +43,8 @@ def result_fields(
     condition = np.array(conditioning(trace[:, :count].T)).ravel()
     condition[~np.isfinite(trace).all(axis=1)] = 0.0
     worst = int(condition.argmax())
-    status, message, moment = run.status, run.message, _unbounded(times, trace)
+    status, message = run.status, run.message
+    moment = None if stopped else _unbounded(times, trace)
     # The mass matrix was regular until then, so the torques are the cause.
     unbounded = moment is not None and condition[times < moment].max(initial=0.0) < NEAR_SINGULAR
     if moment is not None and not status.solved:
@@ -63,7 +65,9 @@ def result_fields(
         "steps": run.steps,
         "condition_peak": float(condition[worst]),
         "condition_time": float(times[worst]),
-        "advice": _advice(
+        "advice": message
+        if stopped
+        else _advice(
             message,
             unbounded,
             disturbance,

@@ -8,9 +8,18 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.child_process import Send
 from microbot_ocp.motion import SAMPLE_STEP
 from microbot_ocp.robot import Robot, forward_dynamics
-from microbot_ocp.simulation._integration import IntegratorSettings, Run, Signal, plugin, settled
+from microbot_ocp.simulation._integration import (
+    IntegratorSettings,
+    Run,
+    Signal,
+    in_time,
+    missing,
+    plugin,
+    settled,
+)
 
 FINEST = 100  # fixed steps that a sample may take in any case
 
@@ -60,7 +69,12 @@ class SampledLoop(NamedTuple):
             return np.vstack([start, np.array(everything).T.reshape(-1, 2 * count)])
 
         each = settings._replace(max_steps=max(settings.max_steps // samples.t.size, FINEST))
-        run = settled(states, each, max(inner, int(np.ceil(samples.within[-1] / SAMPLE_STEP))))
+        first = max(inner, int(np.ceil(samples.within[-1] / SAMPLE_STEP)))
+
+        def work(_: Send) -> tuple[Run, list[FloatArray]]:
+            return settled(states, each, first), held
+
+        run, held = in_time(work, lambda status, said: (missing(status, said), []))
         grid = np.append(samples.t[0], (samples.t[:, None] + samples.within).ravel())
         tau = np.full((grid.size, count), np.nan)
         if held:

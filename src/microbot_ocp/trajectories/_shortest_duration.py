@@ -9,8 +9,9 @@ from typing import cast
 
 import numpy as np
 
-from microbot_ocp._base import checks
+from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import InputError
+from microbot_ocp._base.status import Status
 from microbot_ocp.limits import ROUNDING, LimitFamily, Member, Peak, largest_use
 from microbot_ocp.limits._peaks import largest_jump
 from microbot_ocp.motion import PiecewisePolynomial
@@ -51,6 +52,8 @@ class Scaled:
         How many durations were tried.
     wall_time : float
         s.
+    status : Status
+        Solved, or "time limit".
     """
 
     polynomial: PiecewisePolynomial
@@ -65,6 +68,12 @@ class Scaled:
     utilisation: float
     iterations: int
     wall_time: float
+    status: Status = Status.SOLVED
+
+    @property
+    def solved(self) -> bool:
+        """Whether no shorter duration keeps the limits."""
+        return self.status.solved
 
 
 def shortest_duration(
@@ -74,6 +83,7 @@ def shortest_duration(
     *,
     first_duration: float = 1.0,
     tolerance: float = 1e-8,
+    time_limit: float = np.inf,
 ) -> Scaled:
     """Shortest duration at which a shape of motion keeps every limit.
 
@@ -103,6 +113,9 @@ def shortest_duration(
         First duration that a callable is tried with, s.
     tolerance : float
         The result uses between ``1 - tolerance`` and 1 of the limit that it meets.
+    time_limit : float
+        Wall time, s, after which the shortest that was found is returned with the status "time
+        limit"; where none was found that keeps the limits, the ``utilisation`` is above 1.
 
     Returns
     -------
@@ -125,8 +138,9 @@ def shortest_duration(
     (1.5, 'qd', 'waist')
     """
     started = time.perf_counter()
-    search = _Search(robot, make_motion, limits, first_duration, tolerance)
-    return search.run(started)
+    with deadline.within(time_limit):
+        search = _Search(robot, make_motion, limits, first_duration, tolerance)
+        return search.run(started)
 
 
 class _Search:
@@ -250,6 +264,7 @@ class _Search:
             utilisation=met.use,
             iterations=self.tried,
             wall_time=time.perf_counter() - started,
+            status=Status.TIME_LIMIT if deadline.over() else Status.SOLVED,
         )
 
     def _bracket(self) -> tuple[tuple[float, Peak], tuple[float, Peak]]:
@@ -261,14 +276,18 @@ class _Search:
             duration *= float(np.clip(peak.use, 1.3, 4.0))
             if duration > LONGEST * self.first:
                 raise InputError(self._no_duration(bad))
+            if deadline.over():
+                return bad, bad
             peak = self.evaluate(duration)
         good = (duration, peak)
-        if self.from_above:
+        if self.from_above and not deadline.over():
             top = self.evaluate(4.0 * duration)
             if top.use <= 1.0:
                 good, bad = (4.0 * duration, top), None
         while bad is None:
             duration, peak = good
+            if deadline.over():
+                return good, good
             if duration < SHORTEST * self.first:
                 raise InputError(
                     "make_motion meets no limit, however short it is: no joint with a limit moves"
@@ -304,7 +323,8 @@ class _Search:
         last = 0
         for iteration in range(200):
             (long, met), (short, missed) = good, bad
-            if met.use >= 1.0 - self.tolerance or long - short <= 1e-13 * long:
+            near = met.use >= 1.0 - self.tolerance or long - short <= 1e-13 * long
+            if near or deadline.over():
                 break
             s_good, s_bad = long**-2, short**-2
             gap_good = (aim - met.use) * weight_good

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from microbot_ocp._base import checks
+from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.problem import OptimalControlProblem, node_variables
@@ -151,11 +151,10 @@ def solve_refined(
     if not cost_accuracy > 0:
         raise InputError(f"cost_accuracy must be above 0, not {cost_accuracy}")
     limit_tolerance = checks.number("limit_tolerance", limit_tolerance, above=0.0)
-    if not time_limit > 0:
-        raise InputError(f"time_limit must be above 0 s, not {time_limit}")
     settings = settings or SolverSettings()
     settings = replace(settings, tolerance=min(settings.tolerance, max(accuracy / 10, 1e-10)))
-    until = time.perf_counter() + min(time_limit, settings.time_limit)
+    own = min(checks.time_limit(time_limit), settings.time_limit)
+    until = min(time.perf_counter() + own, deadline.until())
     hp = None if degrees is None else Degrees(*degrees)
     if hp is not None:
         own = transcribed(problem, settings, scheme=scheme, guess=guess)

@@ -7,12 +7,14 @@ points, too: what a coarse mesh gains by exceeding them is no reason to refuse a
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
+from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.solution import Solution, StepProgress, quiet
@@ -108,12 +110,17 @@ class Refiner:
         )
         return self._solve(mesh, guesses, settings)
 
+    @property
+    def over(self) -> bool:
+        """Whether the time is over."""
+        return time.perf_counter() >= min(self.until, deadline.until())
+
     def finished(self, solution: Solution) -> Solution:
         """A rough solution to the full tolerance and refined so further.
 
         As it is where that takes too long or does not keep the limits.
         """
-        if self.rough is None or not solution.status.solved:
+        if self.rough is None or not solution.status.solved or self.over:
             return solution
         if solution.gap.total <= POLISHED * self.settings.gap * abs(solution.cost):
             return solution
@@ -178,6 +185,8 @@ class Refiner:
 
         ``solver``, with this tolerance, comes first in the place of the usual one.
         """
+        if self.over:
+            return before
         guesses = self.guess_from(before)
         first: tuple[str | tuple[str, ...], float | None, Mapping[str, Guess] | Solution]
         many = sum(mesh_of(mesh).intervals for mesh in meshes) > MANY
@@ -200,7 +209,7 @@ class Refiner:
             )
             if accepted:
                 return after
-            if after.status is Status.INTERRUPTED:
+            if after.status is Status.INTERRUPTED or self.over:
                 break
             honest = after.status.solved and self._cheat(before) > 0
             if honest and (dearer is None or after.cost < dearer.cost):
@@ -230,7 +239,7 @@ class Refiner:
     def refine(self, solution: Solution) -> Solution:
         """Split intervals until no constraint is exceeded between mesh points by more."""
         for _ in range(self.rounds):
-            if not solution.status.solved:
+            if not solution.status.solved or self.over:
                 break
             excess = self.excess(solution)
             worst = max(float(e.max()) for e in excess)
@@ -261,7 +270,7 @@ class Refiner:
         """
         for _ in range(self.rounds):
             marked = switching(solution)
-            if not solution.status.solved or not any(places.any() for places in marked):
+            if self.over or not solution.status.solved or not any(p.any() for p in marked):
                 break
             meshes = [
                 split(phase.mesh, places)

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from microbot_ocp._base import checks
+from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.status import Status
 from microbot_ocp._base.table import Column, Table
@@ -180,7 +180,7 @@ def solve_switching_times(
     accuracy: float = 1e-9,
     settings: SolverSettings | None = None,
     rounds: int = 10,
-    most_time: float = 60.0,
+    time_limit: float = 60.0,
     progress: StepProgress = quiet,
     transcribe: Callable[..., Transcription] = Transcription,
 ) -> SwitchingTimes:
@@ -198,8 +198,8 @@ def solve_switching_times(
         Default: IPOPT to a tolerance of 1e-10 and a gap of 1e-7 of the cost.
     rounds : int
         Most solves of one set of arcs.
-    most_time : float
-        Wall time after which no other solve is begun, s.
+    time_limit : float
+        Wall time after which it is stopped, s.
     progress : callable
         Called with a line of text for every solve.
     transcribe : callable
@@ -231,6 +231,19 @@ def solve_switching_times(
     ([('u', 1.0, 'lower limit')], 3.0)
     """
     accuracy = checks.number("accuracy", accuracy, above=0.0)
+    with deadline.within(time_limit):
+        how = settings or SETTINGS, progress, transcribe
+        return _switching_times(problem, start, accuracy, rounds, how)
+
+
+def _switching_times(
+    problem: OptimalControlProblem | Transcription,
+    start: Solution | None,
+    accuracy: float,
+    rounds: int,
+    how: Any,
+) -> SwitchingTimes:
+    """As :func:`solve_switching_times`, until the time is over."""
     declared = problem.problem if isinstance(problem, Transcription) else problem
     first = solve(problem, 50) if start is None else start
     names = [phase.name for phase in first.phases]
@@ -238,8 +251,7 @@ def solve_switching_times(
         raise InputError(f"start has the phases {names}, which are not those of the problem")
     if not first.status.solved:
         return SwitchingTimes(first.status, first.advice, (), first)
-    how = settings or SETTINGS, progress, transcribe
-    until = time.perf_counter() + most_time
+    until = deadline.until()
     found: SwitchingTimes | None = None
     # what is an interval or two long is the smeared end of two arcs, or an arc that is short
     for shortest in (3, 2, 1):

@@ -13,6 +13,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import replace
 
+from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.diagnosis import advice, check_start
@@ -102,6 +103,7 @@ def run_chain(
     is over, by the clock of ``time.perf_counter``: by default the limit of the settings from now.
     """
     until = time.perf_counter() + settings.time_limit if until is None else until
+    until = min(until, deadline.until())
     turns = [(name, False) for name in settings.chain()]
     if settings.solver == "sqp":
         turns.append(("sqp", True))

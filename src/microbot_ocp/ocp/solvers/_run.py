@@ -11,10 +11,10 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.child_process import Died, OutOfTime, Send, can_fork, in_child
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.solution import Attempt, Progress, StartingPoint, Watch, watching
 from microbot_ocp.ocp.solvers._acceptance import accepted
-from microbot_ocp.ocp.solvers._child_process import Died, OutOfTime, Send, can_fork, in_child
 from microbot_ocp.ocp.solvers._plugins import create
 from microbot_ocp.ocp.solvers._settings import SolverSettings
 from microbot_ocp.ocp.solvers._status import checked, first_cause, stats_of, status_of
@@ -92,7 +92,8 @@ def run(
             arguments[key] = np.asarray(value) / program.cost_scale
     answer, interrupted = _Answer(broken=broken), False
     if solver is not None:
-        answer, interrupted = _answered(solver, name, arguments, watch, until)
+        kept = made is not None and watch is None
+        answer, interrupted = _answered(solver, name, arguments, watch, until, kept)
     if answer.broken and settings.options.get(name) and "option" in answer.broken.lower():
         raise InputError(f"options of {name} were refused: {answer.broken}")
     done = time.perf_counter()
@@ -140,10 +141,13 @@ def _answered(
     arguments: Mapping[str, Any],
     watch: Watch | None,
     until: float,
+    kept: bool,
 ) -> tuple[_Answer, bool]:
     """What a solver answers, and whether Ctrl-C was pressed."""
     size = np.size(arguments["x0"])
-    trusted = name == "ipopt" and (size <= LARGE or not np.isfinite(until))
+    # one that is kept was made without the limit of this call
+    stops = name == "ipopt" and (size <= LARGE and not kept)
+    trusted = name == "ipopt" and (stops or not np.isfinite(until))
     if can_fork and not trusted:
         return _answered_by_child(solver, arguments, watch, until)
     with watching(name) as interrupted:

@@ -47,8 +47,7 @@ class SolverSettings:
 
     def __post_init__(self) -> None:
         checks.one_of("scaling", self.scaling, SCALINGS)
-        if not self.time_limit > 0:
-            raise InputError(f"time_limit must be above 0 s, not {self.time_limit}")
+        checks.time_limit(self.time_limit)
         checks.number("tolerance", self.tolerance, above=0.0)
         if not self.gap > 0:
             raise InputError(f"gap must be above 0, not {self.gap}")

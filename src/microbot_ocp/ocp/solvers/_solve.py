@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp import refinement, verification
@@ -99,9 +100,8 @@ def solve(
         or costs are not finite at the guess.
     """
     settings = settings or SolverSettings()
-    if not time_limit > 0:
-        raise InputError(f"time_limit must be above 0 s, not {time_limit}")
-    until = time.perf_counter() + min(time_limit, settings.time_limit)
+    own = min(checks.time_limit(time_limit), settings.time_limit)
+    until = min(time.perf_counter() + own, deadline.until())
     chosen = default_mesh(problem) if mesh is None else mesh
     best: Solution | None = None
     attempts: list[Attempt] = []

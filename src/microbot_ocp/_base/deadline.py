@@ -1,0 +1,48 @@
+"""A time limit kept by all that is called inside it: solvers, compilers, loops between solves."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+
+import numpy as np
+
+from microbot_ocp._base import checks
+
+_until: ContextVar[float] = ContextVar("until", default=np.inf)
+
+
+@contextmanager
+def within(time_limit: float) -> Iterator[None]:
+    """What is called inside ends after so much wall time, s, with the best it has by then.
+
+    Limits nest: the one that ends first counts.
+
+    Raises
+    ------
+    InputError
+        ``time_limit`` is no positive number; infinite is none.
+    """
+    seconds = checks.time_limit(time_limit)
+    token = _until.set(min(_until.get(), time.perf_counter() + seconds))
+    try:
+        yield
+    finally:
+        _until.reset(token)
+
+
+def until() -> float:
+    """When the time is over, by the clock of ``time.perf_counter``; infinite without a limit."""
+    return _until.get()
+
+
+def left() -> float:
+    """Time that is left, s; infinite without a limit."""
+    return max(0.0, _until.get() - time.perf_counter())
+
+
+def over() -> bool:
+    """Whether the time is over."""
+    return time.perf_counter() >= _until.get()

@@ -1,0 +1,106 @@
+"""Whatever is called with a time limit ends soon after it, with the best so far and its status."""
+
+import inspect
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+import microbot_ocp as mo
+from microbot_ocp._base import deadline
+
+ROBOT = mo.load_robot("microbot")
+VIA = np.radians([[0, 0, 0], [-8, 45, 30], [-90, 90, 90]])
+SHAPE = mo.quintic([[0.0, 0.0, 0.0], [0.5, 0.8, 0.4]], [0.0, 30.0])
+MANY = np.random.default_rng(0).normal(scale=3.0, size=(2000, 3))
+LATE = mo.Status.TIME_LIMIT
+GRACE = 3.0  # s, on a loaded machine
+
+CALLS = {
+    "time_optimal": lambda t: mo.time_optimal(ROBOT, VIA, mesh=30, time_limit=t).status,
+    "time_optimal_path": lambda t: (
+        mo.time_optimal_path(ROBOT, mo.straight_path(VIA), time_limit=t).status
+    ),
+    "compare": lambda t: (
+        mo.compare(ROBOT, VIA, ["cubic", "time_optimal"], time_limit=t)["time_optimal"].status
+    ),
+    "shortest_duration": lambda t: mo.shortest_duration(ROBOT, SHAPE, time_limit=t).status,
+    "simulate": lambda t: (
+        mo.simulate(ROBOT, q0=[0, 0.5, 0.5], t=np.linspace(0, 300, 200_001), time_limit=t).status
+    ),
+    "track": lambda t: mo.track(ROBOT, SHAPE, mo.ComputedTorque(kp=100.0), time_limit=t).status,
+    "solve_ik_batch": lambda t: mo.solve_ik_batch(ROBOT, MANY, time_limit=t)[-1][0].status,
+    "solve_ik_each": lambda t: mo.solve_ik_each(ROBOT, MANY, time_limit=t)[-1].status,
+    "solve_ik_path": lambda t: mo.solve_ik_path(ROBOT, MANY, time_limit=t).statuses[-1],
+}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _compiled():
+    """What is compiled where there is time for it."""
+    mo.time_optimal(ROBOT, VIA, mesh=10, starts=1)
+    mo.compare(ROBOT, VIA, ["cubic", "straight_path"], mesh=10)
+    mo.TimeOptimalSolver(ROBOT, VIA, mesh=10)()
+    mo.solve_ik_path(ROBOT, MANY[:3])
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_the_limit_is_kept(name):
+    begin = time.perf_counter()
+    status = CALLS[name](0.05 if name != "shortest_duration" else 1e-6)
+    assert status is LATE
+    assert time.perf_counter() - begin < 0.05 + GRACE
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0, np.nan, "5", None, 1j, [1.0]])
+def test_what_is_no_time_is_refused(value):
+    with pytest.raises(mo.InputError, match="time_limit must be"):
+        mo.solve_ik(ROBOT, [3, -1, 4.5], time_limit=value)
+
+
+def test_every_solver_call_takes_one():
+    solving = [mo.certify, mo.TimeOptimalSolver.__call__, mo.solve_ik, mo.solve_ik_all]
+    solving += [mo.ocp.solve, mo.ocp.solve_refined, mo.ocp.solve_switching_times]
+    solving += [getattr(mo, name) for name in CALLS if name not in ("time_optimal", "compare")]
+    for call in solving:
+        if call is not mo.time_optimal_path:  # whose settings have it
+            assert "time_limit" in inspect.signature(call).parameters, call
+
+
+def test_a_prepared_solver_keeps_its_limit_and_goes_on():
+    solver = mo.TimeOptimalSolver(ROBOT, VIA, mesh=20)
+    assert solver(time_limit=1e-3).status is LATE
+    assert solver().solved
+
+
+def test_a_simulation_that_is_stopped_has_what_it_reached():
+    stopped = mo.simulate(ROBOT, q0=[0, 0.5, 0.5], t=np.linspace(0, 300, 200_000), time_limit=0.5)
+    assert stopped.status is LATE
+    assert stopped.advice == "stopped at the time limit"
+    known = np.isfinite(stopped.q).all(axis=1)
+    reached = int(known.sum())
+    assert 0 < reached < known.size
+    assert known[:reached].all()
+    whole = mo.simulate(ROBOT, q0=[0, 0.5, 0.5], t=stopped.t[:200])
+    assert np.allclose(whole.q, stopped.q[:200], atol=1e-6)
+
+
+def test_limits_nest():
+    with deadline.within(100.0):
+        outer = deadline.until()
+        with deadline.within(1000.0):
+            assert deadline.until() == outer
+        with deadline.within(1.0):
+            assert deadline.left() <= 1.0
+        assert deadline.until() == outer
+    assert deadline.until() == np.inf
+
+
+def test_the_command_line_says_so():
+    command = [sys.executable, "-m", "microbot_ocp.cli", "time-optimal", "microbot", "--json"]
+    options = ["--via-deg", "0,0,0 -90,90,90", "--time-limit", "0.05"]
+    done = subprocess.run([*command, *options], capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert '"status": "time limit"' in done.stdout
