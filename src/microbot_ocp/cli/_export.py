@@ -1,4 +1,4 @@
-"""``export``: saved motions for other programs."""
+"""``export``: saved motions and comparisons for other programs, and as films."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import microbot_ocp as mo
 from microbot_ocp.cli._options import Json, MotionRobot, one_number, writable
 from microbot_ocp.cli._output import Written, answer
 from microbot_ocp.cli._replay import robot_of
-from microbot_ocp.motion import EXPORT_FORMATS
+from microbot_ocp.motion import EXPORT_FORMATS, FILM_FORMATS
 from microbot_ocp.robot import packaged_robots
 
 if TYPE_CHECKING:
@@ -19,34 +19,48 @@ if TYPE_CHECKING:
 
 
 def export(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="Motion (.npz).")],
+    file: Annotated[
+        Path,
+        typer.Argument(
+            metavar="FILE", help="Motion (.npz), or for a film the folder of a comparison."
+        ),
+    ],
     target: Annotated[
         Path,
         typer.Argument(
             metavar="TARGET",
-            help="What to write: .csv, .json (ROS trajectory), .mat, .parquet or .xml (MuJoCo).",
+            help="What to write: .csv, .json (ROS trajectory), .mat, .parquet, .xml (MuJoCo), "
+            "or a film, .gif or .mp4.",
         ),
     ],
     rate: Annotated[
         float | None,
-        typer.Option(help="Samples a second, Hz.", metavar="HZ", parser=one_number),
+        typer.Option(help="Samples or frames a second, Hz.", metavar="HZ", parser=one_number),
     ] = None,
     robot_name: MotionRobot = None,
     as_json: Json = False,
 ) -> int:
-    """Write a saved motion for another program."""
-    writable(target, tuple(EXPORT_FORMATS), "TARGET")
+    """Write a saved motion for another program, or as a film."""
+    writable(target, (*EXPORT_FORMATS, *FILM_FORMATS), "TARGET")
+    written = Written()
+    if file.is_dir() and target.suffix in FILM_FORMATS:
+        comparison = mo.load_comparison(file, robot_name)
+        written.add(target, lambda path: comparison.export(path, rate))
+        named = {name: motion.duration for name, motion in comparison.motions.items()}
+        document = {"robot": comparison.robot.name, "motions": named}
+        return answer(as_json, document, lambda console: None, written=written)
     motion = mo.Motion.load(file)
     named = robot_name or motion.provenance.get("robot")
-    known = robot_name is not None or named in packaged_robots()
+    film = target.suffix in FILM_FORMATS
+    known = film or robot_name is not None or named in packaged_robots()
     robot = robot_of(motion, str(file), robot_name) if known else None
-    sampled = motion if rate is None else motion.resample(rate, robot)
+    sampled = motion if rate is None or film else motion.resample(rate, robot)
     samples = sampled.t.size
-    written = Written()
-    written.add(target, lambda path: sampled.export(path, robot=robot))
+    written.add(target, lambda path: sampled.export(path, rate if film else None, robot))
     document = {"robot": named if known else None, "samples": samples}
 
     def text(console: Console) -> None:
-        console.print(f"{motion.label}: {motion.duration:.3f} s, {samples} samples")
+        amount = "" if film else f", {samples} samples"
+        console.print(f"{motion.label}: {motion.duration:.3f} s{amount}")
 
     return answer(as_json, document, text, written=written)

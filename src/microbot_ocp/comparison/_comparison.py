@@ -318,6 +318,39 @@ class Comparison:
         """Write a Rerun recording with its blueprint inside."""
         return view_for(self, "rerun")(self).save(path)
 
+    def export(
+        self,
+        path: str | Path,
+        rate: float | None = None,
+        methods: Sequence[str] | None = None,
+        theme: str = "light",
+    ) -> Path:
+        """Write a film of some motions: one arm solid, the others as ghosts.
+
+        Parameters
+        ----------
+        path : str or Path
+            ``.gif``, or ``.mp4`` (needs the extra ``export``).
+        rate : float, optional
+            Frames a second, default 25.
+        methods : sequence of str, optional
+            Default the fastest method and the reference.
+        theme : str
+            "light" or "dark".
+
+        Returns
+        -------
+        Path
+            The file.
+
+        Raises
+        ------
+        InputError
+            Another ending, a method without a motion, more than 3000 frames.
+        """
+        film = view_for(self, "animation")
+        return film(self, path, rate, methods=methods, theme=theme)
+
     def save(
         self,
         folder: str | Path,

@@ -2,6 +2,7 @@
 
 from ._export import (
     EXPORT_FORMATS as EXPORT_FORMATS,
+    FILM_FORMATS as FILM_FORMATS,
 )
 from ._files import (
     SCHEMA as SCHEMA,

@@ -1,4 +1,4 @@
-"""Motions for other programs: CSV, ROS trajectories, MATLAB, Parquet, MuJoCo keyframes.
+"""Motions for other programs: CSV, ROS trajectories, MATLAB, Parquet, MuJoCo keyframes; films.
 
 Every format has the same columns: time, and position, velocity, acceleration and torque of every
 joint, SI.
@@ -17,6 +17,7 @@ import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.showing import view_for
 from microbot_ocp._base.writing import whole_file
 from microbot_ocp.robot import Robot
 
@@ -60,10 +61,16 @@ class Columns(NamedTuple):
         return heads, np.column_stack([self.t, *self.values.values()])
 
 
-def export(motion: Any, path: str | Path, rate: float | None, robot: Robot | None) -> Path:
+def export(
+    motion: Any, path: str | Path, rate: float | None, robot: Robot | None, theme: str
+) -> Path:
     """Write a motion; see :meth:`microbot_ocp.Motion.export`."""
     target = Path(path)
-    checks.one_of("ending of path", target.suffix, EXPORT_FORMATS)
+    checks.one_of("ending of path", target.suffix, (*EXPORT_FORMATS, *FILM_FORMATS))
+    if target.suffix in FILM_FORMATS:
+        if robot is None:
+            raise InputError(f"a {target.suffix} film needs the robot: give robot=...")
+        return view_for(motion, "animation")(robot, motion, target, rate, theme=theme)
     sampled = motion if rate is None else motion.resample(rate, robot)
     columns = Columns.of(sampled, robot)
     with whole_file(target) as partial:
@@ -140,6 +147,7 @@ def _needed(module: str, package: str) -> Any:
         ) from None
 
 
+FILM_FORMATS = (".gif", ".mp4")  # drawn by the views
 EXPORT_FORMATS: dict[str, Callable[[Path, Columns], None]] = {
     ".csv": _write_csv,
     ".json": _write_trajectory,

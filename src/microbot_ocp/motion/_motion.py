@@ -256,21 +256,29 @@ class Motion:
         return view_for(self, "rerun")(robot, self).save(path)
 
     def export(
-        self, path: str | Path, rate: float | None = None, robot: Robot | None = None
+        self,
+        path: str | Path,
+        rate: float | None = None,
+        robot: Robot | None = None,
+        theme: str = "light",
     ) -> Path:
-        """Write the motion for another program; the ending of the path says for which.
+        """Write the motion for another program, or as a film: the ending of the path says which.
 
         Parameters
         ----------
         path : str or Path
             ``.csv``: heads with units. ``.json``: a ``trajectory_msgs/JointTrajectory`` of ROS, as
             MoveIt and ros2_control take it. ``.mat``: MATLAB (needs scipy). ``.parquet`` (needs
-            pyarrow). ``.xml``: keyframes of a MuJoCo model. Read back by :meth:`load` is only what
-            :meth:`save` writes.
+            pyarrow). ``.xml``: keyframes of a MuJoCo model. ``.gif``, ``.mp4`` (needs
+            imageio-ffmpeg): a film of the arm, which needs ``robot``. Read back by :meth:`load` is
+            only what :meth:`save` writes.
         rate : float, optional
-            Samples a second, Hz, the end included; default the motion's own samples.
+            Samples a second, Hz, the end included; default the motion's own samples. Of a film:
+            frames a second, default 25.
         robot : Robot, optional
             Gives names and units of the joints; without it they are numbered, and revolute.
+        theme : str
+            "light" or "dark", of a film.
 
         Returns
         -------
@@ -295,7 +303,7 @@ class Motion:
         >>> text[:33]
         't [s],q waist [rad],q shoulder [r'
         """
-        return export(self, path, rate, robot)
+        return export(self, path, rate, robot, theme)
 
     def save(self, path: str | Path) -> Path:
         """Write one ``.npz``: arrays t, q, qd, qdd, tau, breaks and a JSON string ``metadata``."""

@@ -5,8 +5,8 @@ The package's ``__init__`` loads this table of names; a function is imported whe
 
 from microbot_ocp._base.showing import add_views
 
-PLOTS, TABLES, RECORDING = (
-    f"{__package__}.{folder}" for folder in ("plots", "tables", "recording")
+PLOTS, TABLES, RECORDING, ANIMATION = (
+    f"{__package__}.{folder}" for folder in ("plots", "tables", "recording", "animation")
 )
 
 add_views(
@@ -20,6 +20,7 @@ add_views(
             "table": f"{TABLES}._results:motion",
             "plot": f"{PLOTS}:motion",
             "rerun": f"{RECORDING}:of_motion",
+            "animation": f"{ANIMATION}:animate_motion",
         },
         "microbot_ocp.simulation.Simulation": {"plot": f"{PLOTS}:simulation"},
         "microbot_ocp.simulation.Tracking": {
@@ -43,6 +44,7 @@ add_views(
             "paths": f"{PLOTS}:paths",
             "report": f"{PLOTS}:report",
             "rerun": f"{RECORDING}:of_comparison",
+            "animation": f"{ANIMATION}:animate_comparison",
         },
     }
 )

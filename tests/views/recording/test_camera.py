@@ -5,11 +5,11 @@ import pytest
 
 from microbot_ocp.robot import Robot
 from microbot_ocp.views import _scene as scene
+from microbot_ocp.views.recording import grid_spacing
 from microbot_ocp.views.recording._surroundings import (
     ASPECT,
     FIELD_OF_VIEW,
     find_eye,
-    grid_spacing,
     upward,
 )
 

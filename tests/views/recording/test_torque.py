@@ -8,9 +8,8 @@ from rerun.chunk import RrdReader
 
 from microbot_ocp.motion import Motion
 from microbot_ocp.robot import Limits, Robot
-from microbot_ocp.views.recording import SATURATED_COLOR, of_motion
-from microbot_ocp.views.recording._limits import torque_share
-from microbot_ocp.views.recording._loads import POINTS, SLIDE, arcs
+from microbot_ocp.views.recording import SATURATED_COLOR, arcs, of_motion, signed_share
+from microbot_ocp.views.recording._loads import POINTS, SLIDE
 
 PINK = int.from_bytes(bytes(SATURATED_COLOR), "big")
 
@@ -76,7 +75,7 @@ def test_slide_has_an_arrow_along_its_axis(tmp_path):
 
 def test_share_of_a_limit_of_zero():
     limits = Limits(tau_max=([0.0], [10.0])).for_joints(1)
-    share, at_limit = torque_share(limits, np.array([-1.0, 0.0, 5.0]), 0)
+    share, at_limit = signed_share(limits, "tau", np.array([-1.0, 0.0, 5.0]), 0)
     assert at_limit.tolist() == [True, False, False]
     np.testing.assert_array_equal(share, [-1.0, 0.0, 0.5])
 

@@ -1,6 +1,10 @@
 """Public names; loaded when they are first asked for."""
 
-from ._animated_arm import SATURATED_COLOR as SATURATED_COLOR
+from ._animated_arm import (
+    SATURATED_COLOR as SATURATED_COLOR,
+    AnimatedArm as AnimatedArm,
+)
+from ._arm import drawn_geometry as drawn_geometry
 from ._builders import (
     of_branches as of_branches,
     of_comparison as of_comparison,
@@ -15,8 +19,11 @@ from ._iterations import (
     phase_curves as phase_curves,
     record_iterations as record_iterations,
 )
+from ._limits import signed_share as signed_share
+from ._loads import arcs as arcs
 from ._recording import Recording as Recording
 from ._solution import SolutionRecording as SolutionRecording, of_solution as of_solution
+from ._surroundings import Eye as Eye, grid_spacing as grid_spacing
 from ._writer import (
     BRANCH as BRANCH,
     PROGRESS as PROGRESS,

@@ -137,19 +137,21 @@ def limit_notes(arm: AnimatedArm) -> list[str]:
     return notes
 
 
-def torque_share(limits: JointLimits, tau: FloatArray, joint: int) -> tuple[FloatArray, np.ndarray]:
-    """Shares [N] of the torque limit of a joint with the torque's sign, and whether it is met [N].
+def signed_share(
+    limits: JointLimits, quantity: str, values: FloatArray, joint: int
+) -> tuple[FloatArray, np.ndarray]:
+    """Shares [N] of a joint's limit with the sign of the values [N], and whether it is met [N].
 
-    Without a limit they are shares of the largest torque, and it is never met.
+    Without a limit they are shares of the largest value, and it is never met.
     """
-    lower, upper = (float(bound[joint]) for bound in limits.bounds("tau"))
-    own = np.where(tau >= 0.0, upper, -lower)
+    lower, upper = (float(bound[joint]) for bound in limits.bounds(quantity))
+    own = np.where(values >= 0.0, upper, -lower)
     if np.isfinite(own).all():
-        share = np.divide(tau, own, out=np.sign(tau), where=own > 0.0)
+        share = np.divide(values, own, out=np.sign(values), where=own > 0.0)
         return share, np.abs(share) >= AT_LIMIT
-    largest = float(np.abs(tau).max())
-    share = tau / largest if largest > 0.0 else np.zeros_like(tau)
-    return share, np.zeros(len(tau), dtype=bool)
+    largest = float(np.abs(values).max())
+    share = values / largest if largest > 0.0 else np.zeros_like(values)
+    return share, np.zeros(len(values), dtype=bool)
 
 
 def drawn_bounds(robot: Robot, quantity: str, joint: int) -> tuple[float, float]:

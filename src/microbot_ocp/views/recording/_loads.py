@@ -24,7 +24,7 @@ from microbot_ocp.views.recording._animated_arm import (
     AnimatedArm,
     Color,
 )
-from microbot_ocp.views.recording._limits import torque_share
+from microbot_ocp.views.recording._limits import signed_share
 from microbot_ocp.views.recording._writer import Writer, link_path, tool_path
 
 POINTS = 25  # of an arc
@@ -45,7 +45,7 @@ def draw_torques(writer: Writer, robot: Robot, limits: JointLimits, arm: Animate
     beside = np.array([RING * size, 0.0, 0.0])  # a slide's link lies along its axis
     for joint, kind in enumerate(robot.joint_types):
         path = link_path(arm.name, joint + 1, "torque")
-        share, at_limit = torque_share(limits, arm.curves["tau"][:, joint], joint)
+        share, at_limit = signed_share(limits, "tau", arm.curves["tau"][:, joint], joint)
         colors = _share_colors(share, at_limit)
         if kind == "revolute":
             limit = [circle]

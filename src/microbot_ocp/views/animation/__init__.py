@@ -1,0 +1,9 @@
+"""Animations: GIF and MP4 files of a recording's arms, seen from the recording's camera.
+
+:func:`write_animation` takes a recording and writes a file; ``motion.export("x.gif")`` and
+``comparison.export("x.mp4")`` call it. Begin with ``_film.py``, which draws one frame.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,9 @@
+"""Public names; loaded when they are first asked for."""
+
+from ._film import Film as Film
+from ._video import (
+    FRAME_RATE as FRAME_RATE,
+    animate_comparison as animate_comparison,
+    animate_motion as animate_motion,
+    write_animation as write_animation,
+)

@@ -1,0 +1,159 @@
+"""Files of a film: GIF by Pillow, which comes with matplotlib, and MP4 by ffmpeg."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import InputError
+from microbot_ocp._base.writing import whole_file
+from microbot_ocp.comparison import Comparison
+from microbot_ocp.motion import Motion
+from microbot_ocp.robot import Robot
+from microbot_ocp.views.animation._film import Film
+from microbot_ocp.views.plots._style import highlighted_name
+from microbot_ocp.views.recording import Recording, of_comparison, of_motion
+
+FRAME_RATE = 25.0  # frames a second: 40 ms, which a GIF can say exactly
+HOLD = 1.5  # s, of the last frame
+DPI = {".gif": 100, ".mp4": 160}
+MOST_FRAMES = 3000
+COLORS = 128  # of a GIF
+
+
+def write_animation(
+    recording: Recording,
+    path: str | Path,
+    rate: float | None = None,
+    *,
+    theme: str = "light",
+    title: str | None = None,
+) -> Path:
+    """Write the arms of a recording as a film, seen from the recording's camera.
+
+    Parameters
+    ----------
+    recording : Recording
+        Of :func:`microbot_ocp.views.recording.of_motion`, ``of_comparison`` or ``of_tracking``.
+    path : str or Path
+        ``.gif`` (800 x 450) or ``.mp4`` (1280 x 720; needs the extra ``export``).
+    rate : float, optional
+        Frames a second, Hz; default 25. One second of motion is one of the film; a GIF counts
+        hundredths of a second, so at most 50.
+    theme : str
+        "light" or "dark".
+    title : str, optional
+        Default the recording's.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    InputError
+        Another ending, a rate that is not above 0 or has more than 3000 frames, nothing that
+        moves, imageio-ffmpeg missing.
+    """
+    target = Path(path)
+    checks.one_of("ending of path", target.suffix, DPI)
+    highest = 50.0 if target.suffix == ".gif" else 240.0
+    rate = checks.number("rate", FRAME_RATE if rate is None else rate, "Hz", above=0.0)
+    if rate > highest:
+        raise InputError(f"rate must be at most {highest:g} Hz for {target.suffix}, not {rate:g}")
+    film = Film(recording, theme, title, DPI[target.suffix])
+    count = int(np.ceil(film.duration * rate)) + 1
+    if count > MOST_FRAMES:
+        raise InputError(f"rate must give at most {MOST_FRAMES} frames, not {count}")
+    frames = (film.frame(k / rate) for k in range(count))
+    with whole_file(target) as partial:
+        (_write_gif if target.suffix == ".gif" else _write_mp4)(partial, frames, rate)
+    return target
+
+
+def animate_motion(
+    robot: Robot, motion: Motion, path: str | Path, rate: float | None = None, **options: Any
+) -> Path:
+    """:func:`write_animation` of one motion."""
+    return write_animation(of_motion(robot, motion), path, rate, **options)
+
+
+def animate_comparison(
+    comparison: Comparison,
+    path: str | Path,
+    rate: float | None = None,
+    methods: Sequence[str] | None = None,
+    **options: Any,
+) -> Path:
+    """:func:`write_animation` of some methods, by default the fastest one and the reference."""
+    if methods is None:
+        wanted = [comparison.reference, highlighted_name(comparison)]
+        methods = [name for name in dict.fromkeys(wanted) if name in comparison.motions]
+    for name in methods:
+        checks.one_of("methods", name, comparison.motions)
+    chosen = tuple(entry for entry in comparison.entries if entry.name in methods)
+    recording = of_comparison(replace(comparison, entries=chosen))
+    title = options.pop("title", None) or f"{comparison.robot.name}: the same task, the same limits"
+    return write_animation(recording, path, rate, title=title, **options)
+
+
+def _write_gif(path: Path, frames: Iterator[np.ndarray], rate: float) -> None:
+    pictures = [Image.fromarray(frame) for frame in frames]
+    # one palette for all frames, from some of them: colours do not flicker, and changes are small
+    some = pictures[:: max(1, len(pictures) // 6)]
+    strip = Image.fromarray(np.vstack([np.asarray(picture) for picture in [*some, pictures[-1]]]))
+    palette = _with_exactly(strip.quantize(COLORS, method=Image.Quantize.MEDIANCUT), strip)
+    reduced = [p.quantize(palette=palette, dither=Image.Dither.NONE) for p in pictures]
+    ends = np.rint(100.0 * np.arange(1, len(reduced) + 1) / rate).astype(int)
+    durations = 10 * np.diff(ends, prepend=0)
+    durations[-1] += int(1000 * HOLD)
+    first, *rest = reduced
+    first.save(
+        path, format="GIF", save_all=True, append_images=rest, duration=durations.tolist(), loop=0,
+        optimize=False, disposal=1,
+    )  # fmt: skip
+
+
+def _with_exactly(reduced: Image.Image, picture: Image.Image) -> Image.Image:
+    """A palette whose colour of the paper, in the corner of the picture, is not an average."""
+    colors = list(reduced.getpalette() or ())
+    corner: Any = (0, 0)
+    place, paper = reduced.getpixel(corner), picture.getpixel(corner)
+    if isinstance(place, int) and isinstance(paper, tuple):
+        colors[3 * place : 3 * place + 3] = [int(value) for value in paper]
+    reduced.putpalette(colors)
+    return reduced
+
+
+def _write_mp4(path: Path, frames: Iterator[np.ndarray], rate: float) -> None:
+    try:
+        import imageio_ffmpeg
+    except ImportError:
+        raise InputError(
+            "this format needs imageio-ffmpeg: pip install 'microbot_ocp[export]'"
+        ) from None
+    first = next(frames)
+    height, width, _ = first.shape
+    writer = imageio_ffmpeg.write_frames(
+        str(path), (width, height), fps=rate,  # pyright: ignore[reportArgumentType]
+        codec="libx264", quality=8, macro_block_size=2,
+        ffmpeg_log_level="error", output_params=["-f", "mp4", "-movflags", "+faststart"],
+    )  # fmt: skip
+    writer.send(None)
+    last = first
+    try:
+        writer.send(first)
+        for last in frames:
+            writer.send(np.ascontiguousarray(last))
+        for _ in islice(range(int(HOLD * rate)), None):
+            writer.send(np.ascontiguousarray(last))
+    finally:
+        writer.close()

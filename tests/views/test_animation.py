@@ -1,0 +1,86 @@
+"""Films: what they show, and their files."""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import microbot_ocp as mo
+from microbot_ocp.views.animation import Film, write_animation
+from microbot_ocp.views.recording import of_branches, of_motion
+
+
+@pytest.fixture(scope="module")
+def robot() -> mo.Robot:
+    return mo.load_robot("planar_2r")
+
+
+@pytest.fixture(scope="module")
+def motion(robot: mo.Robot) -> mo.Motion:
+    shape = mo.cubic([[0.0, 0.0], [0.6, 0.9]], [0.0, 0.3])
+    return mo.Motion.from_polynomial(robot, shape, label="cubic")
+
+
+@pytest.fixture(scope="module")
+def film(robot: mo.Robot, motion: mo.Motion) -> Film:
+    return Film(of_motion(robot, motion))
+
+
+def test_the_arm_moves_and_the_paper_stays(film: Film) -> None:
+    first, last = film.frame(0.0), film.frame(0.3)
+    assert first.shape == (450, 800, 3)
+    assert (first[0, 0] == 255).all()
+    changed = (first != last).any(axis=2)
+    assert 0.005 < changed.mean() < 0.4
+    np.testing.assert_array_equal(film.frame(0.0), first)
+
+
+def test_the_tool_is_where_the_camera_sees_it(film: Film, robot: mo.Robot) -> None:
+    """The end of the trail is the tool's position in the picture."""
+    film.frame(0.3)
+    tool = np.array(mo.forward_kinematics(robot)([0.6, 0.9]))[:3, 3]
+    expected, _ = film.camera.project(tool)
+    drawn = film.trails[-1].get_xydata()[-1]
+    np.testing.assert_allclose(drawn, expected, atol=1e-6)
+
+
+def test_a_gif_has_a_frame_each_40_ms_and_holds_the_last(
+    robot: mo.Robot, motion: mo.Motion, tmp_path
+) -> None:
+    path = motion.export(tmp_path / "a.gif", rate=10.0, robot=robot)
+    with Image.open(path) as picture:
+        durations = []
+        for k in range(picture.n_frames):
+            picture.seek(k)
+            durations.append(picture.info["duration"])
+    assert durations == [100, 100, 100, 1600]
+
+
+def test_mp4(robot: mo.Robot, motion: mo.Motion, tmp_path) -> None:
+    ffmpeg = pytest.importorskip("imageio_ffmpeg")
+    path = motion.export(tmp_path / "a.mp4", rate=5.0, robot=robot, theme="dark")
+    described = next(ffmpeg.read_frames(str(path)))
+    assert described["size"] == (1280, 720)
+    assert described["fps"] == 5.0
+
+
+def test_what_cannot_be_filmed_is_refused(
+    robot: mo.Robot, motion: mo.Motion, tmp_path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(mo.InputError, match="needs the robot"):
+        motion.export(tmp_path / "a.gif")
+    with pytest.raises(mo.InputError, match=r"\.avi"):
+        motion.export(tmp_path / "a.avi", robot=robot)
+    with pytest.raises(mo.InputError, match="at most 50 Hz"):
+        motion.export(tmp_path / "a.gif", 100.0, robot)
+    solution = mo.solve_ik(mo.load_robot("microbot"), [3.0, -1.0, 4.5])
+    still = of_branches(mo.load_robot("microbot"), [solution], np.array([3.0, -1.0, 4.5]))
+    with pytest.raises(mo.InputError, match="moves"):
+        write_animation(still, tmp_path / "a.gif")
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    with pytest.raises(mo.InputError, match="imageio-ffmpeg"):
+        motion.export(tmp_path / "a.mp4", rate=5.0, robot=robot)
+    assert not list(tmp_path.iterdir())
