@@ -8,7 +8,7 @@ import pytest
 
 from microbot_ocp import InputError, Status
 from microbot_ocp._base.child_process import Died, OutOfTime, in_child
-from microbot_ocp.ocp import solve_refined, verify
+from microbot_ocp.ocp import Refined, solve_refined, verify
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.solution import completed, default_guess, scaled
 from microbot_ocp.ocp.solvers import SolverSettings, solve
@@ -39,10 +39,19 @@ def test_fatrop_ends_at_the_time_limit_where_it_would_never():
     assert solution.attempts[0].iterations == 0
 
 
-def test_what_never_returned_is_solved_by_default():
+def test_a_mesh_that_is_too_coarse_for_the_dynamics_is_no_success():
     solution = solve(hypersensitive(), 50)
-    assert solution.status.solved
+    assert solution.status is Status.TOO_COARSE
+    assert "states are wrong by 0.2" in solution.advice
     assert {attempt.way for attempt in solution.attempts} == {""}
+    assert abs(solution.cost / 1.3308069 - 1) > 1.0
+
+
+def test_what_never_returned_is_solved_by_default():
+    for found in (solve(hypersensitive()), solve_refined(hypersensitive())):
+        assert found.status.solved
+        cost = found.solution.cost if isinstance(found, Refined) else found.cost
+        assert cost == pytest.approx(1.3308069, rel=1e-4)
 
 
 def test_a_solve_in_progress_is_stopped():

@@ -25,6 +25,7 @@ class Status(StrEnum):
     INTERRUPTED = "interrupted"
     FAILED = "failed"
     GAP_LEFT = "gap left"
+    TOO_COARSE = "mesh too coarse"
     # refinement
     NOT_ACCEPTED = "finer mesh not accepted"
     NO_PROGRESS = "no progress"
@@ -77,6 +78,10 @@ _SENTENCES = {
     Status.GAP_LEFT: (
         "Converged, but the cost may be lower by more than the gap asked for: check scales and "
         "guess, or allow a larger gap."
+    ),
+    Status.TOO_COARSE: (
+        "Converged on a mesh on which the dynamics are not met between its points: give more "
+        "intervals, or leave the mesh out."
     ),
     Status.NOT_ACCEPTED: (
         "A finer mesh was not solved, or only at a higher cost: the last accepted solution is "

@@ -53,10 +53,13 @@ from microbot_ocp.ocp.verification import (
 
 MOST_VAIN = 2  # solves with one phase an arc that may find nothing
 PROGRESS = 0.9  # share of the former error that counts as an improvement
+MOVES = 1e-2  # share of the cost: while a mesh changes it by more the errors mean little
 HALF = 0.5  # of the former error of the cost: what a mesh should gain that is divided for it
 # A finer mesh meets constraints and dynamics that the coarser one cut short, and may honestly cost
 # more by this share.
 DEARER = 0.05
+SHARE = 0.6  # of the time that is left, which the refinement of one solution may take
+ROUGH = 1e-2  # error above which what is left is refined from another start
 
 
 def solve_refined(
@@ -160,23 +163,44 @@ def solve_refined(
         own = transcribed(problem, settings, scheme=scheme, guess=guess)
         mesh = _with_degrees(own, mesh, hp)
     watched = None if progress is quiet else progress
-    first, transcription = next(solutions(problem, mesh, guess, settings, scheme, until, watched))
-    refiner = Refiner(
-        transcription,
-        guess_from=resampled,
-        excess=state_errors,
-        limit_tolerance=accuracy,
-        solver=settings.solver,
-        tolerance=settings.tolerance,
-        progress=progress,
-        settings=settings,
-        worse=DEARER,
-        until=until,
-        last=first,
-    )
     goal = _Goal(accuracy, cost_accuracy, switch_accuracy, limit_tolerance, hp)
-    limits = _Limits(rounds, most_intervals, until, arcs)
-    return _Refinement(refiner, goal, limits).run(first)
+    best: Refined | None = None
+    for first, transcription in solutions(problem, mesh, guess, settings, scheme, until, watched):
+        now = time.perf_counter()
+        own_until = until if not np.isfinite(until) else now + SHARE * (until - now)
+        refiner = Refiner(
+            transcription,
+            guess_from=resampled,
+            excess=state_errors,
+            limit_tolerance=accuracy,
+            solver=settings.solver,
+            tolerance=settings.tolerance,
+            progress=progress,
+            settings=settings,
+            worse=DEARER,
+            until=own_until,
+            last=first,
+        )
+        limits = _Limits(rounds, most_intervals, own_until, arcs)
+        refined = _Refinement(refiner, goal, limits).run(first)
+        if best is None or refined.status.solved or _worst(refined) < _worst(best):
+            best = refined
+        ended = refined.status in (Status.SOLVED, Status.INTERRUPTED)
+        if ended or _worst(refined) <= ROUGH or time.perf_counter() >= until:
+            break
+    assert best is not None
+    return best
+
+
+def _worst(refined: Refined) -> float:
+    """The largest error of what a refinement left: of the states, the limits or the cost."""
+    kept = [step for step in refined.history if step.accepted]
+    if len(kept) < 2 and not refined.status.solved:
+        return np.inf  # of one mesh alone nothing is known
+    costs = [step.cost for step in kept]
+    last = kept[-1]
+    moved = abs(costs[-1] - costs[-2]) / max(abs(costs[-1]), 1e-300) if len(costs) > 1 else 0.0
+    return max(last.state_error, last.limit_excess, moved)
 
 
 @dataclass(frozen=True)
@@ -438,6 +462,9 @@ def _stalled(history: Sequence[RefinementStep]) -> bool:
     if len(history) < 3:
         return False
     before, *later = history[-3:]
+    costs = [step.cost for step in (before, *later)]
+    if np.ptp(costs[-2:]) > MOVES * abs(costs[-1]):
+        return False
     return all(
         step.state_error > PROGRESS * before.state_error
         and step.switch_offset >= PROGRESS * before.switch_offset

@@ -29,6 +29,7 @@ from ._rollout import (
     rollouts as rollouts,
 )
 from ._scaling import (
+    cost_change as cost_change,
     cost_scale as cost_scale,
     scaled as scaled,
 )

@@ -185,18 +185,24 @@ def _fitted(seen: list[_Seen], unknown: list[Variable]) -> dict[str, FloatArray]
         raise InputError(
             "guesses of fits to data need scipy: pip install 'microbot_ocp[fit]', or give guess="
         ) from None
-    try:
-        made = least_squares(
-            lambda k: value(k).full().ravel(),
-            start,
-            jac=lambda k: slope(k).full(),  # type: ignore[arg-type]
-            bounds=(lower, upper),
-            x_scale="jac",
-            max_nfev=50,
-        )
-    except ValueError:  # not finite at the start
+    best = None
+    for begin in (start, np.where(start == 0, np.clip(1.0, lower, upper), start)):
+        try:
+            made = least_squares(
+                lambda k: value(k).full().ravel(),
+                begin,
+                jac=lambda k: slope(k).full(),  # type: ignore[arg-type]
+                bounds=(lower, upper),
+                x_scale="jac",
+                max_nfev=50,
+            )
+        except ValueError:  # not finite at the start
+            continue
+        if best is None or made.cost < best.cost:
+            best = made
+    if best is None:
         return {}
-    return dict(zip([v.name for v in unknown], np.split(made.x, edges), strict=True))
+    return dict(zip([v.name for v in unknown], np.split(best.x, edges), strict=True))
 
 
 def _start(seen: list[_Seen], variable: Variable) -> FloatArray:

@@ -93,16 +93,23 @@ def scaled(
 def cost_scale(program: Program, x: FloatArray) -> float:
     """What to divide the cost by, so that it changes by ten when all scaled variables do by one.
 
-    Looked at at the start and a little beside it, where a quadratic cost has a slope. A barrier of
-    the size of the tolerance at every limit is then still small, compared with the cost.
+    A barrier of the size of the tolerance at every limit is then still small, compared with the
+    cost.
+    """
+    return float(_rounded(np.array(cost_change(program, x) / COST), COST_BAND))
+
+
+def cost_change(program: Program, x: FloatArray) -> float:
+    """How far the cost changes when all scaled variables change by one.
+
+    Looked at at the start and a little beside it, where a quadratic cost has a slope.
     """
     beside = np.clip(x + 0.5, program.variable_lower, program.variable_upper)
     sizes = []
     for point in (x, beside):
         slope = np.array(program.functions["gradient"](point, program.parameters)[1])
         sizes.append(float(np.abs(slope).sum()))
-    finite = [size for size in sizes if np.isfinite(size)]
-    return float(_rounded(np.array(max(finite, default=COST) / COST), COST_BAND))
+    return max((size for size in sizes if np.isfinite(size)), default=COST)
 
 
 def _with_phases(problem: OptimalControlProblem, phases: Sequence[Phase]) -> OptimalControlProblem:

@@ -29,7 +29,9 @@ from microbot_ocp.ocp.solution import (
     rollouts,
 )
 from microbot_ocp.ocp.solvers._chain import solve_on, transcribed
+from microbot_ocp.ocp.solvers._improvement import improvable, improved
 from microbot_ocp.ocp.solvers._settings import SolverSettings
+from microbot_ocp.ocp.solvers._smoothing import smoothed
 from microbot_ocp.ocp.transcription import Guess, Meshes, Transcription
 from microbot_ocp.ocp.transcription.schemes import Scheme
 
@@ -71,7 +73,9 @@ def solve(
         A transcription keeps its kernels from solve to solve; it is solved in one way only.
     mesh : int, Mesh, or one int, Mesh or array of fractions [N+1] a phase
         Default: 50 intervals, shared by the phases where there are more than two, and finer until
-        the cost changes by less than 1e-4 of itself; what does not settle is not solved.
+        the cost changes by less than 1e-4 of itself; what does not settle is not solved. On a mesh
+        that is given, a solution whose states are wrong by more than 1 % within an interval has the
+        status TOO_COARSE.
     guess : mapping from phase name to Guess, Solution or "rollout", optional
         What is left out of it starts from :func:`~microbot_ocp.ocp.solution.default_guess`. A
         solution may be of another mesh or of other phases; with the same phases its multipliers are
@@ -109,6 +113,8 @@ def solve(
     for solution, transcription in found:
         if mesh is None:
             solution = _on_finer_meshes(solution, transcription, settings, until, progress)
+        else:
+            solution = _checked(solution)
         attempts += solution.attempts
         if best is None or solution.status in ENDED:
             best = solution
@@ -135,6 +141,7 @@ class _Way:
     guess: Given | tuple[dict[str, Guess], ...]  # of several the one that ends at the least cost
     scaling: str
     coarse: bool = False
+    smooth: bool = False  # from solves in which large controls cost
 
 
 def solutions(
@@ -163,6 +170,11 @@ def solutions(
         for given in way.guess if isinstance(way.guess, tuple) else (way.guess,):
             try:
                 transcription = transcribed(problem, own, scheme=scheme, guess=given)
+                if way.smooth:
+                    given, tried = smoothed(transcription, mesh, given, own, share, progress)
+                    attempts += [replace(a, way=f"{way.said}, first") for a in tried]
+                    if given is None:
+                        continue
                 if way.coarse:
                     given = solve_on(transcription, COARSE, given, own, share, progress)
                     attempts += [replace(a, way=f"{way.said}, coarse") for a in given.attempts]
@@ -180,6 +192,9 @@ def solutions(
                 best = made, transcription
             if made.status is Status.INTERRUPTED or time.perf_counter() >= share:
                 break
+        if best is not None and not alone:
+            better, tried = improved(*best, own, share, progress)
+            best, attempts = (better, best[1]), attempts + tried
         if best is not None:
             told = True
             yield _told(*best, attempts, way.said)
@@ -219,6 +234,7 @@ def _other_ways(
         yield _Way("from a simulation with constant controls", tuple(found[:SIMULATED]), auto)
     if auto != "declared":
         yield _Way("with the declared scales", guess, "declared")
+    yield _Way("from solves in which controls cost", guess, auto, smooth=True)
     yield _Way("from a coarse mesh", guess, auto, coarse=True)
     free = any(low < high for low, high in (p.duration_bounds for p in problem.phases))
     if free and not isinstance(guess, Solution):
@@ -256,6 +272,7 @@ def _on_finer_meshes(
     """The solution on meshes so fine that its cost does not change any more."""
     if solution.status not in CONVERGED:
         return solution
+    alone = settings.solver != "auto"
     attempts, left, worst = list(solution.attempts), _Left(), np.inf
     warm = replace(settings, solver="ipopt") if settings.solver == "auto" else settings
     for done in range(ROUNDS + 1):
@@ -276,15 +293,34 @@ def _on_finer_meshes(
         left.enter(abs(finer.cost - solution.cost) / size)
         advice = finer.advice if finer.status is Status.GAP_LEFT else solution.advice
         solution = replace(finer, advice=advice)
+    more = improvable(solution)
+    if not alone and more > ACCURACY:
+        solution, tried = improved(solution, transcription, settings, until, progress)
+        attempts, more = attempts + tried, improvable(solution)
     solution = replace(solution, attempts=tuple(attempts))
-    if left.estimate <= SETTLED * ACCURACY and worst <= ROUGH:
+    if max(left.estimate, more) <= SETTLED * ACCURACY and worst <= ROUGH:
         return solution
     said = (
         f"{Status.NO_PROGRESS.sentence} On the last meshes the cost still changed by "
-        f"{left.change:.1g} of itself; within an interval states are wrong, or limits exceeded, by "
-        f"{worst:.1g} of their sizes: call solve_refined."
+        f"{left.change:.1g} of itself, and other controls would save {more:.1g} of it; within an "
+        f"interval states are wrong, or limits exceeded, by {worst:.1g} of their sizes: call "
+        f"solve_refined."
     )
     return replace(solution, status=Status.NO_PROGRESS, advice=said)
+
+
+def _checked(solution: Solution) -> Solution:
+    """A solution on a mesh that was given, which may be too coarse for its dynamics."""
+    if solution.status not in CONVERGED:
+        return solution
+    worst = max(float(e.max()) for e in refinement.state_errors(solution))
+    if worst <= ROUGH:
+        return solution
+    said = (
+        f"{Status.TOO_COARSE.sentence} Within an interval states are wrong by {worst:.1g} of their "
+        f"sizes."
+    )
+    return replace(solution, status=Status.TOO_COARSE, advice=said)
 
 
 def _errors(solution: Solution) -> list[FloatArray]:

@@ -18,6 +18,9 @@ from ._certification import (
 from ._declared import (
     as_declared as as_declared,
 )
+from ._hamiltonian_minimum import (
+    better_controls as better_controls,
+)
 from ._limits import (
     ALONG as ALONG,
     dense_phase as dense_phase,

@@ -1,0 +1,98 @@
+"""Whether another control at the same state has a smaller Hamiltonian: Pontryagin's condition.
+
+A solver of programs looks at the neighbourhood of its point only. Where the Hamiltonian has two
+valleys in a control, a solution may stand in the higher one on some intervals, with all conditions
+of the first order met, and better ones are found by none of its steps. To first order, another
+control on a short interval changes the cost by the difference of the Hamiltonians (Bryson and Ho,
+*Applied Optimal Control*, section 2.3).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray
+from microbot_ocp.ocp.problem import Variable
+from microbot_ocp.ocp.solution import PhaseSolution, Solution
+from microbot_ocp.ocp.transcription.schemes import Collocation
+from microbot_ocp.ocp.verification._recomputation import Recomputation
+from microbot_ocp.ocp.verification._reintegration import phase_layout
+
+TRIED = 9  # values of a control from bound to bound
+KEEPS = 1e-6  # relative: excess of a constraint above which a control is none to compare with
+
+
+def better_controls(solution: Solution) -> tuple[float, dict[str, dict[str, FloatArray]]]:
+    """What the cost would fall by, to first order, and the controls [N, points, size] by phase.
+
+    Bounded polynomial controls are looked at one by one, at the points of collocation of phases
+    whose intervals are of one degree and which have no algebraic variables.
+    """
+    gain, controls = 0.0, {}
+    for phase in solution.phases:
+        own, values = _of_phase(phase, solution.row_multipliers)
+        if own > 0:
+            gain, controls[phase.name] = gain + own, values
+    return gain, controls
+
+
+def _of_phase(phase: PhaseSolution, multipliers: FloatArray) -> tuple[float, dict[str, FloatArray]]:
+    layout = phase_layout(phase)
+    declared, group = layout.phase, layout.groups[0]
+    scheme = group.kind.scheme
+    looked_at = [
+        control
+        for control in declared.controls
+        if control.shape == "polynomial" and np.isfinite([control.lower, control.upper]).any()
+    ]
+    if len(layout.groups) > 1 or not isinstance(scheme, Collocation):
+        return 0.0, {}
+    if declared.algebraics or not looked_at:
+        return 0.0, {}
+    count, size = scheme.degree, sum(s.size for s in declared.states)
+    intervals = np.repeat(group.intervals, count)
+    share = np.tile(scheme.points, group.intervals.size)
+    at = Recomputation(phase)
+    known = at.interpolated(intervals, share)
+    for control in looked_at:  # as they stand, not as they are limited in between
+        known[control.name] = phase.values[control.name].reshape(-1, control.size)
+    steps = np.diff(phase.mesh)[intervals]
+    t = (phase.mesh[intervals] + share * steps) * phase.duration
+    rates = {c.name: np.zeros((c.size, t.size)) for c in at.expressions.rates}
+    defects = group.rows[:, layout.node_size :][:, : count * size]
+    scale = layout.node_scale[:size] * np.asarray(scheme.weights)[:, None]
+    costates = (-multipliers[defects].reshape(-1, count, size) / scale).reshape(-1, size)
+    weights = steps * phase.duration * np.tile(scheme.weights, group.intervals.size)
+
+    def hamiltonian(values: dict[str, FloatArray]) -> FloatArray:
+        columns = {k: v.T for k, v in values.items()}
+        table = at.expressions.table(columns, rates, t, np.full(t.size, phase.duration))
+        slopes = at.expressions.dynamics(table).full()
+        found = slopes[-1] + np.einsum("ki,ik->k", costates, slopes[:-1])
+        for limit in declared.constraints:
+            own = at.expressions.function([limit.expression])(table).full()
+            room = KEEPS * limit.scale[:, None]
+            broken = (own < limit.lower[:, None] - room) | (own > limit.upper[:, None] + room)
+            found = np.where(broken.any(axis=0), np.inf, found)
+        return np.where(np.isfinite(found), found, np.inf)
+
+    before = hamiltonian(known)
+    best, values = before.copy(), {c.name: known[c.name].copy() for c in looked_at}
+    for control in looked_at:
+        for component in np.flatnonzero(_bounded(control)).tolist():
+            for value in np.linspace(control.lower[component], control.upper[component], TRIED):
+                tried = values[control.name].copy()
+                tried[:, component] = value
+                found = hamiltonian({**known, **values, control.name: tried})
+                lower = found < best
+                best = np.where(lower, found, best)
+                values[control.name][lower, component] = value
+    with np.errstate(invalid="ignore"):
+        gain = np.nan_to_num((before - best) * weights, posinf=0.0)
+    shape = (layout.intervals, count)
+    found = {name: table.reshape(*shape, -1) for name, table in values.items()}
+    return float(gain.sum()), found
+
+
+def _bounded(control: Variable) -> np.ndarray:
+    return np.isfinite(control.lower) & np.isfinite(control.upper)
