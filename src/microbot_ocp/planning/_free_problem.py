@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
-from functools import lru_cache
+from collections.abc import Callable, Sequence
+from functools import lru_cache, partial
 from typing import Any
 
 import casadi as ca
@@ -16,6 +16,7 @@ from microbot_ocp.limits import LimitFamily, MotionSamples
 from microbot_ocp.motion import PiecewisePolynomial, State, quintic_between
 from microbot_ocp.ocp import OptimalControlProblem, PhaseSolution, Solution, Transcription
 from microbot_ocp.planning._conditions import Bounds, Conditions, passing
+from microbot_ocp.planning._friction import has_windows, kept_torques, without_dry_friction
 from microbot_ocp.planning._progress import Samples
 from microbot_ocp.planning._scale import TaskScale
 from microbot_ocp.planning._task import (
@@ -45,14 +46,14 @@ def transcription(
 ) -> Transcription:
     """Kernels for a robot (its own limits) and via points, built once."""
     via = np.frombuffer(via_bytes).reshape(count, -1)
-    prepare = None
+    robots, prepare = conditions.robots if conditions else (robot,), None
     if compiled and compiler() is not None:
         prepare = compile_recipe
     return Transcription(
         free_problem(robot, via, payload=payload, budget=budget, conditions=conditions),
         scheme="shooting",
         prepare=prepare,
-        derivatives=derivatives_for(*(conditions.robots if conditions else (robot,))),
+        derivatives=derivatives_for(*robots, *map(without_dry_friction, robots)),
     )
 
 
@@ -92,9 +93,10 @@ def free_problem(
         own_family = LimitFamily.of(told.robots[index])
         constraints = [key for key in own_family.keys if key not in OF_VARIABLES]
         moving = told.robots[index]
-        torques = torques_of(moving, constraints)
-        if payload:
-            torques = torque_and_rate_with_payload(moving)
+        # with jumps the mesh points are where the friction jumps
+        windowed = has_windows(own_family) and not jumps
+        made = torque_and_rate_with_payload if payload else partial(torques_of, keys=constraints)
+        torques: Callable[..., Any] = made(moving)
         phase = problem.phase(
             f"phase {index + 1}",
             duration=(size.shortest[index], size.longest[index]),
@@ -143,7 +145,11 @@ def free_problem(
         phase.derivative(q, qd)
         phase.derivative(qd, qdd)
         mass = [phase.parameter("payload", 0.0)] if payload else []
-        declare_limits(phase, own_family, constraints, (q, qd, qdd, jerk), start, torques, mass)
+        state, kept, tau = (q, qd, qdd, jerk), None, None
+        if windowed:
+            light = made(without_dry_friction(moving))
+            kept, tau = kept_torques(phase, moving, state, light, mass)
+        declare_limits(phase, own_family, constraints, state, start, torques, mass, kept)
         for row in at_start.rows:
             phase.point_constraint(row.name, row.expression(q, qd), *row.bounds, at=0.0)
         for row in at_end.rows if last else ():
@@ -159,7 +165,9 @@ def free_problem(
                 unit="s",
             )
             phase.derivative(clock, ca.MX(1.0))
-            moved = torques(q, qd, qdd, jerk, *mass)[0] if robot.has_dynamics else qdd
+            if tau is None and robot.has_dynamics:
+                tau = torques(*state, *mass)[0]
+            moved = qdd if tau is None else tau
             phase.running_cost(ca.sumsqr(moved / effort_scale(family, acceleration_scale)))
         if not jumps:
             phase.running_cost(SMOOTHING * ca.sumsqr(jerk / size.jerk))

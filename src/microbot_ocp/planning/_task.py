@@ -316,6 +316,7 @@ def declare_limits(
     reference: FloatArray,
     torques: Callable[..., Any],
     held: Sequence[ca.MX] = (),
+    kept: Mapping[str, ca.MX] | None = None,
 ) -> None:
     """Declare limits of these keys as constraints of a phase.
 
@@ -330,9 +331,11 @@ def declare_limits(
     torques : callable
         Torque and torque rate of the state (and of ``held``).
     held : further arguments of ``torques``
+    kept : mapping, optional
+        What is limited in the place of the torque and its rate, by key.
     """
-    joint_values: dict[str, ca.MX] = dict(zip(STATE, state, strict=True))
-    if {"tau", "taud"} & set(keys):
+    joint_values: dict[str, ca.MX] = {**dict(zip(STATE, state, strict=True)), **(kept or {})}
+    if {"tau", "taud"} & set(keys) and kept is None:
         joint_values["tau"], joint_values["taud"] = torques(*state, *held)
     further = [key for key in keys if family[key].limit is not None]
     payload = torques if isinstance(torques, ca.Function) and held else None

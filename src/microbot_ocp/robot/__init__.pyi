@@ -5,6 +5,7 @@ from ._capsules import (
     fit_capsules as fit_capsules,
 )
 from ._dynamics import (
+    COULOMB_SMOOTHING as COULOMB_SMOOTHING,
     bias_torque as bias_torque,
     coriolis_matrix as coriolis_matrix,
     energy as energy,

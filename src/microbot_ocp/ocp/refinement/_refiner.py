@@ -23,6 +23,7 @@ from microbot_ocp.ocp.transcription import Guess, Meshes, MeshLike, Transcriptio
 
 GuessFrom = Callable[[Solution], Mapping[str, Guess]]
 Excess = Callable[[Solution], Sequence[FloatArray]]
+Fitted = Callable[[Transcription, Meshes, Mapping[str, Guess] | Solution], Transcription]
 Switching = Callable[[Solution], Sequence[np.ndarray]]
 
 WORSE = 1e-3  # of the cost
@@ -72,6 +73,10 @@ class Refiner:
     deep : bool
         Halve once more where the excess is far above what is accepted: fewer meshes with more
         intervals, for programs whose iterations are cheap.
+    polishing : int
+        Iterations at most for the last digits.
+    fitted : callable, optional
+        Gives the kernels the parameters that belong to a mesh and a start.
     """
 
     transcription: Transcription
@@ -87,6 +92,8 @@ class Refiner:
     until: float = np.inf
     rough: float | None = None
     deep: bool = False
+    polishing: int = MOST_POLISHING
+    fitted: Fitted | None = None
     history: list[dict[str, Any]] = field(default_factory=list)
     last: Solution | None = None  # of any solve, accepted or not
 
@@ -128,7 +135,7 @@ class Refiner:
             self.settings,
             solver=self.solver,
             tolerance=self.tolerance,
-            max_iterations=min(self.settings.max_iterations, MOST_POLISHING),
+            max_iterations=min(self.settings.max_iterations, self.polishing),
         )
         meshes = [phase.mesh for phase in solution.phases]
         finer = self._solve(meshes, solution, settings, warm_only=True)
@@ -151,8 +158,9 @@ class Refiner:
         **further: Any,
     ) -> Solution:
         watched = None if self.progress is quiet else self.progress
+        fitted, kernels = self.fitted, self.transcription
         solution = solve_on(
-            self.transcription,
+            kernels if fitted is None else fitted(kernels, mesh, guesses),
             mesh,
             guesses,
             settings,
@@ -262,7 +270,9 @@ class Refiner:
             solution = refined
         return solution
 
-    def sharpen(self, solution: Solution, switching: Switching) -> Solution:
+    def sharpen(
+        self, solution: Solution, switching: Switching, *, worth: float = SHARP
+    ) -> Solution:
         """Split the intervals inside which a control switches, while that lowers the cost.
 
         What is constant over an interval is a mean of its two values there, which costs in
@@ -281,7 +291,7 @@ class Refiner:
             if finer is solution or gained <= 0.0:
                 break
             solution = finer
-            if gained < SHARP * abs(solution.cost):
+            if gained < worth * abs(solution.cost):
                 break
         return solution
 

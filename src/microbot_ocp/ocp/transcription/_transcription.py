@@ -6,8 +6,9 @@ the degree of collocation interval by interval.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Iterator, Mapping, Sequence, Sized
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import casadi as ca
@@ -83,6 +84,23 @@ class Transcription:
         self._known: dict[str, Sequence[ca.Function]] = {}
         self._kinds: dict[tuple[int, int | None], StageKind] = {}
         self.kernels = [self._kind(index, None).kernels for index in range(len(problem.phases))]
+
+    def with_parameters(
+        self, values: Mapping[str, Mapping[str, float | FloatArray]]
+    ) -> Transcription:
+        """The same kernels with other values of phase parameters, by phase and name."""
+        made = copy.copy(self)
+        made.problem = copy.copy(self.problem)
+        made.problem.phases = [copy.copy(phase) for phase in self.problem.phases]
+        for phase in made.problem.phases:
+            own = values.get(phase.name, {})
+            phase.parameters = [
+                replace(p, value=np.broadcast_to(np.asarray(own[p.name], float), p.value.shape))
+                if p.name in own
+                else p
+                for p in phase.parameters
+            ]
+        return made
 
     def _derive(
         self, functions: Sequence[ca.Function], composition: Composition | None

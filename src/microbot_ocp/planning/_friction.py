@@ -1,0 +1,159 @@
+"""Dry friction where a joint turns back: both of its torques are kept within the limits.
+
+There the torque jumps by twice the friction within milliseconds, unseen between two points of a
+mesh. So near a reversal, where the velocity is less than the joint gains until the next point at
+which limits are looked at, the limits hold with the friction of both directions. That window
+shrinks with the mesh, and with it what the caution costs. Its edges are smooth, for the sake of
+Newton's method, and let a part of the friction pass; the certificate sees to the rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence, Sized
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray
+from microbot_ocp.limits import LimitFamily
+from microbot_ocp.ocp import Phase, PhaseSolution, Solution
+from microbot_ocp.ocp.transcription import Guess, Meshes, Transcription, mesh_of
+from microbot_ocp.robot import COULOMB_SMOOTHING, Robot
+
+WINDOW, SMOOTHING = "friction window", "friction smoothing"  # parameters of a phase
+# Share of an interval from one of its points to half of the way to the next, and some more
+REACH = 0.3
+SPREAD = 0.5  # of the reach by which the jump is smoothed over: Newton's method needs it
+LEAST_REACH = 0.1 * COULOMB_SMOOTHING  # rad/s
+MOST = 0.9  # share of a torque limit that friction may take for its limits to be drawn in
+MOVES = 2.0 * COULOMB_SMOOTHING  # change of a velocity within an interval that is a reversal
+ROUNDED = 0.2  # of the typical velocity: smoothing on coarse meshes
+
+
+def dry_friction(robot: Robot) -> FloatArray:
+    """Sizes [n] of dry friction, N m (N); zero without masses."""
+    if not robot.has_dynamics:
+        return np.zeros(robot.joint_count)
+    return np.array([link.coulomb_friction for link in robot.links])
+
+
+def has_windows(family: LimitFamily) -> bool:
+    """Whether torques of joints with dry friction are limited."""
+    return bool(dry_friction(family.robot).any()) and bool({"tau", "taud"} & set(family.keys))
+
+
+@lru_cache(maxsize=64)
+def without_dry_friction(robot: Robot) -> Robot:
+    """The same robot, its joints without dry friction."""
+    if not dry_friction(robot).any():
+        return robot
+    return robot.with_links([replace(link, coulomb_friction=0.0) for link in robot.links])
+
+
+def kept_torques(
+    phase: Phase,
+    robot: Robot,
+    state: Sequence[ca.MX],
+    torques: Callable[..., Any],
+    held: Sequence[ca.MX] = (),
+) -> tuple[dict[str, ca.MX], ca.MX]:
+    """Torque and torque rate to be limited, by key, and the torque itself.
+
+    With friction within the window, limits L about a middle M are kept in the form
+    ``M + (tau - M) / (1 - half / L)``, where ``tau`` is the mean of the two torques there and
+    ``half`` half of their difference.
+
+    Parameters
+    ----------
+    phase : Phase
+        Gets the parameters that say how wide the window is.
+    robot : Robot
+    state : q, qd, qdd and qddd as expressions [n]
+    torques : callable
+        Torque and torque rate without dry friction, of the state (and of ``held``).
+    held : further arguments of ``torques``
+    """
+    size = dry_friction(robot)
+    _, qd, qdd, _ = state
+    window, smoothing = phase.parameter(WINDOW, 0.0), phase.parameter(SMOOTHING, COULOMB_SMOOTHING)
+    near = ca.sqrt((qdd * window * phase.duration) ** 2 + LEAST_REACH**2)
+    width, far = smoothing + SPREAD * near, (1.0 + SPREAD**2) * near
+    ahead, behind = ca.tanh((qd + far) / width), ca.tanh((qd - far) / width)
+    tau, taud = torques(*state, *held)
+    bounds = robot.limits.bounds("tau")
+    drawn = np.isfinite(bounds).all(axis=0) & (size < MOST * 0.5 * (bounds[1] - bounds[0]))
+    low, high = (np.where(drawn, bound, sign) for bound, sign in zip(bounds, (-1, 1), strict=True))
+    middle, range_ = ca.DM(0.5 * (low + high)), ca.DM(0.5 * (high - low))
+    mean = tau + ca.DM(np.where(drawn, 0.5 * size, 0.0)) * (ahead + behind)
+    half = ca.DM(np.where(drawn, 0.5 * size, 0.0)) * (ahead - behind)
+    kept = middle + (mean - middle) / (1.0 - half / range_)
+    whole = ca.DM(size) * ca.tanh(qd / smoothing)
+    found = {"tau": kept + ca.DM(np.where(drawn, 0.0, 1.0)) * whole}
+    if taud is not None:
+        slope = ca.DM(size) / smoothing * (1.0 - ca.tanh(qd / smoothing) ** 2)
+        found["taud"] = taud + slope * qdd
+    return found, tau + whole
+
+
+def reversals(velocity: FloatArray, joints: np.ndarray) -> np.ndarray:
+    """Intervals [N] inside which one of these joints turns back, starts or stops.
+
+    From velocities [N+1,n].
+    """
+    own = velocity[:, joints]
+    turns = (own[:-1] * own[1:] <= 0.0) & (np.abs(np.diff(own, axis=0)) > MOVES)
+    return np.any(turns, axis=1)
+
+
+def with_windows(
+    joints: np.ndarray,
+    transcription: Transcription,
+    meshes: Meshes,
+    start: Mapping[str, Guess] | Solution,
+) -> Transcription:
+    """Kernels whose windows fit those intervals of a mesh inside which joints turn back.
+
+    Parameters
+    ----------
+    joints : which joints [n] have dry friction
+    transcription : Transcription
+    meshes : of all phases
+    start : from where the solve starts
+    """
+    names = [phase.name for phase in transcription.problem.phases]
+    given = list(meshes) if isinstance(meshes, Sized) else [meshes] * len(names)
+    values = {}
+    for name, own in zip(names, given, strict=True):
+        mesh = mesh_of(own).fractions
+        if isinstance(start, Solution) and np.array_equal(start[name].mesh, mesh):
+            values[name] = {WINDOW: _window_of(start[name])}
+            continue
+        if isinstance(start, Solution):
+            velocity = _interpolated(start[name].mesh, start[name]["qd"], mesh)
+        else:
+            guess = start[name].values["qd"]
+            velocity = np.asarray(guess(mesh)) if callable(guess) else np.asarray(guess)
+        steps = np.diff(mesh)
+        found = steps[reversals(velocity, joints)]
+        values[name] = {WINDOW: REACH * float(found.max() if found.size else steps.min())}
+    return transcription.with_parameters(values)
+
+
+def _window_of(phase: PhaseSolution) -> float:
+    assert phase.layout is not None
+    own = (p.value[0] for p in phase.layout.phase.parameters if p.name == WINDOW)
+    return float(next(own, 0.0))
+
+
+def rounded(transcription: Transcription, velocity: FloatArray) -> Transcription:
+    """Kernels with friction rounded off as coarse meshes need it, for typical velocities [n]."""
+    smoothing = max(COULOMB_SMOOTHING, ROUNDED * float(velocity.min()))
+    names = [phase.name for phase in transcription.problem.phases]
+    return transcription.with_parameters({name: {SMOOTHING: smoothing} for name in names})
+
+
+def _interpolated(mesh: FloatArray, values: FloatArray, at: FloatArray) -> FloatArray:
+    return np.column_stack([np.interp(at, mesh, column) for column in values.T])
