@@ -60,9 +60,14 @@ from .ocp import (
     OptimalControlProblem as OptimalControlProblem,
 )
 from .planning import (
+    Circle as Circle,
+    JointLine as JointLine,
+    Line as Line,
     PathTiming as PathTiming,
     PathTimingSettings as PathTimingSettings,
+    Payload as Payload,
     PhasePlane as PhasePlane,
+    Stop as Stop,
     TimeOptimalSettings as TimeOptimalSettings,
     TimeOptimalSolver as TimeOptimalSolver,
     phase_plane as phase_plane,

@@ -8,10 +8,10 @@ integrator that knows the forward dynamics only.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -35,7 +35,11 @@ from microbot_ocp.motion import (
     samples_at,
     torque_along,
 )
+from microbot_ocp.planning import Segment, Stop, is_task, task_of
 from microbot_ocp.robot import JointLimits, Limits, Robot, mass_matrix_condition
+
+if TYPE_CHECKING:
+    from microbot_ocp.comparison._task_certificate import SegmentCheck
 
 ROUNDING = 1e-7  # relative excess over a limit that is put down to the solver's tolerance
 SAYS_NOTHING = 0.1  # rad: beyond it an error to first order is no figure
@@ -161,7 +165,9 @@ class Certificate:
         they differ), divided by the largest torque of the motion, and when, s. It is large where
         the samples of position, velocity and acceleration deny each other.
     via_checks : tuple of ViaCheck
-        One for every via point given.
+        One for every via point given; for a stop by how much it is missed beyond its tolerances.
+    segment_checks : tuple of SegmentCheck
+        One for every tool line, circle and joint line.
     wall_time : float
         What the certificate took, s.
     """
@@ -195,6 +201,7 @@ class Certificate:
     between_samples_error: float = np.nan
     between_samples_time: float = np.nan
     via_checks: tuple[ViaCheck, ...] = ()
+    segment_checks: tuple[SegmentCheck, ...] = ()
     wall_time: float = np.nan
 
     def __repr__(self) -> str:
@@ -227,7 +234,9 @@ def certify(
     motion: Motion,
     limits: Limits | JointLimits | None = None,
     *,
-    via_q: ArrayLike | None = None,
+    via_q: ArrayLike | Sequence[Stop] | None = None,
+    segments: Sequence[Segment] | None = None,
+    cycle: bool = False,
     limit_tolerance: float = LIMIT_TOLERANCE,
     position_tolerance: float = 1e-3,
     torque_tolerance: float = 1e-5,
@@ -260,8 +269,12 @@ def certify(
     motion : Motion
     limits : Limits or JointLimits, optional
         Default ``robot.limits``.
-    via_q : array_like [m,n], optional
+    via_q : array_like [m,n] or sequence of Stop, optional
         Via points, rad (m), that the motion must pass; its marks name them if there are as many.
+        With stops the marks say when each is reached, and every segment is checked with its payload
+        and within its tolerances.
+    segments, cycle
+        As of :func:`microbot_ocp.time_optimal`.
     limit_tolerance : float
         Relative violation of a limit that still passes.
     position_tolerance : float
@@ -304,6 +317,12 @@ def certify(
         torque=checks.number("torque_tolerance", torque_tolerance, above=0.0),
         via=checks.number("via_tolerance", via_tolerance, at_least=0.0),
     )
+    if via_q is not None and (is_task(via_q) or segments is not None or cycle):
+        from microbot_ocp.comparison._task_certificate import certificate_of_task
+
+        stops = list(cast("Sequence[Any]", via_q))
+        task = task_of(robot, stops, limits, segments=segments, cycle=cycle)
+        return certificate_of_task(task, motion, tolerances)
     via = None if via_q is None else checks.array("via_q", via_q, (None, count), "rad")
     with deadline.within(time_limit):
         return certificate_of(LimitFamily.of(robot, limits), motion, via, tolerances)
@@ -550,6 +569,15 @@ def _tightest(limit_checks: tuple[LimitCheck, ...]) -> str:
         f"with {100 * np.nanmax(tightest.utilisation):.4g} % at "
         f"{tightest.time:.4g} s"
     )
+
+
+def summary(certificate: Certificate) -> str:
+    """What a certificate of several parts says when all of them passed."""
+    said = _tightest(certificate.limit_checks)
+    if not np.isfinite(certificate.defect):
+        return f"{said}; kinematics only"
+    to = f" to {certificate.defect:.1g} of the torques" if certificate.defect > 1e-12 else ""
+    return f"{said}; re-simulation of {certificate.segments} segments agrees{to}"
 
 
 def _summary(limit_checks: tuple[LimitCheck, ...], again: Resimulation) -> str:

@@ -29,6 +29,24 @@ from ._phase_plane import (
 from ._progress import (
     MotionIteration as MotionIteration,
 )
+from ._segments import (
+    Circle as Circle,
+    JointLine as JointLine,
+    Line as Line,
+    Segment as Segment,
+)
+from ._stop_search import (
+    stretches as stretches,
+)
+from ._stop_task import (
+    Task as Task,
+    is_task as is_task,
+    task_of as task_of,
+)
+from ._stops import (
+    Payload as Payload,
+    Stop as Stop,
+)
 from ._task import (
     check_limits as check_limits,
     check_via as check_via,

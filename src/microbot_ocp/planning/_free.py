@@ -15,7 +15,7 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -54,6 +54,8 @@ from microbot_ocp.planning._initial_guesses import (
 )
 from microbot_ocp.planning._progress import with_motion
 from microbot_ocp.planning._scale import TaskScale
+from microbot_ocp.planning._segments import Segment
+from microbot_ocp.planning._stop_task import is_task
 from microbot_ocp.planning._switching import in_arcs
 from microbot_ocp.planning._task import (
     GAP,
@@ -147,6 +149,10 @@ def time_optimal(
     via_q: ArrayLike,
     limits: Limits | JointLimits | None = None,
     *,
+    segments: Sequence[Segment] | None = None,
+    cycle: bool = False,
+    order: str = "given",
+    duration: float | None = None,
     settings: TimeOptimalSettings | None = None,
     progress: StepProgress | None = None,
     **changes: Any,
@@ -160,10 +166,24 @@ def time_optimal(
     ----------
     robot : Robot
         Without masses only limits of its motion count, none of torques.
-    via_q : array_like [m,n]
-        Via points, rad (m for prismatic joints).
+    via_q : array_like [m,n], or sequence of Stop
+        Via points, rad (m for prismatic joints). Among them may be stops: tool poses, tolerances,
+        velocities, dwells and payloads (:class:`~microbot_ocp.Stop`).
     limits : Limits, optional
         Default the robot's own.
+    segments : sequence, optional
+        What lies between two stops: a :class:`~microbot_ocp.Line`, :class:`~microbot_ocp.Circle` or
+        :class:`~microbot_ocp.JointLine`, or None where the way is free.
+    cycle : bool
+        Whether the motion returns to its first stop, with the velocity that it has there: the
+        shortest period. ``segments`` has one more then.
+    order : str
+        "free" looks at every order of the stops (of at most 7; the first, and the last unless it is
+        a cycle, keep their places; segments must all be free): the best, for sure as far as each
+        order's own optimum was found.
+    duration : float, optional
+        Time that may be taken, s: of all motions that take no longer the one of least effort, as
+        with ``slack``.
     settings : TimeOptimalSettings, optional
         Single settings may be given as keywords instead: ``mesh``, ``starts``, ``tries``,
         ``slack``, ``limit_tolerance``, ``switching_times``, ``solver``, ``compiled``, ``seed``,
@@ -193,6 +213,13 @@ def time_optimal(
     (True, 1.92)
     """
     chosen = with_changes(settings or TimeOptimalSettings(), changes)
+    checks.one_of("order", order, ("given", "free"))
+    if is_task(via_q) or segments is not None or cycle or order != "given" or duration is not None:
+        from microbot_ocp.planning._stop_search import solve_stops
+
+        stops = list(cast("Sequence[Any]", via_q))
+        plan = stops, segments, cycle, order, duration
+        return solve_stops(robot, limits, *plan, chosen, progress or quiet)
     family = check_limits(robot, limits)
     return fastest_motion(family, check_via(family, via_q), chosen, progress or quiet)
 
@@ -408,7 +435,9 @@ class FreeSearch:
                 for power, key in enumerate(("q", "qd", "qdd"))
             }
             clock = partial(_clock, start, end)
-            found[name] = Guess(float(end - start), {**rates, "clock": clock})
+            found[name] = Guess(
+                float(end - start), {**guesses[name].values, **rates, "clock": clock}
+            )
         return found
 
     def _velocity_switches(self, solution: Solution) -> list[Any]:

@@ -385,7 +385,7 @@ def _points(phase: Phase, physics: _Physics, node_scale: FloatArray) -> list[_Po
             rows.add("value" if item.defines else "point", [item], values)
         else:
             cost = values
-        function = ca.Function("point", [z, c], [rows.stacked(), cost])
+        function = ca.Function(f"point_{len(found)}", [z, c], [rows.stacked(), cost])
         names = tuple(m.name for m in data)
         found.append(_Point(function, rows, tuple(item.fractions.tolist()), names))
     return found
@@ -470,7 +470,9 @@ def _point_derivatives(point: ca.Function) -> tuple[ca.Function, ca.Function, ca
     z, c = _symbols(point)
     rows, cost = point(z, c)
     jacobian = ca.Function(
-        "point_jacobian", [z, c], [rows, ca.jacobian(rows, z), cost, _row(ca.gradient(cost, z))]
+        f"{point.name()}_jacobian",
+        [z, c],
+        [rows, ca.jacobian(rows, z), cost, _row(ca.gradient(cost, z))],
     )
     lam = type(z).sym("lam", rows.shape[0])
     sigma = type(z).sym("sigma")
@@ -478,7 +480,7 @@ def _point_derivatives(point: ca.Function) -> tuple[ca.Function, ca.Function, ca
     return (
         point,
         _without_repeats(jacobian),
-        _hessian("point_hessian", lagrangian, z, [z, c, lam, sigma]),
+        _hessian(f"{point.name()}_hessian", lagrangian, z, [z, c, lam, sigma]),
     )
 
 

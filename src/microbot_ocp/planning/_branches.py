@@ -1,0 +1,376 @@
+"""Which branches of the inverse kinematics a task may go through: joint poses to start from.
+
+Every stop has the branches that reach it, every tool line and circle joins a branch at its start to
+the one that it leads to. The ways through them are put in order by a rough estimate of their time;
+the solver is started from the best way through each branch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.status import Status
+from microbot_ocp.inverse_kinematics import IKPath, IKSolution, solve_ik_all, solve_ik_path
+from microbot_ocp.planning._scale import USUAL_SPEED
+from microbot_ocp.planning._segments import Circle, Line
+from microbot_ocp.planning._stop_task import Task
+from microbot_ocp.planning._stops import Stop
+from microbot_ocp.robot import Robot, forward_kinematics
+
+TURNS = 8  # of a free turn, from which branches are looked for
+ROWS = 33  # places along a tool line at which the arm is followed
+SAME_BRANCH = 0.05  # rad (m): poses that are nearer are one
+_even = np.linspace(0.0, 1.0, ROWS)
+EASED = _even**3 * (10.0 - 15.0 * _even + 6.0 * _even**2)  # shares of a way at even times
+APART = 0.9  # rad (m): ways that are nearer at every stop lead to the same optimum
+MOST_WAYS = 12
+
+
+@dataclass(frozen=True, eq=False)
+class Way:
+    """One branch a stop, and the joint paths of the tool lines between them.
+
+    Attributes
+    ----------
+    via : array [m,n], rad (m)
+    paths : tuple of array [N,n]
+        Joint positions along every segment from rest to rest, at even times.
+    branches : tuple of int
+        Number of the branch at each stop, from 1; 1 where the joint pose is given.
+    """
+
+    via: FloatArray
+    paths: tuple[FloatArray, ...]
+    branches: tuple[int, ...]
+
+    @property
+    def name(self) -> str:
+        """Such as "branches 1-3-3-1"."""
+        return "branches " + "-".join(map(str, self.branches))
+
+
+def ways_through(task: Task) -> list[Way]:
+    """Ways through every branch of every stop, the most promising first.
+
+    Raises
+    ------
+    InputError
+        A stop out of reach, a tool line that no branch follows.
+    """
+    nodes = [_branches(task.robot, stop) for stop in task.stops]
+    if task.cycle:
+        nodes[-1] = nodes[0]
+    edges: list[dict[tuple[int, int], FloatArray | None]] = []
+    for index, kind in enumerate(task.segments):
+        if isinstance(kind, Line | Circle):
+            nodes[index], nodes[index + 1], found = _followed(task, index, nodes)
+            edges.append(found)
+        else:
+            pairs = [(a, b) for a in range(len(nodes[index])) for b in range(len(nodes[index + 1]))]
+            edges.append(dict.fromkeys(pairs))
+    if task.cycle and len(nodes[-1]) != len(nodes[0]):
+        nodes[0] = nodes[-1]  # a line may have led to further branches of the first stop
+    found_ways = [_realised(task, nodes, edges, picks) for picks in _picks(task, nodes, edges)]
+    ways = sorted((w for w in found_ways if w is not None), key=lambda way: _estimate(task, way))
+    if not ways:
+        raise InputError(
+            "no branch of the arm leads through all stops: the tool lines end on other branches "
+            "than the next ones begin"
+        )
+    chosen: list[Way] = []
+    for way in ways:
+        if all(np.abs(way.via - other.via).max() > APART for other in chosen):
+            chosen.append(way)
+    return chosen[:MOST_WAYS]
+
+
+# branches of a stop -------------------------------------------------------------------------------
+
+
+def _branches(robot: Robot, stop: Stop) -> list[FloatArray]:
+    if stop.q is not None:
+        return [np.array(stop.q)]
+    assert stop.position is not None
+    place, turned = stop.pose(robot)
+    found: list[FloatArray] = []
+    missed: list[IKSolution] = []
+    for orientation in _turned(turned, stop.free_axis):
+        for solution in solve_ik_all(robot, place, orientation):
+            if not solution.solved and not _within(stop, solution):
+                missed.append(solution)
+            elif all(np.abs(solution.q - other).max() > SAME_BRANCH for other in found):
+                found.append(solution.q)
+    if not found:
+        raise InputError(_out_of_reach(robot, stop, missed))
+    return found
+
+
+def _turned(turned: FloatArray | None, axis: int | None) -> list[FloatArray | None]:
+    """An orientation, or several where a turn about an axis of the tool is free."""
+    if turned is None or axis is None:
+        return [turned]
+    made: list[FloatArray | None] = []
+    for angle in 2 * np.pi * np.arange(TURNS) / TURNS:
+        turn = np.eye(3)
+        i, j = (axis + 1) % 3, (axis + 2) % 3
+        turn[[i, j], [i, j]] = np.cos(angle)
+        turn[i, j], turn[j, i] = -np.sin(angle), np.sin(angle)
+        made.append(turned @ turn)
+    return made
+
+
+def _within(stop: Stop, solution: IKSolution) -> bool:
+    """Whether a pose that misses the middle of a stop is within its tolerance."""
+    reach = float(np.min(stop.tolerance))
+    return (
+        solution.position_error <= reach
+        and solution.orientation_error <= stop.orientation_tolerance + 1e-9
+    )
+
+
+def _out_of_reach(robot: Robot, stop: Stop, missed: Sequence[IKSolution]) -> str:
+    best = min(missed, key=lambda s: (s.position_error, s.orientation_error))
+    beyond = best.position_error - float(np.min(stop.tolerance))
+    far = f"{1000 * beyond:.3g} mm" if beyond > 1e-6 else ""
+    turn = f"{np.degrees(best.orientation_error):.3g} deg" if best.orientation_error > 1e-6 else ""
+    by = far or turn
+    if best.status is Status.LIMITS:
+        names = _held(robot, best.q)
+        at = f": {', '.join(names)} at {'its limit' if len(names) == 1 else 'their limits'}"
+        return f"stop {stop.name!r} is out of reach by {by}{at if names else ''}"
+    if best.status is Status.ORIENTATION_MISSED:
+        return f"stop {stop.name!r} is reached, but not in its orientation: missed by {turn}"
+    return f"stop {stop.name!r} is out of reach by {by}"
+
+
+def _held(robot: Robot, q: FloatArray) -> list[str]:
+    limits = robot.limits
+    at = np.minimum(np.abs(q - limits.q_min), np.abs(q - limits.q_max)) < 1e-3
+    return [name for name, held in zip(robot.joint_names, at, strict=True) if held]
+
+
+# tool lines ---------------------------------------------------------------------------------------
+
+
+def _followed(
+    task: Task, index: int, nodes: list[list[FloatArray]]
+) -> tuple[list[FloatArray], list[FloatArray], dict[tuple[int, int], FloatArray | None]]:
+    """Branches at both ends of a tool line, and the joint paths that join them.
+
+    Followed from its start, or from its end where only that is a joint pose.
+    """
+    starts, ends = list(nodes[index]), list(nodes[index + 1])
+    backwards = task.stops[index + 1].q is not None and task.stops[index].q is None
+    origin, target = (ends, starts) if backwards else (starts, ends)
+    found: dict[tuple[int, int], FloatArray | None] = {}
+    failures: list[tuple[float, str]] = []
+    for a, q in enumerate(list(origin)):
+        path, failure = _follow(task, index, q, backwards)
+        if path is None:
+            failures.append(failure)
+            continue
+        final = path[0] if backwards else path[-1]
+        near = [_apart(task.robot, final, other) for other in target]
+        if near and min(near) < SAME_BRANCH:
+            b = int(np.argmin(near))
+        elif task.stops[index if backwards else index + 1].q is None:
+            target.append(final)
+            b = len(target) - 1
+        else:
+            failures.append((1.0, "it ends on another branch than that of the joint pose there"))
+            continue
+        found[(b, a) if backwards else (a, b)] = path
+    if not found and not _loose(task, index):
+        share, reason = max(failures)
+        what = "line" if isinstance(task.segments[index], Line) else "circle"
+        raise InputError(
+            f"tool {what} {task.between(index)} not reachable from {share:.2f} of its length: "
+            f"{reason}"
+        )
+    if not found:  # a turn is free on the way: the solver may find one
+        found = {(a, b): None for a in range(len(starts)) for b in range(len(ends))}
+    return starts, ends, found
+
+
+def _loose(task: Task, index: int) -> bool:
+    curve = task.curves[index]
+    return curve is not None and curve[1] is not None and curve[1].free is not None
+
+
+def _follow(
+    task: Task, index: int, q: FloatArray, backwards: bool
+) -> tuple[FloatArray | None, tuple[float, str]]:
+    """Joint path [N,n] along a tool line from a branch at its start (or end), or why there is none.
+
+    The share of the length at which it ends comes with the reason.
+    """
+    curve = task.curves[index]
+    assert curve is not None
+    way, turning = curve
+    shares = EASED
+    positions = way.points(shares)
+    orientations = None
+    if turning is not None:
+        orientations = np.array([np.array(turning.rotation(s)) for s in shares])
+        if turning.free is not None:  # as the arm turns the tool at the end that it starts from
+            tool = np.array(forward_kinematics(task.robot)(q))[:3, :3]
+            own = orientations[-1 if backwards else 0].T @ tool
+            orientations = orientations @ _about(own, turning.free)
+    if backwards:
+        positions = positions[::-1]
+        orientations = None if orientations is None else orientations[::-1]
+    found = solve_ik_path(task.robot, positions, orientations, seed=q)
+    if found.solved:
+        return (found.q[::-1] if backwards else found.q), (1.0, "")
+    share, reason = _why(task.robot, found)
+    return None, (1.0 - share if backwards else share, reason)
+
+
+def _about(turn: FloatArray, axis: int) -> FloatArray:
+    """The part of a rotation that is a turn about a coordinate axis."""
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    angle = np.arctan2(turn[j, i] - turn[i, j], turn[i, i] + turn[j, j])
+    made = np.eye(3)
+    made[[i, j], [i, j]] = np.cos(angle)
+    made[i, j], made[j, i] = -np.sin(angle), np.sin(angle)
+    return made
+
+
+def _why(robot: Robot, found: IKPath) -> tuple[float, str]:
+    missed = [k for k, status in enumerate(found.statuses) if not status.solved]
+    row = min([*missed, *found.jumps])
+    share = float(EASED[max(row - 1, 0)])
+    status = found.statuses[row]
+    before = _held(robot, found.q[row])
+    if status is Status.OUT_OF_REACH:
+        return share, f"out of reach by {1000 * found.position_error[row]:.3g} mm"
+    if before or status is Status.LIMITS:
+        return share, f"limit of {', '.join(before)}" if before else "a position limit"
+    if status.solved:
+        near = _held(robot, found.q[max(row - 1, 0)])
+        if near:
+            return share, f"limit of {', '.join(near)}"
+        return share, "the branch ends there, at a limit or a singular pose"
+    return share, f"the orientation is missed by {np.degrees(found.orientation_error[row]):.3g} deg"
+
+
+def _apart(robot: Robot, q: FloatArray, other: FloatArray) -> float:
+    """Largest difference of two poses, whole turns aside."""
+    step = q - other
+    revolute = np.array([kind == "revolute" for kind in robot.joint_types])
+    step = np.where(revolute, (step + np.pi) % (2 * np.pi) - np.pi, step)
+    return float(np.abs(step).max())
+
+
+# ways through all stops ---------------------------------------------------------------------------
+
+
+def _speeds(robot: Robot) -> FloatArray:
+    size = np.minimum(-robot.limits.qd_min, robot.limits.qd_max)
+    return np.where(np.isfinite(size) & (size > 0), size, USUAL_SPEED)
+
+
+def _near(robot: Robot, q: FloatArray, other: FloatArray) -> FloatArray:
+    """A pose [n] moved by whole turns to where it is nearest to another, within the limits."""
+    turn = 2 * np.pi * np.array([kind == "revolute" for kind in robot.joint_types])
+    best = q + turn * np.round((other - q) / (2 * np.pi))
+    for shifted in (best - turn, best + turn):
+        outside = (best < robot.limits.q_min - 1e-9) | (best > robot.limits.q_max + 1e-9)
+        best = np.where(outside, shifted, best)
+    outside = (best < robot.limits.q_min - 1e-9) | (best > robot.limits.q_max + 1e-9)
+    return np.where(outside, q, best)
+
+
+def _cost(task: Task, a: FloatArray, b: FloatArray) -> float:
+    return float((np.abs(_near(task.robot, b, a) - a) / _speeds(task.robot)).max())
+
+
+def _picks(
+    task: Task,
+    nodes: list[list[FloatArray]],
+    edges: list[dict[tuple[int, int], FloatArray | None]],
+) -> list[tuple[int, ...]]:
+    """The cheapest way through every branch of every stop: the number of the branch at each."""
+    costs = [
+        {pair: _cost(task, nodes[k][pair[0]], nodes[k + 1][pair[1]]) for pair in found}
+        for k, found in enumerate(edges)
+    ]
+    if task.cycle:
+        picks = set()
+        for first in range(len(nodes[0])):
+            picks |= set(_through(nodes, costs, first))
+        return sorted(picks)
+    return sorted(set(_through(nodes, costs, None)))
+
+
+def _through(
+    nodes: list[list[FloatArray]], costs: list[dict[tuple[int, int], float]], only: int | None
+) -> list[tuple[int, ...]]:
+    """As :func:`_picks`, of ways that begin and end at one branch where it is given."""
+    ends = range(len(nodes[0])) if only is None else (only,)
+    forward: list[dict[int, tuple[float, tuple[int, ...]]]] = [{a: (0.0, (a,)) for a in ends}]
+    for found in costs:
+        best: dict[int, tuple[float, tuple[int, ...]]] = {}
+        for (a, b), cost in found.items():
+            if a in forward[-1]:
+                total = forward[-1][a][0] + cost, (*forward[-1][a][1], b)
+                best[b] = min(best.get(b, total), total)
+        forward.append(best)
+    ends = range(len(nodes[-1])) if only is None else (only,)
+    backward: list[dict[int, tuple[float, tuple[int, ...]]]] = [{b: (0.0, (b,)) for b in ends}]
+    for found in reversed(costs):
+        best = {}
+        for (a, b), cost in found.items():
+            if b in backward[-1]:
+                total = backward[-1][b][0] + cost, (a, *backward[-1][b][1])
+                best[a] = min(best.get(a, total), total)
+        backward.append(best)
+    backward.reverse()
+    return [
+        (*forward[k][b][1], *backward[k][b][1][1:])
+        for k in range(len(nodes))
+        for b in forward[k]
+        if b in backward[k]
+    ]
+
+
+def _realised(
+    task: Task,
+    nodes: list[list[FloatArray]],
+    edges: list[dict[tuple[int, int], FloatArray | None]],
+    picks: tuple[int, ...],
+) -> Way | None:
+    """Joint poses of a way, each moved by whole turns to be near to the one before."""
+    robot = task.robot
+    q = [nodes[k][pick] for k, pick in enumerate(picks)]
+    fixed = [k for k, stop in enumerate(task.stops) if stop.q is not None]
+    origin = fixed[0] if fixed else 0
+    for k in range(origin - 1, -1, -1):
+        q[k] = _near(robot, q[k], q[k + 1])
+    for k in range(origin + 1, len(q)):
+        q[k] = q[k] if task.stops[k].q is not None else _near(robot, q[k], q[k - 1])
+    if task.cycle and np.abs(q[-1] - q[0]).max() > SAME_BRANCH:
+        return None
+    if task.cycle:
+        q[-1] = q[0]
+    paths: list[FloatArray] = []
+    for k, found in enumerate(edges):
+        path = found[picks[k], picks[k + 1]]
+        if path is None:
+            path = q[k] + EASED[:, None] * (q[k + 1] - q[k])
+        else:
+            path = path + np.round((q[k] - path[0]) / (2 * np.pi)) * 2 * np.pi * (
+                np.abs(q[k] - path[0]) > np.pi
+            )
+            if np.abs(path[-1] - q[k + 1]).max() > 10 * SAME_BRANCH:
+                return None
+        paths.append(path)
+    return Way(np.array(q), tuple(paths), tuple(pick + 1 for pick in picks))
+
+
+def _estimate(task: Task, way: Way) -> float:
+    return float((np.abs(np.diff(way.via, axis=0)) / _speeds(task.robot)).max(axis=1).sum())

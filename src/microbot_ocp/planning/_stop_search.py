@@ -1,0 +1,444 @@
+"""The fastest motion through stops, and the one of least effort in a given time.
+
+As :class:`FreeSearch`, but every segment has the limits and the payload that hold on it, and the
+search starts from the ways through every branch of the inverse kinematics.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.status import Status
+from microbot_ocp.limits import JointLimits, LimitFamily, Limits, MotionSamples
+from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial, State, torque_along
+from microbot_ocp.ocp import Solution
+from microbot_ocp.ocp.solution import StepProgress
+from microbot_ocp.ocp.transcription import Guess, Transcription
+from microbot_ocp.planning._branches import Way, ways_through
+from microbot_ocp.planning._conditions import Conditions
+from microbot_ocp.planning._free import (
+    EXPLORE_MESH,
+    EXPLORE_SUM,
+    EXPLORE_TOLERANCE,
+    LEAST_EXPLORE_MESH,
+    SAME,
+    FreeSearch,
+    TimeOptimalSettings,
+)
+from microbot_ocp.planning._free_problem import excess_along, polynomial, transcription
+from microbot_ocp.planning._initial_guesses import InitialGuess, initial_guesses
+from microbot_ocp.planning._scale import TaskScale
+from microbot_ocp.planning._segments import Segment
+from microbot_ocp.planning._stop_task import Task, task_of
+from microbot_ocp.planning._stops import Stop
+from microbot_ocp.planning._task import with_locked_joints_held
+from microbot_ocp.robot import Robot
+from microbot_ocp.trajectories import spline
+
+MOST_ORDERED = 7  # stops of which every order is looked at
+SLOWEST = 20.0  # times the shortest duration: no longer time is given for less effort
+MOST_EXPLORING = 300  # iterations
+BOWS = 2  # further guesses from the best way
+SLOWED, MOST_SLOWED = 1.3, 20  # of a first guess, until it keeps its limits
+
+
+def fastest_through(
+    task: Task,
+    settings: TimeOptimalSettings,
+    progress: StepProgress,
+    duration: float | None = None,
+) -> Motion:
+    """The fastest motion of a task, or the one of least effort in ``duration`` s."""
+    if settings.switching_times:
+        raise InputError("switching_times are found for joint poses alone, not for stops")
+    if duration is not None:
+        checks.number("duration", duration, "s", above=0.0)
+        if settings.slack:
+            raise InputError("give a duration or a slack for less effort, not both")
+    return StopSearch(task, settings, progress, duration).run()
+
+
+class StopSearch(FreeSearch):
+    """Ways through every branch on a coarse mesh, the best refined until limits hold."""
+
+    def __init__(
+        self,
+        task: Task,
+        settings: TimeOptimalSettings,
+        progress: StepProgress,
+        duration: float | None,
+    ) -> None:
+        self.task = task
+        self.ways = ways_through(task)
+        self.allowed = duration
+        self.shortest = np.nan  # s, dwells included
+        self.led_to: list[tuple[Way, str, Solution]] = []
+        super().__init__(task.family, self.ways[0].via, settings, progress)
+
+    def _kernels(self, budget: float | None = None) -> Transcription:
+        held = [with_locked_joints_held(family).robot for family in self.task.families]
+        told = self.task.conditions
+        conditions = Conditions(tuple(held), told.ends, told.closed)
+        base: Any = with_locked_joints_held(self.family).robot
+        return transcription(
+            base,
+            self.via.tobytes(),
+            len(self.via),
+            self.settings.compiled,
+            budget=budget,
+            conditions=conditions,
+        )
+
+    # starts ---------------------------------------------------------------------------------
+
+    def _explore(self) -> tuple[list[dict[str, Any]], list[Solution]]:
+        """What every way led to on a coarse mesh, and some others beside the best of them."""
+        mesh = min(self._mesh, max(EXPLORE_SUM // len(self.names), LEAST_EXPLORE_MESH))
+        solver = ("fatrop", "ipopt") if self.settings.solver == "auto" else self.settings.solver
+        brief = replace(self.refiner.settings, max_iterations=MOST_EXPLORING)
+        explorer = replace(self.refiner, settings=brief)
+        tried: list[dict[str, Any]] = []
+        found: list[Solution] = []
+        for way, guess in self._all_guesses():
+            guesses = {name: self._with_closed(name, g) for name, g in guess.guesses.items()}
+            solution = explorer.solve(
+                min(mesh, EXPLORE_MESH), guesses, tolerance=EXPLORE_TOLERANCE, solver=solver
+            )
+            said = {
+                "start": guess.name,
+                "status": str(solution.status),
+                "duration": solution.duration + float(self.task.dwells.sum()),
+            }
+            tried.append(said)
+            found.append(solution)
+            self.led_to.append((way, guess.name, solution))
+            self.progress(f"start {guess.name}: {said['duration']:.4f} s, {solution.status}")
+            if solution.status is Status.INTERRUPTED:
+                break
+        return tried, found
+
+    def _all_guesses(self) -> Iterator[tuple[Way, InitialGuess]]:
+        for way in self.ways if self.settings.starts > 1 else self.ways[:1]:
+            yield way, self._rest_to_rest(way)
+        best = min(
+            self.led_to,
+            key=lambda told: (not told[2].status.solved, told[2].duration),
+        )[0]
+        if any(kind is not None for kind in self.task.segments):
+            return
+        further = min(BOWS, self.settings.starts - 1) + 1
+        others = initial_guesses(self.family, best.via, self.names, further, self.settings.seed)
+        if self.settings.starts > 1:
+            yield from ((best, replace(g, name=f"{best.name}, {g.name}")) for g in others)
+
+    def _rest_to_rest(self, way: Way) -> InitialGuess:
+        """Every segment from rest to rest, as slow as its limits ask for."""
+        guesses = {}
+        durations = TaskScale.of(self.family, way.via).durations
+        rows = zip(self.names, way.paths, self.task.families, durations, strict=True)
+        for name, path, family, duration in rows:
+            shape = spline(path, np.linspace(0.0, float(duration), len(path)))
+            for _ in range(MOST_SLOWED):
+                if _keeps_limits(family, shape):
+                    break
+                shape = shape.stretched(SLOWED)
+            guesses[name] = _guess_along(shape)
+        return InitialGuess(way.name, guesses)
+
+    def _with_closed(self, name: str, guess: Guess) -> Guess:
+        """A guess of the first phase with the values at its start that the last one returns to."""
+        if name != self.names[0] or not self.task.conditions.closed:
+            return guess
+        start = np.zeros(1)
+        added = {}
+        for key in self.task.conditions.closed:
+            value = guess.values[key]
+            given = np.asarray(value(start) if callable(value) else value, dtype=float)
+            given = np.broadcast_to(given.ravel(), (self.robot.joint_count,))
+            added[f"{key} at the start of {name!r}"] = given.copy()
+        return Guess(guess.duration, {**guess.values, **added})
+
+    # refinement -----------------------------------------------------------------------------
+
+    def _finish(self, found: list[Solution]) -> Solution:
+        fastest = super()._finish(found)
+        rested = float(self.task.dwells.sum())
+        self.shortest = fastest.duration + rested
+        if self.allowed is not None and fastest.status.solved:
+            slack = (self.allowed - rested) / fastest.duration - 1.0
+            if slack > 0.0:
+                self.settings = replace(self.settings, slack=min(slack, SLOWEST))
+        return fastest
+
+    def _excess(self, solution: Solution) -> list[FloatArray]:
+        return _excess_of(self.task.families, solution)
+
+    def _honest_duration(self, solution: Solution) -> float:
+        """Slower by what limits are exceeded by, but for tubes, which a finer mesh mends."""
+        everywhere = [LimitFamily.of(load.on(self.robot)) for load in self.task.payloads]
+        worst = max(float(excess.max()) for excess in _excess_of(everywhere, solution))
+        return solution.duration * (1.0 + max(0.0, worst))
+
+    def _guess_from(self, solution: Solution) -> dict[str, Guess]:
+        shapes = zip(self.names, phase_shapes(solution), strict=True)
+        return {name: self._with_closed(name, _guess_along(shape)) for name, shape in shapes}
+
+    # result ---------------------------------------------------------------------------------
+
+    def _motion(self, solution: Solution, starts: list[dict[str, Any]], wall: float) -> Motion:
+        motion = super()._motion(solution, starts, wall)
+        told = dict(motion.provenance)
+        told["method"] = "time-optimal motion through stops"
+        told["branches"] = self._branches(solution)
+        told["segments"] = [type(kind).__name__ if kind else "free" for kind in self.task.segments]
+        late = self.allowed is not None and self.allowed < self.shortest * (1 - SAME)
+        if motion.solved and late:
+            told["status"] = str(Status.INFEASIBLE)
+            told["advice"] = (
+                f"The task cannot be done in {self.allowed:g} s: the fastest motion that was found "
+                f"takes {self.shortest:.6g} s."
+            )
+        note = self._note(told) if told["status"] == "solved" else f"not solved: {told['advice']}"
+        return replace(motion, provenance=told, note=note + self._slack_note(solution))
+
+    def _branches(self, solution: Solution) -> list[dict[str, Any]]:
+        """What every way through the branches took on the coarse mesh, the one taken first."""
+        rested = float(self.task.dwells.sum())
+        via = _poses(solution)
+        best: dict[str, dict[str, Any]] = {}
+        for way, _, led in self.led_to:
+            entry = {
+                "branches": list(way.branches),
+                "q": way.via.tolist(),
+                "duration": led.duration + rested if led.status.solved else None,
+                "status": str(led.status),
+                "taken": False,
+                "apart": float(np.abs(_poses(led) - via).max()),
+            }
+            known = best.get(way.name)
+            slower = known is not None and (known["duration"] or np.inf) <= (
+                entry["duration"] or np.inf
+            )
+            if not slower:
+                best[way.name] = entry
+        found = sorted(best.values(), key=lambda e: e.pop("apart"))
+        found[0]["taken"] = True
+        return [found[0], *sorted(found[1:], key=lambda e: e["duration"] or np.inf)]
+
+    def _note(self, told: dict[str, Any]) -> str:
+        taken, *others = told["branches"]
+        named = "-".join(map(str, taken["branches"]))
+        reached = [e["duration"] for e in others if e["duration"] is not None]
+        if not others:
+            return "the only branch"
+        costs = ", ".join(f"{value:.3f}" for value in reached[:5]) or "no motion"
+        return f"branches {named}; the others led to {costs} s on the coarse mesh"
+
+    def _shaped(self, solution: Solution, provenance: dict[str, Any], note: str) -> Motion:
+        return motion_of(self.task, phase_shapes(solution), provenance, note)
+
+
+def phase_shapes(solution: Solution) -> list[PiecewisePolynomial]:
+    """The polynomial of every phase, from time 0 each."""
+    return [polynomial(replace(solution, phases=(phase,))) for phase in solution.phases]
+
+
+def _excess_of(families: Sequence[LimitFamily], solution: Solution) -> list[FloatArray]:
+    pairs = zip(families, phase_shapes(solution), strict=True)
+    return [excess_along(family, shape) for family, shape in pairs]
+
+
+def _poses(solution: Solution) -> FloatArray:
+    """Joint poses [m,n] at the stops."""
+    ends = [phase["q"][-1] for phase in solution.phases]
+    return np.array([solution.phases[0]["q"][0], *ends])
+
+
+def _along(curve: PiecewisePolynomial, s: FloatArray) -> FloatArray:
+    return curve(s * curve.duration)
+
+
+def _guess_along(shape: PiecewisePolynomial) -> Guess:
+    velocity = shape.derivative()
+    curves = {"q": shape, "qd": velocity, "qdd": velocity.derivative()}
+    return Guess(shape.duration, {key: partial(_along, curve) for key, curve in curves.items()})
+
+
+def _keeps_limits(family: LimitFamily, shape: PiecewisePolynomial) -> bool:
+    """Whether a shape keeps the limits of its velocities, accelerations and torques."""
+    t = np.linspace(0.0, shape.duration, 50)
+    curves = [shape]
+    for _ in range(3):
+        curves.append(curves[-1].derivative())
+    keys = [key for key in family.of_order(1, 2, 3) if key != "taud"]
+    use = family.use(MotionSamples(*(curve(t) for curve in curves)), keys)
+    return all(float(share.max()) <= 1.0 for share in use.values())
+
+
+def motion_of(
+    task: Task, shapes: Sequence[PiecewisePolynomial], provenance: dict[str, Any], note: str
+) -> Motion:
+    """The segments one after the other, with the dwells; torques with what the tool holds then."""
+    breaks, pieces, marks = [np.zeros(1)], [], []
+    changes: list[tuple[float, int]] = []  # from when on which segment's payload is held
+    now = 0.0
+    for k, stop in enumerate(task.stops):
+        marks.append(Mark(now, stop.name))
+        if task.dwells[k] > 0.0:
+            at_start = k < len(shapes)
+            shape = shapes[k] if at_start else shapes[-1]
+            q = shape(0.0)[0] if at_start else shape(shape.breaks[-1])[0]
+            held = np.zeros((1, 6, q.size))
+            held[0, 0] = q
+            pieces.append(held)
+            now += float(task.dwells[k])
+            breaks.append(np.array([now]))
+        if k < len(shapes):
+            changes.append((now, k))
+            pieces.append(shapes[k].coefficients)
+            breaks.append(now + shapes[k].breaks[1:])
+            now = float(breaks[-1][-1])
+    whole = PiecewisePolynomial(np.concatenate(breaks), np.concatenate(pieces))
+    jumps = [when for (when, k) in changes[1:] if task.payloads[k] != task.payloads[k - 1]]
+    motion = Motion.from_polynomial(
+        task.robot,
+        whole,
+        label="time-optimal",
+        marks=marks,
+        provenance=provenance,
+        note=note,
+        jumps_at=jumps,
+    )
+    if not any(payload.mass for payload in task.payloads):
+        return motion
+    tau = np.array(motion.tau)
+    for start, end, robot in stretches(task, motion):
+        here = (motion.t >= start) & ((motion.t < end) | (end == motion.duration))
+        tau[here] = torque_along(robot, State(motion.q[here], motion.qd[here], motion.qdd[here]))
+    return replace(motion, tau=tau)
+
+
+def stretches(task: Task, motion: Motion) -> list[tuple[float, float, Any]]:
+    """Start and end, s, of every segment and dwell of a motion, with the robot that moves there.
+
+    The marks of the motion say when its stops are reached.
+
+    Raises
+    ------
+    InputError
+        A motion that has not one mark a stop.
+    """
+    if len(motion.marks) != len(task.stops):
+        raise InputError(
+            f"motion {motion.label!r} has {len(motion.marks)} marks, but the task "
+            f"{len(task.stops)} stops: it is not a motion of this task"
+        )
+    found = []
+    loads = (
+        (task.payloads[-1], *task.payloads) if task.cycle else (task.payloads[0], *task.payloads)
+    )
+    times = [mark.time for mark in motion.marks]
+    for k, time in enumerate(times):
+        leaves = time + float(task.dwells[k])
+        if leaves > time:
+            rested = loads[k].on(task.robot)
+            found.append((time, leaves, rested))
+        if k < len(task.segments):
+            found.append((leaves, times[k + 1], task.robots[k]))
+    return found
+
+
+def solve_stops(
+    robot: Robot,
+    limits: Limits | JointLimits | None,
+    stops: Sequence[Any],
+    segments: Sequence[Segment] | None,
+    cycle: bool,
+    order: str,
+    duration: float | None,
+    settings: TimeOptimalSettings,
+    progress: StepProgress,
+) -> Motion:
+    """As :func:`microbot_ocp.time_optimal`, of stops."""
+    if order == "given":
+        task = task_of(robot, stops, limits, segments=segments, cycle=cycle)
+        return fastest_through(task, settings, progress, duration)
+    if segments is not None:
+        raise InputError("order is free only where all segments are: leave segments out")
+    if duration is not None:
+        raise InputError("order is free only of the fastest motion: leave duration out")
+    named = [s if isinstance(s, Stop) else Stop(q=s) for s in stops]
+    named = [stop.named(f"stop {k + 1}") for k, stop in enumerate(named)]
+    tasks = {
+        places: task_of(robot, [named[k] for k in places], limits, cycle=cycle)
+        for places in _orders(len(named), cycle)
+    }
+    return _best_order(tasks, settings, progress)
+
+
+def _best_order(
+    tasks: dict[tuple[int, ...], Task], settings: TimeOptimalSettings, progress: StepProgress
+) -> Motion:
+    """The best of several orders of the stops; those that cannot be better are left out.
+
+    Orders are solved by what they take at least until that exceeds the best duration found.
+    """
+    bounds = {places: least_duration(task) for places, task in tasks.items()}
+    best: Motion | None = None
+    told: list[dict[str, Any]] = []
+    for places in sorted(tasks, key=lambda p: (bounds[p], p)):
+        if best is not None and best.solved and bounds[places] >= best.duration:
+            break
+        motion = fastest_through(tasks[places], settings, progress)
+        found = {"order": list(places), "bound": bounds[places], "duration": motion.duration}
+        told.append({**found, "status": str(motion.status)})
+        progress(f"order {places}: at least {bounds[places]:.4f} s, {motion.duration:.4f} s")
+        if best is None or (not motion.solved, motion.duration) < (not best.solved, best.duration):
+            best = replace(motion, provenance={**motion.provenance, "order": list(places)})
+    assert best is not None
+    left = len(tasks) - len(told)
+    named = "-".join(str(k + 1) for k in best.provenance["order"])
+    return replace(
+        best,
+        provenance={**best.provenance, "orders": told, "orders_left_out": left},
+        note=f"order {named} of {len(tasks)}, {left} left out by their bounds; {best.note}",
+    )
+
+
+def least_duration(task: Task) -> float:
+    """What no motion of the task can fall below by the velocity limits, s.
+
+    Between two joint poses the slowest joint at its highest velocity; nothing where a stop is a
+    tool position.
+    """
+    total = float(task.dwells.sum())
+    speeds = np.maximum(-task.robot.limits.qd_min, task.robot.limits.qd_max)
+    for a, b in itertools.pairwise(task.stops):
+        if a.q is None or b.q is None or a.box is None or b.box is None:
+            continue
+        apart = np.maximum(np.abs(np.subtract(a.q, b.q)) - a.box - b.box, 0.0)
+        total += float((apart / speeds).max())
+    return total
+
+
+def _orders(count: int, cycle: bool) -> list[tuple[int, ...]]:
+    """Orders of stops: a cycle begins with its first, another task keeps its first and last.
+
+    Raises
+    ------
+    InputError
+        More stops than all orders are looked at of.
+    """
+    if count > MOST_ORDERED:
+        raise InputError(f"order is free for at most {MOST_ORDERED} stops, not {count}")
+    if not cycle:
+        return [(0, *p, count - 1) for p in itertools.permutations(range(1, count - 1))]
+    return [(0, *p) for p in itertools.permutations(range(1, count))]

@@ -1,0 +1,400 @@
+"""A task of stops and segments, checked: its limits, payloads and conditions segment by segment."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp.limits import JointLimits, LimitFamily, Limits
+from microbot_ocp.planning._conditions import Bounds, Conditions, EndConditions, Row
+from microbot_ocp.planning._segments import (
+    Arc,
+    Circle,
+    Corner,
+    Curve,
+    JointLine,
+    Line,
+    Segment,
+    Straight,
+    Turning,
+    corner_limit,
+    curve_limits,
+    joint_line_limits,
+    orientation_error,
+)
+from microbot_ocp.planning._stops import Payload, Stop
+from microbot_ocp.planning._task import check_limits, check_position, check_rest
+from microbot_ocp.robot import Robot, forward_kinematics, jacobian
+
+MOST_STOPS = 200
+EMPTY = Payload(0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """Stops and what lies between them, checked.
+
+    Make one with :func:`task_of`. A cycle ends with its first stop again.
+
+    Attributes
+    ----------
+    family : LimitFamily
+        Of the robot with an empty tool, under the limits that hold everywhere.
+    stops : tuple of Stop, m
+        With names; corners that are blended are two stops each.
+    segments : tuple of Segment, m - 1
+        None where the way is free.
+    cycle : bool
+    """
+
+    family: LimitFamily
+    stops: tuple[Stop, ...]
+    segments: tuple[Segment, ...]
+    cycle: bool = False
+
+    @property
+    def robot(self) -> Robot:
+        """With an empty tool."""
+        return self.family.robot
+
+    @property
+    def dwells(self) -> FloatArray:
+        """How long the arm rests [m] at each stop, s; in a cycle at the first, not at the last."""
+        found = np.array([stop.dwell for stop in self.stops])
+        if self.cycle:
+            found[-1] = 0.0
+        return found
+
+    @cached_property
+    def payloads(self) -> tuple[Payload, ...]:
+        """What the tool holds on every segment."""
+        held, found = EMPTY, []
+        if self.cycle:
+            held = next((s.payload for s in reversed(self.stops) if s.payload is not None), EMPTY)
+        for stop in self.stops[:-1]:
+            held = held if stop.payload is None else stop.payload
+            found.append(held)
+        return tuple(found)
+
+    @cached_property
+    def curves(self) -> tuple[tuple[Curve, Turning | None] | None, ...]:
+        """The curve of every tool line and circle with the orientation along it; else None."""
+        return tuple(map(self._curve, range(len(self.segments))))
+
+    def _curve(self, index: int) -> tuple[Curve, Turning | None] | None:
+        kind = self.segments[index]
+        if not isinstance(kind, Line | Circle):
+            return None
+        before, after = self.stops[index], self.stops[index + 1]
+        (start, turned), (end, turned_after) = (s.pose(self.robot) for s in (before, after))
+        for stop in (before, after):
+            if stop.q is None and np.any(np.isinf(np.array(stop.tolerance))):
+                raise InputError(
+                    f"{self.between(index)}: a tool line or circle needs both ends, but a "
+                    f"coordinate of stop {stop.name!r} is free"
+                )
+        if np.allclose(start, end):
+            raise InputError(
+                f"{self.between(index)}: both ends of a tool line or circle are at the same place"
+            )
+        curve: Curve
+        if isinstance(kind, Circle):
+            curve = Arc.through(start, np.array(kind.through), end)
+        else:
+            curve = Straight(tuple(start.tolist()), tuple(end.tolist()))
+        if turned is None or turned_after is None:
+            return curve, None
+        free = [s.free_axis for s in (before, after) if s.free_axis is not None]
+        return curve, Turning.between(turned, turned_after, free[0] if free else None)
+
+    @cached_property
+    def robots(self) -> tuple[Robot, ...]:
+        """The robot on every segment: with its payload, and the limits of that segment."""
+        return tuple(map(self._robot, range(len(self.segments))))
+
+    def _robot(self, index: int) -> Robot:
+        kind, robot = self.segments[index], self.payloads[index].on(self.robot)
+        curve = self.curves[index]
+        own: tuple[Any, ...] = ()
+        if curve is not None and isinstance(kind, Line | Circle):
+            own = curve_limits(kind, *curve)
+        elif isinstance(kind, Corner):
+            own = (corner_limit(kind),)
+        elif isinstance(kind, JointLine):
+            ends = [self.stops[k].q for k in (index, index + 1)]
+            own = joint_line_limits(kind, *map(np.array, ends))
+        return robot.with_limits(also=(*robot.limits.also, *own)) if own else robot
+
+    @cached_property
+    def families(self) -> tuple[LimitFamily, ...]:
+        """Limits of every segment."""
+        return tuple(map(LimitFamily.of, self.robots))
+
+    def between(self, index: int) -> str:
+        """Such as "from stop 'pick' to stop 'place'"."""
+        return f"from stop {self.stops[index].name!r} to stop {self.stops[index + 1].name!r}"
+
+    def at_rest(self, index: int) -> bool:
+        """Whether the arm rests at a stop."""
+        stop, last = self.stops[index], len(self.stops) - 1
+        if stop.velocity is not None:
+            return stop.velocity == "rest" or (
+                not isinstance(stop.velocity, str) and not np.any(stop.velocity)
+            )
+        ends = index in (0, last) and not self.cycle
+        return ends or bool(stop.dwell) or stop.payload is not None
+
+    @cached_property
+    def conditions(self) -> Conditions:
+        """What the optimal-control problem has to keep."""
+        last = len(self.stops) - 1
+        ends = [self._end(k) for k in range(last + 1)]
+        closed: tuple[str, ...] = ()
+        if self.cycle:
+            first = self.stops[0]
+            fixed = first.q is not None and first.box is not None and not first.box.any()
+            moves = not self.at_rest(0)
+            rated = any(member.order == 3 for member in self.family)
+            closed = (*(() if fixed else ("q",)), *(("qd",) if moves else ()))
+            closed = (*closed, "qdd") if moves and rated else closed
+            # what is closed is demanded once
+            given = ends[0]
+            free = np.full(self.robot.joint_count, np.inf)
+            qd = given.qd if "qd" not in closed else (-free, free)
+            q = given.q if "q" not in closed else (-free, free)
+            ends[-1] = replace(given, q=q, qd=qd, rows=())
+        return Conditions(self.robots, tuple(ends), closed)
+
+    def _end(self, index: int) -> EndConditions:
+        stop, robot = self.stops[index], self.robot
+        free = np.full(robot.joint_count, np.inf)
+        q: Bounds = (-free, free)
+        qd: Bounds = (-free, free)
+        rows: list[Row] = []
+        if stop.q is not None and stop.box is not None:
+            limits, target = robot.limits, np.array(stop.q)
+            q = (
+                np.maximum(target - stop.box, np.minimum(limits.q_min, target)),
+                np.minimum(target + stop.box, np.maximum(limits.q_max, target)),
+            )
+        else:
+            rows += pose_rows(robot, stop)
+        rest = self.at_rest(index)
+        if rest:
+            qd = (np.zeros(robot.joint_count), np.zeros(robot.joint_count))
+        elif not isinstance(stop.velocity, str | None):
+            given = np.array(stop.velocity)
+            if stop.q is not None:
+                qd = (given, given)
+            else:
+                speed = partial(_tool_velocity, robot)
+                rows.append(Row("velocity of the tool", speed, (given, given)))
+        ends = index in (0, len(self.stops) - 1)
+        still = rest and self.family.jerk_is_limited and (ends or stop.dwell > 0)
+        leaps = rest and (still or not self.family.jerk_is_limited)
+        return EndConditions(q, qd, tuple(rows), still=still, leaps=leaps)
+
+
+def _tool_velocity(robot: Robot, q: Any, qd: Any) -> Any:
+    return (jacobian(robot)(q) @ qd)[:3]
+
+
+def pose_rows(robot: Robot, stop: Stop) -> list[Row]:
+    """Conditions on the pose at a stop that are not bounds of joints."""
+    rows = []
+    if stop.q is not None:
+        target, size = np.array(stop.q), float(stop.tolerance)
+        ball = lambda q, _: ca.sumsqr((q - target) / size)  # noqa: E731
+        return [Row("distance from the joint pose", ball, _upper(1.0))]
+    place, turned = stop.pose(robot)
+    box = stop.box
+    if box is None:
+        radius = float(stop.tolerance)
+
+        def distance(q: Any, _: Any) -> Any:
+            return ca.sumsqr((forward_kinematics(robot)(q)[:3, 3] - place) / radius)
+
+        rows.append(Row("distance of the tool", distance, _upper(1.0)))
+    elif (kept := np.flatnonzero(np.isfinite(box))).size:
+
+        def offset(q: Any, _: Any) -> Any:
+            found = forward_kinematics(robot)(q)[:3, 3] - place
+            return ca.vertcat(*(found[int(k)] for k in kept))
+
+        rows.append(Row("position of the tool", offset, (-box[kept], box[kept])))
+    if turned is not None:
+        wanted = ca.DM(turned)
+
+        def error(q: Any, _: Any) -> Any:
+            tool = forward_kinematics(robot)(q)[:3, :3]
+            return orientation_error(wanted, tool, stop.free_axis)
+
+        if stop.orientation_tolerance:
+            largest = np.sin(stop.orientation_tolerance)
+            ball = lambda q, qd: ca.sumsqr(error(q, qd) / largest)  # noqa: E731
+            rows.append(Row("orientation of the tool", ball, _upper(1.0)))
+        else:
+            zero = np.zeros(3 if stop.free_axis is None else 2)
+            rows.append(Row("orientation of the tool", error, (zero, zero)))
+    return rows
+
+
+def _upper(bound: float) -> Bounds:
+    return np.array([-np.inf]), np.array([bound])
+
+
+# checks -------------------------------------------------------------------------------------------
+
+
+def is_task(via: Any) -> bool:
+    """Whether some of the via points are stops."""
+    return isinstance(via, list | tuple) and any(isinstance(point, Stop) for point in via)
+
+
+def task_of(
+    robot: Robot,
+    stops: Sequence[Any],
+    limits: Limits | JointLimits | None = None,
+    *,
+    segments: Sequence[Segment] | None = None,
+    cycle: bool = False,
+) -> Task:
+    """A task of stops, or joint poses [n], and of segments between them.
+
+    Raises
+    ------
+    InputError
+        Fewer than two stops, a joint pose outside its limits or that cannot be held at rest, a
+        segment that does not fit its stops, a blend that is longer than its lines.
+    """
+    family = check_limits(robot, limits)
+    given = [stop if isinstance(stop, Stop) else Stop(q=stop) for stop in stops]
+    given = [stop.named(f"stop {k + 1}") for k, stop in enumerate(given)]
+    names = [stop.name for stop in given]
+    if len(set(names)) < len(names):
+        raise InputError(f"the names of stops must differ: {', '.join(names)}")
+    if not 2 <= len(given) <= MOST_STOPS:
+        raise InputError(f"a task must have 2 to {MOST_STOPS} stops, not {len(given)}")
+    if cycle:
+        given.append(replace(given[0], name=f"{given[0].name} again"))
+    kinds = list(segments) if segments is not None else [None] * (len(given) - 1)
+    if len(kinds) != len(given) - 1:
+        raise InputError(
+            f"segments must be {len(given) - 1}, one between two stops"
+            + (" and one back to the first" if cycle else "")
+            + f", not {len(kinds)}"
+        )
+    for k, kind in enumerate(kinds):
+        if kind is not None and not isinstance(kind, Line | Circle | JointLine):
+            raise InputError(
+                f"segment {k + 1} must be a Line, Circle or JointLine, or None where the way is "
+                f"free, not {kind!r}"
+            )
+        if isinstance(kind, JointLine) and any(s.q is None for s in given[k : k + 2]):
+            raise InputError(f"segment {k + 1} is a joint line: it needs joint poses at both ends")
+    _check_stops(family, given, cycle)
+    task = Task(family, *_blended(robot, given, kinds), cycle=cycle)
+    for index in range(len(task.stops)):
+        _check_loaded_rest(task, index)
+    return task
+
+
+def _check_stops(family: LimitFamily, stops: Sequence[Stop], cycle: bool) -> None:
+    count = family.robot.joint_count
+    for before, after in itertools.pairwise(stops):
+        if (before.q, before.position, before.orientation) == (
+            after.q,
+            after.position,
+            after.orientation,
+        ):
+            advice = ": a cycle returns to its first stop by itself" if cycle else ""
+            raise InputError(
+                f"stops {before.name!r} and {after.name!r} are at the same place{advice}"
+            )
+    for stop in stops:
+        if stop.q is not None:
+            checks.array(f"q of stop {stop.name!r}", stop.q, (count,), "rad")
+            check_position(family, f"stop {stop.name!r}", np.array(stop.q))
+        loaded = stop.payload is not None and stop.payload.mass > 0
+        if loaded and not family.robot.has_dynamics:
+            raise InputError(
+                f"stop {stop.name!r} has a payload, but robot {family.robot.name!r} has no masses"
+            )
+
+
+def _check_loaded_rest(task: Task, index: int) -> None:
+    """Whether the torques hold the arm at a stop with what it holds before and after."""
+    stop = task.stops[index]
+    if stop.q is None or not task.at_rest(index) or stop.box is None or stop.box.any():
+        return
+    for segment in {max(index - 1, 0), min(index, len(task.segments) - 1)}:
+        payload = task.payloads[segment]
+        held = f" with {payload.mass:g} kg" if payload.mass else ""
+        family = LimitFamily.of(payload.on(task.robot))
+        check_rest(family, f"stop {stop.name!r}{held}", np.array(stop.q))
+
+
+def _blended(
+    robot: Robot, stops: Sequence[Stop], kinds: Sequence[Segment]
+) -> tuple[tuple[Stop, ...], tuple[Segment, ...]]:
+    """Stops and segments with every blended corner as two stops with the corner between them."""
+    places: list[Stop] = [stops[0]]
+    made: list[Segment] = []
+    if stops[0].blend or stops[-1].blend:
+        raise InputError("the first stop and the last cannot be blended corners")
+    for index in range(1, len(stops)):
+        stop = stops[index]
+        if not stop.blend:
+            places.append(stop)
+            made.append(kinds[index - 1])
+            continue
+        lines = kinds[index - 1], kinds[index]
+        if not all(isinstance(kind, Line) for kind in lines):
+            raise InputError(
+                f"stop {stop.name!r} is a blended corner: it needs lines on both sides"
+            )
+        cut = [_on_the_way(robot, stop, stops[k]) for k in (index - 1, index + 1)]
+        for place, kind, word in zip(cut, lines, ("before", "after"), strict=True):
+            assert isinstance(kind, Line)
+            name = f"{stop.name}, {word} the corner"
+            turn = kind.orientation_tolerance if place.orientation is not None else 0.0
+            places.append(
+                replace(place, name=name, tolerance=kind.tolerance, orientation_tolerance=turn)
+            )
+        assert stop.position is not None
+        assert isinstance(lines[0], Line)
+        made += [lines[0], Corner(stop.position, stop.blend + lines[0].tolerance)]
+    return tuple(places), tuple(made)
+
+
+def _on_the_way(robot: Robot, corner: Stop, other: Stop) -> Stop:
+    """The stop on the line from a corner to its neighbour where the blend begins."""
+    (place, turned), (far, turned_far) = corner.pose(robot), other.pose(robot)
+    if corner.position is None:
+        raise InputError(f"stop {corner.name!r} is a blended corner: it needs a tool position")
+    length = float(np.linalg.norm(far - place))
+    if corner.blend >= 0.5 * length:
+        raise InputError(
+            f"blend of stop {corner.name!r} must be less than half of the line to stop "
+            f"{other.name!r}, {500 * length:.4g} mm, not {1000 * corner.blend:.4g} mm"
+        )
+    share = corner.blend / length
+    point = place + share * (far - place)
+    orientation = None
+    if turned is not None and turned_far is not None:
+        turning = Turning.between(turned, turned_far, corner.free_axis)
+        orientation = np.array(turning.rotation(share))
+    return Stop(
+        position=point,
+        orientation=orientation,
+        free_turn=corner.free_turn if orientation is not None else None,
+        velocity="any",
+    )

@@ -1,0 +1,199 @@
+"""Stops of a task: where the arm has to be, how exactly, how fast, and what it holds from there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp.robot import Robot, forward_kinematics
+
+AXES = ("x", "y", "z")
+Numbers = tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Payload:
+    """What the tool holds.
+
+    Parameters
+    ----------
+    mass : float
+        kg; 0 is an empty tool.
+    center_of_mass : array_like [3]
+        In the tool frame, m.
+    inertia : array_like [3,3], optional
+        About its centre of mass, along the axes of the tool frame, kg m^2; a point mass by default.
+
+    Raises
+    ------
+    InputError
+        A negative mass, numbers that are not finite.
+    """
+
+    mass: float
+    center_of_mass: Any = (0.0, 0.0, 0.0)
+    inertia: Any = None
+
+    def __post_init__(self) -> None:
+        checks.number("mass of the payload", self.mass, "kg", at_least=0.0)
+        center = checks.array("center_of_mass of the payload", self.center_of_mass, (3,), "m")
+        object.__setattr__(self, "center_of_mass", tuple(center.tolist()))
+        if self.inertia is not None:
+            given = checks.array("inertia of the payload", self.inertia, (3, 3), "kg m^2")
+            object.__setattr__(self, "inertia", tuple(tuple(row) for row in given.tolist()))
+
+    def on(self, robot: Robot) -> Robot:
+        """The robot with this in its tool."""
+        if not self.mass:
+            return robot
+        return robot.with_payload(self.mass, self.center_of_mass, self.inertia)
+
+
+@dataclass(frozen=True)
+class Stop:
+    """Where the arm has to be: a joint pose, a tool position or a tool pose.
+
+    Parameters
+    ----------
+    q : array_like [n], optional
+        Joint positions, rad (prismatic: m). Either these or a position.
+    position : array_like [3], optional
+        Of the tool's origin in the base frame, m.
+    orientation : array_like [3,3], optional
+        Rotation of the tool in the base frame; any without it.
+    tolerance : float or array_like
+        How far from there the arm may be. A number is the radius of a ball: of the tool's origin,
+        m, or of the joints, rad. One a coordinate (base frame) or a joint is a box; infinite leaves
+        that one free.
+    orientation_tolerance : float
+        Largest angle to the orientation, rad.
+    free_turn : str, optional
+        "x", "y" or "z": any turn about this axis of the tool is allowed.
+    velocity : str or array_like, optional
+        "rest", "any", or the velocity: of the joints [n], rad/s, where ``q`` is given, else of the
+        tool's origin [3] in the base frame, m/s. Default rest at the ends of a task and where the
+        arm dwells or its payload changes, any elsewhere.
+    dwell : float
+        How long the arm rests here, s.
+    payload : Payload or float, optional
+        What the tool holds from here on; a number is a point mass at the tool's origin, kg. Default
+        what it held before.
+    blend : float
+        Between two tool lines: the corner is cut within this distance, m, and the arm does not
+        pass the stop itself.
+    name : str
+        For messages, marks and tables; "stop 1" and so on by default.
+
+    Raises
+    ------
+    InputError
+        Neither or both of ``q`` and ``position``, wrong shapes, a matrix that is no rotation, a
+        dwell at a velocity.
+
+    Examples
+    --------
+    >>> stop = Stop(position=[0.4, 0.2, 0.3], tolerance=0.01, dwell=0.5, payload=2.0, name="pick")
+    >>> stop.payload.mass, stop.tolerance
+    (2.0, 0.01)
+    """
+
+    q: Any = None
+    position: Any = None
+    orientation: Any = None
+    tolerance: Any = 0.0
+    orientation_tolerance: float = 0.0
+    free_turn: str | None = None
+    velocity: Any = None
+    dwell: float = 0.0
+    payload: Any = None
+    blend: float = 0.0
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        where = f"stop {self.name!r}" if self.name else "a stop"
+        if (self.q is None) == (self.position is None):
+            raise InputError(f"{where} needs either q or a position")
+        for key, shape, unit in (("q", (None,), "rad"), ("position", (3,), "m")):
+            if getattr(self, key) is not None:
+                given = checks.array(f"{key} of {where}", getattr(self, key), shape, unit)
+                put(self, key, tuple(given.tolist()))
+        if self.q is not None and (
+            self.orientation is not None or self.free_turn or self.orientation_tolerance
+        ):
+            raise InputError(f"{where} is a joint pose: an orientation is of a tool position")
+        if self.orientation is not None:
+            put(self, "orientation", _rotation(f"orientation of {where}", self.orientation))
+        elif self.free_turn or self.orientation_tolerance:
+            raise InputError(f"{where} has no orientation of which a turn could be free")
+        if self.free_turn is not None:
+            checks.one_of(f"free_turn of {where}", self.free_turn, AXES)
+        put(self, "tolerance", self._checked_tolerance(where))
+        turn = self.orientation_tolerance
+        checks.number(f"orientation_tolerance of {where}", turn, "rad", at_least=0.0, at_most=1.5)
+        checks.number(f"dwell of {where}", self.dwell, "s", at_least=0.0)
+        checks.number(f"blend of {where}", self.blend, "m", at_least=0.0)
+        if self.payload is not None and not isinstance(self.payload, Payload):
+            put(self, "payload", Payload(self.payload))
+        self._check_velocity(where)
+
+    def _checked_tolerance(self, where: str) -> Any:
+        size = 3 if self.q is None else len(self.q)
+        if np.ndim(self.tolerance) == 0:
+            return checks.number(f"tolerance of {where}", self.tolerance, at_least=0.0)
+        given = checks.array(f"tolerance of {where}", self.tolerance, (size,), finite=False)
+        if np.any(np.isnan(given)) or np.any(given < 0):
+            raise InputError(f"tolerance of {where} must be at least 0, not {given.tolist()}")
+        return tuple(given.tolist())
+
+    def _check_velocity(self, where: str) -> None:
+        rests = bool(self.dwell)
+        if self.velocity is None or isinstance(self.velocity, str):
+            if self.velocity is not None:
+                checks.one_of(f"velocity of {where}", self.velocity, ("rest", "any"))
+            moves = self.velocity == "any"
+        else:
+            size = 3 if self.q is None else len(self.q)
+            given = checks.array(f"velocity of {where}", self.velocity, (size,))
+            object.__setattr__(self, "velocity", tuple(given.tolist()))
+            moves = bool(np.any(given))
+        if rests and moves:
+            raise InputError(f"{where} has a dwell of {self.dwell:g} s, so it is at rest there")
+        if self.blend and (rests or self.payload is not None or self.velocity is not None):
+            raise InputError(f"{where} is a blended corner: no dwell, payload or velocity there")
+
+    @property
+    def free_axis(self) -> int | None:
+        """Index of the tool's axis about which any turn is allowed."""
+        return None if self.free_turn is None else AXES.index(self.free_turn)
+
+    @property
+    def box(self) -> FloatArray | None:
+        """Half widths of the tolerance, one a coordinate or joint; None where it is a ball."""
+        if isinstance(self.tolerance, tuple):
+            return np.array(self.tolerance)
+        size = 3 if self.q is None else len(self.q)
+        return np.zeros(size) if self.tolerance == 0.0 else None
+
+    def pose(self, robot: Robot) -> tuple[FloatArray, FloatArray | None]:
+        """Position [3] and rotation [3,3] of the tool at the middle of its tolerance."""
+        if self.q is not None:
+            tool = np.array(forward_kinematics(robot)(np.array(self.q)))
+            return tool[:3, 3], tool[:3, :3]
+        turned = None if self.orientation is None else np.array(self.orientation)
+        return np.array(self.position), turned
+
+    def named(self, name: str) -> Stop:
+        """The same stop with a name, unless it has one."""
+        return self if self.name else replace(self, name=name)
+
+
+def _rotation(what: str, given: Any) -> tuple[Numbers, ...]:
+    matrix = checks.array(what, given, (3, 3))
+    if np.abs(matrix @ matrix.T - np.eye(3)).max() > 1e-6 or np.linalg.det(matrix) < 0:
+        raise InputError(f"{what} must be a rotation matrix, not {matrix.tolist()}")
+    return tuple(tuple(row) for row in matrix.tolist())
