@@ -323,7 +323,9 @@ def certify(
         stops = list(cast("Sequence[Any]", via_q))
         task = task_of(robot, stops, limits, segments=segments, cycle=cycle)
         return certificate_of_task(task, motion, tolerances)
-    via = None if via_q is None else checks.array("via_q", via_q, (None, count), "rad")
+    via = None
+    if via_q is not None:
+        via = checks.array("via_q", cast("ArrayLike", via_q), (None, count), "rad")
     with deadline.within(time_limit):
         return certificate_of(LimitFamily.of(robot, limits), motion, via, tolerances)
 

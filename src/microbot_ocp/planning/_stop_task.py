@@ -200,6 +200,8 @@ class Task:
         ends = index in (0, len(self.stops) - 1)
         still = rest and self.family.jerk_is_limited and (ends or stop.dwell > 0)
         leaps = rest and (still or not self.family.jerk_is_limited)
+        if not rest and not isinstance(stop.velocity, str | None):
+            leaps = not any(member.order == 3 for member in self.family)
         return EndConditions(q, qd, tuple(rows), still=still, leaps=leaps)
 
 

@@ -1,0 +1,154 @@
+"""Motions through stops: closed forms on a rail, tool lines and branches of a two-link arm."""
+
+import numpy as np
+import pytest
+
+import microbot_ocp as mo
+from planning.shared import arm, slider
+
+Stop = mo.Stop
+QUICK = {"compiled": False, "mesh": 30}
+
+
+@pytest.fixture(scope="module")
+def rail():
+    return slider(mass=2.0, tau_max=4.0, qd_max=10.0)
+
+
+@pytest.fixture(scope="module")
+def two_links():
+    return arm(tau_max=[60.0, 25.0], qd_max=3.0)
+
+
+@pytest.fixture(scope="module")
+def cut(two_links):
+    """Straight along a tool line, then free: with the motion and what it was asked for."""
+    stops = [
+        Stop(position=[1.2, -0.5, 0.0], name="first"),
+        Stop(position=[1.2, 0.5, 0.0], name="second"),
+        Stop(position=[0.6, 1.0, 0.0], tolerance=0.05, name="third"),
+    ]
+    segments = [mo.Line(tolerance=2e-3), None]
+    return mo.time_optimal(two_links, stops, segments=segments, **QUICK), stops, segments
+
+
+def test_a_tolerance_shortens_the_way(rail):
+    for tolerance in (0.1, [0.1]):
+        motion = mo.time_optimal(rail, [[0.0], Stop(q=[1.0], tolerance=tolerance)], **QUICK)
+        assert motion.duration == pytest.approx(2 * np.sqrt(0.9 / 2.0), rel=1e-3)
+
+
+def test_a_cycle_with_a_load_one_way_takes_the_closed_form(rail):
+    stops = [Stop(q=[0.0], payload=2.0, dwell=0.2, name="a"), Stop(q=[1.0], payload=0.0, name="b")]
+    motion = mo.time_optimal(rail, stops, cycle=True, **QUICK)
+    loaded, empty = (2 * np.sqrt(mass / 4.0) for mass in (4.0, 2.0))
+    assert motion.duration == pytest.approx(0.2 + loaded + empty, rel=1e-3)
+    assert [mark.name for mark in motion.marks] == ["a", "b", "a again"]
+    assert motion.marks[1].time == pytest.approx(0.2 + loaded, rel=1e-3)
+    assert mo.certify(rail, motion, via_q=stops, cycle=True).ok
+    heavier = [stops[0], Stop(q=[1.0], payload=0.5, name="b")]
+    refused = mo.certify(rail, motion, via_q=heavier, cycle=True)
+    assert not refused.ok
+    assert "stored torque" in refused.verdict
+
+
+def test_a_velocity_that_is_asked_for_is_the_velocity(rail):
+    motion = mo.time_optimal(rail, [[0.0], Stop(q=[1.0], velocity=[1.0]), [2.0]], **QUICK)
+    assert motion.sample(motion.marks[1].time).qd[0, 0] == pytest.approx(1.0, abs=1e-6)
+    # to 1 m at 1 m/s with 2 m/s^2: up to the peak, down to 1 m/s; back up and down to rest
+    peak = np.sqrt(2.5)
+    assert motion.duration == pytest.approx(2 * (peak / 2 + (peak - 1.0) / 2), rel=1e-3)
+
+
+def test_the_best_order_is_found_and_bounds_leave_others_out(rail):
+    slow = rail.with_limits(qd_max=0.5)
+    motion = mo.time_optimal(slow, [[0.0], [2.0], [1.0], [3.0]], order="free", **QUICK)
+    assert motion.provenance["order"] == [0, 2, 1, 3]
+    assert motion.provenance["orders_left_out"] == 1
+    assert all(o["bound"] <= o["duration"] for o in motion.provenance["orders"])
+
+
+def test_least_effort_in_a_given_time_takes_it_all(rail):
+    motion = mo.time_optimal(rail, [[0.0], [1.0]], duration=2.0, **QUICK)
+    assert motion.solved
+    assert motion.duration == pytest.approx(2.0, rel=1e-6)
+    # least squared force from rest to rest: the acceleration is 6 d/T^2 (1 - 2 t/T)
+    assert motion.tau[0, 0] == pytest.approx(2.0 * 6.0 / 4.0, rel=1e-2)
+    late = mo.time_optimal(rail, [[0.0], [1.0]], duration=1.0, **QUICK)
+    assert late.status is mo.Status.INFEASIBLE
+    assert "cannot be done in 1 s" in late.provenance["advice"]
+
+
+def test_a_tool_line_is_followed_and_certified(two_links, cut):
+    motion, stops, segments = cut
+    assert motion.solved
+    certificate = mo.certify(two_links, motion, via_q=stops, segments=segments)
+    assert certificate.ok, certificate.verdict
+    line = certificate.segment_checks[0]
+    assert line.distance <= 2e-3 * (1 + 1e-3)
+    t = np.linspace(0.0, motion.marks[1].time, 300)
+    tool = np.array(mo.forward_kinematics(two_links).map(300)(motion.sample(t).q.T))
+    assert np.abs(tool[0].reshape(300, 4)[:, 3] - 1.2).max() <= 2e-3 * (1 + 1e-3)
+    narrow = mo.certify(two_links, motion, via_q=stops, segments=[mo.Line(1e-3), None])
+    assert not narrow.ok
+    assert "tool line" in narrow.verdict
+
+
+def test_every_branch_is_tried_and_told(two_links, cut):
+    branches = cut[0].provenance["branches"]
+    assert [entry["taken"] for entry in branches] == [True, False]
+    assert min(entry["duration"] for entry in branches) == branches[0]["duration"]
+
+
+def test_an_arc_goes_through_its_point(two_links):
+    start, end, radius = np.array([1.4, -0.4, 0.0]), np.array([1.4, 0.4, 0.0]), 0.4
+    stops = [Stop(position=start), Stop(position=end)]
+    segments = [mo.Circle(through=[1.0, 0.0, 0.0])]
+    motion = mo.time_optimal(two_links, stops, segments=segments, starts=1, **QUICK)
+    assert mo.certify(two_links, motion, via_q=stops, segments=segments).ok
+    poses = np.array(mo.forward_kinematics(two_links).map(len(motion.t))(motion.q.T))
+    place = poses.reshape(4, -1, 4)[:2, :, 3].T
+    off = np.linalg.norm(place - [1.4, 0.0], axis=1) - radius
+    assert np.abs(off).max() < 1.01e-3
+    assert place[:, 0].min() == pytest.approx(1.0, abs=1.1e-3)
+
+
+@pytest.mark.parametrize(
+    ("stops", "options", "said"),
+    [
+        ([Stop(position=[3, 0, 0], name="far"), [0, 0]], {}, "'far' is out of reach by 1.2e+03 mm"),
+        (
+            [Stop(position=[1.2, -0.5, 0.0], name="a"), Stop(position=[2.0, 0.5, 0.0], name="b")],
+            {"segments": [mo.Line()]},
+            "stop 'b' is out of reach",
+        ),
+        (
+            [Stop(position=[0.1, 1.0, 0.0], name="a"), Stop(position=[0.1, -1.0, 0.0], name="b")],
+            {"segments": [mo.Line()]},
+            "'a' to stop 'b' not reachable from 0.",
+        ),
+        ([[0.0, 0.0], [0.0, 0.0]], {"cycle": True}, "are at the same place"),
+        ([[0.0, 0.0], [1.0, 0.0]], {"segments": []}, "segments must be 1"),
+        ([[0.0, 0.0], [1.0, 0.0]], {"order": "any"}, "order must be one of"),
+    ],
+)
+def test_what_cannot_be_is_said_in_words_of_the_task(two_links, stops, options, said):
+    with pytest.raises(mo.InputError) as problem:
+        mo.time_optimal(two_links, stops, **options, **QUICK)
+    assert said in str(problem.value)
+
+
+@pytest.mark.parametrize(
+    ("keys", "said"),
+    [
+        ({}, "either q or a position"),
+        ({"q": [0.0], "dwell": 1.0, "velocity": "any"}, "so it is at rest"),
+        ({"position": [0, 0, 0], "free_turn": "z"}, "no orientation"),
+        ({"position": [0, 0, 0], "orientation": np.ones((3, 3))}, "rotation matrix"),
+        ({"q": [0.0], "tolerance": -1.0}, "at least 0"),
+        ({"q": [0.0], "payload": -1.0}, "mass of the payload"),
+    ],
+)
+def test_a_stop_that_says_nothing_sensible_is_refused(keys, said):
+    with pytest.raises(mo.InputError, match=said):
+        Stop(**keys)
