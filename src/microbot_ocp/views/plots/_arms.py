@@ -36,7 +36,8 @@ def arms(
     ----------
     robot : Robot
     poses : mapping from a label to array_like [n]
-        Joint positions, rad (prismatic: m).
+        Joint positions, rad (prismatic: m). Of poses that give one shape the first is wide, and the
+        others lie dashed over it.
     axes : Axes3D, optional
         Default a new figure.
     title : str
@@ -64,9 +65,16 @@ def arms(
     panel: Any = page.axes[0, 0]
     if not isinstance(panel, Axes3D):
         raise checks.InputError("axes must be three-dimensional, projection='3d'")
+    alike = np.abs(drawn_arms[:, None] - drawn_arms).max(axis=(2, 3)) < 1e-3 * scene.reach(robot)
     for place, (label, arm) in enumerate(zip(poses, drawn_arms, strict=True)):
         color, dashes = look(place)
-        panel.plot(*arm.T, color=color, linestyle=dashes, linewidth=3.0, marker="o", label=label)
+        hidden = int(alike[place, place + 1 :].sum())  # arms of the same shape lie over each other
+        covering = bool(alike[place, :place].any())
+        panel.plot(
+            *arm.T, color=color, linestyle=dashes if covering else "solid", marker="o",
+            linewidth=2.5 + 4.0 * hidden, markersize=6.0 + 3.0 * hidden, label=label,
+            zorder=3 + place,
+        )  # fmt: skip
     drawn = drawn_arms.reshape(-1, 3)
     if point is not None:
         panel.plot(*point[:, None], "k*", markersize=13, zorder=8, label="target")

@@ -131,7 +131,8 @@ def _draw_use(axes: Axes, history: LimitHistory, quantity: str, switches: Sequen
     axes.axhline(100.0, color=LIMIT_COLOR, linestyle="--", linewidth=1.0, zorder=4, label="_limit")
     axes.axhspan(100.0, top, color="0.5", alpha=0.18, linewidth=0, zorder=1)
     axes.set_ylim(0.0, top)
-    axes.set_yticks([0, 25, 50, 75, 100])
+    step = next((step for step in (25, 50, 100) if top <= 5.5 * step), 100 * round(top / 500))
+    axes.set_yticks(sorted({100, *range(0, int(top), step)}))
     axes.set_ylabel(f"{textwrap.fill(member.name, 20)} [%]")
 
 

@@ -6,7 +6,8 @@ pyplot is never imported: no global state keeps a figure alive.
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,11 +16,17 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import Collection
+from matplotlib.colors import to_rgba, to_rgba_array
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
+from matplotlib.text import Text
 from mpl_toolkits.mplot3d import Axes3D
 
+from microbot_ocp._base import checks
 from microbot_ocp._base.checks import InputError
 from microbot_ocp._base.showing import DrawnAxes, GivenAxes
 from microbot_ocp._base.writing import write_whole
@@ -58,6 +65,9 @@ _STYLE: dict[Any, Any] = {
     **{key: v for key, v in matplotlib.rcParamsDefault.items() if key.split(".")[0] in _LOOKS},
     **SETTINGS,
 }
+
+DARK_PAPER, DARK_INK = 0.075, 0.92  # grey levels that white and black become
+NEUTRAL = 0.03  # difference of red, green and blue up to which a colour counts as grey
 
 Drawn = Figure | Axes | np.ndarray | DrawnAxes
 
@@ -263,13 +273,15 @@ def save(
     ]
 
 
-def write(drawn: Drawn, path: str | Path, **options: Any) -> Path:
+def write(drawn: Drawn, path: str | Path, theme: str = "light", **options: Any) -> Path:
     """Write one figure; the ending of the path says how (``.png``, ``.pdf``, ``.svg``).
 
     Parameters
     ----------
     drawn : Figure, Axes or array of Axes
     path : str or Path
+    theme : str
+        "light" as it was drawn, or "dark": greys, black and white change places, for a dark page.
     **options
         For ``Figure.savefig``, such as ``dpi``; default 150 dots an inch.
 
@@ -281,9 +293,10 @@ def write(drawn: Drawn, path: str | Path, **options: Any) -> Path:
     Raises
     ------
     InputError
-        Nothing to draw.
+        Nothing to draw; another ending or theme.
     """
     target = Path(path)
+    checks.one_of("theme", theme, ("light", "dark"))
     figure, stream = figure_of(drawn), io.BytesIO()
     format = options.pop("format", target.suffix[1:].lower() or "png")
     known = figure.canvas.get_supported_filetypes()
@@ -291,6 +304,51 @@ def write(drawn: Drawn, path: str | Path, **options: Any) -> Path:
         raise InputError(f"path must end in one of {', '.join(known)}, not {target.suffix!r}")
     undated = {"CreationDate": None} if format == "pdf" else None  # same figure, same file
     settings = {"dpi": PNG_DPI, "metadata": undated, **options}
-    with styled():
+    with styled(), darkened(figure) if theme == "dark" else nullcontext():
         figure.savefig(stream, format=format, **settings)
     return write_whole(target, stream.getvalue())
+
+
+@contextmanager
+def darkened(figure: Figure) -> Iterator[None]:
+    """The figure with light greys for dark ones and the other way round; colours stay.
+
+    The colours of the palette are told apart on both. What was changed is put back at the end.
+    """
+    undo = []
+    for artist in dict.fromkeys(figure.findobj()):  # some are found twice
+        for name in _colored_parts(artist):
+            old = getattr(artist, f"get_{name}")()
+            if isinstance(old, str) and old in ("auto", "none", "face"):
+                continue
+            undo.append((artist, name, old))
+            many = not isinstance(old, str) and np.ndim(old) == 2
+            getattr(artist, f"set_{name}")(_turned(old) if many else _turned([old])[0])
+        effects = artist.get_path_effects()
+        if effects:
+            undo.append((artist, "path_effects", effects))
+            artist.set_path_effects([withStroke(linewidth=2.5, foreground=str(DARK_PAPER))])
+    try:
+        yield
+    finally:
+        for artist, name, old in undo:
+            getattr(artist, f"set_{name}")(old)
+
+
+def _colored_parts(artist: Any) -> tuple[str, ...]:
+    if isinstance(artist, Text):
+        return ("color",)
+    if isinstance(artist, Line2D):
+        return ("color", "markeredgecolor", "markerfacecolor")
+    if isinstance(artist, Patch | Collection):
+        return ("facecolor", "edgecolor")
+    return ()
+
+
+def _turned(colors: Any) -> np.ndarray:
+    """Colours [N,4] with the lightness of greys turned round."""
+    rgba = to_rgba_array([to_rgba(color) for color in colors])
+    grey = np.ptp(rgba[:, :3], axis=1) < NEUTRAL
+    level = rgba[grey, :3].mean(axis=1, keepdims=True)
+    rgba[grey, :3] = DARK_INK + (DARK_PAPER - DARK_INK) * level
+    return rgba

@@ -168,11 +168,13 @@ def _draw_projection(
         axes.plot(*project(robot, motion.q, tool), label=style.title, **_path_line(style))
     across, up = project(robot, via_q, _tool_positions(comparison, via_q))
     axes.plot(across, up, "o", color="black", markersize=6, zorder=7, label="_via")
+    drawn = np.concatenate([line.get_ydata() for line in axes.get_lines()])
+    ceiling = drawn.max() - 0.15 * np.ptp(drawn)  # above it a number could reach the title
     for number, place in enumerate(zip(across, up, strict=True), start=1):
         axes.annotate(
             str(number),
             place,
-            xytext=(6, 5),
+            xytext=(6, -13 if place[1] > ceiling else 5),
             textcoords="offset points",
             fontsize=10,
             fontweight="bold",

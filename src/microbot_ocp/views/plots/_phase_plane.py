@@ -20,7 +20,7 @@ from microbot_ocp.views.plots._page import HALO, WARNING_COLOR, axes_page, style
 from microbot_ocp.views.plots._style import JOINT_COLORS
 
 SIZE = (9.6, 6.2)  # inches
-ROOM = 1.35  # height of the axes over the largest speed
+ROOM, MOST_ROOM = 1.35, 2.0  # height of the axes over the largest speed, least and most
 ENDS = 0.02  # share of the path at each end where its parameter may run off
 FURTHER_DASHES: Any = (0.0, (8.0, 1.0, 2.0, 1.0))  # of limits beside the joints'
 DASHES: dict[tuple[str, int], Any] = {
@@ -108,11 +108,18 @@ def limit_name(robot: Robot, limit: PathLimit | None) -> str:
 
 
 def _top(plane: PhasePlane) -> float:
+    """Room for the profile, and for the bounds as far as they are not much above it."""
     span = plane.s[-1] - plane.s[0]
     inner = (plane.s > plane.s[0] + ENDS * span) & (plane.s < plane.s[-1] - ENDS * span)
     shown = plane.speed[inner] if plane.feasible else plane.bound[inner]
     shown = shown[np.isfinite(shown)]
-    return ROOM * float(shown.max()) if shown.size else 1.0
+    if not shown.size:
+        return 1.0
+    bounds = np.concatenate([plane.torque_bound[inner], plane.velocity_bound[inner]])
+    bounds = bounds[np.isfinite(bounds)]
+    highest = 1.05 * float(bounds.max()) if bounds.size else 0.0
+    peak = float(shown.max())
+    return min(max(ROOM * peak, highest), MOST_ROOM * peak)
 
 
 def _draw_bounds(axes: Axes, robot: Robot, plane: PhasePlane, top: float) -> list[Any]:

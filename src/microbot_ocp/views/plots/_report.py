@@ -31,6 +31,7 @@ SHOWN_JOINTS = 4  # columns of curves
 SMALL = 6.8  # points
 MARGINS = (0.06, 0.03, 0.88, 0.94)  # left, bottom, width, height, as printers leave them
 LINE_WIDTH = 142  # characters of small text on the page
+TABLE_WIDTH = 100  # characters of the table in its own size
 HEAD_WIDTH, HEAD_COLUMN = 80, 11  # characters of the table's heads on one line, and else of each
 MAIN_LIMITS = ("q", "qd", "tau")  # listed even where there are none
 
@@ -167,7 +168,7 @@ def _draw_table(axes: Axes, comparison: Comparison) -> None:
         bbox=[0.0, 0.0, 1.0, 1.0],  # pyright: ignore[reportArgumentType]
     )  # fmt: skip
     table.auto_set_font_size(False)
-    table.set_fontsize(SMALL + 0.4)
+    table.set_fontsize((SMALL + 0.4) * min(1.0, TABLE_WIDTH / sum(lengths)))
     for (row, column), cell in table.get_celld().items():
         cell.set_linewidth(0.4)
         cell.set_text_props(ha="left" if column in (1, certificate) else "right")
@@ -207,12 +208,15 @@ def _draw_curves(figure: Figure, place: Any, comparison: Comparison, chosen: lis
         word = {"qd": "velocity", "tau": "torque"}[quantity]
         row[0].set_ylabel(f"{word} [{unit}]" if alike else word, fontsize=7.5)
     for panel, joint in zip(panels[0], joints, strict=True):
-        panel.set_title(robot.joint_names[joint], loc="left", fontsize=8.5, fontweight="bold")
+        pad = 13.0 if panel.texts else 6.0  # above a limit that is named there
+        panel.set_title(
+            robot.joint_names[joint], loc="left", fontsize=8.5, fontweight="bold", pad=pad
+        )
     for panel in panels[1]:
         panel.set_xlabel("t [s]", fontsize=7.5)
     if len(joints) < count:
         panels[0][0].annotate(
-            f"the {len(joints)} joints nearest to their limits", (0, 1), xytext=(0, 20),
+            f"the {len(joints)} joints nearest to their limits", (0, 1), xytext=(0, 26),
             xycoords="axes fraction", textcoords="offset points", fontsize=SMALL, ha="left",
         )  # fmt: skip
 
