@@ -1,7 +1,8 @@
 """Run the benchmarks named on the command line, or all of them, and print one table each.
 
 ``python -m benchmarks suite`` solves the suite of published problems, ``python -m benchmarks
-torture`` random tasks by seed; see their own ``--help``.
+torture`` random tasks by seed, ``python -m benchmarks scenes`` those among obstacles; see their own
+``--help``.
 """
 
 import argparse
@@ -25,8 +26,8 @@ def main() -> None:
     if sys.argv[1:2] == ["suite"]:
         importlib.import_module("benchmarks.suite.runner").main(sys.argv[2:])
         return
-    if sys.argv[1:2] == ["torture"]:
-        importlib.import_module("benchmarks.torture").main(sys.argv[2:])
+    if sys.argv[1:2] in (["torture"], ["scenes"]):
+        importlib.import_module(f"benchmarks.{sys.argv[1]}").main(sys.argv[2:])
         return
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join(BENCHMARKS))

@@ -27,6 +27,7 @@ ORDER = (
     "limits",
     "robot",
     "motion",
+    "scene",
     "inverse_kinematics",
     "trajectories",
     "simulation",

@@ -93,6 +93,7 @@ from .robot import (
     gravity_torque as gravity_torque,
     inverse_dynamics as inverse_dynamics,
     jacobian as jacobian,
+    link_capsules as link_capsules,
     load_robot as load_robot,
     mass_matrix as mass_matrix,
     mass_matrix_condition as mass_matrix_condition,
@@ -101,6 +102,17 @@ from .robot import (
     velocity_propagation as velocity_propagation,
     write_toml as write_toml,
     write_urdf as write_urdf,
+)
+from .scene import (
+    Box as Box,
+    Clearance as Clearance,
+    ConvexMesh as ConvexMesh,
+    Cylinder as Cylinder,
+    HalfSpace as HalfSpace,
+    Scene as Scene,
+    Sphere as Sphere,
+    clearance as clearance,
+    read_scene as read_scene,
 )
 from .simulation import (
     ComputedTorque as ComputedTorque,

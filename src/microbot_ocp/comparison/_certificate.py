@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
@@ -37,6 +37,7 @@ from microbot_ocp.motion import (
 )
 from microbot_ocp.planning import Segment, Stop, is_task, task_of
 from microbot_ocp.robot import JointLimits, Limits, Robot, mass_matrix_condition
+from microbot_ocp.scene import Clearance, Scene, clearance, has_coal
 
 if TYPE_CHECKING:
     from microbot_ocp.comparison._task_certificate import SegmentCheck
@@ -168,6 +169,8 @@ class Certificate:
         One for every via point given; for a stop by how much it is missed beyond its tolerances.
     segment_checks : tuple of SegmentCheck
         One for every tool line, circle and joint line.
+    clearance : Clearance or None
+        From a scene, where one was given.
     wall_time : float
         What the certificate took, s.
     """
@@ -202,6 +205,7 @@ class Certificate:
     between_samples_time: float = np.nan
     via_checks: tuple[ViaCheck, ...] = ()
     segment_checks: tuple[SegmentCheck, ...] = ()
+    clearance: Clearance | None = None
     wall_time: float = np.nan
 
     def __repr__(self) -> str:
@@ -237,6 +241,7 @@ def certify(
     via_q: ArrayLike | Sequence[Stop] | None = None,
     segments: Sequence[Segment] | None = None,
     cycle: bool = False,
+    scene: Scene | None = None,
     limit_tolerance: float = LIMIT_TOLERANCE,
     position_tolerance: float = 1e-3,
     torque_tolerance: float = 1e-5,
@@ -260,6 +265,9 @@ def certify(
       determine the acceleration. The certificate names the direction, and judges by inverse
       dynamics there.
 
+    - Clearance, where a scene is given: proved between samples, too, by :func:`clearance`, with
+      distances by coal. Without coal it is not proved, and the certificate does not pass.
+
     Of a robot without masses the limits of position, velocity, acceleration and jerk, the via
     points and whether its samples belong together are checked, and the verdict says so.
 
@@ -275,6 +283,8 @@ def certify(
         and within its tolerances.
     segments, cycle
         As of :func:`microbot_ocp.time_optimal`.
+    scene : Scene, optional
+        Obstacles that the motion must keep clear of.
     limit_tolerance : float
         Relative violation of a limit that still passes.
     position_tolerance : float
@@ -322,12 +332,40 @@ def certify(
 
         stops = list(cast("Sequence[Any]", via_q))
         task = task_of(robot, stops, limits, segments=segments, cycle=cycle)
-        return certificate_of_task(task, motion, tolerances)
+        made = certificate_of_task(task, motion, tolerances)
+        return made if scene is None else with_clearance(made, robot, motion, scene)
     via = None
     if via_q is not None:
         via = checks.array("via_q", cast("ArrayLike", via_q), (None, count), "rad")
     with deadline.within(time_limit):
-        return certificate_of(LimitFamily.of(robot, limits), motion, via, tolerances)
+        made = certificate_of(LimitFamily.of(robot, limits), motion, via, tolerances)
+        return made if scene is None else with_clearance(made, robot, motion, scene)
+
+
+def with_clearance(
+    certificate: Certificate, robot: Robot, motion: Motion, scene: Scene
+) -> Certificate:
+    """A certificate with the clearance of its motion from a scene: passed only where proved."""
+    if not has_coal():
+        return replace(
+            certificate,
+            ok=False,
+            verdict=_with_sentence(certificate, "clearance is not proved: that needs coal", False),
+        )
+    found = clearance(robot, motion, scene)
+    return replace(
+        certificate,
+        ok=certificate.ok and found.proved,
+        verdict=_with_sentence(certificate, found.sentence, found.proved),
+        clearance=found,
+        wall_time=certificate.wall_time + found.wall_time,
+    )
+
+
+def _with_sentence(certificate: Certificate, sentence: str, kept: bool) -> str:
+    if certificate.ok and not kept:
+        return f"Failed: {sentence}."
+    return f"{certificate.verdict.removesuffix('.')}; {sentence}."
 
 
 def certificate_of(

@@ -11,6 +11,7 @@ from ._motion import (
     SAMPLE_STEP as SAMPLE_STEP,
     Mark as Mark,
     Motion as Motion,
+    pieces_of as pieces_of,
     sample_times as sample_times,
     torque_along as torque_along,
 )

@@ -366,13 +366,22 @@ def sample_times(breaks: FloatArray, jumps: FloatArray, step: float) -> FloatArr
     return np.append(np.concatenate(pieces), breaks[-1])
 
 
-def _quintic(motion: Motion, i: np.ndarray, local: FloatArray) -> tuple[FloatArray, ...]:
-    """Quintic Hermite interpolation in interval i at ``local`` seconds after its start."""
-    h = motion.t[i + 1] - motion.t[i]
-    x = local[:, None]
-    start, end = (State(motion.q[k], motion.qd[k], motion.qdd[k]) for k in (i, i + 1))
+def pieces_of(motion: Motion, i: np.ndarray | None = None) -> FloatArray:
+    """Coefficients [N-1,6,n] of the polynomials between samples, lowest power of the time first.
+
+    ``i`` chooses some of them.
+    """
+    first = np.arange(motion.t.size - 1) if i is None else i
+    h = motion.t[first + 1] - motion.t[first]
+    start, end = (State(motion.q[k], motion.qd[k], motion.qdd[k]) for k in (first, first + 1))
     c = quintic_between(start, end, h)
     c[h <= 2 * JUMP_GAP, 3:] = 0.0  # inside a jump the earlier acceleration goes on
+    return c
+
+
+def _quintic(motion: Motion, i: np.ndarray, local: FloatArray) -> tuple[FloatArray, ...]:
+    """Quintic Hermite interpolation in interval i at ``local`` seconds after its start."""
+    x, c = local[:, None], pieces_of(motion, i)
     q = c[:, 0] + x * (c[:, 1] + x * (c[:, 2] + x * (c[:, 3] + x * (c[:, 4] + x * c[:, 5]))))
     qd = c[:, 1] + x * (2 * c[:, 2] + x * (3 * c[:, 3] + x * (4 * c[:, 4] + x * 5 * c[:, 5])))
     qdd = 2 * c[:, 2] + x * (6 * c[:, 3] + x * (12 * c[:, 4] + x * 20 * c[:, 5]))

@@ -1,5 +1,10 @@
 """Public names; loaded when they are first asked for."""
 
+from ._among_obstacles import (
+    TimedPath as TimedPath,
+    reach_of as reach_of,
+    timed_paths as timed_paths,
+)
 from ._fast_timing import (
     PathTiming as PathTiming,
     time_path as time_path,

@@ -71,6 +71,7 @@ from microbot_ocp.planning._task import (
     with_locked_joints_held,
 )
 from microbot_ocp.robot import Robot
+from microbot_ocp.scene import Scene
 
 EXPLORE_MESH = 20  # intervals a phase for the first look at every start
 SWING_MESH = 30  # the same of swings, which take longer
@@ -153,6 +154,7 @@ def time_optimal(
     cycle: bool = False,
     order: str = "given",
     duration: float | None = None,
+    scene: Scene | None = None,
     settings: TimeOptimalSettings | None = None,
     progress: StepProgress | None = None,
     **changes: Any,
@@ -184,6 +186,10 @@ def time_optimal(
     duration : float, optional
         Time that may be taken, s: of all motions that take no longer the one of least effort, as
         with ``slack``.
+    scene : Scene, optional
+        Obstacles that the arm keeps clear of, its links among each other besides; needs the extra
+        ``cell``. The provenance holds the proved clearance, and the timed paths that it started
+        from; with stops or segments it starts from the motion that heeds no obstacle.
     settings : TimeOptimalSettings, optional
         Single settings may be given as keywords instead: ``mesh``, ``starts``, ``tries``,
         ``slack``, ``limit_tolerance``, ``switching_times``, ``solver``, ``compiled``, ``seed``,
@@ -219,9 +225,19 @@ def time_optimal(
 
         stops = list(cast("Sequence[Any]", via_q))
         plan = stops, segments, cycle, order, duration
+        if scene is not None:
+            from microbot_ocp.planning._among_obstacles import stops_among
+
+            return stops_among(robot, limits, plan, scene, chosen, progress or quiet)
         return solve_stops(robot, limits, *plan, chosen, progress or quiet)
     family = check_limits(robot, limits)
-    return fastest_motion(family, check_via(family, via_q), chosen, progress or quiet)
+    via = check_via(family, via_q)
+    if scene is not None:
+        from microbot_ocp.planning._among_obstacles import fastest_among
+
+        with deadline.within(chosen.time_limit):
+            return fastest_among(family, via, scene, chosen, progress or quiet)
+    return fastest_motion(family, via, chosen, progress or quiet)
 
 
 def fastest_motion(

@@ -1,8 +1,8 @@
 """Public names; loaded when they are first asked for."""
 
 from ._capsules import (
-    Capsule as Capsule,
     fit_capsules as fit_capsules,
+    link_capsules as link_capsules,
 )
 from ._dynamics import (
     COULOMB_SMOOTHING as COULOMB_SMOOTHING,
@@ -24,6 +24,7 @@ from ._kinematics import (
     forward_kinematics as forward_kinematics,
     frame_origins as frame_origins,
     jacobian as jacobian,
+    link_poses as link_poses,
     velocity_propagation as velocity_propagation,
 )
 from ._links import (
@@ -40,6 +41,7 @@ from ._motion_state import (
     MotionState as MotionState,
 )
 from ._shapes import (
+    Capsule as Capsule,
     Mesh as Mesh,
     Shape as Shape,
     read_mesh as read_mesh,

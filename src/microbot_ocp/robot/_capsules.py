@@ -8,7 +8,7 @@ is that of the smallest enclosing circle; along it, the segment is the shortest 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -16,53 +16,14 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
-from microbot_ocp.robot._model import Robot
-from microbot_ocp.robot._shapes import ROLES, Role, Shape, read_mesh
+from microbot_ocp.robot._model import Robot, dh_transform
+from microbot_ocp.robot._shapes import ROLES, Capsule, Role, Shape, read_mesh
 
 SIDES = 32  # of the polygon around a circle
 DIRECTIONS = 400  # in which a sphere is sampled, and points are searched for the outermost
 SPHERE_SLACK = 1.02  # points this far out span a polyhedron that holds the sphere
+SLENDER = 1 / 30  # of the total length of all links: their radius where none is given
 FINEST = 1e-3  # rad: last step of the search for the direction
-
-
-@dataclass(frozen=True, eq=False)
-class Capsule:
-    """All points within ``radius`` of the segment from ``start`` to ``end``.
-
-    Parameters
-    ----------
-    start, end : array_like [3]
-        Ends of the segment, m; a sphere where they are the same.
-    radius : float
-        m.
-
-    Raises
-    ------
-    InputError
-        A negative radius, anything not finite.
-    """
-
-    start: FloatArray
-    end: FloatArray
-    radius: float
-
-    def __post_init__(self) -> None:
-        put = object.__setattr__
-        for name in ("start", "end"):
-            put(self, name, checks.array(f"{name} of the capsule", getattr(self, name), (3,), "m"))
-        put(self, "radius", checks.number("radius of the capsule", self.radius, "m", at_least=0.0))
-
-    @property
-    def volume(self) -> float:
-        """m^3."""
-        return _volume(self.radius, float(np.linalg.norm(self.end - self.start)))
-
-    def distance(self, points: ArrayLike) -> FloatArray:
-        """Distance [N] of points [N,3] from the surface, m; negative inside."""
-        places, along = np.asarray(points, dtype=float) - self.start, self.end - self.start
-        square = along @ along
-        share = np.clip(places @ along / square, 0.0, 1.0) if square else np.zeros(len(places))
-        return np.linalg.norm(places - share[:, None] * along, axis=1) - self.radius
 
 
 def fit_capsules(robot: Robot, role: Role = "collision") -> dict[int, tuple[Capsule, ...]]:
@@ -92,8 +53,75 @@ def fit_capsules(robot: Robot, role: Role = "collision") -> dict[int, tuple[Caps
         if shape.role == role:
             by_link.setdefault((shape.frame, shape.link), []).append(shape)
     found: dict[int, tuple[Capsule, ...]] = {}
-    for (frame, _), shapes in sorted(by_link.items()):
-        found[frame] = (*found.get(frame, ()), _around(shapes))
+    for (frame, link), shapes in sorted(by_link.items()):
+        capsule = replace(_around(shapes), name=link)
+        found[frame] = (*found.get(frame, ()), capsule)
+    return found
+
+
+def link_capsules(robot: Robot, radius: ArrayLike | None = None) -> dict[int, tuple[Capsule, ...]]:
+    """Capsules along the links of a robot of which only the DH rows are known.
+
+    They go from the origin of a frame along the common normal to the next axis, and along that to
+    the next origin, as most links do; the last one goes straight to the tool. A prismatic joint has
+    one about its sliding part, as long as its travel.
+
+    Parameters
+    ----------
+    robot : Robot
+    radius : float or array_like [n+1], optional
+        Of all, or from the base to the last link, m; default a thirtieth of their total length.
+
+    Returns
+    -------
+    dict
+        As :func:`fit_capsules`. Coinciding origins have none between them.
+
+    Raises
+    ------
+    InputError
+        A radius that is not positive, a prismatic joint without limits of its position.
+
+    Examples
+    --------
+    >>> import microbot_ocp as mo
+    >>> capsules = mo.link_capsules(mo.load_robot("planar_2r"), 0.05)
+    >>> {frame: len(found) for frame, found in capsules.items()}
+    {1: 1, 2: 1}
+    """
+    count = robot.joint_count
+    segments: list[tuple[int, FloatArray, FloatArray]] = []
+    before = robot.base
+    for joint in range(count):
+        slides = robot.joint_types[joint] == "prismatic"
+        low, high = (float(side[joint]) for side in robot.limits.bounds("q"))
+        if slides and not np.isfinite(high - low):
+            raise InputError(
+                f"joint {robot.joint_names[joint]!r} slides without limits of its position: give "
+                "the capsules of its links by robot.with_capsules"
+            )
+        row = (robot.alpha[joint], robot.a[joint], robot.d[joint] + (low if slides else 0.0))
+        step = before @ dh_transform(*row, robot.theta_offset[joint], robot.beta[joint])
+        bend = before[:3, 3] + robot.a[joint] * before[:3, 0]
+        segments += [(joint, before[:3, 3], bend), (joint, bend, step[:3, 3])]
+        if slides:
+            segments.append((joint + 1, np.array([0.0, 0.0, low - high]), np.zeros(3)))
+        before = np.eye(4)
+    segments.append((count, np.zeros(3), robot.tool[:3, 3]))
+    lengths = [float(np.linalg.norm(end - start)) for _, start, end in segments]
+    total = sum(lengths)
+    default = total * SLENDER if radius is None else radius
+    given = np.broadcast_to(checks.array("radius", np.atleast_1d(default), (None,), "m"), count + 1)
+    if (given <= 0).any():
+        raise InputError(f"radius must be above 0 m, not {given.min():g}")
+    found: dict[int, tuple[Capsule, ...]] = {}
+    for (frame, start, end), length in zip(segments, lengths, strict=True):
+        if length > 1e-9 * total:
+            name = (robot.links[frame - 1].name if frame and robot.links else None) or (
+                f"link {frame}" if frame else "base"
+            )
+            capsule = Capsule(start, end, float(given[frame]), name)
+            found[frame] = (*found.get(frame, ()), capsule)
     return found
 
 
@@ -148,10 +176,6 @@ def _directions() -> FloatArray:
 def _outermost(points: FloatArray) -> FloatArray:
     """The points that lie farthest in any of many directions."""
     return points[np.unique(np.argmax(points @ _directions().T, axis=0))]
-
-
-def _volume(radius: float, length: float) -> float:
-    return np.pi * radius**2 * (length + 4 / 3 * radius)
 
 
 def _downhill(points: FloatArray, direction: FloatArray) -> FloatArray:

@@ -138,6 +138,15 @@ def forward_kinematics(
 
 
 @lru_cache(maxsize=64)
+def link_poses(robot: Robot, *, compiled: bool = False) -> ca.Function:
+    """Poses of the base and link frames 1 to n side by side: ``(q[n]) -> poses[4, 4 (n+1)]``."""
+    q = ca.SX.sym("q", robot.joint_count)
+    poses = [ca.SX.eye(4), *(_homogeneous(*frame) for frame in _frames(robot, q)[:-1])]
+    function = ca.Function("link_poses", [q], [ca.densify(ca.horzcat(*poses))], ["q"], ["poses"])
+    return maybe_compiled(function, compiled)
+
+
+@lru_cache(maxsize=64)
 def frame_origins(robot: Robot, *, compiled: bool = False) -> ca.Function:
     """Origins of the base, every link frame and the tool: ``(q[n]) -> origins[3, n+2]``, m."""
     q = ca.SX.sym("q", robot.joint_count)

@@ -13,7 +13,7 @@ positioning accuracy of robot manipulators*, Journal of Robotic Systems 2); else
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal, Unpack
 
@@ -25,7 +25,7 @@ from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.showing import view_for
 from microbot_ocp.limits import JOINT_QUANTITIES, JointLimits, LimitChanges, Limits
 from microbot_ocp.robot._links import Link, Rotor
-from microbot_ocp.robot._shapes import Shape
+from microbot_ocp.robot._shapes import Capsule, Shape
 
 if TYPE_CHECKING:
     from microbot_ocp.robot._motion_state import MotionState
@@ -79,6 +79,7 @@ class Robot:
     description: str = ""
     base: FloatArray = field(default_factory=_identity)
     shapes: tuple[Shape, ...] = ()
+    capsules: tuple[tuple[int, Capsule], ...] = ()
     _digest: str = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -331,6 +332,83 @@ class Robot:
         loaded = replace(last, mass=total, center_of_mass=center, inertia=whole)
         return self.with_links([*self.links[:-1], loaded])
 
+    def with_capsules(self, capsules: Mapping[Any, Sequence[Capsule]]) -> Robot:
+        """Return the same robot with these capsules around its links: what may touch obstacles.
+
+        Parameters
+        ----------
+        capsules : mapping
+            Frame, 0 for the base and 1 to n for the links, or the name of a link, to the capsules
+            that are rigid in it, in its frame. :func:`~microbot_ocp.fit_capsules` and
+            :func:`~microbot_ocp.link_capsules` make such.
+
+        Raises
+        ------
+        InputError
+            A link that the robot does not have, what is no capsule.
+
+        Examples
+        --------
+        >>> import microbot_ocp as mo
+        >>> robot = mo.load_robot("planar_2r")
+        >>> padded = robot.with_capsules({2: [mo.Capsule([0, 0, 0], [0.3, 0, 0], 0.05)]})
+        >>> padded.capsules[0][0], padded.capsules[0][1].name
+        (2, 'link 2')
+        """
+        numbers = {link.name: k + 1 for k, link in enumerate(self.links) if link.name}
+        found: list[tuple[int, Capsule]] = []
+        for key, entries in capsules.items():
+            frame = numbers.get(key, key) if isinstance(key, str) else key
+            if not isinstance(frame, int | np.integer) or not 0 <= frame <= self.joint_count:
+                raise InputError(
+                    f"capsules must be of frames 0 (base) to {self.joint_count} or links "
+                    f"{sorted(numbers)}, not {key!r}"
+                )
+            usual = f"link {frame}" if frame else "base"
+            for entry in entries:
+                if not isinstance(entry, Capsule):
+                    raise InputError(f"capsules of {key!r} must be mo.Capsule, not {entry!r}")
+                named = entry if entry.name else replace(entry, name=usual)
+                found.append((int(frame), named))
+        found.sort(key=lambda pair: pair[0])
+        return replace(self, capsules=tuple(found))
+
+    def with_part(self, *capsules: Capsule) -> Robot:
+        """Return the same robot with a part in its gripper, which may touch obstacles, too.
+
+        Its mass is another matter: :meth:`with_payload`.
+
+        Parameters
+        ----------
+        capsules : Capsule
+            Around the part, in the tool frame, m; a sphere is a capsule without length. Without a
+            name they are called "part".
+
+        Raises
+        ------
+        InputError
+            What is no capsule, or a robot without capsules of its own.
+
+        Examples
+        --------
+        >>> import microbot_ocp as mo
+        >>> robot = mo.load_robot("planar_2r")
+        >>> robot = robot.with_capsules(mo.link_capsules(robot))
+        >>> robot.with_part(mo.Capsule([0, 0, 0], [0.1, 0, 0], 0.05)).capsules[-1][1].name
+        'part'
+        """
+        if not self.capsules:
+            raise InputError("a robot needs capsules of its own first: robot.with_capsules(...)")
+        turn, shift = self.tool[:3, :3], self.tool[:3, 3]
+        held = []
+        for entry in capsules:
+            if not isinstance(entry, Capsule):
+                raise InputError(f"a part must be made of mo.Capsule, not {entry!r}")
+            start, end = (turn @ end + shift for end in (entry.start, entry.end))
+            named = Capsule(start, end, entry.radius, entry.name or "part")
+            held.append((self.joint_count, named))
+        return replace(self, capsules=(*self.capsules, *held))
+
     def with_gravity(self, gravity: ArrayLike) -> Robot:
         """Return the same robot under another gravity vector [3], m/s^2, in the base frame."""
         return replace(self, gravity=checks.array("gravity", gravity, (3,), "m/s^2"))
@@ -353,6 +431,9 @@ class Robot:
             arrays.append(self.base)
         if self.beta.any():
             arrays.append(self.beta)
+        for frame, capsule in self.capsules:
+            digest.update(capsule.name.encode())
+            arrays += [np.array([frame, capsule.radius]), capsule.start, capsule.end]
         for item in arrays:
             digest.update(np.ascontiguousarray(item, dtype=float).tobytes())
         return digest.hexdigest()

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import casadi as ca
 
 from microbot_ocp.robot._dynamics import inverse_dynamics, torque_and_rate
-from microbot_ocp.robot._kinematics import forward_kinematics, jacobian
+from microbot_ocp.robot._kinematics import forward_kinematics, jacobian, link_poses
 
 if TYPE_CHECKING:
     from microbot_ocp.robot._model import Robot
@@ -63,8 +63,7 @@ class MotionState:
     @cached_property
     def link_poses(self) -> tuple[Any, ...]:
         """Poses [4,4] of the base and every link frame."""
-        frames = range(self.robot.joint_count + 1)
-        return tuple(forward_kinematics(self.robot, k)(self.q) for k in frames)
+        return tuple(ca.horzsplit(link_poses(self.robot)(self.q), 4))
 
     @cached_property
     def tool_velocity(self) -> Any:

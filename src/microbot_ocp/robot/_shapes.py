@@ -7,6 +7,7 @@ from functools import lru_cache
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
@@ -82,6 +83,54 @@ class Shape:
             raise InputError(f"{label} must have a path if it is a mesh, and only then")
         if self.color is not None:
             put(self, "color", tuple(checks.array(f"color of {label}", self.color, (4,)).tolist()))
+
+
+@dataclass(frozen=True, eq=False)
+class Capsule:
+    """All points within ``radius`` of the segment from ``start`` to ``end``.
+
+    Parameters
+    ----------
+    start, end : array_like [3]
+        Ends of the segment, m; a sphere where they are the same.
+    radius : float
+        m.
+    name : str
+        Of the link or the obstacle, for messages and figures.
+
+    Raises
+    ------
+    InputError
+        A negative radius, anything not finite.
+    """
+
+    start: FloatArray
+    end: FloatArray
+    radius: float
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        for name in ("start", "end"):
+            put(self, name, checks.array(f"{name} of the capsule", getattr(self, name), (3,), "m"))
+        put(self, "radius", checks.number("radius of the capsule", self.radius, "m", at_least=0.0))
+
+    @property
+    def volume(self) -> float:
+        """m^3."""
+        return capsule_volume(self.radius, float(np.linalg.norm(self.end - self.start)))
+
+    def distance(self, points: ArrayLike) -> FloatArray:
+        """Distance [N] of points [N,3] from the surface, m; negative inside."""
+        places, along = np.asarray(points, dtype=float) - self.start, self.end - self.start
+        square = along @ along
+        share = np.clip(places @ along / square, 0.0, 1.0) if square else np.zeros(len(places))
+        return np.linalg.norm(places - share[:, None] * along, axis=1) - self.radius
+
+
+def capsule_volume(radius: float, length: float) -> float:
+    """Volume of a capsule whose segment is so long, m^3."""
+    return np.pi * radius**2 * (length + 4 / 3 * radius)
 
 
 class Mesh(NamedTuple):

@@ -18,6 +18,9 @@ from ._urdf_reader import (
     parse_urdf as parse_urdf,
     read_urdf as read_urdf,
 )
+from ._urdf_scene import (
+    read_urdf_shapes as read_urdf_shapes,
+)
 from ._urdf_writer import (
     robot_to_urdf as robot_to_urdf,
     write_urdf as write_urdf,

@@ -63,11 +63,16 @@ def certificate(certificate: Certificate) -> Table:
         Column("unit", left=True),
         Column("excess", "%", ".2g"),
     )
-    rows = [
+    rows: list[tuple[Any, ...]] = [
         (check.name, 100 * np.nanmax(check.utilisation), check.joint,
          check.time, check.value, check.limit, check.unit, 100 * check.violation)
         for check in certificate.limit_checks
     ]  # fmt: skip
+    if (near := certificate.clearance) is not None:
+        # how much of the clearance is missing has no meaning where none but contact is barred
+        use = 100 * near.wanted / near.minimum if near.minimum > 0 else np.inf
+        proof = "clearance, proved" if near.proved else "clearance, not proved"
+        rows.append((proof, use, near.pair, near.time, near.minimum, near.wanted, "m", np.nan))
     again = (
         f"re-simulation: {certificate.resimulation_status}, {certificate.segments} segments with "
         f"defects up to {certificate.defect:.1g} of the torque; over the whole time errors grow "

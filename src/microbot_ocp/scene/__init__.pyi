@@ -1,0 +1,32 @@
+"""Public names; loaded when they are first asked for."""
+
+from ._clearance import (
+    Clearance as Clearance,
+    clearance as clearance,
+)
+from ._contact import (
+    Nearest as Nearest,
+    contact_model as contact_model,
+    has_coal as has_coal,
+)
+from ._detours import (
+    Detour as Detour,
+    Surroundings as Surroundings,
+    detours as detours,
+)
+from ._obstacles import (
+    Box as Box,
+    ConvexMesh as ConvexMesh,
+    Cylinder as Cylinder,
+    HalfSpace as HalfSpace,
+    Sphere as Sphere,
+)
+from ._scene import (
+    Pair as Pair,
+    Scene as Scene,
+    clearances as clearances,
+    with_arm_capsules as with_arm_capsules,
+)
+from ._scene_file import (
+    read_scene as read_scene,
+)

@@ -1,0 +1,262 @@
+"""Proof that a motion keeps clear of a scene at every instant, not only at samples.
+
+In a stretch of time no point of a link's axis is farther from where it is in the middle than joint
+speeds times lever arms times half the stretch. A pair that is farther apart in the middle than both
+its sides can come in the stretch keeps clear all along it; where that is not sure the stretch is
+halved. Joint speeds are bounded by the Bernstein coefficients of the motion's own polynomials,
+lever arms by the lengths of the chain, whatever the pose. Distances are coal's.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import comb
+
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp.motion import Motion, pieces_of
+from microbot_ocp.robot import Capsule, Robot, dh_transform
+from microbot_ocp.scene._contact import ACCURACY, ContactModel, contact_model
+from microbot_ocp.scene._scene import Pair, Scene, with_arm_capsules
+
+FIRST_STRETCHES = 64
+MOST_DISTANCES = 2_000_000  # before the proof gives up
+SHORTEST = 1e-7  # s: a stretch that is not halved any further
+SHARE = 0.5  # of what is left beyond the clearance, that the proof may leave open
+
+
+@dataclass(frozen=True)
+class Clearance:
+    """How near a motion comes to its surroundings, and whether that is proved.
+
+    Attributes
+    ----------
+    minimum : float
+        Least distance found, m; negative where something overlaps.
+    time : float
+        When, s.
+    pair : str
+        What is nearest: "forearm to post".
+    proved : bool
+        Whether every pair is farther apart than the scene's clearance at every instant.
+    at_least : float
+        Distance that all pairs are proved to keep, m; minus infinity where nothing is.
+    wanted : float
+        The scene's clearance, m.
+    distances : int
+        How many were computed.
+    wall_time : float
+        s.
+    """
+
+    minimum: float
+    time: float
+    pair: str
+    proved: bool
+    at_least: float
+    wanted: float
+    distances: int
+    wall_time: float
+
+    @property
+    def sentence(self) -> str:
+        """The result in words."""
+        where = f"{self.pair} at {self.time:.4g} s"
+        if self.proved:
+            return (
+                f"clearance is proved: nothing comes nearer than {1e3 * self.at_least:.4g} mm, "
+                f"the least found being {1e3 * self.minimum:.4g} mm ({where})"
+            )
+        if self.minimum <= self.wanted:
+            how = "overlap by" if self.minimum < 0 else "are only apart by"
+            return f"{where} {how} {1e3 * abs(self.minimum):.4g} mm, not more than " + (
+                f"{1e3 * self.wanted:.4g} mm" if self.wanted else "touching"
+            )
+        return (
+            f"clearance is not proved: the least found is {1e3 * self.minimum:.4g} mm ({where}), "
+            "but stretches are left open"
+        )
+
+
+def clearance(robot: Robot, motion: Motion, scene: Scene) -> Clearance:
+    """Least distance of a motion from its surroundings, and whether it is proved.
+
+    Needs the extra ``cell`` (coal).
+
+    Parameters
+    ----------
+    robot : Robot
+        Its capsules are the arm; see :class:`Scene`.
+    motion : Motion
+    scene : Scene
+
+    Returns
+    -------
+    Clearance
+
+    Raises
+    ------
+    InputError
+        A motion of another number of joints, coal is not installed.
+
+    Examples
+    --------
+    >>> import microbot_ocp as mo
+    >>> robot = mo.load_robot("planar_2r")
+    >>> motion = mo.Motion.from_polynomial(robot, mo.cubic([[0, 0], [1, 1]], [0, 1]), label="a")
+    >>> found = mo.clearance(robot, motion, mo.Scene([mo.Sphere([0, 1.5, 0], 0.2, "ball")]))
+    >>> found.proved, found.pair, round(found.minimum, 2)
+    (True, 'link 2 to ball', 0.39)
+    """
+    if motion.joint_count != robot.joint_count:
+        raise InputError(
+            f"motion is of {motion.joint_count} joints, but the robot has {robot.joint_count}"
+        )
+    started = time.perf_counter()
+    model = contact_model(robot, scene)
+    speeds = _speed_bounds(motion)
+    farthest = np.abs(motion.q).max(axis=0) + (speeds * np.diff(motion.t)[:, None]).max(axis=0)
+    levers = levers_of(with_arm_capsules(robot), model.pairs, farthest)
+    found = _Search(model, motion, speeds, levers, scene.clearance)
+    found.run()
+    worst = model.pairs[found.pair]
+    return Clearance(
+        minimum=found.minimum,
+        time=found.time,
+        pair=worst.label,
+        proved=found.open_stretches == 0 and found.minimum > scene.clearance,
+        at_least=found.at_least if found.open_stretches == 0 else -np.inf,
+        wanted=scene.clearance,
+        distances=found.count,
+        wall_time=time.perf_counter() - started,
+    )
+
+
+class _Search:
+    """Stretches of time and pairs, halved until all are sure."""
+
+    def __init__(
+        self,
+        model: ContactModel,
+        motion: Motion,
+        speeds: FloatArray,
+        levers: FloatArray,
+        wanted: float,
+    ) -> None:
+        self.model, self.motion, self.levers, self.wanted = model, motion, levers, wanted
+        self.speeds = _Largest(speeds)
+        self.minimum, self.time, self.pair = np.inf, 0.0, 0
+        self.at_least, self.open_stretches, self.count = np.inf, 0, 0
+
+    def run(self) -> None:
+        edges = np.linspace(0.0, self.motion.duration, FIRST_STRETCHES + 1)
+        pairs = len(self.model.pairs)
+        start: FloatArray = np.repeat(edges[:-1], pairs)
+        end: FloatArray = np.repeat(edges[1:], pairs)
+        pair = np.tile(np.arange(pairs), FIRST_STRETCHES)
+        while start.size:
+            middle: FloatArray = 0.5 * (start + end)
+            apart = self._distances(middle, pair)
+            self.count += apart.size
+            nearest = int(apart.argmin())
+            if apart[nearest] < self.minimum:
+                self.minimum, self.time = float(apart[nearest]), float(middle[nearest])
+                self.pair = int(pair[nearest])
+            sure = apart - self._reach(start, end, pair) - ACCURACY
+            enough = self.wanted + SHARE * max(self.minimum - self.wanted, 0.0)
+            closed = (sure > self.wanted) & (sure >= enough)
+            if closed.any():
+                self.at_least = min(self.at_least, float(sure[closed].min()))
+            left = ~closed
+            if self.minimum <= self.wanted or self.count > MOST_DISTANCES:
+                self.open_stretches = int(left.sum())
+                return
+            short = left & (end - start < SHORTEST)
+            self.open_stretches += int(short.sum())
+            left &= ~short
+            start, middle, end = start[left], middle[left], end[left]
+            start, end = np.concatenate([start, middle]), np.concatenate([middle, end])
+            pair = np.tile(pair[left], 2)
+
+    def _distances(self, times: FloatArray, pair: np.ndarray) -> FloatArray:
+        different, which = np.unique(times, return_inverse=True)
+        poses = self.model.poses(self.motion.sample(different).q)
+        order = np.argsort(which, kind="stable")
+        found, current = np.empty(times.size), -1
+        for item in order.tolist():
+            if which[item] != current:
+                current = int(which[item])
+                self.model.put(poses[current])
+            found[item] = self.model.distance(int(pair[item]))
+        return found
+
+    def _reach(self, start: FloatArray, end: FloatArray, pair: np.ndarray) -> FloatArray:
+        """How much nearer the sides of pairs can come than in the middle of stretches, m."""
+        first = np.clip(np.searchsorted(self.motion.t, start, side="right") - 1, 0, None)
+        last = np.clip(np.searchsorted(self.motion.t, end, side="left"), first + 1, None)
+        speeds = self.speeds.between(first, np.minimum(last, self.motion.t.size - 1))
+        return 0.5 * (end - start) * (speeds * self.levers[pair]).sum(axis=1)
+
+
+class _Largest:
+    """Largest rows of a table between two of them, by halves: [N,n] -> any stretch at once."""
+
+    def __init__(self, table: FloatArray) -> None:
+        self.levels = [table]
+        while 2 ** len(self.levels) <= len(table):
+            half = 2 ** (len(self.levels) - 1)
+            last = self.levels[-1]
+            self.levels.append(np.maximum(last[:-half], last[half:]))
+
+    def between(self, first: np.ndarray, last: np.ndarray) -> FloatArray:
+        """Largest of the rows from ``first`` to before ``last``, each [S]."""
+        size = np.maximum(last - first, 1)
+        level = np.floor(np.log2(size)).astype(int)
+        found = np.empty((first.size, self.levels[0].shape[1]))
+        for k in np.unique(level):
+            own = level == k
+            table = self.levels[k]
+            found[own] = np.maximum(table[first[own]], table[last[own] - 2**k])
+        return found
+
+
+def _speed_bounds(motion: Motion) -> FloatArray:
+    """Bounds [N-1,n] of the joint speeds between samples: Bernstein coefficients of the slopes."""
+    pieces = pieces_of(motion)
+    h = np.diff(motion.t)[:, None]
+    slopes = [(k + 1) * pieces[:, k + 1] * h**k for k in range(5)]
+    bounds = np.zeros_like(slopes[0])
+    for j in range(5):
+        control = sum(comb(j, k) / comb(4, k) * slopes[k] for k in range(j + 1))
+        bounds = np.maximum(bounds, np.abs(control))
+    return bounds
+
+
+def levers_of(robot: Robot, pairs: Sequence[Pair], farthest: FloatArray) -> FloatArray:
+    """How far a unit of each joint's motion moves one side of pairs towards the other, [k,n].
+
+    ``farthest`` [n] is how far joints are from zero at most.
+    """
+    sliding = np.array([kind == "prismatic" for kind in robot.joint_types])
+    rows = zip(robot.alpha, robot.a, robot.d, robot.beta, strict=True)
+    offsets = [dh_transform(alpha, a, d, 0.0, beta)[:3, 3] for alpha, a, d, beta in rows]
+    steps = np.linalg.norm(offsets, axis=1) + np.where(sliding, farthest, 0.0)
+
+    def of(frame: int, capsule: Capsule) -> FloatArray:
+        own = max(float(np.linalg.norm(end)) for end in (capsule.start, capsule.end))
+        found = np.zeros(robot.joint_count)
+        for joint in range(frame):
+            found[joint] = 1.0 if sliding[joint] else steps[joint + 1 : frame].sum() + own
+        return found
+
+    table = []
+    for pair in pairs:
+        lever = of(pair.frame, pair.capsule)
+        if pair.other_frame:
+            # joints before both move the two alike: only those between them count
+            lever = np.where(np.arange(robot.joint_count) < pair.other_frame, 0.0, lever)
+        table.append(lever)
+    return np.array(table)

@@ -1,0 +1,191 @@
+"""Distances between an arm and a scene by coal: none of the functions that solvers see is used."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.fast_calls import fast_call
+from microbot_ocp.robot import Capsule, Robot, link_poses
+from microbot_ocp.scene._obstacles import (
+    Box,
+    ConvexMesh,
+    Cylinder,
+    HalfSpace,
+    Obstacle,
+    Sphere,
+)
+from microbot_ocp.scene._scene import Pair, Scene, with_arm_capsules
+
+ACCURACY = 1e-6  # m, of distances by coal's iterations (its tolerance is 1e-6)
+
+
+class Nearest(NamedTuple):
+    """Where a pair is nearest.
+
+    Attributes
+    ----------
+    pair : Pair
+    distance : float
+        m; negative where they overlap.
+    on_arm, on_other : array [3]
+        Nearest points in the base frame, m.
+    """
+
+    pair: Pair
+    distance: float
+    on_arm: FloatArray
+    on_other: FloatArray
+
+
+class ContactModel:
+    """An arm and what it may touch, ready to be asked for distances in a pose."""
+
+    def __init__(self, robot: Robot, pairs: Sequence[Pair]) -> None:
+        self._coal = coal()
+        self.robot, self.pairs = robot, tuple(pairs)
+        self._poses = fast_call(link_poses(robot))
+        self._placed: dict[tuple[int, int], int] = {}
+        self._local: list[tuple[int, FloatArray, FloatArray]] = []  # frame, turn, shift
+        self._transforms: list[Any] = []
+        self._computed: list[tuple[Any, Any, Any]] = []  # functor, and both transforms
+        self._shapes: dict[int, Any] = {}
+        for pair in self.pairs:
+            arm = self._place(pair.frame, pair.capsule)
+            other = self._place(pair.other_frame, pair.other)
+            shapes = self._shapes[id(pair.capsule)], self._shapes[id(pair.other)]
+            functor = self._coal.ComputeDistance(*shapes)
+            self._computed.append((functor, self._transforms[arm], self._transforms[other]))
+        self._request, self._result = self._coal.DistanceRequest(), self._coal.DistanceResult()
+
+    def _place(self, frame: int, thing: Obstacle) -> int:
+        """Index of the transform of a thing, with its shape made when it is first met."""
+        key = frame, id(thing)
+        if key not in self._placed:
+            shape, turn, shift = self._shape_of(thing)
+            self._shapes[id(thing)] = shape
+            self._placed[key] = len(self._transforms)
+            self._local.append((frame, turn, shift))
+            self._transforms.append(self._coal.Transform3s(turn, shift))
+        return self._placed[key]
+
+    def _shape_of(self, thing: Obstacle) -> tuple[Any, FloatArray, FloatArray]:
+        """coal's shape of a thing, its turn [3,3] and origin [3]."""
+        made, unturned = self._coal, np.eye(3)
+        if isinstance(thing, Sphere):
+            return made.Sphere(thing.radius), unturned, thing.center
+        if isinstance(thing, Capsule):
+            along = thing.end - thing.start
+            length, middle = float(np.linalg.norm(along)), (thing.start + thing.end) / 2
+            if length < 1e-12:
+                return made.Sphere(thing.radius), unturned, middle
+            return made.Capsule(thing.radius, length), _turned_to(along / length), middle
+        if isinstance(thing, HalfSpace):
+            return made.Halfspace(thing.normal, thing.offset), unturned, np.zeros(3)
+        turn, shift = np.array(thing.pose[:3, :3]), np.array(thing.pose[:3, 3])
+        if isinstance(thing, Box):
+            return made.Box(*thing.size), turn, shift
+        if isinstance(thing, Cylinder):
+            return made.Cylinder(thing.radius, thing.length), turn, shift
+        assert isinstance(thing, ConvexMesh)
+        points = made.StdVec_Vec3s()
+        for vertex in thing.vertices:
+            points.append(vertex)
+        return made.Convex.convexHull(points, False, ""), turn, shift
+
+    def poses(self, q: FloatArray) -> FloatArray:
+        """Poses [N,n+1,4,4] of the base and the links for q [N,n]."""
+        found = np.asarray(self._poses(np.ascontiguousarray(q, dtype=float)))
+        return found.reshape(len(q), 4, -1, 4).transpose(0, 2, 1, 3)
+
+    def put(self, poses: FloatArray) -> None:
+        """Bring what moves into a pose [n+1,4,4]."""
+        for (frame, turn, shift), transform in zip(self._local, self._transforms, strict=True):
+            if frame:
+                own = poses[frame]
+                rotation = own[:3, :3]
+                transform.setTransform(rotation @ turn, rotation @ shift + own[:3, 3])
+
+    def distance(self, index: int) -> float:
+        """Distance of a pair where it stands, m; negative where it overlaps."""
+        functor, arm, other = self._computed[index]
+        self._result.clear()
+        return functor(arm, other, self._request, self._result)
+
+    def distances(self, q: FloatArray) -> FloatArray:
+        """Distances [N,k] of all pairs in poses q [N,n], m."""
+        found = np.empty((len(q), len(self.pairs)))
+        for row, poses in zip(found, self.poses(q), strict=True):
+            self.put(poses)
+            row[:] = [self.distance(index) for index in range(len(self.pairs))]
+        return found
+
+    def is_free(self, q: FloatArray, clearance: float) -> bool:
+        """Whether all pairs keep a distance in a pose [n]."""
+        self.put(self.poses(q[None])[0])
+        return all(self.distance(index) > clearance for index in range(len(self.pairs)))
+
+    def nearest(self, q: FloatArray) -> Nearest:
+        """The nearest of all pairs in a pose [n]."""
+        self.put(self.poses(np.reshape(q, (1, -1)))[0])
+        found = [self.distance(index) for index in range(len(self.pairs))]
+        index = int(np.argmin(found))
+        self.distance(index)
+        points = (np.array(self._result.getNearestPoint1()), self._result.getNearestPoint2())
+        return Nearest(self.pairs[index], found[index], points[0], np.array(points[1]))
+
+
+def contact_model(robot: Robot, scene: Scene) -> ContactModel:
+    """The contact model of an arm, with its capsules, in a scene; cached.
+
+    Raises
+    ------
+    InputError
+        coal is not installed, or there is nothing that could touch.
+    """
+    return _contact_model(with_arm_capsules(robot), scene)
+
+
+@lru_cache(maxsize=16)
+def _contact_model(robot: Robot, scene: Scene) -> ContactModel:
+    pairs = scene.pairs(robot)
+    if not pairs:
+        raise InputError("scene must have something that the arm may touch: it has no pair")
+    return ContactModel(robot, pairs)
+
+
+def coal() -> Any:
+    """The package coal.
+
+    Raises
+    ------
+    InputError
+        It is not installed.
+    """
+    try:
+        import coal as package  # pyright: ignore[reportMissingImports]
+    except ImportError:
+        raise InputError(
+            "distances to obstacles need the extra 'cell': pip install 'microbot_ocp[cell]'"
+        ) from None
+    return package
+
+
+def has_coal() -> bool:
+    """Whether coal is installed."""
+    try:
+        coal()
+    except InputError:
+        return False
+    return True
+
+
+def _turned_to(direction: FloatArray) -> FloatArray:
+    """A rotation [3,3] whose Z axis is a unit vector."""
+    side = np.cross(np.eye(3)[np.argmin(np.abs(direction))], direction)
+    side /= np.linalg.norm(side)
+    return np.column_stack([side, np.cross(direction, side), direction])

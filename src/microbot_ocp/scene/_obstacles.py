@@ -1,0 +1,322 @@
+"""Convex obstacles as data; each knows its signed distance as a CasADi expression.
+
+An obstacle is a core, inflated by a radius: a point or a segment for a sphere and a capsule, the
+body itself with radius zero for the others. Outside of the core the distance of a point from it has
+a continuous slope; inside it is minus the depth. Along a straight line it is convex.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp.robot import Capsule
+from microbot_ocp.scene._distance import (
+    PointFunction,
+    from_segment,
+    length,
+    segment_to_body,
+    segment_to_function,
+    segment_to_plane,
+)
+
+MOST_FACES = 26  # of a mesh as the solver sees it; hulls with more are enclosed by so many planes
+ROUNDED = 0.05  # of a mesh's smallest half width: how far the solver's corners are rounded
+
+
+def _identity() -> FloatArray:
+    return np.eye(4)
+
+
+@dataclass(frozen=True, eq=False)
+class Sphere:
+    """A ball.
+
+    Parameters
+    ----------
+    center : array_like [3]
+        In the base frame, m.
+    radius : float
+        m, above 0.
+    name : str
+        For messages, figures and files; a scene numbers those without one.
+
+    Raises
+    ------
+    InputError
+        A radius that is not positive, anything not finite.
+    """
+
+    center: FloatArray
+    radius: float
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        _put(self, "center", checks.array("center of the sphere", self.center, (3,), "m"))
+        _put(self, "radius", _positive("radius of the sphere", self.radius))
+
+
+@dataclass(frozen=True, eq=False)
+class Box:
+    """A box.
+
+    Parameters
+    ----------
+    size : array_like [3]
+        Edge lengths along the axes of its frame, m.
+    pose : array_like [4,4] or [3]
+        Frame at its centre in the base frame, or the centre alone, m.
+    name : str
+
+    Raises
+    ------
+    InputError
+        An edge that is not positive, a pose that is no rigid transform.
+    """
+
+    size: FloatArray
+    pose: FloatArray = field(default_factory=_identity)
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        size = checks.array("size of the box", self.size, (3,), "m")
+        for edge in size:
+            _positive("every edge of the box", edge)
+        _put(self, "size", size)
+        _put(self, "pose", _pose("pose of the box", self.pose))
+
+
+@dataclass(frozen=True, eq=False)
+class Cylinder:
+    """A cylinder along the Z axis of its frame.
+
+    Parameters
+    ----------
+    radius, length : float
+        m.
+    pose : array_like [4,4] or [3]
+        Frame at its centre in the base frame, or the centre alone, m.
+    name : str
+
+    Raises
+    ------
+    InputError
+        A radius or length that is not positive, a pose that is no rigid transform.
+    """
+
+    radius: float
+    length: float
+    pose: FloatArray = field(default_factory=_identity)
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        _put(self, "radius", _positive("radius of the cylinder", self.radius))
+        _put(self, "length", _positive("length of the cylinder", self.length))
+        _put(self, "pose", _pose("pose of the cylinder", self.pose))
+
+
+@dataclass(frozen=True, eq=False)
+class HalfSpace:
+    """All points x with ``normal . x <= offset``: a floor, a wall.
+
+    Parameters
+    ----------
+    normal : array_like [3]
+        Out of the obstacle, in the base frame; any length but zero.
+    offset : float
+        Distance of its plane from the base's origin along the normal, m.
+    name : str
+
+    Raises
+    ------
+    InputError
+        A normal without direction, anything not finite.
+    """
+
+    normal: FloatArray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
+    offset: float = 0.0
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        normal = checks.array("normal of the half space", self.normal, (3,))
+        length = float(np.linalg.norm(normal))
+        if length == 0.0:
+            raise InputError("normal of the half space must have a direction, not [0, 0, 0]")
+        _put(self, "normal", normal / length)
+        _put(self, "offset", checks.number("offset of the half space", self.offset, "m"))
+
+
+@dataclass(frozen=True, eq=False)
+class ConvexMesh:
+    """The convex hull of points, such as the vertices of a mesh.
+
+    The solver sees it by its faces: of more than 26 those of a polyhedron around it, with corners
+    that are mitred and a little rounded. That is never nearer than the hull itself, which
+    certificates measure.
+
+    Parameters
+    ----------
+    vertices : array_like [N,3]
+        At least four that do not lie in a plane, m, in the frame of ``pose``.
+    pose : array_like [4,4] or [3]
+        In the base frame, m.
+    name : str
+
+    Raises
+    ------
+    InputError
+        Fewer than four points or flat ones, anything not finite.
+    """
+
+    vertices: FloatArray
+    pose: FloatArray = field(default_factory=_identity)
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        points = checks.array("vertices of the mesh", self.vertices, (None, 3), "m")
+        flat = len(points) < 4 or np.linalg.matrix_rank(points - points[0], tol=1e-9) < 3
+        if flat:
+            raise InputError("vertices of the mesh must be at least 4 that do not lie in a plane")
+        _put(self, "vertices", points)
+        _put(self, "pose", _pose("pose of the mesh", self.pose))
+
+    @property
+    def points(self) -> FloatArray:
+        """Its vertices [N,3] in the base frame, m."""
+        return self.vertices @ self.pose[:3, :3].T + self.pose[:3, 3]
+
+
+Obstacle = Sphere | Box | Capsule | Cylinder | HalfSpace | ConvexMesh
+KINDS: Mapping[str, type] = {
+    "sphere": Sphere,
+    "box": Box,
+    "capsule": Capsule,
+    "cylinder": Cylinder,
+    "half_space": HalfSpace,
+    "mesh": ConvexMesh,
+}
+
+
+def core_radius(obstacle: Obstacle) -> float:
+    """By how much the core of an obstacle is inflated, m."""
+    return obstacle.radius if isinstance(obstacle, Sphere | Capsule) else 0.0
+
+
+def core_distance(
+    obstacle: Obstacle, start: ca.SX, end: ca.SX, rounding: float, contact: float
+) -> ca.SX:
+    """Signed distance of a segment from the core of an obstacle as an expression, m.
+
+    Parameters
+    ----------
+    obstacle : obstacle
+    start, end : expression [3]
+        In the base frame, m.
+    rounding, contact : float
+        See :func:`microbot_ocp.scene._distance.segment_to_body`.
+    """
+    if isinstance(obstacle, Sphere):
+        return length(from_segment(ca.SX(obstacle.center), start, end))
+    if isinstance(obstacle, HalfSpace):
+        low, high = (ca.dot(obstacle.normal, end) - obstacle.offset for end in (start, end))
+        return segment_to_plane(low, high, rounding)
+    if isinstance(obstacle, ConvexMesh):
+        normals, offsets, corner = solver_faces(obstacle)
+        return segment_to_function(
+            lambda x: _rounded_maximum(ca.mtimes(ca.SX(normals), x) - offsets, corner),
+            start,
+            end,
+            rounding,
+        )
+    if isinstance(obstacle, Capsule):
+        ends = ca.SX(obstacle.start), ca.SX(obstacle.end)
+        return segment_to_body(
+            lambda x: from_segment(x, *ends), None, start, end, rounding, contact
+        )
+    turn, shift = obstacle.pose[:3, :3].T, obstacle.pose[:3, 3]
+    first, last = (ca.mtimes(ca.SX(turn), end - shift) for end in (start, end))
+    away, depth = _of_box(obstacle) if isinstance(obstacle, Box) else _of_cylinder(obstacle)
+    return segment_to_body(away, depth, first, last, rounding, contact)
+
+
+def _of_box(box: Box) -> tuple[PointFunction, PointFunction]:
+    half = box.size / 2
+    return (
+        lambda x: ca.fmax(x - half, 0.0) + ca.fmin(x + half, 0.0),
+        lambda x: ca.mmax(ca.fabs(x) - half),
+    )
+
+
+def _of_cylinder(cylinder: Cylinder) -> tuple[PointFunction, PointFunction]:
+    half, radius = cylinder.length / 2, cylinder.radius
+
+    def away(x: ca.SX) -> ca.SX:
+        share = 1.0 - radius / length(x[:2])
+        beyond = ca.fmax(x[2] - half, 0.0) + ca.fmin(x[2] + half, 0.0)
+        return ca.vertcat(ca.fmax(share, 0.0) * x[:2], beyond)
+
+    return away, lambda x: ca.fmax(length(x[:2]) - radius, ca.fabs(x[2]) - half)
+
+
+def solver_faces(mesh: ConvexMesh) -> tuple[FloatArray, FloatArray, float]:
+    """Normals [K,3], offsets [K] and rounding of the planes around a mesh that the solver sees."""
+    points = mesh.points
+    normals, offsets = _faces(points)
+    if len(normals) > MOST_FACES:
+        normals = _directions()
+        offsets = (points @ normals.T).max(axis=0)
+    width = (offsets + (points @ -normals.T).max(axis=0)).min() / 2
+    return normals, offsets, ROUNDED * float(width)
+
+
+def _rounded_maximum(values: ca.SX, rounding: float) -> ca.SX:
+    """At most the largest of values [K], and near it, with continuous slopes."""
+    largest = ca.mmax(values)
+    rest = ca.sum1(ca.exp((values - largest) / rounding))
+    return largest + rounding * (ca.log(rest) - np.log(values.shape[0]))
+
+
+def _faces(points: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Outward normals [K,3] and offsets [K] of the faces of a convex hull."""
+    try:
+        from scipy.spatial import ConvexHull
+    except ImportError:
+        raise InputError(
+            "convex meshes need the extra 'cell': pip install 'microbot_ocp[cell]'"
+        ) from None
+    planes = np.unique(np.round(ConvexHull(points).equations, 9), axis=0)
+    return planes[:, :3], -planes[:, 3]
+
+
+def _directions() -> FloatArray:
+    """The 26 directions to the faces, edges and corners of a cube."""
+    grid = np.array(np.meshgrid(*[(-1, 0, 1)] * 3)).reshape(3, -1).T
+    away = grid[np.abs(grid).sum(axis=1) > 0]
+    return away / np.linalg.norm(away, axis=1)[:, None]
+
+
+def _put(item: Any, name: str, value: Any) -> None:
+    object.__setattr__(item, name, value)
+
+
+def _positive(name: str, value: Any) -> float:
+    return checks.number(name, value, "m", above=0.0)
+
+
+def _pose(name: str, value: ArrayLike) -> FloatArray:
+    if np.ndim(np.asarray(value, dtype=object)) == 1:
+        pose = np.eye(4)
+        pose[:3, 3] = checks.array(name, value, (3,), "m")
+        return pose
+    pose = checks.array(name, value, (4, 4), "m")
+    turn = pose[:3, :3]
+    if np.abs(turn @ turn.T - np.eye(3)).max() > 1e-6 or np.linalg.det(turn) < 0:
+        raise InputError(f"{name} must be a rigid transform, not {pose.tolist()}")
+    return pose

@@ -1,0 +1,267 @@
+"""What stands around an arm, and which of its capsules may come near to what."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp.limits import Limit
+from microbot_ocp.robot import Capsule, Robot, fit_capsules, link_capsules
+from microbot_ocp.scene._distance import from_segment, segment_to_body
+from microbot_ocp.scene._obstacles import KINDS, Obstacle, core_distance, core_radius
+
+LIMIT_NAME = "distance"
+ROUNDING = 0.02  # of a capsule's radius: parabola that makes the nearest place unique
+MARGIN = 0.01  # of the distance between cores at contact, that motions are planned further away
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Obstacles around an arm.
+
+    The arm is the capsules of the robot: those of :meth:`~microbot_ocp.Robot.with_capsules`; where
+    there are none those that :func:`~microbot_ocp.fit_capsules` finds around its collision
+    geometry; of robots without geometry those of :func:`~microbot_ocp.link_capsules`.
+
+    Parameters
+    ----------
+    obstacles : sequence
+        :class:`Sphere`, :class:`Box`, :class:`~microbot_ocp.Capsule`, :class:`Cylinder`,
+        :class:`HalfSpace`, :class:`ConvexMesh`, in the base frame. Those without a name are
+        numbered.
+    clearance : float
+        Distance that the arm keeps from everything, m.
+    self_collision : bool
+        Whether capsules of the arm keep that distance from each other, too: those of links that
+        are not neighbours and do not touch in the zero pose.
+    ignore : sequence of pairs of names
+        Links and obstacles that may touch: ``[("hand", "part")]``.
+
+    Raises
+    ------
+    InputError
+        What is no obstacle, two of one name, a negative clearance, a pair to ignore that is none.
+
+    Examples
+    --------
+    >>> import microbot_ocp as mo
+    >>> scene = mo.Scene([mo.Sphere([1.0, 0.0, 0.5], 0.2, "ball"), mo.Box([1, 1, 0.1])], 0.01)
+    >>> scene.names
+    ('ball', 'box 2')
+    """
+
+    obstacles: tuple[Obstacle, ...] = ()
+    clearance: float = 0.0
+    self_collision: bool = True
+    ignore: tuple[tuple[str, str], ...] = ()
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        found = []
+        for number, obstacle in enumerate(self.obstacles, start=1):
+            kind = next((k for k, v in KINDS.items() if isinstance(obstacle, v)), None)
+            if kind is None:
+                raise InputError(
+                    f"obstacles must be of {', '.join(v.__name__ for v in KINDS.values())}, not "
+                    f"{obstacle!r}"
+                )
+            if not isinstance(obstacle.name, str):
+                raise InputError(f"name of obstacle {number} must be text, not {obstacle.name!r}")
+            usual = f"{kind.replace('_', ' ')} {number}"
+            found.append(obstacle if obstacle.name else replace(obstacle, name=usual))
+        names = [obstacle.name for obstacle in found]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise InputError(f"names of obstacles must differ: there are several {twice[0]!r}")
+        put(self, "obstacles", tuple(found))
+        put(self, "clearance", checks.number("clearance", self.clearance, "m", at_least=0.0))
+        pairs = []
+        for pair in self.ignore:
+            if isinstance(pair, str) or len(pair) != 2:
+                raise InputError(f"ignore must hold pairs of names, not {pair!r}")
+            pairs.append((str(pair[0]), str(pair[1])))
+        put(self, "ignore", tuple(pairs))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the obstacles."""
+        return tuple(obstacle.name for obstacle in self.obstacles)
+
+    def pairs(self, robot: Robot) -> tuple[Pair, ...]:
+        """What may touch: capsules of the arm and obstacles, and capsules of each other.
+
+        Raises
+        ------
+        InputError
+            A name in ``ignore`` that neither the scene nor the robot has.
+        """
+        return _pairs(self, with_arm_capsules(robot))
+
+    def limit(self, robot: Robot, pairs: Iterable[Pair] | None = None) -> Limit:
+        """The distances as a limit of the robot: one value a pair, in m.
+
+        A value is the distance between two cores: the axis of a capsule, the centre of a sphere,
+        the axis of an obstacle that is a capsule, the body of any other. Its lower bound is the sum
+        of the radii, the clearance, and a hundredth of both, so that what a solver leaves
+        open does not decide whether a certificate passes.
+
+        Parameters
+        ----------
+        robot : Robot
+        pairs : iterable of Pair, optional
+            Only these; default all.
+        """
+        chosen = self.pairs(robot) if pairs is None else tuple(pairs)
+        return _limit(self, chosen)
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two things that may touch.
+
+    Attributes
+    ----------
+    frame, capsule
+        Link frame, 1 to n, and the capsule that is rigid in it.
+    other : obstacle or Capsule
+        Rigid in ``other_frame``, 0 being the base.
+    other_frame : int
+    """
+
+    frame: int
+    capsule: Capsule
+    other: Obstacle
+    other_frame: int = 0
+
+    @property
+    def label(self) -> str:
+        """Such as "forearm to post"."""
+        return f"{self.capsule.name} to {self.other.name}"
+
+    @property
+    def radii(self) -> float:
+        """Distance of the two cores at contact, m."""
+        return self.capsule.radius + core_radius(self.other)
+
+
+@dataclass(frozen=True, eq=False)
+class _Distances:
+    """Distances of the cores of pairs as an expression of a motion's state."""
+
+    pairs: tuple[Pair, ...]
+
+    def __call__(self, state: Any) -> Any:
+        poses = state.link_poses
+        ends: dict[tuple[int, int], tuple[Any, Any]] = {}
+
+        def placed(frame: int, capsule: Capsule) -> tuple[Any, Any]:
+            key = (frame, id(capsule))
+            if key not in ends:
+                turn, origin = poses[frame][:3, :3], poses[frame][:3, 3]
+                ends[key] = origin + turn @ capsule.start, origin + turn @ capsule.end
+            return ends[key]
+
+        values = []
+        for pair in self.pairs:
+            start, end = placed(pair.frame, pair.capsule)
+            moved: tuple[Any, ...] = ()
+            if pair.other_frame and isinstance(pair.other, Capsule):
+                moved = placed(pair.other_frame, pair.other)
+            values.append(_core_function(pair)(start, end, *moved))
+        return ca.vertcat(*values)
+
+
+@lru_cache(maxsize=1024)
+def _core_function(pair: Pair) -> ca.Function:
+    """``(start[3], end[3]) -> distance`` of a pair's cores, and with both ends of another axis."""
+    start, end, first, last = (ca.SX.sym(name, 3) for name in ("start", "end", "first", "last"))
+    rounding = ROUNDING * max(pair.capsule.radius, 0.1 * pair.radii)
+    if not pair.other_frame:
+        value = core_distance(pair.other, start, end, rounding, pair.radii)
+        return ca.Function("distance", [start, end], [value])
+    value = segment_to_body(
+        lambda x: from_segment(x, first, last), None, start, end, rounding, pair.radii
+    )
+    return ca.Function("distance", [start, end, first, last], [value])
+
+
+@lru_cache(maxsize=256)
+def _limit(scene: Scene, pairs: tuple[Pair, ...]) -> Limit:
+    least = np.array([pair.radii + scene.clearance for pair in pairs])
+    return Limit(
+        LIMIT_NAME,
+        _Distances(pairs),
+        lower=(1.0 + MARGIN) * least,
+        unit="m",
+        labels=tuple(pair.label for pair in pairs),
+    )
+
+
+def with_arm_capsules(robot: Robot) -> Robot:
+    """The robot with capsules: its own, fitted ones, or those along its links."""
+    if robot.capsules:
+        return robot
+    return _with_default_capsules(robot, robot.shapes)
+
+
+@lru_cache(maxsize=32)
+def _with_default_capsules(robot: Robot, shapes: tuple[Any, ...]) -> Robot:
+    has_geometry = any(shape.role == "collision" for shape in shapes)
+    return robot.with_capsules(fit_capsules(robot) if has_geometry else link_capsules(robot))
+
+
+@lru_cache(maxsize=64)
+def _pairs(scene: Scene, robot: Robot) -> tuple[Pair, ...]:
+    links = {capsule.name for _, capsule in robot.capsules}
+    known = links | set(scene.names)
+    for name in sum(scene.ignore, ()):
+        checks.one_of("name in ignore", name, sorted(known))
+    ignored = {frozenset(pair) for pair in scene.ignore}
+    moving = [(frame, capsule) for frame, capsule in robot.capsules if frame > 0]
+    found = [
+        Pair(frame, capsule, obstacle) for frame, capsule in moving for obstacle in scene.obstacles
+    ]
+    if scene.self_collision:
+        found += _own_pairs(robot)
+    return tuple(
+        pair for pair in found if frozenset((pair.capsule.name, pair.other.name)) not in ignored
+    )
+
+
+def _own_pairs(robot: Robot) -> list[Pair]:
+    """Capsules of links that are not neighbours, but those that touch in the zero pose."""
+    found = []
+    for frame, capsule in robot.capsules:
+        for other_frame, other in robot.capsules:
+            if frame - other_frame < 2:
+                continue
+            if other_frame:
+                found.append(Pair(frame, capsule, other, other_frame))
+            else:
+                found.append(Pair(frame, capsule, other))
+    if not found:
+        return []
+    zero = clearances(robot, found, np.zeros((1, robot.joint_count)))[0]
+    return [pair for pair, apart in zip(found, zero, strict=True) if apart > 0.0]
+
+
+def clearances(robot: Robot, pairs: Iterable[Pair], q: FloatArray) -> FloatArray:
+    """Distances [N,k] of pairs in poses q [N,n], m, by the functions that solvers see."""
+    chosen = tuple(pairs)
+    values = _clearance_function(robot, chosen)(np.ascontiguousarray(np.transpose(q)))
+    return np.array(values).T - np.array([pair.radii for pair in chosen])
+
+
+@lru_cache(maxsize=64)
+def _clearance_function(robot: Robot, pairs: tuple[Pair, ...]) -> ca.Function:
+    q = ca.SX.sym("q", robot.joint_count)
+    still = ca.SX.zeros(robot.joint_count)
+    state = robot.motion_state(q, still, still, still)
+    return ca.Function("clearances", [q], [_Distances(pairs)(state)])

@@ -1,0 +1,253 @@
+"""Scenes as data and files, proved clearance, motions that go around."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import microbot_ocp as mo
+from microbot_ocp import InputError
+from microbot_ocp.planning import reach_of
+from microbot_ocp.scene import contact_model
+
+ARM = mo.load_robot("planar_3r")
+ARM = ARM.with_capsules(mo.link_capsules(ARM))
+POST = mo.Scene([mo.Sphere([0.75, 0.2, 0.0], 0.15, "post")])
+ENDS = np.array([[-0.6, 0.3, 0.2], [0.9, 0.3, 0.2]])
+
+
+# data ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda: mo.Sphere([0, 0, 0], 0.0), "radius of the sphere must be above 0 m"),
+        (lambda: mo.Box([1, 1, -1]), "every edge of the box must be above 0 m"),
+        (lambda: mo.Box([1, 1, 1], 2 * np.eye(4)), "pose of the box must be a rigid transform"),
+        (lambda: mo.HalfSpace([0, 0, 0]), "must have a direction"),
+        (lambda: mo.ConvexMesh(np.eye(3)), "at least 4 that do not lie in a plane"),
+        (lambda: mo.Scene([1.0]), "obstacles must be of Sphere, Box"),
+        (lambda: mo.Scene([mo.Box([1, 1, 1], name="a")] * 2), "there are several 'a'"),
+        (lambda: mo.Scene([], clearance=-1), "clearance must be at least 0 m"),
+        (lambda: mo.Scene([], ignore=["ab"]), "ignore must hold pairs of names"),
+        (lambda: mo.Scene([], ignore=[("arm", "b")]).pairs(ARM), "name in ignore"),
+        (lambda: ARM.with_capsules({7: []}), "capsules must be of frames 0"),
+        (lambda: ARM.with_capsules({1: [POST]}), "must be mo.Capsule"),
+        (lambda: mo.link_capsules(ARM, -1.0), "radius must be above 0 m"),
+        (lambda: mo.load_robot("ur5e").with_part(), "needs capsules of its own"),
+    ],
+)
+def test_bad_input_is_one_sentence(make, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        make()
+
+
+def test_pairs_are_links_with_obstacles_and_links_that_are_no_neighbours() -> None:
+    robot = mo.load_robot("ur5e")
+    robot = robot.with_capsules(mo.link_capsules(robot))
+    everything = mo.Scene([mo.HalfSpace(name="floor")])
+    own = {p.label for p in everything.pairs(robot) if p.other.name != "floor"}
+    assert "wrist_2_joint to base" in own
+    assert not any("shoulder_lift_joint to base" in label for label in own)  # they always touch
+    fewer = mo.Scene([mo.HalfSpace(name="floor")], ignore=[("wrist_2_joint", "base")])
+    assert "wrist_2_joint to base" not in {p.label for p in fewer.pairs(robot)}
+    alone = mo.Scene([mo.HalfSpace(name="floor")], self_collision=False)
+    assert {p.other.name for p in alone.pairs(robot)} == {"floor"}
+
+
+def test_capsules_play_their_part_in_equality_and_a_part_hangs_on_the_tool() -> None:
+    bare = mo.load_robot("planar_3r")
+    assert bare != ARM
+    assert bare.with_capsules(dict(mo.link_capsules(bare))) == ARM
+    loaded = ARM.with_part(mo.Capsule([0, 0, 0], [0, 0, 0], 0.1))
+    frame, part = loaded.capsules[-1]
+    assert (frame, part.name) == (3, "part")
+    assert part.start == pytest.approx(ARM.tool[:3, 3])
+
+
+# files --------------------------------------------------------------------------------------------
+
+CELL = """
+clearance = 0.01
+ignore = [["wrist", "post"]]
+[[obstacle]]
+name = "post"
+kind = "capsule"
+start = [1, 0, 0]
+end = [1, 0, 1]
+radius = 0.1
+[[obstacle]]
+kind = "box"
+size = [1, 2, 0.1]
+center = [0, 0, -0.5]
+rotation_deg = [0, 0, 90]
+[[obstacle]]
+kind = "mesh"
+vertices = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
+[[obstacle]]
+kind = "half_space"
+normal = [0, 0, 2]
+offset = -1
+"""
+
+
+def test_a_scene_is_read_from_toml(tmp_path: Path) -> None:
+    (tmp_path / "cell.toml").write_text(CELL)
+    scene = mo.read_scene(tmp_path / "cell.toml")
+    assert scene.names == ("post", "box 2", "mesh 3", "half space 4")
+    assert scene.clearance == 0.01
+    assert scene.ignore == (("wrist", "post"),)
+    box, floor = scene.obstacles[1], scene.obstacles[3]
+    assert isinstance(box, mo.Box)
+    assert isinstance(floor, mo.HalfSpace)
+    assert box.pose[:3, 0] == pytest.approx([0, 1, 0])
+    assert floor.normal.tolist() == [0, 0, 1]
+
+
+@pytest.mark.parametrize(
+    ("table", "said"),
+    [
+        ({"obstacles": []}, "key of scene"),
+        ({"obstacle": [{"kind": "cube"}]}, "kind of obstacle 1 of scene must be one of"),
+        ({"obstacle": [{"name": "a", "kind": "sphere"}]}, "center of obstacle 'a' of scene"),
+        (
+            {"obstacle": [{"kind": "box", "size": [1, 1, 0]}]},
+            "obstacle 1 of scene: every edge of the box",
+        ),
+        ({"self_collision": 1}, "must be true or false"),
+    ],
+)
+def test_a_bad_file_is_told_by_obstacle_and_key(table, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        mo.read_scene(table)
+
+
+URDF = """<robot name="cell"><link name="world"/>
+<link name="shelf">
+ <collision><origin xyz="0 0 0.5"/><geometry><box size="1 0.3 0.02"/></geometry></collision>
+ <collision><geometry><cylinder radius="0.1" length="0.4"/></geometry></collision></link>
+<joint name="at" type="{kind}"><parent link="world"/><child link="shelf"/>
+ <origin xyz="1 0 0"/></joint></robot>"""
+
+
+def test_what_stands_in_a_urdf_file_is_a_scene(tmp_path: Path) -> None:
+    path = tmp_path / "cell.urdf"
+    path.write_text(URDF.format(kind="fixed"))
+    scene = mo.read_scene(path)
+    assert scene.names == ("shelf 1", "shelf 2")
+    board = scene.obstacles[0]
+    assert isinstance(board, mo.Box)
+    assert board.pose[:3, 3].tolist() == [1.0, 0.0, 0.5]
+    path.write_text(URDF.format(kind="continuous"))
+    with pytest.raises(InputError, match="joint 'at' moves"):
+        mo.read_scene(path)
+
+
+# proof --------------------------------------------------------------------------------------------
+
+
+def swept(radius: float = 0.2) -> tuple[mo.Motion, mo.Scene]:
+    """A link that turns past a ball: the distance of its axis at 45 degrees is known."""
+    shape = mo.cubic([[-0.5, 0, 0], [1.5, 0, 0]], [0, 1])
+    motion = mo.Motion.from_polynomial(ARM, shape, label="turn")
+    return motion, mo.Scene([mo.Sphere([1.3, 1.3, 0], radius, "ball")], self_collision=False)
+
+
+def test_the_least_distance_is_found_and_bounded_from_below() -> None:
+    motion, scene = swept()
+    found = mo.clearance(ARM, motion, scene)
+    dense = contact_model(ARM, scene).distances(motion.sample(np.linspace(0, 1, 4001)).q)
+    assert found.proved
+    assert found.at_least <= dense.min() <= found.minimum + 1e-9
+    assert found.minimum == pytest.approx(dense.min(), rel=0.3)
+
+
+@pytest.mark.parametrize("slack", [1e-3, 1e-5])
+def test_a_near_miss_is_proved_and_a_touch_is_shown(slack: float) -> None:
+    motion, scene = swept()
+    t = np.linspace(0.3, 0.9, 20_001)
+    apart = contact_model(ARM, scene).distances(motion.sample(t).q).min()
+    misses = mo.clearance(ARM, motion, swept(0.2 + apart - slack)[1])
+    assert misses.proved, misses.sentence
+    touches = mo.clearance(ARM, motion, swept(0.2 + apart + slack)[1])
+    assert not touches.proved
+    assert "overlap by" in touches.sentence
+
+
+def test_a_gap_between_samples_is_not_overlooked() -> None:
+    """A motion that dips into a ball between two samples 0.1 s apart and comes back."""
+    t = np.array([0.0, 0.1])
+    dip = np.array([[0.0, 0, 0], [0.0, 0, 0]])
+    speed = np.array([[60.0, 0, 0], [-60.0, 0, 0]])
+    motion = mo.Motion(t, dip, speed, np.zeros_like(dip), np.zeros_like(dip))
+    angle = motion.sample([0.05]).q[0, 0]
+    ball = mo.Sphere([0.9 * np.cos(angle), 0.9 * np.sin(angle), 0], 0.05, "ball")
+    scene = mo.Scene([ball], self_collision=False)
+    ends = contact_model(ARM, scene).distances(dip)
+    assert ends.min() > 0.3
+    assert not mo.clearance(ARM, motion, scene).proved
+
+
+def test_a_certificate_passes_only_where_clearance_is_proved(monkeypatch) -> None:
+    motion, scene = swept()
+    passed = mo.certify(ARM.with_limits(mo.Limits()), motion, scene=scene)
+    assert passed.ok
+    assert passed.clearance is not None
+    assert "clearance is proved" in passed.verdict
+    failed = mo.certify(ARM.with_limits(mo.Limits()), motion, scene=swept(0.9)[1])
+    assert not failed.ok
+    assert "ball at" in failed.verdict
+    assert "clearance, not proved" in failed._repr_html_()
+    monkeypatch.setitem(__import__("sys").modules, "coal", None)
+    alone = mo.certify(ARM.with_limits(mo.Limits()), motion, scene=scene)
+    assert not alone.ok
+    assert "clearance is not proved: that needs coal" in alone.verdict
+
+
+# motions ------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def around() -> mo.Motion:
+    return mo.time_optimal(ARM, ENDS, scene=POST, mesh=30)
+
+
+def test_a_motion_goes_around_and_is_certified(around: mo.Motion) -> None:
+    straight = mo.Motion.from_polynomial(ARM, mo.cubic(ENDS, [0, 1]), label="cubic")
+    assert not mo.clearance(ARM, straight, POST).proved
+    certificate = mo.certify(ARM, around, via_q=ENDS, scene=POST)
+    assert certificate.ok, certificate.verdict
+    assert around.solved
+    timed = min(path["duration"] for path in around.provenance["paths"])
+    assert around.duration < 0.9 * timed
+    assert around.provenance["clearance"]["proved"]
+
+
+def test_the_same_task_gives_the_same_motion(around: mo.Motion) -> None:
+    again = mo.time_optimal(ARM, ENDS, scene=POST, mesh=30)
+    assert again.duration == around.duration
+
+
+def test_ends_in_collision_are_told_in_the_users_words() -> None:
+    with pytest.raises(InputError, match=r"start in collision with 'post' by \d+ mm at link 'elb"):
+        mo.time_optimal(ARM, [[0.2, 0, 0], [1.0, 0, 0]], scene=POST)
+    near = mo.Scene(POST.obstacles, clearance=5.0, self_collision=False)
+    with pytest.raises(InputError, match=r"start too near to 'post': .* clearance of 5e\+03 mm"):
+        mo.time_optimal(ARM, [[2.5, 0, 0], ENDS[1]], scene=near)
+
+
+def test_where_there_is_no_way_the_answer_says_how_far_it_came(monkeypatch) -> None:
+    monkeypatch.setattr("microbot_ocp.scene._detours.MOST_CHECKS", 500)
+    walls = [mo.Sphere([1.0 * np.cos(a), 1.0 * np.sin(a), 0], 0.3) for a in (0.15, 3.0)]
+    arm = ARM.with_limits(q_min=[-np.pi, -0.1, -0.1], q_max=[np.pi, 0.1, 0.1])
+    motion = mo.time_optimal(arm, [[-0.8, 0, 0], [1.2, 0, 0]], scene=mo.Scene(walls))
+    assert motion.status is mo.Status.NOT_POSSIBLE
+    assert "no path from the start to the goal was found" in motion.note
+    assert "deg (in joint space) of the goal" in motion.note
+
+
+def test_reach_is_the_sum_of_the_links() -> None:
+    assert reach_of(ARM) == pytest.approx(1.0 + np.hypot(0.1, 0.2), abs=0.1)
