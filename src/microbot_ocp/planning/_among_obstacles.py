@@ -143,7 +143,7 @@ def fastest_among(
 def stops_among(
     robot: Robot,
     limits: Limits | JointLimits | None,
-    plan: tuple[Any, ...],
+    plan: tuple[list[Any], Any, bool, str, float | None],
     scene: Scene,
     settings: TimeOptimalSettings,
     progress: StepProgress,
