@@ -3,6 +3,7 @@
 import os
 import time
 
+import casadi as ca
 import numpy as np
 import pytest
 
@@ -12,8 +13,10 @@ from microbot_ocp.ocp import Refined, solve_refined, verify
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.solution import completed, default_guess, scaled
 from microbot_ocp.ocp.solvers import SolverSettings, solve
-from microbot_ocp.ocp.transcription import Guess
+from microbot_ocp.ocp.solvers._smoothing import smoothed
+from microbot_ocp.ocp.transcription import Guess, Transcription
 from microbot_ocp.ocp.transcription.schemes import within_bounds
+from microbot_ocp.ocp.verification import better_controls
 from ocp.textbook import double_integrator
 
 
@@ -181,3 +184,58 @@ def test_a_bang_bang_answer_is_within_its_bounds_everywhere():
     u = solution["move"].sample(np.linspace(0.0, solution.duration, 500))["u"]
     assert np.abs(u).max() <= 1.0 + 1e-7
     assert not [use for use in verify(problem, solution).limits if use.excess > 1e-6]
+
+
+# optima that a solver stands beside ---------------------------------------------------------------
+
+
+def oil_shale():
+    """Most bitumen from oil shale (Luus): on some intervals either bound is a local optimum."""
+    problem = OptimalControlProblem("oil shale")
+    phase = problem.phase("heat", 10.0)
+    kerogen = phase.state("kerogen", initial=1.0)
+    bitumen = phase.state("bitumen", initial=0.0)
+    temperature = phase.control("temperature", lower=698.15, upper=748.15)
+    factors = (8.86, 24.25, 23.67, 18.75, 20.70)
+    energies = (10215.4, 18820.5, 17008.9, 14190.8, 15599.8)
+    k = [ca.exp(a - b / temperature) for a, b in zip(factors, energies, strict=True)]
+    phase.derivative(kerogen, -k[0] * kerogen - (k[2] + k[3] + k[4]) * kerogen * bitumen)
+    phase.derivative(bitumen, k[0] * kerogen - k[1] * bitumen + k[2] * kerogen * bitumen)
+    phase.end_cost(-bitumen)
+    return problem
+
+
+def test_controls_in_the_higher_of_two_valleys_are_seen_and_left():
+    alone = solve(oil_shale(), 100, settings=SolverSettings("ipopt"))
+    assert alone.status.solved
+    gain, controls = better_controls(alone)
+    assert 1e-4 < gain < 5e-4
+    assert controls["heat"]["temperature"].shape == (100, 3, 1)
+    better = solve(oil_shale(), 100)
+    assert better.status.solved
+    assert -better.cost == pytest.approx(0.35372, rel=1e-4)
+    assert alone.cost - better.cost == pytest.approx(gain, rel=0.3)
+    assert better_controls(better)[0] < 0.1 * gain
+
+
+def hanging_chain():
+    """A chain of length 4 between two poles (COPS): its slope costs in proportion alone."""
+    problem = OptimalControlProblem("hanging chain")
+    phase = problem.phase("all", 1.0)
+    height = phase.state("height", initial=1.0, final=3.0)
+    length = phase.state("length", initial=0.0, final=4.0)
+    slope = phase.control("slope")
+    phase.derivative(height, slope)
+    phase.derivative(length, ca.sqrt(1 + slope**2))
+    phase.running_cost(height * ca.sqrt(1 + slope**2))
+    return problem
+
+
+def test_a_start_in_which_controls_cost():
+    transcription = Transcription(hanging_chain())
+    settings = SolverSettings("ipopt")
+    alone = solve(transcription, 50, settings=settings)
+    assert abs(alone.cost / 5.0684801 - 1) > 0.01  # one enormous slope on one interval
+    start, attempts = smoothed(transcription, 50, None, settings, np.inf, None)
+    assert len(attempts) == 3
+    assert solve(transcription, 50, start, settings).cost == pytest.approx(5.0684801, rel=1e-7)

@@ -37,9 +37,10 @@ from microbot_ocp.ocp.solution import (
     PhaseSolution,
     Solution,
     StepProgress,
+    cost_size,
     quiet,
 )
-from microbot_ocp.ocp.solvers import SolverSettings, solutions, transcribed
+from microbot_ocp.ocp.solvers import SolverSettings, improvable, solutions, transcribed
 from microbot_ocp.ocp.transcription import Guess, Mesh, Meshes, Transcription
 from microbot_ocp.ocp.transcription.schemes import Scheme
 from microbot_ocp.ocp.verification import (
@@ -53,18 +54,23 @@ from microbot_ocp.ocp.verification import (
 
 MOST_VAIN = 2  # solves with one phase an arc that may find nothing
 PROGRESS = 0.9  # share of the former error that counts as an improvement
+SETTLED = 5.0  # times the accuracy of the cost: what other controls may still save
 MOVES = 1e-2  # share of the cost: while a mesh changes it by more the errors mean little
 HALF = 0.5  # of the former error of the cost: what a mesh should gain that is divided for it
 # A finer mesh meets constraints and dynamics that the coarser one cut short, and may honestly cost
 # more by this share.
 DEARER = 0.05
 SHARE = 0.6  # of the time that is left, which the refinement of one solution may take
+AIM = 1e-6  # accuracy of the states by default
+EASED = 1e-4  # of states and cost, where no more is reached
+EASED_LIMIT = 1e-3  # the same of limits
+WIDE = 50  # intervals of a phase: on shorter ones limits that are exceeded count less
 ROUGH = 1e-2  # error above which what is left is refined from another start
 
 
 def solve_refined(
     problem: OptimalControlProblem | Transcription,
-    accuracy: float = 1e-6,
+    accuracy: float | None = None,
     mesh: Meshes = 20,
     scheme: str | Scheme = "radau",
     guess: Mapping[str, Guess] | Solution | str | None = None,
@@ -86,9 +92,12 @@ def solve_refined(
     ----------
     problem : OptimalControlProblem or Transcription
         A transcription keeps its scheme; ``scheme`` is that of a problem.
-    accuracy : float
+    accuracy : float, optional
         Relative state error of any interval that is accepted; see
-        :func:`~microbot_ocp.ocp.refinement.state_errors`.
+        :func:`~microbot_ocp.ocp.refinement.state_errors`. Default: 1e-6 is aimed at; where finer
+        meshes come no nearer 1e-4 will do, if the cost does not change by more than 1e-4 of itself
+        from mesh to mesh and limits are exceeded by no more than 1e-3 (less on intervals that are
+        shorter than a fiftieth of the phase). ``advice`` tells what was aimed at and is missed.
     mesh : int, Mesh, or one int, Mesh or array of fractions [N+1] a phase
         The first mesh.
     scheme : str or Scheme
@@ -149,7 +158,8 @@ def solve_refined(
     >>> str(refined.status), round(refined.solution.cost, 4)
     ('solved', 2.0)
     """
-    accuracy = checks.number("accuracy", accuracy, above=0.0)
+    eased = accuracy is None
+    accuracy = AIM if accuracy is None else checks.number("accuracy", accuracy, above=0.0)
     switch_accuracy = checks.number("switch_accuracy", switch_accuracy, above=0.0)
     if not cost_accuracy > 0:
         raise InputError(f"cost_accuracy must be above 0, not {cost_accuracy}")
@@ -163,7 +173,7 @@ def solve_refined(
         own = transcribed(problem, settings, scheme=scheme, guess=guess)
         mesh = _with_degrees(own, mesh, hp)
     watched = None if progress is quiet else progress
-    goal = _Goal(accuracy, cost_accuracy, switch_accuracy, limit_tolerance, hp)
+    goal = _Goal(accuracy, cost_accuracy, switch_accuracy, limit_tolerance, hp, eased)
     best: Refined | None = None
     for first, transcription in solutions(problem, mesh, guess, settings, scheme, until, watched):
         now = time.perf_counter()
@@ -210,6 +220,7 @@ class _Goal:
     switch_accuracy: float
     limit_tolerance: float
     degrees: Degrees | None
+    eased: bool  # whether less will do where no more is reached
 
     def met(self, step: RefinementStep) -> bool:
         """Whether a mesh is good enough, but for its cost."""
@@ -321,10 +332,32 @@ class _Refinement:
             with contextlib.suppress(KeyboardInterrupt):
                 self._enter(first, first.status.solved)
                 status = self._rounds() if first.status.solved else first.status
+        if status not in (Status.SOLVED, Status.INTERRUPTED) and self._will_do():
+            status = Status.SOLVED
+        more = improvable(self.best) if status is Status.SOLVED else 0.0
+        if more > SETTLED * EASED:
+            status = Status.NO_PROGRESS
         use = self.exceeded
         over = use is not None and use.relative > self.goal.limit_tolerance
         missed = self.goal.missed(self._last_accepted()) if self.history else ()
+        if more > SETTLED * EASED:
+            missed = (*missed, f"controls that are known to save {more:.1e} of the cost")
         return Refined(self.best, History(self.history), status, use if over else None, missed)
+
+    def _will_do(self) -> bool:
+        """Whether what was reached is good enough where less than was aimed at is."""
+        kept = [step for step in self.history if step.accepted]
+        if not self.goal.eased or len(kept) < 2 or self.best is None:
+            return False
+        change = abs(kept[-1].cost - kept[-2].cost)
+        excess = max(
+            float((own.reshape(steps.size, -1).max(axis=1) * np.minimum(1.0, WIDE * steps)).max())
+            for own, steps in zip(
+                self.excess, (np.diff(p.mesh) for p in self.best.phases), strict=True
+            )
+        )
+        known = change <= EASED * cost_size(self.best.cost, self.best.cost_scale)
+        return known and kept[-1].state_error <= EASED and excess <= EASED_LIMIT
 
     def _rounds(self) -> Status:
         for done in range(self.limits.rounds + 1):

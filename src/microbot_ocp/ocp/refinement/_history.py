@@ -150,7 +150,9 @@ class Refined:
         if not self.solution.status.solved:
             return self.solution.advice
         said = [self.status.sentence]
-        if self.missed and not self.status.solved:
+        if self.missed and self.status.solved:
+            said = [f"Good enough: finer meshes come no nearer to {'; '.join(self.missed)}."]
+        elif self.missed:
             said.append(f"Missed: {'; '.join(self.missed)}.")
         use = self.exceeded
         if use is not None:

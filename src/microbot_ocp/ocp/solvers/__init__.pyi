@@ -9,6 +9,9 @@ from ._chain import (
     transcribed as transcribed,
     with_cost_scale as with_cost_scale,
 )
+from ._improvement import (
+    improvable as improvable,
+)
 from ._parametric import (
     ParametricSolver as ParametricSolver,
 )

@@ -17,7 +17,7 @@ from microbot_ocp.ocp.solvers._settings import SolverSettings
 from microbot_ocp.ocp.transcription import Guess, Transcription
 
 WORTH = 1e-5  # of the cost: less than this is not looked for
-LESS = 1e-7  # of the cost, by which a solve has to improve it
+LESS = 0.2  # of what is to be saved, that has to be: where controls chatter little of it is
 MOST = 6  # solves
 BARRIER = 1e-6
 ITERATIONS = 200
@@ -57,7 +57,7 @@ def improved(
         meshes = [phase.mesh for phase in solution.phases]
         tried = solve_on(transcription, meshes, guess, own, until, progress)
         attempts += [replace(a, way=WAY) for a in tried.attempts]
-        if not (tried.status.solved and tried.cost < solution.cost - LESS * size):
+        if not (tried.status.solved and tried.cost < solution.cost - LESS * gain):
             break
         solution = tried
     return solution, attempts

@@ -47,6 +47,7 @@ LONGER = (3.0, 0.3, 10.0)  # other durations, where they are free
 CONVERGED = (Status.SOLVED, Status.GAP_LEFT)
 ENDED = (*CONVERGED, Status.INTERRUPTED)
 
+CHATTERS = "the optimum may be approached by controls that jump to and fro ever faster."
 ACCURACY = 1e-4  # relative: local errors of the state, change of the cost from mesh to mesh
 ROUGH = 1e-2  # local error of the state above which an answer is none
 SETTLED = 5.0  # times the accuracy: what is left of the cost's change at which it has settled
@@ -118,7 +119,8 @@ def solve(
         attempts += solution.attempts
         if best is None or solution.status in ENDED:
             best = solution
-        if solution.status in ENDED or mesh is not None or time.perf_counter() >= until:
+        chatters = solution.advice.endswith(CHATTERS)  # no other start would change that
+        if solution.status in ENDED or chatters or mesh is not None or time.perf_counter() >= until:
             break
     assert best is not None
     return replace(best, attempts=tuple(attempts))
@@ -302,10 +304,14 @@ def _on_finer_meshes(
         return solution
     said = (
         f"{Status.NO_PROGRESS.sentence} On the last meshes the cost still changed by "
-        f"{left.change:.1g} of itself, and other controls would save {more:.1g} of it; within an "
-        f"interval states are wrong, or limits exceeded, by {worst:.1g} of their sizes: call "
-        f"solve_refined."
+        f"{left.change:.1g} of itself; within an interval states are wrong, or limits exceeded, by "
+        f"{worst:.1g} of their sizes: call solve_refined."
     )
+    if left.estimate <= SETTLED * ACCURACY and worst <= ROUGH:
+        said = (
+            f"{Status.NO_PROGRESS.sentence} Other controls would save {more:.1g} of the cost, but "
+            f"no solve from there does: {CHATTERS}"
+        )
     return replace(solution, status=Status.NO_PROGRESS, advice=said)
 
 
