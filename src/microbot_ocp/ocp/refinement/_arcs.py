@@ -127,7 +127,8 @@ def place_junctions(
     solved = solve(in_arcs, meshes, guesses, replace(settings, solver="ipopt"), scheme=scheme)
     if solved.status is Status.INTERRUPTED:
         raise KeyboardInterrupt  # the solver kept it to itself
-    if not solved.status.solved or solved.cost > solution.cost + WORSE * abs(solution.cost):
+    converged = solved.status in (Status.SOLVED, Status.TOO_COARSE)  # it only places mesh points
+    if not converged or solved.cost > solution.cost + WORSE * abs(solution.cost):
         return None
     return [
         _ends(phase_layout(phase).phase, [solved[piece.name] for piece in pieces])

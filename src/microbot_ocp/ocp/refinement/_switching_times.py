@@ -370,7 +370,7 @@ class _Search:
             self.progress(
                 f"{sum(map(len, groups))} arcs: cost {solution.cost:.12g}, {solution.status}"
             )
-            if solution.status not in (Status.SOLVED, Status.GAP_LEFT):
+            if solution.status not in (Status.SOLVED, Status.GAP_LEFT, Status.TOO_COARSE):
                 status, said = solution.status, solution.advice
                 break
             changed = self._changed(solution, groups) if done < CHANGES else None
