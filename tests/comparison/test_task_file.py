@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import microbot_ocp as mo
-from microbot_ocp.comparison import KEYS, OUTPUTS, parse_task, read_task
+from microbot_ocp.comparison import KEYS, OUTPUTS, is_cell_file, parse_task, read_cell, read_task
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "task_file.md"
 VIA = "[via]\nq_deg = [[0, 0, 0], [-90, 90, 90]]\n"
@@ -139,3 +139,71 @@ def test_a_file_that_cannot_be_read(tmp_path):
     (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(mo.InputError, match="not text"):
         read_task(tmp_path / "binary.toml")
+
+
+CELL = """
+schema = 1
+robot = "microbot"
+cycle = true
+[[stop]]
+name = "pick"
+q_deg = [0, 20, 10]
+payload = {{ mass = 2.0, center_of_mass = [0.1, 0.0, 0.0] }}
+dwell = 0.1
+[[stop]]
+name = "place"
+position = [3.0, 1.5, 4.0]
+rpy_deg = [0, 90, 0]
+free_turn = "x"
+tolerance = 0.05
+payload = 0
+{more}
+[settings]
+mesh = 20
+"""
+
+
+def cell(tmp_path, more=""):
+    file = tmp_path / "cell.toml"
+    file.write_text(CELL.format(more=more))
+    return read_cell(file)
+
+
+def test_a_file_and_python_state_the_same_stops(tmp_path):
+    found = cell(tmp_path, '[[segment]]\nafter = "place"\nkind = "line"\ntolerance = 0.01')
+    turned = np.array([[0, 0, 1], [0, 1, 0], [-1, 0, 0]])
+    place = mo.Stop(
+        position=[3.0, 1.5, 4.0],
+        orientation=found.stops[1].orientation,
+        free_turn="x",
+        tolerance=0.05,
+        payload=0.0,
+        name="place",
+    )
+    assert np.allclose(found.stops[1].orientation, turned)
+    payload = mo.Payload(2.0, [0.1, 0.0, 0.0])
+    pick = mo.Stop(q=np.radians([0, 20, 10]), payload=payload, dwell=0.1, name="pick")
+    assert found.stops == (pick, place)
+    assert found.segments == (None, mo.Line(tolerance=0.01))
+    assert (found.cycle, found.settings.mesh, is_cell_file(tmp_path / "cell.toml")) == (
+        True,
+        20,
+        True,
+    )
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        ("veloctiy = 'any'", "did you mean 'velocity'?"),
+        ("q = [0, 0, 0]", "either q or a position"),
+        ('[[segment]]\nafter = "plce"\nkind = "line"', "one of pick, place, not 'plce'"),
+        ('[[segment]]\nafter = "pick"\nkind = "curve"', "one of line, circle, joint line"),
+        ('[[segment]]\nafter = "pick"\nkind = "circle"', "it does not take"),
+    ],
+)
+def test_what_is_wrong_in_a_cell_is_said(tmp_path, more, said):
+    with pytest.raises(mo.InputError) as problem:
+        cell(tmp_path, more)
+    assert str(problem.value).startswith("cell.toml: ")
+    assert said in str(problem.value)

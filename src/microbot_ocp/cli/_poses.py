@@ -35,6 +35,7 @@ from microbot_ocp.cli._output import (
     span,
 )
 from microbot_ocp.cli._recordings import check_recording, open_recording
+from microbot_ocp.comparison import rotation_of
 from microbot_ocp.inverse_kinematics import IKSolution, solve_ik, solve_ik_all
 from microbot_ocp.robot import Robot, forward_kinematics
 from microbot_ocp.robot.files import load_robot
@@ -196,14 +197,7 @@ def _orientation(radians: str | None, degrees: str | None) -> FloatArray | None:
         angles = np.radians(numbers("--rpy-deg", degrees, 3, "roll, pitch, yaw"))
     else:
         angles = numbers("--rpy", radians or "", 3, "roll, pitch, yaw")
-    (cr, cp, cy), (sr, sp, sy) = np.cos(angles), np.sin(angles)
-    return np.array(
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
-    )
+    return rotation_of(angles)
 
 
 def fixed_angles(rotation: FloatArray) -> FloatArray:

@@ -48,6 +48,8 @@ from microbot_ocp.comparison import (
     Step,
     certify,
     compare as compare_methods,
+    is_cell_file,
+    read_cell,
     read_task,
 )
 from microbot_ocp.motion import Motion
@@ -256,8 +258,12 @@ def solve(
 ) -> int:
     """Solve the task of a TOML file.
 
-    --out says where its outputs go. Exit code 1 where a method found no certified solution.
+    With [[stop]] tables it is a motion through stops, else a comparison of methods. --out says
+    where its outputs go. Exit code 1 where a method found no certified solution.
     """
+    if is_cell_file(file):
+        watchers = Watchers(live, live_serve, live_connect, iterations)
+        return _solve_cell(file, time_limit, out, watchers, allow_uncertified, as_json)
     task = read_task(file)
     output_folder(out)
     watchers = Watchers(live, live_serve, live_connect, iterations)
@@ -265,6 +271,41 @@ def solve(
         result = task.compare(progress, np.inf if time_limit is None else time_limit)
     written = _save(as_json, result, out, task.outputs, watchers.written)
     code = _show_comparison(as_json, result, written, out, allow_uncertified)
+    watchers.linger()
+    return code
+
+
+def _solve_cell(
+    file: Path,
+    time_limit: float | None,
+    out: Path | None,
+    watchers: Watchers,
+    allow_uncertified: bool,
+    as_json: bool,
+) -> int:
+    """Find, certify and write a motion through stops."""
+    task = read_cell(file)
+    if time_limit is not None:
+        task = replace(task, settings=replace(task.settings, time_limit=time_limit))
+    output_folder(out)
+    with watchers.progress(as_json) as progress:
+        cell = task.solve(_steps(progress, "solve"))
+    written = watchers.written
+    written.add(out, lambda path: cell.save(path, task.outputs))
+
+    def text(console: Console) -> None:
+        motion, certificate = cell.motion, cell.certificate
+        console.print(
+            f"{cell.robot.name}, {motion.label}: {motion.duration:.4f} s, {motion.status}"
+        )
+        for mark in motion.marks:
+            console.print(f"  {mark.time:8.4f} s  {mark.name}")
+        console.print(f"{motion.note}." if motion.note else "", soft_wrap=True)
+        console.print()
+        _show_shares(console, cell.robot, certificate)
+
+    good = cell.motion.solved and (cell.certificate.ok or allow_uncertified)
+    code = answer(as_json, cell.as_dict(), text, 0 if good else 1, written, out)
     watchers.linger()
     return code
 
@@ -333,13 +374,17 @@ def _show_motion(
     times = [0.0, *(m.time for m in motion.marks if 0 < m.time < motion.duration), motion.duration]
     for time, via in zip(times, via_q, strict=False):
         console.print(f"  {time:8.4f} s  {joint_text(robot, via)}")
+    console.print()
+    _show_shares(console, robot, certificate)
+
+
+def _show_shares(console: Console, robot: Robot, certificate: Certificate) -> None:
     checks = [check for check in certificate.limit_checks if np.isfinite(check.utilisation).any()]
     checked = [check for check in checks if check.labels == robot.joint_names]
     rows = [
         [name, *(_share(float(check.utilisation[j])) for check in checked)]
         for j, name in enumerate(robot.joint_names)
     ]
-    console.print()
     heads = ["share of limit", *(f"{c.quantity} [%]" for c in checked)]
     console.print(Table.of_text(heads, rows), "")
     for check in checks:

@@ -1,5 +1,12 @@
 """Public names; loaded when they are first asked for."""
 
+from ._cell_file import (
+    Cell as Cell,
+    CellFile as CellFile,
+    is_cell_file as is_cell_file,
+    read_cell as read_cell,
+    rotation_of as rotation_of,
+)
 from ._certificate import (
     Certificate as Certificate,
     LimitCheck as LimitCheck,
@@ -18,6 +25,9 @@ from ._comparison import (
 from ._saved import (
     load_comparison as load_comparison,
     named_robot as named_robot,
+)
+from ._task_certificate import (
+    SegmentCheck as SegmentCheck,
 )
 from ._task_file import (
     KEYS as KEYS,

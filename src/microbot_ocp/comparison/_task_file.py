@@ -145,22 +145,40 @@ def read_task(path: str | Path) -> TaskFile:
     ('microbot', (2, 3))
     """
     source = Path(path)
+    return parse_task(_text_of(path), source.name, source.parent)
+
+
+def toml_of(path: str | Path) -> dict[str, Any]:
+    """What a TOML file holds.
+
+    Raises
+    ------
+    InputError
+        A file that cannot be read or is no TOML.
+    """
+    return _parsed(_text_of(path), Path(path).name)
+
+
+def _text_of(path: str | Path) -> str:
     try:
-        text = source.read_text("utf-8")
+        return Path(path).read_text("utf-8")
     except OSError as problem:
         reason = problem.strerror or problem
         raise InputError(f"task file {str(path)!r} cannot be read: {reason}") from None
     except UnicodeDecodeError:
         raise InputError(f"task file {str(path)!r} cannot be read: it is not text") from None
-    return parse_task(text, source.name, source.parent)
+
+
+def _parsed(text: str, origin: str) -> dict[str, Any]:
+    try:
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as problem:  # an integer of 5,000 digits; nesting
+        raise InputError(f"{origin} is not valid TOML: {problem}") from None
 
 
 def parse_task(text: str, origin: str, folder: Path) -> TaskFile:
     """Task from the text of a file; ``origin`` names it, ``folder`` holds the robots it names."""
-    try:
-        data = tomllib.loads(text)
-    except (ValueError, RecursionError) as problem:  # an integer of 5,000 digits; nesting
-        raise InputError(f"{origin} is not valid TOML: {problem}") from None
+    data = _parsed(text, origin)
     try:
         return _task(data, origin, folder)
     except InputError as problem:
@@ -169,13 +187,11 @@ def parse_task(text: str, origin: str, folder: Path) -> TaskFile:
 
 def _task(data: dict[str, Any], origin: str, folder: Path) -> TaskFile:
     known_keys(data, "")
-    if type(data.get("schema")) is not int or data["schema"] != SCHEMA:
-        found = f"not {data['schema']!r}" if "schema" in data else "but it is missing"
-        raise InputError(f"schema must be {SCHEMA}, {found}")
-    robot = _robot(data, folder)
-    via = _table(data, "via")
-    limits = _table(data, "limits")
-    settings = _settings(_table(data, "settings"))
+    schema_checked(data)
+    robot = robot_from(data, folder)
+    via = table_of(data, "via")
+    limits = table_of(data, "limits")
+    settings = settings_from(table_of(data, "settings"))
     if "via" not in data:
         raise InputError("table [via] is missing: it holds the via points, q or q_deg")
     via_q = _via_array(robot, via, "q")
@@ -200,11 +216,18 @@ def _task(data: dict[str, Any], origin: str, folder: Path) -> TaskFile:
         via_q=via_q,
         via_t=via_t,
         via_qd=via_qd,
-        limits=_limits(robot, limits),
+        limits=limits_from(robot, limits),
         methods=methods,
         settings=settings,
         outputs=_names(data, "outputs", OUTPUTS) or OUTPUTS,
     )
+
+
+def schema_checked(data: Mapping[str, Any]) -> None:
+    """Raise InputError where a file is of another version of the format."""
+    if type(data.get("schema")) is not int or data["schema"] != SCHEMA:
+        found = f"not {data['schema']!r}" if "schema" in data else "but it is missing"
+        raise InputError(f"schema must be {SCHEMA}, {found}")
 
 
 def known_keys(table: Mapping[str, Any], name: str) -> None:
@@ -212,17 +235,19 @@ def known_keys(table: Mapping[str, Any], name: str) -> None:
     for key in table:
         if key not in KEYS[name]:
             where = f"in table [{name}]" if name else "at the top level"
-            raise InputError(f"unknown key {key!r} {where}{_suggestion(key, KEYS[name])}")
+            raise InputError(f"unknown key {key!r} {where}{suggestion(key, KEYS[name])}")
 
 
-def _suggestion(word: str, allowed: Iterable[str]) -> str:
+def suggestion(word: str, allowed: Iterable[str]) -> str:
+    """The nearest of the allowed words, and all of them."""
     names = list(allowed)
     close = difflib.get_close_matches(word, names, n=1, cutoff=0.6)
     asked = f"; did you mean {close[0]!r}?" if close else ";"
     return f"{asked} allowed: {', '.join(names)}"
 
 
-def _table(data: Mapping[str, Any], name: str) -> dict[str, Any]:
+def table_of(data: Mapping[str, Any], name: str) -> dict[str, Any]:
+    """A table of the schema; empty where it is not given."""
     table = data.get(name, {})
     if not isinstance(table, dict):
         raise InputError(f"{name} must be a table, [{name}], not {table!r}")
@@ -230,7 +255,8 @@ def _table(data: Mapping[str, Any], name: str) -> dict[str, Any]:
     return table
 
 
-def _robot(data: Mapping[str, Any], folder: Path) -> Robot:
+def robot_from(data: Mapping[str, Any], folder: Path) -> Robot:
+    """The robot that a file names."""
     source, tip = data.get("robot"), data.get("tip")
     if not isinstance(source, str):
         found = f"not {source!r}" if "robot" in data else "but it is missing"
@@ -264,7 +290,8 @@ def _via_array(robot: Robot, via: Mapping[str, Any], key: str) -> FloatArray | N
     return values * joint_scale(robot) if name == in_degrees else values
 
 
-def _limits(robot: Robot, table: Mapping[str, Any]) -> JointLimits:
+def limits_from(robot: Robot, table: Mapping[str, Any]) -> JointLimits:
+    """The limits of the robot with the changes of a table."""
     changes: dict[str, Any] = {}
     further = {name: value for name, value in table.items() if name in MEMBER_KEYS}
     if further:
@@ -283,7 +310,8 @@ def _limits(robot: Robot, table: Mapping[str, Any]) -> JointLimits:
         raise InputError(f"limits.{problem}") from None
 
 
-def _settings(table: Mapping[str, Any]) -> dict[str, Any]:
+def settings_from(table: Mapping[str, Any]) -> dict[str, Any]:
+    """Checked settings of a table."""
     for key, value in table.items():
         try:
             if key == "blend":
@@ -308,7 +336,7 @@ def _names(
         raise InputError(f"{key} must be a list of names out of {choices}, not {value!r}")
     for name in value:
         if name not in allowed:
-            raise InputError(f"{key} has the unknown {name!r}{_suggestion(name, allowed)}")
+            raise InputError(f"{key} has the unknown {name!r}{suggestion(name, allowed)}")
     if not value or len(set(value)) != len(value):
         raise InputError(f"{key} must be different names out of {choices}, not {value}")
     return tuple(value)

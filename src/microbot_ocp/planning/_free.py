@@ -56,6 +56,7 @@ from microbot_ocp.planning._progress import with_motion
 from microbot_ocp.planning._scale import TaskScale
 from microbot_ocp.planning._segments import Segment
 from microbot_ocp.planning._stop_task import is_task
+from microbot_ocp.planning._stops import Stop
 from microbot_ocp.planning._switching import in_arcs
 from microbot_ocp.planning._task import (
     GAP,
@@ -147,7 +148,7 @@ class TimeOptimalSettings:
 
 def time_optimal(
     robot: Robot,
-    via_q: ArrayLike,
+    via_q: ArrayLike | Sequence[Stop],
     limits: Limits | JointLimits | None = None,
     *,
     segments: Sequence[Segment] | None = None,
@@ -231,7 +232,7 @@ def time_optimal(
             return stops_among(robot, limits, plan, scene, chosen, progress or quiet)
         return solve_stops(robot, limits, *plan, chosen, progress or quiet)
     family = check_limits(robot, limits)
-    via = check_via(family, via_q)
+    via = check_via(family, cast("ArrayLike", via_q))
     if scene is not None:
         from microbot_ocp.planning._among_obstacles import fastest_among
 

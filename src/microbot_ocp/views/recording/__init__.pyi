@@ -11,6 +11,7 @@ from ._builders import (
     of_motion as of_motion,
     of_tracking as of_tracking,
 )
+from ._cell import CellRecording as CellRecording, of_cell as of_cell
 from ._curves import HEIGHT as HEIGHT, WIDTH as WIDTH, rounded as rounded
 from ._iterations import (
     APPLICATION as APPLICATION,

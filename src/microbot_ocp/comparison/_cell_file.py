@@ -1,0 +1,405 @@
+"""Tasks of stops in TOML files: ``[[stop]]``, ``[[segment]]``, ``cycle``, ``[scene]``.
+
+The schema is in docs/task_file.md; errors are those of a task of via points.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import FloatArray, InputError, plain
+from microbot_ocp._base.showing import view_for
+from microbot_ocp._base.writing import write_whole
+from microbot_ocp.comparison._certificate import Certificate, certify
+from microbot_ocp.comparison._task_file import (
+    limits_from,
+    robot_from,
+    schema_checked,
+    settings_from,
+    suggestion,
+    table_of,
+    toml_of,
+)
+from microbot_ocp.motion import Motion
+from microbot_ocp.ocp.solution import StepProgress, quiet
+from microbot_ocp.planning import (
+    Circle,
+    JointLine,
+    Line,
+    Payload,
+    Segment,
+    Stop,
+    Task,
+    TimeOptimalSettings,
+    task_of,
+    time_optimal,
+)
+from microbot_ocp.robot import JointLimits, Robot, joint_scale
+from microbot_ocp.scene import Scene, read_scene
+
+TOP = (
+    *("schema", "robot", "tip", "outputs", "stop", "segment", "cycle", "order", "duration"),
+    *("limits", "settings", "scene"),
+)
+STOP = (
+    *("name", "q", "q_deg", "position", "orientation", "rpy", "rpy_deg", "tolerance"),
+    *("tolerance_deg", "orientation_tolerance", "orientation_tolerance_deg", "free_turn"),
+    *("velocity", "dwell", "payload", "blend"),
+)
+SEGMENT = ("after", "kind", "through", "tolerance", "orientation_tolerance")
+PAYLOAD = ("mass", "center_of_mass", "inertia")
+KINDS: dict[str, Any] = {"line": Line, "circle": Circle, "joint line": JointLine}
+CELL_OUTPUTS = ("json", "motion", "figure", "recording")
+
+
+@dataclass(frozen=True, eq=False)
+class CellFile:
+    """A task of stops as a file states it, checked and in SI units.
+
+    Attributes
+    ----------
+    origin : str
+        Name of the file, for messages.
+    robot : Robot
+        With its own limits.
+    stops : tuple of Stop
+    segments : tuple of segments, or None
+        None where every way is free.
+    cycle : bool
+    order : "given" or "free"
+    duration : float or None, s
+    limits : JointLimits
+    settings : TimeOptimalSettings
+    outputs : tuple of str
+    scene : Scene or None
+        Obstacles of the table ``[scene]``.
+    """
+
+    origin: str
+    robot: Robot
+    stops: tuple[Stop, ...]
+    segments: tuple[Segment, ...] | None
+    cycle: bool
+    order: str
+    duration: float | None
+    limits: JointLimits
+    settings: TimeOptimalSettings
+    outputs: tuple[str, ...]
+    scene: Scene | None = None
+
+    def solve(self, progress: StepProgress = quiet) -> Cell:
+        """Find and certify the motion.
+
+        Raises
+        ------
+        InputError
+            A stop out of reach, a tool line that no branch follows.
+        """
+        try:
+            motion = time_optimal(
+                self.robot,
+                self.stops,
+                self.limits,
+                segments=self.segments,
+                cycle=self.cycle,
+                order=self.order,
+                duration=self.duration,
+                scene=self.scene,
+                settings=self.settings,
+                progress=progress,
+            )
+        except InputError as problem:
+            raise InputError(f"{self.origin}: {problem}") from None
+        motion = replace(motion, provenance={**motion.provenance, "robot": self.robot.name})
+        order = motion.provenance.get("order", range(len(self.stops)))
+        stops = tuple(self.stops[k] for k in order)
+        progress(f"certify: {motion.duration:.4f} s")
+        certificate = certify(
+            self.robot,
+            motion,
+            self.limits,
+            via_q=stops,
+            segments=self.segments,
+            cycle=self.cycle,
+            scene=self.scene,
+        )
+        limited = self.robot.with_limits(self.limits)
+        return Cell(limited, stops, self.segments, self.cycle, motion, certificate)
+
+
+@dataclass(frozen=True, eq=False)
+class Cell:
+    """A motion through stops with its certificate.
+
+    Attributes
+    ----------
+    robot : Robot
+        With the limits of the task.
+    stops : tuple of Stop
+        In the order in which they are reached.
+    segments : tuple of segments, or None
+    cycle : bool
+    motion : Motion
+    certificate : Certificate
+    """
+
+    robot: Robot
+    stops: tuple[Stop, ...]
+    segments: tuple[Segment, ...] | None
+    cycle: bool
+    motion: Motion
+    certificate: Certificate
+
+    @property
+    def task(self) -> Task:
+        """Stops and segments, checked, with the limits of every segment."""
+        return task_of(self.robot, self.stops, segments=self.segments, cycle=self.cycle)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        told = self.motion.provenance
+        return {
+            "robot": self.robot.name,
+            "limits": self.robot.limits.as_dict(),
+            "cycle": self.cycle,
+            "solved": self.motion.solved,
+            "status": str(self.motion.status),
+            "advice": told.get("advice", ""),
+            "duration": self.motion.duration,
+            "marks": [{"time": m.time, "name": m.name} for m in self.motion.marks],
+            "branches": told.get("branches", []),
+            "certificate": self.certificate.as_dict(),
+        }
+
+    def save(self, folder: str | Path, outputs: Sequence[str] = CELL_OUTPUTS) -> list[Path]:
+        """Write ``cell.json``, ``motion.npz``, ``motion.png`` and ``cell.rrd`` into a folder.
+
+        Parameters
+        ----------
+        folder : str or Path
+        outputs : sequence of str
+            Some of "json", "motion", "figure", "recording".
+
+        Raises
+        ------
+        InputError
+            Another output.
+        """
+        target = Path(folder)
+        target.mkdir(parents=True, exist_ok=True)
+        written = []
+        for name in outputs:
+            checks.one_of("output", name, CELL_OUTPUTS)
+            if name == "json":
+                text = json.dumps(plain(self.as_dict()), indent=2, ensure_ascii=False) + "\n"
+                written.append(write_whole(target / "cell.json", text))
+            elif name == "motion":
+                written.append(self.motion.save(target / "motion.npz"))
+            elif name == "figure":
+                figure = self.motion.plot(self.robot)
+                figure.figure.savefig(target / "motion.png")
+                written.append(target / "motion.png")
+            else:
+                written.append(self.to_rerun(target / "cell.rrd"))
+        return written
+
+    def to_rerun(self, path: str | Path) -> Path:
+        """Write a Rerun recording (``.rrd``) of the arm with stops, tool lines and payloads."""
+        return view_for(self, "rerun")(self).save(path)
+
+
+def is_cell_file(path: str | Path) -> bool:
+    """Whether a task file has stops in the place of via points."""
+    return "stop" in toml_of(path)
+
+
+def read_cell(path: str | Path) -> CellFile:
+    """Read a task of stops from a TOML file.
+
+    Parameters
+    ----------
+    path : str or Path
+        Paths of robots inside the file are relative to its folder.
+
+    Raises
+    ------
+    InputError
+        A file that cannot be read, a key that is unknown, missing or of the wrong kind.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> text = '''
+    ... schema = 1
+    ... robot = "microbot"
+    ... [[stop]]
+    ... name = "home"
+    ... q_deg = [0, 0, 0]
+    ... [[stop]]
+    ... name = "place"
+    ... position = [3.0, -1.0, 4.5]
+    ... payload = { mass = 2.0 }
+    ... [[segment]]
+    ... after = "home"
+    ... kind = "line"
+    ... '''
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = Path(folder) / "cell.toml"
+    ...     _ = file.write_whole(text)
+    ...     cell = read_cell(file)
+    >>> [stop.name for stop in cell.stops], cell.segments
+    (['home', 'place'], (Line(tolerance=0.001, orientation_tolerance=0.01),))
+    """
+    source = Path(path)
+    data = toml_of(source)
+    try:
+        return _cell(data, source.name, source.parent)
+    except InputError as problem:
+        raise InputError(f"{source.name}: {problem}") from None
+
+
+def _cell(data: Mapping[str, Any], origin: str, folder: Path) -> CellFile:
+    _known(data, TOP, "at the top level")
+    schema_checked(data)
+    robot = robot_from(data, folder)
+    rows = _tables(data, "stop")
+    stops = [_stop(robot, row, f"stop {k + 1}") for k, row in enumerate(rows)]
+    cycle = data.get("cycle", False)
+    if not isinstance(cycle, bool):
+        raise InputError(f"cycle must be true or false, not {cycle!r}")
+    order = data.get("order", "given")
+    if order not in ("given", "free"):
+        raise InputError(f'order must be "given" or "free", not {order!r}')
+    duration = data.get("duration")
+    if duration is not None:
+        checks.number("duration", duration, "s", above=0.0)
+    outputs = data.get("outputs", list(CELL_OUTPUTS))
+    if not isinstance(outputs, list) or not set(outputs) <= set(CELL_OUTPUTS):
+        raise InputError(f"outputs must be some of {', '.join(CELL_OUTPUTS)}, not {outputs!r}")
+    settings = settings_from(table_of(data, "settings"))
+    for key in ("grid", "blend"):
+        if key in settings:
+            raise InputError(f"settings.{key} is of tasks of via points, not of stops")
+    return CellFile(
+        origin=origin,
+        robot=robot,
+        stops=tuple(stops),
+        segments=_segments(data, stops, cycle),
+        cycle=cycle,
+        order=order,
+        duration=duration,
+        limits=limits_from(robot, table_of(data, "limits")),
+        settings=TimeOptimalSettings(**settings),
+        outputs=tuple(outputs),
+        scene=_scene(data, folder),
+    )
+
+
+def _scene(data: Mapping[str, Any], folder: Path) -> Scene | None:
+    """The table [scene], or the file that it names."""
+    table = data.get("scene")
+    if table is None:
+        return None
+    if isinstance(table, str):
+        return read_scene(folder / table)
+    if not isinstance(table, dict):
+        raise InputError(f"scene must be a table, [scene], or the name of a file, not {table!r}")
+    return read_scene(table, folder, "[scene]")
+
+
+def _known(table: Mapping[str, Any], allowed: Sequence[str], where: str) -> None:
+    for key in table:
+        if key not in allowed:
+            raise InputError(f"unknown key {key!r} {where}{suggestion(key, allowed)}")
+
+
+def _tables(data: Mapping[str, Any], name: str) -> list[dict[str, Any]]:
+    rows = data.get(name, [])
+    if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+        raise InputError(f"{name} must be tables, [[{name}]], not {rows!r}")
+    return rows
+
+
+def _stop(robot: Robot, row: Mapping[str, Any], usual: str) -> Stop:
+    name = row.get("name", usual)
+    where = f"in stop {name!r}"
+    _known(row, STOP, where)
+    given = dict(row)
+    for key in ("orientation_tolerance", "rpy", "q", "tolerance"):
+        in_degrees = given.pop(f"{key}_deg", None)
+        if in_degrees is None:
+            continue
+        if key in given:
+            raise InputError(f"{where}: give {key} or {key}_deg, not both")
+        shape: tuple[int | None, ...] = {"rpy": (3,), "q": (robot.joint_count,)}.get(key, ())
+        values = checks.array(f"{key}_deg {where}", in_degrees, shape) if shape else in_degrees
+        if key == "tolerance" and np.ndim(values) == 0:
+            values = np.full(robot.joint_count, values)
+        scale = joint_scale(robot) if key in ("q", "tolerance") else np.radians(1.0)
+        given[key] = np.asarray(values, dtype=float) * scale
+        if np.ndim(given[key]) == 0:
+            given[key] = float(given[key])
+    if "rpy" in given:
+        if "orientation" in given:
+            raise InputError(f"{where}: give an orientation or rpy, not both")
+        angles = checks.array(f"rpy {where}", given.pop("rpy"), (3,), "rad")
+        given["orientation"] = rotation_of(angles)
+    payload = given.get("payload")
+    if isinstance(payload, dict):
+        _known(payload, PAYLOAD, f"in the payload of stop {name!r}")
+        given["payload"] = Payload(**{"mass": 0.0, **payload})
+    elif payload is not None and isinstance(payload, bool | str | list):
+        raise InputError(f"{where}: payload must be a mass or a table, not {payload!r}")
+    return Stop(**{**given, "name": name})
+
+
+def _segments(
+    data: Mapping[str, Any], stops: Sequence[Stop], cycle: bool
+) -> tuple[Segment, ...] | None:
+    rows = _tables(data, "segment")
+    if not rows:
+        return None
+    names = [stop.name for stop in stops]
+    made: list[Segment] = [None] * (len(stops) - (not cycle))
+    for row in rows:
+        _known(row, SEGMENT, "in a segment")
+        after = row.get("after")
+        if after not in names[: len(made)]:
+            raise InputError(
+                f"after of a segment must be the name of the stop where it begins, one of "
+                f"{', '.join(names[: len(made)])}, not {after!r}"
+            )
+        kind = row.get("kind")
+        if kind not in KINDS:
+            raise InputError(
+                f"kind of the segment after {after!r} must be one of {', '.join(KINDS)}, not "
+                f"{kind!r}"
+            )
+        keys = {key: value for key, value in row.items() if key not in ("after", "kind")}
+        try:
+            made[names.index(after)] = KINDS[kind](**keys)
+        except TypeError:
+            raise InputError(
+                f"the segment after {after!r} is a {kind}: it does not take {', '.join(keys)}, or "
+                "needs more"
+            ) from None
+    return tuple(made)
+
+
+def rotation_of(angles: FloatArray) -> FloatArray:
+    """Rotation [3,3] from roll, pitch, yaw [3] about the base axes, rad."""
+    (cr, cp, cy), (sr, sp, sy) = np.cos(angles), np.sin(angles)
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
