@@ -36,6 +36,12 @@ def test_the_answer_does_not_depend_on_what_was_asked_before(microbot, prepared)
     assert np.array_equal(first.q, again.q)
 
 
+def test_near_the_limits_of_the_robot_a_solve_takes_few_iterations(prepared):
+    (start,) = prepared(payload=0.02).provenance["starts"]
+    assert start["start"] == "prepared"
+    assert start["iterations"] < 25
+
+
 def test_a_search_finds_nothing_slower(prepared):
     quick, thorough = prepared(payload=1.5), prepared(payload=1.5, search=True)
     assert len(thorough.provenance["starts"]) == 5

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import itertools
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, cast
@@ -40,6 +40,8 @@ from microbot_ocp.planning._free_problem import (
     via_times,
 )
 from microbot_ocp.planning._friction import (
+    ROUNDED,
+    SMOOTHING as FRICTION_SMOOTHING,
     dry_friction,
     has_windows,
     reversals,
@@ -89,6 +91,8 @@ MANY_PHASES = 4  # more count as many
 CALMER_BARRIER = 1e-3  # of the solve for less effort, from the fastest motion slowed down
 FATROP_TOLERANCE = 1e-6  # which it reaches; it stalls at 1e-8 on the flat minima of such tasks
 EXPLORE_SUM, LEAST_EXPLORE_MESH = 160, 6
+# Share of the duration, and of the typical ones, up to which a prepared motion leads to the best
+NEAR, NEAR_TYPICAL = 0.1, 0.02
 # of a prepared solver: somebody waits
 PREPARED = SolverSettings("ipopt", tolerance=1e-6, gap=np.inf, max_iterations=150)
 
@@ -258,6 +262,7 @@ class FreeSearch:
         via: FloatArray,
         settings: TimeOptimalSettings,
         progress: StepProgress,
+        kernels: Transcription | None = None,
     ) -> None:
         self.family, self.via, self.settings = family, via, settings
         self.robot: Robot = family.robot
@@ -267,7 +272,7 @@ class FreeSearch:
         self.names = [f"phase {i + 1}" for i in range(len(via) - 1)]
         self.calmed: dict[str, Any] = {}
         begin = time.perf_counter()
-        kernels = self._kernels()
+        kernels = kernels or self._kernels()
         if deadline.over():  # they may not be compiled: made again the next time
             transcription.cache_clear()
         self.kernel_time = time.perf_counter() - begin
@@ -291,8 +296,7 @@ class FreeSearch:
 
     def run(self) -> Motion:
         begin = time.perf_counter()
-        starts, found = self._explore()
-        solution = self._finish(found)
+        starts, solution = self.search()
         if self.settings.slack and self._rank(solution)[0] is False and not deadline.over():
             solution = self._calmer(solution)
         motion = self._motion(solution, starts, time.perf_counter() - begin + self.kernel_time)
@@ -302,6 +306,11 @@ class FreeSearch:
         exact = in_arcs(self.family, held, motion, self._guess_from(solution), self.progress)
         spent = time.perf_counter() - begin + self.kernel_time
         return replace(exact, provenance={**exact.provenance, "wall_time": spent})
+
+    def search(self) -> tuple[list[dict[str, Any]], Solution]:
+        """What became of every start, and the best solution, refined."""
+        starts, found = self._explore()
+        return starts, self._finish(found)
 
     # starts ---------------------------------------------------------------------------------
 
@@ -567,16 +576,28 @@ def _clock(start: float, end: float, s: FloatArray) -> FloatArray:
     return start + (end - start) * s[:, None]
 
 
+def _solved_near(
+    solver: ParametricSolver, start: Solution | Mapping[str, Guess], changes: Mapping[str, Any]
+) -> Solution:
+    """A solve with other numbers; from afar with friction rounded off at first."""
+    parameters = changes["parameters"]
+    declared = {p.name for p in solver.transcription.problem.phases[0].parameters}
+    if not isinstance(start, Solution) and FRICTION_SMOOTHING in declared:
+        rounded = {phase: {**own, FRICTION_SMOOTHING: ROUNDED} for phase, own in parameters.items()}
+        near = solver.solve(guess=start, **{**changes, "parameters": rounded})
+        start = near if near.status.solved else start
+    return solver.solve(guess=start, **changes)
+
+
 class TimeOptimalSolver:
     """The fastest motion through via points, for one set of limits and payload after another.
 
     The program, its compiled kernels and the solver are made once; limits and the payload are
-    numbers in it. Every solve starts from the scaled cubic, not from the solution before: it takes
-    20 to 40 iterations either way, far steps fewer, and the answer does not depend on what was
-    asked before.
-
-    As :func:`microbot_ocp.time_optimal` from a coarser mesh, refined where a limit is exceeded
-    between its points by more than a certificate lets pass.
+    numbers in it. The first call solves the task with the robot's own limits as
+    :func:`microbot_ocp.time_optimal` does, from a coarser mesh. Every solve starts from that
+    motion with its multipliers, not from the solution before, so the answer does not depend on
+    what was asked before; from the scaled cubic where the numbers are far from the robot's own. It
+    is refined where a limit is exceeded between mesh points by more than a certificate lets pass.
 
     Parameters
     ----------
@@ -628,13 +649,15 @@ class TimeOptimalSolver:
         whole("seed", seed, at_least=0, at_most=2**63)
         self.robot = robot
         self.via_q = check_via(check_limits(robot, None), via_q)
-        self._starts, self._seed, self._rounds = starts, seed, rounds
+        self._rounds = rounds
+        self._settings = TimeOptimalSettings(mesh=mesh, starts=starts, compiled=compiled, seed=seed)
+        self._reference: Solution | None = None
         self._phases = [f"phase {i + 1}" for i in range(len(self.via_q) - 1)]
         held: Robot = with_locked_joints_held(LimitFamily.of(robot)).robot
         self._kernels = transcription(
             held, self.via_q.tobytes(), len(self.via_q), compiled, payload=True
         )
-        self._solver = self._on([mesh] * len(self._phases))
+        self._solver: ParametricSolver | None = None
 
     def __call__(
         self,
@@ -653,8 +676,8 @@ class TimeOptimalSolver:
         payload : float
             Point mass at the tool, kg; the motion is one of ``robot.with_payload(payload)``.
         search : bool
-            Try every start, not only the scaled cubic: local optima are real. The others are tried
-            anyway where the first one leads nowhere.
+            Try every start, not only the motion under the robot's own limits: local optima are
+            real. The others are tried anyway where that one leads nowhere.
         time_limit : float
             Wall time, s, after which the best so far is returned with the status "time limit".
 
@@ -678,17 +701,50 @@ class TimeOptimalSolver:
         self._check_kinds(family)
         check_via(family, self.via_q)
         changes = self._changes(family, float(payload))
+        solver = self._prepared()
         tried: list[tuple[str, Solution]] = []
-        for start in initial_guesses(family, self.via_q, self._phases, self._starts, self._seed):
-            tried.append((start.name, self._solver.solve(guess=start.guesses, **changes)))
-            if (tried[-1][1].status.solved and not search) or deadline.over():
+        for name, start in self._starts(family):
+            solution = _solved_near(solver, start, changes)
+            tried.append((name, solution))
+            near = not isinstance(start, Solution) or (
+                abs(solution.duration - start.duration) <= NEAR * start.duration
+            )
+            if (solution.status.solved and near and not search) or deadline.over():
                 break
         name, best = min(tried, key=lambda pair: (not pair[1].status.solved, pair[1].duration))
         solution = self._refined(family, best, changes) if best.status.solved else best
         return self._motion(family, solution, tried, name, payload, begin)
 
-    def _on(self, meshes: Sequence[int | FloatArray]) -> ParametricSolver:
-        return ParametricSolver(self._kernels, meshes, PREPARED)
+    def _prepared(self) -> ParametricSolver:
+        """The solver on the mesh of the motion under the robot's own limits, made once."""
+        if self._solver is not None:
+            return self._solver
+        family = LimitFamily.of(self.robot)
+        search = FreeSearch(family, self.via_q, self._settings, quiet, self._kernels)
+        # as near the optimum as every later solve: to the barrier parameter that it starts with
+        search.refiner.settings = replace(search.refiner.settings, gap=np.inf)
+        _, found = search.search()
+        solver = self._on([phase.mesh for phase in found.phases], found)
+        if not deadline.over():
+            self._solver = solver
+            self._reference = found if found.status.solved else None
+        return solver
+
+    def _starts(self, family: LimitFamily) -> Iterator[tuple[str, Solution | Mapping[str, Guess]]]:
+        own, asked = (
+            TaskScale.of(known, self.via_q).durations.sum()
+            for known in (LimitFamily.of(self.robot), family)
+        )
+        if self._reference is not None and abs(asked - own) <= NEAR_TYPICAL * own:
+            yield "prepared", self._reference
+        task = self.via_q, self._phases, self._settings.starts, self._settings.seed
+        for start in initial_guesses(family, *task):
+            yield start.name, start.guesses
+
+    def _on(self, meshes: Sequence[FloatArray], near: Solution) -> ParametricSolver:
+        dry = dry_friction(self.robot) > 0.0
+        kernels = with_windows(dry, self._kernels, meshes, near) if dry.any() else self._kernels
+        return ParametricSolver(kernels, meshes, PREPARED)
 
     def _refined(
         self, family: LimitFamily, solution: Solution, changes: dict[str, Any]
@@ -700,7 +756,7 @@ class TimeOptimalSolver:
                 break
             pairs = zip(solution.phases, excess, strict=True)
             meshes = [split(phase.mesh, e > LIMIT_TOLERANCE) for phase, e in pairs]
-            finer = self._on(meshes).solve(guess=solution, **changes)
+            finer = self._on(meshes, solution).solve(guess=solution, **changes)
             if not finer.status.solved or finer.cost > solution.cost * (1 + WORSE):
                 break
             solution = finer

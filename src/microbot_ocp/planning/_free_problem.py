@@ -25,7 +25,7 @@ from microbot_ocp.planning._task import (
     derivatives_for,
     torques_of,
 )
-from microbot_ocp.robot import Robot, torque_and_rate
+from microbot_ocp.robot import Robot
 
 # Weight of the squared jerk: picks one motion where many are equally fast. It costs 1.3e-5 of the
 # duration of the Microbot task and halves the swing of the torques that are not at a limit.
@@ -95,7 +95,7 @@ def free_problem(
         moving = told.robots[index]
         # with jumps the mesh points are where the friction jumps
         windowed = has_windows(own_family) and not jumps
-        made = torque_and_rate_with_payload if payload else partial(torques_of, keys=constraints)
+        made = partial(torques_of, keys=constraints, payload=payload)
         torques: Callable[..., Any] = made(moving)
         phase = problem.phase(
             f"phase {index + 1}",
@@ -197,18 +197,6 @@ def effort_scale(family: LimitFamily, acceleration: FloatArray) -> FloatArray:
     size = np.maximum(-limits.tau_min, limits.tau_max)
     known = np.isfinite(size) & (size > 0)
     return np.where(known, size, size[known].max() if known.any() else 1.0)
-
-
-@lru_cache(maxsize=16)
-def torque_and_rate_with_payload(robot: Robot) -> ca.Function:
-    """As :func:`torque_and_rate`, with the mass of a payload as a fifth argument: linear in it."""
-    functions = [torque_and_rate(held) for held in (robot, robot.with_payload(1.0))]
-    state = [ca.SX.sym(name, robot.joint_count) for name in ("q", "qd", "qdd", "qddd")]
-    payload = ca.SX.sym("payload")
-    pairs = zip(*(function(*state) for function in functions), strict=True)
-    values = [empty + payload * (holding_one - empty) for empty, holding_one in pairs]
-    names = ["q", "qd", "qdd", "qddd", "payload"]
-    return ca.Function("torque_and_rate", [*state, payload], values, names, ["tau", "taud"])
 
 
 def _scale(bounds: tuple[FloatArray, FloatArray], typical: FloatArray) -> FloatArray:

@@ -6,6 +6,7 @@ import difflib
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, replace
+from functools import lru_cache
 from typing import Any, TypeVar
 
 import casadi as ca
@@ -286,23 +287,54 @@ def jerk_switches(jerk: FloatArray, member: Member) -> np.ndarray:
     return found
 
 
-def torques_of(robot: Robot, keys: Sequence[str]) -> Callable[..., Any]:
-    """Torque and torque rate of q, qd, qdd and qddd; the rate is None where no key asks for it."""
+def torques_of(robot: Robot, keys: Sequence[str], payload: bool = False) -> Callable[..., Any]:
+    """Torque and torque rate of q, qd, qdd and qddd (and the mass of a payload at the tool, kg).
+
+    The rate is None where no key asks for it.
+    """
     if "taud" in keys:
-        return torque_and_rate(robot)
-    return lambda q, qd, qdd, _: (inverse_dynamics(robot)(q, qd, qdd), None)
+        return torque_and_rate_with_payload(robot) if payload else torque_and_rate(robot)
+    make = torque_with_payload if payload else inverse_dynamics
+    return lambda q, qd, qdd, _, *held: (make(robot)(q, qd, qdd, *held), None)
+
+
+@lru_cache(maxsize=64)
+def torque_with_payload(robot: Robot) -> ca.Function:
+    """As :func:`inverse_dynamics`, with the mass of a payload as the last argument."""
+    return _with_payload(inverse_dynamics(robot), inverse_dynamics(robot.with_payload(1.0)))
+
+
+@lru_cache(maxsize=64)
+def torque_and_rate_with_payload(robot: Robot) -> ca.Function:
+    """As :func:`torque_and_rate`, with the mass of a payload as the last argument."""
+    return _with_payload(torque_and_rate(robot), torque_and_rate(robot.with_payload(1.0)))
+
+
+def _with_payload(empty: ca.Function, holding_one: ca.Function) -> ca.Function:
+    """Torques are linear in the mass."""
+    state = [ca.SX.sym(empty.name_in(k), empty.size1_in(k)) for k in range(empty.n_in())]
+    payload = ca.SX.sym("payload")
+    pairs = zip(*(function.call(state) for function in (empty, holding_one)), strict=True)
+    values = [own + payload * (other - own) for own, other in pairs]
+    names = [*empty.name_in(), "payload"]
+    return ca.Function(empty.name(), [*state, payload], values, names, empty.name_out())
 
 
 def derivatives_for(*robots: Robot) -> Callable[[ca.Function], Any]:
     """What a transcription is told: the derivatives of those functions that have some."""
+    kinds = (
+        (inverse_dynamics, False, False),
+        (torque_and_rate, True, False),
+        (torque_with_payload, False, True),
+        (torque_and_rate_with_payload, True, True),
+    )
 
     def find(function: ca.Function) -> Any:
+        held = "payload" in function.name_in()
         for robot in robots:
-            if not robot.has_dynamics:
-                continue
-            for own, rates in ((inverse_dynamics(robot), False), (torque_and_rate(robot), True)):
-                if own.__hash__() == function.__hash__():
-                    return torque_derivatives(robot, rates=rates)
+            for make, rates, payload in kinds if robot.has_dynamics else ():
+                if payload == held and make(robot).__hash__() == function.__hash__():
+                    return torque_derivatives(robot, rates=rates, payload=payload)
         return None
 
     return find
@@ -338,7 +370,7 @@ def declare_limits(
     if {"tau", "taud"} & set(keys) and kept is None:
         joint_values["tau"], joint_values["taud"] = torques(*state, *held)
     further = [key for key in keys if family[key].limit is not None]
-    payload = torques if isinstance(torques, ca.Function) and held else None
+    payload = torque_and_rate_with_payload(family.robot) if held and further else None
     expressions = family.expressions(further, (*state, *held), payload)
     usual = family.values(_at_rest(reference), further)
     for key in keys:
