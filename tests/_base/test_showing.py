@@ -36,8 +36,9 @@ def test_every_registered_view_is_a_function_for_a_class(name, kind):
 def test_a_view_of_ones_own_takes_the_place_of_ours(motion):
     drawn = []
     mo.register_view(Motion, "plot", lambda robot, motion, axes: drawn.append((robot, axes)))
-    motion.plot("a robot", axes="mine")
-    assert drawn == [("a robot", "mine")]
+    robot = mo.load_robot("microbot")
+    motion.plot(robot, axes="mine")
+    assert drawn == [(robot, "mine")]
 
 
 def test_a_view_by_its_name_is_imported_when_it_is_asked_for(motion):

@@ -50,7 +50,7 @@ def test_names_must_differ():
     twice = [mo.limits.tool_speed(1.0), mo.limits.tool_speed(2.0)]
     with pytest.raises(mo.InputError, match="two limits named 'tool speed'"):
         MICROBOT.with_limits(also=twice)
-    with pytest.raises(mo.InputError, match="also must be a list of limits"):
+    with pytest.raises(mo.InputError, match="also must be a list"):
         MICROBOT.with_limits(also=HEIGHT)
 
 

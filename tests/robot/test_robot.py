@@ -254,7 +254,7 @@ def test_limits_as_plain_lists(microbot: Robot) -> None:
         ({"tool": [0.0, 1.0]}, "tool must have shape [4], not [2]"),
         ({"tool": np.eye(3)}, "tool must have shape [4, 4], not [3, 3]"),
         ({"tool": 1.0}, "tool must have shape [4, 4], not []"),
-        ({"limits": 5.0}, "limits must be Limits, such as Limits(tau_max=100.0), not 5.0"),
+        ({"limits": 5.0}, "limits must be a Limits or a JointLimits or None, not 5.0"),
     ],
     ids=lambda value: str(value) if isinstance(value, dict) else "",
 )
@@ -370,7 +370,7 @@ def test_with_methods_check_what_they_are_given(microbot: Robot) -> None:
         microbot.with_links([1, 2, 3])  # type: ignore[list-item]
     with pytest.raises(InputError, match=re.escape("gravity must have shape [3], not [2]")):
         microbot.with_gravity([0, 0])
-    with pytest.raises(InputError, match="limits must be Limits"):
+    with pytest.raises(InputError, match="limits must be a Limits"):
         microbot.with_limits(5.0)  # type: ignore[arg-type]
     with pytest.raises(InputError, match=re.escape("tau_max must have shape [3], not [2]")):
         microbot.with_limits(Limits(tau_max=[1.0, 2.0]))

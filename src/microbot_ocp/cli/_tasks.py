@@ -406,6 +406,6 @@ def _steps(progress: Progress, stage: str) -> StepProgress:
 
     def forward(event: Iteration | str) -> None:
         iteration = event if isinstance(event, Iteration) else None
-        progress(Step(stage == "certify", 2, stage, str(event), iteration))
+        progress(Step(int(stage == "certify"), 2, stage, str(event), iteration))
 
     return forward

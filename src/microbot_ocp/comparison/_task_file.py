@@ -162,11 +162,11 @@ def toml_of(path: str | Path) -> dict[str, Any]:
 def _text_of(path: str | Path) -> str:
     try:
         return Path(path).read_text("utf-8")
-    except OSError as problem:
-        reason = problem.strerror or problem
-        raise InputError(f"task file {str(path)!r} cannot be read: {reason}") from None
     except UnicodeDecodeError:
         raise InputError(f"task file {str(path)!r} cannot be read: it is not text") from None
+    except (OSError, ValueError) as problem:
+        reason = getattr(problem, "strerror", None) or problem
+        raise InputError(f"task file {str(path)!r} cannot be read: {reason}") from None
 
 
 def _parsed(text: str, origin: str) -> dict[str, Any]:

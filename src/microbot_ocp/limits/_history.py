@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.checks import FloatArray, InputError, shown
 from microbot_ocp.limits._family import LimitFamily, LimitValues, MotionSamples
 from microbot_ocp.limits._joint_limits import JointLimits, Limits
 from microbot_ocp.limits._use import AT_LIMIT
@@ -124,6 +124,9 @@ def limit_history(
     >>> sorted(history.use), history.spells("tau")
     (['q', 'qd', 'tau'], [])
     """
+    for name, value, method in (("robot", robot, "limits"), ("motion", motion, "dense_samples")):
+        if not (hasattr(value, method) and hasattr(value, "joint_count")):
+            raise InputError(f"{name} must be a {name.title()}, not {shown(value)}")
     count = robot.joint_count
     if motion.joint_count != count:
         raise InputError(f"motion is of {motion.joint_count} joints, but the robot has {count}")

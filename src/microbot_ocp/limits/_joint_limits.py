@@ -191,6 +191,7 @@ class JointLimits:
 
     def bounds(self, quantity: str) -> tuple[FloatArray, FloatArray]:
         """Lower and upper arrays [n] of a quantity of the joints, such as ``"tau"``."""
+        checks.one_of("quantity", quantity, JOINT_QUANTITIES)
         return getattr(self, f"{quantity}_min"), getattr(self, f"{quantity}_max")
 
     def changed(self, changes: Mapping[str, Any]) -> Limits:

@@ -98,5 +98,5 @@ class Limit:
 
     def constant(self, side: str) -> FloatArray | None:
         """The bound [k] or [1] of a side; None where there is none or it is an expression."""
-        bound = getattr(self, side)
+        bound = getattr(self, checks.one_of("side", side, ("lower", "upper")))
         return None if bound is None or callable(bound) else np.array(bound)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.checks import FloatArray, InputError
 
 AT_LIMIT = 0.99
 """Share of a limit from which on it counts as used up."""
@@ -25,6 +25,10 @@ def use_of(
     half the range, and with one bound only the distance from it, 0 from its own size on. The excess
     over a limit is its use minus 1.
     """
+    try:
+        values, lower, upper = np.broadcast_arrays(*map(np.asarray, (values, lower, upper)))
+    except ValueError as problem:
+        raise InputError(f"values and bounds must fit together: {problem}") from None
     with np.errstate(invalid="ignore"):  # a diverged value may be infinite, as its bound
         above = _side(values - upper, upper, lower, upper, from_middle)
         below = _side(lower - values, lower, lower, upper, from_middle)

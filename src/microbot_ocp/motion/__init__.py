@@ -5,6 +5,6 @@ In: a robot and a :class:`PiecewisePolynomial` of the time, or states at given t
 ``_motion.py``; the polynomials are in ``_polynomial.py``, the files in ``_files.py``.
 """
 
-import lazy_loader
+from microbot_ocp._base import border
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = border.attach_stub(__name__, __file__)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -39,7 +40,7 @@ def read(path: Path) -> tuple[dict[str, FloatArray], dict[str, Any]]:
     InputError
         No such file, not a motion, or written by a newer version.
     """
-    if not path.is_file():
+    if not os.path.isfile(path):  # False of what cannot be a name of a file, too
         raise InputError(f"{path} is no file: give the path of a saved motion (.npz)")
     try:
         with np.load(path, allow_pickle=False) as stored:

@@ -24,7 +24,7 @@ from microbot_ocp.planning._curve import Curve
 from microbot_ocp.planning._path_limits import FAR, LimitRows, Nodes, PathLimits
 from microbot_ocp.planning._paths import segments
 from microbot_ocp.planning._reachability import CurveLimits, Reached, reach
-from microbot_ocp.planning._task import check_limits
+from microbot_ocp.planning._task import check_limits, whole
 from microbot_ocp.robot import Robot
 
 ACTIVE = 0.005  # room below a limit, as a share of its range, that counts as on the limit
@@ -163,8 +163,7 @@ def phase_plane(
     count = robot.joint_count
     if path.coefficients.shape[2] != count:
         raise InputError(f"path must have {count} joints, not {path.coefficients.shape[2]}")
-    if isinstance(grid, bool) or not isinstance(grid, int) or grid < 10:
-        raise InputError(f"grid must be a whole number of at least 10, not {grid!r}")
+    whole("grid", grid, "points", at_least=10, at_most=1_000_000)
     family = check_limits(robot, limits)
     begin, parts = float(path.breaks[0]), []
     for curve in segments(path, family):

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.checks import FloatArray, InputError, shown
 from microbot_ocp._base.showing import view_for
 from microbot_ocp.limits import JOINT_QUANTITIES, JointLimits, LimitChanges, Limits
 from microbot_ocp.robot._links import Link, Rotor
@@ -227,6 +227,8 @@ class Robot:
 
     def position_text(self, joint: int, value: float, *, with_radians: bool = False) -> str:
         """A position of a joint with its unit: degrees of a revolute, metres of a prismatic one."""
+        if not 0 <= joint < self.joint_count:
+            raise InputError(f"joint must be from 0 to {self.joint_count - 1}, not {shown(joint)}")
         if self.joint_types[joint] == "prismatic":
             return f"{value:.6g} m"
         degrees = f"{np.degrees(value):.6g} deg"

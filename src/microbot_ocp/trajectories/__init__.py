@@ -6,6 +6,6 @@ In: joint positions at via points and their times. Out: a ``PiecewisePolynomial`
 ``_cubic.py``; ``_via_points.py`` holds the check that all share.
 """
 
-import lazy_loader
+from microbot_ocp._base import border
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = border.attach_stub(__name__, __file__)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.checks import FloatArray, InputError, shown
 
 Bound = ArrayLike | ca.MX | tuple[ArrayLike | ca.MX, ArrayLike | ca.MX] | None
 
@@ -159,3 +159,21 @@ def positive_scale(name: str, value: ArrayLike | None, size: int) -> FloatArray:
     if np.any(~np.isfinite(scale)) or np.any(scale <= 0):
         raise InputError(f"scale of {name!r} must be finite and above 0, not {value}")
     return scale
+
+
+def as_expression(value: Any) -> ca.MX:
+    """An expression of CasADi from one, or from numbers.
+
+    Raises
+    ------
+    InputError
+        It is neither, or empty.
+    """
+    try:
+        made = ca.MX(value)
+    except Exception:  # CasADi has many
+        sentence = f"expression must be a CasADi MX or numbers, not {shown(value)}"
+        raise InputError(sentence) from None
+    if 0 in made.shape:
+        raise InputError(f"expression must have entries, but its shape is {made.shape}")
+    return made

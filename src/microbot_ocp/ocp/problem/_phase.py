@@ -26,6 +26,7 @@ from microbot_ocp.ocp.problem._items import (
     PointCost,
     PointValue,
     Variable,
+    as_expression,
     condition,
     moving,
     ordered,
@@ -258,6 +259,7 @@ class Phase:
 
     def rate(self, control: ca.MX) -> ca.MX:
         """Time derivative of a linear control, as a symbol for path constraints."""
+        control = as_expression(control)
         for index, variable in enumerate(self.controls):
             if ca.is_equal(variable.symbol, control) and variable.shape == "auto":
                 rate = ca.MX.sym(f"{self.name}.{variable.name}.rate", variable.size)
@@ -313,7 +315,7 @@ class Phase:
         >>> round(-solve(problem, mesh=20).cost, 4)
         0.2887
         """
-        expression = ca.MX(expression)
+        expression = as_expression(expression)
         size = expression.shape[0]
         low, high = ordered(name, lower, upper, size, unit)
         bounds = None if np.isinf(low).all() and np.isinf(high).all() else (low, high)
@@ -451,7 +453,7 @@ class Phase:
         return self._value(expression, fraction, f"at {float(at):g} s of")
 
     def _value(self, expression: ca.MX, fraction: float, where: str) -> ca.MX:
-        expression = self._own(ca.MX(expression))
+        expression = self._own(as_expression(expression))
         for known in self._values:
             if known.fraction == fraction and ca.is_equal(known.expression, expression, 9):
                 return known.symbol
@@ -473,7 +475,7 @@ class Phase:
         Values that are taken at the very place ``at`` of this phase, at which the expression is
         evaluated, are replaced by what they stand for.
         """
-        expression = ca.MX(expression)
+        expression = as_expression(expression)
         if self.problem is None:
             return expression
         for symbol in ca.symvar(expression):
@@ -615,7 +617,7 @@ class Phase:
 
     def _point_fractions(self, label: str, expression: ca.MX, at: ArrayLike | None) -> FloatArray:
         """Where something holds: as given, or where the measurements in it were made."""
-        expression = ca.MX(expression)
+        expression = as_expression(expression)
         used = [m for m in self.measurements if ca.depends_on(expression, m.symbol)]
         found = [m.fractions for m in used]
         if at is not None:

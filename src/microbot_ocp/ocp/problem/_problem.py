@@ -17,7 +17,13 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import InputError
-from microbot_ocp.ocp.problem._items import PhaseLink, Variable, ordered, positive_scale
+from microbot_ocp.ocp.problem._items import (
+    PhaseLink,
+    Variable,
+    as_expression,
+    ordered,
+    positive_scale,
+)
 from microbot_ocp.ocp.problem._phase import Phase
 
 
@@ -267,7 +273,7 @@ class OptimalControlProblem:
         """The last phase that an expression knows of, or of all."""
         if not self.phases:
             raise InputError(f"problem {self.name!r} has no phases")
-        symbols = ca.symvar(ca.MX(expression))
+        symbols = ca.symvar(as_expression(expression))
 
         def known(phase: Phase) -> bool:
             own = [phase.duration, *(value.symbol for value in phase._values)]

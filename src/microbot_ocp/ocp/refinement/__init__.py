@@ -7,6 +7,6 @@ solution with the history of its meshes. Begin with :func:`solve_refined` in ``_
 mesh. :func:`solve_switching_times` needs none: the times of the switches are its unknowns.
 """
 
-import lazy_loader
+from microbot_ocp._base import border
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = border.attach_stub(__name__, __file__)

@@ -6,6 +6,6 @@ makes starting points, ``_scaling.py`` finds the scales that were not declared, 
 reports iterations, ``_problem_data.py`` holds limits and parameters as plain values.
 """
 
-import lazy_loader
+from microbot_ocp._base import border
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = border.attach_stub(__name__, __file__)

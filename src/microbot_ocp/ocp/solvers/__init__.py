@@ -6,6 +6,6 @@ solver, ``_plugins.py`` has their options, ``_status.py`` and ``_acceptance.py``
 ``_parametric.py`` solves with changed data, ``_persistence.py`` saves and loads.
 """
 
-import lazy_loader
+from microbot_ocp._base import border
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = border.attach_stub(__name__, __file__)

@@ -10,6 +10,7 @@ import copy
 from collections.abc import Callable, Iterator, Mapping, Sequence, Sized
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -139,7 +140,8 @@ class Transcription:
     def layouts(self, meshes: Meshes) -> tuple[PhaseLayout, ...]:
         """Lay the problem out on a mesh for each phase."""
         phases = self.problem.phases
-        chosen = list(meshes) if isinstance(meshes, Sized) else [meshes] * len(phases)
+        several = isinstance(meshes, Sized) and getattr(meshes, "ndim", 1) > 0
+        chosen: list[Any] = list(meshes) if several else [meshes] * len(phases)  # type: ignore[arg-type]
         if len(chosen) != len(phases):
             raise InputError(f"mesh has {len(chosen)} entries for {len(phases)} phases")
         given = [

@@ -26,8 +26,12 @@ from matplotlib.patheffects import withStroke
 from matplotlib.text import Text
 from mpl_toolkits.mplot3d import Axes3D
 
+<<<<<<< HEAD
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import InputError
+=======
+from microbot_ocp._base.checks import InputError, shown
+>>>>>>> 6d480db (What is public refuses arguments of the wrong type by a sentence that names them)
 from microbot_ocp._base.showing import DrawnAxes, GivenAxes
 from microbot_ocp._base.writing import write_whole
 
@@ -213,7 +217,7 @@ def _checked(axes: Any, rows: int, columns: int) -> AxesGrid:
     wanted = f"{rows} x {columns}" if rows * columns > 1 else "one"
     for entry in given:
         if not isinstance(entry, Axes):
-            raise InputError(f"axes must be {wanted} matplotlib axes, not {entry!r}")
+            raise InputError(f"axes must be {wanted} matplotlib axes, not {shown(entry)}")
     if len(given) != rows * columns:
         raise InputError(f"axes must be {wanted} matplotlib axes, not {len(given)}")
     grid = np.empty(len(given), dtype=object)

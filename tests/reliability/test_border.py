@@ -1,0 +1,70 @@
+"""What is public refuses arguments of the wrong type by a sentence that names them."""
+
+import os
+
+import numpy as np
+import pytest
+from border_calls import at_random, public, run
+
+import microbot_ocp as mo
+from microbot_ocp._base.argument_types import _checking
+
+CALLS = int(os.environ.get("MICROBOT_OCP_FUZZ", "150"))
+ROBOT = mo.load_robot("microbot")
+VIA = [[0, 0, 0], [1, 1, 1]]
+
+
+def test_no_call_ends_in_a_foreign_exception(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    seed = int(os.environ.get("MICROBOT_OCP_SEED", "0"))
+    count, foreign = run(at_random(CALLS, seed))
+    with capsys.disabled():
+        if "MICROBOT_OCP_FUZZ" in os.environ:
+            print(f"\nPython border: {count} calls of {len(public())} callables")
+    assert foreign == []
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: mo.certify(3, 4), "robot must be a Robot, not 3"),
+        (lambda: mo.time_optimal(ROBOT, VIA, settings=4), "settings must be a TimeOptimalSettings"),
+        (lambda: mo.time_optimal(ROBOT, VIA, progress=1), "progress must be a function or None"),
+        (lambda: mo.forward_kinematics([1]), "robot must be a Robot"),
+        (lambda: mo.Mark("a", "b"), "time must be a number, not 'a'"),
+        (lambda: mo.load_robot(None), "robot must be one of"),
+        (lambda: mo.solve_ik(ROBOT, np.array([1j, 0, 0])), "position must be an array of numbers"),
+        (lambda: ROBOT.with_limits(qd_max=1j), "qd_max must be"),
+        (lambda: mo.cubic(VIA, [0.0, 1 + 0j]), "via_t must be an array of numbers"),
+        (lambda: mo.TimeOptimalSettings(compiled="no"), "compiled must be True or False"),
+        (lambda: mo.ocp.solve(ROBOT), "problem must be an OptimalControlProblem"),
+    ],
+)
+def test_the_sentence_names_the_argument(call, words):
+    with pytest.raises(mo.InputError) as caught:
+        call()
+    assert words in str(caught.value)
+
+
+def test_python_refuses_what_does_not_fit_the_signature():
+    with pytest.raises(TypeError, match="unexpected keyword argument 'nothing'"):
+        mo.solve_ik(ROBOT, [3, -1, 4.5], nothing=1)
+
+
+def test_a_fault_of_ours_stays_what_it_is():
+    def broken(robot: mo.Robot, scale: float) -> float:
+        return robot.nothing * scale  # type: ignore[attr-defined]
+
+    checked = _checking(broken)
+    with pytest.raises(AttributeError, match="nothing"):
+        checked(ROBOT, 1.0)
+    with pytest.raises(mo.InputError, match="scale must be a number, not 'a'"):
+        checked(ROBOT, "a")
+
+
+def test_names_stay_what_they_are():
+    import pickle
+
+    assert pickle.loads(pickle.dumps(mo.time_optimal)) is mo.time_optimal
+    assert mo.certify.__module__ == "microbot_ocp.comparison._certificate"
+    assert mo.fast_call.cache_info().maxsize
