@@ -4,6 +4,6 @@
 ``comparison.export("x.mp4")`` call it. Begin with ``_film.py``, which draws one frame.
 """
 
-import lazy_loader
+from microbot_ocp._base import border
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = border.attach_stub(__name__, __file__)

@@ -26,12 +26,8 @@ from matplotlib.patheffects import withStroke
 from matplotlib.text import Text
 from mpl_toolkits.mplot3d import Axes3D
 
-<<<<<<< HEAD
 from microbot_ocp._base import checks
-from microbot_ocp._base.checks import InputError
-=======
 from microbot_ocp._base.checks import InputError, shown
->>>>>>> 6d480db (What is public refuses arguments of the wrong type by a sentence that names them)
 from microbot_ocp._base.showing import DrawnAxes, GivenAxes
 from microbot_ocp._base.writing import write_whole
 
