@@ -63,7 +63,9 @@ def test_a_derived_class_has_its_own_view_and_inherits_the_others(motion):
 
 
 def test_what_cannot_be_registered_is_refused():
-    with pytest.raises(mo.InputError, match="kind must be one of .*plot, rerun, table, not 'plots'"):
+    with pytest.raises(
+        mo.InputError, match=r"kind must be one of .*plot, rerun, table, not 'plots'"
+    ):
         mo.register_view(Motion, "plots", print)
     with pytest.raises(mo.InputError, match="cls must be a class that has views, not int"):
         mo.register_view(int, "plot", print)
