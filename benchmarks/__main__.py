@@ -14,6 +14,7 @@ BENCHMARKS = (
     "ik",
     "path_timing",
     "free_time_optimal",
+    "arms",
     "drake",
     "units",
     "cops_arm",

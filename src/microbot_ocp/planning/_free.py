@@ -80,6 +80,7 @@ EXPLORE_MESH = 20  # intervals a phase for the first look at every start
 SWING_MESH = 30  # the same of swings, which take longer
 EXPLORE_TOLERANCE = 1e-5
 AGREEING = 3  # starts that end at the same optimum are enough
+PATIENCE, LEAST_ITERATIONS = 4, 100  # times the iterations of a start that was solved
 SAME = 1e-3  # share of the duration by which two solves of the same optimum may differ
 WORTH = 1e-4  # share of the duration: less is not worth another mesh where joints turn back
 # Iterations for the last digits: 8 to 10 without dry friction; with it 50 to 80 gain 7e-5
@@ -318,11 +319,16 @@ class FreeSearch:
         """What every start led to on a coarse mesh."""
         tried: list[dict[str, Any]] = []
         found: list[Solution] = []
-        refiner = self.refiner
+        refiner, own = self.refiner, self.refiner.settings
         if refiner.fitted is not None:
             kernels = rounded(refiner.transcription, self.scale.velocity)
             refiner = replace(refiner, transcription=kernels)
         for guess, mesh, solver in self._trials():
+            patience = [PATIENCE * s.attempts[-1].iterations for s in found if s.status.solved]
+            if patience:  # what takes so much longer than another start is given up
+                most = max(LEAST_ITERATIONS, *patience)
+                refiner = replace(refiner, settings=replace(own, max_iterations=most))
+                solver = solver if isinstance(solver, str) else solver[0]
             solution = refiner.solve(
                 mesh, guess.guesses, tolerance=EXPLORE_TOLERANCE, solver=solver
             )
