@@ -6,6 +6,7 @@
 # make figures, make screenshots   figures of the documentation, pictures of recordings: docs/images
 # make torture  a thousand random tasks, or COUNT=50 of them  (docs/torture.md)
 # make suite  published problems by the defaults       (docs/suite.md)
+# make wheel  wheel and source archive into dist, checked   (CONTRIBUTING.md)
 # Everything is installed by pip, from the index it is configured for, into .venv.
 
 SHELL := /bin/bash
@@ -20,10 +21,10 @@ PIP := PIP_DISABLE_PIP_VERSION_CHECK=1 $(BIN)/python -m pip install -qq
 OUT := out/demo
 SITE := out/docs
 
-.PHONY: help demo test test-fast fuzz faults test-environment bench suite torture docs figures screenshots lint clean
+.PHONY: help demo test test-fast fuzz faults test-environment bench suite torture docs figures screenshots lint wheel clean
 
 help:
-	@sed -n 's/^# \{0,1\}//p' Makefile | head -8
+	@sed -n 's/^# \{0,1\}//p' Makefile | head -9
 
 # A stamp newer than pyproject.toml means that its packages are installed.
 $(VENV)/.made:
@@ -98,6 +99,11 @@ lint: $(VENV)/.ready-test
 	@$(BIN)/ruff check
 	@$(BIN)/ruff format --check
 	@PYRIGHT_PYTHON_IGNORE_WARNINGS=1 $(BIN)/pyright
+
+wheel: $(VENV)/.ready-release
+	@rm -rf dist
+	@$(BIN)/python -m build --outdir dist . >/dev/null
+	@$(BIN)/python -m twine check --strict dist/*
 
 clean:
 	rm -rf $(VENV) out dist build .pytest_cache .ruff_cache .hypothesis

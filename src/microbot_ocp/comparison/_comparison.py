@@ -50,12 +50,18 @@ if TYPE_CHECKING:
 
 REFERENCE = "cubic"
 LEAST_TIME = 1e-3  # s, of a method where the time is over
+# Work of a method and of an output where it is more than one unit, of about a second at most.
+WORK = {"straight_path": 8, "cubic_path": 8, "time_optimal": 20}
+WORK |= {"figures": 12, "report": 6, "recording": 4}
 OUTPUTS = ("json", "csv", "figures", "report", "recording", "motions")  # of a comparison
 
 
 @dataclass(frozen=True)
 class Step:
-    """Progress of a comparison: what is done, of how much, and what happens now."""
+    """Progress of a comparison: what is done, of how much, and what happens now.
+
+    Both are counted in units of work, of which a solve by a textbook method is one.
+    """
 
     done: int
     total: int
@@ -148,6 +154,11 @@ def _scaled_motion(task: Task, scaled: Scaled, label: str, method: str, note: st
         },
         note=f"{note}; just meets the limit of {where}",
     )
+
+
+def _work(method: str) -> int:
+    """Units of work to solve by a method and to certify what it finds."""
+    return WORK.get(method, 1) + 1
 
 
 def _scaled_cubic(task: Task) -> Motion:
@@ -392,10 +403,12 @@ class Comparison:
             target.mkdir(parents=True, exist_ok=True)
             with temporary_path(target / "run") as stage:
                 (stage / "motions").mkdir(parents=True)
-                for done, output in enumerate(outputs):
+                total, done = sum(WORK.get(output, 1) for output in outputs), 0
+                for output in outputs:
                     if progress is not None:
-                        progress(Step(done, len(outputs), "write", f"{output} in {target}"))
+                        progress(Step(done, total, "write", f"{output} in {target}"))
                     self._write(output, stage)
+                    done += WORK.get(output, 1)
                 for output in {"json", "motions"} - set(outputs):  # they tell which run it is
                     self._write(output, stage)
                 return swap_in(stage, target, "json" in outputs, "motions" in outputs)
@@ -485,7 +498,7 @@ def compare(
     blend_share = checks.number("blend", blend, "of a segment", above=0.0, at_most=0.5)
     free, path = _settings(settings)
     times, velocities = _timing(via, via_t, via_qd)
-    total = 2 * len(names)
+    total = sum(map(_work, names))
     entries: list[Entry] = []
     solving = min(checks.time_limit(time_limit), deadline.left())
     for index, name in enumerate(names):
@@ -494,7 +507,7 @@ def compare(
             event: Iteration | str, stage: str = "solve", index: int = index, name: str = name
         ) -> None:
             if progress is not None:
-                done = 2 * index + (stage == "certify")
+                done = sum(map(_work, names[:index])) + (_work(name) - 1) * (stage == "certify")
                 iteration = event if isinstance(event, Iteration) else None
                 text = f"{METHODS[name].title}: {event}"
                 progress(Step(done, total, stage, text, iteration))

@@ -17,6 +17,7 @@ from ._streams import (
     spawned as spawned,
 )
 from ._terminal import (
+    TimeLeft as TimeLeft,
     show_progress as show_progress,
 )
 from ._viewer import (

@@ -8,15 +8,24 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from datetime import timedelta
 
 from rich.console import Console, RenderableType
-from rich.progress import BarColumn, Progress, SpinnerColumn, TimeElapsedColumn
+from rich.progress import (
+    BarColumn,
+    Progress,
+    ProgressColumn,
+    SpinnerColumn,
+    Task,
+    TimeElapsedColumn,
+)
 from rich.text import Text
 
 from microbot_ocp.comparison import Step
 from microbot_ocp.ocp.solution import Iteration
 
 BAR_WIDTH = 30  # cells
+LEAST_KNOWN, LEAST_SHARE = 1.0, 0.1  # s and share of the work from which on a guess is made
 
 Event = Step | Iteration | str
 
@@ -51,7 +60,7 @@ def show_progress(console: Console | None = None) -> Iterator[Callable[[Event], 
     if not shown.is_terminal:
         yield lambda event: _print_step(shown, event)
         return
-    columns = (SpinnerColumn(), BarColumn(bar_width=BAR_WIDTH), TimeElapsedColumn())
+    columns = (SpinnerColumn(), BarColumn(bar_width=BAR_WIDTH), TimeElapsedColumn(), TimeLeft())
     with _BarAndText(*columns, console=shown, transient=True) as bar:
         task = bar.add_task("build", total=None)
 
@@ -68,6 +77,25 @@ def show_progress(console: Console | None = None) -> Iterator[Callable[[Event], 
             )
 
         yield show
+
+
+class TimeLeft(ProgressColumn):
+    """About how long it will take from here, by what the work done so far has taken."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.known = (0.0, 0.0)  # work done, and when it was
+
+    def render(self, task: Task) -> Text:
+        """Nothing as long as too little is done to tell, or when the guess has run out."""
+        now, done = task.elapsed or 0.0, task.completed
+        if done != self.known[0]:
+            self.known = done, now
+        done, since = self.known
+        if not task.total or since < LEAST_KNOWN or done < LEAST_SHARE * task.total:
+            return Text("")
+        left = since * (task.total / done - 1.0) - (now - since)
+        return Text(f"about {timedelta(seconds=round(left))} left" if left >= 1.0 else "")
 
 
 def _print_step(console: Console, event: Event) -> None:
