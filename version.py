@@ -1,8 +1,8 @@
 """The version of this checkout, for the build: that of the last tag, such as v0.2.0.
 
-hatchling runs it (``tool.hatch.version`` of ``pyproject.toml``). Commits after a tag are development
-versions of the next release; so are those of a clone without tags, and sources without git or outside
-a checkout have the version that their ``PKG-INFO`` says, or else :data:`FIRST`.
+hatchling runs it (``tool.hatch.version`` of ``pyproject.toml``). Commits after a tag are
+development versions of the next release, as are those of a clone without tags. Sources outside a
+checkout have the version that their ``PKG-INFO`` says, or else :data:`FIRST`.
 """
 
 from __future__ import annotations
