@@ -146,6 +146,55 @@ def isomerisation() -> OptimalControlProblem:
     return problem
 
 
+_SAMPLES = (
+    0.0, 0.05, 0.065, 0.08, 0.123, 0.233, 0.273, 0.354, 0.397, 0.418, 0.502, 0.553, 0.681, 0.75,
+    0.916, 0.937, 1.122,
+)  # fmt: skip
+_METHANOL = (
+    1.0, 0.7085, 0.5971, 0.5537, 0.3684, 0.1712, 0.1198, 0.0747, 0.0529, 0.0415, 0.0261, 0.0208,
+    0.0085, 0.0053, 0.0019, 0.0018, 0.0006,
+)  # fmt: skip
+_OLEFINS = (
+    0.0, 0.1621, 0.1855, 0.1989, 0.2845, 0.3491, 0.3098, 0.3576, 0.3347, 0.3388, 0.3557, 0.3483,
+    0.3836, 0.3611, 0.3609, 0.3485, 0.3698,
+)  # fmt: skip
+_HYDROCARBONS = (
+    0.0, 0.0811, 0.0965, 0.1198, 0.1535, 0.2097, 0.2628, 0.2467, 0.2884, 0.2757, 0.3167, 0.2954,
+    0.295, 0.2937, 0.2831, 0.2846, 0.2899,
+)  # fmt: skip
+
+
+def methanol() -> OptimalControlProblem:
+    """Methanol to hydrocarbons: five rates from 17 measurements, one of them none."""
+    problem = OptimalControlProblem("methanol")
+    a, b, c, d, e = (problem.free_parameter(f"rate {i}", lower=0.0) for i in range(1, 6))
+    phase = problem.phase("all", _SAMPLES[-1])
+    y1 = phase.state("methanol", initial=1.0)
+    y2 = phase.state("olefins", initial=0.0)
+    y3 = phase.state("hydrocarbons", initial=0.0)
+    whole = (b + e) * y1 + y2
+    phase.derivative(y1, -(2 * b - a * y2 / whole + c + d) * y1)
+    phase.derivative(y2, a * y1 * (b * y1 - y2) / whole + c * y1)
+    phase.derivative(y3, a * y1 * (y2 + e * y1) / whole + d * y1)
+    seen = np.transpose([_METHANOL, _OLEFINS, _HYDROCARBONS])
+    data = phase.measurement("data", _SAMPLES, seen)
+    phase.point_cost(ca.sumsqr(ca.vertcat(y1, y2, y3) - data))
+    return problem
+
+
+def parallel_reactions() -> OptimalControlProblem:
+    """Two reactions side by side in a plug-flow reactor: most of B at its end."""
+    problem = OptimalControlProblem("parallel reactions")
+    phase = problem.phase("along", 1.0)
+    a = phase.state("a", initial=1.0)
+    b = phase.state("b", initial=0.0)
+    u = phase.control("u", lower=0.0, upper=5.0)
+    phase.derivative(a, -(u + u**2 / 2) * a)
+    phase.derivative(b, u * a)
+    phase.end_cost(-b)
+    return problem
+
+
 FINE = "fine mesh"
 
 PROBLEMS = (
@@ -201,5 +250,24 @@ PROBLEMS = (
         published=5.23664e-3,
         tolerance=1e-5,
         confirmed=FINE,
+    ),
+    SuiteProblem(
+        methanol,
+        kind="parameters, data",
+        source="COPS 3.0 (Dolan, Moré, Munson 2004), problem 14: 9.02229e-3",
+        published=9.02229e-3,
+        tolerance=1e-5,
+        confirmed="SciPy's least squares and LSODA from twelve starts",
+    ),
+    SuiteProblem(
+        parallel_reactions,
+        kind="smooth",
+        source="Dadebo and McAuley, Comput. Chem. Eng. 19 (1995); PROPT guide, plug-flow reactor: "
+        "0.57353",
+        published=0.57353,
+        reference=0.573545,
+        tolerance=5e-5,
+        confirmed=FINE,
+        sign=-1.0,
     ),
 )

@@ -219,6 +219,21 @@ def _dielectrophoresis_guess() -> dict[str, Guess]:
     return {"move": Guess(10.0, {"x": line(1.0, 2.0), "y": 0.0, "u": 1.0})}
 
 
+def two_masses_and_a_spring() -> OptimalControlProblem:
+    """Two unit masses, a unit spring between them, pushed at one: rest to rest in least time."""
+    problem = OptimalControlProblem("two masses and a spring")
+    phase = problem.phase("move", (0.1, 20.0))
+    x1, x2 = (phase.state(name, initial=0.0, final=1.0) for name in ("x1", "x2"))
+    v1, v2 = (phase.state(name, initial=0.0, final=0.0) for name in ("v1", "v2"))
+    u = phase.control("u", lower=-1.0, upper=1.0)
+    phase.derivative(x1, v1)
+    phase.derivative(x2, v2)
+    phase.derivative(v1, u - (x1 - x2))
+    phase.derivative(v2, x1 - x2)
+    phase.end_cost(phase.duration)
+    return problem
+
+
 def jackson() -> OptimalControlProblem:
     """Jackson's catalyst blend: most of the product after 4, blend within [0, 1]."""
     problem = OptimalControlProblem("Jackson")
@@ -398,5 +413,14 @@ PROBLEMS = (
         tolerance=2e-3,
         confirmed=FINE,
         reference=-0.477711,
+    ),
+    SuiteProblem(
+        two_masses_and_a_spring,
+        kind="bang-bang",
+        source="Liu and Wie, J. Guid. Control Dyn. 15 (1992): 4.218",
+        published=4.218,
+        reference=4.21786651,
+        tolerance=5e-5,
+        confirmed="closed form of the arcs",
     ),
 )

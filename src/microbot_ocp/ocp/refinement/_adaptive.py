@@ -54,7 +54,8 @@ from microbot_ocp.ocp.verification import (
 
 MOST_VAIN = 2  # solves with one phase an arc that may find nothing
 PROGRESS = 0.9  # share of the former error that counts as an improvement
-SETTLED = 5.0  # times the accuracy of the cost: what other controls may still save
+SETTLED = 5.0  # times the accuracy of the cost: more than other controls would save is said
+UNMET = 1e-2  # share of the cost: if other controls would save more the optimum is missed
 MOVES = 1e-2  # share of the cost: while a mesh changes it by more the errors mean little
 HALF = 0.5  # of the former error of the cost: what a mesh should gain that is divided for it
 # A finer mesh meets constraints and dynamics that the coarser one cut short, and may honestly cost
@@ -335,7 +336,7 @@ class _Refinement:
         if status not in (Status.SOLVED, Status.INTERRUPTED) and self._will_do():
             status = Status.SOLVED
         more = improvable(self.best) if status is Status.SOLVED else 0.0
-        if more > SETTLED * EASED:
+        if more > UNMET:
             status = Status.NO_PROGRESS
         use = self.exceeded
         over = use is not None and use.relative > self.goal.limit_tolerance

@@ -51,6 +51,7 @@ CHATTERS = "the optimum may be approached by controls that jump to and fro ever 
 ACCURACY = 1e-4  # relative: local errors of the state, change of the cost from mesh to mesh
 ROUGH = 1e-2  # local error of the state above which an answer is none
 SETTLED = 5.0  # times the accuracy: what is left of the cost's change at which it has settled
+UNMET = 1e-2  # share of the cost: where no solve saves it what is more is missed, less is said
 ROUNDS = 14
 MOST_PIECES = 10  # into which an interval is divided at once
 MOST_INTERVALS = 1000
@@ -300,18 +301,22 @@ def _on_finer_meshes(
         solution, tried = improved(solution, transcription, settings, until, progress)
         attempts, more = attempts + tried, improvable(solution)
     solution = replace(solution, attempts=tuple(attempts))
-    if max(left.estimate, more) <= SETTLED * ACCURACY and worst <= ROUGH:
+    settled = left.estimate <= SETTLED * ACCURACY and worst <= ROUGH
+    if settled and more <= SETTLED * ACCURACY:
         return solution
     said = (
-        f"{Status.NO_PROGRESS.sentence} On the last meshes the cost still changed by "
-        f"{left.change:.1g} of itself; within an interval states are wrong, or limits exceeded, by "
-        f"{worst:.1g} of their sizes: call solve_refined."
+        f"On the last meshes the cost still changed by {left.change:.1g} of itself; within an "
+        f"interval states are wrong, or limits exceeded, by {worst:.1g} of their sizes: call "
+        f"solve_refined."
     )
-    if left.estimate <= SETTLED * ACCURACY and worst <= ROUGH:
+    if settled:
         said = (
-            f"{Status.NO_PROGRESS.sentence} Other controls would save {more:.1g} of the cost, but "
-            f"no solve from there does: {CHATTERS}"
+            f"Other controls would save {more:.1g} of the cost, but no solve from there does: "
+            f"{CHATTERS}"
         )
+    if settled and more <= UNMET:
+        return replace(solution, advice=f"{solution.advice} {said}")
+    said = f"{Status.NO_PROGRESS.sentence} {said}"
     return replace(solution, status=Status.NO_PROGRESS, advice=said)
 
 
