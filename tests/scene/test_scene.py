@@ -251,3 +251,15 @@ def test_where_there_is_no_way_the_answer_says_how_far_it_came(monkeypatch) -> N
 
 def test_reach_is_the_sum_of_the_links() -> None:
     assert reach_of(ARM) == pytest.approx(1.0 + np.hypot(0.1, 0.2), abs=0.1)
+
+
+def test_a_recording_shows_obstacles_and_the_nearest_points(
+    around: mo.Motion, tmp_path: Path
+) -> None:
+    shapes = [mo.Box([0.1, 0.1, 0.1], [1, 1, 0]), mo.Cylinder(0.1, 0.2, [-1, 0, 0])]
+    shapes += [mo.HalfSpace(offset=-1.0), mo.ConvexMesh(np.vstack([np.zeros(3), np.eye(3)]))]
+    scene = mo.Scene([*POST.obstacles, *shapes, mo.Capsule([1, 0, 1], [1, 0, 2], 0.1)])
+    path = around.to_rerun(ARM, tmp_path / "around.rrd", scene)
+    content = path.read_bytes()
+    for word in (b"scene/post", b"scene/nearest", b"capsule_1"):
+        assert word in content

@@ -251,9 +251,12 @@ class Motion:
         """Position, velocity and torque over time: :func:`microbot_ocp.plots.motion`."""
         return view_for(self, "plot")(robot, self, axes, **options)
 
-    def to_rerun(self, robot: Robot, path: str | Path) -> Path:
-        """Write a Rerun recording (``.rrd``) of the robot on this motion, under its limits."""
-        return view_for(self, "rerun")(robot, self).save(path)
+    def to_rerun(self, robot: Robot, path: str | Path, scene: Any = None) -> Path:
+        """Write a Rerun recording (``.rrd``) of the robot on this motion, under its limits.
+
+        With a :class:`~microbot_ocp.Scene` its obstacles and the nearest points are drawn, too.
+        """
+        return view_for(self, "rerun")(robot, self, scene=scene).save(path)
 
     def export(
         self,

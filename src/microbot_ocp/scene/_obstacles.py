@@ -192,6 +192,11 @@ class ConvexMesh:
         """Its vertices [N,3] in the base frame, m."""
         return self.vertices @ self.pose[:3, :3].T + self.pose[:3, 3]
 
+    @property
+    def triangles(self) -> np.ndarray:
+        """The faces of its hull [M,3], as indices of vertices."""
+        return _hull(self.vertices).simplices
+
 
 Obstacle = Sphere | Box | Capsule | Cylinder | HalfSpace | ConvexMesh
 KINDS: Mapping[str, type] = {
@@ -283,15 +288,19 @@ def _rounded_maximum(values: ca.SX, rounding: float) -> ca.SX:
     return largest + rounding * (ca.log(rest) - np.log(values.shape[0]))
 
 
-def _faces(points: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Outward normals [K,3] and offsets [K] of the faces of a convex hull."""
+def _hull(points: FloatArray) -> Any:
     try:
         from scipy.spatial import ConvexHull
     except ImportError:
         raise InputError(
             "convex meshes need the extra 'cell': pip install 'microbot_ocp[cell]'"
         ) from None
-    planes = np.unique(np.round(ConvexHull(points).equations, 9), axis=0)
+    return ConvexHull(points)
+
+
+def _faces(points: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Outward normals [K,3] and offsets [K] of the faces of a convex hull."""
+    planes = np.unique(np.round(_hull(points).equations, 9), axis=0)
     return planes[:, :3], -planes[:, 3]
 
 

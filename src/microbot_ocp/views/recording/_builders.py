@@ -14,6 +14,7 @@ from microbot_ocp.inverse_kinematics import IKSolution
 from microbot_ocp.limits import LimitFamily
 from microbot_ocp.motion import Motion
 from microbot_ocp.robot import JointLimits, Limits, Robot
+from microbot_ocp.scene import Scene
 from microbot_ocp.simulation import Tracking
 from microbot_ocp.views._scene import display_factor, display_unit, link_origins, solved_entries
 from microbot_ocp.views.plots._style import FIXED, PREFERRED, EntryStyle, entry_styles
@@ -52,11 +53,16 @@ def of_comparison(comparison: Comparison, rate: float = RATE) -> Recording:
 
 
 def of_motion(
-    robot: Robot, motion: Motion, certificate: Certificate | None = None, rate: float = RATE
+    robot: Robot,
+    motion: Motion,
+    certificate: Certificate | None = None,
+    rate: float = RATE,
+    scene: Scene | None = None,
 ) -> Recording:
     """One motion under the robot's limits, as the arm ``motion``.
 
-    Its ends, and the marks named "via ...", are marked in space.
+    Its ends, and the marks named "via ...", are marked in space. With a scene its obstacles are
+    drawn, the capsules of the arm, and the line between the nearest points with its length.
     """
     _same_joints(robot, motion.joint_count, "motion")
     inner = sorted(
@@ -78,6 +84,7 @@ def of_motion(
         arms=(arm,),
         places=_tools(robot, via_q),
         place_names=_via_names(len(via_q)) if inner else ("start", "end"),
+        scene=scene,
         summary=replace(
             Table.of_text(*peak_table(arm)),
             title=f"{title}, {motion.duration:.3f} s",

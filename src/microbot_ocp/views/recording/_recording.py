@@ -14,6 +14,7 @@ import rerun.blueprint as rrb
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.table import Table
 from microbot_ocp.robot import JointLimits, Robot
+from microbot_ocp.scene import Scene
 from microbot_ocp.views._scene import QUANTITIES, AxisLimits, link_origins, reach
 from microbot_ocp.views.recording._animated_arm import AnimatedArm
 from microbot_ocp.views.recording._arm import (
@@ -44,6 +45,7 @@ from microbot_ocp.views.recording._loads import (
     draw_torques,
     legend,
 )
+from microbot_ocp.views.recording._obstacles import draw_scene
 from microbot_ocp.views.recording._surroundings import Eye, draw_surroundings, find_eye
 from microbot_ocp.views.recording._writer import (
     APPLICATION,
@@ -77,6 +79,8 @@ class Recording:
     summary : Table
     target : array [4,4], optional
         A pose whose axes are drawn.
+    scene : Scene, optional
+        Obstacles around the arms.
     quantities : tuple of str
         What is plotted.
     timeline : str
@@ -91,6 +95,7 @@ class Recording:
     place_names: tuple[str, ...]
     summary: Table
     target: FloatArray | None = None
+    scene: Scene | None = None
     quantities: tuple[str, ...] = QUANTITIES
     timeline: str = TIME
 
@@ -169,6 +174,8 @@ class Recording:
         for arm in self.arms:
             draw_arm(writer, self.robot, arm, self.end)
             draw_curves(writer, self.robot, arm)
+        if self.scene is not None and self.arms:
+            draw_scene(writer, self.robot, self.scene, self.arms[-1])
         draw_labels(writer, self.robot, self._moving, self.eye, self.places, self.place_names)
         for arm in self._moving:
             self._write_motion(writer, arm)
