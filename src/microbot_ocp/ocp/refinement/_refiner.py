@@ -37,6 +37,7 @@ WARM_BARRIER = 1e-4
 FAR_ABOVE = 3.0  # times the accepted excess; halving an interval divides it by about four
 POLISHED = 0.1  # share of the wanted gap that needs no polish
 MOST_POLISHING = 60  # iterations
+MOST_FIRST = 200  # iterations of a solver that comes before the usual one
 MOST_FINISHING = 2  # meshes after that
 
 
@@ -105,11 +106,13 @@ class Refiner:
         tolerance: float | None = None,
         solver: str | tuple[str, ...] | None = None,
         barrier: float | None = None,
+        iterations: float = np.inf,
     ) -> Solution:
         """One solve, entered in the history."""
         tolerance = tolerance or self.rough
         settings = replace(
             self.settings,
+            max_iterations=int(min(self.settings.max_iterations, iterations)),
             solver=solver or self.solver,
             tolerance=tolerance or self.tolerance,
             initial_barrier=barrier,
@@ -206,7 +209,14 @@ class Refiner:
         after, dearer = before, None
         for name, barrier, start in (first, ("ipopt", None, guesses)):
             wanted = tolerance if name == solver else None
-            after = self.solve(meshes, start, solver=name, barrier=barrier, tolerance=wanted)
+            after = self.solve(
+                meshes,
+                start,
+                solver=name,
+                barrier=barrier,
+                tolerance=wanted,
+                iterations=np.inf if name != solver else MOST_FIRST,
+            )
             accepted = self._accepts(before, after)
             self.history[-1]["accepted"] = accepted
             sizes = " + ".join(str(phase.mesh.size - 1) for phase in after.phases)
