@@ -1,7 +1,8 @@
 # make demo   the method comparison, into out/demo     make lint   ruff and pyright
 # make test   the whole test suite                     make clean  remove all that make made
 # make test-fast   the tests that take a moment only   (CONTRIBUTING.md)
-# make fuzz, make faults   damaged inputs; kills, full disks, damaged caches (docs/reliability.md)
+# make fuzz, make faults   damaged inputs (COUNT=10000); kills, full disks, damaged caches
+# make test-oldest   the suite on the lowest version of every dependency (docs/reliability.md)
 # make bench  speed ratios against peers               make docs   the documentation, into out/docs
 # make figures, make screenshots   figures of the documentation, pictures of recordings: docs/images
 # make torture  a thousand random tasks, or COUNT=50 of them  (docs/torture.md)
@@ -16,15 +17,16 @@ SHELL := /bin/bash
 
 PYTHON ?= python3
 VENV := .venv
+OLDEST := .venv-oldest
 BIN := $(VENV)/bin
 PIP := PIP_DISABLE_PIP_VERSION_CHECK=1 $(BIN)/python -m pip install -qq
 OUT := out/demo
 SITE := out/docs
 
-.PHONY: help demo test test-fast fuzz faults test-environment bench suite torture docs figures screenshots lint wheel clean
+.PHONY: help demo test test-fast fuzz faults test-oldest test-environment bench suite torture docs figures screenshots lint wheel clean
 
 help:
-	@sed -n 's/^# \{0,1\}//p' Makefile | head -9
+	@sed -n 's/^# \{0,1\}//p' Makefile | head -10
 
 # A stamp newer than pyproject.toml means that its packages are installed.
 $(VENV)/.made:
@@ -68,11 +70,23 @@ test-fast: test-environment
 	@$(BIN)/python -m pytest -n 2 -m 'not slow' tests
 
 fuzz: test-environment
-	@MICROBOT_OCP_FUZZ=10000 $(BIN)/python -m pytest -q tests/reliability/test_fuzz.py
+	@MICROBOT_OCP_FUZZ=$(or $(COUNT),10000) $(BIN)/python -m pytest -q tests/reliability/test_fuzz.py \
+	    tests/reliability/test_border.py
 
 faults: test-environment
 	@MICROBOT_OCP_KILLS=100 $(BIN)/python -m pytest -q -s tests/_base/test_codegen.py \
 	    tests/_base/test_writing.py tests/comparison/test_folder.py tests/reliability/test_network.py
+
+# The lowest version that pyproject.toml allows of everything it names; pictures of figures are
+# compared with matplotlib 3.11 only.
+test-oldest: | $(VENV)/.made
+	@$(PIP) uv
+	@$(BIN)/uv venv -q --seed --clear --python $(BIN)/python $(OLDEST)
+	@echo 'matplotlib==3.8.*' > $(OLDEST)/overrides.txt
+	@VIRTUAL_ENV=$(OLDEST) UV_FIND_LINKS="$${PIP_FIND_LINKS:-}" $(BIN)/uv pip install -q \
+	    --resolution lowest-direct --overrides $(OLDEST)/overrides.txt -e '.[test]'
+	@$(OLDEST)/bin/python -m pip check
+	@$(OLDEST)/bin/python -m pytest -o addopts='--doctest-modules --strict-markers' -n 2
 
 bench: $(VENV)/.ready-bench
 	@$(BIN)/python -m benchmarks
@@ -106,5 +120,5 @@ wheel: $(VENV)/.ready-release
 	@$(BIN)/python -m twine check --strict dist/*
 
 clean:
-	rm -rf $(VENV) out dist build .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) $(OLDEST) out dist build .pytest_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -25,6 +25,7 @@ from microbot_ocp.simulation import interpolated
 
 NODES = 9  # of a segment
 LONGEST, SHORTEST = 0.1, 2e-3  # s, of a segment; shorter ones only between breaks
+MOST_SEGMENTS = 20_000  # at first: those of motions beyond 2000 s are longer
 ROUNDS = 16  # of Picard's iteration, before a segment is halved
 CONVERGED = 1e-13  # relative change of the state
 RESOLVED = 0.03  # of the torque that is judged: what may be left of the last Legendre coefficients
@@ -156,8 +157,10 @@ def resimulate(robot: Robot, motion: Motion, tolerance: float) -> Resimulation:
     """Simulate a motion again; ``tolerance`` of the torque, relative, is what will be judged."""
     mesh, drive = mesh_of(motion), _Drive(robot, motion)
     size = torque_sizes(robot, motion)
-    edges = np.linspace(0.0, motion.duration, int(np.ceil(motion.duration / LONGEST)) + 1)
-    nearest = mesh[np.abs(mesh[:, None] - edges).argmin(axis=0)]
+    count = min(int(np.ceil(motion.duration / LONGEST)), MOST_SEGMENTS)
+    edges = np.linspace(0.0, motion.duration, count + 1)
+    after = np.clip(np.searchsorted(mesh, edges), 1, mesh.size - 1)
+    nearest = np.where(edges - mesh[after - 1] <= mesh[after] - edges, mesh[after - 1], mesh[after])
     near = np.abs(nearest - edges) < 0.5 * edges[1]
     edges = np.unique(np.where(near, nearest, edges))
     todo = np.column_stack([edges[:-1], edges[1:]])
