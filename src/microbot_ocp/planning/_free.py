@@ -234,7 +234,8 @@ def time_optimal(
         if scene is not None:
             from microbot_ocp.planning._among_obstacles import stops_among
 
-            return stops_among(robot, limits, plan, scene, chosen, progress or quiet)
+            with deadline.within(chosen.time_limit):
+                return stops_among(robot, limits, plan, scene, chosen, progress or quiet)
         return solve_stops(robot, limits, *plan, chosen, progress or quiet)
     family = check_limits(robot, limits)
     via = check_via(family, cast("ArrayLike", via_q))
