@@ -19,6 +19,7 @@ BENCHMARKS = (
     "units",
     "cops_arm",
     "recording",
+    "cell",
 )
 
 

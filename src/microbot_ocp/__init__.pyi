@@ -36,6 +36,7 @@ from .comparison import (
     certify as certify,
     compare as compare,
     load_comparison as load_comparison,
+    time_effort_front as time_effort_front,
 )
 from .inverse_kinematics import (
     IKPath as IKPath,

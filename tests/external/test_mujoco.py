@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import microbot_ocp as mo
-from helpers import RANDOM_CHAINS, any_robot, batch, difference, random_states
+from helpers import RANDOM_CHAINS, any_robot, batch, difference, random_states, two_link_arm
 from microbot_ocp.robot import dh_transform
 
 mujoco = pytest.importorskip("mujoco")
@@ -86,3 +86,25 @@ def test_forward_dynamics_is_the_one_of_mujoco(robot: mo.Robot) -> None:
         mujoco.mj_forward(model, data)
         theirs.append(data.qacc.copy())
     assert difference(batch(mo.forward_dynamics(robot), q, qd, tau), theirs) < RELATIVE
+
+
+def test_torques_of_a_cycle_are_those_of_mujoco_with_the_part_as_a_body_of_its_own():
+    """Pick 0.8 kg with an inertia, bring it over, put it down, go back: two models, one motion."""
+    robot = with_small_bodies(two_link_arm(1.0, 0.8)).with_limits(tau_max=[60.0, 25.0], qd_max=3.0)
+    part = mo.Payload(0.8, [0.1, 0.05, 0.0], 0.02 * np.eye(3))
+    stops = [mo.Stop(q=[0.3, 0.4], payload=part, name="pick"), mo.Stop(q=[1.2, -0.5], payload=0.0)]
+    motion = mo.time_optimal(robot, stops, cycle=True, mesh=20, starts=1, compiled=False)
+    assert mo.certify(robot, motion, via_q=stops, cycle=True).ok
+    inertial = f'<body pos="{0.8 + 0.1} 0.05 0"><inertial pos="0 0 0" mass="0.8" '
+    body = f'{inertial}diaginertia="0.02 0.02 0.02"/></body>'
+    empty = mjcf(robot)
+    text = {True: empty.replace("</body></body>", f"{body}</body></body>", 1), False: empty}
+    for loaded, of_part in text.items():
+        model = mujoco.MjModel.from_xml_string(of_part)
+        data = mujoco.MjData(model)
+        before = motion.t < motion.marks[1].time
+        for k in np.flatnonzero(before if loaded else ~before)[::20]:
+            data.qpos[:], data.qvel[:] = motion.q[k], motion.qd[k]
+            data.qacc[:] = motion.qdd[k]
+            mujoco.mj_inverse(model, data)
+            np.testing.assert_allclose(data.qfrc_inverse, motion.tau[k], rtol=1e-9, atol=1e-8)

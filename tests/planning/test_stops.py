@@ -152,3 +152,20 @@ def test_what_cannot_be_is_said_in_words_of_the_task(two_links, stops, options, 
 def test_a_stop_that_says_nothing_sensible_is_refused(keys, said):
     with pytest.raises(mo.InputError, match=said):
         Stop(**keys)
+
+
+def test_a_front_goes_from_the_fastest_to_the_closed_form_of_the_calmest(rail):
+    front = mo.time_effort_front(rail, [[0.0], [1.0]], slacks=(0.1, 0.5), **QUICK)
+    assert front.certified
+    shortest = np.sqrt(2.0)
+    assert [p.duration for p in front.points] == pytest.approx(
+        [shortest, 1.1 * shortest, 1.5 * shortest], rel=1e-3
+    )
+    # least effort: 12 m^2 d^2 / (T^3 F^2); the fastest uses its force all the time but where it
+    # switches, which takes two intervals of the mesh
+    least = 12 * 4.0 / (16.0 * front.points[2].duration ** 3)
+    assert (1 - 2 / QUICK["mesh"]) * shortest < front.points[0].effort < 1.001 * shortest
+    assert front.points[2].effort == pytest.approx(least, rel=1e-3)
+    assert front.points[1].effort > front.points[2].effort
+    assert front.points[2].peak_torque == pytest.approx(6 * 2.0 / (2.25 * 2.0) / 4.0, rel=1e-2)
+    assert len(front.plot()) == 2

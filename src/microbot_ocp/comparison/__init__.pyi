@@ -22,6 +22,11 @@ from ._comparison import (
     Step as Step,
     compare as compare,
 )
+from ._front import (
+    Front as Front,
+    FrontPoint as FrontPoint,
+    time_effort_front as time_effort_front,
+)
 from ._saved import (
     load_comparison as load_comparison,
     named_robot as named_robot,

@@ -41,6 +41,7 @@ from ._segments import (
     Segment as Segment,
 )
 from ._stop_search import (
+    effort_front as effort_front,
     stretches as stretches,
 )
 from ._stop_task import (

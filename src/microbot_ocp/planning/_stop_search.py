@@ -7,6 +7,7 @@ search starts from the ways through every branch of the inverse kinematics.
 from __future__ import annotations
 
 import itertools
+import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
@@ -65,6 +66,14 @@ def fastest_through(
             raise InputError("give a duration or a slack for less effort, not both")
     with deadline.within(settings.time_limit):
         return StopSearch(task, settings, progress, duration).run()
+
+
+def effort_front(
+    task: Task, slacks: Sequence[float], settings: TimeOptimalSettings, progress: StepProgress
+) -> list[tuple[float, Motion]]:
+    """Effort and motion of the fastest, and of calmer ones: see :meth:`StopSearch.front`."""
+    with deadline.within(settings.time_limit):
+        return StopSearch(task, settings, progress, None).front(slacks)
 
 
 class StopSearch(FreeSearch):
@@ -194,6 +203,23 @@ class StopSearch(FreeSearch):
     def _guess_from(self, solution: Solution) -> dict[str, Guess]:
         shapes = zip(self.names, phase_shapes(solution), strict=True)
         return {name: self._with_closed(name, _guess_along(shape)) for name, shape in shapes}
+
+    def front(self, slacks: Sequence[float]) -> list[tuple[float, Motion]]:
+        """Effort and motion of the fastest, and of those of least effort that are slower by shares.
+
+        Each starts from the one before it.
+        """
+        begin = time.perf_counter()
+        starts, found = self._explore()
+        fastest = solution = self._finish(found)
+        shared = starts, time.perf_counter() - begin + self.kernel_time
+        made = [(self._effort(fastest), self._motion(fastest, *shared))]
+        for slack in sorted(slacks) if fastest.status.solved else ():
+            share = (1.0 + slack) * fastest.duration / solution.duration - 1.0
+            self.settings = replace(self.settings, slack=share)
+            solution = self._calmer(solution)
+            made.append((self._effort(solution), self._motion(solution, *shared)))
+        return made
 
     # result ---------------------------------------------------------------------------------
 
@@ -350,11 +376,11 @@ def stretches(task: Task, motion: Motion) -> list[tuple[float, float, Any]]:
         (task.payloads[-1], *task.payloads) if task.cycle else (task.payloads[0], *task.payloads)
     )
     times = [mark.time for mark in motion.marks]
-    for k, time in enumerate(times):
-        leaves = time + float(task.dwells[k])
-        if leaves > time:
+    for k, arrives in enumerate(times):
+        leaves = arrives + float(task.dwells[k])
+        if leaves > arrives:
             rested = loads[k].on(task.robot)
-            found.append((time, leaves, rested))
+            found.append((arrives, leaves, rested))
         if k < len(task.segments):
             found.append((leaves, times[k + 1], task.robots[k]))
     return found

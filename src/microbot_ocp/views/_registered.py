@@ -36,6 +36,7 @@ add_views(
             "table": f"{TABLES}._results:ocp_certificate"
         },
         "microbot_ocp.comparison.Certificate": {"table": f"{TABLES}._results:certificate"},
+        "microbot_ocp.comparison.Front": {"plot": f"{PLOTS}:front"},
         "microbot_ocp.comparison.Cell": {"rerun": f"{RECORDING}:of_cell"},
         "microbot_ocp.comparison.Comparison": {
             "table": f"{TABLES}:comparison_table",

@@ -12,6 +12,9 @@ from ._curve import (
 from ._curves import (
     curves as curves,
 )
+from ._front import (
+    front as front,
+)
 from ._limits import (
     limit_use as limit_use,
     saturation as saturation,

@@ -1,0 +1,63 @@
+"""A pick-and-place cycle of a UR5e: its period against the sum of its single motions.
+
+``python -m benchmarks cell``: the arm picks 2 kg, lifts it on a straight line, carries it over,
+puts it down on a line and goes back. Durations, not wall times, so a busy machine does no harm.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+
+import microbot_ocp as mo
+from microbot_ocp import Table
+
+DOWN = np.diag([1.0, -1.0, -1.0])
+
+
+def stops(dwell: float = 0.2) -> list[mo.Stop]:
+    """The tool points down; 0.1 m above the table the way is free."""
+    held: dict[str, Any] = {"orientation": DOWN}
+    return [
+        mo.Stop(position=[0.4, -0.3, 0.2], payload=2.0, dwell=dwell, name="pick", **held),
+        mo.Stop(position=[0.4, -0.3, 0.3], name="above pick", **held),
+        mo.Stop(position=[0.4, 0.3, 0.3], name="above place", **held),
+        mo.Stop(position=[0.4, 0.3, 0.2], payload=0.0, dwell=dwell, name="place", **held),
+    ]
+
+
+def run(_: int = 0) -> None:
+    """Print one row a motion."""
+    robot, line, rows = mo.load_robot("ur5e"), mo.Line(), []
+    segments = [line, None, line, None]
+
+    def solved(name: str, places: list[mo.Stop], ways: Any, cycle: bool = False) -> Any:
+        begin = time.process_time()
+        motion = mo.time_optimal(robot, places, segments=ways, cycle=cycle, mesh=40)
+        spent = time.process_time() - begin
+        certificate = mo.certify(robot, motion, via_q=places, segments=ways, cycle=cycle)
+        verdict = "ok" if certificate.ok else certificate.verdict
+        rows.append([name, f"{motion.duration:.4f}", str(motion.status), verdict, f"{spent:.0f}"])
+        return motion
+
+    cycle = solved("cycle", stops(), segments, cycle=True)
+    poses = [cycle.sample(mark.time).q[0] for mark in cycle.marks]
+    total = 0.0
+    for k in range(4):
+        load = 2.0 if k < 3 else 0.0
+        pair = [
+            mo.Stop(q=poses[k], payload=load, name=cycle.marks[k].name),
+            mo.Stop(q=poses[k + 1], name=cycle.marks[k + 1].name),
+        ]
+        name = f"{pair[0].name} to {pair[1].name}"
+        total += solved(name, pair, [segments[k]]).duration
+    dwells = sum(stop.dwell for stop in stops())
+    rows.append(["sum of the four, and the dwells", f"{total + dwells:.4f}", "", "", ""])
+    heads = ["motion", "duration [s]", "status", "certificate", "processor time [s]"]
+    print(Table.of_text(heads, rows).markdown())
+
+
+if __name__ == "__main__":
+    run()

@@ -1,0 +1,45 @@
+"""Time against effort."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from microbot_ocp._base.showing import GivenAxes
+from microbot_ocp.comparison import Front
+from microbot_ocp.views.plots._page import AxesGrid, axes_page
+
+SIZE = (7.0, 3.2)
+
+
+def front(front: Front, axes: GivenAxes | None = None) -> AxesGrid:
+    """Effort and peak torque of the motions of a front over their durations.
+
+    Parameters
+    ----------
+    front : Front
+        From :func:`microbot_ocp.time_effort_front`.
+    axes : array of Axes [2], optional
+        Default a new figure.
+
+    Returns
+    -------
+    AxesGrid [2]
+        Open circles are motions that are not certified.
+    """
+    page = axes_page(axes, 1, 2, size=SIZE, title="time against effort")
+    panels = page.axes.ravel().view(AxesGrid)
+    time = np.array([point.duration for point in front.points])
+    good = np.array([p.motion.solved and p.certificate.ok for p in front.points])
+    columns = {
+        "effort [s]": [point.effort for point in front.points],
+        "peak torque [share of its limit]": [point.peak_torque for point in front.points],
+    }
+    for panel, (label, values) in zip(panels, columns.items(), strict=True):
+        (line,) = panel.plot(time, values)
+        color = line.get_color()
+        for kept, face in ((good, color), (~good, "none")):
+            panel.scatter(time[kept], np.array(values)[kept], facecolors=face, edgecolors=color)
+        panel.set_xlabel("duration [s]")
+        panel.set_ylabel(label)
+        panel.set_ylim(bottom=0.0)
+    return panels
