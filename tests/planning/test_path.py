@@ -36,17 +36,19 @@ def test_a_straight_path_runs_at_unit_speed_through_its_points():
         (straight_path([[0.0, 0.0], [1.0, 1.0], [0.0, 0.0]]), [1]),
         (straight_path([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [2.0, 1.0]]), [1, 2]),
         (REPORT_CUBIC, []),
-        (ARM_CUBIC, []),
+        (ARM_CUBIC, [1]),  # both joints turn round there
+        (mo.cubic([[0.0], [1.0], [2.0]], [0.0, 1.0, 2.0], [[0.0], [0.0], [0.0]]), []),
     ],
 )
-def test_corners_are_where_the_tangent_jumps(path, expected):
+def test_corners_are_where_the_tangent_jumps_or_turns_at_rest(path, expected):
     np.testing.assert_array_equal(corners(path), path.breaks[expected])
 
 
 def test_under_torque_rate_limits_jumps_of_the_curvature_are_stops():
     plain, rated = map(LimitFamily.of, (arm(), arm(tau_max=[60.0, 25.0], taud_max=[400.0, 150.0])))
-    assert stops(ARM_CUBIC, plain).size == 0
-    np.testing.assert_array_equal(stops(ARM_CUBIC, rated), [1.0])
+    passing = mo.cubic(ARM_VIA, [0.0, 1.0, 2.0], np.full((3, 2), 0.3))
+    assert stops(passing, plain).size == 0
+    np.testing.assert_array_equal(stops(passing, rated), [1.0])
     straight = straight_path([[0.0, 0.0], [1.0, 1.0], [2.0, 2.0]])
     assert stops(straight, rated).size == 0
 
@@ -95,12 +97,12 @@ def test_an_arm_that_swings_up_in_one_joint_loses_what_gravity_takes():
 
 @pytest.fixture(scope="module")
 def report_cubic(microbot):
-    return time_optimal_path(microbot, REPORT_CUBIC, mesh=100)
+    return time_optimal_path(microbot, REPORT_CUBIC, mesh=100, solver="ipopt")
 
 
 @pytest.fixture(scope="module")
 def report_straight(microbot):
-    return time_optimal_path(microbot, straight_path(VIA_Q), mesh=100)
+    return time_optimal_path(microbot, straight_path(VIA_Q), mesh=100, solver="ipopt")
 
 
 @pytest.mark.slow
@@ -289,7 +291,7 @@ def test_a_solver_that_converged_is_not_believed_between_mesh_points():
 def test_a_timing_slower_than_reachability_is_not_believed():
     """Four intervals are too few for short ramps: the solver converges far from the optimum."""
     path = straight_path([[0.0], [1.5]])
-    motion = time_optimal_path(slider(qd_max=0.2, tau_max=4.0), path, mesh=4)
+    motion = time_optimal_path(slider(qd_max=0.2, tau_max=4.0), path, mesh=4, solver="ipopt")
     assert motion.duration > 1.05 * motion.provenance["reachability_duration"]
     assert not motion.solved
     assert motion.provenance["status"] == "slower than reachability"

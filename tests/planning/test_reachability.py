@@ -12,7 +12,8 @@ import microbot_ocp as mo
 from helpers import two_link_arm
 from microbot_ocp.motion import PiecewisePolynomial
 from microbot_ocp.planning import time_path
-from microbot_ocp.planning._reachability import _backward, _lines, path_grid
+from microbot_ocp.planning._path_limits import LimitRows
+from microbot_ocp.planning._reachability import _backward, _Ends, _reached_from, path_grid
 
 ARM = two_link_arm(1.0, 0.8).with_limits(mo.Limits(tau_max=[60.0, 25.0], qd_max=3.0))
 CURVE = mo.cubic([[0.0, 0.3], [1.2, -0.6]], [0.0, 1.0], [[0.9, 0.4], [1.1, -0.8]])
@@ -22,52 +23,71 @@ BENT = mo.cubic([[0.0, 0.3], [0.6, 0.5], [1.2, -0.6]], [0.0, 0.6, 1.0], np.full(
 # one linear program -------------------------------------------------------------------------------
 
 
-def random_half_planes(seed):
-    """``p v + q w <= h`` around a point that keeps them all, or (every third) around none."""
+def random_interval(seed):
+    """Limits at both ends of an interval around a point that keeps them, or (every third) none."""
     random = np.random.default_rng(seed)
-    width = int(random.integers(3, 12))
-    p, q = random.normal(size=(2, width)) * 10 ** random.uniform(-2, 2, width)
-    p[random.random(width) < 0.1] = 0.0
-    inside = random.uniform(0.1, 3.0, 2)
-    room = random.exponential(size=width) * np.hypot(p, q)
-    h = p * inside[0] + q * inside[1] + (room if seed % 3 else room - 0.5 * np.hypot(p, q))
+    width, step = int(random.integers(2, 7)), np.array([10.0 ** random.uniform(-2, 0)])
+    x = random.uniform(0.1, 3.0, 2)
+    a = random.normal()
+    u = np.array([a, (x[1] - x[0]) / step[0] - a])
+    m, c = random.normal(size=(2, 2, width)) * 10 ** random.uniform(-2, 2, width)
+    m[random.random((2, width)) < 0.1] = 0.0
+    size = np.abs(m) + np.abs(c)
+    value = m * u[:, None] + c * x[:, None]
+    shift = 0.0 if seed % 3 else 1.0
+    low, high = (
+        value + side * size * (random.exponential(size=(2, width)) - shift) for side in (-1, 1)
+    )
+    low, high = np.minimum(low, high), np.maximum(low, high)
+    if not seed % 3:  # the last limit of an end contradicts the first
+        m[0, -1], c[0, -1] = m[0, 0], c[0, 0]
+        low[0, -1], high[0, -1] = high[0, 0] + size[0, 0], high[0, 0] + 2 * size[0, 0]
+    rows = LimitRows(m, c, low, high, np.array([0]), np.array([1]), ())
     target = np.sort(random.uniform(0.0, 4.0, 2))
     if seed % 3:
-        target = np.array([min(target[0], inside[1]), max(target[1], inside[1])])
-    return p, q, h, target, random.uniform(3.0, 6.0)
+        target = np.array([min(target[0], x[1]), max(target[1], x[1])])
+    return rows, step, target, random.uniform(3.0, 6.0)
 
 
-def reachable_by_casadi(p, q, h, target, speed):
-    width = p.size
-    lines = _lines(p[None], q[None], h[None])
-    column = np.vstack(
-        [
-            *(part.T for part in (*lines.upper, *lines.lower)),
-            lines.other_low,
-            lines.other_high,
-            [speed],
-        ]
-    )
-    return np.array(_backward(width, 1, False)(target, column)).ravel()
+def reachable_by_casadi(rows, step, target, top):
+    own = np.full((2, rows.per_u.shape[1]), np.inf)
+    left, right = _Ends.of(rows, [0], [0], step), _Ends.of(rows, [1], [1], step)
+    assert np.array_equal(left.high[:, own.shape[1] :], own[:1])
+    (least, most), (before, over) = left.speeds(), right.speeds()
+    bounds = np.array([[least[0], min(most[0], top)]])
+    columns = np.hstack([_reached_from(right, -1.0), *left.moved(1.0), bounds])
+    target = np.array([max(target[0], before[0]), min(target[1], over[0])])
+    return np.array(_backward(left.m.shape[1], 1, False)(target, columns.T)).ravel()
+
+
+def interval_program(rows, step):
+    """``matrix [x_i, a, x_{i+1}] <= bound`` of the limits at both ends; b follows from them."""
+    m, c, d = rows.per_u, rows.per_x, step[0]
+    zero = np.zeros(m.shape[1])
+    left = np.column_stack([c[0], m[0], zero])
+    right = np.column_stack([-m[1] / d, -m[1], c[1] + m[1] / d])
+    matrix = np.vstack([left, right])
+    low, high = rows.lower.ravel(), rows.upper.ravel()
+    return np.vstack([matrix, -matrix]), np.concatenate([high, -low])
 
 
 @pytest.mark.parametrize("seed", range(60))
 def test_the_reachable_interval_is_that_of_two_linear_programs(seed):
-    p, q, h, target, speed = random_half_planes(seed)
-    low, high = reachable_by_casadi(p, q, h, target, speed)
-    bounds = [(0.0, speed), tuple(target)]
+    rows, step, target, top = random_interval(seed)
+    low, high = reachable_by_casadi(rows, step, target, top)
+    matrix, bound = interval_program(rows, step)
     programs = [
-        linprog([sign, 0.0], A_ub=np.column_stack([p, q]), b_ub=h, bounds=bounds)
+        linprog([sign, 0.0, 0.0], matrix, bound, bounds=[(0.0, top), (None, None), tuple(target)])
         for sign in (1.0, -1.0)
     ]
     if programs[0].status == 2:
         assert high < low
     else:
-        assert [low, high] == pytest.approx([p.x[0] for p in programs], rel=1e-7, abs=1e-7)
+        assert [low, high] == pytest.approx([p.x[0] for p in programs], rel=1e-6, abs=1e-6)
 
 
-def test_random_half_planes_are_of_both_kinds():
-    found = [np.diff(reachable_by_casadi(*random_half_planes(seed)))[0] < 0 for seed in range(60)]
+def test_random_intervals_are_of_both_kinds():
+    found = [np.diff(reachable_by_casadi(*random_interval(seed)))[0] < 0 for seed in range(60)]
     assert 3 < sum(found) < 30
 
 
@@ -75,7 +95,7 @@ def test_random_half_planes_are_of_both_kinds():
 
 
 def rows_by_hand(robot, path, s):
-    """Rows ``a u + b x + c`` at both ends of every interval, from point-wise inverse dynamics."""
+    """Rows ``m u + c x + rest`` at both ends of every interval, from inverse dynamics."""
     tau = mo.inverse_dynamics(robot)
     tangent, curvature = path.derivative(), path.derivative().derivative()
     zero = np.zeros(robot.joint_count)
@@ -89,79 +109,58 @@ def rows_by_hand(robot, path, s):
     return [(at(a, False), at(b, True)) for a, b in pairwise(s)]
 
 
-def program_by_hand(robot, path, s):
-    """All half planes of the grid as ``matrix x <= bound`` and the largest x of every point."""
-    low, high = robot.limits.bounds("tau")
-    speed = robot.limits.qd_max
-    matrix, bound, top = [], [], np.full(s.size, np.inf)
-    for i, ends in enumerate(rows_by_hand(robot, path, s)):
-        half = 1.0 / (2.0 * (s[i + 1] - s[i]))
-        for side, (a, b, c, tangent) in enumerate(ends):
-            row = np.zeros((robot.joint_count, s.size))
-            row[:, i], row[:, i + 1] = -a * half, a * half
-            row[:, i + side] += b
-            matrix += [row, -row]
-            bound += [high - c, c - low]
-            top[i + side] = min(top[i + side], np.min((speed / np.abs(tangent)) ** 2))
-    return np.vstack(matrix), np.concatenate(bound), top
+def test_no_profile_on_the_same_grid_is_faster():
+    """The duration is convex in x, so a local search of all profiles finds the best one.
 
-
-def passes_by_linear_programs(robot, path, s):
-    """Backward and forward passes, one linear program at a time; from rest to rest."""
-    matrix, bound, top = program_by_hand(robot, path, s)
-    rows = 4 * robot.joint_count
-
-    def best(i, sign, which, limits):
-        part = matrix[i * rows : (i + 1) * rows, i : i + 2]
-        cost = np.zeros(2)
-        cost[which] = -sign
-        found = linprog(cost, A_ub=part, b_ub=bound[i * rows : (i + 1) * rows], bounds=limits)
-        assert found.status == 0
-        return found.x[which]
-
-    sets = [(0.0, 0.0)]
-    for i in reversed(range(s.size - 1)):
-        limits = [(0.0, top[i]), sets[0]]
-        sets.insert(0, (best(i, -1.0, 0, limits), best(i, 1.0, 0, limits)))
-    x = [0.0]
-    for i in range(s.size - 1):
-        x.append(best(i, 1.0, 1, [(x[-1], x[-1]), sets[i + 1]]))
-    return np.array(x)
-
-
-@pytest.mark.parametrize("path", [CURVE, BENT], ids=["one piece", "two pieces"])
-def test_the_profile_is_that_of_linear_programs_point_by_point(path):
-    timing = time_path(ARM, path, ARM.limits, grid=60)
-    assert timing.solved
-    expected = passes_by_linear_programs(ARM, path, timing.s)
-    np.testing.assert_allclose(timing.speed**2, expected, rtol=1e-6, atol=1e-7)
-
-
-@pytest.mark.parametrize("path", [CURVE, BENT], ids=["one piece", "two pieces"])
-def test_no_profile_on_the_same_grid_is_faster(path):
-    """The duration is convex in x, so a local search of all profiles finds the best one."""
+    Its unknowns are x at the inner points, and u at the start of every interval; the duration is
+    that of a u constant on the interval, as near as its goal is. On a coarse grid that holds where
+    a larger x at one point never bars a larger one at the next, as it may near a curvature's jump.
+    """
+    path = CURVE
     timing = time_path(ARM, path, ARM.limits, grid=14)
     s, step = timing.s, np.diff(timing.s)
-    matrix, bound, top = program_by_hand(ARM, path, s)
-    assert np.all(matrix @ timing.speed**2 <= bound + 1e-6)
+    n = step.size
+    low, high = ARM.limits.bounds("tau")
+    speed, top = ARM.limits.qd_max, np.full(n + 1, np.inf)
+    matrix, bound = [], []
+    for i, ends in enumerate(rows_by_hand(ARM, path, s)):
+        for side, (here, there) in enumerate((ends, ends[::-1])):
+            top[i + side] = min(top[i + side], np.min((speed / np.abs(here[3])) ** 2))
+            # where the inertia changes much along the interval, both its values count
+            other = np.abs(there[0] - here[0]) > 0.1 * np.maximum(*np.abs([there[0], here[0]]))
+            for (m, c, rest, _), kept in ((here, other | True), (there, other)):
+                row = np.zeros((ARM.joint_count, 2 * n + 1))
+                row[:, i + side] = c
+                row[:, n + 1 + i] = -m if side else m
+                if side:  # b = (x_{i+1} - x_i)/d - a
+                    row[:, i] -= m / step[i]
+                    row[:, i + 1] += m / step[i]
+                matrix += [row[kept], -row[kept]]
+                bound += [(high - rest)[kept], (rest - low)[kept]]
+    matrix, bound = np.vstack(matrix), np.concatenate(bound)
+    reached = next(iter(timing._parts))[1]
+    chosen = np.concatenate([reached.speed_squared, reached.start])
+    assert np.all(matrix @ chosen <= bound + 1e-6)
     assert np.all(timing.speed**2 <= top + 1e-9)
-    inner = slice(1, -1)
+    assert np.all(
+        np.abs(np.diff(reached.speed_squared) / step - reached.start - reached.end) < 1e-9
+    )
+    inner = np.r_[1:n, n + 1 : 2 * n + 1]
 
     def duration(x):
-        root = np.sqrt(np.concatenate([[0.0], np.maximum(x, 1e-12), [0.0]]))
+        root = np.sqrt(np.concatenate([[0.0], np.maximum(x[: n - 1], 1e-12), [0.0]]))
         return float(np.sum(2 * step / (root[:-1] + root[1:])))
 
     found = minimize(
         duration,
-        0.5 * (timing.speed**2)[inner],
-        bounds=[(1e-6, t) for t in top[inner]],
+        np.concatenate([0.5 * chosen[1:n], 0.5 * chosen[n + 1 :]]),
+        bounds=[*((1e-6, t) for t in top[1:n]), *[(None, None)] * n],
         constraints=LinearConstraint(matrix[:, inner], ub=bound),
         method="SLSQP",
         options={"maxiter": 500, "ftol": 1e-12},
     )
     assert found.success
-    assert timing.duration == pytest.approx(found.fun, rel=2e-3)
-    assert timing.duration <= found.fun * (1 + 1e-5)
+    assert duration(chosen[inner]) <= found.fun * (1 + 3e-3)
 
 
 @pytest.mark.parametrize("path", [CURVE, BENT], ids=["one piece", "two pieces"])

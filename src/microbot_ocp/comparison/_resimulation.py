@@ -132,7 +132,9 @@ def _missed(motion: Motion, first: IntArray) -> FloatArray:
     """Integral [N,n] over the interval before each sample of how uncertain the acceleration is.
 
     That is how far the samples at its ends are from the cubics through their four neighbours: all
-    of a jump that the samples do not mark, and next to nothing where they are dense.
+    of a jump that the samples do not mark, and next to nothing where they are dense. The first and
+    the last samples have neighbours on one side only, where a cubic says little: they are as
+    uncertain as the next that have them on both.
     """
     t, count = motion.t, motion.t.size
     missed = np.zeros_like(motion.qdd)
@@ -147,6 +149,8 @@ def _missed(motion: Motion, first: IntArray) -> FloatArray:
                 weight *= (t[middle] - t[middle + other]) / (t[middle + k] - t[middle + other])
         guess += weight[:, None] * motion.qdd[middle + k]
     missed[2:-2] = 2.0 * np.abs(guess - motion.qdd[2:-2])
+    # the stencils of the outermost intervals reach six samples in
+    missed[:2], missed[-2:] = missed[2:6].max(axis=0), missed[-6:-2].max(axis=0)
     edges = first[1:-1, None] + np.arange(-3, 3)  # no cubic goes across a break
     missed[np.clip(edges, 0, count - 1)] = 0.0
     missed[1:] = np.maximum(missed[1:], missed[:-1]) * np.diff(t)[:, None]

@@ -364,7 +364,10 @@ def sample_times(breaks: FloatArray, jumps: FloatArray, step: float) -> FloatArr
     jumping = set(np.asarray(jumps).tolist())
     for start, end in pairwise(np.asarray(breaks, dtype=float)):
         last = end - JUMP_GAP if end in jumping and end - start > 2 * JUMP_GAP else end
-        count = max(1, int(np.ceil((last - start) / step - 1e-9)))
+        # One sample between the first breaks at least, where it cannot be taken for a side of a
+        # jump: breaks that are all the samples would look as if nothing had been said of them.
+        least = 2 if not pieces and last - start > 6 * JUMP_GAP else 1
+        count = max(least, int(np.ceil((last - start) / step - 1e-9)))
         pieces.append(np.linspace(start, last, count + 1)[: count + (last < end)])
     return np.append(np.concatenate(pieces), breaks[-1])
 

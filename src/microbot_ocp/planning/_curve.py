@@ -17,14 +17,17 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.motion import PiecewisePolynomial
 
+IntArray = NDArray[np.intp]
+
 VANISHING = 1e-9  # relative size of a derivative that counts as zero
 # Share of a bent piece by which it starts inside, where powers of r are finite; by the power of r
 # with which the path leaves. With 1e-6 and p = 1 a quintic's third derivative stops the solver.
-INSIDE = {2: 1e-7, 1: 1e-5}
+INSIDE = {2: 1e-10, 1: 1e-5}
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,8 +174,8 @@ class Curve:
         ``leaves_like`` is the power of it with which the path leaves an end at rest: 2, or 1 where
         the jerk is limited.
         """
-        start = vanishing_order(path, float(path.breaks[0]))
-        end = vanishing_order(path, float(path.breaks[-1]))
+        start = vanishing_order(path, float(path.breaks[0]), from_left=False)
+        end = vanishing_order(path, float(path.breaks[-1]), from_left=True)
         free = leaves_like == 2
         pieces = _bent_pieces(path, start, end, leaves_like)
         return cls(tuple(pieces), free and start > 0, free and end > 0)
@@ -187,6 +190,18 @@ class Curve:
         """Position, tangent and curvature [N,n]; at a break of the later piece, or the earlier."""
         tables = [np.zeros((r.size, self.pieces[0].coefficients.shape[1])) for _ in range(3)]
         for piece, here, local in self._by_piece(r, from_left):
+            for table, values in zip(tables, evaluate(piece, local), strict=True):
+                table[here] = values
+        return tuple(tables)
+
+    def inside(self, r: FloatArray, i: IntArray, grid: FloatArray) -> tuple[FloatArray, ...]:
+        """As :meth:`evaluate`, of parameters in the intervals i of a grid that holds the breaks."""
+        breaks, middle = self.breaks, 0.5 * (grid[1:] + grid[:-1])
+        index = np.clip(np.searchsorted(breaks, middle) - 1, 0, len(self.pieces) - 1)[i]
+        tables = [np.zeros((r.size, self.pieces[0].coefficients.shape[1])) for _ in range(3)]
+        for k, piece in enumerate(self.pieces):
+            here = index == k
+            local = np.clip(r[here] - breaks[k] + piece.limits[0], *piece.limits)
             for table, values in zip(tables, evaluate(piece, local), strict=True):
                 table[here] = values
         return tuple(tables)
@@ -228,14 +243,13 @@ def _bent_pieces(
     return pieces
 
 
-def vanishing_order(path: PiecewisePolynomial, s: float) -> int:
-    """How many derivatives of the path vanish at s, up to its degree - 1."""
+def vanishing_order(path: PiecewisePolynomial, s: float, *, from_left: bool) -> int:
+    """How many derivatives of the path vanish on one side of s, up to its degree - 1."""
     sizes = np.linspace(path.breaks[0], path.breaks[-1], 21)
     curve = path
     for order in range(path.coefficients.shape[1] - 1):
         curve = curve.derivative()
         size = float(np.abs(curve(sizes)).max())
-        from_left = s > path.breaks[0]
         if float(np.abs(curve(s, from_left=from_left)).max()) > VANISHING * max(size, 1e-300):
             return order
     return path.coefficients.shape[1] - 2

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +12,7 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.codegen import compiler
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import JointLimits, Limits
-from microbot_ocp.motion import JUMP_GAP, Motion, PiecewisePolynomial, State
+from microbot_ocp.motion import JUMP_GAP, SAMPLE_STEP, Motion, PiecewisePolynomial, State
 from microbot_ocp.planning._curve import Curve
 from microbot_ocp.planning._path_limits import LATER, limits_kept_by
 from microbot_ocp.planning._paths import check_path, segments
@@ -60,7 +61,7 @@ class PathTiming:
         return float(self.t[-1])
 
     def motion(self, label: str = "path, reachability") -> Motion:
-        """The timing as a motion: the acceleration of the parameter is constant between points.
+        """The timing as a motion: the acceleration of the parameter is linear between points.
 
         Raises
         ------
@@ -71,22 +72,14 @@ class PathTiming:
             raise checks.InputError(
                 f"the path cannot be travelled within the limits beyond s = {self.blocked_at:g}"
             )
-        times, states, begin = [], [], 0.0
-        for curve, reached in self._parts:
-            t, state = _sampled(curve, reached)
-            times.append(begin + t)
-            states.append(state)
-            begin += reached.duration
-        t = np.concatenate(times)
-        joined = (np.concatenate(parts) for parts in zip(*states, strict=True))
-        keep = np.append(True, np.diff(t) > 0.1 * JUMP_GAP)
-        state = State(*(values[keep] for values in joined))
+        t, state, breaks = sampled(self._parts)
         unkept = ", ".join(self.limits_kept_by[LATER])
         return Motion.from_state(
             self.robot,
-            t[keep],
+            t,
             state,
             label=label,
+            breaks=breaks,
             provenance={
                 "method": "timing of a path by reachability on a grid",
                 "status": str(self.status),
@@ -109,9 +102,9 @@ def time_path(
     """The best timing of a path on a grid, from rest to rest, by two passes of linear programs.
 
     Takes milliseconds and starts no solver. Limits are kept at both ends of every grid interval,
-    the acceleration of the parameter is constant in it: between grid points limits may be exceeded
-    slightly, and the acceleration jumps. :func:`time_optimal_path` starts from this timing, makes
-    the acceleration continuous, keeps limits between the points and those of any other form.
+    the acceleration of the parameter is linear in it: between grid points limits may be exceeded
+    slightly. :func:`time_optimal_path` makes the grid finer until they are not, and keeps limits of
+    any other form, too.
 
     Parameters
     ----------
@@ -197,26 +190,26 @@ def time_path(
     )
 
 
-def _sampled(curve: Curve, reached: Reached) -> tuple[FloatArray, State]:
-    """Both ends of every grid interval, the later one a jump's gap before its end."""
-    x = reached.speed_squared
-    step = np.diff(reached.s)
-    u = np.diff(x) / (2 * step)
-    early = np.minimum(JUMP_GAP, 1e-3 * np.diff(reached.t))
-    back = np.sqrt(x[1:]) * early - 0.5 * u * early**2
-    s = np.stack([reached.s[:-1], reached.s[1:] - back], axis=1).ravel()
-    v = np.stack([np.sqrt(x[:-1]), np.sqrt(x[1:]) - u * early], axis=1).ravel()
-    t = np.stack([reached.t[:-1], reached.t[1:] - early], axis=1).ravel()
-    a = np.repeat(u, 2)
-    s, v, a, t = (
-        np.append(values, last)
-        for values, last in (
-            (s, reached.s[-1]),
-            (v, np.sqrt(x[-1])),
-            (a, u[-1]),
-            (t, reached.t[-1]),
-        )
-    )
-    q, tangent, curvature = curve.evaluate(s)
-    v, a = v[:, None], a[:, None]
-    return t, State(q, tangent * v, tangent * a + curvature * v**2)
+def sampled(parts: Sequence[tuple[Curve, Reached]]) -> tuple[FloatArray, State, FloatArray]:
+    """Times, states and breaks of a motion; at every grid point s'' from both sides."""
+    times, states, breaks, begin = [], [], [np.zeros(1)], 0.0
+    for curve, reached in parts:
+        lengths = np.diff(reached.t)
+        count = np.maximum(1, np.ceil(lengths / SAMPLE_STEP - 1e-9)).astype(int)
+        i = np.repeat(np.arange(count.size), count + 1)
+        k = np.arange(i.size) - np.repeat(np.cumsum(count + 1) - count - 1, count + 1)
+        early = np.minimum(JUMP_GAP, 0.01 * lengths)[i]
+        local = k / count[i] * lengths[i] - np.where(k == count[i], early, 0.0)
+        if len(times) == len(parts) - 1:
+            local[-1] = lengths[-1]
+        r, v, u = (values[:, None] for values in reached.after(i, local))
+        q, tangent, curvature = curve.inside(r.ravel(), i, reached.s)
+        times.append(begin + reached.t[i] + local)
+        states.append(State(q, tangent * v, tangent * u + curvature * v**2))
+        breaks.append(begin + reached.t[1:])
+        begin += reached.duration
+    t = np.concatenate(times)
+    keep = np.append(True, np.diff(t) > 1e-3 * JUMP_GAP)
+    keep[-1] = True
+    joined = (np.concatenate(parts)[keep] for parts in zip(*states, strict=True))
+    return t[keep], State(*joined), np.concatenate(breaks)

@@ -17,7 +17,7 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.fast_calls import buffered_call
 from microbot_ocp.limits import ROUNDING, LimitFamily, LimitValues, MotionSamples
 from microbot_ocp.planning._curve import Curve
-from microbot_ocp.robot import Robot, inverse_dynamics
+from microbot_ocp.robot import COULOMB_SMOOTHING, Robot, inverse_dynamics
 
 FAR = 1e12  # stands for "no such limit"
 TRIED = ((-3.0, 0.7), (2.0, 1.9), (50.0, 4.0))  # s'' and s' at which a half plane is tested
@@ -230,6 +230,8 @@ class LimitRows:
         tables = [np.hstack([empty, *columns]) for columns in zip(*parts, strict=True)] or [
             empty
         ] * 4
+        per_u = np.abs(tables[0])
+        tables[0] = np.where(per_u < 1e-12 * per_u.max(axis=0, initial=0.0), 0.0, tables[0])
         return cls(*tables, left=nodes.left, right=nodes.right, names=tuple(names))
 
     @property
@@ -239,15 +241,22 @@ class LimitRows:
         table = np.array(found, dtype=int).reshape(-1, 2)
         return table[:, 0], table[:, 1]
 
-    def with_viscous(self, nodes: Nodes, viscous: FloatArray, x: FloatArray) -> LimitRows:
-        """Viscous friction ``f q' sqrt(x)``, linear in x around the timing found last."""
+    def with_friction(self, nodes: Nodes, robot: Robot, x: FloatArray) -> LimitRows:
+        """Friction goes with s', the root of x: linear in x around the timing found last."""
         at_nodes = self._spread(x)
-        root = np.sqrt(np.maximum(at_nodes, 1e-9 * max(float(x.max()), 1e-12)))[:, None]
+        v = np.sqrt(np.maximum(at_nodes, 1e-9 * max(float(x.max()), 1e-12)))[:, None]
         columns, joints = self.torques
-        slope = viscous[joints] * nodes.tangent[:, joints] / (2 * root)
+        tangent = nodes.tangent[:, joints]
+        viscous, dry = (
+            np.array([getattr(link, name) for link in robot.links])[joints]
+            for name in ("viscous_friction", "coulomb_friction")
+        )
+        share = np.tanh(tangent * v / COULOMB_SMOOTHING)
+        slope = tangent * (viscous + dry * (1.0 - share**2) / COULOMB_SMOOTHING) / (2.0 * v)
+        # what the coefficients hold already, the whole of dry friction, is taken out
+        constant = viscous * tangent * v + dry * (share - np.sign(tangent)) - slope * v**2
         per_x, lower, upper = self.per_x.copy(), self.lower.copy(), self.upper.copy()
         per_x[:, columns] += slope
-        constant = slope * root**2
         lower[:, columns] -= constant
         upper[:, columns] -= constant
         return replace(self, per_x=per_x, lower=lower, upper=upper)
@@ -258,14 +267,3 @@ class LimitRows:
         full[: x.size] = x
         full[self.right] = x[1:]
         return full
-
-    def half_planes(self, step: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """``p x_i + q x_{i+1} <= h``, each [N, 4 rows], at both ends of every interval."""
-        half = 1.0 / (2.0 * step)[:, None]
-        at_left = self.per_u[self.left] * half
-        at_right = self.per_u[self.right] * half
-        p = np.hstack([self.per_x[self.left] - at_left, -at_right])
-        q = np.hstack([at_left, self.per_x[self.right] + at_right])
-        low = np.hstack([self.lower[self.left], self.lower[self.right]])
-        high = np.hstack([self.upper[self.left], self.upper[self.right]])
-        return np.hstack([p, -p]), np.hstack([q, -q]), np.hstack([high, -low])

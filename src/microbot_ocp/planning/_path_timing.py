@@ -1,10 +1,10 @@
 """The best timing of a given joint path, from rest to rest.
 
-The path stays, only s(t) is found. Each polynomial piece is a phase with the states s and s' and a
-continuous, piecewise linear s'' as the control; the torque is the inverse dynamics of
-``q(s), q' s', q' s'' + q'' s'^2``. The start comes from the reachability passes, which solve the
-same task on a grid to its global optimum: the two durations check each other. At a corner of the
-path, where its tangent jumps, the arm has to stop.
+The path stays, only s(t) is found: by the reachability passes, to the global optimum on a grid,
+where they keep every limit. Others are kept by an optimal-control problem that starts from there.
+Each polynomial piece is a phase with the states s and s' and a continuous, piecewise linear s'' as
+the control; the torque is the inverse dynamics of ``q(s), q' s', q' s'' + q'' s'^2``. At a corner
+of the path, where its tangent jumps, the arm has to stop.
 """
 
 from __future__ import annotations
@@ -30,10 +30,11 @@ from microbot_ocp.ocp.solution import PhaseSolution, Solution, StepProgress, qui
 from microbot_ocp.ocp.solvers import SolverSettings
 from microbot_ocp.ocp.transcription import Guess, Transcription
 from microbot_ocp.planning._curve import CurvePiece, evaluate, symbolic_derivatives
+from microbot_ocp.planning._fast_timing import sampled
 from microbot_ocp.planning._path_limits import LATER, limits_kept_by
 from microbot_ocp.planning._paths import check_path, corners, segments, stops
 from microbot_ocp.planning._progress import Samples, with_motion
-from microbot_ocp.planning._reachability import CurveLimits, Reached, reach
+from microbot_ocp.planning._reachability import Reached, settled
 from microbot_ocp.planning._task import (
     CHECKS_PER_INTERVAL,
     GAP,
@@ -63,10 +64,13 @@ class PathTimingSettings:
 
     Attributes
     ----------
-    mesh : intervals of each polynomial piece; default 100, fewer on paths of more than two
-    grid : points of the reachability passes on each smooth segment
-    limit_tolerance : largest relative excess of a limit between mesh points
-    solver : "ipopt" or "fatrop" (IPOPT steps in where it fails)
+    mesh : intervals of each polynomial piece in the optimal-control problem; default 100, fewer on
+        paths of more than two
+    grid : points of the reachability passes on each smooth segment to begin with; they become more
+        until the duration settles
+    limit_tolerance : largest relative excess of a limit between grid or mesh points
+    solver : "ipopt" or "fatrop" (IPOPT steps in where it fails) of the optimal-control problem;
+        default None: where reachability keeps every limit there is none, otherwise IPOPT
     compiled : compile to C where there is a compiler
     time_limit : wall time, s, after which the best so far is returned with the status "time limit"
     """
@@ -74,7 +78,7 @@ class PathTimingSettings:
     mesh: int | None = None
     grid: int = 1000
     limit_tolerance: float = 5e-4
-    solver: str = "ipopt"
+    solver: str | None = None
     compiled: bool = True
     time_limit: float = np.inf
 
@@ -84,7 +88,8 @@ class PathTimingSettings:
             whole("mesh", self.mesh, "intervals", at_least=4)
         whole("grid", self.grid, "points", at_least=10, at_most=1_000_000)
         checks.number("limit_tolerance", self.limit_tolerance, above=0.0)
-        checks.one_of("solver", self.solver, ("ipopt", "fatrop"))
+        if self.solver is not None:
+            checks.one_of("solver", self.solver, ("ipopt", "fatrop"))
 
 
 def time_optimal_path(
@@ -101,8 +106,10 @@ def time_optimal_path(
 
     Under limits of the torque rate or the jerk it rests wherever the curvature of the path jumps,
     too. Limits that are affine in s'' and s'^2 (torque, acceleration) and those of the velocity are
-    kept by reachability already, all others by the optimal-control problem that starts from it; the
-    provenance's ``limits_kept_by`` says which was which.
+    kept by reachability, on a grid that becomes finer until they hold between its points. Where
+    there are others (torque rate, jerk, power), or the setting ``solver`` asks for it, an
+    optimal-control problem starts from there; the provenance's ``limits_kept_by`` says which is
+    which.
 
     Parameters
     ----------
@@ -227,7 +234,7 @@ class _PathSearch:
 
     def run(self) -> Motion:
         begin = time.perf_counter()
-        timings, kept_by = self._reach()
+        timings, kept_by, excess = self._reach()
         reached = sum(timing.duration for timing in timings)
         for timing in timings:
             if not timing.feasible:
@@ -236,6 +243,10 @@ class _PathSearch:
                 )
         if np.isfinite(reached):
             self.progress(f"reachability on a grid: {reached:.6f} s")
+        settings, complete = self.settings, not kept_by[LATER]
+        if settings.solver is None and complete and excess <= settings.limit_tolerance:
+            return self._reached_motion(timings, kept_by, excess, time.perf_counter() - begin)
+        solver = settings.solver or "ipopt"
         guesses, scales = self._guesses(timings)
         compiled = self.settings.compiled and compiler() is not None
         transcription = Transcription(
@@ -249,7 +260,7 @@ class _PathSearch:
             self._guess_from,
             self._excess,
             self.settings.limit_tolerance,
-            solver=self.settings.solver,
+            solver=solver,
             settings=SolverSettings(gap=GAP),
             rough=ROUGH_TOLERANCE,
             deep=True,
@@ -278,17 +289,50 @@ class _PathSearch:
             return self.settings.mesh
         return max(min(FULL_MESH, FULL_MESH_SUM // len(self.pieces)), LEAST_MESH)
 
-    def _reach(self) -> tuple[list[Reached], dict[str, list[str]]]:
-        """The timing of every segment, and who keeps which limit."""
+    def _reach(self) -> tuple[list[Reached], dict[str, list[str]], float]:
+        """The timing of every segment, who keeps which limit, and the largest excess over them."""
         fast = self.settings.compiled and compiler() is not None
-        timings = []
-        kept_by: dict[str, list[str]] = {}
+        timings, kept_by, worst = [], {}, -1.0
         for curve in self.curves:
-            along = CurveLimits.of(self.family, curve, self.settings.grid, fast)
-            ends = {"start_free": curve.start_free, "end_free": curve.end_free}
-            timings.append(reach(along, **ends, fast=fast))
+            timing, along, excess = settled(
+                self.family, curve, self.settings.grid, self.settings.limit_tolerance, fast
+            )
+            timings.append(timing)
+            worst = max(worst, excess)
             kept_by = kept_by or limits_kept_by(along.limits)
-        return timings, kept_by
+        return timings, kept_by, worst
+
+    def _reached_motion(
+        self, timings: list[Reached], kept_by: dict[str, list[str]], excess: float, wall: float
+    ) -> Motion:
+        t, state, breaks = sampled(list(zip(self.curves, timings, strict=True)))
+        begins = np.cumsum([0.0, *(timing.duration for timing in timings)])
+        passed = [0.0]
+        for begin, curve, timing in zip(begins, self.curves, timings, strict=False):
+            ends = begin + np.interp(curve.breaks[1:], timing.s, timing.t)
+            passed += [at for at, k in zip(ends, curve.pieces, strict=True) if not k.halved]
+        return Motion.from_state(
+            self.robot,
+            t,
+            state,
+            label=self.label,
+            breaks=breaks,
+            marks=[Mark(float(at), f"via {i + 1}") for i, at in enumerate(passed)],
+            provenance={
+                "method": "time-optimal timing of a given path, reachability",
+                "status": str(Status.SOLVED),
+                "advice": "",
+                "excess": excess,
+                "intervals": [timing.t.size - 1 for timing in timings],
+                "phase_durations": [timing.duration for timing in timings],
+                "reachability_duration": float(t[-1]),
+                "limits_kept_by": kept_by,
+                "blocked_at": [],
+                "stops": [float(s) for s in self.stops],
+                "wall_time": wall,
+            },
+            note=_stops_said(self.stops, corners(self.path).size),
+        )
 
     def _guesses(self, timings: list[Reached]) -> tuple[dict[str, Guess], dict[str, float]]:
         """Guess for every piece from the reachability profile; where it failed a slow walk."""
@@ -428,11 +472,15 @@ def _note(
     if outcome["status"] != "solved":
         where = f"; the end cannot be reached from s = {blocked[0]:g}" if blocked else ""
         return f"not solved: {outcome['advice']}{where}"
-    what = "corner" if at.size == corner_count else "jump of the curvature or corner"
-    said = f"stops at {at.size} {what}{'s' if at.size != 1 else ''}" if at.size else "no stop"
+    said = _stops_said(at, corner_count)
     if not np.isfinite(reached):
         return f"{said}; reachability on a grid found no timing"
     return f"{said}; reachability on a grid gives {reached:.4f} s"
+
+
+def _stops_said(at: FloatArray, corner_count: int) -> str:
+    what = "corner" if at.size == corner_count else "jump of the curvature or corner"
+    return f"stops at {at.size} {what}{'s' if at.size != 1 else ''}" if at.size else "no stop"
 
 
 def _declare(
@@ -501,7 +549,8 @@ def _piece_guess(piece: _Piece, timing: Reached) -> tuple[Guess, float, float]:
     v = np.sqrt(x)
     a = np.append(np.diff(x) / (2 * np.diff(s)), 0.0)
     a[-1] = a[-2]
-    typical = max(float(np.percentile(np.abs(a), 90)), _where_speed_changes(a, t), 1e-6)
+    even = a[np.searchsorted(s, np.linspace(s[0], s[-1], s.size))]  # the grid is finer at breaks
+    typical = max(float(np.percentile(np.abs(even), 90)), _where_speed_changes(a, t), 1e-6)
     # near a vanishing tangent s'' hardly matters and the grid makes it jump
     a = np.clip(a, -3 * typical, 3 * typical)
 

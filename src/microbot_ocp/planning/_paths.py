@@ -11,7 +11,7 @@ from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.limits import LimitFamily
 from microbot_ocp.motion import PiecewisePolynomial
-from microbot_ocp.planning._curve import Curve
+from microbot_ocp.planning._curve import Curve, vanishing_order
 from microbot_ocp.planning._task import check_position, check_rest, locked_joints
 
 CORNER = 1e-6  # relative jump of the tangent that counts as a corner
@@ -62,8 +62,9 @@ def check_path(family: LimitFamily, path: PiecewisePolynomial) -> None:
 
 
 def corners(path: PiecewisePolynomial) -> FloatArray:
-    """Breaks at which the tangent jumps."""
-    return _jumps(path, path.derivative())
+    """Breaks at which the tangent jumps, or vanishes while its direction jumps."""
+    turns = [s for s in path.breaks[1:-1] if _turns(path, float(s))]
+    return np.union1d(_jumps(path, path.derivative()), turns)
 
 
 def stops(path: PiecewisePolynomial, family: LimitFamily) -> FloatArray:
@@ -72,11 +73,10 @@ def stops(path: PiecewisePolynomial, family: LimitFamily) -> FloatArray:
     At corners, and under limits of the jerk or the torque rate wherever the curvature jumps, too:
     in motion the acceleration would jump with it.
     """
-    tangent = path.derivative()
-    found = _jumps(path, tangent)
+    found = corners(path)
     if not family.jerk_matters:
         return found
-    return np.union1d(found, _jumps(path, tangent.derivative()))
+    return np.union1d(found, _jumps(path, path.derivative().derivative()))
 
 
 def segments(path: PiecewisePolynomial, family: LimitFamily) -> list[Curve]:
@@ -89,6 +89,21 @@ def segments(path: PiecewisePolynomial, family: LimitFamily) -> list[Curve]:
         breaks = np.append(path.breaks[:-1][keep], after)
         curves.append(Curve.of(PiecewisePolynomial(breaks, path.coefficients[keep]), leaves_like))
     return curves
+
+
+def _turns(path: PiecewisePolynomial, s: float) -> bool:
+    """Whether the path comes to rest by itself at a break and goes on in another direction."""
+    directions = []
+    for from_left, sign in ((False, 1.0), (True, -1.0)):
+        order = vanishing_order(path, s, from_left=from_left)
+        if order == 0:
+            return False
+        curve = path
+        for _ in range(order + 1):
+            curve = curve.derivative()
+        direction = sign**order * curve(s, from_left=from_left)[0]
+        directions.append(direction / np.linalg.norm(direction))
+    return bool(np.abs(directions[0] - directions[1]).max() > CORNER)
 
 
 def _jumps(path: PiecewisePolynomial, curve: PiecewisePolynomial) -> FloatArray:

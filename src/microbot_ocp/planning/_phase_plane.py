@@ -190,7 +190,8 @@ def _segment(family: LimitFamily, curve: Curve, begin: float, grid: int) -> Phas
     nodes, rows = along.nodes, along.rows
     friction = np.zeros_like(rows.per_x)
     columns, joints = rows.torques
-    friction[:, columns] = along.viscous[joints] * nodes.tangent[:, joints]
+    viscous = np.array([link.viscous_friction for link in family.robot.links])
+    friction[:, columns] = viscous[joints] * nodes.tangent[:, joints]
     least, most = speed_range(rows, friction)
     size = timing.s.size
     least, most = (
@@ -201,8 +202,8 @@ def _segment(family: LimitFamily, curve: Curve, begin: float, grid: int) -> Phas
     own, slope = curve.parameter(timing.s)
     scale = np.abs(slope)
     profile = np.sqrt(timing.speed_squared) if timing.feasible else np.full(size, np.nan)
-    if timing.feasible and along.viscous.any():
-        rows = rows.with_viscous(nodes, along.viscous, timing.speed_squared)
+    if timing.feasible and along.rubs:
+        rows = rows.with_friction(nodes, family.robot, timing.speed_squared)
     s = begin + own
     return PhasePlane(
         s=s,
@@ -340,14 +341,16 @@ def _room(
     As a share of its range, the lesser of both ends of every grid interval.
     """
     x = timing.speed_squared
-    u = (np.diff(x) / (2 * np.diff(timing.s)))[:, None]
     names: list[PathLimit] = []
     columns = []
     span = rows.upper - rows.lower
     for side, bound in ((1, rows.upper), (-1, rows.lower)):
         size = np.where(np.isfinite(span), span, 1.0 + np.abs(bound))
         rooms = []
-        for at, speed in ((rows.left, x[:-1]), (rows.right, x[1:])):
+        for at, speed, u in (
+            (rows.left, x[:-1], timing.start[:, None]),
+            (rows.right, x[1:], timing.end[:, None]),
+        ):
             value = rows.per_u[at] * u + rows.per_x[at] * speed[:, None]
             rooms.append(side * (bound[at] - value) / size[at])
         columns.append(np.minimum(*rooms))

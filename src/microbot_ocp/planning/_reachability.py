@@ -1,14 +1,17 @@
 """The best timing of a given path on a grid, by reachability: two passes of small linear programs.
 
 Along a path q(s) the torque is affine in u = s'' and x = s'^2,
-``tau = M q' u + (M q'' + C(q, q') q') x + g``, so on a grid with u constant over every interval
-(x_{i+1} = x_i + 2 d u) each limit is a half plane in (x_i, x_{i+1}). Backward, the set of x_i from
-which the end can be reached is an interval; forward, the largest x_{i+1} in it is taken. Source:
-Pham and Pham, "A new approach to time-optimal path parameterization based on reachability
-analysis", IEEE T-RO 34(3), 2018; limits are kept at both ends of every interval.
+``tau = M q' u + (M q'' + C(q, q') q') x + g``. On every interval u runs linearly from a to b, so
+that ``x_{i+1} = x_i + d (a + b)``, and may jump at the grid points: each limit is a half plane in
+(x_i, a) at the start of an interval and one in (x_{i+1}, b) at its end, and between them it is kept
+to second order in d. Backward, the set of x_i from which the end can be reached is an interval;
+forward, the largest x_{i+1} in it is taken. After Pham and Pham, "A new approach to time-optimal
+path parameterization based on reachability analysis", IEEE T-RO 34(3), 2018, where u is constant on
+every interval: riding a limit that changes along the path, that is slower to first order in d.
 
-The linear programs (two variables) are solved by cutting planes inside one CasADi function mapped
-along the grid.
+For a given x_{i+1} the limits at the end bound ``x_{i+1} - d b``, from above and below by piecewise
+linear functions, and those at the start then bound x_i. Its extremes are found by cutting planes
+inside one CasADi function mapped along the grid.
 """
 
 from __future__ import annotations
@@ -22,14 +25,21 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.codegen import maybe_compiled
 from microbot_ocp._base.fast_calls import FastCall, buffered_call
-from microbot_ocp.limits import LimitFamily
+from microbot_ocp.limits import LimitFamily, MotionSamples
 from microbot_ocp.planning._curve import Curve
 from microbot_ocp.planning._path_limits import FAR, LimitRows, Nodes, PathLimits, nodes_of
 
 PENALTY = 1e6  # of leaving the feasible set, in the search for its best point
 CUTS = 14  # cutting planes of each linear program
 ROUNDING = 1e-9
-VISCOUS_PASSES = 6  # linearisations of viscous friction, which goes with the root of x
+FRICTION_PASSES = 6  # linearisations of friction, which goes with the root of x
+SETTLED = 1e-4  # relative change of a duration that ends the doubling of the grid
+MOST_GRIDS, MOST_SETTLING, MOST_POINTS = 9, 8000, 40_000
+SHORTEST = 4e-5  # s, of an interval that is cut in two
+LOOKED_AT = (1e-6, 0.25, 0.5, 0.75, 1.0 - 1e-6)  # shares of an interval
+ALIKE = 0.1  # relative change of an inertia along an interval up to which one end stands for it
+FLAT = 1e-12  # relative size of a coefficient that counts as zero
+SHORT = 1e-4  # of k t^2, below which a series replaces sinh and sin
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +50,7 @@ class Reached:
     ----------
     s : array [N+1], parameter of the curve
     speed_squared : array [N+1], (ds/dt)^2
+    start, end : arrays [N], d2s/dt2 at both ends of every interval; linear in s between them
     t : array [N+1], times, s
     feasible : whether the curve can be travelled within the limits at all
     blocked_at : parameter from which the end cannot be reached, NaN where feasible
@@ -47,6 +58,8 @@ class Reached:
 
     s: FloatArray
     speed_squared: FloatArray
+    start: FloatArray
+    end: FloatArray
     t: FloatArray
     feasible: bool
     blocked_at: float
@@ -55,6 +68,30 @@ class Reached:
     def duration(self) -> float:
         """Time from end to end, s."""
         return float(self.t[-1])
+
+    def inside(self, i: np.ndarray, share: FloatArray) -> tuple[FloatArray, ...]:
+        """s, ds/dt and d2s/dt2 a share of the way through intervals i."""
+        d = np.diff(self.s)[i]
+        way, rise = share * d, self.end[i] - self.start[i]
+        x = self.speed_squared[i] + way * (2.0 * self.start[i] + rise * share)
+        return self.s[i] + way, np.sqrt(np.maximum(x, 0.0)), self.start[i] + rise * share
+
+    def after(self, i: np.ndarray, time: FloatArray) -> tuple[FloatArray, ...]:
+        """s, ds/dt and d2s/dt2 at times since the start of intervals i: s'' = a + k (s - s_i)."""
+        a, v = self.start[i], np.sqrt(self.speed_squared[i])
+        k = (self.end[i] - a) / np.diff(self.s)[i]
+        whole, half = (_sinh_over(k * (f * time) ** 2) for f in (1.0, 0.5))
+        way = time * (v * whole + 0.5 * a * time * half**2)
+        cosh = 1.0 + 0.5 * k * (time * half) ** 2
+        return self.s[i] + way, v * cosh + a * time * whole, a + k * way
+
+
+def _sinh_over(z: FloatArray) -> FloatArray:
+    """sinh(r)/r of r = sqrt(z); sin where z is negative."""
+    r = np.sqrt(np.abs(z))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        far = np.where(z > 0, np.sinh(r), np.sin(r)) / r
+    return np.where(r**2 < SHORT, 1.0 + z / 6.0 * (1.0 + z / 20.0), far)
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,18 +102,35 @@ class CurveLimits:
     nodes: Nodes
     limits: PathLimits
     rows: LimitRows
-    viscous: FloatArray
+    rubs: bool  # whether a torque that is limited has friction in it
 
     @classmethod
-    def of(cls, family: LimitFamily, curve: Curve, grid: int, fast: bool) -> CurveLimits:
-        """Limits of a curve on a grid of about so many intervals."""
-        s = path_grid(curve, grid)
+    def of(
+        cls, family: LimitFamily, curve: Curve, grid: int | FloatArray, fast: bool
+    ) -> CurveLimits:
+        """Limits of a curve on a grid of about so many intervals, or on given points."""
+        s = path_grid(curve, grid) if isinstance(grid, int) else grid
         nodes = nodes_of(curve, s)
         limits = PathLimits.of(family, nodes, fast)
-        viscous = np.zeros(family.robot.joint_count)
-        if "tau" in limits.half_planes:
-            viscous = np.array([link.viscous_friction for link in family.robot.links])
-        return cls(s, nodes, limits, LimitRows.of(nodes, limits), viscous)
+        rubs = "tau" in limits.half_planes and any(
+            link.viscous_friction or link.coulomb_friction for link in family.robot.links
+        )
+        return cls(s, nodes, limits, LimitRows.of(nodes, limits), rubs)
+
+    def excess(self, timing: Reached, curve: Curve) -> FloatArray:
+        """Largest relative excess [N] over any of these limits inside every interval."""
+        family, worst = self.limits.family, np.full(self.s.size - 1, -1.0)
+        i = np.arange(worst.size)
+        for share in LOOKED_AT:
+            r, v, u = timing.inside(i, np.full(i.size, share))
+            q, tangent, curvature = curve.evaluate(r)
+            v, u = v[:, None], u[:, None]
+            qdd = tangent * u + curvature * v**2
+            samples = MotionSamples(q, tangent * v, qdd, np.zeros_like(q))
+            keys = [*self.limits.half_planes, *self.limits.speed]
+            for key, values in family.values(samples, keys).items():
+                worst = np.maximum(worst, family[key].use(values).max(axis=1) - 1.0)
+        return worst
 
 
 def reach(
@@ -89,133 +143,270 @@ def reach(
     """Best timing of a curve on its grid, from rest to rest.
 
     ``start_free`` and ``end_free`` leave ds/dt free at an end where the tangent vanishes, as the
-    arm rests there all the same. Viscous friction goes with the root of x and is linearised around
-    the timing found last.
+    arm rests there all the same. Friction goes with the root of x and is linearised around the
+    timing found last.
     """
-    s, free = along.s, (start_free, end_free)
-    step = np.diff(s)
-    speed_limit = along.limits.speed_limit(along.nodes, s.size)
-    timing = _passes(s, along.rows, step, speed_limit, free, fast)
-    for _ in range(VISCOUS_PASSES - 1 if along.viscous.any() else 0):
+    free = (start_free, end_free)
+    speed_limit = along.limits.speed_limit(along.nodes, along.s.size)
+    timing = _passes(along.s, along.rows, speed_limit, free, fast)
+    for _ in range(FRICTION_PASSES if along.rubs else 0):
         if not timing.feasible:
             break
-        bent = along.rows.with_viscous(along.nodes, along.viscous, timing.speed_squared)
-        timing = _passes(s, bent, step, speed_limit, free, fast)
+        robot = along.limits.family.robot
+        bent = along.rows.with_friction(along.nodes, robot, timing.speed_squared)
+        before, timing = timing, _passes(along.s, bent, speed_limit, free, fast)
+        if abs(timing.duration - before.duration) < 0.01 * SETTLED * timing.duration:
+            break
     return timing
 
 
+def settled(
+    family: LimitFamily, curve: Curve, grid: int, tolerance: float, fast: bool
+) -> tuple[Reached, CurveLimits, float]:
+    """Best timing on a grid made finer until the duration settles and limits hold in between.
+
+    ``grid`` is the number of intervals to begin with, ``tolerance`` the largest relative excess
+    over a limit inside an interval. The last number returned is what it is in the end.
+    """
+    s, duration = path_grid(curve, grid), np.inf
+    ends = {"start_free": curve.start_free, "end_free": curve.end_free}
+    for last in range(MOST_GRIDS - 1, -1, -1):
+        along = CurveLimits.of(family, curve, s, fast)
+        timing = reach(along, **ends, fast=fast)
+        if not timing.feasible:
+            return timing, along, np.inf
+        excess = along.excess(timing, curve)
+        apart = abs(timing.duration - duration) > SETTLED * timing.duration
+        cut = (excess > tolerance) | (apart and s.size <= MOST_SETTLING)
+        cut &= np.diff(timing.t) > SHORTEST
+        if not cut.any() or not last or s.size > MOST_POINTS:
+            break
+        duration = timing.duration
+        s = np.sort(np.concatenate([s, (0.5 * (s[1:] + s[:-1]))[cut]]))
+    return timing, along, float(excess.max())
+
+
 def path_grid(path: Curve, count: int) -> FloatArray:
-    """Grid [N+1] of about ``count`` intervals with the breaks of the path among its points."""
+    """Grid [N+1] of about ``count`` intervals with the breaks of the path among its points.
+
+    Near them it is finer: inertias vanish there often, and the curvature jumps.
+    """
     lengths = np.diff(path.breaks)
     shares = np.maximum(2, np.round(count * lengths / lengths.sum()).astype(int))
     pieces = [
-        np.linspace(a, b, n, endpoint=False)
+        a + (b - a) * (0.1 * np.arange(n) / n + 0.45 * (1.0 - np.cos(np.pi * np.arange(n) / n)))
         for a, b, n in zip(path.breaks[:-1], path.breaks[1:], shares, strict=True)
     ]
     return np.append(np.concatenate(pieces), path.breaks[-1])
 
 
 @dataclass(frozen=True, eq=False)
-class _Lines:
-    """Half planes solved for one variable: at most / at least intercept + slope * other."""
+class _Ends:
+    """Limits at one end of every interval, ``low <= m u + c x <= high`` with m >= 0, each [N,W]."""
 
-    upper: tuple[FloatArray, FloatArray]
-    lower: tuple[FloatArray, FloatArray]
-    other_low: FloatArray
-    other_high: FloatArray
+    m: FloatArray
+    c: FloatArray
+    low: FloatArray
+    high: FloatArray
+    step: FloatArray  # [N,1]
+
+    @classmethod
+    def of(cls, rows: LimitRows, at: np.ndarray, other: np.ndarray, step: FloatArray) -> _Ends:
+        """Limits at one end; where the inertia changes much to the other end, those of it, too.
+
+        There the product of inertia and u, both linear, is far from linear between the ends, and
+        an inertia that vanishes at one of them would leave u free.
+        """
+        m, c, low, high = (
+            np.hstack([a[at], a[other]]) for a in (rows.per_u, rows.per_x, rows.lower, rows.upper)
+        )
+        here, there = np.hsplit(m, 2)
+        alike = np.abs(there - here) <= ALIKE * np.maximum(np.abs(here), np.abs(there))
+        own = np.zeros_like(alike)
+        left_out = np.hstack([own, alike])
+        low, high = np.where(left_out, -np.inf, low), np.where(left_out, np.inf, high)
+        turned = m < 0
+        low, high = np.where(turned, -high, low), np.where(turned, -low, high)
+        return cls(np.abs(m), np.where(turned, -c, c), low, high, step[:, None])
+
+    def speeds(self) -> tuple[FloatArray, FloatArray]:
+        """Smallest and largest x [N] that leave a u within all limits."""
+        half = self.m.shape[1] // 2
+        least, most = _speeds(*(a[:, :half] for a in (self.m, self.c, self.low, self.high)))
+        which = np.flatnonzero(np.isfinite(self.high[:, half:]).any(axis=1))
+        if which.size:
+            found = _speeds(*(a[which] for a in (self.m, self.c, self.low, self.high)))
+            least[which] = np.maximum(least[which], found[0])
+            most[which] = np.minimum(most[which], found[1])
+        return least, most
+
+    @property
+    def flat(self) -> np.ndarray:
+        return self.m <= FLAT * (self.m + self.step * np.abs(self.c))
+
+    def lines(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Slope in x, and the largest and smallest u at x = 0 [N,R]."""
+        m = np.where(self.flat, 1.0, self.m)
+        slope = np.where(self.flat, 0.0, -self.c / m)
+        sides = ((FAR, self.high), (-FAR, self.low))
+        most, least = (np.where(self.flat, far, bound / m) for far, bound in sides)
+        return slope, np.clip(most, -FAR, FAR), np.clip(least, -FAR, FAR)
+
+    def moved(self, way: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """The same limits as bounds of x given ``w = x + way d u``: ratio of w, and intercepts.
+
+        With ``e = m - way d c``, ``e x`` lies between ``m w - way d high`` and ``m w - way d low``:
+        where the ratio m/e is positive x is at most ``ratio w + top``, with the w at most that the
+        others allow, and at least ``ratio w + bottom``, with the least w; where it is negative the
+        other way round.
+        """
+        moved = way * self.step
+        e = self.m - moved * self.c
+        tiny = FLAT * (self.m + np.abs(moved * self.c))
+        none = tiny == 0.0
+        e = np.where(np.abs(e) <= tiny, np.where(none, 1.0, tiny), e)
+        one, other = -moved * self.low / e, -moved * self.high / e
+        top = np.where(none, FAR, np.maximum(one, other))
+        bottom = np.where(none, -FAR, np.minimum(one, other))
+        return np.where(none, 0.0, self.m / e), np.clip(top, -FAR, FAR), np.clip(bottom, -FAR, FAR)
 
 
-def _lines(p: FloatArray, q: FloatArray, h: FloatArray) -> _Lines:
-    """Solve ``p v + q w <= h`` for v; what does not bound v bounds w."""
-    h = np.clip(h, -FAR, FAR)
-    size = np.abs(p) + np.abs(q)
-    flat = np.abs(p) <= 1e-12 * size
-    safe = np.where(flat, 1.0, p)
-    intercept, slope = h / safe, -q / safe
-    above, below = ~flat & (p > 0), ~flat & (p < 0)
-    none = h >= FAR
-    upper = tuple(np.where(above & ~none, v, f) for v, f in ((intercept, FAR), (slope, 0.0)))
-    lower = tuple(np.where(below & ~none, v, f) for v, f in ((intercept, -FAR), (slope, 0.0)))
-    safe = np.where(q == 0, 1.0, q)
-    bound = h / safe
-    high = np.where(flat & (q > 0), bound, FAR).min(axis=1, initial=FAR)
-    low = np.where(flat & (q < 0), bound, -FAR).max(axis=1, initial=-FAR)
-    return _Lines((upper[0], upper[1]), (lower[0], lower[1]), low, high)
+def _speeds(
+    m: FloatArray, c: FloatArray, low: FloatArray, high: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Smallest and largest x that leave a u: at most (high - c x)/m, at least that of another."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        slope = m[:, None, :] * c[:, :, None] - m[:, :, None] * c[:, None, :]
+        bound = m[:, None, :] * high[:, :, None] - m[:, :, None] * low[:, None, :]
+        flat = m <= FLAT * (m + np.abs(c))
+        alone = [np.where(flat, values, np.inf) for values in (high, -low)]
+        slope = np.hstack([slope.reshape(len(m), -1), c, -c])
+        bound = np.hstack([bound.reshape(len(m), -1), *alone])
+        limit = np.nan_to_num(bound / slope, nan=np.inf, posinf=np.inf, neginf=-np.inf)
+    open_ = ~np.isfinite(bound) | (slope == 0)
+    most = np.where(open_ | (slope < 0), FAR, limit).min(axis=1, initial=FAR)
+    return np.where(open_ | (slope > 0), 0.0, limit).max(axis=1, initial=0.0), most
+
+
+def _reached_from(ends: _Ends, way: float) -> FloatArray:
+    """Lines of the extremes of ``w = x + way d u`` in x, as columns [N,3R]: slope, top, bottom."""
+    slope, most, least = ends.lines()
+    step = way * ends.step
+    sides = (most, least) if way > 0 else (least, most)
+    top, bottom = (
+        np.where(np.abs(side) >= FAR, far, step * side)
+        for side, far in zip(sides, (FAR, -FAR), strict=True)
+    )
+    return np.hstack([1.0 + step * slope, top, bottom])
 
 
 def _passes(
     s: FloatArray,
     rows: LimitRows,
-    step: FloatArray,
     speed_limit: FloatArray,
     free: tuple[bool, bool],
     fast: bool,
 ) -> Reached:
-    p, q, h = rows.half_planes(step)
-    n, width = p.shape
-    back = _lines(p, q, h)
-    end = np.array([0.0, speed_limit[-1] if free[1] else 0.0])
-    columns = np.vstack(
-        [
-            *(part.T for part in (*back.upper, *back.lower)),
-            back.other_low,
-            back.other_high,
-            speed_limit[:-1],
-        ]
+    step = np.diff(s)
+    n, width = step.size, 2 * rows.per_u.shape[1]
+    left = _Ends.of(rows, rows.left, rows.right, step)
+    right = _Ends.of(rows, rows.right, rows.left, step)
+    (least, most), (before, over) = left.speeds(), right.speeds()
+    least = np.maximum(np.append(least, 0.0), np.append(0.0, before))
+    most = np.minimum(np.append(most, FAR), np.append(FAR, over))
+    most = np.minimum(most, speed_limit)
+    end = np.array([least[-1], most[-1] if free[1] else 0.0])
+    columns = np.hstack(
+        [_reached_from(right, -1.0), *left.moved(1.0), least[:-1, None], most[:-1, None]]
     )
-    sets = _backward(width, n, fast)(end, columns[:, ::-1])[:, ::-1]
+    sets = _backward(width, n, fast)(end, columns[::-1].T)[:, ::-1]
     low, high = np.append(sets[0], end[0]), np.append(sets[1], end[1])
     if not free[0]:
         high[0] = min(high[0], 0.0) if high[0] < 0 or low[0] > 0 else 0.0
     blocked = np.flatnonzero(high < low)
+    nothing = np.zeros_like(step)
     if blocked.size or (not free[0] and low[0] > 0):
         at = s[blocked[-1]] if blocked.size else s[0]
-        nothing = np.zeros_like(s)
-        return Reached(s, nothing, np.full_like(s, np.nan), False, float(at))
-    ahead = _lines(q, p, h)
-    columns = np.vstack([*(part.T for part in ahead.upper), low[1:], high[1:]])
-    first = _free_start(ahead, low, high) if free[0] else high[0]
-    forward = _forward(width, n, fast)(first, columns).ravel()
-    x = np.maximum(np.append(first, forward), 0.0)
-    root = np.sqrt(x)
-    with np.errstate(divide="ignore"):
-        duration = 2.0 * step / (root[:-1] + root[1:])
-    t = np.append(0.0, np.cumsum(duration))
-    stuck = np.flatnonzero(~np.isfinite(duration))
-    if stuck.size:
-        return Reached(s, x, t, False, float(s[stuck[0]]))
-    return Reached(s, x, t, True, float("nan"))
+        unknown = np.full_like(s, np.nan)
+        return Reached(s, np.zeros_like(s), nothing, nothing, unknown, False, float(at))
+    columns = np.hstack(
+        [_reached_from(left, 1.0), *right.moved(-1.0)[:2], low[1:, None], high[1:, None]]
+    ).T
+    forward = _forward(width, n, fast)
+    first = high[0]
+    if free[0]:  # where the inertia vanishes the largest x_0 does not let x_1 be largest
+        tried = np.linspace(low[0], high[0], 2001)
+        once = _forward(width, 1, fast)
+        found = np.array([once(x, columns[:, :1]).item() for x in tried])
+        first = tried[np.flatnonzero(found >= found.max() * (1 - 1e-9))[-1]]
+    x = np.maximum(np.append(first, forward(first, columns).ravel()), 0.0)
+    start, finish = _accelerations(x, step, left, right)
+    t = np.append(0.0, np.cumsum(_durations(x, step, start, finish)))
+    stuck = np.flatnonzero(~np.isfinite(t))
+    return Reached(
+        s, x, start, finish, t, not stuck.size, float(s[stuck[0] - 1]) if stuck.size else np.nan
+    )
 
 
-def _free_start(ahead: _Lines, low: FloatArray, high: FloatArray) -> float:
-    """The x_0 that lets x_1 be largest: where the inertia vanishes the largest x_0 does not."""
-    tried = np.linspace(low[0], high[0], 2001)
-    intercept, slope = (part[0][:, None] for part in ahead.upper)
-    reached = np.minimum((intercept + slope * tried).min(axis=0), high[1])
-    return float(tried[np.flatnonzero(reached >= reached.max() * (1 - 1e-9))[-1]])
+def _accelerations(
+    x: FloatArray, step: FloatArray, left: _Ends, right: _Ends
+) -> tuple[FloatArray, FloatArray]:
+    """u at both ends of the intervals: their mean where limits allow it, else at a limit."""
+    bounds = []
+    for ends, at in ((left, x[:-1, None]), (right, x[1:, None])):
+        slope, most, least = ends.lines()
+        slack = ROUNDING * (1.0 + np.abs(slope * at))
+        bounds.append(
+            (
+                (least + slope * at - slack).max(axis=1, initial=-FAR),
+                (most + slope * at + slack).min(axis=1, initial=FAR),
+            )
+        )
+    (low, high), (end_low, end_high) = bounds
+    both = np.diff(x) / step
+    most, least = np.minimum(high, both - end_low), np.maximum(low, both - end_high)
+    start = np.maximum(np.minimum(0.5 * both, most), least)
+    end = both - start
+    # x must not dip below zero on the way
+    with np.errstate(divide="ignore", invalid="ignore"):
+        dip = (start < 0) & (end > 0) & (x[:-1] * (end - start) < start**2 * step)
+    return np.where(dip, 0.5 * both, start), np.where(dip, 0.5 * both, end)
+
+
+def _durations(x: FloatArray, step: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
+    """Times [N] of the intervals, s'' = a + k (s - s_i); infinite where x stays zero."""
+    k, v0, v1 = (end - start) / step, np.sqrt(x[:-1]), np.sqrt(x[1:])
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        usual = 2.0 * step / (v0 + v1)
+        w = np.sqrt(np.abs(k))
+        # u and w s' turn by the angle w t, hyperbolically where k is positive
+        grown, shrunk = (end + w * v1, start + w * v0), (end - w * v1, start - w * v0)
+        larger = np.abs(grown[0]) + np.abs(grown[1]) > np.abs(shrunk[0]) + np.abs(shrunk[1])
+        hyperbolic = np.where(larger, np.log(grown[0] / grown[1]), -np.log(shrunk[0] / shrunk[1]))
+        circular = np.arctan2(start * w * v1 * -1.0 + end * w * v0, start * end + w * v0 * w * v1)
+        exact = np.where(k > 0, hyperbolic, np.abs(circular)) / w
+        series = usual * (1.0 + k * usual**2 / 12.0)
+        return np.where(np.abs(k) * usual**2 < SHORT, series, exact)
 
 
 @lru_cache(maxsize=32)
 def _backward(width: int, count: int, fast: bool) -> FastCall:
     """Backward pass over ``count`` intervals: sets of x_i from which the end can be reached."""
     target = ca.MX.sym("target", 2)
-    column = ca.MX.sym("column", 4 * width + 3)
-    top, top_slope, bottom, bottom_slope = ca.vertsplit(column[: 4 * width], width)
-    y_low = ca.fmax(column[4 * width], target[0])
-    y_high = ca.fmin(column[4 * width + 1], target[1])
-    zero = ca.MX(0)
-    top, top_slope = ca.vertcat(top, column[4 * width + 2]), ca.vertcat(top_slope, zero)
-    bottom, bottom_slope = ca.vertcat(bottom, zero), ca.vertcat(bottom_slope, zero)
-    size = width + 1
-    largest, room = _best(size, top, top_slope, bottom, bottom_slope, y_low, y_high)
-    smallest, _ = _best(size, -bottom, -bottom_slope, -top, -top_slope, y_low, y_high)
+    column = ca.MX.sym("column", 6 * width + 2)
+    lines, (v_low, v_high) = column[: 6 * width], ca.vertsplit(column[6 * width :])
+    after = lines[: 3 * width]
+    ratio, top, bottom = (lines[k * width : (k + 1) * width] for k in (3, 4, 5))
+    largest, room = _best(width, ca.vertcat(after, ratio, top, bottom, v_low, v_high), target)
+    mirrored = ca.vertcat(after, -ratio, -bottom, -top, -v_high, -v_low)
+    smallest, _ = _best(width, mirrored, target)
     # an empty set is passed on as one with its ends crossed
-    crossed = y_high < y_low - ROUNDING * (1.0 + ca.fabs(y_low))
+    crossed = target[1] < target[0] - ROUNDING * (1.0 + ca.fabs(target[0]))
     empty = ca.logic_or(crossed, room < -ROUNDING * (1.0 + ca.fabs(largest)))
     result = ca.vertcat(
         ca.if_else(empty, 1.0, ca.fmax(-smallest, 0.0)), ca.if_else(empty, -1.0, largest)
     )
-    step = ca.Function(f"reach_backward_{width}", [target, column], [result])
+    step = ca.Function(f"reach_back_{width}", [target, column], [result])
     return buffered_call(maybe_compiled(step, fast).mapaccum(count))
 
 
@@ -223,32 +414,26 @@ def _backward(width: int, count: int, fast: bool) -> FastCall:
 def _forward(width: int, count: int, fast: bool) -> FastCall:
     """Forward pass over ``count`` intervals: the largest x_{i+1} in its set that x_i allows."""
     x = ca.SX.sym("x")
-    column = ca.SX.sym("column", 2 * width + 2)
-    intercept, slope = column[:width], column[width : 2 * width]
-    largest = ca.fmin(column[2 * width + 1], ca.mmin(intercept + slope * x))
-    result = ca.fmax(largest, column[2 * width])
-    step = ca.Function(f"reach_forward_{width}", [x, column], [result])
+    column = ca.SX.sym("column", 5 * width + 2)
+    slope, high, low, ratio, top = (column[k * width : (k + 1) * width] for k in range(5))
+    largest = column[5 * width + 1]
+    if width:
+        w_high, w_low = ca.mmin(slope * x + high), ca.mmax(slope * x + low)
+        largest = ca.fmin(largest, ca.mmin(ratio * ca.if_else(ratio > 0, w_high, w_low) + top))
+    result = ca.fmax(largest, column[5 * width])
+    step = ca.Function(f"reach_on_{width}", [x, column], [result])
     return buffered_call(maybe_compiled(step, fast).mapaccum(count))
 
 
-def _best(
-    width: int,
-    top: ca.MX,
-    top_slope: ca.MX,
-    bottom: ca.MX,
-    bottom_slope: ca.MX,
-    y_low: ca.MX,
-    y_high: ca.MX,
-) -> tuple[ca.MX, ca.MX]:
-    """Largest v with ``lower(y) <= v <= upper(y)`` for a y in [y_low, y_high], and the room left.
+def _best(width: int, lines: ca.MX, target: ca.MX) -> tuple[ca.MX, ca.MX]:
+    """Largest v that some y in the target allows, and the room that is left to it.
 
     The penalised upper envelope is concave and piecewise linear in y: its maximum is enclosed by
     the tangents at two points and found in finitely many cuts.
     """
     envelope, cut = _cutting_plane(width)
-    lines = ca.vertcat(top, top_slope, bottom, bottom_slope)
-    left = envelope(y_low, lines)
-    right = envelope(ca.fmax(y_high, y_low), lines)
+    left = envelope(target[0], lines)
+    right = envelope(ca.fmax(target[1], target[0]), lines)
     for _ in range(CUTS):
         left, right = cut(left, right, lines)
     left_wins = left[1] > right[1]
@@ -258,19 +443,31 @@ def _best(
 @lru_cache(maxsize=32)
 def _cutting_plane(width: int) -> tuple[ca.Function, ca.Function]:
     """Envelope at a point, one cut of the bracket; a point is (y, value, slope, top, room)."""
-    lines, y = ca.SX.sym("lines", 4 * width), ca.SX.sym("y")
-    top, top_slope, bottom, bottom_slope = (
-        ca.vertsplit(part) for part in ca.vertsplit(lines, width)
-    )
-    highest, slope_there = top[0] + top_slope[0] * y, top_slope[0]
-    lowest, slope_below = bottom[0] + bottom_slope[0] * y, bottom_slope[0]
-    for j in range(1, width):
-        value = top[j] + top_slope[j] * y
-        slope_there = ca.if_else(value < highest, top_slope[j], slope_there)
-        highest = ca.fmin(highest, value)
-        value = bottom[j] + bottom_slope[j] * y
-        slope_below = ca.if_else(value > lowest, bottom_slope[j], slope_below)
-        lowest = ca.fmax(lowest, value)
+    lines, y = ca.SX.sym("lines", 6 * width + 2), ca.SX.sym("y")
+    parts = [ca.vertsplit(lines[k * width : (k + 1) * width]) if width else [] for k in range(6)]
+
+    def extreme(sign: float, values: list[tuple[ca.SX, ca.SX]]) -> tuple[ca.SX, ca.SX]:
+        """The least (the largest, where sign is -1) of values with their slopes in y."""
+        best, slope = values[0]
+        for value, other in values[1:]:
+            slope = ca.if_else(sign * value < sign * best, other, slope)
+            best = ca.fmin(best, value) if sign > 0 else ca.fmax(best, value)
+        return best, slope
+
+    slope, w_top, w_bottom, ratio, top, bottom = parts
+    zero = ca.SX(0)
+    none = [(ca.SX(0), zero)]
+    high = extreme(1.0, [(k * y + h, k) for k, h in zip(slope, w_top, strict=True)] or none)
+    low = extreme(-1.0, [(k * y + h, k) for k, h in zip(slope, w_bottom, strict=True)] or none)
+    above, below = [(lines[6 * width + 1], zero)], [(lines[6 * width], zero)]
+    for k, most, least in zip(ratio, top, bottom, strict=True):
+        for (value, tangent), bound, side in (
+            ([ca.if_else(k > 0, p, q) for p, q in zip(high, low, strict=True)], most, above),
+            ([ca.if_else(k > 0, q, p) for p, q in zip(high, low, strict=True)], least, below),
+        ):
+            side.append((k * value + bound, k * tangent))
+    highest, slope_there = extreme(1.0, above)
+    lowest, slope_below = extreme(-1.0, below)
     room = highest - lowest
     penalty = ca.if_else(room < 0, PENALTY, 0.0)
     point = ca.vertcat(
@@ -280,7 +477,7 @@ def _cutting_plane(width: int) -> tuple[ca.Function, ca.Function]:
         highest,
         room,
     )
-    envelope = ca.Function(f"reach_envelope_{width}", [y, lines], [point])
+    envelope = ca.Function(f"reach_curve_{width}", [y, lines], [point])
     left, right = ca.SX.sym("left", 5), ca.SX.sym("right", 5)
     meeting = (right[1] - left[1] + left[2] * left[0] - right[2] * right[0]) / (left[2] - right[2])
     inside = ca.logic_and(left[2] > 0, right[2] < 0)
@@ -288,7 +485,7 @@ def _cutting_plane(width: int) -> tuple[ca.Function, ca.Function]:
     middle = envelope(ca.fmin(ca.fmax(tried, left[0]), right[0]), lines)
     rising = middle[2] > 0
     cut = ca.Function(
-        f"reach_cut_{width}",
+        f"reach_halve_{width}",
         [left, right, lines],
         [ca.if_else(rising, middle, left), ca.if_else(rising, right, middle)],
     )
