@@ -111,6 +111,9 @@ def timing(random: np.random.Generator) -> Task:
     path = mo.straight_path(via)
     if random.random() < 0.7:
         path = mo.cubic(via, np.arange(float(len(via))))
+    q = path(np.linspace(path.breaks[0], path.breaks[-1], 400))
+    if ((q < robot.limits.q_min) | (q > robot.limits.q_max)).any():  # a spline that swings out
+        path = mo.straight_path(via)
     return Task("path timing", robot, via, path)
 
 
@@ -214,17 +217,18 @@ def best_known(task: Task) -> float:
     if path is not None:
         from external.toppra_timing import graded_grid, toppra_duration
 
-        grid = graded_grid(path, 2000)
-        ways = (
-            lambda: toppra_duration(robot, path, grid),
-            lambda: reachability(robot, path),
-        )
+        ways = [lambda: reachability(robot, path)]
+        rubs = any(link.viscous_friction or link.coulomb_friction for link in robot.links)
+        # toppra is told of torques without friction and of velocities: others would not be kept
+        if not (rubs or np.isfinite(np.array(robot.limits.bounds("qdd"))).any()):
+            grid = graded_grid(path, 2000)
+            ways.append(lambda: toppra_duration(robot, path, grid))
     else:
         shape = mo.cubic(task.via, np.arange(float(len(task.via))))
-        ways = (
+        ways = [
             lambda: reachability(robot, mo.straight_path(task.via)),
             lambda: mo.shortest_duration(robot, shape).duration,
-        )
+        ]
     known = [np.inf]
     for duration in ways:
         try:

@@ -22,7 +22,7 @@ from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.codegen import compile_recipe, compiler
 from microbot_ocp._base.status import Status
-from microbot_ocp.limits import JointLimits, LimitFamily, Limits, MotionSamples
+from microbot_ocp.limits import LIMIT_TOLERANCE, JointLimits, LimitFamily, Limits, MotionSamples
 from microbot_ocp.motion import SAMPLE_STEP, Mark, Motion, PiecewisePolynomial, State, sample_times
 from microbot_ocp.ocp.problem import OptimalControlProblem, Phase
 from microbot_ocp.ocp.refinement import Refiner
@@ -244,7 +244,8 @@ class _PathSearch:
         if np.isfinite(reached):
             self.progress(f"reachability on a grid: {reached:.6f} s")
         settings, complete = self.settings, not kept_by[LATER]
-        if settings.solver is None and complete and excess <= settings.limit_tolerance:
+        passes = excess <= max(settings.limit_tolerance, LIMIT_TOLERANCE)
+        if settings.solver is None and complete and passes:
             return self._reached_motion(timings, kept_by, excess, time.perf_counter() - begin)
         solver = settings.solver or "ipopt"
         guesses, scales = self._guesses(timings)

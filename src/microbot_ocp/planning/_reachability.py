@@ -35,9 +35,10 @@ ROUNDING = 1e-9
 FRICTION_PASSES = 6  # linearisations of friction, which goes with the root of x
 SETTLED = 1e-4  # relative change of a duration that ends the doubling of the grid
 MOST_GRIDS, MOST_SETTLING, MOST_POINTS = 9, 8000, 40_000
-SHORTEST = 4e-5  # s, of an interval that is cut in two
+SHORTEST = 2e-5  # s, of an interval that is cut in two
 LOOKED_AT = (1e-6, 0.25, 0.5, 0.75, 1.0 - 1e-6)  # shares of an interval
 ALIKE = 0.1  # relative change of an inertia along an interval up to which one end stands for it
+STEEP = 1e-8  # least share of a coefficient that is divided by
 FLAT = 1e-12  # relative size of a coefficient that counts as zero
 SHORT = 1e-4  # of k t^2, below which a series replaces sinh and sin
 
@@ -262,7 +263,8 @@ class _Ends:
         """
         moved = way * self.step
         e = self.m - moved * self.c
-        tiny = FLAT * (self.m + np.abs(moved * self.c))
+        # not so small that intercepts reach FAR: there they say that there is no limit
+        tiny = STEEP * (self.m + np.abs(moved * self.c))
         none = tiny == 0.0
         e = np.where(np.abs(e) <= tiny, np.where(none, 1.0, tiny), e)
         one, other = -moved * self.low / e, -moved * self.high / e
