@@ -249,7 +249,7 @@ def _switching_times(
     names = [phase.name for phase in first.phases]
     if names != [phase.name for phase in declared.phases]:
         raise InputError(f"start has the phases {names}, which are not those of the problem")
-    if not first.status.solved:
+    if first.status not in (Status.SOLVED, Status.TOO_COARSE):  # which shows the arcs, too
         return SwitchingTimes(first.status, first.advice, (), first)
     until = deadline.until()
     found: SwitchingTimes | None = None
