@@ -34,6 +34,7 @@ ORDER = (
     "ocp",
     "planning",
     "comparison",
+    "sweeps",
     "views",
     "cli",
 )

@@ -127,6 +127,14 @@ from .simulation import (
     simulate as simulate,
     track as track,
 )
+from .sweeps import (
+    Between as Between,
+    Cases as Cases,
+    OneOf as OneOf,
+    Sweep as Sweep,
+    load_sweep as load_sweep,
+    sweep as sweep,
+)
 from .trajectories import (
     Scaled as Scaled,
     cubic as cubic,

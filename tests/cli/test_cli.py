@@ -33,6 +33,7 @@ COMMANDS = [
     "compare",
     "time-optimal",
     "solve",
+    "sweep",
     "replay",
     "export",
     "doctor",

@@ -25,7 +25,7 @@ import stat
 import subprocess
 import tempfile
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextvars import copy_context
 from functools import lru_cache
@@ -193,6 +193,29 @@ def _forget(path: Path) -> None:
             place.unlink()
 
 
+_interpreted = False
+
+
+@contextlib.contextmanager
+def interpreted() -> Iterator[None]:
+    """Inside, functions that are made run on CasADi's virtual machine, without a warning.
+
+    For robots that are used once, in sweeps of thousands: a compiler takes longer than they do, and
+    each would leave a library in the cache.
+    """
+    global _interpreted
+    before, _interpreted = _interpreted, True
+    try:
+        yield
+    finally:
+        _interpreted = before
+
+
+def compiles() -> bool:
+    """Whether functions are compiled: there is a compiler, and none of :func:`interpreted`."""
+    return not _interpreted and compiler() is not None
+
+
 def maybe_compiled(function: ca.Function, wanted: bool) -> ca.Function:
     """``function`` compiled if ``wanted``, else as it is."""
     return compile_function(function) if wanted else function
@@ -233,7 +256,7 @@ def compile_functions(
         "-O0" to "-O3"; default by size.
     """
     given = tuple(functions)
-    made = _compiled(given, optimization)
+    made = None if _interpreted else _compiled(given, optimization)
     return given if made is None else tuple(ca.external(name, str(path)) for path, name in made)
 
 
@@ -249,6 +272,8 @@ def compile_recipe(
     make : callable
         Makes the functions; what takes the time where compiled code is in the cache already.
     """
+    if _interpreted:
+        return tuple(make())
     identity = repr((recipe, package(), compiler(), FLAGS, NATIVE, SIZES, processor()))
     note = usable_folder() / f"recipe_{hashlib.sha256(identity.encode()).hexdigest()[:24]}.json"
     with contextlib.suppress(OSError, ValueError, TypeError, RuntimeError):

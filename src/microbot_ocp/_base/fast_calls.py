@@ -23,7 +23,7 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError
-from microbot_ocp._base.codegen import build_library, compile_function, compiler
+from microbot_ocp._base.codegen import build_library, compile_function, compiler, compiles
 
 FastCall = Callable[..., Any]
 
@@ -247,7 +247,7 @@ def _check_vectors(function: ca.Function) -> None:
 def _extension(function: ca.Function, most: int) -> FastCall | None:
     """The compiled module's function; None where it cannot be built."""
     headers = [sysconfig.get_path("include"), np.get_include()]
-    cc = compiler()
+    cc = compiler() if compiles() else None
     if cc is not None and (Path(headers[0]) / "Python.h").exists():
         try:
             return _load(function.name(), _build(function, most, cc, headers))

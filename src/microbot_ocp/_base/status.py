@@ -45,6 +45,8 @@ class Status(StrEnum):
     SINGULAR = "singular"
     INTEGRATION_FAILED = "integration failed"
     TOLERANCE_NOT_MET = "tolerance not met"
+    # sweeps
+    KILLED_WORKER = "killed worker"
 
     @classmethod
     def _missing_(cls, value: object) -> Status | None:
@@ -121,5 +123,9 @@ _SENTENCES = {
     Status.TOLERANCE_NOT_MET: (
         "The integrator arrived, but shorter steps still change the result by more than the "
         "tolerance."
+    ),
+    Status.KILLED_WORKER: (
+        "The process that did it ended without an answer, more than once: too little memory, or a "
+        "fault of a library."
     ),
 }

@@ -51,6 +51,7 @@ COMMANDS = {
         "_tasks", "time_optimal", "time-optimal microbot --via-deg '0,0,0 -90,90,90' --qd-max 2"
     ),
     "solve": Entry("_tasks", "solve", "solve task.toml --out out"),
+    "sweep": Entry("_sweep", "sweep", "sweep study.toml --out results --workers 2"),
     "replay": Entry("_replay", "replay", "replay best.npz --rerun best.rrd"),
     "export": Entry("_export", "export", "export best.npz best.csv --rate 100"),
     "doctor": Entry("_doctor", "doctor", "doctor"),

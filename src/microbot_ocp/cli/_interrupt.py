@@ -20,11 +20,13 @@ GRACE = 0.7  # s
 _pressed = threading.Event()
 _code = 128 + signal.SIGINT
 _watched = False
+_taken = False  # by the main thread; the other one may know of the signal before it
 
 
 def watch() -> None:
     """Take the signals; a second one ends the process at once."""
-    global _watched
+    global _watched, _taken
+    _taken = False
     _pressed.clear()
     for name in ("SIGINT", "SIGTERM", "SIGHUP"):
         number = getattr(signal, name, None)
@@ -57,10 +59,11 @@ def check() -> None:
 
 
 def _press(number: int, _: FrameType | None) -> None:
-    global _code
+    global _code, _taken
     _code = 128 + number
-    if pressed():
+    if _taken:
         _end()
+    _taken = True
     _pressed.set()
     raise KeyboardInterrupt
 

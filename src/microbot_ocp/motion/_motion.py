@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
-from microbot_ocp._base.codegen import compiler
+from microbot_ocp._base.codegen import compiles
 from microbot_ocp._base.fast_calls import fast_call
 from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
 from microbot_ocp._base.status import Status
@@ -348,7 +348,7 @@ def torque_along(robot: Robot, state: State) -> FloatArray:
     q = checks.array("q", state.q, (None, robot.joint_count))
     if not robot.has_dynamics:
         return np.zeros_like(q)
-    if compiler() is None:
+    if not compiles():
         return np.array(inverse_dynamics(robot)(q.T, state.qd.T, state.qdd.T)).T
     return fast_call(inverse_dynamics(robot))(q, state.qd, state.qdd)
 

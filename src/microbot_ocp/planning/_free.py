@@ -605,6 +605,7 @@ class TimeOptimalSolver:
     motion with its multipliers, not from the solution before, so the answer does not depend on
     what was asked before; from the scaled cubic where the numbers are far from the robot's own. It
     is refined where a limit is exceeded between mesh points by more than a certificate lets pass.
+    Other via points are numbers, too: such a solve starts from their own scaled cubic.
 
     Parameters
     ----------
@@ -665,12 +666,14 @@ class TimeOptimalSolver:
             held, self.via_q.tobytes(), len(self.via_q), compiled, payload=True
         )
         self._solver: ParametricSolver | None = None
+        self._anywhere: ParametricSolver | None = None  # for other via points
 
     def __call__(
         self,
         limits: Limits | JointLimits | None = None,
         payload: float = 0.0,
         *,
+        via_q: ArrayLike | None = None,
         search: bool = False,
         time_limit: float = np.inf,
     ) -> Motion:
@@ -682,6 +685,8 @@ class TimeOptimalSolver:
             Default the robot's own.
         payload : float
             Point mass at the tool, kg; the motion is one of ``robot.with_payload(payload)``.
+        via_q : array_like [m,n], optional
+            Other via points, as many as the solver was made with, rad (prismatic: m).
         search : bool
             Try every start, not only the motion under the robot's own limits: local optima are
             real. The others are tried anyway where that one leads nowhere.
@@ -700,17 +705,28 @@ class TimeOptimalSolver:
             Bad limits or payload, a via point that cannot be held: before any solver starts.
         """
         with deadline.within(time_limit):
-            return self._solved(limits, payload, search)
+            return self._solved(limits, payload, via_q, search)
 
-    def _solved(self, limits: Limits | JointLimits | None, payload: float, search: bool) -> Motion:
+    def _solved(
+        self,
+        limits: Limits | JointLimits | None,
+        payload: float,
+        via_q: ArrayLike | None,
+        search: bool,
+    ) -> Motion:
         begin = time.perf_counter()
         family = check_limits(self.robot.with_payload(payload), limits)
         self._check_kinds(family)
-        check_via(family, self.via_q)
-        changes = self._changes(family, float(payload))
-        solver = self._prepared()
+        via = check_via(family, self.via_q if via_q is None else via_q)
+        if len(via) != len(self.via_q):
+            raise InputError(
+                f"via_q must have {len(self.via_q)} points, as the solver was made with, "
+                f"not {len(via)}"
+            )
+        changes = self._changes(family, via, float(payload))
+        solver = self._prepared() if via_q is None else self._for_any_via()
         tried: list[tuple[str, Solution]] = []
-        for name, start in self._starts(family):
+        for name, start in self._starts(family, via, from_own=via_q is None):
             solution = _solved_near(solver, start, changes)
             tried.append((name, solution))
             near = not isinstance(start, Solution) or (
@@ -737,14 +753,27 @@ class TimeOptimalSolver:
             self._reference = found if found.status.solved else None
         return solver
 
-    def _starts(self, family: LimitFamily) -> Iterator[tuple[str, Solution | Mapping[str, Guess]]]:
+    def _for_any_via(self) -> ParametricSolver:
+        """The solver on an even mesh, its cost scaled at the solver's own via points."""
+        if self._anywhere is None:
+            mesh = [int(self._settings.mesh or FULL_MESH)] * len(self._phases)
+            solver = ParametricSolver(self._kernels, mesh, PREPARED)
+            family = LimitFamily.of(self.robot)
+            own = initial_guesses(family, self.via_q, self._phases, 1, self._settings.seed)
+            solver.scale_cost(next(own).guesses)
+            self._anywhere = solver
+        return self._anywhere
+
+    def _starts(
+        self, family: LimitFamily, via: FloatArray, *, from_own: bool
+    ) -> Iterator[tuple[str, Solution | Mapping[str, Guess]]]:
         own, asked = (
             TaskScale.of(known, self.via_q).durations.sum()
             for known in (LimitFamily.of(self.robot), family)
         )
-        if self._reference is not None and abs(asked - own) <= NEAR_TYPICAL * own:
+        if from_own and self._reference is not None and abs(asked - own) <= NEAR_TYPICAL * own:
             yield "prepared", self._reference
-        task = self.via_q, self._phases, self._settings.starts, self._settings.seed
+        task = via, self._phases, self._settings.starts, self._settings.seed
         for start in initial_guesses(family, *task):
             yield start.name, start.guesses
 
@@ -769,15 +798,25 @@ class TimeOptimalSolver:
             solution = finer
         return solution
 
-    def _changes(self, family: LimitFamily, payload: float) -> dict[str, Any]:
-        size = TaskScale.of(family, self.via_q)
+    def _changes(self, family: LimitFamily, via: FloatArray, payload: float) -> dict[str, Any]:
+        size = TaskScale.of(family, via)
         family = with_locked_joints_held(family)
         declared = {c.name for c in self._kernels.problem.phases[0].constraints}
         pairs = {key: family.robot.limits.bounds(key) for key in OF_VARIABLES}
         for member in family:
             if member.name in declared:
                 pairs[member.name] = (member.lower, member.upper)
+        # a locked joint stays where it starts: the program has no other condition for it
+        free = np.where(locked_joints(LimitFamily.of(self.robot)), np.inf, 0.0)
+
+        def at(point: FloatArray) -> dict[str, Any]:
+            return {"q": (point - free, point + free)} if not free.all() else {}
+
+        initial = dict(zip(self._phases, map(at, via[:-1]), strict=True))
+        initial[self._phases[0]] = {"q": via[0]}
         return {
+            "initial": initial,
+            "final": {self._phases[-1]: at(via[-1])},
             "bounds": dict.fromkeys(self._phases, pairs),
             "parameters": {phase: {"payload": payload} for phase in self._phases},
             "durations": {

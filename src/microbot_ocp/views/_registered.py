@@ -48,5 +48,10 @@ add_views(
             "rerun": f"{RECORDING}:of_comparison",
             "animation": f"{ANIMATION}:animate_comparison",
         },
+        "microbot_ocp.sweeps.Sweep": {
+            "table": f"{TABLES}._sweep:sweep",
+            "plot": f"{PLOTS}:sweep",
+            "rerun": f"{RECORDING}._sweep:of_sweep",
+        },
     }
 )

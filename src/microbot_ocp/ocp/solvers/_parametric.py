@@ -123,10 +123,7 @@ class ParametricSolver:
             "durations": durations or {},
         }
         program = self.program if not any(given.values()) else self._changed(given)
-        problem = copy.copy(self.transcription.problem)
-        problem.phases = [layout.phase for layout in program.layouts]
-        start = starting_point(program, problem, guess)
-        check_start(program, start.x)
+        start = self._start(program, guess)
         if self._cost_scale is None:  # the same for all solves: solvers are made for it
             self._cost_scale = with_cost_scale(program, start.x, self.settings).cost_scale
         program = replace(program, cost_scale=self._cost_scale)
@@ -134,6 +131,21 @@ class ParametricSolver:
         return run_chain(
             program, self.settings, start, progress=progress, build_time=spent, made=self._made
         )
+
+    def scale_cost(self, guess: Mapping[str, Guess] | Solution) -> None:
+        """Take the scale of the cost from this guess; else the guess of the first solve gives it.
+
+        Then no answer depends, not even in its last digits, on what was solved first.
+        """
+        start = self._start(self.program, guess)
+        self._cost_scale = with_cost_scale(self.program, start.x, self.settings).cost_scale
+
+    def _start(self, program: Program, guess: Mapping[str, Guess] | Solution | None) -> Any:
+        problem = copy.copy(self.transcription.problem)
+        problem.phases = [layout.phase for layout in program.layouts]
+        start = starting_point(program, problem, guess)
+        check_start(program, start.x)
+        return start
 
     def _changed(self, given: Mapping[str, Mapping[str, Any]]) -> Program:
         names = [layout.phase.name for layout in self.program.layouts]

@@ -43,6 +43,9 @@ from ._report import (
 from ._solution import (
     solution as solution,
 )
+from ._sweep import (
+    sweep as sweep,
+)
 from ._tracking import (
     tracking as tracking,
 )

@@ -1,0 +1,36 @@
+"""Public names; loaded when they are first asked for."""
+
+from ._cases import (
+    Between as Between,
+    Cases as Cases,
+    CaseSource as CaseSource,
+    OneOf as OneOf,
+)
+from ._quantities import (
+    task_of as task_of,
+)
+from ._run import (
+    SweepStopped as SweepStopped,
+    run_study as run_study,
+    sweep as sweep,
+)
+from ._solve import (
+    repeat_case as repeat_case,
+)
+from ._study import (
+    Study as Study,
+)
+from ._study_file import (
+    parse_study as parse_study,
+    read_study as read_study,
+)
+from ._summary import (
+    Failure as Failure,
+    Quartiles as Quartiles,
+    SweepSummary as SweepSummary,
+)
+from ._sweep import (
+    TIMES as TIMES,
+    Sweep as Sweep,
+    load_sweep as load_sweep,
+)

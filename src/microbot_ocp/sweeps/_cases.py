@@ -1,0 +1,455 @@
+"""Which cases there are: a grid, random draws or a table, made by index when they are needed."""
+
+from __future__ import annotations
+
+import csv
+import warnings
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import FloatArray, InputError, shown
+from microbot_ocp.robot import Robot
+from microbot_ocp.sweeps._extra import needed
+from microbot_ocp.sweeps._quantities import (
+    DYNAMICS,
+    check_name,
+    column_names,
+    plain_name,
+    pose_names,
+    scale_to_si,
+    widths,
+)
+
+MOST_CASES = 10**9
+FEW = 8  # robots of different masses, gravity or friction whose kernels are worth compiling
+
+
+@dataclass(frozen=True)
+class Between:
+    """A range of a quantity, number by number: drawn at random, or a grid of ``steps`` values each.
+
+    Parameters
+    ----------
+    lower, upper : float or array_like
+        Equal ends are no range: that number is fixed.
+    steps : int, optional
+        Values of every number on a grid, both ends among them.
+    """
+
+    lower: ArrayLike
+    upper: ArrayLike
+    steps: int | None = None
+
+
+@dataclass(frozen=True)
+class OneOf:
+    """Values of a quantity to choose from, each a number or a list of them."""
+
+    values: Any
+
+
+class Axis(NamedTuple):
+    """One dimension of a grid or of random draws.
+
+    Either ``columns`` go from ``lower`` to ``upper``, or they are one of the rows of ``choices``.
+    """
+
+    columns: slice
+    lower: float = 0.0
+    upper: float = 0.0
+    steps: int = 1
+    choices: FloatArray | None = None
+
+    def at(self, share: FloatArray) -> FloatArray:
+        """Values [K,k] at shares [K] from 0 to 1 of the way."""
+        if self.choices is None:
+            return (self.lower + (self.upper - self.lower) * share)[:, None]
+        rows = np.minimum((share * len(self.choices)).astype(int), len(self.choices) - 1)
+        return self.choices[rows]
+
+    def step(self, index: np.ndarray) -> FloatArray:
+        """Values [K,k] of the steps of these numbers [K]."""
+        if self.choices is not None:
+            return self.choices[index]
+        return np.linspace(self.lower, self.upper, self.steps)[index][:, None]
+
+
+@dataclass(frozen=True, eq=False)
+class Cases:
+    """Cases as they were asked for, by :meth:`grid`, :meth:`random` or :meth:`table`.
+
+    Quantities are named ``start_q``, ``goal_q``, ``via1_q`` (rad; prismatic: m; ``..._q_deg`` in
+    degrees) or ``start_position`` and so on (tool origin in the base frame, m); ``payload`` (kg, a
+    point mass at the tool), ``masses`` (kg, one a link; inertias go with them), ``gravity``
+    (m/s^2), ``viscous_friction``, ``coulomb_friction``, and the limits of task files: ``qd_max``,
+    ``tau_max``, ``tool_speed_max``.
+
+    Attributes
+    ----------
+    kind : str
+        "grid", "random" or "table".
+    quantities : mapping from a name to a constant, :class:`Between` or :class:`OneOf`
+    count : int or None
+        Of random draws.
+    seed : int
+    columns : mapping from a name to array [N]
+        Of a table.
+    origin : str
+        Name of the table's file.
+    """
+
+    kind: str
+    quantities: Mapping[str, Any]
+    count: int | None = None
+    seed: int = 0
+    columns: Mapping[str, FloatArray] = field(default_factory=dict)
+    origin: str = "the table"
+
+    @classmethod
+    def grid(cls, **quantities: Any) -> Cases:
+        """Every combination of the values; that of the quantity named last changes first.
+
+        Parameters
+        ----------
+        **quantities
+            Constants, :class:`Between` with ``steps``, :class:`OneOf`.
+        """
+        return cls("grid", quantities)
+
+    @classmethod
+    def random(cls, count: int, *, seed: int = 0, **quantities: Any) -> Cases:
+        """Scrambled Sobol points: the first so many are spread as evenly as all of them.
+
+        Parameters
+        ----------
+        count : int
+            A power of two is spread best.
+        seed : int
+            Of the scrambling.
+        **quantities
+            Constants, :class:`Between`, :class:`OneOf`.
+
+        Raises
+        ------
+        InputError
+            A count or seed that is none.
+        """
+        for name, value, least in (("count", count, 1), ("seed", seed, 0)):
+            checks.number(name, value, at_least=least, at_most=MOST_CASES)
+            if not isinstance(value, int | np.integer):
+                raise InputError(f"{name} must be a whole number, not {value}")
+        return cls("random", quantities, int(count), int(seed))
+
+    @classmethod
+    def table(cls, source: str | Path | Mapping[str, ArrayLike], **fixed: Any) -> Cases:
+        """One case a row.
+
+        Parameters
+        ----------
+        source : str, Path or mapping
+            A CSV or Parquet file, or columns [N] by name: the names of quantities, numbered from 1
+            where they have several numbers (``start_q_deg_1``, ``start_q_deg_2``).
+        **fixed
+            Constants for all cases.
+
+        Raises
+        ------
+        InputError
+            A file that cannot be read, columns of different lengths, what is no number.
+        """
+        origin = "the table" if isinstance(source, Mapping) else Path(source).name
+        read = source if isinstance(source, Mapping) else _read(Path(source))
+        columns = {}
+        for name, values in read.items():
+            column = checks.array(f"column {name} of {origin}", values, (None,), finite=False)
+            if columns and column.size != next(iter(columns.values())).size:
+                raise InputError(f"columns of {origin} must be equally long, but {name} is not")
+            columns[str(name)] = column
+        if not columns or not next(iter(columns.values())).size:
+            raise InputError(f"{origin} must have at least one column and one row")
+        return cls("table", fixed, columns=columns, origin=origin)
+
+    def of(self, robot: Robot) -> CaseSource:
+        """The cases of a robot.
+
+        Raises
+        ------
+        InputError
+            A quantity that is unknown, missing, of the wrong width or without a value.
+        """
+        return CaseSource(self, robot)
+
+
+class CaseSource:
+    """Cases of one robot by index, in SI units.
+
+    Attributes
+    ----------
+    count : int
+    names : tuple of str
+        Of the quantities, without ``_deg``.
+    width : mapping from a name to the count of its numbers
+    poses : tuple of str
+        Names of the poses of every task, in their order.
+    """
+
+    def __init__(self, cases: Cases, robot: Robot) -> None:
+        self.cases, self._robot = cases, robot
+        self.width: dict[str, int] = {}
+        self._axes: list[Axis] = []
+        constants: list[FloatArray] = []
+        place = 0
+        for name, given in self._every().items():
+            value, axes = self._read(name, given, place)
+            place += value.size
+            constants.append(value)
+            self._axes += axes
+            plain = plain_name(name)
+            if plain in self.width:
+                raise InputError(f"give {plain} or {name}, not both")
+            self.width[plain] = value.size
+        self.names = tuple(self.width)
+        self.poses = pose_names(self.names)
+        self._constant = np.concatenate(constants)
+        self._table = self._table_values()
+        if cases.kind == "grid":
+            sizes = [a.steps if a.choices is None else len(a.choices) for a in self._axes]
+            self.count = int(np.prod([float(size) for size in sizes])) if sizes else 1
+            self._sizes = tuple(sizes)
+        else:
+            self.count = len(self._table) if cases.kind == "table" else int(cases.count or 0)
+        checks.number("the count of cases", self.count, at_most=MOST_CASES)
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the input columns of a data set."""
+        return tuple(c for name, width in self.width.items() for c in column_names(name, width))
+
+    @property
+    def varying(self) -> tuple[str, ...]:
+        """Names of the quantities that differ between cases."""
+        if self.cases.kind == "table":
+            moves = np.ptp(self._table, axis=0) > 0 if self.count > 1 else np.zeros(0, bool)
+            places = np.flatnonzero(moves)
+        else:
+            places = np.array(
+                [k for axis in self._axes for k in range(*axis.columns.indices(1 << 30))]
+            )
+        edges = np.cumsum(list(self.width.values()))
+        found = {self.names[int(np.searchsorted(edges, k, side="right"))] for k in places}
+        return tuple(name for name in self.names if name in found)
+
+    def rows(self, start: int, stop: int) -> FloatArray:
+        """Values [K,c] of the cases from ``start`` up to ``stop``, in the order of the columns."""
+        if self.cases.kind == "table":
+            return self._table[start:stop]
+        made = np.tile(self._constant, (stop - start, 1))
+        if not self._axes:
+            return made
+        if self.cases.kind == "grid":
+            steps = np.unravel_index(np.arange(start, stop), self._sizes)
+            for axis, index in zip(self._axes, steps, strict=True):
+                made[:, axis.columns] = axis.step(index)
+            return made
+        qmc = needed("scipy.stats.qmc")
+        engine = qmc.Sobol(len(self._axes), scramble=True, seed=self.cases.seed)
+        if start:
+            engine.fast_forward(start)
+        with warnings.catch_warnings():  # a prefix need not be a power of two
+            warnings.simplefilter("ignore", UserWarning)
+            shares = engine.random(stop - start)
+        for axis, share in zip(self._axes, shares.T, strict=True):
+            made[:, axis.columns] = axis.at(share)
+        return made
+
+    def values(self, row: FloatArray) -> dict[str, FloatArray]:
+        """Values of the quantities by name, from a row [c]."""
+        parts = np.split(row, np.cumsum(list(self.width.values()))[:-1])
+        return dict(zip(self.names, parts, strict=True))
+
+    def chunks(self, size: int, skipped: set[int]) -> Iterator[tuple[int, int, FloatArray]]:
+        """Number, first case and rows of every chunk of cases that is not to be skipped."""
+        for number in range(-(-self.count // size)):
+            if number not in skipped:
+                start = number * size
+                yield number, start, self.rows(start, min(start + size, self.count))
+
+    def reference(self) -> dict[str, FloatArray]:
+        """One value for every limit, mass, friction and gravity: finite where some case has one."""
+        found = self.values(self.rows(0, 1)[0])
+        if self.cases.kind != "table":
+            for axis in self._axes:
+                if axis.choices is not None and not np.isfinite(axis.choices[0]).all():
+                    finite = axis.choices[np.isfinite(axis.choices).all(axis=1)]
+                    if len(finite):
+                        row = self.rows(0, 1)[0]
+                        row[axis.columns] = finite[0]
+                        name = next(n for n, v in self.values(row).items() if (v != found[n]).any())
+                        found[name] = self.values(row)[name]
+            return found
+        finite = np.isfinite(self._table).all(axis=1)
+        return self.values(self._table[int(finite.argmax())])
+
+    def robots(self) -> list[dict[str, FloatArray]] | None:
+        """The few values that masses, gravity and friction take together; None where many."""
+        varying = set(self.varying) & set(DYNAMICS)
+        fixed = {name: v for name, v in self.reference().items() if name in DYNAMICS}
+        if not varying:
+            return [fixed]
+        edges = dict(zip(self.names, np.cumsum([0, *self.width.values()]), strict=False))
+        places = [edges[n] + k for n in sorted(varying) for k in range(self.width[n])]
+        if self.cases.kind == "table":
+            combined = np.unique(self._table[:, places], axis=0)
+        else:
+            axes = [a for a in self._axes if set(range(*a.columns.indices(1 << 30))) & set(places)]
+            if self.cases.kind == "random" and any(a.choices is None for a in axes):
+                return None
+            sizes = [a.steps if a.choices is None else len(a.choices) for a in axes]
+            if np.prod([float(size) for size in sizes]) > FEW:
+                return None
+            rows = np.tile(self._constant, (int(np.prod(sizes)), 1))
+            steps = np.unravel_index(np.arange(len(rows)), sizes)
+            for axis, index in zip(axes, steps, strict=True):
+                rows[:, axis.columns] = axis.step(index)
+            combined = rows[:, places]
+        if len(combined) > FEW:
+            return None
+        made = []
+        for row in combined:
+            parts = iter(np.split(row, np.cumsum([self.width[n] for n in sorted(varying)])[:-1]))
+            made.append({**fixed, **{name: next(parts) for name in sorted(varying)}})
+        return made
+
+    def _every(self) -> dict[str, Any]:
+        """Quantities as given, those of a table's columns among them (as their first values)."""
+        given = dict(self.cases.quantities)
+        columns = set(self.cases.columns)
+        for name in self.cases.columns:
+            stem = name.rsplit("_", 1)[0] if name.rsplit("_", 1)[-1].isdigit() else name
+            check_name(stem)
+            if stem in self.cases.quantities:
+                raise InputError(f"{stem} is a column of {self.cases.origin} and given beside it")
+            if stem in given:
+                continue
+            fitting = [
+                c for w in widths(self._robot, stem) if columns >= set(c := column_names(stem, w))
+            ]
+            if not fitting:
+                most = column_names(stem, widths(self._robot, stem)[-1])
+                raise InputError(
+                    f"{self.cases.origin} has the column {name}, but {stem} needs {', '.join(most)}"
+                )
+            values = [float(self.cases.columns[c][0]) for c in fitting[-1]]
+            given[stem] = values if len(values) > 1 else values[0]
+        return given
+
+    def _table_values(self) -> FloatArray:
+        if self.cases.kind != "table":
+            return np.empty((0, 0))
+        count = len(next(iter(self.cases.columns.values())))
+        made = np.tile(self._constant, (count, 1))
+        place = 0
+        for name in self._every():
+            width = self.width[plain_name(name)]
+            scale = scale_to_si(self._robot, name, width)
+            for k, column in enumerate(column_names(name, width)):
+                if column in self.cases.columns:
+                    made[:, place + k] = self.cases.columns[column] * scale[k]
+            place += width
+        if np.isnan(made).any():
+            row, column = np.argwhere(np.isnan(made))[0]
+            raise InputError(f"{self.cases.origin} has no {self.columns[column]} in row {row + 1}")
+        return made
+
+    def _read(self, name: str, given: Any, place: int) -> tuple[FloatArray, list[Axis]]:
+        """First value [w] of a quantity and its axes, in SI units."""
+        check_name(name)
+        allowed = widths(self._robot, name)
+        if isinstance(given, OneOf):
+            if not isinstance(given.values, list | tuple | np.ndarray) or not len(given.values):
+                raise InputError(f"{name} must have at least one of values, not {shown(given)}")
+            rows = [self._numbers(f"{name}, one of values", v, allowed) for v in given.values]
+            if len({row.size for row in rows}) > 1:
+                raise InputError(f"{name} must have values of one length, not {shown(given)}")
+            choices = np.array(rows) * scale_to_si(self._robot, name, rows[0].size)
+            columns = slice(place, place + rows[0].size)
+            return choices[0], [Axis(columns, choices=choices)] if len(rows) > 1 else []
+        if not isinstance(given, Between):
+            value = self._numbers(name, given, allowed)
+            return value * scale_to_si(self._robot, name, value.size), []
+        if self.cases.kind == "table":
+            raise InputError(f"{name} must be a constant beside a table, not a range")
+        each = (1, *allowed)  # one number may stand for all
+        ends = [
+            self._numbers(f"{name}, {end}", value, each)
+            for end, value in (("from", given.lower), ("to", given.upper))
+        ]
+        size = max(end.size for end in ends)
+        size = size if size in allowed else allowed[-1]
+        if (
+            any(end.size not in (1, size) for end in ends)
+            or not np.isfinite([*ends[0], *ends[1]]).all()
+        ):
+            raise InputError(f"{name} must go from and to as many finite numbers, not {given}")
+        lower, upper = (np.broadcast_to(end, size) for end in ends)
+        if (lower > upper).any():
+            raise InputError(f"{name} must go from the lower to the upper, not {given}")
+        steps = given.steps
+        if self.cases.kind == "grid" and (type(steps) is not int or steps < 2):
+            raise InputError(f"{name} needs steps of at least 2 on a grid, not {shown(steps)}")
+        if self.cases.kind == "random" and steps is not None:
+            raise InputError(f"{name} has steps, which are for grids: random draws have none")
+        scale = scale_to_si(self._robot, name, lower.size)
+        lower, upper = lower * scale, upper * scale
+        axes = [
+            Axis(slice(place + k, place + k + 1), low, high, int(steps or 1))
+            for k, (low, high) in enumerate(zip(lower.tolist(), upper.tolist(), strict=True))
+            if low < high
+        ]
+        return lower, axes
+
+    def _numbers(self, name: str, value: Any, allowed: tuple[int, ...]) -> FloatArray:
+        single = [value] if np.ndim(value) == 0 and not isinstance(value, str) else value
+        numbers = checks.array(name, single, (None,), finite=False)
+        if numbers.size not in allowed:
+            wanted = " or ".join(str(w) for w in allowed)
+            raise InputError(f"{name} must be {wanted} numbers, not {shown(value)}")
+        return numbers
+
+
+def _read(path: Path) -> Mapping[str, Any]:
+    """Columns of a CSV or Parquet file."""
+    try:
+        if path.suffix == ".parquet":
+            read = needed("pyarrow.parquet").read_table(path)
+            return {name: read[name].to_numpy() for name in read.column_names}
+        if path.suffix != ".csv":
+            raise InputError(f"table {str(path)!r} must end in .csv or .parquet")
+        with path.open(newline="", encoding="utf-8-sig") as stream:
+            lines = [line for line in csv.reader(stream) if any(field.strip() for field in line)]
+    except (OSError, UnicodeDecodeError) as problem:
+        reason = getattr(problem, "strerror", None) or problem
+        raise InputError(f"table {str(path)!r} cannot be read: {reason}") from None
+    names = [name.strip() for name in lines[0]] if lines else []
+    if len(set(names)) < len(names):
+        raise InputError(f"table {str(path)!r} must have different columns, not {shown(names)}")
+    columns: dict[str, list[float]] = {name: [] for name in names}
+    for number, line in enumerate(lines[1:], 2):
+        if len(line) != len(names):
+            raise InputError(
+                f"{path.name}, line {number}: {len(line)} fields for {len(names)} columns"
+            )
+        for name, text in zip(names, line, strict=True):
+            try:
+                columns[name].append(float(text))
+            except ValueError:
+                raise InputError(
+                    f"{path.name}, line {number}: {name} must be a number, not {shown(text)}"
+                ) from None
+    return columns

@@ -1,0 +1,207 @@
+"""A process that does cases one by one, and what the worker beside it makes of its end.
+
+A case that takes too long, or that takes its process down with it, costs that process alone: the
+worker of dask lives on and knows which case it was.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import os
+import pickle
+import signal
+import struct
+import subprocess
+import sys
+import threading
+import traceback
+from typing import Any, BinaryIO
+
+from microbot_ocp._base.checks import FloatArray, shortened
+from microbot_ocp._base.status import Status
+from microbot_ocp.sweeps._solve import CaseSolver, Row, ended, inputs
+from microbot_ocp.sweeps._study import Plan, versions
+
+HEAD = struct.Struct("<Q")
+LIVES = 2  # times that a case may take its process down before it is left
+Done = tuple[Row, dict[str, bytes]]
+_processes = threading.local()  # one of each thread of a worker
+
+
+class _Ended(Exception):
+    """The process ended without an answer; ``late`` where its time was over."""
+
+    def __init__(self, late: bool) -> None:
+        self.late = late
+
+
+class CaseProcess:
+    """A process that holds a plan and does its cases."""
+
+    def __init__(self, digest: str, plan: bytes) -> None:
+        self.digest = digest
+        paths = os.pathsep.join(path for path in sys.path if path)
+        self._process = subprocess.Popen(
+            [sys.executable, "-c", "from microbot_ocp.sweeps._process import serve; serve()"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            start_new_session=True,  # Ctrl-C is the parent's
+            env={**os.environ, "PYTHONPATH": paths},
+        )
+        said: Any
+        try:
+            self._send(plan)
+            ready, said = self._receive()
+        except (OSError, EOFError):
+            ready, said = False, f"it ended with status {self._process.wait()}"
+        if not ready:
+            self.end()
+            raise RuntimeError(f"a process for cases did not start: {said}")
+        self.notes: list[str] = said
+
+    @property
+    def alive(self) -> bool:
+        """Whether it still runs."""
+        return self._process.poll() is None
+
+    def do(self, case: int, numbers: FloatArray, time_limit: float) -> Done:
+        """The row and the motions of a case.
+
+        Raises
+        ------
+        _Ended
+        """
+        late = threading.Event()
+
+        def stop() -> None:
+            late.set()
+            self._process.kill()
+
+        timer = threading.Timer(time_limit, stop)
+        timer.start()
+        try:
+            self._send(pickle.dumps((case, numbers)))
+            return self._receive()
+        except (OSError, EOFError):
+            raise _Ended(late.is_set()) from None
+        finally:
+            timer.cancel()
+            if late.is_set():
+                self.end()
+
+    def end(self) -> None:
+        """End it at once."""
+        self._process.kill()
+        self._process.wait()
+        for stream in (self._process.stdin, self._process.stdout):
+            with contextlib.suppress(OSError):
+                stream.close()  # type: ignore[union-attr]
+
+    def _send(self, content: bytes) -> None:
+        stream = self._process.stdin
+        assert stream is not None
+        stream.write(HEAD.pack(len(content)) + content)
+        stream.flush()
+
+    def _receive(self) -> Any:
+        assert self._process.stdout is not None
+        return pickle.loads(_read(self._process.stdout))
+
+
+def do_cases(
+    digest: str, plan: bytes, time_limit: float, first: int, rows: FloatArray
+) -> tuple[list[Done], list[str]]:
+    """Do cases one after the other; what a worker of dask is asked for.
+
+    Returns
+    -------
+    list of (row, motions), one a case
+    list of str
+        What the process has to say, such as that nothing could be compiled.
+    """
+    done, notes = [], []
+    for case, numbers in enumerate(rows, first):
+        lives = LIVES
+        while True:
+            process = _process(digest, plan)
+            notes = process.notes
+            try:
+                done.append(process.do(case, numbers, time_limit))
+                break
+            except _Ended as end:
+                process.end()
+                lives -= 1
+                if lives and not end.late:
+                    continue
+                known: Plan = pickle.loads(plan)
+                status = Status.TIME_LIMIT if end.late else Status.KILLED_WORKER
+                reason = (
+                    f"not done in {time_limit:g} s"
+                    if end.late
+                    else f"its process ended {LIVES} times without an answer"
+                )
+                done.append((inputs(known, case, numbers) | ended(known, status, reason), {}))
+                break
+    return done, notes
+
+
+def end_process() -> None:
+    """End the process of this thread, if it has one."""
+    process = getattr(_processes, "one", None)
+    if process is not None:
+        process.end()
+        _processes.one = None
+
+
+def _process(digest: str, plan: bytes) -> CaseProcess:
+    """The process of this thread, started where there is none, or one of another study."""
+    found: CaseProcess | None = getattr(_processes, "one", None)
+    if found is None or found.digest != digest or not found.alive:
+        end_process()
+        _processes.one = found = CaseProcess(digest, plan)
+    return found
+
+
+def serve() -> None:
+    """What the process does: read the plan, get ready, then one case after the other."""
+    if sys.platform == "linux":  # ended with its worker
+        with contextlib.suppress(OSError, AttributeError):
+            ctypes.CDLL(None).prctl(1, signal.SIGKILL)
+    answers = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)  # what libraries print is no answer
+    questions = sys.stdin.buffer
+    try:
+        plan: Plan = pickle.loads(_read(questions))
+        if plan.version != versions():
+            raise RuntimeError(f"the worker has {versions()}, but the study is of {plan.version}")
+        solver = CaseSolver(plan)
+    except EOFError:
+        return
+    except BaseException as problem:
+        told = shortened(f"{type(problem).__name__}: {problem}", 200)
+        place = traceback.extract_tb(problem.__traceback__)[-1]
+        _write(answers, (False, f"{told} ({place.filename}, line {place.lineno})"))
+        return
+    _write(answers, (True, solver.notes))
+    with contextlib.suppress(EOFError, BrokenPipeError):
+        while True:
+            _write(answers, solver.row(*pickle.loads(_read(questions))))
+
+
+def _read(stream: BinaryIO | Any) -> bytes:
+    size = HEAD.unpack(_exactly(stream, HEAD.size))[0]
+    return _exactly(stream, size)
+
+
+def _exactly(stream: Any, size: int) -> bytes:
+    content = stream.read(size)
+    if len(content) < size:
+        raise EOFError
+    return content
+
+
+def _write(stream: BinaryIO, answer: Any) -> None:
+    content = pickle.dumps(answer, protocol=pickle.HIGHEST_PROTOCOL)
+    stream.write(HEAD.pack(len(content)) + content)
+    stream.flush()

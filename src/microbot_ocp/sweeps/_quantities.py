@@ -1,0 +1,173 @@
+"""What may vary from case to case: names, widths, units, and the task that values make."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.status import Status
+from microbot_ocp.comparison import KEYS
+from microbot_ocp.inverse_kinematics import solve_ik
+from microbot_ocp.limits import MEMBER_KEYS, with_further
+from microbot_ocp.robot import Robot, joint_scale
+
+POSE = re.compile(r"(start|goal|via[1-9]\d*)_(q|position)")
+DYNAMICS = ("masses", "viscous_friction", "coulomb_friction", "gravity")
+"""What makes another robot; limits, poses and the payload are numbers of one prepared solver."""
+LIMITS = tuple(key for key in KEYS["limits"] if not key.endswith("_deg"))
+Values = Mapping[str, FloatArray]
+
+
+class NoTask(Exception):
+    """A case without a task: a pose that is not reached."""
+
+    def __init__(self, status: Status, reason: str) -> None:
+        super().__init__(reason)
+        self.status, self.reason = status, reason
+
+
+@dataclass(frozen=True, eq=False)
+class CaseTask:
+    """One case as a task.
+
+    Attributes
+    ----------
+    robot : Robot
+        With masses, friction, gravity and limits of the case, without its payload.
+    payload : float
+        kg, at the tool.
+    via_q : array [m,n], rad (m)
+    """
+
+    robot: Robot
+    payload: float
+    via_q: FloatArray
+
+
+def plain_name(name: str) -> str:
+    """The name of a quantity without ``_deg``."""
+    return name.removesuffix("_deg")
+
+
+def check_name(name: str) -> None:
+    """Raise InputError, with a suggestion, where a quantity is unknown."""
+    plain = plain_name(name)
+    angular = plain == name or name in KEYS["limits"] or plain.endswith("_q")
+    if angular and (POSE.fullmatch(plain) or plain in (*DYNAMICS, "payload", *LIMITS)):
+        return
+    known = ["start_q", "start_q_deg", "start_position", "goal_q", "goal_q_deg", "goal_position"]
+    known += ["via1_q", "via1_q_deg", "via1_position", "payload", *DYNAMICS, *KEYS["limits"]]
+    near = difflib.get_close_matches(name, known, 1)
+    hint = f"did you mean {near[0]!r}? " if near else ""
+    raise InputError(
+        f"{name} is no quantity that may vary; {hint}allowed: start_, goal_, via1_, via2_... with "
+        "q, q_deg or position; payload, " + ", ".join(DYNAMICS) + ", and limits such as qd_max"
+    )
+
+
+def widths(robot: Robot, name: str) -> tuple[int, ...]:
+    """How many numbers a quantity may have."""
+    plain, count = plain_name(name), robot.joint_count
+    pose = POSE.fullmatch(plain)
+    if pose:
+        return (3,) if pose[2] == "position" else (count,)
+    if plain in ("payload", "gravity", "masses"):
+        return {"payload": (1,), "gravity": (3,), "masses": (count,)}[plain]
+    return (1, count)
+
+
+def scale_to_si(robot: Robot, name: str, width: int) -> FloatArray:
+    """Factors [width] to SI units: of degrees where the name ends so."""
+    if plain_name(name) == name:
+        return np.ones(width)
+    scale = joint_scale(robot)
+    return scale if width == scale.size else scale[:1]
+
+
+def column_names(name: str, width: int) -> tuple[str, ...]:
+    """Columns of a quantity: its name, numbered from 1 where it has several numbers."""
+    return (name,) if width == 1 else tuple(f"{name}_{k + 1}" for k in range(width))
+
+
+def pose_names(names: tuple[str, ...]) -> tuple[str, ...]:
+    """Names of the poses of a task in their order: start, via points by number, goal.
+
+    Raises
+    ------
+    InputError
+        No start or goal, one given twice, a number left out.
+    """
+    poses: dict[str, str] = {}
+    for name in names:
+        found = POSE.fullmatch(name)
+        if found and poses.setdefault(found[1], name) != name:
+            raise InputError(f"{found[1]} is given twice, by {poses[found[1]]} and {name}")
+    for end in ("start", "goal"):
+        if end not in poses:
+            raise InputError(f"{end}_q, {end}_q_deg or {end}_position is missing")
+    between = [f"via{k + 1}" for k in range(len(poses) - 2)]
+    missing = [name for name in between if name not in poses]
+    if missing:
+        raise InputError(f"{missing[0]}_q or {missing[0]}_position is missing: via points count up")
+    return tuple(poses[name] for name in ("start", *between, "goal"))
+
+
+def robot_with(robot: Robot, values: Values) -> Robot:
+    """The robot with the masses, friction, gravity and limits of a case, without its payload."""
+    count = robot.joint_count
+    links = list(robot.links)
+    for name in set(DYNAMICS[:3]) & set(values):
+        if not links:
+            raise InputError(f"{name} cannot vary: robot {robot.name!r} has no links with masses")
+    if "masses" in values:
+        for k, mass in enumerate(values["masses"]):
+            size = mass / links[k].mass if links[k].mass else 1.0
+            links[k] = replace(links[k], mass=float(mass), inertia=links[k].inertia * size)
+    for name in set(DYNAMICS[1:3]) & set(values):
+        for k, value in enumerate(np.broadcast_to(values[name], count)):
+            links[k] = replace(links[k], **{name: float(value)})
+    made = robot if links == list(robot.links) else robot.with_links(links)
+    if "gravity" in values:
+        made = made.with_gravity(values["gravity"])
+    changes = {
+        name: np.broadcast_to(values[name], count)
+        for name in LIMITS
+        if name in values and name not in MEMBER_KEYS
+    }
+    further = {
+        name: value.tolist() if value.size > 1 else value.item()
+        for name, value in values.items()
+        if name in MEMBER_KEYS
+    }
+    if further:
+        made = made.with_limits(also=with_further(made.limits.also, further))
+    return made.with_limits(**changes) if changes else made  # type: ignore[arg-type]
+
+
+def task_of(robot: Robot, poses: tuple[str, ...], values: Values) -> CaseTask:
+    """The task of a case; tool positions become the joint positions nearest to the pose before.
+
+    Raises
+    ------
+    NoTask
+        A tool position that is not reached.
+    InputError
+        Values that no robot has, such as a negative mass.
+    """
+    made = robot_with(robot, values)
+    via: list[FloatArray] = []
+    for name in poses:
+        if name.endswith("_q"):
+            via.append(values[name])
+            continue
+        found = solve_ik(made, values[name], seed=via[-1] if via else np.zeros(robot.joint_count))
+        if not found.solved:
+            raise NoTask(found.status, f"{name}: {found.advice or found.status.sentence}")
+        via.append(found.q)
+    payload = float(values["payload"][0]) if "payload" in values else 0.0
+    return CaseTask(made, payload, np.array(via))

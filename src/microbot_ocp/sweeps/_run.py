@@ -1,0 +1,391 @@
+"""A study spread over the workers of dask.distributed.
+
+The client makes cases when they are needed, keeps a few chunks of them in flight and writes each
+answer as one file; it is the only writer. So workers need no common disk, memory does not grow with
+the number of cases, and a client that was killed goes on where files are missing.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import queue
+import signal
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from multiprocessing import resource_tracker
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import FloatArray, InputError, shortened
+from microbot_ocp._base.status import Status
+from microbot_ocp.comparison import Step
+from microbot_ocp.robot import Robot
+from microbot_ocp.sweeps._cases import Cases
+from microbot_ocp.sweeps._extra import needed
+from microbot_ocp.sweeps._process import LIVES, Done, do_cases
+from microbot_ocp.sweeps._solve import ended, inputs
+from microbot_ocp.sweeps._study import OwnMethod, Plan, Study
+from microbot_ocp.sweeps._sweep import Sweep, opened
+
+AHEAD = 2  # chunks in flight for each thread of a worker: one that is done, one that waits
+TICK = 0.2  # s
+NO_WORKER = 120.0  # s without any worker, then it is said
+Progress = Callable[[Step], None]
+
+
+class SweepStopped(RuntimeError):
+    """A sweep that could not go on: what is done is kept, and the same call continues."""
+
+
+def sweep(
+    robot: Robot,
+    cases: Cases,
+    methods: Sequence[str] | Mapping[str, OwnMethod | None] = (
+        "cubic",
+        "cubic_path",
+        "time_optimal",
+    ),
+    *,
+    out: str | Path,
+    client: Any = None,
+    workers: int | None = None,
+    time_limit: float = 60.0,
+    motions: bool = False,
+    progress: Progress | None = None,
+    **settings: Any,
+) -> Sweep:
+    """Do every case by every method on the workers of dask.distributed.
+
+    The same call with the same folder continues what was begun. Every case has one row, which is
+    the same whatever the number of workers, their order and their ends, but for its times and for
+    what the time limit cuts off.
+
+    Parameters
+    ----------
+    robot : Robot
+    cases : Cases
+    methods : sequence of str, or mapping from a name to a function, optional
+        "cubic", "lspb", "straight_path", "cubic_path", "time_optimal". A function of your own takes
+        the robot of the case, with its payload, and the via points [m,n] and returns a motion; a
+        name of the list with None stands for itself.
+    out : str or Path
+        Folder of the results.
+    client : dask.distributed.Client or str, optional
+        An open client, or the address of a scheduler; by default processes of this machine, which
+        listen on the loopback interface alone and are ended afterwards.
+    workers : int, optional
+        How many processes where no client is given; default as many as processors.
+    time_limit : float
+        Of one case, s. It is ended then, and its row says so.
+    motions : bool
+        Keep the motions as ``motions/CASE/METHOD.npz``.
+    progress : callable, optional
+        Called with a :class:`~microbot_ocp.Step` whose text has rate, time left and failures.
+    **settings
+        ``prepared``, ``mesh``, ``starts``, ``grid``, ``seed``: see :class:`Study`.
+
+    Returns
+    -------
+    Sweep
+
+    Raises
+    ------
+    InputError
+        Bad cases, methods or settings, another study in the folder, the extra ``scale`` missing:
+        before any case is done.
+    SweepStopped
+        No scheduler or no worker any more; the same call continues.
+
+    Notes
+    -----
+    A script that starts processes of its own must be importable: put what it does under
+    ``if __name__ == "__main__":``.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import microbot_ocp as mo
+    >>> cases = mo.Cases.grid(
+    ...     start_q=[0, 0, 0], goal_q_deg=[[90, 45, 45]], payload=mo.Between(0, 2, 3)
+    ... )  # doctest: +SKIP
+    """
+    study = Study(robot, cases, methods, settings, time_limit, motions)
+    return run_study(study, out, client=client, workers=workers, progress=progress)
+
+
+def run_study(
+    study: Study,
+    out: str | Path,
+    *,
+    client: Any = None,
+    workers: int | None = None,
+    progress: Progress | None = None,
+) -> Sweep:
+    """As :func:`sweep`, of a study that is checked."""
+    for module in ("distributed", "pyarrow.parquet"):
+        needed(module)
+    if workers is not None:
+        checks.number("workers", workers, at_least=1, at_most=100_000)
+        if client is not None:
+            raise InputError(
+                "workers is for processes of this machine: give it or client, not both"
+            )
+    results = opened(study, Path(out))
+    tell = _Told(results, progress)
+    if results.finished:
+        tell("done")
+        return results
+    plan = study.plan()
+    with _connected(client, workers) as found:
+        try:
+            _Run(study, plan, results, found, tell).run()
+        except KeyboardInterrupt:
+            tell("interrupted")
+            raise
+    tell("done")
+    return results
+
+
+@contextlib.contextmanager
+def _connected(client: Any, workers: int | None) -> Iterator[Any]:
+    """The client that is given, or one of processes of this machine."""
+    distributed = needed("distributed")
+    if client is not None and not isinstance(client, str):
+        if not hasattr(client, "submit") or not hasattr(client, "scheduler_info"):
+            raise InputError(
+                f"client must be a dask.distributed.Client, not {checks.shown(client)}"
+            )
+        yield client
+        return
+    if isinstance(client, str):
+        try:
+            made = distributed.Client(client, timeout="10s", set_as_default=False)
+        except (OSError, ValueError) as problem:
+            reason = shortened(str(problem) or type(problem).__name__, 120)
+            raise InputError(f"no scheduler answers at {client!r}: {reason}") from None
+        with made:
+            yield made
+        return
+    with (
+        _own_cluster(distributed) as cluster,
+        distributed.Client(cluster, set_as_default=False) as made,
+    ):
+        cluster.scale(workers or _processors())
+        yield made
+
+
+def _own_cluster(distributed: Any) -> Any:
+    """A scheduler in this process, whose workers do not hear Ctrl-C: they are ended by it.
+
+    A thread has the signal mask of the one that starts it, and so has a process.
+    """
+    masked = hasattr(signal, "pthread_sigmask")
+    if masked:
+        resource_tracker.ensure_running()  # where it starts it takes the mask away
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if masked else set()
+    try:
+        return distributed.LocalCluster(
+            n_workers=0,
+            threads_per_worker=1,
+            processes=True,
+            host="127.0.0.1",
+            scheduler_kwargs={"dashboard": False, "dashboard_address": "127.0.0.1:0"},
+            silence_logs=50,  # critical; what goes wrong is said by the results
+        )
+    finally:
+        if masked:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _processors() -> int:
+    """Of this process."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+@dataclass(eq=False)
+class _Task:
+    """Cases that are asked of a worker together."""
+
+    chunk: int
+    first: int
+    rows: FloatArray
+    deaths: int = 0
+
+
+class _Told:
+    """Progress in words: how many are done, how fast, how long it takes, what failed."""
+
+    def __init__(self, results: Sweep, progress: Progress | None) -> None:
+        self._progress, self._count = progress, results.count
+        self._begun, self._before = time.monotonic(), results.done
+        self.done, self.failures = self._before, 0
+        self.notes: dict[str, None] = {}
+
+    def __call__(self, stage: str = "solve") -> None:
+        if self._progress is None:
+            return
+        text = f"{self.done:,} of {self._count:,} cases"
+        spent, made = time.monotonic() - self._begun, self.done - self._before
+        if made and stage != "done":
+            rate = made / spent
+            text += f", {rate:.3g} a second, {_span((self._count - self.done) / rate)} left"
+        elif stage != "done":
+            text += ", starting"
+        text += f", {self.failures:,} without a solution" if self.failures else ""
+        text += "".join(f"; {note}" for note in self.notes)
+        self._progress(Step(self.done, self._count, stage, text))
+
+
+class _Run:
+    """One run of a study: chunks in flight, their answers, what to do where workers end."""
+
+    def __init__(self, study: Study, plan: Plan, results: Sweep, client: Any, tell: _Told) -> None:
+        self.study, self.plan, self.results, self.client, self.tell = (
+            study, plan, results, client, tell,
+        )  # fmt: skip
+        self._packed = needed("cloudpickle").dumps(plan)
+        self._answers: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        self._flying: dict[Any, _Task] = {}
+        self._waiting: list[_Task] = []  # cases that are asked for one by one
+        self._found: dict[int, dict[int, Done]] = {}  # of chunks that are done case by case
+        self._sent = 0
+        self._last_worker = time.monotonic()
+
+    def run(self) -> None:
+        """Until every chunk has its file."""
+        size = int(self.results.about["chunk"])
+        todo = self.study.source.chunks(size, set(self.results.parts))
+        self.tell()
+        try:
+            while self._fill(todo) or self._flying:
+                try:
+                    future = self._answers.get(timeout=TICK)
+                except queue.Empty:
+                    self._check()
+                else:
+                    self._take(future)
+                self.tell()
+        finally:
+            for future in self._flying:
+                with contextlib.suppress(Exception):
+                    future.cancel()
+
+    def _fill(self, todo: Iterator[tuple[int, int, FloatArray]]) -> bool:
+        """Keep workers busy; False where nothing is left to be sent."""
+        room = AHEAD * max(1, self._threads()) - len(self._flying)
+        for _ in range(room):
+            if self._waiting:
+                self._send(self._waiting.pop())
+                continue
+            following = next(todo, None)
+            if following is None:
+                return False
+            self._send(_Task(*following))
+        return True
+
+    def _threads(self) -> int:
+        known = (
+            getattr(self.client.cluster, "scheduler_info", None) if self.client.cluster else None
+        )
+        info = known or self.client.scheduler_info(-1)
+        return sum(worker["nthreads"] for worker in info["workers"].values())
+
+    def _send(self, task: _Task) -> None:
+        self._sent += 1
+        key = f"microbot_ocp-sweep-{self.study.digest[:12]}-{os.getpid()}-{self._sent}"
+        future = self.client.submit(
+            do_cases,
+            self.study.digest,
+            self._packed,
+            self.study.time_limit,
+            task.first,
+            task.rows,
+            key=key,
+            pure=False,
+        )
+        self._flying[future] = task
+        future.add_done_callback(self._answers.put)
+
+    def _take(self, future: Any) -> None:
+        task = self._flying.pop(future)
+        if future.status == "finished":
+            done, notes = future.result()
+            self.tell.notes |= dict.fromkeys(notes)
+            self._keep(task, done)
+            return
+        if future.status != "error":
+            raise SweepStopped(f"the scheduler ended; {self._how_to_continue()}")
+        problem = future.exception()
+        if isinstance(problem, needed("distributed.scheduler").KilledWorker):
+            self._again(task)
+            return
+        told = shortened(f"{type(problem).__name__}: {problem}", 200)
+        raise SweepStopped(f"a worker could not do its cases: {told}; {self._how_to_continue()}")
+
+    def _again(self, task: _Task) -> None:
+        """Workers ended under these cases again and again: find which one it is."""
+        if len(task.rows) > 1:
+            self._waiting += [
+                _Task(task.chunk, task.first + k, task.rows[k : k + 1])
+                for k in range(len(task.rows))
+            ]
+            return
+        task.deaths += 1
+        if task.deaths < LIVES:
+            self._waiting.append(task)
+            return
+        reason = f"its worker ended {LIVES} times without an answer"
+        row = inputs(self.plan, task.first, task.rows[0])
+        self._keep(task, [(row | ended(self.plan, Status.KILLED_WORKER, reason), {})])
+
+    def _keep(self, task: _Task, done: list[Done]) -> None:
+        size = int(self.results.about["chunk"])
+        whole = min(size, self.results.count - task.chunk * size)
+        if len(done) < whole:
+            found = self._found.setdefault(task.chunk, {})
+            found |= {row["case"]: (row, motions) for row, motions in done}
+            if len(found) < whole:
+                return
+            done = [found[case] for case in sorted(self._found.pop(task.chunk))]
+        rows = self.results._write(task.chunk, done)
+        self.tell.done += len(rows)
+        self.tell.failures += sum(row["status"] != Status.SOLVED for row in rows)
+
+    def _check(self) -> None:
+        """Raise where nobody is left to do the work."""
+        if self.client.status not in ("running", "newly-created"):
+            raise SweepStopped(f"the scheduler ended; {self._how_to_continue()}")
+        if self._threads():
+            self._last_worker = time.monotonic()
+        elif time.monotonic() - self._last_worker > NO_WORKER:
+            raise SweepStopped(
+                f"there was no worker for {NO_WORKER:g} s; {self._how_to_continue()}"
+            )
+
+    def _how_to_continue(self) -> str:
+        return (
+            f"{self.tell.done:,} of {self.results.count:,} cases are kept in "
+            f"{self.results.folder}: the same command continues"
+        )
+
+
+def _span(seconds: float) -> str:
+    if not np.isfinite(seconds):
+        return "?"
+    for unit, size in (("d", 86400.0), ("h", 3600.0), ("min", 60.0)):
+        if seconds >= 2 * size:
+            return f"{seconds / size:.3g} {unit}"
+    return f"{seconds:.0f} s"
+
+
+def failures_of(rows: Sequence[Mapping[str, Any]]) -> Counter[str]:
+    """How many rows end with each status but "solved"."""
+    return Counter(row["status"] for row in rows if row["status"] != Status.SOLVED)

@@ -1,0 +1,226 @@
+"""One case from its numbers to its row; nothing of a row depends on the cases done before it."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import tempfile
+import time
+import warnings
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.codegen import NotCompiled, compiler, interpreted, usable_folder
+from microbot_ocp._base.status import Status
+from microbot_ocp.comparison import Certificate, certify, compare
+from microbot_ocp.limits import AT_LIMIT, LimitFamily, LimitHistory
+from microbot_ocp.motion import Motion
+from microbot_ocp.planning import TimeOptimalSolver, straight_path, time_path
+from microbot_ocp.robot import Robot, forward_kinematics
+from microbot_ocp.sweeps._quantities import DYNAMICS, CaseTask, NoTask, robot_with, task_of
+from microbot_ocp.sweeps._study import AXES, BY_SOLVER, Plan, Study
+from microbot_ocp.trajectories import cubic
+
+BY_TIMING = ("cubic_path", "straight_path")
+Row = dict[str, Any]
+
+
+class Outcome(NamedTuple):
+    """What became of one method."""
+
+    status: Status
+    reason: str = ""
+    motion: Motion | None = None
+    certificate: Certificate | None = None
+
+
+class CaseSolver:
+    """All cases of a plan in one process: what they share is made here, once."""
+
+    def __init__(self, plan: Plan) -> None:
+        self.plan = plan
+        self.notes: list[str] = []
+        self._tool = forward_kinematics(plan.robot)
+        self._solvers: dict[Any, TimeOptimalSolver] = {}
+        with _one_process_at_a_time(), warnings.catch_warnings(record=True) as heard:
+            warnings.simplefilter("always", NotCompiled)
+            for values, via in plan.ready:
+                robot = robot_with(plan.reference_robot, values)
+                self._solvers[_key(values)] = self._made(robot, via, compiled=True)
+        said = [str(warning.message) for warning in heard]
+        if plan.ready and compiler() is None:
+            said = ["no C compiler was found: CasADi's virtual machine runs, which is slower"]
+        self.compiled = bool(plan.ready) and not said
+        self.notes += said[:1]
+
+    def row(self, case: int, numbers: FloatArray) -> tuple[Row, dict[str, bytes]]:
+        """The row of a case, and its motions as the bytes of ``.npz`` files, if asked for."""
+        begin = time.perf_counter()
+        row = inputs(self.plan, case, numbers)
+        motions: dict[str, bytes] = {}
+        values = self.plan.values(numbers)
+        with interpreted():
+            try:
+                task = task_of(self.plan.robot, self.plan.poses, values)
+            except (InputError, NoTask) as problem:
+                status = problem.status if isinstance(problem, NoTask) else Status.NOT_POSSIBLE
+                row |= ended(self.plan, status, str(problem))
+            else:
+                row |= self._places(task)
+                row |= self._methods(task, values, motions)
+        row["case_time"] = time.perf_counter() - begin
+        row["compiled"] = self.compiled
+        return row, motions
+
+    def _methods(self, task: CaseTask, values: Row, motions: dict[str, bytes]) -> Row:
+        row: Row = {}
+        moving = task.robot.with_payload(task.payload) if task.payload else task.robot
+        first: Outcome | None = None
+        for name in self.plan.methods:
+            started = time.perf_counter()
+            try:
+                outcome = self._outcome(name, task, moving, values)
+            except Exception as problem:  # of a method of the user's own, too
+                known = isinstance(problem, InputError)
+                status = Status.NOT_POSSIBLE if known else Status.FAILED
+                reason = str(problem) if known else f"{type(problem).__name__}: {problem}"
+                outcome = Outcome(status, reason)
+            row |= self._entry(name, moving, outcome, time.perf_counter() - started)
+            if not outcome.status.solved and first is None:
+                first = outcome
+            if self.plan.motions and outcome.motion is not None:
+                motions[name] = _as_bytes(outcome.motion)
+        row["status"] = str(first.status if first else Status.SOLVED)
+        row["reason"] = " ".join(first.reason.split()) if first else ""
+        return row
+
+    def _outcome(self, name: str, task: CaseTask, moving: Robot, values: Row) -> Outcome:
+        own = self.plan.methods[name]
+        if own is not None:
+            motion = own(moving, task.via_q)
+            if not isinstance(motion, Motion):
+                raise ValueError(f"method {name} returned {type(motion).__name__}, no motion")
+        elif name == BY_SOLVER and self.plan.prepares:
+            solver = self._solvers.get(_key(values))
+            if solver is None:  # masses, friction or gravity of its own
+                robot = task.robot.with_limits(self.plan.reference_robot.limits)
+                solver = self._made(robot, task.via_q, compiled=False)
+            search = self.plan.settings["starts"] > 1
+            motion = solver(task.robot.limits, task.payload, via_q=task.via_q, search=search)
+        elif name in BY_TIMING and self.plan.settings["prepared"]:
+            return self._timed(name, moving, task.via_q)
+        else:
+            settings = {k: self.plan.settings[k] for k in ("mesh", "starts", "seed", "grid")}
+            entry = compare(moving, task.via_q, [name], **settings).entries[0]
+            reason = "" if entry.status.solved else entry.note
+            return Outcome(entry.status, reason, entry.motion, entry.certificate)
+        reason = "" if motion.solved else str(motion.provenance.get("advice", motion.note))
+        return Outcome(motion.status, reason, motion, certify(moving, motion, via_q=task.via_q))
+
+    def _timed(self, name: str, robot: Robot, via: FloatArray) -> Outcome:
+        if name == "straight_path":
+            path = straight_path(via)
+        else:
+            steps = np.abs(np.diff(via, axis=0)).max(axis=1)
+            path = cubic(via, np.concatenate([[0.0], np.cumsum(2.0 * steps / steps.max())]))
+        timing = time_path(robot, path, grid=self.plan.settings["grid"], compiled=False)
+        if not timing.solved:
+            return Outcome(timing.status, f"path blocked beyond s = {timing.blocked_at:.3g}")
+        motion = timing.motion()
+        return Outcome(timing.status, "", motion, certify(robot, motion, via_q=via))
+
+    def _entry(self, name: str, robot: Robot, outcome: Outcome, spent: float) -> Row:
+        row: Row = {
+            f"{name}_status": str(outcome.status),
+            f"{name}_solve_time": spent,
+        }
+        if outcome.motion is None:
+            return row
+        shares = limit_shares(self.plan, robot, outcome.motion)
+        row[f"{name}_duration"] = float(outcome.motion.duration)
+        row[f"{name}_certified"] = bool(outcome.certificate and outcome.certificate.ok)
+        row |= {f"{name}_at_{key}": share for key, share in shares.items()}
+        if shares and max(shares.values()) > 0.0:
+            row[f"{name}_limit"] = max(shares, key=shares.__getitem__)
+        return row
+
+    def _places(self, task: CaseTask) -> Row:
+        row: Row = {}
+        for point, q in (("start", task.via_q[0]), ("goal", task.via_q[-1])):
+            row |= {f"{point}_q_{k + 1}": float(value) for k, value in enumerate(q)}
+            place = np.array(self._tool(q))[:3, 3]
+            row |= {f"{point}_{axis}": float(x) for axis, x in zip(AXES, place, strict=True)}
+        return row
+
+    def _made(self, robot: Robot, via: FloatArray, *, compiled: bool) -> TimeOptimalSolver:
+        settings = {k: self.plan.settings[k] for k in ("mesh", "starts", "seed")}
+        return TimeOptimalSolver(robot, via, compiled=compiled, **settings)
+
+
+def _key(values: Mapping[str, FloatArray]) -> tuple[tuple[str, bytes], ...]:
+    """What tells solvers apart: masses, friction and gravity."""
+    own = {name: np.asarray(value, dtype=float) for name, value in values.items()}
+    return tuple((name, own[name].tobytes()) for name in DYNAMICS if name in own)
+
+
+def limit_shares(plan: Plan, robot: Robot, motion: Motion) -> dict[str, float]:
+    """Share of the time in which each limit of the joints, or further one, is used up."""
+    t, samples = motion.dense_samples()
+    history = LimitHistory.of(LimitFamily.of(robot), t, samples)
+    weight = np.gradient(t)
+    return {
+        name: float(weight[history.use[key][:, k] >= AT_LIMIT].sum() / weight.sum())
+        for key, k, name in plan.limit_columns
+        if key in history.use
+    }
+
+
+def inputs(plan: Plan, case: int, numbers: FloatArray) -> Row:
+    """What is known of a case before it is done."""
+    row: Row = {"case": case, "seed": plan.settings["seed"], "version": plan.version}
+    return row | dict(zip(plan.columns, map(float, numbers), strict=True))
+
+
+def ended(plan: Plan, status: Status, reason: str) -> Row:
+    """The rest of a row of which no method came to an end."""
+    row: Row = {"status": str(status), "reason": " ".join(reason.split())}
+    return row | {f"{name}_status": str(status) for name in plan.methods}
+
+
+def repeat_case(study: Study, case: int) -> tuple[Row, dict[str, bytes]]:
+    """Do one case of a study here and now: its row, and its motions as bytes of ``.npz`` files.
+
+    Raises
+    ------
+    InputError
+        There is no such case.
+    """
+    if not 0 <= case < study.source.count:
+        raise InputError(f"case must be from 0 to {study.source.count - 1}, not {case}")
+    return CaseSolver(study.plan()).row(case, study.source.rows(case, case + 1)[0])
+
+
+def _as_bytes(motion: Motion) -> bytes:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "motion.npz"
+        motion.save(path)
+        return path.read_bytes()
+
+
+@contextlib.contextmanager
+def _one_process_at_a_time() -> Iterator[None]:
+    """Of this user on this machine: so that one process compiles and the others find its work."""
+    try:
+        import fcntl
+
+        stream: io.BufferedWriter = (usable_folder() / "sweep.lock").open("wb")
+    except (ImportError, OSError):
+        yield
+        return
+    with stream:
+        fcntl.flock(stream, fcntl.LOCK_EX)
+        yield

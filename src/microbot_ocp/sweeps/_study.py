@@ -1,0 +1,275 @@
+"""A study as data: robot, cases, methods and settings, and the columns of what comes out."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from importlib.metadata import version
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp.comparison import METHODS
+from microbot_ocp.limits import LimitFamily
+from microbot_ocp.motion import Motion
+from microbot_ocp.planning import TimeOptimalSettings, check_limits, check_via
+from microbot_ocp.robot import Robot
+from microbot_ocp.sweeps._cases import Cases, CaseSource
+from microbot_ocp.sweeps._quantities import NoTask, robot_with, task_of
+
+TIME_LIMIT = 60.0  # s, of one case
+MOST_TRIED = 200  # cases, to find one that the solver can be made ready with
+SMALL, LARGE, CHUNKS = 1, 200, 500  # cases of a chunk, and how many chunks a study has at best
+POINTS = ("start", "goal")
+AXES = ("x", "y", "z")
+BY_SOLVER = "time_optimal"
+OwnMethod = Callable[[Robot, FloatArray], Motion]
+
+# name of a setting: default, kind, least
+SETTINGS: dict[str, tuple[Any, type, float]] = {
+    "prepared": (True, bool, 0),
+    "mesh": (60, int, 4),
+    "starts": (1, int, 1),
+    "grid": (400, int, 10),
+    "seed": (0, int, 0),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """What is asked of every case.
+
+    Parameters
+    ----------
+    robot : Robot
+    cases : Cases
+    methods : sequence of str, or mapping from a name to a function, optional
+        Keys of :data:`~microbot_ocp.comparison.METHODS` but "cubic_report"; by default "cubic",
+        "cubic_path" and "time_optimal". A function takes the robot of the case (with its payload)
+        and the via points [m,n] and returns a motion.
+    settings : mapping
+        ``prepared`` (True): kernels are made once and all numbers of a case are put into them, and
+        paths are timed by reachability on a grid; else each case is done as by
+        :func:`~microbot_ocp.compare`. ``mesh`` (60), ``starts`` (1; more find better local optima
+        and take as many times longer) and ``seed`` of the free motion, ``grid`` (400) of paths.
+    time_limit : float
+        Of one case, s; then it is ended.
+    motions : bool
+        Keep the motions, too.
+    origin : str
+        Path of the study file; empty where there is none.
+
+    Raises
+    ------
+    InputError
+        Whatever is wrong, before any case is done.
+    """
+
+    robot: Robot
+    cases: Cases
+    methods: Sequence[str] | Mapping[str, OwnMethod | None] = (
+        "cubic",
+        "cubic_path",
+        "time_optimal",
+    )
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    time_limit: float = TIME_LIMIT
+    motions: bool = False
+    origin: str = ""
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        if not isinstance(self.cases, Cases):
+            raise InputError(f"cases must be Cases, such as Cases.random(100), not {self.cases!r}")
+        put(self, "methods", _checked_methods(self.methods))
+        put(self, "settings", _checked_settings(self.settings))
+        limit = checks.number("time_limit", self.time_limit, "s", above=0.0)
+        put(self, "time_limit", limit)
+        _ = self.source, self.schema
+
+    @cached_property
+    def source(self) -> CaseSource:
+        """The cases by index."""
+        return self.cases.of(self.robot)
+
+    @cached_property
+    def reference_robot(self) -> Robot:
+        """The robot with every kind of limit that some case has."""
+        robot = robot_with(self.robot, self.source.reference())
+        check_limits(robot, None)
+        return robot
+
+    @cached_property
+    def limit_columns(self) -> tuple[tuple[str, int, str], ...]:
+        """Key and component of every limit but those of the position, and its name in columns."""
+        family = LimitFamily.of(self.reference_robot)
+        return tuple(
+            (
+                member.key,
+                k,
+                "_".join(re.sub(r"\W+", "_", part) for part in (member.key, label) if part),
+            )
+            for member in family
+            if member.key != "q"
+            for k, label in enumerate(member.labels)
+            if member.limited[k]
+        )
+
+    @cached_property
+    def schema(self) -> tuple[tuple[str, str], ...]:
+        """Name and type (int, float, bool, text) of every column of the data set."""
+        found = [("case", "int"), *((name, "float") for name in self.source.columns)]
+        known = set(self.source.columns)
+        for point in POINTS:
+            poses = [f"{point}_q_{k + 1}" for k in range(self.robot.joint_count)]
+            found += [(n, "float") for n in poses if n not in known]
+            found += [(f"{point}_{axis}", "float") for axis in AXES]
+        found += [("status", "text"), ("reason", "text")]
+        for method in self.methods:
+            found += [
+                (f"{method}_status", "text"),
+                (f"{method}_duration", "float"),
+                (f"{method}_certified", "bool"),
+                (f"{method}_limit", "text"),
+                *((f"{method}_at_{name}", "float") for _, _, name in self.limit_columns),
+                (f"{method}_solve_time", "float"),
+            ]
+        return (*found, ("case_time", "float"), ("compiled", "bool"), ("seed", "int"),
+                ("version", "text"))  # fmt: skip
+
+    @property
+    def chunk(self) -> int:
+        """Cases a chunk, which is done by one worker and written as one file."""
+        return min(max(self.source.count // CHUNKS, SMALL), LARGE)
+
+    @cached_property
+    def digest(self) -> str:
+        """What the results follow from, as a hash."""
+        columns = {
+            name: hashlib.sha256(c.tobytes()).hexdigest() for name, c in self.cases.columns.items()
+        }
+        rest = (
+            self.robot._digest,
+            [(limit.key, repr(limit.lower), repr(limit.upper)) for limit in self.robot.limits.also],
+            (self.cases.kind, self.source.count, self.cases.seed, sorted(columns.items())),
+            [(name, repr(given)) for name, given in sorted(self.cases.quantities.items())],
+            (tuple(self.methods), sorted(self.settings.items()), self.time_limit, self.motions),
+            versions(),
+        )
+        return hashlib.sha256(repr(rest).encode()).hexdigest()
+
+    def plan(self) -> Plan:
+        """What a worker has to know."""
+        several = self.source.robots() if self._prepares else None
+        ready = []
+        for values in several or []:
+            via = self._holdable(robot_with(self.reference_robot, values))
+            if via is not None:
+                ready.append((values, via))
+        return Plan(
+            robot=self.robot,
+            widths=self.source.width,
+            columns=self.source.columns,
+            poses=self.source.poses,
+            methods=dict(self.methods),  # type: ignore[call-overload]
+            settings=self.settings,
+            limit_columns=self.limit_columns,
+            motions=self.motions,
+            reference_robot=self.reference_robot,
+            prepares=self._prepares,
+            ready=tuple(ready),
+        )
+
+    @property
+    def _prepares(self) -> bool:
+        own = self.methods.get(BY_SOLVER, True)  # type: ignore[union-attr]
+        return bool(self.settings["prepared"]) and own is None and self.robot.has_dynamics
+
+    def _holdable(self, robot: Robot) -> FloatArray | None:
+        """Via points of the first case that a robot can hold at rest; None where none is found."""
+        family = LimitFamily.of(robot)
+        for row in self.source.rows(0, min(MOST_TRIED, self.source.count)):
+            with contextlib.suppress(InputError, NoTask):
+                via = task_of(self.robot, self.source.poses, self.source.values(row)).via_q
+                return check_via(family, via)
+        return None
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """A study without its cases.
+
+    Attributes
+    ----------
+    widths : mapping from the name of a quantity to the count of its numbers
+    columns, poses, limit_columns
+        As of :class:`Study` and its source.
+    reference_robot : Robot
+        With every kind of limit that some case has.
+    prepares : bool
+        Whether free motions come from prepared solvers.
+    ready : tuple of (values, via points)
+        What solvers are prepared for, one each: masses, friction and gravity, where these are few.
+    version : str
+        Of the software that made it.
+    """
+
+    robot: Robot
+    widths: Mapping[str, int]
+    columns: tuple[str, ...]
+    poses: tuple[str, ...]
+    methods: Mapping[str, OwnMethod | None]
+    settings: Mapping[str, Any]
+    limit_columns: tuple[tuple[str, int, str], ...]
+    motions: bool
+    reference_robot: Robot
+    prepares: bool
+    ready: tuple[tuple[Mapping[str, FloatArray], FloatArray], ...]
+    version: str = field(default_factory=lambda: versions())
+
+    def values(self, numbers: FloatArray) -> dict[str, FloatArray]:
+        """Values of the quantities by name, from the numbers [c] of a case."""
+        parts = np.split(numbers, np.cumsum(list(self.widths.values()))[:-1])
+        return dict(zip(self.widths, parts, strict=True))
+
+
+def versions() -> str:
+    """Versions of this package and of CasADi."""
+    return f"microbot_ocp {version('microbot_ocp')}, casadi {ca.CasadiMeta.version()}"
+
+
+def _checked_methods(given: Any) -> dict[str, OwnMethod | None]:
+    if isinstance(given, str):
+        given = [given]
+    named = given if isinstance(given, Mapping) else dict.fromkeys(given)
+    if not named:
+        raise InputError("methods must have at least one name")
+    for name, function in named.items():
+        if function is None:
+            allowed = [key for key in METHODS if key != "cubic_report"]
+            checks.one_of("methods", name, allowed)
+        elif not callable(function) or not isinstance(name, str) or not re.fullmatch(r"\w+", name):
+            raise InputError(f"methods must map names to functions, not {name!r} to {function!r}")
+    return dict(named)
+
+
+def _checked_settings(given: Mapping[str, Any]) -> dict[str, Any]:
+    for name, value in given.items():
+        checks.one_of("settings", name, SETTINGS)
+        _, kind, least = SETTINGS[name]
+        if kind is bool and not isinstance(value, bool):
+            raise InputError(f"settings.{name} must be true or false, not {value!r}")
+        if kind is int:
+            checks.number(f"settings.{name}", value, at_least=least, at_most=1e6)
+            if not isinstance(value, int):
+                raise InputError(f"settings.{name} must be a whole number, not {value}")
+    made = {name: default for name, (default, _, _) in SETTINGS.items()} | dict(given)
+    TimeOptimalSettings(mesh=made["mesh"], starts=made["starts"], seed=made["seed"])
+    return made

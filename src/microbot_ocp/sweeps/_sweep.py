@@ -1,0 +1,251 @@
+"""The data set of a sweep on the disk: whole part files, one a chunk of cases."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
+from microbot_ocp._base.status import Status
+from microbot_ocp._base.writing import remove_leftovers, whole_file, write_whole
+from microbot_ocp.sweeps._extra import needed
+from microbot_ocp.sweeps._solve import Row
+from microbot_ocp.sweeps._study import Study, versions
+
+if TYPE_CHECKING:
+    from microbot_ocp._base.table import Table
+    from microbot_ocp.sweeps._summary import SweepSummary
+
+BEST = "time_optimal"
+ABOUT = "study.json"
+PARTS = "cases"
+MOTIONS = "motions"
+TYPES = {"int": "int64", "float": "float64", "bool": "bool_", "text": "string"}
+TIMES = re.compile(r".*_time")  # columns that differ from run to run
+_PART = re.compile(r"part-(\d{8})\.parquet")
+
+
+@dataclass(frozen=True, eq=False)
+class Sweep:
+    """Results of a sweep, finished or not.
+
+    The cases are Parquet files in ``FOLDER/cases``, one row a case, for any reader of Parquet:
+    ``pandas.read_parquet("FOLDER/cases")``.
+
+    Attributes
+    ----------
+    folder : Path
+    about : mapping
+        What ``study.json`` says: methods, settings, columns, versions.
+    """
+
+    folder: Path
+    about: Mapping[str, Any]
+
+    def __repr__(self) -> str:
+        return f"<Sweep of {self.count} cases in {str(self.folder)!r}: {self.done} done>"
+
+    def _repr_html_(self) -> str:
+        return view_for(self, "table")(self)._repr_html_()
+
+    @property
+    def count(self) -> int:
+        """Of all cases."""
+        return int(self.about["count"])
+
+    @property
+    def methods(self) -> tuple[str, ...]:
+        """Names of the methods."""
+        return tuple(self.about["methods"])
+
+    @property
+    def best(self) -> str:
+        """The method that others are compared with: "time_optimal", or the last one."""
+        return BEST if BEST in self.methods else self.methods[-1]
+
+    @property
+    def done(self) -> int:
+        """How many cases have a row."""
+        chunk = int(self.about["chunk"])
+        return sum(min(chunk, self.count - number * chunk) for number in self.parts)
+
+    @property
+    def finished(self) -> bool:
+        """Whether every case has its row."""
+        return self.done == self.count
+
+    @property
+    def parts(self) -> list[int]:
+        """Numbers of the chunks whose files are there."""
+        found = (_PART.fullmatch(path.name) for path in (self.folder / PARTS).glob("part-*"))
+        return sorted(int(name[1]) for name in found if name)
+
+    def read(self, columns: Sequence[str] | None = None) -> dict[str, np.ndarray]:
+        """Columns [N] by name, in the order of the cases; by default all of them.
+
+        Where a method has no motion its numbers are NaN and its texts empty.
+
+        Raises
+        ------
+        InputError
+            A column that is not there; the extra ``scale`` is not installed.
+        """
+        kinds = dict(self.about["columns"])
+        names = list(kinds) if columns is None else list(columns)
+        for name in names:
+            if name not in kinds:
+                raise InputError(f"there is no column {name!r} in {self.folder}")
+        paths = [str(self._part(number)) for number in self.parts]
+        if not paths:
+            return {name: np.empty(0, _empty(kinds[name])) for name in names}
+        table = needed("pyarrow.parquet").read_table(
+            paths, columns=list(dict.fromkeys(["case", *names]))
+        )
+        order = np.argsort(table["case"].to_numpy())
+        found = {}
+        for name in names:
+            column = table[name]
+            if kinds[name] == "text":
+                values = np.array([v or "" for v in column.to_pylist()], dtype=object)
+            elif kinds[name] == "bool":
+                values = np.array([bool(v) for v in column.to_pylist()])
+            else:
+                values = column.to_numpy()
+            found[name] = values[order]
+        return found
+
+    def savings(self, method: str) -> FloatArray:
+        """Share [N] of its time that the best method saves; NaN where one of them is not solved."""
+        names = [method, self.best]
+        read = self.read([f"{name}_{what}" for name in names for what in ("status", "duration")])
+        slow, fast = (
+            np.where(read[f"{name}_status"] == Status.SOLVED, read[f"{name}_duration"], np.nan)
+            for name in names
+        )
+        return 1.0 - fast / slow
+
+    def summary(self) -> SweepSummary:
+        """Statistics of what is done so far."""
+        from microbot_ocp.sweeps._summary import summary_of
+
+        return summary_of(self)
+
+    def table(self) -> Table:
+        """Durations and savings of the methods: printed, in Jupyter, as Markdown or CSV."""
+        return view_for(self, "table")(self)
+
+    def plot(self, axes: GivenAxes | None = None, **options: Any) -> DrawnAxes:
+        """The time saved over the workspace, and more: :func:`microbot_ocp.plots.sweep`."""
+        return view_for(self, "plot")(self, axes, **options)
+
+    def to_rerun(self, path: str | Path) -> Path:
+        """Write a Rerun recording: every goal as a point, coloured by the time saved."""
+        return view_for(self, "rerun")(self, path)
+
+    def _part(self, number: int) -> Path:
+        return self.folder / PARTS / f"part-{number:08d}.parquet"
+
+    def _write(self, number: int, done: Iterable[tuple[Row, Mapping[str, bytes]]]) -> list[Row]:
+        """Write the rows of a chunk, its motions first: where the rows are, everything is."""
+        arrow, parquet = needed("pyarrow"), needed("pyarrow.parquet")
+        rows = []
+        for row, motions in done:
+            rows.append(row)
+            for name, content in motions.items():
+                place = self.folder / MOTIONS / f"{row['case']:09d}"
+                place.mkdir(parents=True, exist_ok=True)
+                write_whole(place / f"{name}.npz", content)
+        schema = arrow.schema([(n, getattr(arrow, TYPES[k])()) for n, k in self.about["columns"]])
+        with whole_file(self._part(number)) as partial:
+            parquet.write_table(arrow.Table.from_pylist(rows, schema=schema), partial)
+        return rows
+
+
+def load_sweep(folder: str | Path) -> Sweep:
+    """The results of a sweep from its folder.
+
+    Raises
+    ------
+    InputError
+        A folder that holds no sweep, or a damaged one.
+    """
+    path = Path(folder) / ABOUT
+    try:
+        about = json.loads(path.read_text("utf-8"))
+        known = {"digest", "count", "chunk", "columns", "methods"} <= set(about)
+    except (OSError, ValueError, TypeError) as problem:
+        reason = getattr(problem, "strerror", None) or "it is not JSON"
+        raise InputError(f"{str(folder)!r} holds no sweep: {ABOUT}: {reason}") from None
+    if not known:
+        raise InputError(f"{str(folder)!r} holds no sweep: {ABOUT} is not whole")
+    return Sweep(Path(folder), about)
+
+
+def opened(study: Study, folder: Path) -> Sweep:
+    """The folder of a study: a new one, or the one that it was begun in.
+
+    Raises
+    ------
+    InputError
+        The folder holds another study.
+    NotWritten
+        It cannot be made.
+    """
+    if (folder / ABOUT).exists():
+        found = load_sweep(folder)
+        if found.about["digest"] != study.digest:
+            raise InputError(
+                f"{str(folder)!r} holds another study, of {found.count} cases by "
+                f"{found.about.get('version')}: give another folder, or remove this one"
+            )
+        remove_leftovers(folder / PARTS)
+        for number in found.parts:
+            if not _whole(found, number):
+                found._part(number).unlink()
+        return found
+    try:
+        (folder / PARTS).mkdir(parents=True, exist_ok=True)
+    except OSError as problem:
+        raise InputError(f"--out: {str(folder)!r} cannot be made: {problem.strerror}") from None
+    about = {
+        "schema": 1,
+        "digest": study.digest,
+        "version": versions(),
+        "origin": study.origin,
+        "robot": study.robot.name,
+        "joints": list(study.robot.joint_names),
+        "count": study.source.count,
+        "chunk": study.chunk,
+        "kind": study.cases.kind,
+        "seed": study.cases.seed,
+        "quantities": {name: repr(given) for name, given in study.cases.quantities.items()},
+        "varying": list(study.source.varying),
+        "methods": list(study.methods),
+        "settings": dict(study.settings),
+        "time_limit": study.time_limit,
+        "limits": [name for _, _, name in study.limit_columns],
+        "columns": [list(pair) for pair in study.schema],
+    }
+    write_whole(folder / ABOUT, json.dumps(about, indent=2) + "\n")
+    return Sweep(folder, about)
+
+
+def _whole(sweep: Sweep, number: int) -> bool:
+    """Whether a part file has all its rows, which a broken disk may have lost."""
+    chunk = int(sweep.about["chunk"])
+    try:
+        rows = needed("pyarrow.parquet").read_metadata(sweep._part(number)).num_rows
+    except (OSError, ValueError):
+        return False
+    return rows == min(chunk, sweep.count - number * chunk)
+
+
+def _empty(kind: str) -> Any:
+    return {"int": int, "float": float, "bool": bool, "text": object}[kind]

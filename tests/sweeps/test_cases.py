@@ -1,0 +1,163 @@
+"""Cases by index: grids, draws, tables, and what is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import microbot_ocp as mo
+from microbot_ocp.sweeps import CaseSource, Study, parse_study, task_of
+
+ENDS = {"start_q": [0.0, 0.0, 0.0], "goal_q_deg": [90.0, 45.0, 45.0]}
+
+
+def source(cases: mo.Cases, robot: mo.Robot) -> CaseSource:
+    return cases.of(robot)
+
+
+def test_a_grid_has_every_combination(microbot: mo.Robot) -> None:
+    cases = mo.Cases.grid(
+        **ENDS, payload=mo.Between(0.0, 2.0, 3), tau_max=mo.OneOf([[400, 500, 200], [40, 50, 20]])
+    )
+    found = source(cases, microbot)
+    rows = found.rows(0, found.count)
+    assert found.count == 6
+    assert found.varying == ("payload", "tau_max")
+    assert rows[:, found.columns.index("payload")].tolist() == [0, 0, 1, 1, 2, 2]
+    assert rows[:, found.columns.index("tau_max_3")].tolist() == [200, 20] * 3
+    assert np.allclose(found.values(rows[0])["goal_q"], np.radians(ENDS["goal_q_deg"]))
+    assert np.array_equal(found.rows(2, 5), rows[2:5])
+
+
+def test_draws_do_not_depend_on_how_they_are_cut(microbot: mo.Robot) -> None:
+    cases = mo.Cases.random(
+        100, seed=3, start_q=mo.Between(-1, [1, 2, -1]), goal_position=[3, -1, 4.5],
+        payload=mo.OneOf([0, 1]),
+    )  # fmt: skip
+    found = source(cases, microbot)
+    rows = found.rows(0, 100)
+    parts = [r for _, _, r in found.chunks(7, skipped={1})]
+    assert np.array_equal(np.vstack(parts), np.delete(rows, range(7, 14), axis=0))
+    assert rows[:, 0].min() < -0.9
+    assert rows[:, 0].max() > 0.9
+    assert set(rows[:, 2]) == {-1.0}
+    assert abs(rows[:, -1].mean() - 0.5) < 0.05
+    other = source(mo.Cases.random(100, seed=4, **cases.quantities), microbot)
+    assert not np.array_equal(other.rows(0, 100), rows)
+
+
+@pytest.mark.parametrize("ending", ["csv", "parquet"])
+def test_a_table_is_read(microbot: mo.Robot, tmp_path: Path, ending: str) -> None:
+    columns = {f"goal_q_deg_{k}": np.arange(4.0) * k for k in (1, 2, 3)} | {"qd_max": np.ones(4)}
+    path = tmp_path / f"cases.{ending}"
+    if ending == "csv":
+        lines = [
+            ",".join(columns),
+            *(",".join(map(str, r)) for r in zip(*columns.values(), strict=True)),
+        ]
+        path.write_text("\n".join(lines))
+    else:
+        import pyarrow
+        import pyarrow.parquet
+
+        pyarrow.parquet.write_table(pyarrow.table(columns), path)
+    found = source(mo.Cases.table(path, start_q=[0, 0, 0]), microbot)
+    assert found.count == 4
+    assert found.varying == ("goal_q",)
+    values = found.values(found.rows(3, 4)[0])
+    assert np.allclose(np.degrees(values["goal_q"]), [3, 6, 9])
+    task = task_of(microbot, found.poses, values)
+    assert task.robot.limits.qd_max.tolist() == [1, 1, 1]
+
+
+def test_values_become_robots_and_poses(microbot: mo.Robot) -> None:
+    cases = mo.Cases.grid(
+        start_position=[3, -1, 4.5], via1_q=[0.1, 0.2, 0.3], goal_position=[3, 1, 4.5],
+        masses=[1, 2, 3], gravity=[0, 0, -1.6], viscous_friction=0.5, tool_speed_max=2.0, payload=1,
+    )  # fmt: skip
+    found = source(cases, microbot)
+    task = task_of(microbot, found.poses, found.values(found.rows(0, 1)[0]))
+    assert [link.mass for link in task.robot.links] == [1, 2, 3]
+    assert [link.viscous_friction for link in task.robot.links] == [0.5] * 3
+    assert task.robot.gravity.tolist() == [0, 0, -1.6]
+    assert [limit.key for limit in task.robot.limits.also] == ["tool_speed"]
+    assert task.payload == 1.0
+    place = np.array(mo.forward_kinematics(microbot)(task.via_q[0]))[:3, 3]
+    assert np.allclose(place, [3, -1, 4.5], atol=1e-6)
+    assert task.via_q[1].tolist() == [0.1, 0.2, 0.3]
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"payloat": 1}, "did you mean 'payload'"),
+        ({"gravity": [0, 0]}, "gravity must be 3 numbers"),
+        ({"gravity_deg": [0, 0, 1]}, "gravity_deg is no quantity"),
+        ({"payload": mo.Between(0, 1, 3)}, "steps, which are for grids"),
+        ({"payload": mo.Between(2, 1)}, "from the lower to the upper"),
+        ({"payload": mo.OneOf([])}, "at least one of values"),
+        ({"goal_q": [0, 0, 0]}, "give goal_q or goal_q, not both"),
+        ({"via2_q": [0, 0, 0]}, "via1_q or via1_position is missing"),
+        ({"start_position": [0, 0, 0]}, "start is given twice"),
+        ({"payload": "heavy"}, "payload must be an array of numbers"),
+    ],
+)
+def test_bad_quantities_are_refused(microbot: mo.Robot, change: dict, said: str) -> None:
+    with pytest.raises(mo.InputError, match=said.replace("(", r"\(")):
+        mo.Cases.random(4, **ENDS | change).of(microbot)
+
+
+STUDY = """
+schema = 1
+robot = "microbot"
+methods = ["cubic", "lspb"]
+time_limit = 5.0
+[cases]
+kind = "random"
+count = 8
+seed = 2
+[quantities]
+start_q = [0, 0, 0]
+goal_q_deg = { from = [-90, -90, -90], to = [90, 90, 90] }
+payload = { one_of = [0, 2] }
+[settings]
+mesh = 20
+"""
+
+
+def study_of(text: str) -> Study:
+    return parse_study(text, "some/study.toml", Path("some"))
+
+
+def test_a_study_file_is_read() -> None:
+    study = study_of(STUDY)
+    assert study.source.count == 8
+    assert list(study.methods) == ["cubic", "lspb"]
+    assert study.settings["mesh"] == 20
+    assert study.digest == study_of(STUDY + "\n# the same").digest
+    assert study.digest != study_of(STUDY.replace("seed = 2", "seed = 3")).digest
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("schema = 1", "schema = 2", "schema must be 1, not 2"),
+        ("methods =", "method =", "unknown key 'method' at the top level; did you mean 'methods'"),
+        ('"lspb"', '"spline"', "methods must be one of cubic, lspb"),
+        ('kind = "random"', 'kind = "sobol"', "cases.kind must be one of random, grid, table"),
+        ("count = 8", "", "cases.count is missing"),
+        ("count = 8", "count = 0", "cases.count must be at least 1"),
+        ('kind = "random"', 'kind = "grid"', "cases.count is not for cases of the kind 'grid'"),
+        ("from = [-90", "form = [-90", "quantities.goal_q_deg has the unknown key 'form'"),
+        ("mesh = 20", "mesh = 2", "settings.mesh must be at least 4"),
+        ("mesh = 20", "mash = 2", "unknown key 'mash' in table .settings."),
+        ("time_limit = 5.0", "time_limit = 0", "time_limit must be above 0"),
+        ('robot = "microbot"', "robot = 3", "robot must be one of"),
+        ("[cases]", "[cases", "is not valid TOML"),
+    ],
+)
+def test_bad_study_files_are_refused(old: str, new: str, said: str) -> None:
+    with pytest.raises(mo.InputError, match=f"^study.toml.*{said}"):
+        study_of(STUDY.replace(old, new, 1))

@@ -1,0 +1,95 @@
+"""The command ``sweep``: refusals, Ctrl-C, going on, one case, the summary."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from microbot_ocp.cli import main
+
+STUDY = """
+schema = 1
+robot = "microbot"
+methods = ["cubic", "cubic_path"]
+[cases]
+kind = "random"
+count = 80
+[quantities]
+start_q_deg = [0, 45, -30]
+goal_q_deg = { from = [-90, 30, -90], to = [90, 120, 90] }
+payload = { from = 0.0, to = 1.0 }
+"""
+
+
+@pytest.fixture
+def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "study.toml"
+    path.write_text(STUDY)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ([], "give a study file, or --summary"),
+        (["study.toml"], "give --out FOLDER"),
+        (["nothing.toml", "--out", "a"], "cannot be read"),
+        (["study.toml", "--out", "a", "--workers", "0"], "workers must be at least 1"),
+        (["study.toml", "--out", "a", "--workers", "2", "--scheduler", "tcp://x:1"], "not both"),
+        (["study.toml", "--case", "80"], "case must be from 0 to 79"),
+        (["--summary", "nothing"], "holds no sweep"),
+    ],
+)
+def test_bad_commands_are_refused(
+    study: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], said: str
+) -> None:
+    assert main(["sweep", *arguments]) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_one_case(study: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["sweep", "study.toml", "--case", "1", "--out", "one", "--json"]) == 0
+    row = json.loads(capsys.readouterr().out)
+    assert row["case"] == 1
+    assert row["cubic_status"] == "solved"
+    assert sorted(path.name for path in Path("one").iterdir()) == ["cubic.npz", "cubic_path.npz"]
+
+
+@pytest.mark.slow
+def test_an_interrupted_sweep_says_how_to_continue(study: Path) -> None:
+    command = [sys.executable, "-m", "microbot_ocp.cli", "sweep", "study.toml", "--out", "out"]
+    process = subprocess.Popen(
+        [*command, "--workers", "1"], stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    while not list(Path("out/cases").glob("part-*")):
+        assert process.poll() is None
+        time.sleep(0.02)
+    os.killpg(process.pid, signal.SIGINT)
+    _, said = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert "continue with: microbot-ocp sweep study.toml --out out" in said
+    assert "Traceback" not in said
+    kept = len(list(Path("out/cases").glob("part-*")))
+    assert 1 <= kept < 80
+    assert main(["sweep", "--summary", "out", "--json"]) == 0
+    assert sorted(path.name for path in Path("out/summary").iterdir())[0] == "atlas.png"
+    deadline = time.monotonic() + 10
+    while time.monotonic() < deadline and _group_lives(process.pid):
+        time.sleep(0.05)
+    assert not _group_lives(process.pid)
+
+
+def _group_lives(group: int) -> bool:
+    try:
+        os.killpg(group, 0)
+    except ProcessLookupError:
+        return False
+    return True
