@@ -96,3 +96,15 @@ def test_bad_numbers_are_refused_before_any_solve(prepared, no_solver, arguments
 def test_bad_settings_are_refused(microbot, no_solver, setting):
     with pytest.raises(mo.InputError, match=next(iter(setting))):
         mo.TimeOptimalSolver(microbot, VIA_Q, **setting)
+
+
+def test_other_via_points_are_numbers_of_the_same_solver(microbot, prepared):
+    via_q = VIA_Q + np.array([[0.1, 0.0, 0.2], [0.0, 0.1, 0.0], [0.2, -0.1, 0.0]])
+    first = prepared(payload=1.0, via_q=via_q)
+    prepared(via_q=VIA_Q[::-1])
+    again = prepared(payload=1.0, via_q=via_q)
+    assert first.solved
+    assert np.array_equal(first.q, again.q)
+    assert mo.certify(microbot.with_payload(1.0), first, via_q=via_q).ok
+    with pytest.raises(mo.InputError, match="must have 3 points"):
+        prepared(via_q=via_q[:2])

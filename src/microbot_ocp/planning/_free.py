@@ -717,7 +717,7 @@ class TimeOptimalSolver:
         begin = time.perf_counter()
         family = check_limits(self.robot.with_payload(payload), limits)
         self._check_kinds(family)
-        via = check_via(family, via_q)
+        via = check_via(family, self.via_q if via_q is None else via_q)
         if len(via) != len(self.via_q):
             raise InputError(
                 f"via_q must have {len(self.via_q)} points, as the solver was made with, "

@@ -5,6 +5,6 @@ guards it, ``_run`` spreads cases over the workers of dask.distributed, :class:`
 became of them.
 """
 
-import lazy_loader
+from microbot_ocp._base import border
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = border.attach_stub(__name__, __file__)
