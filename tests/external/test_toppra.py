@@ -32,6 +32,7 @@ def six_joints() -> tuple[mo.Robot, PiecewisePolynomial]:
     return robot.with_limits(limits), path
 
 
+TOPPRA_MOST = 3e3  # (ds/dt)^2 up to which no bound of its own is felt
 CASES = {
     "cubic of the report": lambda: (mo.load_robot("microbot"), report_cubic()),
     "cubic, uneven": lambda: (mo.load_robot("microbot"), mo.cubic(VIA_Q, [0, 1, 3])),
@@ -76,4 +77,8 @@ def test_the_maximum_velocity_curve_agrees(name: str) -> None:
     grid = np.concatenate([path.breaks[:1], plane.s[1:-1], path.breaks[-1:]])
     theirs = toppra_problem(robot, path, grid).compute_feasible_sets()
     ours = np.column_stack([plane.least, plane.bound]) ** 2
-    np.testing.assert_allclose(ours[own][inner], theirs[own][inner], rtol=1e-5, atol=1e-6)
+    ours, theirs = ours[own][inner], theirs[own][inner]
+    capped = ours[:, 1] > TOPPRA_MOST  # its |d2s/dt2| <= 10^4 binds where the path nearly rests
+    assert capped.sum() <= 2
+    assert np.all(theirs[capped] < ours[capped] + 1e-6)
+    np.testing.assert_allclose(ours[~capped], theirs[~capped], rtol=1e-5, atol=1e-6)

@@ -185,5 +185,5 @@ def test_bad_input_is_named():
     robot = slider(tau_max=4.0)
     with pytest.raises(mo.InputError, match="path must have 1 joints, not 2"):
         phase_plane(robot, parabola())
-    with pytest.raises(mo.InputError, match="grid must be a whole number of at least 10, not 3"):
+    with pytest.raises(mo.InputError, match="grid must be at least 10 points, not 3"):
         phase_plane(robot, mo.straight_path([[0.0], [1.0]]), grid=3)

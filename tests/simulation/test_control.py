@@ -262,7 +262,7 @@ BAD_INPUTS = [
     (lambda: track(hold([0.0] * 3), LAW, duration=13.0), "duration must be at most 12 s"),
     (lambda: track(hold([0.0] * 2), LAW), "motion has 2 joints, but the robot has 3"),
     (lambda: track(lambda t: [t, t], LAW), "motion must return 3 expressions"),
-    (lambda: track([1.0, 2.0], LAW), "motion must be a Motion, a Piecewise"),  # type: ignore[arg-type]
+    (lambda: track([1.0, 2.0], LAW), "motion must be a Motion or a Piecewise"),  # type: ignore[arg-type]
     (lambda: track(report_motion, LAW, sample_rate=0.0), "sample_rate must be above 0 Hz"),
     (lambda: track(report_motion, LAW, noise=mo.SensorNoise(1e-3)), "noise needs a sample_rate"),
     (lambda: track(report_motion, LAW, step=0.0), "step must be above 0 s"),

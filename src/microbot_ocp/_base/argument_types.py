@@ -168,7 +168,7 @@ class _Named:
 
 
 class _Unloaded(dict):
-    """Names of classes that only type checkers import."""
+    """Names that only type checkers import: our public classes by their names, all else anything."""
 
     def __init__(self, known: dict[str, Any]) -> None:
         super().__init__()
@@ -177,7 +177,8 @@ class _Unloaded(dict):
     def __missing__(self, name: str) -> Any:
         if name in self.known or hasattr(builtins, name):
             raise KeyError(name)
-        return type(name, (_Named,), {})
+        ours = name[0].isupper() and name in dir(sys.modules[PACKAGE])
+        return type(name, (_Named,), {}) if ours else Any
 
 
 class Check(NamedTuple):
@@ -284,7 +285,9 @@ def _class(hint: type) -> Check | None:
         return Check(
             lambda value: all(hasattr(value, name) for name in wanted), f"{article} {hint.__name__}"
         )
-    named = issubclass(hint, tuple | Enum)  # a plain tuple, or text, often does as well
+    if issubclass(hint, Enum):  # the value of a member does as well
+        return Check(lambda value: value in tuple(hint), f"{article} {hint.__name__}")
+    named = issubclass(hint, tuple)  # a plain one often does as well
     return Check(lambda value: isinstance(value, hint), f"{article} {hint.__name__}", not named)
 
 

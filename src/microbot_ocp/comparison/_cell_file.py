@@ -252,7 +252,7 @@ def read_cell(path: str | Path) -> CellFile:
     ... '''
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     file = Path(folder) / "cell.toml"
-    ...     _ = file.write_whole(text)
+    ...     _ = file.write_text(text)
     ...     cell = read_cell(file)
     >>> [stop.name for stop in cell.stops], cell.segments
     (['home', 'place'], (Line(tolerance=0.001, orientation_tolerance=0.01),))

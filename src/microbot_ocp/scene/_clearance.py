@@ -109,7 +109,7 @@ def clearance(robot: Robot, motion: Motion, scene: Scene) -> Clearance:
     >>> motion = mo.Motion.from_polynomial(robot, mo.cubic([[0, 0], [1, 1]], [0, 1]), label="a")
     >>> found = mo.clearance(robot, motion, mo.Scene([mo.Sphere([0, 1.5, 0], 0.2, "ball")]))
     >>> found.proved, found.pair, round(found.minimum, 2)
-    (True, 'link 2 to ball', 0.39)
+    (True, 'elbow to ball', 0.39)
     """
     if motion.joint_count != robot.joint_count:
         raise InputError(
