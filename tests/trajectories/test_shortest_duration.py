@@ -199,7 +199,10 @@ REFUSALS = [
         "meets no limit",
     ),
     (lambda: refuse(mo.Limits(qd_max=1.0), cubic([[0], [1]], [0, 1])), "is for 1 joints.*has 3"),
-    (lambda: refuse(mo.Limits(qd_max=1.0), 3.0), "make_motion must be a PiecewisePolynomial or a function, not 3"),
+    (
+        lambda: refuse(mo.Limits(qd_max=1.0), 3.0),
+        "make_motion must be a PiecewisePolynomial or a function, not 3",
+    ),
     (lambda: refuse(mo.Limits(qd_max=1.0), lambda T: T), "must return a PiecewisePolynomial"),
     (
         lambda: refuse(mo.Limits(qd_max=1.0), lambda T: cubic(VIA_Q, VIA_T)),

@@ -286,7 +286,11 @@ def _class(hint: type) -> Check | None:
             lambda value: all(hasattr(value, name) for name in wanted), f"{article} {hint.__name__}"
         )
     if issubclass(hint, Enum):  # the value of a member does as well
-        return Check(lambda value: value in tuple(hint), f"{article} {hint.__name__}")
+        values = [member.value for member in hint]
+        return Check(
+            lambda value: isinstance(value, hint) or (isinstance(value, str) and value in values),
+            f"{article} {hint.__name__}",
+        )
     named = issubclass(hint, tuple)  # a plain one often does as well
     return Check(lambda value: isinstance(value, hint), f"{article} {hint.__name__}", not named)
 
