@@ -168,7 +168,7 @@ class _Named:
 
 
 class _Unloaded(dict):
-    """Names that only type checkers import: our public classes by their names, all else anything."""
+    """Names that only type checkers import: our public classes by name, all else anything."""
 
     def __init__(self, known: dict[str, Any]) -> None:
         super().__init__()
