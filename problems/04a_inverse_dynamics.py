@@ -15,7 +15,6 @@ import numpy as np
 import microbot_ocp as mo
 import report
 import script
-from closed_form import closed_form
 
 
 def row(values: np.ndarray) -> str:
@@ -30,7 +29,7 @@ def main(arguments: argparse.Namespace) -> None:
         )
         for name, gravity in report.GRAVITY.items()
     }
-    form = closed_form(robot)
+    form = mo.closed_form(robot)
     first = next(iter(motions.values()))
     curves = [mo.plots.Curve.of(motion) for motion in motions.values()]
     title = "Part 4a: the given motion (report, figures 5 to 7)"

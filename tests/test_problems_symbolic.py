@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
-import doctest
 import math
 from functools import reduce
 
 import numpy as np
 import pytest
 
-import closed_form as closed_form_module
-import microbot_ocp as mo
-from closed_form import closed_form
-from helpers import batch, random_robot
 from microbot_ocp.robot import dh_transform
-from planning.shared import slider
 from symbolic import (
     Expression,
     Matrix,
@@ -94,35 +88,3 @@ def test_numbers_are_aligned_and_never_negative_zero() -> None:
         "  [   1.00  0.00 ]",
         "  [ -12.50  2.00 ]",
     ]
-
-
-@pytest.mark.parametrize("name", ["microbot", "rr", "rrrr"])
-def test_closed_form_is_the_dynamics(name):
-    if name == "rrrr":
-        chain = random_robot("rrrrrr")
-        arm = mo.Robot.from_dh(chain.alpha[:4], chain.a[:4], chain.d[:4], chain.theta_offset[:4],
-                               links=chain.links[:4], gravity=chain.gravity)  # fmt: skip
-    else:
-        arm = mo.load_robot(name) if name == "microbot" else random_robot(name)
-    n = arm.joint_count
-    form = closed_form(arm)
-    rng = np.random.default_rng(0)
-    q, qd = rng.uniform(-3, 3, (5, n)), rng.uniform(-2, 2, (5, n))
-    mass, coriolis = batch(mo.mass_matrix(arm), q), batch(mo.coriolis_matrix(arm), q, qd)
-    gravity = batch(mo.gravity_torque(arm), q)
-    for at in range(5):
-        found = [[entry(q[at]) for entry in row] for row in form.mass]
-        np.testing.assert_allclose(found, mass[at], atol=1e-9)
-        symbols = [[[c(q[at]) for c in row] for row in rows] for rows in form.christoffel]
-        np.testing.assert_allclose(np.array(symbols) @ qd[at], coriolis[at], atol=1e-8)
-        np.testing.assert_allclose([g(q[at]) for g in form.gravity], gravity[at], atol=1e-9)
-    assert len(form.lines()) == n * (n + 1) // 2 + n * n + n
-
-
-def test_closed_form_needs_turning_joints():
-    with pytest.raises(mo.InputError, match="all revolute"):
-        closed_form(slider())
-
-
-def test_the_example_of_the_closed_form() -> None:
-    assert doctest.testmod(closed_form_module) == (0, 4)

@@ -79,12 +79,14 @@ from .planning import (
 )
 from .robot import (
     Capsule as Capsule,
+    ClosedForm as ClosedForm,
     Link as Link,
     Robot as Robot,
     RobotFileWarning as RobotFileWarning,
     Rotor as Rotor,
     Shape as Shape,
     bias_torque as bias_torque,
+    closed_form as closed_form,
     coriolis_matrix as coriolis_matrix,
     energy as energy,
     fit_capsules as fit_capsules,

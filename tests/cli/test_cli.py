@@ -269,6 +269,7 @@ def test_a_packaged_robot_is_a_start_for_a_robot_file(call, tmp_path, name):
 @pytest.mark.slow
 def test_a_robot_is_copied_from_one_format_to_the_other(call, ask, refused, tmp_path):
     assert ask("show", "panda", "--out", "arm.urdf")[1]["written"] == ["arm.urdf"]
+    assert ask("show", "stanford", "--out", "arm.c")[1]["written"] == ["arm.c"]
     code, out, _ = call("show", "arm.urdf", "--out", "arm.toml")
     assert code == 0
     assert out.endswith("written: arm.toml\n")
@@ -281,7 +282,7 @@ def test_a_robot_is_copied_from_one_format_to_the_other(call, ask, refused, tmp_
         (["arm.toml", "--out", "copy.toml"], "[[joint]]"),
     ]:
         assert words in refused("show", *arguments)
-    assert {path.name for path in tmp_path.iterdir()} == {"arm.toml", "arm.urdf"}
+    assert {path.name for path in tmp_path.iterdir()} == {"arm.toml", "arm.urdf", "arm.c"}
 
 
 def test_the_reach_of_an_arm_that_stretches_out():

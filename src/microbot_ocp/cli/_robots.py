@@ -45,6 +45,7 @@ POSES = 4000  # in each round of the search for the largest reach
 ROUNDS = 12
 SWEEP = np.pi / 3  # how far `show` turns a joint to either side, rad (a third of it in m)
 SWEEP_TIME = 1.0  # s for each way, at least
+EQUATION_ENDINGS = (".tex", ".py", ".c", ".m")  # of mo.ClosedForm.export
 CALM = 0.9  # share of the limits of velocity and acceleration that it uses at most
 # Peaks of a quintic from rest to rest over a unit distance in a unit time.
 PEAK_SPEED, PEAK_ACCELERATION = 15 / 8, 10 / np.sqrt(3)
@@ -81,7 +82,12 @@ def show(
     ] = False,
     out: Annotated[
         Path | None,
-        option("--out", what="Write the robot to this .toml or .urdf file.", metavar="FILE"),
+        option(
+            "--out",
+            what="Write the robot to this .toml or .urdf file, or its equations in closed form to "
+            "a .tex, .py, .c or .m file.",
+            metavar="FILE",
+        ),
     ] = None,
     rerun: Recording = None,
     open_viewer: Open = False,
@@ -94,7 +100,7 @@ def show(
     robot = load_robot(robot_name, tip)
     if toml and as_json:
         raise InputError("give --toml or --json, not both")
-    writable(out, (".toml", ".urdf"), "--out")
+    writable(out, (".toml", ".urdf", *EQUATION_ENDINGS), "--out")
     check_recording(rerun, open_viewer)
     written = Written()
     written.add(out, lambda path: _write(robot_name, tip, robot, path))
@@ -146,7 +152,9 @@ def show(
 
 
 def _write(source: str, tip: str | None, robot: Robot, path: Path) -> Path:
-    """Write a robot into a file of its own, in the format that the ending says."""
+    """Write a robot, or its equations, in the format that the ending says."""
+    if path.suffix in EQUATION_ENDINGS:
+        return mo.closed_form(robot).export(path)
     if path.suffix == ".urdf":
         mo.write_urdf(robot, path)
     else:

@@ -4,6 +4,10 @@ from ._capsules import (
     fit_capsules as fit_capsules,
     link_capsules as link_capsules,
 )
+from ._closed_form import (
+    ClosedForm as ClosedForm,
+    closed_form as closed_form,
+)
 from ._dynamics import (
     COULOMB_SMOOTHING as COULOMB_SMOOTHING,
     bias_torque as bias_torque,

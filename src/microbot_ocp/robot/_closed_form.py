@@ -1,0 +1,348 @@
+"""The equations of an arm in closed form, readable: sums of products of cosines and sines.
+
+Every entry of a pose is a trigonometric polynomial of degree 1 in each joint angle and a polynomial
+of degree 1 in each displacement of a prismatic joint; of the mass matrix the degree is 2, of the
+gravity torque 1. A discrete Fourier transform of 3 or 5 values a joint, or interpolation through 2
+or 3 displacements, therefore finds all coefficients, and no computer algebra is needed. Angles of
+joints with parallel axes stay together in one cosine (``cos(q2 + q3)``), those of others are
+factors of their own. The Christoffel symbols follow term by term (Craig, *Introduction to
+Robotics*, 3rd ed., section 6.8).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import InputError
+from microbot_ocp._base.writing import write_whole
+from microbot_ocp.robot._dynamics import gravity_torque, mass_matrix
+from microbot_ocp.robot._kinematics import forward_kinematics
+from microbot_ocp.robot._model import Robot
+
+MOST_JOINTS = 6  # the mass matrix of the Panda, with seven, has 15 000 terms
+NEGLIGIBLE = 1e-15  # relative to the largest value; the rounding of the transforms is below 4e-16
+ENDINGS = {".tex": "latex", ".py": "python", ".c": "c", ".m": "matlab"}
+Runs = tuple[tuple[int, ...], ...]
+Language = Literal["latex", "python", "c", "matlab"]
+
+
+class Term(NamedTuple):
+    """What a coefficient is multiplied by.
+
+    ``powers`` has one whole number a joint: the exponent of a displacement, the factor of an angle
+    in its wave. ``waves`` has "cos", "sin" or "" for each run of parallel joints.
+    """
+
+    powers: tuple[int, ...]
+    waves: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Series:
+    """A sum of products of waves and displacements.
+
+    Attributes
+    ----------
+    terms : dict
+        Each :class:`Term` with its coefficient.
+    runs : tuple
+        Joint indices of the revolute joints, those with parallel axes together.
+    """
+
+    terms: dict[Term, float]
+    runs: Runs
+
+    def __call__(self, q: ArrayLike) -> float:
+        """Value at joint positions q [n], rad (prismatic: m)."""
+        at = np.asarray(q, dtype=float)
+        total = 0.0
+        for term, value in self.terms.items():
+            for wave, run in zip(term.waves, self.runs, strict=True):
+                if wave:
+                    angle = sum(term.powers[joint] * at[joint] for joint in run)
+                    value *= np.cos(angle) if wave == "cos" else np.sin(angle)
+            for joint in self.displacements:
+                value *= at[joint] ** term.powers[joint]
+            total += value
+        return float(total)
+
+    def __str__(self) -> str:
+        from microbot_ocp.robot._equation_text import plain
+
+        return plain(self)
+
+    @cached_property
+    def displacements(self) -> list[int]:
+        """Indices of the prismatic joints that some term has."""
+        turning = {joint for run in self.runs for joint in run}
+        count = max((len(term.powers) for term in self.terms), default=0)
+        return [joint for joint in range(count) if joint not in turning]
+
+    def slope(self, joint: int) -> Series:
+        """Partial derivative with respect to the position of joint index ``joint``."""
+        place = next((i for i, run in enumerate(self.runs) if joint in run), None)
+        terms: dict[Term, float] = {}
+        for (powers, waves), value in self.terms.items():
+            if not powers[joint]:
+                continue
+            if place is None:
+                lower = tuple(p - (i == joint) for i, p in enumerate(powers))
+                terms[Term(lower, waves)] = value * powers[joint]
+            else:
+                sign, wave = (-1, "sin") if waves[place] == "cos" else (1, "cos")
+                changed = (*waves[:place], wave, *waves[place + 1 :])
+                terms[Term(powers, changed)] = sign * value * powers[joint]
+        return Series(terms, self.runs)
+
+
+@dataclass(frozen=True, eq=False)
+class ClosedForm:
+    """Pose of the tool, and ``M(q) qdd + C(q, qd) qd + g(q) = tau``, kg m^2 and N m.
+
+    Made by :func:`closed_form`. Friction is left out. A robot without masses has a pose alone, the
+    other attributes are empty.
+
+    Attributes
+    ----------
+    robot : Robot
+    pose : tuple of tuple of Series
+        ``T[4][4]`` of the tool in the base frame.
+    mass : tuple of tuple of Series
+        ``M[n][n]``.
+    christoffel : tuple of tuple of tuple of Series
+        ``c[n][n][n]``: ``C[i][j] = sum over k of c[i][j][k] qd[k]``; ``c[i][j][k]`` is
+        ``c[i][k][j]``.
+    gravity : tuple of Series
+        ``g[n]``.
+    """
+
+    robot: Robot
+    pose: tuple[tuple[Series, ...], ...]
+    mass: tuple[tuple[Series, ...], ...]
+    christoffel: tuple[tuple[tuple[Series, ...], ...], ...]
+    gravity: tuple[Series, ...]
+
+    def coriolis_text(self, i: int, j: int) -> str:
+        """Entry ``C[i][j]`` (from 0) in words of ``qd1``, ``qd2`` and so on."""
+        entry = enumerate(self.christoffel[i][j], start=1)
+        return " + ".join(f"({series}) qd{k}" for k, series in entry if series.terms) or "0"
+
+    def lines(self) -> list[str]:
+        """M, C and G as a line of text an entry; M above its diagonal only, being symmetric."""
+        count = len(self.gravity)
+        pairs = [(i, j) for i in range(count) for j in range(count)]
+        found = [f"M{i + 1}{j + 1} = {self.mass[i][j]}" for i, j in pairs if j >= i]
+        found += [f"C{i + 1}{j + 1} = {self.coriolis_text(i, j)}" for i, j in pairs]
+        return found + [f"G{i + 1} = {series}" for i, series in enumerate(self.gravity)]
+
+    def text(self, language: Language) -> str:
+        """All equations as a LaTeX document, or as source text that needs this package no more.
+
+        Parameters
+        ----------
+        language : {"latex", "python", "c", "matlab"}
+            LaTeX has six digits of every coefficient, the others have all. Programs have the
+            functions ``forward_kinematics``, ``mass_matrix``, ``coriolis_matrix`` and
+            ``gravity_torque``; a MATLAB file also one that returns the four results.
+
+        Returns
+        -------
+        str
+
+        Raises
+        ------
+        InputError
+            Another language.
+
+        Examples
+        --------
+        >>> import microbot_ocp as mo
+        >>> program = {}
+        >>> exec(mo.closed_form(mo.load_robot("planar_2r")).text("python"), program)
+        >>> [round(row[3], 6) for row in program["forward_kinematics"]([0.0, 0.0])]
+        [1.0, 0.0, 0.0, 1.0]
+        """
+        checks.one_of("language", language, ENDINGS.values())
+        from microbot_ocp.robot import _equation_text
+
+        return (
+            _equation_text.latex(self)
+            if language == "latex"
+            else _equation_text.program(self, language)
+        )
+
+    def export(self, path: str | Path) -> Path:
+        """Write :meth:`text` in the language that the ending says: .tex, .py, .c or .m.
+
+        Raises
+        ------
+        InputError
+            Another ending.
+        NotWritten
+            The file cannot be written.
+        """
+        checks.one_of("ending", Path(path).suffix, ENDINGS)
+        return write_whole(path, self.text(ENDINGS[Path(path).suffix]))  # type: ignore[arg-type]
+
+
+def closed_form(robot: Robot) -> ClosedForm:
+    """Pose, mass matrix, Coriolis matrix and gravity torque of a robot in closed form.
+
+    Parameters
+    ----------
+    robot : Robot
+        At most six joints, revolute or prismatic.
+
+    Returns
+    -------
+    ClosedForm
+
+    Raises
+    ------
+    InputError
+        More than six joints.
+
+    Examples
+    --------
+    >>> import microbot_ocp as mo
+    >>> form = mo.closed_form(mo.load_robot("microbot"))
+    >>> print(form.pose[0][3])
+    3 cos(q1) cos(q2) + 4 cos(q1) cos(q2 + q3)
+    >>> print(form.mass[1][1])
+    68 + 48 cos(q3)
+    >>> print(form.coriolis_text(2, 1))
+    (24 sin(q3)) qd2
+    >>> print(mo.closed_form(mo.load_robot("stanford")).gravity[2])
+    63.4707 cos(q2)
+    """
+    if robot.joint_count > MOST_JOINTS:
+        raise InputError(
+            f"closed_form needs a robot of at most {MOST_JOINTS} joints, not {robot.joint_count}"
+        )
+    pose, _ = _expanded(robot, forward_kinematics(robot), 1)
+    if not robot.has_dynamics:
+        return ClosedForm(robot, pose, (), (), ())
+    mass, size = _expanded(robot, mass_matrix(robot), 2)
+    gravity, _ = _expanded(robot, gravity_torque(robot), 1)
+    every = range(robot.joint_count)
+    slopes = [[[entry.slope(k) for k in every] for entry in row] for row in mass]
+    # c[i][j][k] = (dM[i][j]/dq[k] + dM[i][k]/dq[j] - dM[j][k]/dq[i]) / 2
+    christoffel = tuple(
+        tuple(
+            tuple(_halves(slopes[i][j][k], slopes[i][k][j], slopes[j][k][i], size) for k in every)
+            for j in every
+        )
+        for i in every
+    )
+    return ClosedForm(robot, pose, mass, christoffel, tuple(row[0] for row in gravity))
+
+
+def _expanded(
+    robot: Robot, function: ca.Function, degree: int
+) -> tuple[tuple[tuple[Series, ...], ...], float]:
+    """Every entry of a function of q, of at most this degree, and the size of its values."""
+    count = robot.joint_count
+    turns = [kind == "revolute" for kind in robot.joint_types]
+    q = ca.SX.sym("q", count)
+    value = function(q)
+    joints = [joint for joint in range(count) if ca.depends_on(value, q[joint])]
+    axes = []
+    for joint in joints:
+        points = 2 * degree + 1 if turns[joint] else degree + 1
+        axis = np.arange(points) * 2 * np.pi / points
+        axes.append(axis if turns[joint] else np.linspace(-1.0, 1.0, points))
+    grid = np.zeros((count, int(np.prod([axis.size for axis in axes]))))
+    grid[joints] = np.array(list(product(*axes))).T.reshape(len(joints), -1)
+    rows, columns = value.shape
+    values = np.array(function.map(grid.shape[1])(grid)).reshape(rows, -1, columns)
+    size = float(np.abs(values).max())
+    spectrum = np.moveaxis(values, 1, 2).reshape(rows, columns, *(axis.size for axis in axes))
+    for place, (joint, axis) in enumerate(zip(joints, axes, strict=True), start=2):
+        if turns[joint]:
+            spectrum = np.fft.fft(spectrum, axis=place) / axis.size
+        else:
+            inverse = np.linalg.inv(np.vander(axis, increasing=True))
+            spectrum = np.moveaxis(np.tensordot(inverse, spectrum, axes=(1, place)), 0, place)
+    runs = _runs(robot)
+    found = []
+    for i in range(rows):
+        row = []
+        for j in range(columns):
+            entry = spectrum[i, j]
+            terms: dict[Term, float] = {}
+            for place in map(tuple, np.argwhere(np.abs(entry) > NEGLIGIBLE / 2 * size)):
+                powers = [0] * count
+                for joint, axis, at in zip(joints, axes, place, strict=True):
+                    folded = turns[joint] and at > axis.size // 2
+                    powers[joint] = int(at) - (axis.size if folded else 0)
+                _add_wave(terms, complex(entry[place]), powers, runs)
+            row.append(Series(_cleaned(terms, size), runs))
+        found.append(tuple(row))
+    return tuple(found), size
+
+
+def _runs(robot: Robot) -> Runs:
+    """Revolute joints, neighbours with parallel axes together."""
+    runs: list[list[int]] = []
+    parallel = (np.abs(np.sin(robot.alpha)) < 1e-12) & (robot.beta == 0)
+    for joint, kind in enumerate(robot.joint_types):
+        if joint == 0 or not parallel[joint]:
+            runs.append([])
+        if kind == "revolute":
+            runs[-1].append(joint)
+    return tuple(tuple(run) for run in runs if run)
+
+
+def _add_wave(
+    terms: dict[Term, float], coefficient: complex, powers: list[int], runs: Runs
+) -> None:
+    """Add the real part of ``coefficient exp(i k . q)``, multiplied out between the runs."""
+    powers = list(powers)
+    signs = []
+    for run in runs:
+        leading = next((powers[joint] for joint in run if powers[joint]), 0)
+        signs.append((leading > 0) - (leading < 0))
+        if leading < 0:
+            for joint in run:
+                powers[joint] = -powers[joint]
+    for waves in product(*(("cos", "sin") if sign else ("",) for sign in signs)):
+        factor = coefficient
+        for wave, sign in zip(waves, signs, strict=True):
+            if wave == "sin":
+                factor *= 1j * sign
+        term = Term(tuple(powers), waves)
+        terms[term] = terms.get(term, 0.0) + factor.real
+
+
+def _cleaned(terms: dict[Term, float], size: float) -> dict[Term, float]:
+    """The terms that are more than rounding, each with as few digits as it needs."""
+    close = NEGLIGIBLE * size
+    found = {}
+    for term, value in sorted(terms.items(), key=lambda item: _place(item[0])):
+        if abs(value) > 2 * close:
+            texts = (float(f"{value:.{digits}g}") for digits in range(1, 18))
+            found[term] = next(text for text in texts if abs(text - value) <= close)
+    return found
+
+
+def _halves(first: Series, second: Series, third: Series, size: float) -> Series:
+    """``(first + second - third) / 2``."""
+    total: dict[Term, float] = {}
+    for weight, series in ((0.5, first), (0.5, second), (-0.5, third)):
+        for term, value in series.terms.items():
+            total[term] = total.get(term, 0.0) + weight * value
+    return Series(_cleaned(total, 2 * size), first.runs)
+
+
+def _place(term: Term) -> tuple[int, tuple[int, ...], tuple[str, ...]]:
+    """Short terms first, then by joint."""
+    return sum(map(abs, term.powers)), tuple(-power for power in term.powers), term.waves

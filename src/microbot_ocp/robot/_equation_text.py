@@ -1,0 +1,338 @@
+"""Closed forms as text: plain, LaTeX, Python, C and MATLAB."""
+
+from __future__ import annotations
+
+import keyword
+import re
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import combinations_with_replacement, product
+
+from microbot_ocp.robot._closed_form import ClosedForm, Series, Term
+
+WIDTH = 96  # characters a line of a program
+LATEX_WIDTH = 75  # characters a line of a formula, as they are read
+DIGITS = 6  # of a coefficient that is read
+
+
+def plain(series: Series) -> str:
+    """A sum to read: ``3 cos(q1) cos(q2) + 4 cos(q1) cos(q2 + q3)``."""
+
+    def factors(term: Term) -> list[str]:
+        waves = [f"{wave}({_angle(term, run, 'q')})" for wave, run in _waves(series, term)]
+        powers = ((f"q{j + 1}", term.powers[j]) for j in series.displacements)
+        return [name if n == 1 else f"{name}^{n}" for name, n in powers if n] + waves
+
+    parts = list(_parts(series, factors, " ", lambda value: f"{value:.{DIGITS}g}"))
+    return " ".join(parts) or "0"
+
+
+def _waves(series: Series, term: Term) -> list[tuple[str, tuple[int, ...]]]:
+    return [(wave, run) for wave, run in zip(term.waves, series.runs, strict=True) if wave]
+
+
+def _angle(term: Term, run: tuple[int, ...], name: str, times: str = " ") -> str:
+    """``q2 + 2 q3``: the first factor is positive."""
+    text = ""
+    for joint in run:
+        if power := term.powers[joint]:
+            size = "" if abs(power) == 1 else f"{abs(power)}{times}"
+            text += (" - " if power < 0 else " + ") + f"{size}{name}{joint + 1}"
+    return text.removeprefix(" + ")
+
+
+def _parts(
+    series: Series,
+    factors: Callable[[Term], list[str]],
+    times: str,
+    number: Callable[[float], str],
+) -> Iterator[str]:
+    """Terms with their signs: ``-2 a``, then ``+ b``."""
+    for at, (term, value) in enumerate(series.terms.items()):
+        names = factors(term)
+        size = number(abs(value))
+        body = times.join(names if names and size in ("1", "1.0") else [size, *names])
+        sign = "-" if value < 0 else "+"
+        yield f"{sign} {body}" if at else body if value > 0 else f"-{body}"
+
+
+def _broken(parts: Iterable[str], width: int, between: str) -> str:
+    """The terms in lines of at most this width where they can be."""
+    lines: list[str] = []
+    for part in parts:
+        if lines and len(lines[-1]) + len(part) < width:
+            lines[-1] += f" {part}"
+        else:
+            lines.append(part)
+    return between.join(lines)
+
+
+# LaTeX --------------------------------------------------------------------------------------------
+
+
+def latex(form: ClosedForm) -> str:
+    """A LaTeX document with every entry that is not zero."""
+    count = form.robot.joint_count
+    types = form.robot.joint_types
+    names = ["d" if kind == "prismatic" else r"\theta" for kind in types]
+    variables = ", ".join(f"${name}_{i}$" for i, name in enumerate(names, start=1))
+    every = range(count)
+    blocks = [
+        (
+            "Pose of the tool",
+            "The transform $T$ from the tool frame to the base frame, lengths in m.",
+            [(f"T_{{{i + 1}{j + 1}}}", form.pose[i][j]) for i in range(3) for j in range(4)],
+        )
+    ]
+    if form.mass:
+        symbols = [(i, j, k) for i in every for j, k in combinations_with_replacement(every, 2)]
+        blocks += [
+            (
+                "Mass matrix",
+                "In kg m$^2$, of prismatic joints in kg m or kg; $M_{ji} = M_{ij}$.",
+                [
+                    (f"M_{{{i + 1}{j + 1}}}", form.mass[i][j])
+                    for i, j in combinations_with_replacement(every, 2)
+                ],
+            ),
+            (
+                "Coriolis and centrifugal matrix",
+                r"$C_{ij} = \sum_k c_{ijk}\,\dot q_k$ with the Christoffel symbols"
+                " $c_{ikj} = c_{ijk}$.",
+                [
+                    (f"c_{{{i + 1}{j + 1}{k + 1}}}", form.christoffel[i][j][k])
+                    for i, j, k in symbols
+                ],
+            ),
+            (
+                "Gravity torque",
+                "In N m, of a prismatic joint in N.",
+                [(f"g_{{{i + 1}}}", form.gravity[i]) for i in every],
+            ),
+        ]
+    title = re.sub(r"([&%$#_{}])", r"\\\1", re.sub(r"[\\~^]", " ", form.robot.name))
+    lines = [
+        r"\documentclass{article}",
+        r"\usepackage[margin=2cm]{geometry}",
+        r"\usepackage{amsmath}",
+        r"\allowdisplaybreaks",
+        r"\begin{document}",
+        rf"\section*{{{title}: equations of motion in closed form}}",
+        r"\[ M(q)\,\ddot q + C(q, \dot q)\,\dot q + g(q) = \tau \]",
+        rf"Joint positions $q$: {variables}. SI units, radians; coefficients have {DIGITS} digits;",
+        "friction is left out; entries that are not listed are zero.",
+    ]
+    for heading, about, entries in blocks:
+        shown = [(name, series) for name, series in entries if series.terms]
+        lines += [rf"\subsection*{{{heading}}}", about]
+        if shown:
+            rows = [f"{name} &= {_latex_sum(series, names)}" for name, series in shown]
+            lines += [r"\begin{align*}", " \\\\\n".join(rows), r"\end{align*}"]
+    return "\n".join([*lines, r"\end{document}", ""])
+
+
+def _latex_sum(series: Series, names: Sequence[str]) -> str:
+    def factors(term: Term) -> list[str]:
+        found = []
+        for joint in series.displacements:
+            if power := term.powers[joint]:
+                found.append(f"{names[joint]}_{joint + 1}" + (f"^{power}" if power > 1 else ""))
+        for wave, run in _waves(series, term):
+            angle = _angle(term, run, r"\theta_", "")
+            single = sum(term.powers[joint] != 0 for joint in run) == 1
+            found.append(rf"\{wave} {angle}" if single else rf"\{wave}({angle})")
+        return found
+
+    parts = list(_parts(series, factors, r"\,", _latex_number))
+    lines: list[str] = []
+    room = 0
+    for part in parts:  # a command takes the room of one letter or of its name
+        size = len(re.sub(r"\\theta_|\\[,{}]|\\(?=[cs])|\{|\}|\^", "", part)) + 1
+        if lines and room + size < LATEX_WIDTH:
+            lines[-1] += f" {part}"
+            room += size
+        else:
+            lines.append(part)
+            room = size
+    return " \\\\\n  &\\quad ".join(lines)
+
+
+def _latex_number(value: float) -> str:
+    mantissa, _, exponent = f"{value:.{DIGITS}g}".partition("e")
+    return rf"{mantissa} \cdot 10^{{{int(exponent)}}}" if exponent else mantissa
+
+
+# programs -----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Syntax:
+    """How a language writes what a function of the closed form needs."""
+
+    comment: str
+    indent: str
+    end: str
+    continued: str
+    let: str
+
+    def at(self, language: str, name: str, place: Sequence[int]) -> str:
+        """An entry of an array, counted from 0 here."""
+        if language == "matlab":
+            return f"{name}({', '.join(str(i + 1) for i in place)})"
+        return name + "".join(f"[{i}]" for i in place)
+
+
+SYNTAX = {
+    "python": Syntax("#", "    ", "", "\n        ", ""),
+    "c": Syntax("//", "    ", ";", "\n        ", "const double "),
+    "matlab": Syntax("%", "    ", ";", " ...\n        ", ""),
+}
+ABOUT = {
+    "T": "Pose of the tool frame in the base frame, a homogeneous transform; lengths in m.",
+    "M": "Mass matrix, kg m^2.",
+    "C": "Coriolis and centrifugal matrix from Christoffel symbols, friction left out.",
+    "g": "Torque that holds the arm still, N m (prismatic: N).",
+}
+TITLES = {
+    "T": "forward_kinematics",
+    "M": "mass_matrix",
+    "C": "coriolis_matrix",
+    "g": "gravity_torque",
+}
+
+
+def program(form: ClosedForm, language: str) -> str:
+    """Source text with a function each for T, M, C and g."""
+    syntax = SYNTAX[language]
+    count = form.robot.joint_count
+    name = " ".join(form.robot.name.split())
+    head = [
+        f"{name}: its equations in closed form, M(q) qdd + C(q, qd) qd + g(q) = tau.",
+        "SI units and radians; q and qd have one entry a joint. Here c23 is cos(q2 + q3), s22m3 is",
+        "sin(2 q2 - q3); h123 is the Christoffel symbol of C(1, 2) and the speed of joint 3.",
+    ]
+    lines = [f"{syntax.comment} {line}" for line in head]
+    if language == "python":
+        lines += ["from math import cos, sin", ""]
+    if language == "c":
+        lines += ["#include <math.h>", "#include <string.h>", ""]
+    wanted = ["T", "M", "C", "g"] if form.mass else ["T"]
+    if language == "matlab":
+        called = re.sub(r"\W", "_", form.robot.name, flags=re.ASCII)
+        if not called[:1].isalpha() or keyword.iskeyword(called):
+            called = f"robot_{called}"
+        lines += [
+            f"function [{', '.join(wanted)}] = {called}(q, qd)",
+            f"    if nargin < 2, qd = zeros({count}, 1); end",
+            *(f"    {m} = {TITLES[m]}({'q, qd' if m == 'C' else 'q'});" for m in wanted),
+            "end",
+            "",
+        ]
+    for matrix in wanted:
+        lines += _function(form, language, matrix)
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def _function(form: ClosedForm, language: str, matrix: str) -> list[str]:
+    syntax, count = SYNTAX[language], form.robot.joint_count
+    shape = {"T": (4, 4), "g": (count,)}.get(matrix, (count, count))
+    body = _statements(form, language, matrix)
+    text = "\n".join(body)
+    arguments = ["q", "qd"] if matrix == "C" else ["q"]
+    read = [
+        f"{syntax.let}{name}{i + 1} = {syntax.at(language, name, [i])}{syntax.end}"
+        for name in arguments
+        for i in range(count)
+        if re.search(rf"\b{name}{i + 1}\b", text)
+    ]
+    title, about = TITLES[matrix], ABOUT[matrix]
+    signature = ", ".join(arguments)
+    if language == "python":
+        zeros = (
+            f"[0.0] * {count}"
+            if matrix == "g"
+            else f"[[0.0] * {shape[1]} for _ in range({shape[0]})]"
+        )
+        head = ["", f"def {title}({signature}):"]
+        inside = [f'"""{about}"""', *read, f"{matrix} = {zeros}", *body, f"return {matrix}"]
+        tail = [""]
+    elif language == "c":
+        given = ", ".join(f"const double {name}[{count}]" for name in arguments)
+        sizes = "".join(f"[{n}]" for n in shape)
+        head = [f"// {about}", f"void {title}({given}, double {matrix}{sizes})", "{"]
+        entries = " * ".join(map(str, shape))
+        inside = [*read, f"memset({matrix}, 0, {entries} * sizeof(double));", *body]
+        unused = [f"(void){name};" for name in arguments if f"{name}[" not in "\n".join(read)]
+        inside = [*unused, *inside]
+        tail = ["}", ""]
+    else:
+        sizes = f"{shape[0]}, {shape[1] if len(shape) == 2 else 1}"
+        head = [f"function {matrix} = {title}({signature})", f"    % {about}"]
+        inside = [*read, f"{matrix} = zeros({sizes});", *body]
+        tail = ["end", ""]
+    return [*head, *(f"{syntax.indent}{line}" for line in inside), *tail]
+
+
+def _statements(form: ClosedForm, language: str, matrix: str) -> list[str]:
+    """The waves that are needed, and every entry that is not zero."""
+    syntax, every = SYNTAX[language], range(form.robot.joint_count)
+    waves: dict[str, str] = {}
+    entries: list[str] = []
+
+    def assign(target: str, parts: Iterable[str], let: str = "") -> None:
+        text = _broken(parts, WIDTH, syntax.continued)
+        if language == "python" and "\n" in text:
+            text = f"(\n        {text}\n    )"
+        entries.append(f"{let}{target} = {text}{syntax.end}")
+
+    def at(*place: int) -> str:
+        return syntax.at(language, matrix, place)
+
+    def sums(series: Series) -> Iterator[str]:
+        return _parts(series, lambda term: _code_factors(series, term, waves), "*", repr)
+
+    if matrix == "T":
+        for i, j in product(range(4), range(4)):
+            if form.pose[i][j].terms:
+                assign(at(i, j), sums(form.pose[i][j]))
+    elif matrix == "M":
+        for i, j in combinations_with_replacement(every, 2):
+            if form.mass[i][j].terms:
+                assign(at(i, j), sums(form.mass[i][j]))
+                if i != j:
+                    assign(at(j, i), [at(i, j)])
+    elif matrix == "g":
+        for i in every:
+            if form.gravity[i].terms:
+                assign(at(i), sums(form.gravity[i]))
+    else:
+        for i in every:
+            for j, k in combinations_with_replacement(every, 2):
+                if form.christoffel[i][j][k].terms:
+                    name = f"h{i + 1}{j + 1}{k + 1}"
+                    assign(name, sums(form.christoffel[i][j][k]), syntax.let)
+        for i, j in product(every, every):
+            speeds = [
+                f"h{i + 1}{min(j, k) + 1}{max(j, k) + 1}*qd{k + 1}"
+                for k in every
+                if form.christoffel[i][j][k].terms
+            ]
+            if speeds:
+                assign(at(i, j), [speeds[0], *(f"+ {speed}" for speed in speeds[1:])])
+    first = [f"{syntax.let}{name} = {value}{syntax.end}" for name, value in sorted(waves.items())]
+    return [*first, *entries]
+
+
+def _code_factors(series: Series, term: Term, waves: dict[str, str]) -> list[str]:
+    """Names of the factors; the waves among them are noted in ``waves``."""
+    found = []
+    for joint in series.displacements:
+        found += [f"q{joint + 1}"] * term.powers[joint]
+    for wave, run in _waves(series, term):
+        joints = ""
+        for joint in run:
+            power = term.powers[joint]
+            joints += ("m" if power < 0 else "") + str(joint + 1) * abs(power)
+        waves[wave[0] + joints] = f"{wave}({_angle(term, run, 'q', '*')})"
+        found.append(wave[0] + joints)
+    return found
