@@ -24,6 +24,7 @@ TRIED = ((-3.0, 0.7), (2.0, 1.9), (50.0, 4.0))  # s'' and s' at which a half pla
 AFFINE = 1e-9  # relative distance from the half plane that is rounding
 SPEEDS_TRIED = 50  # on the way up to the first that breaks a limit
 BISECTIONS = 60
+STILL = 1e-12  # of the largest x, that counts as a stop
 
 
 LATER = "optimal-control problem"  # keeps what reachability cannot
@@ -255,10 +256,13 @@ class LimitRows:
         slope = tangent * (viscous + dry * (1.0 - share**2) / COULOMB_SMOOTHING) / (2.0 * v)
         # what the coefficients hold already, the whole of dry friction, is taken out
         constant = viscous * tangent * v + dry * (share - np.sign(tangent)) - slope * v**2
+        # right after a stop the whole of it acts, right at it nothing: there both must do
+        still = at_nodes[:, None] <= STILL * float(x.max())
+        least, most = np.minimum(constant, 0.0), np.maximum(constant, 0.0)
         per_x, lower, upper = self.per_x.copy(), self.lower.copy(), self.upper.copy()
-        per_x[:, columns] += slope
-        lower[:, columns] -= constant
-        upper[:, columns] -= constant
+        per_x[:, columns] += np.where(still, 0.0, slope)
+        lower[:, columns] -= np.where(still, least, constant)
+        upper[:, columns] -= np.where(still, most, constant)
         return replace(self, per_x=per_x, lower=lower, upper=upper)
 
     def _spread(self, x: FloatArray) -> FloatArray:

@@ -40,6 +40,8 @@ LOOKED_AT = (1e-6, 0.25, 0.5, 0.75, 1.0 - 1e-6)  # shares of an interval
 ALIKE = 0.1  # relative change of an inertia along an interval up to which one end stands for it
 STEEP = 1e-8  # least share of a coefficient that is divided by
 FLAT = 1e-12  # relative size of a coefficient that counts as zero
+FIRST, STARTS_TRIED = 8, 1001  # intervals whose time chooses a free start, and starts looked at
+TINY = 1e-30
 SHORT = 1e-4  # of k t^2, below which a series replaces sinh and sin
 
 
@@ -336,11 +338,11 @@ def _passes(
     ).T
     forward = _forward(width, n, fast)
     first = high[0]
-    if free[0]:  # where the inertia vanishes the largest x_0 does not let x_1 be largest
-        tried = np.linspace(low[0], high[0], 2001)
-        once = _forward(width, 1, fast)
-        found = np.array([once(x, columns[:, :1]).item() for x in tried])
-        first = tried[np.flatnonzero(found >= found.max() * (1 - 1e-9))[-1]]
+    if free[0]:  # the largest x_0 may bar larger ones soon after, a small one loses time at once
+        near, tried = slice(min(n, FIRST)), np.linspace(low[0], high[0], STARTS_TRIED)
+        some, part = _forward(width, min(n, FIRST), fast), columns[:, near]
+        v = np.sqrt(np.maximum([np.append(x, some(x, part).ravel()) for x in tried], 0.0))
+        first = tried[np.argmin((step[near] / np.maximum(v[:, 1:] + v[:, :-1], TINY)).sum(axis=1))]
     x = np.maximum(np.append(first, forward(first, columns).ravel()), 0.0)
     start, finish = _accelerations(x, step, left, right)
     t = np.append(0.0, np.cumsum(_durations(x, step, start, finish)))
