@@ -1,8 +1,8 @@
 """Run the benchmarks named on the command line, or all of them, and print one table each.
 
 ``python -m benchmarks suite`` solves the suite of published problems, ``python -m benchmarks
-torture`` random tasks by seed, ``python -m benchmarks scenes`` those among obstacles; see their own
-``--help``.
+torture`` random tasks by seed, ``python -m benchmarks scenes`` those among obstacles, ``python -m
+benchmarks sweep`` what a sweep costs beside its work; see their own ``--help``.
 """
 
 import argparse
@@ -28,7 +28,7 @@ def main() -> None:
     if sys.argv[1:2] == ["suite"]:
         importlib.import_module("benchmarks.suite.runner").main(sys.argv[2:])
         return
-    if sys.argv[1:2] in (["torture"], ["scenes"]):
+    if sys.argv[1:2] in (["torture"], ["scenes"], ["sweep"]):
         importlib.import_module(f"benchmarks.{sys.argv[1]}").main(sys.argv[2:])
         return
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)

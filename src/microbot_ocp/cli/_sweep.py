@@ -144,7 +144,8 @@ def _summarise(results: Sweep, as_json: bool) -> int:
     folder = results.folder / "summary"
     folder.mkdir(exist_ok=True)
     if results.done:
-        for kind in ("atlas", "limits", "quantities", "failures"):
+        compared = ("atlas", "quantities") if len(results.methods) > 1 else ()
+        for kind in (*compared, "limits", "failures"):
             written.add(
                 folder / f"{kind}.png",
                 lambda path, kind=kind: results.plot(kind=kind).savefig(path),  # type: ignore[union-attr]

@@ -1,7 +1,8 @@
 """A process that does cases one by one, and what the worker beside it makes of its end.
 
 A case that takes too long, or that takes its process down with it, costs that process alone: the
-worker of dask lives on and knows which case it was.
+worker of dask lives on and knows which case it was. What does cases is loaded in that process
+alone, so a worker starts at once and stays small.
 """
 
 from __future__ import annotations
@@ -16,16 +17,18 @@ import subprocess
 import sys
 import threading
 import traceback
-from typing import Any, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO, TypeAlias
 
 from microbot_ocp._base.checks import FloatArray, shortened
 from microbot_ocp._base.status import Status
-from microbot_ocp.sweeps._solve import CaseSolver, Row, ended, inputs
-from microbot_ocp.sweeps._study import Plan, versions
+
+if TYPE_CHECKING:
+    from microbot_ocp.sweeps._solve import Row
+    from microbot_ocp.sweeps._study import Plan
 
 HEAD = struct.Struct("<Q")
 LIVES = 2  # times that a case may take its process down before it is left
-Done = tuple[Row, dict[str, bytes]]
+Done: TypeAlias = "tuple[Row, dict[str, bytes]]"
 _processes = threading.local()  # one of each thread of a worker
 
 
@@ -134,16 +137,21 @@ def do_cases(
                 lives -= 1
                 if lives and not end.late:
                     continue
-                known: Plan = pickle.loads(plan)
-                status = Status.TIME_LIMIT if end.late else Status.KILLED_WORKER
-                reason = (
-                    f"not done in {time_limit:g} s"
-                    if end.late
-                    else f"its process ended {LIVES} times without an answer"
-                )
-                done.append((inputs(known, case, numbers) | ended(known, status, reason), {}))
+                done.append((_left(pickle.loads(plan), case, numbers, end.late, time_limit), {}))
                 break
     return done, notes
+
+
+def _left(plan: Plan, case: int, numbers: FloatArray, late: bool, time_limit: float) -> Row:
+    """The row of a case without an answer."""
+    from microbot_ocp.sweeps._solve import ended, inputs
+
+    status, reason = (
+        (Status.TIME_LIMIT, f"not done in {time_limit:g} s")
+        if late
+        else (Status.KILLED_WORKER, f"its process ended {LIVES} times without an answer")
+    )
+    return inputs(plan, case, numbers) | ended(plan, status, reason)
 
 
 def end_process() -> None:
@@ -165,6 +173,9 @@ def _process(digest: str, plan: bytes) -> CaseProcess:
 
 def serve() -> None:
     """What the process does: read the plan, get ready, then one case after the other."""
+    from microbot_ocp.sweeps._solve import CaseSolver
+    from microbot_ocp.sweeps._study import versions
+
     if sys.platform == "linux":  # ended with its worker
         with contextlib.suppress(OSError, AttributeError):
             ctypes.CDLL(None).prctl(1, signal.SIGKILL)
