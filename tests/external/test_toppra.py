@@ -80,5 +80,5 @@ def test_the_maximum_velocity_curve_agrees(name: str) -> None:
     ours, theirs = ours[own][inner], theirs[own][inner]
     capped = ours[:, 1] > TOPPRA_MOST  # its |d2s/dt2| <= 10^4 binds where the path nearly rests
     assert capped.sum() <= 2
-    assert np.all(theirs[capped] < ours[capped] + 1e-6)
+    assert np.all(theirs[capped] < (1 + 1e-5) * ours[capped] + 1e-6)
     np.testing.assert_allclose(ours[~capped], theirs[~capped], rtol=1e-5, atol=1e-6)

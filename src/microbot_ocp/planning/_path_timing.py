@@ -55,6 +55,7 @@ from microbot_ocp.robot import Robot
 SMOOTHING = 1e-8  # weight of the squared rate of s'': picks one timing where many are equally fast
 # Intervals of a piece, and of all together, where nobody says how many
 FULL_MESH, FULL_MESH_SUM, LEAST_MESH = 100, 200, 20
+LATE = "The time was over before the grid was fine enough; a longer time_limit may find less time."
 SLOWER = 0.05  # share by which the timing may be slower than reachability, which is the optimum
 
 
@@ -306,6 +307,7 @@ class _PathSearch:
     def _reached_motion(
         self, timings: list[Reached], kept_by: dict[str, list[str]], excess: float, wall: float
     ) -> Motion:
+        late = deadline.over()
         t, state, breaks = sampled(list(zip(self.curves, timings, strict=True)))
         begins = np.cumsum([0.0, *(timing.duration for timing in timings)])
         passed = [0.0]
@@ -321,8 +323,8 @@ class _PathSearch:
             marks=[Mark(float(at), f"via {i + 1}") for i, at in enumerate(passed)],
             provenance={
                 "method": "time-optimal timing of a given path, reachability",
-                "status": str(Status.SOLVED),
-                "advice": "",
+                "status": str(Status.TIME_LIMIT if late else Status.SOLVED),
+                "advice": LATE if late else "",
                 "excess": excess,
                 "intervals": [timing.t.size - 1 for timing in timings],
                 "phase_durations": [timing.duration for timing in timings],

@@ -22,6 +22,7 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
+from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.codegen import maybe_compiled
 from microbot_ocp._base.fast_calls import FastCall, buffered_call
@@ -182,7 +183,7 @@ def settled(
         apart = abs(timing.duration - duration) > SETTLED * timing.duration
         cut = (excess > tolerance) | (apart and s.size <= MOST_SETTLING)
         cut &= np.diff(timing.t) > SHORTEST
-        if not cut.any() or not last or s.size > MOST_POINTS:
+        if not cut.any() or not last or s.size > MOST_POINTS or deadline.over():
             break
         duration = timing.duration
         s = np.sort(np.concatenate([s, (0.5 * (s[1:] + s[:-1]))[cut]]))
