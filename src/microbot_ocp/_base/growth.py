@@ -9,12 +9,14 @@ trajectory.
 
 from __future__ import annotations
 
+import sys
 from typing import NamedTuple
 
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
 
+LARGE = 1e6  # a growth of which the exponent says enough
 TAYLOR_TERMS = 13  # rounding, for matrices of norm 1/2
 
 
@@ -64,3 +66,16 @@ def carry(defects: FloatArray, transitions: FloatArray) -> Carried:
             if not norm < np.inf:
                 break
     return Carried(np.where(np.isfinite(errors), errors, np.inf), amplification)
+
+
+def growth_said(amplification: float) -> str:
+    """How many fold errors grow, as text; large ones by their exponent.
+
+    >>> growth_said(37.88), growth_said(1.1e77), growth_said(np.inf)
+    ('38-fold', '10^77-fold', 'more than 10^308-fold')
+    """
+    if not amplification >= LARGE:
+        return f"{amplification:.2g}-fold"
+    if amplification == np.inf:
+        return f"more than 10^{sys.float_info.max_10_exp}-fold"
+    return f"10^{np.log10(amplification):.0f}-fold"

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray, InputError, plain
+from microbot_ocp._base.growth import growth_said
 from microbot_ocp._base.showing import view_for
 from microbot_ocp._base.status import Status
 from microbot_ocp.comparison._resimulation import (
@@ -627,12 +628,12 @@ def _summary(limit_checks: tuple[LimitCheck, ...], again: Resimulation) -> str:
     if again.final_position_error < SAYS_NOTHING:
         parts.append(
             f"open loop it ends within {again.final_position_error:.2g} rad, errors growing up to "
-            f"{again.amplification:.2g}-fold"
+            f"{growth_said(again.amplification)}"
         )
     else:
         parts.append(
             f"one simulation over the whole time says nothing, for errors grow up to "
-            f"{again.amplification:.2g}-fold"
+            f"{growth_said(again.amplification)}"
         )
     return "; ".join(parts)
 

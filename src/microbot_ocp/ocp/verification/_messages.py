@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from microbot_ocp._base.growth import growth_said
 from microbot_ocp.ocp.solution import PhaseSolution, Solution, cost_size
 from microbot_ocp.ocp.verification._certificate import (
     Arc,
@@ -113,7 +114,7 @@ def summary_of(
         f"{optimality.complementarity.scaled:.1e} (complementarity)",
         f"the cost is at most {optimality.gap.total:.1e} above that of the local optimum",
         f"re-simulation by intervals stays within {error:.2g} of the states' size (errors grow up "
-        f"to {max(check.amplification for check in resimulations):.2g}-fold)",
+        f"to {growth_said(max(check.amplification for check in resimulations))})",
         f"every limit {kept} between mesh points",
     ]
     for own in hamiltonians:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from microbot_ocp._base.growth import growth_said
 from microbot_ocp._base.table import Column, Table
 from microbot_ocp.comparison import Certificate
 from microbot_ocp.limits import LimitFamily
@@ -76,7 +77,7 @@ def certificate(certificate: Certificate) -> Table:
     again = (
         f"re-simulation: {certificate.resimulation_status}, {certificate.segments} segments with "
         f"defects up to {certificate.defect:.1g} of the torque; over the whole time errors grow "
-        f"up to {certificate.amplification:.2g}-fold"
+        f"up to {growth_said(certificate.amplification)}"
     )
     return _table(certificate, columns, rows, [certificate.verdict, again])
 
