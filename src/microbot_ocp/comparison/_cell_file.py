@@ -16,15 +16,15 @@ import numpy as np
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError, plain
 from microbot_ocp._base.showing import view_for
+from microbot_ocp._base.toml_file import check_schema, suggestion, table_of
 from microbot_ocp._base.writing import write_whole
 from microbot_ocp.comparison._certificate import Certificate, certify
 from microbot_ocp.comparison._task_file import (
+    KEYS,
+    SCHEMA,
     limits_from,
     robot_from,
-    schema_checked,
     settings_from,
-    suggestion,
-    table_of,
     toml_of,
 )
 from microbot_ocp.motion import Motion
@@ -267,7 +267,7 @@ def read_cell(path: str | Path) -> CellFile:
 
 def _cell(data: Mapping[str, Any], origin: str, folder: Path) -> CellFile:
     _known(data, TOP, "at the top level")
-    schema_checked(data)
+    check_schema(data, SCHEMA)
     robot = robot_from(data, folder)
     rows = _tables(data, "stop")
     stops = [_stop(robot, row, f"stop {k + 1}") for k, row in enumerate(rows)]
@@ -283,7 +283,7 @@ def _cell(data: Mapping[str, Any], origin: str, folder: Path) -> CellFile:
     outputs = data.get("outputs", list(CELL_OUTPUTS))
     if not isinstance(outputs, list) or not set(outputs) <= set(CELL_OUTPUTS):
         raise InputError(f"outputs must be some of {', '.join(CELL_OUTPUTS)}, not {outputs!r}")
-    settings = settings_from(table_of(data, "settings"))
+    settings = settings_from(table_of(data, "settings", KEYS))
     for key in ("grid", "blend"):
         if key in settings:
             raise InputError(f"settings.{key} is of tasks of via points, not of stops")
@@ -295,7 +295,7 @@ def _cell(data: Mapping[str, Any], origin: str, folder: Path) -> CellFile:
         cycle=cycle,
         order=order,
         duration=duration,
-        limits=limits_from(robot, table_of(data, "limits")),
+        limits=limits_from(robot, table_of(data, "limits", KEYS)),
         settings=TimeOptimalSettings(**settings),
         outputs=tuple(outputs),
         scene=_scene(data, folder),

@@ -8,9 +8,7 @@ allowed.
 
 from __future__ import annotations
 
-import difflib
-import tomllib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -19,6 +17,14 @@ import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.toml_file import (
+    check_keys,
+    check_schema,
+    parsed,
+    suggestion,
+    table_of,
+    text_of,
+)
 from microbot_ocp.comparison._comparison import (
     METHODS,
     OUTPUTS,
@@ -145,7 +151,7 @@ def read_task(path: str | Path) -> TaskFile:
     ('microbot', (2, 3))
     """
     source = Path(path)
-    return parse_task(_text_of(path), source.name, source.parent)
+    return parse_task(text_of(path, "task"), source.name, source.parent)
 
 
 def toml_of(path: str | Path) -> dict[str, Any]:
@@ -156,29 +162,12 @@ def toml_of(path: str | Path) -> dict[str, Any]:
     InputError
         A file that cannot be read or is no TOML.
     """
-    return _parsed(_text_of(path), Path(path).name)
-
-
-def _text_of(path: str | Path) -> str:
-    try:
-        return Path(path).read_text("utf-8")
-    except UnicodeDecodeError:
-        raise InputError(f"task file {str(path)!r} cannot be read: it is not text") from None
-    except (OSError, ValueError) as problem:
-        reason = getattr(problem, "strerror", None) or problem
-        raise InputError(f"task file {str(path)!r} cannot be read: {reason}") from None
-
-
-def _parsed(text: str, origin: str) -> dict[str, Any]:
-    try:
-        return tomllib.loads(text)
-    except (ValueError, RecursionError) as problem:  # an integer of 5,000 digits; nesting
-        raise InputError(f"{origin} is not valid TOML: {problem}") from None
+    return parsed(text_of(path, "task"), Path(path).name)
 
 
 def parse_task(text: str, origin: str, folder: Path) -> TaskFile:
     """Task from the text of a file; ``origin`` names it, ``folder`` holds the robots it names."""
-    data = _parsed(text, origin)
+    data = parsed(text, origin)
     try:
         return _task(data, origin, folder)
     except InputError as problem:
@@ -186,12 +175,12 @@ def parse_task(text: str, origin: str, folder: Path) -> TaskFile:
 
 
 def _task(data: dict[str, Any], origin: str, folder: Path) -> TaskFile:
-    known_keys(data, "")
-    schema_checked(data)
+    check_keys(data, "", KEYS)
+    check_schema(data, SCHEMA)
     robot = robot_from(data, folder)
-    via = table_of(data, "via")
-    limits = table_of(data, "limits")
-    settings = settings_from(table_of(data, "settings"))
+    via = table_of(data, "via", KEYS)
+    limits = table_of(data, "limits", KEYS)
+    settings = settings_from(table_of(data, "settings", KEYS))
     if "via" not in data:
         raise InputError("table [via] is missing: it holds the via points, q or q_deg")
     via_q = _via_array(robot, via, "q")
@@ -221,38 +210,6 @@ def _task(data: dict[str, Any], origin: str, folder: Path) -> TaskFile:
         settings=settings,
         outputs=_names(data, "outputs", OUTPUTS) or OUTPUTS,
     )
-
-
-def schema_checked(data: Mapping[str, Any]) -> None:
-    """Raise InputError where a file is of another version of the format."""
-    if type(data.get("schema")) is not int or data["schema"] != SCHEMA:
-        found = f"not {data['schema']!r}" if "schema" in data else "but it is missing"
-        raise InputError(f"schema must be {SCHEMA}, {found}")
-
-
-def known_keys(table: Mapping[str, Any], name: str) -> None:
-    """Raise InputError, with a suggestion, where a table of the schema has an unknown key."""
-    for key in table:
-        if key not in KEYS[name]:
-            where = f"in table [{name}]" if name else "at the top level"
-            raise InputError(f"unknown key {key!r} {where}{suggestion(key, KEYS[name])}")
-
-
-def suggestion(word: str, allowed: Iterable[str]) -> str:
-    """The nearest of the allowed words, and all of them."""
-    names = list(allowed)
-    close = difflib.get_close_matches(word, names, n=1, cutoff=0.6)
-    asked = f"; did you mean {close[0]!r}?" if close else ";"
-    return f"{asked} allowed: {', '.join(names)}"
-
-
-def table_of(data: Mapping[str, Any], name: str) -> dict[str, Any]:
-    """A table of the schema; empty where it is not given."""
-    table = data.get(name, {})
-    if not isinstance(table, dict):
-        raise InputError(f"{name} must be a table, [{name}], not {table!r}")
-    known_keys(table, name)
-    return table
 
 
 def robot_from(data: Mapping[str, Any], folder: Path) -> Robot:

@@ -5,13 +5,19 @@ Whatever is wrong in a file is one sentence that names the file, the key and wha
 
 from __future__ import annotations
 
-import difflib
-import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from microbot_ocp._base.checks import InputError, shown
+from microbot_ocp._base.toml_file import (
+    check_keys,
+    check_schema,
+    parsed,
+    suggestion,
+    table_of,
+    text_of,
+)
 from microbot_ocp.robot import Robot
 from microbot_ocp.robot.files import load_robot, packaged_robots
 from microbot_ocp.sweeps._cases import Between, Cases, OneOf
@@ -46,12 +52,7 @@ def read_study(path: str | Path) -> Study:
         A file that cannot be read, a key that is unknown, missing or of the wrong kind.
     """
     source = Path(path)
-    try:
-        text = source.read_text("utf-8")
-    except (OSError, UnicodeDecodeError) as problem:
-        reason = getattr(problem, "strerror", None) or "it is not text"
-        raise InputError(f"study file {str(path)!r} cannot be read: {reason}") from None
-    return parse_study(text, str(source), source.parent)
+    return parse_study(text_of(path, "study"), str(source), source.parent)
 
 
 def parse_study(text: str, origin: str, folder: Path) -> Study:
@@ -63,10 +64,7 @@ def parse_study(text: str, origin: str, folder: Path) -> Study:
         As :func:`read_study`.
     """
     name = Path(origin).name
-    try:
-        data = tomllib.loads(text)
-    except (ValueError, RecursionError) as problem:
-        raise InputError(f"{name} is not valid TOML: {problem}") from None
+    data = parsed(text, name)
     try:
         return _study(data, origin, folder)
     except InputError as problem:
@@ -74,10 +72,8 @@ def parse_study(text: str, origin: str, folder: Path) -> Study:
 
 
 def _study(data: dict[str, Any], origin: str, folder: Path) -> Study:
-    _known(data, "")
-    if type(data.get("schema")) is not int or data["schema"] != SCHEMA:
-        found = f"not {data['schema']!r}" if "schema" in data else "but it is missing"
-        raise InputError(f"schema must be {SCHEMA}, {found}")
+    check_keys(data, "", KEYS)
+    check_schema(data, SCHEMA)
     more: dict[str, Any] = {}
     if "methods" in data:
         methods = data["methods"]
@@ -90,13 +86,10 @@ def _study(data: dict[str, Any], origin: str, folder: Path) -> Study:
         more["motions"] = data["motions"]
     if "time_limit" in data:
         more["time_limit"] = data["time_limit"]
-    try:
-        cases = _cases(_table(data, "cases"), _quantities(data), folder)
-        robot = _robot(data, folder)
-        cases.of(robot)
-    except InputError as problem:
-        raise InputError(f"{problem}") from None
-    return Study(robot, cases, settings=_table(data, "settings"), origin=origin, **more)
+    cases = _cases(table_of(data, "cases", KEYS), _quantities(data), folder)
+    robot = _robot(data, folder)
+    cases.of(robot)
+    return Study(robot, cases, settings=table_of(data, "settings", KEYS), origin=origin, **more)
 
 
 def _cases(table: Mapping[str, Any], quantities: dict[str, Any], folder: Path) -> Cases:
@@ -136,7 +129,7 @@ def _quantity(name: str, given: Any) -> Any:
         return OneOf(given["one_of"])
     for key in given:
         if key not in RANGE:
-            close = _suggestion(key, (*RANGE, "one_of"))
+            close = suggestion(key, (*RANGE, "one_of"))
             raise InputError(f"quantities.{name} has the unknown key {key!r}{close}")
     if not {"from", "to"} <= set(given):
         raise InputError(f"quantities.{name} must have from and to, or one_of, not {shown(given)}")
@@ -151,25 +144,3 @@ def _robot(data: Mapping[str, Any], folder: Path) -> Robot:
             f"file, not {shown(source)}; tip, if given, the name of a link"
         )
     return load_robot(source if source in packaged_robots() else str(folder / source), tip)
-
-
-def _table(data: Mapping[str, Any], name: str) -> dict[str, Any]:
-    table = data.get(name, {})
-    if not isinstance(table, dict):
-        raise InputError(f"{name} must be a table, [{name}], not {shown(table)}")
-    _known(table, name)
-    return table
-
-
-def _known(table: Mapping[str, Any], name: str) -> None:
-    for key in table:
-        if key not in KEYS[name]:
-            where = f"in table [{name}]" if name else "at the top level"
-            raise InputError(f"unknown key {key!r} {where}{_suggestion(key, KEYS[name])}")
-
-
-def _suggestion(word: str, allowed: Iterable[str]) -> str:
-    names = list(allowed)
-    close = difflib.get_close_matches(word, names, n=1, cutoff=0.6)
-    asked = f"; did you mean {close[0]!r}?" if close else ";"
-    return f"{asked} allowed: {', '.join(names)}"

@@ -1,0 +1,79 @@
+"""TOML files of known keys: a fault is one sentence with the key and what is allowed."""
+
+from __future__ import annotations
+
+import difflib
+import tomllib
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from microbot_ocp._base.checks import InputError, shown
+
+Keys = Mapping[str, tuple[str, ...]]  # allowed keys by the name of the table; "" is the top level
+
+
+def text_of(path: str | Path, kind: str) -> str:
+    """The text of a file of this kind, such as "task".
+
+    Raises
+    ------
+    InputError
+    """
+    try:
+        return Path(path).read_text("utf-8")
+    except UnicodeDecodeError:
+        raise InputError(f"{kind} file {str(path)!r} cannot be read: it is not text") from None
+    except (OSError, ValueError) as problem:
+        reason = getattr(problem, "strerror", None) or problem
+        raise InputError(f"{kind} file {str(path)!r} cannot be read: {reason}") from None
+
+
+def parsed(text: str, origin: str) -> dict[str, Any]:
+    """What a text holds; ``origin`` names its file.
+
+    Raises
+    ------
+    InputError
+    """
+    try:
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as problem:  # an integer of 5,000 digits; nesting
+        raise InputError(f"{origin} is not valid TOML: {problem}") from None
+
+
+def check_schema(data: Mapping[str, Any], schema: int) -> None:
+    """Raise InputError where a file is of another version of the format."""
+    if type(data.get("schema")) is not int or data["schema"] != schema:
+        found = f"not {data['schema']!r}" if "schema" in data else "but it is missing"
+        raise InputError(f"schema must be {schema}, {found}")
+
+
+def check_keys(table: Mapping[str, Any], name: str, keys: Keys) -> None:
+    """Raise InputError, with a suggestion, where a table has an unknown key."""
+    for key in table:
+        if key not in keys[name]:
+            where = f"in table [{name}]" if name else "at the top level"
+            raise InputError(f"unknown key {key!r} {where}{suggestion(key, keys[name])}")
+
+
+def table_of(data: Mapping[str, Any], name: str, keys: Keys) -> dict[str, Any]:
+    """A checked table; empty where it is not given.
+
+    Raises
+    ------
+    InputError
+    """
+    table = data.get(name, {})
+    if not isinstance(table, dict):
+        raise InputError(f"{name} must be a table, [{name}], not {shown(table)}")
+    check_keys(table, name, keys)
+    return table
+
+
+def suggestion(word: str, allowed: Iterable[str]) -> str:
+    """The nearest of the allowed words, and all of them."""
+    names = list(allowed)
+    close = difflib.get_close_matches(word, names, n=1, cutoff=0.6)
+    asked = f"; did you mean {close[0]!r}?" if close else ";"
+    return f"{asked} allowed: {', '.join(names)}"
