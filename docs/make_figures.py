@@ -30,7 +30,7 @@ WRITTEN = {
     },
 }
 DEMO = DOCS.parent / "problems" / "07_time_optimal_comparison.py"
-SCRIPTS = ("make_order_plot.py", "make_import_diagram.py")
+SCRIPTS = ("make_order_plot.py", "make_certificate_plot.py", "make_import_diagram.py")
 VIEWERS = ("make_screenshots.py", "make_notebook_pictures.py")
 
 
