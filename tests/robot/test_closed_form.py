@@ -15,6 +15,7 @@ import formulas
 import microbot_ocp as mo
 from helpers import random_robot
 from microbot_ocp._base.checks import FloatArray
+from microbot_ocp.robot import _equation_text
 
 SIX = [name for name in mo.packaged_robots() if mo.load_robot(name).joint_count <= 6]
 STATES = 5
@@ -113,6 +114,18 @@ def test_series_are_the_dynamics(kinds: str) -> None:
             size = max(1.0, float(np.abs(value).max()))
             np.testing.assert_allclose(found[title], value, rtol=0, atol=1e-12 * size)
     assert len(form.lines()) == sum(range(len(kinds) + 1)) + len(kinds) ** 2 + len(kinds)
+
+
+def test_long_sums_are_several_statements(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(_equation_text, "MOST_TERMS", 2)
+    robot = mo.load_robot("stanford")
+    form = mo.closed_form(robot)
+    assert "\n    double h112 = " in form.text("c")
+    q, qd = states(6)[0]
+    expected = numbers(robot, q, qd)
+    for text in (form.text("python"), from_matlab(form.text("matlab"))):
+        for title, value in in_python(text, q, qd).items():
+            np.testing.assert_allclose(value, expected[title], rtol=0, atol=1e-11)
 
 
 def test_terms_are_those_of_the_textbook() -> None:

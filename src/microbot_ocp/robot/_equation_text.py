@@ -11,6 +11,7 @@ from itertools import combinations_with_replacement, product
 from microbot_ocp.robot._closed_form import ClosedForm, Series, Term
 
 WIDTH = 96  # characters a line of a program
+MOST_TERMS = 200  # of one statement: parsers of programs nest a level for each
 LATEX_WIDTH = 75  # characters a line of a formula, as they are read
 DIGITS = 6  # of a coefficient that is read
 
@@ -280,10 +281,15 @@ def _statements(form: ClosedForm, language: str, matrix: str) -> list[str]:
     entries: list[str] = []
 
     def assign(target: str, parts: Iterable[str], let: str = "") -> None:
-        text = _broken(parts, WIDTH, syntax.continued)
-        if language == "python" and "\n" in text:
-            text = f"(\n        {text}\n    )"
-        entries.append(f"{let}{target} = {text}{syntax.end}")
+        every_part = list(parts)
+        if len(every_part) > MOST_TERMS:
+            let = let.removeprefix("const ")
+        for first in range(0, len(every_part), MOST_TERMS):
+            some = every_part[first : first + MOST_TERMS]
+            text = _broken([target, *some] if first else some, WIDTH, syntax.continued)
+            if language == "python" and "\n" in text:
+                text = f"(\n        {text}\n    )"
+            entries.append(f"{'' if first else let}{target} = {text}{syntax.end}")
 
     def at(*place: int) -> str:
         return syntax.at(language, matrix, place)
