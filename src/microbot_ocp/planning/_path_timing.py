@@ -22,7 +22,7 @@ from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.codegen import compile_recipe, compiler
 from microbot_ocp._base.status import Status
-from microbot_ocp.limits import LIMIT_TOLERANCE, JointLimits, LimitFamily, Limits, MotionSamples
+from microbot_ocp.limits import JointLimits, LimitFamily, Limits, MotionSamples
 from microbot_ocp.motion import SAMPLE_STEP, Mark, Motion, PiecewisePolynomial, State, sample_times
 from microbot_ocp.ocp.problem import OptimalControlProblem, Phase
 from microbot_ocp.ocp.refinement import Refiner
@@ -245,7 +245,7 @@ class _PathSearch:
         if np.isfinite(reached):
             self.progress(f"reachability on a grid: {reached:.6f} s")
         settings, complete = self.settings, not kept_by[LATER]
-        passes = excess <= max(settings.limit_tolerance, LIMIT_TOLERANCE)
+        passes = excess <= 2.0 * settings.limit_tolerance  # else the solver may come nearer
         if settings.solver is None and complete and passes:
             return self._reached_motion(timings, kept_by, excess, time.perf_counter() - begin)
         solver = settings.solver or "ipopt"
