@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from importlib import metadata
 from pathlib import Path
 
 import numpy as np
@@ -122,7 +123,7 @@ def test_help_of_a_command_has_an_example_that_names_real_options(call, command)
 
 def test_the_version(call):
     code, out, _ = call("--version")
-    assert (code, out) == (0, "microbot-ocp 0.1.0\n")
+    assert (code, out) == (0, f"microbot-ocp {metadata.version('microbot_ocp')}\n")
 
 
 @pytest.mark.parametrize(
