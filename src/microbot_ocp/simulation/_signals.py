@@ -66,7 +66,7 @@ def reference_signal(
         begin, longest, breaks = float(motion.breaks[0]), motion.duration, motion.breaks
         parts = (motion, motion.derivative(), motion.derivative().derivative())
         values, fit = (lambda times: np.hstack([part(times) for part in parts])), np.full(3, FIT)
-    elif callable(motion):
+    else:
         if duration is None:
             raise InputError("duration must be given where the motion is a function of the time")
         t, q = symbolic("motion", motion, count)
@@ -74,11 +74,6 @@ def reference_signal(
         qdd = ca.jacobian(qd, t)
         end = checks.number("duration", duration, "s", above=0.0)
         return 0.0, end, formula_signal(ca.vertcat(q, qd, qdd), t)
-    else:
-        raise InputError(
-            f"motion must be a Motion, a PiecewisePolynomial or a function of the time, not "
-            f"{motion!r}"
-        )
     if duration is None:
         duration = longest
     duration = checks.number("duration", duration, "s", above=0.0, at_most=longest * (1 + 1e-9))

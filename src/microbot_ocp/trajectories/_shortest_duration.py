@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import cast
 
 import numpy as np
 
@@ -165,21 +164,16 @@ class _Search:
                 "for at least one joint, or no duration is too short"
             )
         self.tried = 0
-        self.shape = make_motion if isinstance(make_motion, PiecewisePolynomial) else None
-        if self.shape is not None:
-            shape = self._checked(self.shape)
+        self.shape: PiecewisePolynomial | None = None
+        if isinstance(make_motion, PiecewisePolynomial):
+            self.shape = shape = self._checked(make_motion)
             self.first = shape.duration
             self.make: MakeMotion = lambda duration: shape.stretched(duration / shape.duration)
             refusal = refusal_of(robot, self.family, shape)
-        elif callable(make_motion):
-            self.first = checks.number("first_duration", first_duration, "s", above=0.0)
-            self.make = cast(MakeMotion, make_motion)
-            refusal = self._refusal_of_callable()
         else:
-            raise InputError(
-                "make_motion must be a PiecewisePolynomial or a callable of the duration, not "
-                f"{type(make_motion).__name__}"
-            )
+            self.first = checks.number("first_duration", first_duration, "s", above=0.0)
+            self.make = make_motion
+            refusal = self._refusal_of_callable()
         if refusal:
             raise InputError(refusal)
         friction = any(link.viscous_friction or link.coulomb_friction for link in robot.links)
