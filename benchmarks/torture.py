@@ -1,11 +1,13 @@
 """Random tasks by seed: free motions and timings of paths, and what became of each.
 
-``python -m benchmarks torture [--count 1000] [--first 0] [--limit 120] [--out FILE]``
+``python -m benchmarks torture [--count 1000] [--first 0] [--step 1] [--limit 120] [--out FILE]``
 
 A seed says everything of a task: its kind, robot, limits and via points. Every task is solved with
 default settings and certified, in a process of its own that the system ends when it has used its
-limit of processor time. One line of JSON a task goes to FILE, every failure with its seed;
-``--task SEED`` solves one of them again and prints how it goes.
+limit of processor time. One line of JSON a task goes to FILE, every failure with its seed. Seeds
+that FILE holds are not solved again, unless ``--again`` asks for those that failed, so a run that
+was ended is continued by the same command; the table is that of the whole FILE, the last line of a
+seed counting. ``--task SEED`` solves one of them again and prints how it goes.
 
 A failure counts where somebody can solve the task: where the scaled cubic keeps the limits, or the
 straight path, by reachability; or, of a path, where toppra times it. Elsewhere the task may be
@@ -20,8 +22,9 @@ import resource
 import subprocess
 import sys
 import time
+import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -104,9 +107,25 @@ def small(random: np.random.Generator) -> Task:
     return Task("odd sizes", robot, via)
 
 
+def shipped(random: np.random.Generator) -> Task:
+    """A chain of two to eight joints of some URDF file, two to four via points."""
+    robot = shipped_chain(random)
+    return Task("URDF arm", robot, via_points(random, robot, int(random.integers(2, 5))))
+
+
 def timing(random: np.random.Generator) -> Task:
     """A cubic spline or straight lines through two to eight points, to be timed."""
-    robot = mo.load_robot(str(random.choice(ARMS))).with_limits(taud_max=np.inf)
+    return timing_of(random, mo.load_robot(str(random.choice(ARMS))))
+
+
+def shipped_timing(random: np.random.Generator) -> Task:
+    """The same of a chain from a URDF file."""
+    return timing_of(random, shipped_chain(random))
+
+
+def timing_of(random: np.random.Generator, robot: mo.Robot) -> Task:
+    """A cubic spline or straight lines through two to eight points, to be timed."""
+    robot = robot.with_limits(taud_max=np.inf)
     via = via_points(random, robot, int(random.integers(2, 9)), everywhere=True)
     path = mo.straight_path(via)
     if random.random() < 0.7:
@@ -123,17 +142,54 @@ KINDS: tuple[Callable[[np.random.Generator], Task], ...] = (
     tight,
     timing,
     many,
-    packaged,
+    shipped,
     chain,
     small,
     tight,
-    timing,
+    shipped_timing,
 )
 
 
 def task_of(seed: int) -> Task:
     """The task of a seed."""
     return KINDS[seed % len(KINDS)](np.random.default_rng([seed, 20261121]))
+
+
+def shipped_chain(random: np.random.Generator) -> mo.Robot:
+    """A chain of two to eight joints from the URDF files of three packages.
+
+    Limits are those of the file. Where it has none of the velocity, or none of the torque or one
+    that does not lift the arm, there are others; without masses one of the acceleration.
+    """
+    from external.urdf_packages import file_at, paths
+
+    found = paths()
+    while True:
+        file = file_at(found[int(random.integers(len(found)))])
+        if not file.tips:
+            continue
+        tip = str(random.choice(file.tips))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", mo.RobotFileWarning)
+            robot = mo.read_urdf(file.path, tip)
+        low, high = reach(robot)
+        if 2 <= robot.joint_count <= 8 and (high > low).sum() >= 2:
+            break
+    qd_max = robot.limits.qd_max
+    changed: dict[str, Any] = {
+        "qd_max": np.where(np.isfinite(qd_max) & (qd_max > 0.0), qd_max, 3.0)
+    }
+    if robot.has_dynamics:
+        strength = random.uniform(1.3, 4.0)
+        inertia = np.array(mo.mass_matrix(robot)(np.zeros(robot.joint_count))).diagonal()
+        needed = np.maximum(gravity_sizes(random, robot), 3.0 * inertia)
+        own = robot.limits.tau_max
+        usable = np.isfinite(own) & (own > 1.1 * needed)
+        changed["tau_max"] = np.where(usable, own, strength * needed)
+    else:
+        changed["qdd_max"] = random.uniform(2.0, 20.0)
+    label = f"{robot.name} to {tip}"
+    return replace(robot.with_limits(**changed), name=label)
 
 
 def random_chain(random: np.random.Generator, count: int, mass: float = 2.0) -> mo.Robot:
@@ -169,15 +225,18 @@ def gravity_sizes(random: np.random.Generator, robot: mo.Robot) -> FloatArray:
 
 def reach(robot: mo.Robot) -> tuple[FloatArray, FloatArray]:
     """Where via points may lie [n]."""
-    return np.maximum(robot.limits.q_min, -REACH), np.minimum(robot.limits.q_max, REACH)
+    low, high = robot.limits.q_min, robot.limits.q_max
+    return np.clip(-REACH, low, high), np.clip(REACH, low, high)
 
 
 def via_points(
     random: np.random.Generator, robot: mo.Robot, count: int, *, everywhere: bool = False
 ) -> FloatArray:
     """Random poses [m,n]; the arm can rest at both ends, or ``everywhere``."""
-    torque = mo.gravity_torque(robot)
     via = random.uniform(*reach(robot), (count, robot.joint_count))
+    if not robot.has_dynamics:
+        return via
+    torque = mo.gravity_torque(robot)
     for k in range(count) if everywhere else (0, count - 1):
         for _ in range(2000):
             if (np.abs(np.array(torque(via[k])).ravel()) <= 0.98 * robot.limits.tau_max).all():
@@ -220,7 +279,8 @@ def best_known(task: Task) -> float:
         ways = [lambda: reachability(robot, path)]
         rubs = any(link.viscous_friction or link.coulomb_friction for link in robot.links)
         # toppra is told of torques without friction and of velocities: others would not be kept
-        if not (rubs or np.isfinite(np.array(robot.limits.bounds("qdd"))).any()):
+        plain = robot.has_dynamics and not rubs
+        if plain and not np.isfinite(np.array(robot.limits.bounds("qdd"))).any():
             grid = graded_grid(path, 2000)
             ways.append(lambda: toppra_duration(robot, path, grid))
     else:
@@ -287,7 +347,10 @@ def main(arguments: Sequence[str]) -> None:
     )
     parser.add_argument("--count", type=int, default=COUNT, help="tasks")
     parser.add_argument("--first", type=int, default=0, help="first seed")
+    parser.add_argument("--step", type=int, default=1, help="from one seed to the next")
     parser.add_argument("--limit", type=int, default=LIMIT, help="processor time of a task, s")
+    parser.add_argument("--minutes", type=float, default=np.inf, help="begin no task after them")
+    parser.add_argument("--again", action="store_true", help="those of FILE that failed again")
     parser.add_argument("--out", type=Path, default=Path("out/torture.jsonl"))
     parser.add_argument("--task", type=int, help="one seed only, here, telling how it goes")
     parser.add_argument("--child", action="store_true", help=argparse.SUPPRESS)
@@ -296,17 +359,24 @@ def main(arguments: Sequence[str]) -> None:
         _one(options.task, options.limit, quiet=options.child)
         return
     options.out.parent.mkdir(parents=True, exist_ok=True)
-    results = []
+    text = options.out.read_text(encoding="utf-8") if options.out.exists() else ""
+    results = {line["seed"]: line for line in map(json.loads, text.splitlines())}
+    seeds = range(options.first, options.first + options.count * options.step, options.step)
+    todo = [seed for seed in seeds if seed not in results]
+    if options.again:
+        todo = [s for s, found in results.items() if found["verdict_word"] != "certified"]
+    end = time.monotonic() + 60.0 * options.minutes
     with options.out.open("a", encoding="utf-8") as file:
-        for seed in range(options.first, options.first + options.count):
-            found = _in_a_process(seed, options.limit)
-            results.append(found)
+        for seed in todo:
+            if time.monotonic() > end:
+                break
+            results[seed] = found = _in_a_process(seed, options.limit)
             file.write(json.dumps(found) + "\n")
             file.flush()
             if found["verdict_word"] != "certified":
                 told = {k: found.get(k) for k in ("seed", "task", "verdict_word", "status")}
                 print(json.dumps(told), flush=True)
-    print(table(results))
+    print(table(list(results.values())))
 
 
 def _one(seed: int, limit: int, *, quiet: bool) -> None:

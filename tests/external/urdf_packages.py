@@ -54,17 +54,23 @@ class Chain(NamedTuple):
 
 def files() -> list[File]:
     """All URDF files of the packages that are installed."""
+    return sorted(map(file_at, paths()), key=lambda file: file.label)
+
+
+def paths() -> list[Path]:
+    """Where they are, in the order of their packages and of their names there."""
     found = []
     for package in PACKAGES:
         try:
             listed = metadata.files(package) or []
         except metadata.PackageNotFoundError:
             continue
-        found += [_file(Path(str(f.locate()))) for f in listed if f.suffix == ".urdf"]
-    return sorted(found, key=lambda file: file.label)
+        found += sorted(Path(str(f.locate())) for f in listed if f.suffix == ".urdf")
+    return found
 
 
-def _file(path: Path) -> File:
+def file_at(path: Path) -> File:
+    """The file at a place, its ends and its joints."""
     root = etree.fromstring(path.read_bytes(), etree.XMLParser(recover=True))
     if root is None:
         return File(path, (), 0, {})

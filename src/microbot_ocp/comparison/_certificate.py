@@ -29,10 +29,10 @@ from microbot_ocp.comparison._resimulation import (
 )
 from microbot_ocp.limits import AT_LIMIT, LIMIT_TOLERANCE, LimitFamily, LimitHistory
 from microbot_ocp.motion import (
-    JUMP_GAP,
     Motion,
     State,
     dense_times,
+    jump_gaps,
     samples_at,
     torque_along,
 )
@@ -528,7 +528,7 @@ def _between_samples(motion: Motion, moved: Callable[[State], FloatArray]) -> tu
     ``moved`` gives it, or the acceleration of a robot without masses, from states.
     """
     start, end = motion.t[:-1], motion.t[1:]
-    long = end - start > 2 * JUMP_GAP
+    long = ~jump_gaps(motion.t)
     middle = 0.5 * (start + end)[long]
     tau = moved(motion.sample(middle))
     ends = moved(State(motion.q, motion.qd, motion.qdd))

@@ -19,7 +19,7 @@ from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.growth import carry, transition_matrices
 from microbot_ocp._base.status import Status
-from microbot_ocp.motion import JUMP_GAP, Motion, State, mesh_of, torque_along
+from microbot_ocp.motion import Motion, State, jump_gaps, mesh_of, torque_along
 from microbot_ocp.robot import Robot, forward_dynamics, mass_matrix
 from microbot_ocp.simulation import interpolated
 
@@ -98,7 +98,7 @@ class _Drive:
         breaks = mesh_of(motion)
         if motion.breaks is None or motion.breaks.size == motion.t.size:
             # Nothing is said of breaks: only a pair of samples is one.
-            pairs = motion.t[1:][np.diff(motion.t) <= 2 * JUMP_GAP]
+            pairs = motion.t[1:][jump_gaps(motion.t)]
             breaks = np.concatenate([[0.0], pairs, [motion.duration]])
         self.breaks = breaks
         self.smooth = interpolated(motion, motion.qdd, breaks)

@@ -24,7 +24,7 @@ from microbot_ocp.comparison._certificate import (
     summary,
 )
 from microbot_ocp.limits import LimitFamily
-from microbot_ocp.motion import JUMP_GAP, Motion
+from microbot_ocp.motion import JUMP_GAP, Motion, jump_gaps
 from microbot_ocp.planning import Circle, JointLine, Line, Stop, Task, stretches
 from microbot_ocp.robot import Robot, forward_kinematics, jacobian
 
@@ -102,7 +102,7 @@ def _part(motion: Motion, start: float, end: float) -> Motion:
     t = motion.t
     here = (t >= start - 1e-12) & (t <= end + 1e-12)
     last = np.flatnonzero(here)[-1]
-    if t[last] < motion.duration and t[last] - t[last - 1] <= 2 * JUMP_GAP:
+    if t[last] < motion.duration and jump_gaps(t)[last - 1]:
         here[last] = False  # of the next one: the torque or the acceleration jumps there
     own = t[here] - t[here][0]
     assert motion.breaks is not None

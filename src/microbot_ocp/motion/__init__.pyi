@@ -23,6 +23,7 @@ from ._polynomial import (
 from ._sampling import (
     JUMP_GAP as JUMP_GAP,
     dense_times as dense_times,
+    jump_gaps as jump_gaps,
     mesh_of as mesh_of,
     samples_at as samples_at,
 )

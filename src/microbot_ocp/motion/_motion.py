@@ -26,7 +26,7 @@ from microbot_ocp.limits import MotionSamples
 from microbot_ocp.motion._export import export
 from microbot_ocp.motion._files import ARRAYS, read, write
 from microbot_ocp.motion._polynomial import PiecewisePolynomial, State, quintic_between
-from microbot_ocp.motion._sampling import JUMP_GAP, dense_times, samples_at
+from microbot_ocp.motion._sampling import JUMP_GAP, dense_times, jump_gaps, samples_at
 from microbot_ocp.robot import Robot, inverse_dynamics
 
 SAMPLE_STEP = 1e-3  # s, the longest step between the samples of a new motion
@@ -357,13 +357,13 @@ def sample_times(breaks: FloatArray, jumps: FloatArray, step: float) -> FloatArr
     """Times from the first to the last break, at most ``step`` apart, with the breaks among them.
 
     Long motions have a longer step, so that memory is bounded (:data:`checks.MOST_SAMPLES`). Every
-    time in ``jumps`` is preceded by a sample 1 microsecond before it.
+    time in ``jumps`` is preceded by a sample 1 microsecond before it, or less in short intervals.
     """
     pieces = []
     step = max(step, float(breaks[-1] - breaks[0]) / checks.MOST_SAMPLES)
     jumping = set(np.asarray(jumps).tolist())
     for start, end in pairwise(np.asarray(breaks, dtype=float)):
-        last = end - JUMP_GAP if end in jumping and end - start > 2 * JUMP_GAP else end
+        last = end - min(JUMP_GAP, 0.01 * (end - start)) if end in jumping else end
         # One sample between the first breaks at least, where it cannot be taken for a side of a
         # jump: breaks that are all the samples would look as if nothing had been said of them.
         least = 2 if not pieces and last - start > 6 * JUMP_GAP else 1
@@ -381,7 +381,7 @@ def pieces_of(motion: Motion, i: np.ndarray | None = None) -> FloatArray:
     h = motion.t[first + 1] - motion.t[first]
     start, end = (State(motion.q[k], motion.qd[k], motion.qdd[k]) for k in (first, first + 1))
     c = quintic_between(start, end, h)
-    c[h <= 2 * JUMP_GAP, 3:] = 0.0  # inside a jump the earlier acceleration goes on
+    c[jump_gaps(motion.t, first), 3:] = 0.0  # inside a jump the earlier acceleration goes on
     return c
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.limits import MotionSamples
@@ -15,7 +16,15 @@ if TYPE_CHECKING:
 JUMP_GAP = 1e-6  # s between the two samples that stand for a jump of the acceleration
 GRID_STEP = 0.25e-3  # s, the longest step of the dense grid
 MOST_STEPS = 400_000  # of that; motions longer than 100 s have longer ones
+JUMP_SHARE = 0.1  # of the interval before it: a longer gap is an interval of a short motion
 GRID_RATIO = 20  # dense grid points to each mesh interval, at least
+
+
+def jump_gaps(t: FloatArray, i: NDArray[np.intp] | None = None) -> NDArray[np.bool_]:
+    """Which intervals [N-1] between times t [N] stand for a jump; ``i`` chooses some of them."""
+    first = np.arange(t.size - 1) if i is None else i
+    before = np.where(first > 0, t[first] - t[np.maximum(first - 1, 0)], np.inf)
+    return t[first + 1] - t[first] <= np.minimum(2 * JUMP_GAP, JUMP_SHARE * before)
 
 
 def mesh_of(motion: Motion) -> FloatArray:
@@ -23,7 +32,7 @@ def mesh_of(motion: Motion) -> FloatArray:
     breaks = motion.t if motion.breaks is None else motion.breaks
     inner = breaks[(breaks > 0.0) & (breaks < motion.duration)]
     mesh = np.concatenate([[0.0], inner, [motion.duration]])
-    return mesh[np.append(np.diff(mesh) > 2 * JUMP_GAP, True)]
+    return mesh[np.append(~jump_gaps(mesh), True)]
 
 
 def dense_times(motion: Motion) -> tuple[FloatArray, float]:
@@ -48,7 +57,7 @@ def samples_at(motion: Motion, t: FloatArray) -> MotionSamples:
     """
     state = motion.sample(t)
     jerk = _slope_of_acceleration(motion, t)
-    first = np.flatnonzero(np.diff(motion.t) <= 2 * JUMP_GAP)
+    first = np.flatnonzero(jump_gaps(motion.t))
     if first.size:
         gap = (motion.t[first + 1] - motion.t[first])[:, None]
         at = np.clip(np.searchsorted(t, motion.t[first]), 0, t.size - 1)

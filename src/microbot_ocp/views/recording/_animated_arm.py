@@ -9,7 +9,7 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.limits import LimitFamily, LimitHistory
-from microbot_ocp.motion import JUMP_GAP, Mark, Motion, State, samples_at
+from microbot_ocp.motion import Mark, Motion, State, jump_gaps, samples_at
 from microbot_ocp.robot import Robot
 from microbot_ocp.views._scene import reach
 from microbot_ocp.views.plots._style import EntryStyle
@@ -160,7 +160,7 @@ def drawn_times(t: FloatArray, rate: float) -> FloatArray:
     """
     cell = np.floor(t * rate + 1e-6)
     keep = np.append(True, np.diff(cell) > 0)
-    jump = np.diff(t) <= 2 * JUMP_GAP
+    jump = jump_gaps(t)
     keep[:-1] |= jump
     keep[1:] |= jump
     keep[-1] = True
