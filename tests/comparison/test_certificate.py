@@ -185,6 +185,18 @@ def test_velocities_that_are_not_the_slope_of_the_positions(robot):
     assert "do not belong together" in certificate.verdict
 
 
+def test_a_wrong_acceleration_is_found_where_breaks_are_dense(robot):
+    """Three samples say little of how the acceleration runs, but it must fit all the same."""
+    shape = cubic(VIA_Q[:2], VIA_T[:2])
+    motion = Motion.from_polynomial(robot, shape, label="cubic", step=0.02)
+    motion = replace(motion, breaks=np.append(motion.t[:-1:2], motion.duration))
+    for share, ok in ((0.0, True), (0.01, False)):
+        qdd = motion.qdd * (1.0 + share * (np.arange(motion.t.size) % 2)[:, None])
+        tau = torque_along(robot, State(motion.q, motion.qd, qdd))
+        wrong = replace(motion, qdd=qdd, tau=tau)
+        assert certify(robot, wrong, mo.Limits()).ok is ok
+
+
 def test_via_points(robot):
     marks = [Mark(t, name) for t, name in zip(VIA_T, ("start", "shelf", "goal"), strict=True)]
     motion = report_cubic(robot, marks=marks)

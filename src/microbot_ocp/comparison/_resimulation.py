@@ -30,7 +30,6 @@ ROUNDS = 16  # of Picard's iteration, before a segment is halved
 CONVERGED = 1e-13  # relative change of the state
 RESOLVED = 0.03  # of the torque that is judged: what may be left of the last Legendre coefficients
 NEIGHBOURS = (-2, -1, 1, 2)
-SAMPLES = 4  # between breaks; fewer say too little of the acceleration
 WRONG = 100.0  # times what is allowed: no finer segments will mend that
 KNOWN = 1e-8  # rad (m) and rad/s (m/s): how well a motion's states are taken to be known
 NEAR_SINGULAR = 1e6  # condition number of the mass matrix
@@ -95,15 +94,13 @@ class _Drive:
         self.robot, self.motion = robot, motion
         excess = motion.tau - torque_along(robot, State(motion.q, motion.qd, motion.qdd))
         self.excess = excess if np.abs(excess).max() > 1e-9 * np.abs(motion.tau).max() else None
-        breaks = mesh_of(motion)
-        if motion.breaks is None or motion.breaks.size == motion.t.size:
-            # Nothing is said of breaks: only a pair of samples is one.
-            pairs = motion.t[1:][jump_gaps(motion.t)]
-            breaks = np.concatenate([[0.0], pairs, [motion.duration]])
-        self.breaks = breaks
+        breaks = np.array([0.0, motion.duration])
+        if motion.breaks is not None and motion.breaks.size < motion.t.size:
+            breaks = mesh_of(motion)
+        pairs = motion.t[1:][jump_gaps(motion.t)]
+        breaks = np.union1d(breaks, pairs[(pairs > breaks[0]) & (pairs < breaks[-1])])
         self.smooth = interpolated(motion, motion.qdd, breaks)
         first = np.searchsorted(motion.t, breaks - 1e-9)
-        self.few = np.diff(first) < SAMPLES
         self.missed = np.cumsum(_missed(motion, first), axis=0)
 
     def unknown(self, start: FloatArray, end: FloatArray) -> FloatArray:
@@ -115,13 +112,8 @@ class _Drive:
     def __call__(self, t: FloatArray, state: State) -> tuple[FloatArray, ...]:
         """Accelerations, torques, and what the stored torques are too large [N,n]."""
         smooth = self.smooth(t)
-        piece = np.clip(np.searchsorted(self.breaks, t, side="right") - 1, 0, self.few.size - 1)
-        few = self.few[piece]
-        smooth[few] = state.qdd[few]
-        tau, added = (
-            torque_along(self.robot, State(state.q, state.qd, smooth)),
-            np.zeros_like(smooth),
-        )
+        tau = torque_along(self.robot, State(state.q, state.qd, smooth))
+        added = np.zeros_like(smooth)
         if self.excess is not None:
             columns = [np.interp(t, self.motion.t, column) for column in self.excess.T]
             added = np.column_stack(columns)

@@ -29,6 +29,7 @@ from microbot_ocp.motion._polynomial import PiecewisePolynomial, State, quintic_
 from microbot_ocp.motion._sampling import JUMP_GAP, dense_times, jump_gaps, samples_at
 from microbot_ocp.robot import Robot, inverse_dynamics
 
+NOTHING = 1e-8  # of the largest acceleration: a term of a polynomial that counts as none
 SAMPLE_STEP = 1e-3  # s, the longest step between the samples of a new motion
 MOST_SAMPLES = 100_000  # of even steps; motions longer than 100 s have longer ones
 
@@ -162,7 +163,7 @@ class Motion:
         jumps = np.abs(after - before).max(axis=1) > 1e-9 * size
         jumps |= np.isin(breaks[1:-1], jumps_at)
         step = max(step, (breaks[-1] - breaks[0]) / MOST_SAMPLES)
-        t = sample_times(breaks, breaks[1:-1][jumps], step)
+        t = sample_times(breaks, breaks[1:-1][jumps], step, _steps_to_tell(acceleration))
         return cls.from_state(
             robot,
             t,
@@ -353,10 +354,19 @@ def torque_along(robot: Robot, state: State) -> FloatArray:
     return fast_call(inverse_dynamics(robot))(q, state.qd, state.qdd)
 
 
-def sample_times(breaks: FloatArray, jumps: FloatArray, step: float) -> FloatArray:
+def _steps_to_tell(acceleration: PiecewisePolynomial) -> int:
+    """Steps to an interval whose samples determine the acceleration there: its degree, or one."""
+    terms = np.abs(acceleration.coefficients).max(axis=2)
+    terms = terms * np.diff(acceleration.breaks)[:, None] ** np.arange(terms.shape[1])
+    return max(1, int(np.flatnonzero((terms > NOTHING * terms.max()).any(axis=0))[-1:].sum()))
+
+
+def sample_times(breaks: FloatArray, jumps: FloatArray, step: float, least: int = 1) -> FloatArray:
     """Times from the first to the last break, at most ``step`` apart, with the breaks among them.
 
-    Long motions have a longer step, so that memory is bounded (:data:`checks.MOST_SAMPLES`). Every
+    There are at least ``least`` steps to an interval, so that the samples tell how the acceleration
+    runs in it. Long motions have longer steps, so that memory is bounded
+    (:data:`checks.MOST_SAMPLES`). Every
     time in ``jumps`` is preceded by a sample 1 microsecond before it, or less in short intervals.
     """
     pieces = []
@@ -366,8 +376,8 @@ def sample_times(breaks: FloatArray, jumps: FloatArray, step: float) -> FloatArr
         last = end - min(JUMP_GAP, 0.01 * (end - start)) if end in jumping else end
         # One sample between the first breaks at least, where it cannot be taken for a side of a
         # jump: breaks that are all the samples would look as if nothing had been said of them.
-        least = 2 if not pieces and last - start > 6 * JUMP_GAP else 1
-        count = max(least, int(np.ceil((last - start) / step - 1e-9)))
+        first = 2 if not pieces and last - start > 6 * JUMP_GAP else 1
+        count = max(first, least, int(np.ceil((last - start) / step - 1e-9)))
         pieces.append(np.linspace(start, last, count + 1)[: count + (last < end)])
     return np.append(np.concatenate(pieces), breaks[-1])
 

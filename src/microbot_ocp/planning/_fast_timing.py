@@ -20,6 +20,7 @@ from microbot_ocp.planning._reachability import CurveLimits, Reached, reach
 from microbot_ocp.planning._task import check_limits, whole, with_locked_joints_held
 from microbot_ocp.robot import Robot
 
+SAMPLES = 4  # of an interval, so that they tell how the acceleration curves
 SAMPLES_AT_ENDS = 12  # of the first and the last interval between two stops
 
 
@@ -197,7 +198,7 @@ def sampled(parts: Sequence[tuple[Curve, Reached]]) -> tuple[FloatArray, State, 
     times, states, breaks, begin = [], [], [np.zeros(1)], 0.0
     for curve, reached in parts:
         lengths = np.diff(reached.t)
-        count = np.maximum(1, np.ceil(lengths / SAMPLE_STEP - 1e-9)).astype(int)
+        count = np.maximum(SAMPLES - 1, np.ceil(lengths / SAMPLE_STEP - 1e-9)).astype(int)
         # powers of the parameter at ends where the tangent vanishes are not those of a polynomial
         count[[0, -1]] = np.maximum(count[[0, -1]], SAMPLES_AT_ENDS)
         i = np.repeat(np.arange(count.size), count + 1)

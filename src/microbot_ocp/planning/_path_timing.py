@@ -414,7 +414,7 @@ class _PathSearch:
         breaks = [np.zeros(1)]
         for index, (phase, piece) in enumerate(zip(solution.phases, self.pieces, strict=True)):
             last = index + 1 == len(self.pieces)
-            local = sample_times(phase.t, np.zeros(0), SAMPLE_STEP)
+            local = sample_times(phase.t, np.zeros(0), SAMPLE_STEP, least=3)
             if not last:  # the acceleration may jump where the next piece begins
                 local[-1] = local[-1] - 1e-6
             t_parts.append(edges[index] + local)
