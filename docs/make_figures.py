@@ -28,6 +28,12 @@ WRITTEN = {
         "out/comparison.png": "tutorial_comparison.png",
         "out/paths.png": "tutorial_paths.png",
     },
+    "course/kinematics.md": {"branches.png": "course/branches.png"},
+    "course/jacobian.md": {"ellipses.png": "course/ellipses.png"},
+    "course/dynamics.md": {"there_and_back.png": "course/there_and_back.png"},
+    "course/trajectories.md": {"shapes.png": "course/shapes.png"},
+    "course/control.md": {"gains.png": "course/gains.png"},
+    "course/time_optimal.md": {"use.png": "course/use.png"},
 }
 DEMO = DOCS.parent / "problems" / "07_time_optimal_comparison.py"
 SCRIPTS = ("make_order_plot.py", "make_certificate_plot.py", "make_import_diagram.py")

@@ -29,7 +29,8 @@ ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
 HOW_TO = [path for path in sorted((DOCS / "how-to").glob("*.md")) if path.stem != "index"]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(DOCS.rglob("*.md"))]
-RUN = [ROOT / "README.md", DOCS / "tutorial.md", *HOW_TO]
+COURSE = [DOCS / "course" / f"{name}.md" for name in ("kinematics", "jacobian", "dynamics")]
+RUN = [ROOT / "README.md", DOCS / "tutorial.md", *COURSE, *HOW_TO]
 
 
 def build(folder: Path, site: Path) -> subprocess.CompletedProcess[str]:
