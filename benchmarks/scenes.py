@@ -3,7 +3,8 @@
 ``python -m benchmarks scenes --count 200`` runs five robots among posts, over tables, into shelves
 and through gaps, in turn. ``--out FILE`` keeps a line of JSON for every task and goes on where that
 file ends. The usual chain is RRT-Connect (one seed), shortcuts, corners rounded by parabolas as far
-as they keep clear, and the best timing of that path under the same limits.
+as they keep clear, and the best timing of that path under the same limits. No motion is faster than
+the joint that has the longest way at its largest speed, which bounds what could be saved at all.
 """
 
 from __future__ import annotations
@@ -36,9 +37,6 @@ def main(arguments: list[str]) -> None:
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--count", type=int, default=200)
     parser.add_argument("--out", type=Path, help="file with a line of JSON a task")
-    parser.add_argument(
-        "--compiled", action="store_true", help="compile the kernels of every scene to C"
-    )
     parser.add_argument("--seconds", type=float, default=np.inf, help="start no task after these")
     options = parser.parse_args(arguments)
     rows = read(options.out)
@@ -46,7 +44,7 @@ def main(arguments: list[str]) -> None:
     for number in range(options.first, options.first + options.count):
         if number in known or time.perf_counter() > until:
             continue
-        row = measured(number, options.compiled)
+        row = measured(number)
         rows.append(row)
         print(line(row), flush=True)
         if options.out:
@@ -61,7 +59,7 @@ def read(path: Path | None) -> list[dict[str, Any]]:
     return [json.loads(text) for text in path.read_text().splitlines()]
 
 
-def measured(number: int, compiled: bool) -> dict[str, Any]:
+def measured(number: int) -> dict[str, Any]:
     """One task, its motion, and the same by the usual chain."""
     name, kind = ROBOTS[number % len(ROBOTS)], KINDS[number // len(ROBOTS) % len(KINDS)]
     row: dict[str, Any] = {"number": number, "robot": name, "kind": kind}
@@ -76,8 +74,9 @@ def measured(number: int, compiled: bool) -> dict[str, Any]:
         return row | {"outcome": "no path"}
     usual = min(paths, key=lambda path: path.name)  # of the first seed that found one
     row |= {"chain": usual.motion.duration, "best_chain": paths[0].motion.duration}
+    row["bound"] = float((np.abs(via[1] - via[0]) / robot.limits.qd_max).max())
     begun = processor_time()
-    motion = mo.time_optimal(robot, via, scene=scene, compiled=compiled)
+    motion = mo.time_optimal(robot, via, scene=scene)
     spent = processor_time() - begun
     told = motion.provenance
     certificate = mo.certify(robot, motion, via_q=via, scene=scene)
@@ -89,7 +88,6 @@ def measured(number: int, compiled: bool) -> dict[str, Any]:
         "clearance": told["clearance"]["at_least"],
         "certified": held,
         "verdict": certificate.verdict,
-        "compiled": compiled,
         "processor": spent,
         "wall": told["wall_time"],
         "planning": told["planning_time"],
@@ -120,8 +118,8 @@ def table(rows: list[dict[str, Any]]) -> str:
     """Counts and medians by robot and by kind, as Markdown."""
     found = [
         "| | tasks | path found | solved and certified | saved against the chain, median "
-        "(least) | processor time, median |",
-        "|---|---|---|---|---|---|",
+        "(least) | could be saved at most, median | processor time, median |",
+        "|---|---|---|---|---|---|---|",
     ]
     groups = [("all", rows)]
     groups += [(robot, [r for r in rows if r["robot"] == robot]) for robot in ROBOTS]
@@ -132,11 +130,13 @@ def table(rows: list[dict[str, Any]]) -> str:
         if not solved:
             continue
         saved = [100 * (1 - r["duration"] / r["chain"]) for r in solved]
+        most = [100 * (1 - r["bound"] / r["chain"]) for r in solved]
         spent = [r["processor"] for r in solved]
         found.append(
             f"| {name} | {len(group)} | {len(possible)} | {len(solved)} "
             f"({100 * len(solved) / len(possible):.0f} %) | {statistics.median(saved):.1f} % "
-            f"({min(saved):.1f} %) | {statistics.median(spent):.1f} s |"
+            f"({min(saved):.1f} %) | {statistics.median(most):.1f} % | "
+            f"{statistics.median(spent):.1f} s |"
         )
     return "\n".join(found)
 

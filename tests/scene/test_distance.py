@@ -12,7 +12,7 @@ from hypothesis import given, settings, strategies as st
 import microbot_ocp as mo
 from microbot_ocp.robot import dh_transform
 from microbot_ocp.scene import clearances, contact_model
-from microbot_ocp.scene._scene import ROUNDING
+from microbot_ocp.scene._pairs import ROUNDING
 
 POSE = dh_transform(0.4, 0.3, -0.2, 1.1)
 STONE = np.array([[0, 0, 0], [0.4, 0, 0], [0, 0.3, 0], [0.1, 0.1, 0.5], [0.3, 0.3, 0.2]])
@@ -98,3 +98,21 @@ def test_a_mesh_with_many_faces_is_enclosed_for_the_solver() -> None:
     far = other > 0
     assert far.sum() > 20
     assert (own[far] < other[far] + 1e-9).all()
+
+
+def test_derivatives_of_all_pairs_together_are_those_of_automatic_differentiation() -> None:
+    robot = mo.load_robot("planar_3r")
+    robot = robot.with_capsules(mo.link_capsules(robot))
+    limit = mo.Scene(tuple(OBSTACLES.values())).limit(robot)
+    q, still, weights = ca.SX.sym("q", 3), ca.SX.zeros(3), ca.SX.sym("w", len(limit.labels))
+    value = limit.expression(robot.motion_state(q, still, still, still))
+    hessian, gradient = ca.hessian(ca.dot(weights, value), q)
+    automatic = ca.Function("f", [q, weights], [value, ca.jacobian(value, q), gradient, hessian])
+    first, second, values = limit.expression.derivatives(robot, compiled=False)
+    random = np.random.default_rng(4)
+    for pose in random.uniform(-2.0, 2.0, (5, 3)):
+        pull = random.normal(size=len(limit.labels))
+        made = (*first(pose), *second(pose, pull))
+        for own, expected in zip(made, automatic(pose, pull), strict=True):
+            np.testing.assert_allclose(np.array(own), np.array(expected), atol=1e-12)
+        np.testing.assert_allclose(np.array(values(pose)), np.array(made[0]), atol=1e-15)

@@ -261,13 +261,25 @@ class LimitFamily:
         """
         if not keys:
             return {}
-        function, names, used = _function(self.robot, tuple(keys), torques)
+        function, names, used = _function(self.robot, tuple(keys), *([torques] if torques else []))
         found = {key: [None, self[key].lower, self[key].upper] for key in keys}
         for (key, side), value in zip(
             names, _as_tuple(function(*(state[k] for k in used))), strict=True
         ):
             found[key][side] = value
         return {key: (entry[0], entry[1], entry[2]) for key, entry in found.items()}
+
+    def derivatives(self, function: ca.Function, compiled: bool) -> tuple[ca.Function, ...] | None:
+        """First and second derivatives of the function of a further limit, where it knows them.
+
+        Its expression says so by a method ``derivatives``: (robot, compiled) -> functions as a
+        transcription wants them.
+        """
+        for limit in self.robot.limits.also:
+            made = getattr(limit.expression, "derivatives", None)
+            if made and _function(self.robot, (limit.key,))[0].__hash__() == function.__hash__():
+                return made(self.robot, compiled)
+        return None
 
 
 @lru_cache(maxsize=64)

@@ -23,6 +23,7 @@ from microbot_ocp.planning._task import (
     CHECKS_PER_INTERVAL,
     declare_limits,
     derivatives_for,
+    knows_derivatives,
     torques_of,
 )
 from microbot_ocp.robot import Robot
@@ -47,13 +48,18 @@ def transcription(
     """Kernels for a robot (its own limits) and via points, built once."""
     via = np.frombuffer(via_bytes).reshape(count, -1)
     robots, prepare = conditions.robots if conditions else (robot,), None
-    if compiled and compiler() is not None:
+    compiled = compiled and compiler() is not None
+    # among obstacles a stage is met once: only what other scenes share is compiled
+    shared = compiled and any(
+        knows_derivatives(limit) for own in robots for limit in own.limits.also
+    )
+    if compiled and not shared:
         prepare = compile_recipe
     return Transcription(
         free_problem(robot, via, payload=payload, budget=budget, conditions=conditions),
         scheme="shooting",
         prepare=prepare,
-        derivatives=derivatives_for(*robots, *map(without_dry_friction, robots)),
+        derivatives=derivatives_for(*robots, *map(without_dry_friction, robots), compiled=shared),
     )
 
 

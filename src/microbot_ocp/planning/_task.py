@@ -15,11 +15,13 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.codegen import compile_recipe
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import (
     LIMIT_TOLERANCE,
     ROUNDING,
     JointLimits,
+    Limit,
     LimitFamily,
     Limits,
     Member,
@@ -320,8 +322,11 @@ def _with_payload(empty: ca.Function, holding_one: ca.Function) -> ca.Function:
     return ca.Function(empty.name(), [*state, payload], values, names, empty.name_out())
 
 
-def derivatives_for(*robots: Robot) -> Callable[[ca.Function], Any]:
-    """What a transcription is told: the derivatives of those functions that have some."""
+def derivatives_for(*robots: Robot, compiled: bool = False) -> Callable[[ca.Function], Any]:
+    """What a transcription is told: the derivatives of those functions that have some.
+
+    They are ``compiled`` where the stages that call them are not.
+    """
     kinds = (
         (inverse_dynamics, False, False),
         (torque_and_rate, True, False),
@@ -334,7 +339,14 @@ def derivatives_for(*robots: Robot) -> Callable[[ca.Function], Any]:
         for robot in robots:
             for make, rates, payload in kinds if robot.has_dynamics else ():
                 if payload == held and make(robot).__hash__() == function.__hash__():
-                    return torque_derivatives(robot, rates=rates, payload=payload)
+                    made = torque_derivatives(robot, rates=rates, payload=payload)
+                    if made is None or not compiled:
+                        return made
+                    parts = (*made, function)
+                    return compile_recipe(f"parts of {function.serialize()}", lambda p=parts: p)
+            found = LimitFamily.of(robot).derivatives(function, compiled)
+            if found is not None:
+                return found
         return None
 
     return find
@@ -371,7 +383,12 @@ def declare_limits(
         joint_values["tau"], joint_values["taud"] = torques(*state, *held)
     further = [key for key in keys if family[key].limit is not None]
     payload = torque_and_rate_with_payload(family.robot) if held and further else None
-    expressions = family.expressions(further, (*state, *held), payload)
+    alone = [key for key in further if knows_derivatives(family[key].limit)]
+    expressions = family.expressions(
+        [key for key in further if key not in alone], (*state, *held), payload
+    )
+    for key in alone:  # a function of its own, whose derivatives it knows
+        expressions |= family.expressions([key], state)
     usual = family.values(_at_rest(reference), further)
     for key in keys:
         member = family[key]
@@ -393,6 +410,11 @@ def declare_limits(
             scale = finite_scale(np.ravel(size), np.ravel(size))
             name = f"{member.name}, {side} limit"
             phase.constraint(name, room, upper=0.0, scale=scale, unit=unit)
+
+
+def knows_derivatives(limit: Limit | None) -> bool:
+    """Whether the expression of a limit has derivatives of its own."""
+    return limit is not None and hasattr(limit.expression, "derivatives")
 
 
 def finite_scale(lower: FloatArray, upper: FloatArray) -> FloatArray:

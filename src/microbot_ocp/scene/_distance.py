@@ -25,8 +25,8 @@ def segment_to_body(
     depth: PointFunction | None,
     start: ca.SX,
     end: ca.SX,
-    rounding: float,
-    contact: float,
+    rounding: ca.SX,
+    contact: ca.SX,
 ) -> ca.SX:
     """Distance of a segment from a convex body.
 
@@ -38,7 +38,7 @@ def segment_to_body(
         Point [3] -> minus its depth inside the body, anything positive outside; None for a body
         without an inside.
     start, end : expression [3]
-    rounding, contact : float
+    rounding, contact : expression
         m, above 0; and the distance that matters most.
     """
     along, parabola = end - start, 2.0 * rounding * contact
@@ -61,23 +61,41 @@ def segment_to_body(
 
 
 def segment_to_function(
-    distance: PointFunction, start: ca.SX, end: ca.SX, rounding: float
+    distance: Callable[[ca.SX, ca.SX], ca.SX],
+    numbers: ca.SX,
+    start: ca.SX,
+    end: ca.SX,
+    rounding: ca.SX,
 ) -> ca.SX:
-    """Least value along a segment of a convex function of a point with continuous slopes."""
-    t, first, last = ca.SX.sym("t"), ca.SX.sym("first", 3), ca.SX.sym("last", 3)
-    value = distance(first + t * (last - first)) + rounding * ((t - 0.5) ** 2 - 0.25)
-    both = ca.Function("along", [t, first, last], [value, ca.gradient(value, t)])
+    """Least value along a segment of a convex function of a point with continuous slopes.
+
+    ``distance`` is a function of the point [3] and of ``numbers``.
+    """
+    t, first, last, given, bow = (
+        ca.SX.sym(name, size)
+        for name, size in (
+            ("t", 1),
+            ("first", 3),
+            ("last", 3),
+            ("given", numbers.shape[0]),
+            ("bow", 1),
+        )
+    )
+    value = distance(first + t * (last - first), given) + bow * ((t - 0.5) ** 2 - 0.25)
+    both = ca.Function("along", [t, first, last, given, bow], [value, ca.gradient(value, t)])
+    known = start, end, numbers, rounding
     low, high = ca.SX(0.0), ca.SX(1.0)
     for _ in range(BISECTIONS):
         middle = 0.5 * (low + high)
-        falls = both(middle, start, end)[1] < 0
+        falls = both(middle, *known)[1] < 0
         low, high = ca.if_else(falls, middle, low), ca.if_else(falls, high, middle)
-    before, after = (both(place, start, end)[1] for place in (low, high))
+    before, after = (both(place, *known)[1] for place in (low, high))
     share = -before / ca.fmax(after - before, TINY)
-    return both(low + (high - low) * ca.fmin(ca.fmax(share, 0.0), 1.0), start, end)[0]
+    nearest = low + (high - low) * ca.fmin(ca.fmax(share, 0.0), 1.0)
+    return both(nearest, *known)[0]
 
 
-def segment_to_plane(start_height: ca.SX, end_height: ca.SX, rounding: float) -> ca.SX:
+def segment_to_plane(start_height: ca.SX, end_height: ca.SX, rounding: ca.SX) -> ca.SX:
     """Least height of a segment whose ends have these heights over a plane."""
     rise = end_height - start_height
     t = ca.fmin(ca.fmax(0.5 - rise / (2.0 * rounding), 0.0), 1.0)

@@ -214,53 +214,70 @@ def core_radius(obstacle: Obstacle) -> float:
     return obstacle.radius if isinstance(obstacle, Sphere | Capsule) else 0.0
 
 
+def core_parameters(obstacle: Obstacle) -> FloatArray:
+    """The numbers [k] that the distance of an obstacle's core depends on."""
+    if isinstance(obstacle, Sphere):
+        return obstacle.center
+    if isinstance(obstacle, Capsule):
+        return np.concatenate([obstacle.start, obstacle.end])
+    if isinstance(obstacle, HalfSpace):
+        return np.append(obstacle.normal, obstacle.offset)
+    if isinstance(obstacle, ConvexMesh):
+        normals, offsets, corner = solver_faces(obstacle)
+        return np.concatenate([normals.ravel("F"), offsets, [corner]])
+    size = obstacle.size if isinstance(obstacle, Box) else [obstacle.radius, obstacle.length]
+    return np.concatenate([size, obstacle.pose[:3, :3].ravel("F"), obstacle.pose[:3, 3]])
+
+
 def core_distance(
-    obstacle: Obstacle, start: ca.SX, end: ca.SX, rounding: float, contact: float
+    kind: type[Obstacle],
+    numbers: ca.SX,
+    start: ca.SX,
+    end: ca.SX,
+    rounding: ca.SX,
+    contact: ca.SX,
 ) -> ca.SX:
     """Signed distance of a segment from the core of an obstacle as an expression, m.
 
     Parameters
     ----------
-    obstacle : obstacle
+    kind : type
+        Of the obstacle.
+    numbers : expression
+        As :func:`core_parameters`.
     start, end : expression [3]
         In the base frame, m.
-    rounding, contact : float
+    rounding, contact : expression
         See :func:`microbot_ocp.scene._distance.segment_to_body`.
     """
-    if isinstance(obstacle, Sphere):
-        return length(from_segment(ca.SX(obstacle.center), start, end))
-    if isinstance(obstacle, HalfSpace):
-        low, high = (ca.dot(obstacle.normal, end) - obstacle.offset for end in (start, end))
+    if kind is Sphere:
+        return length(from_segment(numbers, start, end))
+    if kind is HalfSpace:
+        low, high = (ca.dot(numbers[:3], end) - numbers[3] for end in (start, end))
         return segment_to_plane(low, high, rounding)
-    if isinstance(obstacle, ConvexMesh):
-        normals, offsets, corner = solver_faces(obstacle)
-        return segment_to_function(
-            lambda x: _rounded_maximum(ca.mtimes(ca.SX(normals), x) - offsets, corner),
-            start,
-            end,
-            rounding,
-        )
-    if isinstance(obstacle, Capsule):
-        ends = ca.SX(obstacle.start), ca.SX(obstacle.end)
+    if kind is ConvexMesh:
+        return segment_to_function(_to_faces, numbers, start, end, rounding)
+    if kind is Capsule:
+        ends = numbers[:3], numbers[3:]
         return segment_to_body(
             lambda x: from_segment(x, *ends), None, start, end, rounding, contact
         )
-    turn, shift = obstacle.pose[:3, :3].T, obstacle.pose[:3, 3]
-    first, last = (ca.mtimes(ca.SX(turn), end - shift) for end in (start, end))
-    away, depth = _of_box(obstacle) if isinstance(obstacle, Box) else _of_cylinder(obstacle)
-    return segment_to_body(away, depth, first, last, rounding, contact)
+    turn, shift = ca.reshape(numbers[-12:-3], 3, 3).T, numbers[-3:]
+    first, last = (ca.mtimes(turn, end - shift) for end in (start, end))
+    of_body = _of_box if kind is Box else _of_cylinder
+    return segment_to_body(*of_body(numbers[:-12]), first, last, rounding, contact)
 
 
-def _of_box(box: Box) -> tuple[PointFunction, PointFunction]:
-    half = box.size / 2
+def _of_box(size: ca.SX) -> tuple[PointFunction, PointFunction]:
+    half = size / 2
     return (
         lambda x: ca.fmax(x - half, 0.0) + ca.fmin(x + half, 0.0),
         lambda x: ca.mmax(ca.fabs(x) - half),
     )
 
 
-def _of_cylinder(cylinder: Cylinder) -> tuple[PointFunction, PointFunction]:
-    half, radius = cylinder.length / 2, cylinder.radius
+def _of_cylinder(size: ca.SX) -> tuple[PointFunction, PointFunction]:
+    radius, half = size[0], size[1] / 2
 
     def away(x: ca.SX) -> ca.SX:
         share = 1.0 - radius / length(x[:2])
@@ -268,6 +285,12 @@ def _of_cylinder(cylinder: Cylinder) -> tuple[PointFunction, PointFunction]:
         return ca.vertcat(ca.fmax(share, 0.0) * x[:2], beyond)
 
     return away, lambda x: ca.fmax(length(x[:2]) - radius, ca.fabs(x[2]) - half)
+
+
+def _to_faces(x: ca.SX, numbers: ca.SX) -> ca.SX:
+    faces = numbers.shape[0] // 4
+    normals, offsets = ca.reshape(numbers[: 3 * faces], faces, 3), numbers[3 * faces : -1]
+    return _rounded_maximum(ca.mtimes(normals, x) - offsets, numbers[-1])
 
 
 def solver_faces(mesh: ConvexMesh) -> tuple[FloatArray, FloatArray, float]:
@@ -281,7 +304,7 @@ def solver_faces(mesh: ConvexMesh) -> tuple[FloatArray, FloatArray, float]:
     return normals, offsets, ROUNDED * float(width)
 
 
-def _rounded_maximum(values: ca.SX, rounding: float) -> ca.SX:
+def _rounded_maximum(values: ca.SX, rounding: ca.SX) -> ca.SX:
     """At most the largest of values [K], and near it, with continuous slopes."""
     largest = ca.mmax(values)
     rest = ca.sum1(ca.exp((values - largest) / rounding))

@@ -13,12 +13,11 @@ import numpy as np
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.limits import Limit
-from microbot_ocp.robot import Capsule, Robot, fit_capsules, link_capsules
-from microbot_ocp.scene._distance import from_segment, segment_to_body
-from microbot_ocp.scene._obstacles import KINDS, Obstacle, core_distance, core_radius
+from microbot_ocp.robot import Robot, fit_capsules, link_capsules
+from microbot_ocp.scene._obstacles import KINDS, Obstacle
+from microbot_ocp.scene._pairs import Distances, Pair
 
 LIMIT_NAME = "distance"
-ROUNDING = 0.02  # of a capsule's radius: parabola that makes the nearest place unique
 MARGIN = 0.01  # of the distance between cores at contact, that motions are planned further away
 
 
@@ -122,82 +121,12 @@ class Scene:
         return _limit(self, chosen)
 
 
-@dataclass(frozen=True)
-class Pair:
-    """Two things that may touch.
-
-    Attributes
-    ----------
-    frame, capsule
-        Link frame, 1 to n, and the capsule that is rigid in it.
-    other : obstacle or Capsule
-        Rigid in ``other_frame``, 0 being the base.
-    other_frame : int
-    """
-
-    frame: int
-    capsule: Capsule
-    other: Obstacle
-    other_frame: int = 0
-
-    @property
-    def label(self) -> str:
-        """Such as "forearm to post"."""
-        return f"{self.capsule.name} to {self.other.name}"
-
-    @property
-    def radii(self) -> float:
-        """Distance of the two cores at contact, m."""
-        return self.capsule.radius + core_radius(self.other)
-
-
-@dataclass(frozen=True, eq=False)
-class _Distances:
-    """Distances of the cores of pairs as an expression of a motion's state."""
-
-    pairs: tuple[Pair, ...]
-
-    def __call__(self, state: Any) -> Any:
-        poses = state.link_poses
-        ends: dict[tuple[int, int], tuple[Any, Any]] = {}
-
-        def placed(frame: int, capsule: Capsule) -> tuple[Any, Any]:
-            key = (frame, id(capsule))
-            if key not in ends:
-                turn, origin = poses[frame][:3, :3], poses[frame][:3, 3]
-                ends[key] = origin + turn @ capsule.start, origin + turn @ capsule.end
-            return ends[key]
-
-        values = []
-        for pair in self.pairs:
-            start, end = placed(pair.frame, pair.capsule)
-            moved: tuple[Any, ...] = ()
-            if pair.other_frame and isinstance(pair.other, Capsule):
-                moved = placed(pair.other_frame, pair.other)
-            values.append(_core_function(pair)(start, end, *moved))
-        return ca.vertcat(*values)
-
-
-@lru_cache(maxsize=1024)
-def _core_function(pair: Pair) -> ca.Function:
-    """``(start[3], end[3]) -> distance`` of a pair's cores, and with both ends of another axis."""
-    start, end, first, last = (ca.SX.sym(name, 3) for name in ("start", "end", "first", "last"))
-    rounding = ROUNDING * max(pair.capsule.radius, 0.1 * pair.radii)
-    if not pair.other_frame:
-        value = core_distance(pair.other, start, end, rounding, pair.radii)
-        return ca.Function("distance", [start, end], [value])
-    value = segment_to_body(
-        lambda x: from_segment(x, first, last), None, start, end, rounding, pair.radii
-    )
-    return ca.Function("distance", [start, end, first, last], [value])
-
-
 @lru_cache(maxsize=256)
 def _limit(scene: Scene, pairs: tuple[Pair, ...]) -> Limit:
     least = np.array([pair.radii + scene.clearance for pair in pairs])
     return Limit(
         LIMIT_NAME,
-        _Distances(pairs),
+        Distances(pairs),
         lower=(1.0 + MARGIN) * least,
         unit="m",
         labels=tuple(pair.label for pair in pairs),
@@ -264,4 +193,4 @@ def _clearance_function(robot: Robot, pairs: tuple[Pair, ...]) -> ca.Function:
     q = ca.SX.sym("q", robot.joint_count)
     still = ca.SX.zeros(robot.joint_count)
     state = robot.motion_state(q, still, still, still)
-    return ca.Function("clearances", [q], [_Distances(pairs)(state)])
+    return ca.Function("clearances", [q], [Distances(pairs)(state)])

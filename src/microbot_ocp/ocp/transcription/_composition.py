@@ -7,7 +7,8 @@ and what is made of its results, is light, and matrix products join them.
 
 Somebody who knows a function may give its derivatives: ``first_derivatives`` with its inputs ->
 values [w], Jacobian [w, a], and ``second_derivatives`` with its inputs and weights [w] -> gradient
-[a], Hessian [a, a] of the weighted sum of its values, by all its inputs, stacked.
+[a], Hessian [a, a] of the weighted sum of its values, by all its inputs, stacked; and, where that
+is faster than the function itself, one for its values alone.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 
@@ -98,7 +100,7 @@ def _heavy_calls(expressions: Sequence[ca.MX]) -> HeavyCalls:
     return [(functions[key], list(own.values())) for key, own in calls.items()]
 
 
-Derivatives = Callable[[ca.Function], tuple[ca.Function, ca.Function] | None]
+Derivatives = Callable[[ca.Function], tuple[ca.Function, ...] | None]
 
 
 def automatic(function: ca.Function) -> None:
@@ -107,11 +109,29 @@ def automatic(function: ca.Function) -> None:
 
 def composed_derivatives(
     stage: Composition, derivatives: Derivatives = automatic
-) -> tuple[ca.Function, ca.Function]:
-    """Jacobian and Hessian of a stage, as those of one that is not divided."""
+) -> tuple[ca.Function | None, ca.Function, ca.Function]:
+    """The stage, Jacobian and Hessian of a stage, as those of one that is not divided.
+
+    The stage itself is None where it is no faster than the undivided one.
+    """
     made = [derivatives(calls.function) or _derivatives_of(calls.function) for calls in stage.calls]
-    first, second = zip(*made, strict=True)
-    return _composed_jacobian(stage, first), _composed_hessian(stage, first, second)
+    first, second = ([own[k] for own in made] for k in range(2))
+    fast = all(len(own) > 2 for own in made)
+    return (
+        _composed_stage(stage, [own[2] for own in made]) if fast else None,
+        _composed_jacobian(stage, first),
+        _composed_hessian(stage, first, second),
+    )
+
+
+def _composed_stage(stage: Composition, values: Sequence[ca.Function]) -> ca.Function:
+    """``(v, c) -> next, rows, cost``."""
+    v, c = _inputs(stage)
+    results = []
+    for calls, function in zip(stage.calls, values, strict=True):
+        found = _at_every_call(function, calls.arguments(v, c))
+        results.append(ca.vec(ca.vertcat(*found)))
+    return ca.Function("stage", [v, c], stage.outer(v, c, ca.vertcat(*results)))
 
 
 def _composed_jacobian(stage: Composition, first: Sequence[ca.Function]) -> ca.Function:
@@ -225,7 +245,9 @@ def _at_every_call(function: ca.Function, arguments: ca.MX, *more: ca.MX) -> lis
     count = function.n_in() - len(more)
     edges = _edges([function.size1_in(k) for k in range(count)])
     parts = [arguments[a:b, :] for a, b in itertools.pairwise(edges)]
-    return list(function.map(arguments.shape[1])(*parts, *more))
+    mapped: Any = function.map(arguments.shape[1])
+    found = mapped(*parts, *more)
+    return list(found) if isinstance(found, tuple) else [found]
 
 
 def _derivatives_of(function: ca.Function) -> tuple[ca.Function, ca.Function]:

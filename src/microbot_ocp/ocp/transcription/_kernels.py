@@ -114,7 +114,8 @@ def with_derivatives(
     if composition is None:
         found = list(_stage_derivatives(stage))
     else:
-        found = [stage, *composed_derivatives(composition, derivatives)]
+        composed, *rest = composed_derivatives(composition, derivatives)
+        found = [composed or stage, *rest]
     for point in points:
         found += _point_derivatives(point)
     return found

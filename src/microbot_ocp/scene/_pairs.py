@@ -1,0 +1,229 @@
+"""What may touch, and the distances of many pairs with their derivatives.
+
+The distance of two cores depends on the ends of one axis, or of two that move, and on some numbers
+of the obstacle. Its derivatives by these ends are functions of the kind of pair: compiled once,
+they serve every robot in every scene. Those of the ends by the joints are compiled once a robot.
+Matrix products join the two, so nothing of a new scene has to be compiled.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.codegen import compile_recipe
+from microbot_ocp.robot import Capsule, Robot, link_poses
+from microbot_ocp.scene._obstacles import (
+    Obstacle,
+    core_distance,
+    core_parameters,
+    core_radius,
+)
+
+ROUNDING = 0.02  # of a capsule's radius: parabola that makes the nearest place unique
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two things that may touch.
+
+    Attributes
+    ----------
+    frame, capsule
+        Link frame, 1 to n, and the capsule that is rigid in it.
+    other : obstacle or Capsule
+        Rigid in ``other_frame``, 0 being the base.
+    other_frame : int
+    """
+
+    frame: int
+    capsule: Capsule
+    other: Obstacle
+    other_frame: int = 0
+
+    @property
+    def label(self) -> str:
+        """Such as "forearm to post"."""
+        return f"{self.capsule.name} to {self.other.name}"
+
+    @property
+    def radii(self) -> float:
+        """Distance of the two cores at contact, m."""
+        return self.capsule.radius + core_radius(self.other)
+
+
+@dataclass(frozen=True, eq=False)
+class Distances:
+    """Distances of the cores of pairs as an expression of a motion's state."""
+
+    pairs: tuple[Pair, ...]
+
+    def __call__(self, state: Any) -> Any:
+        poses = state.link_poses
+        ends: dict[tuple[int, int], Any] = {}
+
+        def placed(frame: int, capsule: Capsule) -> Any:
+            key = (frame, id(capsule))
+            if key not in ends:
+                turn, origin = poses[frame][:3, :3], poses[frame][:3, 3]
+                both = origin + turn @ capsule.start, origin + turn @ capsule.end
+                ends[key] = ca.vertcat(*both)
+            return ends[key]
+
+        values = []
+        for pair in self.pairs:
+            axes = ca.vertcat(*(placed(*axis) for axis in _axes(pair)))
+            values.append(_distance(*_kind(pair))(axes, _numbers(pair)))
+        return ca.vertcat(*values)
+
+    def derivatives(self, robot: Robot, compiled: bool) -> tuple[ca.Function, ...]:
+        """``(q) -> values, Jacobian``, ``(q, weights) -> gradient, Hessian`` of their weighted sum,
+        and ``(q) -> values``.
+        """
+        return _derivatives(robot, self.pairs, compiled)
+
+
+def _axes(pair: Pair) -> list[tuple[int, Capsule]]:
+    """The axes of a pair that move, with their frames."""
+    found = [(pair.frame, pair.capsule)]
+    if pair.other_frame and isinstance(pair.other, Capsule):
+        found.append((pair.other_frame, pair.other))
+    return found
+
+
+def _kind(pair: Pair) -> tuple[type[Obstacle], int]:
+    """What the function of a pair's distance follows from: the obstacle's kind, and how many
+    numbers tell about it; none where it moves.
+    """
+    return type(pair.other), len(_numbers(pair)) - 2
+
+
+@lru_cache(maxsize=1024)
+def _numbers(pair: Pair) -> FloatArray:
+    own = np.zeros(0) if pair.other_frame else core_parameters(pair.other)
+    rounding = ROUNDING * max(pair.capsule.radius, 0.1 * pair.radii)
+    return np.append(own, [rounding, pair.radii])
+
+
+@lru_cache(maxsize=64)
+def _distance(kind: type[Obstacle], count: int) -> ca.Function:
+    """``(ends[6], numbers) -> distance`` of the cores; ``ends[12]`` where both move."""
+    ends = ca.SX.sym("ends", 6 if count else 12)
+    numbers = ca.SX.sym("numbers", count + 2)
+    body = numbers[:-2] if count else ends[6:]
+    value = core_distance(kind, body, ends[:3], ends[3:6], numbers[-2], numbers[-1])
+    return ca.Function("distance", [ends, numbers], [value])
+
+
+# derivatives --------------------------------------------------------------------------------------
+
+
+@lru_cache(maxsize=64)
+def _derivatives(robot: Robot, pairs: tuple[Pair, ...], compiled: bool) -> tuple[ca.Function, ...]:
+    n = robot.joint_count
+    axes = {(frame, id(c)): (frame, c) for pair in pairs for frame, c in _axes(pair)}
+    # those of the whole arm where they are the robot's, so that other scenes ask for the same
+    whole = {(frame, id(c)): (frame, c) for frame, c in robot.capsules if frame}
+    axes = whole if axes.keys() <= whole.keys() else axes
+    column = {key: number for number, key in enumerate(axes)}
+    place, bend, ends_of = _of_axes(robot, tuple(axes.values()), compiled)
+    q, weights = ca.MX.sym("q", n), ca.MX.sym("weights", len(pairs))
+    ends, slopes = place(q)  # [6,A], [6,A n]
+    order: list[int] = []
+    first, alone = [], []
+    pulls, total, gradient = ca.MX(6, len(axes)), ca.MX(n * n, 1), ca.MX(n, 1)
+    for key in dict.fromkeys(map(_kind, pairs)):
+        chosen = [k for k, pair in enumerate(pairs) if _kind(pair) == key]
+        order += chosen
+        which = [[column[frame, id(c)] for frame, c in _axes(pairs[k])] for k in chosen]
+        parts = [(ends[:, list(side)], slopes[:, [a * n + j for a in side for j in range(n)]])
+                 for side in zip(*which, strict=True)]  # fmt: skip
+        given = [ca.vertcat(*side) for side in zip(*parts, strict=True)]
+        numbers = ca.DM(np.array([_numbers(pairs[k]) for k in chosen]).T)
+        slope, curve, value = (f.map(len(chosen)) for f in _kernels(*key, n, compiled))
+        first.append(slope(*given, numbers))
+        pull, down, hessian = curve(*given, numbers, weights[chosen].T)
+        bare = ca.vertcat(*(ends_of(q)[:, list(side)] for side in zip(*which, strict=True)))
+        alone.append(value(bare, numbers))
+        for row, side in enumerate(zip(*which, strict=True)):
+            select = ca.DM(len(chosen), len(axes))
+            for number, axis in enumerate(side):
+                select[number, axis] = 1.0
+            pulls = pulls + pull[6 * row : 6 * row + 6, :] @ ca.sparsify(select)
+        total, gradient = total + ca.sum2(hessian), gradient + ca.sum2(down)
+    back = np.argsort(order).tolist()
+    values = ca.horzcat(*(value for value, _ in first)).T[back]
+    jacobian = ca.horzcat(*(row for _, row in first)).T[back, :]
+    total = ca.reshape(total, n, n) + bend(q, ca.vec(pulls))
+    return (
+        ca.Function("first_derivatives", [q], [values, jacobian]),
+        ca.Function("second_derivatives", [q, weights], [gradient, total]),
+        ca.Function("values", [q], [ca.horzcat(*alone).T[back]]),
+    )
+
+
+@lru_cache(maxsize=64)
+def _kernels(
+    kind: type[Obstacle], count: int, joints: int, compiled: bool
+) -> Sequence[ca.Function]:
+    """Derivatives of one distance by the joints, given those of the ends by the joints.
+
+    ``(ends, slopes[e,n], numbers) -> distance, slope[n]`` and with a weight besides -> weight times
+    the slope by the ends [e], by the joints [n], and times the curvature by the joints [n n];
+    last, the distance alone.
+    """
+
+    def make() -> Sequence[ca.Function]:
+        distance = _distance(kind, count)
+        ends, numbers = (ca.SX.sym("x", distance.size1_in(k)) for k in range(2))
+        slopes, weight = ca.SX.sym("slopes", ends.shape[0], joints), ca.SX.sym("weight")
+        value = distance(ends, numbers)
+        hessian, slope = ca.hessian(value, ends)
+        slope, hessian = ca.densify(slope), ca.densify(hessian)
+        first = ca.cse([value, slopes.T @ slope])
+        turned = weight * (slopes.T @ (hessian @ slopes))
+        second = ca.cse([weight * slope, weight * (slopes.T @ slope), ca.vec(turned)])
+        inputs = [ends, slopes, numbers]
+        return (
+            ca.Function("pair_slope", inputs, first),
+            ca.Function("pair_curve", [*inputs, weight], second),
+            distance,
+        )
+
+    recipe = f"{kind.__name__}, {count} numbers, {joints} joints"
+    return compile_recipe(recipe, make) if compiled else make()
+
+
+@lru_cache(maxsize=64)
+def _of_axes(
+    robot: Robot, axes: tuple[tuple[int, Capsule], ...], compiled: bool
+) -> Sequence[ca.Function]:
+    """``(q) -> ends [6,A], slopes [6,A n]`` and ``(q, weights [6 A]) -> Hessian`` of the sum;
+    last, the ends alone.
+    """
+    poses = link_poses(robot)
+
+    def make() -> Sequence[ca.Function]:
+        q = ca.SX.sym("q", robot.joint_count)
+        placed = ca.horzsplit(poses(q), 4)
+        columns: list[Any] = []
+        for frame, capsule in axes:
+            turn, origin = placed[frame][:3, :3], placed[frame][:3, 3]
+            columns.append(ca.vertcat(origin + turn @ capsule.start, origin + turn @ capsule.end))
+        weights = ca.SX.sym("weights", 6 * len(axes))
+        slopes = ca.horzcat(*(ca.densify(ca.jacobian(column, q)) for column in columns))
+        curve: Any = ca.densify(ca.hessian(ca.dot(weights, ca.vertcat(*columns)), q)[0])
+        return (
+            ca.Function("axes", [q], ca.cse([ca.densify(ca.horzcat(*columns)), slopes])),
+            ca.Function("axes_curve", [q, weights], [curve]),
+            ca.Function("axes_alone", [q], ca.cse([ca.densify(ca.horzcat(*columns))])),
+        )
+
+    told = [(frame, c.start.tolist(), c.end.tolist()) for frame, c in axes]
+    return compile_recipe(f"{poses.serialize()} {told}", make) if compiled else make()
