@@ -108,7 +108,7 @@ def test_a_newer_or_broken_file_is_refused_in_one_line(solution, tmp_path):
         ("cut", "is not a saved solution"),
         ("other", "is not a saved solution"),
         ("less", "is not a saved solution"),
-        ("none", "is not a saved solution"),
+        ("none", "is no file"),
     ):
         with pytest.raises(InputError, match=re.escape(said)) as raised:
             load_solution(tmp_path / f"{name}.npz")

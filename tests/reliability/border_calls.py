@@ -275,16 +275,24 @@ def run(cases):
     return count, foreign
 
 
+def main(count, seed=0):
+    """Tell each foreign call when it is found, and how many calls there were."""
+    begin, total, kinds = time.monotonic(), 0, Counter()
+    for case in at_random(count, seed):
+        made, foreign = run([case])
+        total += made
+        for name, kind, where, message, named in foreign:
+            kinds[kind] += 1
+            print(kind, name, where, "|", message[:150].replace("\n", " "), "|", named, flush=True)
+        if total % 500 == 0:
+            print(f"{total} calls, {time.monotonic() - begin:.0f} s", flush=True)
+    print(f"{total} calls of {len(public())} callables, seed {seed}; foreign: {dict(kinds)}")
+
+
 if __name__ == "__main__":
     import os
     import sys
     import tempfile
 
     os.chdir(tempfile.mkdtemp())
-    begin = time.monotonic()
-    total, wrong = run(at_random(int(sys.argv[1]), int(sys.argv[2]) if len(sys.argv) > 2 else 0))
-    print(f"{total} calls of {len(public())} callables in {time.monotonic() - begin:.0f} s")
-    print(f"{len(wrong)} foreign:", dict(Counter(entry[1] for entry in wrong)))
-    for key, number in Counter((e[0], e[1], e[2]) for e in wrong).most_common(400):
-        example = next(e for e in wrong if (e[0], e[1], e[2]) == key)
-        print(number, *key, "|", example[3][:150].replace("\n", " "))
+    main(*map(int, sys.argv[1:]))

@@ -4,11 +4,9 @@ from ._export import (
     EXPORT_FORMATS as EXPORT_FORMATS,
     FILM_FORMATS as FILM_FORMATS,
 )
-from ._files import (
-    SCHEMA as SCHEMA,
-)
 from ._motion import (
     SAMPLE_STEP as SAMPLE_STEP,
+    SCHEMA as SCHEMA,
     Mark as Mark,
     Motion as Motion,
     pieces_of as pieces_of,

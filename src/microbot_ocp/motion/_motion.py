@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
+from microbot_ocp._base.archive import no_archive, read_archive, write_archive
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.codegen import compiles
 from microbot_ocp._base.fast_calls import fast_call
@@ -24,12 +25,13 @@ from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import MotionSamples
 from microbot_ocp.motion._export import export
-from microbot_ocp.motion._files import ARRAYS, read, write
 from microbot_ocp.motion._polynomial import PiecewisePolynomial, State, quintic_between
 from microbot_ocp.motion._sampling import JUMP_GAP, dense_times, jump_gaps, samples_at
 from microbot_ocp.robot import Robot, inverse_dynamics
 
 NOTHING = 1e-8  # of the largest acceleration: a term of a polynomial that counts as none
+SCHEMA = 1  # of the files
+ARRAYS = ("t", "q", "qd", "qdd", "tau", "breaks")
 SAMPLE_STEP = 1e-3  # s, the longest step between the samples of a new motion
 MOST_SAMPLES = 100_000  # of even steps; motions longer than 100 s have longer ones
 
@@ -313,6 +315,7 @@ class Motion:
         """Write one ``.npz``: arrays t, q, qd, qdd, tau, breaks and a JSON string ``metadata``."""
         arrays = {name: getattr(self, name) for name in ARRAYS}
         metadata = {
+            "schema": SCHEMA,
             "label": self.label,
             "note": self.note,
             "duration": self.duration,
@@ -320,7 +323,7 @@ class Motion:
             "marks": [[mark.time, mark.name] for mark in self.marks],
             "provenance": dict(self.provenance),
         }
-        return write(Path(path), arrays, metadata)
+        return write_archive(path, arrays, metadata, "provenance")
 
     @classmethod
     def load(cls, path: str | Path) -> Motion:
@@ -331,17 +334,17 @@ class Motion:
         InputError
             No such file, not a motion, or written by a newer version.
         """
-        arrays, metadata = read(Path(path))
+        arrays, metadata = read_archive(path, "motion", SCHEMA)
         try:
             return cls(
-                **arrays,
+                **{name: arrays[name] for name in ARRAYS},
                 label=metadata["label"],
                 marks=tuple(Mark(float(time), str(name)) for time, name in metadata["marks"]),
                 provenance=metadata["provenance"],
                 note=metadata["note"],
             )
-        except (LookupError, TypeError, ValueError) as problem:
-            raise InputError(f"{path} is not a saved motion: {problem}") from None
+        except (LookupError, TypeError, ValueError, OverflowError) as problem:
+            raise no_archive(path, "motion", problem) from None
 
 
 def torque_along(robot: Robot, state: State) -> FloatArray:

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from microbot_ocp._base import checks
 from microbot_ocp._base.checks import InputError
 from microbot_ocp.ocp.problem import PathConstraint, Phase, Variable
 from microbot_ocp.ocp.transcription import PhaseLayout
@@ -62,10 +63,19 @@ def with_problem_data(phase: Phase, data: Mapping[str, Any]) -> Phase:
                 f"phase {phase.name!r} of the solution has the {kind} {list(values)}, not "
                 f"{[p.name for p in own]}"
             )
-        setattr(made, kind, [replace(p, value=np.array(values[p.name], float)) for p in own])
+        setattr(
+            made,
+            kind,
+            [
+                replace(p, value=np.array(checks.array(p.name, values[p.name], p.value.shape)))
+                for p in own
+            ],
+        )
     low, high = data["duration"]
+    if not 0.0 <= low <= high:
+        raise InputError(f"phase {phase.name!r} of the solution has impossible durations")
     made.duration_bounds = (low, high)
-    made.duration_scale = data["duration_scale"]
+    made.duration_scale = checks.number("duration_scale", data["duration_scale"], "s", above=0.0)
     return made
 
 
@@ -90,4 +100,11 @@ def _changed(item: Any, given: Mapping[str, Any]) -> Any:
         if which in given:
             pair = given[which]
             new[which] = None if pair is None else tuple(np.array(side, float) for side in pair)
+    for low, high in filter(
+        None, ((new["lower"], new["upper"]), new.get("initial"), new.get("final"))
+    ):
+        if low.shape != high.shape or not (low <= high).all():  # false of what is no number, too
+            raise InputError(f"{item.name!r} of the solution has impossible limits")
+    if not (np.isfinite(new["scale"]) & (new["scale"] > 0)).all():
+        raise InputError(f"{item.name!r} of the solution has a scale that is not above 0")
     return replace(item, **new)

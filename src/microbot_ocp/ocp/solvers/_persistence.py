@@ -7,8 +7,6 @@ settings of the solver and the versions of the packages.
 from __future__ import annotations
 
 import copy
-import io
-import json
 import platform
 from collections.abc import Callable
 from dataclasses import replace
@@ -18,9 +16,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base import checks
+from microbot_ocp._base.archive import no_archive, read_archive, write_archive
+from microbot_ocp._base.checks import FloatArray, InputError, shortened
 from microbot_ocp._base.status import Status
-from microbot_ocp._base.writing import write_whole
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.solution import (
     UNKNOWN,
@@ -33,7 +32,7 @@ from microbot_ocp.ocp.solution import (
     with_problem_data,
 )
 from microbot_ocp.ocp.solvers import SolverSettings, run_chain
-from microbot_ocp.ocp.transcription import Mesh, PhaseLayout, Transcription, assemble
+from microbot_ocp.ocp.transcription import Mesh, PhaseLayout, Transcription, assemble, bounds_of
 from microbot_ocp.ocp.transcription.schemes import (
     Collocation,
     HermiteSimpson,
@@ -48,8 +47,6 @@ _SCHEMES: dict[str, Callable[..., Scheme]] = {
     kind.__name__: kind
     for kind in (Collocation, HermiteSimpson, IntegratorShooting, Shooting, Trapezoidal)
 }
-# zipfile, zlib, tokenize and numpy raise a dozen kinds on what is damaged or something else.
-_BROKEN = Exception
 _OPTIONAL = ("variable_multipliers", "variables")
 
 
@@ -70,7 +67,6 @@ def save_solution(solution: Solution, path: str | Path) -> Path:
     InputError
         Solver options that are no plain JSON values.
     """
-    target = Path(path)
     arrays: dict[str, Any] = {"row_multipliers": solution.row_multipliers}
     for name in _OPTIONAL:
         value = getattr(solution, name)
@@ -117,15 +113,7 @@ def save_solution(solution: Solution, path: str | Path) -> Path:
         "phases": phases,
         "versions": versions(),
     }
-    try:
-        text = json.dumps(metadata)
-    except TypeError as problem:
-        raise InputError(
-            f"options of solvers and schemes must be plain JSON values: {problem}"
-        ) from None
-    stream = io.BytesIO()
-    np.savez_compressed(stream, metadata=np.array(text), **arrays)
-    return write_whole(target, stream.getvalue())
+    return write_archive(path, arrays, metadata, "the options of a solution")
 
 
 def load_solution(
@@ -146,21 +134,22 @@ def load_solution(
     InputError
         No such file, not a solution, written by a newer version, or of another problem.
     """
+    return _read(path, problem)[0]
+
+
+def _read(
+    path: str | Path, problem: OptimalControlProblem | Transcription | None = None
+) -> tuple[Solution, dict[str, Any]]:
+    """A solution and the metadata of its file."""
+    arrays, metadata = read_archive(path, "solution", SCHEMA)
     try:
-        with np.load(Path(path), allow_pickle=False) as stored:
-            metadata = json.loads(str(stored["metadata"]))
-            schema = int(metadata["schema"])
-            arrays = {key: stored[key] for key in stored.files if key != "metadata"}
-        if schema <= SCHEMA:
-            return _restored(metadata, arrays, problem)
-    except InputError:
-        raise
-    except _BROKEN as failure:
-        said = " ".join(str(failure).split())
-        raise InputError(f"{path} is not a saved solution: {said}") from None
-    raise InputError(
-        f"{path} was written by a newer version (schema {schema}; this one reads up to {SCHEMA})"
-    )
+        solution = _restored(metadata, arrays, problem)
+        _check_numbers(solution)
+    except InputError as refusal:
+        raise InputError(f"{shortened(str(path), 130)}: {refusal}") from None
+    except Exception as failure:  # whatever a document of another shape does to what reads it
+        raise no_archive(path, "solution", failure) from None
+    return solution, metadata
 
 
 def repeat(path: str | Path, problem: OptimalControlProblem | Transcription) -> Solution:
@@ -173,21 +162,27 @@ def repeat(path: str | Path, problem: OptimalControlProblem | Transcription) -> 
     path : str or Path
     problem : OptimalControlProblem or Transcription
         The same problem.
+
+    Raises
+    ------
+    InputError
+        As :func:`load_solution`; the file has no start of its solve, or another one's.
     """
     before = load_solution(path, problem)
     layouts = [phase.layout for phase in before.phases if phase.layout is not None]
     if before.start is None or len(layouts) < len(before.phases):
         raise InputError(f"{path} was written without the start of its solve")
     program = replace(assemble(layouts), cost_scale=before.cost_scale)
-    settings = SolverSettings(**dict(before.settings))  # type: ignore[arg-type]
+    try:
+        settings = SolverSettings(**dict(before.settings))  # type: ignore[arg-type]
+    except TypeError:
+        raise InputError(f"{shortened(str(path), 150)} has unknown settings of a solver") from None
     return run_chain(program, settings, before.start)
 
 
 def saved_with(path: str | Path) -> dict[str, Any]:
     """Settings and versions that a solution was made with."""
-    load_solution(path)  # refuses what is none
-    with np.load(Path(path), allow_pickle=False) as stored:
-        metadata = json.loads(str(stored["metadata"]))
+    metadata = _read(path)[1]
     return {key: metadata[key] for key in ("settings", "versions")}
 
 
@@ -196,7 +191,10 @@ def _restored(
     arrays: dict[str, FloatArray],
     problem: OptimalControlProblem | Transcription | None,
 ) -> Solution:
-    meshes = [arrays[f"phase{i}.mesh"] for i in range(len(metadata["phases"]))]
+    meshes = [
+        Mesh(arrays[f"phase{i}.mesh"], arrays.get(f"phase{i}.degrees"))
+        for i in range(len(metadata["phases"]))
+    ]
     layouts: tuple[PhaseLayout | None, ...] = (None,) * len(meshes)
     if problem is not None:
         transcription = _as_solved(metadata, problem)
@@ -205,13 +203,13 @@ def _restored(
         PhaseSolution(
             name=described["name"],
             duration=float(described["duration"]),
-            mesh=meshes[i],
+            mesh=meshes[i].fractions,
             values={
                 name: arrays[f"phase{i}.value{k}"] for k, name in enumerate(described["values"])
             },
             layout=layouts[i],
             stages=_flat(arrays.get(f"phase{i}.stages")),
-            degrees=arrays.get(f"phase{i}.degrees"),
+            degrees=meshes[i].degrees,
             parameters={k: np.array(v, float) for k, v in described.get("free", {}).items()},
         )
         for i, described in enumerate(metadata["phases"])
@@ -240,6 +238,49 @@ def _restored(
         if "start.x" in arrays
         else None,
     )
+
+
+def _check_numbers(solution: Solution) -> None:
+    """Refuse values that fit no mesh, and what is not finite in an answer that calls itself solved.
+
+    Raises
+    ------
+    InputError
+    """
+    if not solution.phases:
+        raise InputError("it has no phases")
+    layouts = [phase.layout for phase in solution.phases if phase.layout is not None]
+    if layouts:
+        bounds, start = bounds_of(layouts), solution.start or StartingPoint(solution.variables)
+        height, width = (bounds.row_lower.size,), (bounds.variable_lower.size,)
+        for name, values, size in (
+            ("row_multipliers", solution.row_multipliers, height),
+            ("variable_multipliers", solution.variable_multipliers, width),
+            ("variables", solution.variables, width),
+            ("start.x", start.x, width),
+            ("start.rows", start.row_multipliers, height),
+            ("start.variables", start.variable_multipliers, width),
+        ):
+            if values is not None:
+                checks.array(name, values, size, finite=solution.status.solved)
+    for phase in solution.phases:
+        rows = {phase.mesh.size - 1, phase.mesh.size}
+        if phase.degrees is not None:
+            rows.add(int(phase.degrees.sum()))
+        for name, values in phase.values.items():
+            if values.ndim not in (2, 3) or values.shape[0] not in rows:
+                raise InputError(
+                    f"{name!r} of phase {phase.name!r} has shape {list(values.shape)}, which does "
+                    f"not fit a mesh of {phase.mesh.size - 1} intervals"
+                )
+    if solution.status.solved:
+        checks.number("cost", solution.cost)
+        for phase in solution.phases:
+            checks.number("duration", phase.duration, "s")
+            for name, values in {**phase.values, **phase.parameters}.items():
+                if not np.isfinite(values).all():
+                    raise InputError(f"{name!r} of phase {phase.name!r} must be finite")
+    checks.number("cost_scale", solution.cost_scale, above=0.0)
 
 
 def _flat(stages: FloatArray | None) -> FloatArray | None:
@@ -274,13 +315,11 @@ def _as_solved(
 def _layouts(
     metadata: dict[str, Any],
     arrays: dict[str, FloatArray],
-    meshes: list[FloatArray],
+    meshes: list[Mesh],
     transcription: Transcription,
 ) -> tuple[PhaseLayout, ...]:
     names = [described["name"] for described in metadata["phases"]]
-    layouts = transcription.layouts(
-        [Mesh(mesh, arrays.get(f"phase{i}.degrees")) for i, mesh in enumerate(meshes)]
-    )
+    layouts = transcription.layouts(meshes)
     for i, layout in enumerate(layouts):
         stages = arrays.get(f"phase{i}.stages")
         if stages is not None and stages.size != layout.stages.stop - layout.stages.start:

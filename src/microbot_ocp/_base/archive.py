@@ -1,0 +1,148 @@
+"""Archives of arrays: numpy's ``.npz`` with a JSON object ``metadata``, of motions and solutions.
+
+The reader distrusts what it reads: every member is a plain array of numbers that is as large as its
+header says, and nothing is taken into memory before that is known.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import math
+import os
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+
+from microbot_ocp._base.checks import InputError, shortened
+from microbot_ocp._base.writing import write_whole
+
+MOST_BYTES = 2_000_000_000  # of all arrays of a file together
+MOST_MEMBERS = 10_000
+ENCRYPTED = 1  # bit of a member's flags
+METADATA = "metadata"
+DIGEST = "digest"  # of all the rest; files of earlier versions have none
+_HEADERS = {
+    (1, 0): np.lib.format.read_array_header_1_0,
+    (2, 0): np.lib.format.read_array_header_2_0,
+}
+
+
+def write_archive(
+    path: str | Path, arrays: Mapping[str, Any], metadata: Mapping[str, Any], what: str
+) -> Path:
+    """Write the file, whole or not at all; ``what`` names the metadata that a user gave.
+
+    Raises
+    ------
+    InputError
+        Metadata that are no plain JSON values.
+    """
+    try:
+        text = json.dumps(metadata)
+    except (TypeError, ValueError, RecursionError) as problem:
+        raise InputError(f"{what} must hold plain JSON values: {problem}") from None
+    content = {
+        **{key: np.asarray(value) for key, value in arrays.items()},
+        METADATA: np.array(text),
+    }
+    stream = io.BytesIO()
+    np.savez_compressed(stream, **content, **{DIGEST: np.array(_digest(content))})
+    return write_whole(path, stream.getvalue())
+
+
+def read_archive(
+    path: str | Path, what: str, newest: int
+) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """Arrays and metadata of a file that :func:`write_archive` wrote.
+
+    Parameters
+    ----------
+    path : path
+    what : str
+        What the file should hold, such as "motion".
+    newest : int
+        The newest ``schema`` of the metadata that can be read.
+
+    Raises
+    ------
+    InputError
+        No such file, something else, damaged, too large, or written by a newer version.
+    """
+    if not os.path.isfile(path):  # False of what cannot be a name of a file, too
+        raise InputError(
+            f"{shortened(str(path), 150)} is no file: give the path of a saved {what} (.npz)"
+        )
+    try:
+        arrays = _members(Path(path))
+        digest = str(arrays.pop(DIGEST, ""))
+        changed = bool(digest) and digest != _digest(arrays)
+        metadata = json.loads(str(arrays.pop(METADATA)))
+        schema = metadata["schema"]
+        if type(schema) is not int or schema < 1:
+            raise ValueError("schema must be a whole number above 0")
+    except Exception as problem:  # zipfile, zlib, ast and numpy raise a dozen kinds on damage
+        raise no_archive(path, what, problem) from None
+    if schema > newest:
+        raise InputError(
+            f"{shortened(str(path), 150)} was written by a newer version (schema {schema:g}; this "
+            f"one reads up to {newest})"
+        )
+    if changed:
+        raise no_archive(path, what, ValueError("it was changed after it was saved"))
+    return arrays, metadata
+
+
+def no_archive(path: str | Path, what: str, problem: Exception) -> InputError:
+    """The refusal of a file that does not hold what it should."""
+    said = repr(problem) if isinstance(problem, KeyError) else str(problem)
+    reason = " ".join(said.split()) or type(problem).__name__
+    return InputError(
+        f"{shortened(str(path), 130)} is not a saved {what}: {shortened(reason, 120)}"
+    )
+
+
+def _members(path: Path) -> dict[str, np.ndarray]:
+    arrays: dict[str, np.ndarray] = {}
+    with zipfile.ZipFile(path) as stored:
+        members = stored.infolist()
+        size = sum(member.file_size for member in members)
+        if size > MOST_BYTES or len(members) > MOST_MEMBERS:
+            raise ValueError(f"it would take {size:.3g} bytes, {MOST_BYTES:,} are allowed")
+        for member in members:
+            name = member.filename.removesuffix(".npy")
+            if member.flag_bits & ENCRYPTED:
+                raise ValueError(f"{name} is encrypted")
+            if name in arrays:
+                raise ValueError(f"{name} is there twice")
+            with stored.open(member) as stream:
+                arrays[name] = _array(stream, name, member.file_size)
+    return arrays
+
+
+def _array(stream: IO[bytes], name: str, size: int) -> np.ndarray:
+    version = np.lib.format.read_magic(stream)
+    if version not in _HEADERS:
+        raise ValueError(f"{name} has a header of version {version}")
+    shape, by_columns, kind = _HEADERS[version](stream)
+    if kind.kind not in ("U" if name in (METADATA, DIGEST) else "biuf") or kind.hasobject:
+        raise ValueError(f"{name} holds {kind}, not numbers")
+    if min(shape, default=0) < 0 or math.prod(shape) * kind.itemsize > size:
+        raise ValueError(f"{name} is smaller than its shape {list(shape)}")
+    content = stream.read()
+    if len(content) != math.prod(shape) * kind.itemsize:
+        raise ValueError(f"{name} is larger than its shape {list(shape)}")
+    array = np.frombuffer(content, kind).reshape(shape, order="F" if by_columns else "C")
+    return array.astype(kind.newbyteorder("="))
+
+
+def _digest(arrays: Mapping[str, np.ndarray]) -> str:
+    made = hashlib.sha256()
+    for name, array in sorted(arrays.items()):
+        made.update(f"{name} {array.dtype.str} {array.shape} ".encode())
+        made.update(np.ascontiguousarray(array).tobytes())
+    return made.hexdigest()
