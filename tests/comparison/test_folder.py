@@ -25,7 +25,10 @@ def runs():
 def refusal(folder, **changes):
     path = folder / "comparison.json"
     if changes:
-        path.write_text(json.dumps({**json.loads(path.read_text()), **changes}))
+        document = {**json.loads(path.read_text()), **changes}
+        if "digest" not in changes:  # as one who changes a file on purpose
+            document.pop("digest", None)
+        path.write_text(json.dumps(document))
     with pytest.raises(mo.InputError) as caught:
         mo.load_comparison(folder)
     assert len(str(caught.value)) < 400
@@ -72,6 +75,14 @@ def test_damage_is_found(runs, tmp_path):
     assert "lspb.npz" in refusal(tmp_path)
 
 
+def test_a_changed_file_is_refused(runs, tmp_path):
+    runs[0].save(tmp_path, OUTPUTS)
+    document = json.loads((tmp_path / "comparison.json").read_text())
+    entries = [{**row, "solve_time": 0.0} for row in document["entries"]]
+    change = {"entries": entries, "digest": document["digest"]}
+    assert "was changed after it was saved" in refusal(tmp_path, **change)
+
+
 def test_impossible_files_are_refused(runs, tmp_path):
     runs[0].save(tmp_path, OUTPUTS)
     document = json.loads((tmp_path / "comparison.json").read_text())
@@ -81,8 +92,10 @@ def test_impossible_files_are_refused(runs, tmp_path):
     limits["q_min"] = [None, None, None]
     assert "qd_max" in refusal(tmp_path, limits={**limits, "qd_max": [-1.0, 1.0, 1.0]})
     assert "numbers" in refusal(tmp_path, limits={**limits, "tau_max": ["much", 1, 1]})
+    assert "schema must be 1" in refusal(tmp_path, limits=limits, schema=2)
+    assert "schema must be 1" in refusal(tmp_path, schema=None)
     evil = [{**entries[0], "name": "../../cubic"}]
-    assert "names" in refusal(tmp_path, limits=limits, entries=evil)
+    assert "names" in refusal(tmp_path, schema=1, entries=evil)
     assert "names" in refusal(tmp_path, entries=[entries[0], entries[0]])
     assert "lists files" in refusal(tmp_path, entries=entries, files={"../x": "1"})
     (tmp_path / "comparison.json").write_text("[" * 50_000)

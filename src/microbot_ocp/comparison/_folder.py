@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import json
 import os
 import re
@@ -10,7 +11,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from microbot_ocp._base.checks import InputError, shown
+from microbot_ocp._base.checks import InputError, shortened, shown
 from microbot_ocp._base.writing import NotWritten, digest, sync
 
 try:
@@ -58,12 +59,15 @@ def swap_in(staged: Path, target: Path, index: bool, motions: bool) -> list[Path
     new = {n: value for n, value in made.items() if motions or not n.startswith("motions/")}
     with _locked(target):
         old = _read(target / INDEX)
-        same = old is not None and {**old, "files": None} == {**document, "files": None}
+        own = ("files", "digest")
+        same = old is not None and _without(old, *own) == _without(document, *own)
         earlier = _listed(old)
         listed = {n: value for n, value in made.items() if n in new or _has(target / n, value)}
         if same:
             listed = {**earlier, **listed}
-        text = json.dumps({**document, "files": listed}, indent=2, ensure_ascii=False)
+        document["files"] = listed
+        document["digest"] = _digest(document)
+        text = json.dumps(document, indent=2, ensure_ascii=False)
         (staged / INDEX).write_text(text + "\n", "utf-8")
         sync(staged / INDEX)
         written = [*new, *([INDEX] if index or same else [])]
@@ -84,6 +88,19 @@ def swap_in(staged: Path, target: Path, index: bool, motions: bool) -> list[Path
                     (target / name).unlink(missing_ok=True)
         sync(target)
     return [target / name for name in written if name != INDEX or index]
+
+
+def check_unchanged(origin: str, document: Mapping[str, Any]) -> None:
+    """Refuse a ``comparison.json`` that was changed; those of earlier versions have no digest.
+
+    Raises
+    ------
+    InputError
+    """
+    if "digest" in document and document["digest"] != _digest(document):
+        raise InputError(
+            f"{shortened(origin, 150)} was changed after it was saved: save the comparison again"
+        )
 
 
 def check_run(folder: Path, document: Mapping[str, Any]) -> None:
@@ -108,6 +125,15 @@ def check_run(folder: Path, document: Mapping[str, Any]) -> None:
         path = folder / "motions" / f"{row['name']}.npz"
         if path.exists() and f"motions/{row['name']}.npz" not in listed:
             raise InputError(f"{path} is of another run than {INDEX}: save the comparison again")
+
+
+def _without(document: Mapping[str, Any], *keys: str) -> dict[str, Any]:
+    return {key: value for key, value in document.items() if key not in keys}
+
+
+def _digest(document: Mapping[str, Any]) -> str:
+    text = json.dumps(_without(document, "digest"), sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def _read(path: Path) -> dict[str, Any] | None:

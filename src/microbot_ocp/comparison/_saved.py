@@ -12,14 +12,16 @@ import numpy as np
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError, shortened, shown
 from microbot_ocp._base.status import Status
+from microbot_ocp._base.toml_file import check_schema
 from microbot_ocp.comparison._certificate import certify
 from microbot_ocp.comparison._comparison import Comparison, Entry
-from microbot_ocp.comparison._folder import INDEX, NAME, check_run
+from microbot_ocp.comparison._folder import INDEX, NAME, check_run, check_unchanged
 from microbot_ocp.limits import JOINT_QUANTITIES
 from microbot_ocp.motion import Motion
 from microbot_ocp.planning import check_limits, check_via
 from microbot_ocp.robot import Limits, Robot, load_robot, packaged_robots
 
+SCHEMA = 1
 LIMIT_KEYS = [f"{key}_{side}" for key in JOINT_QUANTITIES for side in ("min", "max")]
 
 
@@ -43,16 +45,20 @@ def load_comparison(folder: str | Path, robot: Robot | str | None = None) -> Com
     origin = str(folder / INDEX)
     try:
         saved = json.loads(Path(origin).read_text("utf-8"))
+        check_schema(saved, SCHEMA)
         via_q = saved["via_q"]
         name, reference = str(saved["robot"]), str(saved["reference"])
         rows = [(str(row["name"]), dict(row)) for row in saved["entries"]]
         bounds = {str(key): list(values) for key, values in saved["limits"].items()}
     except OSError as problem:
         raise InputError(f"{shortened(origin, 150)} cannot be read: {problem.strerror}") from None
+    except InputError as problem:
+        raise InputError(f"{shortened(origin, 150)}: {problem}") from None
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as problem:
         raise InputError(
             f"{shortened(origin, 100)} is not a saved comparison: {shortened(str(problem), 100)}"
         ) from None
+    check_unchanged(origin, saved)
     names = [key for key, _ in rows]
     if not all(map(NAME.fullmatch, names)) or len(set(names)) < len(names):
         raise InputError(f"entries of {origin} must have different names, not {shown(names)}")
