@@ -46,12 +46,13 @@ def write_archive(
         text = json.dumps(metadata)
     except (TypeError, ValueError, RecursionError) as problem:
         raise InputError(f"{what} must hold plain JSON values: {problem}") from None
-    content = {
+    content: dict[str, Any] = {
         **{key: np.asarray(value) for key, value in arrays.items()},
         METADATA: np.array(text),
     }
     stream = io.BytesIO()
-    np.savez_compressed(stream, **content, **{DIGEST: np.array(_digest(content))})
+    content[DIGEST] = np.array(_digest(content))
+    np.savez_compressed(stream, **content)
     return write_whole(path, stream.getvalue())
 
 

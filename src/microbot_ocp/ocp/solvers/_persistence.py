@@ -251,13 +251,13 @@ def _check_numbers(solution: Solution) -> None:
         raise InputError("it has no phases")
     layouts = [phase.layout for phase in solution.phases if phase.layout is not None]
     if layouts:
-        bounds, start = bounds_of(layouts), solution.start or StartingPoint(solution.variables)
+        bounds, start = bounds_of(layouts), solution.start or StartingPoint(np.zeros(0))
         height, width = (bounds.row_lower.size,), (bounds.variable_lower.size,)
         for name, values, size in (
             ("row_multipliers", solution.row_multipliers, height),
             ("variable_multipliers", solution.variable_multipliers, width),
             ("variables", solution.variables, width),
-            ("start.x", start.x, width),
+            ("start.x", start.x if solution.start else None, width),
             ("start.rows", start.row_multipliers, height),
             ("start.variables", start.variable_multipliers, width),
         ):
