@@ -14,7 +14,7 @@ from microbot_ocp.inverse_kinematics import IKSolution
 from microbot_ocp.limits import LimitFamily
 from microbot_ocp.motion import Motion
 from microbot_ocp.robot import JointLimits, Limits, Robot
-from microbot_ocp.scene import Scene
+from microbot_ocp.scene import Scene, clearance, has_coal
 from microbot_ocp.simulation import Tracking
 from microbot_ocp.views._scene import display_factor, display_unit, link_origins, solved_entries
 from microbot_ocp.views.plots._style import FIXED, PREFERRED, EntryStyle, entry_styles
@@ -77,6 +77,9 @@ def of_motion(
         "Not certified." if certificate is None else certificate.verdict,
         motion.note,
     ]
+    if scene is not None and certificate is None and has_coal():
+        said = clearance(robot, motion, scene).sentence
+        sentences.append(f"{said[0].upper()}{said[1:]}.")
     return Recording(
         title=title,
         robot=robot,

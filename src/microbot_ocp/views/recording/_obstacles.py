@@ -22,19 +22,23 @@ from microbot_ocp.scene import (
 )
 from microbot_ocp.views._scene import reach
 from microbot_ocp.views.recording._animated_arm import AnimatedArm
-from microbot_ocp.views.recording._writer import WORLD, Writer, link_path
+from microbot_ocp.views.recording._curves import draw_curve, draw_dashed
+from microbot_ocp.views.recording._limits import LimitPlot
+from microbot_ocp.views.recording._writer import WORLD, Times, Writer, link_path, plot_path
 
 OBSTACLE_COLOR = (205, 160, 105, 255)
 CAPSULE_COLOR = (150, 190, 230, 60)
 NEAREST_COLOR = (255, 220, 90, 255)
 PLANE = 1.6  # reaches from the middle to the edge of what is drawn of a half space
 RADIUS = 0.004  # of the line between nearest points, in reaches
+CLEARANCE = LimitPlot("clearance", "nearest", "clearance [mm]")
 
 
-def draw_scene(writer: Writer, robot: Robot, scene: Scene, arm: AnimatedArm) -> None:
-    """Obstacles, the capsules of the arm, and the line between the nearest points with its length.
+def draw_scene(writer: Writer, robot: Robot, scene: Scene, arm: AnimatedArm, end: Times) -> None:
+    """Obstacles, the capsules of the arm, the line between the nearest points with its length, and
+    that length as a curve with what the scene asks for.
 
-    Without coal there is no such line.
+    Without coal there are no nearest points.
     """
     size = reach(robot)
     for obstacle in scene.obstacles:
@@ -50,6 +54,9 @@ def draw_scene(writer: Writer, robot: Robot, scene: Scene, arm: AnimatedArm) -> 
         writer.static(path, drawn)
     if has_coal() and arm.moves:
         _draw_nearest(writer, padded, scene, arm, RADIUS * size)
+        whole = {key: (0.0, float(value[0])) for key, value in end.items()}
+        bound = f"{plot_path(CLEARANCE.key, CLEARANCE.label)}/limit_lower"
+        draw_dashed(writer, bound, [(whole, 1e3 * scene.clearance)])
 
 
 def _draw_nearest(
@@ -62,10 +69,12 @@ def _draw_nearest(
     path = f"{WORLD}/scene/nearest"
     writer.static(path, rr.LineStrips3D.from_fields(colors=[NEAREST_COLOR], radii=[radius]))
     writer.columns(path, arm.times, rr.LineStrips3D.columns(strips=list(ends)))
-    middle = f"{path}/distance"
+    middle = f"{path}/distance"  # at the obstacle, where no label of the arm stands
     writer.static(middle, rr.Points3D.from_fields(colors=[NEAREST_COLOR], radii=[radius]))
-    points = rr.Points3D.columns(positions=ends.mean(axis=1), labels=words)
+    points = rr.Points3D.columns(positions=ends[:, 1], labels=words)
     writer.columns(middle, arm.times, points)
+    curve = f"{plot_path(CLEARANCE.key, CLEARANCE.label)}/{arm.name}"
+    draw_curve(writer, arm, curve, arm.times, 1e3 * np.array([near.distance for near in found]))
 
 
 def _drawn(obstacle: Any, size: float) -> tuple[FloatArray, Any]:

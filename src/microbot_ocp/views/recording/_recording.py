@@ -14,7 +14,7 @@ import rerun.blueprint as rrb
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.table import Table
 from microbot_ocp.robot import JointLimits, Robot
-from microbot_ocp.scene import Scene
+from microbot_ocp.scene import Scene, has_coal
 from microbot_ocp.views._scene import QUANTITIES, AxisLimits, link_origins, reach
 from microbot_ocp.views.recording._animated_arm import AnimatedArm
 from microbot_ocp.views.recording._arm import (
@@ -45,7 +45,7 @@ from microbot_ocp.views.recording._loads import (
     draw_torques,
     legend,
 )
-from microbot_ocp.views.recording._obstacles import draw_scene
+from microbot_ocp.views.recording._obstacles import CLEARANCE, draw_scene
 from microbot_ocp.views.recording._surroundings import Eye, draw_surroundings, find_eye
 from microbot_ocp.views.recording._writer import (
     APPLICATION,
@@ -116,7 +116,8 @@ class Recording:
     @property
     def limit_plots(self) -> list[LimitPlot]:
         """Plots of limits beside those of position, velocity, acceleration and torque."""
-        return limit_plots(self._moving)
+        seen = self.scene is not None and has_coal() and bool(self._moving)
+        return [*([CLEARANCE] if seen else []), *limit_plots(self._moving)]
 
     @property
     def application(self) -> str:
@@ -175,7 +176,7 @@ class Recording:
             draw_arm(writer, self.robot, arm, self.end)
             draw_curves(writer, self.robot, arm)
         if self.scene is not None and self.arms:
-            draw_scene(writer, self.robot, self.scene, self.arms[-1])
+            draw_scene(writer, self.robot, self.scene, self.arms[-1], self.end)
         draw_labels(writer, self.robot, self._moving, self.eye, self.places, self.place_names)
         for arm in self._moving:
             self._write_motion(writer, arm)
