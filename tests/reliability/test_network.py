@@ -1,6 +1,7 @@
 """Nothing phones home: the sockets of what is started are watched by strace."""
 
 import json
+import os
 import re
 import shutil
 import signal
@@ -17,7 +18,7 @@ ROOT = Path(__file__).parents[2]
 
 
 def can_trace():
-    command = ["strace", "-f", "-o", "/dev/null", "true"]
+    command = ["strace", "-f", "--seccomp-bpf", "-o", "/dev/null", "true"]
     return shutil.which("strace") and not subprocess.run(command, check=False).returncode
 
 
@@ -63,8 +64,14 @@ def reached(trace):
 
 def traced(tmp_path, arguments, home):
     trace = tmp_path / "trace"
-    command = ["strace", "-f", "-qq", "-e", "trace=connect,sendto,sendmsg,sendmmsg", "-o", trace]
-    environment = {"HOME": str(home), "PATH": "/usr/bin:/bin", "PYTHONPATH": str(ROOT / "src")}
+    calls = "trace=connect,sendto,sendmsg,sendmmsg"
+    command = ["strace", "-f", "--seccomp-bpf", "-qq", "-e", calls, "-o", trace]
+    environment = {
+        "HOME": str(home),
+        "PATH": "/usr/bin:/bin",
+        "PYTHONPATH": str(ROOT / "src"),
+        "MICROBOT_OCP_CACHE": os.environ["MICROBOT_OCP_CACHE"],
+    }
     done = subprocess.run(
         [*command, sys.executable, *arguments],
         env=environment,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import microbot_ocp as mo
-from microbot_ocp.sweeps import CaseSource, Study, parse_study, task_of
+from microbot_ocp.sweeps import CaseSource, Study, parse_study, repeat_case, task_of
 
 ENDS = {"start_q": [0.0, 0.0, 0.0], "goal_q_deg": [90.0, 45.0, 45.0]}
 
@@ -107,6 +107,17 @@ def test_values_become_robots_and_poses(microbot: mo.Robot) -> None:
 def test_bad_quantities_are_refused(microbot: mo.Robot, change: dict, said: str) -> None:
     with pytest.raises(mo.InputError, match=said.replace("(", r"\(")):
         mo.Cases.random(4, **ENDS | change).of(microbot)
+
+
+def test_what_fails_its_certificate_is_done_thoroughly(microbot: mo.Robot) -> None:
+    """On 20 points reachability exceeds the torque of the elbow by 2 % between them."""
+    cases = mo.Cases.grid(start_q=[-0.1, 1.2, -1.0], goal_q=[0.8, 1.9, 0.5], payload=1.0)
+    study = Study(microbot, cases, ["cubic_path"], {"grid": 20})
+    row, _ = repeat_case(study, 0)
+    assert row["cubic_path_status"] == "solved"
+    assert row["cubic_path_certified"]
+    finer, _ = repeat_case(Study(microbot, cases, ["cubic_path"]), 0)
+    assert row["cubic_path_duration"] == pytest.approx(finer["cubic_path_duration"], rel=5e-3)
 
 
 STUDY = """

@@ -37,6 +37,11 @@ class Outcome(NamedTuple):
     motion: Motion | None = None
     certificate: Certificate | None = None
 
+    @property
+    def kept(self) -> bool:
+        """Whether it is solved and its certificate passed."""
+        return self.status.solved and self.certificate is not None and self.certificate.ok
+
 
 class CaseSolver:
     """All cases of a plan in one process: what they share is made here, once."""
@@ -104,22 +109,29 @@ class CaseSolver:
             motion = own(moving, task.via_q)
             if not isinstance(motion, Motion):
                 raise ValueError(f"method {name} returned {type(motion).__name__}, no motion")
-        elif name == BY_SOLVER and self.plan.prepares:
+            return _judged(moving, task, motion)
+        quick = self._quick(name, task, moving, values)
+        if quick is not None and (quick.kept or quick.status is Status.NOT_POSSIBLE):
+            return quick
+        settings = {k: self.plan.settings[k] for k in ("mesh", "starts", "seed", "grid")}
+        entry = compare(moving, task.via_q, [name], **settings).entries[0]
+        reason = "" if entry.status.solved else entry.note
+        thorough = Outcome(entry.status, reason, entry.motion, entry.certificate)
+        return quick if quick is not None and not thorough.kept else thorough
+
+    def _quick(self, name: str, task: CaseTask, moving: Robot, values: Row) -> Outcome | None:
+        """By what is prepared; None where nothing is."""
+        if name == BY_SOLVER and self.plan.prepares:
             solver = self._solvers.get(_key(values))
             if solver is None:  # masses, friction or gravity of its own
                 robot = task.robot.with_limits(self.plan.reference_robot.limits)
                 solver = self._made(robot, task.via_q, compiled=False)
             search = self.plan.settings["starts"] > 1
             motion = solver(task.robot.limits, task.payload, via_q=task.via_q, search=search)
-        elif name in BY_TIMING and self.plan.settings["prepared"]:
+            return _judged(moving, task, motion)
+        if name in BY_TIMING and self.plan.settings["prepared"]:
             return self._timed(name, moving, task.via_q)
-        else:
-            settings = {k: self.plan.settings[k] for k in ("mesh", "starts", "seed", "grid")}
-            entry = compare(moving, task.via_q, [name], **settings).entries[0]
-            reason = "" if entry.status.solved else entry.note
-            return Outcome(entry.status, reason, entry.motion, entry.certificate)
-        reason = "" if motion.solved else str(motion.provenance.get("advice", motion.note))
-        return Outcome(motion.status, reason, motion, certify(moving, motion, via_q=task.via_q))
+        return None
 
     def _timed(self, name: str, robot: Robot, via: FloatArray) -> Outcome:
         if name == "straight_path":
@@ -159,6 +171,11 @@ class CaseSolver:
     def _made(self, robot: Robot, via: FloatArray, *, compiled: bool) -> TimeOptimalSolver:
         settings = {k: self.plan.settings[k] for k in ("mesh", "starts", "seed")}
         return TimeOptimalSolver(robot, via, compiled=compiled, **settings)
+
+
+def _judged(robot: Robot, task: CaseTask, motion: Motion) -> Outcome:
+    reason = "" if motion.solved else str(motion.provenance.get("advice", motion.note))
+    return Outcome(motion.status, reason, motion, certify(robot, motion, via_q=task.via_q))
 
 
 def _key(values: Mapping[str, FloatArray]) -> tuple[tuple[str, bytes], ...]:
