@@ -64,10 +64,10 @@ test-environment: $(VENV)/.ready-test
 	@:
 
 test: test-environment
-	@$(BIN)/python -m pytest -n 2
+	@$(BIN)/python -m pytest -n 2 --dist loadfile
 
 test-fast: test-environment
-	@$(BIN)/python -m pytest -n 2 -m 'not slow' tests
+	@$(BIN)/python -m pytest -n 2 --dist loadfile -m 'not slow' tests
 
 fuzz: test-environment
 	@MICROBOT_OCP_FUZZ=$(or $(COUNT),10000) $(BIN)/python -m pytest -q tests/reliability/test_fuzz.py \
@@ -86,7 +86,7 @@ test-oldest: | $(VENV)/.made
 	@VIRTUAL_ENV=$(OLDEST) UV_FIND_LINKS="$${PIP_FIND_LINKS:-}" $(BIN)/uv pip install -q \
 	    --resolution lowest-direct --overrides $(OLDEST)/overrides.txt -e '.[test]'
 	@$(OLDEST)/bin/python -m pip check
-	@$(OLDEST)/bin/python -m pytest -o addopts='--doctest-modules --strict-markers' -n 2
+	@$(OLDEST)/bin/python -m pytest -o addopts='--doctest-modules --strict-markers' -n 2 --dist loadfile
 
 bench: $(VENV)/.ready-bench
 	@$(BIN)/python -m benchmarks
