@@ -112,8 +112,7 @@ def test_bad_quantities_are_refused(microbot: mo.Robot, change: dict, said: str)
 def test_what_fails_its_certificate_is_done_thoroughly(microbot: mo.Robot) -> None:
     """On 20 points reachability exceeds the torque of the elbow by 2 % between them."""
     cases = mo.Cases.grid(start_q=[-0.1, 1.2, -1.0], goal_q=[0.8, 1.9, 0.5], payload=1.0)
-    study = Study(microbot, cases, ["cubic_path"], {"grid": 20})
-    row, _ = repeat_case(study, 0)
+    row, _ = repeat_case(Study(microbot, cases, ["cubic_path"], {"grid": 20}), 0)
     assert row["cubic_path_status"] == "solved"
     assert row["cubic_path_certified"]
     finer, _ = repeat_case(Study(microbot, cases, ["cubic_path"]), 0)
