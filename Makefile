@@ -100,8 +100,7 @@ suite: $(VENV)/.ready
 docs: $(VENV)/.ready-docs
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build
 	@$(BIN)/python docs/tools/links.py $(SITE) >/dev/null
-	@echo "Open $(SITE)/index.html, or with search:"
-	@echo "  $(BIN)/python -m http.server --bind 127.0.0.1 --directory $(SITE) 8000"
+	@echo "Open $(SITE)/index.html"
 
 figures: test-environment
 	@$(BIN)/python docs/make_figures.py
