@@ -51,7 +51,8 @@ def main() -> int:
                 problems += [f"{name}: {problem}" for problem in viewer.problems()]
             path = TARGET / f"{name}.png"
             picture.quantize(COLORS).save(path, optimize=True)
-            print(f"{path} ({path.stat().st_size / 1e3:.0f} kB)")
+            size = recording.stat().st_size / 1e6
+            print(f"{path} ({path.stat().st_size / 1e3:.0f} kB; recording {size:.2f} MB)")
     for problem in problems:
         print(f"error: {problem}", file=sys.stderr)
     return 1 if problems else 0

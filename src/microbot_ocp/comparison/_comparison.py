@@ -340,24 +340,15 @@ class Comparison:
 
         Parameters
         ----------
-        path : str or Path
-            ``.gif``, or ``.mp4`` (needs the extra ``export``).
-        rate : float, optional
-            Frames a second, default 25.
+        path, rate, theme
+            As of :func:`~microbot_ocp.views.animation.write_animation`, whose errors are raised.
         methods : sequence of str, optional
-            Default the fastest method and the reference.
-        theme : str
-            "light" or "dark".
+            Keys of motions; default the fastest method and the reference.
 
         Returns
         -------
         Path
             The file.
-
-        Raises
-        ------
-        InputError
-            Another ending, a method without a motion, more than 3000 frames.
         """
         film = view_for(self, "animation")
         return film(self, path, rate, methods=methods, theme=theme)

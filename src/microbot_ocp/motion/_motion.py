@@ -275,16 +275,15 @@ class Motion:
         path : str or Path
             ``.csv``: heads with units. ``.json``: a ``trajectory_msgs/JointTrajectory`` of ROS, as
             MoveIt and ros2_control take it. ``.mat``: MATLAB (needs scipy). ``.parquet`` (needs
-            pyarrow). ``.xml``: keyframes of a MuJoCo model. ``.gif``, ``.mp4`` (needs
-            imageio-ffmpeg): a film of the arm, which needs ``robot``. Read back by :meth:`load` is
-            only what :meth:`save` writes.
+            pyarrow). ``.xml``: keyframes of a MuJoCo model. ``.gif``, ``.mp4``: a film of the arm
+            with ``rate`` and ``theme`` of :func:`~microbot_ocp.views.animation.write_animation`;
+            it needs ``robot``. Read back by :meth:`load` is only what :meth:`save` writes.
         rate : float, optional
-            Samples a second, Hz, the end included; default the motion's own samples. Of a film:
-            frames a second, default 25.
+            Samples a second, Hz, the end included; default the motion's own samples.
         robot : Robot, optional
             Gives names and units of the joints; without it they are numbered, and revolute.
         theme : str
-            "light" or "dark", of a film.
+            Of a film.
 
         Returns
         -------

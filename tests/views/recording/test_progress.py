@@ -9,7 +9,7 @@ from reading import poses, read, scalars
 from microbot_ocp.comparison import Comparison
 from microbot_ocp.motion import Motion
 from microbot_ocp.views.recording import of_comparison
-from microbot_ocp.views.recording._animated_arm import drawn_times, progress
+from microbot_ocp.views.recording._animated_arm import drawn_rate, drawn_times, progress
 
 PROGRESS = "progress_permille"
 
@@ -83,3 +83,14 @@ def test_drawn_times_keep_ends_and_jumps_and_fill_gaps():
     gaps = np.diff(drawn)
     assert gaps.max() <= 2.0 / 200.0 + 1e-9
     assert drawn.size < 330
+
+
+@pytest.mark.parametrize(
+    ("seconds", "asked", "drawn"), [(3.0, None, 200.0), (600.0, None, 10.0), (600.0, 500.0, 500.0)]
+)
+def test_long_motions_are_drawn_less_densely_unless_asked_for(seconds, asked, drawn):
+    still = np.zeros((2, 1))
+    motions = [Motion(np.array([0.0, seconds]), *[still] * 4)] * 2
+    rate, note = drawn_rate(asked, motions)
+    assert rate == drawn
+    assert bool(note) == (rate < 200.0)

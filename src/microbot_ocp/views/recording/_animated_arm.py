@@ -16,6 +16,7 @@ from microbot_ocp.views.plots._style import EntryStyle
 from microbot_ocp.views.recording._writer import BRANCH, PROGRESS, TIME, WHOLE, Times
 
 RATE = 200.0  # Hz, of what is drawn: smoother than any screen
+MOST_SAMPLES = 12_000  # of all arms together, where nobody asks for a rate: 38 MB of a 7R arm
 JOINT_CURVES = ("q", "qd", "qdd", "tau")  # have curves of their own
 GHOST_ALPHA = 110
 BRIGHTER = 0.25  # share of white in colours, which are chosen for paper, on a dark screen
@@ -129,7 +130,7 @@ class AnimatedArm:
 
 
 def moving_arm(
-    motion: Motion, look: Look, rate: float = RATE, family: LimitFamily | None = None
+    motion: Motion, look: Look, rate: float, family: LimitFamily | None = None
 ) -> AnimatedArm:
     """An arm at the motion's own samples, thinned to ``rate`` (Hz), filled in where sparser.
 
@@ -144,6 +145,16 @@ def moving_arm(
     if family is not None:
         history = LimitHistory.of(family, t, samples_at(motion, t), {"tau": tau})
     return AnimatedArm(look, times, state, curves, motion.marks, history)
+
+
+def drawn_rate(rate: float | None, motions: Sequence[Motion]) -> tuple[float, str]:
+    """``rate`` (Hz), or one that bounds the size of a recording; and what to say of it."""
+    if rate is not None:
+        return rate, ""
+    most = MOST_SAMPLES / sum(motion.duration for motion in motions)
+    if most >= RATE:
+        return RATE, ""
+    return most, f"Drawn at {most:.3g} Hz, because it is long; rate= asks for more."
 
 
 def standing_arm(q: FloatArray, look: Look) -> AnimatedArm:

@@ -18,7 +18,7 @@ from microbot_ocp.scene import Scene, clearance, has_coal
 from microbot_ocp.simulation import Tracking
 from microbot_ocp.views._scene import display_factor, display_unit, link_origins, solved_entries
 from microbot_ocp.views.plots._style import FIXED, PREFERRED, EntryStyle, entry_styles
-from microbot_ocp.views.recording._animated_arm import RATE, looks, moving_arm, standing_arm
+from microbot_ocp.views.recording._animated_arm import drawn_rate, looks, moving_arm, standing_arm
 from microbot_ocp.views.recording._limits import peak_table
 from microbot_ocp.views.recording._recording import Recording
 from microbot_ocp.views.recording._writer import BRANCH
@@ -28,15 +28,18 @@ FEW_JOINTS = 4  # more joints than this: q1 and so on stand for their names
 BEHIND = "#56B4E9"  # of ghosts that are no method
 
 
-def of_comparison(comparison: Comparison, rate: float = RATE) -> Recording:
+def of_comparison(comparison: Comparison, rate: float | None = None) -> Recording:
     """Every motion on one timeline, the best one solid among ghosts.
 
-    ``rate`` (Hz) is how densely they are sampled.
+    ``rate`` (Hz) is how densely they are sampled: by default 200, and less where that would be more
+    than 12,000 samples.
     """
     styles = entry_styles(comparison)
     solved = solved_entries(comparison)
     shown = looks(comparison.robot, [styles[entry.name] for entry, _ in solved])
     family = LimitFamily.of(comparison.robot, comparison.limits)
+    rate, thinned = drawn_rate(rate, [motion for _, motion in solved])
+    summary = narrow_table(comparison).without("solve")
     arms = [
         moving_arm(motion, look, rate, family)
         for (_, motion), look in zip(solved, shown, strict=True)
@@ -48,7 +51,7 @@ def of_comparison(comparison: Comparison, rate: float = RATE) -> Recording:
         arms=tuple(arms),
         places=_tools(comparison.robot, comparison.via_q),
         place_names=_via_names(len(comparison.via_q)),
-        summary=narrow_table(comparison).without("solve"),
+        summary=replace(summary, notes=[*summary.notes, thinned]),
     )
 
 
@@ -56,7 +59,7 @@ def of_motion(
     robot: Robot,
     motion: Motion,
     certificate: Certificate | None = None,
-    rate: float = RATE,
+    rate: float | None = None,
     scene: Scene | None = None,
 ) -> Recording:
     """One motion under the robot's limits, as the arm ``motion``.
@@ -70,12 +73,14 @@ def of_motion(
     )
     via_q = motion.sample([0.0, *inner, motion.duration]).q
     (look,) = looks(robot, [_solid("motion", "")])
+    rate, thinned = drawn_rate(rate, [motion])
     arm = moving_arm(motion, look, rate, LimitFamily.of(robot))
     title = f"{robot.name}: {motion.label}"
     sentences = [
         "" if motion.solved else f"Not solved: {motion.status}.",
         "Not certified." if certificate is None else certificate.verdict,
         motion.note,
+        thinned,
     ]
     if scene is not None and certificate is None and has_coal():
         said = clearance(robot, motion, scene).sentence
@@ -97,7 +102,10 @@ def of_motion(
 
 
 def of_tracking(
-    robot: Robot, tracking: Tracking, limits: Limits | JointLimits | None = None, rate: float = RATE
+    robot: Robot,
+    tracking: Tracking,
+    limits: Limits | JointLimits | None = None,
+    rate: float | None = None,
 ) -> Recording:
     """A controlled arm ``actual`` with the ghost ``desired`` that it should follow.
 
@@ -114,6 +122,7 @@ def of_tracking(
     wanted = Motion(motion.t, *reference, np.zeros_like(reference.q), "desired")
     ghost_look, look = looks(robot, [_ghost("desired", "desired"), _solid("actual", "actual")])
     family = LimitFamily.of(robot, limits)
+    rate, thinned = drawn_rate(rate, [wanted, motion])
     ghost, actual = moving_arm(wanted, ghost_look, rate), moving_arm(motion, look, rate, family)
     error = ghost.q - actual.q
     heads, rows = peak_table(actual)
@@ -139,6 +148,7 @@ def of_tracking(
             notes=[
                 f"At a torque limit for {100 * tracking.saturated_fraction:.3g} % of the time.",
                 tracking.advice,
+                thinned,
             ],
         ),
         quantities=("q", "error", "tau"),

@@ -11,7 +11,6 @@ from microbot_ocp._base.checks import InputError
 from microbot_ocp.comparison import Cell
 from microbot_ocp.planning import Task
 from microbot_ocp.robot import forward_kinematics
-from microbot_ocp.views.recording._animated_arm import RATE
 from microbot_ocp.views.recording._builders import of_motion
 from microbot_ocp.views.recording._recording import Recording
 from microbot_ocp.views.recording._surroundings import grid_spacing
@@ -82,7 +81,7 @@ class CellRecording(Recording):
             begin = end
 
 
-def of_cell(cell: Cell, rate: float = RATE) -> CellRecording:
+def of_cell(cell: Cell, rate: float | None = None) -> CellRecording:
     """A motion through stops, with the tubes of its tool lines and the parts that it carries.
 
     Raises
