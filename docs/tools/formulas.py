@@ -51,7 +51,6 @@ def on_page_content(content: str, **_: object) -> str:
     def replacement(found: re.Match[str]) -> str:
         block = found["tag"] == "div"
         element = mathml(html.unescape(found["tex"]).strip(), block=block)
-        # what is too wide for the page scrolls, by the keyboard, too
-        return f'<div class="formula" tabindex="0">{element}</div>' if block else element
+        return f'<div class="formula">{element}</div>' if block else element
 
     return FORMULA.sub(replacement, content)
