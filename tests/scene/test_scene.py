@@ -249,6 +249,23 @@ def test_where_there_is_no_way_the_answer_says_how_far_it_came(monkeypatch) -> N
     assert "deg (in joint space) of the goal" in motion.note
 
 
+def test_a_part_keeps_clear_from_the_stop_on_at_which_it_is_picked(around: mo.Motion) -> None:
+    part = mo.Payload(0.1, shape={"start": [0, 0, 0], "end": [0.25, 0, 0], "radius": 0.08})
+    stops = [mo.Stop(q=ENDS[0], payload=part), mo.Stop(q=ENDS[1])]
+    motion = mo.time_optimal(ARM, stops, scene=POST, mesh=30, compiled=False)
+    certificate = mo.certify(ARM, motion, via_q=stops, scene=POST)
+    assert certificate.ok
+    assert motion.provenance["starts"][0]["start"] == "branches 1-1, around 1"
+    bare = mo.certify(mo.load_robot("planar_3r"), around, via_q=stops, scene=POST)
+    assert bare.clearance is not None
+    assert bare.clearance.pair == "part to post"
+    assert not bare.clearance.proved
+    with pytest.raises(InputError, match="stop 'stop 2' in collision with 'post' by"):
+        mo.time_optimal(ARM, [ENDS[0], mo.Stop(q=[0.2, 0.0, 0.0])], scene=POST)
+    with pytest.raises(InputError, match="radius of the shape of the payload is missing"):
+        mo.Payload(1.0, shape={"start": [0, 0, 0], "end": [0, 0, 1]})
+
+
 def test_reach_is_the_sum_of_the_links() -> None:
     assert reach_of(ARM) == pytest.approx(1.0 + np.hypot(0.1, 0.2), abs=0.1)
 

@@ -54,7 +54,7 @@ STOP = (
     *("velocity", "dwell", "payload", "blend"),
 )
 SEGMENT = ("after", "kind", "through", "tolerance", "orientation_tolerance")
-PAYLOAD = ("mass", "center_of_mass", "inertia")
+PAYLOAD = ("mass", "center_of_mass", "inertia", "shape")
 KINDS: dict[str, Any] = {"line": Line, "circle": Circle, "joint line": JointLine}
 CELL_OUTPUTS = ("json", "motion", "figure", "recording")
 

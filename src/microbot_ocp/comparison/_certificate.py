@@ -36,9 +36,9 @@ from microbot_ocp.motion import (
     samples_at,
     torque_along,
 )
-from microbot_ocp.planning import Segment, Stop, is_task, task_of
+from microbot_ocp.planning import Segment, Stop, is_task, stretches, task_of
 from microbot_ocp.robot import JointLimits, Limits, Robot, mass_matrix_condition
-from microbot_ocp.scene import Clearance, Scene, clearance, has_coal
+from microbot_ocp.scene import Clearance, Scene, clearance_along, has_coal, with_arm_capsules
 
 if TYPE_CHECKING:
     from microbot_ocp.comparison._task_certificate import SegmentCheck
@@ -332,19 +332,26 @@ def certify(
         from microbot_ocp.comparison._task_certificate import certificate_of_task
 
         stops = list(cast("Sequence[Any]", via_q))
-        task = task_of(robot, stops, limits, segments=segments, cycle=cycle)
+        arm = robot if scene is None else with_arm_capsules(robot)  # parts hang on capsules
+        task = task_of(arm, stops, limits, segments=segments, cycle=cycle)
         made = certificate_of_task(task, motion, tolerances)
-        return made if scene is None else with_clearance(made, robot, motion, scene)
+        if scene is None:
+            return made
+        return with_clearance(made, stretches(task, motion), motion, scene)
     via = None
     if via_q is not None:
         via = checks.array("via_q", cast("ArrayLike", via_q), (None, count), "rad")
     with deadline.within(time_limit):
         made = certificate_of(LimitFamily.of(robot, limits), motion, via, tolerances)
-        return made if scene is None else with_clearance(made, robot, motion, scene)
+        whole = [(0.0, motion.duration, robot)]
+        return made if scene is None else with_clearance(made, whole, motion, scene)
 
 
 def with_clearance(
-    certificate: Certificate, robot: Robot, motion: Motion, scene: Scene
+    certificate: Certificate,
+    arms: Sequence[tuple[float, float, Robot]],
+    motion: Motion,
+    scene: Scene,
 ) -> Certificate:
     """A certificate with the clearance of its motion from a scene: passed only where proved."""
     if not has_coal():
@@ -353,7 +360,7 @@ def with_clearance(
             ok=False,
             verdict=_with_sentence(certificate, "clearance is not proved: that needs coal", False),
         )
-    found = clearance(robot, motion, scene)
+    found = clearance_along(arms, motion, scene)
     return replace(
         certificate,
         ok=certificate.ok and found.proved,

@@ -18,7 +18,7 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.status import Status
-from microbot_ocp.limits import JointLimits, LimitFamily, Limits
+from microbot_ocp.limits import LimitFamily
 from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial, pieces_of
 from microbot_ocp.ocp.solution import StepProgress
 from microbot_ocp.planning._fast_timing import time_path
@@ -129,50 +129,15 @@ def fastest_among(
         if found is not None and found.proved:
             why = "the search found nothing faster"
         of_path = clearance(robot, chain.motion, scene)
-        more |= {"advice": why, "status": str(Status.SOLVED), "clearance": _plain(of_path)}
+        more |= {"advice": why, "status": str(Status.SOLVED), "clearance": as_plain(of_path)}
         return replace(
             chain.motion,
             label="time-optimal",
             provenance={**chain.motion.provenance, **more},
             note=f"the best timing of a path around the obstacles: {why}",
         )
-    more["clearance"] = _plain(found)
+    more["clearance"] = as_plain(found)
     return replace(best, provenance={**best.provenance, **more})
-
-
-def stops_among(
-    robot: Robot,
-    limits: Limits | JointLimits | None,
-    plan: tuple[list[Any], Any, bool, str, float | None],
-    scene: Scene,
-    settings: TimeOptimalSettings,
-    progress: StepProgress,
-) -> Motion:
-    """The fastest motion through stops that keeps clear of a scene.
-
-    It starts from the motion without obstacles: a way that has to be searched for is not found.
-    """
-    from microbot_ocp.planning._stop_search import solve_stops
-
-    robot = with_arm_capsules(robot)
-    own = LimitFamily.of(robot, limits).robot.limits
-    pairs = scene.pairs(robot)
-    near = np.zeros(len(pairs), dtype=bool)
-    motion = solve_stops(robot, own, *plan, settings, progress)
-    found = clearance(robot, motion, scene)
-    for _ in range(AGAIN):
-        if found.proved or not motion.solved:
-            break
-        near |= _apart(robot, pairs, motion).min(axis=0) < NEAR * reach_of(robot)
-        limit = scene.limit(robot, [p for p, is_near in zip(pairs, near, strict=True) if is_near])
-        bounded = own.changed({"also": [*own.also, limit]})
-        motion = solve_stops(robot, bounded, *plan, settings, progress)
-        found = clearance(robot, motion, scene)
-    told = {**motion.provenance, "scene": list(scene.names), "clearance": _plain(found)}
-    if motion.solved and not found.proved:
-        told |= {"status": str(Status.LIMITS_EXCEEDED), "advice": found.sentence}
-        return replace(motion, provenance=told, note=f"not solved: {found.sentence}")
-    return replace(motion, provenance=told)
 
 
 def check_apart(around: Surroundings, via: FloatArray) -> None:
@@ -181,7 +146,7 @@ def check_apart(around: Surroundings, via: FloatArray) -> None:
         name = _name_of(number, len(via))
         found = around.collision(q)
         if found is not None:
-            raise InputError(f"{name} {_touching(found, around.scene.clearance)}")
+            raise InputError(f"{name} {touching(found, around.scene.clearance)}")
         if not around.is_free(q):
             nearest = around.model.nearest(q)
             raise InputError(
@@ -190,7 +155,7 @@ def check_apart(around: Surroundings, via: FloatArray) -> None:
             )
 
 
-def _touching(found: Any, wanted: float) -> str:
+def touching(found: Any, wanted: float) -> str:
     other, link = found.pair.other.name, found.pair.capsule.name
     if found.distance <= 0.0:
         return f"in collision with {other!r} by {-1e3 * found.distance:.3g} mm at link {link!r}"
@@ -318,7 +283,7 @@ def reach_of(robot: Robot) -> float:
     return float(rows.sum() + np.linalg.norm(robot.tool[:3, 3]))
 
 
-def _plain(found: Clearance) -> dict[str, Any]:
+def as_plain(found: Clearance) -> dict[str, Any]:
     return {
         "minimum": found.minimum,
         "time": found.time,

@@ -232,7 +232,7 @@ def time_optimal(
         stops = list(cast("Sequence[Any]", via_q))
         plan = stops, segments, cycle, order, duration
         if scene is not None:
-            from microbot_ocp.planning._among_obstacles import stops_among
+            from microbot_ocp.planning._stops_among import stops_among
 
             with deadline.within(chosen.time_limit):
                 return stops_among(robot, limits, plan, scene, chosen, progress or quiet)

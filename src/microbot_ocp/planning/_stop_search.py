@@ -160,7 +160,7 @@ class StopSearch(FreeSearch):
                 if _keeps_limits(family, shape):
                     break
                 shape = shape.stretched(SLOWED)
-            guesses[name] = _guess_along(shape)
+            guesses[name] = guess_along(shape)
         return InitialGuess(way.name, guesses)
 
     def _with_closed(self, name: str, guess: Guess) -> Guess:
@@ -202,7 +202,7 @@ class StopSearch(FreeSearch):
 
     def _guess_from(self, solution: Solution) -> dict[str, Guess]:
         shapes = zip(self.names, phase_shapes(solution), strict=True)
-        return {name: self._with_closed(name, _guess_along(shape)) for name, shape in shapes}
+        return {name: self._with_closed(name, guess_along(shape)) for name, shape in shapes}
 
     def front(self, slacks: Sequence[float]) -> list[tuple[float, Motion]]:
         """Effort and motion of the fastest, and of those of least effort that are slower by shares.
@@ -296,7 +296,8 @@ def _along(curve: PiecewisePolynomial, s: FloatArray) -> FloatArray:
     return curve(s * curve.duration)
 
 
-def _guess_along(shape: PiecewisePolynomial) -> Guess:
+def guess_along(shape: PiecewisePolynomial) -> Guess:
+    """A guess for a phase of this shape."""
     velocity = shape.derivative()
     curves = {"q": shape, "qd": velocity, "qdd": velocity.derivative()}
     return Guess(shape.duration, {key: partial(_along, curve) for key, curve in curves.items()})

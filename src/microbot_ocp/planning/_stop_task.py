@@ -53,12 +53,15 @@ class Task:
     segments : tuple of Segment, m - 1
         None where the way is free.
     cycle : bool
+    around : optional
+        What the arm keeps clear of: ``limits(robot)`` are the further limits of a segment.
     """
 
     family: LimitFamily
     stops: tuple[Stop, ...]
     segments: tuple[Segment, ...]
     cycle: bool = False
+    around: Any = None
 
     @property
     def robot(self) -> Robot:
@@ -131,6 +134,8 @@ class Task:
         elif isinstance(kind, JointLine):
             ends = [self.stops[k].q for k in (index, index + 1)]
             own = joint_line_limits(kind, *map(np.array, ends))
+        if self.around is not None:
+            own = (*own, *self.around.limits(robot))
         return robot.with_limits(also=(*robot.limits.also, *own)) if own else robot
 
     @cached_property

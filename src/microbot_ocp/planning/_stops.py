@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -9,9 +10,10 @@ import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
-from microbot_ocp.robot import Robot, forward_kinematics
+from microbot_ocp.robot import Capsule, Robot, forward_kinematics
 
 AXES = ("x", "y", "z")
+SHAPE = ("start", "end", "radius", "name")  # of a part
 Numbers = tuple[float, ...]
 
 
@@ -27,6 +29,10 @@ class Payload:
         In the tool frame, m.
     inertia : array_like [3,3], optional
         About its centre of mass, along the axes of the tool frame, kg m^2; a point mass by default.
+    shape : Capsule, mapping or sequence of them, optional
+        Capsules around the part in the tool frame, m, or their fields ``start``, ``end``,
+        ``radius`` and ``name`` ("part" by default): among obstacles it keeps clear, too, from here
+        on. What it may touch is in the scene's ``ignore``: ``[("part", "table")]``.
 
     Raises
     ------
@@ -37,8 +43,10 @@ class Payload:
     mass: float
     center_of_mass: Any = (0.0, 0.0, 0.0)
     inertia: Any = None
+    shape: Any = ()
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "shape", _capsules(self.shape))
         checks.number("mass of the payload", self.mass, "kg", at_least=0.0)
         center = checks.array("center_of_mass of the payload", self.center_of_mass, (3,), "m")
         object.__setattr__(self, "center_of_mass", tuple(center.tolist()))
@@ -48,9 +56,9 @@ class Payload:
 
     def on(self, robot: Robot) -> Robot:
         """The robot with this in its tool."""
-        if not self.mass:
-            return robot
-        return robot.with_payload(self.mass, self.center_of_mass, self.inertia)
+        if self.mass:
+            robot = robot.with_payload(self.mass, self.center_of_mass, self.inertia)
+        return robot.with_part(*self.shape) if self.shape and robot.capsules else robot
 
 
 @dataclass(frozen=True)
@@ -190,6 +198,24 @@ class Stop:
     def named(self, name: str) -> Stop:
         """The same stop with a name, unless it has one."""
         return self if self.name else replace(self, name=name)
+
+
+def _capsules(given: Any) -> tuple[Capsule, ...]:
+    """The capsules of a part."""
+    entries = given if isinstance(given, list | tuple) else (given,) if given is not None else ()
+    found = []
+    for entry in entries:
+        if isinstance(entry, Mapping):
+            for key in entry:
+                checks.one_of("key of the shape of the payload", key, SHAPE)
+            for key in SHAPE[:3]:
+                if key not in entry:
+                    raise InputError(f"{key} of the shape of the payload is missing")
+            entry = Capsule(**entry)
+        if not isinstance(entry, Capsule):
+            raise InputError(f"shape of the payload must be made of mo.Capsule, not {entry!r}")
+        found.append(entry if entry.name else replace(entry, name="part"))
+    return tuple(found)
 
 
 def _rotation(what: str, given: Any) -> tuple[Numbers, ...]:

@@ -3,6 +3,7 @@
 from ._clearance import (
     Clearance as Clearance,
     clearance as clearance,
+    clearance_along as clearance_along,
 )
 from ._contact import (
     Nearest as Nearest,

@@ -115,22 +115,36 @@ def clearance(robot: Robot, motion: Motion, scene: Scene) -> Clearance:
         raise InputError(
             f"motion is of {motion.joint_count} joints, but the robot has {robot.joint_count}"
         )
+    scene.pairs(robot)  # whose names are checked
+    return clearance_along([(0.0, motion.duration, robot)], motion, scene)
+
+
+def clearance_along(
+    stretches: Sequence[tuple[float, float, Robot]], motion: Motion, scene: Scene
+) -> Clearance:
+    """As :func:`clearance`, of an arm that carries something else from one time on.
+
+    ``stretches`` are start and end, s, and the robot with what it carries there.
+    """
     started = time.perf_counter()
-    model = contact_model(robot, scene)
     speeds = _speed_bounds(motion)
     farthest = np.abs(motion.q).max(axis=0) + (speeds * np.diff(motion.t)[:, None]).max(axis=0)
-    levers = levers_of(with_arm_capsules(robot), model.pairs, farthest)
-    found = _Search(model, motion, speeds, levers, scene.clearance)
-    found.run()
-    worst = model.pairs[found.pair]
+    found = []
+    for start, end, robot in stretches:
+        model = contact_model(robot, scene.without_parts_of(robot))
+        levers = levers_of(with_arm_capsules(robot), model.pairs, farthest)
+        found.append(_Search(model, motion, speeds, levers, scene.clearance))
+        found[-1].run(start, end)
+    least = min(found, key=lambda search: search.minimum)
+    closed = not any(search.open_stretches for search in found)
     return Clearance(
-        minimum=found.minimum,
-        time=found.time,
-        pair=worst.label,
-        proved=found.open_stretches == 0 and found.minimum > scene.clearance,
-        at_least=found.at_least if found.open_stretches == 0 else -np.inf,
+        minimum=least.minimum,
+        time=least.time,
+        pair=least.model.pairs[least.pair].label,
+        proved=closed and least.minimum > scene.clearance,
+        at_least=min(search.at_least for search in found) if closed else -np.inf,
         wanted=scene.clearance,
-        distances=found.count,
+        distances=sum(search.count for search in found),
         wall_time=time.perf_counter() - started,
     )
 
@@ -151,8 +165,8 @@ class _Search:
         self.minimum, self.time, self.pair = np.inf, 0.0, 0
         self.at_least, self.open_stretches, self.count = np.inf, 0, 0
 
-    def run(self) -> None:
-        edges = np.linspace(0.0, self.motion.duration, FIRST_STRETCHES + 1)
+    def run(self, begin: float, finish: float) -> None:
+        edges = np.linspace(begin, finish, FIRST_STRETCHES + 1)
         pairs = len(self.model.pairs)
         start: FloatArray = np.repeat(edges[:-1], pairs)
         end: FloatArray = np.repeat(edges[1:], pairs)

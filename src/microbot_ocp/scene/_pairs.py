@@ -219,10 +219,12 @@ def _of_axes(
         weights = ca.SX.sym("weights", 6 * len(axes))
         slopes = ca.horzcat(*(ca.densify(ca.jacobian(column, q)) for column in columns))
         curve: Any = ca.densify(ca.hessian(ca.dot(weights, ca.vertcat(*columns)), q)[0])
+        ends: Any = ca.densify(ca.horzcat(*columns))
+        both: Any = ca.cse([ends, slopes])
         return (
-            ca.Function("axes", [q], ca.cse([ca.densify(ca.horzcat(*columns)), slopes])),
+            ca.Function("axes", [q], both),
             ca.Function("axes_curve", [q, weights], [curve]),
-            ca.Function("axes_alone", [q], ca.cse([ca.densify(ca.horzcat(*columns))])),
+            ca.Function("axes_alone", [q], [ends]),
         )
 
     told = [(frame, c.start.tolist(), c.end.tolist()) for frame, c in axes]

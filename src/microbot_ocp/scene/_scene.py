@@ -93,6 +93,12 @@ class Scene:
         """Names of the obstacles."""
         return tuple(obstacle.name for obstacle in self.obstacles)
 
+    def without_parts_of(self, robot: Robot) -> Scene:
+        """The scene for a robot that may carry less than ``ignore`` speaks of."""
+        known = {*self.names, *(capsule.name for _, capsule in with_arm_capsules(robot).capsules)}
+        kept = tuple(pair for pair in self.ignore if known.issuperset(pair))
+        return self if kept == self.ignore else _ignoring(self, kept)
+
     def pairs(self, robot: Robot) -> tuple[Pair, ...]:
         """What may touch: capsules of the arm and obstacles, and capsules of each other.
 
@@ -119,6 +125,11 @@ class Scene:
         """
         chosen = self.pairs(robot) if pairs is None else tuple(pairs)
         return _limit(self, chosen)
+
+
+@lru_cache(maxsize=64)
+def _ignoring(scene: Scene, pairs: tuple[tuple[str, str], ...]) -> Scene:
+    return replace(scene, ignore=pairs)
 
 
 @lru_cache(maxsize=256)

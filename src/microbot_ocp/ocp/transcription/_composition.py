@@ -114,7 +114,9 @@ def composed_derivatives(
 
     The stage itself is None where it is no faster than the undivided one.
     """
-    made = [derivatives(calls.function) or _derivatives_of(calls.function) for calls in stage.calls]
+    made: list[tuple[ca.Function, ...]] = [
+        derivatives(calls.function) or _derivatives_of(calls.function) for calls in stage.calls
+    ]
     first, second = ([own[k] for own in made] for k in range(2))
     fast = all(len(own) > 2 for own in made)
     return (
@@ -131,7 +133,8 @@ def _composed_stage(stage: Composition, values: Sequence[ca.Function]) -> ca.Fun
     for calls, function in zip(stage.calls, values, strict=True):
         found = _at_every_call(function, calls.arguments(v, c))
         results.append(ca.vec(ca.vertcat(*found)))
-    return ca.Function("stage", [v, c], stage.outer(v, c, ca.vertcat(*results)))
+    outer: Any = stage.outer
+    return ca.Function("stage", [v, c], list(outer(v, c, ca.vertcat(*results))))
 
 
 def _composed_jacobian(stage: Composition, first: Sequence[ca.Function]) -> ca.Function:

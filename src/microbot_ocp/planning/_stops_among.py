@@ -1,0 +1,227 @@
+"""Motions through stops among obstacles, with the parts that the arm carries from a stop on.
+
+Every way through the branches is led around the obstacles by the planner where its free segments
+are blocked; the fastest of these, each timed, are what the search starts from. Every segment keeps
+the distances of the arm with what it carries there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.status import Status
+from microbot_ocp.limits import JointLimits, Limits
+from microbot_ocp.motion import Motion, PiecewisePolynomial, pieces_of
+from microbot_ocp.ocp.solution import StepProgress
+from microbot_ocp.planning._among_obstacles import (
+    AGAIN,
+    NEAR,
+    SAMPLES,
+    as_plain,
+    reach_of,
+    touching,
+)
+from microbot_ocp.planning._branches import Way, ways_through
+from microbot_ocp.planning._fast_timing import time_path
+from microbot_ocp.planning._free import TimeOptimalSettings
+from microbot_ocp.planning._initial_guesses import InitialGuess
+from microbot_ocp.planning._stop_search import StopSearch, guess_along, solve_stops, stretches
+from microbot_ocp.planning._stop_task import Task, task_of
+from microbot_ocp.robot import Robot
+from microbot_ocp.scene import (
+    Clearance,
+    Pair,
+    Scene,
+    Surroundings,
+    clearance_along,
+    clearances,
+    detours,
+    with_arm_capsules,
+)
+
+SEEDS = 2  # of the planner, for each blocked segment
+MOST_GUESSES = 4  # ways that the search starts from
+
+
+@dataclass(frozen=True, eq=False)
+class Around:
+    """A scene as a limit of the arm on a segment, of those pairs that come near."""
+
+    scene: Scene
+    near: set[str] = field(default_factory=set)
+
+    def pairs(self, robot: Robot) -> tuple[Pair, ...]:
+        """What may touch where the arm carries what this robot has."""
+        return self.scene.without_parts_of(robot).pairs(robot)
+
+    def limits(self, robot: Robot) -> tuple[Any, ...]:
+        """The distances of the pairs that come near."""
+        chosen = [pair for pair in self.pairs(robot) if pair.label in self.near]
+        return (self.scene.limit(robot, chosen),) if chosen else ()
+
+    def add(self, robot: Robot, q: FloatArray, distance: float) -> bool:
+        """Take in the pairs that are nearer than a distance, m, in some pose [N,n]; whether new."""
+        pairs = self.pairs(robot)
+        if not pairs:
+            return False
+        apart = clearances(robot, pairs, q).min(axis=0)
+        found = {p.label for p, least in zip(pairs, apart, strict=True) if least < distance}
+        new = not found <= self.near
+        self.near.update(found)
+        return new
+
+
+class _GuidedSearch(StopSearch):
+    """The search from ways that lead around obstacles, with what else there is after them."""
+
+    guided: Sequence[tuple[Way, dict[str, PiecewisePolynomial]]] = ()
+
+    def _all_guesses(self) -> Iterator[tuple[Way, InitialGuess]]:
+        for number, (way, shapes) in enumerate(self.guided, start=1):
+            usual = self._rest_to_rest(way)
+            led = {name: guess_along(shape) for name, shape in shapes.items()}
+            name = f"{way.name}, around {number}"
+            yield way, InitialGuess(name, {**usual.guesses, **led})
+        if not self.guided:
+            yield from super()._all_guesses()
+
+
+def stops_among(
+    robot: Robot,
+    limits: Limits | JointLimits | None,
+    plan: tuple[list[Any], Any, bool, str, float | None],
+    scene: Scene,
+    settings: TimeOptimalSettings,
+    progress: StepProgress,
+) -> Motion:
+    """The fastest motion through stops that keeps clear of a scene.
+
+    A free order of the stops is the best one without obstacles.
+
+    Raises
+    ------
+    InputError
+        A stop at which every branch of the arm touches something.
+    """
+    stops, segments, cycle, order, duration = plan
+    robot = with_arm_capsules(robot)
+    told: dict[str, Any] = {"scene": list(scene.names)}
+    if order != "given":
+        first = solve_stops(robot, limits, *plan, settings, progress)
+        if not first.solved:
+            return first
+        places = told["order"] = first.provenance["order"]
+        stops = [stops[k] for k in places]
+        if segments is not None:
+            kinds = [segments[k] if k < len(segments) else None for k in places]
+            segments = kinds[: len(segments)]
+    task = task_of(robot, stops, limits, segments=segments, cycle=cycle)
+    carried = [capsule.name for own in task.robots for _, capsule in own.capsules]
+    for name in sum(scene.ignore, ()):
+        checks.one_of("name in ignore", name, sorted({*carried, *scene.names}))
+    around = Around(scene)
+    near = NEAR * reach_of(robot)
+    guided = _ways_around(task, around, progress)
+    for way, shapes in guided:
+        for name, path, own in zip(_names(task), way.paths, task.robots, strict=True):
+            shape = shapes.get(name)
+            q = path if shape is None else shape(np.linspace(0.0, shape.duration, SAMPLES))
+            around.add(own, q, near)
+    motion: Motion | None = None
+    found: Clearance | None = None
+    for _ in range(AGAIN):
+        search = _GuidedSearch(replace(task, around=around), settings, progress, duration)
+        search.guided = guided
+        motion = search.run()
+        if not motion.solved:
+            break
+        found = clearance_along(stretches(task, motion), motion, scene)
+        if found.proved or not _add_along(around, task, motion, near):
+            break
+        progress("more pairs come too near: solved again")
+    assert motion is not None
+    told = {**motion.provenance, **told}
+    if found is not None:
+        told["clearance"] = as_plain(found)
+    if motion.solved and found is not None and not found.proved:
+        told |= {"status": str(Status.LIMITS_EXCEEDED), "advice": found.sentence}
+        return replace(motion, provenance=told, note=f"not solved: {found.sentence}")
+    return replace(motion, provenance=told)
+
+
+def _names(task: Task) -> list[str]:
+    return [f"phase {k + 1}" for k in range(len(task.segments))]
+
+
+def _add_along(around: Around, task: Task, motion: Motion, near: float) -> bool:
+    new = False
+    for start, end, robot in stretches(task, motion):
+        q = motion.sample(np.linspace(start, end, SAMPLES)).q
+        new |= around.add(robot, q, near)
+    return new
+
+
+def _ways_around(
+    task: Task, around: Around, progress: StepProgress
+) -> list[tuple[Way, dict[str, PiecewisePolynomial]]]:
+    """Ways with their free segments around the obstacles, the fastest first.
+
+    None where the planner finds no way between the poses at the stops.
+    """
+    ways = ways_through(task)
+    scenes = [around.scene.without_parts_of(robot) for robot in task.robots]
+    places = [Surroundings(r, s) for r, s in zip(task.robots, scenes, strict=True)]
+    found = []
+    refused: list[str] = []
+    for way in ways:
+        blocked = _blocked(task, places, way)
+        if blocked:
+            refused.append(blocked)
+            continue
+        for seed in range(SEEDS):
+            led = _led_around(task, places, way, seed)
+            if led is None:
+                break
+            found.append((sum(shape.duration for shape in led.values()), way, led))
+    if len(refused) == len(ways):
+        raise InputError(refused[0])
+    found.sort(key=lambda entry: entry[0])
+    for duration, way, _ in found[:MOST_GUESSES]:
+        progress(f"{way.name}: {duration:.4f} s around the obstacles from rest to rest")
+    return [(way, led) for _, way, led in found[:MOST_GUESSES]]
+
+
+def _blocked(task: Task, places: Sequence[Surroundings], way: Way) -> str:
+    """Which stop of a way touches what; empty where none does."""
+    for k, q in enumerate(way.via):
+        for place in {max(k - 1, 0), min(k, len(places) - 1)}:
+            found = places[place].collision(q)
+            if found is not None:
+                said = touching(found, places[place].scene.clearance)
+                return f"stop {task.stops[k].name!r} {said}"
+    return ""
+
+
+def _led_around(
+    task: Task, places: Sequence[Surroundings], way: Way, seed: int
+) -> dict[str, PiecewisePolynomial] | None:
+    """A timed path for every free segment of a way; None where the planner finds none."""
+    shapes = {}
+    for k, (name, kind) in enumerate(zip(_names(task), task.segments, strict=True)):
+        if kind is not None:
+            continue
+        leg = next(iter(detours(places[k], way.via[k], way.via[k + 1], range(seed, seed + 1))))
+        if leg.path is None:
+            return None
+        timing = time_path(task.robots[k], leg.path)
+        if not timing.solved:
+            return None
+        motion = timing.motion("timed path")
+        shapes[name] = PiecewisePolynomial(motion.t, pieces_of(motion))
+    return shapes
