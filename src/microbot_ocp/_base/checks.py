@@ -6,7 +6,8 @@ A message names the argument, the value that was given, its unit and what is all
 from __future__ import annotations
 
 import reprlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import fields
 from typing import Any
 
@@ -31,6 +32,15 @@ class InputError(ValueError):
     def __init__(self, *arguments: object) -> None:
         brief = (shortened(a, MOST_MESSAGE) if isinstance(a, str) else a for a in arguments)
         super().__init__(*brief)
+
+
+@contextmanager
+def naming(prefix: str) -> Iterator[None]:
+    """Within this context the message of an InputError begins with a prefix, such as "a.toml: "."""
+    try:
+        yield
+    except InputError as problem:
+        raise InputError(f"{prefix}{problem}") from None
 
 
 _brief = reprlib.Repr()

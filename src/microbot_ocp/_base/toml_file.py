@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import difflib
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from microbot_ocp._base.checks import InputError, shown
-
-Keys = Mapping[str, tuple[str, ...]]  # allowed keys by the name of the table; "" is the top level
 
 
 def text_of(path: str | Path, kind: str) -> str:
@@ -42,6 +40,16 @@ def parsed(text: str, origin: str) -> dict[str, Any]:
         raise InputError(f"{origin} is not valid TOML: {problem}") from None
 
 
+def table_from(path: str | Path, kind: str) -> dict[str, Any]:
+    """What a file of this kind holds.
+
+    Raises
+    ------
+    InputError
+    """
+    return parsed(text_of(path, kind), Path(path).name)
+
+
 def check_schema(data: Mapping[str, Any], schema: int) -> None:
     """Raise InputError where a file is of another version of the format."""
     if type(data.get("schema")) is not int or data["schema"] != schema:
@@ -49,15 +57,16 @@ def check_schema(data: Mapping[str, Any], schema: int) -> None:
         raise InputError(f"schema must be {schema}, {found}")
 
 
-def check_keys(table: Mapping[str, Any], name: str, keys: Keys) -> None:
+def check_keys(
+    table: Mapping[str, Any], allowed: Sequence[str], where: str = "at the top level"
+) -> None:
     """Raise InputError, with a suggestion, where a table has an unknown key."""
     for key in table:
-        if key not in keys[name]:
-            where = f"in table [{name}]" if name else "at the top level"
-            raise InputError(f"unknown key {key!r} {where}{suggestion(key, keys[name])}")
+        if key not in allowed:
+            raise InputError(f"unknown key {key!r} {where}{suggestion(key, allowed)}")
 
 
-def table_of(data: Mapping[str, Any], name: str, keys: Keys) -> dict[str, Any]:
+def table_of(data: Mapping[str, Any], name: str, allowed: Sequence[str]) -> dict[str, Any]:
     """A checked table; empty where it is not given.
 
     Raises
@@ -67,7 +76,7 @@ def table_of(data: Mapping[str, Any], name: str, keys: Keys) -> dict[str, Any]:
     table = data.get(name, {})
     if not isinstance(table, dict):
         raise InputError(f"{name} must be a table, [{name}], not {shown(table)}")
-    check_keys(table, name, keys)
+    check_keys(table, allowed, f"in table [{name}]")
     return table
 
 

@@ -17,7 +17,7 @@ from typing import Annotated, Any
 import typer
 
 from microbot_ocp._base import checks
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.checks import FloatArray, InputError, naming
 from microbot_ocp._base.writing import NotWritten, check_writable
 from microbot_ocp.limits import JOINT_QUANTITIES, MEMBER_KEYS, MEMBERS, with_further
 from microbot_ocp.robot import JointLimits, Robot, joint_scale, per_joint
@@ -283,11 +283,9 @@ def limits_of(robot: Robot, given: Mapping[str, Any]) -> JointLimits:
             raise InputError(f"give --{plain.replace('_', '-')} or {name}, not both")
         array = per_joint(robot, name, values if len(values) > 1 else values[0])
         changes[plain] = array * joint_scale(robot) if key != plain else array
-    try:
+    with naming("limits: "):
         changed = robot.with_limits(**changes)
         return changed.with_limits(also=with_further(changed.limits.also, further)).limits
-    except InputError as problem:
-        raise InputError(f"limits: {problem}") from None
 
 
 def writable(path: Path | None, ending: str | tuple[str, ...], name: str) -> Path | None:

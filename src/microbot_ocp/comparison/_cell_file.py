@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 
 from microbot_ocp._base import checks
-from microbot_ocp._base.checks import FloatArray, InputError, plain
+from microbot_ocp._base.checks import FloatArray, InputError, naming, plain
 from microbot_ocp._base.showing import view_for
-from microbot_ocp._base.toml_file import check_schema, suggestion, table_of
+from microbot_ocp._base.toml_file import check_keys, check_schema, table_from, table_of
 from microbot_ocp._base.writing import write_whole
 from microbot_ocp.comparison._certificate import Certificate, certify
 from microbot_ocp.comparison._task_file import (
@@ -25,7 +25,6 @@ from microbot_ocp.comparison._task_file import (
     limits_from,
     robot_from,
     settings_from,
-    toml_of,
 )
 from microbot_ocp.motion import Motion
 from microbot_ocp.ocp.solution import StepProgress, quiet
@@ -102,7 +101,7 @@ class CellFile:
         InputError
             A stop out of reach, a tool line that no branch follows.
         """
-        try:
+        with naming(f"{self.origin}: "):
             motion = time_optimal(
                 self.robot,
                 self.stops,
@@ -115,8 +114,6 @@ class CellFile:
                 settings=self.settings,
                 progress=progress,
             )
-        except InputError as problem:
-            raise InputError(f"{self.origin}: {problem}") from None
         motion = replace(motion, provenance={**motion.provenance, "robot": self.robot.name})
         order = motion.provenance.get("order", range(len(self.stops)))
         stops = tuple(self.stops[k] for k in order)
@@ -217,7 +214,7 @@ class Cell:
 
 def is_cell_file(path: str | Path) -> bool:
     """Whether a task file has stops in the place of via points."""
-    return "stop" in toml_of(path)
+    return "stop" in table_from(path, "task")
 
 
 def read_cell(path: str | Path) -> CellFile:
@@ -258,15 +255,13 @@ def read_cell(path: str | Path) -> CellFile:
     (['home', 'place'], (Line(tolerance=0.001, orientation_tolerance=0.01),))
     """
     source = Path(path)
-    data = toml_of(source)
-    try:
+    data = table_from(source, "task")
+    with naming(f"{source.name}: "):
         return _cell(data, source.name, source.parent)
-    except InputError as problem:
-        raise InputError(f"{source.name}: {problem}") from None
 
 
 def _cell(data: Mapping[str, Any], origin: str, folder: Path) -> CellFile:
-    _known(data, TOP, "at the top level")
+    check_keys(data, TOP)
     check_schema(data, SCHEMA)
     robot = robot_from(data, folder)
     rows = _tables(data, "stop")
@@ -283,7 +278,7 @@ def _cell(data: Mapping[str, Any], origin: str, folder: Path) -> CellFile:
     outputs = data.get("outputs", list(CELL_OUTPUTS))
     if not isinstance(outputs, list) or not set(outputs) <= set(CELL_OUTPUTS):
         raise InputError(f"outputs must be some of {', '.join(CELL_OUTPUTS)}, not {outputs!r}")
-    settings = settings_from(table_of(data, "settings", KEYS))
+    settings = settings_from(table_of(data, "settings", KEYS["settings"]))
     for key in ("grid", "blend"):
         if key in settings:
             raise InputError(f"settings.{key} is of tasks of via points, not of stops")
@@ -295,7 +290,7 @@ def _cell(data: Mapping[str, Any], origin: str, folder: Path) -> CellFile:
         cycle=cycle,
         order=order,
         duration=duration,
-        limits=limits_from(robot, table_of(data, "limits", KEYS)),
+        limits=limits_from(robot, table_of(data, "limits", KEYS["limits"])),
         settings=TimeOptimalSettings(**settings),
         outputs=tuple(outputs),
         scene=_scene(data, folder),
@@ -314,12 +309,6 @@ def _scene(data: Mapping[str, Any], folder: Path) -> Scene | None:
     return read_scene(table, folder, "[scene]")
 
 
-def _known(table: Mapping[str, Any], allowed: Sequence[str], where: str) -> None:
-    for key in table:
-        if key not in allowed:
-            raise InputError(f"unknown key {key!r} {where}{suggestion(key, allowed)}")
-
-
 def _tables(data: Mapping[str, Any], name: str) -> list[dict[str, Any]]:
     rows = data.get(name, [])
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
@@ -330,7 +319,7 @@ def _tables(data: Mapping[str, Any], name: str) -> list[dict[str, Any]]:
 def _stop(robot: Robot, row: Mapping[str, Any], usual: str) -> Stop:
     name = row.get("name", usual)
     where = f"in stop {name!r}"
-    _known(row, STOP, where)
+    check_keys(row, STOP, where)
     given = dict(row)
     for key in ("orientation_tolerance", "rpy", "q", "tolerance"):
         in_degrees = given.pop(f"{key}_deg", None)
@@ -353,7 +342,7 @@ def _stop(robot: Robot, row: Mapping[str, Any], usual: str) -> Stop:
         given["orientation"] = rotation_of(angles)
     payload = given.get("payload")
     if isinstance(payload, dict):
-        _known(payload, PAYLOAD, f"in the payload of stop {name!r}")
+        check_keys(payload, PAYLOAD, f"in the payload of stop {name!r}")
         given["payload"] = Payload(**{"mass": 0.0, **payload})
     elif payload is not None and isinstance(payload, bool | str | list):
         raise InputError(f"{where}: payload must be a mass or a table, not {payload!r}")
@@ -369,7 +358,7 @@ def _segments(
     names = [stop.name for stop in stops]
     made: list[Segment] = [None] * (len(stops) - (not cycle))
     for row in rows:
-        _known(row, SEGMENT, "in a segment")
+        check_keys(row, SEGMENT, "in a segment")
         after = row.get("after")
         if after not in names[: len(made)]:
             raise InputError(

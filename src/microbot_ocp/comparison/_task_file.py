@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from microbot_ocp._base import checks
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.checks import FloatArray, InputError, naming
 from microbot_ocp._base.toml_file import (
     check_keys,
     check_schema,
@@ -101,7 +101,7 @@ class TaskFile:
         """
         settings = dict(self.settings)
         settings["time_limit"] = min(time_limit, settings.get("time_limit", np.inf))
-        try:
+        with naming(f"{self.origin}: "):
             return compare(
                 self.robot,
                 self.via_q,
@@ -112,8 +112,6 @@ class TaskFile:
                 progress=progress,
                 **settings,
             )
-        except InputError as problem:
-            raise InputError(f"{self.origin}: {problem}") from None
 
 
 def read_task(path: str | Path) -> TaskFile:
@@ -154,33 +152,20 @@ def read_task(path: str | Path) -> TaskFile:
     return parse_task(text_of(path, "task"), source.name, source.parent)
 
 
-def toml_of(path: str | Path) -> dict[str, Any]:
-    """What a TOML file holds.
-
-    Raises
-    ------
-    InputError
-        A file that cannot be read or is no TOML.
-    """
-    return parsed(text_of(path, "task"), Path(path).name)
-
-
 def parse_task(text: str, origin: str, folder: Path) -> TaskFile:
     """Task from the text of a file; ``origin`` names it, ``folder`` holds the robots it names."""
     data = parsed(text, origin)
-    try:
+    with naming(f"{origin}: "):
         return _task(data, origin, folder)
-    except InputError as problem:
-        raise InputError(f"{origin}: {problem}") from None
 
 
 def _task(data: dict[str, Any], origin: str, folder: Path) -> TaskFile:
-    check_keys(data, "", KEYS)
+    check_keys(data, KEYS[""])
     check_schema(data, SCHEMA)
     robot = robot_from(data, folder)
-    via = table_of(data, "via", KEYS)
-    limits = table_of(data, "limits", KEYS)
-    settings = settings_from(table_of(data, "settings", KEYS))
+    via = table_of(data, "via", KEYS["via"])
+    limits = table_of(data, "limits", KEYS["limits"])
+    settings = settings_from(table_of(data, "settings", KEYS["settings"]))
     if "via" not in data:
         raise InputError("table [via] is missing: it holds the via points, q or q_deg")
     via_q = _via_array(robot, via, "q")
@@ -261,24 +246,20 @@ def limits_from(robot: Robot, table: Mapping[str, Any]) -> JointLimits:
             raise InputError(f"limits gives both {key} and {key}_deg: give one of them")
         values = per_joint(robot, f"limits.{name}", value)
         changes[key] = values * joint_scale(robot) if name != key else values
-    try:
+    with naming("limits."):
         return robot.with_limits(**changes).limits
-    except InputError as problem:
-        raise InputError(f"limits.{problem}") from None
 
 
 def settings_from(table: Mapping[str, Any]) -> dict[str, Any]:
     """Checked settings of a table."""
     for key, value in table.items():
-        try:
+        with naming("settings."):
             if key == "blend":
                 checks.number("blend", value, "of a segment", above=0.0, at_most=0.5)
             elif key == "compiled" and not isinstance(value, bool):
                 raise InputError(f"compiled must be true or false, not {value!r}")
             else:
                 _SETTINGS[key](**{key: value})
-        except InputError as problem:
-            raise InputError(f"settings.{problem}") from None
     return dict(table)
 
 

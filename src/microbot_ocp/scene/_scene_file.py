@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from microbot_ocp._base import checks
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.checks import FloatArray, InputError, naming
 from microbot_ocp.robot import Capsule, Shape, read_mesh
 from microbot_ocp.robot.files import read_urdf_shapes
 from microbot_ocp.scene._obstacles import (
@@ -110,15 +110,13 @@ def read_scene(
     own = source.get("self_collision", True)
     if not isinstance(own, bool):
         raise InputError(f"self_collision of {origin} must be true or false, not {own!r}")
-    try:
+    with naming(f"{origin}: "):
         return Scene(
             tuple(obstacles),
             clearance=source.get("clearance", 0.0),
             self_collision=own,
             ignore=tuple(source.get("ignore", ())),
         )
-    except InputError as problem:
-        raise InputError(f"{origin}: {problem}") from None
 
 
 def _obstacle(table: Mapping[str, Any], folder: Path, label: str) -> Obstacle:

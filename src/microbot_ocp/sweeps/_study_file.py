@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from microbot_ocp._base.checks import InputError, shown
+from microbot_ocp._base.checks import InputError, naming, shown
 from microbot_ocp._base.toml_file import (
     check_keys,
     check_schema,
@@ -65,14 +65,12 @@ def parse_study(text: str, origin: str, folder: Path) -> Study:
     """
     name = Path(origin).name
     data = parsed(text, name)
-    try:
+    with naming(f"{name}: "):
         return _study(data, origin, folder)
-    except InputError as problem:
-        raise InputError(f"{name}: {problem}") from None
 
 
 def _study(data: dict[str, Any], origin: str, folder: Path) -> Study:
-    check_keys(data, "", KEYS)
+    check_keys(data, KEYS[""])
     check_schema(data, SCHEMA)
     more: dict[str, Any] = {}
     if "methods" in data:
@@ -86,10 +84,11 @@ def _study(data: dict[str, Any], origin: str, folder: Path) -> Study:
         more["motions"] = data["motions"]
     if "time_limit" in data:
         more["time_limit"] = data["time_limit"]
-    cases = _cases(table_of(data, "cases", KEYS), _quantities(data), folder)
+    cases = _cases(table_of(data, "cases", KEYS["cases"]), _quantities(data), folder)
     robot = _robot(data, folder)
     cases.of(robot)
-    return Study(robot, cases, settings=table_of(data, "settings", KEYS), origin=origin, **more)
+    settings = table_of(data, "settings", KEYS["settings"])
+    return Study(robot, cases, settings=settings, origin=origin, **more)
 
 
 def _cases(table: Mapping[str, Any], quantities: dict[str, Any], folder: Path) -> Cases:
@@ -108,10 +107,8 @@ def _cases(table: Mapping[str, Any], quantities: dict[str, Any], folder: Path) -
         return Cases.table(folder / table["file"], **quantities)
     if "count" not in table:
         raise InputError("cases.count is missing: how many random draws")
-    try:
+    with naming("cases."):
         return Cases.random(table["count"], seed=table.get("seed", 0), **quantities)
-    except InputError as problem:
-        raise InputError(f"cases.{problem}") from None
 
 
 def _quantities(data: Mapping[str, Any]) -> dict[str, Any]:

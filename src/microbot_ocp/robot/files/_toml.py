@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from microbot_ocp._base import checks
-from microbot_ocp._base.checks import InputError
+from microbot_ocp._base.checks import InputError, naming
 from microbot_ocp._base.writing import write_whole
 from microbot_ocp.limits import JOINT_QUANTITIES, Limit, Limits
 from microbot_ocp.robot._links import Link, Rotor
@@ -77,7 +77,7 @@ def parse_robot(text: str, origin: str = "robot") -> Robot:
     if any(link is None for link in links) and any(link is not None for link in links):
         missing = next(row["name"] for row, link in zip(rows, links, strict=True) if link is None)
         raise InputError(f"mass of joint {missing!r} is missing in {origin}: give all or none")
-    try:
+    with naming(f"{origin}: "):
         return Robot.from_dh(
             *([row[key] for row in rows] for key in GEOMETRY),
             joint_type=[row["type"] for row in rows],
@@ -92,8 +92,6 @@ def parse_robot(text: str, origin: str = "robot") -> Robot:
             beta=[row["beta"] for row in rows],
             shapes=_shapes(data.get("shape", []), origin),
         )
-    except InputError as problem:
-        raise InputError(f"{origin}: {problem}") from None
 
 
 def _in_radians(table: dict[str, Any], where: str, allowed: tuple[str, ...]) -> dict[str, Any]:
@@ -148,12 +146,10 @@ def _link(row: dict[str, Any], origin: str) -> Link | None:
             f"mass of joint {row['name']!r} is missing in {origin}, but {', '.join(given)} is given"
         )
     given.setdefault("center_of_mass", (0.0, 0.0, 0.0))
-    try:
+    with naming(f"{origin}: "):
         if "rotor" in given:
             given["rotor"] = _rotor(given["rotor"], f"rotor of joint {row['name']!r}")
         return Link(**given, name=row["name"])
-    except InputError as problem:
-        raise InputError(f"{origin}: {problem}") from None
 
 
 def _rotor(table: Any, label: str) -> Rotor:

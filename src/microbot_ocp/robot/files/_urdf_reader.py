@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from microbot_ocp._base import checks
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.checks import FloatArray, InputError, naming
 from microbot_ocp.limits import Limits
 from microbot_ocp.robot._links import Link, inertia_fault
 from microbot_ocp.robot._model import Robot
@@ -152,12 +152,10 @@ def parse_urdf(
     """
     checks.number("parallel_tolerance", parallel_tolerance, "rad", at_least=0.0, at_most=0.1)
     remarks = Remarks()
-    try:
+    with naming(f"{origin}: "):
         file = urdf_file(read_xml(text, remarks), origin, folder, remarks)
         with np.errstate(all="ignore"):  # what overflows is refused by name
             robot = _Tree(file, remarks).robot(tip, parallel_tolerance)
-    except InputError as problem:
-        raise InputError(f"{origin}: {problem}") from None
     remarks.warn(origin)
     return robot
 

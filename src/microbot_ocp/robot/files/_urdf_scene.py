@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from microbot_ocp._base.checks import InputError
+from microbot_ocp._base.checks import InputError, naming
 from microbot_ocp.robot._shapes import Shape
 from microbot_ocp.robot.files._remarks import Remarks
 from microbot_ocp.robot.files._urdf_file import urdf_file
@@ -30,10 +30,8 @@ def read_urdf_shapes(path: str | Path) -> tuple[Shape, ...]:
     except (OSError, ValueError) as problem:
         raise InputError(f"scene file {str(path)!r} cannot be read: {problem}") from None
     remarks = Remarks()
-    try:
+    with naming(f"{file.name}: "):
         read = urdf_file(read_xml(data, remarks), file.name, file.absolute().parent, remarks)
-    except InputError as problem:
-        raise InputError(f"{file.name}: {problem}") from None
     remarks.warn(file.name)
     above = {joint.child: joint for joint in read.joints.values()}
     shapes = []
