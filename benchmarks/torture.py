@@ -32,9 +32,11 @@ import numpy as np
 
 import microbot_ocp as mo
 from microbot_ocp._base.checks import FloatArray
+from microbot_ocp.limits import LimitFamily, MotionSamples
 from microbot_ocp.motion import PiecewisePolynomial
 
 COUNT, LIMIT = 1000, 120
+KEPT = 5e-4  # relative excess of a limit between the points of a timing by others
 TIMING = 1e-4  # share by which the timing of a path may be slower than the best known one
 ARMS = ("microbot", "planar_2r", "planar_3r", "stanford", "puma560", "ur5e", "panda")
 REACH = 3.0  # rad (m): via points are at most as far from zero
@@ -274,15 +276,15 @@ def best_known(task: Task) -> float:
     """A duration in s that somebody else reaches; infinite where nobody does."""
     robot, path = task.robot, task.path
     if path is not None:
-        from external.toppra_timing import graded_grid, toppra_duration
+        from external.toppra_timing import graded_grid, toppra_problem
 
         ways = [lambda: reachability(robot, path)]
         rubs = any(link.viscous_friction or link.coulomb_friction for link in robot.links)
         # toppra is told of torques without friction and of velocities: others would not be kept
         plain = robot.has_dynamics and not rubs
         if plain and not np.isfinite(np.array(robot.limits.bounds("qdd"))).any():
-            grid = graded_grid(path, 2000)
-            ways.append(lambda: toppra_duration(robot, path, grid))
+            grid = np.union1d(graded_grid(path, 4000), path.breaks)
+            ways.append(lambda: lawful(robot, toppra_problem(robot, path, grid)))
     else:
         shape = mo.cubic(task.via, np.arange(float(len(task.via))))
         ways = [
@@ -304,6 +306,18 @@ def reachability(robot: mo.Robot, path: PiecewisePolynomial) -> float:
     kept = len(timing.limits_kept_by["reachability"] + timing.limits_kept_by["speed bound"])
     every = sum(len(names) for names in timing.limits_kept_by.values())
     return timing.duration if kept == every else np.inf
+
+
+def lawful(robot: mo.Robot, problem: Any) -> float:
+    """Duration in s of toppra's timing, where it keeps the limits between its points, too."""
+    trajectory = problem.compute_trajectory(0.0, 0.0)
+    if trajectory is None:
+        return np.inf
+    t = np.linspace(0.0, trajectory.duration, 20_001)
+    states = [trajectory(t, order) for order in range(3)]
+    samples = MotionSamples(*states, np.zeros_like(states[0]))
+    excess = LimitFamily.of(robot).excess(samples).max()
+    return trajectory.duration if excess <= KEPT else np.inf
 
 
 def judged(task: Task, found: dict[str, Any]) -> str:

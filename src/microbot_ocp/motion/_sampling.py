@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 JUMP_GAP = 1e-6  # s between the two samples that stand for a jump of the acceleration
 GRID_STEP = 0.25e-3  # s, the longest step of the dense grid
 MOST_STEPS = 400_000  # of that; motions longer than 100 s have longer ones
-JUMP_SHARE = 0.1  # of the interval before it: a longer gap is an interval of a short motion
+JUMP_SHARE = 0.2  # of the interval before it: a longer gap is an interval of a short motion
 GRID_RATIO = 20  # dense grid points to each mesh interval, at least
 
 

@@ -203,7 +203,7 @@ def sampled(parts: Sequence[tuple[Curve, Reached]]) -> tuple[FloatArray, State, 
         count[[0, -1]] = np.maximum(count[[0, -1]], SAMPLES_AT_ENDS)
         i = np.repeat(np.arange(count.size), count + 1)
         k = np.arange(i.size) - np.repeat(np.cumsum(count + 1) - count - 1, count + 1)
-        early = np.minimum(JUMP_GAP, 0.01 * lengths)[i]
+        early = np.minimum(JUMP_GAP, 0.01 * lengths / count)[i]
         local = k / count[i] * lengths[i] - np.where(k == count[i], early, 0.0)
         if len(times) == len(parts) - 1:
             local[-1] = lengths[-1]
