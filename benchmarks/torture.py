@@ -294,7 +294,7 @@ def best_known(task: Task) -> float:
     known = [np.inf]
     for duration in ways:
         try:
-            known.append(float(np.nan_to_num(duration(), nan=np.inf)))
+            known.append(float(np.nan_to_num(duration(), nan=np.inf, posinf=np.inf)))
         except (RuntimeError, ValueError):  # InputError, too: this way is none
             continue
     return min(known)

@@ -25,7 +25,7 @@ from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import LIMIT_TOLERANCE, JointLimits, LimitFamily, Limits
 from microbot_ocp.motion import Mark, Motion
-from microbot_ocp.ocp import ParametricSolver, Solution, SolverSettings
+from microbot_ocp.ocp import Explanation, ParametricSolver, Solution, SolverSettings
 from microbot_ocp.ocp.refinement import WORSE, Refiner, split
 from microbot_ocp.ocp.solution import StepProgress, quiet
 from microbot_ocp.ocp.transcription import Guess, Transcription
@@ -53,6 +53,11 @@ from microbot_ocp.planning._initial_guesses import (
     guesses_along,
     initial_guesses,
     swings,
+)
+from microbot_ocp.planning._least_violation import (
+    guesses_from,
+    judged,
+    least_violation,
 )
 from microbot_ocp.planning._progress import with_motion
 from microbot_ocp.planning._scale import TaskScale
@@ -273,6 +278,7 @@ class FreeSearch:
         self.progress = progress
         self.names = [f"phase {i + 1}" for i in range(len(via) - 1)]
         self.calmed: dict[str, Any] = {}
+        self.relaxed: Explanation | None = None
         begin = time.perf_counter()
         kernels = kernels or self._kernels()
         if deadline.over():  # they may not be compiled: made again the next time
@@ -320,10 +326,7 @@ class FreeSearch:
         """What every start led to on a coarse mesh."""
         tried: list[dict[str, Any]] = []
         found: list[Solution] = []
-        refiner, own = self.refiner, self.refiner.settings
-        if refiner.fitted is not None:
-            kernels = rounded(refiner.transcription, self.scale.velocity)
-            refiner = replace(refiner, transcription=kernels)
+        refiner, own = self._coarse_refiner, self.refiner.settings
         for guess, mesh, solver in self._trials():
             patience = [PATIENCE * s.attempts[-1].iterations for s in found if s.status.solved]
             if patience:  # what takes so much longer than another start is given up
@@ -387,7 +390,10 @@ class FreeSearch:
         solved = [s for s in found if s.status.solved]
         if not solved:
             nearest = min(found, key=lambda s: (not s.attempts, s.attempts[-1].infeasibility))
-            return self.refiner.finished(self._refined(nearest))
+            relaxed = self._relaxed(nearest)
+            if not relaxed.status.solved:
+                return self.refiner.finished(self._refined(relaxed))
+            solved = [relaxed]
         for coarse in sorted(solved, key=self._honest_duration):
             honest = self._honest_duration(coarse)
             if any(abs(honest - other) <= SAME * other for other in hoped):
@@ -403,6 +409,31 @@ class FreeSearch:
             best = refined if best is None else min(best, refined, key=self._rank)
         assert best is not None
         return self.refiner.finished(best)
+
+    def _relaxed(self, nearest: Solution) -> Solution:
+        """The nearest of answers that break limits, after a look at what has to give.
+
+        A solution where nothing has to.
+        """
+        if deadline.over() or nearest.status is Status.INTERRUPTED:
+            return nearest
+        kernels = self._coarse_refiner.transcription
+        meshes = [phase.mesh for phase in nearest.phases]
+        own = initial_guesses(self.family, self.via, self.names, 1, self.settings.seed)
+        self.relaxed = least_violation(kernels, [next(own).guesses, nearest], meshes)
+        self.progress(f"relaxed problem: {self.relaxed}")
+        if not (self.relaxed.conclusive and self.relaxed.feasible):
+            return nearest
+        guesses = guesses_from(self.relaxed)
+        found = self._coarse_refiner.solve(meshes, guesses, tolerance=EXPLORE_TOLERANCE)
+        return found if found.status.solved else nearest
+
+    @property
+    def _coarse_refiner(self) -> Refiner:
+        if self.refiner.fitted is None:
+            return self.refiner
+        kernels = rounded(self.refiner.transcription, self.scale.velocity)
+        return replace(self.refiner, transcription=kernels)
 
     def _refined(self, coarse: Solution) -> Solution:
         """Coarse to fine, then local refinement while limits are exceeded."""
@@ -521,6 +552,8 @@ class FreeSearch:
             self.family, solution, self._excess(solution), self.settings.limit_tolerance
         )
         outcome["advice"] += self.scale.active_bounds([p.duration for p in solution.phases])
+        if self.relaxed is not None and not (solution.status.solved or deadline.over()):
+            outcome |= judged(self.relaxed, self.family, outcome["advice"])
         found = sorted({round(s["duration"], 3) for s in starts if s["status"] == "solved"})
         return self._shaped(
             solution,

@@ -31,6 +31,7 @@ from microbot_ocp.ocp.transcription import (
 
 GIVES = 1e-4  # scaled amount below which a limit holds
 CONFLICTS = 1e-3  # multiplier, of a sum of scaled amounts, above which a limit conflicts
+LONGER = 10.0  # times a duration of the guess: the most where only limits give
 ALONE = 12  # how many limits are tried alone
 # Where one way out is as cheap as another: rather an end than a start.
 _WEIGHTS = {"final": 0.01, "duration": 0.02, "initial": 0.03}
@@ -131,6 +132,7 @@ def explain(
     mesh: Meshes = 50,
     guess: Mapping[str, Guess] | Solution | None = None,
     *,
+    limits_only: bool = False,
     max_iterations: int = 500,
 ) -> Explanation:
     """Find out which limits of a problem contradict each other.
@@ -142,6 +144,9 @@ def explain(
         A coarse one does.
     guess : guesses or Solution, optional
         The solution of the solve that failed, for example.
+    limits_only : bool
+        Whether conditions at ends and bounds of durations hold, which are at most ten times those
+        of the guess, and only the cheapest way out is looked for.
     max_iterations : int
         Of each elastic solve.
     """
@@ -153,7 +158,10 @@ def explain(
     start = starting_point(program, transcription.problem, guess)
     check_start(program, start.x)
     elastic = _Elastic(program, max_iterations)
-    return elastic.explain(start.x)
+    if limits_only:  # that cost nothing, and they would run away
+        durations = np.concatenate([layout.nodes[:, -1] for layout in layouts])
+        elastic.highest[durations] = LONGER * start.x[durations]
+    return elastic.explain(start.x, limits_only)
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,6 +196,7 @@ class _Elastic:
             *(program.variable_labels[i] for i in self.bounded),
         ]
         self.items = list(self._items())
+        self.highest = np.full(self.count, np.inf)
         self._arrange()
         self.solver = self._solver(max_iterations)
 
@@ -290,7 +299,7 @@ class _Elastic:
             x0=np.concatenate([x, np.where(allowed, 0.1, 0.0)]),
             p=self.program.parameters,
             lbx=np.concatenate([-free, np.zeros(slacks)]),
-            ubx=np.concatenate([free, most]),
+            ubx=np.concatenate([self.highest, most]),
             lbg=self.row_limits[0],
             ubg=self.row_limits[1],
         )
@@ -298,9 +307,10 @@ class _Elastic:
         good = bool(self.solver.stats().get("success") and np.isfinite(values).all())
         return good, values, np.array(result["lam_g"]).ravel()
 
-    def explain(self, x: FloatArray) -> Explanation:
+    def explain(self, x: FloatArray, limits_only: bool) -> Explanation:
         slacks = len(self.items)
-        good, values, multipliers = self.solve(x, np.ones(slacks, dtype=bool))
+        may = np.array([item.kind == "limit" or not limits_only for item in self.items])
+        good, values, multipliers = self.solve(x, may)
         best, amounts = values[: self.count], values[self.count :]
         phases = unpack(self.program.layouts, best) if np.isfinite(best).all() else ()
         giving = np.flatnonzero(amounts > GIVES)
@@ -314,7 +324,7 @@ class _Elastic:
         order = [int(i) for i in np.argsort(pressing)[::-1] if pressing[i] > CONFLICTS]
         found = self._groups(giving.tolist())
         alternatives, conflicts = [], []
-        for group in self._groups(order)[:ALONE]:
+        for group in self._groups(order)[: 0 if limits_only else ALONE]:
             if [group] == found:
                 continue  # the way out that is known
             allowed = np.zeros(slacks, dtype=bool)
