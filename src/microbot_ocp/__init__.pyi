@@ -37,6 +37,7 @@ from .comparison import (
     compare as compare,
     load_comparison as load_comparison,
     time_effort_front as time_effort_front,
+    time_torque_front as time_torque_front,
 )
 from .inverse_kinematics import (
     IKPath as IKPath,

@@ -196,10 +196,21 @@ def test_a_file_and_python_state_the_same_stops(tmp_path):
     ("more", "said"),
     [
         ("veloctiy = 'any'", "did you mean 'velocity'?"),
-        ("q = [0, 0, 0]", "either q or a position"),
+        ("q = [0, 0, 0]", "a q or a position, not both"),
+        ("[[stop]]\ntolerance_deg = 5\nposition = [3, 0, 4]", "tolerance_deg is of a joint pose"),
+        ("[[stop]]\nposition = [3, 0, 4]\nrpy = [180, 0, 0]", "or give rpy_deg"),
+        (
+            "[[stop]]\nq = [0, 0, 0]\n[stop.payload]\ncenter_of_mass = [0, 0, 1]",
+            "mass of the payload is missing",
+        ),
+        ('[[segment]]\nafter = "pick"\nkind = "line"\n' * 2, "two segments begin at stop 'pick'"),
+        ('[[segment]]\nkind = "line"', "one of pick, place, but it is missing"),
         ('[[segment]]\nafter = "plce"\nkind = "line"', "one of pick, place, not 'plce'"),
         ('[[segment]]\nafter = "pick"\nkind = "curve"', "one of line, circle, joint line"),
-        ('[[segment]]\nafter = "pick"\nkind = "circle"', "it does not take"),
+        (
+            '[[segment]]\nafter = "pick"\nkind = "circle"',
+            "through is missing, which a circle needs",
+        ),
     ],
 )
 def test_what_is_wrong_in_a_cell_is_said(tmp_path, more, said):

@@ -1,10 +1,12 @@
 """Motions through stops: closed forms on a rail, tool lines and branches of a two-link arm."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import microbot_ocp as mo
-from planning.shared import arm, slider
+from planning.shared import arm, pendulum, slider
 
 Stop = mo.Stop
 QUICK = {"compiled": False, "mesh": 30}
@@ -18,6 +20,25 @@ def rail():
 @pytest.fixture(scope="module")
 def two_links():
     return arm(tau_max=[60.0, 25.0], qd_max=3.0)
+
+
+@pytest.fixture(scope="module")
+def gantry():
+    """Two rails at right angles, the tool at [0, q2, q1], and 1 m/s^2 on each."""
+    return mo.Robot.from_dh(
+        alpha=[0.0, -np.pi / 2],
+        a=[0.0, 0.0],
+        d=[0.0, 0.0],
+        joint_type="prismatic",
+        links=[mo.Link(1.0, [0.0, 0.0, 0.0])] * 2,
+        gravity=(0.0, 0.0, 0.0),
+        limits=mo.Limits(qdd_max=1.0),
+    )
+
+
+def at(x, y, **more):
+    """A stop of the gantry."""
+    return Stop(position=[0.0, y, x], **more)
 
 
 @pytest.fixture(scope="module")
@@ -68,6 +89,25 @@ def test_the_best_order_is_found_and_bounds_leave_others_out(rail):
     assert all(o["bound"] <= o["duration"] for o in motion.provenance["orders"])
 
 
+def test_stops_with_a_segment_between_them_stay_together(rail):
+    slow = rail.with_limits(qd_max=0.5)
+    segments = [None, mo.JointLine(), None, None]
+    via_q = [[0.0], [2.0], [1.5], [0.5], [3.0]]
+    options = {"order": "free", "mesh": 6, "starts": 1, "compiled": False}
+    motion = mo.time_optimal(slow, via_q, segments=segments, **options)
+    assert motion.provenance["order"] == [0, 3, 1, 2, 4]
+    assert motion.provenance["segments"] == ["free", "free", "JointLine", "free"]
+    assert len(motion.provenance["orders"]) + motion.provenance["orders_left_out"] == 2
+
+
+def test_the_order_of_least_effort_in_a_given_time(rail):
+    via_q = [[0.0], [2.0], [1.0], [3.0]]
+    options = {"order": "free", "duration": 12.0, "mesh": 6, "starts": 1, "compiled": False}
+    motion = mo.time_optimal(rail.with_limits(qd_max=0.5), via_q, **options)
+    assert motion.provenance["order"] == [0, 2, 1, 3]
+    assert motion.duration == pytest.approx(12.0, rel=1e-6)
+
+
 def test_least_effort_in_a_given_time_takes_it_all(rail):
     motion = mo.time_optimal(rail, [[0.0], [1.0]], duration=2.0, **QUICK)
     assert motion.solved
@@ -113,10 +153,55 @@ def test_an_arc_goes_through_its_point(two_links):
     assert place[:, 0].min() == pytest.approx(1.0, abs=1.1e-3)
 
 
+def test_joint_lines_make_the_arm_stop_at_their_corner(gantry):
+    lines = [mo.JointLine(tolerance=1e-4)] * 2
+    via_q = [[0.0, 0.0], [1.0, 1.0], [2.0, 0.0]]
+    motion = mo.time_optimal(gantry, via_q, segments=lines, mesh=20, compiled=False)
+    assert motion.duration == pytest.approx(4.0, rel=3e-3)  # twice 1 m from rest to rest
+    off = motion.q[:, 1] - np.minimum(motion.q[:, 0], 2.0 - motion.q[:, 0])
+    assert np.abs(off).max() / np.sqrt(2) < 1.01e-4
+
+
+def test_a_blended_corner_saves_the_time_in_which_both_axes_move(gantry):
+    stops, lines = [at(0, 0), at(1, 0, blend=0.2), at(1, 1)], [mo.Line(tolerance=1e-4)] * 2
+    options = {"segments": lines, "mesh": 12, "starts": 1, "compiled": False}
+    motion = mo.time_optimal(gantry, stops, **options)
+    # each axis goes 1 m from rest to rest; the last 0.2 m of one are the first of the other
+    assert motion.duration == pytest.approx(4.0 - np.sqrt(2 * 0.2), rel=8e-3)
+    tool = np.hypot(motion.q[:, 0] - 1.0, motion.q[:, 1])
+    passing = motion.sample([motion.marks[1].time, motion.marks[2].time])
+    assert passing.q[0] == pytest.approx([0.8, 0.0], abs=2e-4)
+    assert passing.q[1] == pytest.approx([1.0, 0.2], abs=2e-4)
+    assert tool.min() > 0.05
+
+
+def test_a_full_circle_takes_the_closed_form(gantry):
+    acceleration, radius = 2.0, 0.5
+    tool = mo.limits.tool_acceleration(acceleration)
+    robot = gantry.with_limits(qdd_max=10.0, also=[tool])
+    circle = mo.Circle(through=[[0, 0, radius], [0, -radius, 0]], tolerance=1e-4)
+    options = {"starts": 1, "mesh": 12, "compiled": False}
+    stops = [at(0, radius, name="top"), at(0, radius, name="end")]
+    motion = mo.time_optimal(robot, stops, segments=[circle], **options)
+    # along it s'' = a cos(2 s / r) up to the speed sqrt(a r) at a quarter of pi, where it stays
+    speeding_up = 2.6220575542921198  # integral of 1 / sqrt(sin) from 0 to pi / 2
+    expected = np.sqrt(radius / acceleration) * (speeding_up + 1.5 * np.pi)
+    assert motion.duration == pytest.approx(expected, rel=3e-3)
+    assert np.abs(np.hypot(*motion.q.T) - radius).max() < 1.01e-4
+    turned = np.unwrap(np.arctan2(motion.q[:, 0], motion.q[:, 1]))
+    assert turned[-1] - turned[0] == pytest.approx(2 * np.pi, abs=1e-3)
+    assert [mark.name for mark in motion.marks] == ["top", "top, 1/2 of the circle", "end"]
+    # again and again, without a rest: two turns in one period
+    stops, segments = [at(0, radius, velocity="any")], [replace(circle, turns=1)]
+    options["mesh"] = 6
+    motion = mo.time_optimal(robot, stops, segments=segments, cycle=True, **options)
+    assert motion.duration == pytest.approx(4 * np.pi * np.sqrt(radius / acceleration), rel=2e-3)
+
+
 @pytest.mark.parametrize(
     ("stops", "options", "said"),
     [
-        ([Stop(position=[3, 0, 0], name="far"), [0, 0]], {}, "'far' is out of reach by 1.2e+03 mm"),
+        ([Stop(position=[3, 0, 0], name="far"), [0, 0]], {}, "'far' is out of reach by 1.2 m"),
         (
             [Stop(position=[1.2, -0.5, 0.0], name="a"), Stop(position=[2.0, 0.5, 0.0], name="b")],
             {"segments": [mo.Line()]},
@@ -128,7 +213,27 @@ def test_an_arc_goes_through_its_point(two_links):
             "'a' to stop 'b' not reachable from 0.",
         ),
         ([[0.0, 0.0], [0.0, 0.0]], {"cycle": True}, "are at the same place"),
+        (
+            [Stop(position=[1.2, -0.5, 0.0], payload=9.0, name="a"), [0.0, 0.0]],
+            {},
+            "stop 'a' with 9 kg cannot be held at rest",
+        ),
+        (
+            [Stop(q=[0.0, 1.0], payload=1.0, name="a"), [0.0, 0.0]],
+            {"cycle": True},
+            "stop 'a' picks 1 kg in every cycle, but no stop puts them down",
+        ),
         ([[0.0, 0.0], [1.0, 0.0]], {"segments": []}, "segments must be 1"),
+        (
+            [Stop(position=[1.2, 0.5, 0.0], name="a"), Stop(position=[1.2, 0.5, 0.0], name="b")],
+            {"segments": [mo.Circle(through=[1.0, 0.0, 0.0])]},
+            "tool circle from stop 'a' to stop 'b': through must be two points",
+        ),
+        (
+            [Stop(position=[1.2, 0.5, 0.0], name="a"), [0.0, 0.0]],
+            {"segments": [mo.JointLine()]},
+            "joint line from stop 'a' to stop 'stop 2': it needs a joint pose",
+        ),
         ([[0.0, 0.0], [1.0, 0.0]], {"order": "any"}, "order must be one of"),
     ],
 )
@@ -141,7 +246,7 @@ def test_what_cannot_be_is_said_in_words_of_the_task(two_links, stops, options, 
 @pytest.mark.parametrize(
     ("keys", "said"),
     [
-        ({}, "either q or a position"),
+        ({}, "a q or a position, not neither"),
         ({"q": [0.0], "dwell": 1.0, "velocity": "any"}, "so it is at rest"),
         ({"position": [0, 0, 0], "free_turn": "z"}, "no orientation"),
         ({"position": [0, 0, 0], "orientation": np.ones((3, 3))}, "rotation matrix"),
@@ -169,3 +274,17 @@ def test_a_front_goes_from_the_fastest_to_the_closed_form_of_the_calmest(rail):
     assert front.points[1].effort > front.points[2].effort
     assert front.points[2].peak_torque == pytest.approx(6 * 2.0 / (2.25 * 2.0) / 4.0, rel=1e-2)
     assert len(front.plot()) == 2
+
+
+def test_a_front_of_torque_takes_the_closed_form_until_the_arm_cannot_be_held(rail):
+    front = mo.time_torque_front(rail, [[0.0], [1.0]], shares=(0.5, 0.8), mesh=20, compiled=False)
+    assert front.certified
+    shortest = np.sqrt(2.0)
+    assert [p.duration * np.sqrt(p.peak_torque) for p in front.points] == pytest.approx(
+        [shortest] * 3, rel=3e-3
+    )
+    assert [p.peak_torque for p in front.points] == pytest.approx([1.0, 0.8, 0.5], rel=1e-3)
+    robot, via_q = pendulum(tau_max=20.0, qd_max=5.0), [[0.0], [np.pi / 6]]
+    front = mo.time_torque_front(robot, via_q, shares=(0.5, 0.2), mesh=10, compiled=False)
+    assert len(front.points) == 2
+    assert "needs 4.905 N m against gravity" in front.ended

@@ -26,6 +26,7 @@ from ._front import (
     Front as Front,
     FrontPoint as FrontPoint,
     time_effort_front as time_effort_front,
+    time_torque_front as time_torque_front,
 )
 from ._saved import (
     load_comparison as load_comparison,

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import MISSING, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +37,7 @@ from microbot_ocp.planning import (
     Stop,
     Task,
     TimeOptimalSettings,
+    in_order,
     task_of,
     time_optimal,
 )
@@ -52,9 +53,9 @@ STOP = (
     *("tolerance_deg", "orientation_tolerance", "orientation_tolerance_deg", "free_turn"),
     *("velocity", "dwell", "payload", "blend"),
 )
-SEGMENT = ("after", "kind", "through", "tolerance", "orientation_tolerance")
 PAYLOAD = ("mass", "center_of_mass", "inertia", "shape")
 KINDS: dict[str, Any] = {"line": Line, "circle": Circle, "joint line": JointLine}
+LARGEST_ANGLE = 2 * np.pi  # rad: beyond it degrees were meant
 CELL_OUTPUTS = ("json", "motion", "figure", "recording")
 
 
@@ -117,18 +118,19 @@ class CellFile:
         motion = replace(motion, provenance={**motion.provenance, "robot": self.robot.name})
         order = motion.provenance.get("order", range(len(self.stops)))
         stops = tuple(self.stops[k] for k in order)
+        segments = in_order(self.segments, order)
         progress(f"certify: {motion.duration:.4f} s")
         certificate = certify(
             self.robot,
             motion,
             self.limits,
             via_q=stops,
-            segments=self.segments,
+            segments=segments,
             cycle=self.cycle,
             scene=self.scene,
         )
         limited = self.robot.with_limits(self.limits)
-        return Cell(limited, stops, self.segments, self.cycle, motion, certificate)
+        return Cell(limited, stops, segments, self.cycle, motion, certificate)
 
 
 @dataclass(frozen=True, eq=False)
@@ -327,6 +329,8 @@ def _stop(robot: Robot, row: Mapping[str, Any], usual: str) -> Stop:
             continue
         if key in given:
             raise InputError(f"{where}: give {key} or {key}_deg, not both")
+        if key == "tolerance" and "position" in given:
+            raise InputError(f"{where}: tolerance_deg is of a joint pose; of a position it is in m")
         shape: tuple[int | None, ...] = {"rpy": (3,), "q": (robot.joint_count,)}.get(key, ())
         values = checks.array(f"{key}_deg {where}", in_degrees, shape) if shape else in_degrees
         if key == "tolerance" and np.ndim(values) == 0:
@@ -339,11 +343,16 @@ def _stop(robot: Robot, row: Mapping[str, Any], usual: str) -> Stop:
         if "orientation" in given:
             raise InputError(f"{where}: give an orientation or rpy, not both")
         angles = checks.array(f"rpy {where}", given.pop("rpy"), (3,), "rad")
+        if np.abs(angles).max() > LARGEST_ANGLE + 1e-9:
+            raise InputError(f"{where}: rpy is in rad, not {angles.tolist()}; or give rpy_deg")
         given["orientation"] = rotation_of(angles)
     payload = given.get("payload")
     if isinstance(payload, dict):
         check_keys(payload, PAYLOAD, f"in the payload of stop {name!r}")
-        given["payload"] = Payload(**{"mass": 0.0, **payload})
+        if "mass" not in payload:
+            raise InputError(f"{where}: mass of the payload is missing")
+        with naming(f"{where}: "):
+            given["payload"] = Payload(**payload)
     elif payload is not None and isinstance(payload, bool | str | list):
         raise InputError(f"{where}: payload must be a mass or a table, not {payload!r}")
     return Stop(**{**given, "name": name})
@@ -357,28 +366,29 @@ def _segments(
         return None
     names = [stop.name for stop in stops]
     made: list[Segment] = [None] * (len(stops) - (not cycle))
+    begins = names[: len(made)]
     for row in rows:
-        check_keys(row, SEGMENT, "in a segment")
-        after = row.get("after")
-        if after not in names[: len(made)]:
+        after, word = row.get("after"), row.get("kind")
+        if after not in begins:
+            found = f"not {after!r}" if "after" in row else "but it is missing"
             raise InputError(
-                f"after of a segment must be the name of the stop where it begins, one of "
-                f"{', '.join(names[: len(made)])}, not {after!r}"
+                "after of a segment must be the name of the stop where it begins, one of "
+                f"{', '.join(begins)}, {found}"
             )
-        kind = row.get("kind")
-        if kind not in KINDS:
-            raise InputError(
-                f"kind of the segment after {after!r} must be one of {', '.join(KINDS)}, not "
-                f"{kind!r}"
-            )
-        keys = {key: value for key, value in row.items() if key not in ("after", "kind")}
-        try:
-            made[names.index(after)] = KINDS[kind](**keys)
-        except TypeError:
-            raise InputError(
-                f"the segment after {after!r} is a {kind}: it does not take {', '.join(keys)}, or "
-                "needs more"
-            ) from None
+        where = f"in the segment after {after!r}"
+        if word not in KINDS:
+            found = f"not {word!r}" if "kind" in row else "but it is missing"
+            raise InputError(f"{where}: kind must be one of {', '.join(KINDS)}, {found}")
+        kind = KINDS[word]
+        keys = {f.name: f for f in fields(kind)}
+        check_keys(row, ("after", "kind", *keys), where)
+        for key, field in keys.items():
+            if field.default is MISSING and key not in row:
+                raise InputError(f"{where}: {key} is missing, which a {word} needs")
+        if made[begins.index(after)] is not None:
+            raise InputError(f"two segments begin at stop {after!r}")
+        with naming(f"{where}: "):
+            made[begins.index(after)] = kind(**{key: row[key] for key in keys if key in row})
     return tuple(made)
 
 

@@ -1,4 +1,4 @@
-"""Time against effort: the fastest motion, and what a little more time saves."""
+"""Time against effort or torque: the fastest motion, and what a little more time saves."""
 
 from __future__ import annotations
 
@@ -10,15 +10,25 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
+from microbot_ocp._base.checks import InputError
 from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
 from microbot_ocp.comparison._certificate import Certificate, Tolerances
 from microbot_ocp.comparison._task_certificate import certificate_of_task
 from microbot_ocp.motion import Motion
 from microbot_ocp.ocp.solution import StepProgress, quiet
-from microbot_ocp.planning import Segment, Stop, TimeOptimalSettings, effort_front, task_of
+from microbot_ocp.planning import (
+    Segment,
+    Stop,
+    Task,
+    TimeOptimalSettings,
+    effort_front,
+    task_of,
+    torque_front,
+)
 from microbot_ocp.robot import JointLimits, Limits, Robot
 
 SLACKS = (0.01, 0.03, 0.1, 0.3, 1.0)
+SHARES = (0.9, 0.8, 0.7, 0.6, 0.5)
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,9 +60,12 @@ class Front:
     Attributes
     ----------
     points : tuple of FrontPoint
+    ended : str
+        Why there is no motion further on; empty where all that were asked for were found.
     """
 
     points: tuple[FrontPoint, ...]
+    ended: str = ""
 
     @property
     def certified(self) -> bool:
@@ -99,11 +112,56 @@ def time_effort_front(
     stops = list(cast("Sequence[Any]", via_q))
     task = task_of(robot, stops, limits, segments=segments, cycle=cycle)
     settings = TimeOptimalSettings(**changes)
-    found = effort_front(task, tuple(slacks), settings, progress or quiet)
+    return _certified(task, effort_front(task, tuple(slacks), settings, progress or quiet))
+
+
+def time_torque_front(
+    robot: Robot,
+    via_q: ArrayLike | Sequence[Stop],
+    limits: Limits | JointLimits | None = None,
+    *,
+    shares: Sequence[float] = SHARES,
+    segments: Sequence[Segment] | None = None,
+    cycle: bool = False,
+    progress: StepProgress | None = None,
+    **changes: Any,
+) -> Front:
+    """The front of time against peak torque: the fastest motion with a share of every torque limit.
+
+    Parameters
+    ----------
+    robot, via_q, limits, segments, cycle, progress, **changes
+        As of :func:`microbot_ocp.time_optimal`.
+    shares : sequence of float
+        Of the torque limits that may be used, above 0 and at most 1. Each motion starts from the
+        one before; the front ends where the torques no longer suffice, and ``ended`` says why.
+
+    Returns
+    -------
+    Front
+        Certified under the whole limits; ``peak_torque`` of a point is the share that it uses.
+
+    Raises
+    ------
+    InputError
+        As of :func:`microbot_ocp.time_optimal`; a share that is not above 0 and at most 1; a robot
+        without masses.
+    """
+    for share in shares:
+        checks.number("shares", share, above=0.0, at_most=1.0)
+    if not robot.has_dynamics:
+        raise InputError(f"robot {robot.name!r} has no masses, so its motions have no torques")
+    stops = list(cast("Sequence[Any]", via_q))
+    task = task_of(robot, stops, limits, segments=segments, cycle=cycle)
+    settings = TimeOptimalSettings(**changes)
+    return _certified(task, *torque_front(task, tuple(shares), settings, progress or quiet))
+
+
+def _certified(task: Task, found: Sequence[tuple[float, Motion]], ended: str = "") -> Front:
     points = []
     for effort, motion in found:
         certificate = certificate_of_task(task, motion, Tolerances())
         torque = [c for c in certificate.limit_checks if c.quantity == "tau"]
         peak = float(np.nanmax(torque[0].utilisation)) if torque else np.nan
         points.append(FrontPoint(motion.duration, effort, peak, motion, certificate))
-    return Front(tuple(points))
+    return Front(tuple(points), ended)

@@ -209,8 +209,7 @@ def _check_segments(task: Task, motion: Motion) -> tuple[SegmentCheck, ...]:
             ends = [np.array(task.stops[i].q) for i in (k, k + 1)]
             shares = np.linspace(0.0, 1.0, POINTS)[:, None]
             distance = _to_polyline(q, ends[0] + shares * (ends[1] - ends[0]))[0].max()
-            name = f"joint line {task.between(k)}"
-            found.append(SegmentCheck(name, float(distance), kind.tolerance))
+            found.append(SegmentCheck(task.name_of(k), float(distance), kind.tolerance))
         elif isinstance(kind, Line | Circle):
             found.append(_check_curve(task, k, kind, q))
     return tuple(found)
@@ -223,8 +222,7 @@ def _check_curve(task: Task, k: int, kind: Line | Circle, q: FloatArray) -> Segm
     poses = np.array(forward_kinematics(task.robot).map(len(q))(q.T))
     poses = poses.reshape(4, len(q), 4).transpose(1, 0, 2)
     distance, share = _to_polyline(poses[:, :3, 3], curve.points(np.linspace(0.0, 1.0, POINTS)))
-    what = "line" if isinstance(kind, Line) else "circle"
-    name = f"tool {what} {task.between(k)}"
+    name = task.name_of(k)
     if turning is None:
         return SegmentCheck(name, float(distance.max()), kind.tolerance)
     angles = [

@@ -42,7 +42,9 @@ from ._segments import (
 )
 from ._stop_search import (
     effort_front as effort_front,
+    in_order as in_order,
     stretches as stretches,
+    torque_front as torque_front,
 )
 from ._stop_task import (
     Task as Task,

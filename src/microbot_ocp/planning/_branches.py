@@ -17,7 +17,7 @@ from microbot_ocp._base.status import Status
 from microbot_ocp.inverse_kinematics import IKPath, IKSolution, solve_ik_all, solve_ik_path
 from microbot_ocp.planning._scale import USUAL_SPEED
 from microbot_ocp.planning._segments import Circle, Line
-from microbot_ocp.planning._stop_task import Task
+from microbot_ocp.planning._stop_task import Task, check_held
 from microbot_ocp.planning._stops import Stop
 from microbot_ocp.robot import Robot, forward_kinematics
 
@@ -62,8 +62,9 @@ def ways_through(task: Task) -> list[Way]:
         A stop out of reach, a tool line that no branch follows.
     """
     nodes = [_branches(task.robot, stop) for stop in task.stops]
+    nodes = [_held_at_rest(task, index, found) for index, found in enumerate(nodes)]
     if task.cycle:
-        nodes[-1] = nodes[0]
+        nodes[-1] = nodes[0] = _held_at_rest(task, len(nodes) - 1, nodes[0])
     edges: list[dict[tuple[int, int], FloatArray | None]] = []
     for index, kind in enumerate(task.segments):
         if isinstance(kind, Line | Circle):
@@ -109,6 +110,32 @@ def _branches(robot: Robot, stop: Stop) -> list[FloatArray]:
     return found
 
 
+def _held_at_rest(task: Task, index: int, found: list[FloatArray]) -> list[FloatArray]:
+    """Those of all poses of a stop in which the torques hold the arm; all where there are more.
+
+    Raises
+    ------
+    InputError
+        There is none.
+    """
+    stop = task.stops[index]
+    given = 3 if stop.orientation is None else 6 - (stop.free_turn is not None)
+    exact = np.all(np.array(stop.tolerance) == 0.0) and stop.orientation_tolerance == 0.0
+    if stop.q is not None or not exact or task.robot.joint_count > given:
+        return found
+    held, refused = [], None
+    for q in found:
+        try:
+            check_held(task, index, q)
+            held.append(q)
+        except InputError as problem:
+            refused = refused or problem
+    if not held:
+        assert refused is not None
+        raise refused
+    return held
+
+
 def _turned(turned: FloatArray | None, axis: int | None) -> list[FloatArray | None]:
     """An orientation, or several where a turn about an axis of the tool is free."""
     if turned is None or axis is None:
@@ -135,7 +162,9 @@ def _within(stop: Stop, solution: IKSolution) -> bool:
 def _out_of_reach(robot: Robot, stop: Stop, missed: Sequence[IKSolution]) -> str:
     best = min(missed, key=lambda s: (s.position_error, s.orientation_error))
     beyond = best.position_error - float(np.min(stop.tolerance))
-    far = f"{1000 * beyond:.3g} mm" if beyond > 1e-6 else ""
+    far = ""
+    if beyond > 1e-6:
+        far = f"{1000 * beyond:.3g} mm" if beyond < 1.0 else f"{beyond:.4g} m"
     turn = f"{np.degrees(best.orientation_error):.3g} deg" if best.orientation_error > 1e-6 else ""
     by = far or turn
     if best.status is Status.LIMITS:
@@ -186,10 +215,8 @@ def _followed(
         found[(b, a) if backwards else (a, b)] = path
     if not found and not _loose(task, index):
         share, reason = max(failures)
-        what = "line" if isinstance(task.segments[index], Line) else "circle"
         raise InputError(
-            f"tool {what} {task.between(index)} not reachable from {share:.2f} of its length: "
-            f"{reason}"
+            f"{task.name_of(index)} not reachable from {share:.2f} of its length: {reason}"
         )
     if not found:  # a turn is free on the way: the solver may find one
         found = {(a, b): None for a in range(len(starts)) for b in range(len(ends))}

@@ -192,8 +192,8 @@ def time_optimal(
         shortest period. ``segments`` has one more then.
     order : str
         "free" looks at every order of the stops (of at most 7; the first, and the last unless it is
-        a cycle, keep their places; segments must all be free): the best, for sure as far as each
-        order's own optimum was found.
+        a cycle, keep their places): the best, for sure as far as each order's own optimum was
+        found. Two stops with a segment between them follow one another in every order.
     duration : float, optional
         Time that may be taken, s: of all motions that take no longer the one of least effort, as
         with ``slack``.

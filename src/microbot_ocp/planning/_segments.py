@@ -9,7 +9,7 @@ away from the curve, and an angle is kept by its parts about three axes.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import casadi as ca
@@ -18,10 +18,13 @@ import numpy as np
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.limits import Limit
+from microbot_ocp.planning._task import whole
 
 DIRECTIONS = np.array([0.0, 0.25, 0.5, 0.75]) * np.pi  # across a tube
 SIDE = float(np.cos(np.pi / 8))  # of a tolerance: distance of the eight sides
 LARGEST_TURN = 1.0  # rad, of a tolerance of the orientation
+MOST_TURNS = 20  # of one circle
+LARGEST_ARC = 0.75 * 2 * np.pi  # rad: beside more of a circle a place on it is not unique
 Numbers = tuple[float, ...]
 
 
@@ -59,24 +62,31 @@ class Circle:
 
     Parameters
     ----------
-    through : array_like [3]
-        A point of the arc between its ends, in the base frame, m.
+    through : array_like [3] or [2,3]
+        A point of the arc between its ends, in the base frame, m. A full circle, whose ends are one
+        place, needs two points, in the order in which they are reached.
     tolerance, orientation_tolerance : float
         As of :class:`Line`.
+    turns : int
+        Whole turns besides.
 
     Raises
     ------
     InputError
-        Not a point, a tolerance that is not above zero.
+        Not a point, a tolerance that is not above zero, turns that are no whole number.
     """
 
     through: Any
     tolerance: float = 1e-3
     orientation_tolerance: float = 0.01
+    turns: int = 0
 
     def __post_init__(self) -> None:
-        point = checks.array("through", self.through, (3,), "m")
-        object.__setattr__(self, "through", tuple(point.tolist()))
+        two = np.ndim(np.asarray(self.through, dtype=object)) > 1
+        point = checks.array("through", self.through, (2, 3) if two else (3,), "m")
+        found = tuple(map(tuple, point.tolist())) if two else tuple(point.tolist())
+        object.__setattr__(self, "through", found)
+        whole("turns of a circle", self.turns, at_least=0, at_most=MOST_TURNS)
         checks.number("tolerance of a circle", self.tolerance, "m", above=0.0)
         _check_turn(self.orientation_tolerance)
 
@@ -167,8 +177,8 @@ class Arc:
         size = float(normal @ normal)
         if size <= 1e-12 * float(a @ a) * float(b @ b):
             raise InputError(
-                "through of a circle must not be on the straight line between the two stops, nor "
-                f"at one of them: {middle.tolist()}"
+                "its three points must be apart and not on a straight line: "
+                f"{start.tolist()}, {middle.tolist()}, {end.tolist()}"
             )
         to_center = ((b @ b) * np.cross(normal, a) - (a @ a) * np.cross(normal, b)) / (2 * size)
         center, radius = start + to_center, float(np.linalg.norm(to_center))
@@ -177,6 +187,10 @@ class Arc:
         angle = float(np.arctan2((end - center) @ y, (end - center) @ x)) % (2 * np.pi)
         parts = (tuple(part.tolist()) for part in (center, x, y))
         return cls(*parts, radius=radius, angle=angle)
+
+    def turned(self, turns: int) -> Arc:
+        """The same with so many whole turns more."""
+        return replace(self, angle=self.angle + 2 * np.pi * turns)
 
     @property
     def length(self) -> float:
@@ -250,8 +264,8 @@ class Turning:
         angle = float(np.arctan2(size, cosine))
         if np.pi - angle < 1e-3:
             raise InputError(
-                "the orientations at the two ends of a tool line or circle are half a turn apart: "
-                "the way from one to the other is not unique, give a stop in between"
+                "the orientations at its two ends are half a turn apart: the way from one to the "
+                "other is not unique, give a stop in between"
             )
         axis = sine / size if size > 1e-12 else np.array([0.0, 0.0, 1.0])
         rows = tuple(tuple(row) for row in start.tolist())
@@ -341,6 +355,36 @@ def orientation_error(wanted: Any, found: Any, free: int | None) -> Any:
     return 0.5 * ca.vertcat(
         change[2, 1] - change[1, 2], change[0, 2] - change[2, 0], change[1, 0] - change[0, 1]
     )
+
+
+def curve_between(kind: Curved, start: FloatArray, end: FloatArray) -> Curve:
+    """The curve of the tool's origin from one point [3] to another."""
+    closed = bool(np.allclose(start, end))
+    if isinstance(kind, Line):
+        if closed:
+            raise InputError("both ends are at one place; where the tool only turns, leave it out")
+        return Straight(tuple(start.tolist()), tuple(end.tolist()))
+    through = np.array(kind.through)
+    if closed != (through.ndim == 2):
+        said = "two points, as both ends are" if closed else "one point, as the ends are not"
+        raise InputError(f"through must be {said} at one place, not {through.tolist()}")
+    if closed:
+        full = Arc.through(start, *through)
+        return replace(full, angle=2 * np.pi).turned(kind.turns)
+    return Arc.through(start, through, end).turned(kind.turns)
+
+
+def parts_of(kind: Curved, curve: Curve) -> list[tuple[float, Curved]]:
+    """A curve in parts beside which a place on it is unique: the share at the end of each."""
+    if not isinstance(curve, Arc) or curve.angle <= LARGEST_ARC:
+        return [(1.0, kind)]
+    count = int(np.ceil(curve.angle / LARGEST_ARC))
+    middles = curve.points((np.arange(count) + 0.5) / count)
+    assert isinstance(kind, Circle)
+    return [
+        ((k + 1) / count, replace(kind, through=middle, turns=0))
+        for k, middle in enumerate(middles)
+    ]
 
 
 def curve_limits(kind: Curved, curve: Curve, turning: Turning | None) -> tuple[Limit, ...]:

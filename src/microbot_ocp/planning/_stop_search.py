@@ -26,6 +26,7 @@ from microbot_ocp.ocp.transcription import Guess, Transcription
 from microbot_ocp.planning._branches import Way, ways_through
 from microbot_ocp.planning._conditions import Conditions
 from microbot_ocp.planning._free import (
+    CALMER_BARRIER,
     EXPLORE_MESH,
     EXPLORE_SUM,
     EXPLORE_TOLERANCE,
@@ -38,7 +39,7 @@ from microbot_ocp.planning._free_problem import excess_along, polynomial, transc
 from microbot_ocp.planning._initial_guesses import InitialGuess, initial_guesses
 from microbot_ocp.planning._scale import TaskScale
 from microbot_ocp.planning._segments import Segment
-from microbot_ocp.planning._stop_task import Task, task_of
+from microbot_ocp.planning._stop_task import Task, task_of, with_torques
 from microbot_ocp.planning._stops import Stop
 from microbot_ocp.planning._task import with_locked_joints_held
 from microbot_ocp.robot import Robot
@@ -76,6 +77,17 @@ def effort_front(
         return StopSearch(task, settings, progress, None).front(slacks)
 
 
+def torque_front(
+    task: Task, shares: Sequence[float], settings: TimeOptimalSettings, progress: StepProgress
+) -> tuple[list[tuple[float, Motion]], str]:
+    """Effort and motion of the fastest, and of those with shares of the torques.
+
+    Each starts from the one before it. The text says why the last shares have no motion.
+    """
+    with deadline.within(settings.time_limit):
+        return StopSearch(task, settings, progress, None).torque_front(shares)
+
+
 class StopSearch(FreeSearch):
     """Ways through every branch on a coarse mesh, the best refined until limits hold."""
 
@@ -85,9 +97,10 @@ class StopSearch(FreeSearch):
         settings: TimeOptimalSettings,
         progress: StepProgress,
         duration: float | None,
+        ways: Sequence[Way] = (),
     ) -> None:
         self.task = task
-        self.ways = ways_through(task)
+        self.ways = list(ways) or ways_through(task)
         self.allowed = duration
         self.shortest = np.nan  # s, dwells included
         self.led_to: list[tuple[Way, str, Solution]] = []
@@ -209,10 +222,8 @@ class StopSearch(FreeSearch):
 
         Each starts from the one before it.
         """
-        begin = time.perf_counter()
-        starts, found = self._explore()
-        fastest = solution = self._finish(found)
-        shared = starts, time.perf_counter() - begin + self.kernel_time
+        starts, fastest, wall = self._first()
+        solution, shared = fastest, (starts, wall)
         made = [(self._effort(fastest), self._motion(fastest, *shared))]
         for slack in sorted(slacks) if fastest.status.solved else ():
             share = (1.0 + slack) * fastest.duration / solution.duration - 1.0
@@ -220,6 +231,45 @@ class StopSearch(FreeSearch):
             solution = self._calmer(solution)
             made.append((self._effort(solution), self._motion(solution, *shared)))
         return made
+
+    def torque_front(self, shares: Sequence[float]) -> tuple[list[tuple[float, Motion]], str]:
+        """Effort and motion of the fastest, and of the fastest with shares of the torques."""
+        starts, solution, wall = self._first()
+        made = [(self._effort(solution), self._motion(solution, starts, wall))]
+        before = 1.0
+        for share in sorted(shares, reverse=True) if solution.status.solved else ():
+            try:
+                weaker = with_torques(self.task, share)
+            except InputError as problem:
+                return made, f"With {100 * share:.3g} % of the torques {problem}."
+            search = StopSearch(weaker, self.settings, self.progress, None, self.ways)
+            search.led_to = self.led_to
+            solution = search.slower(solution, float(np.sqrt(before / share)))
+            before = share
+            motion = search._motion(solution, starts, wall)
+            if not motion.solved:
+                why = motion.provenance["advice"] or motion.status.sentence
+                return made, f"With {100 * share:.3g} % of the torques: {why}"
+            made.append((self._effort(solution), motion))
+        return made, ""
+
+    def _first(self) -> tuple[list[dict[str, Any]], Solution, float]:
+        begin = time.perf_counter()
+        starts, fastest = self.search()
+        return starts, fastest, time.perf_counter() - begin + self.kernel_time
+
+    def slower(self, solution: Solution, factor: float) -> Solution:
+        """The fastest motion, from another one slowed down; by a new search if that fails."""
+        shapes = zip(self.names, phase_shapes(solution), strict=True)
+        guesses = {
+            name: self._with_closed(name, _guess_along(shape.stretched(factor)))
+            for name, shape in shapes
+        }
+        meshes = [phase.mesh for phase in solution.phases]
+        found = self.refiner.solve(meshes, guesses, barrier=CALMER_BARRIER)
+        found = self.refiner.finished(self.refiner.refine(found))
+        self.progress(f"slowed down: {found.duration:.6f} s, {found.status}")
+        return found if self._rank(found)[0] is False else self.search()[1]
 
     # result ---------------------------------------------------------------------------------
 
@@ -399,42 +449,74 @@ def solve_stops(
     progress: StepProgress,
 ) -> Motion:
     """As :func:`microbot_ocp.time_optimal`, of stops."""
+    task = task_of(robot, stops, limits, segments=segments, cycle=cycle)
     if order == "given":
-        task = task_of(robot, stops, limits, segments=segments, cycle=cycle)
         return fastest_through(task, settings, progress, duration)
-    if segments is not None:
-        raise InputError("order is free only where all segments are: leave segments out")
-    if duration is not None:
-        raise InputError("order is free only of the fastest motion: leave duration out")
     named = [s if isinstance(s, Stop) else Stop(q=s) for s in stops]
     named = [stop.named(f"stop {k + 1}") for k, stop in enumerate(named)]
     tasks = {
-        places: task_of(robot, [named[k] for k in places], limits, cycle=cycle)
-        for places in _orders(len(named), cycle)
+        places: task_of(
+            robot,
+            [named[k] for k in places],
+            limits,
+            segments=in_order(segments, places),
+            cycle=cycle,
+        )
+        for places in _orders(len(named), cycle, segments)
     }
-    return _best_order(tasks, settings, progress)
+    with deadline.within(settings.time_limit):
+        return _best_order(tasks, settings, progress, duration)
+
+
+def in_order(
+    segments: Sequence[Segment] | None, order: Sequence[int]
+) -> tuple[Segment, ...] | None:
+    """The segments between stops in another order: each stays with the stop where it begins."""
+    if segments is None:
+        return None
+    return tuple(segments[k] if k < len(segments) else None for k in order)[: len(segments)]
 
 
 def _best_order(
-    tasks: dict[tuple[int, ...], Task], settings: TimeOptimalSettings, progress: StepProgress
+    tasks: dict[tuple[int, ...], Task],
+    settings: TimeOptimalSettings,
+    progress: StepProgress,
+    duration: float | None,
 ) -> Motion:
     """The best of several orders of the stops; those that cannot be better are left out.
 
-    Orders are solved by what they take at least until that exceeds the best duration found.
+    Orders are solved by what they take at least until that exceeds the best duration found, or the
+    time that is allowed: then the best is the one of least effort. An order that no branch of the
+    arm can follow is not one of them.
     """
     bounds = {places: least_duration(task) for places, task in tasks.items()}
     best: Motion | None = None
     told: list[dict[str, Any]] = []
+    refused: InputError | None = None
+
+    def rank(motion: Motion) -> tuple[bool, float, float]:
+        calmed = {} if duration is None else motion.provenance.get("least_effort", {})
+        return not motion.solved, calmed.get("effort", np.inf), motion.duration
+
     for places in sorted(tasks, key=lambda p: (bounds[p], p)):
-        if best is not None and best.solved and bounds[places] >= best.duration:
-            break
-        motion = fastest_through(tasks[places], settings, progress)
-        found = {"order": list(places), "bound": bounds[places], "duration": motion.duration}
-        told.append({**found, "status": str(motion.status)})
+        if best is not None and best.solved:
+            longest = best.duration if duration is None else duration
+            if bounds[places] >= longest or deadline.over():
+                break
+        found: dict[str, Any] = {"order": list(places), "bound": bounds[places]}
+        try:
+            motion = fastest_through(tasks[places], settings, progress, duration)
+        except InputError as problem:
+            refused = problem
+            told.append({**found, "duration": None, "status": str(problem)})
+            continue
+        told.append({**found, "duration": motion.duration, "status": str(motion.status)})
         progress(f"order {places}: at least {bounds[places]:.4f} s, {motion.duration:.4f} s")
-        if best is None or (not motion.solved, motion.duration) < (not best.solved, best.duration):
+        if best is None or rank(motion) < rank(best):
             best = replace(motion, provenance={**motion.provenance, "order": list(places)})
-    assert best is not None
+    if best is None:
+        assert refused is not None
+        raise refused
     left = len(tasks) - len(told)
     named = "-".join(str(k + 1) for k in best.provenance["order"])
     return replace(
@@ -460,8 +542,10 @@ def least_duration(task: Task) -> float:
     return total
 
 
-def _orders(count: int, cycle: bool) -> list[tuple[int, ...]]:
+def _orders(count: int, cycle: bool, segments: Sequence[Segment] | None) -> list[tuple[int, ...]]:
     """Orders of stops: a cycle begins with its first, another task keeps its first and last.
+
+    Two stops with a line, circle or joint line between them follow one another in every order.
 
     Raises
     ------
@@ -470,6 +554,7 @@ def _orders(count: int, cycle: bool) -> list[tuple[int, ...]]:
     """
     if count > MOST_ORDERED:
         raise InputError(f"order is free for at most {MOST_ORDERED} stops, not {count}")
-    if not cycle:
-        return [(0, *p, count - 1) for p in itertools.permutations(range(1, count - 1))]
-    return [(0, *p) for p in itertools.permutations(range(1, count))]
+    tied = {(k, (k + 1) % count) for k, kind in enumerate(segments or ()) if kind is not None}
+    between = itertools.permutations(range(1, count if cycle else count - 1))
+    orders = [(0, *p) if cycle else (0, *p, count - 1) for p in between]
+    return [order for order in orders if tied <= set(itertools.pairwise((*order, 0)))]

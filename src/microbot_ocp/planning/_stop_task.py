@@ -12,25 +12,25 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp._base import checks
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.checks import FloatArray, InputError, naming
 from microbot_ocp.limits import JointLimits, LimitFamily, Limits
 from microbot_ocp.planning._conditions import Bounds, Conditions, EndConditions, Row
 from microbot_ocp.planning._segments import (
-    Arc,
     Circle,
     Corner,
     Curve,
     JointLine,
     Line,
     Segment,
-    Straight,
     Turning,
     corner_limit,
+    curve_between,
     curve_limits,
     joint_line_limits,
     orientation_error,
+    parts_of,
 )
-from microbot_ocp.planning._stops import Payload, Stop
+from microbot_ocp.planning._stops import AXES, Payload, Stop
 from microbot_ocp.planning._task import check_limits, check_position, check_rest
 from microbot_ocp.robot import Robot, forward_kinematics, jacobian
 
@@ -101,22 +101,15 @@ class Task:
         for stop in (before, after):
             if stop.q is None and np.any(np.isinf(np.array(stop.tolerance))):
                 raise InputError(
-                    f"{self.between(index)}: a tool line or circle needs both ends, but a "
-                    f"coordinate of stop {stop.name!r} is free"
+                    f"{self.name_of(index)}: it needs both ends, but a coordinate of stop "
+                    f"{stop.name!r} is free"
                 )
-        if np.allclose(start, end):
-            raise InputError(
-                f"{self.between(index)}: both ends of a tool line or circle are at the same place"
-            )
-        curve: Curve
-        if isinstance(kind, Circle):
-            curve = Arc.through(start, np.array(kind.through), end)
-        else:
-            curve = Straight(tuple(start.tolist()), tuple(end.tolist()))
-        if turned is None or turned_after is None:
-            return curve, None
-        free = [s.free_axis for s in (before, after) if s.free_axis is not None]
-        return curve, Turning.between(turned, turned_after, free[0] if free else None)
+        with naming(f"{self.name_of(index)}: "):
+            curve = curve_between(kind, start, end)
+            if turned is None or turned_after is None:
+                return curve, None
+            free = [s.free_axis for s in (before, after) if s.free_axis is not None]
+            return curve, Turning.between(turned, turned_after, free[0] if free else None)
 
     @cached_property
     def robots(self) -> tuple[Robot, ...]:
@@ -143,9 +136,9 @@ class Task:
         """Limits of every segment."""
         return tuple(map(LimitFamily.of, self.robots))
 
-    def between(self, index: int) -> str:
-        """Such as "from stop 'pick' to stop 'place'"."""
-        return f"from stop {self.stops[index].name!r} to stop {self.stops[index + 1].name!r}"
+    def name_of(self, index: int) -> str:
+        """Name of a segment, such as "tool line from stop 'pick' to stop 'place'"."""
+        return segment_name(self.segments[index], *self.stops[index : index + 2])
 
     def at_rest(self, index: int) -> bool:
         """Whether the arm rests at a stop."""
@@ -208,6 +201,13 @@ class Task:
         if not rest and not isinstance(stop.velocity, str | None):
             leaps = not any(member.order == 3 for member in self.family)
         return EndConditions(q, qd, tuple(rows), still=still, leaps=leaps)
+
+
+def segment_name(kind: Segment, before: Stop, after: Stop) -> str:
+    """Such as "tool line from stop 'pick' to stop 'place'"."""
+    names = {Line: "tool line", Circle: "tool circle", JointLine: "joint line"}
+    what = names.get(type(kind), "way")
+    return f"{what} from stop {before.name!r} to stop {after.name!r}"
 
 
 def _tool_velocity(robot: Robot, q: Any, qd: Any) -> Any:
@@ -288,8 +288,9 @@ def task_of(
     names = [stop.name for stop in given]
     if len(set(names)) < len(names):
         raise InputError(f"the names of stops must differ: {', '.join(names)}")
-    if not 2 <= len(given) <= MOST_STOPS:
-        raise InputError(f"a task must have 2 to {MOST_STOPS} stops, not {len(given)}")
+    least = 1 if cycle else 2
+    if not least <= len(given) <= MOST_STOPS:
+        raise InputError(f"a task must have {least} to {MOST_STOPS} stops, not {len(given)}")
     if cycle:
         given.append(replace(given[0], name=f"{given[0].name} again"))
     kinds = list(segments) if segments is not None else [None] * (len(given) - 1)
@@ -306,18 +307,32 @@ def task_of(
                 f"free, not {kind!r}"
             )
         if isinstance(kind, JointLine) and any(s.q is None for s in given[k : k + 2]):
-            raise InputError(f"segment {k + 1} is a joint line: it needs joint poses at both ends")
-    _check_stops(family, given, cycle)
-    task = Task(family, *_blended(robot, given, kinds), cycle=cycle)
-    for index in range(len(task.stops)):
-        _check_loaded_rest(task, index)
+            raise InputError(
+                f"{segment_name(kind, *given[k : k + 2])}: it needs a joint pose, q, at both ends"
+            )
+    _check_stops(family, given, kinds, cycle)
+    task = Task(family, *_expanded(robot, given, kinds), cycle=cycle)
+    if cycle:
+        _check_put_down(task)
+    _check_rests(task)
     return task
 
 
-def _check_stops(family: LimitFamily, stops: Sequence[Stop], cycle: bool) -> None:
+def _check_put_down(task: Task) -> None:
+    picks = [stop for stop in task.stops[:-1] if stop.payload is not None]
+    if picks and picks[0].payload != EMPTY and len(set(task.payloads)) == 1:
+        raise InputError(
+            f"stop {picks[0].name!r} picks {picks[0].payload.mass:g} kg in every cycle, but no "
+            "stop puts them down: give a stop with payload 0, or the robot what it holds all the time"
+        )
+
+
+def _check_stops(
+    family: LimitFamily, stops: Sequence[Stop], kinds: Sequence[Segment], cycle: bool
+) -> None:
     count = family.robot.joint_count
-    for before, after in itertools.pairwise(stops):
-        if (before.q, before.position, before.orientation) == (
+    for (before, after), kind in zip(itertools.pairwise(stops), kinds, strict=True):
+        if not isinstance(kind, Circle) and (before.q, before.position, before.orientation) == (
             after.q,
             after.position,
             after.orientation,
@@ -337,31 +352,60 @@ def _check_stops(family: LimitFamily, stops: Sequence[Stop], cycle: bool) -> Non
             )
 
 
-def _check_loaded_rest(task: Task, index: int) -> None:
-    """Whether the torques hold the arm at a stop with what it holds before and after."""
+def with_torques(task: Task, share: float) -> Task:
+    """The same task with a share of the torque limits.
+
+    Raises
+    ------
+    InputError
+        A stop that cannot be held at rest with them.
+    """
+    limits = task.robot.limits
+    bounds = {key: share * getattr(limits, key) for key in ("tau_min", "tau_max")}
+    weaker = replace(task, family=LimitFamily.of(task.robot, limits.changed(bounds)))
+    _check_rests(weaker)
+    return weaker
+
+
+def _check_rests(task: Task) -> None:
+    for index, stop in enumerate(task.stops):
+        if stop.q is not None and stop.box is not None and not stop.box.any():
+            check_held(task, index, np.array(stop.q))
+
+
+def check_held(task: Task, index: int, q: FloatArray) -> None:
+    """Raise InputError where torques do not hold the arm in a pose [n] at rest at a stop.
+
+    With what it holds before and after.
+    """
     stop = task.stops[index]
-    if stop.q is None or not task.at_rest(index) or stop.box is None or stop.box.any():
+    if not task.at_rest(index):
         return
     for segment in {max(index - 1, 0), min(index, len(task.segments) - 1)}:
         payload = task.payloads[segment]
         held = f" with {payload.mass:g} kg" if payload.mass else ""
         family = LimitFamily.of(payload.on(task.robot))
-        check_rest(family, f"stop {stop.name!r}{held}", np.array(stop.q))
+        check_rest(family, f"stop {stop.name!r}{held}", q)
 
 
-def _blended(
+def _expanded(
     robot: Robot, stops: Sequence[Stop], kinds: Sequence[Segment]
 ) -> tuple[tuple[Stop, ...], tuple[Segment, ...]]:
-    """Stops and segments with every blended corner as two stops with the corner between them."""
-    places: list[Stop] = [stops[0]]
-    made: list[Segment] = []
+    """Stops and segments with blended corners as two stops each, and long arcs in parts."""
     if stops[0].blend or stops[-1].blend:
         raise InputError("the first stop and the last cannot be blended corners")
+    places: list[Stop] = [stops[0]]
+    made: list[Segment] = []
     for index in range(1, len(stops)):
-        stop = stops[index]
+        stop, kind = stops[index], kinds[index - 1]
+        if isinstance(kind, Circle):
+            between, parts = _in_parts(robot, kind, stops[index - 1], stop)
+            places += between
+            made += parts
+        else:
+            made.append(kind)
         if not stop.blend:
             places.append(stop)
-            made.append(kinds[index - 1])
             continue
         lines = kinds[index - 1], kinds[index]
         if not all(isinstance(kind, Line) for kind in lines):
@@ -369,17 +413,46 @@ def _blended(
                 f"stop {stop.name!r} is a blended corner: it needs lines on both sides"
             )
         cut = [_on_the_way(robot, stop, stops[k]) for k in (index - 1, index + 1)]
-        for place, kind, word in zip(cut, lines, ("before", "after"), strict=True):
-            assert isinstance(kind, Line)
-            name = f"{stop.name}, {word} the corner"
-            turn = kind.orientation_tolerance if place.orientation is not None else 0.0
-            places.append(
-                replace(place, name=name, tolerance=kind.tolerance, orientation_tolerance=turn)
-            )
+        for place, line, word in zip(cut, lines, ("before", "after"), strict=True):
+            assert isinstance(line, Line)
+            places.append(_within(place, line, f"{stop.name}, {word} the corner"))
         assert stop.position is not None
         assert isinstance(lines[0], Line)
-        made += [lines[0], Corner(stop.position, stop.blend + lines[0].tolerance)]
+        made.append(Corner(stop.position, stop.blend + lines[0].tolerance))
     return tuple(places), tuple(made)
+
+
+def _in_parts(
+    robot: Robot, kind: Circle, before: Stop, after: Stop
+) -> tuple[list[Stop], list[Segment]]:
+    """Stops on a long arc, and the parts of it between them."""
+    (start, turned), (end, turned_after) = before.pose(robot), after.pose(robot)
+    with naming(f"{segment_name(kind, before, after)}: "):
+        curve = curve_between(kind, start, end)
+        parts = parts_of(kind, curve)
+        free = before.free_axis if before.free_axis is not None else after.free_axis
+        turning = None
+        if turned is not None and turned_after is not None:
+            turning = Turning.between(turned, turned_after, free)
+    places = []
+    for number, (share, _) in enumerate(parts[:-1], 1):
+        held = None if turning is None else np.array(turning.rotation(share))
+        point = curve.points(np.array([share]))[0]
+        place = _passed(point, held, free)
+        places.append(_within(place, kind, f"{before.name}, {number}/{len(parts)} of the circle"))
+    return places, [part for _, part in parts]
+
+
+def _passed(point: FloatArray, orientation: FloatArray | None, free: int | None) -> Stop:
+    """A place on a tool line or circle that the arm passes at any velocity."""
+    turn = None if orientation is None or free is None else AXES[free]
+    return Stop(position=point, orientation=orientation, free_turn=turn, velocity="any")
+
+
+def _within(place: Stop, kind: Line | Circle, name: str) -> Stop:
+    """A place on a tool line or circle with its tolerances."""
+    turn = kind.orientation_tolerance if place.orientation is not None else 0.0
+    return replace(place, name=name, tolerance=kind.tolerance, orientation_tolerance=turn)
 
 
 def _on_the_way(robot: Robot, corner: Stop, other: Stop) -> Stop:
@@ -399,9 +472,4 @@ def _on_the_way(robot: Robot, corner: Stop, other: Stop) -> Stop:
     if turned is not None and turned_far is not None:
         turning = Turning.between(turned, turned_far, corner.free_axis)
         orientation = np.array(turning.rotation(share))
-    return Stop(
-        position=point,
-        orientation=orientation,
-        free_turn=corner.free_turn if orientation is not None else None,
-        velocity="any",
-    )
+    return _passed(point, orientation, corner.free_axis)

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from microbot_ocp._base import checks
-from microbot_ocp._base.checks import FloatArray, InputError
-from microbot_ocp.robot import Capsule, Robot, forward_kinematics
+from microbot_ocp._base.checks import FloatArray, InputError, naming
+from microbot_ocp.robot import Capsule, Link, Robot, forward_kinematics
 
 AXES = ("x", "y", "z")
 SHAPE = ("start", "end", "radius", "name")  # of a part
@@ -37,7 +37,7 @@ class Payload:
     Raises
     ------
     InputError
-        A negative mass, numbers that are not finite.
+        A negative mass, numbers that are not finite, an inertia that no body has.
     """
 
     mass: float
@@ -51,8 +51,8 @@ class Payload:
         center = checks.array("center_of_mass of the payload", self.center_of_mass, (3,), "m")
         object.__setattr__(self, "center_of_mass", tuple(center.tolist()))
         if self.inertia is not None:
-            given = checks.array("inertia of the payload", self.inertia, (3, 3), "kg m^2")
-            object.__setattr__(self, "inertia", tuple(tuple(row) for row in given.tolist()))
+            held = Link(self.mass, center, self.inertia, name="payload")
+            object.__setattr__(self, "inertia", tuple(map(tuple, held.inertia.tolist())))
 
     def on(self, robot: Robot) -> Robot:
         """The robot with this in its tool."""
@@ -125,7 +125,8 @@ class Stop:
         put = object.__setattr__
         where = f"stop {self.name!r}" if self.name else "a stop"
         if (self.q is None) == (self.position is None):
-            raise InputError(f"{where} needs either q or a position")
+            found = "neither" if self.q is None else "both"
+            raise InputError(f"{where} must have a q or a position, not {found}")
         for key, shape, unit in (("q", (None,), "rad"), ("position", (3,), "m")):
             if getattr(self, key) is not None:
                 given = checks.array(f"{key} of {where}", getattr(self, key), shape, unit)
@@ -146,7 +147,8 @@ class Stop:
         checks.number(f"dwell of {where}", self.dwell, "s", at_least=0.0)
         checks.number(f"blend of {where}", self.blend, "m", at_least=0.0)
         if self.payload is not None and not isinstance(self.payload, Payload):
-            put(self, "payload", Payload(self.payload))
+            with naming(f"{where}: "):
+                put(self, "payload", Payload(self.payload))
         self._check_velocity(where)
 
     def _checked_tolerance(self, where: str) -> Any:

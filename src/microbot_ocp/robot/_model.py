@@ -324,7 +324,7 @@ class Robot:
         if load == 0.0:
             return self
         own = np.zeros((3, 3)) if inertia is None else np.asarray(inertia, dtype=float)
-        own = Link(load, place, own).inertia
+        own = Link(load, place, own, name="payload").inertia
         last, turn = self.links[-1], self.tool[:3, :3]
         held = turn @ place + self.tool[:3, 3]
         total = last.mass + load
