@@ -214,9 +214,19 @@ def test_a_full_circle_takes_the_closed_form(gantry):
         ),
         ([[0.0, 0.0], [0.0, 0.0]], {"cycle": True}, "are at the same place"),
         (
-            [Stop(position=[1.2, -0.5, 0.0], payload=9.0, name="a"), [0.0, 0.0]],
+            [Stop(position=[1.2, -0.5, 0.0], payload=9.0, name="a"), [-np.pi / 2, 0.0]],
             {},
             "stop 'a' with 9 kg cannot be held at rest",
+        ),
+        ([[0.0, 1.0], Stop(q=[0.0, 0.0], velocity=[9.0, 0.0])], {}, "at 9, allowed -3 to 3 rad/s"),
+        (
+            [
+                Stop(position=[1.2, -0.5, 0.0]),
+                Stop(position=[1.2, 0.5, 0.0], blend=0.1, name="b"),
+                Stop(position=[1.2, -0.4, 0.0]),
+            ],
+            {"segments": [mo.Line()] * 2},
+            "corner 'b' go there and back",
         ),
         (
             [Stop(q=[0.0, 1.0], payload=1.0, name="a"), [0.0, 0.0]],

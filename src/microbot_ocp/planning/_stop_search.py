@@ -262,7 +262,7 @@ class StopSearch(FreeSearch):
         """The fastest motion, from another one slowed down; by a new search if that fails."""
         shapes = zip(self.names, phase_shapes(solution), strict=True)
         guesses = {
-            name: self._with_closed(name, _guess_along(shape.stretched(factor)))
+            name: self._with_closed(name, guess_along(shape.stretched(factor)))
             for name, shape in shapes
         }
         meshes = [phase.mesh for phase in solution.phases]

@@ -318,12 +318,23 @@ def task_of(
     return task
 
 
+def _check_velocity(robot: Robot, stop: Stop) -> None:
+    low, high = robot.limits.qd_min, robot.limits.qd_max
+    given = np.array(stop.velocity)
+    for j in np.flatnonzero((given < low) | (given > high)).tolist():
+        raise InputError(
+            f"velocity of stop {stop.name!r} is outside the limits: joint "
+            f"{robot.joint_names[j]!r} at {given[j]:.6g}, allowed {low[j]:.6g} to {high[j]:.6g} "
+            f"{'rad/s' if robot.joint_types[j] == 'revolute' else 'm/s'}"
+        )
+
+
 def _check_put_down(task: Task) -> None:
     picks = [stop for stop in task.stops[:-1] if stop.payload is not None]
     if picks and picks[0].payload != EMPTY and len(set(task.payloads)) == 1:
         raise InputError(
             f"stop {picks[0].name!r} picks {picks[0].payload.mass:g} kg in every cycle, but no "
-            "stop puts them down: give a stop with payload 0, or the robot what it holds all the time"
+            "stop puts them down: give a stop with payload 0, or the robot what it always holds"
         )
 
 
@@ -345,6 +356,8 @@ def _check_stops(
         if stop.q is not None:
             checks.array(f"q of stop {stop.name!r}", stop.q, (count,), "rad")
             check_position(family, f"stop {stop.name!r}", np.array(stop.q))
+            if isinstance(stop.velocity, tuple):
+                _check_velocity(family.robot, stop)
         loaded = stop.payload is not None and stop.payload.mass > 0
         if loaded and not family.robot.has_dynamics:
             raise InputError(
@@ -413,6 +426,10 @@ def _expanded(
                 f"stop {stop.name!r} is a blended corner: it needs lines on both sides"
             )
         cut = [_on_the_way(robot, stop, stops[k]) for k in (index - 1, index + 1)]
+        if np.allclose(cut[0].position, cut[1].position):
+            raise InputError(
+                f"the lines at corner {stop.name!r} go there and back: leave its blend"
+            )
         for place, line, word in zip(cut, lines, ("before", "after"), strict=True):
             assert isinstance(line, Line)
             places.append(_within(place, line, f"{stop.name}, {word} the corner"))

@@ -14,6 +14,7 @@ from microbot_ocp.robot import Capsule, Link, Robot, forward_kinematics
 
 AXES = ("x", "y", "z")
 SHAPE = ("start", "end", "radius", "name")  # of a part
+EXACT = 1e-6  # rad (m): a smaller tolerance is none
 Numbers = tuple[float, ...]
 
 
@@ -187,7 +188,7 @@ class Stop:
         if isinstance(self.tolerance, tuple):
             return np.array(self.tolerance)
         size = 3 if self.q is None else len(self.q)
-        return np.zeros(size) if self.tolerance == 0.0 else None
+        return np.zeros(size) if self.tolerance <= EXACT else None
 
     def pose(self, robot: Robot) -> tuple[FloatArray, FloatArray | None]:
         """Position [3] and rotation [3,3] of the tool at the middle of its tolerance."""
