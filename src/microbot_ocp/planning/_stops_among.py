@@ -31,7 +31,13 @@ from microbot_ocp.planning._branches import Way, ways_through
 from microbot_ocp.planning._fast_timing import time_path
 from microbot_ocp.planning._free import TimeOptimalSettings
 from microbot_ocp.planning._initial_guesses import InitialGuess
-from microbot_ocp.planning._stop_search import StopSearch, guess_along, solve_stops, stretches
+from microbot_ocp.planning._stop_search import (
+    StopSearch,
+    guess_along,
+    in_order,
+    solve_stops,
+    stretches,
+)
 from microbot_ocp.planning._stop_task import Task, task_of
 from microbot_ocp.robot import Robot
 from microbot_ocp.scene import (
@@ -118,9 +124,7 @@ def stops_among(
             return first
         places = told["order"] = first.provenance["order"]
         stops = [stops[k] for k in places]
-        if segments is not None:
-            kinds = [segments[k] if k < len(segments) else None for k in places]
-            segments = kinds[: len(segments)]
+        segments = in_order(segments, places)
     task = task_of(robot, stops, limits, segments=segments, cycle=cycle)
     carried = [capsule.name for own in task.robots for _, capsule in own.capsules]
     for name in sum(scene.ignore, ()):
