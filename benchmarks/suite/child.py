@@ -53,6 +53,7 @@ def run(
             found = {"cost": solution.cost, "solved": solution.status.solved}
             found["status"] = _words(solution.status)
             found["iterations"] = sum(max(a.iterations, 0) for a in solution.attempts)
+            found["gap"] = solution.gap.total / max(abs(solution.cost), 1e-300)
             found["attempts"] = [a.as_dict() for a in solution.attempts]
         else:
             refined = ocp.solve_refined(built, **chosen)

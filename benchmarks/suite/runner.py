@@ -90,20 +90,23 @@ def verdict(problem: SuiteProblem, result: Result) -> str:
 
 
 def cells(problem: SuiteProblem, way: str, result: Result) -> list[str]:
-    """The cells of one way: value, verdict, iterations, time."""
+    """The cells of one way: value, verdict, gap relative to the cost, iterations, time."""
     cost = result["cost"]
     value = "" if cost is None else f"{problem.sign * cost:.7g}"
     seconds = f"{result['seconds']:.1f} s"
     found = [value, verdict(problem, result)[:40], str(result["iterations"]), seconds]
+    if way == "solve":
+        gap = result.get("gap")
+        found.insert(2, "" if gap is None else f"{gap:.0e}")
     return found[1:] if way == "peer" else found
 
 
 HEADS = {
-    "solve": ["solve", "error", "iterations", "time"],
+    "solve": ["solve", "error", "gap", "iterations", "time"],
     "refined": ["refined", "error", "iterations", "time"],
     "peer": ["Opti, error", "iterations", "time"],
 }
-WIDTHS = {"solve": [13, 28, 6, 8], "refined": [13, 28, 6, 8], "peer": [28, 6, 8]}
+WIDTHS = {"solve": [13, 28, 6, 6, 8], "refined": [13, 28, 6, 8], "peer": [28, 6, 8]}
 
 
 def as_lines(

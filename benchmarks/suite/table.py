@@ -5,6 +5,7 @@ from __future__ import annotations
 from benchmarks.suite import (
     algebraic,
     biology,
+    blind,
     constrained,
     flight,
     mechanisms,
@@ -23,5 +24,6 @@ PROBLEMS: tuple[SuiteProblem, ...] = (
     *mechanisms.PROBLEMS,
     *flight.PROBLEMS,
     *algebraic.PROBLEMS,
+    *blind.PROBLEMS,
 )
 BY_NAME = {problem.name: problem for problem in PROBLEMS}

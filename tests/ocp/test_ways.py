@@ -239,3 +239,39 @@ def test_a_start_in_which_controls_cost():
     start, attempts = smoothed(transcription, 50, None, settings, np.inf, None)
     assert len(attempts) == 3
     assert solve(transcription, 50, start, settings).cost == pytest.approx(5.0684801, rel=1e-7)
+
+
+def test_an_answer_is_compared_with_those_of_other_starts():
+    """Kelly's cart-pole in 2 s: from straight lines 58.81, a local optimum."""
+    problem = OptimalControlProblem("cart-pole")
+    phase = problem.phase("swing", 2.0)
+    x = phase.state("x", initial=0.0, final=1.0, lower=-2.0, upper=2.0)
+    angle = phase.state("angle", initial=0.0, final=np.pi)
+    v = phase.state("v", initial=0.0, final=0.0)
+    rate = phase.state("rate", initial=0.0, final=0.0)
+    u = phase.control("u", lower=-20.0, upper=20.0)
+    sine, cosine = ca.sin(angle), ca.cos(angle)
+    free, push = 1 + 0.3 * sine**2, u + 0.15 * sine * rate**2
+    phase.derivative(x, v)
+    phase.derivative(angle, rate)
+    phase.derivative(v, (push + 0.3 * 9.81 * cosine * sine) / free)
+    phase.derivative(rate, -(push * cosine + 1.3 * 9.81 * sine) / (0.5 * free))
+    phase.running_cost(u**2)
+    solution = solve(problem, 40)
+    assert solution.status.solved
+    assert solution.cost == pytest.approx(57.945, abs=0.01)
+    assert solution.attempts[-1].way == "from another start"
+
+
+def test_scales_of_states_behind_fast_ones_are_those_of_a_simulation():
+    """Rates times the duration would make the second 1e4 and the third 1e6, instead of one."""
+    problem = OptimalControlProblem("fast chain")
+    phase = problem.phase("only", 100.0)
+    a, b, c = (phase.state(name, initial=float(name == "a")) for name in "abc")
+    u = phase.control("u", lower=0.9, upper=1.1)
+    phase.derivative(a, -100 * u * a)
+    phase.derivative(b, 100 * u * a - 100 * b + 100 * c)
+    phase.derivative(c, 100 * b - 100 * c)
+    phase.end_cost(c**2)
+    own = scaled(problem).phases[0].states
+    assert [float(state.scale[0]) for state in own] == [1.0, 1.0, 1.0]

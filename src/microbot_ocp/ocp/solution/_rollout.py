@@ -13,8 +13,9 @@ from microbot_ocp.ocp.problem import OptimalControlProblem, Phase, Variable
 from microbot_ocp.ocp.transcription import Guess, GuessValue
 
 SHARES = (0.5, 0.2, 0.1, 0.8, 0.0, 1.0)  # of the range of all controls that are tried
+STEPS = ((0.2, 1.0), (0.8, 0.0), (0.0, 1.0), (1.0, 0.0))  # shares of both halves of every phase
 POINTS = 101  # of every phase
-TOLERANCE = 1e-6
+TOLERANCE, SMALL = 1e-6, 1e-10  # relative, absolute
 EXPLODES = 1e4  # times the size of the usual guess: what grows so is no start, nor gives scales
 
 
@@ -31,6 +32,8 @@ def rollouts(
     problem: OptimalControlProblem,
     ordinary: Mapping[str, Guess],
     durations: Mapping[str, float] | None = None,
+    *,
+    steps: bool = False,
 ) -> list[dict[str, Guess]]:
     """Guesses whose states follow the dynamics under constant controls.
 
@@ -47,15 +50,18 @@ def rollouts(
         Where states start that have no condition, and what algebraic variables are.
     durations : mapping from phase name to duration, s, optional
         Default: those of ``ordinary``.
+    steps : bool
+        Whether controls that change once, in the middle of every phase, are tried as well.
     """
     bounded = any(
         bool((np.isfinite(c.lower) & np.isfinite(c.upper)).any())
         for p in problem.phases
         for c in p.controls
     )
+    pairs = [(share, share) for share in SHARES] + list(STEPS if steps else ())
     tried = [
         _simulated(problem, ordinary, durations or {}, share)
-        for share in (SHARES if bounded else SHARES[:1])
+        for share in (pairs if bounded else pairs[:1])
     ]
     near = [(guess, miss) for guess, miss in tried if np.isfinite(miss)]
     return [guess for guess, _ in sorted(near, key=lambda found: found[1])] or [dict(ordinary)]
@@ -65,7 +71,7 @@ def _simulated(
     problem: OptimalControlProblem,
     ordinary: Mapping[str, Guess],
     durations: Mapping[str, float],
-    share: float,
+    shares: tuple[float, float],
 ) -> tuple[dict[str, Guess], float]:
     """Guesses, and how far they are from bounds and conditions, relative to their sizes."""
     guesses, miss = {}, 0.0
@@ -80,10 +86,13 @@ def _simulated(
             else _values(own, s, np.zeros(1))[0]
             for s in phase.states
         }
-        controls = {c.name: _constant(c, share) for c in phase.controls}
+        controls = {
+            c.name: (_constant(c, shares[0]), _constant(c, shares[1])) for c in phase.controls
+        }
         table = _integrated(phase, own, start, controls, duration)
         values: dict[str, GuessValue] = dict(own.values)
-        values.update(controls)
+        for name, (before, after) in controls.items():
+            values[name] = before if shares[0] == shares[1] else partial(_step, before, after)
         offset = 0
         for state in phase.states:
             part = table[:, offset : offset + state.size]
@@ -111,6 +120,10 @@ def _constant(control: Variable, share: float) -> FloatArray:
         return np.where(both, low + share * (high - low), np.clip(0.0, low, high))
 
 
+def _step(before: FloatArray, after: FloatArray, s: FloatArray) -> FloatArray:
+    return np.where(np.asarray(s)[:, None] < 0.5, before, after)
+
+
 def _values(guess: Guess, variable: Variable, share: FloatArray) -> FloatArray:
     value = guess.values.get(variable.name, np.clip(0.0, variable.lower, variable.upper))
     table = np.asarray(value(share) if callable(value) else value, dtype=float)
@@ -128,7 +141,7 @@ def _integrated(
     phase: Phase,
     own: Guess,
     start: Mapping[str, FloatArray],
-    controls: Mapping[str, FloatArray],
+    controls: Mapping[str, tuple[FloatArray, FloatArray]],
     duration: float,
 ) -> FloatArray:
     """States [POINTS, n]; from where the integrator stops they keep their values."""
@@ -138,9 +151,8 @@ def _integrated(
     equations = ca.vertcat(*phase.algebraic_equations, ca.MX(0, 1))
     known: list[ca.MX] = [phase.duration]
     values: list[FloatArray] = [np.array([duration])]
+    halves = [np.concatenate([c[k] for c in controls.values()] or [np.zeros(0)]) for k in (0, 1)]
     for control in phase.controls:
-        known.append(control.symbol)
-        values.append(controls[control.name])
         if control.rate is not None:
             known.append(control.rate)
             values.append(np.zeros(control.size))
@@ -153,22 +165,24 @@ def _integrated(
     constants = [ca.MX(ca.DM(value)) for value in values]
     slopes, equations = ca.graph_substitute([slopes, equations], known, constants)
     share, begin = ca.MX.sym("share"), ca.MX.sym("begin")
+    held = ca.vertcat(*(c.symbol for c in phase.controls), ca.MX(0, 1))
     time = duration * (begin + share)
     slopes, equations = ca.graph_substitute([slopes, equations], [phase.time], [time])
-    dae = {"x": states, "t": share, "p": begin, "ode": duration * slopes}
+    dae = {"x": states, "t": share, "p": ca.vertcat(begin, held), "ode": duration * slopes}
     if phase.algebraics:
         dae |= {"z": algebraic, "alg": equations}
     x = np.concatenate([start[s.name] for s in phase.states])
     z = np.concatenate([*(_values(own, a, np.zeros(1))[0] for a in phase.algebraics), np.zeros(0)])
     grid = np.linspace(0.0, 1.0, POINTS)
     table = np.tile(x, (POINTS, 1))
-    options = {"abstol": TOLERANCE, "reltol": TOLERANCE, "max_num_steps": 500}
+    options = {"abstol": SMALL, "reltol": TOLERANCE, "max_num_steps": 500}
     options |= {"show_eval_warnings": False, "disable_internal_warnings": True}
     kind = "idas" if phase.algebraics else "cvodes"
     step = ca.integrator("rollout", kind, dae, 0.0, grid[1], options)
     for k in range(1, POINTS):  # in pieces, so that what was reached is known where it stops
         try:
-            result = step(x0=x, z0=z, p=grid[k - 1])
+            given = np.append(grid[k - 1], halves[int(2 * k > POINTS)])
+            result = step(x0=x, z0=z, p=given)
             x, z = np.array(result["xf"]).ravel(), np.array(result["zf"]).ravel()
         except RuntimeError:
             x = np.full(x.size, np.nan)

@@ -2,9 +2,10 @@
 
 Solvers compare everything with one. The size of a state or control is read from its guess and end
 conditions or its bounds; where these say nothing it follows from the dynamics: of a state from the
-size of its derivative, of what drives a state from what would move that state by its size during
-the phase. A constraint is divided by what it changes when the variables change by their sizes, the
-cost likewise. Dynamics are scaled with their states.
+size of its derivative, but no more than simulations with constant controls reach, of what drives a
+state from what would move that state by its size during the phase. A constraint is divided by what
+it changes when the variables change by their sizes, the cost likewise. Dynamics are scaled with
+their states.
 
 Scales are powers of ten, and what is within a factor of ten of one stays as it is, so that a
 problem in good units is solved as it was written.
@@ -23,6 +24,7 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp.problem import OptimalControlProblem, PathConstraint, Phase, Variable
 from microbot_ocp.ocp.solution._initial_guess import completed, default_guess, guess_from
 from microbot_ocp.ocp.solution._problem_data import KINDS, LIMITS
+from microbot_ocp.ocp.solution._rollout import rollouts
 from microbot_ocp.ocp.solution._solution import Solution
 from microbot_ocp.ocp.transcription import Guess, Program
 
@@ -30,6 +32,7 @@ POINTS = 40  # at which expressions are looked at
 ROUNDS = 10  # of sizes that follow from other sizes
 LOOSE = 1e3  # bounds that are wider, compared with the guess, say nothing of a control's size
 TINY = 1e-9  # share of its bounds, or of one, below which a guess says nothing of a size
+MISSED = 1e-6  # of the size that rates tell: less is a peak that the points of a simulation miss
 BAND = 10.0  # sizes within this factor of one are left alone
 COST, COST_BAND = 10.0, 100.0  # of the cost: change that is aimed at, and the same
 
@@ -69,6 +72,10 @@ def scaled(
         given = completed(problem, guess) if isinstance(guess, str) else guess
     ordinary = default_guess(problem)
     looks = [_Look(phase, given.get(phase.name), ordinary[phase.name]) for phase in problem.phases]
+    if any(np.isnan(look.sizes[s.name]).any() for look in looks for s in look.phase.states):
+        for simulated in rollouts(problem, {k: given.get(k, g) for k, g in ordinary.items()}):
+            for look in looks:
+                look.see(simulated[look.phase.name])
     for look in looks:
         look.find_sizes()
     together: dict[tuple[str, int, str], FloatArray] = {}
@@ -175,6 +182,14 @@ class _Look:
             v.name: v.scale if v.scaled else _size(v, tables.get(v.name)) for v in self.variables
         }
         self.rates = [c for c in phase.controls if c.rate is not None]
+        self.reached: dict[str, FloatArray] = {}  # by states, in simulations
+
+    def see(self, simulated: Guess) -> None:
+        """Remember how large states become in a simulation."""
+        for state in self.phase.states:
+            table = _samples(simulated.values[state.name], state, self.share)
+            old = self.reached.get(state.name, np.zeros(state.size))
+            self.reached[state.name] = np.fmax(old, np.abs(table).max(axis=0))
 
     @property
     def duration_scale(self) -> float | None:
@@ -195,6 +210,9 @@ class _Look:
 
     def _follow_dynamics(self) -> None:
         slope = ca.vertcat(*(self.phase.derivatives[s.name] for s in self.phase.states))
+        reached = [self.reached.get(s.name, np.zeros(s.size)) for s in self.phase.states]
+        most = np.concatenate(reached)
+        most[most == 0] = np.inf
         for _ in range(ROUNDS):
             sizes = self._stacked(self.variables)
             if np.isfinite(sizes).all():
@@ -203,6 +221,7 @@ class _Look:
             states = sum(s.size for s in self.phase.states)
             with np.errstate(all="ignore"):
                 forward = self.duration * _typical(np.abs(found.values))
+                forward = np.fmax(np.fmin(forward, most), MISSED * forward)
                 # what would move a state by its size during the phase
                 drive = sizes[:states, None] / (self.duration * _typical(np.abs(found.slopes)))
             drive[~np.isfinite(drive)] = np.inf

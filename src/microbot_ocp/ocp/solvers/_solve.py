@@ -30,6 +30,7 @@ from microbot_ocp.ocp.solution import (
 )
 from microbot_ocp.ocp.solvers._chain import solve_on, transcribed
 from microbot_ocp.ocp.solvers._improvement import improvable, improved
+from microbot_ocp.ocp.solvers._other_starts import cheaper_elsewhere, cheapest_of_starts
 from microbot_ocp.ocp.solvers._settings import SolverSettings
 from microbot_ocp.ocp.solvers._smoothing import smoothed
 from microbot_ocp.ocp.transcription import Guess, Meshes, Transcription
@@ -43,6 +44,7 @@ COARSE = 8  # intervals a phase of a first look
 SHARE = 0.35  # of the time that is left, which one way may take
 SHARE_FINER = 0.5  # the same of a finer mesh
 SIMULATED = 4  # simulations that a problem is solved from
+COMPARED = (12, 2)  # other starts that an answer is compared with, on any mesh and on a given one
 LONGER = (3.0, 0.3, 10.0)  # other durations, where they are free
 CONVERGED = (Status.SOLVED, Status.GAP_LEFT)
 ENDED = (*CONVERGED, Status.INTERRUPTED)
@@ -96,8 +98,9 @@ def solve(
     Returns
     -------
     Solution
-        Also where no solver converged: look at ``status``. Its ``attempts`` are all that was tried.
-        After Ctrl-C it is the last iterate, with the status INTERRUPTED.
+        Also where no solver converged: look at ``status``. Its ``attempts`` are all that was tried,
+        but for other starts with which it was compared and that led to nothing cheaper. After
+        Ctrl-C it is the last iterate, with the status INTERRUPTED.
 
     Raises
     ------
@@ -111,7 +114,8 @@ def solve(
     chosen = default_mesh(problem) if mesh is None else mesh
     best: Solution | None = None
     attempts: list[Attempt] = []
-    found = solutions(problem, chosen, guess, settings, scheme, until, progress)
+    most = COMPARED[0 if mesh is None else 1]
+    found = solutions(problem, chosen, guess, settings, scheme, until, progress, most)
     for solution, transcription in found:
         if mesh is None:
             solution = _on_finer_meshes(solution, transcription, settings, until, progress)
@@ -145,6 +149,7 @@ class _Way:
     scaling: str
     coarse: bool = False
     smooth: bool = False  # from solves in which large controls cost
+    many: bool = False  # from the cheapest of many starts on a coarse mesh
 
 
 def solutions(
@@ -155,8 +160,12 @@ def solutions(
     scheme: str | Scheme,
     until: float,
     progress: Progress | None,
+    compared: int = COMPARED[0],
 ) -> Iterator[tuple[Solution, Transcription]]:
-    """Solutions of all ways that converge, each with its program; of the first if none does."""
+    """Solutions of all ways that converge, each with its program; of the first if none does.
+
+    Each is compared with what a number of other starts lead to.
+    """
     ways: Iterator[_Way] = iter([_Way("", guess, settings.scaling)])
     attempts: list[Attempt] = []
     first: tuple[Solution, Transcription] | None = None
@@ -178,6 +187,12 @@ def solutions(
                     attempts += [replace(a, way=f"{way.said}, first") for a in tried]
                     if given is None:
                         continue
+                if way.many:
+                    most = COMPARED[0]
+                    given, tried = cheapest_of_starts(transcription, own, most, share, progress)
+                    attempts += tried
+                    if given is None:
+                        continue
                 if way.coarse:
                     given = solve_on(transcription, COARSE, given, own, share, progress)
                     attempts += [replace(a, way=f"{way.said}, coarse") for a in given.attempts]
@@ -195,9 +210,10 @@ def solutions(
                 best = made, transcription
             if made.status is Status.INTERRUPTED or time.perf_counter() >= share:
                 break
-        if best is not None and not alone:
-            better, tried = improved(*best, own, share, progress)
-            best, attempts = (better, best[1]), attempts + tried
+        if best is not None and not alone and best[0].status in CONVERGED:
+            better, found = cheaper_elsewhere(*best, own, compared, share, progress)
+            better, tried = improved(better, best[1], own, share, progress)
+            best, attempts = (better, best[1]), attempts + found + tried
         if best is not None:
             told = True
             yield _told(*best, attempts, way.said)
@@ -230,6 +246,7 @@ def _other_ways(
     problem: OptimalControlProblem, guess: Given, settings: SolverSettings
 ) -> Iterator[_Way]:
     auto = settings.scaling
+    yield _Way("from the cheapest of several starts on a coarse mesh", guess, auto, many=True)
     simulated: Given = None
     if guess is None:
         found = rollouts(problem, default_guess(problem))

@@ -18,7 +18,7 @@ from microbot_ocp.ocp.transcription.schemes import Collocation
 from microbot_ocp.ocp.verification._recomputation import Recomputation
 from microbot_ocp.ocp.verification._reintegration import phase_layout
 
-TRIED = 9  # values of a control from bound to bound
+TRIED = 9  # values of a control from bound to bound, and as many that it takes elsewhere
 KEEPS = 1e-6  # relative: excess of a constraint above which a control is none to compare with
 
 
@@ -80,7 +80,9 @@ def _of_phase(phase: PhaseSolution, multipliers: FloatArray) -> tuple[float, dic
     best, values = before.copy(), {c.name: known[c.name].copy() for c in looked_at}
     for control in looked_at:
         for component in np.flatnonzero(_bounded(control)).tolist():
-            for value in np.linspace(control.lower[component], control.upper[component], TRIED):
+            even = np.linspace(control.lower[component], control.upper[component], TRIED)
+            own = np.quantile(known[control.name][:, component], np.linspace(0.0, 1.0, TRIED))
+            for value in np.union1d(even, own):
                 tried = values[control.name].copy()
                 tried[:, component] = value
                 found = hamiltonian({**known, **values, control.name: tried})
