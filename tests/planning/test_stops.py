@@ -134,6 +134,15 @@ def test_a_tool_line_is_followed_and_certified(two_links, cut):
     assert "tool line" in narrow.verdict
 
 
+def test_a_line_between_joint_poses_of_a_small_arm_leaves_the_orientation(two_links):
+    stops, line = [[-1.0, 1.2], [0.2, 1.0]], [mo.Line(tolerance=0.01)]
+    motion = mo.time_optimal(two_links, stops, segments=line, mesh=8, starts=1, compiled=False)
+    check = mo.certify(two_links, motion, via_q=stops, segments=line).segment_checks[0]
+    assert motion.solved
+    assert check.kept
+    assert np.isnan(check.angle)
+
+
 def test_every_branch_is_tried_and_told(two_links, cut):
     branches = cut[0].provenance["branches"]
     assert [entry["taken"] for entry in branches] == [True, False]

@@ -32,8 +32,8 @@ Numbers = tuple[float, ...]
 class Line:
     """The tool goes straight from one stop to the next, its orientation about a fixed axis.
 
-    The orientation is held where both stops have one; a turn that a stop leaves free is free on the
-    way, too.
+    The orientation is held where both stops have one (a joint pose has, of an arm with six joints
+    or more); a turn that a stop leaves free is free on the way, too.
 
     Parameters
     ----------

@@ -14,6 +14,7 @@ from microbot_ocp.robot import Capsule, Link, Robot, forward_kinematics
 
 AXES = ("x", "y", "z")
 SHAPE = ("start", "end", "radius", "name")  # of a part
+POSE_JOINTS = 6  # that give any orientation at a position
 EXACT = 1e-6  # rad (m): a smaller tolerance is none
 Numbers = tuple[float, ...]
 
@@ -191,10 +192,13 @@ class Stop:
         return np.zeros(size) if self.tolerance <= EXACT else None
 
     def pose(self, robot: Robot) -> tuple[FloatArray, FloatArray | None]:
-        """Position [3] and rotation [3,3] of the tool at the middle of its tolerance."""
+        """Position [3] and rotation [3,3] of the tool at the middle of its tolerance.
+
+        A joint pose states a rotation only of an arm that can hold one on the way, with six joints.
+        """
         if self.q is not None:
             tool = np.array(forward_kinematics(robot)(np.array(self.q)))
-            return tool[:3, 3], tool[:3, :3]
+            return tool[:3, 3], tool[:3, :3] if robot.joint_count >= POSE_JOINTS else None
         turned = None if self.orientation is None else np.array(self.orientation)
         return np.array(self.position), turned
 
