@@ -1,65 +1,28 @@
-"""Whatever a file or a call holds: a result, or an InputError with a short sentence."""
+"""Whatever a file, a command or a call holds: a result, or an InputError with a short sentence."""
 
 import os
+import random
 
+import fuzz
+import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 
 import microbot_ocp as mo
-from microbot_ocp.robot.files import robot_text
 
-CASES = int(os.environ.get("MICROBOT_OCP_FUZZ", "30"))
-fuzzed = settings(
-    max_examples=CASES, deadline=10_000, suppress_health_check=list(HealthCheck), database=None
-)
-ROBOT = mo.load_robot("microbot")
-TOML = robot_text("microbot", None)
+CASES = int(os.environ.get("MICROBOT_OCP_FUZZ", "12"))
+SEED = os.environ.get("MICROBOT_OCP_SEED", "0")
 
 
-def refused_or_done(call):
-    try:
-        call()
-    except mo.InputError as problem:
-        assert len(str(problem)) < 300, problem  # noqa: PT017
-
-
-def damaged(content, edits):
-    data = bytearray(content)
-    for place, value in edits:
-        if data:
-            data[place % len(data)] = value
-    return bytes(data)
-
-
-edits = st.lists(st.tuples(st.integers(0, 10**6), st.integers(0, 255)), min_size=1, max_size=8)
-cuts = st.integers(0, 10**6)
-
-
-@pytest.fixture(scope="module")
-def motion_file(tmp_path_factory):
-    path = tmp_path_factory.mktemp("fuzz") / "motion.npz"
-    mo.Motion.from_polynomial(ROBOT, mo.quintic([[0, 0, 0], [1, 1, 1]], [0, 1]), label="a").save(
-        path
-    )
-    return path.read_bytes()
-
-
-@fuzzed
-@given(edits=edits, cut=cuts)
-def test_damaged_robot_files(tmp_path_factory, edits, cut):
-    path = tmp_path_factory.getbasetemp() / "robot.toml"
-    content = damaged(TOML.encode(), edits)
-    path.write_bytes(content[: cut % len(content)] if cut % 3 == 0 else content)
-    refused_or_done(lambda: mo.load_robot(path))
-
-
-@fuzzed
-@given(edits=edits, cut=cuts)
-def test_damaged_motions(tmp_path_factory, motion_file, edits, cut):
-    path = tmp_path_factory.getbasetemp() / "motion.npz"
-    content = damaged(motion_file, edits)
-    path.write_bytes(content[: cut % len(content)] if cut % 3 == 0 else content)
-    refused_or_done(lambda: mo.Motion.load(path))
+@pytest.mark.parametrize("target", fuzz.TARGETS)
+def test_every_case_ends_well(target, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    counts, wrong = fuzz.series(target, CASES, SEED)
+    if "MICROBOT_OCP_FUZZ" in os.environ:
+        with capsys.disabled():
+            print(f"\n{target}: {CASES} cases, {dict(counts)}")
+    assert wrong == []
+    assert sum(counts.values()) == CASES
 
 
 anything = st.recursive(
@@ -69,9 +32,63 @@ anything = st.recursive(
 )
 
 
-@fuzzed
+@settings(
+    max_examples=CASES, deadline=10_000, suppress_health_check=list(HealthCheck), database=None
+)
 @given(value=anything)
 def test_arrays_of_anything(value):
-    refused_or_done(lambda: mo.solve_ik(ROBOT, value))
-    refused_or_done(lambda: ROBOT.with_limits(qd_max=value))
-    refused_or_done(lambda: mo.cubic(value, [0.0, 1.0]))
+    robot = fuzz.robot()
+    for call in (
+        lambda: mo.solve_ik(robot, value, time_limit=0.02),
+        lambda: robot.with_limits(qd_max=value),
+        lambda: mo.cubic(value, [0.0, 1.0]),
+    ):
+        try:
+            call()
+        except mo.InputError as problem:
+            assert len(str(problem)) < 300, problem  # noqa: PT017
+
+
+def test_the_files_are_good_before_they_are_damaged(monkeypatch):
+    monkeypatch.setattr(fuzz, "edited", lambda document, draw: document)
+    monkeypatch.setattr(fuzz, "damaged", lambda content, draw: content)
+    for name in ("comparison", "robot_file", "urdf", "task", "cell", "study", "sweep"):
+        assert fuzz.attempt(name, random.Random(0)) == "", name
+
+
+def test_what_is_wrong_is_seen(monkeypatch):
+    """The harness tells a foreign exception, a long message and a hang."""
+    monkeypatch.setattr(fuzz, "SLOW", 0.05)
+
+    def hang(draw):
+        while True:
+            pass
+
+    class Long(mo.InputError):
+        def __str__(self):
+            return "x" * 400
+
+    def long(draw):
+        raise Long("x")
+
+    monkeypatch.setitem(fuzz.TARGETS, "zero", lambda draw: 1 / 0)
+    monkeypatch.setitem(fuzz.TARGETS, "hang", hang)
+    monkeypatch.setitem(fuzz.TARGETS, "long", long)
+    said = [fuzz.attempt(name, random.Random(0)) for name in ("zero", "hang", "long")]
+    assert "ZeroDivisionError" in said[0]
+    assert "Late" in said[1]
+    assert "400 characters" in said[2]
+
+
+@pytest.mark.parametrize("kind", ["motion", "solution"])
+def test_a_file_that_was_changed_is_refused(kind, tmp_path):
+    path = tmp_path / "changed.npz"
+    path.write_bytes(fuzz.saved(kind))
+    read = {"motion": mo.Motion.load, "solution": mo.ocp.load_solution}[kind]
+    read(path)
+    with np.load(path) as stored:
+        arrays = dict(stored)
+    name = {"motion": "tau", "solution": "phase0.value0"}[kind]
+    np.savez(path, **{**arrays, name: arrays[name] * (1 + 1e-12)})
+    with pytest.raises(mo.InputError, match="changed after it was saved"):
+        read(path)

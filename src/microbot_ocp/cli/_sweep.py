@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from microbot_ocp._base.checks import InputError, plain
+from microbot_ocp._base.writing import write_whole
 from microbot_ocp.cli import _interrupt as interrupt
 from microbot_ocp.cli._options import Json, option, output_folder, whole_number
 from microbot_ocp.cli._output import Written, answer, shown_progress
@@ -114,7 +115,7 @@ def _repeat(study: Study, case: int, out: Path | None, as_json: bool) -> int:
         if out is not None:
             out.mkdir(parents=True, exist_ok=True)
             written.add(
-                out / f"{name}.npz", lambda path, content=content: path.write_bytes(content)
+                out / f"{name}.npz", lambda path, content=content: write_whole(path, content)
             )
     solved = row["status"] == "solved"
 

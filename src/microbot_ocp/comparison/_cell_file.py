@@ -17,7 +17,7 @@ from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError, naming, plain
 from microbot_ocp._base.showing import view_for
 from microbot_ocp._base.toml_file import check_keys, check_schema, table_from, table_of
-from microbot_ocp._base.writing import write_whole
+from microbot_ocp._base.writing import NotWritten, write_whole
 from microbot_ocp.comparison._certificate import Certificate, certify
 from microbot_ocp.comparison._task_file import (
     KEYS,
@@ -192,7 +192,10 @@ class Cell:
             Another output.
         """
         target = Path(folder)
-        target.mkdir(parents=True, exist_ok=True)
+        try:
+            target.mkdir(parents=True, exist_ok=True)
+        except (OSError, ValueError) as problem:
+            raise NotWritten(target, getattr(problem, "strerror", None) or str(problem)) from None
         written = []
         for name in outputs:
             checks.one_of("output", name, CELL_OUTPUTS)
@@ -202,9 +205,7 @@ class Cell:
             elif name == "motion":
                 written.append(self.motion.save(target / "motion.npz"))
             elif name == "figure":
-                figure = self.motion.plot(self.robot)
-                figure.figure.savefig(target / "motion.png")
-                written.append(target / "motion.png")
+                written.append(self.motion.plot(self.robot).savefig(target / "motion.png"))
             else:
                 written.append(self.to_rerun(target / "cell.rrd"))
         return written

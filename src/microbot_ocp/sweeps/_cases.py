@@ -415,7 +415,7 @@ class CaseSource:
         return lower, axes
 
     def _numbers(self, name: str, value: Any, allowed: tuple[int, ...]) -> FloatArray:
-        single = [value] if np.ndim(value) == 0 and not isinstance(value, str) else value
+        single = [value] if np.isscalar(value) and not isinstance(value, str) else value
         numbers = checks.array(name, single, (None,), finite=False)
         if numbers.size not in allowed:
             wanted = " or ".join(str(w) for w in allowed)
@@ -425,15 +425,17 @@ class CaseSource:
 
 def _read(path: Path) -> Mapping[str, Any]:
     """Columns of a CSV or Parquet file."""
+    if path.suffix not in (".parquet", ".csv"):
+        raise InputError(f"table {str(path)!r} must end in .csv or .parquet")
     try:
         if path.suffix == ".parquet":
             read = needed("pyarrow.parquet").read_table(path)
             return {name: read[name].to_numpy() for name in read.column_names}
-        if path.suffix != ".csv":
-            raise InputError(f"table {str(path)!r} must end in .csv or .parquet")
         with path.open(newline="", encoding="utf-8-sig") as stream:
             lines = [line for line in csv.reader(stream) if any(field.strip() for field in line)]
-    except (OSError, UnicodeDecodeError) as problem:
+    except InputError:  # no pyarrow
+        raise
+    except (OSError, ValueError, csv.Error) as problem:  # pyarrow's are among the ValueErrors
         reason = getattr(problem, "strerror", None) or problem
         raise InputError(f"table {str(path)!r} cannot be read: {reason}") from None
     names = [name.strip() for name in lines[0]] if lines else []

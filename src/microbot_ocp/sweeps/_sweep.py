@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.checks import FloatArray, InputError, shortened
 from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
 from microbot_ocp._base.status import Status
 from microbot_ocp._base.writing import remove_leftovers, whole_file, write_whole
@@ -105,9 +105,14 @@ class Sweep:
         paths = [str(self._part(number)) for number in self.parts]
         if not paths:
             return {name: np.empty(0, _empty(kinds[name])) for name in names}
-        table = needed("pyarrow.parquet").read_table(
-            paths, columns=list(dict.fromkeys(["case", *names]))
-        )
+        parquet, wanted = needed("pyarrow.parquet"), list(dict.fromkeys(["case", *names]))
+        try:
+            table = parquet.read_table(paths, columns=wanted).select(wanted)
+        except (OSError, ValueError, KeyError) as problem:  # pyarrow's are among them
+            raise InputError(
+                f"a file in {shortened(str(self.folder / PARTS), 120)} is damaged: "
+                f"{shortened(str(problem), 120)}; the sweep's command does its cases again"
+            ) from None
         order = np.argsort(table["case"].to_numpy())
         found = {}
         for name in names:
@@ -179,13 +184,34 @@ def load_sweep(folder: str | Path) -> Sweep:
     path = Path(folder) / ABOUT
     try:
         about = json.loads(path.read_text("utf-8"))
-        known = {"digest", "count", "chunk", "columns", "methods"} <= set(about)
-    except (OSError, ValueError, TypeError) as problem:
+    except (OSError, ValueError, RecursionError) as problem:
         reason = getattr(problem, "strerror", None) or "it is not JSON"
         raise InputError(f"{str(folder)!r} holds no sweep: {ABOUT}: {reason}") from None
-    if not known:
+    if not _is_about(about):
         raise InputError(f"{str(folder)!r} holds no sweep: {ABOUT} is not whole")
     return Sweep(Path(folder), about)
+
+
+def _is_about(about: Any) -> bool:
+    """Whether a document says of a sweep what its readers ask for."""
+    if not isinstance(about, dict) or about.get("schema") != 1:
+        return False
+    count, chunk, methods = (about.get(key) for key in ("count", "chunk", "methods"))
+    sizes = all(type(size) is int and 0 < size < 10**12 for size in (count, chunk))
+    lists = [methods, about.get("limits"), about.get("varying"), about.get("joints")]
+    texts = all(isinstance(x, list) and all(isinstance(name, str) for name in x) for x in lists)
+    columns = about.get("columns")
+    return bool(
+        sizes
+        and texts
+        and methods
+        and isinstance(about.get("digest"), str)
+        and isinstance(about.get("settings"), dict)
+        and isinstance(about.get("quantities"), dict)
+        and isinstance(columns, list)
+        and all(isinstance(c, list) and len(c) == 2 for c in columns)
+        and all(isinstance(name, str) and kind in list(TYPES) for name, kind in columns)
+    )
 
 
 def opened(study: Study, folder: Path) -> Sweep:
