@@ -415,7 +415,7 @@ class CaseSource:
         return lower, axes
 
     def _numbers(self, name: str, value: Any, allowed: tuple[int, ...]) -> FloatArray:
-        single = [value] if np.isscalar(value) and not isinstance(value, str) else value
+        single: Any = value if isinstance(value, str) or not np.isscalar(value) else [value]
         numbers = checks.array(name, single, (None,), finite=False)
         if numbers.size not in allowed:
             wanted = " or ".join(str(w) for w in allowed)
