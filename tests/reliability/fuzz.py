@@ -64,8 +64,6 @@ dwell = 0.1
 [[stop]]
 name = "place"
 position = [3.0, 1.5, 4.0]
-rpy_deg = [0, 90, 0]
-free_turn = "x"
 tolerance = 0.05
 payload = 0
 [[segment]]

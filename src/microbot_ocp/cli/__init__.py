@@ -1,5 +1,6 @@
 """The command line ``microbot-ocp``; docs/cli.md describes every command."""
 
-from microbot_ocp._base import border
+import lazy_loader
 
-__getattr__, __dir__, __all__ = border.attach_stub(__name__, __file__)
+# not by way of the border, which loads numpy: signals are taken before that
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -87,6 +87,9 @@ def _end() -> None:
         module = sys.modules.get(f"microbot_ocp.{name}")
         if module is not None:
             module.abandon()
+    processes = sys.modules.get("multiprocessing.process")
+    for child in () if processes is None else processes.active_children():  # workers of a sweep
+        child.kill()
     os._exit(_code)
 
 

@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 PERIOD = 30.0  # s between two lines of progress where there is no terminal
-CLOSING = 5.0  # s that the workers of this machine may take to end after Ctrl-C
 
 
 def sweep(
@@ -97,7 +96,6 @@ def sweep(
     continues = f"microbot-ocp sweep {study} --out {out}"
     if scheduler is not None:
         continues += f" --scheduler {scheduler}"
-    interrupt.GRACE = CLOSING
     try:
         with _progress(as_json, continues) as progress:
             results = run_study(asked, out, client=scheduler, workers=workers, progress=progress)

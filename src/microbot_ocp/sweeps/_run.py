@@ -11,6 +11,7 @@ import contextlib
 import os
 import queue
 import signal
+import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -187,7 +188,12 @@ def _own_cluster(distributed: Any) -> Any:
     """
     masked = hasattr(signal, "pthread_sigmask")
     if masked:
-        resource_tracker.ensure_running()  # where it starts it takes the mask away
+        # Where it starts it takes the mask away. It has nothing to say of semaphores that a process
+        # left which was ended.
+        silent = "ignore:resource_tracker"
+        sys.warnoptions.append(silent)
+        resource_tracker.ensure_running()
+        sys.warnoptions.remove(silent)
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if masked else set()
     try:
         return distributed.LocalCluster(
