@@ -27,6 +27,9 @@ def entry() -> int:
         if not interrupt.pressed():  # else the signal came in the middle of an import
             raise
         code = interrupt.exit_code()
+    # Where the signal came inside an exec, as in a dataclass that is made, Python would end by the
+    # signal in the place of the code; the next exec makes it forget that.
+    exec("")
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: os._exit(code))  # Python is on its way out
     return code

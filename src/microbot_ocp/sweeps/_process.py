@@ -173,12 +173,12 @@ def _process(digest: str, plan: bytes) -> CaseProcess:
 
 def serve() -> None:
     """What the process does: read the plan, get ready, then one case after the other."""
-    from microbot_ocp.sweeps._solve import CaseSolver
-    from microbot_ocp.sweeps._study import versions
-
     if sys.platform == "linux":  # ended with its worker
         with contextlib.suppress(OSError, AttributeError):
             ctypes.CDLL(None).prctl(1, signal.SIGKILL)
+    from microbot_ocp.sweeps._solve import CaseSolver
+    from microbot_ocp.sweeps._study import versions
+
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what libraries print is no answer
     questions = sys.stdin.buffer
@@ -194,8 +194,8 @@ def serve() -> None:
         place = traceback.extract_tb(problem.__traceback__)[-1]
         _write(answers, (False, f"{told} ({place.filename}, line {place.lineno})"))
         return
-    _write(answers, (True, solver.notes))
     with contextlib.suppress(EOFError, BrokenPipeError):
+        _write(answers, (True, solver.notes))
         while True:
             _write(answers, solver.row(*pickle.loads(_read(questions))))
 
