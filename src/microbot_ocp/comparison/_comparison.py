@@ -341,7 +341,7 @@ class Comparison:
         Parameters
         ----------
         path, rate, theme
-            As of :func:`~microbot_ocp.views.animation.write_animation`, whose errors are raised.
+            As of ``write_animation``, whose errors are raised.
         methods : sequence of str, optional
             Keys of motions; default the fastest method and the reference.
 

@@ -276,7 +276,7 @@ class Motion:
             ``.csv``: heads with units. ``.json``: a ``trajectory_msgs/JointTrajectory`` of ROS, as
             MoveIt and ros2_control take it. ``.mat``: MATLAB (needs scipy). ``.parquet`` (needs
             pyarrow). ``.xml``: keyframes of a MuJoCo model. ``.gif``, ``.mp4``: a film of the arm
-            with ``rate`` and ``theme`` of :func:`~microbot_ocp.views.animation.write_animation`;
+            with ``rate`` and ``theme`` of ``write_animation``;
             it needs ``robot``. Read back by :meth:`load` is only what :meth:`save` writes.
         rate : float, optional
             Samples a second, Hz, the end included; default the motion's own samples.
