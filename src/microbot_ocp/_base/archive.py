@@ -18,7 +18,7 @@ from typing import IO, Any
 
 import numpy as np
 
-from microbot_ocp._base.checks import InputError, shortened
+from microbot_ocp._base.checks import InputError, shortened, shown
 from microbot_ocp._base.writing import write_whole
 
 MOST_BYTES = 2_000_000_000  # of all arrays of a file together
@@ -90,7 +90,7 @@ def read_archive(
         raise no_archive(path, what, problem) from None
     if schema > newest:
         raise InputError(
-            f"{shortened(str(path), 150)} was written by a newer version (schema {schema:g}; this "
+            f"{shortened(str(path), 150)} was written by a newer version (schema {shown(schema)}; this "
             f"one reads up to {newest})"
         )
     if changed:

@@ -119,4 +119,5 @@ def _status(value: Any) -> Status:
 
 
 def _float(value: Any) -> float:
-    return float(value) if isinstance(value, int | float) else float("nan")
+    known = isinstance(value, int | float) and abs(value) < 1e300
+    return float(value) if known else float("nan")
