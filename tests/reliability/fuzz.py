@@ -5,6 +5,7 @@ what came of them; with ``--atheris`` the cases are those that reach new lines o
 """
 
 import contextlib
+import copy
 import inspect
 import io
 import json
@@ -122,7 +123,7 @@ def edited(document, draw):
     for _ in range(draw.randint(1, 3)):
         places = list(_places(document))
         if not places:
-            return draw.choice(ODD)
+            return copy.deepcopy(draw.choice(ODD))
         holder, key = draw.choice(places)
         way = draw.random()
         if way < 0.15:
@@ -134,7 +135,7 @@ def edited(document, draw):
         elif isinstance(holder[key], int | float) and way < 0.6:
             holder[key] = holder[key] * draw.choice([-1, 0, 2, 1e-9, 1e9, 1e200, 0.999])
         else:
-            holder[key] = draw.choice(ODD)
+            holder[key] = copy.deepcopy(draw.choice(ODD))
     return document
 
 

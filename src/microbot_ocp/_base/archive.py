@@ -90,8 +90,8 @@ def read_archive(
         raise no_archive(path, what, problem) from None
     if schema > newest:
         raise InputError(
-            f"{shortened(str(path), 150)} was written by a newer version (schema {shown(schema)}; this "
-            f"one reads up to {newest})"
+            f"{shortened(str(path), 150)} was written by a newer version (schema {shown(schema)}; "
+            f"this one reads up to {newest})"
         )
     if changed:
         raise no_archive(path, what, ValueError("it was changed after it was saved"))

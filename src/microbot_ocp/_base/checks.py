@@ -115,6 +115,19 @@ def time_limit(value: Any) -> float:
     return number("time_limit", value, "s", above=0.0)
 
 
+def numbers(name: str, value: ArrayLike) -> FloatArray:
+    """Return ``value`` as a float array of any shape."""
+    try:
+        if not _is_numeric(value):
+            raise TypeError
+        return np.array(value, dtype=float)
+    except (
+        TypeError, ValueError, OverflowError, RecursionError, AttributeError, RuntimeError,
+        NotImplementedError,
+    ):  # fmt: skip
+        raise InputError(f"{name} must be an array of numbers, not {shown(value)}") from None
+
+
 def array(
     name: str,
     value: ArrayLike,
@@ -124,15 +137,7 @@ def array(
     finite: bool = True,
 ) -> FloatArray:
     """Return ``value`` as a read-only float array of ``shape`` (None: any length there)."""
-    try:
-        if not _is_numeric(value):
-            raise TypeError
-        result = np.array(value, dtype=float)
-    except (
-        TypeError, ValueError, OverflowError, RecursionError, AttributeError, RuntimeError,
-        NotImplementedError,
-    ):  # fmt: skip
-        raise InputError(f"{name} must be an array of numbers, not {shown(value)}") from None
+    result = numbers(name, value)
     fits = result.ndim == len(shape) and all(
         want is None or have == want for have, want in zip(result.shape, shape, strict=True)
     )

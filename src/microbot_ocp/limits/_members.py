@@ -6,7 +6,7 @@ import inspect
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
-from microbot_ocp._base.checks import InputError
+from microbot_ocp._base.checks import InputError, shown
 from microbot_ocp.limits._limit import Limit
 from microbot_ocp.limits._power import power, total_power
 from microbot_ocp.limits._tool_acceleration import tool_acceleration
@@ -50,6 +50,8 @@ def limits_to_table(limits: Iterable[Limit]) -> dict[str, Any]:
     """
     table: dict[str, Any] = {}
     for limit in limits:
+        if not isinstance(limit, Limit):
+            raise InputError(f"limits must be a list, each entry a Limit, not {shown(limits)}")
         sides = {side: limit.constant(side) for side in ("lower", "upper")}
         given = {side: value for side, value in sides.items() if value is not None}
         written = {

@@ -111,7 +111,10 @@ def link_capsules(robot: Robot, radius: ArrayLike | None = None) -> dict[int, tu
     lengths = [float(np.linalg.norm(end - start)) for _, start, end in segments]
     total = sum(lengths)
     default = total * SLENDER if radius is None else radius
-    given = np.broadcast_to(checks.array("radius", np.atleast_1d(default), (None,), "m"), count + 1)
+    sizes = checks.array("radius", np.atleast_1d(checks.numbers("radius", default)), (None,), "m")
+    if sizes.size not in (1, count + 1):
+        raise InputError(f"radius must be one number or {count + 1}, not {sizes.size}")
+    given = np.broadcast_to(sizes, count + 1)
     if (given <= 0).any():
         raise InputError(f"radius must be above 0 m, not {given.min():g}")
     found: dict[int, tuple[Capsule, ...]] = {}

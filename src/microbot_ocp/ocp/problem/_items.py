@@ -116,7 +116,7 @@ def moving(value: object) -> bool:
 
 def fill(name: str, value: ArrayLike, size: int) -> FloatArray:
     """A number for every component, or an array of them."""
-    given = np.asarray(value, dtype=float)
+    given = checks.numbers(name, value)
     if given.ndim == 0:
         given = np.full(size, float(given))
     return checks.array(name, given.ravel(), (size,), finite=False)

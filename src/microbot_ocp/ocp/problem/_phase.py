@@ -599,7 +599,7 @@ class Phase:
 
     def _fractions(self, label: str, at: ArrayLike) -> FloatArray:
         """Increasing fractions [M] of the phase from times, s."""
-        times = checks.array(label, np.atleast_1d(np.asarray(at, dtype=float)), (None,), "s")
+        times = checks.array(label, np.atleast_1d(checks.numbers(label, at)), (None,), "s")
         low, high = self.duration_bounds
         if low < high and np.any(times != 0):
             raise InputError(
