@@ -371,14 +371,14 @@ def _segments(
     for row in rows:
         after, word = row.get("after"), row.get("kind")
         if after not in begins:
-            found = f"not {after!r}" if "after" in row else "but it is missing"
+            found = f"not {checks.shown(after)}" if "after" in row else "but it is missing"
             raise InputError(
                 "after of a segment must be the name of the stop where it begins, one of "
                 f"{', '.join(begins)}, {found}"
             )
         where = f"in the segment after {after!r}"
-        if word not in KINDS:
-            found = f"not {word!r}" if "kind" in row else "but it is missing"
+        if word not in list(KINDS):
+            found = f"not {checks.shown(word)}" if "kind" in row else "but it is missing"
             raise InputError(f"{where}: kind must be one of {', '.join(KINDS)}, {found}")
         kind = KINDS[word]
         keys = {f.name: f for f in fields(kind)}

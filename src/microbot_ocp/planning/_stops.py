@@ -220,7 +220,9 @@ def _capsules(given: Any) -> tuple[Capsule, ...]:
                     raise InputError(f"{key} of the shape of the payload is missing")
             entry = Capsule(**entry)
         if not isinstance(entry, Capsule):
-            raise InputError(f"shape of the payload must be made of mo.Capsule, not {entry!r}")
+            raise InputError(
+                f"shape of the payload must be made of mo.Capsule, not {checks.shown(entry)}"
+            )
         found.append(entry if entry.name else replace(entry, name="part"))
     return tuple(found)
 

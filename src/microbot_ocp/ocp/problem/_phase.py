@@ -250,7 +250,7 @@ class Phase:
         """
         self._refuse_second(f"measurement {name!r}", name, [*self.parameters, *self.measurements])
         fractions = self._fractions(f"times of {name!r}", at)
-        table = np.asarray(values, dtype=float)
+        table = checks.numbers(f"values of {name!r}", values)
         table = table[:, None] if table.ndim == 1 else table
         table = checks.array(f"values of {name!r}", table, (fractions.size, None))
         symbol = ca.MX.sym(f"{self.name}.{name}", table.shape[1])
