@@ -61,7 +61,9 @@ class PiecewisePolynomial:
 
     def __call__(self, t: ArrayLike, *, from_left: bool = False) -> FloatArray:
         """Values [N,n] at times t [N]; at a break those of the later piece unless ``from_left``."""
-        times = np.atleast_1d(np.asarray(t, dtype=float))
+        times = np.atleast_1d(t if isinstance(t, np.ndarray) else checks.numbers("t", t))
+        if times.ndim != 1:
+            raise InputError(f"t must have shape [any], not {list(times.shape)}")
         side = "left" if from_left else "right"
         piece = np.clip(np.searchsorted(self.breaks, times, side=side) - 1, 0, self.breaks.size - 2)
         local = (times - self.breaks[piece])[:, None]
