@@ -308,7 +308,12 @@ class _Tree:
         axes = np.array([frames[j.child][:3, :3] @ j.axis for j in moving])
         points = np.array([frames[j.child][:3, 3] for j in moving])
         rows = dh_rows(points, axes, parallel_tolerance)
-        tool = np.array(np.linalg.solve(rows.frames[-1], frames[tip]), dtype=float)
+        try:
+            tool = np.array(np.linalg.solve(rows.frames[-1], frames[tip]), dtype=float)
+        except np.linalg.LinAlgError:  # of axes or places that are 1e300 apart
+            raise InputError(
+                f"the joints up to {tip!r} have no frames: numbers too large"
+            ) from None
         carriers = self._carriers(moving)
         return Robot.from_dh(
             rows.alpha,
