@@ -44,6 +44,7 @@ from microbot_ocp.planning._friction import (
     SMOOTHING as FRICTION_SMOOTHING,
     dry_friction,
     has_windows,
+    rates_at_reversals,
     reversals,
     rounded,
     with_windows,
@@ -552,6 +553,7 @@ class FreeSearch:
             self.family, solution, self._excess(solution), self.settings.limit_tolerance
         )
         outcome["advice"] += self.scale.active_bounds([p.duration for p in solution.phases])
+        outcome["advice"] += rates_at_reversals(self.family, solution)
         if self.relaxed is not None and not (solution.status.solved or deadline.over()):
             outcome |= judged(self.relaxed, self.family, outcome["advice"])
         found = sorted({round(s["duration"], 3) for s in starts if s["status"] == "solved"})

@@ -108,6 +108,27 @@ def reversals(velocity: FloatArray, joints: np.ndarray) -> np.ndarray:
     return np.any(turns, axis=1)
 
 
+def rates_at_reversals(family: LimitFamily, solution: Solution) -> str:
+    """A sentence on joints whose torque rate is limited where dry friction lets the torque jump."""
+    if "taud" not in family:
+        return ""
+    robot: Robot = family.robot
+    limited = np.isfinite(robot.limits.taud_max) | np.isfinite(robot.limits.taud_min)
+    turning = [
+        name
+        for joint, name in enumerate(robot.joint_names)
+        if limited[joint]
+        and dry_friction(robot)[joint] > 0.0
+        and any(reversals(p["qd"], np.array([joint])).any() for p in solution.phases)
+    ]
+    if not turning:
+        return ""
+    return (
+        f"\nWhere {', '.join(turning)} turns back dry friction lets the torque jump: its rate is "
+        "limited at mesh points only, so look at the certificate."
+    )
+
+
 def with_windows(
     joints: np.ndarray,
     transcription: Transcription,
