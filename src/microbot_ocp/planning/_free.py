@@ -25,7 +25,13 @@ from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import LIMIT_TOLERANCE, JointLimits, LimitFamily, Limits
 from microbot_ocp.motion import Mark, Motion
-from microbot_ocp.ocp import Explanation, ParametricSolver, Solution, SolverSettings
+from microbot_ocp.ocp import (
+    Explanation,
+    ParametricSolver,
+    PhaseSolution,
+    Solution,
+    SolverSettings,
+)
 from microbot_ocp.ocp.refinement import WORSE, Refiner, split
 from microbot_ocp.ocp.solution import StepProgress, quiet
 from microbot_ocp.ocp.transcription import Guess, Transcription
@@ -88,12 +94,19 @@ EXPLORE_TOLERANCE = 1e-5
 AGREEING = 3  # starts that end at the same optimum are enough
 PATIENCE, LEAST_ITERATIONS = 4, 100  # times the iterations of a start that was solved
 SAME = 1e-3  # share of the duration by which two solves of the same optimum may differ
+TINY = 1e-12
 WORTH = 1e-4  # share of the duration: less is not worth another mesh where joints turn back
 # Iterations for the last digits: 8 to 10 without dry friction; with it 50 to 80 gain 7e-5
 POLISHING = 15
 MOST_REFINED = 3  # of the optima found on the coarse mesh
 # Intervals of all phases together where nobody says how many: 30 via points need no 3000
-FULL_MESH, FULL_MESH_SUM, LEAST_MESH = 100, 400, 25
+FULL_MESH, FULL_MESH_SUM, LEAST_MESH = 80, 400, 25
+GRADED = 0.5  # share of a mesh's intervals that are where the accelerations change
+# Barrier parameter from the coarse mesh to the full one, with multipliers: 17, 14, 14 and 62
+# iterations on four tasks of the Microbot with 1e-5; 22, 14, 15 and 109 with 1e-7
+FAR_BARRIER = 3e-5
+FORESIGHT = 0.5  # of the accepted excess: intervals near it are split along with the others
+MOST_EXACT = 40  # iterations of a refined mesh to the full tolerance, before roughly
 MANY_PHASES = 4  # more count as many
 CALMER_BARRIER = 1e-3  # of the solve for less effort, from the fastest motion slowed down
 FATROP_TOLERANCE = 1e-6  # which it reaches; it stalls at 1e-8 on the flat minima of such tasks
@@ -110,8 +123,9 @@ class TimeOptimalSettings:
 
     Attributes
     ----------
-    mesh : intervals of each phase in the first full solve; by default 100, and fewer where there
-        are more than four phases: 400 together, but at least 25 each
+    mesh : intervals of each phase in the first full solve, half of them where the accelerations
+        change; by default 80, and fewer where there are more than five phases: 400 together, but
+        at least 25 each
     starts : how many starting motions to try on the coarse mesh; fewer where three agree
     tries : how many to try at most: while fewer than ``starts`` are solved, the arm is made to
         swing to and fro at random, as it must where torques are too small to lift it
@@ -296,6 +310,7 @@ class FreeSearch:
             rough=ROUGH_TOLERANCE,
             polishing=POLISHING,
             fitted=partial(with_windows, self.dry) if has_windows(family) else None,
+            foresight=FORESIGHT,
         )
 
     def _kernels(self, budget: float | None = None) -> Transcription:
@@ -441,12 +456,17 @@ class FreeSearch:
         # from far away IPOPT takes longer the more phases there are: 10 s for 29, fatrop 1 s
         several = self.settings.solver == "auto" and len(self.names) > MANY_PHASES
         first = ("fatrop", FATROP_TOLERANCE) if several else (None, None)
-        best = self.refiner.finer(coarse, [self._mesh] * len(self.names), *first)
-        if self.refiner.fitted is not None:
-            best = self.refiner.sharpen(best, self._reversals, worth=WORTH)
-        best = self.refiner.refine(best)
-        if any(places.any() for places in self._velocity_switches(best)):
-            best = self.refiner.refine(self.refiner.sharpen(best, self._velocity_switches))
+        refiner, own = self.refiner, self.refiner.settings
+        farther = replace(own, options={"ipopt": {"mu_init": FAR_BARRIER}})
+        meshes = [graded(phase, self._mesh) for phase in coarse.phases]
+        best = replace(refiner, settings=farther).finer(coarse, meshes, *first)
+        if refiner.fitted is not None:
+            best = refiner.sharpen(best, self._reversals, worth=WORTH)
+        else:  # a refined mesh is seldom refined again: to the last digits at once
+            least = replace(own, max_iterations=min(own.max_iterations, MOST_EXACT))
+            exact = replace(refiner, settings=least, rough=None)
+            best = exact.refine(best, self._velocity_switches)
+        best = refiner.refine(best, self._velocity_switches)
         if "qddd" in self.family:
             best = self.refiner.refine(self.refiner.sharpen(best, self._jerk_switches))
         return best
@@ -608,6 +628,20 @@ def _note(outcome: dict[str, Any], via_count: int, start_count: int, found: list
         f"{passed.get(via_count, 'via points passed at any velocity; ')}{start_count} starts ended "
         f"at {optima} s on the coarse mesh, the best was refined"
     )
+
+
+def graded(phase: PhaseSolution, count: int) -> FloatArray:
+    """Mesh [count+1] of a phase: evenly spread, and with it where its accelerations change."""
+    steps, change = np.diff(phase.mesh), np.abs(np.diff(phase["qdd"], axis=0))
+    change = (change / np.maximum(np.abs(phase["qdd"]).max(axis=0), TINY)).max(axis=1)
+    slope = np.pad(change / steps, 1)
+    # a change may be anywhere in the interval, or begin in the one beside it
+    weight = steps * np.maximum(slope[1:-1], 0.5 * np.maximum(slope[:-2], slope[2:]))
+    density = (1.0 - GRADED) * steps + GRADED * weight / max(weight.sum(), TINY)
+    reached = np.concatenate([[0.0], np.cumsum(density)])
+    mesh = np.interp(np.linspace(0.0, reached[-1], count + 1), reached, phase.mesh)
+    mesh[[0, -1]] = 0.0, 1.0
+    return mesh
 
 
 def _slowed(curve: Any, by: float, s: FloatArray) -> FloatArray:

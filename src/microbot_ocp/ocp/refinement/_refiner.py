@@ -76,6 +76,9 @@ class Refiner:
         intervals, for programs whose iterations are cheap.
     polishing : int
         Iterations at most for the last digits.
+    foresight : float
+        Share of the accepted excess from which intervals are split along with those that exceed it:
+        the next optimum would exceed it there.
     fitted : callable, optional
         Gives the kernels the parameters that belong to a mesh and a start.
     """
@@ -94,6 +97,7 @@ class Refiner:
     rough: float | None = None
     deep: bool = False
     polishing: int = MOST_POLISHING
+    foresight: float = 1.0
     fitted: Fitted | None = None
     history: list[dict[str, Any]] = field(default_factory=list)
     last: Solution | None = None  # of any solve, accepted or not
@@ -132,7 +136,9 @@ class Refiner:
         """
         if self.rough is None or not solution.status.solved or self.over:
             return solution
-        if solution.gap.total <= POLISHED * self.settings.gap * abs(solution.cost):
+        wanted = self.settings.gap
+        known = float(solution.settings.get("gap", np.inf)) <= wanted  # it was solved so
+        if known or solution.gap.total <= POLISHED * wanted * abs(solution.cost):
             return solution
         settings = replace(
             self.settings,
@@ -254,8 +260,12 @@ class Refiner:
         more, size = after.cost - before.cost, abs(before.cost)
         return more <= self.worse * size or more <= (self.worse + self._cheat(before)) * size
 
-    def refine(self, solution: Solution) -> Solution:
-        """Split intervals until no constraint is exceeded between mesh points by more."""
+    def refine(self, solution: Solution, switching: Switching | None = None) -> Solution:
+        """Split intervals until no constraint is exceeded between mesh points by more.
+
+        Those inside which a control switches are split along with them, while that lowers the cost.
+        """
+        gained = np.inf
         for _ in range(self.rounds):
             if not solution.status.solved or self.over:
                 break
@@ -263,11 +273,18 @@ class Refiner:
             worst = max(float(e.max()) for e in excess)
             self.history[-1]["excess"] = worst
             self.progress(f"largest excess of a limit between mesh points: {100 * worst:.3g} %")
-            if worst <= self.limit_tolerance:
+            marked = [e > self.foresight * self.limit_tolerance for e in excess]
+            switches = False
+            if switching is not None and gained > SHARP * abs(solution.cost):
+                places = switching(solution)
+                switches = any(own.any() for own in places)
+                tables = [own.reshape(own.shape[0], -1) for own in marked]
+                pairs = zip(tables, places, strict=True)
+                marked = [own | switch.reshape(-1, 1) for own, switch in pairs]
+            if worst <= self.limit_tolerance and not switches:
                 break
             meshes = [
-                split(phase.mesh, e > self.limit_tolerance)
-                for phase, e in zip(solution.phases, excess, strict=True)
+                split(phase.mesh, own) for phase, own in zip(solution.phases, marked, strict=True)
             ]
             if self.deep:
                 meshes = [
@@ -277,6 +294,7 @@ class Refiner:
             refined = self.finer(solution, meshes)
             if refined is solution:  # nothing accepted: another round would only repeat it
                 break
+            gained = solution.cost - refined.cost
             solution = refined
         return solution
 

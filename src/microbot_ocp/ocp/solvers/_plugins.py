@@ -7,6 +7,7 @@ program, which would cost more time than the solve; fatrop gets the stages, too.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import casadi as ca
@@ -15,6 +16,7 @@ import numpy as np
 from microbot_ocp.ocp.solution import Watch
 from microbot_ocp.ocp.solvers._settings import SolverSettings
 from microbot_ocp.ocp.transcription import Program
+from microbot_ocp.ocp.transcription._assembly import MadeOnDemand
 
 FAR = 1e10  # value and violation that fatrop gets where they are not finite
 LARGEST = 1e300
@@ -101,21 +103,33 @@ def _with_scaled_cost(program: Program) -> Mapping[str, ca.Function]:
     functions, scale = program.functions, program.cost_scale
     if scale == 1.0:
         return functions
-    whole = functions["lagrangian"]
-    x, p, lam_f, lam_g = (ca.MX.sym(k, whole.sparsity_in(i)) for i, k in enumerate("xpfg"))
-    cost, g, stationarity, slope_of_p = whole(x, p, lam_f / scale, lam_g)
-    f, slope = functions["gradient"](x, p)
-    made = {
-        "lagrangian": ca.Function(
-            "nlp_grad", [x, p, lam_f, lam_g], [cost / scale, g, stationarity, slope_of_p]
-        ),
-        "gradient": ca.Function("nlp_grad_f", [x, p], [f / scale, slope / scale]),
-        "gradient_only": ca.Function("nlp_grad_f", [x, p], [slope / scale]),
-    }
-    for name in ("hessian", "hessian_upper"):
+    inputs = ("x", "p", "lam_f", "lam_g")
+    sizes = [functions["lagrangian"].sparsity_in(i) for i in range(len(inputs))]
+    x, p, lam_f, lam_g = (ca.MX.sym(k, size) for k, size in zip(inputs, sizes, strict=True))
+    curvature = [x, p, lam_f, lam_g]
+
+    def lagrangian() -> ca.Function:
+        cost, g, slope, slope_of_p = functions["lagrangian"](x, p, lam_f / scale, lam_g)
+        return ca.Function("nlp_grad", curvature, [cost / scale, g, slope, slope_of_p])
+
+    def gradient(with_cost: bool) -> ca.Function:
+        outputs = [value / scale for value in functions["gradient"](x, p)]
+        return ca.Function("nlp_grad_f", [x, p], outputs if with_cost else outputs[1:])
+
+    def hessian(name: str) -> ca.Function:
         outputs = functions[name].call([x, p, lam_f / scale, lam_g])
-        made[name] = ca.Function("nlp_hess_l", [x, p, lam_f, lam_g], outputs)
-    return {**functions, **made}
+        return ca.Function("nlp_hess_l", curvature, outputs)
+
+    return MadeOnDemand(
+        {
+            "lagrangian": lagrangian,
+            "jacobian": lambda: functions["jacobian"],
+            "gradient": partial(gradient, True),
+            "gradient_only": partial(gradient, False),
+            "hessian": partial(hessian, "hessian"),
+            "hessian_upper": partial(hessian, "hessian_upper"),
+        }
+    )
 
 
 def _fatrop(program: Program, settings: SolverSettings) -> Plugin:

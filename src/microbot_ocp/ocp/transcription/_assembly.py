@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -23,6 +23,18 @@ from microbot_ocp.ocp.transcription._layout import (
 )
 from microbot_ocp.ocp.transcription._mesh import IntArray
 from microbot_ocp.ocp.transcription._table import Label
+
+
+class MadeOnDemand(dict[str, ca.Function]):
+    """Functions by name, each made when it is first asked for."""
+
+    def __init__(self, makers: Mapping[str, Callable[[], ca.Function]]) -> None:
+        super().__init__()
+        self.makers = makers
+
+    def __missing__(self, name: str) -> ca.Function:
+        made = self[name] = self.makers[name]()
+        return made
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +105,8 @@ class _Entries:
             again = np.flatnonzero(np.arange(own.size) - np.flatnonzero(fresh)[own] == turn)
             nonzeros[own[again].tolist()] += values[order[again].tolist()]
         rows, columns = rows[fresh], columns[fresh]
-        sparsity = ca.Sparsity.triplet(height, width, rows.tolist(), columns.tolist())
+        first = np.searchsorted(columns, np.arange(width + 1))
+        sparsity = ca.Sparsity(height, width, first.tolist(), rows.tolist())
         return ca.MX(sparsity, nonzeros)
 
 
@@ -128,24 +141,25 @@ def assemble(layouts: Sequence[PhaseLayout], *, parametric: bool = False) -> Pro
     g_again, slope = rows_again.vector(), ca.densify(gradient.vector())
     jacobian_matrix = jacobian.matrix(height, width)
     stationarity = lam_f * slope + jacobian_matrix.T @ lam_g
-    functions = {
-        "lagrangian": ca.Function(
+    empty = ca.MX(width, 1)
+    functions: dict[str, Callable[[], ca.Function]] = {
+        "lagrangian": lambda: ca.Function(
             "nlp_grad", curvature, [cost_again, g_again, stationarity, slope_of_p]
         ),
-        "jacobian": ca.Function("nlp_jac_g", [x, p], [g_again, jacobian_matrix]),
-        "gradient": ca.Function("nlp_grad_f", [x, p], [cost_again, slope]),
-        "gradient_only": ca.Function("nlp_grad_f", [x, p], [slope]),
-        "hessian": ca.Function(
-            "nlp_hess_l", curvature, [ca.MX(width, 1), hessian.matrix(width, width)]
+        "jacobian": lambda: ca.Function("nlp_jac_g", [x, p], [g_again, jacobian_matrix]),
+        "gradient": lambda: ca.Function("nlp_grad_f", [x, p], [cost_again, slope]),
+        "gradient_only": lambda: ca.Function("nlp_grad_f", [x, p], [slope]),
+        "hessian": lambda: ca.Function(
+            "nlp_hess_l", curvature, [empty, hessian.matrix(width, width)]
         ),
-        "hessian_upper": ca.Function(
+        "hessian_upper": lambda: ca.Function(
             "nlp_hess_l", curvature, [hessian.matrix(width, width, upper=True)]
         ),
     }
     return Program(
         layouts=tuple(layouts),
         nlp={"x": x, "f": cost, "g": rows.vector(), **({"p": p} if parametric else {})},
-        functions=functions,
+        functions=MadeOnDemand(functions),
         **vars(bounds),
         parameters=parameters,
     )
