@@ -1,93 +1,108 @@
-"""Free motions of three, six and seven joints: with nothing compiled before, again, and prepared.
+"""Arms of three to seven joints: a task for the first time, again, and prepared.
 
-Through three random points, default settings, each in a fresh process that counts all from the
-task to the motion, the imports not; processor time includes that of the solvers' own processes.
-``python -m benchmarks arms``, or one line: ``python -m benchmarks.arms ROBOT SEED``.
+Free motions through three random points, and the timing of a spline through five; default settings,
+each in a fresh process that counts all from the task to the motion, the imports not. "first" has
+nothing compiled before. "prepared" is another payload in a ``TimeOptimalSolver``. Processor time
+includes that of the solvers' own processes.
+
+``python -m benchmarks arms``, or one line: ``python -m benchmarks.arms free|path ROBOT SEED``.
 """
 
 from __future__ import annotations
 
 import json
 import os
-import subprocess
 import sys
 import tempfile
 import time
-from pathlib import Path
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
 import microbot_ocp as mo
+from benchmarks.measure import in_fresh_process
 from microbot_ocp._base.checks import FloatArray
 
-ARMS = ("microbot", "ur5e", "puma560", "panda")
 REACH = 2.0  # rad: via points are within, and within the limits
-GOALS = {"microbot": (1.5, 0.5), "ur5e": (8, 2), "puma560": (8, 2), "panda": (20, 5)}  # s
+PAYLOAD = 0.05  # kg, of the prepared solve
+# s: first, again, prepared
+GOALS = {
+    ("free", "microbot"): (1.5, 0.5, 0.05),
+    ("free", "stanford"): (8, 2, 0.3),
+    ("free", "ur5e"): (8, 2, 0.3),
+    ("free", "puma560"): (8, 2, 0.3),
+    ("free", "panda"): (20, 5, None),
+    ("path", "microbot"): (None, None),
+    ("path", "stanford"): (None, 1),
+    ("path", "ur5e"): (None, 1),
+    ("path", "puma560"): (None, 1),
+    ("path", "panda"): (None, 1),
+}
 
 
-def via_points(robot: mo.Robot, seed: int, count: int = 3) -> FloatArray:
-    """Random via points [count,n], rad, in the middle of what the joints can reach."""
+def via_points(robot: mo.Robot, seed: int, count: int) -> FloatArray:
+    """Random via points [count,n], rad (m), in the middle of what the joints can reach."""
     low, high = np.maximum(robot.limits.q_min, -REACH), np.minimum(robot.limits.q_max, REACH)
     share = np.random.default_rng(seed).uniform(0.1, 0.9, (count, robot.joint_count))
     return low + (high - low) * share
 
 
-def spent() -> tuple[float, float]:
-    """Wall and processor time so far, s."""
-    return time.perf_counter(), sum(os.times()[:4])
+def timed(make: Callable[[], mo.Motion]) -> tuple[mo.Motion, list[float]]:
+    """A motion, and the wall and processor time that it took, s."""
+    begin = time.perf_counter(), sum(os.times()[:4])
+    motion = make()
+    return motion, [time.perf_counter() - begin[0], sum(os.times()[:4]) - begin[1]]
 
 
-def child(name: str, seed: int) -> None:
+def child(what: str, name: str, seed: int) -> None:
     """In a fresh process: solve one task, then the prepared one, and print what came of it."""
     import casadi as ca
 
     for solver in ("ipopt", "fatrop"):  # loading them is an import
         ca.load_nlpsol(solver)
+    assert callable(mo.time_optimal)  # loaded when first asked for: an import, too
+    assert callable(mo.time_optimal_path)
     robot = mo.load_robot(name)
-    via = via_points(robot, seed)
-    begin = spent()
-    motion = mo.time_optimal(robot, via)
-    once = np.subtract(spent(), begin)
-    solver = mo.TimeOptimalSolver(robot, via)
-    solver()
-    begin = spent()
-    again = solver(payload=0.05)
-    twice = np.subtract(spent(), begin)
-    found = {"once": once.tolist(), "again": twice.tolist(), "duration": motion.duration}
-    found |= {"ok": bool(mo.certify(robot, motion).ok), "solved": motion.solved and again.solved}
-    print(json.dumps(found))
-
-
-def in_fresh_process(name: str, seed: int, cache: str) -> dict:
-    """What a child printed, with its compiled kernels in a folder."""
-    done = subprocess.run(
-        [sys.executable, "-m", __name__, name, str(seed)],
-        env={**os.environ, "MICROBOT_OCP_CACHE": cache},
-        cwd=Path(__file__).resolve().parent.parent,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    if done.returncode:
-        raise RuntimeError(f"{name} failed:\n{done.stderr[-2000:]}")
-    return json.loads(done.stdout.splitlines()[-1])
+    found: dict[str, Any] = {}
+    if what == "path":
+        spline = mo.spline(via_points(robot, seed, 5), np.arange(5.0))
+        motion, found["whole"] = timed(lambda: mo.time_optimal_path(robot, spline))
+        solved = motion.solved
+    else:
+        via = via_points(robot, seed, 3)
+        motion, found["whole"] = timed(lambda: mo.time_optimal(robot, via))
+        solver = mo.TimeOptimalSolver(robot, via)
+        solver()
+        again, found["prepared"] = timed(lambda: solver(payload=PAYLOAD))
+        solved = motion.solved and again.solved
+    certified = bool(mo.certify(robot, motion).ok)
+    print(json.dumps({**found, "duration": motion.duration, "ok": solved and certified}))
 
 
 def run(repetitions: int = 0) -> None:
     """One seed an arm unless more are asked for."""
-    print("Free motions through three random points: wall time (processor time), s")
-    print("  arm        seed  first            again            prepared         duration, s")
-    for name in ARMS:
+    print("Free motions through three random points, and the timing of a path through five:")
+    print("wall time (processor time), s; what failed is said in its line")
+    print("  task  arm       seed  first           again           prepared        duration, s")
+    for what, name in GOALS:
         for seed in range(repetitions or 1):
-            with tempfile.TemporaryDirectory() as cache:
-                cold, warm = (in_fresh_process(name, seed, cache) for _ in range(2))
-            times = [cold["once"], warm["once"], warm["again"]]
-            shown = "".join(f"{f'{wall:.2f} ({own:.2f})':17}" for wall, own in times)
-            said = "certified" if warm["ok"] and warm["solved"] else "not certified"
-            first, again = GOALS[name]
-            goal = f"goal {first:g} and {again:g}"
-            print(f"  {name:11}{seed:<6}{shown}{warm['duration']:.5f}, {said}; {goal}", flush=True)
+            print(f"  {what:6}{name:10}{seed:<6}{_row(what, name, seed)}", flush=True)
+
+
+def _row(what: str, name: str, seed: int) -> str:
+    with tempfile.TemporaryDirectory() as cache:
+        try:
+            arguments = [what, name, str(seed)]
+            cold, warm = (in_fresh_process(__name__, arguments, cache) for _ in range(2))
+        except RuntimeError as problem:
+            return str(problem).splitlines()[-1]
+    times = [cold["whole"], warm["whole"], *([warm["prepared"]] if "prepared" in warm else [])]
+    shown = "".join(f"{f'{wall:.2f} ({own:.2f})':16}" for wall, own in times)
+    wanted = ", ".join("none" if goal is None else f"{goal:g}" for goal in GOALS[what, name])
+    said = "certified" if warm["ok"] else "not certified"
+    return f"{shown:48}{warm['duration']:.5f}, {said}; goals {wanted}"
 
 
 if __name__ == "__main__":
-    child(sys.argv[1], int(sys.argv[2]))
+    child(sys.argv[1], sys.argv[2], int(sys.argv[3]))

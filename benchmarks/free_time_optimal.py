@@ -10,20 +10,17 @@ optimum on 20 intervals. As it comes, ours tries several starts and refines the 
 from __future__ import annotations
 
 import json
-import os
-import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable
 from functools import partial
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 
 import microbot_ocp as mo
-from benchmarks.measure import Benchmark
+from benchmarks.measure import Benchmark, in_fresh_process
 
 GOAL = 10.0
 MESH = 100
@@ -111,21 +108,11 @@ def child(way: str) -> None:
     print(json.dumps({"seconds": time.perf_counter() - begin, "duration": duration}))
 
 
-def in_fresh_process(name: str, cache: str, durations: dict[str, float]) -> float:
+def seconds_of(name: str, cache: str, durations: dict[str, float]) -> float:
     """Seconds that the way takes; its motion's duration goes into ``durations``."""
     with tempfile.TemporaryDirectory() as empty:
         folder = empty if name.endswith(EMPTY_CACHE) else cache
-        done = subprocess.run(
-            [sys.executable, "-m", __name__, name.removesuffix(EMPTY_CACHE)],
-            env={**os.environ, "MICROBOT_OCP_CACHE": folder},
-            cwd=Path(__file__).resolve().parent.parent,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-    if done.returncode:
-        raise RuntimeError(f"{name} failed:\n{done.stderr[-2000:]}")
-    answer = json.loads(done.stdout.splitlines()[-1])
+        answer = in_fresh_process(__name__, [name.removesuffix(EMPTY_CACHE)], folder)
     durations[name] = answer["duration"]
     return answer["seconds"]
 
@@ -136,10 +123,10 @@ def run(repetitions: int = 0) -> None:
     names.insert(2, "time_optimal, one start" + EMPTY_CACHE)
     durations: dict[str, float] = {}
     with tempfile.TemporaryDirectory() as cache:
-        ways = {name: partial(in_fresh_process, name, cache, durations) for name in names}
+        ways = {name: partial(seconds_of, name, cache, durations) for name in names}
         Benchmark(
             f"Free time-optimal motion, 2 phases of {MESH} intervals, fresh processes",
-            ("rockit", partial(in_fresh_process, "rockit", cache, durations)),
+            ("rockit", partial(seconds_of, "rockit", cache, durations)),
             ways,
             {"time_optimal, one start": GOAL, "time_optimal, one start" + EMPTY_CACHE: GOAL},
         ).run(repetitions or 5)

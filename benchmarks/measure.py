@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import json
+import os
+import subprocess
+import sys
 import timeit
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -69,3 +74,24 @@ def timed(statement: str, number: int = 1, **names: Any) -> Callable[[], float]:
     """Seconds of one call, as the mean over ``number``; timeit's loop, so no wrapper is timed."""
     timer = timeit.Timer(statement, globals=names)
     return lambda: timer.timeit(number) / number
+
+
+def in_fresh_process(module: str, arguments: list[str], cache: str) -> dict[str, Any]:
+    """What ``python -m module arguments`` printed last, as JSON, its compiled kernels in a folder.
+
+    Raises
+    ------
+    RuntimeError
+        It failed.
+    """
+    done = subprocess.run(
+        [sys.executable, "-m", module, *arguments],
+        env={**os.environ, "MICROBOT_OCP_CACHE": cache},
+        cwd=Path(__file__).resolve().parent.parent,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if done.returncode:
+        raise RuntimeError(f"{module} {' '.join(arguments)} failed:\n{done.stderr[-2000:]}")
+    return json.loads(done.stdout.splitlines()[-1])

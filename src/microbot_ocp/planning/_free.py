@@ -100,16 +100,15 @@ WORTH = 1e-4  # share of the duration: less is not worth another mesh where join
 POLISHING = 15
 MOST_REFINED = 3  # of the optima found on the coarse mesh
 # Intervals of all phases together where nobody says how many: 30 via points need no 3000
-FULL_MESH, FULL_MESH_SUM, LEAST_MESH = 80, 400, 25
+FULL_MESH, FULL_MESH_OF_FRICTION, FULL_MESH_SUM, LEAST_MESH = 80, 100, 400, 25
 GRADED = 0.5  # share of a mesh's intervals that are where the accelerations change
 # Barrier parameter from the coarse mesh to the full one, with multipliers: 17, 14, 14 and 62
 # iterations on four tasks of the Microbot with 1e-5; 22, 14, 15 and 109 with 1e-7
 FAR_BARRIER = 3e-5
 FORESIGHT = 0.5  # of the accepted excess: intervals near it are split along with the others
+MANY_PHASES = 5  # more take over 40 iterations to the full tolerance on a refined mesh
 MOST_EXACT = 40  # iterations of a refined mesh to the full tolerance, before roughly
-MANY_PHASES = 4  # more count as many
 CALMER_BARRIER = 1e-3  # of the solve for less effort, from the fastest motion slowed down
-FATROP_TOLERANCE = 1e-6  # which it reaches; it stalls at 1e-8 on the flat minima of such tasks
 EXPLORE_SUM, LEAST_EXPLORE_MESH = 160, 6
 # Share of the duration, and of the typical ones, up to which a prepared motion leads to the best
 NEAR, NEAR_TYPICAL = 0.1, 0.02
@@ -123,9 +122,9 @@ class TimeOptimalSettings:
 
     Attributes
     ----------
-    mesh : intervals of each phase in the first full solve, half of them where the accelerations
-        change; by default 80, and fewer where there are more than five phases: 400 together, but
-        at least 25 each
+    mesh : intervals of each phase in the first full solve; half of them are where the accelerations
+        change, except with dry friction, where they are even; by default 80, with dry friction
+        100, and fewer where there are many phases: 400 together, but at least 25 each
     starts : how many starting motions to try on the coarse mesh; fewer where three agree
     tries : how many to try at most: while fewer than ``starts`` are solved, the arm is made to
         swing to and fro at random, as it must where torques are too small to lift it
@@ -391,7 +390,8 @@ class FreeSearch:
     def _mesh(self) -> int:
         if self.settings.mesh is not None:
             return self.settings.mesh
-        return max(min(FULL_MESH, FULL_MESH_SUM // len(self.names)), LEAST_MESH)
+        most = FULL_MESH if self.refiner.fitted is None else FULL_MESH_OF_FRICTION
+        return max(min(most, FULL_MESH_SUM // len(self.names)), LEAST_MESH)
 
     # refinement -----------------------------------------------------------------------------
 
@@ -453,19 +453,24 @@ class FreeSearch:
 
     def _refined(self, coarse: Solution) -> Solution:
         """Coarse to fine, then local refinement while limits are exceeded."""
-        # from far away IPOPT takes longer the more phases there are: 10 s for 29, fatrop 1 s
-        several = self.settings.solver == "auto" and len(self.names) > MANY_PHASES
-        first = ("fatrop", FATROP_TOLERANCE) if several else (None, None)
+        many = len(self.names) > MANY_PHASES
         refiner, own = self.refiner, self.refiner.settings
-        farther = replace(own, options={"ipopt": {"mu_init": FAR_BARRIER}})
-        meshes = [graded(phase, self._mesh) for phase in coarse.phases]
-        best = replace(refiner, settings=farther).finer(coarse, meshes, *first)
         if refiner.fitted is not None:
+            best = refiner.finer(coarse, [self._mesh] * len(self.names))
             best = refiner.sharpen(best, self._reversals, worth=WORTH)
-        else:  # a refined mesh is seldom refined again: to the last digits at once
-            least = replace(own, max_iterations=min(own.max_iterations, MOST_EXACT))
-            exact = replace(refiner, settings=least, rough=None)
-            best = exact.refine(best, self._velocity_switches)
+        else:
+            farther = replace(own, options={"ipopt": {"mu_init": FAR_BARRIER}})
+            meshes = [graded(phase, self._mesh) for phase in coarse.phases]
+            best = coarse
+            if many:  # multipliers of so coarse a mesh mislead: 87 iterations, 65 without
+                best = refiner.solve(meshes, self._guess_from(coarse))
+            if not (many and best.status.solved and best.cost <= (1 + WORSE) * coarse.cost):
+                best = replace(refiner, settings=farther).finer(coarse, meshes)
+            if not many:
+                # a refined mesh is seldom refined again: to the last digits at once
+                least = replace(own, max_iterations=min(own.max_iterations, MOST_EXACT))
+                exact = replace(refiner, settings=least, rough=None)
+                best = exact.refine(best, self._velocity_switches)
         best = refiner.refine(best, self._velocity_switches)
         if "qddd" in self.family:
             best = self.refiner.refine(self.refiner.sharpen(best, self._jerk_switches))

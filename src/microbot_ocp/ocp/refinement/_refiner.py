@@ -37,7 +37,6 @@ WARM_BARRIER = 1e-4
 FAR_ABOVE = 3.0  # times the accepted excess; halving an interval divides it by about four
 POLISHED = 0.1  # share of the wanted gap that needs no polish
 MOST_POLISHING = 60  # iterations
-MOST_FIRST = 200  # iterations of a solver that comes before the usual one
 MOST_FINISHING = 2  # meshes after that
 
 
@@ -110,13 +109,11 @@ class Refiner:
         tolerance: float | None = None,
         solver: str | tuple[str, ...] | None = None,
         barrier: float | None = None,
-        iterations: float = np.inf,
     ) -> Solution:
         """One solve, entered in the history."""
         tolerance = tolerance or self.rough
         settings = replace(
             self.settings,
-            max_iterations=int(min(self.settings.max_iterations, iterations)),
             solver=solver or self.solver,
             tolerance=tolerance or self.tolerance,
             initial_barrier=barrier,
@@ -191,38 +188,21 @@ class Refiner:
         )
         return solution
 
-    def finer(
-        self,
-        before: Solution,
-        meshes: Sequence[MeshLike],
-        solver: str | None = None,
-        tolerance: float | None = None,
-    ) -> Solution:
-        """Solve on another mesh from a solution; keep the old one where the new one is worse.
-
-        ``solver``, with this tolerance, comes first in the place of the usual one.
-        """
+    def finer(self, before: Solution, meshes: Sequence[MeshLike]) -> Solution:
+        """Solve on another mesh from a solution; keep the old one where the new one is worse."""
         if self.over:
             return before
         guesses = self.guess_from(before)
         first: tuple[str | tuple[str, ...], float | None, Mapping[str, Guess] | Solution]
         many = sum(mesh_of(mesh).intervals for mesh in meshes) > MANY
-        own = solver or ("ipopt" if self.solver == "auto" and many else self.solver)
+        own = "ipopt" if self.solver == "auto" and many else self.solver
         first = (own, WARM_BARRIER, guesses)
         if own == "ipopt" and before.status.solved and before.variable_multipliers is not None:
             # with multipliers: 20 against 30 iterations on the Microbot task from 20 to 100
             first = ("ipopt", None, before)
         after, dearer = before, None
         for name, barrier, start in (first, ("ipopt", None, guesses)):
-            wanted = tolerance if name == solver else None
-            after = self.solve(
-                meshes,
-                start,
-                solver=name,
-                barrier=barrier,
-                tolerance=wanted,
-                iterations=np.inf if name != solver else MOST_FIRST,
-            )
+            after = self.solve(meshes, start, solver=name, barrier=barrier)
             accepted = self._accepts(before, after)
             self.history[-1]["accepted"] = accepted
             sizes = " + ".join(str(phase.mesh.size - 1) for phase in after.phases)
