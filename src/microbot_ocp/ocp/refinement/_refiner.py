@@ -10,7 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -134,7 +134,7 @@ class Refiner:
         if self.rough is None or not solution.status.solved or self.over:
             return solution
         wanted = self.settings.gap
-        known = float(solution.settings.get("gap", np.inf)) <= wanted  # it was solved so
+        known = cast("float", solution.settings.get("gap", np.inf)) <= wanted  # it was solved so
         if known or solution.gap.total <= POLISHED * wanted * abs(solution.cost):
             return solution
         settings = replace(
