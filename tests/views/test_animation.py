@@ -84,3 +84,9 @@ def test_what_cannot_be_filmed_is_refused(
     with pytest.raises(mo.InputError, match="imageio-ffmpeg"):
         motion.export(tmp_path / "a.mp4", rate=5.0, robot=robot)
     assert not list(tmp_path.iterdir())
+
+
+def test_a_film_tells_which_frame_it_draws(robot, motion, tmp_path):
+    steps = []
+    write_animation(of_motion(robot, motion), tmp_path / "a.gif", 5.0, progress=steps.append)
+    assert [step.done for step in steps] == list(range(steps[-1].total))

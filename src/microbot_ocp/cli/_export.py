@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -9,7 +10,7 @@ import typer
 
 import microbot_ocp as mo
 from microbot_ocp.cli._options import Json, MotionRobot, one_number, writable
-from microbot_ocp.cli._output import Written, answer
+from microbot_ocp.cli._output import Written, answer, shown_progress
 from microbot_ocp.cli._replay import robot_of
 from microbot_ocp.motion import EXPORT_FORMATS, FILM_FORMATS
 from microbot_ocp.robot import packaged_robots
@@ -45,7 +46,11 @@ def export(
     written = Written()
     if file.is_dir() and target.suffix in FILM_FORMATS:
         comparison = mo.load_comparison(file, robot_name)
-        written.add(target, lambda path: comparison.export(path, rate))
+        from microbot_ocp.views.animation import animate_comparison
+
+        with shown_progress(as_json) as progress:
+            animate = partial(animate_comparison, comparison, rate=rate, progress=progress)
+            written.add(target, animate)
         named = {name: motion.duration for name, motion in comparison.motions.items()}
         document = {"robot": comparison.robot.name, "motions": named}
         return answer(as_json, document, lambda console: None, written=written)
@@ -56,7 +61,14 @@ def export(
     robot = robot_of(motion, str(file), robot_name) if known else None
     sampled = motion if rate is None or film else motion.resample(rate, robot)
     samples = sampled.t.size
-    written.add(target, lambda path: sampled.export(path, rate if film else None, robot))
+    if film and robot is not None:
+        from microbot_ocp.views.animation import animate_motion
+
+        with shown_progress(as_json) as progress:
+            draw = partial(animate_motion, robot, motion, rate=rate, progress=progress)
+            written.add(target, draw)
+    else:
+        written.add(target, lambda path: sampled.export(path, robot=robot))
     document = {"robot": named if known else None, "samples": samples}
 
     def text(console: Console) -> None:

@@ -14,7 +14,7 @@ from PIL import Image
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import InputError
 from microbot_ocp._base.writing import whole_file
-from microbot_ocp.comparison import Comparison
+from microbot_ocp.comparison import Comparison, Progress, Step
 from microbot_ocp.motion import Motion
 from microbot_ocp.robot import Robot
 from microbot_ocp.views.animation._film import Film
@@ -35,6 +35,7 @@ def write_animation(
     *,
     theme: str = "light",
     title: str | None = None,
+    progress: Progress | None = None,
 ) -> Path:
     """Write the arms of a recording as a film, seen from the recording's camera.
 
@@ -51,6 +52,8 @@ def write_animation(
         "light" or "dark".
     title : str, optional
         Default the recording's.
+    progress : callable, optional
+        Called with a :class:`microbot_ocp.comparison.Step` before each frame.
 
     Returns
     -------
@@ -73,7 +76,14 @@ def write_animation(
     count = int(np.ceil(film.duration * rate)) + 1
     if count > MOST_FRAMES:
         raise InputError(f"rate must give at most {MOST_FRAMES} frames, not {count}")
-    frames = (film.frame(k / rate) for k in range(count))
+
+    def drawn() -> Iterator[np.ndarray]:
+        for k in range(count):
+            if progress is not None:
+                progress(Step(k, count, "write", f"frame {k + 1} of {count}"))
+            yield film.frame(k / rate)
+
+    frames = drawn()
     with whole_file(target) as partial:
         (_write_gif if target.suffix == ".gif" else _write_mp4)(partial, frames, rate)
     return target
