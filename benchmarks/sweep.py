@@ -11,6 +11,12 @@ algebra, as dask gives its workers.
 - overhead: how much longer one worker takes than the plain loop;
 - efficiency: rate of N workers over N times the rate of the plain loop.
 
+Other work on the machine disturbs both, so there are two figures that it hardly disturbs:
+
+- processor time a case: of the processes that do cases, and of all else (client, scheduler, workers
+  of dask), against that of the loop;
+- busy: the time of all cases over that of all workers, between the same two files.
+
 Then cases that cost next to nothing: memory of the client, which holds the scheduler as well, at
 1,000 of them and at the end, its processor time a chunk, bytes a case.
 """
@@ -18,6 +24,7 @@ Then cases that cost next to nothing: memory of the client, which holds the sche
 from __future__ import annotations
 
 import argparse
+import contextlib
 import os
 import resource
 import subprocess
@@ -30,6 +37,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import psutil
 
 import microbot_ocp as mo
 from microbot_ocp.sweeps import Study, run_study
@@ -43,19 +51,30 @@ from microbot_ocp.sweeps._solve import CaseSolver
 study = study_of({count})
 solver, rows = CaseSolver(study.plan()), study.source.rows(0, {count})
 solver.row(0, rows[0])
-wall = time.perf_counter()
+wall, work = time.perf_counter(), time.process_time()
 for case, row in enumerate(rows[1:], 1):
     solver.row(case, row)
-print(time.perf_counter() - wall)
+print(time.perf_counter() - wall, time.process_time() - work)
 """
 
 
 @dataclass
 class Run:
-    """One pass over the cases: s from the first answer to the last, s to the first."""
+    """One pass over the cases.
+
+    Attributes
+    ----------
+    span, start : s from the first answer to the last, and to the first
+    work : processor time of what does the cases, s a case
+    beside : processor time of all else, s a case
+    busy : time of all cases over that of all workers
+    """
 
     span: float
     start: float
+    work: float
+    beside: float = 0.0
+    busy: float = 1.0
 
 
 def study_of(count: int) -> Study:
@@ -88,27 +107,42 @@ def plain_loop(count: int) -> Run:
     code = [sys.executable, "-c", LOOP.format(count=count)]
     alone = {**os.environ, **ONE_THREAD}
     done = subprocess.run(code, capture_output=True, text=True, check=True, env=alone)
-    span = float(done.stdout)
-    return Run(span, time.perf_counter() - begin - span)
+    span, work = map(float, done.stdout.split())
+    return Run(span, time.perf_counter() - begin - span, work / (count - 1))
+
+
+def spent() -> tuple[float, float]:
+    """Processor time until now, s: of the processes that do cases, and of all others."""
+    doing, beside = 0.0, time.process_time()
+    for process in psutil.Process().children(recursive=True):
+        with contextlib.suppress(psutil.Error):
+            times = process.cpu_times()
+            if any("serve()" in word for word in process.cmdline()):
+                doing += times.user + times.system
+            else:
+                beside += times.user + times.system
+    return doing, beside
 
 
 def swept(study: Study, workers: int) -> Run:
     """A sweep into a new folder."""
-    moments: list[tuple[int, float]] = []
+    moments: list[tuple[int, float, float, float]] = []
 
     def note(step: Any) -> None:
-        if not moments or step.done > moments[-1][0]:
-            moments.append((step.done, time.perf_counter()))
+        if step.done and (not moments or step.done > moments[-1][0]):
+            moments.append((step.done, time.perf_counter(), *spent()))
 
     with tempfile.TemporaryDirectory() as folder:
         begin = time.perf_counter()
         results = run_study(study, folder, workers=workers, progress=note)
         assert results.finished
-    first = next(k for k, (done, _) in enumerate(moments) if done)
-    done, at = moments[first]
-    share = (moments[-1][0] - done) / (results.count - 1)  # for as many as the loop is timed
-    span = (moments[-1][1] - at) / share
-    return Run(span, at - begin)
+        each = results.read(["case_time"])["case_time"]
+    done, at, *before = moments[0]
+    last, end, *after = moments[-1]
+    work, beside = (np.array(after) - before) / (last - done)
+    span = (end - at) * (results.count - 1) / (last - done)  # for as many as the loop is timed
+    busy = each.mean() * (last - done) / (workers * (end - at))
+    return Run(span, at - begin, float(work), float(beside), float(busy))
 
 
 def memory() -> float:
@@ -128,19 +162,38 @@ def print_rates(count: int, rounds: int) -> None:
     found: dict[str, list[Run]] = {name: [] for name in ways}
     for _ in range(rounds):
         for name, way in ways.items():
-            found[name].append(way())
+            run = way()
+            found[name].append(run)
+            told = f"{1e3 * run.work:.1f} + {1e3 * run.beside:.1f} ms of processor time a case"
+            print(f"  {name:11} {told}, busy {100 * run.busy:.0f} %", flush=True)
     loads = ", ".join(f"{load:.1f}" for load in os.getloadavg())
     print(f"\nSweep of {count} cases, {rounds} rounds in turns (load of the machine: {loads})")
-    print("                 cases/s (each round)      ms a case   s to the first")
+    print(
+        "                 cases/s (each round)      ms a case   s to the first"
+        "   processor ms a case: of cases, beside   busy"
+    )
     for name, runs in found.items():
         rates = [(count - 1) / run.span for run in runs]
         each = " ".join(f"{rate:.3g}" for rate in rates)
         start = np.median([run.start for run in runs])
         rate = float(np.median(rates))
-        print(f"  {name:11} {rate:8.3g} ({each:18}) {1e3 / rate:8.1f} {start:12.1f}")
+        work, beside = (1e3 * np.median([getattr(r, w) for r in runs]) for w in ("work", "beside"))
+        busy = 100 * np.median([run.busy for run in runs])
+        print(
+            f"  {name:11} {rate:8.3g} ({each:18}) {1e3 / rate:8.1f} {start:12.1f}"
+            f"          {work:22.1f} {beside:12.1f} {busy:8.0f} %"
+        )
     spans = {name: np.array([run.span for run in runs]) for name, runs in found.items()}
     slower = 100 * (float(np.median(spans["1 worker"] / spans["plain loop"])) - 1)
     print(f"  overhead of 1 worker against the plain loop: {slower:.1f} %   goal: under 5 %")
+    base = np.array([run.work for run in found["plain loop"]])
+    for name in ("1 worker", "2 workers"):
+        more = [np.array([getattr(r, what) for r in found[name]]) for what in ("work", "beside")]
+        whole, other = (100 * float(np.median(x / base)) for x in (sum(more), more[1]))
+        print(
+            f"  processor time of {name}: {whole - 100:+.1f} % against the loop, "
+            f"{other:.1f} % of it beside the cases"
+        )
     for workers, name in ((1, "1 worker"), (2, "2 workers")):
         share = 100 * float(np.median(spans["plain loop"] / spans[name])) / workers
         print(f"  efficiency of {name}: {share:.1f} %" + ("   goal: over 90 %" * (workers == 2)))

@@ -62,6 +62,23 @@ def test_one_case(study: Path, capsys: pytest.CaptureFixture[str]) -> None:
 
 
 @pytest.mark.slow
+def test_without_a_compiler_the_row_is_the_same_and_says_so(
+    study: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    study.write_text(STUDY.replace('"cubic"', '"time_optimal"') + "[settings]\nmesh = 10\n")
+    arguments = ["sweep", "study.toml", "--case", "1", "--json"]
+    assert main(arguments) == 0
+    row = json.loads(capsys.readouterr().out)
+    known = {**os.environ, "PATH": "", "CC": "", "MICROBOT_OCP_CACHE": str(Path.cwd() / "cache")}
+    command = [sys.executable, "-m", "microbot_ocp.cli", *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env=known)
+    other = json.loads(done.stdout)
+    assert (row["compiled"], other["compiled"]) == (True, False)
+    name = "time_optimal_duration"
+    assert other[name] == pytest.approx(row[name], rel=1e-6)
+
+
+@pytest.mark.slow
 def test_an_interrupted_sweep_says_how_to_continue(study: Path) -> None:
     command = [sys.executable, "-m", "microbot_ocp.cli", "sweep", "study.toml", "--out", "out"]
     process = subprocess.Popen(

@@ -113,8 +113,13 @@ def sweep(
     >>> import tempfile
     >>> import microbot_ocp as mo
     >>> cases = mo.Cases.grid(
-    ...     start_q=[0, 0, 0], goal_q_deg=[[90, 45, 45]], payload=mo.Between(0, 2, 3)
-    ... )  # doctest: +SKIP
+    ...     start_q=[0, 0, 0], goal_q_deg=[90, 45, 45], payload=mo.Between(0, 2, 3)
+    ... )
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     results = mo.sweep(mo.load_robot("microbot"), cases, ["cubic"], out=folder, workers=1)
+    ...     durations = results.read(["cubic_duration"])["cubic_duration"]
+    >>> bool((durations[1:] > durations[:-1]).all())  # the more it carries the longer it takes
+    True
     """
     study = Study(robot, cases, methods, settings, time_limit, motions)
     return run_study(study, out, client=client, workers=workers, progress=progress)
