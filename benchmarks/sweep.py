@@ -141,7 +141,7 @@ def swept(study: Study, workers: int) -> Run:
     last, end, *after = moments[-1]
     work, beside = (np.array(after) - before) / (last - done)
     span = (end - at) * (results.count - 1) / (last - done)  # for as many as the loop is timed
-    busy = each.mean() * (last - done) / (workers * (end - at))
+    busy = each[workers:].mean() * (last - done) / (workers * (end - at))
     return Run(span, at - begin, float(work), float(beside), float(busy))
 
 

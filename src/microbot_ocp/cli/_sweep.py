@@ -6,6 +6,7 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -107,7 +108,7 @@ def sweep(
 
 
 def _repeat(study: Study, case: int, out: Path | None, as_json: bool) -> int:
-    row, motions = repeat_case(_with_motions(study) if out else study, case)
+    row, motions = repeat_case(replace(study, motions=True) if out else study, case)
     written = Written()
     for name, content in motions.items():
         if out is not None:
@@ -124,18 +125,6 @@ def _repeat(study: Study, case: int, out: Path | None, as_json: bool) -> int:
             )
 
     return answer(as_json, row, show, 0 if solved else 1, written)
-
-
-def _with_motions(study: Study) -> Study:
-    return Study(
-        study.robot,
-        study.cases,
-        study.methods,
-        study.settings,
-        study.time_limit,
-        True,
-        study.origin,
-    )
 
 
 def _summarise(results: Sweep, as_json: bool) -> int:
