@@ -37,6 +37,8 @@ from microbot_ocp.sweeps._sweep import Sweep, opened
 AHEAD = 2  # chunks in flight for each thread of a worker: one that is done, one that waits
 TICK = 0.2  # s
 NO_WORKER = 120.0  # s without any worker, then it is said
+# Dask watches its event loops every 20 ms and samples its stacks every 10 ms, in each process.
+QUIET = {"distributed.admin.tick.interval": "1s", "distributed.worker.profile.enabled": False}
 Progress = Callable[[Step], None]
 
 
@@ -179,6 +181,7 @@ def _connected(client: Any, workers: int | None) -> Iterator[Any]:
             yield made
         return
     with (
+        needed("dask.config").set(QUIET),
         _own_cluster(distributed) as cluster,
         distributed.Client(cluster, set_as_default=False) as made,
     ):
