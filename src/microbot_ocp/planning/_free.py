@@ -93,6 +93,7 @@ SWING_MESH = 30  # the same of swings, which take longer
 EXPLORE_TOLERANCE = 1e-5
 AGREEING = 3  # starts that end at the same optimum are enough
 PATIENCE, LEAST_ITERATIONS = 4, 100  # times the iterations of a start that was solved
+MOST_STARTING = 30.0  # s, of one start: fatrop may loop for ever
 SAME = 1e-3  # share of the duration by which two solves of the same optimum may differ
 TINY = 1e-12
 WORTH = 1e-4  # share of the duration: less is not worth another mesh where joints turn back
@@ -100,7 +101,7 @@ WORTH = 1e-4  # share of the duration: less is not worth another mesh where join
 POLISHING = 15
 MOST_REFINED = 3  # of the optima found on the coarse mesh
 # Intervals of all phases together where nobody says how many: 30 via points need no 3000
-FULL_MESH, FULL_MESH_OF_FRICTION, FULL_MESH_SUM, LEAST_MESH = 80, 100, 400, 25
+FULL_MESH, FULL_MESH_EVEN, FULL_MESH_SUM, LEAST_MESH = 80, 100, 400, 25
 GRADED = 0.5  # share of a mesh's intervals that are where the accelerations change
 # Barrier parameter from the coarse mesh to the full one, with multipliers: 17, 14, 14 and 62
 # iterations on four tasks of the Microbot with 1e-5; 22, 14, 15 and 109 with 1e-7
@@ -123,8 +124,9 @@ class TimeOptimalSettings:
     Attributes
     ----------
     mesh : intervals of each phase in the first full solve; half of them are where the accelerations
-        change, except with dry friction, where they are even; by default 80, with dry friction
-        100, and fewer where there are many phases: 400 together, but at least 25 each
+        change, except with dry friction, limits of jerk or torque rate and further limits, where
+        they are even; by default 80, where even 100, and fewer where there are many phases: 400
+        together, but at least 25 each
     starts : how many starting motions to try on the coarse mesh; fewer where three agree
     tries : how many to try at most: while fewer than ``starts`` are solved, the arm is made to
         swing to and fro at random, as it must where torques are too small to lift it
@@ -309,7 +311,6 @@ class FreeSearch:
             rough=ROUGH_TOLERANCE,
             polishing=POLISHING,
             fitted=partial(with_windows, self.dry) if has_windows(family) else None,
-            foresight=FORESIGHT,
         )
 
     def _kernels(self, budget: float | None = None) -> Transcription:
@@ -341,7 +342,8 @@ class FreeSearch:
         """What every start led to on a coarse mesh."""
         tried: list[dict[str, Any]] = []
         found: list[Solution] = []
-        refiner, own = self._coarse_refiner, self.refiner.settings
+        own = replace(self.refiner.settings, time_limit=MOST_STARTING)
+        refiner = replace(self._coarse_refiner, settings=own)
         for guess, mesh, solver in self._trials():
             patience = [PATIENCE * s.attempts[-1].iterations for s in found if s.status.solved]
             if patience:  # what takes so much longer than another start is given up
@@ -387,10 +389,18 @@ class FreeSearch:
             yield guess, min(coarse, SWING_MESH), other if solver == "auto" else solver
 
     @property
+    def _accelerations_jump(self) -> bool:
+        """Whether only velocities, accelerations and smooth torques are limited: bang-bang arcs."""
+        plain = all(member.limit is None for member in self.family)
+        return (
+            plain and self.refiner.fitted is None and not {"qddd", "taud"} & set(self.family.keys)
+        )
+
+    @property
     def _mesh(self) -> int:
         if self.settings.mesh is not None:
             return self.settings.mesh
-        most = FULL_MESH if self.refiner.fitted is None else FULL_MESH_OF_FRICTION
+        most = FULL_MESH if self._accelerations_jump else FULL_MESH_EVEN
         return max(min(most, FULL_MESH_SUM // len(self.names)), LEAST_MESH)
 
     # refinement -----------------------------------------------------------------------------
@@ -453,28 +463,36 @@ class FreeSearch:
 
     def _refined(self, coarse: Solution) -> Solution:
         """Coarse to fine, then local refinement while limits are exceeded."""
-        many = len(self.names) > MANY_PHASES
-        refiner, own = self.refiner, self.refiner.settings
+        refiner = self.refiner
+        if self._accelerations_jump:
+            return self._refined_where_they_jump(coarse)
+        best = refiner.finer(coarse, [self._mesh] * len(self.names))
         if refiner.fitted is not None:
-            best = refiner.finer(coarse, [self._mesh] * len(self.names))
             best = refiner.sharpen(best, self._reversals, worth=WORTH)
-        else:
-            farther = replace(own, options={"ipopt": {"mu_init": FAR_BARRIER}})
-            meshes = [graded(phase, self._mesh) for phase in coarse.phases]
-            best = coarse
-            if many:  # multipliers of so coarse a mesh mislead: 87 iterations, 65 without
-                best = refiner.solve(meshes, self._guess_from(coarse))
-            if not (many and best.status.solved and best.cost <= (1 + WORSE) * coarse.cost):
-                best = replace(refiner, settings=farther).finer(coarse, meshes)
-            if not many:
-                # a refined mesh is seldom refined again: to the last digits at once
-                least = replace(own, max_iterations=min(own.max_iterations, MOST_EXACT))
-                exact = replace(refiner, settings=least, rough=None)
-                best = exact.refine(best, self._velocity_switches)
-        best = refiner.refine(best, self._velocity_switches)
+        best = refiner.refine(best)
+        if any(places.any() for places in self._velocity_switches(best)):
+            best = refiner.refine(refiner.sharpen(best, self._velocity_switches))
         if "qddd" in self.family:
-            best = self.refiner.refine(self.refiner.sharpen(best, self._jerk_switches))
+            best = refiner.refine(refiner.sharpen(best, self._jerk_switches))
         return best
+
+    def _refined_where_they_jump(self, coarse: Solution) -> Solution:
+        """As :meth:`_refined`, with a mesh that is finer where the coarse accelerations change."""
+        many = len(self.names) > MANY_PHASES
+        refiner, own = replace(self.refiner, foresight=FORESIGHT), self.refiner.settings
+        meshes = [graded(phase, self._mesh) for phase in coarse.phases]
+        best = coarse
+        if many:  # multipliers of so coarse a mesh mislead: 87 iterations, 65 without
+            best = refiner.solve(meshes, self._guess_from(coarse))
+        if not (many and best.status.solved and best.cost <= (1 + WORSE) * coarse.cost):
+            farther = replace(own, options={"ipopt": {"mu_init": FAR_BARRIER}})
+            best = replace(refiner, settings=farther).finer(coarse, meshes)
+        if not many:
+            # a refined mesh is seldom refined again: to the last digits at once
+            least = replace(own, max_iterations=min(own.max_iterations, MOST_EXACT))
+            exact = replace(refiner, settings=least, rough=None)
+            best = exact.refine(best, self._velocity_switches)
+        return refiner.refine(best, self._velocity_switches)
 
     def _honest_duration(self, solution: Solution) -> float:
         return solution.duration * (1.0 + max(0.0, self._largest_excess(solution)))

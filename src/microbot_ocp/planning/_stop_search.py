@@ -31,6 +31,7 @@ from microbot_ocp.planning._free import (
     EXPLORE_SUM,
     EXPLORE_TOLERANCE,
     LEAST_EXPLORE_MESH,
+    MOST_STARTING,
     SAME,
     FreeSearch,
     TimeOptimalSettings,
@@ -126,7 +127,8 @@ class StopSearch(FreeSearch):
         """What every way led to on a coarse mesh, and some others beside the best of them."""
         mesh = min(self._mesh, max(EXPLORE_SUM // len(self.names), LEAST_EXPLORE_MESH))
         solver = ("fatrop", "ipopt") if self.settings.solver == "auto" else self.settings.solver
-        brief = replace(self.refiner.settings, max_iterations=MOST_EXPLORING)
+        own = self.refiner.settings
+        brief = replace(own, max_iterations=MOST_EXPLORING, time_limit=MOST_STARTING)
         explorer = replace(self.refiner, settings=brief)
         tried: list[dict[str, Any]] = []
         found: list[Solution] = []

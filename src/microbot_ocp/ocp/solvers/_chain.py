@@ -34,6 +34,8 @@ from microbot_ocp.ocp.solvers._tightening import tightened
 from microbot_ocp.ocp.transcription import Guess, Meshes, Program, Transcription, assemble
 from microbot_ocp.ocp.transcription.schemes import Scheme
 
+MOST_BEFORE_ANOTHER = 10.0  # s, of fatrop, which may loop for ever, where another solver follows
+
 
 def solve_on(
     transcription: Transcription,
@@ -111,9 +113,12 @@ def run_chain(
         turns = [("ipopt", True), *([] if warm_only else turns)]
     attempts: list[Attempt] = []
     outcome: Outcome | None = None
-    for name, variant in turns:
+    for turn, (name, variant) in enumerate(turns):
         given = start if variant or name == "sqp" else StartingPoint(start.x)
-        tried = run(program, name, settings, given, variant, progress, made, until)
+        now, end = time.perf_counter(), until
+        if name == "fatrop" and turn + 1 < len(turns):
+            end = min(now + MOST_BEFORE_ANOTHER, now + 0.5 * (until - now))
+        tried = run(program, name, settings, given, variant, progress, made, end)
         attempts.append(tried.attempt)
         status = tried.attempt.status
         # what one solver finds infeasible is not less so where the next one breaks down
