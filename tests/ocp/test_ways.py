@@ -70,24 +70,33 @@ def test_a_solve_in_progress_is_stopped():
 
 def test_work_in_a_child_comes_back_or_ends():
     soon = time.perf_counter() + 5.0
-    heard = []
+    begun = []
 
-    def work(send):
-        send(1)
-        return {"x": np.arange(3.0), "process": os.getpid()}
+    def begins(then):
+        def work(send):
+            send(os.getpid())
+            return then()
 
-    found = in_child(work, soon, lambda what: heard.append(what) or True)
-    assert heard == [1]
+        return work
+
+    def heard(process):
+        begun.append(process)
+        return True
+
+    found = in_child(begins(lambda: {"x": np.arange(3.0), "process": os.getpid()}), soon, heard)
+    assert begun == [found["process"]]
     assert found["x"].tolist() == [0.0, 1.0, 2.0]
     assert found["process"] != os.getpid()
     with pytest.raises(OutOfTime):
-        in_child(lambda _: time.sleep(60.0), time.perf_counter() + 0.1)
+        in_child(begins(lambda: time.sleep(60.0)), time.perf_counter() + 0.1, heard)
     with pytest.raises(Died):
-        in_child(lambda _: os._exit(3), soon)
+        in_child(begins(lambda: os._exit(3)), soon, heard)
     with pytest.raises(KeyboardInterrupt):
-        in_child(work, soon, lambda _: False)
-    with pytest.raises(ChildProcessError):  # nothing is left
-        os.waitpid(-1, os.WNOHANG)
+        in_child(begins(lambda: None), soon, lambda process: not heard(process))
+    assert len(begun) == 4
+    for process in begun:  # nothing is left
+        with pytest.raises(ChildProcessError):
+            os.waitpid(process, os.WNOHANG)
 
 
 # meshes -------------------------------------------------------------------------------------------

@@ -32,6 +32,8 @@ from microbot_ocp.robot import Robot, inverse_dynamics
 NOTHING = 1e-8  # of the largest acceleration: a term of a polynomial that counts as none
 SCHEMA = 1  # of the files
 ARRAYS = ("t", "q", "qd", "qdd", "tau", "breaks")
+ROUNDING = 360 * np.finfo(float).eps  # of positions, in the acceleration of a quintic, times h^-2
+NOISE = 1e-6  # of that, share of the largest acceleration
 SAMPLE_STEP = 1e-3  # s, the longest step between the samples of a new motion
 MOST_SAMPLES = 100_000  # of even steps; motions longer than 100 s have longer ones
 
@@ -393,6 +395,11 @@ def pieces_of(motion: Motion, i: np.ndarray | None = None) -> FloatArray:
     h = motion.t[first + 1] - motion.t[first]
     start, end = (State(motion.q[k], motion.qd[k], motion.qdd[k]) for k in (first, first + 1))
     c = quintic_between(start, end, h)
+    # In so short an interval positions differ by their rounding: the acceleration runs straight.
+    rounding = ROUNDING * np.abs(start.q).max(axis=1, initial=0.0)
+    short = rounding > h**2 * NOISE * np.abs(motion.qdd).max(initial=0.0)
+    c[short, 3] = (end.qdd - start.qdd)[short] / (6.0 * h[short, None])
+    c[short, 4:] = 0.0
     c[jump_gaps(motion.t, first), 3:] = 0.0  # inside a jump the earlier acceleration goes on
     return c
 

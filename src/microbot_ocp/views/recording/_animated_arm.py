@@ -151,9 +151,10 @@ def drawn_rate(rate: float | None, motions: Sequence[Motion]) -> tuple[float, st
     """``rate`` (Hz), or one that bounds the size of a recording; and what to say of it."""
     if rate is not None:
         return rate, ""
-    most = MOST_SAMPLES / sum(motion.duration for motion in motions)
-    if most >= RATE:
+    together = sum(motion.duration for motion in motions)
+    if RATE * together <= MOST_SAMPLES:
         return RATE, ""
+    most = MOST_SAMPLES / together
     return most, f"Drawn at {most:.3g} Hz, because it is long; rate= asks for more."
 
 
