@@ -24,6 +24,7 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+from border_calls import declared
 
 import microbot_ocp as mo
 from microbot_ocp._base import deadline
@@ -177,15 +178,7 @@ def robot():
 
 @cache
 def problem():
-    made = mo.ocp.OptimalControlProblem("double integrator")
-    phase = made.phase("move", duration=(0.1, 10.0))
-    x = phase.state("x", initial=0.0, final=1.0, unit="m")
-    v = phase.state("v", initial=0.0, final=0.0, unit="m/s")
-    u = phase.control("u", lower=-1.0, upper=1.0, unit="N")
-    phase.derivative(x, v)
-    phase.derivative(v, u)
-    phase.end_cost(phase.duration)
-    return made
+    return declared()["problem"]
 
 
 @cache

@@ -278,8 +278,8 @@ class Motion:
             ``.csv``: heads with units. ``.json``: a ``trajectory_msgs/JointTrajectory`` of ROS, as
             MoveIt and ros2_control take it. ``.mat``: MATLAB (needs scipy). ``.parquet`` (needs
             pyarrow). ``.xml``: keyframes of a MuJoCo model. ``.gif``, ``.mp4``: a film of the arm
-            with ``rate`` and ``theme`` of ``write_animation``;
-            it needs ``robot``. Read back by :meth:`load` is only what :meth:`save` writes.
+            with ``rate`` and ``theme`` of ``write_animation``; it needs ``robot``. Read back by
+            :meth:`load` is only what :meth:`save` writes.
         rate : float, optional
             Samples a second, Hz, the end included; default the motion's own samples.
         robot : Robot, optional
@@ -370,8 +370,8 @@ def sample_times(breaks: FloatArray, jumps: FloatArray, step: float, least: int 
 
     There are at least ``least`` steps to an interval, so that the samples tell how the acceleration
     runs in it. Long motions have longer steps, so that memory is bounded
-    (:data:`checks.MOST_SAMPLES`). Every
-    time in ``jumps`` is preceded by a sample 1 microsecond before it, or less in short intervals.
+    (:data:`checks.MOST_SAMPLES`). Every time in ``jumps`` is preceded by a sample 1 microsecond
+    before it, or less in short intervals.
     """
     pieces = []
     step = max(step, float(breaks[-1] - breaks[0]) / checks.MOST_SAMPLES)
