@@ -25,6 +25,7 @@ from microbot_ocp.ocp import Solution
 from microbot_ocp.ocp.solution import StepProgress
 from microbot_ocp.planning._fast_timing import time_path
 from microbot_ocp.planning._free import FreeSearch, TimeOptimalSettings
+from microbot_ocp.planning._free_problem import phase_names
 from microbot_ocp.planning._initial_guesses import InitialGuess, guesses_along
 from microbot_ocp.planning._task import ROUGH_TOLERANCE, check_rest
 from microbot_ocp.robot import Robot
@@ -264,7 +265,7 @@ def _solved(
     """The fastest motion found from timed paths, with all pairs that matter in the problem."""
     robot: Robot = family.robot
     pairs = scene.pairs(robot)
-    names = [f"phase {i + 1}" for i in range(len(via) - 1)]
+    names = phase_names(len(via) - 1)
     near = np.zeros(len(pairs), dtype=bool)
     for path in paths:
         near |= _apart(robot, pairs, path.motion).min(axis=0) < NEAR * reach_of(robot)

@@ -41,6 +41,7 @@ from microbot_ocp.planning._free_problem import (
     effort_scale,
     excess_between,
     motion_at_mesh,
+    phase_names,
     polynomial,
     transcription,
     via_times,
@@ -292,7 +293,7 @@ class FreeSearch:
         self.dry: np.ndarray = dry_friction(self.robot) > 0.0
         self.scale = TaskScale.of(family, via)
         self.progress = progress
-        self.names = [f"phase {i + 1}" for i in range(len(via) - 1)]
+        self.names = phase_names(len(via) - 1)
         self.calmed: dict[str, Any] = {}
         self.relaxed: Explanation | None = None
         begin = time.perf_counter()
@@ -752,7 +753,7 @@ class TimeOptimalSolver:
         self._rounds = rounds
         self._settings = TimeOptimalSettings(mesh=mesh, starts=starts, compiled=compiled, seed=seed)
         self._reference: Solution | None = None
-        self._phases = [f"phase {i + 1}" for i in range(len(self.via_q) - 1)]
+        self._phases = phase_names(len(self.via_q) - 1)
         held: Robot = with_locked_joints_held(LimitFamily.of(robot)).robot
         self._kernels = transcription(
             held, self.via_q.tobytes(), len(self.via_q), compiled, payload=True

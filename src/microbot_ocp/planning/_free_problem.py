@@ -34,6 +34,11 @@ SMOOTHING = 1e-6
 OF_VARIABLES = ("q", "qd", "qdd")  # limits that are bounds of states and of the control
 
 
+def phase_names(count: int) -> list[str]:
+    """The phases of a motion in their order, one from each stop to the next."""
+    return [f"phase {index + 1}" for index in range(count)]
+
+
 @lru_cache(maxsize=16)
 def transcription(
     robot: Robot,
@@ -93,7 +98,7 @@ def free_problem(
     still = np.zeros(count)
     rated = any(member.order == 3 for member in family)
     problem = OptimalControlProblem(f"time-optimal motion of {robot.name}")
-    for index, start in enumerate(via[:-1]):
+    for index, (name, start) in enumerate(zip(phase_names(len(via) - 1), via[:-1], strict=True)):
         first, last = index == 0, index == len(via) - 2
         at_start, at_end = told.ends[index], told.ends[index + 1]
         own_family = LimitFamily.of(told.robots[index])
@@ -104,7 +109,7 @@ def free_problem(
         made = partial(torques_of, keys=constraints, payload=payload)
         torques: Callable[..., Any] = made(moving)
         phase = problem.phase(
-            f"phase {index + 1}",
+            name,
             duration=(size.shortest[index], size.longest[index]),
             scale=None if size.time == 1.0 else size.time,
         )

@@ -30,6 +30,7 @@ from microbot_ocp.planning._among_obstacles import (
 from microbot_ocp.planning._branches import Way, ways_through
 from microbot_ocp.planning._fast_timing import time_path
 from microbot_ocp.planning._free import TimeOptimalSettings
+from microbot_ocp.planning._free_problem import phase_names
 from microbot_ocp.planning._initial_guesses import InitialGuess
 from microbot_ocp.planning._stop_search import (
     StopSearch,
@@ -133,7 +134,9 @@ def stops_among(
     near = NEAR * reach_of(robot)
     guided = _ways_around(task, around, progress)
     for way, shapes in guided:
-        for name, path, own in zip(_names(task), way.paths, task.robots, strict=True):
+        for name, path, own in zip(
+            phase_names(len(way.paths)), way.paths, task.robots, strict=True
+        ):
             shape = shapes.get(name)
             q = path if shape is None else shape(np.linspace(0.0, shape.duration, SAMPLES))
             around.add(own, q, near)
@@ -157,10 +160,6 @@ def stops_among(
         told |= {"status": str(Status.LIMITS_EXCEEDED), "advice": found.sentence}
         return replace(motion, provenance=told, note=f"not solved: {found.sentence}")
     return replace(motion, provenance=told)
-
-
-def _names(task: Task) -> list[str]:
-    return [f"phase {k + 1}" for k in range(len(task.segments))]
 
 
 def _add_along(around: Around, task: Task, motion: Motion, near: float) -> bool:
@@ -216,8 +215,8 @@ def _led_around(
     task: Task, places: Sequence[Surroundings], way: Way, seed: int
 ) -> dict[str, PiecewisePolynomial] | None:
     """A timed path for every free segment of a way; None where the planner finds none."""
-    shapes = {}
-    for k, (name, kind) in enumerate(zip(_names(task), task.segments, strict=True)):
+    shapes, names = {}, phase_names(len(task.segments))
+    for k, (name, kind) in enumerate(zip(names, task.segments, strict=True)):
         if kind is not None:
             continue
         leg = next(iter(detours(places[k], way.via[k], way.via[k + 1], range(seed, seed + 1))))
