@@ -10,10 +10,11 @@ from ._fast_timing import (
     time_path as time_path,
 )
 from ._free import (
-    TimeOptimalSettings as TimeOptimalSettings,
-    TimeOptimalSolver as TimeOptimalSolver,
     fastest_motion as fastest_motion,
     time_optimal as time_optimal,
+)
+from ._free_search import (
+    TimeOptimalSettings as TimeOptimalSettings,
 )
 from ._path_timing import (
     PathTimingSettings as PathTimingSettings,
@@ -30,6 +31,9 @@ from ._phase_plane import (
     PathLimit as PathLimit,
     PhasePlane as PhasePlane,
     phase_plane as phase_plane,
+)
+from ._prepared import (
+    TimeOptimalSolver as TimeOptimalSolver,
 )
 from ._progress import (
     MotionIteration as MotionIteration,

@@ -24,8 +24,8 @@ from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial, pieces_of
 from microbot_ocp.ocp import Solution
 from microbot_ocp.ocp.solution import StepProgress
 from microbot_ocp.planning._fast_timing import time_path
-from microbot_ocp.planning._free import FreeSearch, TimeOptimalSettings
 from microbot_ocp.planning._free_problem import phase_names
+from microbot_ocp.planning._free_search import FreeSearch, TimeOptimalSettings
 from microbot_ocp.planning._initial_guesses import InitialGuess, guesses_along
 from microbot_ocp.planning._task import ROUGH_TOLERANCE, check_rest
 from microbot_ocp.robot import Robot

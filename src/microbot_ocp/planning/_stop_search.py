@@ -25,7 +25,8 @@ from microbot_ocp.ocp.solution import StepProgress
 from microbot_ocp.ocp.transcription import Guess, Transcription
 from microbot_ocp.planning._branches import Way, ways_through
 from microbot_ocp.planning._conditions import Conditions
-from microbot_ocp.planning._free import (
+from microbot_ocp.planning._free_problem import excess_along, polynomial, transcription
+from microbot_ocp.planning._free_search import (
     CALMER_BARRIER,
     EXPLORE_MESH,
     EXPLORE_SUM,
@@ -36,7 +37,6 @@ from microbot_ocp.planning._free import (
     FreeSearch,
     TimeOptimalSettings,
 )
-from microbot_ocp.planning._free_problem import excess_along, polynomial, transcription
 from microbot_ocp.planning._initial_guesses import InitialGuess, initial_guesses
 from microbot_ocp.planning._scale import TaskScale
 from microbot_ocp.planning._segments import Segment

@@ -29,8 +29,8 @@ from microbot_ocp.planning._among_obstacles import (
 )
 from microbot_ocp.planning._branches import Way, ways_through
 from microbot_ocp.planning._fast_timing import time_path
-from microbot_ocp.planning._free import TimeOptimalSettings
 from microbot_ocp.planning._free_problem import phase_names
+from microbot_ocp.planning._free_search import TimeOptimalSettings
 from microbot_ocp.planning._initial_guesses import InitialGuess
 from microbot_ocp.planning._stop_search import (
     StopSearch,

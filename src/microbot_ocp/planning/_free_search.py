@@ -1,0 +1,544 @@
+"""The search behind a free time-optimal motion: several starts, the best refined.
+
+Each segment between two via points is a phase (see ``_free_problem.py``); torque limits are kept by
+the inverse dynamics, which needs no inverse of the mass matrix. Local optima are real: several
+starts are tried on a coarse mesh, and a finer mesh whose optimum is worse than the coarse one is
+not accepted.
+"""
+
+from __future__ import annotations
+
+import itertools
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from microbot_ocp._base import checks, deadline
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.status import Status
+from microbot_ocp.limits import LIMIT_TOLERANCE, LimitFamily
+from microbot_ocp.motion import Mark, Motion
+from microbot_ocp.ocp import Explanation, PhaseSolution, Solution, SolverSettings
+from microbot_ocp.ocp.refinement import WORSE, Refiner
+from microbot_ocp.ocp.solution import StepProgress
+from microbot_ocp.ocp.transcription import Guess, Transcription
+from microbot_ocp.planning._free_problem import (
+    SMOOTHING,
+    effort_scale,
+    excess_between,
+    motion_at_mesh,
+    phase_names,
+    polynomial,
+    transcription,
+    via_times,
+)
+from microbot_ocp.planning._friction import (
+    dry_friction,
+    has_windows,
+    rates_at_reversals,
+    reversals,
+    rounded,
+    with_windows,
+)
+from microbot_ocp.planning._initial_guesses import (
+    InitialGuess,
+    guesses_along,
+    initial_guesses,
+    swings,
+)
+from microbot_ocp.planning._least_violation import guesses_from, judged, least_violation
+from microbot_ocp.planning._progress import with_motion
+from microbot_ocp.planning._scale import TaskScale
+from microbot_ocp.planning._switching import in_arcs
+from microbot_ocp.planning._task import (
+    GAP,
+    ROUGH_TOLERANCE,
+    jerk_switches,
+    provenance_of,
+    verdict,
+    whole,
+    with_locked_joints_held,
+)
+from microbot_ocp.robot import Robot
+
+EXPLORE_MESH = 20  # intervals a phase for the first look at every start
+SWING_MESH = 30  # the same of swings, which take longer
+EXPLORE_TOLERANCE = 1e-5
+AGREEING = 3  # starts that end at the same optimum are enough
+PATIENCE, LEAST_ITERATIONS = 4, 100  # times the iterations of a start that was solved
+MOST_STARTING = 30.0  # s, of one start: fatrop may loop for ever
+SAME = 1e-3  # share of the duration by which two solves of the same optimum may differ
+TINY = 1e-12
+WORTH = 1e-4  # share of the duration: less is not worth another mesh where joints turn back
+# Iterations for the last digits: 8 to 10 without dry friction; with it 50 to 80 gain 7e-5
+POLISHING = 15
+MOST_REFINED = 3  # of the optima found on the coarse mesh
+# Intervals of all phases together where nobody says how many: 30 via points need no 3000
+FULL_MESH, FULL_MESH_EVEN, FULL_MESH_SUM, LEAST_MESH = 80, 100, 400, 25
+GRADED = 0.5  # share of a mesh's intervals that are where the accelerations change
+# Barrier parameter from the coarse mesh to the full one, with multipliers: 17, 14, 14 and 62
+# iterations on four tasks of the Microbot with 1e-5; 22, 14, 15 and 109 with 1e-7
+FAR_BARRIER = 3e-5
+FORESIGHT = 0.5  # of the accepted excess: intervals near it are split along with the others
+MANY_PHASES = 5  # more take over 40 iterations to the full tolerance on a refined mesh
+MOST_EXACT = 40  # iterations of a refined mesh to the full tolerance, before roughly
+CALMER_BARRIER = 1e-3  # of the solve for less effort, from the fastest motion slowed down
+EXPLORE_SUM, LEAST_EXPLORE_MESH = 160, 6
+
+
+@dataclass(frozen=True)
+class TimeOptimalSettings:
+    """How hard to look.
+
+    Attributes
+    ----------
+    mesh : intervals of each phase in the first full solve; half of them are where the accelerations
+        change, except with dry friction, limits of jerk or torque rate and further limits, where
+        they are even; by default 80, where even 100, and fewer where there are many phases: 400
+        together, but at least 25 each
+    starts : how many starting motions to try on the coarse mesh; fewer where three agree
+    tries : how many to try at most: while fewer than ``starts`` are solved, the arm is made to
+        swing to and fro at random, as it must where torques are too small to lift it
+    slack : share of the shortest duration that may be given for less effort: of all motions at
+        most so much slower the one of least effort is returned, the time integral of the squared
+        torques, each relative to its limit (of the accelerations where a robot has no masses). Zero
+        is the fastest motion; a smoothing of the jerk, which costs 1.3e-5 of the duration of the
+        Microbot task, then picks one where many are equally fast
+    limit_tolerance : largest relative excess of a limit between mesh points; the mesh is refined
+        until it holds
+    switching_times : whether the times at which one limit takes over from another are solved for
+        in the end, each arc a phase of free length: the fastest motion to the accuracy of the
+        integrator, with accelerations that jump, and its times in the provenance. Where the arcs
+        cannot be found it is the motion of the mesh, and the provenance says why
+    solver : "auto" (fatrop explores, IPOPT finishes), "fatrop" or "ipopt" for everything
+    compiled : compile the kernels to C where there is a compiler
+    seed : of the random starts
+    time_limit : wall time, s, after which the best so far is returned with the status "time limit"
+    """
+
+    mesh: int | None = None
+    starts: int = 5
+    tries: int = 30
+    slack: float = 0.0
+    limit_tolerance: float = 5e-4
+    switching_times: bool = False
+    solver: str = "auto"
+    compiled: bool = True
+    seed: int = 0
+    time_limit: float = np.inf
+
+    def __post_init__(self) -> None:
+        checks.time_limit(self.time_limit)
+        if self.mesh is not None:
+            whole("mesh", self.mesh, "intervals", at_least=4)
+        whole("starts", self.starts, at_least=1)
+        whole("tries", self.tries, at_least=0)
+        whole("seed", self.seed, at_least=0, at_most=2**63)
+        checks.number("slack", self.slack, at_least=0.0)
+        checks.number("limit_tolerance", self.limit_tolerance, above=0.0)
+        if self.switching_times and self.slack:
+            raise InputError("switching_times are those of the fastest motion: slack must be 0")
+        checks.one_of("solver", self.solver, ("auto", "fatrop", "ipopt"))
+
+
+class FreeSearch:
+    """Several starts on a coarse mesh, the best refined until limits hold between points."""
+
+    def __init__(
+        self,
+        family: LimitFamily,
+        via: FloatArray,
+        settings: TimeOptimalSettings,
+        progress: StepProgress,
+        kernels: Transcription | None = None,
+    ) -> None:
+        self.family, self.via, self.settings = family, via, settings
+        self.robot: Robot = family.robot
+        self.dry: np.ndarray = dry_friction(self.robot) > 0.0
+        self.scale = TaskScale.of(family, via)
+        self.progress = progress
+        self.names = phase_names(len(via) - 1)
+        self.calmed: dict[str, Any] = {}
+        self.relaxed: Explanation | None = None
+        begin = time.perf_counter()
+        kernels = kernels or self._kernels()
+        if deadline.over():  # they may not be compiled: made again the next time
+            transcription.cache_clear()
+        self.kernel_time = time.perf_counter() - begin
+        self.refiner = Refiner(
+            kernels,
+            self._guess_from,
+            self._excess,
+            settings.limit_tolerance,
+            solver="ipopt" if settings.solver == "auto" else settings.solver,
+            progress=with_motion(progress, self.robot, via, motion_at_mesh),
+            settings=SolverSettings(gap=GAP),
+            rough=ROUGH_TOLERANCE,
+            polishing=POLISHING,
+            fitted=partial(with_windows, self.dry) if has_windows(family) else None,
+        )
+
+    def _kernels(self, budget: float | None = None) -> Transcription:
+        held: Robot = with_locked_joints_held(self.family).robot
+        compiled = self.settings.compiled
+        return transcription(held, self.via.tobytes(), len(self.via), compiled, budget=budget)
+
+    def run(self) -> Motion:
+        begin = time.perf_counter()
+        starts, solution = self.search()
+        if self.settings.slack and self._rank(solution)[0] is False and not deadline.over():
+            solution = self._calmer(solution)
+        motion = self._motion(solution, starts, time.perf_counter() - begin + self.kernel_time)
+        if not self.settings.switching_times or not motion.solved:
+            return motion
+        held: Robot = with_locked_joints_held(self.family).robot
+        exact = in_arcs(self.family, held, motion, self._guess_from(solution), self.progress)
+        spent = time.perf_counter() - begin + self.kernel_time
+        return replace(exact, provenance={**exact.provenance, "wall_time": spent})
+
+    def search(self) -> tuple[list[dict[str, Any]], Solution]:
+        """What became of every start, and the best solution, refined."""
+        starts, found = self._explore()
+        return starts, self._finish(found)
+
+    # starts ---------------------------------------------------------------------------------
+
+    def _explore(self) -> tuple[list[dict[str, Any]], list[Solution]]:
+        """What every start led to on a coarse mesh."""
+        tried: list[dict[str, Any]] = []
+        found: list[Solution] = []
+        own = replace(self.refiner.settings, time_limit=MOST_STARTING)
+        refiner = replace(self._coarse_refiner, settings=own)
+        for guess, mesh, solver in self._trials():
+            patience = [PATIENCE * s.attempts[-1].iterations for s in found if s.status.solved]
+            if patience:  # what takes so much longer than another start is given up
+                most = max(LEAST_ITERATIONS, *patience)
+                refiner = replace(refiner, settings=replace(own, max_iterations=most))
+                solver = solver if isinstance(solver, str) else solver[0]
+            solution = refiner.solve(
+                mesh, guess.guesses, tolerance=EXPLORE_TOLERANCE, solver=solver
+            )
+            tried.append(
+                {
+                    "start": guess.name,
+                    "status": str(solution.status),
+                    "duration": solution.duration,
+                }
+            )
+            self.progress(
+                f"start {guess.name}: {solution.duration:.4f} s on {mesh} intervals a phase, "
+                f"{solution.status}"
+            )
+            found.append(solution)
+            if solution.status is Status.INTERRUPTED or deadline.over():
+                break
+            solved = [s.duration for s in found if s.status.solved]
+            best = min(solved, default=0.0)
+            if sum(duration <= (1 + SAME) * best for duration in solved) >= AGREEING:
+                break
+            if len(found) >= self.settings.starts <= len(solved):
+                break
+        return tried, found
+
+    def _trials(self) -> Iterator[tuple[InitialGuess, int, str | tuple[str, ...]]]:
+        """Guesses with the intervals a phase and the solver for each."""
+        solver, seed = self.settings.solver, self.settings.seed
+        task = self.family, self.via, self.names
+        coarse = min(self._mesh, max(EXPLORE_SUM // len(self.names), LEAST_EXPLORE_MESH))
+        for guess in initial_guesses(*task, self.settings.starts, seed):
+            both = ("fatrop", "ipopt") if solver == "auto" else solver
+            yield guess, min(coarse, EXPLORE_MESH), both
+        further = max(self.settings.tries - self.settings.starts, 0)
+        for index, guess in enumerate(itertools.islice(swings(*task, seed), further)):
+            other = "ipopt" if index % 3 == 2 else "fatrop"  # what one misses the other may find
+            yield guess, min(coarse, SWING_MESH), other if solver == "auto" else solver
+
+    @property
+    def _accelerations_jump(self) -> bool:
+        """Whether only velocities, accelerations and smooth torques are limited: bang-bang arcs."""
+        plain = all(member.limit is None for member in self.family)
+        return (
+            plain and self.refiner.fitted is None and not {"qddd", "taud"} & set(self.family.keys)
+        )
+
+    @property
+    def _mesh(self) -> int:
+        if self.settings.mesh is not None:
+            return self.settings.mesh
+        most = FULL_MESH if self._accelerations_jump else FULL_MESH_EVEN
+        return max(min(most, FULL_MESH_SUM // len(self.names)), LEAST_MESH)
+
+    # refinement -----------------------------------------------------------------------------
+
+    def _finish(self, found: list[Solution]) -> Solution:
+        """Refine the most promising coarse answers until none of the others can be better.
+
+        What an answer exceeds its limits by between mesh points counts as if it were slower by as
+        much, so that none wins by that.
+        """
+        best: Solution | None = None
+        hoped: list[float] = []
+        solved = [s for s in found if s.status.solved]
+        if not solved:
+            nearest = min(found, key=lambda s: (not s.attempts, s.attempts[-1].infeasibility))
+            relaxed = self._relaxed(nearest)
+            if not relaxed.status.solved:
+                return self.refiner.finished(self._refined(relaxed))
+            solved = [relaxed]
+        for coarse in sorted(solved, key=self._honest_duration):
+            honest = self._honest_duration(coarse)
+            if any(abs(honest - other) <= SAME * other for other in hoped):
+                continue
+            if best is not None and (
+                deadline.over()
+                or len(hoped) == MOST_REFINED
+                or self._rank(best) <= (False, (1 - SAME) * honest)
+            ):
+                break
+            hoped.append(honest)
+            refined = self._refined(coarse)
+            best = refined if best is None else min(best, refined, key=self._rank)
+        assert best is not None
+        return self.refiner.finished(best)
+
+    def _relaxed(self, nearest: Solution) -> Solution:
+        """The nearest of answers that break limits, after a look at what has to give.
+
+        A solution where nothing has to.
+        """
+        if deadline.over() or nearest.status is Status.INTERRUPTED:
+            return nearest
+        kernels = self._coarse_refiner.transcription
+        meshes = [phase.mesh for phase in nearest.phases]
+        own = initial_guesses(self.family, self.via, self.names, 1, self.settings.seed)
+        self.relaxed = least_violation(kernels, [next(own).guesses, nearest], meshes)
+        self.progress(f"relaxed problem: {self.relaxed}")
+        if not (self.relaxed.conclusive and self.relaxed.feasible):
+            return nearest
+        guesses = guesses_from(self.relaxed)
+        found = self._coarse_refiner.solve(meshes, guesses, tolerance=EXPLORE_TOLERANCE)
+        return found if found.status.solved else nearest
+
+    @property
+    def _coarse_refiner(self) -> Refiner:
+        if self.refiner.fitted is None:
+            return self.refiner
+        kernels = rounded(self.refiner.transcription, self.scale.velocity)
+        return replace(self.refiner, transcription=kernels)
+
+    def _refined(self, coarse: Solution) -> Solution:
+        """Coarse to fine, then local refinement while limits are exceeded."""
+        refiner = self.refiner
+        if self._accelerations_jump:
+            return self._refined_where_they_jump(coarse)
+        best = refiner.finer(coarse, [self._mesh] * len(self.names))
+        if refiner.fitted is not None:
+            best = refiner.sharpen(best, self._reversals, worth=WORTH)
+        best = refiner.refine(best)
+        if any(places.any() for places in self._velocity_switches(best)):
+            best = refiner.refine(refiner.sharpen(best, self._velocity_switches))
+        if "qddd" in self.family:
+            best = refiner.refine(refiner.sharpen(best, self._jerk_switches))
+        return best
+
+    def _refined_where_they_jump(self, coarse: Solution) -> Solution:
+        """As :meth:`_refined`, with a mesh that is finer where the coarse accelerations change."""
+        many = len(self.names) > MANY_PHASES
+        refiner, own = replace(self.refiner, foresight=FORESIGHT), self.refiner.settings
+        meshes = [graded(phase, self._mesh) for phase in coarse.phases]
+        best = coarse
+        if many:  # multipliers of so coarse a mesh mislead: 87 iterations, 65 without
+            best = refiner.solve(meshes, self._guess_from(coarse))
+        if not (many and best.status.solved and best.cost <= (1 + WORSE) * coarse.cost):
+            farther = replace(own, options={"ipopt": {"mu_init": FAR_BARRIER}})
+            best = replace(refiner, settings=farther).finer(coarse, meshes)
+        if not many:
+            # a refined mesh is seldom refined again: to the last digits at once
+            least = replace(own, max_iterations=min(own.max_iterations, MOST_EXACT))
+            exact = replace(refiner, settings=least, rough=None)
+            best = exact.refine(best, self._velocity_switches)
+        return refiner.refine(best, self._velocity_switches)
+
+    def _honest_duration(self, solution: Solution) -> float:
+        return solution.duration * (1.0 + max(0.0, self._largest_excess(solution)))
+
+    def _rank(self, solution: Solution) -> tuple[bool, float]:
+        """What keeps its limits first, then what is faster."""
+        kept = solution.status.solved and self._largest_excess(solution) <= LIMIT_TOLERANCE
+        return not kept, solution.duration
+
+    def _largest_excess(self, solution: Solution) -> float:
+        return max(float(e.max()) for e in self._excess(solution))
+
+    def _calmer(self, fastest: Solution) -> Solution:
+        """The motion of least effort that takes at most the slack longer; the fastest if none."""
+        slower = 1.0 + self.settings.slack
+        kernels = self._kernels(slower * fastest.duration)
+        refiner = replace(
+            self.refiner, transcription=kernels, guess_from=self._with_clock, rough=None
+        )
+        meshes = [phase.mesh for phase in fastest.phases]
+        guesses = self._with_clock(fastest, slower)
+        calmer = refiner.refine(refiner.solve(meshes, guesses, barrier=CALMER_BARRIER))
+        self.progress(f"least effort: {calmer.duration:.6f} s, {calmer.status}")
+        solved = self._rank(calmer)[0] is False
+        self.calmed = {
+            "slack": self.settings.slack,
+            "fastest": fastest.duration,
+            "effort": self._effort(calmer if solved else fastest),
+            "effort_of_the_fastest": self._effort(fastest),
+            "status": str(calmer.status),
+        }
+        return calmer if solved else fastest
+
+    def _effort(self, solution: Solution) -> float:
+        motion = self._shaped(solution, {}, "")
+        moved = motion.tau if self.robot.has_dynamics else motion.qdd
+        scaled = moved / effort_scale(self.family, self.scale.acceleration)
+        return float(np.trapezoid((scaled**2).sum(axis=1), motion.t))
+
+    def _with_clock(self, solution: Solution, slower: float = 1.0) -> dict[str, Guess]:
+        """Guesses from a solution, with the time that has passed, slowed down evenly."""
+        edges = slower * via_times(solution)
+        guesses = self._guess_from(solution)
+        found = {}
+        for name, start, end in zip(self.names, edges[:-1], edges[1:], strict=True):
+            rates = {
+                key: partial(_slowed, guesses[name].values[key], slower**power)
+                for power, key in enumerate(("q", "qd", "qdd"))
+            }
+            clock = partial(_clock, start, end)
+            found[name] = Guess(
+                float(end - start), {**guesses[name].values, **rates, "clock": clock}
+            )
+        return found
+
+    def _velocity_switches(self, solution: Solution) -> list[Any]:
+        """Intervals in which a velocity goes through more than half of its limit at once.
+
+        The arm could reach it in far less time than the mesh lets it.
+        """
+        limit = np.maximum(*(np.abs(b) for b in self.robot.limits.bounds("qd")))
+        limit = np.where(limit > 0, limit, np.inf)
+        return [
+            (np.abs(np.diff(phase["qd"], axis=0)) > 0.5 * limit).any(axis=1)
+            for phase in solution.phases
+        ]
+
+    def _reversals(self, solution: Solution) -> list[np.ndarray]:
+        """Intervals inside which a joint with dry friction turns back, or a limit is exceeded."""
+        marked = []
+        for phase, excess in zip(solution.phases, self._excess(solution), strict=True):
+            turns = reversals(phase["qd"], self.dry)
+            steps = np.diff(phase.mesh)
+            # the window is as long as the longest of them
+            turns &= steps > 0.6 * steps[turns].max(initial=0.0)
+            marked.append(turns[:, None] | (excess > self.settings.limit_tolerance))
+        return marked
+
+    def _jerk_switches(self, solution: Solution) -> list[np.ndarray]:
+        member = self.family["qddd"]
+        return [
+            jerk_switches(np.diff(phase["qdd"], axis=0) / np.diff(phase.t)[:, None], member)
+            for phase in solution.phases
+        ]
+
+    def _guess_from(self, solution: Solution) -> dict[str, Guess]:
+        return guesses_along(self.names, polynomial(solution), via_times(solution))
+
+    def _excess(self, solution: Solution) -> list[FloatArray]:
+        return excess_between(self.family, solution)
+
+    # result ---------------------------------------------------------------------------------
+
+    def _motion(
+        self,
+        solution: Solution,
+        starts: list[dict[str, Any]],
+        wall: float,
+    ) -> Motion:
+        outcome = verdict(
+            self.family, solution, self._excess(solution), self.settings.limit_tolerance
+        )
+        outcome["advice"] += self.scale.active_bounds([p.duration for p in solution.phases])
+        outcome["advice"] += rates_at_reversals(self.family, solution)
+        if self.relaxed is not None and not (solution.status.solved or deadline.over()):
+            outcome |= judged(self.relaxed, self.family, outcome["advice"])
+        found = sorted({round(s["duration"], 3) for s in starts if s["status"] == "solved"})
+        return self._shaped(
+            solution,
+            provenance_of(
+                "free time-optimal motion, multiple shooting on the inverse dynamics",
+                outcome,
+                solution,
+                wall,
+                SMOOTHING,
+                optima_seen=found,
+                starts=starts,
+                solves=self.refiner.history,
+                kernel_time=self.kernel_time,
+                **({"least_effort": self.calmed} if self.calmed else {}),
+            ),
+            _note(outcome, len(self.via), len(starts), found) + self._slack_note(solution),
+        )
+
+    def _shaped(self, solution: Solution, provenance: dict[str, Any], note: str) -> Motion:
+        return as_motion(self.robot, solution, provenance, note)
+
+    def _slack_note(self, solution: Solution) -> str:
+        if not self.calmed:
+            return ""
+        fastest, before = self.calmed["fastest"], self.calmed["effort_of_the_fastest"]
+        if solution.duration == fastest:
+            return f"; no motion of less effort was found ({self.calmed['status']})"
+        saved, slower = 1.0 - self.calmed["effort"] / before, solution.duration / fastest - 1.0
+        return f"; {100 * slower:.3g} % slower than the fastest for {100 * saved:.3g} % less effort"
+
+
+def as_motion(robot: Robot, solution: Solution, provenance: dict[str, Any], note: str) -> Motion:
+    marks = [Mark(float(t), f"via {i + 1}") for i, t in enumerate(via_times(solution))]
+    return Motion.from_polynomial(
+        robot,
+        polynomial(solution),
+        label="time-optimal",
+        marks=marks,
+        provenance=provenance,
+        note=note,
+    )
+
+
+def _note(outcome: dict[str, Any], via_count: int, start_count: int, found: list[float]) -> str:
+    if outcome["status"] != "solved":
+        return f"not solved: {outcome['advice']}"
+    optima = ", ".join(f"{duration:.3f}" for duration in found)
+    passed = {2: "", 3: "via point passed at any velocity; "}
+    return (
+        f"{passed.get(via_count, 'via points passed at any velocity; ')}{start_count} starts ended "
+        f"at {optima} s on the coarse mesh, the best was refined"
+    )
+
+
+def graded(phase: PhaseSolution, count: int) -> FloatArray:
+    """Mesh [count+1] of a phase: evenly spread, and with it where its accelerations change."""
+    steps, change = np.diff(phase.mesh), np.abs(np.diff(phase["qdd"], axis=0))
+    change = (change / np.maximum(np.abs(phase["qdd"]).max(axis=0), TINY)).max(axis=1)
+    slope = np.pad(change / steps, 1)
+    # a change may be anywhere in the interval, or begin in the one beside it
+    weight = steps * np.maximum(slope[1:-1], 0.5 * np.maximum(slope[:-2], slope[2:]))
+    density = (1.0 - GRADED) * steps + GRADED * weight / max(weight.sum(), TINY)
+    reached = np.concatenate([[0.0], np.cumsum(density)])
+    mesh = np.interp(np.linspace(0.0, reached[-1], count + 1), reached, phase.mesh)
+    mesh[[0, -1]] = 0.0, 1.0
+    return mesh
+
+
+def _slowed(curve: Any, by: float, s: FloatArray) -> FloatArray:
+    return curve(s) / by
+
+
+def _clock(start: float, end: float, s: FloatArray) -> FloatArray:
+    return start + (end - start) * s[:, None]
