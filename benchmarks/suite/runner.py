@@ -95,7 +95,7 @@ def cells(problem: SuiteProblem, way: str, result: Result) -> list[str]:
     value = "" if cost is None else f"{problem.sign * cost:.7g}"
     seconds = f"{result['seconds']:.1f} s"
     found = [value, verdict(problem, result)[:40], str(result["iterations"]), seconds]
-    if way == "solve":
+    if way != "peer":
         gap = result.get("gap")
         found.insert(2, "" if gap is None else f"{gap:.0e}")
     return found[1:] if way == "peer" else found
@@ -103,10 +103,10 @@ def cells(problem: SuiteProblem, way: str, result: Result) -> list[str]:
 
 HEADS = {
     "solve": ["solve", "error", "gap", "iterations", "time"],
-    "refined": ["refined", "error", "iterations", "time"],
+    "refined": ["refined", "error", "gap", "iterations", "time"],
     "peer": ["Opti, error", "iterations", "time"],
 }
-WIDTHS = {"solve": [13, 28, 6, 6, 8], "refined": [13, 28, 6, 8], "peer": [28, 6, 8]}
+WIDTHS = {"solve": [13, 28, 6, 6, 8], "refined": [13, 28, 6, 6, 8], "peer": [28, 6, 8]}
 
 
 def as_lines(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import partial
+from functools import cached_property, partial
 
 import casadi as ca
 import numpy as np
@@ -14,7 +14,9 @@ from microbot_ocp.ocp.transcription import Guess, GuessValue
 
 SHARES = (0.5, 0.2, 0.1, 0.8, 0.0, 1.0)  # of the range of all controls that are tried
 STEPS = ((0.2, 1.0), (0.8, 0.0), (0.0, 1.0), (1.0, 0.0))  # shares of both halves of every phase
-POINTS = 101  # of every phase
+MIDDLE = 50  # the point at which controls change
+POINTS = 2 * MIDDLE + 1  # of every phase
+GRID = np.linspace(0.0, 1.0, POINTS)
 TOLERANCE, SMALL = 1e-6, 1e-10  # relative, absolute
 EXPLODES = 1e4  # times the size of the usual guess: what grows so is no start, nor gives scales
 
@@ -32,8 +34,6 @@ def rollouts(
     problem: OptimalControlProblem,
     ordinary: Mapping[str, Guess],
     durations: Mapping[str, float] | None = None,
-    *,
-    steps: bool = False,
 ) -> list[dict[str, Guess]]:
     """Guesses whose states follow the dynamics under constant controls.
 
@@ -50,67 +50,85 @@ def rollouts(
         Where states start that have no condition, and what algebraic variables are.
     durations : mapping from phase name to duration, s, optional
         Default: those of ``ordinary``.
-    steps : bool
-        Whether controls that change once, in the middle of every phase, are tried as well.
     """
-    bounded = any(
-        bool((np.isfinite(c.lower) & np.isfinite(c.upper)).any())
-        for p in problem.phases
-        for c in p.controls
-    )
-    pairs = [(share, share) for share in SHARES] + list(STEPS if steps else ())
-    tried = [
-        _simulated(problem, ordinary, durations or {}, share)
-        for share in (pairs if bounded else pairs[:1])
-    ]
-    near = [(guess, miss) for guess, miss in tried if np.isfinite(miss)]
-    return [guess for guess, _ in sorted(near, key=lambda found: found[1])] or [dict(ordinary)]
+    return Rollouts(problem, ordinary).nearest_first(durations) or [dict(ordinary)]
 
 
-def _simulated(
-    problem: OptimalControlProblem,
-    ordinary: Mapping[str, Guess],
-    durations: Mapping[str, float],
-    shares: tuple[float, float],
-) -> tuple[dict[str, Guess], float]:
-    """Guesses, and how far they are from bounds and conditions, relative to their sizes."""
-    guesses, miss = {}, 0.0
-    links = {link.after: link.names for link in problem.links}
-    last: dict[str, FloatArray] = {}
-    for phase in problem.phases:
-        own = ordinary[phase.name]
-        duration = float(durations.get(phase.name, own.duration or 1.0))
-        start = {
-            s.name: last[s.name]
-            if s.name in links.get(phase.name, ()) and s.name in last
-            else _values(own, s, np.zeros(1))[0]
-            for s in phase.states
-        }
-        controls = {
-            c.name: (_constant(c, shares[0]), _constant(c, shares[1])) for c in phase.controls
-        }
-        table = _integrated(phase, own, start, controls, duration)
-        values: dict[str, GuessValue] = dict(own.values)
-        for name, (before, after) in controls.items():
-            values[name] = before if shares[0] == shares[1] else partial(_step, before, after)
-        offset = 0
-        for state in phase.states:
-            part = table[:, offset : offset + state.size]
-            offset += state.size
-            kept = np.clip(part, state.lower, state.upper)
-            values[state.name] = partial(_along, kept)
-            last[state.name] = kept[-1]
-            size = np.maximum(np.abs(kept).max(axis=0), 1e-6)
-            usual = np.abs(_values(own, state, np.array([0.0, 1.0]))).max(axis=0)
-            if np.any(size > EXPLODES * np.maximum(usual, 1.0)):
-                miss = np.inf
-            miss += float((np.abs(part - kept).max(axis=0) / size).sum())
-            if state.final is not None:
-                nearest = np.clip(kept[-1], *state.final)
-                size = np.maximum(size, np.abs(nearest))
-                miss += float((np.abs(kept[-1] - nearest) / size).sum())
-        guesses[phase.name] = Guess(duration, values)
-    return guesses, miss if np.isfinite(miss) else np.inf
+class Rollouts:
+    """Simulations of a problem; its integrators are made once.
+
+    Parameters
+    ----------
+    problem : OptimalControlProblem
+    ordinary : mapping from phase name to Guess
+        Where states start that have no condition, and what algebraic variables are.
+    """
+
+    def __init__(self, problem: OptimalControlProblem, ordinary: Mapping[str, Guess]) -> None:
+        self.problem, self.ordinary = problem, ordinary
+        self.integrators = {p.name: _Integrators(p, ordinary[p.name]) for p in problem.phases}
+        self.bounded = any(
+            bool((np.isfinite(c.lower) & np.isfinite(c.upper)).any())
+            for p in problem.phases
+            for c in p.controls
+        )
+
+    def nearest_first(
+        self, durations: Mapping[str, float] | None = None, *, steps: bool = False
+    ) -> list[dict[str, Guess]]:
+        """Guesses as of :func:`rollouts`; none where everything grows out of proportion.
+
+        With ``steps`` controls that change once, in the middle of every phase, are tried as well.
+        """
+        pairs = [(share, share) for share in SHARES] + list(STEPS if steps else ())
+        tried = [
+            self._simulated(durations or {}, share)
+            for share in (pairs if self.bounded else pairs[:1])
+        ]
+        near = [(guess, miss) for guess, miss in tried if np.isfinite(miss)]
+        return [guess for guess, _ in sorted(near, key=lambda found: found[1])]
+
+    def _simulated(
+        self, durations: Mapping[str, float], shares: tuple[float, float]
+    ) -> tuple[dict[str, Guess], float]:
+        """Guesses, and how far they are from bounds and conditions, relative to their sizes."""
+        guesses, miss = {}, 0.0
+        links = {link.after: link.names for link in self.problem.links}
+        last: dict[str, FloatArray] = {}
+        for phase in self.problem.phases:
+            own = self.ordinary[phase.name]
+            duration = float(durations.get(phase.name, own.duration or 1.0))
+            start = {
+                s.name: last[s.name]
+                if s.name in links.get(phase.name, ()) and s.name in last
+                else _values(own, s, np.zeros(1))[0]
+                for s in phase.states
+            }
+            controls = {
+                c.name: (_constant(c, shares[0]), _constant(c, shares[1])) for c in phase.controls
+            }
+            table = self.integrators[phase.name].table(start, controls, duration)
+            values: dict[str, GuessValue] = dict(own.values)
+            for name, (before, after) in controls.items():
+                values[name] = before if shares[0] == shares[1] else partial(_step, before, after)
+            offset = 0
+            for state in phase.states:
+                part = table[:, offset : offset + state.size]
+                offset += state.size
+                kept = np.clip(part, state.lower, state.upper)
+                values[state.name] = partial(_along, kept)
+                last[state.name] = kept[-1]
+                size = np.maximum(np.abs(kept).max(axis=0), 1e-6)
+                usual = np.abs(_values(own, state, np.array([0.0, 1.0]))).max(axis=0)
+                if np.any(size > EXPLODES * np.maximum(usual, 1.0)):
+                    miss = np.inf
+                miss += float((np.abs(part - kept).max(axis=0) / size).sum())
+                if state.final is not None:
+                    nearest = np.clip(kept[-1], *state.final)
+                    size = np.maximum(size, np.abs(nearest))
+                    miss += float((np.abs(kept[-1] - nearest) / size).sum())
+            guesses[phase.name] = Guess(duration, values)
+        return guesses, miss if np.isfinite(miss) else np.inf
 
 
 def _constant(control: Variable, share: float) -> FloatArray:
@@ -139,57 +157,85 @@ def _along(table: FloatArray, s: FloatArray) -> FloatArray:
     return np.column_stack([np.interp(s, own, column) for column in table.T])
 
 
-def _integrated(
-    phase: Phase,
-    own: Guess,
-    start: Mapping[str, FloatArray],
-    controls: Mapping[str, tuple[FloatArray, FloatArray]],
-    duration: float,
-) -> FloatArray:
-    """States [POINTS, n]; from where the integrator stops they keep their values."""
-    states = ca.vertcat(*(s.symbol for s in phase.states))
-    algebraic = ca.vertcat(*(a.symbol for a in phase.algebraics), ca.MX(0, 1))
-    slopes = ca.vertcat(*(phase.derivatives[s.name] for s in phase.states))
-    equations = ca.vertcat(*phase.algebraic_equations, ca.MX(0, 1))
-    known: list[ca.MX] = [phase.duration]
-    values: list[FloatArray] = [np.array([duration])]
-    halves = [np.concatenate([c[k] for c in controls.values()] or [np.zeros(0)]) for k in (0, 1)]
-    for control in phase.controls:
-        if control.rate is not None:
-            known.append(control.rate)
-            values.append(np.zeros(control.size))
-    for parameter in phase.parameters:
-        known.append(parameter.symbol)
-        values.append(parameter.value)
-    for free in phase.free_parameters:
-        known.append(free.symbol)
-        values.append(_values(own, free, np.zeros(1))[0])
-    constants = [ca.MX(ca.DM(value)) for value in values]
-    slopes, equations = ca.graph_substitute([slopes, equations], known, constants)
-    share, begin = ca.MX.sym("share"), ca.MX.sym("begin")
-    held = ca.vertcat(*(c.symbol for c in phase.controls), ca.MX(0, 1))
-    time = duration * (begin + share)
-    slopes, equations = ca.graph_substitute([slopes, equations], [phase.time], [time])
-    dae = {"x": states, "t": share, "p": ca.vertcat(begin, held), "ode": duration * slopes}
-    if phase.algebraics:
-        dae |= {"z": algebraic, "alg": equations}
-    x = np.concatenate([start[s.name] for s in phase.states])
-    z = np.concatenate([*(_values(own, a, np.zeros(1))[0] for a in phase.algebraics), np.zeros(0)])
-    grid = np.linspace(0.0, 1.0, POINTS)
-    table = np.tile(x, (POINTS, 1))
-    options = {"abstol": SMALL, "reltol": TOLERANCE, "max_num_steps": 500}
-    options |= {"show_eval_warnings": False, "disable_internal_warnings": True}
-    kind = "idas" if phase.algebraics else "cvodes"
-    step = ca.integrator("rollout", kind, dae, 0.0, grid[1], options)
-    for k in range(1, POINTS):  # in pieces, so that what was reached is known where it stops
-        try:
-            given = np.append(grid[k - 1], halves[int(2 * k > POINTS)])
-            result = step(x0=x, z0=z, p=given)
+class _Integrators:
+    """The dynamics of a phase in time from 0 to 1, with controls that are constant."""
+
+    def __init__(self, phase: Phase, own: Guess) -> None:
+        self.phase, self.own = phase, own
+        states = ca.vertcat(*(s.symbol for s in phase.states))
+        algebraic = ca.vertcat(*(a.symbol for a in phase.algebraics), ca.MX(0, 1))
+        slopes = ca.vertcat(*(phase.derivatives[s.name] for s in phase.states))
+        equations = ca.vertcat(*phase.algebraic_equations, ca.MX(0, 1))
+        share, begin, duration = ca.MX.sym("share"), ca.MX.sym("begin"), ca.MX.sym("duration")
+        known: list[ca.MX] = [phase.duration, phase.time]
+        values: list[ca.MX] = [duration, duration * (begin + share)]
+        for control in phase.controls:
+            if control.rate is not None:
+                known.append(control.rate)
+                values.append(ca.MX.zeros(control.size))
+        for parameter in phase.parameters:
+            known.append(parameter.symbol)
+            values.append(ca.MX(ca.DM(parameter.value)))
+        for free in phase.free_parameters:
+            known.append(free.symbol)
+            values.append(ca.MX(ca.DM(_values(own, free, np.zeros(1))[0])))
+        slopes, equations = ca.graph_substitute([slopes, equations], known, values)
+        held = ca.vertcat(*(c.symbol for c in phase.controls), ca.MX(0, 1))
+        given = ca.vertcat(begin, duration, held)
+        self.dae = {"x": states, "t": share, "p": given, "ode": duration * slopes}
+        if phase.algebraics:
+            self.dae |= {"z": algebraic, "alg": equations}
+        self.z = np.concatenate(
+            [*(_values(own, a, np.zeros(1))[0] for a in phase.algebraics), np.zeros(0)]
+        )
+        self.half = self._made(GRID[1 : MIDDLE + 1])
+
+    @cached_property
+    def step(self) -> ca.Function:
+        """From one point of the grid to the next."""
+        return self._made(GRID[1:2])
+
+    def _made(self, until: FloatArray) -> ca.Function:
+        options = {"abstol": SMALL, "reltol": TOLERANCE, "max_num_steps": 500}
+        options |= {"show_eval_warnings": False, "disable_internal_warnings": True}
+        kind = "idas" if self.phase.algebraics else "cvodes"
+        return ca.integrator("rollout", kind, self.dae, 0.0, until, options)
+
+    def table(
+        self,
+        start: Mapping[str, FloatArray],
+        controls: Mapping[str, tuple[FloatArray, FloatArray]],
+        duration: float,
+    ) -> FloatArray:
+        """States [POINTS, n]; from where the integrator stops they keep their values."""
+        x, z = np.concatenate([start[s.name] for s in self.phase.states]), self.z
+        table = np.tile(x, (POINTS, 1))
+        for first in (0, MIDDLE):
+            held = [c[int(first > 0)] for c in controls.values()]
+            given = np.concatenate([[GRID[first], duration], *held])
+            try:
+                found = self.half(x0=x, z0=z, p=given)
+                xs, zs = np.array(found["xf"]).T, np.array(found["zf"]).T
+            except RuntimeError:
+                xs = np.full((MIDDLE, x.size), np.nan)
+            if not np.isfinite(xs).all():
+                return self._as_far_as_it_goes(table, x, z, first, given)
+            table[first + 1 : first + 1 + MIDDLE] = xs
+            x, z = xs[-1], zs[-1]
+        return table
+
+    def _as_far_as_it_goes(
+        self, table: FloatArray, x: FloatArray, z: FloatArray, first: int, given: FloatArray
+    ) -> FloatArray:
+        """The table, filled in pieces until the integrator stops."""
+        for k in range(first, first + MIDDLE):
+            given[0] = GRID[k]
+            try:
+                result = self.step(x0=x, z0=z, p=given)
+            except RuntimeError:
+                break
             x, z = np.array(result["xf"]).ravel(), np.array(result["zf"]).ravel()
-        except RuntimeError:
-            x = np.full(x.size, np.nan)
-        if not np.isfinite(x).all():
-            table[k:] = table[k - 1]
-            break
-        table[k] = x
-    return table
+            if not np.isfinite(x).all():
+                break
+            table[k + 1 :] = x
+        return table

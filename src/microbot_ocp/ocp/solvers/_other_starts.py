@@ -7,28 +7,37 @@ hundredths of a second, with what the answer itself becomes there.
 
 from __future__ import annotations
 
+import contextlib
 import time
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 
+from microbot_ocp.ocp.diagnosis import NotFinite, check_start
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.solution import (
     Attempt,
     Progress,
+    Rollouts,
     Solution,
     cost_size,
     default_guess,
-    rollouts,
+    starting_point,
 )
-from microbot_ocp.ocp.solvers._chain import solve_on
+from microbot_ocp.ocp.solvers._chain import run_chain, solve_on, with_cost_scale
+from microbot_ocp.ocp.solvers._run import Made
 from microbot_ocp.ocp.solvers._settings import SolverSettings
-from microbot_ocp.ocp.transcription import Guess, Meshes, Transcription
+from microbot_ocp.ocp.transcription import Guess, Transcription, assemble
 
 COARSE = 10  # intervals a phase
 WORTH = 1e-3  # of the cost: less than this may be the mesh
-ITERATIONS = 150
+ITERATIONS = 150  # of one solve
+ENOUGH = 500  # iterations of all solves that an answer is compared with
+AGREE = 4  # the first starts: where they all lead to the same optimum no more are tried
 DURATIONS = (0.6, 2.0, 0.3, 4.0)  # times the usual ones, where they are free
+LEAST = 1.0  # s, that a kept solver is given
 EACH = 3  # simulations of these
 WAY = "from another start"
 
@@ -45,11 +54,13 @@ def cheaper_elsewhere(
 
     With what was tried, where something was found.
     """
-    here = _solved(transcription, COARSE, solution, settings, until, progress)
+    coarse = _Coarse(transcription, settings, until, progress)
+    here = coarse.solved(solution)
     if not here.status.solved:
         return solution, []
     worth = WORTH * cost_size(solution.cost, solution.cost_scale)
-    least, attempts = cheapest_of_starts(transcription, settings, most, until, progress)
+    found = _until_they_agree(coarse, most, here.cost, worth)
+    least, attempts = _cheapest(found)
     if least is None or not least.cost < here.cost - worth:
         return solution, []
     meshes = [phase.mesh for phase in solution.phases]
@@ -68,47 +79,83 @@ def cheapest_of_starts(
     progress: Progress | None,
 ) -> tuple[Solution | None, list[Attempt]]:
     """The cheapest answer on a coarse mesh that any of ``most`` simulations leads to."""
+    return _cheapest(_answers(_Coarse(transcription, settings, until, progress), most))
+
+
+def _answers(coarse: _Coarse, most: int) -> Iterator[Solution]:
+    for start in islice(_starts(coarse.transcription.problem, most), most):
+        if time.perf_counter() >= coarse.until:
+            break
+        with contextlib.suppress(NotFinite):
+            yield coarse.solved(start)
+
+
+def _until_they_agree(coarse: _Coarse, most: int, cost: float, worth: float) -> Iterator[Solution]:
+    """Answers until the first few are that of the given cost, or enough was tried."""
+    spent, agree = 0, True
+    for count, found in enumerate(_answers(coarse, most), start=1):
+        yield found
+        spent += sum(max(a.iterations, 0) for a in found.attempts)
+        agree = agree and found.status.solved and abs(found.cost - cost) <= worth
+        if (agree and count == AGREE) or spent > ENOUGH:
+            break
+
+
+def _cheapest(answers: Iterable[Solution]) -> tuple[Solution | None, list[Attempt]]:
     least: Solution | None = None
     attempts: list[Attempt] = []
-    for start in _starts(transcription.problem, most):
-        if time.perf_counter() >= until:
-            break
-        found = _solved(transcription, COARSE, start, settings, until, progress)
+    for found in answers:
         attempts += [replace(a, way=WAY) for a in found.attempts]
         if found.status.solved and (least is None or found.cost < least.cost):
             least = found
     return least, attempts
 
 
-def _starts(problem: OptimalControlProblem, most: int) -> list[dict[str, Guess]]:
+def _starts(problem: OptimalControlProblem, most: int) -> Iterator[dict[str, Guess]]:
     ordinary = default_guess(problem)
-    found = rollouts(problem, ordinary, steps=most > EACH)
+    simulations = Rollouts(problem, ordinary)
+    found = simulations.nearest_first(steps=most > EACH) or [ordinary]
     if all(low == high for low, high in (p.duration_bounds for p in problem.phases)):
-        return found[:most]
-    found = found[: max(1, most // 2)]
+        yield from found
+        return
+    yield from found[: max(1, most // 2)]
     for factor in DURATIONS:
-        if len(found) >= most:
-            break
         durations = {
             p.name: float(np.clip(factor * (ordinary[p.name].duration or 1.0), *p.duration_bounds))
             for p in problem.phases
         }
-        found += rollouts(problem, ordinary, durations, steps=True)[:EACH]
-    return found[:most]
+        yield from simulations.nearest_first(durations, steps=True)[:EACH]
 
 
-def _solved(
-    transcription: Transcription,
-    mesh: Meshes,
-    guess: dict[str, Guess] | Solution,
-    settings: SolverSettings,
-    until: float,
-    progress: Progress | None,
-) -> Solution:
-    rough = replace(
-        settings,
-        solver="ipopt",
-        gap=np.inf,
-        max_iterations=min(settings.max_iterations, ITERATIONS),
-    )
-    return solve_on(transcription, mesh, guess, rough, until, progress)
+class _Coarse:
+    """Solves of one coarse program, by a solver that is kept."""
+
+    def __init__(
+        self,
+        transcription: Transcription,
+        settings: SolverSettings,
+        until: float,
+        progress: Progress | None,
+    ) -> None:
+        self.transcription, self.until, self.progress = transcription, until, progress
+        self.program = assemble(transcription.layouts(COARSE))
+        self.made: Made = {}
+        self.settings = replace(
+            settings,
+            solver="ipopt",
+            gap=np.inf,
+            max_iterations=min(settings.max_iterations, ITERATIONS),
+            time_limit=max(until - time.perf_counter(), LEAST),
+        )
+
+    def solved(self, guess: dict[str, Guess] | Solution) -> Solution:
+        begin = starting_point(self.program, self.transcription.problem, guess)
+        check_start(self.program, begin.x)
+        return run_chain(
+            with_cost_scale(self.program, begin.x, self.settings),
+            self.settings,
+            begin,
+            progress=self.progress,
+            made=self.made,
+            until=self.until,
+        )

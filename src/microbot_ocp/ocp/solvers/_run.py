@@ -92,8 +92,9 @@ def run(
             arguments[key] = np.asarray(value) / program.cost_scale
     answer, interrupted = _Answer(broken=broken), False
     if solver is not None:
-        kept = made is not None and watch is None
-        answer, interrupted = _answered(solver, name, arguments, watch, until, kept)
+        # one that is kept was made with the limit of the settings in place of that of this call
+        endless = made is not None and watch is None and not np.isfinite(settings.time_limit)
+        answer, interrupted = _answered(solver, name, arguments, watch, until, endless)
     if answer.broken and settings.options.get(name) and "option" in answer.broken.lower():
         raise InputError(f"options of {name} were refused: {answer.broken}")
     done = time.perf_counter()
@@ -141,12 +142,11 @@ def _answered(
     arguments: Mapping[str, Any],
     watch: Watch | None,
     until: float,
-    kept: bool,
+    endless: bool,
 ) -> tuple[_Answer, bool]:
     """What a solver answers, and whether Ctrl-C was pressed."""
     size = np.size(arguments["x0"])
-    # one that is kept was made without the limit of this call
-    stops = name == "ipopt" and (size <= LARGE and not kept)
+    stops = name == "ipopt" and (size <= LARGE and not endless)
     trusted = name == "ipopt" and (stops or not np.isfinite(until))
     if can_fork and not trusted:
         return _answered_by_child(solver, arguments, watch, until)

@@ -211,7 +211,9 @@ def solutions(
             if made.status is Status.INTERRUPTED or time.perf_counter() >= share:
                 break
         if best is not None and not alone and best[0].status in CONVERGED:
-            better, found = cheaper_elsewhere(*best, own, compared, share, progress)
+            better, found = best[0], []
+            if not isinstance(guess, Solution):  # what was compared when it was found
+                better, found = cheaper_elsewhere(*best, own, compared, share, progress)
             better, tried = improved(better, best[1], own, share, progress)
             best, attempts = (better, best[1]), attempts + found + tried
         if best is not None:
