@@ -9,7 +9,7 @@ import pytest
 
 import microbot_ocp as mo
 from microbot_ocp import InputError
-from microbot_ocp.planning import reach_of
+from microbot_ocp.planning import parts_of, reach_of, scenes_of, task_of, tool_poses
 from microbot_ocp.scene import contact_model
 
 ARM = mo.load_robot("planar_3r")
@@ -264,6 +264,65 @@ def test_a_part_keeps_clear_from_the_stop_on_at_which_it_is_picked(around: mo.Mo
         mo.time_optimal(ARM, [ENDS[0], mo.Stop(q=[0.2, 0.0, 0.0])], scene=POST)
     with pytest.raises(InputError, match="radius of the shape of the payload is missing"):
         mo.Payload(1.0, shape={"start": [0, 0, 0], "end": [0, 0, 1]})
+
+
+BOLT = mo.Payload(0.1, shape=mo.Capsule([0.05, 0, 0], [0.1, 0, 0], 0.05, "bolt"))
+MOVED = [
+    mo.Stop(q=[-0.4, 0.3, 0.2], payload=BOLT, name="pick"),
+    mo.Stop(q=[0.6, 0.3, 0.2], payload=0.0, name="place"),
+    mo.Stop(q=[0.0, 0.3, 0.2], velocity="rest", name="back"),
+    mo.Stop(q=[1.2, 0.3, 0.1], name="park"),
+]
+
+
+def test_a_part_is_an_obstacle_where_it_was_put_down() -> None:
+    far = mo.Scene([mo.Box([0.1, 0.1, 0.3], [-0.9, 0, 0], "box")])
+    settings = mo.TimeOptimalSettings(mesh=10, limit_tolerance=0.01, compiled=False)
+    motion = mo.time_optimal(ARM, MOVED, scene=far, settings=settings)
+    assert motion.provenance["clearance"]["proved"]
+    assert motion.provenance["clearance"]["pair"] == "wrist to bolt at place"
+    certificate = mo.certify(ARM, motion, via_q=MOVED, scene=far, limit_tolerance=0.02)
+    assert certificate.ok, certificate.verdict
+    straight = mo.cubic([stop.q for stop in MOVED], [0, 1, 2, 3], via_qd=np.zeros((4, 3)))
+    marks = [mo.Mark(float(k), stop.name) for k, stop in enumerate(MOVED)]
+    through = mo.Motion.from_polynomial(ARM, straight, label="through", marks=marks)
+    found = mo.certify(ARM, through, via_q=MOVED, scene=far).clearance
+    assert found is not None
+    assert not found.proved
+    assert found.pair == "wrist to bolt at place"
+    assert found.time > 2.0
+    allowed = mo.Scene(far.obstacles, ignore=[("wrist", "bolt"), ("elbow", "bolt")])
+    found = mo.certify(ARM, through, via_q=MOVED, scene=allowed).clearance
+    assert found is not None
+    assert found.proved
+
+
+def test_where_parts_lie() -> None:
+    pick, place, back, park = MOVED
+    again = mo.Stop(q=place.q, payload=BOLT, name="again")
+    last = mo.Stop(q=park.q, payload=0.0, name="last")
+    home = mo.Stop(q=[0.0, 0.3, 0.0], name="home")
+    task = task_of(ARM, [back, pick, place, mo.Stop(q=[0, 0, 0]), again, last, home])
+    poses = tool_poses(ARM, np.array([stop.q for stop in task.stops]))
+    (bolt,) = parts_of(task, poses)
+    assert bolt.carries == ((1, 2), (4, 5))  # taken up again where it was put down
+    scenes = scenes_of(task, mo.Scene([mo.Box([1, 1, 1], [3, 3, 0], "box")]), poses)
+    lying = [scene.names[1:] for scene in scenes]
+    at_place = ("bolt at place",)
+    assert lying == [("bolt at pick",), (), at_place, at_place, (), ("bolt at last",)]
+    # the last two links hold it: they may touch it on the way to it and away from it
+    hands = [{link for link, _ in scene.ignore} - {"bolt"} for scene in scenes]
+    assert hands == [
+        {"elbow", "wrist"},
+        set(),
+        {"elbow", "wrist"},
+        {"elbow", "wrist"},
+        set(),
+        {"elbow", "wrist"},
+    ]
+    start = ARM.with_part(*BOLT.shape).capsules[-1][1].start
+    reached = np.array(mo.forward_kinematics(ARM, frame=3)(np.array(place.q)))
+    assert scenes[2].obstacles[1].start == pytest.approx(reached[:3, :3] @ start + reached[:3, 3])
 
 
 def test_reach_is_the_sum_of_the_links() -> None:

@@ -42,7 +42,7 @@ from microbot_ocp.planning import (
     time_optimal,
 )
 from microbot_ocp.robot import JointLimits, Robot, joint_scale
-from microbot_ocp.scene import Scene, read_scene
+from microbot_ocp.scene import Scene, read_scene, with_arm_capsules
 
 TOP = (
     *("schema", "robot", "tip", "outputs", "stop", "segment", "cycle", "order", "duration"),
@@ -130,7 +130,7 @@ class CellFile:
             scene=self.scene,
         )
         limited = self.robot.with_limits(self.limits)
-        return Cell(limited, stops, segments, self.cycle, motion, certificate)
+        return Cell(limited, stops, segments, self.cycle, motion, certificate, self.scene)
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,6 +147,8 @@ class Cell:
     cycle : bool
     motion : Motion
     certificate : Certificate
+    scene : Scene, optional
+        What is around the arm.
     """
 
     robot: Robot
@@ -155,11 +157,13 @@ class Cell:
     cycle: bool
     motion: Motion
     certificate: Certificate
+    scene: Scene | None = None
 
     @property
     def task(self) -> Task:
         """Stops and segments, checked, with the limits of every segment."""
-        return task_of(self.robot, self.stops, segments=self.segments, cycle=self.cycle)
+        arm = self.robot if self.scene is None else with_arm_capsules(self.robot)
+        return task_of(arm, self.stops, segments=self.segments, cycle=self.cycle)
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
@@ -211,7 +215,7 @@ class Cell:
         return written
 
     def to_rerun(self, path: str | Path) -> Path:
-        """Write a Rerun recording (``.rrd``) of the arm with stops, tool lines and payloads."""
+        """Write a Rerun recording (``.rrd``) of the arm with stops, tool lines, parts and scene."""
         return view_for(self, "rerun")(self).save(path)
 
 

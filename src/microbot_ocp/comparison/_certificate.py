@@ -36,7 +36,7 @@ from microbot_ocp.motion import (
     samples_at,
     torque_along,
 )
-from microbot_ocp.planning import Segment, Stop, is_task, stretches, task_of
+from microbot_ocp.planning import Segment, Stop, is_task, places_along, task_of
 from microbot_ocp.robot import JointLimits, Limits, Robot, mass_matrix_condition
 from microbot_ocp.scene import Clearance, Scene, clearance_along, has_coal, with_arm_capsules
 
@@ -337,30 +337,30 @@ def certify(
         made = certificate_of_task(task, motion, tolerances)
         if scene is None:
             return made
-        return with_clearance(made, stretches(task, motion), motion, scene)
+        return with_clearance(made, places_along(task, motion, scene), motion)
     via = None
     if via_q is not None:
         via = checks.array("via_q", cast("ArrayLike", via_q), (None, count), "rad")
     with deadline.within(time_limit):
         made = certificate_of(LimitFamily.of(robot, limits), motion, via, tolerances)
-        whole = [(0.0, motion.duration, robot)]
-        return made if scene is None else with_clearance(made, whole, motion, scene)
+        if scene is None:
+            return made
+        return with_clearance(made, [(0.0, motion.duration, robot, scene)], motion)
 
 
 def with_clearance(
     certificate: Certificate,
-    arms: Sequence[tuple[float, float, Robot]],
+    places: Sequence[tuple[float, float, Robot, Scene]],
     motion: Motion,
-    scene: Scene,
 ) -> Certificate:
-    """A certificate with the clearance of its motion from a scene: passed only where proved."""
+    """A certificate with the clearance of a motion: passed only where it is proved."""
     if not has_coal():
         return replace(
             certificate,
             ok=False,
             verdict=_with_sentence(certificate, "clearance is not proved: that needs coal", False),
         )
-    found = clearance_along(arms, motion, scene)
+    found = clearance_along(places, motion)
     return replace(
         certificate,
         ok=certificate.ok and found.proved,

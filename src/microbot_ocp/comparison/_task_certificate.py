@@ -72,7 +72,7 @@ class SegmentCheck:
 def certificate_of_task(task: Task, motion: Motion, tolerances: Tolerances) -> Certificate:
     """Certificate of a motion whose marks are when the stops of a task are reached."""
     parts, problems = [], []
-    for start, end, robot in stretches(task, motion):
+    for start, end, robot, _ in stretches(task, motion):
         part = _part(motion, start, end)
         found = certificate_of(LimitFamily.of(robot), part, None, tolerances)
         parts.append((start, end - start, found))

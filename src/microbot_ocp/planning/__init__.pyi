@@ -16,6 +16,14 @@ from ._free import (
 from ._free_search import (
     TimeOptimalSettings as TimeOptimalSettings,
 )
+from ._parts import (
+    Part as Part,
+    Place as Place,
+    parts_of as parts_of,
+    places_along as places_along,
+    scenes_of as scenes_of,
+    tool_poses as tool_poses,
+)
 from ._path_timing import (
     PathTimingSettings as PathTimingSettings,
     best_timing as best_timing,

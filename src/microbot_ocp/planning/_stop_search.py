@@ -11,7 +11,7 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -403,14 +403,25 @@ def motion_of(
     if not any(payload.mass for payload in task.payloads):
         return motion
     tau = np.array(motion.tau)
-    for start, end, robot in stretches(task, motion):
+    for start, end, robot, _ in stretches(task, motion):
         here = (motion.t >= start) & ((motion.t < end) | (end == motion.duration))
         tau[here] = torque_along(robot, State(motion.q[here], motion.qd[here], motion.qdd[here]))
     return replace(motion, tau=tau)
 
 
-def stretches(task: Task, motion: Motion) -> list[tuple[float, float, Any]]:
-    """Start and end, s, of every segment and dwell of a motion, with the robot that moves there.
+class Stretch(NamedTuple):
+    """A segment or a dwell of a motion: start and end, s, the robot that moves, with what it holds,
+    and the segment, of a dwell the one before it.
+    """
+
+    start: float
+    end: float
+    robot: Robot
+    segment: int
+
+
+def stretches(task: Task, motion: Motion) -> list[Stretch]:
+    """Every segment and dwell of a motion.
 
     The marks of the motion say when its stops are reached.
 
@@ -424,7 +435,7 @@ def stretches(task: Task, motion: Motion) -> list[tuple[float, float, Any]]:
             f"motion {motion.label!r} has {len(motion.marks)} marks, but the task "
             f"{len(task.stops)} stops: it is not a motion of this task"
         )
-    found = []
+    found: list[Stretch] = []
     loads = (
         (task.payloads[-1], *task.payloads) if task.cycle else (task.payloads[0], *task.payloads)
     )
@@ -432,10 +443,11 @@ def stretches(task: Task, motion: Motion) -> list[tuple[float, float, Any]]:
     for k, arrives in enumerate(times):
         leaves = arrives + float(task.dwells[k])
         if leaves > arrives:
-            rested = loads[k].on(task.robot)
-            found.append((arrives, leaves, rested))
+            rested: Robot = loads[k].on(task.robot)
+            before = (k - 1) % len(task.segments) if task.cycle else max(k - 1, 0)
+            found.append(Stretch(arrives, leaves, rested, before))
         if k < len(task.segments):
-            found.append((leaves, times[k + 1], task.robots[k]))
+            found.append(Stretch(leaves, times[k + 1], task.robots[k], k))
     return found
 
 

@@ -54,7 +54,7 @@ class Task:
         None where the way is free.
     cycle : bool
     around : optional
-        What the arm keeps clear of: ``limits(robot)`` are the further limits of a segment.
+        What the arm keeps clear of: ``limits(robot, index)`` are further limits of a segment.
     """
 
     family: LimitFamily
@@ -128,7 +128,7 @@ class Task:
             ends = [self.stops[k].q for k in (index, index + 1)]
             own = joint_line_limits(kind, *map(np.array, ends))
         if self.around is not None:
-            own = (*own, *self.around.limits(robot))
+            own = (*own, *self.around.limits(robot, index))
         return robot.with_limits(also=(*robot.limits.also, *own)) if own else robot
 
     @cached_property

@@ -32,13 +32,14 @@ from microbot_ocp.planning._fast_timing import time_path
 from microbot_ocp.planning._free_problem import phase_names
 from microbot_ocp.planning._free_search import TimeOptimalSettings
 from microbot_ocp.planning._initial_guesses import InitialGuess
-from microbot_ocp.planning._stop_search import (
-    StopSearch,
-    guess_along,
-    in_order,
-    solve_stops,
-    stretches,
+from microbot_ocp.planning._parts import (
+    Place,
+    places_along,
+    poses_at_stops,
+    scenes_of,
+    tool_poses,
 )
+from microbot_ocp.planning._stop_search import StopSearch, guess_along, in_order, solve_stops
 from microbot_ocp.planning._stop_task import Task, task_of
 from microbot_ocp.robot import Robot
 from microbot_ocp.scene import (
@@ -58,23 +59,20 @@ MOST_GUESSES = 4  # ways that the search starts from
 
 @dataclass(frozen=True, eq=False)
 class Around:
-    """A scene as a limit of the arm on a segment, of those pairs that come near."""
+    """The scenes on the segments of a task as limits, of those pairs that come near."""
 
-    scene: Scene
+    scenes: tuple[Scene, ...]
     near: set[str] = field(default_factory=set)
 
-    def pairs(self, robot: Robot) -> tuple[Pair, ...]:
-        """What may touch where the arm carries what this robot has."""
-        return self.scene.without_parts_of(robot).pairs(robot)
+    def limits(self, robot: Robot, index: int) -> tuple[Any, ...]:
+        """The distances of the pairs that come near on a segment."""
+        scene = self.scenes[index]
+        chosen = [pair for pair in _pairs(scene, robot) if pair.label in self.near]
+        return (scene.limit(robot, chosen),) if chosen else ()
 
-    def limits(self, robot: Robot) -> tuple[Any, ...]:
-        """The distances of the pairs that come near."""
-        chosen = [pair for pair in self.pairs(robot) if pair.label in self.near]
-        return (self.scene.limit(robot, chosen),) if chosen else ()
-
-    def add(self, robot: Robot, q: FloatArray, distance: float) -> bool:
+    def add(self, robot: Robot, scene: Scene, q: FloatArray, distance: float) -> bool:
         """Take in the pairs that are nearer than a distance, m, in some pose [N,n]; whether new."""
-        pairs = self.pairs(robot)
+        pairs = _pairs(scene, robot)
         if not pairs:
             return False
         apart = clearances(robot, pairs, q).min(axis=0)
@@ -82,6 +80,11 @@ class Around:
         new = not found <= self.near
         self.near.update(found)
         return new
+
+
+def _pairs(scene: Scene, robot: Robot) -> tuple[Pair, ...]:
+    """What may touch where the arm carries what this robot has."""
+    return scene.without_parts_of(robot).pairs(robot)
 
 
 class _GuidedSearch(StopSearch):
@@ -130,16 +133,16 @@ def stops_among(
     carried = [capsule.name for own in task.robots for _, capsule in own.capsules]
     for name in sum(scene.ignore, ()):
         checks.one_of("name in ignore", name, sorted({*carried, *scene.names}))
-    around = Around(scene)
     near = NEAR * reach_of(robot)
-    guided = _ways_around(task, around, progress)
+    guided = _ways_around(task, scene, progress)
+    first = guided[0][0].via if guided else ways_through(task)[0].via
+    around = Around(scenes_of(task, scene, tool_poses(robot, first)))
+    names = phase_names(len(task.segments))
     for way, shapes in guided:
-        for name, path, own in zip(
-            phase_names(len(way.paths)), way.paths, task.robots, strict=True
-        ):
+        for k, (name, path) in enumerate(zip(names, way.paths, strict=True)):
             shape = shapes.get(name)
             q = path if shape is None else shape(np.linspace(0.0, shape.duration, SAMPLES))
-            around.add(own, q, near)
+            around.add(task.robots[k], around.scenes[k], q, near)
     motion: Motion | None = None
     found: Clearance | None = None
     for _ in range(AGAIN):
@@ -148,10 +151,15 @@ def stops_among(
         motion = search.run()
         if not motion.solved:
             break
-        found = clearance_along(stretches(task, motion), motion, scene)
-        if found.proved or not _add_along(around, task, motion, near):
+        places = places_along(task, motion, scene)
+        found = clearance_along(places, motion)
+        if found.proved:
             break
-        progress("more pairs come too near: solved again")
+        around = Around(scenes_of(task, scene, poses_at_stops(task, motion)), around.near)
+        more = [around.add(p.robot, p.scene, _between(motion, p), near) for p in places]
+        if not any(more) and around.scenes == (scene,) * len(around.scenes):
+            break
+        progress("more pairs come too near, or a part lies elsewhere: solved again")
     assert motion is not None
     told = {**motion.provenance, **told}
     if found is not None:
@@ -162,27 +170,26 @@ def stops_among(
     return replace(motion, provenance=told)
 
 
-def _add_along(around: Around, task: Task, motion: Motion, near: float) -> bool:
-    new = False
-    for start, end, robot in stretches(task, motion):
-        q = motion.sample(np.linspace(start, end, SAMPLES)).q
-        new |= around.add(robot, q, near)
-    return new
+def _between(motion: Motion, place: Place) -> FloatArray:
+    return motion.sample(np.linspace(place.start, place.end, SAMPLES)).q
 
 
 def _ways_around(
-    task: Task, around: Around, progress: StepProgress
+    task: Task, scene: Scene, progress: StepProgress
 ) -> list[tuple[Way, dict[str, PiecewisePolynomial]]]:
     """Ways with their free segments around the obstacles, the fastest first.
 
     None where the planner finds no way between the poses at the stops.
     """
     ways = ways_through(task)
-    scenes = [around.scene.without_parts_of(robot) for robot in task.robots]
-    places = [Surroundings(r, s) for r, s in zip(task.robots, scenes, strict=True)]
     found = []
     refused: list[str] = []
     for way in ways:
+        scenes = scenes_of(task, scene, tool_poses(task.robot, way.via))
+        places = [
+            Surroundings(robot, own.without_parts_of(robot))
+            for robot, own in zip(task.robots, scenes, strict=True)
+        ]
         blocked = _blocked(task, places, way)
         if blocked:
             refused.append(blocked)
@@ -191,7 +198,10 @@ def _ways_around(
             led = _led_around(task, places, way, seed)
             if led is None:
                 break
-            found.append((sum(shape.duration for shape in led.values()), way, led))
+            duration = sum(shape.duration for shape in led.values())
+            if any(way is other and duration == known for known, other, _ in found):
+                break  # no segment is blocked: other seeds lead to the same
+            found.append((duration, way, led))
     if len(refused) == len(ways):
         raise InputError(refused[0])
     found.sort(key=lambda entry: entry[0])

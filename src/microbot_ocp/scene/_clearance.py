@@ -116,21 +116,21 @@ def clearance(robot: Robot, motion: Motion, scene: Scene) -> Clearance:
             f"motion is of {motion.joint_count} joints, but the robot has {robot.joint_count}"
         )
     scene.pairs(robot)  # whose names are checked
-    return clearance_along([(0.0, motion.duration, robot)], motion, scene)
+    return clearance_along([(0.0, motion.duration, robot, scene)], motion)
 
 
 def clearance_along(
-    stretches: Sequence[tuple[float, float, Robot]], motion: Motion, scene: Scene
+    places: Sequence[tuple[float, float, Robot, Scene]], motion: Motion
 ) -> Clearance:
     """As :func:`clearance`, of an arm that carries something else from one time on.
 
-    ``stretches`` are start and end, s, and the robot with what it carries there.
+    ``places`` are start and end, s, the robot with what it carries there, and what is around it.
     """
     started = time.perf_counter()
     speeds = _speed_bounds(motion)
     farthest = np.abs(motion.q).max(axis=0) + (speeds * np.diff(motion.t)[:, None]).max(axis=0)
     found = []
-    for start, end, robot in stretches:
+    for start, end, robot, scene in places:
         model = contact_model(robot, scene.without_parts_of(robot))
         levers = levers_of(with_arm_capsules(robot), model.pairs, farthest)
         found.append(_Search(model, motion, speeds, levers, scene.clearance))
@@ -141,9 +141,9 @@ def clearance_along(
         minimum=least.minimum,
         time=least.time,
         pair=least.model.pairs[least.pair].label,
-        proved=closed and least.minimum > scene.clearance,
+        proved=closed and least.minimum > least.wanted,
         at_least=min(search.at_least for search in found) if closed else -np.inf,
-        wanted=scene.clearance,
+        wanted=least.wanted,
         distances=sum(search.count for search in found),
         wall_time=time.perf_counter() - started,
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -9,14 +10,16 @@ import rerun as rr
 
 from microbot_ocp._base.checks import InputError
 from microbot_ocp.comparison import Cell
-from microbot_ocp.planning import Task
-from microbot_ocp.robot import forward_kinematics
+from microbot_ocp.planning import Place, Task, parts_of, places_along, tool_poses
+from microbot_ocp.robot import Robot
+from microbot_ocp.scene import Scene
 from microbot_ocp.views.recording._builders import of_motion
+from microbot_ocp.views.recording._obstacles import drawn_capsule
 from microbot_ocp.views.recording._recording import Recording
 from microbot_ocp.views.recording._surroundings import grid_spacing
-from microbot_ocp.views.recording._writer import TIME, Writer
+from microbot_ocp.views.recording._writer import TIME, Writer, quaternions
 
-TUBE_COLOR, PART_COLOR = (0, 158, 115, 110), (213, 94, 0)
+TUBE_COLOR, PART_COLOR = (0, 158, 115, 110), (213, 94, 0, 255)
 POINTS = 60  # of a tube
 DENSITY = 2700.0  # kg/m^3, aluminium: a part of unknown shape is drawn as a ball of it
 
@@ -26,6 +29,7 @@ class CellRecording(Recording):
     """A recording of a motion with the task that it does."""
 
     task: Task | None = None
+    stretches: tuple[Place, ...] = ()
 
     def write(self, writer: Writer) -> None:
         """Send everything but the layout."""
@@ -50,35 +54,46 @@ class CellRecording(Recording):
             writer.static(f"world/task/stop_{k + 1}", axes)
         self._write_parts(writer)
 
-    def _write_parts(self, writer: Writer) -> None:
-        """What is held, as a ball at its centre of mass from where it is picked to where it goes.
+    def _around(self) -> Sequence[tuple[float, float, Robot, Scene]]:
+        return self.stretches
 
-        Before that and after it the ball lies where it was taken or left.
+    def _write_parts(self, writer: Writer) -> None:
+        """Parts in the tool from where they are picked to where they go, lying there otherwise.
+
+        One without a shape is a ball at its centre of mass.
         """
         task, (arm,) = self.task, self.arms
         assert task is not None
         t = arm.times[TIME]
         marks = [mark.time for mark in arm.marks]
         leaves = [time + float(dwell) for time, dwell in zip(marks, task.dwells, strict=True)]
-        tool = np.array(forward_kinematics(self.robot).map(len(t))(arm.q.T))
-        tool = tool.reshape(4, len(t), 4).transpose(1, 0, 2)
-        begin = 0
-        while begin < len(task.payloads):
-            payload, end = task.payloads[begin], begin + 1
-            while end < len(task.payloads) and task.payloads[end] == payload:
-                end += 1
-            if payload.mass > 0:
-                held = tool[:, :3, 3] + tool[:, :3, :3] @ np.array(payload.center_of_mass)
-                first, last = np.searchsorted(t, [leaves[begin], leaves[end]])
-                held[:first] = held[min(first, len(t) - 1)]
-                held[last:] = held[min(last, len(t) - 1)]
-                radius = (3.0 * payload.mass / (4.0 * np.pi * DENSITY)) ** (1.0 / 3.0)
-                path = f"world/task/part_{begin + 1}"
-                label = f"{payload.mass:g} kg"
-                ball = rr.Points3D.from_fields(radii=[radius], colors=[PART_COLOR], labels=[label])
-                writer.static(path, ball)
-                writer.columns(path, arm.times, rr.Points3D.columns(positions=held))
-            begin = end
+        tool = tool_poses(self.robot, arm.q)
+        at = np.minimum(np.searchsorted(t, leaves), len(t) - 1)  # samples at which stops are left
+        for number, part in enumerate(parts_of(task, tool[at]), start=1):
+            pose = np.repeat(tool[None, at[part.carries[0][0]]], len(t), axis=0)
+            for first, end in part.carries:
+                pose[at[first] : at[end]] = tool[at[first] : at[end]]
+                pose[at[end] :] = tool[at[end]]
+            path = f"world/task/part_{number}"
+            turned = quaternions(pose[:, :3, :3])
+            moved = rr.Transform3D.columns(translation=pose[:, :3, 3], quaternion=turned)
+            writer.columns(path, arm.times, moved)
+            for k, capsule in enumerate(part.payload.shape, start=1):
+                placed, drawn = drawn_capsule(capsule, PART_COLOR)
+                own = f"{path}/capsule_{k}"
+                frame = rr.Transform3D(translation=placed[:3, 3], mat3x3=placed[:3, :3])
+                writer.static(own, frame)
+                writer.static(own, drawn)
+            mass = part.payload.mass
+            radius = (3.0 * mass / (4.0 * np.pi * DENSITY)) ** (1.0 / 3.0)
+            ball = rr.Points3D(
+                [part.payload.center_of_mass],
+                radii=[0.0 if part.payload.shape else radius],
+                colors=[PART_COLOR],
+                labels=[f"{mass:g} kg"],
+            )
+            if mass:
+                writer.static(f"{path}/mass", ball)
 
 
 def of_cell(cell: Cell, rate: float | None = None) -> CellRecording:
@@ -92,8 +107,9 @@ def of_cell(cell: Cell, rate: float | None = None) -> CellRecording:
     task = cell.task
     if len(cell.motion.marks) != len(task.stops):
         raise InputError("the motion of this cell has other stops than its task")
-    plain = of_motion(cell.robot, cell.motion, cell.certificate, rate)
+    plain = of_motion(cell.robot, cell.motion, cell.certificate, rate, cell.scene)
     values = {field.name: getattr(plain, field.name) for field in fields(Recording)}
     values["places"] = np.array([stop.pose(cell.robot)[0] for stop in task.stops])
     values["place_names"] = tuple(stop.name for stop in task.stops)
-    return CellRecording(**values, task=task)
+    around = () if cell.scene is None else places_along(task, cell.motion, cell.scene)
+    return CellRecording(**values, task=task, stretches=tuple(around))

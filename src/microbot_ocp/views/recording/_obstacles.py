@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ from microbot_ocp.views._scene import reach
 from microbot_ocp.views.recording._animated_arm import AnimatedArm
 from microbot_ocp.views.recording._curves import draw_curve, draw_dashed
 from microbot_ocp.views.recording._limits import LimitPlot
-from microbot_ocp.views.recording._writer import WORLD, Times, Writer, link_path, plot_path
+from microbot_ocp.views.recording._writer import TIME, WORLD, Times, Writer, link_path, plot_path
 
 OBSTACLE_COLOR = (205, 160, 105, 255)
 CAPSULE_COLOR = (150, 190, 230, 60)
@@ -34,11 +35,19 @@ RADIUS = 0.004  # of the line between nearest points, in reaches
 CLEARANCE = LimitPlot("clearance", "nearest", "clearance [mm]")
 
 
-def draw_scene(writer: Writer, robot: Robot, scene: Scene, arm: AnimatedArm, end: Times) -> None:
+def draw_scene(
+    writer: Writer,
+    robot: Robot,
+    scene: Scene,
+    arm: AnimatedArm,
+    end: Times,
+    around: Sequence[tuple[float, float, Robot, Scene]],
+) -> None:
     """Obstacles, the capsules of the arm, the line between the nearest points with its length, and
     that length as a curve with what the scene asks for.
 
-    Without coal there are no nearest points.
+    ``around`` are start and end of stretches, s, the arm with what it carries there, and what is
+    around it. Without coal there are no nearest points.
     """
     size = reach(robot)
     for obstacle in scene.obstacles:
@@ -48,22 +57,27 @@ def draw_scene(writer: Writer, robot: Robot, scene: Scene, arm: AnimatedArm, end
         writer.static(path, drawn)
     padded = with_arm_capsules(robot)
     for number, (frame, capsule) in enumerate(padded.capsules, start=1):
-        pose, drawn = _capsule(capsule, CAPSULE_COLOR)
+        pose, drawn = drawn_capsule(capsule, CAPSULE_COLOR)
         path = link_path(arm.name, frame, f"capsule_{number}")
         writer.static(path, rr.Transform3D(translation=pose[:3, 3], mat3x3=pose[:3, :3]))
         writer.static(path, drawn)
     if has_coal() and arm.moves:
-        _draw_nearest(writer, padded, scene, arm, RADIUS * size)
+        _draw_nearest(writer, around, arm, RADIUS * size)
         whole = {key: (0.0, float(value[0])) for key, value in end.items()}
         bound = f"{plot_path(CLEARANCE.key, CLEARANCE.label)}/limit_lower"
         draw_dashed(writer, bound, [(whole, 1e3 * scene.clearance)])
 
 
 def _draw_nearest(
-    writer: Writer, robot: Robot, scene: Scene, arm: AnimatedArm, radius: float
+    writer: Writer,
+    around: Sequence[tuple[float, float, Robot, Scene]],
+    arm: AnimatedArm,
+    radius: float,
 ) -> None:
-    model = contact_model(robot, scene)
-    found = [model.nearest(q) for q in arm.q]
+    models = [contact_model(robot, scene.without_parts_of(robot)) for _, _, robot, scene in around]
+    ends_of = [end for _, end, _, _ in around][:-1]
+    places = np.searchsorted(ends_of, arm.times[TIME], side="right")
+    found = [models[k].nearest(q) for k, q in zip(places, arm.q, strict=True)]
     ends = np.array([(near.on_arm, near.on_other) for near in found])
     words = [f"{near.pair.label}: {1e3 * near.distance:.1f} mm" for near in found]
     path = f"{WORLD}/scene/nearest"
@@ -82,7 +96,7 @@ def _drawn(obstacle: Any, size: float) -> tuple[FloatArray, Any]:
     style: dict[str, Any] = {"colors": [OBSTACLE_COLOR], "fill_mode": "solid"}
     pose = np.eye(4)
     if isinstance(obstacle, Capsule):
-        return _capsule(obstacle, OBSTACLE_COLOR)
+        return drawn_capsule(obstacle, OBSTACLE_COLOR)
     if isinstance(obstacle, Sphere):
         pose[:3, 3] = obstacle.center
         return pose, rr.Ellipsoids3D(radii=[obstacle.radius], **style)
@@ -106,7 +120,8 @@ def _drawn(obstacle: Any, size: float) -> tuple[FloatArray, Any]:
     )
 
 
-def _capsule(capsule: Capsule, color: tuple[int, ...]) -> tuple[FloatArray, Any]:
+def drawn_capsule(capsule: Capsule, color: tuple[int, ...]) -> tuple[FloatArray, Any]:
+    """Frame [4,4] of a capsule in the frame that it is given in, and what is drawn in it."""
     along = capsule.end - capsule.start
     length = float(np.linalg.norm(along))
     pose = _along(along / length if length else np.array([0.0, 0.0, 1.0]))

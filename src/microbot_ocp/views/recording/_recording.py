@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -176,7 +176,8 @@ class Recording:
             draw_arm(writer, self.robot, arm, self.end)
             draw_curves(writer, self.robot, arm)
         if self.scene is not None and self.arms:
-            draw_scene(writer, self.robot, self.scene, self.arms[-1], self.end)
+            arm = self.arms[-1]
+            draw_scene(writer, self.robot, self.scene, arm, self.end, self._around())
         draw_labels(writer, self.robot, self._moving, self.eye, self.places, self.place_names)
         for arm in self._moving:
             self._write_motion(writer, arm)
@@ -189,6 +190,10 @@ class Recording:
             for arm, vectors in zip(self._moving, kind.vectors, strict=True):
                 path = plot_path(kind.quantity, arm.name)
                 draw_curve(writer, arm, path, arm.times, np.linalg.norm(vectors, axis=1))
+
+    def _around(self) -> Sequence[tuple[float, float, Robot, Scene]]:
+        """Stretches of time, s, with the arm that moves then and what is around it."""
+        return [] if self.scene is None else [(0.0, np.inf, self.robot, self.scene)]
 
     def _write_motion(self, writer: Writer, arm: AnimatedArm) -> None:
         spells = self.spells[arm.name]
