@@ -197,6 +197,30 @@ def test_a_wrong_acceleration_is_found_where_breaks_are_dense(robot):
         assert certify(robot, wrong, mo.Limits()).ok is ok
 
 
+def test_friction_that_makes_the_equations_stiff():
+    """A light joint that rubs settles within microseconds: long segments do all the same."""
+    light = mo.Link(1e-5, [0.0, 0.0, 0.0], viscous_friction=1.0, coulomb_friction=1.0)
+    robot = replace(slider(), links=[light])
+    t = np.linspace(0.0, 1.0, 51)
+    sine, cosine = np.sin(3.0 * t[:, None]), np.cos(3.0 * t[:, None])
+    motion = Motion.from_state(robot, t, State(sine, 3.0 * cosine, -9.0 * sine), label="sine")
+    certificate = certify(robot, motion, mo.Limits())
+    assert certificate.ok, certificate.verdict
+    assert certificate.segments < 50
+    assert not certify(robot, replace(motion, tau=1.001 * motion.tau), mo.Limits()).ok
+
+
+def test_timings_of_paths_in_milliseconds(robot):
+    """Intervals of less than a microsecond hold jumps, too, and both sides of each are known."""
+    tau_max = 1e6 * robot.limits.tau_max
+    quick = robot.with_limits(qd_max=np.inf, tau_max=tau_max, taud_max=np.inf)
+    motion = mo.time_optimal_path(quick, mo.cubic(VIA_Q, VIA_T))
+    assert motion.duration < 2e-3
+    assert np.isin(motion.breaks, motion.t).all()
+    certificate = certify(quick, motion)
+    assert certificate.ok, certificate.verdict
+
+
 def test_via_points(robot):
     marks = [Mark(t, name) for t, name in zip(VIA_T, ("start", "shelf", "goal"), strict=True)]
     motion = report_cubic(robot, marks=marks)

@@ -2,9 +2,10 @@
 
 Each segment starts at the motion's own state. It is driven by the torque that inverse dynamics ask
 for the sampled accelerations, interpolated, and by what the stored torques differ from it. The
-forward dynamics are integrated by Gauss-Legendre collocation, solved by Picard's iteration for all
-segments at once, and what is missed at the end is put down to a torque: the constant one that would
-cause it, by the mass matrix. Where the mass matrix is all but singular torques do not determine the
+forward dynamics are integrated by Gauss-Legendre collocation, solved for all segments at once by
+Picard's iteration, or by the simplified Newton iteration where friction makes them stiff, and what
+is missed at the end is put down to a torque: the constant one that would cause it, by the mass
+matrix. Where the mass matrix is all but singular torques do not determine the
 acceleration, so the motion's own is integrated there and inverse dynamics say what torque it takes.
 """
 
@@ -19,14 +20,16 @@ from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.growth import carry, transition_matrices
 from microbot_ocp._base.status import Status
-from microbot_ocp.motion import Motion, State, jump_gaps, mesh_of, torque_along
+from microbot_ocp.motion import Motion, State, jump_gaps, mesh_of, nearest_samples, torque_along
 from microbot_ocp.robot import Robot, forward_dynamics, mass_matrix
 from microbot_ocp.simulation import interpolated
 
 NODES = 9  # of a segment
 LONGEST, SHORTEST = 0.1, 2e-3  # s, of a segment; shorter ones only between breaks
+SHORTEST_STIFF = 1e-5  # s, the same where the iteration does not converge
 MOST_SEGMENTS = 20_000  # at first: those of motions beyond 2000 s are longer
-ROUNDS = 16  # of Picard's iteration, before a segment is halved
+ROUNDS = 16  # of the iteration, before a segment is halved
+STIFF = 0.5  # damping times the length of a segment, beyond which Picard's iteration is slow
 CONVERGED = 1e-13  # relative change of the state
 RESOLVED = 0.03  # of the torque that is judged: what may be left of the last Legendre coefficients
 NEIGHBOURS = (-2, -1, 1, 2)
@@ -51,6 +54,8 @@ INTEGRALS = 0.5 * np.column_stack(
     ]
 )
 TAIL = _to_coefficients[-2:]
+MODES, _to_places = np.linalg.eig(INTEGRALS)
+_to_modes = np.linalg.inv(_to_places)
 
 
 class Resimulation(NamedTuple):
@@ -100,7 +105,7 @@ class _Drive:
         pairs = motion.t[1:][jump_gaps(motion.t)]
         breaks = np.union1d(breaks, pairs[(pairs > breaks[0]) & (pairs < breaks[-1])])
         self.smooth = interpolated(motion, motion.qdd, breaks)
-        first = np.searchsorted(motion.t, breaks - 1e-9)
+        first = nearest_samples(motion.t, breaks)
         self.missed = np.cumsum(_missed(motion, first), axis=0)
 
     def unknown(self, start: FloatArray, end: FloatArray) -> FloatArray:
@@ -155,20 +160,19 @@ def resimulate(robot: Robot, motion: Motion, tolerance: float) -> Resimulation:
     size = torque_sizes(robot, motion)
     count = min(int(np.ceil(motion.duration / LONGEST)), MOST_SEGMENTS)
     edges = np.linspace(0.0, motion.duration, count + 1)
-    after = np.clip(np.searchsorted(mesh, edges), 1, mesh.size - 1)
-    nearest = np.where(edges - mesh[after - 1] <= mesh[after] - edges, mesh[after - 1], mesh[after])
+    nearest = mesh[nearest_samples(mesh, edges)]
     near = np.abs(nearest - edges) < 0.5 * edges[1]
     edges = np.unique(np.where(near, nearest, edges))
     todo = np.column_stack([edges[:-1], edges[1:]])
     done, stuck = [], 0
     left = 0
     while todo.size and not left:
-        found, good = _integrated(drive, size * tolerance, todo)
+        found, good, converged = _integrated(drive, size * tolerance, todo)
         low = np.searchsorted(mesh, todo[:, 0] + 1e-9, side="right")
         inner = low < np.searchsorted(mesh, todo[:, 1] - 1e-9, side="left")
         good &= ~(inner & (found.torques > size * tolerance).any(axis=1))
-        small = ~inner & (np.diff(todo)[:, 0] <= SHORTEST)
-        stuck += int((small & ~good & ~np.isfinite(found.defects).all(axis=1)).sum())
+        small = ~inner & (np.diff(todo)[:, 0] <= np.where(converged, SHORTEST, SHORTEST_STIFF))
+        stuck += int((small & ~good & ~converged).sum())
         done.append(found.where(good | small))
         todo = todo[~(good | small)]
         cut = todo.mean(axis=1)
@@ -202,8 +206,11 @@ def torque_sizes(robot: Robot, motion: Motion) -> FloatArray:
 
 def _integrated(
     drive: _Drive, allowed: FloatArray, spans: FloatArray
-) -> tuple[_Segments, BoolArray]:
-    """Segments [K] integrated, and which are accurate, or as wrong as can be told."""
+) -> tuple[_Segments, BoolArray, BoolArray]:
+    """Segments [K] integrated, which are accurate, or as wrong as can be told, and which converged.
+
+    Where torques do not determine the motion there is no iteration to converge.
+    """
     robot, motion = drive.robot, drive.motion
     count, begin, h = robot.joint_count, spans[:, 0], np.diff(spans)[:, 0]
     h1 = h[:, None, None]
@@ -217,14 +224,18 @@ def _integrated(
     determined: BoolArray = np.logical_and.reduce(regular, axis=1)
     first, last = motion.sample(begin), motion.sample(spans[:, 1])
     q0, qd0 = first.q[:, None], first.qd[:, None]
-    good: BoolArray = np.zeros(h.size, dtype=bool)
+    converged = ~determined
     open_ = determined.copy()
+    stiff, modes = _stiff_modes(robot, flat, tau, h)
     for _ in range(ROUNDS):
         if not open_.any():
             break
         qdd[open_] = _accelerations(robot, q[open_], qd[open_], tau[open_])
         with np.errstate(over="ignore", invalid="ignore"):
             speed = qd0[open_] + h1[open_] * (INTEGRALS @ qdd[open_])
+            both = open_ & stiff
+            change = modes[both[stiff]] @ (_to_modes @ (speed - qd[open_])[both[open_]])[..., None]
+            speed[both[open_]] = qd[both] + (_to_places @ change[..., 0]).real
             place = q0[open_] + h1[open_] * (INTEGRALS @ speed)
             change = np.maximum(
                 np.abs(place - q[open_]).max(axis=(1, 2)),
@@ -233,9 +244,9 @@ def _integrated(
             size = 1.0 + np.abs(place).max(axis=(1, 2))
         q[open_], qd[open_] = place, speed
         which = np.flatnonzero(open_)
-        good[which[change <= CONVERGED * size]] = True
+        converged[which[change <= CONVERGED * size]] = True
         open_[which[~(change > CONVERGED * size) | ~np.isfinite(change)]] = False
-    good |= ~determined & (h < UNDETERMINED)
+    good = converged & (determined | (h < UNDETERMINED))
     with np.errstate(over="ignore", invalid="ignore"):
         # Of what is undetermined the motion's own velocity and acceleration are integrated.
         tail = np.abs(np.einsum("an,knj->kaj", TAIL, qdd)).max(axis=1)
@@ -251,7 +262,28 @@ def _integrated(
         unknown = np.einsum("kij,kj->ki", np.abs(inertia), drive.unknown(begin, spans[:, 1]))
         rough = np.abs(np.einsum("kij,kj->ki", inertia, tail)) > RESOLVED * allowed
         good &= ~rough.any(axis=1) | (torques > WRONG * (allowed + unknown)).any(axis=1)
-    return _Segments(begin, spans[:, 1], defects, torques, unknown, determined), good
+    return _Segments(begin, spans[:, 1], defects, torques, unknown, determined), good, converged
+
+
+def _stiff_modes(
+    robot: Robot, state: State, tau: FloatArray, h: FloatArray
+) -> tuple[BoolArray, NDArray[Any]]:
+    """Which segments [K] friction makes stiff, and for those the inverses of Newton's iteration.
+
+    The derivative of the acceleration by the velocity is taken in the middle of each; the inverses
+    [stiff, NODES, n, n] are for the eigenvectors of the collocation's integrals.
+    """
+    count = robot.joint_count
+    middle = slice(NODES // 2, None, NODES)
+    q, qd, torque = state.q[middle], state.qd[middle], tau[:, NODES // 2]
+    slopes = np.zeros((h.size, count, count))
+    base = _accelerations(robot, q, qd, torque)
+    for j in range(count):
+        step = STEP * np.eye(count)[j]
+        slopes[:, :, j] = (_accelerations(robot, q, qd + step, torque) - base) / STEP
+    slopes = np.nan_to_num(slopes) * h[:, None, None]
+    stiff: BoolArray = np.abs(slopes).max(axis=(1, 2)) > STIFF
+    return stiff, np.linalg.inv(np.eye(count) - MODES[:, None, None] * slopes[stiff, None])
 
 
 def _judged(

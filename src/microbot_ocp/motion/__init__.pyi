@@ -23,5 +23,6 @@ from ._sampling import (
     dense_times as dense_times,
     jump_gaps as jump_gaps,
     mesh_of as mesh_of,
+    nearest_samples as nearest_samples,
     samples_at as samples_at,
 )

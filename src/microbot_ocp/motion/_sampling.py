@@ -27,6 +27,12 @@ def jump_gaps(t: FloatArray, i: NDArray[np.intp] | None = None) -> NDArray[np.bo
     return t[first + 1] - t[first] <= np.minimum(2 * JUMP_GAP, JUMP_SHARE * before)
 
 
+def nearest_samples(t: FloatArray, times: FloatArray) -> NDArray[np.intp]:
+    """Which of the samples at t [N] are nearest to some times [K]."""
+    after = np.clip(np.searchsorted(t, times), 1, t.size - 1)
+    return after - (times - t[after - 1] < t[after] - times)
+
+
 def mesh_of(motion: Motion) -> FloatArray:
     """Breaks of a motion with both ends; the gap that stands for a jump is not an interval."""
     breaks = motion.t if motion.breaks is None else motion.breaks

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray
@@ -21,7 +22,9 @@ from microbot_ocp.planning._task import check_limits, whole, with_locked_joints_
 from microbot_ocp.robot import Robot
 
 SAMPLES = 4  # of an interval, so that they tell how the acceleration curves
-SAMPLES_AT_ENDS = 12  # of the first and the last interval between two stops
+SAMPLES_OF_BENT = 12  # of an interval where four do not tell it, and of those next to stops
+TOGETHER = 1e-14  # of the duration: samples so near to one another are one
+CUBIC = 1e-5  # of a joint's largest acceleration: fourth differences that four samples may miss
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,23 +201,39 @@ def sampled(parts: Sequence[tuple[Curve, Reached]]) -> tuple[FloatArray, State, 
     times, states, breaks, begin = [], [], [np.zeros(1)], 0.0
     for curve, reached in parts:
         lengths = np.diff(reached.t)
-        count = np.maximum(SAMPLES - 1, np.ceil(lengths / SAMPLE_STEP - 1e-9)).astype(int)
+        bent = _bent(curve, reached, lengths)
         # powers of the parameter at ends where the tangent vanishes are not those of a polynomial
-        count[[0, -1]] = np.maximum(count[[0, -1]], SAMPLES_AT_ENDS)
+        bent[[0, -1]] = True
+        least = np.where(bent, SAMPLES_OF_BENT, SAMPLES - 1)
+        count = np.maximum(least, np.ceil(lengths / SAMPLE_STEP - 1e-9)).astype(int)
         i = np.repeat(np.arange(count.size), count + 1)
         k = np.arange(i.size) - np.repeat(np.cumsum(count + 1) - count - 1, count + 1)
         early = np.minimum(JUMP_GAP, 0.01 * lengths / count)[i]
         local = k / count[i] * lengths[i] - np.where(k == count[i], early, 0.0)
         if len(times) == len(parts) - 1:
             local[-1] = lengths[-1]
-        r, v, u = (values[:, None] for values in reached.after(i, local))
-        q, tangent, curvature = curve.inside(r.ravel(), i, reached.s)
         times.append(begin + reached.t[i] + local)
-        states.append(State(q, tangent * v, tangent * u + curvature * v**2))
+        states.append(_state(curve, reached, i, local))
         breaks.append(begin + reached.t[1:])
         begin += reached.duration
     t = np.concatenate(times)
-    keep = np.append(True, np.diff(t) > 1e-3 * JUMP_GAP)
+    keep = np.append(True, np.diff(t) > TOGETHER * t[-1])
     keep[-1] = True
     joined = (np.concatenate(parts)[keep] for parts in zip(*states, strict=True))
     return t[keep], State(*joined), np.concatenate(breaks)
+
+
+def _state(curve: Curve, reached: Reached, i: np.ndarray, local: FloatArray) -> State:
+    """State [K,n] at times since the start of intervals i."""
+    r, v, u = (values[:, None] for values in reached.after(i, local))
+    q, tangent, curvature = curve.inside(r.ravel(), i, reached.s)
+    return State(q, tangent * v, tangent * u + curvature * v**2)
+
+
+def _bent(curve: Curve, reached: Reached, lengths: FloatArray) -> NDArray[np.bool_]:
+    """In which intervals [N] the acceleration is far from a cubic of the time."""
+    i = np.repeat(np.arange(lengths.size), 5)
+    local = np.linspace(0.0, 1.0, 5) * lengths[:, None]
+    qdd = _state(curve, reached, i, local.ravel()).qdd.reshape(lengths.size, 5, -1)
+    largest = np.abs(qdd).max(axis=(0, 1))
+    return (np.abs(np.diff(qdd, 4, axis=1)[:, 0]) > CUBIC * largest).any(axis=1)

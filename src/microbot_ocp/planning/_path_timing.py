@@ -23,7 +23,15 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.codegen import compile_recipe, compiler
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import JointLimits, LimitFamily, Limits, MotionSamples
-from microbot_ocp.motion import SAMPLE_STEP, Mark, Motion, PiecewisePolynomial, State, sample_times
+from microbot_ocp.motion import (
+    JUMP_GAP,
+    SAMPLE_STEP,
+    Mark,
+    Motion,
+    PiecewisePolynomial,
+    State,
+    sample_times,
+)
 from microbot_ocp.ocp.problem import OptimalControlProblem, Phase
 from microbot_ocp.ocp.refinement import Refiner
 from microbot_ocp.ocp.solution import PhaseSolution, Solution, StepProgress, quiet
@@ -414,9 +422,9 @@ class _PathSearch:
         breaks = [np.zeros(1)]
         for index, (phase, piece) in enumerate(zip(solution.phases, self.pieces, strict=True)):
             last = index + 1 == len(self.pieces)
-            local = sample_times(phase.t, np.zeros(0), SAMPLE_STEP, least=3)
+            local = sample_times(phase.t, np.zeros(0), SAMPLE_STEP, least=5)
             if not last:  # the acceleration may jump where the next piece begins
-                local[-1] = local[-1] - 1e-6
+                local[-1] -= min(JUMP_GAP, 0.01 * (local[-1] - local[-2]))
             t_parts.append(edges[index] + local)
             states.append(State(*_samples(phase_polynomial(phase), piece, local)[:3]))
             breaks.append(edges[index] + phase.t[1:])

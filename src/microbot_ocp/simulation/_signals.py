@@ -11,7 +11,13 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
-from microbot_ocp.motion import Motion, PiecewisePolynomial, jump_gaps, mesh_of
+from microbot_ocp.motion import (
+    Motion,
+    PiecewisePolynomial,
+    jump_gaps,
+    mesh_of,
+    nearest_samples,
+)
 from microbot_ocp.robot import Robot
 from microbot_ocp.simulation._inputs import same_joints
 from microbot_ocp.simulation._integration import FIT, Signal, Values, fitted, formula_signal
@@ -115,7 +121,7 @@ def interpolated(motion: Motion, samples: FloatArray, breaks: FloatArray, most: 
 
     ``most`` is the number that they go through, at most: six for quintics.
     """
-    first = np.searchsorted(motion.t, breaks - 1e-9)  # sample of every break
+    first = nearest_samples(motion.t, breaks)  # of a jump the later, which stands at the break
     gap = np.append(jump_gaps(motion.t), False)
 
     def values(times: FloatArray) -> FloatArray:
