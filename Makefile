@@ -1,7 +1,7 @@
 # make demo   the method comparison, into out/demo     make lint   ruff and pyright
 # make test   the whole test suite                     make clean  remove all that make made
 # make test-fast   the tests that take a moment only   (CONTRIBUTING.md)
-# make fuzz, make faults   damaged inputs (COUNT=10000); kills (COUNT=500), full disks, caches
+# make fuzz, make faults   damaged inputs (COUNT=100000); kills (COUNT=500), full disks, caches
 # make test-oldest   the suite on the lowest version of every dependency (docs/reliability.md)
 # make bench  speed ratios against peers               make docs   the documentation, into out/docs
 # make figures, make screenshots   figures of the documentation, pictures of recordings: docs/images
@@ -69,17 +69,18 @@ test: test-environment
 test-fast: test-environment
 	@$(BIN)/python -m pytest -n 2 --dist loadfile -m 'not slow' tests
 
-# Cases at random, then those that atheris chooses by the lines that they reach.
-FUZZED := motion solution comparison robot_file urdf task cell study sweep
+# Cases at random, from where the record of the last run ends, then those that atheris chooses by the
+# lines that they reach.
+FUZZED := motion solution comparison robot_file urdf task cell study sweep scene
 fuzz: test-environment $(VENV)/.ready-fuzz
-	@MICROBOT_OCP_FUZZ=$(or $(COUNT),10000) $(BIN)/python -m pytest -q tests/reliability/test_fuzz.py \
-	    tests/reliability/test_border.py
+	@mkdir -p out
+	@$(BIN)/python tests/reliability/fuzz.py all $(or $(COUNT),100000) --record out/fuzz.jsonl
 	@for target in $(FUZZED); do echo "atheris: $$target"; \
-	    $(BIN)/python tests/reliability/fuzz.py $$target $(or $(COUNT),10000) --atheris; done
+	    $(BIN)/python tests/reliability/fuzz.py $$target $(or $(COUNT),100000) --atheris; done
 
 faults: test-environment
 	@MICROBOT_OCP_KILLS=$(or $(COUNT),500) $(BIN)/python -m pytest -q -s tests/_base/test_codegen.py \
-	    tests/_base/test_writing.py tests/comparison/test_folder.py tests/reliability/test_network.py
+	    tests/reliability/test_faults.py tests/reliability/test_network.py
 
 # The lowest version that pyproject.toml allows of everything it names; pictures of figures are
 # compared with matplotlib 3.11 only.

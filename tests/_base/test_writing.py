@@ -1,6 +1,4 @@
 import os
-import resource
-import signal
 import stat
 import subprocess
 import sys
@@ -141,39 +139,3 @@ def test_devices_are_written_directly(tmp_path):
     write_whole(tmp_path / "pipe", "text")
     reader.join()
     assert found == ["text"]
-
-
-@pytest.fixture
-def full_disk():
-    """No file may grow beyond 300 bytes: what a full disk does, to this process alone."""
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (300, before[1]))
-    yield
-    resource.setrlimit(resource.RLIMIT_FSIZE, before)
-    signal.signal(signal.SIGXFSZ, handler)
-
-
-@pytest.fixture(scope="module")
-def motion():
-    robot = mo.load_robot("microbot")
-    path = mo.quintic([[0, 0, 0], [1, 1, 1]], [0, 1])
-    return mo.Motion.from_polynomial(robot, path, label="quintic")
-
-
-@needs_linux
-@pytest.mark.parametrize("kind", ["npz", "rrd", "png", "toml", "urdf", "csv"])
-def test_a_full_disk_leaves_the_old_file(tmp_path, full_disk, motion, kind):
-    robot, path = mo.load_robot("microbot"), tmp_path / f"old.{kind}"
-    path.write_text("old")
-    with pytest.raises(NotWritten, match=f"old.{kind} was not written: file too large"):
-        {
-            "npz": lambda: motion.save(path),
-            "rrd": lambda: motion.to_rerun(robot, path),
-            "png": lambda: motion.plot(robot).savefig(path),
-            "toml": lambda: mo.write_toml(robot, path),
-            "urdf": lambda: mo.write_urdf(robot, path),
-            "csv": lambda: mo.Table.of_text(["x" * 400], [["1"]]).write_csv(path),
-        }[kind]()
-    assert path.read_text() == "old"
-    assert os.listdir(tmp_path) == [path.name]

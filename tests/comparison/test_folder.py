@@ -1,7 +1,4 @@
 import json
-import os
-import signal
-import time
 
 import numpy as np
 import pytest
@@ -116,30 +113,3 @@ def test_a_folder_that_cannot_be_written_keeps_what_it_has(runs, tmp_path, monke
     assert ".part" not in str(caught.value)
     monkeypatch.undo()
     assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
-
-
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
-def test_a_kill_leaves_one_run_or_a_folder_that_is_refused(runs, tmp_path):
-    kills = int(os.environ.get("MICROBOT_OCP_KILLS", "6"))
-    rng, whole, refused = np.random.default_rng(), 0, 0
-    for _ in range(kills):
-        runs[1].save(tmp_path, OUTPUTS)
-        child = os.fork()
-        if not child:
-            while True:
-                runs[0].save(tmp_path, OUTPUTS)
-                runs[1].save(tmp_path, OUTPUTS)
-        time.sleep(rng.uniform(0.0, 0.1))
-        os.kill(child, signal.SIGKILL)
-        os.waitpid(child, 0)
-        try:
-            found = set(mo.load_comparison(tmp_path).motions)
-            assert found in ({"cubic"}, {"cubic", "lspb"})
-            whole += 1
-        except mo.InputError as problem:
-            assert "of another run" in str(problem) or "missing" in str(problem)  # noqa: PT017
-            refused += 1
-        runs[0].save(tmp_path, OUTPUTS)
-        assert not list(tmp_path.rglob("*.part"))
-        assert set(mo.load_comparison(tmp_path).motions) == {"cubic", "lspb"}
-    print(f"{kills} kills while saving: {whole} folders of one run, {refused} refused, none mixed")

@@ -8,13 +8,12 @@ import contextlib
 import enum
 import importlib
 import inspect
-import random
 import re
 import signal
 import time
 import traceback
 import warnings
-from collections import Counter
+from functools import cache
 from pathlib import Path
 
 import casadi as ca
@@ -240,59 +239,21 @@ def outcome(function, positional, named):
     return None
 
 
-def systematic():
-    """Every parameter of everything public with every bad value."""
-    for name, function in public().items():
-        for index in range(len(_signature(function).parameters)):
-            for bad in BAD:
-                yield name, function, {index}, lambda _, bad=bad: bad()
+@cache
+def callables():
+    """What :func:`public` finds, once."""
+    return list(public().items())
 
 
-def at_random(count, seed=0):
-    """So many calls with bad values at random places."""
-    generator = random.Random(seed)
-    callables = list(public().items())
-    for _ in range(count):
-        name, function = generator.choice(callables)
-        size = len(_signature(function).parameters)
-        places = {i for i in range(size) if generator.random() < 0.4} or None
-        yield name, function, places, lambda _: generator.choice(BAD)()
-
-
-def run(cases):
-    """How many calls there were, and what is foreign: a list of (name, kind, where, message)."""
-    count, foreign = 0, []
-    for name, function, places, picked in cases:
-        if name.startswith(("Phase.", "OptimalControlProblem.")):  # which the calls before changed
-            things().update(declared())
-            kind, _, method = name.partition(".")
-            function = getattr(things()["phase" if kind == "Phase" else "problem"], method)
-        positional, named = call(function, picked, places)
-        found = outcome(function, positional, named)
-        count += 1
-        if found is not None:
-            foreign.append((name, *found, repr(sorted(named))[:100]))
-    return count, foreign
-
-
-def main(count, seed=0):
-    """Tell each foreign call when it is found, and how many calls there were."""
-    begin, total, kinds = time.monotonic(), 0, Counter()
-    for case in at_random(count, seed):
-        made, foreign = run([case])
-        total += made
-        for name, kind, where, message, named in foreign:
-            kinds[kind] += 1
-            print(kind, name, where, "|", message[:150].replace("\n", " "), "|", named, flush=True)
-        if total % 500 == 0:
-            print(f"{total} calls, {time.monotonic() - begin:.0f} s", flush=True)
-    print(f"{total} calls of {len(public())} callables, seed {seed}; foreign: {dict(kinds)}")
-
-
-if __name__ == "__main__":
-    import os
-    import sys
-    import tempfile
-
-    os.chdir(tempfile.mkdtemp())
-    main(*map(int, sys.argv[1:]))
+def random_call(draw):
+    """One call with bad values at random places: None, or (name, kind, where, message, named)."""
+    name, function = draw.choice(callables())
+    size = len(_signature(function).parameters)
+    places = {i for i in range(size) if draw.random() < 0.4} or None
+    if name.startswith(("Phase.", "OptimalControlProblem.")):  # which the calls before changed
+        things().update(declared())
+        kind, _, method = name.partition(".")
+        function = getattr(things()["phase" if kind == "Phase" else "problem"], method)
+    positional, named = call(function, lambda _: draw.choice(BAD)(), places)
+    found = outcome(function, positional, named)
+    return None if found is None else (name, *found, repr(sorted(named))[:100])

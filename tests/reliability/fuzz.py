@@ -1,39 +1,53 @@
-"""What `make fuzz` tries: each target takes bytes and ends with a result or a short InputError.
+"""What `make fuzz` tries: each case ends with a result or a short InputError.
 
 ``python tests/reliability/fuzz.py TARGET COUNT [SEED]`` tries so many cases at random and prints
-what came of them; with ``--atheris`` the cases are those that reach new lines of the package.
+what came of them; TARGET may be "all". With ``--record FILE`` each piece of 1000 is a line of that
+file, and the next run goes on where it ends; ``--minutes`` ends a run between pieces. With
+``--atheris`` the cases are those that reach new lines of the package.
 """
 
+import argparse
 import contextlib
 import copy
+import csv
 import inspect
 import io
 import json
 import os
 import random
 import re
+import resource
 import signal
 import sys
 import tempfile
 import time
 import tomllib
 import traceback
+import warnings
 import zipfile
 from collections import Counter
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
-from border_calls import declared
+from border_calls import declared, random_call
+from pyarrow.parquet import read_table
+from scipy.io import loadmat
 
 import microbot_ocp as mo
 from microbot_ocp._base import deadline
-from microbot_ocp.cli import main
+from microbot_ocp.cli import main as program
 from microbot_ocp.comparison import is_cell_file, read_cell, read_task
+from microbot_ocp.motion import EXPORT_FORMATS
 from microbot_ocp.robot.files import robot_text
+from microbot_ocp.scene import read_scene
 from microbot_ocp.sweeps import load_sweep, read_study
 
 SLOW = 10.0  # s
+MOST_MEMORY = 1_000_000  # kB that one case may add to the most that was ever taken
+PIECE = 1000  # cases of a line of the record
 MOST_MESSAGE = 300  # characters
 VIA = np.radians([[0, 0, 0], [-90, 90, 90]])
 ODD = [
@@ -94,9 +108,38 @@ start_q_deg = { from = [-180, 0, -150], to = [180, 180, 150] }
 goal_q_deg = { from = [-180, 0, -150], to = [180, 180, 150] }
 payload = { from = 0.0, to = 5.0 }
 """
+SCENE = """clearance = 0.02
+self_collision = true
+ignore = [["elbow", "post"]]
+[[obstacle]]
+name = "post"
+kind = "cylinder"
+radius = 0.2
+length = 1.0
+center = [3, 0, 0]
+rotation_deg = [0, 90, 0]
+[[obstacle]]
+kind = "sphere"
+center = [0, 5, 0]
+radius = 0.3
+[[obstacle]]
+kind = "half_space"
+normal = [0, 0, 1]
+offset = -1.0
+[[obstacle]]
+kind = "capsule"
+start = [1, 2, 3]
+end = [1, 2, 4]
+radius = 0.1
+[[obstacle]]
+name = "wedge"
+kind = "mesh"
+vertices = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
+matrix = [[1, 0, 0, 5], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
+"""
 WORDS = [
     "", "-", "--", "-1", "0", "1e999", "nan", "inf", "9" * 400, "x" * 5000, "0,0,0", "0,0,0 1,1,1",
-    "0,0 1e-9,0", ",,,", "3,-1,4.5", "microbot", "panda", "none.toml", "../x", "/", "/dev/null",
+    "0,0 1e-9,0", ",,,", "3,-1,4.5", "microbot", "panda", "none.toml", "../x", "/proc", "/dev/null",
     "'", "\udcff", "ä", "1e-320", "0x10", "1_0", "[0]", "{}", "True", "cubic", "1:2",
     "a=b", "\n", "%s",
 ]  # fmt: skip
@@ -108,8 +151,8 @@ COMMANDS = {  # with what makes each end at once
     "compare": ["microbot", "--via-deg", "0,0,0 -90,90,90", "--time-limit", "0.02"],
     "time-optimal": ["microbot", "--via-deg", "0,0,0 -90,90,90", "--time-limit", "0.02"],
     "simulate": ["microbot", "--q-deg", "0,30,20", "--time-limit", "0.02"],
-    "replay": ["none", "--rerun", "none.rrd"],
-    "export": ["none.npz", "none.csv"],
+    "replay": ["comparison", "--json"],
+    "export": ["good.motion", "out.csv"],
     "solve": ["none.toml", "--out", "none/out"],
     "sweep": ["none.toml", "--out", "none/out"],
 }
@@ -308,7 +351,31 @@ def robot_file(draw):
 
 
 def urdf(draw):
-    mo.load_robot(_file("robot.urdf", damaged(saved("urdf"), draw)))
+    content = saved("urdf")
+    if draw.random() < 0.3:
+        content = damaged(content, draw)
+    else:
+        root = ElementTree.fromstring(content)
+        for _ in range(draw.randint(1, 3)):
+            _edit_element(draw.choice(list(root.iter())), root, draw)
+        content = ElementTree.tostring(root, "utf-8", xml_declaration=True)
+    mo.load_robot(_file("robot.urdf", content))
+
+
+def _edit_element(element, root, draw):
+    """Replace an attribute, or remove, repeat or move an element."""
+    way = draw.random()
+    if way < 0.7 and element.attrib:
+        name = draw.choice(sorted(element.attrib))
+        texts = ["", "nan", "1e308", "-1", "0", "1 2", "a", "0 0 0 0", "9" * 400, "fixed", "1e-320"]
+        others = [other.attrib[name] for other in root.iter() if name in other.attrib]
+        element.attrib[name] = draw.choice([*texts, *others])
+    elif way < 0.8 and element.attrib:
+        del element.attrib[draw.choice(sorted(element.attrib))]
+    elif way < 0.9:
+        element.append(copy.deepcopy(draw.choice(list(root.iter()))))
+    elif len(element):
+        element.remove(draw.choice(list(element)))
 
 
 def task(draw):
@@ -338,6 +405,68 @@ def sweep(draw):
     repr(load_sweep(place))
 
 
+def scene(draw):
+    read_scene(_file("scene.toml", toml(SCENE, draw)))
+
+
+def export(draw):
+    """A motion in another program's format, read back as that program would."""
+    motion, arm = _odd_motion(draw), draw.choice([None, _odd_robot(draw)])
+    ending = draw.choice([*EXPORT_FORMATS, *EXPORT_FORMATS, ".npz", "", ".CSV", ".csv.gz", ".gif"])
+    rates = [None, 1, 10.0, 333.3, *ODD[:14]]
+    path = folder() / f"out{ending}"
+    path.unlink(missing_ok=True)
+    if ending == ".gif":  # drawing one takes seconds
+        arm = None
+    motion.export(path, rate=draw.choice(rates), robot=arm)
+    content = path.read_bytes()
+    if ending == ".csv":
+        rows = list(csv.reader(io.StringIO(content.decode(), newline="")))
+        assert {len(row) for row in rows} == {13}, "columns"
+        assert np.isfinite(np.array(rows[1:], dtype=float)).all()
+    elif ending == ".json":
+        points = json.loads(content)["points"]
+        stamps = [
+            p["time_from_start"]["sec"] + 1e-9 * p["time_from_start"]["nanosec"] for p in points
+        ]
+        assert (np.diff(stamps) > 0).all()
+    elif ending == ".mat":
+        assert loadmat(io.BytesIO(content))["q"].shape[1] == 3
+    elif ending == ".parquet":
+        assert read_table(io.BytesIO(content)).num_columns == 13
+    else:
+        assert ElementTree.fromstring(content).tag == "mujoco"
+
+
+def _odd_motion(draw):
+    """A motion of odd label, times and values."""
+    steps = np.array(
+        [draw.choice([1e-9, 1e-5, 0.01, 0.1, 1.0]) for _ in range(draw.randint(1, 30))]
+    )
+    t = np.append(0.0, np.cumsum(steps)) * draw.choice([1, 1, 1, 1e4, 1e-6])
+    values = [
+        np.array([[draw.choice([0, 1, -2.5, 1e-300, 1e6]) for _ in range(3)] for _ in t])
+        for _ in range(4)
+    ]
+    label = draw.choice(["a", "", "ä <&>\"'", "a\0b", "\ud800", "x" * 5000, "\n\r,;", "\x01"])
+    return mo.Motion(t, *values, label=label)
+
+
+def _odd_robot(draw):
+    names = [
+        draw.choice(["a", "ä,b", 'q"', "line\nbreak", "<x>", "\x02", "t [s]"]) for _ in range(3)
+    ]
+    links = [replace(link, name=name) for link, name in zip(robot().links, names, strict=True)]
+    return replace(robot(), links=tuple(links))
+
+
+def border(draw):
+    """A call of something public with arguments that nobody foresaw."""
+    found = random_call(draw)
+    if found is not None:
+        raise AssertionError(" | ".join(map(str, found))[:500])
+
+
 def command(draw):
     """A command of the program with some of its words replaced."""
     name = draw.choice(list(COMMANDS))
@@ -350,7 +479,7 @@ def command(draw):
             words[place] = draw.choice(WORDS)
     said, told = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(said), contextlib.redirect_stderr(told):
-        code = main([name, *words])
+        code = program([name, *words])
     if code not in (0, 1, 2):
         raise AssertionError(f"exit code {code} of {[name, *words]}: {told.getvalue()[:300]}"[:500])
     line = max(map(len, told.getvalue().splitlines()), default=0)
@@ -376,7 +505,10 @@ TARGETS = {
         cell,
         study,
         sweep,
+        scene,
+        export,
         command,
+        border,
     )
 }
 
@@ -408,11 +540,15 @@ def attempt(target, draw):
     return ""
 
 
-def series(target, count, seed=0, tell=None):
+def series(target, count, seed=0, tell=None, first=0):
     """Counts of what came of so many cases, and a list of (number of the case, what was wrong)."""
     found, wrong = Counter(), []
-    for case in range(count):
+    for case in range(first, first + count):
+        most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
         outcome = attempt(target, random.Random(f"{target} {seed} {case}"))
+        more = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - most
+        if outcome in ("", "refused") and more > MOST_MEMORY:
+            outcome = f"took {more} kB"
         kind = {"": "done", "refused": "refused"}.get(outcome, "wrong")
         found[kind] += 1
         if kind == "wrong":
@@ -420,6 +556,30 @@ def series(target, count, seed=0, tell=None):
             if tell is not None:
                 tell(f"{target} {seed} {case}: {outcome}")
     return found, wrong
+
+
+def recorded(target, seed, record):
+    """How many cases of a target a record has."""
+    lines = record.read_text().splitlines() if record.exists() else []
+    known = [
+        line for line in map(json.loads, lines) if (line["target"], line["seed"]) == (target, seed)
+    ]
+    return sum(line["cases"] for line in known)
+
+
+def goes_on(target, count, seed, record, until):
+    """Try a target piece by piece from where its record ends; whether a case was wrong."""
+    first, bad = recorded(target, seed, record), False
+    while first < count and time.monotonic() < until:
+        begin, size = time.process_time(), min(PIECE, count - first)
+        found, wrong = series(target, size, seed, lambda text: print(text, flush=True), first)
+        line = {"target": target, "seed": seed, "first": first, "cases": size, **found}
+        line |= {"seconds": round(time.process_time() - begin, 2), "cases_that_were_wrong": wrong}
+        with record.open("a") as stream:
+            stream.write(json.dumps(line) + "\n")
+        first, bad = first + size, bad or bool(wrong)
+    print(f"{target}: {first} of {count} cases", flush=True)
+    return bad
 
 
 class _Bytes(random.Random):
@@ -459,21 +619,25 @@ def guided(target, count):
     atheris.Fuzz()
 
 
-if __name__ == "__main__":
-    chosen = [a for a in sys.argv[1:] if not a.startswith("--")]
+def main():
+    """Exit code 1 where a case was wrong."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("target", choices=[*TARGETS, "all"])
+    parser.add_argument("count", type=int)
+    parser.add_argument("seed", nargs="?", default="0")
+    parser.add_argument("--record", type=Path)
+    parser.add_argument("--minutes", type=float, default=np.inf)
+    parser.add_argument("--atheris", action="store_true")
+    given = parser.parse_args()
+    record = (given.record or folder() / "record.jsonl").absolute()
+    until = time.monotonic() + 60 * given.minutes
+    names = list(TARGETS) if given.target == "all" else [given.target]
     os.chdir(folder())
-    if "--atheris" in sys.argv:
-        guided(chosen[0], int(chosen[1]))
-    else:
-        begin, number = time.monotonic(), int(chosen[1])
-        for name in TARGETS if chosen[0] == "all" else [chosen[0]]:
-            done, _ = series(
-                name,
-                number,
-                int(chosen[2]) if len(chosen) > 2 else 0,
-                lambda t: print(t, flush=True),
-            )
-            print(
-                f"{name}: {number} cases, {dict(done)}, {time.monotonic() - begin:.0f} s",
-                flush=True,
-            )
+    warnings.simplefilter("ignore")
+    if given.atheris:
+        return guided(given.target, given.count)
+    return int(max([goes_on(name, given.count, given.seed, record, until) for name in names]))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

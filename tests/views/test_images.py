@@ -54,7 +54,7 @@ def test_paths(comparison: Comparison) -> Figure:
 
 @pictured
 def test_saturation(comparison: Comparison) -> Figure:
-    return mo.plots.saturation(comparison).get_figure(root=True)
+    return mo.plots.figure_of(mo.plots.saturation(comparison))
 
 
 @pictured
@@ -103,7 +103,7 @@ def test_seven_joints() -> Figure:
 def test_phase_plane(comparison: Comparison) -> Figure:
     path = mo.straight_path(comparison.via_q)
     axes = mo.plots.phase_plane(comparison.robot, path, unit="rad")
-    return axes.get_figure(root=True)
+    return mo.plots.figure_of(axes)
 
 
 @pictured

@@ -119,7 +119,9 @@ class _Arguments:
         variable = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
         for name, parameter in inspect.signature(self.function).parameters.items():
             check = None
-            if parameter.annotation is not inspect.Parameter.empty:
+            if parameter.annotation in ARRAYS:
+                check = ARRAYS[parameter.annotation]
+            elif parameter.annotation is not inspect.Parameter.empty:
                 check = check_of(_resolved(parameter.annotation, self.function))
             if check is not None and parameter.kind not in variable:
                 found[name] = check
@@ -215,6 +217,10 @@ def _array(value: Any) -> bool:
 
 
 ARRAY = Check(_array, "an array of numbers")
+ARRAYS = {  # as annotations are written: what ArrayLike stands for has text among its parts
+    "ArrayLike": ARRAY,
+    "ArrayLike | None": Check(lambda v: v is None or _array(v), "an array of numbers or None"),
+}
 
 
 def check_of(hint: Any) -> Check | None:

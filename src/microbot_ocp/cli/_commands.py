@@ -83,8 +83,20 @@ class Command(TyperCommand):
     """A command with its name and docstring; its module is loaded when it is called."""
 
     def __init__(self, name: str, entry: Entry) -> None:
+        super().__init__(name)
         self.entry = entry
-        super().__init__(name, help=_docstring(entry))
+        del self.help  # for the property below: reading all of them takes a tenth of a second
+
+    @cached_property
+    def help(self) -> str:  # type: ignore[override]
+        """The docstring, which a list of the commands shows."""
+        source = (Path(__file__).parent / f"{self.entry.module}.py").read_text("utf-8")
+        found: Sequence[ast.FunctionDef] = [
+            node
+            for node in ast.parse(source).body
+            if isinstance(node, ast.FunctionDef) and node.name == self.entry.function
+        ]
+        return ast.get_docstring(found[0]) or ""
 
     @cached_property
     def whole(self) -> Any:
@@ -101,13 +113,3 @@ class Command(TyperCommand):
     ) -> Any:
         """The context of the whole command: from here on it stands for this one."""
         return self.whole.make_context(info_name, args, parent=parent, **extra)
-
-
-def _docstring(entry: Entry) -> str:
-    source = (Path(__file__).parent / f"{entry.module}.py").read_text("utf-8")
-    found: Sequence[ast.FunctionDef] = [
-        node
-        for node in ast.parse(source).body
-        if isinstance(node, ast.FunctionDef) and node.name == entry.function
-    ]
-    return ast.get_docstring(found[0]) or ""

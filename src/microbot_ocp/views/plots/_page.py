@@ -209,7 +209,7 @@ def axes_page(
 
 
 def _checked(axes: Any, rows: int, columns: int) -> AxesGrid:
-    given = [axes] if isinstance(axes, Axes) else np.array(axes, dtype=object).ravel().tolist()
+    given = _entries(axes)
     wanted = f"{rows} x {columns}" if rows * columns > 1 else "one"
     for entry in given:
         if not isinstance(entry, Axes):
@@ -221,14 +221,24 @@ def _checked(axes: Any, rows: int, columns: int) -> AxesGrid:
     return grid.reshape(rows, columns).view(AxesGrid)
 
 
+def _entries(drawn: Any) -> list[Any]:
+    """What a sequence of sequences or an array holds; all else is one entry."""
+    if isinstance(drawn, np.ndarray):
+        return drawn.ravel().tolist()
+    if not isinstance(drawn, list | tuple):
+        return [drawn]
+    rows = (row if isinstance(row, list | tuple | np.ndarray) else [row] for row in drawn)
+    return [entry for row in rows for entry in row]
+
+
 def figure_of(drawn: Drawn) -> Figure:
     """The whole figure that axes, an array of axes or a figure belong to."""
-    first: Any = drawn if isinstance(drawn, Figure | Axes) else np.asarray(drawn).flat[0]
+    first = next(iter(_entries(drawn)), None)
     if isinstance(first, Figure):
         return first
     if not isinstance(first, Axes):
-        raise InputError(f"a figure or its axes are needed, not {first!r}")
-    return first.get_figure(root=True)  # type: ignore[return-value]
+        raise InputError(f"a figure or its axes are needed, not {shown(first)}")
+    return first.figure.figure  # type: ignore[return-value]  # of a subfigure the whole one
 
 
 def save(
