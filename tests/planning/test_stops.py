@@ -254,6 +254,21 @@ def test_a_full_circle_takes_the_closed_form(gantry):
             "joint line from stop 'a' to stop 'stop 2': it needs a joint pose",
         ),
         ([[0.0, 0.0], [1.0, 0.0]], {"order": "any"}, "order must be one of"),
+        (
+            [Stop(position=[1.2, -0.5, 0.0], tolerance=5.0, name="a"), [0.0, 0.0]],
+            {},
+            "tolerance of stop 'a' is 5 m, more than the arm reaches",
+        ),
+        (
+            [Stop(q=[1.0, 0.5], tolerance=[7.0, 0.1], name="a"), [0.0, 0.0]],
+            {},
+            "tolerance of stop 'a' is 7 rad, more than a whole turn",
+        ),
+        (
+            [[0.0, 1.0], Stop(position=[1.2, 0.0, 0.0], velocity=[90, 0, 0]), [0.0, 0.0]],
+            {},
+            "is 90 m/s, more than all joints at their limits can give the tool",
+        ),
     ],
 )
 def test_what_cannot_be_is_said_in_words_of_the_task(two_links, stops, options, said):

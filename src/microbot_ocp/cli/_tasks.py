@@ -300,7 +300,7 @@ def _solve_cell(
         )
         for mark in motion.marks:
             console.print(f"  {mark.time:8.4f} s  {mark.name}")
-        console.print(f"{motion.note}." if motion.note else "", soft_wrap=True)
+        console.print(f"{motion.note.rstrip('.')}." if motion.note else "", soft_wrap=True)
         console.print()
         _show_shares(console, cell.robot, certificate)
 

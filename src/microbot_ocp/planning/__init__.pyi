@@ -2,7 +2,6 @@
 
 from ._among_obstacles import (
     TimedPath as TimedPath,
-    reach_of as reach_of,
     timed_paths as timed_paths,
 )
 from ._fast_timing import (
@@ -70,4 +69,5 @@ from ._stops import (
 from ._task import (
     check_limits as check_limits,
     check_via as check_via,
+    reach_of as reach_of,
 )

@@ -27,7 +27,7 @@ from microbot_ocp.planning._fast_timing import time_path
 from microbot_ocp.planning._free_problem import phase_names
 from microbot_ocp.planning._free_search import FreeSearch, TimeOptimalSettings
 from microbot_ocp.planning._initial_guesses import InitialGuess, guesses_along
-from microbot_ocp.planning._task import ROUGH_TOLERANCE, check_rest
+from microbot_ocp.planning._task import ROUGH_TOLERANCE, check_rest, reach_of
 from microbot_ocp.robot import Robot
 from microbot_ocp.scene import (
     Clearance,
@@ -181,11 +181,15 @@ def check_apart(around: Surroundings, via: FloatArray) -> None:
 def touching(found: Any, wanted: float) -> str:
     other, link = found.pair.other.name, found.pair.capsule.name
     if found.distance <= 0.0:
-        return f"in collision with {other!r} by {-1e3 * found.distance:.3g} mm at link {link!r}"
+        return f"in collision with {other!r} by {_length(-found.distance)} at link {link!r}"
     return (
-        f"too near to {other!r}: {1e3 * found.distance:.3g} mm at link {link!r}, not more than the "
-        f"clearance of {1e3 * wanted:.3g} mm"
+        f"too near to {other!r}: {_length(found.distance)} at link {link!r}, not more than the "
+        f"clearance of {_length(wanted)}"
     )
+
+
+def _length(value: float) -> str:
+    return f"{1e3 * value:.3g} mm" if value < 1.0 else f"{value:.4g} m"
 
 
 def _name_of(number: int, count: int) -> str:
@@ -298,12 +302,6 @@ def _apart(robot: Robot, pairs: Sequence[Pair], motion: Motion) -> FloatArray:
     """Distances [N,k] of pairs along a motion, m."""
     t = np.linspace(0.0, motion.duration, SAMPLES)
     return clearances(robot, pairs, motion.sample(t).q)
-
-
-def reach_of(robot: Robot) -> float:
-    """Sum of the lengths of a robot's rows and tool, m."""
-    rows = np.hypot(robot.a, robot.d)
-    return float(rows.sum() + np.linalg.norm(robot.tool[:3, 3]))
 
 
 def as_plain(found: Clearance) -> dict[str, Any]:

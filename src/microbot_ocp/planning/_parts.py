@@ -157,13 +157,19 @@ def _ignored_with(scene: Scene, shape: Sequence[Capsule]) -> set[str]:
 def _touching_in_the_tool(scene: Scene, robot: Robot, payload: Payload) -> set[str]:
     """Links whose distance from a part is not looked at while it is held."""
     held = payload.on(robot)
-    names = {capsule.name for capsule in payload.shape}
-    kept = set()
-    for pair in scene.without_parts_of(held).pairs(held):
-        both = {pair.capsule.name, pair.other.name}
-        if both & names:
-            kept |= both - names
-    return {capsule.name for frame, capsule in held.capsules if frame > 0} - kept
+    carried = held.capsules[len(robot.capsules) :]
+    looked_at = {
+        frozenset((id(pair.capsule), id(pair.other)))
+        for pair in scene.without_parts_of(held).pairs(held)
+    }
+    links = [capsule for frame, capsule in robot.capsules if frame > 0]
+    may = {
+        link.name
+        for link in links
+        for _, part in carried
+        if frozenset((id(link), id(part))) not in looked_at
+    }
+    return may | {part.name for _, part in carried}
 
 
 def places_along(task: Task, motion: Motion, scene: Scene) -> list[Place]:

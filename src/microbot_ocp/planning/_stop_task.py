@@ -31,10 +31,11 @@ from microbot_ocp.planning._segments import (
     parts_of,
 )
 from microbot_ocp.planning._stops import AXES, Payload, Stop
-from microbot_ocp.planning._task import check_limits, check_position, check_rest
+from microbot_ocp.planning._task import check_limits, check_position, check_rest, reach_of
 from microbot_ocp.robot import Robot, forward_kinematics, jacobian
 
 MOST_STOPS = 200
+TURN = 2 * np.pi
 EMPTY = Payload(0.0)
 
 
@@ -311,11 +312,27 @@ def task_of(
                 f"{segment_name(kind, *given[k : k + 2])}: it needs a joint pose, q, at both ends"
             )
     _check_stops(family, given, kinds, cycle)
+    for kind, (before, after) in zip(kinds, itertools.pairwise(given), strict=True):
+        if isinstance(kind, Line | Circle | JointLine):
+            name = f"the {segment_name(kind, before, after)}"
+            _check_tolerance(robot, name, kind.tolerance, isinstance(kind, JointLine))
     task = Task(family, *_expanded(robot, given, kinds), cycle=cycle)
     if cycle:
         _check_put_down(task)
     _check_rests(task)
     return task
+
+
+def _check_tolerance(robot: Robot, where: str, tolerance: Any, of_joints: bool) -> None:
+    """Raise InputError where a finite tolerance leaves everything free that the arm can do."""
+    finite = np.array(tolerance)[np.isfinite(tolerance)]
+    largest = float(np.max(finite, initial=0.0))
+    if not of_joints and largest > (reach := reach_of(robot)):
+        raise InputError(
+            f"tolerance of {where} is {largest:g} m, more than the arm reaches ({reach:.3g} m)"
+        )
+    if of_joints and largest > TURN and set(robot.joint_types) == {"revolute"}:
+        raise InputError(f"tolerance of {where} is {largest:g} rad, more than a whole turn")
 
 
 def _check_velocity(robot: Robot, stop: Stop) -> None:
@@ -326,6 +343,17 @@ def _check_velocity(robot: Robot, stop: Stop) -> None:
             f"velocity of stop {stop.name!r} is outside the limits: joint "
             f"{robot.joint_names[j]!r} at {given[j]:.6g}, allowed {low[j]:.6g} to {high[j]:.6g} "
             f"{'rad/s' if robot.joint_types[j] == 'revolute' else 'm/s'}"
+        )
+
+
+def _check_tool_velocity(robot: Robot, stop: Stop) -> None:
+    speeds = np.maximum(-robot.limits.qd_min, robot.limits.qd_max)
+    levers = [reach_of(robot) if kind == "revolute" else 1.0 for kind in robot.joint_types]
+    most, asked = float(speeds @ levers), float(np.linalg.norm(stop.velocity))
+    if asked > most:
+        raise InputError(
+            f"velocity of stop {stop.name!r} is {asked:.4g} m/s, more than all joints at their "
+            f"limits can give the tool: {most:.4g} m/s"
         )
 
 
@@ -353,11 +381,14 @@ def _check_stops(
                 f"stops {before.name!r} and {after.name!r} are at the same place{advice}"
             )
     for stop in stops:
+        _check_tolerance(family.robot, f"stop {stop.name!r}", stop.tolerance, stop.q is not None)
         if stop.q is not None:
             checks.array(f"q of stop {stop.name!r}", stop.q, (count,), "rad")
             check_position(family, f"stop {stop.name!r}", np.array(stop.q))
             if isinstance(stop.velocity, tuple):
                 _check_velocity(family.robot, stop)
+        elif isinstance(stop.velocity, tuple):
+            _check_tool_velocity(family.robot, stop)
         loaded = stop.payload is not None and stop.payload.mass > 0
         if loaded and not family.robot.has_dynamics:
             raise InputError(

@@ -24,7 +24,6 @@ from microbot_ocp.planning._among_obstacles import (
     NEAR,
     SAMPLES,
     as_plain,
-    reach_of,
     touching,
 )
 from microbot_ocp.planning._branches import Way, ways_through
@@ -41,6 +40,7 @@ from microbot_ocp.planning._parts import (
 )
 from microbot_ocp.planning._stop_search import StopSearch, guess_along, in_order, solve_stops
 from microbot_ocp.planning._stop_task import Task, task_of
+from microbot_ocp.planning._task import reach_of
 from microbot_ocp.robot import Robot
 from microbot_ocp.scene import (
     Clearance,

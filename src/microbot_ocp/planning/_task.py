@@ -158,6 +158,12 @@ def whole(
         raise InputError(f"{name} must be a whole number, not {value}")
 
 
+def reach_of(robot: Robot) -> float:
+    """Sum of the lengths of a robot's rows and tool, m."""
+    rows = np.hypot(robot.a, robot.d)
+    return float(rows.sum() + np.linalg.norm(robot.tool[:3, 3]))
+
+
 def check_limits(robot: Robot, limits: Limits | JointLimits | None) -> LimitFamily:
     """The family of limits of a task; some of them must bound the motion of every joint."""
     family = LimitFamily.of(robot, limits)

@@ -89,7 +89,8 @@ def read_scene(
         try:
             source = tomllib.loads(path.read_text("utf-8"))
         except (OSError, ValueError, RecursionError) as problem:
-            raise InputError(f"scene file {str(path)!r} cannot be read: {problem}") from None
+            why = getattr(problem, "strerror", None) or problem
+            raise InputError(f"scene file {str(path)!r} cannot be read: {why}") from None
         folder, origin = path.parent, path.name
     for key in source:
         checks.one_of(f"key of {origin}", key, SCENE_KEYS)
@@ -146,6 +147,8 @@ def _obstacle(table: Mapping[str, Any], folder: Path, label: str) -> Obstacle:
     if "vertices" in table:
         return ConvexMesh(table["vertices"], pose, name)
     path = folder / _text("file", table["file"], label)
+    if not path.is_file():
+        raise InputError(f"there is no file {str(path)!r}")
     scale = np.broadcast_to(checks.array("scale", np.atleast_1d(table.get("scale", 1.0)), (None,)),
                             3)  # fmt: skip
     mesh = read_mesh(Shape(0, np.eye(4), "mesh", scale, link=name, path=str(path)))

@@ -19,7 +19,7 @@ from microbot_ocp.views.recording._recording import Recording
 from microbot_ocp.views.recording._surroundings import grid_spacing
 from microbot_ocp.views.recording._writer import TIME, Writer, quaternions
 
-TUBE_COLOR, PART_COLOR = (0, 158, 115, 110), (213, 94, 0, 255)
+TUBE_COLOR, PART_COLOR = (0, 158, 115, 110), (160, 120, 255, 255)
 POINTS = 60  # of a tube
 DENSITY = 2700.0  # kg/m^3, aluminium: a part of unknown shape is drawn as a ball of it
 
