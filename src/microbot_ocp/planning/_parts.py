@@ -159,17 +159,22 @@ def _touching_in_the_tool(scene: Scene, robot: Robot, payload: Payload) -> set[s
     held = payload.on(robot)
     carried = held.capsules[len(robot.capsules) :]
     looked_at = {
-        frozenset((id(pair.capsule), id(pair.other)))
+        frozenset((_key(pair.frame, pair.capsule), _key(pair.other_frame, pair.other)))
         for pair in scene.without_parts_of(held).pairs(held)
+        if isinstance(pair.other, Capsule)
     }
-    links = [capsule for frame, capsule in robot.capsules if frame > 0]
     may = {
         link.name
-        for link in links
-        for _, part in carried
-        if frozenset((id(link), id(part))) not in looked_at
+        for frame, link in robot.capsules
+        for own, part in carried
+        if frame > 0 and frozenset((_key(frame, link), _key(own, part))) not in looked_at
     }
     return may | {part.name for _, part in carried}
+
+
+def _key(frame: int, capsule: Capsule) -> tuple[int, bytes]:
+    """What tells capsules apart, also of two robots that are equal."""
+    return frame, np.concatenate([capsule.start, capsule.end, [capsule.radius]]).tobytes()
 
 
 def places_along(task: Task, motion: Motion, scene: Scene) -> list[Place]:
