@@ -167,7 +167,8 @@ def geodesic() -> OptimalControlProblem:
 
 
 def _airports() -> tuple[np.ndarray, np.ndarray]:
-    return tuple(_on_ground(*angles) for angles in _angles())
+    here, there = _angles()
+    return _on_ground(*here), _on_ground(*there)
 
 
 def _angles() -> tuple[tuple[float, float], tuple[float, float]]:
@@ -335,6 +336,7 @@ def two_burns() -> OptimalControlProblem:
         for state, slope in zip(orbit, _equinoctial(orbit, push), strict=True):
             phase.derivative(state, slope)
         if k == 3:
+            assert mass is not None
             phase.end_cost(-mass)
         phases.append(phase)
     for before, after in pairwise(phases):
@@ -532,7 +534,7 @@ def egerstedt() -> OptimalControlProblem:
     w = [phase.control(f"w{k}", lower=0.0, upper=1.0) for k in range(3)]
     phase.derivative(x1, -x1 * w[0] + (x1 + x2) * w[1] + (x1 - x2) * w[2])
     phase.derivative(x2, (x1 + 2 * x2) * w[0] + (x1 - 2 * x2) * w[1] + (x1 + x2) * w[2])
-    phase.constraint("one", sum(w), 1.0, 1.0)
+    phase.constraint("one", w[0] + w[1] + w[2], 1.0, 1.0)
     phase.running_cost(x1**2 + x2**2)
     return problem
 

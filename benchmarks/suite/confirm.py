@@ -65,7 +65,7 @@ def confirmed(name: str, meshes: list[int], limit: float, scaled: bool) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("names", nargs="*", metavar="NAME")
     parser.add_argument("--meshes", nargs="+", type=int, default=[50, 200, 400])
     parser.add_argument("--limit", type=float, default=300.0, help="s, a problem")

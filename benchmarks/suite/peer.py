@@ -121,12 +121,14 @@ class _Part:
         if high > low:
             self.duration = opti.variable()
             opti.subject_to(opti.bounded(low, self.duration, high))
-            opti.set_initial(self.duration, guess.duration)
+            opti.set_initial(self.duration, guess.duration or low)
         for own in phase.free_parameters:  # the same in all phases that have it
             if own.name not in free:
                 free[own.name] = opti.variable(own.size)
                 self._limit(free[own.name], own.lower, own.upper)
-                opti.set_initial(free[own.name], guess.values.get(own.name, 0.0))
+                start = guess.values.get(own.name, 0.0)
+                known = np.zeros(own.size) if callable(start) else np.asarray(start, dtype=float)
+                opti.set_initial(free[own.name], ca.DM(known))
         self.free = free
         names = [own.name for own in phase.free_parameters]
         self.p = ca.vertcat(*(free[name] for name in names), ca.MX(0, 1))

@@ -154,7 +154,7 @@ def counts(table: Mapping[str, Mapping[str, Result]], way: str) -> str:
 
 def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(
-        prog="python -m benchmarks suite", description=__doc__.splitlines()[0]
+        prog="python -m benchmarks suite", description=(__doc__ or "").splitlines()[0]
     )
     parser.add_argument("--only", nargs="+", metavar="NAME", choices=sorted(BY_NAME))
     parser.add_argument("--ways", nargs="+", choices=WAYS, default=list(WAYS))

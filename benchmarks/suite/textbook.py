@@ -325,7 +325,8 @@ def _moon_landing_optimum() -> float:
         flown = exhaust * (exhaust / thrust) * (rest * logarithm - rest + 1)
         return [v - burn - exhaust * logarithm, h + v * burn - burn**2 / 2 + flown]
 
-    return thrust * float(fsolve(left, [0.3, 1.1], xtol=1e-13)[1])
+    found = np.asarray(fsolve(left, [0.3, 1.1], xtol=1e-13))
+    return thrust * float(found[1])
 
 
 BRYSON_HO = "Bryson and Ho, Applied Optimal Control (1975), "

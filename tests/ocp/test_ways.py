@@ -11,8 +11,8 @@ from microbot_ocp import InputError, Status
 from microbot_ocp._base.child_process import Died, OutOfTime, in_child
 from microbot_ocp.ocp import Refined, solve_refined, verify
 from microbot_ocp.ocp.problem import OptimalControlProblem
-from microbot_ocp.ocp.solution import completed, default_guess, scaled
-from microbot_ocp.ocp.solvers import SolverSettings, solve
+from microbot_ocp.ocp.solution import Rollouts, completed, default_guess, scaled
+from microbot_ocp.ocp.solvers import SolverSettings, _other_starts, solve
 from microbot_ocp.ocp.solvers._smoothing import smoothed
 from microbot_ocp.ocp.transcription import Guess, Transcription
 from microbot_ocp.ocp.transcription.schemes import within_bounds
@@ -270,6 +270,39 @@ def test_an_answer_is_compared_with_those_of_other_starts():
     assert solution.status.solved
     assert solution.cost == pytest.approx(57.945, abs=0.01)
     assert solution.attempts[-1].way == "from another start"
+
+
+def test_controls_without_bounds_are_simulated_within_what_a_solution_takes():
+    problem = OptimalControlProblem("free control")
+    phase = problem.phase("all", 1.0)
+    x = phase.state("x", initial=0.0)
+    u = phase.control("u")
+    phase.derivative(x, u)
+    phase.running_cost(u**2)
+    ordinary = default_guess(problem)
+    assert len(Rollouts(problem, ordinary).nearest_first(steps=True)) == 1
+    ranges = {"all": {"u": (np.array([-1.0]), np.array([3.0]))}}
+    found = Rollouts(problem, ordinary, ranges).nearest_first(steps=True)
+    values = [guess["all"].values["u"] for guess in found]
+    assert len(found) == 10
+    constant = sorted(float(value[0]) for value in values if not callable(value))
+    np.testing.assert_allclose(constant, [-1.0, -0.6, -0.2, 1.0, 2.2, 3.0])
+
+
+def test_no_more_starts_are_tried_where_the_first_agree(monkeypatch):
+    solved = []
+    inner = _other_starts._Coarse.solved
+
+    def counted(coarse, guess):
+        solved.append(guess)
+        return inner(coarse, guess)
+
+    monkeypatch.setattr(_other_starts._Coarse, "solved", counted)
+    first = solve(double_integrator())
+    assert first.status.solved
+    assert len(solved) == 1 + _other_starts.AGREE  # the answer itself, too
+    solve(double_integrator(), 20, first)
+    assert len(solved) == 1 + _other_starts.AGREE  # a solution was compared when it was found
 
 
 def test_scales_of_states_behind_fast_ones_are_those_of_a_simulation():

@@ -25,6 +25,7 @@ from ._progress import (
     watching as watching,
 )
 from ._rollout import (
+    Ranges as Ranges,
     Rollouts as Rollouts,
     rollout as rollout,
     rollouts as rollouts,

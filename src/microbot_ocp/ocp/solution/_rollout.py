@@ -17,6 +17,9 @@ STEPS = ((0.2, 1.0), (0.8, 0.0), (0.0, 1.0), (1.0, 0.0))  # shares of both halve
 MIDDLE = 50  # the point at which controls change
 POINTS = 2 * MIDDLE + 1  # of every phase
 GRID = np.linspace(0.0, 1.0, POINTS)
+Range = tuple[FloatArray, FloatArray]
+Ranges = Mapping[str, Mapping[str, Range]]
+
 TOLERANCE, SMALL = 1e-6, 1e-10  # relative, absolute
 EXPLODES = 1e4  # times the size of the usual guess: what grows so is no start, nor gives scales
 
@@ -62,15 +65,26 @@ class Rollouts:
     problem : OptimalControlProblem
     ordinary : mapping from phase name to Guess
         Where states start that have no condition, and what algebraic variables are.
+    ranges : mapping from phase to mapping from control to (lower, upper), each [size], optional
+        Of controls: what stands for bounds that are infinite. By default such controls are zero.
     """
 
-    def __init__(self, problem: OptimalControlProblem, ordinary: Mapping[str, Guess]) -> None:
+    def __init__(
+        self,
+        problem: OptimalControlProblem,
+        ordinary: Mapping[str, Guess],
+        ranges: Ranges | None = None,
+    ) -> None:
         self.problem, self.ordinary = problem, ordinary
+        self.ranges = {
+            p.name: {c.name: _range(c, (ranges or {}).get(p.name, {})) for c in p.controls}
+            for p in problem.phases
+        }
         self.integrators = {p.name: _Integrators(p, ordinary[p.name]) for p in problem.phases}
         self.bounded = any(
-            bool((np.isfinite(c.lower) & np.isfinite(c.upper)).any())
-            for p in problem.phases
-            for c in p.controls
+            bool((np.isfinite(low) & np.isfinite(high)).any())
+            for own in self.ranges.values()
+            for low, high in own.values()
         )
 
     def nearest_first(
@@ -105,7 +119,8 @@ class Rollouts:
                 for s in phase.states
             }
             controls = {
-                c.name: (_constant(c, shares[0]), _constant(c, shares[1])) for c in phase.controls
+                name: (_constant(*own, shares[0]), _constant(*own, shares[1]))
+                for name, own in self.ranges[phase.name].items()
             }
             table = self.integrators[phase.name].table(start, controls, duration)
             values: dict[str, GuessValue] = dict(own.values)
@@ -131,8 +146,16 @@ class Rollouts:
         return guesses, miss if np.isfinite(miss) else np.inf
 
 
-def _constant(control: Variable, share: float) -> FloatArray:
-    low, high = control.lower, control.upper
+def _range(control: Variable, known: Mapping[str, Range]) -> Range:
+    """Bounds of a control; where they are infinite what is known of it, within the others."""
+    low, high = known.get(control.name, (control.lower, control.upper))
+    return (
+        np.where(np.isfinite(control.lower), control.lower, low),
+        np.where(np.isfinite(control.upper), control.upper, high),
+    )
+
+
+def _constant(low: FloatArray, high: FloatArray, share: float) -> FloatArray:
     both = np.isfinite(low) & np.isfinite(high)
     with np.errstate(invalid="ignore"):
         return np.where(both, low + share * (high - low), np.clip(0.0, low, high))

@@ -20,6 +20,7 @@ from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.solution import (
     Attempt,
     Progress,
+    Ranges,
     Rollouts,
     Solution,
     cost_size,
@@ -30,12 +31,14 @@ from microbot_ocp.ocp.solvers._chain import run_chain, solve_on, with_cost_scale
 from microbot_ocp.ocp.solvers._run import Made
 from microbot_ocp.ocp.solvers._settings import SolverSettings
 from microbot_ocp.ocp.transcription import Guess, Transcription, assemble
+from microbot_ocp.ocp.verification import phase_layout
 
 COARSE = 10  # intervals a phase
-WORTH = 1e-3  # of the cost: less than this may be the mesh
+WORTH = 1e-4  # of the cost: less is not looked for
 ITERATIONS = 150  # of one solve
 ENOUGH = 500  # iterations of all solves that an answer is compared with
-AGREE = 4  # the first starts: where they all lead to the same optimum no more are tried
+AGREE = 4  # the first starts: where they all lead to the same cost no more are tried
+SAME = 1e-3  # of the cost
 DURATIONS = (0.6, 2.0, 0.3, 4.0)  # times the usual ones, where they are free
 LEAST = 1.0  # s, that a kept solver is given
 EACH = 3  # simulations of these
@@ -59,12 +62,12 @@ def cheaper_elsewhere(
     if not here.status.solved:
         return solution, []
     worth = WORTH * cost_size(solution.cost, solution.cost_scale)
-    found = _until_they_agree(coarse, most, here.cost, worth)
+    found = _until_they_agree(coarse, most, here)
     least, attempts = _cheapest(found)
     if least is None or not least.cost < here.cost - worth:
         return solution, []
     meshes = [phase.mesh for phase in solution.phases]
-    own = replace(settings, solver="ipopt", max_iterations=ITERATIONS)
+    own = replace(settings, solver="ipopt")
     finer = solve_on(transcription, meshes, least, own, until, progress)
     if finer.status.solved and finer.cost < solution.cost - worth:
         return finer, [*attempts, *(replace(a, way=WAY) for a in finer.attempts)]
@@ -82,21 +85,23 @@ def cheapest_of_starts(
     return _cheapest(_answers(_Coarse(transcription, settings, until, progress), most))
 
 
-def _answers(coarse: _Coarse, most: int) -> Iterator[Solution]:
-    for start in islice(_starts(coarse.transcription.problem, most), most):
+def _answers(coarse: _Coarse, most: int, here: Solution | None = None) -> Iterator[Solution]:
+    starts = _starts(coarse.transcription.problem, most, _ranges(here))
+    for start in islice(starts, most):
         if time.perf_counter() >= coarse.until:
             break
         with contextlib.suppress(NotFinite):
             yield coarse.solved(start)
 
 
-def _until_they_agree(coarse: _Coarse, most: int, cost: float, worth: float) -> Iterator[Solution]:
-    """Answers until the first few are that of the given cost, or enough was tried."""
+def _until_they_agree(coarse: _Coarse, most: int, here: Solution) -> Iterator[Solution]:
+    """Answers until the first few cost what the given one does, or enough was tried."""
     spent, agree = 0, True
-    for count, found in enumerate(_answers(coarse, most), start=1):
+    same = SAME * cost_size(here.cost, here.cost_scale)
+    for count, found in enumerate(_answers(coarse, most, here), start=1):
         yield found
         spent += sum(max(a.iterations, 0) for a in found.attempts)
-        agree = agree and found.status.solved and abs(found.cost - cost) <= worth
+        agree = agree and found.status.solved and abs(found.cost - here.cost) <= same
         if (agree and count == AGREE) or spent > ENOUGH:
             break
 
@@ -111,9 +116,25 @@ def _cheapest(answers: Iterable[Solution]) -> tuple[Solution | None, list[Attemp
     return least, attempts
 
 
-def _starts(problem: OptimalControlProblem, most: int) -> Iterator[dict[str, Guess]]:
+def _ranges(solution: Solution | None) -> Ranges:
+    """What the controls of a solution range over."""
+    if solution is None:
+        return {}
+    return {
+        phase.name: {
+            control.name: (table.min(axis=0), table.max(axis=0))
+            for control in phase_layout(phase).phase.controls
+            for table in [phase.values[control.name].reshape(-1, control.size)]
+        }
+        for phase in solution.phases
+    }
+
+
+def _starts(
+    problem: OptimalControlProblem, most: int, ranges: Ranges
+) -> Iterator[dict[str, Guess]]:
     ordinary = default_guess(problem)
-    simulations = Rollouts(problem, ordinary)
+    simulations = Rollouts(problem, ordinary, ranges)
     found = simulations.nearest_first(steps=most > EACH) or [ordinary]
     if all(low == high for low, high in (p.duration_bounds for p in problem.phases)):
         yield from found
