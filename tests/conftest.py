@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 
 import pytest
@@ -23,6 +24,12 @@ settings.load_profile("repeatable")
 def pytest_configure(config: pytest.Config) -> None:
     if "MICROBOT_OCP_CACHE" not in os.environ and hasattr(config, "cache"):
         os.environ["MICROBOT_OCP_CACHE"] = str(config.cache.mkdir("compiled"))
+
+
+def pytest_collection_finish() -> None:
+    """What was collected stays: looking through it again and again took a tenth of the time."""
+    gc.freeze()
+    gc.set_threshold(100_000, 50, 50)
 
 
 @pytest.fixture(scope="session")

@@ -17,7 +17,7 @@ DRAWN = 4e-3  # share of the pixels in the colours of an arm, at least; an empty
 
 @pytest.fixture(scope="module")
 def viewer():
-    with HeadlessViewer(900, 600) as shared:
+    with HeadlessViewer(600, 400) as shared:
         yield shared
 
 
