@@ -286,7 +286,9 @@ def best_known(task: Task) -> float:
             grid = np.union1d(graded_grid(path, 4000), path.breaks)
             ways.append(lambda: lawful(robot, toppra_problem(robot, path, grid)))
     else:
-        shape = mo.cubic(task.via, np.arange(float(len(task.via))))
+        # where the jerk is limited a free motion rests without acceleration, which no cubic does
+        shaped = mo.quintic if np.isfinite(robot.limits.qddd_max).any() else mo.cubic
+        shape = shaped(task.via, np.arange(float(len(task.via))))
         ways = [
             lambda: reachability(robot, mo.straight_path(task.via)),
             lambda: mo.shortest_duration(robot, shape).duration,

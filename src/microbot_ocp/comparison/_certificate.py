@@ -46,6 +46,7 @@ if TYPE_CHECKING:
 ROUNDING = 1e-7  # relative excess over a limit that is put down to the solver's tolerance
 SAYS_NOTHING = 0.1  # rad: beyond it an error to first order is no figure
 PART = 0.3  # of the largest component of a direction: what is worth naming
+CONDITION_POINTS = 10_000  # at which the mass matrix is looked at first
 BETWEEN_SAMPLES = 0.05  # of the largest torque: how far it may stray between two samples
 
 
@@ -251,9 +252,9 @@ def certify(
 ) -> Certificate:
     """Check a motion against the limits and against the arm's forward dynamics.
 
-    - Limits: on a dense grid (at least 20 points to each interval between ``motion.breaks``, steps
-      of at most 0.25 ms, longer beyond 100 s) with torques from inverse dynamics; the torque rate
-      by exact differentiation. At a break both one-sided values count.
+    - Limits: on a dense grid (at least 20 points to each interval between ``motion.breaks``, 5 where
+      there are thousands, steps of at most 0.25 ms, longer beyond 100 s) with torques from inverse
+      dynamics; the torque rate by exact differentiation. At a break both one-sided values count.
     - Stored torques: compared with inverse dynamics at every sample. Between samples the torque
       must stay near those of its neighbours, or positions, velocities and accelerations do not
       belong together.
@@ -509,9 +510,12 @@ def _check_limits(
 
 
 def _condition(robot: Robot, t: FloatArray, state: State) -> tuple[float, int]:
-    values = np.array(mass_matrix_condition(robot)(state.q.T)).ravel()
-    at = int(values.argmax())
-    return float(values[at]), at
+    """Largest condition number of the mass matrix and where: among some points, then near it."""
+    function, apart = mass_matrix_condition(robot), -(-t.size // CONDITION_POINTS)
+    at = apart * int(np.array(function(state.q[::apart].T)).argmax())
+    first = max(0, at - apart)
+    values = np.array(function(state.q[first : at + apart].T)).ravel()
+    return float(values.max()), first + int(values.argmax())
 
 
 def _stored_torque(robot: Robot, motion: Motion) -> tuple[float, int, int]:

@@ -227,8 +227,8 @@ class Motion:
     def dense_samples(self) -> tuple[FloatArray, MotionSamples]:
         """Times [N] on a grid that is dense enough to judge the motion, and the state there.
 
-        At least 20 points to each interval between breaks, steps of at most 0.25 ms; both sides of
-        each break.
+        At least 20 points to each interval between breaks (5 where there are thousands), steps of
+        at most 0.25 ms; both sides of each break.
         """
         t, _ = dense_times(self)
         return t, samples_at(self, t)

@@ -18,6 +18,7 @@ GRID_STEP = 0.25e-3  # s, the longest step of the dense grid
 MOST_STEPS = 400_000  # of that; motions longer than 100 s have longer ones
 JUMP_SHARE = 0.2  # of the interval before it: a longer gap is an interval of a short motion
 GRID_RATIO = 20  # dense grid points to each mesh interval, at least
+LEAST_RATIO, MANY_POINTS = 5, 100_000  # where there would be so many points, as few as that
 
 
 def jump_gaps(t: FloatArray, i: NDArray[np.intp] | None = None) -> NDArray[np.bool_]:
@@ -46,7 +47,8 @@ def dense_times(motion: Motion) -> tuple[FloatArray, float]:
     mesh = mesh_of(motion)
     lengths = np.diff(mesh)
     step = max(GRID_STEP, motion.duration / MOST_STEPS)
-    points = np.maximum(GRID_RATIO, np.ceil(lengths / step - 1e-9)).astype(int)
+    ratio = int(np.clip(MANY_POINTS // lengths.size, LEAST_RATIO, GRID_RATIO))
+    points = np.maximum(ratio, np.ceil(lengths / step - 1e-9)).astype(int)
     first = np.repeat(np.cumsum(points) - points, points)
     place = (np.arange(points.sum()) - first) / np.repeat(points, points)
     grid = np.repeat(mesh[:-1], points) + place * np.repeat(lengths, points)

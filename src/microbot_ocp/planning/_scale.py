@@ -20,6 +20,10 @@ USUAL_ACCELERATION = 10.0  # rad/s^2 (m/s^2), ten times what is typical
 POSES = 5  # along every segment, at which inertias are looked at
 LONGEST = 1e3  # times the sum of the typical durations: no segment takes longer
 SHORTEST = 1e-2  # of the time at the highest speed that a joint might reach
+# The smoothing of the jerk lets a velocity v be reached in so many times sqrt(v / jerk): the time
+# (36 weight v^2 / jerk^2)^(1/4) costs least, of an acceleration that falls evenly to zero
+SMOOTHED_RISE = (36 * 1e-6) ** 0.25
+LEAST_RISE = 5e-3  # share of the duration in which a highest velocity may always be reached
 AT_BOUND = 1e-2  # relative distance at which a duration stands on a bound
 
 
@@ -55,14 +59,14 @@ class TaskScale:
         limits = family.robot.limits
         steps = np.abs(np.diff(via, axis=0))
         speed = _larger(limits.bounds("qd"))
-        jerk = _larger(limits.bounds("qddd"))
+        jerk_limit = _larger(limits.bounds("qddd"))
         accelerated = np.minimum(_larger(limits.bounds("qdd")), _by_torque(family.robot, via))
         with np.errstate(divide="ignore", invalid="ignore"):
             times = np.nan_to_num(
                 [
                     1.5 * steps / speed,
                     2.0 * np.sqrt(steps / accelerated),
-                    np.cbrt(32.0 * steps / jerk),
+                    np.cbrt(32.0 * steps / jerk_limit),
                 ],
                 posinf=0.0,
             )
@@ -82,6 +86,11 @@ class TaskScale:
         if time != 1.0:  # slow motions may start and stop as hard as others
             possible = np.where(np.isfinite(accelerated), accelerated, 0.0)
             hardest = np.maximum(hardest, USUAL_ACCELERATION * _power(possible))
+        jerk = 10.0 * hardest / time
+        # Where a velocity is reached sooner than the smoothing lets it, that must not cost much.
+        with np.errstate(divide="ignore", invalid="ignore"):
+            rise = np.maximum(np.nan_to_num(highest / accelerated), LEAST_RISE * durations.sum())
+            needed = SMOOTHED_RISE**2 * np.where(np.isfinite(highest), highest, 0.0) / rise**2
         return cls(
             durations=durations,
             shortest=SHORTEST * np.where(fastest > 0, fastest, 0.1 * durations),
@@ -89,7 +98,7 @@ class TaskScale:
             time=time,
             velocity=_power(velocity),
             acceleration=unit,
-            jerk=10.0 * hardest / time,
+            jerk=np.maximum(jerk, np.where(highest < speed, 0.0, needed)),
         )
 
     def active_bounds(self, durations: Sequence[float]) -> str:
