@@ -252,9 +252,10 @@ def certify(
 ) -> Certificate:
     """Check a motion against the limits and against the arm's forward dynamics.
 
-    - Limits: on a dense grid (at least 20 points to each interval between ``motion.breaks``, 5 where
-      there are thousands, steps of at most 0.25 ms, longer beyond 100 s) with torques from inverse
-      dynamics; the torque rate by exact differentiation. At a break both one-sided values count.
+    - Limits: on a dense grid (at least 20 points to each interval between ``motion.breaks``, 5
+      where there are thousands; steps of at most 0.25 ms, longer beyond 100 s) with torques from
+      inverse dynamics; the torque rate by exact differentiation. At a break both one-sided values
+      count.
     - Stored torques: compared with inverse dynamics at every sample. Between samples the torque
       must stay near those of its neighbours, or positions, velocities and accelerations do not
       belong together.
