@@ -1,8 +1,9 @@
 """The best timing of a given joint path, from rest to rest.
 
 The path stays, only s(t) is found: by the reachability passes, to the global optimum on a grid,
-where they keep every limit. Others are kept by an optimal-control problem that starts from there.
-Each polynomial piece is a phase with the states s and s' and a continuous, piecewise linear s'' as
+where they keep every limit. Rates of torques and accelerations are kept by a program on places of
+the path (``_rate_timing.py``), others by an optimal-control problem that starts from there. Each
+polynomial piece is a phase with the states s and s' and a continuous, piecewise linear s'' as
 the control; the torque is the inverse dynamics of ``q(s), q' s', q' s'' + q'' s'^2``. At a corner
 of the path, where its tangent jumps, the arm has to stop.
 """
@@ -34,7 +35,7 @@ from microbot_ocp.motion import (
 )
 from microbot_ocp.ocp.problem import OptimalControlProblem, Phase
 from microbot_ocp.ocp.refinement import Refiner
-from microbot_ocp.ocp.solution import PhaseSolution, Solution, StepProgress, quiet
+from microbot_ocp.ocp.solution import Gap, PhaseSolution, Solution, StepProgress, quiet
 from microbot_ocp.ocp.solvers import SolverSettings
 from microbot_ocp.ocp.transcription import Guess, Transcription
 from microbot_ocp.planning._curve import CurvePiece, evaluate, symbolic_derivatives
@@ -42,7 +43,8 @@ from microbot_ocp.planning._fast_timing import sampled
 from microbot_ocp.planning._path_limits import LATER, limits_kept_by
 from microbot_ocp.planning._paths import check_path, corners, segments, stops
 from microbot_ocp.planning._progress import Samples, with_motion
-from microbot_ocp.planning._reachability import Reached, settled
+from microbot_ocp.planning._rate_timing import RATES, Ends, Profile, first_profile, with_rates
+from microbot_ocp.planning._reachability import MOST_GRIDS, Reached, settled
 from microbot_ocp.planning._task import (
     CHECKS_PER_INTERVAL,
     GAP,
@@ -115,10 +117,11 @@ def time_optimal_path(
 
     Under limits of the torque rate or the jerk it rests wherever the curvature of the path jumps,
     too. Limits that are affine in s'' and s'^2 (torque, acceleration) and those of the velocity are
-    kept by reachability, on a grid that becomes finer until they hold between its points. Where
-    there are others (torque rate, jerk, power), or the setting ``solver`` asks for it, an
-    optimal-control problem starts from there; the provenance's ``limits_kept_by`` says which is
-    which.
+    kept by reachability, on a grid that becomes finer until they hold between its points. Limits of
+    the torque rate and the jerk are kept by a program that starts from there, with places on the
+    path as mesh points, so that it evaluates no dynamics. Where there are others (power), or the
+    setting ``solver`` asks for it, it is an optimal-control problem in time; the provenance's
+    ``limits_kept_by`` says which is which.
 
     Parameters
     ----------
@@ -256,6 +259,12 @@ class _PathSearch:
         passes = excess <= 2.0 * settings.limit_tolerance  # else the solver may come nearer
         if settings.solver is None and complete and passes:
             return self._reached_motion(timings, kept_by, excess, time.perf_counter() - begin)
+        if settings.solver is None and self._only_rates_are_left(kept_by) and np.isfinite(reached):
+            solution = self._with_rates(timings)
+            if solution.status.solved:
+                wall = time.perf_counter() - begin
+                history = [attempt.as_dict() for attempt in solution.attempts]
+                return self._motion(solution, history, timings, reached, kept_by, wall)
         solver = settings.solver or "ipopt"
         guesses, scales = self._guesses(timings)
         compiled = self.settings.compiled and compiler() is not None
@@ -291,7 +300,66 @@ class _PathSearch:
             solution = refiner.refine(refiner.sharpen(solution, self._jerk_switches))
         solution = refiner.finished(solution)
         wall = time.perf_counter() - begin
-        return self._motion(solution, refiner, timings, reached, kept_by, wall)
+        return self._motion(solution, refiner.history, timings, reached, kept_by, wall)
+
+    # torque rates and jerk ------------------------------------------------------------------
+
+    def _only_rates_are_left(self, kept_by: dict[str, list[str]]) -> bool:
+        rates = {self.family[key].name for key in RATES if key in self.family}
+        return set(kept_by[LATER]) <= rates
+
+    def _with_rates(self, timings: list[Reached]) -> Solution:
+        """All segments under limits of torque rates and the jerk, refined until they hold."""
+        fast = self.settings.compiled and compiler() is not None
+        profiles: list[Profile] = []
+        for segment, (curve, timing) in enumerate(zip(self.curves, timings, strict=True)):
+            start = first_profile(curve, timing, self._mesh)
+            ends, tolerance = self._ends(segment), self.settings.limit_tolerance
+            profiles.append(
+                with_rates(self.family, curve, start, ends, tolerance, fast, self.progress)
+            )
+            if not profiles[-1].solved:
+                break
+        return self._solution_of(profiles)
+
+    def _ends(self, segment: int) -> Ends:
+        own = [piece for piece in self.pieces if piece.segment == segment]
+        begin, end = own[0], own[-1]
+        jerky = self.family.jerk_is_limited
+        return Ends(
+            still=(begin.stops_before, end.stops_after),
+            steady=(
+                begin.stops_before and (jerky or not begin.first),
+                end.stops_after and (jerky or not end.last),
+            ),
+        )
+
+    def _solution_of(self, profiles: list[Profile]) -> Solution:
+        """Profiles as the solution of an optimal-control problem with a phase a piece."""
+        phases = []
+        for piece in self.pieces if profiles[-1].solved else ():
+            profile = profiles[piece.segment]
+            ends = piece.offset + np.array(piece.shape.limits)
+            first, last = (int(np.argmin(np.abs(profile.s - at))) for at in ends)
+            own = slice(first, last + 1)
+            t = profile.t[own] - profile.t[first]
+            values = {
+                "s": np.clip(profile.s[own] - piece.offset, *piece.shape.limits)[:, None],
+                "v": profile.v[own][:, None],
+                "a": profile.a[own][:, None],
+            }
+            phases.append(PhaseSolution(piece.name, float(t[-1]), t / t[-1], values))
+        attempts = [attempt for profile in profiles for attempt in profile.attempts]
+        return Solution(
+            status=attempts[-1].status,
+            cost=sum(profile.duration for profile in profiles),
+            phases=tuple(phases),
+            attempts=tuple(attempts),
+            row_multipliers=np.zeros(0),
+            build_time=0.0,
+            gap=Gap(sum(profile.gap for profile in profiles), 0.0),
+            advice=attempts[-1].status.sentence,
+        )
 
     @property
     def _mesh(self) -> int:
@@ -304,9 +372,10 @@ class _PathSearch:
         fast = self.settings.compiled and compiler() is not None
         timings, kept_by, worst = [], {}, -1.0
         for curve in self.curves:
-            timing, along, excess = settled(
-                self.family, curve, self.settings.grid, self.settings.limit_tolerance, fast
-            )
+            count, tolerance = self.settings.grid, self.settings.limit_tolerance
+            # with rates it is a start alone: as it is
+            meshes = 1 if self.family.jerk_matters else MOST_GRIDS
+            timing, along, excess = settled(self.family, curve, count, tolerance, fast, meshes)
             timings.append(timing)
             worst = max(worst, excess)
             kept_by = kept_by or limits_kept_by(along.limits)
@@ -411,7 +480,7 @@ class _PathSearch:
     def _motion(
         self,
         solution: Solution,
-        refiner: Refiner,
+        history: list[dict[str, Any]],
         timings: list[Reached],
         reached: float,
         kept_by: dict[str, list[str]],
@@ -438,6 +507,7 @@ class _PathSearch:
         if not (kept_by[LATER] or deadline.over()) and solution.duration > (1 + SLOWER) * reached:
             outcome |= _too_slow(outcome, solution.duration, reached)
         blocked = [timing.blocked_at for timing in timings if not timing.feasible]
+        how = "rates on its places" if solution.variables is None else "multiple shooting"
         return Motion.from_state(
             self.robot,
             t,
@@ -446,7 +516,7 @@ class _PathSearch:
             breaks=np.concatenate(breaks),
             marks=[Mark(float(at), f"via {i + 1}") for i, at in enumerate(passed)],
             provenance=provenance_of(
-                "time-optimal timing of a given path, multiple shooting",
+                f"time-optimal timing of a given path, {how}",
                 outcome,
                 solution,
                 wall,
@@ -455,7 +525,7 @@ class _PathSearch:
                 limits_kept_by=kept_by,
                 blocked_at=blocked,
                 stops=[float(s) for s in self.stops],
-                solves=refiner.history,
+                solves=history,
             ),
             note=_note(outcome, self.stops, corners(self.path).size, blocked, reached),
         )

@@ -165,16 +165,22 @@ def reach(
 
 
 def settled(
-    family: LimitFamily, curve: Curve, grid: int, tolerance: float, fast: bool
+    family: LimitFamily,
+    curve: Curve,
+    grid: int,
+    tolerance: float,
+    fast: bool,
+    most: int = MOST_GRIDS,
 ) -> tuple[Reached, CurveLimits, float]:
     """Best timing on a grid made finer until the duration settles and limits hold in between.
 
     ``grid`` is the number of intervals to begin with, ``tolerance`` the largest relative excess
-    over a limit inside an interval. The last number returned is what it is in the end.
+    over a limit inside an interval, ``most`` the number of grids. The last number returned is what
+    the excess is in the end.
     """
     s, duration = path_grid(curve, grid), np.inf
     ends = {"start_free": curve.start_free, "end_free": curve.end_free}
-    for last in range(MOST_GRIDS - 1, -1, -1):
+    for last in range(most - 1, -1, -1):
         along = CurveLimits.of(family, curve, s, fast)
         timing = reach(along, **ends, fast=fast)
         if not timing.feasible:
