@@ -324,8 +324,9 @@ class _Timing:
 
 def _near(values: FloatArray, lower: FloatArray, upper: FloatArray, share: float) -> np.ndarray:
     """Which rows use so much of one of their bounds; bounds are about one."""
-    middle = np.where(np.isfinite(lower + upper), 0.5 * (lower + upper), 0.0)
     with np.errstate(invalid="ignore"):
+        middle = 0.5 * (lower + upper)
+        middle = np.where(np.isfinite(middle), middle, 0.0)
         return (values - middle > share * (upper - middle)) | (
             values - middle < share * (lower - middle)
         )
