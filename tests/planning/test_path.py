@@ -270,6 +270,13 @@ def test_a_path_that_cannot_be_travelled_is_a_status_with_the_place():
     assert motion.provenance["reachability_duration"] is None
     assert "the end cannot be reached from s = " in motion.note
     assert any("the end cannot be reached" in line for line in said)
+    assert motion.status == "infeasible"
+    assert "torque of joint 1" in motion.provenance["advice"]
+    (least,) = motion.provenance["least_violation"]
+    # the work up to every angle must be what the weight gains: 9.81 (1 - cos q) / q at its largest
+    q = np.linspace(0.1, np.pi, 10_000)
+    assert 6.0 + least["exceeded_by"] == pytest.approx((9.81 * (1 - np.cos(q)) / q).max(), rel=2e-3)
+    assert least["q"] == pytest.approx(straight_path([[0.0], [np.pi]])(least["s"])[0])
 
 
 def test_a_solver_that_converged_is_not_believed_between_mesh_points():

@@ -38,6 +38,7 @@ from microbot_ocp.ocp.refinement import Refiner
 from microbot_ocp.ocp.solution import Gap, PhaseSolution, Solution, StepProgress, quiet
 from microbot_ocp.ocp.solvers import SolverSettings
 from microbot_ocp.ocp.transcription import Guess, Transcription
+from microbot_ocp.planning._blocked_path import blocking_limit
 from microbot_ocp.planning._curve import CurvePiece, evaluate, symbolic_derivatives
 from microbot_ocp.planning._fast_timing import sampled
 from microbot_ocp.planning._path_limits import LATER, limits_kept_by
@@ -66,6 +67,10 @@ SMOOTHING = 1e-8  # weight of the squared rate of s'': picks one timing where ma
 # Intervals of a piece, and of all together, where nobody says how many
 FULL_MESH, FULL_MESH_SUM, LEAST_MESH = 100, 200, 20
 LATE = "The time was over before the grid was fine enough; a longer time_limit may find less time."
+BLOCKED = (
+    "No timing of the path keeps the limits. On a grid, viscous friction left out, the least that "
+    "has to give, all limits by the same share, is:"
+)
 SLOWER = 0.05  # share by which the timing may be slower than reachability, which is the optimum
 
 
@@ -506,7 +511,9 @@ class _PathSearch:
         # the passes know nothing of what is left to the optimal-control problem
         if not (kept_by[LATER] or deadline.over()) and solution.duration > (1 + SLOWER) * reached:
             outcome |= _too_slow(outcome, solution.duration, reached)
-        blocked = [timing.blocked_at for timing in timings if not timing.feasible]
+        blocked = [self._place(i, t.blocked_at) for i, t in enumerate(timings) if not t.feasible]
+        if blocked and not (outcome["status"] == "solved" or deadline.over()):
+            outcome |= self._blocking(timings)
         how = "rates on its places" if solution.variables is None else "multiple shooting"
         return Motion.from_state(
             self.robot,
@@ -529,6 +536,49 @@ class _PathSearch:
             ),
             note=_note(outcome, self.stops, corners(self.path).size, blocked, reached),
         )
+
+    def _place(self, segment: int, at: float) -> float:
+        """The path's parameter at a parameter of one of its curves."""
+        begin = [float(self.path.breaks[0]), *map(float, self.stops)][segment]
+        return begin + float(self.curves[segment].parameter(np.array([at]))[0][0])
+
+    def _blocking(self, timings: list[Reached]) -> dict[str, Any]:
+        """Status and advice that name the limits that keep the path from being travelled."""
+        fast = self.settings.compiled and compiler() is not None
+        lines, entries = [], []
+        for index, (curve, timing) in enumerate(zip(self.curves, timings, strict=True)):
+            found = None if timing.feasible else blocking_limit(self.family, curve, fast)
+            if found is None:
+                continue
+            member = self.family[found.key]
+            name, unit = member.title(found.component), member.units[found.component]
+            s = self._place(index, found.at)
+            beyond = found.share * abs(found.limit)
+            joints = enumerate(found.q)
+            at = ", ".join(
+                self.robot.position_text(j, float(f"{value:.4g}")) for j, value in joints
+            )
+            lines.append(
+                f"  {name}, {beyond:.4g} {unit} beyond its limit of {found.limit:.6g} {unit}, at "
+                f"s = {s:.4g}, q = ({at}), with every limit {100 * found.share:.3g} % larger"
+            )
+            entries.append(
+                {
+                    "limit": name,
+                    "value": found.limit,
+                    "exceeded_by": beyond,
+                    "unit": unit,
+                    "s": s,
+                    "q": found.q.tolist(),
+                }
+            )
+        if not lines:
+            return {}
+        return {
+            "status": str(Status.INFEASIBLE),
+            "advice": "\n".join([BLOCKED, *lines]),
+            "least_violation": entries,
+        }
 
 
 def _too_slow(outcome: dict[str, Any], duration: float, reached: float) -> dict[str, Any]:
