@@ -177,7 +177,8 @@ def edited(document, draw):
             with contextlib.suppress(LookupError):
                 holder[key] = json.loads(json.dumps(other[name]))
         elif isinstance(holder[key], int | float) and way < 0.6:
-            holder[key] = holder[key] * draw.choice([-1, 0, 2, 1e-9, 1e9, 1e200, 0.999])
+            with contextlib.suppress(OverflowError):  # an integer of 400 digits
+                holder[key] = holder[key] * draw.choice([-1, 0, 2, 1e-9, 1e9, 1e200, 0.999])
         else:
             holder[key] = copy.deepcopy(draw.choice(ODD))
     return document
@@ -443,7 +444,7 @@ def _odd_motion(draw):
     steps = np.array(
         [draw.choice([1e-9, 1e-5, 0.01, 0.1, 1.0]) for _ in range(draw.randint(1, 30))]
     )
-    t = np.append(0.0, np.cumsum(steps)) * draw.choice([1, 1, 1, 1e4, 1e-6])
+    t = np.append(0.0, np.cumsum(steps)) * draw.choice([1, 1, 1, 100, 1e-6])
     values = [
         np.array([[draw.choice([0, 1, -2.5, 1e-300, 1e6]) for _ in range(3)] for _ in t])
         for _ in range(4)

@@ -17,7 +17,8 @@ SHAPE = mo.quintic([[0.0, 0.0, 0.0], [0.5, 0.8, 0.4]], [0.0, 30.0])
 MANY = np.random.default_rng(0).normal(scale=3.0, size=(2000, 3))
 LATE = mo.Status.TIME_LIMIT
 GRACE = 3.0  # s, on a loaded machine
-LIMITS = {"shortest_duration": 1e-6, "time_optimal_path": 1e-3}  # s; the others: 0.05
+LIMITS = {"time_optimal_path": 1e-3}  # s; the others: 0.05
+LIMITS |= dict.fromkeys(("shortest_duration", "time_path", "phase_plane"), 1e-6)
 
 CALLS = {
     "time_optimal": lambda t: mo.time_optimal(ROBOT, VIA, mesh=30, time_limit=t).status,
@@ -26,6 +27,10 @@ CALLS = {
     ),
     "compare": lambda t: (
         mo.compare(ROBOT, VIA, ["cubic", "time_optimal"], time_limit=t)["time_optimal"].status
+    ),
+    "time_path": lambda t: mo.time_path(ROBOT, mo.straight_path(VIA), time_limit=t).status,
+    "phase_plane": lambda t: (
+        mo.planning.phase_plane(ROBOT, mo.straight_path(VIA), time_limit=t).status
     ),
     "shortest_duration": lambda t: mo.shortest_duration(ROBOT, SHAPE, time_limit=t).status,
     "simulate": lambda t: (
@@ -64,7 +69,8 @@ def test_what_is_no_time_is_refused(value):
 def test_every_solver_call_takes_one():
     solving = [mo.certify, mo.TimeOptimalSolver.__call__, mo.solve_ik, mo.solve_ik_all]
     solving += [mo.ocp.solve, mo.ocp.solve_refined, mo.ocp.solve_switching_times]
-    solving += [getattr(mo, name) for name in CALLS if name not in ("time_optimal", "compare")]
+    elsewhere = ("time_optimal", "compare", "phase_plane")
+    solving += [getattr(mo, name) for name in CALLS if name not in elsewhere]
     for call in solving:
         if call is not mo.time_optimal_path:  # whose settings have it
             assert "time_limit" in inspect.signature(call).parameters, call

@@ -50,6 +50,7 @@ if TYPE_CHECKING:
 
 REFERENCE = "cubic"
 LEAST_TIME = 1e-3  # s, of a method where the time is over
+SOLVING = 0.8  # share of a method's time; the rest is its certificate's
 # Work of a method and of an output where it is more than one unit, of about a second at most.
 WORK = {"straight_path": 8, "cubic_path": 8, "time_optimal": 20}
 WORK |= {"figures": 12, "report": 6, "recording": 4}
@@ -457,8 +458,9 @@ def compare(
     blend : float
         Blend time of LSPB as a share of each segment, up to 0.5.
     time_limit : float
-        Wall time of all methods together, s. What one leaves is shared by those after it; one whose
-        share is over has the best so far and the status "time limit". Certificates are not counted.
+        Wall time of all methods and certificates, s. What one leaves is shared by those after it;
+        one whose share is over has the best so far and the status "time limit". A fifth of each
+        share is kept for the certificate, which is refused where that is not enough.
     progress : callable, optional
         Called with a :class:`Step`.
     **settings
@@ -491,7 +493,7 @@ def compare(
     times, velocities = _timing(via, via_t, via_qd)
     total = sum(map(_work, names))
     entries: list[Entry] = []
-    solving = min(checks.time_limit(time_limit), deadline.left())
+    until = time.perf_counter() + min(checks.time_limit(time_limit), deadline.left())
     for index, name in enumerate(names):
 
         def tell(
@@ -506,9 +508,8 @@ def compare(
         told = quiet if progress is None else tell
         task = Task(family, via, times, velocities, blend_share, free, path, told)
         tell("solving")
-        share = max(solving / (len(names) - index), LEAST_TIME)
-        entries.append(_entry(name, task, tell, share))
-        solving -= entries[-1].solve_time
+        share = (until - time.perf_counter()) / (len(names) - index)
+        entries.append(_entry(name, task, tell, max(share, LEAST_TIME)))
     if progress is not None:
         progress(Step(total, total, "done", f"{len(names)} methods done"))
     return Comparison(robot, via, family.robot.limits, tuple(entries), REFERENCE)
@@ -557,7 +558,7 @@ def _entry(name: str, task: Task, tell: Callable[..., None], seconds: float) -> 
     begin = time.perf_counter()
     method = METHODS[name]
     try:
-        with deadline.within(seconds):
+        with deadline.within(SOLVING * seconds):
             motion = method.solve(task)
     except InputError as problem:  # this method cannot do the task; the others may
         wall = time.perf_counter() - begin
@@ -577,7 +578,8 @@ def _entry(name: str, task: Task, tell: Callable[..., None], seconds: float) -> 
     wall = time.perf_counter() - begin
     motion = replace(motion, provenance={**motion.provenance, "robot": task.robot.name})
     tell(f"{motion.duration:.4f} s, certifying", stage="certify")
-    certificate = certificate_of(task.family, motion, task.via_q)
+    with deadline.within(max(seconds - wall, LEAST_TIME)):
+        certificate = certificate_of(task.family, motion, task.via_q)
     return Entry(
         name=name,
         title=method.title,

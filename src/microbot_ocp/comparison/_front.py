@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -77,6 +77,15 @@ class Front:
         return view_for(self, "plot")(self, axes)
 
 
+def _listed(via_q: Any) -> list[Any]:
+    try:
+        return list(via_q)
+    except TypeError:
+        raise InputError(
+            f"via_q must be stops or joint positions, not {checks.shown(via_q)}"
+        ) from None
+
+
 def time_effort_front(
     robot: Robot,
     via_q: ArrayLike | Sequence[Stop],
@@ -109,7 +118,7 @@ def time_effort_front(
     """
     for slack in slacks:
         checks.number("slacks", slack, above=0.0)
-    stops = list(cast("Sequence[Any]", via_q))
+    stops = _listed(via_q)
     task = task_of(robot, stops, limits, segments=segments, cycle=cycle)
     settings = TimeOptimalSettings(**changes)
     return _certified(task, effort_front(task, tuple(slacks), settings, progress or quiet))
@@ -151,7 +160,7 @@ def time_torque_front(
         checks.number("shares", share, above=0.0, at_most=1.0)
     if not robot.has_dynamics:
         raise InputError(f"robot {robot.name!r} has no masses, so its motions have no torques")
-    stops = list(cast("Sequence[Any]", via_q))
+    stops = _listed(via_q)
     task = task_of(robot, stops, limits, segments=segments, cycle=cycle)
     settings = TimeOptimalSettings(**changes)
     return _certified(task, *torque_front(task, tuple(shares), settings, progress or quiet))

@@ -26,9 +26,10 @@ def use_of(
     over a limit is its use minus 1.
     """
     try:
-        values, lower, upper = np.broadcast_arrays(*map(np.asarray, (values, lower, upper)))
-    except ValueError as problem:
-        raise InputError(f"values and bounds must fit together: {problem}") from None
+        given = (np.asarray(each, dtype=float) for each in (values, lower, upper))
+        values, lower, upper = np.broadcast_arrays(*given)
+    except (TypeError, ValueError) as problem:
+        raise InputError(f"values and bounds must be arrays that fit together: {problem}") from None
     with np.errstate(invalid="ignore"):  # a diverged value may be infinite, as its bound
         above = _side(values - upper, upper, lower, upper, from_middle)
         below = _side(lower - values, lower, lower, upper, from_middle)

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from microbot_ocp._base import checks
+from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.codegen import compiler
 from microbot_ocp._base.status import Status
-from microbot_ocp.limits import JointLimits, Limits
+from microbot_ocp.limits import JointLimits, LimitFamily, Limits
 from microbot_ocp.motion import JUMP_GAP, SAMPLE_STEP, Motion, PiecewisePolynomial, State
 from microbot_ocp.planning._curve import Curve
 from microbot_ocp.planning._path_limits import LATER, limits_kept_by
@@ -34,9 +34,10 @@ class PathTiming:
     Attributes
     ----------
     status : Status
-        Solved, or infeasible where the end cannot be reached within the limits.
+        Solved, infeasible where the end cannot be reached within the limits, or "time limit".
     s : array [N+1]
-        Path parameter of the grid points; a stop on the way stands there twice.
+        Path parameter of the grid points; a stop on the way stands there twice. At the time limit
+        these are of the segments that were done.
     speed : array [N+1]
         ds/dt; NaN where the path cannot be travelled.
     t : array [N+1], s
@@ -63,8 +64,8 @@ class PathTiming:
 
     @property
     def duration(self) -> float:
-        """Time from end to end, s; NaN where the path cannot be travelled."""
-        return float(self.t[-1])
+        """Time from end to end, s; NaN where the path cannot be travelled or time was over."""
+        return float("nan") if self.status is Status.TIME_LIMIT else float(self.t[-1])
 
     def motion(self, label: str = "path, reachability") -> Motion:
         """The timing as a motion: the acceleration of the parameter is linear between points.
@@ -72,8 +73,10 @@ class PathTiming:
         Raises
         ------
         InputError
-            The path cannot be travelled.
+            The path cannot be travelled, or the time limit was over.
         """
+        if self.status is Status.TIME_LIMIT:
+            raise checks.InputError(f"the time limit was over at s = {self.s[-1]:g} of the path")
         if not self.solved:
             raise checks.InputError(
                 f"the path cannot be travelled within the limits beyond s = {self.blocked_at:g}"
@@ -104,6 +107,7 @@ def time_path(
     start_free: bool | None = None,
     end_free: bool | None = None,
     compiled: bool = True,
+    time_limit: float = np.inf,
 ) -> PathTiming:
     """The best timing of a path on a grid, from rest to rest, by two passes of linear programs.
 
@@ -127,6 +131,8 @@ def time_path(
         rests there all the same.
     compiled : bool
         Use compiled functions where there is a compiler.
+    time_limit : float
+        Wall time, s, after which no further segment is begun.
 
     Returns
     -------
@@ -152,15 +158,29 @@ def time_path(
     >>> timing.solved, round(timing.duration, 3), timing.limits_kept_by["speed bound"]
     (True, 2.575, ['velocity'])
     """
-    whole("grid", grid, "points", at_least=10, at_most=1_000_000)
+    whole("grid", grid, "points", at_least=10)
     family = check_limits(robot, limits)
     check_path(family, path)
+    with deadline.within(time_limit):
+        return _timed(family, path, grid, (start_free, end_free), compiled)
+
+
+def _timed(
+    family: LimitFamily,
+    path: PiecewisePolynomial,
+    grid: int,
+    free: tuple[bool | None, bool | None],
+    compiled: bool,
+) -> PathTiming:
     moving = with_locked_joints_held(family, None)
     fast = compiled and compiler() is not None
     parts, s, speed, t, kept_by = [], [], [], [], {}
     begin, start = float(path.breaks[0]), 0.0
+    start_free, end_free = free
     curves = segments(path, moving)
     for index, curve in enumerate(curves):
+        if index and deadline.over():
+            break
         along = CurveLimits.of(moving, curve, grid, fast)
         first, last = index == 0, index == len(curves) - 1
         reached = reach(
@@ -184,9 +204,11 @@ def time_path(
         for (_, reached), place in zip(parts, s, strict=True)
         if not reached.feasible
     ]
+    status = Status.SOLVED if len(parts) == len(curves) else Status.TIME_LIMIT
+    status = Status.INFEASIBLE if blocked else status
     return PathTiming(
         robot=family.robot,
-        status=Status.INFEASIBLE if blocked else Status.SOLVED,
+        status=status,
         s=np.concatenate(s),
         speed=np.concatenate(speed),
         t=np.concatenate(t),

@@ -102,7 +102,7 @@ class PathTimingSettings:
         checks.time_limit(self.time_limit)
         if self.mesh is not None:
             whole("mesh", self.mesh, "intervals", at_least=4)
-        whole("grid", self.grid, "points", at_least=10, at_most=1_000_000)
+        whole("grid", self.grid, "points", at_least=10)
         checks.number("limit_tolerance", self.limit_tolerance, above=0.0)
         if self.solver is not None:
             checks.one_of("solver", self.solver, ("ipopt", "fatrop"))

@@ -16,8 +16,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.codegen import compiler
+from microbot_ocp._base.status import Status
 from microbot_ocp.limits import JointLimits, LimitFamily, Limits
 from microbot_ocp.motion import PiecewisePolynomial
 from microbot_ocp.planning._curve import Curve
@@ -83,9 +85,11 @@ class PhasePlane:
     arcs : tuple of Arc
         Parts of the profile by the limit that it rides on, in order.
     duration : float
-        s; NaN where the path cannot be travelled.
+        s; NaN where the path cannot be travelled or the time was over.
     blocked_at : float
         Path parameter from which the end cannot be reached, NaN where it can.
+    status : Status
+        Solved, infeasible, or "time limit": all of the above is of the segments that were done.
     """
 
     s: FloatArray
@@ -97,6 +101,7 @@ class PhasePlane:
     arcs: tuple[Arc, ...]
     duration: float
     blocked_at: float
+    status: Status = Status.SOLVED
 
     @property
     def feasible(self) -> bool:
@@ -125,6 +130,7 @@ def phase_plane(
     limits: Limits | JointLimits | None = None,
     *,
     grid: int = 1000,
+    time_limit: float = np.inf,
 ) -> PhasePlane:
     """The phase plane of a path from rest to rest.
 
@@ -141,6 +147,8 @@ def phase_plane(
         Default the robot's own.
     grid : int
         Intervals of each segment between two stops.
+    time_limit : float
+        Wall time, s, after which no further segment is begun.
 
     Returns
     -------
@@ -163,22 +171,29 @@ def phase_plane(
     count = robot.joint_count
     if path.coefficients.shape[2] != count:
         raise InputError(f"path must have {count} joints, not {path.coefficients.shape[2]}")
-    whole("grid", grid, "points", at_least=10, at_most=1_000_000)
+    whole("grid", grid, "points", at_least=10)
     family = check_limits(robot, limits)
     begin, parts = float(path.breaks[0]), []
-    for curve in segments(path, family):
-        parts.append(_segment(family, curve, begin, grid))
-        begin = float(parts[-1].s[-1])
+    curves = segments(path, family)
+    with deadline.within(time_limit):
+        for curve in curves:
+            if parts and deadline.over():
+                break
+            parts.append(_segment(family, curve, begin, grid))
+            begin = float(parts[-1].s[-1])
     joined = {
         name: np.concatenate([getattr(part, name) for part in parts])
         for name in ("s", "speed", "torque_bound", "velocity_bound", "least", "velocity_joint")
     }
     blocked = [part.blocked_at for part in parts if not part.feasible]
+    late = len(parts) < len(curves)
+    status = Status.TIME_LIMIT if late else Status.SOLVED
     return PhasePlane(
         **joined,
         arcs=tuple(arc for part in parts for arc in part.arcs),
-        duration=sum(part.duration for part in parts),
+        duration=float("nan") if late else sum(part.duration for part in parts),
         blocked_at=blocked[0] if blocked else float("nan"),
+        status=Status.INFEASIBLE if blocked else status,
     )
 
 

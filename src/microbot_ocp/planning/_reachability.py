@@ -154,7 +154,7 @@ def reach(
     speed_limit = along.limits.speed_limit(along.nodes, along.s.size)
     timing = _passes(along.s, along.rows, speed_limit, free, fast)
     for _ in range(FRICTION_PASSES if along.rubs else 0):
-        if not timing.feasible:
+        if not timing.feasible or deadline.over():
             break
         robot = along.limits.family.robot
         bent = along.rows.with_friction(along.nodes, robot, timing.speed_squared)

@@ -116,7 +116,7 @@ def read_scene(
             tuple(obstacles),
             clearance=source.get("clearance", 0.0),
             self_collision=own,
-            ignore=tuple(source.get("ignore", ())),
+            ignore=source.get("ignore", ()),
         )
 
 
