@@ -1,9 +1,10 @@
 """Free time-optimal motions among obstacles.
 
 Ways around the obstacles come from a planner of joint paths; each, with its best timing, is a
-motion that keeps every limit, from which the search for the fastest motion starts. Only pairs that
-can come close are in the problem; one that was left out and is too near afterwards is put in, and
-the problem is solved again. What is returned is never slower than the best of the timed paths.
+motion that keeps every limit but those of jerk and torque rate, from which the search for the
+fastest motion starts. Only pairs that can come close are in the problem; one that was left out and
+is too near afterwards is put in, and the problem is solved again. What is returned is never slower
+than the best of the timed paths, where that keeps all limits.
 """
 
 from __future__ import annotations
@@ -84,7 +85,8 @@ class _GuidedSearch(FreeSearch):
         self.refiner.rough, self.refiner.tolerance = None, ROUGH_TOLERANCE
         own = replace(self.refiner.settings, gap=np.inf, max_iterations=MOST_ITERATIONS)
         self.refiner.settings = own
-        self.known: float = min(_duration(guess) for guess in guided)
+        kept = not _rated(family)
+        self.known: float = min(map(_duration, guided)) if kept else np.inf
 
     @property
     def _mesh(self) -> int:
@@ -108,6 +110,11 @@ class _GuidedSearch(FreeSearch):
             [self._mesh] * len(self.names), best.guesses, barrier=NEAR_PATH
         )
         return self.refiner.finished(self.refiner.refine(solution))
+
+
+def _rated(family: LimitFamily) -> bool:
+    """Whether jerk or torque rate is limited, which timed paths do not keep."""
+    return any(member.order == 3 for member in family)
 
 
 def _duration(guess: InitialGuess) -> float:
@@ -147,12 +154,17 @@ def fastest_among(
         "planning_time": planned,
         "wall_time": spent,
     }
-    if found is None or not found.proved or best.duration >= chain.motion.duration:
+    kept = not _rated(family)  # by the timed path: its torques and accelerations jump
+    slower = kept and best.duration >= chain.motion.duration
+    if found is None or not found.proved or slower:
         why = best.provenance["advice"] if found is None else found.sentence
         if found is not None and found.proved:
             why = "the search found nothing faster"
         of_path = clearance(robot, chain.motion, scene)
-        more |= {"advice": why, "status": str(Status.SOLVED), "clearance": as_plain(of_path)}
+        if not kept:
+            why = f"it does not keep the limits of jerk and torque rate. {why}"
+        status = Status.SOLVED if kept else Status.LIMITS_EXCEEDED
+        more |= {"advice": why, "status": str(status), "clearance": as_plain(of_path)}
         return replace(
             chain.motion,
             label="time-optimal",

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -19,7 +20,8 @@ from microbot_ocp.planning._scale import USUAL_SPEED
 from microbot_ocp.planning._segments import Circle, Line
 from microbot_ocp.planning._stop_task import Task, check_held
 from microbot_ocp.planning._stops import Stop
-from microbot_ocp.robot import Robot, forward_kinematics
+from microbot_ocp.planning._task import reach_of
+from microbot_ocp.robot import Robot, forward_kinematics, jacobian
 
 TURNS = 8  # of a free turn, from which branches are looked for
 ROWS = 33  # places along a tool line at which the arm is followed
@@ -28,6 +30,7 @@ _even = np.linspace(0.0, 1.0, ROWS)
 EASED = _even**3 * (10.0 - 15.0 * _even + 6.0 * _even**2)  # shares of a way at even times
 APART = 0.9  # rad (m): ways that are nearer at every stop lead to the same optimum
 MOST_WAYS = 12
+REDUNDANT = 1e-4  # of the reach: smallest slope of the tool by the joints that counts
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +64,7 @@ def ways_through(task: Task) -> list[Way]:
     InputError
         A stop out of reach, a tool line that no branch follows.
     """
-    nodes = [_branches(task.robot, stop) for stop in task.stops]
+    nodes = [list(_branches(task.robot, stop)) for stop in task.stops]
     nodes = [_held_at_rest(task, index, found) for index, found in enumerate(nodes)]
     if task.cycle:
         nodes[-1] = nodes[0] = _held_at_rest(task, len(nodes) - 1, nodes[0])
@@ -92,9 +95,32 @@ def ways_through(task: Task) -> list[Way]:
 # branches of a stop -------------------------------------------------------------------------------
 
 
-def _branches(robot: Robot, stop: Stop) -> list[FloatArray]:
+def few_poses(robot: Robot, stop: Stop) -> FloatArray | None:
+    """The joint poses [k,n] of a stop, or the middles of their tolerance; None of infinitely many.
+
+    Of a tool position these are the branches, where the arm has no joint to spare for it.
+    """
     if stop.q is not None:
-        return [np.array(stop.q)]
+        return np.array([stop.q])
+    if np.any(stop.slack) or stop.orientation_tolerance or stop.free_turn:
+        return None
+    try:
+        found = np.array(_branches(robot, stop))
+    except InputError:
+        return None
+    rows = 3 if stop.orientation is None else 6
+    for q in found:
+        slopes = np.array(jacobian(robot)(q))[:rows]
+        slopes[3:] *= reach_of(robot)
+        if np.linalg.matrix_rank(slopes, tol=REDUNDANT * reach_of(robot)) < robot.joint_count:
+            return None
+    return found
+
+
+@lru_cache(maxsize=256)
+def _branches(robot: Robot, stop: Stop) -> tuple[FloatArray, ...]:
+    if stop.q is not None:
+        return (np.array(stop.q),)
     assert stop.position is not None
     place, turned = stop.pose(robot)
     found: list[FloatArray] = []
@@ -107,7 +133,7 @@ def _branches(robot: Robot, stop: Stop) -> list[FloatArray]:
                 found.append(solution.q)
     if not found:
         raise InputError(_out_of_reach(robot, stop, missed))
-    return found
+    return tuple(found)
 
 
 def _held_at_rest(task: Task, index: int, found: list[FloatArray]) -> list[FloatArray]:

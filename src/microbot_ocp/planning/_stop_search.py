@@ -23,7 +23,7 @@ from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial, State, torque
 from microbot_ocp.ocp import Solution
 from microbot_ocp.ocp.solution import StepProgress
 from microbot_ocp.ocp.transcription import Guess, Transcription
-from microbot_ocp.planning._branches import Way, ways_through
+from microbot_ocp.planning._branches import Way, few_poses, ways_through
 from microbot_ocp.planning._conditions import Conditions
 from microbot_ocp.planning._free_problem import excess_along, polynomial, transcription
 from microbot_ocp.planning._free_search import (
@@ -42,7 +42,7 @@ from microbot_ocp.planning._scale import TaskScale
 from microbot_ocp.planning._segments import Segment
 from microbot_ocp.planning._stop_task import Task, task_of, with_torques
 from microbot_ocp.planning._stops import Stop
-from microbot_ocp.planning._task import with_locked_joints_held
+from microbot_ocp.planning._task import fastest_tool, with_locked_joints_held
 from microbot_ocp.robot import Robot
 from microbot_ocp.trajectories import spline
 
@@ -543,17 +543,44 @@ def _best_order(
 def least_duration(task: Task) -> float:
     """What no motion of the task can fall below by the velocity limits, s.
 
-    Between two joint poses the slowest joint at its highest velocity; nothing where a stop is a
-    tool position.
+    Between poses of the joints the slowest joint at its highest velocity, by the branches that take
+    least; of a stop whose poses are not a few, the way of the tool at a speed that the joints
+    cannot exceed together.
     """
-    total = float(task.dwells.sum())
-    speeds = np.maximum(-task.robot.limits.qd_min, task.robot.limits.qd_max)
-    for a, b in itertools.pairwise(task.stops):
-        if a.q is None or b.q is None or a.box is None or b.box is None:
+    robot = task.robot
+    speeds = np.maximum(-robot.limits.qd_min, robot.limits.qd_max)
+    fastest = fastest_tool(robot)
+    known = [few_poses(robot, stop) for stop in task.stops]
+    least = np.zeros(1)  # by the branch at a stop, or one number where there are many
+    for k, (a, b) in enumerate(itertools.pairwise(task.stops)):
+        before, after = known[k], known[k + 1]
+        if before is None or after is None:
+            way = _tool_distance(robot, a, b) / fastest
+            least = np.full(1 if after is None else len(after), least.min() + way)
             continue
-        apart = np.maximum(np.abs(np.subtract(a.q, b.q)) - a.box - b.box, 0.0)
-        total += float((apart / speeds).max())
-    return total
+        room = np.maximum(_joint_distances(robot, before, after) - a.slack - b.slack, 0.0)
+        times = np.divide(room, speeds, out=np.zeros_like(room), where=room > 0.0)
+        least = (least[:, None] + times.max(axis=2)).min(axis=0)
+    return float(least.min() + task.dwells.sum())
+
+
+def _joint_distances(robot: Robot, before: FloatArray, after: FloatArray) -> FloatArray:
+    """Distances [k,l,n] of joint poses [k,n] from others [l,n], whole turns aside where allowed."""
+    apart = np.abs(after[None] - before[:, None])
+    turns = (robot.limits.q_max - robot.limits.q_min >= 2 * np.pi) & [
+        kind == "revolute" for kind in robot.joint_types
+    ]
+    return np.where(turns, np.abs((apart + np.pi) % (2 * np.pi) - np.pi), apart)
+
+
+def _tool_distance(robot: Robot, before: Stop, after: Stop) -> float:
+    """What the tool has to travel at least from one stop to another, m; 0 where that is open."""
+    if any(stop.q is not None and np.any(stop.slack) for stop in (before, after)):
+        return 0.0
+    apart = np.abs(before.pose(robot)[0] - after.pose(robot)[0])
+    for stop in (before, after):
+        apart = apart if stop.q is not None else np.maximum(apart - stop.slack, 0.0)
+    return float(np.linalg.norm(apart))
 
 
 def _orders(count: int, cycle: bool, segments: Sequence[Segment] | None) -> list[tuple[int, ...]]:

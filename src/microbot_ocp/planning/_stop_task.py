@@ -31,7 +31,13 @@ from microbot_ocp.planning._segments import (
     parts_of,
 )
 from microbot_ocp.planning._stops import AXES, Payload, Stop
-from microbot_ocp.planning._task import check_limits, check_position, check_rest, reach_of
+from microbot_ocp.planning._task import (
+    check_limits,
+    check_position,
+    check_rest,
+    fastest_tool,
+    reach_of,
+)
 from microbot_ocp.robot import Robot, forward_kinematics, jacobian
 
 MOST_STOPS = 200
@@ -347,9 +353,7 @@ def _check_velocity(robot: Robot, stop: Stop) -> None:
 
 
 def _check_tool_velocity(robot: Robot, stop: Stop) -> None:
-    speeds = np.maximum(-robot.limits.qd_min, robot.limits.qd_max)
-    levers = [reach_of(robot) if kind == "revolute" else 1.0 for kind in robot.joint_types]
-    most, asked = float(speeds @ levers), float(np.linalg.norm(stop.velocity))
+    most, asked = fastest_tool(robot), float(np.linalg.norm(stop.velocity))
     if asked > most:
         raise InputError(
             f"velocity of stop {stop.name!r} is {asked:.4g} m/s, more than all joints at their "

@@ -191,6 +191,11 @@ class Stop:
         size = 3 if self.q is None else len(self.q)
         return np.zeros(size) if self.tolerance <= EXACT else None
 
+    @property
+    def slack(self) -> FloatArray:
+        """How far every coordinate or joint may be from the middle of the tolerance."""
+        return np.broadcast_to(np.array(self.tolerance), (3 if self.q is None else len(self.q),))
+
     def pose(self, robot: Robot) -> tuple[FloatArray, FloatArray | None]:
         """Position [3] and rotation [3,3] of the tool at the middle of its tolerance.
 

@@ -164,6 +164,18 @@ def reach_of(robot: Robot) -> float:
     return float(rows.sum() + np.linalg.norm(robot.tool[:3, 3]))
 
 
+def fastest_tool(robot: Robot) -> float:
+    """A speed of the tool's origin that all joints at their limits cannot exceed, m/s."""
+    low, high = robot.limits.bounds("q")
+    speeds = np.maximum(-robot.limits.qd_min, robot.limits.qd_max)
+    prismatic = np.array([kind == "prismatic" for kind in robot.joint_types])
+    slides = np.where(prismatic, np.maximum(np.abs(low), np.abs(high)), 0.0)
+    rows = np.hypot(robot.a, np.abs(robot.d) + slides)
+    beyond = np.append(np.cumsum(rows[:0:-1])[::-1], 0.0) + np.linalg.norm(robot.tool[:3, 3])
+    levers = np.where(prismatic, 1.0, beyond)
+    return float((speeds[levers > 0] * levers[levers > 0]).sum())
+
+
 def check_limits(robot: Robot, limits: Limits | JointLimits | None) -> LimitFamily:
     """The family of limits of a task; some of them must bound the motion of every joint."""
     family = LimitFamily.of(robot, limits)
