@@ -10,6 +10,7 @@ from benchmarks.suite import (
     flight,
     mechanisms,
     reactors,
+    second,
     singular,
     textbook,
 )
@@ -25,5 +26,6 @@ PROBLEMS: tuple[SuiteProblem, ...] = (
     *flight.PROBLEMS,
     *algebraic.PROBLEMS,
     *blind.PROBLEMS,
+    *second.PROBLEMS,
 )
 BY_NAME = {problem.name: problem for problem in PROBLEMS}
