@@ -46,9 +46,20 @@ from microbot_ocp.planning._task import (
 from microbot_ocp.robot import Robot
 
 # Share of the duration, and of the typical ones, up to which a prepared motion leads to the best
-NEAR, NEAR_TYPICAL = 0.1, 0.02
+NEAR, NEAR_TYPICAL = 0.1, 0.1
 # of a prepared solver: somebody waits
-PREPARED = SolverSettings("ipopt", tolerance=1e-6, gap=np.inf, max_iterations=150)
+PREPARED = SolverSettings(
+    "ipopt",
+    tolerance=1e-6,
+    gap=np.inf,
+    max_iterations=150,
+    # payloads of 0.05, 0.1 and 0.3 kg on a task of the Microbot: 20, 23 and 32 iterations; with the
+    # usual 1e-7 23, 33 and 91
+    options={"ipopt warm": {"mu_init": 1e-5}},
+)
+# Excess up to which the motion is refined that all solves start from: half of the intervals that
+# 5e-4 takes, where a certificate lets 5e-3 pass
+REFERENCE_TOLERANCE = 2e-3
 
 
 def _solved_near(
@@ -69,7 +80,7 @@ class TimeOptimalSolver:
 
     The program, its compiled kernels and the solver are made once; limits and the payload are
     numbers in it. The first call solves the task with the robot's own limits as
-    :func:`microbot_ocp.time_optimal` does, from a coarser mesh. Every solve starts from that
+    :func:`microbot_ocp.time_optimal` does, but refines less. Every solve starts from that
     motion with its multipliers, not from the solution before, so the answer does not depend on
     what was asked before; from the scaled cubic where the numbers are far from the robot's own. It
     is refined where a limit is exceeded between mesh points by more than a certificate lets pass.
@@ -113,7 +124,7 @@ class TimeOptimalSolver:
         robot: Robot,
         via_q: ArrayLike,
         *,
-        mesh: int = 60,
+        mesh: int = 80,
         starts: int = 5,
         rounds: int = 3,
         compiled: bool = True,
@@ -126,7 +137,13 @@ class TimeOptimalSolver:
         self.robot = robot
         self.via_q = check_via(check_limits(robot, None), via_q)
         self._rounds = rounds
-        self._settings = TimeOptimalSettings(mesh=mesh, starts=starts, compiled=compiled, seed=seed)
+        self._settings = TimeOptimalSettings(
+            mesh=mesh,
+            starts=starts,
+            limit_tolerance=REFERENCE_TOLERANCE,
+            compiled=compiled,
+            seed=seed,
+        )
         self._reference: Solution | None = None
         self._phases = phase_names(len(self.via_q) - 1)
         held: Robot = with_locked_joints_held(LimitFamily.of(robot)).robot
@@ -203,8 +220,8 @@ class TimeOptimalSolver:
             if (solution.status.solved and near and not search) or deadline.over():
                 break
         name, best = min(tried, key=lambda pair: (not pair[1].status.solved, pair[1].duration))
-        solution = self._refined(family, best, changes) if best.status.solved else best
-        return self._motion(family, solution, tried, name, payload, begin)
+        solution, excess = self._refined(family, best, changes)
+        return self._motion(family, solution, excess, tried, name, payload, begin)
 
     def _prepared(self) -> ParametricSolver:
         """The solver on the mesh of the motion under the robot's own limits, made once."""
@@ -252,10 +269,13 @@ class TimeOptimalSolver:
 
     def _refined(
         self, family: LimitFamily, solution: Solution, changes: dict[str, Any]
-    ) -> Solution:
-        """Split intervals inside which a limit is exceeded; keep what is no worse."""
-        for _ in range(self._rounds):
-            excess = excess_between(family, solution)
+    ) -> tuple[Solution, list[FloatArray]]:
+        """Split intervals inside which a limit is exceeded; keep what is no worse.
+
+        With the excess of limits along every interval.
+        """
+        excess = excess_between(family, solution)
+        for _ in range(self._rounds if solution.status.solved else 0):
             if max(float(e.max()) for e in excess) <= LIMIT_TOLERANCE or deadline.over():
                 break
             pairs = zip(solution.phases, excess, strict=True)
@@ -263,8 +283,8 @@ class TimeOptimalSolver:
             finer = self._on(meshes, solution).solve(guess=solution, **changes)
             if not finer.status.solved or finer.cost > solution.cost * (1 + WORSE):
                 break
-            solution = finer
-        return solution
+            solution, excess = finer, excess_between(family, finer)
+        return solution, excess
 
     def _changes(self, family: LimitFamily, via: FloatArray, payload: float) -> dict[str, Any]:
         size = TaskScale.of(family, via)
@@ -328,12 +348,13 @@ class TimeOptimalSolver:
         self,
         family: LimitFamily,
         solution: Solution,
+        excess: list[FloatArray],
         tried: list[tuple[str, Solution]],
         start: str,
         payload: float,
         begin: float,
     ) -> Motion:
-        outcome = verdict(family, solution, excess_between(family, solution), LIMIT_TOLERANCE)
+        outcome = verdict(family, solution, excess, LIMIT_TOLERANCE)
         starts = [
             {
                 "start": name,

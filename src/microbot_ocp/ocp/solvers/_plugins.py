@@ -198,7 +198,8 @@ def _warm_ipopt(program: Program, settings: SolverSettings) -> Plugin:
         "mu_init": WARM_BARRIER,
         **dict.fromkeys(WARM_PUSHES, WARM_PUSH),
     }
-    return plugin, {"ipopt": {**warm, **options["ipopt"]}}, cache
+    own = settings.options.get("ipopt warm", {})
+    return plugin, {"ipopt": {**warm, **options["ipopt"], **own}}, cache
 
 
 def _sqp(program: Program, settings: SolverSettings) -> Plugin:

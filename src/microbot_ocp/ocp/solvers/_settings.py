@@ -30,7 +30,8 @@ class SolverSettings:
     gap : how much the cost may be above that of the local optimum, relative to it (to a thousandth
         of its scale where it is less): a solve that converged goes on until it is known to be
         less; infinite to leave it at that
-    options : further options by solver name
+    options : further options by solver name; "ipopt warm" are those of IPOPT from a solution with
+        multipliers alone
     scaling : "auto" (sizes that were not declared are found, see
         ``ocp/solution/_scaling.py``) or "declared" (one where no scale was declared)
     time_limit : wall time after which a solve is stopped, s; of all solvers together
