@@ -167,9 +167,9 @@ def resimulate(robot: Robot, motion: Motion, tolerance: float) -> Resimulation:
     done, stuck = [], 0
     left = 0
     while todo.size and not left:
-        found, good, converged = _integrated(drive, size * tolerance, todo)
         low = np.searchsorted(mesh, todo[:, 0] + 1e-9, side="right")
         inner = low < np.searchsorted(mesh, todo[:, 1] - 1e-9, side="left")
+        found, good, converged = _integrated(drive, size * tolerance, todo, inner)
         good &= ~(inner & (found.torques > size * tolerance).any(axis=1))
         small = ~inner & (np.diff(todo)[:, 0] <= np.where(converged, SHORTEST, SHORTEST_STIFF))
         stuck += int((small & ~good & ~converged).sum())
@@ -205,11 +205,12 @@ def torque_sizes(robot: Robot, motion: Motion) -> FloatArray:
 
 
 def _integrated(
-    drive: _Drive, allowed: FloatArray, spans: FloatArray
+    drive: _Drive, allowed: FloatArray, spans: FloatArray, inner: BoolArray
 ) -> tuple[_Segments, BoolArray, BoolArray]:
     """Segments [K] integrated, which are accurate, or as wrong as can be told, and which converged.
 
-    Where torques do not determine the motion there is no iteration to converge.
+    Where torques do not determine the motion there is no iteration to converge. Of those with
+    breaks inside, ``inner`` [K], it is not begun where the torque jumps.
     """
     robot, motion = drive.robot, drive.motion
     count, begin, h = robot.joint_count, spans[:, 0], np.diff(spans)[:, 0]
@@ -225,7 +226,8 @@ def _integrated(
     first, last = motion.sample(begin), motion.sample(spans[:, 1])
     q0, qd0 = first.q[:, None], first.qd[:, None]
     converged = ~determined
-    open_ = determined.copy()
+    inertia = matrices.reshape(h.size, NODES, count, count)[:, NODES // 2]
+    open_ = determined & ~(inner & _rough(inertia, qdd, allowed))
     stiff, modes = _stiff_modes(robot, flat, tau, h)
     for _ in range(ROUNDS):
         if not open_.any():
@@ -249,20 +251,24 @@ def _integrated(
     good = converged & (determined | (h < UNDETERMINED))
     with np.errstate(over="ignore", invalid="ignore"):
         # Of what is undetermined the motion's own velocity and acceleration are integrated.
-        tail = np.abs(np.einsum("an,knj->kaj", TAIL, qdd)).max(axis=1)
         end_speed = qd0[:, 0] + h[:, None] * (WEIGHTS @ qdd)
         end_place = q0[:, 0] + h[:, None] * (WEIGHTS @ qd)
         defects = np.hstack([end_place - last.q, end_speed - last.qd])
-        inertia = matrices.reshape(h.size, NODES, count, count)[:, NODES // 2]
         beyond = np.sign(defects) * np.maximum(0.0, np.abs(defects) - KNOWN)
         by_place = np.abs(np.einsum("kij,kj->ki", inertia, beyond[:, :count]))
         by_speed = np.abs(np.einsum("kij,kj->ki", inertia, beyond[:, count:]))
         torques = np.maximum(2.0 * by_place / h[:, None] ** 2, by_speed / h[:, None])
         torques[~determined] += np.abs(added[~determined]).max(axis=1)
         unknown = np.einsum("kij,kj->ki", np.abs(inertia), drive.unknown(begin, spans[:, 1]))
-        rough = np.abs(np.einsum("kij,kj->ki", inertia, tail)) > RESOLVED * allowed
-        good &= ~rough.any(axis=1) | (torques > WRONG * (allowed + unknown)).any(axis=1)
+        good &= ~_rough(inertia, qdd, allowed) | (torques > WRONG * (allowed + unknown)).any(axis=1)
     return _Segments(begin, spans[:, 1], defects, torques, unknown, determined), good, converged
+
+
+def _rough(inertia: FloatArray, qdd: FloatArray, allowed: FloatArray) -> BoolArray:
+    """In which segments [K] the nodes do not resolve the accelerations [K,NODES,n]."""
+    tail = np.abs(np.einsum("an,knj->kaj", TAIL, qdd)).max(axis=1)
+    torque = np.abs(np.einsum("kij,kj->ki", inertia, tail))
+    return np.logical_or.reduce(torque > RESOLVED * allowed, axis=1)
 
 
 def _stiff_modes(
