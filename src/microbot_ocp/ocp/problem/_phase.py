@@ -74,6 +74,8 @@ class Phase:
     begins: ca.MX = field(default_factory=lambda: ca.MX(0.0), repr=False)
 
     def __post_init__(self) -> None:
+        if not isinstance(self.name, str):
+            raise InputError(f"name must be text, not {checks.shown(self.name)}")
         self.time = ca.MX.sym(f"{self.name}.time")
         self.duration = ca.MX.sym(f"{self.name}.duration")
         self._values: list[PointValue] = []

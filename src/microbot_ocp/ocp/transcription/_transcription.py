@@ -74,7 +74,7 @@ class Transcription:
         derivatives: Derivatives = automatic,
     ) -> None:
         problem.check()
-        self.duration_scale = duration_scale
+        self.duration_scale = checks.number("duration_scale", duration_scale, "s", above=0.0)
         if isinstance(scheme, str):
             scheme = SCHEMES[checks.one_of("scheme", scheme, SCHEMES)]
         self.scheme = scheme
