@@ -5,6 +5,7 @@ import pytest
 
 import microbot_ocp as mo
 from microbot_ocp._base import checks
+from microbot_ocp.scene import read_scene
 
 
 @pytest.fixture(scope="module")
@@ -19,6 +20,19 @@ VIA = [[0.0, 0.0, 0.0], [-1.0, 1.0, 1.0]]
 def test_settings_beyond_all_computers_are_refused(robot, setting):
     with pytest.raises(mo.InputError, match=f"{setting} must be at most 20000"):
         mo.time_optimal(robot, VIA, **{setting: 10**12})
+
+
+def test_grids_of_gigabytes_are_refused(robot):
+    path = mo.straight_path(VIA)
+    for call in (mo.time_path, mo.planning.phase_plane, mo.time_optimal_path):
+        with pytest.raises(mo.InputError, match="grid must be at most 20000"):
+            call(robot, path, grid=100_000)
+
+
+@pytest.mark.parametrize("pairs", [5, True, "ab", [1], [["a"]]])
+def test_what_is_no_pair_to_ignore_is_refused(pairs):
+    with pytest.raises(mo.InputError, match="ignore must"):
+        read_scene({"ignore": pairs})
 
 
 def test_a_long_motion_has_fewer_samples_a_second(robot):
