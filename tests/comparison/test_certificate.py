@@ -8,7 +8,7 @@ import pytest
 
 import microbot_ocp as mo
 from microbot_ocp.comparison import certify
-from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial, State, torque_along
+from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial, State, jump_gaps, torque_along
 from microbot_ocp.trajectories import (
     cubic,
     lspb,
@@ -208,6 +208,11 @@ def test_friction_that_makes_the_equations_stiff():
     assert certificate.ok, certificate.verdict
     assert certificate.segments < 50
     assert not certify(robot, replace(motion, tau=1.001 * motion.tau), mo.Limits()).ok
+
+
+def test_the_first_microseconds_are_no_jump():
+    assert not jump_gaps(np.array([0.0, 1.5e-6, 3e-6, 4.5e-6])).any()
+    assert jump_gaps(np.array([0.0, 1.0, 1.0 + 1e-6, 2.0])).tolist() == [False, True, False]
 
 
 def test_timings_of_paths_in_milliseconds(robot):

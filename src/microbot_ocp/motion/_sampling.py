@@ -22,9 +22,12 @@ LEAST_RATIO, MANY_POINTS = 5, 100_000  # where there would be so many points, as
 
 
 def jump_gaps(t: FloatArray, i: NDArray[np.intp] | None = None) -> NDArray[np.bool_]:
-    """Which intervals [N-1] between times t [N] stand for a jump; ``i`` chooses some of them."""
+    """Which intervals [N-1] between times t [N] stand for a jump; ``i`` chooses some of them.
+
+    The first never does: there is nothing before it that the acceleration could jump from.
+    """
     first = np.arange(t.size - 1) if i is None else i
-    before = np.where(first > 0, t[first] - t[np.maximum(first - 1, 0)], np.inf)
+    before = np.where(first > 0, t[first] - t[np.maximum(first - 1, 0)], 0.0)
     return t[first + 1] - t[first] <= np.minimum(2 * JUMP_GAP, JUMP_SHARE * before)
 
 
