@@ -40,7 +40,7 @@ TOLERANCE = 1e-7
 BARRIERS = (1e-2, 1e-4)  # of a first solve and of one from a coarser mesh
 MOST_MESHES = 10
 FAR_ABOVE = 3.0  # times the accepted excess; halving an interval divides it by about four
-MOST_ITERATIONS = 300
+MOST_ITERATIONS = 120  # 25 to 45 are usual
 OPTIONS = {
     "print_level": 0,
     "sb": "yes",
