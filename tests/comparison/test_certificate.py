@@ -210,8 +210,9 @@ def test_friction_that_makes_the_equations_stiff():
     assert not certify(robot, replace(motion, tau=1.001 * motion.tau), mo.Limits()).ok
 
 
-def test_the_first_microseconds_are_no_jump():
+def test_samples_within_microseconds_are_no_jump():
     assert not jump_gaps(np.array([0.0, 1.5e-6, 3e-6, 4.5e-6])).any()
+    assert not jump_gaps(np.array([0.0, 1.0, 1.0 + 1e-6, 1.0 + 2e-6, 1.0 + 3e-6])).any()
     assert jump_gaps(np.array([0.0, 1.0, 1.0 + 1e-6, 2.0])).tolist() == [False, True, False]
 
 

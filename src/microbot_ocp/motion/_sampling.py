@@ -17,6 +17,7 @@ JUMP_GAP = 1e-6  # s between the two samples that stand for a jump of the accele
 GRID_STEP = 0.25e-3  # s, the longest step of the dense grid
 MOST_STEPS = 400_000  # of that; motions longer than 100 s have longer ones
 JUMP_SHARE = 0.2  # of the interval before it: a longer gap is an interval of a short motion
+EVEN = 1e-3  # relative difference of steps that are alike
 GRID_RATIO = 20  # dense grid points to each mesh interval, at least
 LEAST_RATIO, MANY_POINTS = 5, 100_000  # where there would be so many points, as few as that
 
@@ -24,11 +25,15 @@ LEAST_RATIO, MANY_POINTS = 5, 100_000  # where there would be so many points, as
 def jump_gaps(t: FloatArray, i: NDArray[np.intp] | None = None) -> NDArray[np.bool_]:
     """Which intervals [N-1] between times t [N] stand for a jump; ``i`` chooses some of them.
 
-    The first never does: there is nothing before it that the acceleration could jump from.
+    The first never does: there is nothing before it that the acceleration could jump from. Nor do
+    even steps, which are the samples of one interval.
     """
     first = np.arange(t.size - 1) if i is None else i
+    last = np.minimum(first + 2, t.size - 1)
+    gap = t[first + 1] - t[first]
     before = np.where(first > 0, t[first] - t[np.maximum(first - 1, 0)], 0.0)
-    return t[first + 1] - t[first] <= np.minimum(2 * JUMP_GAP, JUMP_SHARE * before)
+    even = np.abs(t[last] - t[first + 1] - gap) <= EVEN * gap
+    return (gap <= np.minimum(2 * JUMP_GAP, JUMP_SHARE * before)) & ~even
 
 
 def nearest_samples(t: FloatArray, times: FloatArray) -> NDArray[np.intp]:
@@ -42,7 +47,8 @@ def mesh_of(motion: Motion) -> FloatArray:
     breaks = motion.t if motion.breaks is None else motion.breaks
     inner = breaks[(breaks > 0.0) & (breaks < motion.duration)]
     mesh = np.concatenate([[0.0], inner, [motion.duration]])
-    return mesh[np.append(~jump_gaps(mesh), True)]
+    earlier = motion.t[:-1][jump_gaps(motion.t)]
+    return mesh[~np.isin(mesh, earlier)]
 
 
 def dense_times(motion: Motion) -> tuple[FloatArray, float]:
