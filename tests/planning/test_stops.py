@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import microbot_ocp as mo
+from microbot_ocp.planning import least_duration, task_of
 from planning.shared import arm, pendulum, slider
 
 Stop = mo.Stop
@@ -98,6 +99,18 @@ def test_stops_with_a_segment_between_them_stay_together(rail):
     assert motion.provenance["order"] == [0, 3, 1, 2, 4]
     assert motion.provenance["segments"] == ["free", "free", "JointLine", "free"]
     assert len(motion.provenance["orders"]) + motion.provenance["orders_left_out"] == 2
+
+
+def test_bounds_of_orders_hold_at_tool_positions(two_links):
+    home, end = Stop(q=[0.0, 0.5]), Stop(q=[0.5, 0.9], tolerance=[0.1, 0.0])
+    for middle in (
+        Stop(position=[1.2, 0.5, 0.0]),
+        Stop(position=[1.2, 0.5, 0.0], tolerance=0.05),
+    ):
+        stops = [home, middle, end]
+        bound = least_duration(task_of(two_links, stops))
+        motion = mo.time_optimal(two_links, stops, mesh=6, starts=1, compiled=False)
+        assert 0.0 < bound <= motion.duration
 
 
 def test_the_order_of_least_effort_in_a_given_time(rail):

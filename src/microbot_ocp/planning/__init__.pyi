@@ -54,6 +54,7 @@ from ._segments import (
 from ._stop_search import (
     effort_front as effort_front,
     in_order as in_order,
+    least_duration as least_duration,
     stretches as stretches,
     torque_front as torque_front,
 )

@@ -558,7 +558,8 @@ def least_duration(task: Task) -> float:
             way = _tool_distance(robot, a, b) / fastest
             least = np.full(1 if after is None else len(after), least.min() + way)
             continue
-        room = np.maximum(_joint_distances(robot, before, after) - a.slack - b.slack, 0.0)
+        slack = sum(stop.slack for stop in (a, b) if stop.q is not None)
+        room = np.maximum(_joint_distances(robot, before, after) - slack, 0.0)
         times = np.divide(room, speeds, out=np.zeros_like(room), where=room > 0.0)
         least = (least[:, None] + times.max(axis=2)).min(axis=0)
     return float(least.min() + task.dwells.sum())
