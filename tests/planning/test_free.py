@@ -153,11 +153,11 @@ def test_the_acceleration_is_continuous_and_so_is_the_torque(report):
         {"solver": "ipopt", "starts": 2},
         {"solver": "fatrop", "starts": 2},
         {"compiled": False, "starts": 2},
-        {"mesh": 60, "starts": 2},
+        {"mesh": 100, "starts": 2},
     ],
 )
 def test_other_starts_and_solvers_lead_to_the_same_optimum(microbot, report, changes):
-    motion = time_optimal(microbot, VIA_Q, **{"mesh": 100, **changes})
+    motion = time_optimal(microbot, VIA_Q, **{"mesh": 60, **changes})
     assert motion.solved
     assert motion.duration == pytest.approx(report.duration, rel=1e-3)
 

@@ -35,8 +35,8 @@ from microbot_ocp.planning._task import (
     check_limits,
     check_position,
     check_rest,
+    farthest_tool,
     fastest_tool,
-    reach_of,
 )
 from microbot_ocp.robot import Robot, forward_kinematics, jacobian
 
@@ -333,7 +333,7 @@ def _check_tolerance(robot: Robot, where: str, tolerance: Any, of_joints: bool) 
     """Raise InputError where a finite tolerance leaves everything free that the arm can do."""
     finite = np.array(tolerance)[np.isfinite(tolerance)]
     largest = float(np.max(finite, initial=0.0))
-    if not of_joints and largest > (reach := reach_of(robot)):
+    if not of_joints and largest > (reach := farthest_tool(robot)):
         raise InputError(
             f"tolerance of {where} is {largest:g} m, more than the arm reaches ({reach:.3g} m)"
         )

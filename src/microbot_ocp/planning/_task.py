@@ -159,18 +159,28 @@ def whole(
 
 
 def reach_of(robot: Robot) -> float:
-    """Sum of the lengths of a robot's rows and tool, m."""
+    """Sum of the lengths of a robot's rows and tool, m; 1 where all are zero, as of a gantry."""
     rows = np.hypot(robot.a, robot.d)
-    return float(rows.sum() + np.linalg.norm(robot.tool[:3, 3]))
+    return float(rows.sum() + np.linalg.norm(robot.tool[:3, 3])) or 1.0
+
+
+def _slides(robot: Robot) -> FloatArray:
+    """Farthest place [n] of every prismatic joint, m; zero of the others."""
+    low, high = robot.limits.bounds("q")
+    prismatic = np.array([kind == "prismatic" for kind in robot.joint_types])
+    return np.where(prismatic, np.maximum(np.abs(low), np.abs(high)), 0.0)
+
+
+def farthest_tool(robot: Robot) -> float:
+    """A distance from the base beyond which the tool's origin cannot be, m."""
+    return reach_of(robot) + float(_slides(robot).sum())
 
 
 def fastest_tool(robot: Robot) -> float:
     """A speed of the tool's origin that all joints at their limits cannot exceed, m/s."""
-    low, high = robot.limits.bounds("q")
     speeds = np.maximum(-robot.limits.qd_min, robot.limits.qd_max)
     prismatic = np.array([kind == "prismatic" for kind in robot.joint_types])
-    slides = np.where(prismatic, np.maximum(np.abs(low), np.abs(high)), 0.0)
-    rows = np.hypot(robot.a, np.abs(robot.d) + slides)
+    rows = np.hypot(robot.a, np.abs(robot.d) + _slides(robot))
     beyond = np.append(np.cumsum(rows[:0:-1])[::-1], 0.0) + np.linalg.norm(robot.tool[:3, 3])
     levers = np.where(prismatic, 1.0, beyond)
     return float((speeds[levers > 0] * levers[levers > 0]).sum())

@@ -13,6 +13,7 @@ from microbot_ocp._base.fast_calls import buffered_call
 from microbot_ocp.comparison import Comparison, Entry
 from microbot_ocp.limits import JOINT_QUANTITIES, LimitFamily
 from microbot_ocp.motion import Motion
+from microbot_ocp.planning import reach_of
 from microbot_ocp.robot import JointLimits, Robot, forward_kinematics, frame_origins
 
 VIA_TOLERANCE = 0.02  # rad or m: how near a mark's position must be to its via point
@@ -63,8 +64,7 @@ def _poses(robot: Robot) -> ca.Function:
 
 def reach(robot: Robot) -> float:
     """Length of the chain stretched out, m: the scale of everything that is drawn."""
-    chain = np.hypot(robot.a, robot.d).sum() + np.linalg.norm(robot.tool[:3, 3])
-    return float(chain) or 1.0
+    return reach_of(robot)
 
 
 def via_passages(comparison: Comparison, motion: Motion) -> list[Passage]:

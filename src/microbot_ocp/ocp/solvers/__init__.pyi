@@ -32,3 +32,6 @@ from ._solve import (
     solutions as solutions,
     solve as solve,
 )
+from ._status import (
+    status_of as status_of,
+)
