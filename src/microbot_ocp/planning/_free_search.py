@@ -74,7 +74,8 @@ MOST_STARTING = 30.0  # s, of one start: fatrop may loop for ever
 SAME = 1e-3  # share of the duration by which two solves of the same optimum may differ
 TINY = 1e-12
 WORTH = 1e-4  # share of the duration: less is not worth another mesh where joints turn back
-# Iterations for the last digits: 8 to 10 without dry friction; with it 50 to 80 gain 7e-5
+# Iterations for the last digits: 8 to 10 are usual. None with dry friction, where 50 to 80 gain
+# 7e-5 of the duration
 POLISHING = 15
 MOST_REFINED = 3  # of the optima found on the coarse mesh
 # Intervals of all phases together where nobody says how many: 30 via points need no 3000
@@ -178,7 +179,7 @@ class FreeSearch:
             progress=with_motion(progress, self.robot, via, motion_at_mesh),
             settings=SolverSettings(gap=GAP),
             rough=ROUGH_TOLERANCE,
-            polishing=POLISHING,
+            polishing=0 if has_windows(family) else POLISHING,
             fitted=partial(with_windows, self.dry) if has_windows(family) else None,
         )
 

@@ -74,7 +74,7 @@ class Refiner:
         Halve once more where the excess is far above what is accepted: fewer meshes with more
         intervals, for programs whose iterations are cheap.
     polishing : int
-        Iterations at most for the last digits.
+        Iterations at most for the last digits; none are looked for with zero.
     foresight : float
         Share of the accepted excess from which intervals are split along with those that exceed it:
         the next optimum would exceed it there.
@@ -131,7 +131,7 @@ class Refiner:
 
         As it is where that takes too long or does not keep the limits.
         """
-        if self.rough is None or not solution.status.solved or self.over:
+        if not (self.rough and self.polishing and solution.status.solved) or self.over:
             return solution
         wanted = self.settings.gap
         known = cast("float", solution.settings.get("gap", np.inf)) <= wanted  # it was solved so
