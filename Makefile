@@ -64,10 +64,10 @@ test-environment: $(VENV)/.ready-test
 	@:
 
 test: test-environment
-	@$(BIN)/python -m pytest -n 2 --dist loadfile
+	@$(BIN)/python -m pytest -n 2 --dist worksteal
 
 test-fast: test-environment
-	@$(BIN)/python -m pytest -n 2 --dist loadfile -m 'not slow' tests
+	@$(BIN)/python -m pytest -n 2 --dist worksteal -m 'not slow' tests
 
 # Cases at random, from where the record of the last run ends, then those that atheris chooses by the
 # lines that they reach.
@@ -91,7 +91,7 @@ test-oldest: | $(VENV)/.made
 	@VIRTUAL_ENV=$(OLDEST) UV_FIND_LINKS="$${PIP_FIND_LINKS:-}" $(BIN)/uv pip install -q \
 	    --resolution lowest-direct --overrides $(OLDEST)/overrides.txt -e '.[test]'
 	@$(OLDEST)/bin/python -m pip check
-	@$(OLDEST)/bin/python -m pytest -o addopts='--doctest-modules --strict-markers' -n 2 --dist loadfile
+	@$(OLDEST)/bin/python -m pytest -o addopts='--doctest-modules --strict-markers' -n 2 --dist worksteal
 
 bench: $(VENV)/.ready-bench
 	@$(BIN)/python -m benchmarks

@@ -50,7 +50,7 @@ DEMO = """
 import numpy as np
 import microbot_ocp as mo
 via = np.radians([[0, 0, 0], [-90, 90, 90]])
-mo.compare(mo.load_robot("microbot"), via, ["cubic"]).save("out")
+mo.compare(mo.load_robot("microbot"), via, ["cubic"]).save("out", ["recording", "report"])
 """
 
 

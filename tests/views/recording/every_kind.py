@@ -143,14 +143,12 @@ class Iterations:
 
 
 KINDS: Mapping[str, Kind] = {
-    "comparison": Kind(comparison, (Moment(TIME, 0.3), Moment(TIME, 1.2))),
-    "comparison_progress": Kind(comparison, (Moment(PROGRESS, 200), Moment(PROGRESS, 600))),
+    "comparison": Kind(comparison, (*(Moment(TIME, t) for t in (0.3, 1.2)), Moment(PROGRESS, 600))),
     "motion": Kind(motion, (Moment(TIME, 0.1), Moment(TIME, 0.45))),
     "planar": Kind(planar, (Moment(TIME, 0.1), Moment(TIME, 0.55))),
     "prismatic": Kind(prismatic, (Moment(TIME, 0.2), Moment(TIME, 0.8))),
     "tracking": Kind(tracking, (Moment(TIME, 0.1), Moment(TIME, 1.3))),
     "solution": Kind(solution, (Moment(TIME, 0.5), Moment(TIME, 1.5)), "TimeSeries"),
     "inverse_kinematics": Kind(branches, (Moment(BRANCH, 1), Moment(BRANCH, 2))),
-    "iterations_early": Kind(Iterations, (Moment(ITERATION, 0), Moment(ITERATION, 3))),
-    "iterations": Kind(Iterations, (Moment(ITERATION, 5), Moment(ITERATION, 90))),
+    "iterations": Kind(Iterations, tuple(Moment(ITERATION, k) for k in (0, 3, 90))),
 }
