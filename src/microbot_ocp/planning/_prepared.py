@@ -48,15 +48,12 @@ from microbot_ocp.robot import Robot
 # Share of the duration, and of the typical ones, up to which a prepared motion leads to the best
 NEAR, NEAR_TYPICAL = 0.1, 0.1
 # of a prepared solver: somebody waits
-PREPARED = SolverSettings(
-    "ipopt",
-    tolerance=1e-6,
-    gap=np.inf,
-    max_iterations=150,
-    # payloads of 0.05, 0.1 and 0.3 kg on a task of the Microbot: 20, 23 and 32 iterations; with the
-    # usual 1e-7 23, 33 and 91
-    options={"ipopt warm": {"mu_init": 1e-5}},
-)
+PREPARED = SolverSettings("ipopt", tolerance=1e-6, gap=np.inf, max_iterations=150)
+# Barrier parameter from the reference where typical durations differ by more than this share. With
+# the usual 1e-7 and with this: 43 and 22 iterations on a task of the Microbot with a payload of
+# 0.1 kg, but 6 and 17 on one of the UR5e
+CLOSE, FAR_BARRIER = 0.005, 1e-5
+FAR = replace(PREPARED, options={"ipopt warm": {"mu_init": FAR_BARRIER}})
 # Excess up to which the motion is refined that all solves start from: half of the intervals that
 # 5e-4 takes, where a certificate lets 5e-3 pass
 REFERENCE_TOLERANCE = 2e-3
@@ -124,7 +121,7 @@ class TimeOptimalSolver:
         robot: Robot,
         via_q: ArrayLike,
         *,
-        mesh: int = 80,
+        mesh: int = 60,
         starts: int = 5,
         rounds: int = 3,
         compiled: bool = True,
@@ -150,7 +147,7 @@ class TimeOptimalSolver:
         self._kernels = transcription(
             held, self.via_q.tobytes(), len(self.via_q), compiled, payload=True
         )
-        self._solver: ParametricSolver | None = None
+        self._solvers: dict[bool, ParametricSolver] = {}  # for numbers that are close, or not
         self._anywhere: ParametricSolver | None = None  # for other via points
 
     def __call__(
@@ -209,9 +206,10 @@ class TimeOptimalSolver:
                 f"not {len(via)}"
             )
         changes = self._changes(family, via, float(payload))
-        solver = self._prepared() if via_q is None else self._for_any_via()
+        slower = self._slower(family)
+        solver = self._prepared(slower <= CLOSE) if via_q is None else self._for_any_via()
         tried: list[tuple[str, Solution]] = []
-        for name, start in self._starts(family, via, from_own=via_q is None):
+        for name, start in self._starts(family, via, near=via_q is None and slower <= NEAR_TYPICAL):
             solution = _solved_near(solver, start, changes)
             tried.append((name, solution))
             near = not isinstance(start, Solution) or (
@@ -223,20 +221,32 @@ class TimeOptimalSolver:
         solution, excess = self._refined(family, best, changes)
         return self._motion(family, solution, excess, tried, name, payload, begin)
 
-    def _prepared(self) -> ParametricSolver:
-        """The solver on the mesh of the motion under the robot's own limits, made once."""
-        if self._solver is not None:
-            return self._solver
+    def _slower(self, family: LimitFamily) -> float:
+        """Share by which the typical durations differ from those under the robot's own limits."""
+        own, asked = (
+            TaskScale.of(known, self.via_q).durations.sum()
+            for known in (LimitFamily.of(self.robot), family)
+        )
+        return abs(asked - own) / own
+
+    def _prepared(self, close: bool) -> ParametricSolver:
+        """A solver on the mesh of the motion under the robot's own limits, made once."""
+        if close in self._solvers:
+            return self._solvers[close]
+        found = self._reference or self._under_own_limits()
+        settings = PREPARED if close else FAR
+        solver = self._on([phase.mesh for phase in found.phases], found, settings)
+        if not deadline.over():
+            self._solvers[close] = solver
+            self._reference = found if found.status.solved else None
+        return solver
+
+    def _under_own_limits(self) -> Solution:
         family = LimitFamily.of(self.robot)
         search = FreeSearch(family, self.via_q, self._settings, quiet, self._kernels)
         # as near the optimum as every later solve: to the barrier parameter that it starts with
         search.refiner.settings = replace(search.refiner.settings, gap=np.inf)
-        _, found = search.search()
-        solver = self._on([phase.mesh for phase in found.phases], found)
-        if not deadline.over():
-            self._solver = solver
-            self._reference = found if found.status.solved else None
-        return solver
+        return search.search()[1]
 
     def _for_any_via(self) -> ParametricSolver:
         """The solver on an even mesh, its cost scaled at the solver's own via points."""
@@ -250,22 +260,20 @@ class TimeOptimalSolver:
         return self._anywhere
 
     def _starts(
-        self, family: LimitFamily, via: FloatArray, *, from_own: bool
+        self, family: LimitFamily, via: FloatArray, *, near: bool
     ) -> Iterator[tuple[str, Solution | Mapping[str, Guess]]]:
-        own, asked = (
-            TaskScale.of(known, self.via_q).durations.sum()
-            for known in (LimitFamily.of(self.robot), family)
-        )
-        if from_own and self._reference is not None and abs(asked - own) <= NEAR_TYPICAL * own:
+        if near and self._reference is not None:
             yield "prepared", self._reference
         task = via, self._phases, self._settings.starts, self._settings.seed
         for start in initial_guesses(family, *task):
             yield start.name, start.guesses
 
-    def _on(self, meshes: Sequence[FloatArray], near: Solution) -> ParametricSolver:
+    def _on(
+        self, meshes: Sequence[FloatArray], near: Solution, settings: SolverSettings = PREPARED
+    ) -> ParametricSolver:
         dry = dry_friction(self.robot) > 0.0
         kernels = with_windows(dry, self._kernels, meshes, near) if dry.any() else self._kernels
-        return ParametricSolver(kernels, meshes, PREPARED)
+        return ParametricSolver(kernels, meshes, settings)
 
     def _refined(
         self, family: LimitFamily, solution: Solution, changes: dict[str, Any]
