@@ -346,3 +346,12 @@ def test_a_path_over_any_parameter_takes_the_same_time():
         time_optimal_path(arm(), path, mesh=50).duration for path in (ARM_CUBIC, stretched)
     ]
     assert durations[1] == pytest.approx(durations[0], rel=1e-4)
+
+
+def test_a_robot_without_masses_keeps_a_jerk_limit_along_a_path(microbot):
+    limits = mo.Limits(qd_max=2.0, qddd_max=50.0)
+    bare = mo.Robot.from_dh(alpha=microbot.alpha, a=microbot.a, d=microbot.d, limits=limits)
+    path = mo.spline([[0.0, 0.0, 0.0], [0.5, 0.8, 0.2], [1.0, 0.2, 0.9]], [0.0, 1.0, 2.0])
+    motion = mo.time_optimal_path(bare, path, compiled=False)
+    assert motion.solved
+    assert mo.certify(bare, motion).ok

@@ -310,8 +310,8 @@ class _PathSearch:
     # torque rates and jerk ------------------------------------------------------------------
 
     def _only_rates_are_left(self, kept_by: dict[str, list[str]]) -> bool:
-        rates = {self.family[key].name for key in RATES if key in self.family}
-        return set(kept_by[LATER]) <= rates
+        rates, left = {self.family[key].name for key in RATES if key in self.family}, kept_by[LATER]
+        return bool(left) and set(left) <= rates
 
     def _with_rates(self, timings: list[Reached]) -> Solution:
         """All segments under limits of torque rates and the jerk, refined until they hold."""

@@ -76,7 +76,7 @@ class _Kernel:
         )
         values_of, slopes, curvature = compile_functions(functions) if fast else functions
         places = [
-            (np.array(rows), np.array(columns))
+            (np.array(rows, dtype=int), np.array(columns, dtype=int))
             for rows, columns in (k.sparsity().get_triplet() for k in (jacobian, hessian))
         ]
         return cls(values_of, slopes, curvature, *places)

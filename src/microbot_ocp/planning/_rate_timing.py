@@ -381,12 +381,14 @@ def _coefficients(
             none = np.zeros_like(own[0])
             parts = (none, none, none, none, own[0], own[1], none, none, none, none)
             earlier.append((key, parts, own[2]))
-    return _rows_of(family, limits, earlier), _rows_of(family, limits, later), speed
+    at_points, rates = (_rows_of(family, limits, found, s.size) for found in (earlier, later))
+    return at_points, rates, speed
 
 
-def _rows_of(family: LimitFamily, limits: PathLimits, found: list[Any]) -> _Rows:
-    tables: dict[str, list[FloatArray]] = {name: [] for name in PARTS}
-    lower, upper = [], []
+def _rows_of(family: LimitFamily, limits: PathLimits, found: list[Any], count: int) -> _Rows:
+    none = np.zeros((count, 0))
+    tables: dict[str, list[FloatArray]] = {name: [none] for name in PARTS}
+    lower, upper = [none], [none]
     for key, parts, constant in found:
         low, high = (
             np.broadcast_to(
