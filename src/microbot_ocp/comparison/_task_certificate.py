@@ -25,7 +25,7 @@ from microbot_ocp.comparison._certificate import (
 )
 from microbot_ocp.limits import LimitFamily
 from microbot_ocp.motion import JUMP_GAP, Motion, jump_gaps
-from microbot_ocp.planning import Circle, JointLine, Line, Stop, Task, stretches
+from microbot_ocp.planning import Circle, JointLine, Line, Stop, Task, stretches, tool_poses
 from microbot_ocp.robot import Robot, forward_kinematics, jacobian
 
 POINTS = 2001  # of a curve to which distances are measured
@@ -219,8 +219,7 @@ def _check_curve(task: Task, k: int, kind: Line | Circle, q: FloatArray) -> Segm
     told = task.curves[k]
     assert told is not None
     curve, turning = told
-    poses = np.array(forward_kinematics(task.robot).map(len(q))(q.T))
-    poses = poses.reshape(4, len(q), 4).transpose(1, 0, 2)
+    poses = tool_poses(task.robot, q)
     distance, share = _to_polyline(poses[:, :3, 3], curve.points(np.linspace(0.0, 1.0, POINTS)))
     name = task.name_of(k)
     if turning is None:

@@ -28,7 +28,7 @@ from microbot_ocp.planning._fast_timing import time_path
 from microbot_ocp.planning._free_problem import phase_names
 from microbot_ocp.planning._free_search import FreeSearch, TimeOptimalSettings
 from microbot_ocp.planning._initial_guesses import InitialGuess, guesses_along
-from microbot_ocp.planning._task import ROUGH_TOLERANCE, check_rest, reach_of
+from microbot_ocp.planning._task import ROUGH_TOLERANCE, check_rest, length_text, reach_of
 from microbot_ocp.robot import Robot
 from microbot_ocp.scene import (
     Clearance,
@@ -193,15 +193,11 @@ def check_apart(around: Surroundings, via: FloatArray) -> None:
 def touching(found: Any, wanted: float) -> str:
     other, link = found.pair.other.name, found.pair.capsule.name
     if found.distance <= 0.0:
-        return f"in collision with {other!r} by {_length(-found.distance)} at link {link!r}"
+        return f"in collision with {other!r} by {length_text(-found.distance)} at link {link!r}"
     return (
-        f"too near to {other!r}: {_length(found.distance)} at link {link!r}, not more than the "
-        f"clearance of {_length(wanted)}"
+        f"too near to {other!r}: {length_text(found.distance)} at link {link!r}, not more than the "
+        f"clearance of {length_text(wanted)}"
     )
-
-
-def _length(value: float) -> str:
-    return f"{1e3 * value:.3g} mm" if value < 1.0 else f"{value:.4g} m"
 
 
 def _name_of(number: int, count: int) -> str:

@@ -20,7 +20,7 @@ from microbot_ocp.planning._scale import USUAL_SPEED
 from microbot_ocp.planning._segments import Circle, Line
 from microbot_ocp.planning._stop_task import Task, check_held
 from microbot_ocp.planning._stops import Stop
-from microbot_ocp.planning._task import reach_of
+from microbot_ocp.planning._task import length_text, reach_of
 from microbot_ocp.robot import Robot, forward_kinematics, jacobian
 
 TURNS = 8  # of a free turn, from which branches are looked for
@@ -188,9 +188,7 @@ def _within(stop: Stop, solution: IKSolution) -> bool:
 def _out_of_reach(robot: Robot, stop: Stop, missed: Sequence[IKSolution]) -> str:
     best = min(missed, key=lambda s: (s.position_error, s.orientation_error))
     beyond = best.position_error - float(np.min(stop.tolerance))
-    far = ""
-    if beyond > 1e-6:
-        far = f"{1000 * beyond:.3g} mm" if beyond < 1.0 else f"{beyond:.4g} m"
+    far = length_text(beyond) if beyond > 1e-6 else ""
     turn = f"{np.degrees(best.orientation_error):.3g} deg" if best.orientation_error > 1e-6 else ""
     by = far or turn
     if best.status is Status.LIMITS:

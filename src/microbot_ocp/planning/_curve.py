@@ -186,27 +186,29 @@ class Curve:
         spans = np.array([b - a for a, b in (piece.limits for piece in self.pieces)])
         return self.pieces[0].limits[0] + np.concatenate([[0.0], np.cumsum(spans)])
 
-    def evaluate(self, r: FloatArray, *, from_left: bool = False) -> tuple[FloatArray, ...]:
-        """Position, tangent and curvature [N,n]; at a break of the later piece, or the earlier."""
-        return self.derivatives(r, from_left=from_left)[:3]
-
-    def derivatives(self, r: FloatArray, *, from_left: bool = False) -> tuple[FloatArray, ...]:
-        """As :meth:`evaluate`, and the third derivative."""
-        tables = [np.zeros((r.size, self.pieces[0].coefficients.shape[1])) for _ in range(4)]
+    def evaluate(
+        self, r: FloatArray, *, from_left: bool = False, highest: int = 2
+    ) -> tuple[FloatArray, ...]:
+        """Position and derivatives [N,n]; at a break of the later piece, or the earlier."""
+        shape = r.size, self.pieces[0].coefficients.shape[1]
+        tables = [np.zeros(shape) for _ in range(highest + 1)]
         for piece, here, local in self._by_piece(r, from_left):
-            for table, values in zip(tables, evaluate(piece, local, highest=3), strict=True):
+            for table, values in zip(tables, evaluate(piece, local, highest=highest), strict=True):
                 table[here] = values
         return tuple(tables)
 
-    def inside(self, r: FloatArray, i: IntArray, grid: FloatArray) -> tuple[FloatArray, ...]:
-        """As :meth:`derivatives`, of parameters in intervals i of a grid that holds the breaks."""
+    def inside(
+        self, r: FloatArray, i: IntArray, grid: FloatArray, *, highest: int = 2
+    ) -> tuple[FloatArray, ...]:
+        """As :meth:`evaluate`, of parameters in the intervals i of a grid that holds the breaks."""
         breaks, middle = self.breaks, 0.5 * (grid[1:] + grid[:-1])
         index = np.clip(np.searchsorted(breaks, middle) - 1, 0, len(self.pieces) - 1)[i]
-        tables = [np.zeros((r.size, self.pieces[0].coefficients.shape[1])) for _ in range(4)]
+        shape = r.size, self.pieces[0].coefficients.shape[1]
+        tables = [np.zeros(shape) for _ in range(highest + 1)]
         for k, piece in enumerate(self.pieces):
             here = index == k
             local = np.clip(r[here] - breaks[k] + piece.limits[0], *piece.limits)
-            for table, values in zip(tables, evaluate(piece, local, highest=3), strict=True):
+            for table, values in zip(tables, evaluate(piece, local, highest=highest), strict=True):
                 table[here] = values
         return tuple(tables)
 

@@ -248,7 +248,7 @@ def sampled(parts: Sequence[tuple[Curve, Reached]]) -> tuple[FloatArray, State, 
 def _state(curve: Curve, reached: Reached, i: np.ndarray, local: FloatArray) -> State:
     """State [K,n] at times since the start of intervals i."""
     r, v, u = (values[:, None] for values in reached.after(i, local))
-    q, tangent, curvature, _ = curve.inside(r.ravel(), i, reached.s)
+    q, tangent, curvature = curve.inside(r.ravel(), i, reached.s)
     return State(q, tangent * v, tangent * u + curvature * v**2)
 
 

@@ -24,8 +24,9 @@ from microbot_ocp._base.codegen import maybe_compiled
 from microbot_ocp._base.fast_calls import buffered_call
 from microbot_ocp.limits import LimitFamily, MotionSamples
 from microbot_ocp.ocp.refinement import halved_within, split
-from microbot_ocp.ocp.solution import Attempt, StepProgress
+from microbot_ocp.ocp.solution import Attempt, StepProgress, gap_of
 from microbot_ocp.ocp.solvers import SolverSettings, status_of
+from microbot_ocp.ocp.transcription import Bounds
 from microbot_ocp.planning._curve import Curve
 from microbot_ocp.planning._path_limits import FAR, PathLimits, nodes_of
 from microbot_ocp.planning._rate_program import PARTS, TOLERANCE, program_of
@@ -157,7 +158,7 @@ def _excess(family: LimitFamily, curve: Curve, profile: Profile) -> FloatArray:
     steps = np.diff(profile.t)
     i = np.repeat(np.arange(steps.size), shares.size)
     s, v, a, j = profile.inside(i, (steps[:, None] * shares).ravel())
-    q, tangent, curvature, bend = curve.inside(s, i, profile.s)
+    q, tangent, curvature, bend = curve.inside(s, i, profile.s, highest=3)
     v, a, j = (k[:, None] for k in (v, a, j))
     samples = MotionSamples(
         q,
@@ -251,7 +252,10 @@ class _Timing:
             values = np.array(program.values(x, coefficients)).ravel()
             attempts.append(self._attempt(solver.stats(), x[2 * n + 2 :].sum(), begin, created))
             begin = time.perf_counter()
-            gap = _gap(answer, x, low, high, lower[rows], upper[rows])
+            lam = [np.array(answer[key]).ravel() for key in ("lam_x", "lam_g")]
+            bounds = Bounds(low, high, lower[rows], upper[rows])
+            # by the solver's own multipliers: what is left of the slope is not counted
+            gap = gap_of(bounds, x, values[rows], np.zeros(1), np.concatenate(lam)).total
             broken = ~told & _near(values, lower, upper, 1.0 + TOLERANCE)
             kept = attempts[-1].status.solved and not broken.any()
             if every or kept or deadline.over():
@@ -302,27 +306,6 @@ def _near(values: FloatArray, lower: FloatArray, upper: FloatArray, share: float
         )
 
 
-def _gap(
-    answer: Any,
-    x: FloatArray,
-    low: FloatArray,
-    high: FloatArray,
-    lower: FloatArray,
-    upper: FloatArray,
-) -> float:
-    """Sum of multipliers times distances to their limits."""
-    total = 0.0
-    rows = np.array(answer["g"]).ravel()
-    for lam, value, least, most in (
-        (np.array(answer["lam_x"]).ravel(), x, low, high),
-        (np.array(answer["lam_g"]).ravel(), rows, lower, upper),
-    ):
-        with np.errstate(invalid="ignore"):
-            distance = np.where(lam > 0, most - value, value - least)
-        total += float(np.abs(lam * np.where(np.isfinite(distance), distance, 0.0)).sum())
-    return total
-
-
 # coefficients -------------------------------------------------------------------------------
 
 
@@ -346,7 +329,7 @@ def _coefficients(
     family: LimitFamily, curve: Curve, s: FloatArray, fast: bool, *, from_left: bool = False
 ) -> tuple[_Rows, _Rows, FloatArray]:
     """Rows at places s of limits of accelerations and torques, those of rates, largest speeds."""
-    q, tangent, curvature, bend = curve.derivatives(s, from_left=from_left)
+    q, tangent, curvature, bend = curve.evaluate(s, from_left=from_left, highest=3)
     robot: Robot = family.robot
     zero = np.zeros_like(q)
     links = robot.links if robot.has_dynamics else ()

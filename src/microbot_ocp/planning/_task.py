@@ -186,6 +186,11 @@ def fastest_tool(robot: Robot) -> float:
     return float((speeds[levers > 0] * levers[levers > 0]).sum())
 
 
+def length_text(value: float) -> str:
+    """A length in words for a sentence: millimetres below one metre."""
+    return f"{1e3 * value:.3g} mm" if value < 1.0 else f"{value:.4g} m"
+
+
 def check_limits(robot: Robot, limits: Limits | JointLimits | None) -> LimitFamily:
     """The family of limits of a task; some of them must bound the motion of every joint."""
     family = LimitFamily.of(robot, limits)
