@@ -1,6 +1,6 @@
 # make demo   the method comparison, into out/demo     make lint   ruff and pyright
-# make test   the whole test suite                     make clean  remove all that make made
-# make test-fast   the tests that take a moment only   (CONTRIBUTING.md)
+# make test   the tests                                make clean  remove all that make made
+# make test-all    with the notebooks and the code of the pages   make test-fast   the quick ones
 # make fuzz, make faults   damaged inputs (COUNT=100000); kills (COUNT=500), full disks, caches
 # make test-oldest   the suite on the lowest version of every dependency (docs/reliability.md)
 # make bench  speed ratios against peers               make docs   the documentation, into out/docs
@@ -23,7 +23,7 @@ PIP := PIP_DISABLE_PIP_VERSION_CHECK=1 $(BIN)/python -m pip install -qq
 OUT := out/demo
 SITE := out/docs
 
-.PHONY: help demo test test-fast fuzz faults test-oldest test-environment bench suite torture docs figures screenshots lint wheel clean
+.PHONY: help demo test test-all test-fast fuzz faults test-oldest test-environment bench suite torture docs figures screenshots lint wheel clean
 
 help:
 	@sed -n 's/^# \{0,1\}//p' Makefile | head -10
@@ -64,6 +64,9 @@ test-environment: $(VENV)/.ready-test
 	@:
 
 test: test-environment
+	@$(BIN)/python -m pytest -n 2 --dist worksteal -m 'not pages'
+
+test-all: test-environment
 	@$(BIN)/python -m pytest -n 2 --dist worksteal
 
 test-fast: test-environment

@@ -123,6 +123,7 @@ def test_references_of_docstrings_became_links(site: Path) -> None:
 # what the pages say -------------------------------------------------------------------------------
 
 
+@pytest.mark.pages
 @pytest.mark.parametrize("page", RUN, ids=lambda page: page.stem)
 def test_the_code_of_a_page_runs_and_prints_what_it_says(page: Path, tmp_path: Path) -> None:
     assert blocks.run_page(page, tmp_path) > 0

@@ -85,7 +85,7 @@ class _GuidedSearch(FreeSearch):
         self.refiner.rough, self.refiner.tolerance = None, ROUGH_TOLERANCE
         own = replace(self.refiner.settings, gap=np.inf, max_iterations=MOST_ITERATIONS)
         self.refiner.settings = own
-        kept = not _rated(family)
+        kept = not family.jerk_matters  # timed paths leave jumps
         self.known: float = min(map(_duration, guided)) if kept else np.inf
 
     @property
@@ -110,11 +110,6 @@ class _GuidedSearch(FreeSearch):
             [self._mesh] * len(self.names), best.guesses, barrier=NEAR_PATH
         )
         return self.refiner.finished(self.refiner.refine(solution))
-
-
-def _rated(family: LimitFamily) -> bool:
-    """Whether jerk or torque rate is limited, which timed paths do not keep."""
-    return any(member.order == 3 for member in family)
 
 
 def _duration(guess: InitialGuess) -> float:
@@ -154,7 +149,7 @@ def fastest_among(
         "planning_time": planned,
         "wall_time": spent,
     }
-    kept = not _rated(family)  # by the timed path: its torques and accelerations jump
+    kept = not family.jerk_matters  # by the timed path: its torques and accelerations jump
     slower = kept and best.duration >= chain.motion.duration
     if found is None or not found.proved or slower:
         why = best.provenance["advice"] if found is None else found.sentence

@@ -96,7 +96,7 @@ def free_problem(
     held = (limits.qdd_min == 0.0) & (limits.qdd_max == 0.0)  # they stay where they start
     # A limited jerk leaves no jump of the acceleration where the arm starts and stops.
     still = np.zeros(count)
-    rated = any(member.order == 3 for member in family)
+    rated = family.jerk_matters
     problem = OptimalControlProblem(f"time-optimal motion of {robot.name}")
     for index, (name, start) in enumerate(zip(phase_names(len(via) - 1), via[:-1], strict=True)):
         first, last = index == 0, index == len(via) - 2

@@ -167,9 +167,8 @@ class Task:
             first = self.stops[0]
             fixed = first.q is not None and first.box is not None and not first.box.any()
             moves = not self.at_rest(0)
-            rated = any(member.order == 3 for member in self.family)
             closed = (*(() if fixed else ("q",)), *(("qd",) if moves else ()))
-            closed = (*closed, "qdd") if moves and rated else closed
+            closed = (*closed, "qdd") if moves and self.family.jerk_matters else closed
             # what is closed is demanded once
             given = ends[0]
             free = np.full(self.robot.joint_count, np.inf)
@@ -206,7 +205,7 @@ class Task:
         still = rest and self.family.jerk_is_limited and (ends or stop.dwell > 0)
         leaps = rest and (still or not self.family.jerk_is_limited)
         if not rest and not isinstance(stop.velocity, str | None):
-            leaps = not any(member.order == 3 for member in self.family)
+            leaps = not self.family.jerk_matters
         return EndConditions(q, qd, tuple(rows), still=still, leaps=leaps)
 
 
