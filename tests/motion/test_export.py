@@ -108,3 +108,18 @@ def test_what_cannot_be_written_is_refused(motion, tmp_path):
     with pytest.raises(mo.InputError, match="robot has 3 joints"):
         motion.export(tmp_path / "a.csv", robot=mo.load_robot("microbot"))
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("ending", [".csv", ".json", ".xml", ".mat", ".parquet"])
+def test_what_takes_minutes_to_write_is_refused(motion, tmp_path, ending):
+    with pytest.raises(mo.InputError, match=f"samples in a {ending} file would be 2.2e\\+06"):
+        motion.export(tmp_path / f"a{ending}", rate=1e6)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_trajectory_of_ros_ends_before_its_clock(motion, tmp_path):
+    late = mo.Motion([0.0, 1e10], *(np.zeros((2, 3)),) * 4, label="late")
+    with pytest.raises(mo.InputError, match="less than 2\\^31 s"):
+        late.export(tmp_path / "a.json")
+    with pytest.raises(mo.InputError, match="rate must be above 0"):
+        motion.export(tmp_path / "a.json", rate=0.0)

@@ -23,6 +23,7 @@ from microbot_ocp.robot import Robot
 
 QUANTITIES = ("q", "qd", "qdd", "tau")
 NANOSECONDS = 1_000_000_000
+MOST_SECONDS = 2**31  # that a time of ROS holds
 
 
 class Columns(NamedTuple):
@@ -71,11 +72,23 @@ def export(
         if robot is None:
             raise InputError(f"a {target.suffix} film needs the robot: give robot=...")
         return view_for(motion, "animation")(robot, motion, target, rate, theme=theme)
+    _check_size(motion, rate, target.suffix)
     sampled = motion if rate is None else motion.resample(rate, robot)
     columns = Columns.of(sampled, robot)
     with whole_file(target) as partial:
         EXPORT_FORMATS[target.suffix](partial, columns)
     return target
+
+
+def _check_size(motion: Any, rate: float | None, suffix: str) -> None:
+    """Refuse what would take more than some seconds to write."""
+    count = motion.t.size
+    if rate is not None:
+        count = motion.duration * checks.number("rate", rate, "Hz", above=0.0)
+    most = MOST_NUMBERS.get(suffix, MOST_IN_TEXT) // (1 + len(QUANTITIES) * motion.joint_count)
+    checks.size(f"the number of samples in a {suffix} file", count, most)
+    if suffix == ".json" and motion.duration >= MOST_SECONDS:
+        raise InputError(f"a trajectory of ROS has less than 2^31 s, not {motion.duration:g} s")
 
 
 def _write_csv(path: Path, columns: Columns) -> None:
@@ -147,6 +160,8 @@ def _needed(module: str, package: str) -> Any:
         ) from None
 
 
+MOST_IN_TEXT = 4_000_000  # numbers
+MOST_NUMBERS = {".mat": 20_000_000, ".parquet": 20_000_000}
 FILM_FORMATS = (".gif", ".mp4")  # drawn by the views
 EXPORT_FORMATS: dict[str, Callable[[Path, Columns], None]] = {
     ".csv": _write_csv,
