@@ -15,6 +15,7 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
+import sockets
 
 import blocks
 import formulas
@@ -33,9 +34,10 @@ COURSE = [DOCS / "course" / f"{name}.md" for name in ("kinematics", "jacobian", 
 RUN = [ROOT / "README.md", DOCS / "tutorial.md", *COURSE, *HOW_TO]
 
 
-def build(folder: Path, site: Path) -> subprocess.CompletedProcess[str]:
+def build(folder: Path, site: Path, trace: Path | None = None) -> subprocess.CompletedProcess[str]:
     """Build the site of ``folder``; --quiet would keep warnings from being counted."""
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(site)]
+    command = command if trace is None else sockets.tracing(trace, command)
     quiet = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}
     return subprocess.run(
         command, cwd=folder, capture_output=True, text=True, check=False, env=quiet
@@ -46,7 +48,8 @@ def build(folder: Path, site: Path) -> subprocess.CompletedProcess[str]:
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The built site; a warning of the builder is an error."""
     folder = tmp_path_factory.mktemp("site")
-    done = build(ROOT, folder)
+    trace = folder.parent / "docs.trace" if sockets.can_trace() else None
+    done = build(ROOT, folder, trace)
     assert done.returncode == 0, done.stderr
     assert "WARNING" not in done.stderr
     return folder
@@ -59,6 +62,11 @@ def test_nothing_is_loaded_from_elsewhere(site: Path) -> None:
     assert links.loaded_from_elsewhere(site) == []
     # the theme would fetch a drawing library for these
     assert not [page for page in site.rglob("*.html") if 'class="mermaid"' in page.read_text()]
+
+
+@pytest.mark.skipif(not sockets.can_trace(), reason=sockets.WHY_NOT)
+def test_building_asks_no_other_machine(site: Path) -> None:
+    assert sockets.reached(site.parent / "docs.trace") == set()
 
 
 def test_every_link_and_anchor_inside_leads_somewhere(site: Path) -> None:
