@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 
 import microbot_ocp as mo
+from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.refinement import _refiner as refinement
+from microbot_ocp.ocp.solution import PhaseSolution, Solution
 from microbot_ocp.ocp.solvers import solve
 from microbot_ocp.planning import TimeOptimalSettings, time_optimal
+from microbot_ocp.planning._free_problem import polynomial
 from planning.shared import ARM_VIA, VIA_Q, VIA_QD, VIA_T, arm, dense_excess, pendulum, slider
 
 
@@ -274,3 +277,24 @@ def test_a_motion_that_was_not_solved_says_so(monkeypatch):
     assert motion.provenance["status"] == "iteration limit"
     assert motion.note.startswith("not solved: Stopped at the iteration limit")
     assert motion.provenance["advice"] in motion.note
+
+
+def test_gaps_of_a_solver_on_short_intervals_are_no_jerk():
+    steps = np.where(np.arange(200) % 20 == 7, 1e-5, 1e-2)
+    t = np.append(0.0, np.cumsum(steps))
+    qdd = np.column_stack([np.sin(t), np.cos(3 * t)])
+    step, h = np.diff(qdd, axis=0), steps[:, None]
+    start = np.zeros((1, 2))
+    qd = np.vstack([start, np.cumsum(h * (qdd[:-1] + step / 2), axis=0)])
+    moved = h * (qd[:-1] + h * (qdd[:-1] / 2 + step / 6))
+    q = np.vstack([start, np.cumsum(moved, axis=0)])
+    q += 1e-8 * np.random.default_rng(0).uniform(-1, 1, q.shape)
+    phase = PhaseSolution("phase 1", t[-1], t / t[-1], {"q": q, "qd": qd, "qdd": qdd})
+    solved = Solution(Status.SOLVED, t[-1], (phase,), (), np.zeros(0), 0.0)
+    motion = polynomial(solved)
+    assert np.abs(motion(t) - q).max() < 1e-7
+    np.testing.assert_allclose(motion(t[[0, -1]]), q[[0, -1]], rtol=0, atol=1e-14)
+    acceleration = motion.derivative().derivative()
+    np.testing.assert_allclose(acceleration(t), qdd, rtol=0, atol=1e-5)
+    middle = 0.5 * (t[:-1] + t[1:])
+    np.testing.assert_allclose(acceleration.derivative()(middle), step / h, rtol=0, atol=1e-4)

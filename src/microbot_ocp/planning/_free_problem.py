@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Sequence
 from functools import lru_cache, partial
+from math import comb
 from typing import Any
 
 import casadi as ca
@@ -31,6 +32,7 @@ from microbot_ocp.robot import Robot
 # Weight of the squared jerk: picks one motion where many are equally fast. It costs 1.3e-5 of the
 # duration of the Microbot task and halves the swing of the torques that are not at a limit.
 SMOOTHING = 1e-6
+CLOSED = 1e-5  # share of the way, or of the change of velocity, that gaps add up to
 OF_VARIABLES = ("q", "qd", "qdd")  # limits that are bounds of states and of the control
 
 
@@ -259,17 +261,47 @@ def via_times(solution: Solution) -> FloatArray:
 
 
 def polynomial(solution: Solution) -> PiecewisePolynomial:
-    """The motion between the mesh points: the quintic that meets q, qd and qdd at both ends.
+    """The motion between the mesh points: cubics, integrals of the linear acceleration.
 
-    It is the cubic of the linear acceleration wherever the solver closed the gaps between
-    intervals.
+    What the solver left open between the intervals is spread along the whole phase by one quintic:
+    divided by the third power of a short interval a gap of 1e-8 would be a large jerk. Where the
+    gaps are large every interval has the quintic that meets q, qd and qdd at both of its ends.
     """
     breaks, pieces = [np.zeros(1)], []
     start = 0.0
     for phase in solution.phases:
-        q, qd, qdd = phase["q"], phase["qd"], phase["qdd"]
-        ends = State(q[:-1], qd[:-1], qdd[:-1]), State(q[1:], qd[1:], qdd[1:])
-        pieces.append(quintic_between(*ends, np.diff(phase.t)))
+        pieces.append(_integrated(phase))
         breaks.append(start + phase.t[1:])
         start += phase.duration
     return PiecewisePolynomial(np.concatenate(breaks), np.concatenate(pieces))
+
+
+def _integrated(phase: PhaseSolution) -> FloatArray:
+    """Coefficients [N,6,n] of the intervals of a phase."""
+    q, qd, qdd, t = phase["q"], phase["qd"], phase["qdd"], phase.t
+    h = np.diff(t)[:, None]
+    jerk = np.diff(qdd, axis=0) / h
+    velocity = qd[0] + _summed(h * (qdd[:-1] + 0.5 * h * jerk))
+    steps = h * (velocity[:-1] + h * (0.5 * qdd[:-1] + h * jerk / 6.0))
+    position = q[0] + _summed(steps)
+    apart = [np.abs(found - at) for found, at in ((position, q), (velocity, qd))]
+    sizes = [np.ptp(at, axis=0).max() for at in (q, qd)]
+    if any(gap.max() > CLOSED * size for gap, size in zip(apart, sizes, strict=True)):
+        return quintic_between(
+            State(q[:-1], qd[:-1], qdd[:-1]), State(q[1:], qd[1:], qdd[1:]), h[:, 0]
+        )
+    still = np.zeros((1, q.shape[1]))
+    left = State((q[-1:] - position[-1:]), qd[-1:] - velocity[-1:], still)
+    spread = quintic_between(State(still, still, still), left, t[-1:])[0]
+    pieces = np.zeros((t.size - 1, 6, q.shape[1]))
+    pieces[:, :4] = np.stack([position[:-1], velocity[:-1], 0.5 * qdd[:-1], jerk / 6.0], axis=1)
+    for order in range(6):  # the same quintic from where each interval begins
+        powers = np.array([comb(k, order) for k in range(order, 6)])
+        powers = powers * t[:-1, None] ** np.arange(6 - order)
+        pieces[:, order] += powers @ spread[order:]
+    return pieces
+
+
+def _summed(steps: FloatArray) -> FloatArray:
+    """Sums [N+1,n] of the first steps [N,n]."""
+    return np.vstack([np.zeros_like(steps[:1]), np.cumsum(steps, axis=0)])
