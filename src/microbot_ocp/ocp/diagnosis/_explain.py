@@ -18,7 +18,14 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp.diagnosis._finiteness import check_start
 from microbot_ocp.ocp.problem import OptimalControlProblem
-from microbot_ocp.ocp.solution import Solution, scaled, starting_point, unpack
+from microbot_ocp.ocp.solution import (
+    Solution,
+    default_guess,
+    rollouts,
+    scaled,
+    starting_point,
+    unpack,
+)
 from microbot_ocp.ocp.transcription import (
     EQUATIONS,
     Guess,
@@ -33,6 +40,7 @@ GIVES = 1e-4  # scaled amount below which a limit holds
 CONFLICTS = 1e-3  # multiplier, of a sum of scaled amounts, above which a limit conflicts
 LONGER = 10.0  # times a duration of the guess: the most where only limits give
 ALONE = 12  # how many limits are tried alone
+OTHERS = 3  # simulations from which the way out is looked for, too
 # Where one way out is as cheap as another: rather an end than a start.
 _WEIGHTS = {"final": 0.01, "duration": 0.02, "initial": 0.03}
 _PLACES = {"initial": "start of ", "final": "end of "}
@@ -116,7 +124,9 @@ class Explanation:
                 "All limits can be kept together: the problem has trajectories. Start from a "
                 "better guess (the one found here, for example) or give the solver more iterations."
             )
-        lines = ["These limits cannot be kept together. The least that would help:"]
+        lines = [
+            "No trajectory was found that keeps these limits together. The least that would help:"
+        ]
         lines += [f"  {item}" for item in self.gives]
         if self.alternatives:
             lines.append("Or, instead, one of these alone:")
@@ -143,7 +153,8 @@ def explain(
     mesh : int, Mesh, or one int, Mesh or array of fractions [N+1] a phase
         A coarse one does.
     guess : guesses or Solution, optional
-        The solution of the solve that failed, for example.
+        Where the search starts: the solution of the solve that failed, for example. By default
+        the usual guess, and simulations with constant controls.
     limits_only : bool
         Whether conditions at ends and bounds of durations hold, which are at most ten times those
         of the guess, and only the cheapest way out is looked for.
@@ -161,7 +172,12 @@ def explain(
     if limits_only:  # that cost nothing, and they would run away
         durations = np.concatenate([layout.nodes[:, -1] for layout in layouts])
         elastic.highest[durations] = LONGER * start.x[durations]
-    return elastic.explain(start.x, limits_only)
+    starts = [start.x]
+    if guess is None:
+        simulated = rollouts(transcription.problem, default_guess(transcription.problem))
+        points = [starting_point(program, transcription.problem, g).x for g in simulated[:OTHERS]]
+        starts += [x for x in points if np.isfinite(program.row_values(x)).all()]
+    return elastic.explain(starts, limits_only)
 
 
 @dataclass(frozen=True, eq=False)
@@ -307,10 +323,22 @@ class _Elastic:
         good = bool(self.solver.stats().get("success") and np.isfinite(values).all())
         return good, values, np.array(result["lam_g"]).ravel()
 
-    def explain(self, x: FloatArray, limits_only: bool) -> Explanation:
+    def cheapest(
+        self, starts: Sequence[FloatArray], allowed: np.ndarray
+    ) -> tuple[bool, FloatArray, FloatArray]:
+        """As :meth:`solve`, from the start that leads to the cheapest way out."""
+        found = []
+        for x in starts:
+            found.append(self.solve(x, allowed))
+            good, values, _ = found[-1]
+            if good and not np.any(values[self.count :] > GIVES):
+                break
+        return min(found, key=lambda one: (not one[0], one[1][self.count :].sum()))
+
+    def explain(self, starts: Sequence[FloatArray], limits_only: bool) -> Explanation:
         slacks = len(self.items)
         may = np.array([item.kind == "limit" or not limits_only for item in self.items])
-        good, values, multipliers = self.solve(x, may)
+        good, values, multipliers = self.cheapest(starts, may)
         best, amounts = values[: self.count], values[self.count :]
         phases = unpack(self.program.layouts, best) if np.isfinite(best).all() else ()
         giving = np.flatnonzero(amounts > GIVES)

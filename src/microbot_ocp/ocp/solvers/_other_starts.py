@@ -2,7 +2,8 @@
 
 A solver ends in the valley that its start lies in. Simulations with controls that are constant, or
 change once, are other starts. They are compared on a coarse mesh, on which a solve takes a few
-hundredths of a second, with what the answer itself becomes there.
+hundredths of a second, with what the answer itself becomes there, or with its own cost where it
+becomes nothing there.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ from microbot_ocp.ocp.solution import (
 from microbot_ocp.ocp.solvers._chain import run_chain, solve_on, with_cost_scale
 from microbot_ocp.ocp.solvers._run import Made
 from microbot_ocp.ocp.solvers._settings import SolverSettings
-from microbot_ocp.ocp.transcription import Guess, Transcription, assemble
+from microbot_ocp.ocp.transcription import Collocation, Guess, Transcription, assemble
 from microbot_ocp.ocp.verification import phase_layout
 
 COARSE = 10  # intervals a phase
@@ -58,9 +59,8 @@ def cheaper_elsewhere(
     With what was tried, where something was found.
     """
     coarse = _Coarse(transcription, settings, until, progress)
-    here = coarse.solved(solution)
-    if not here.status.solved:
-        return solution, []
+    known = coarse.solved(solution)
+    here = known if known.status.solved else solution
     worth = WORTH * cost_size(solution.cost, solution.cost_scale)
     found = _until_they_agree(coarse, most, here)
     least, attempts = _cheapest(found)
@@ -158,6 +158,10 @@ class _Coarse:
         until: float,
         progress: Progress | None,
     ) -> None:
+        if not isinstance(transcription.scheme, Collocation):
+            # a simple rule has optima of its own where intervals are as long
+            duration_scale = transcription.duration_scale
+            transcription = Transcription(transcription.problem, duration_scale=duration_scale)
         self.transcription, self.until, self.progress = transcription, until, progress
         self.program = assemble(transcription.layouts(COARSE))
         self.made: Made = {}
