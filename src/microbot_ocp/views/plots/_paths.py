@@ -214,7 +214,8 @@ def equal_box(axes: Any, points: FloatArray) -> None:
     middle = (low + high) / 2
     for name, center, width in zip("xyz", middle, 1.08 * span, strict=True):
         getattr(axes, f"set_{name}lim")(center - width / 2, center + width / 2)
-    axes.set_box_aspect(span, zoom=1.0)
+    # its diagonal has one length whatever the shape: high boxes would reach into what is around
+    axes.set_box_aspect(span, zoom=min(1.0, 0.6 * np.linalg.norm(span) / span[2]))
 
 
 def azimuth(vias: FloatArray) -> float:
