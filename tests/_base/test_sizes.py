@@ -29,6 +29,20 @@ def test_grids_of_gigabytes_are_refused(robot):
             call(robot, path, grid=100_000)
 
 
+@pytest.mark.parametrize("limit", [{"qd_max": 1e-7}, {"qdd_max": 1e-11}, {"qddd_max": 1e-19}])
+def test_motions_of_days_are_refused(robot, limit):
+    said = f"{next(iter(limit))} of joint 'waist' is .* would last more than"
+    slow, ends = robot.with_limits(**limit), [mo.Stop(q=q) for q in VIA]
+    for call in (
+        lambda: mo.time_optimal(slow, VIA),
+        lambda: mo.compare(slow, VIA),
+        lambda: mo.time_optimal_path(slow, mo.straight_path(VIA)),
+        lambda: mo.time_optimal(slow, ends),
+    ):
+        with pytest.raises(mo.InputError, match=said):
+            call()
+
+
 @pytest.mark.parametrize("pairs", [5, True, "ab", [1], [["a"]]])
 def test_what_is_no_pair_to_ignore_is_refused(pairs):
     with pytest.raises(mo.InputError, match="ignore must"):

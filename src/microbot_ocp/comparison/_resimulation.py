@@ -28,6 +28,7 @@ NODES = 9  # of a segment
 LONGEST, SHORTEST = 0.1, 2e-3  # s, of a segment; shorter ones only between breaks
 SHORTEST_STIFF = 1e-5  # s, the same where the iteration does not converge
 MOST_SEGMENTS = 20_000  # at first: those of motions beyond 2000 s are longer
+MOST_TRIED = 200_000  # segments in all, halved ones among them: some 20 s of work
 ROUNDS = 16  # of the iteration, before a segment is halved
 STIFF = 0.5  # damping times the length of a segment, beyond which Picard's iteration is slow
 CONVERGED = 1e-13  # relative change of the state
@@ -165,7 +166,7 @@ def resimulate(robot: Robot, motion: Motion, tolerance: float) -> Resimulation:
     edges = np.unique(np.where(near, nearest, edges))
     todo = np.column_stack([edges[:-1], edges[1:]])
     done, stuck = [], 0
-    left = 0
+    left = tried = 0
     while todo.size and not left:
         low = np.searchsorted(mesh, todo[:, 0] + 1e-9, side="right")
         inner = low < np.searchsorted(mesh, todo[:, 1] - 1e-9, side="left")
@@ -180,7 +181,8 @@ def resimulate(robot: Robot, motion: Motion, tolerance: float) -> Resimulation:
             own = mesh[(mesh > todo[k, 0] + 1e-9) & (mesh < todo[k, 1] - 1e-9)]
             cut[k] = own[np.abs(own - cut[k]).argmin()]
         todo = np.vstack([np.column_stack([todo[:, 0], cut]), np.column_stack([cut, todo[:, 1]])])
-        if deadline.over():
+        tried += good.size
+        if deadline.over() or tried + len(todo) > MOST_TRIED:
             left = int((~(good | small)).sum())
             done.append(found.where(~(good | small)))
     every = _Segments(*(np.concatenate(column) for column in zip(*done, strict=True)))
@@ -188,8 +190,11 @@ def resimulate(robot: Robot, motion: Motion, tolerance: float) -> Resimulation:
     judged = _judged(robot, motion, every, size, tolerance, stuck)
     if not left:
         return judged
-    said = f"the time limit was over, {left} of {judged.segments} segments are not resolved"
-    return judged._replace(status=Status.TIME_LIMIT, message=said)
+    over = deadline.over()
+    why = "the time limit was over" if over else f"{tried} segments were tried"
+    status = Status.TIME_LIMIT if over else Status.INTEGRATION_FAILED
+    said = f"{why}, {left} of {judged.segments} segments are not resolved"
+    return judged._replace(status=status, message=said)
 
 
 def torque_sizes(robot: Robot, motion: Motion) -> FloatArray:
@@ -230,7 +235,7 @@ def _integrated(
     open_ = determined & ~(inner & _rough(inertia, qdd, allowed))
     stiff, modes = _stiff_modes(robot, flat, tau, h)
     for _ in range(ROUNDS):
-        if not open_.any():
+        if not open_.any() or deadline.over():
             break
         qdd[open_] = _accelerations(robot, q[open_], qd[open_], tau[open_])
         with np.errstate(over="ignore", invalid="ignore"):

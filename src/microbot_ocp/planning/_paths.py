@@ -12,7 +12,7 @@ from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.limits import LimitFamily
 from microbot_ocp.motion import PiecewisePolynomial
 from microbot_ocp.planning._curve import Curve, vanishing_order
-from microbot_ocp.planning._task import check_position, check_rest, locked_joints
+from microbot_ocp.planning._task import check_pace, check_position, check_rest, locked_joints
 
 CORNER = 1e-6  # relative jump of the tangent that counts as a corner
 
@@ -47,8 +47,9 @@ def check_path(family: LimitFamily, path: PiecewisePolynomial) -> None:
         )
     if not np.isfinite(path.coefficients).all():
         raise InputError("path must be finite")
-    moves = np.ptp(path(np.linspace(path.breaks[0], path.breaks[-1], 101)), axis=0) > 0
-    for joint in np.flatnonzero(locked_joints(family) & moves):
+    way = np.ptp(path(np.linspace(path.breaks[0], path.breaks[-1], 101)), axis=0)
+    check_pace(family, way)
+    for joint in np.flatnonzero(locked_joints(family) & (way > 0)):
         raise InputError(
             f"path moves joint {robot.joint_names[joint]!r}, which cannot move: a limit of its "
             "velocity, acceleration or jerk is 0"

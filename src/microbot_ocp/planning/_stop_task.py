@@ -33,6 +33,7 @@ from microbot_ocp.planning._segments import (
 from microbot_ocp.planning._stops import AXES, Payload, Stop
 from microbot_ocp.planning._task import (
     check_limits,
+    check_pace,
     check_position,
     check_rest,
     farthest_tool,
@@ -397,6 +398,8 @@ def _check_stops(
             raise InputError(
                 f"stop {stop.name!r} has a payload, but robot {family.robot.name!r} has no masses"
             )
+    if poses := [stop.q for stop in stops if stop.q is not None]:
+        check_pace(family, np.ptp(np.array(poses), axis=0))
 
 
 def with_torques(task: Task, share: float) -> Task:

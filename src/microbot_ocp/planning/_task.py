@@ -33,6 +33,9 @@ from microbot_ocp.robot import Robot, inverse_dynamics, torque_and_rate, torque_
 STATE: tuple[str, ...] = ("q", "qd", "qdd", "qddd")
 GAP = 1e-5  # relative, of a duration above its local optimum
 ROUGH_TOLERANCE = 1e-6  # of solves on all meshes but the last one
+# A joint alone, limited in its velocity, acceleration or jerk, takes (factor way / limit)^(1/order)
+REST_TO_REST = (1.0, 4.0, 32.0)
+LONGEST = 1e5  # s, of a motion that is looked for
 CHECKS_PER_INTERVAL = 20  # places inside every mesh interval at which limits are looked at
 
 Settings = TypeVar("Settings")
@@ -211,7 +214,7 @@ def check_via(family: LimitFamily, via_q: ArrayLike) -> FloatArray:
     ------
     InputError
         Wrong width, not finite, a point outside the position limits, two equal points in a row, a
-        pose of rest that gravity alone makes impossible.
+        pose of rest that gravity alone makes impossible, limits that make it last for days.
     """
     via = checks.array("via_q", via_q, (None, family.robot.joint_count), "rad")
     if via.shape[0] < 2:
@@ -227,9 +230,28 @@ def check_via(family: LimitFamily, via_q: ArrayLike) -> FloatArray:
         moved = np.flatnonzero(np.diff(via[:, joint]))
         if moved.size:
             raise InputError(_cannot_move(family.robot, joint, via, int(moved[0])))
+    check_pace(family, np.ptp(via, axis=0))
     for index in (0, via.shape[0] - 1):
         check_rest(family, f"via point {index + 1}", via[index])
     return via
+
+
+def check_pace(family: LimitFamily, way: FloatArray) -> None:
+    """Raise InputError where limits make joints take ages for what they move, ``way`` [n]."""
+    robot = family.robot
+    for order, (key, factor) in enumerate(zip(STATE[1:], REST_TO_REST, strict=True), 1):
+        low, high = robot.limits.bounds(key)
+        most = np.maximum(-low, high)
+        share = np.divide(factor * way, most, out=np.zeros_like(way), where=most > 0)
+        lasts = share ** (1.0 / order)
+        j = int(lasts.argmax())
+        if lasts[j] > LONGEST:
+            member = family[key]
+            raise InputError(
+                f"{key}_max of joint {robot.joint_names[j]!r} is {most[j]:g} {member.units[j]}, so "
+                f"the motion would last more than {lasts[j]:.3g} s: those of at most {LONGEST:g} s "
+                "are looked for"
+            )
 
 
 def locked_joints(family: LimitFamily) -> np.ndarray:
