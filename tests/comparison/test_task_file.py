@@ -9,7 +9,8 @@ import pytest
 import microbot_ocp as mo
 from microbot_ocp.comparison import KEYS, OUTPUTS, is_cell_file, parse_task, read_cell, read_task
 
-DOCUMENT = Path(__file__).parents[2] / "docs" / "task_file.md"
+ROOT = Path(__file__).parents[2]
+DOCUMENT = ROOT / "docs" / "task_file.md"
 VIA = "[via]\nq_deg = [[0, 0, 0], [-90, 90, 90]]\n"
 TASK = f'schema = 1\nrobot = "microbot"\n{VIA}'
 
@@ -24,6 +25,7 @@ def parse(text):
 
 @pytest.mark.slow
 def test_the_example_of_the_document():
+    assert (ROOT / "problems" / "report.toml").read_text("utf-8") == example()
     task = parse(example())
     assert task.robot == mo.load_robot("microbot")
     np.testing.assert_allclose(np.degrees(task.via_q[1]), [-8, 45, 30])
