@@ -29,15 +29,17 @@ def test_grids_of_gigabytes_are_refused(robot):
             call(robot, path, grid=100_000)
 
 
-@pytest.mark.parametrize("limit", [{"qd_max": 1e-7}, {"qdd_max": 1e-11}, {"qddd_max": 1e-19}])
+@pytest.mark.parametrize(
+    "limit", [{"qd_max": 1e-7}, {"qdd_max": 1e-11}, {"qddd_max": 1e-19}, {"taud_max": 1e-9}]
+)
 def test_motions_of_days_are_refused(robot, limit):
-    said = f"{next(iter(limit))} of joint 'waist' is .* would last more than"
+    said = f"{next(iter(limit))} of joint '(waist|shoulder)' is .* would last more than"
     slow, ends = robot.with_limits(**limit), [mo.Stop(q=q) for q in VIA]
     for call in (
         lambda: mo.time_optimal(slow, VIA),
         lambda: mo.compare(slow, VIA),
         lambda: mo.time_optimal_path(slow, mo.straight_path(VIA)),
-        lambda: mo.time_optimal(slow, ends),
+        lambda: mo.time_optimal(slow, VIA if "taud_max" in limit else ends),
     ):
         with pytest.raises(mo.InputError, match=said):
             call()

@@ -47,9 +47,9 @@ def check_path(family: LimitFamily, path: PiecewisePolynomial) -> None:
         )
     if not np.isfinite(path.coefficients).all():
         raise InputError("path must be finite")
-    way = np.ptp(path(np.linspace(path.breaks[0], path.breaks[-1], 101)), axis=0)
-    check_pace(family, way)
-    for joint in np.flatnonzero(locked_joints(family) & (way > 0)):
+    places = path(np.linspace(path.breaks[0], path.breaks[-1], 101))
+    check_pace(family, places)
+    for joint in np.flatnonzero(locked_joints(family) & (np.ptp(places, axis=0) > 0)):
         raise InputError(
             f"path moves joint {robot.joint_names[joint]!r}, which cannot move: a limit of its "
             "velocity, acceleration or jerk is 0"

@@ -399,7 +399,7 @@ def _check_stops(
                 f"stop {stop.name!r} has a payload, but robot {family.robot.name!r} has no masses"
             )
     if poses := [stop.q for stop in stops if stop.q is not None]:
-        check_pace(family, np.ptp(np.array(poses), axis=0))
+        check_pace(family, np.array(poses), at_rest=False)
 
 
 def with_torques(task: Task, share: float) -> Task:

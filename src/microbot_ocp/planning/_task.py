@@ -33,8 +33,8 @@ from microbot_ocp.robot import Robot, inverse_dynamics, torque_and_rate, torque_
 STATE: tuple[str, ...] = ("q", "qd", "qdd", "qddd")
 GAP = 1e-5  # relative, of a duration above its local optimum
 ROUGH_TOLERANCE = 1e-6  # of solves on all meshes but the last one
-# A joint alone, limited in its velocity, acceleration or jerk, takes (factor way / limit)^(1/order)
-REST_TO_REST = (1.0, 4.0, 32.0)
+# A joint alone takes (factor way / limit)^(1 / order) from rest to rest under one limit.
+REST_TO_REST = {"qd": (1, 1), "qdd": (4, 2), "qddd": (32, 3), "taud": (1, 1)}
 LONGEST = 1e5  # s, of a motion that is looked for
 CHECKS_PER_INTERVAL = 20  # places inside every mesh interval at which limits are looked at
 
@@ -230,27 +230,34 @@ def check_via(family: LimitFamily, via_q: ArrayLike) -> FloatArray:
         moved = np.flatnonzero(np.diff(via[:, joint]))
         if moved.size:
             raise InputError(_cannot_move(family.robot, joint, via, int(moved[0])))
-    check_pace(family, np.ptp(via, axis=0))
+    check_pace(family, via)
     for index in (0, via.shape[0] - 1):
         check_rest(family, f"via point {index + 1}", via[index])
     return via
 
 
-def check_pace(family: LimitFamily, way: FloatArray) -> None:
-    """Raise InputError where limits make joints take ages for what they move, ``way`` [n]."""
-    robot = family.robot
-    for order, (key, factor) in enumerate(zip(STATE[1:], REST_TO_REST, strict=True), 1):
+def check_pace(family: LimitFamily, places: FloatArray, at_rest: bool = True) -> None:
+    """Raise InputError where limits make joints take ages from one of places [m,n] to another.
+
+    A limit of the torque rate makes them where torques hold the arm ``at_rest`` in the first and
+    the last place.
+    """
+    robot, ways = family.robot, dict.fromkeys(STATE[1:], np.ptp(places, axis=0))
+    if at_rest and np.isfinite(robot.limits.bounds("taud")).any():
+        held = family.values(_at_rest(places[[0, -1]]), ("tau",))["tau"].value
+        ways["taud"] = np.ptp(np.asarray(held), axis=0)
+    for key, way in ways.items():
         low, high = robot.limits.bounds(key)
-        most = np.maximum(-low, high)
+        most, (factor, order) = np.maximum(-low, high), REST_TO_REST[key]
         share = np.divide(factor * way, most, out=np.zeros_like(way), where=most > 0)
-        lasts = share ** (1.0 / order)
+        lasts = share ** (1 / order)
         j = int(lasts.argmax())
         if lasts[j] > LONGEST:
-            member = family[key]
+            unit = family[key].units[j]
             raise InputError(
-                f"{key}_max of joint {robot.joint_names[j]!r} is {most[j]:g} {member.units[j]}, so "
-                f"the motion would last more than {lasts[j]:.3g} s: those of at most {LONGEST:g} s "
-                "are looked for"
+                f"{key}_max of joint {robot.joint_names[j]!r} is {most[j]:g} {unit}, so the motion "
+                f"would last more than {lasts[j]:.3g} s: those of at most {LONGEST:g} s are looked "
+                "for"
             )
 
 
@@ -320,8 +327,9 @@ def check_rest(family: LimitFamily, what: str, q: FloatArray) -> None:
 
 
 def _at_rest(q: FloatArray) -> MotionSamples:
-    zero = np.zeros((1, q.size))
-    return MotionSamples(np.reshape(q, (1, -1)), zero, zero, zero)
+    rows = np.atleast_2d(q)
+    zero = np.zeros_like(rows)
+    return MotionSamples(rows, zero, zero, zero)
 
 
 def _broken(member: Member, j: Any, value: FloatArray, low: FloatArray, high: FloatArray) -> str:
