@@ -458,3 +458,13 @@ def test_resampled_torques_are_those_of_the_robot(microbot):
     )).T  # fmt: skip
     np.testing.assert_allclose(sampled.tau, tau, rtol=1e-12, atol=1e-9)
     assert np.abs(motion.resample(730.0).tau - tau).max() > 1e-6
+
+
+def test_short_intervals_far_from_zero_tell_how_the_acceleration_bends():
+    """Positions near 10,000 rad say nothing of 50 microseconds; velocities do."""
+    t = np.linspace(0.0, 1e-3, 21)[:, None]
+    q, qd, qdd = 1e4 + np.sin(300 * t), 300 * np.cos(300 * t), -9e4 * np.sin(300 * t)
+    motion = mo.Motion(t.ravel(), q, qd, qdd, np.zeros_like(q))
+    middle = 0.5 * (t[1:] + t[:-1])
+    found = motion.sample(middle.ravel()).qdd
+    assert np.abs(found + 9e4 * np.sin(300 * middle)).max() < 1e-6 * 9e4

@@ -355,3 +355,17 @@ def test_a_robot_without_masses_keeps_a_jerk_limit_along_a_path(microbot):
     motion = mo.time_optimal_path(bare, path, compiled=False)
     assert motion.solved
     assert mo.certify(bare, motion).ok
+
+
+def test_dry_friction_turns_as_fast_as_a_torque_rate_lets_it():
+    """A slider that turns back: its friction of 4 N, with the sign of the velocity."""
+    robot = slider(tau_max=20.0, taud_max=300.0)
+    robot = robot.with_links([replace(robot.links[0], coulomb_friction=4.0)])
+    path = mo.spline([[0.0], [1.0], [0.3]], [0.0, 1.0, 2.0])
+    motion = time_optimal_path(robot, path, mesh=20)
+    assert motion.solved
+    assert motion.provenance["method"].endswith("rates on its places")
+    excess = dense_excess(robot, motion)
+    assert max(excess["taud"], excess["tau"]) < 1e-3
+    unrated = time_optimal_path(robot.with_limits(taud_max=np.inf), path)
+    assert motion.duration > 1.005 * unrated.duration

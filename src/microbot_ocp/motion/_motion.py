@@ -395,11 +395,18 @@ def pieces_of(motion: Motion, i: np.ndarray | None = None) -> FloatArray:
     h = motion.t[first + 1] - motion.t[first]
     start, end = (State(motion.q[k], motion.qd[k], motion.qdd[k]) for k in (first, first + 1))
     c = quintic_between(start, end, h)
-    # In so short an interval positions differ by their rounding: the acceleration runs straight.
-    rounding = ROUNDING * np.abs(start.q).max(axis=1, initial=0.0)
-    short = rounding > h**2 * NOISE * np.abs(motion.qdd).max(initial=0.0)
-    c[short, 3] = (end.qdd - start.qdd)[short] / (6.0 * h[short, None])
-    c[short, 4:] = 0.0
+    # In short intervals positions differ by their rounding: velocities and accelerations tell, in
+    # still shorter ones accelerations alone, which run straight.
+    least = NOISE * np.abs(motion.qdd).max(initial=0.0)
+    short = ROUNDING * np.abs(start.q).max(axis=1, initial=0.0) > h**2 * least
+    if short.any():
+        step, change = h[short, None], (end.qdd - start.qdd)[short]
+        gained = (end.qd - start.qd)[short] - step * start.qdd[short]
+        known = ROUNDING * np.abs(start.qd[short]).max(axis=1) <= h[short] * least
+        gained = np.where(known[:, None], gained, 0.5 * step * change)
+        c[short, 3] = (gained / step - change / 3.0) / step
+        c[short, 4] = (change / 4.0 - 0.5 * gained / step) / step**2
+        c[short, 5] = 0.0
     c[jump_gaps(motion.t, first), 3:] = 0.0  # inside a jump the earlier acceleration goes on
     return c
 

@@ -28,6 +28,7 @@ from microbot_ocp.ocp.solution import Attempt, StepProgress, gap_of
 from microbot_ocp.ocp.solvers import SolverSettings, status_of
 from microbot_ocp.ocp.transcription import Bounds
 from microbot_ocp.planning._curve import Curve
+from microbot_ocp.planning._friction import dry_friction
 from microbot_ocp.planning._path_limits import FAR, PathLimits, nodes_of
 from microbot_ocp.planning._rate_program import PARTS, TOLERANCE, program_of
 from microbot_ocp.planning._reachability import Reached
@@ -37,7 +38,13 @@ from microbot_ocp.robot import COULOMB_SMOOTHING, Robot, torque_and_rate
 RATES = ("taud", "qddd")  # keys of limits that are kept here
 NEAR = 0.3  # use of a limit from which the solver is told of it
 BARRIERS = (1e-2, 1e-4)  # of a first solve and of one from a coarser mesh
+SMOOTHED_BARRIER = 1e-3  # of one from dry friction that turns less suddenly
 MOST_MESHES = 10
+# Percentile of the accelerations at which joints turn back, as the start has it; factor from one
+# smoothing of dry friction to the next, and the least that is tried where the solver fails
+USUAL, SHARPER, LEAST_SHARPER = 90, 2.0, 1.08
+TURNED = 2.0  # smoothings: velocity at which the friction has all but turned
+STEP, MOST_PARTS = 0.7, 8  # change of velocity in an interval within it; parts of one interval
 FAR_ABOVE = 3.0  # times the accepted excess; halving an interval divides it by about four
 
 
@@ -132,7 +139,20 @@ def with_rates(
         Whether functions are compiled.
     progress : callable
     """
-    found = _Timing(family, curve, start, ends, fast).solved(BARRIERS[0])
+    smoothing = _first_smoothing(family, curve, start)
+    found, barrier, rubs = start, BARRIERS[0], smoothing > COULOMB_SMOOTHING
+    last, sharper = smoothing, SHARPER
+    while True:
+        tried = _closer_at_reversals(family, curve, found, smoothing)
+        tried = _Timing(family, curve, tried, ends, fast, smoothing).solved(barrier, every=rubs)
+        if tried.solved:
+            found, last, barrier = tried, smoothing, SMOOTHED_BARRIER if rubs else BARRIERS[1]
+        else:  # less at a time
+            found, sharper = replace(found, attempts=tried.attempts), np.sqrt(sharper)
+        done = last == COULOMB_SMOOTHING or not rubs
+        if done or sharper < LEAST_SHARPER or deadline.over():
+            break
+        smoothing = max(last / sharper, COULOMB_SMOOTHING)
     for _ in range(MOST_MESHES):
         if not found.solved or deadline.over():
             break
@@ -147,9 +167,47 @@ def with_rates(
             break
         t = split(found.t, marked)
         t = halved_within(t, found.t, excess > FAR_ABOVE * tolerance)
-        finer = _Timing(family, curve, found.at_times(t), ends, fast).solved(BARRIERS[1])
+        finer = _Timing(family, curve, found.at_times(t), ends, fast).solved(barrier, every=rubs)
         found = finer if finer.solved else replace(found, attempts=finer.attempts)
     return found
+
+
+def _first_smoothing(family: LimitFamily, curve: Curve, start: Profile) -> float:
+    """A velocity, rad/s (m/s), within which dry friction may turn for the start to be a good one.
+
+    There the friction alone all but keeps the limits of the torque rate. Not less than the robot's.
+    """
+    limits, dry = family.robot.limits, dry_friction(family.robot)
+    limit = np.minimum(limits.taud_max, -limits.taud_min)
+    rated = (dry > 0) & np.isfinite(limit) & (limit > 0)
+    if "taud" not in family or not rated.any():
+        return COULOMB_SMOOTHING
+    _, tangent, curvature = curve.evaluate(start.s)
+    qdd = np.abs(tangent * start.a[:, None] + curvature * start.v[:, None] ** 2)
+    turned = dry[rated] * np.percentile(qdd[:, rated], USUAL, axis=0) / limit[rated]
+    return max(float(turned.max()), COULOMB_SMOOTHING)
+
+
+def _closer_at_reversals(
+    family: LimitFamily, curve: Curve, profile: Profile, smoothing: float
+) -> Profile:
+    """The same motion with more mesh points where the dry friction of a joint turns."""
+    dry = dry_friction(family.robot) > 0
+    if "taud" not in family or not dry.any():
+        return profile
+    velocity = (curve.evaluate(profile.s)[1] * profile.v[:, None])[:, dry]
+    before, after = velocity[:-1], velocity[1:]
+    slow = np.minimum(np.abs(before), np.abs(after)) < TURNED * smoothing
+    slow |= before * after < 0
+    change = np.where(slow, np.abs(after - before), 0.0).max(axis=1)
+    parts = np.clip(np.ceil(change / (STEP * smoothing)), 1, MOST_PARTS).astype(int)
+    steps = np.diff(profile.t)
+    inner = [
+        begin + step * np.arange(1, count) / count
+        for begin, step, count in zip(profile.t[:-1], steps, parts, strict=True)
+        if count > 1
+    ]
+    return profile.at_times(np.union1d(profile.t, np.concatenate([*inner, []])))
 
 
 def _excess(family: LimitFamily, curve: Curve, profile: Profile) -> FloatArray:
@@ -195,7 +253,13 @@ class _Timing:
     """The nonlinear program of one curve on given places."""
 
     def __init__(
-        self, family: LimitFamily, curve: Curve, start: Profile, ends: Ends, fast: bool
+        self,
+        family: LimitFamily,
+        curve: Curve,
+        start: Profile,
+        ends: Ends,
+        fast: bool,
+        smoothing: float = COULOMB_SMOOTHING,
     ) -> None:
         self.start, self.ends, self.fast = start, ends, fast
         self.scale_v = max(float(start.v.max()), 1e-12)
@@ -204,9 +268,9 @@ class _Timing:
         self.scale_t = self.scale_v / self.scale_a
         i = np.arange(start.s.size - 1)
         middle = start.inside(i, 0.5 * np.diff(start.t))[0]
-        left = _coefficients(family, curve, start.s, fast)
-        right = _coefficients(family, curve, start.s, fast, from_left=True)
-        inner = _coefficients(family, curve, middle, fast)
+        left = _coefficients(family, curve, start.s, fast, smoothing)
+        right = _coefficients(family, curve, start.s, fast, smoothing, from_left=True)
+        inner = _coefficients(family, curve, middle, fast, smoothing)
         unit = (self.scale_v, self.scale_a, self.scale_a / self.scale_t)
         self.nodes, self.begin, self.end, self.middle = (
             _scaled(rows, unit) for rows in (left[0], left[1], right[1], inner[0])
@@ -217,7 +281,8 @@ class _Timing:
 
     # the program ----------------------------------------------------------------------------
 
-    def solved(self, barrier: float) -> Profile:
+    def solved(self, barrier: float, *, every: bool = False) -> Profile:
+        """The best profile; with ``every`` row at once, else first with those that seem near."""
         begin = time.perf_counter()
         n = self.intervals
         start = self.start
@@ -240,8 +305,10 @@ class _Timing:
         upper = np.concatenate([np.zeros(2 * n), *self._bounds("upper")])
         values = np.array(program.values(x, coefficients)).ravel()
         told = (lower == upper) | _near(values, lower, upper, NEAR)
+        if every:
+            told = np.isfinite(lower) | np.isfinite(upper)
         attempts, gap = list(start.attempts), float("nan")
-        for every in (False, True):
+        for whole in (every, True):
             rows = np.flatnonzero(told)
             solver = program.solver(rows, barrier)
             created = time.perf_counter()
@@ -258,7 +325,7 @@ class _Timing:
             gap = gap_of(bounds, x, values[rows], np.zeros(1), np.concatenate(lam)).total
             broken = ~told & _near(values, lower, upper, 1.0 + TOLERANCE)
             kept = attempts[-1].status.solved and not broken.any()
-            if every or kept or deadline.over():
+            if whole or kept or deadline.over():
                 break
             told = np.isfinite(lower) | np.isfinite(upper)
             x, barrier = start_x, BARRIERS[0]
@@ -326,7 +393,13 @@ def _scaled(rows: _Rows, unit: tuple[float, float, float]) -> _Rows:
 
 
 def _coefficients(
-    family: LimitFamily, curve: Curve, s: FloatArray, fast: bool, *, from_left: bool = False
+    family: LimitFamily,
+    curve: Curve,
+    s: FloatArray,
+    fast: bool,
+    smoothing: float,
+    *,
+    from_left: bool = False,
 ) -> tuple[_Rows, _Rows, FloatArray]:
     """Rows at places s of limits of accelerations and torques, those of rates, largest speeds."""
     q, tangent, curvature, bend = curve.evaluate(s, from_left=from_left, highest=3)
@@ -343,13 +416,13 @@ def _coefficients(
             np.array([getattr(link, k) for link in links]) + zero
             for k in ("viscous_friction", "coulomb_friction")
         )
-        turn = tangent / COULOMB_SMOOTHING
+        turn = tangent / smoothing
         m, c, g, m_rate, c_rate, g_rate = _torques(robot, q, tangent, curvature, bend, fast)
     for key in family.keys:
         if key == "taud":
             parts = (
                 m, m_rate + 2 * c, c_rate, g_rate, viscous * tangent, viscous * curvature,
-                dry, turn, turn, curvature / COULOMB_SMOOTHING,
+                dry, turn, turn, curvature / smoothing,
             )  # fmt: skip
             later.append((key, parts, zero))
         elif key == "qddd":
