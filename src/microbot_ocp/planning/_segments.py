@@ -320,14 +320,13 @@ class _Beyond:
 
 
 @dataclass(frozen=True)
-class _DistanceFromPoint:
-    """Distance of the tool's origin from a point, m."""
+class _SquaredDistance:
+    """Squared distance of the tool's origin from a point, m^2: smooth at the point, too."""
 
     center: Numbers
-    floor: float
 
     def __call__(self, state: Any) -> Any:
-        return ca.sqrt(ca.sumsqr(state.tool[:3, 3] - ca.DM(self.center)) + self.floor**2)
+        return ca.sumsqr(state.tool[:3, 3] - ca.DM(self.center))
 
 
 @dataclass(frozen=True)
@@ -430,5 +429,5 @@ def joint_line_limits(kind: JointLine, start: FloatArray, end: FloatArray) -> tu
 
 def corner_limit(kind: Corner) -> Limit:
     """What a blended corner asks for, as a limit."""
-    distance = _DistanceFromPoint(kind.center, 1e-3 * kind.radius)
-    return Limit("tool corner", distance, upper=kind.radius, unit="m")
+    distance = _SquaredDistance(kind.center)
+    return Limit("squared distance from the corner", distance, upper=kind.radius**2, unit="m^2")

@@ -23,7 +23,7 @@ from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial, State, torque
 from microbot_ocp.ocp import Solution
 from microbot_ocp.ocp.solution import StepProgress
 from microbot_ocp.ocp.transcription import Guess, Transcription
-from microbot_ocp.planning._branches import Way, few_poses, ways_through
+from microbot_ocp.planning._branches import Way, few_poses, least_time, ways_through
 from microbot_ocp.planning._conditions import Conditions
 from microbot_ocp.planning._free_problem import excess_along, polynomial, transcription
 from microbot_ocp.planning._free_search import (
@@ -32,7 +32,9 @@ from microbot_ocp.planning._free_search import (
     EXPLORE_SUM,
     EXPLORE_TOLERANCE,
     LEAST_EXPLORE_MESH,
+    LEAST_ITERATIONS,
     MOST_STARTING,
+    PATIENCE,
     SAME,
     FreeSearch,
     TimeOptimalSettings,
@@ -49,7 +51,11 @@ from microbot_ocp.trajectories import spline
 MOST_ORDERED = 7  # stops of which every order is looked at
 SLOWEST = 20.0  # times the shortest duration: no longer time is given for less effort
 MOST_EXPLORING = 300  # iterations
+LEFT_OUT = "left out"  # status of a way that was not tried
 BOWS = 2  # further guesses from the best way
+# A way is left out whose poses are so many times the best duration apart at the highest velocities,
+# where the arm has joints or tolerances to spare: its poses might move. Without, it is never better
+SPARE = 1.25
 SLOWED, MOST_SLOWED = 1.3, 20  # of a first guess, until it keeps its limits
 
 
@@ -105,6 +111,7 @@ class StopSearch(FreeSearch):
         self.allowed = duration
         self.shortest = np.nan  # s, dwells included
         self.led_to: list[tuple[Way, str, Solution]] = []
+        self.left_out: dict[str, tuple[Way, float]] = {}
         super().__init__(task.family, self.ways[0].via, settings, progress)
 
     def _kernels(self, budget: float | None = None) -> Transcription:
@@ -127,12 +134,25 @@ class StopSearch(FreeSearch):
         """What every way led to on a coarse mesh, and some others beside the best of them."""
         mesh = min(self._mesh, max(EXPLORE_SUM // len(self.names), LEAST_EXPLORE_MESH))
         solver = ("fatrop", "ipopt") if self.settings.solver == "auto" else self.settings.solver
-        own = self.refiner.settings
-        brief = replace(own, max_iterations=MOST_EXPLORING, time_limit=MOST_STARTING)
-        explorer = replace(self.refiner, settings=brief)
+        brief = replace(
+            self.refiner.settings,
+            max_iterations=MOST_EXPLORING,
+            time_limit=MOST_STARTING,
+            options={"fatrop": {"max_iter": LEAST_ITERATIONS}},  # IPOPT solves what takes it more
+        )
+        exact = all(few_poses(self.robot, stop) is not None for stop in self.task.stops)
+        spare = 1.0 if exact else SPARE
         tried: list[dict[str, Any]] = []
         found: list[Solution] = []
         for way, guess in self._all_guesses():
+            solved = [s for s in found if s.status.solved]
+            least = least_time(self.task, way)
+            if least > spare * min((s.duration for s in solved), default=np.inf):
+                self.left_out[way.name] = way, least
+                continue
+            most = max((PATIENCE * s.attempts[-1].iterations for s in solved), default=0)
+            most = max(LEAST_ITERATIONS, most) if solved else MOST_EXPLORING
+            explorer = replace(self.refiner, settings=replace(brief, max_iterations=most))
             guesses = {name: self._with_closed(name, g) for name, g in guess.guesses.items()}
             solution = explorer.solve(
                 min(mesh, EXPLORE_MESH), guesses, tolerance=EXPLORE_TOLERANCE, solver=solver
@@ -146,7 +166,7 @@ class StopSearch(FreeSearch):
             found.append(solution)
             self.led_to.append((way, guess.name, solution))
             self.progress(f"start {guess.name}: {said['duration']:.4f} s, {solution.status}")
-            if solution.status is Status.INTERRUPTED:
+            if solution.status is Status.INTERRUPTED or deadline.over():
                 break
         return tried, found
 
@@ -313,16 +333,30 @@ class StopSearch(FreeSearch):
                 best[way.name] = entry
         found = sorted(best.values(), key=lambda e: e.pop("apart"))
         found[0]["taken"] = True
-        return [found[0], *sorted(found[1:], key=lambda e: e["duration"] or np.inf)]
+        rows = [found[0], *sorted(found[1:], key=lambda e: e["duration"] or np.inf)]
+        for way, least in self.left_out.values():
+            if way.name not in best:
+                entry = {"branches": list(way.branches), "q": way.via.tolist(), "duration": None}
+                rows.append(
+                    entry | {"status": LEFT_OUT, "taken": False, "at_least": least + rested}
+                )
+        return rows
 
     def _note(self, told: dict[str, Any]) -> str:
         taken, *others = told["branches"]
         named = "-".join(map(str, taken["branches"]))
-        reached = [e["duration"] for e in others if e["duration"] is not None]
         if not others:
             return "the only branch"
-        costs = ", ".join(f"{value:.3f}" for value in reached[:5]) or "no motion"
-        return f"branches {named}; the others led to {costs} s on the coarse mesh"
+        tried = [e["duration"] for e in others if e["status"] != LEFT_OUT]
+        costs = ", ".join(f"{value:.3f}" for value in tried[:5] if value is not None)
+        said = [f"the others led to {costs or 'no motion'} s on the coarse mesh"] if tried else []
+        slow = [e["at_least"] for e in others if e["status"] == LEFT_OUT]
+        if slow:
+            said.append(
+                f"{len(slow)} left out: their joints need {min(slow):.3f} s and more at their "
+                "highest velocities"
+            )
+        return "; ".join([f"branches {named}", *said])
 
     def _shaped(self, solution: Solution, provenance: dict[str, Any], note: str) -> Motion:
         return motion_of(self.task, phase_shapes(solution), provenance, note)

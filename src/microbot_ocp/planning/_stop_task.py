@@ -43,6 +43,8 @@ from microbot_ocp.robot import Robot, forward_kinematics, jacobian
 
 MOST_STOPS = 200
 TURN = 2 * np.pi
+LOOSEST = 0.1  # of the reach, for the radius of a ball or a tube
+HEAVIEST = 1000.0  # times the arm's own mass
 EMPTY = Payload(0.0)
 
 
@@ -333,12 +335,32 @@ def _check_tolerance(robot: Robot, where: str, tolerance: Any, of_joints: bool) 
     """Raise InputError where a finite tolerance leaves everything free that the arm can do."""
     finite = np.array(tolerance)[np.isfinite(tolerance)]
     largest = float(np.max(finite, initial=0.0))
-    if not of_joints and largest > (reach := farthest_tool(robot)):
-        raise InputError(
-            f"tolerance of {where} is {largest:g} m, more than the arm reaches ({reach:.3g} m)"
-        )
     if of_joints and largest > TURN and set(robot.joint_types) == {"revolute"}:
         raise InputError(f"tolerance of {where} is {largest:g} rad, more than a whole turn")
+    is_box = np.ndim(tolerance) > 0
+    reach = farthest_tool(robot)
+    if not of_joints and largest > (reach if is_box else LOOSEST * reach):
+        share = "" if is_box else "a tenth of what "
+        free = "; inf, in a tolerance of three numbers, leaves a coordinate free"
+        raise InputError(
+            f"tolerance of {where} is {largest:g} m, more than {share}the arm reaches "
+            f"({reach:.3g} m)" + (free if where.startswith("stop") else "")
+        )
+
+
+def _check_payload(robot: Robot, stop: Stop) -> None:
+    """Raise InputError for a payload that no arm of these masses is meant to hold."""
+    assert stop.payload is not None
+    if not robot.has_dynamics:
+        raise InputError(
+            f"stop {stop.name!r} has a payload, but robot {robot.name!r} has no masses"
+        )
+    own = sum(link.mass for link in robot.links)
+    if stop.payload.mass > HEAVIEST * own > 0.0:
+        raise InputError(
+            f"payload of stop {stop.name!r} is {stop.payload.mass:g} kg, more than {HEAVIEST:g} "
+            f"times what the arm weighs itself ({own:.3g} kg)"
+        )
 
 
 def _check_velocity(robot: Robot, stop: Stop) -> None:
@@ -393,11 +415,8 @@ def _check_stops(
                 _check_velocity(family.robot, stop)
         elif isinstance(stop.velocity, tuple):
             _check_tool_velocity(family.robot, stop)
-        loaded = stop.payload is not None and stop.payload.mass > 0
-        if loaded and not family.robot.has_dynamics:
-            raise InputError(
-                f"stop {stop.name!r} has a payload, but robot {family.robot.name!r} has no masses"
-            )
+        if stop.payload is not None and stop.payload.mass > 0:
+            _check_payload(family.robot, stop)
     if poses := [stop.q for stop in stops if stop.q is not None]:
         check_pace(family, np.array(poses), at_rest=False)
 
@@ -462,18 +481,31 @@ def _expanded(
             raise InputError(
                 f"stop {stop.name!r} is a blended corner: it needs lines on both sides"
             )
+        before, after = (line for line in lines if isinstance(line, Line))
         cut = [_on_the_way(robot, stop, stops[k]) for k in (index - 1, index + 1)]
         if np.allclose(cut[0].position, cut[1].position):
             raise InputError(
                 f"the lines at corner {stop.name!r} go there and back: leave its blend"
             )
-        for place, line, word in zip(cut, lines, ("before", "after"), strict=True):
-            assert isinstance(line, Line)
+        if _is_straight(stop, cut, min(before.tolerance, after.tolerance)):
+            passed = replace(stop, blend=0.0, velocity="any")
+            places.append(_within(passed, before, stop.name))
+            continue
+        for place, line, word in zip(cut, (before, after), ("before", "after"), strict=True):
             places.append(_within(place, line, f"{stop.name}, {word} the corner"))
         assert stop.position is not None
-        assert isinstance(lines[0], Line)
-        made.append(Corner(stop.position, stop.blend + lines[0].tolerance))
+        made.append(Corner(stop.position, stop.blend + before.tolerance))
     return tuple(places), tuple(made)
+
+
+def _is_straight(corner: Stop, cut: Sequence[Stop], tolerance: float) -> bool:
+    """Whether the straight way between the two ends of a blend is within the tubes of its lines."""
+    start, end = (np.array(place.position) for place in cut)
+    way, offset = end - start, np.array(corner.position) - start
+    share = float(offset @ way) / float(way @ way)
+    turned = [place.orientation for place in cut]
+    held = None in turned or np.allclose(turned[0], turned[1])
+    return held and float(np.linalg.norm(offset - share * way)) <= tolerance
 
 
 def _in_parts(

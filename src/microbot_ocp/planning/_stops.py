@@ -15,6 +15,7 @@ from microbot_ocp.robot import Capsule, Link, Robot, forward_kinematics
 AXES = ("x", "y", "z")
 SHAPE = ("start", "end", "radius", "name")  # of a part
 POSE_JOINTS = 6  # that give any orientation at a position
+LONGEST_DWELL = 86_400.0  # s, a day
 EXACT = 1e-6  # rad (m): a smaller tolerance is none
 Numbers = tuple[float, ...]
 
@@ -146,7 +147,7 @@ class Stop:
         put(self, "tolerance", self._checked_tolerance(where))
         turn = self.orientation_tolerance
         checks.number(f"orientation_tolerance of {where}", turn, "rad", at_least=0.0, at_most=1.5)
-        checks.number(f"dwell of {where}", self.dwell, "s", at_least=0.0)
+        checks.number(f"dwell of {where}", self.dwell, "s", at_least=0.0, at_most=LONGEST_DWELL)
         checks.number(f"blend of {where}", self.blend, "m", at_least=0.0)
         if self.payload is not None and not isinstance(self.payload, Payload):
             with naming(f"{where}: "):

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp.robot import Robot, Shape
+from microbot_ocp.robot import Mesh, Robot, Shape
 from microbot_ocp.views._scene import link_origins, link_poses, reach
 from microbot_ocp.views.recording import Eye, drawn_geometry
 
@@ -17,10 +17,12 @@ AROUND = 24  # faces around a body
 CAP = 5  # rings of a rounded end
 LINK, JOINT = 0.021, (0.034, 0.085)  # radius of a link, radius and length of a joint; of the reach
 FOOT = (0.065, 0.02)  # radius and height of the plate under the base, of the reach
-MOST_TRIANGLES = 40_000  # of a robot's own meshes: capsules are drawn for more
+MOST_TRIANGLES = 12_000  # of a robot's own meshes: more are drawn more coarsely
+FINEST, COARSER = 0.002, 1.25  # first size of a cell in which corners are one, of the robot's size
 DARKEST, SHINE = 0.45, 0.45  # brightness away from the light, share of white at its reflection
 
 Color = tuple[float, float, float]
+Drawn = tuple[tuple[Shape, Mesh | None], ...]
 
 
 class Faces(NamedTuple):
@@ -99,10 +101,8 @@ def _placed(pose: FloatArray, faces: Faces) -> Faces:
 
 @lru_cache(maxsize=8)
 def _own_faces(shapes: tuple[Shape, ...]) -> tuple[tuple[int, Faces], ...]:
-    """Frame and faces of each shape of a robot's file; none where they are too many."""
-    found = drawn_geometry(shapes).shapes
-    if sum(len(mesh.triangles) for _, mesh in found if mesh is not None) > MOST_TRIANGLES:
-        return ()
+    """Frame and faces of each shape of a robot's file."""
+    found = _thinned(drawn_geometry(shapes).shapes)
     faces = []
     for shape, mesh in found:
         color = np.array((0.75, 0.77, 0.80) if shape.color is None else shape.color[:3])
@@ -121,6 +121,38 @@ def _own_faces(shapes: tuple[Shape, ...]) -> tuple[tuple[int, Faces], ...]:
         drawn = Faces(corners, colors) if colors is not None else _colored(corners, color)
         faces.append((shape.frame, _placed(shape.pose, drawn)))
     return tuple(faces)
+
+
+def _thinned(found: Drawn) -> Drawn:
+    """The same shapes, their meshes with so many triangles together as a picture can do with."""
+    meshes = [mesh for _, mesh in found if mesh is not None]
+    if sum(len(mesh.triangles) for mesh in meshes) <= MOST_TRIANGLES:
+        return found
+    cell = FINEST * sum(float(np.ptp(mesh.vertices, axis=0).max()) for mesh in meshes)
+    while True:
+        coarser = [None if m is None else _with_corners_joined(m, cell) for _, m in found]
+        if sum(len(m.triangles) for m in coarser if m is not None) <= MOST_TRIANGLES:
+            return tuple((shape, m) for (shape, _), m in zip(found, coarser, strict=True))
+        cell *= COARSER
+
+
+def _with_corners_joined(mesh: Mesh, cell: float) -> Mesh:
+    """The mesh with one corner, their mean, for all in a cell of a cubic grid of this size, m."""
+    places, index = np.unique(np.floor(mesh.vertices / cell), axis=0, return_inverse=True)
+    index = index.ravel()
+    counts = np.bincount(index, minlength=len(places))[:, None]
+    sums = np.zeros_like(places)
+    np.add.at(sums, index, mesh.vertices)
+    triangles = index[mesh.triangles]
+    a, b, c = triangles.T
+    triangles = triangles[(a != b) & (b != c) & (c != a)]
+    kept = np.unique(np.sort(triangles, axis=1), axis=0, return_index=True)[1]
+    colors = mesh.colors
+    if colors is not None:
+        first = np.zeros(len(places), dtype=int)
+        first[index[::-1]] = np.arange(len(index))[::-1]
+        colors = colors[first]
+    return Mesh(sums / counts, triangles[kept], colors)
 
 
 def _grid(rings: FloatArray) -> FloatArray:
