@@ -213,11 +213,29 @@ def test_a_full_circle_takes_the_closed_form(gantry):
     turned = np.unwrap(np.arctan2(motion.q[:, 0], motion.q[:, 1]))
     assert turned[-1] - turned[0] == pytest.approx(2 * np.pi, abs=1e-3)
     assert [mark.name for mark in motion.marks] == ["top", "top, 1/2 of the circle", "end"]
-    # again and again, without a rest: two turns in one period
-    stops, segments = [at(0, radius, velocity="any")], [replace(circle, turns=1)]
-    options |= {"mesh": 6, "solver": "ipopt"}  # fatrop loops for ever at this start
-    motion = mo.time_optimal(robot, stops, segments=segments, cycle=True, **options)
-    assert motion.duration == pytest.approx(4 * np.pi * np.sqrt(radius / acceleration), rel=2e-3)
+    # again and again, without a rest
+    stops, options = [at(0, radius, velocity="any")], options | {"mesh": 6}
+    motion = mo.time_optimal(robot, stops, segments=[circle], cycle=True, **options)
+    assert motion.duration == pytest.approx(2 * np.pi * np.sqrt(radius / acceleration), rel=2e-3)
+    twice = task_of(robot, stops, segments=[replace(circle, turns=1)], cycle=True)
+    turned = [told[0].length / radius for told in twice.curves if told is not None]
+    assert turned == pytest.approx([4 * np.pi / 3] * 3)
+
+
+def test_a_straight_corner_is_passed_and_a_bent_one_is_cut(two_links):
+    lines = [mo.Line(tolerance=2e-3)] * 2
+    task = lambda y: task_of(  # noqa: E731
+        two_links,
+        [
+            Stop(position=[1.2, -0.5, 0.0]),
+            Stop(position=[1.2 + y, 0.0, 0.0], blend=0.2, name="corner"),
+            Stop(position=[1.2, 0.5, 0.0]),
+        ],
+        segments=lines,
+    )
+    assert [type(kind) for kind in task(0.0).segments] == [mo.Line] * 2
+    assert task(0.0).stops[1].velocity == "any"
+    assert [type(kind).__name__ for kind in task(0.05).segments] == ["Line", "Corner", "Line"]
 
 
 @pytest.mark.parametrize(
@@ -270,7 +288,17 @@ def test_a_full_circle_takes_the_closed_form(gantry):
         (
             [Stop(position=[1.2, -0.5, 0.0], tolerance=5.0, name="a"), [0.0, 0.0]],
             {},
+            "tolerance of stop 'a' is 5 m, more than a tenth of what the arm reaches",
+        ),
+        (
+            [Stop(position=[1.2, -0.5, 0.0], tolerance=[5.0, 0.1, 0.1], name="a"), [0.0, 0.0]],
+            {},
             "tolerance of stop 'a' is 5 m, more than the arm reaches",
+        ),
+        (
+            [Stop(position=[1.2, -0.5, 0.0], payload=1e6, name="a"), [0.0, 0.0]],
+            {},
+            "payload of stop 'a' is 1e+06 kg, more than 1000 times what the arm weighs",
         ),
         (
             [Stop(q=[1.0, 0.5], tolerance=[7.0, 0.1], name="a"), [0.0, 0.0]],
@@ -299,6 +327,7 @@ def test_what_cannot_be_is_said_in_words_of_the_task(two_links, stops, options, 
         ({"position": [0, 0, 0], "orientation": np.ones((3, 3))}, "rotation matrix"),
         ({"q": [0.0], "tolerance": -1.0}, "at least 0"),
         ({"q": [0.0], "payload": -1.0}, "mass of the payload"),
+        ({"q": [0.0], "dwell": 1e9}, "at most 86400 s"),
     ],
 )
 def test_a_stop_that_says_nothing_sensible_is_refused(keys, said):

@@ -90,3 +90,24 @@ def test_a_film_tells_which_frame_it_draws(robot, motion, tmp_path):
     steps = []
     write_animation(of_motion(robot, motion), tmp_path / "a.gif", 5.0, progress=steps.append)
     assert [step.done for step in steps] == list(range(steps[-1].total))
+
+
+def test_large_meshes_are_drawn_more_coarsely(tmp_path) -> None:
+    trimesh = pytest.importorskip("trimesh")
+    trimesh.creation.icosphere(subdivisions=5, radius=0.2).export(tmp_path / "ball.stl")
+    link = '<visual><geometry><mesh filename="ball.stl"/></geometry></visual>'
+    (tmp_path / "ball.urdf").write_text(
+        f'<robot name="ball"><link name="base"/><link name="ball">{link}</link>'
+        '<joint name="turn" type="revolute"><parent link="base"/><child link="ball"/>'
+        '<origin xyz="0.5 0 0"/><axis xyz="0 1 0"/>'
+        '<limit lower="-1" upper="1" velocity="1" effort="1"/></joint></robot>'
+    )
+    robot = mo.load_robot(tmp_path / "ball.urdf")
+    shape = mo.cubic([[0.0], [0.5]], [0.0, 1.0])
+    film = Film(of_motion(robot, mo.Motion.from_polynomial(robot, shape, label="cubic")))
+    film.frame(0.5)
+    drawn = film.bodies[-1].get_paths()
+    assert 1_000 < len(drawn) < 12_000  # half of what is there looks away
+    corners = np.concatenate([path.vertices for path in drawn])
+    middle, _ = film.camera.project(np.array([0.5, 0.0, 0.0]))
+    assert np.abs(corners.mean(axis=0) - middle).max() < 0.05 * np.ptp(corners)

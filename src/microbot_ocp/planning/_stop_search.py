@@ -6,6 +6,7 @@ search starts from the ways through every branch of the inverse kinematics.
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import time
 from collections.abc import Iterator, Sequence
@@ -19,12 +20,13 @@ from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import JointLimits, LimitFamily, Limits, MotionSamples
-from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial, State, torque_along
+from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial, State, pieces_of, torque_along
 from microbot_ocp.ocp import Solution
 from microbot_ocp.ocp.solution import StepProgress
 from microbot_ocp.ocp.transcription import Guess, Transcription
 from microbot_ocp.planning._branches import Way, few_poses, least_time, ways_through
 from microbot_ocp.planning._conditions import Conditions
+from microbot_ocp.planning._fast_timing import time_path
 from microbot_ocp.planning._free_problem import excess_along, polynomial, transcription
 from microbot_ocp.planning._free_search import (
     CALMER_BARRIER,
@@ -57,6 +59,7 @@ BOWS = 2  # further guesses from the best way
 # where the arm has joints or tolerances to spare: its poses might move. Without, it is never better
 SPARE = 1.25
 SLOWED, MOST_SLOWED = 1.3, 20  # of a first guess, until it keeps its limits
+TIMED = 100  # intervals of the timing of a first guess
 
 
 def fastest_through(
@@ -151,7 +154,7 @@ class StopSearch(FreeSearch):
                 self.left_out[way.name] = way, least
                 continue
             most = max((PATIENCE * s.attempts[-1].iterations for s in solved), default=0)
-            most = max(LEAST_ITERATIONS, most) if solved else MOST_EXPLORING
+            most = min(max(LEAST_ITERATIONS, most), MOST_EXPLORING) if solved else MOST_EXPLORING
             explorer = replace(self.refiner, settings=replace(brief, max_iterations=most))
             guesses = {name: self._with_closed(name, g) for name, g in guess.guesses.items()}
             solution = explorer.solve(
@@ -185,18 +188,23 @@ class StopSearch(FreeSearch):
             yield from ((best, replace(g, name=f"{best.name}, {g.name}")) for g in others)
 
     def _rest_to_rest(self, way: Way) -> InitialGuess:
-        """Every segment from rest to rest, as slow as its limits ask for."""
+        """Every segment from rest to rest, with its best timing where its path can be travelled."""
         guesses = {}
         durations = TaskScale.of(self.family, way.via).durations
-        rows = zip(self.names, way.paths, self.task.families, durations, strict=True)
-        for name, path, family, duration in rows:
+        rows = zip(self.names, way.paths, self.task.payloads, durations, strict=True)
+        for name, path, payload, duration in rows:
             shape = spline(path, np.linspace(0.0, float(duration), len(path)))
-            for _ in range(MOST_SLOWED):
-                if _keeps_limits(family, shape):
-                    break
-                shape = shape.stretched(SLOWED)
-            guesses[name] = guess_along(shape)
+            robot = payload.on(self.robot)
+            guesses[name] = guess_along(self._timed(robot, shape) or _slowed(robot, shape))
         return InitialGuess(way.name, guesses)
+
+    def _timed(self, robot: Robot, path: PiecewisePolynomial) -> PiecewisePolynomial | None:
+        with contextlib.suppress(InputError):
+            timing = time_path(robot, path, grid=TIMED, compiled=self.settings.compiled)
+            if timing.solved:
+                motion = timing.motion()
+                return PiecewisePolynomial(motion.t, pieces_of(motion))
+        return None
 
     def _with_closed(self, name: str, guess: Guess) -> Guess:
         """A guess of the first phase with the values at its start that the last one returns to."""
@@ -389,15 +397,19 @@ def guess_along(shape: PiecewisePolynomial) -> Guess:
     return Guess(shape.duration, {key: partial(_along, curve) for key, curve in curves.items()})
 
 
-def _keeps_limits(family: LimitFamily, shape: PiecewisePolynomial) -> bool:
-    """Whether a shape keeps the limits of its velocities, accelerations and torques."""
-    t = np.linspace(0.0, shape.duration, 50)
-    curves = [shape]
-    for _ in range(3):
-        curves.append(curves[-1].derivative())
+def _slowed(robot: Robot, shape: PiecewisePolynomial) -> PiecewisePolynomial:
+    """A shape slowed down until it keeps the limits of velocities, accelerations and torques."""
+    family = LimitFamily.of(robot)
     keys = [key for key in family.of_order(1, 2, 3) if key != "taud"]
-    use = family.use(MotionSamples(*(curve(t) for curve in curves)), keys)
-    return all(float(share.max()) <= 1.0 for share in use.values())
+    for _ in range(MOST_SLOWED):
+        t, curves = np.linspace(0.0, shape.duration, 50), [shape]
+        for _ in range(3):
+            curves.append(curves[-1].derivative())
+        use = family.use(MotionSamples(*(curve(t) for curve in curves)), keys)
+        if all(float(share.max()) <= 1.0 for share in use.values()):
+            break
+        shape = shape.stretched(SLOWED)
+    return shape
 
 
 def motion_of(

@@ -536,9 +536,13 @@ def _passed(point: FloatArray, orientation: FloatArray | None, free: int | None)
 
 
 def _within(place: Stop, kind: Line | Circle, name: str) -> Stop:
-    """A place on a tool line or circle with its tolerances."""
+    """A place on a tool line or circle with the tolerance of its orientation.
+
+    The position is exact: within the tube it would be anywhere along the way at no cost, and
+    solvers take ten times the iterations.
+    """
     turn = kind.orientation_tolerance if place.orientation is not None else 0.0
-    return replace(place, name=name, tolerance=kind.tolerance, orientation_tolerance=turn)
+    return replace(place, name=name, orientation_tolerance=turn)
 
 
 def _on_the_way(robot: Robot, corner: Stop, other: Stop) -> Stop:
