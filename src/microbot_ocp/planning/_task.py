@@ -242,7 +242,8 @@ def check_pace(family: LimitFamily, places: FloatArray, at_rest: bool = True) ->
     A limit of the torque rate makes them where torques hold the arm ``at_rest`` in the first and
     the last place.
     """
-    robot, ways = family.robot, dict.fromkeys(STATE[1:], np.ptp(places, axis=0))
+    robot = family.robot
+    ways = {key: np.ptp(places, axis=0) for key in STATE[1:]}
     if at_rest and np.isfinite(robot.limits.bounds("taud")).any():
         held = family.values(_at_rest(places[[0, -1]]), ("tau",))["tau"].value
         ways["taud"] = np.ptp(np.asarray(held), axis=0)

@@ -21,6 +21,7 @@ from microbot_ocp._base.toml_file import (
 from microbot_ocp.robot import Robot
 from microbot_ocp.robot.files import load_robot, packaged_robots
 from microbot_ocp.sweeps._cases import Between, Cases, OneOf
+from microbot_ocp.sweeps._quantities import check_name
 from microbot_ocp.sweeps._study import SETTINGS, Study
 
 SCHEMA = 1
@@ -120,6 +121,7 @@ def _quantities(data: Mapping[str, Any]) -> dict[str, Any]:
 
 def _quantity(name: str, given: Any) -> Any:
     """A constant, a range ``{from, to, steps}`` or values ``{one_of}``."""
+    check_name(name)
     if not isinstance(given, dict):
         return given
     if set(given) == {"one_of"}:
