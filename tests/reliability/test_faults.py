@@ -30,7 +30,7 @@ from microbot_ocp._base import codegen
 from microbot_ocp._base.codegen import compile_function
 from microbot_ocp.cli import main
 from microbot_ocp.comparison import Cell
-from microbot_ocp.sweeps import load_sweep, read_study, repeat_case
+from microbot_ocp.sweeps import load_sweep, parse_study, repeat_case
 from microbot_ocp.sweeps._sweep import opened
 
 KILLS = int(os.environ.get("MICROBOT_OCP_KILLS", "3"))
@@ -127,14 +127,13 @@ def write(name, path, version):
 
 
 @cache
-def cases(folder):
-    (folder / "study.toml").write_text(STUDY)
-    study = read_study(folder / "study.toml")
+def cases():
+    study = parse_study(STUDY, "study.toml", Path())
     return study, [repeat_case(study, case) for case in range(study.source.count)]
 
 
 def sweep(path):
-    study, done = cases(path.parent)
+    study, done = cases()
     target = opened(study, path)
     for number in range(0, len(done), study.chunk):
         target._write(number // study.chunk, done[number : number + study.chunk])
