@@ -83,12 +83,16 @@ def test_a_prepared_solver_keeps_its_limit_and_goes_on():
 
 
 def test_a_simulation_that_is_stopped_has_what_it_reached():
-    stopped = mo.simulate(ROBOT, q0=[0, 0.5, 0.5], t=np.linspace(0, 2000, 200_000), time_limit=0.8)
+    t = np.linspace(0, 2000, 200_000)
+    for limit in (0.8, 3.0, 12.0):  # a loaded machine reaches nothing in the first
+        stopped = mo.simulate(ROBOT, q0=[0, 0.5, 0.5], t=t, time_limit=limit)
+        known = np.isfinite(stopped.q).all(axis=1)
+        reached = int(known.sum())
+        if reached > 200:
+            break
     assert stopped.status is LATE
     assert stopped.advice == "stopped at the time limit"
-    known = np.isfinite(stopped.q).all(axis=1)
-    reached = int(known.sum())
-    assert 0 < reached < known.size
+    assert 200 < reached < known.size
     assert known[:reached].all()
     whole = mo.simulate(ROBOT, q0=[0, 0.5, 0.5], t=stopped.t[:200])
     assert np.allclose(whole.q, stopped.q[:200], atol=1e-6)
