@@ -13,6 +13,7 @@ from benchmarks.suite import (
     second,
     singular,
     textbook,
+    third,
 )
 from benchmarks.suite.problem import SuiteProblem
 
@@ -27,5 +28,6 @@ PROBLEMS: tuple[SuiteProblem, ...] = (
     *algebraic.PROBLEMS,
     *blind.PROBLEMS,
     *second.PROBLEMS,
+    *third.PROBLEMS,
 )
 BY_NAME = {problem.name: problem for problem in PROBLEMS}

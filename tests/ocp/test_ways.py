@@ -12,7 +12,7 @@ from microbot_ocp._base.child_process import Died, OutOfTime, in_child
 from microbot_ocp.ocp import Refined, solve_refined, verify
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.solution import Rollouts, completed, default_guess, scaled
-from microbot_ocp.ocp.solvers import SolverSettings, _other_starts, solve
+from microbot_ocp.ocp.solvers import SolverSettings, _other_starts, _run, solutions, solve
 from microbot_ocp.ocp.solvers._smoothing import smoothed
 from microbot_ocp.ocp.transcription import Guess, Transcription
 from microbot_ocp.ocp.transcription.schemes import within_bounds
@@ -331,3 +331,38 @@ def test_scales_of_states_behind_fast_ones_are_those_of_a_simulation():
     phase.end_cost(c**2)
     own = scaled(problem).phases[0].states
     assert [float(state.scale[0]) for state in own] == [1.0, 1.0, 1.0]
+
+
+def newton() -> OptimalControlProblem:
+    """Newton's body of least resistance: its slopes have two valleys, and a solve ends in any."""
+    problem = OptimalControlProblem("Newton")
+    phase = problem.phase("only", 1.0)
+    height = phase.state("height", initial=1.0, final=0.0, lower=0.0, upper=1.0)
+    slope = phase.control("slope", lower=-100.0, upper=0.0)
+    phase.derivative(height, slope)
+    phase.running_cost(8 * phase.time / (1 + slope**2))
+    return problem
+
+
+def test_where_optima_are_near_the_best_of_several_is_kept_and_it_is_said():
+    solution = next(solutions(newton(), 20, None, SolverSettings(), "radau", np.inf, None))[0]
+    assert solution.cost == pytest.approx(1.49926395, rel=1e-3)  # 1.50668 from the guess
+    assert len(solution.rivals) > 1
+    assert solution.rivals[0] == 0.0
+    assert "One of several local optima" in solution.advice
+
+
+def test_a_solver_that_is_ended_leaves_its_last_iterate(monkeypatch):
+    inner = _run._called
+
+    def and_goes_on(solver, arguments):
+        inner(solver, arguments)
+        time.sleep(60.0)
+
+    monkeypatch.setattr(_run, "_called", and_goes_on)
+    monkeypatch.setattr(_run, "LARGE", 0)  # every solve in a process of its own
+    whole = solve(double_integrator(), 10, settings=SolverSettings("ipopt"), time_limit=1.0)
+    assert whole.status is Status.TIME_LIMIT
+    assert whole.attempts[0].iterations > 3
+    assert whole.cost == pytest.approx(2.0, rel=1e-4)
+    assert whole.attempts[0].infeasibility < 1e-6

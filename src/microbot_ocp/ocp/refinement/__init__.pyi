@@ -2,6 +2,7 @@
 
 from ._adaptive import (
     Refined as Refined,
+    resampled as resampled,
     solve_refined as solve_refined,
 )
 from ._arcs import (

@@ -61,6 +61,9 @@ HALF = 0.5  # of the former error of the cost: what a mesh should gain that is d
 # A finer mesh meets constraints and dynamics that the coarser one cut short, and may honestly cost
 # more by this share.
 DEARER = 0.05
+FINER = (
+    2.5  # times the first mesh, where nothing comes of it: a coarse mesh may show another optimum
+)
 SHARE = 0.6  # of the time that is left, which the refinement of one solution may take
 AIM = 1e-6  # accuracy of the states by default
 EASED = 1e-4  # of states and cost, where no more is reached
@@ -100,7 +103,7 @@ def solve_refined(
         from mesh to mesh and limits are exceeded by no more than 1e-3 (less on intervals that are
         shorter than a fiftieth of the phase). ``advice`` tells what was aimed at and is missed.
     mesh : int, Mesh, or one int, Mesh or array of fractions [N+1] a phase
-        The first mesh.
+        The first mesh. Where nothing comes of it a second try begins with 2.5 times as many.
     scheme : str or Scheme
     guess : mapping from phase name to Guess, Solution or "rollout", optional
         As of :func:`~microbot_ocp.ocp.solve`; where the first mesh is not solved it is tried in
@@ -173,8 +176,34 @@ def solve_refined(
     if hp is not None:
         own = transcribed(problem, settings, scheme=scheme, guess=guess)
         mesh = _with_degrees(own, mesh, hp)
-    watched = None if progress is quiet else progress
     goal = _Goal(accuracy, cost_accuracy, switch_accuracy, limit_tolerance, hp, eased)
+    best: Refined | None = None
+    limits = rounds, most_intervals, arcs
+    whole = isinstance(mesh, int) and not isinstance(problem, Transcription)
+    for begin in (mesh, round(FINER * mesh)) if whole else (mesh,):
+        found = _from_mesh(problem, begin, guess, settings, scheme, goal, limits, until, progress)
+        if best is None or found.status.solved or _worst(found) < _worst(best):
+            best = found
+        if found.status in (Status.SOLVED, Status.INTERRUPTED) or time.perf_counter() >= until:
+            break
+    assert best is not None
+    return best
+
+
+def _from_mesh(
+    problem: OptimalControlProblem | Transcription,
+    mesh: Meshes,
+    guess: Mapping[str, Guess] | Solution | str | None,
+    settings: SolverSettings,
+    scheme: str | Scheme,
+    goal: _Goal,
+    limits: tuple[int, int, bool],
+    until: float,
+    progress: StepProgress,
+) -> Refined:
+    """The best of what is refined from a first mesh."""
+    rounds, most_intervals, arcs = limits
+    watched = None if progress is quiet else progress
     best: Refined | None = None
     for first, transcription in solutions(problem, mesh, guess, settings, scheme, until, watched):
         now = time.perf_counter()
@@ -183,7 +212,7 @@ def solve_refined(
             transcription,
             guess_from=resampled,
             excess=state_errors,
-            limit_tolerance=accuracy,
+            limit_tolerance=goal.accuracy,
             solver=settings.solver,
             tolerance=settings.tolerance,
             progress=progress,
@@ -192,8 +221,8 @@ def solve_refined(
             until=own_until,
             last=first,
         )
-        limits = _Limits(rounds, most_intervals, own_until, arcs)
-        refined = _Refinement(refiner, goal, limits).run(first)
+        own_limits = _Limits(rounds, most_intervals, own_until, arcs)
+        refined = _Refinement(refiner, goal, own_limits).run(first)
         if best is None or refined.status.solved or _worst(refined) < _worst(best):
             best = refined
         ended = refined.status in (Status.SOLVED, Status.INTERRUPTED)
@@ -343,7 +372,8 @@ class _Refinement:
         missed = self.goal.missed(self._last_accepted()) if self.history else ()
         if more > SETTLED * EASED:
             missed = (*missed, f"controls that are known to save {more:.1e} of the cost")
-        return Refined(self.best, History(self.history), status, use if over else None, missed)
+        best = replace(self.best, rivals=first.rivals) if first.rivals else self.best
+        return Refined(best, History(self.history), status, use if over else None, missed)
 
     def _will_do(self) -> bool:
         """Whether what was reached is good enough where less than was aimed at is."""

@@ -162,7 +162,8 @@ class Refined:
                 f"{use.excess:.2g} {use.unit} beyond its limit of {use.limit:.6g} at "
                 f"{use.time:.4g} s."
             )
-        return " ".join([*said, *self._rises()])
+        several = self.solution.several
+        return " ".join([*said, *([several] if several else ()), *self._rises()])
 
     def _rises(self) -> Iterator[str]:
         """Why a finer mesh costs more than a coarser one; nothing where none does."""

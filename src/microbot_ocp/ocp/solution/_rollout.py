@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import cached_property, partial
 
 import casadi as ca
@@ -19,6 +19,7 @@ POINTS = 2 * MIDDLE + 1  # of every phase
 GRID = np.linspace(0.0, 1.0, POINTS)
 Range = tuple[FloatArray, FloatArray]
 Ranges = Mapping[str, Mapping[str, Range]]
+Share = float | FloatArray | np.random.Generator  # of the range of a control
 
 TOLERANCE, SMALL = 1e-6, 1e-10  # relative, absolute
 EXPLODES = 1e4  # times the size of the usual guess: what grows so is no start, nor gives scales
@@ -102,8 +103,16 @@ class Rollouts:
         near = [(guess, miss) for guess, miss in tried if np.isfinite(miss)]
         return [guess for guess, _ in sorted(near, key=lambda found: found[1])]
 
+    def random(self, count: int) -> Iterator[dict[str, Guess]]:
+        """Guesses with controls at random in both halves, low ones more often; always the same."""
+        draw = np.random.default_rng(0)
+        for _ in range(count):
+            guess, miss = self._simulated({}, (draw, draw))
+            if np.isfinite(miss):
+                yield guess
+
     def _simulated(
-        self, durations: Mapping[str, float], shares: tuple[float, float]
+        self, durations: Mapping[str, float], shares: tuple[Share, Share]
     ) -> tuple[dict[str, Guess], float]:
         """Guesses, and how far they are from bounds and conditions, relative to their sizes."""
         guesses, miss = {}, 0.0
@@ -125,7 +134,9 @@ class Rollouts:
             table = self.integrators[phase.name].table(start, controls, duration)
             values: dict[str, GuessValue] = dict(own.values)
             for name, (before, after) in controls.items():
-                values[name] = before if shares[0] == shares[1] else partial(_step, before, after)
+                values[name] = (
+                    before if np.array_equal(before, after) else partial(_step, before, after)
+                )
             offset = 0
             for state in phase.states:
                 part = table[:, offset : offset + state.size]
@@ -155,7 +166,9 @@ def _range(control: Variable, known: Mapping[str, Range]) -> Range:
     )
 
 
-def _constant(low: FloatArray, high: FloatArray, share: float) -> FloatArray:
+def _constant(low: FloatArray, high: FloatArray, share: Share) -> FloatArray:
+    if isinstance(share, np.random.Generator):
+        share = share.random(low.size) ** 2
     both = np.isfinite(low) & np.isfinite(high)
     with np.errstate(invalid="ignore"):
         return np.where(both, low + share * (high - low), np.clip(0.0, low, high))

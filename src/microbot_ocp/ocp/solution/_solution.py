@@ -140,6 +140,8 @@ class Solution:
     advice : what the status means; of a solve that did not converge also what would help, by lines
     start : where it started from
     maximize : whether its cost is a gain with the other sign, see ``objective``
+    rivals : where other starts led to local optima of nearly the same cost, how much each of these
+        and this one is above the least on a coarse mesh, relative to the cost, in order
     """
 
     status: Status
@@ -156,6 +158,7 @@ class Solution:
     advice: str = ""
     start: StartingPoint | None = field(default=None, repr=False)
     maximize: bool = False
+    rivals: tuple[float, ...] = ()
 
     def __repr__(self) -> str:
         last = f", {self.attempts[-1].solver}" if self.attempts else ""
@@ -186,6 +189,17 @@ class Solution:
     def objective(self) -> float:
         """The cost, or of a problem that maximises the gain."""
         return -self.cost if self.maximize else self.cost
+
+    @property
+    def several(self) -> str:
+        """What is to be said where it is one of several local optima; nothing where it is not."""
+        if not self.rivals:
+            return ""
+        return (
+            f"One of several local optima: other starts ended in {len(self.rivals) - 1} more, the "
+            f"second best {self.rivals[1]:.1g} of the cost above the best on a coarse mesh; the "
+            "least that was found is kept, and there may be others."
+        )
 
     @property
     def parameters(self) -> dict[str, FloatArray]:

@@ -3,14 +3,16 @@
 A solver ends in the valley that its start lies in. Simulations with controls that are constant, or
 change once, are other starts. They are compared on a coarse mesh, on which a solve takes a few
 hundredths of a second, with what the answer itself becomes there, or with its own cost where it
-becomes nothing there.
+becomes nothing there. Where the first few agree that is all. Where they end in optima of nearly the
+same cost, more are tried, at random, and the best are solved on the mesh of the answer, for a
+coarse one does not tell which is the least.
 """
 
 from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from itertools import islice
 
@@ -31,19 +33,36 @@ from microbot_ocp.ocp.solution import (
 from microbot_ocp.ocp.solvers._chain import run_chain, solve_on, with_cost_scale
 from microbot_ocp.ocp.solvers._run import Made
 from microbot_ocp.ocp.solvers._settings import SolverSettings
-from microbot_ocp.ocp.transcription import Collocation, Guess, Transcription, assemble
+from microbot_ocp.ocp.transcription import (
+    Collocation,
+    Guess,
+    GuessValue,
+    Transcription,
+    assemble,
+)
 from microbot_ocp.ocp.verification import phase_layout
 
 COARSE = 10  # intervals a phase
+MESHES = (
+    5,
+    15,
+)  # the same of others that the guess is solved on: in which valley it ends may differ
 WORTH = 1e-4  # of the cost: less is not looked for
+NEAR = (
+    1e-2  # of the cost: optima that differ by less on a coarse mesh may change places on a fine one
+)
+FINALISTS = 3  # of these that are solved on the mesh of the answer
+RANDOM = 12  # starts more where there are such optima
 ITERATIONS = 150  # of one solve
 ENOUGH = 500  # iterations of all solves that an answer is compared with
+ENOUGH_NEAR = 2000  # the same where there are optima of nearly the same cost
 AGREE = 4  # the first starts: where they all lead to the same cost no more are tried
 SAME = 1e-3  # of the cost
 DURATIONS = (0.6, 2.0, 0.3, 4.0)  # times the usual ones, where they are free
 LEAST = 1.0  # s, that a kept solver is given
 EACH = 3  # simulations of these
 WAY = "from another start"
+Given = Mapping[str, Guess] | Solution | str | None
 
 
 def cheaper_elsewhere(
@@ -53,25 +72,65 @@ def cheaper_elsewhere(
     most: int,
     until: float,
     progress: Progress | None,
+    guess: Given = None,
 ) -> tuple[Solution, list[Attempt]]:
-    """The solution, or a cheaper one on its mesh that one of ``most`` other starts leads to.
+    """The solution, or the cheapest on its mesh that one of ``most`` other starts leads to.
 
-    With what was tried, where something was found.
+    With what was tried, where something was found; its ``rivals`` are the other optima. ``guess``
+    is what the solution was found from.
     """
     coarse = _Coarse(transcription, settings, until, progress)
     known = coarse.solved(solution)
     here = known if known.status.solved else solution
-    worth = WORTH * cost_size(solution.cost, solution.cost_scale)
-    found = _until_they_agree(coarse, most, here)
-    least, attempts = _cheapest(found)
-    if least is None or not least.cost < here.cost - worth:
-        return solution, []
-    meshes = [phase.mesh for phase in solution.phases]
+    size = cost_size(solution.cost, solution.cost_scale)
+    found = [k for k in _until_they_agree(coarse, most, here, guess) if k.status.solved]
+    others = _distinct(found, here, WORTH * size)
+    near = [k for k in others if abs(k.cost - here.cost) <= NEAR * size]
+    finalists = [k for k in others if k.cost < here.cost - WORTH * size][:1]
+    finalists += [k for k in near if k not in finalists]
+    best, attempts = solution, []
     own = replace(settings, solver="ipopt")
-    finer = solve_on(transcription, meshes, least, own, until, progress)
-    if finer.status.solved and finer.cost < solution.cost - worth:
-        return finer, [*attempts, *(replace(a, way=WAY) for a in finer.attempts)]
-    return solution, []
+    meshes = [phase.mesh for phase in solution.phases]
+    for start in finalists[:FINALISTS]:
+        if time.perf_counter() >= until:
+            break
+        finer = solve_on(transcription, meshes, start, own, until, progress)
+        if finer.status.solved and finer.cost < best.cost - WORTH * size:
+            best = finer
+            attempts = [replace(a, way=WAY) for k in (start, finer) for a in k.attempts]
+    least = min([here.cost, *(k.cost for k in others)])
+    rivals = (
+        tuple((k.cost - least) / size for k in (here, *others)) if near and here is known else ()
+    )
+    return replace(best, rivals=tuple(sorted(rivals))), attempts
+
+
+def _distinct(found: list[Solution], here: Solution, worth: float) -> list[Solution]:
+    """Solutions of other costs than ``here`` and each other, the cheapest first."""
+    kept = [here]
+    for one in sorted(found, key=lambda k: k.cost):
+        if all(abs(one.cost - k.cost) > worth for k in kept):
+            kept.append(one)
+    return kept[1:]
+
+
+def on_any_mesh(guess: Given) -> Given:
+    """A guess whose tables over the points of a mesh are functions, as if these were even."""
+    if not isinstance(guess, Mapping):
+        return guess
+    return {
+        name: replace(own, values={k: _as_function(v) for k, v in own.values.items()})
+        for name, own in guess.items()
+    }
+
+
+def _as_function(value: GuessValue) -> GuessValue:
+    if callable(value) or np.ndim(value) < 2:
+        return value
+    table = np.asarray(value, dtype=float)
+    table = table.reshape(-1, table.shape[-1])
+    places = np.linspace(0.0, 1.0, table.shape[0])
+    return lambda s: np.column_stack([np.interp(s, places, column) for column in table.T])
 
 
 def cheapest_of_starts(
@@ -85,7 +144,17 @@ def cheapest_of_starts(
     return _cheapest(_answers(_Coarse(transcription, settings, until, progress), most))
 
 
-def _answers(coarse: _Coarse, most: int, here: Solution | None = None) -> Iterator[Solution]:
+def _answers(
+    coarse: _Coarse, most: int, here: Solution | None = None, guess: Given = None
+) -> Iterator[Solution]:
+    if here is not None and most > EACH:
+        own, guess = coarse.settings, on_any_mesh(guess)
+        for intervals in MESHES:
+            with contextlib.suppress(NotFinite):
+                made = solve_on(
+                    coarse.transcription, intervals, guess, own, coarse.until, coarse.progress
+                )
+                yield coarse.solved(made) if made.status.solved else made
     starts = _starts(coarse.transcription.problem, most, _ranges(here))
     for start in islice(starts, most):
         if time.perf_counter() >= coarse.until:
@@ -94,16 +163,37 @@ def _answers(coarse: _Coarse, most: int, here: Solution | None = None) -> Iterat
             yield coarse.solved(start)
 
 
-def _until_they_agree(coarse: _Coarse, most: int, here: Solution) -> Iterator[Solution]:
+def _until_they_agree(
+    coarse: _Coarse, most: int, here: Solution, guess: Given
+) -> Iterator[Solution]:
     """Answers until the first few cost what the given one does, or enough was tried."""
-    spent, agree = 0, True
-    same = SAME * cost_size(here.cost, here.cost_scale)
-    for count, found in enumerate(_answers(coarse, most, here), start=1):
+    spent, agree, several = 0, True, False
+    size = cost_size(here.cost, here.cost_scale)
+    for count, found in enumerate(_answers(coarse, most, here, guess), start=1):
         yield found
         spent += sum(max(a.iterations, 0) for a in found.attempts)
-        agree = agree and found.status.solved and abs(found.cost - here.cost) <= same
-        if (agree and count == AGREE) or spent > ENOUGH:
-            break
+        off = abs(found.cost - here.cost) / size if found.status.solved else np.inf
+        agree = agree and off <= SAME
+        several = several or WORTH < off <= NEAR
+        if (agree and count == AGREE) or spent > (ENOUGH_NEAR if several else ENOUGH):
+            return
+    if not several or most < RANDOM:
+        return
+    simulations = Rollouts(coarse.transcription.problem, *_usual(coarse, here))
+    for start in simulations.random(RANDOM):
+        if spent > ENOUGH_NEAR or time.perf_counter() >= coarse.until:
+            return
+        with contextlib.suppress(NotFinite):
+            found = coarse.solved(start)
+            spent += sum(max(a.iterations, 0) for a in found.attempts)
+            yield found
+
+
+def _usual(coarse: _Coarse, here: Solution) -> tuple[dict[str, Guess], Ranges]:
+    """The usual guess with the durations of an answer, and what its controls range over."""
+    usual = default_guess(coarse.transcription.problem)
+    durations = {phase.name: phase.duration for phase in here.phases}
+    return {k: replace(g, duration=durations[k]) for k, g in usual.items()}, _ranges(here)
 
 
 def _cheapest(answers: Iterable[Solution]) -> tuple[Solution | None, list[Attempt]]:

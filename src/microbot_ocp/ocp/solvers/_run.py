@@ -13,7 +13,7 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.child_process import Died, OutOfTime, Send, can_fork, in_child
 from microbot_ocp._base.status import Status
-from microbot_ocp.ocp.solution import Attempt, Progress, StartingPoint, Watch, watching
+from microbot_ocp.ocp.solution import Attempt, Progress, StartingPoint, Watch, quiet, watching
 from microbot_ocp.ocp.solvers._acceptance import accepted
 from microbot_ocp.ocp.solvers._plugins import create
 from microbot_ocp.ocp.solvers._settings import SolverSettings
@@ -21,6 +21,7 @@ from microbot_ocp.ocp.solvers._status import checked, first_cause, stats_of, sta
 from microbot_ocp.ocp.transcription import Program
 
 LARGE = 2000  # variables: IPOPT on more may spend longer than a limit in one factorisation
+EARLIER, LEAST_EARLIER = 0.02, 0.1  # share of its time, s: how much earlier it stops itself
 MOST = 600.0  # s, of a solver that is not trusted to end, where there is no limit
 
 
@@ -63,12 +64,19 @@ def run(
     ``made`` keeps it for further solves of the program.
     """
     begin = time.perf_counter()
-    watch = Watch(program, name, progress) if progress is not None else None
+    forks = can_fork and not _trusted(
+        name, start.x.size, settings, until, kept=made is not None and progress is None
+    )
+    watch = None if progress is None else Watch(program, name, progress)
+    if forks and made is None and watch is None:
+        watch = Watch(program, name, quiet)  # what it had is known when its process is ended
     key = (name, variant, program.cost_scale)
     solver = None if made is None or watch is not None else made.get(key)
     broken = ""
     if solver is None:
         left = until - begin if made is None else settings.time_limit
+        if forks and made is None:
+            left -= max(EARLIER * left, LEAST_EARLIER)  # it answers before its process is ended
         try:
             solver = create(program, name, settings, variant=variant, watch=watch, seconds=left)
         except RuntimeError as problem:
@@ -92,9 +100,10 @@ def run(
             arguments[key] = np.asarray(value) / program.cost_scale
     answer, interrupted = _Answer(broken=broken), False
     if solver is not None:
-        # one that is kept was made with the limit of the settings in place of that of this call
-        endless = made is not None and watch is None and not np.isfinite(settings.time_limit)
-        answer, interrupted = _answered(solver, name, arguments, watch, until, endless)
+        if forks:
+            answer, interrupted = _answered_by_child(solver, arguments, watch, until)
+        else:
+            answer, interrupted = _answered(solver, name, arguments, watch)
     if answer.broken and settings.options.get(name) and "option" in answer.broken.lower():
         raise InputError(f"options of {name} were refused: {answer.broken}")
     done = time.perf_counter()
@@ -136,20 +145,17 @@ def run(
     return Outcome(attempt, x, rows, variables)
 
 
+def _trusted(name: str, size: int, settings: SolverSettings, until: float, *, kept: bool) -> bool:
+    """Whether a solver ends by itself in time, or has all the time there is."""
+    # one that is kept was made with the limit of the settings in place of that of this call
+    endless = kept and not np.isfinite(settings.time_limit)
+    return name == "ipopt" and ((size <= LARGE and not endless) or not np.isfinite(until))
+
+
 def _answered(
-    solver: ca.Function,
-    name: str,
-    arguments: Mapping[str, Any],
-    watch: Watch | None,
-    until: float,
-    endless: bool,
+    solver: ca.Function, name: str, arguments: Mapping[str, Any], watch: Watch | None
 ) -> tuple[_Answer, bool]:
     """What a solver answers, and whether Ctrl-C was pressed."""
-    size = np.size(arguments["x0"])
-    stops = name == "ipopt" and (size <= LARGE and not endless)
-    trusted = name == "ipopt" and (stops or not np.isfinite(until))
-    if can_fork and not trusted:
-        return _answered_by_child(solver, arguments, watch, until)
     with watching(name) as interrupted:
         if watch is not None:
             watch.asked = interrupted
@@ -186,6 +192,9 @@ def _answered_by_child(
 
     def receive(what: tuple[FloatArray, float]) -> bool:
         assert watch is not None
+        if watch.progress is quiet:
+            watch.x, watch.count = what[0], watch.count + 1
+            return True
         return watch.report(what[0], watch.program.row_values(what[0]), what[1])
 
     until = min(until, time.perf_counter() + MOST)

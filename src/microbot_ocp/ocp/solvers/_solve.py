@@ -18,7 +18,7 @@ from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp import refinement, verification
 from microbot_ocp.ocp.diagnosis import NotFinite
-from microbot_ocp.ocp.problem import OptimalControlProblem
+from microbot_ocp.ocp.problem import OptimalControlProblem, with_shapes
 from microbot_ocp.ocp.solution import (
     Attempt,
     Progress,
@@ -30,7 +30,11 @@ from microbot_ocp.ocp.solution import (
 )
 from microbot_ocp.ocp.solvers._chain import solve_on, transcribed
 from microbot_ocp.ocp.solvers._improvement import improvable, improved
-from microbot_ocp.ocp.solvers._other_starts import cheaper_elsewhere, cheapest_of_starts
+from microbot_ocp.ocp.solvers._other_starts import (
+    cheaper_elsewhere,
+    cheapest_of_starts,
+    on_any_mesh,
+)
 from microbot_ocp.ocp.solvers._settings import SolverSettings
 from microbot_ocp.ocp.solvers._smoothing import smoothed
 from microbot_ocp.ocp.transcription import Guess, Meshes, Transcription
@@ -40,7 +44,9 @@ Given = Mapping[str, Guess] | Solution | str | None
 
 INTERVALS = 50  # of a problem of one or two phases
 FEWEST = 10  # of every phase of a problem of many
+COARSER = 0.4  # of these intervals, from which a solve may converge sooner
 COARSE = 8  # intervals a phase of a first look
+FIRST = 400  # iterations of the first try: what takes more converges sooner in another way
 SHARE = 0.35  # of the time that is left, which one way may take
 SHARE_FINER = 0.5  # the same of a finer mesh
 SIMULATED = 4  # simulations that a problem is solved from
@@ -49,6 +55,7 @@ LONGER = (3.0, 0.3, 10.0)  # other durations, where they are free
 CONVERGED = (Status.SOLVED, Status.GAP_LEFT)
 ENDED = (*CONVERGED, Status.INTERRUPTED)
 
+STEADY = "with controls that are constant over every interval"
 CHATTERS = "the optimum may be approached by controls that jump to and fro ever faster."
 ACCURACY = 1e-4  # relative: local errors of the state, change of the cost from mesh to mesh
 ROUGH = 1e-2  # local error of the state above which an answer is none
@@ -119,6 +126,9 @@ def solve(
     for solution, transcription in found:
         if mesh is None:
             solution = _on_finer_meshes(solution, transcription, settings, until, progress)
+            if solution.status is Status.NO_PROGRESS and _swings(problem, solution):
+                how = settings, scheme, until, progress
+                solution = _with_steady_controls(problem, solution, *how)
         else:
             solution = _checked(solution)
         attempts += solution.attempts
@@ -147,7 +157,7 @@ class _Way:
     said: str
     guess: Given | tuple[dict[str, Guess], ...]  # of several the one that ends at the least cost
     scaling: str
-    coarse: bool = False
+    coarse: int = 0  # intervals a phase of a first solve
     smooth: bool = False  # from solves in which large controls cost
     many: bool = False  # from the cheapest of many starts on a coarse mesh
 
@@ -176,6 +186,8 @@ def solutions(
         # what helps fatrop is seen in the first way
         solver = "ipopt" if way.said and settings.solver == "auto" else settings.solver
         own = replace(settings, scaling=way.scaling, solver=solver)
+        if not way.said and not alone:
+            own = replace(own, max_iterations=min(FIRST, own.max_iterations))
         now = time.perf_counter()
         share = until if alone or not np.isfinite(until) else now + SHARE * (until - now)
         best: tuple[Solution, Transcription] | None = None
@@ -194,7 +206,8 @@ def solutions(
                     if given is None:
                         continue
                 if way.coarse:
-                    given = solve_on(transcription, COARSE, given, own, share, progress)
+                    given = on_any_mesh(given)
+                    given = solve_on(transcription, way.coarse, given, own, share, progress)
                     attempts += [replace(a, way=f"{way.said}, coarse") for a in given.attempts]
                     if given.status not in ENDED:
                         continue
@@ -213,8 +226,10 @@ def solutions(
         if best is not None and not alone and best[0].status in CONVERGED:
             better, found = best[0], []
             if not isinstance(guess, Solution):  # what was compared when it was found
-                better, found = cheaper_elsewhere(*best, own, compared, share, progress)
+                better, found = cheaper_elsewhere(*best, own, compared, share, progress, guess)
+            rivals = better.rivals
             better, tried = improved(better, best[1], own, share, progress)
+            better = replace(better, rivals=rivals)
             best, attempts = (better, best[1]), attempts + found + tried
         if best is not None:
             told = True
@@ -241,6 +256,8 @@ def _told(
     advice = solution.advice
     if solution.status.solved and said:
         advice = f"{advice} The first try failed; this was found {said}."
+    if solution.status.solved and solution.rivals:
+        advice = f"{advice} {solution.several}"
     return replace(solution, attempts=tuple(attempts), advice=advice), transcription
 
 
@@ -248,6 +265,8 @@ def _other_ways(
     problem: OptimalControlProblem, guess: Given, settings: SolverSettings
 ) -> Iterator[_Way]:
     auto = settings.scaling
+    coarser = round(COARSER * default_mesh(problem))
+    yield _Way(f"from a mesh of {coarser} intervals", guess, auto, coarse=coarser)
     yield _Way("from the cheapest of several starts on a coarse mesh", guess, auto, many=True)
     simulated: Given = None
     if guess is None:
@@ -257,7 +276,7 @@ def _other_ways(
     if auto != "declared":
         yield _Way("with the declared scales", guess, "declared")
     yield _Way("from solves in which controls cost", guess, auto, smooth=True)
-    yield _Way("from a coarse mesh", guess, auto, coarse=True)
+    yield _Way("from a coarse mesh", guess, auto, coarse=COARSE)
     free = any(low < high for low, high in (p.duration_bounds for p in problem.phases))
     if free and not isinstance(guess, Solution):
         ordinary = completed(problem, guess)
@@ -278,7 +297,9 @@ def _other_ways(
         said = "from a simulation with constant controls, with the declared scales"
         yield _Way(said, simulated, "declared")
     if simulated is not None:
-        yield _Way("from a simulation on a coarse mesh", simulated, auto, coarse=True)
+        yield _Way("from a simulation on a coarse mesh", simulated, auto, coarse=COARSE)
+    if settings.max_iterations > FIRST:
+        yield _Way("with more iterations", guess, auto)
 
 
 # finer meshes -------------------------------------------------------------------------------------
@@ -314,10 +335,12 @@ def _on_finer_meshes(
         size = max(abs(finer.cost), abs(solution.cost), 1e-3 * finer.cost_scale)
         left.enter(abs(finer.cost - solution.cost) / size)
         advice = finer.advice if finer.status is Status.GAP_LEFT else solution.advice
-        solution = replace(finer, advice=advice)
+        solution = replace(finer, advice=advice, rivals=solution.rivals)
     more = improvable(solution)
     if not alone and more > ACCURACY:
+        rivals = solution.rivals
         solution, tried = improved(solution, transcription, settings, until, progress)
+        solution = replace(solution, rivals=rivals)
         attempts, more = attempts + tried, improvable(solution)
     solution = replace(solution, attempts=tuple(attempts))
     settled = left.estimate <= SETTLED * ACCURACY and worst <= ROUGH
@@ -337,6 +360,51 @@ def _on_finer_meshes(
         return replace(solution, advice=f"{solution.advice} {said}")
     said = f"{Status.NO_PROGRESS.sentence} {said}"
     return replace(solution, status=Status.NO_PROGRESS, advice=said)
+
+
+def _swings(problem: OptimalControlProblem | Transcription, solution: Solution) -> bool:
+    """Whether controls have a value at every collocation point that nobody asked for.
+
+    Not where others are known to be better, which is not looked for where controls are constant.
+    """
+    if isinstance(problem, Transcription) or improvable(solution) > SETTLED * ACCURACY:
+        return False
+    asked = {(p.name, c.name) for p in problem.phases for c in p.controls if c.shape != "auto"}
+    return any(
+        control.shape == "polynomial" and (phase.name, control.name) not in asked
+        for phase in solution.phases
+        for control in verification.phase_layout(phase).phase.controls
+    )
+
+
+def _with_steady_controls(
+    problem: OptimalControlProblem | Transcription,
+    before: Solution,
+    settings: SolverSettings,
+    scheme: str | Scheme,
+    until: float,
+    progress: Progress | None,
+) -> Solution:
+    """The solution with controls that are constant over every interval, where its cost settles.
+
+    On a singular arc a control that is free at every collocation point may go to and fro between
+    them, and owe a part of its cost to what the scheme does not see.
+    """
+    assert isinstance(problem, OptimalControlProblem)
+    attempts = before.attempts
+    now = time.perf_counter()
+    until = until if not np.isfinite(until) else now + SHARE_FINER * (until - now)
+    other = with_shapes(problem, "constant")
+    guess = refinement.resampled(before)
+    transcription = transcribed(other, settings, scheme=scheme, guess=guess)
+    own = replace(settings, solver="ipopt") if settings.solver == "auto" else settings
+    first = solve_on(transcription, default_mesh(problem), guess, own, until, progress)
+    made = _on_finer_meshes(first, transcription, settings, until, progress)
+    attempts += tuple(replace(a, way=a.way or STEADY) for a in made.attempts)
+    if not made.status.solved:
+        return replace(before, attempts=attempts)
+    advice = f"{made.advice} With other values at every point the cost does not settle: {STEADY}."
+    return replace(made, attempts=attempts, advice=advice, rivals=before.rivals)
 
 
 def _checked(solution: Solution) -> Solution:
