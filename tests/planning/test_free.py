@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import microbot_ocp as mo
-from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.refinement import _refiner as refinement
 from microbot_ocp.ocp.solution import PhaseSolution, Solution
 from microbot_ocp.ocp.solvers import solve
@@ -290,7 +289,7 @@ def test_gaps_of_a_solver_on_short_intervals_are_no_jerk():
     q = np.vstack([start, np.cumsum(moved, axis=0)])
     q += 1e-8 * np.random.default_rng(0).uniform(-1, 1, q.shape)
     phase = PhaseSolution("phase 1", t[-1], t / t[-1], {"q": q, "qd": qd, "qdd": qdd})
-    solved = Solution(Status.SOLVED, t[-1], (phase,), (), np.zeros(0), 0.0)
+    solved = Solution(mo.Status.SOLVED, t[-1], (phase,), (), np.zeros(0), 0.0)
     motion = polynomial(solved)
     assert np.abs(motion(t) - q).max() < 1e-7
     np.testing.assert_allclose(motion(t[[0, -1]]), q[[0, -1]], rtol=0, atol=1e-14)
