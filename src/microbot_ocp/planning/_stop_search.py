@@ -143,16 +143,10 @@ class StopSearch(FreeSearch):
             time_limit=MOST_STARTING,
             options={"fatrop": {"max_iter": LEAST_ITERATIONS}},  # IPOPT solves what takes it more
         )
-        exact = all(few_poses(self.robot, stop) is not None for stop in self.task.stops)
-        spare = 1.0 if exact else SPARE
         tried: list[dict[str, Any]] = []
         found: list[Solution] = []
         for way, guess in self._all_guesses():
             solved = [s for s in found if s.status.solved]
-            least = least_time(self.task, way)
-            if least > spare * min((s.duration for s in solved), default=np.inf):
-                self.left_out[way.name] = way, least
-                continue
             most = max((PATIENCE * s.attempts[-1].iterations for s in solved), default=0)
             most = min(max(LEAST_ITERATIONS, most), MOST_EXPLORING) if solved else MOST_EXPLORING
             explorer = replace(self.refiner, settings=replace(brief, max_iterations=most))
@@ -175,7 +169,8 @@ class StopSearch(FreeSearch):
 
     def _all_guesses(self) -> Iterator[tuple[Way, InitialGuess]]:
         for way in self.ways if self.settings.starts > 1 else self.ways[:1]:
-            yield way, self._rest_to_rest(way)
+            if not self._leaves_out(way):
+                yield way, self._rest_to_rest(way)
         best = min(
             self.led_to,
             key=lambda told: (not told[2].status.solved, told[2].duration),
@@ -186,6 +181,16 @@ class StopSearch(FreeSearch):
         others = initial_guesses(self.family, best.via, self.names, further, self.settings.seed)
         if self.settings.starts > 1:
             yield from ((best, replace(g, name=f"{best.name}, {g.name}")) for g in others)
+
+    def _leaves_out(self, way: Way) -> bool:
+        """Whether a way needs more time at the highest velocities than another one takes."""
+        durations = [led.duration for _, _, led in self.led_to if led.status.solved]
+        exact = all(few_poses(self.robot, stop) is not None for stop in self.task.stops)
+        least = least_time(self.task, way)
+        if least <= (1.0 if exact else SPARE) * min(durations, default=np.inf):
+            return False
+        self.left_out[way.name] = way, least
+        return True
 
     def _rest_to_rest(self, way: Way) -> InitialGuess:
         """Every segment from rest to rest, with its best timing where its path can be travelled."""
@@ -299,7 +304,10 @@ class StopSearch(FreeSearch):
         found = self.refiner.solve(meshes, guesses, barrier=CALMER_BARRIER)
         found = self.refiner.finished(self.refiner.refine(found))
         self.progress(f"slowed down: {found.duration:.6f} s, {found.status}")
-        return found if self._rank(found)[0] is False else self.search()[1]
+        if self._rank(found)[0] is False:
+            return found
+        self.led_to = []  # with other torques
+        return self.search()[1]
 
     # result ---------------------------------------------------------------------------------
 

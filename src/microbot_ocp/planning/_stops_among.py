@@ -94,6 +94,8 @@ class _GuidedSearch(StopSearch):
 
     def _all_guesses(self) -> Iterator[tuple[Way, InitialGuess]]:
         for number, (way, shapes) in enumerate(self.guided, start=1):
+            if self._leaves_out(way):
+                continue
             usual = self._rest_to_rest(way)
             led = {name: guess_along(shape) for name, shape in shapes.items()}
             name = f"{way.name}, around {number}"
