@@ -222,6 +222,11 @@ def robot():
 
 
 @cache
+def microbot_text():
+    return robot_text("microbot", None)
+
+
+@cache
 def problem():
     return declared()["problem"]
 
@@ -248,12 +253,18 @@ def saved(kind):
     return path.read_bytes()
 
 
+@cache
+def saved_arrays(kind):
+    """What a good archive holds, without the digest."""
+    with np.load(io.BytesIO(saved(kind))) as stored:
+        return {name: stored[name] for name in stored.files if name != "digest"}
+
+
 def archive(kind, draw):
     """A damaged archive: its bytes, or what it holds, without the digest that would tell."""
     if draw.random() < 0.3:
         return damaged(saved(kind), draw)
-    with np.load(io.BytesIO(saved(kind))) as stored:
-        arrays = {name: stored[name] for name in stored.files if name != "digest"}
+    arrays = dict(saved_arrays(kind))
     metadata = json.loads(str(arrays.pop("metadata")))
     if draw.random() < 0.6:
         metadata = edited(metadata, draw)
@@ -299,11 +310,14 @@ def _file(name, content):
     return path
 
 
+_held = cache(tomllib.loads)
+
+
 def toml(text, draw):
     """A damaged TOML file: its text, or what it holds."""
     if draw.random() < 0.3:
         return damaged(text.encode(), draw)
-    found = edited(tomllib.loads(text), draw)
+    found = edited(copy.deepcopy(_held(text)), draw)
     if not isinstance(found, dict):
         return repr(found).encode("utf-8", "replace")
     lines = (f"{json.dumps(str(key))} = {_in_toml(value)}" for key, value in found.items())
@@ -349,7 +363,7 @@ def comparison(draw):
 
 
 def robot_file(draw):
-    mo.load_robot(_file("robot.toml", toml(robot_text("microbot", None), draw)))
+    mo.load_robot(_file("robot.toml", toml(microbot_text(), draw)))
 
 
 def urdf(draw):
