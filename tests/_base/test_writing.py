@@ -8,7 +8,7 @@ import pytest
 
 import microbot_ocp as mo
 from microbot_ocp import NotWritten
-from microbot_ocp._base.writing import temporary_path, whole_file, write_whole
+from microbot_ocp._base.writing import made_folder, temporary_path, whole_file, write_whole
 
 needs_linux = pytest.mark.skipif(sys.platform != "linux", reason="needs Linux's limits and /dev")
 
@@ -64,8 +64,12 @@ def test_a_file_that_cannot_be_written_is_named_with_the_reason(tmp_path, place,
 
 
 def test_a_name_that_is_no_name(tmp_path):
-    with pytest.raises(NotWritten, match="null"):
-        write_whole(f"{tmp_path}/a\0b", "text")
+    for call in (lambda path: write_whole(path, "text"), made_folder):
+        with pytest.raises(NotWritten, match="null"):
+            call(f"{tmp_path}/a\0b")
+    (tmp_path / "file").touch()
+    with pytest.raises(NotWritten, match="not a directory"):
+        made_folder(tmp_path / "file/folder")
 
 
 def test_names_as_long_as_the_disk_allows(tmp_path):

@@ -17,7 +17,6 @@ import os
 import random
 import re
 import resource
-import signal
 import sys
 import tempfile
 import time
@@ -33,7 +32,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import typer
-from border_calls import declared, random_call
+from border_calls import Hang, declared, not_long, random_call
 from pyarrow.parquet import read_table
 from scipy.io import loadmat
 
@@ -46,7 +45,7 @@ from microbot_ocp.robot.files import robot_text
 from microbot_ocp.scene import read_scene
 from microbot_ocp.sweeps import load_sweep, read_study
 
-SLOW = 10.0  # s
+SLOW = 10.0  # s of processor time
 MOST_MEMORY = 1_000_000  # kB that one case may add to the most that was ever taken
 PIECE = 1000  # cases of a line of the record
 MOST_MESSAGE = 300  # characters
@@ -157,10 +156,6 @@ COMMANDS = {  # with what makes each end at once
     "solve": ["none.toml", "--out", "none/out"],
     "sweep": ["none.toml", "--out", "none/out"],
 }
-
-
-class Late(BaseException):
-    """A case that takes too long."""
 
 
 def edited(document, draw):
@@ -537,27 +532,19 @@ TARGETS = {
 def attempt(target, draw):
     """What is wrong with a case: nothing where it ended well."""
 
-    def late(*_):
-        raise Late
-
-    old = signal.signal(signal.SIGALRM, late)
-    signal.setitimer(signal.ITIMER_REAL, SLOW)
     try:
-        with deadline.within(5.0):
+        with not_long(SLOW), deadline.within(5.0):
             TARGETS[target](draw)
     except mo.InputError as problem:
         if len(str(problem)) >= MOST_MESSAGE:
             return f"a message of {len(str(problem))} characters: {problem}"[:400]
         return "refused"
-    except (Late, Exception) as problem:
+    except (Hang, Exception) as problem:
         last = [
             f for f in traceback.extract_tb(problem.__traceback__) if "microbot_ocp" in f.filename
         ]
         where = f"{last[-1].filename}:{last[-1].lineno}" if last else ""
         return f"{type(problem).__name__}: {str(problem)[:300]} {where}"
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, old)
     return ""
 
 

@@ -77,6 +77,13 @@ def check_writable(path: str | Path) -> Path:
         return target
 
 
+def made_folder(path: str | Path) -> Path:
+    """A folder, made with those above it if need be; :class:`NotWritten` where it cannot be."""
+    with _explained(path):
+        Path(path).mkdir(parents=True, exist_ok=True)
+    return Path(path)
+
+
 def write_whole(path: str | Path, content: str | bytes) -> Path:
     """Write text (UTF-8, lines as they are) or bytes by :func:`whole_file`; return the path.
 

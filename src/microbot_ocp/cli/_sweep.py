@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from microbot_ocp._base.checks import InputError, plain
-from microbot_ocp._base.writing import write_whole
+from microbot_ocp._base.writing import made_folder, write_whole
 from microbot_ocp.cli import _interrupt as interrupt
 from microbot_ocp.cli._options import Json, option, output_folder, whole_number
 from microbot_ocp.cli._output import Written, answer, shown_progress
@@ -112,7 +112,7 @@ def _repeat(study: Study, case: int, out: Path | None, as_json: bool) -> int:
     written = Written()
     for name, content in motions.items():
         if out is not None:
-            out.mkdir(parents=True, exist_ok=True)
+            made_folder(out)
             written.add(
                 out / f"{name}.npz", lambda path, content=content: write_whole(path, content)
             )
@@ -129,8 +129,7 @@ def _repeat(study: Study, case: int, out: Path | None, as_json: bool) -> int:
 
 def _summarise(results: Sweep, as_json: bool) -> int:
     written = Written()
-    folder = results.folder / "summary"
-    folder.mkdir(exist_ok=True)
+    folder = made_folder(results.folder / "summary")
     if results.done:
         compared = ("atlas", "quantities") if len(results.methods) > 1 else ()
         for kind in (*compared, "limits", "failures"):

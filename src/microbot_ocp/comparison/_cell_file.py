@@ -17,7 +17,7 @@ from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError, naming, plain
 from microbot_ocp._base.showing import view_for
 from microbot_ocp._base.toml_file import check_keys, check_schema, table_from, table_of
-from microbot_ocp._base.writing import NotWritten, write_whole
+from microbot_ocp._base.writing import made_folder, write_whole
 from microbot_ocp.comparison._certificate import Certificate, certify
 from microbot_ocp.comparison._task_file import (
     KEYS,
@@ -195,11 +195,7 @@ class Cell:
         InputError
             Another output.
         """
-        target = Path(folder)
-        try:
-            target.mkdir(parents=True, exist_ok=True)
-        except (OSError, ValueError) as problem:
-            raise NotWritten(target, getattr(problem, "strerror", None) or str(problem)) from None
+        target = made_folder(folder)
         written = []
         for name in outputs:
             checks.one_of("output", name, CELL_OUTPUTS)

@@ -19,7 +19,7 @@ from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
 from microbot_ocp._base.status import Status
-from microbot_ocp._base.writing import NotWritten, temporary_path
+from microbot_ocp._base.writing import NotWritten, made_folder, temporary_path
 from microbot_ocp.comparison._certificate import Certificate, certificate_of
 from microbot_ocp.comparison._folder import swap_in
 from microbot_ocp.limits import LimitFamily
@@ -392,7 +392,7 @@ class Comparison:
             checks.one_of("outputs", output, OUTPUTS)
         target = Path(folder)
         try:
-            target.mkdir(parents=True, exist_ok=True)
+            made_folder(target)
             with temporary_path(target / "run") as stage:
                 (stage / "motions").mkdir(parents=True)
                 total, done = sum(WORK.get(output, 1) for output in outputs), 0

@@ -14,7 +14,7 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray, InputError, shortened
 from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
 from microbot_ocp._base.status import Status
-from microbot_ocp._base.writing import remove_leftovers, whole_file, write_whole
+from microbot_ocp._base.writing import made_folder, remove_leftovers, whole_file, write_whole
 from microbot_ocp.sweeps._extra import needed
 from microbot_ocp.sweeps._solve import Row
 from microbot_ocp.sweeps._study import Study, versions
@@ -164,8 +164,7 @@ class Sweep:
         for row, motions in done:
             rows.append(row)
             for name, content in motions.items():
-                place = self.folder / MOTIONS / f"{row['case']:09d}"
-                place.mkdir(parents=True, exist_ok=True)
+                place = made_folder(self.folder / MOTIONS / f"{row['case']:09d}")
                 write_whole(place / f"{name}.npz", content)
         schema = arrow.schema([(n, getattr(arrow, TYPES[k])()) for n, k in self.about["columns"]])
         with whole_file(self._part(number)) as partial:
@@ -236,10 +235,7 @@ def opened(study: Study, folder: Path) -> Sweep:
             if not _whole(found, number):
                 found._part(number).unlink()
         return found
-    try:
-        (folder / PARTS).mkdir(parents=True, exist_ok=True)
-    except OSError as problem:
-        raise InputError(f"--out: {str(folder)!r} cannot be made: {problem.strerror}") from None
+    made_folder(folder / PARTS)
     about = {
         "schema": 1,
         "digest": study.digest,

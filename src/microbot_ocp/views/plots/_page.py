@@ -29,7 +29,7 @@ from mpl_toolkits.mplot3d import Axes3D
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import InputError, shown
 from microbot_ocp._base.showing import DrawnAxes, GivenAxes
-from microbot_ocp._base.writing import write_whole
+from microbot_ocp._base.writing import made_folder, write_whole
 
 A4 = (8.27, 11.69)  # inches
 A4_LANDSCAPE = (11.69, 8.27)
@@ -275,7 +275,7 @@ def save(
         )
     given = drawn if isinstance(drawn, Mapping) else {name: drawn}
     figures = {key: figure_of(each) for key, each in given.items()}
-    target.mkdir(parents=True, exist_ok=True)
+    made_folder(target)
     return [
         write(figure, target / f"{key}{ending}")
         for key, figure in figures.items()
