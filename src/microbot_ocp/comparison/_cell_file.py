@@ -333,11 +333,14 @@ def _stop(robot: Robot, row: Mapping[str, Any], usual: str) -> Stop:
         if key == "tolerance" and "position" in given:
             raise InputError(f"{where}: tolerance_deg is of a joint pose; of a position it is in m")
         shape: tuple[int | None, ...] = {"rpy": (3,), "q": (robot.joint_count,)}.get(key, ())
-        values = checks.array(f"{key}_deg {where}", in_degrees, shape) if shape else in_degrees
-        if key == "tolerance" and np.ndim(values) == 0:
+        named = f"{key}_deg {where}"
+        values = (
+            checks.array(named, in_degrees, shape) if shape else checks.numbers(named, in_degrees)
+        )
+        if key == "tolerance" and values.ndim == 0:
             values = np.full(robot.joint_count, values)
         scale = joint_scale(robot) if key in ("q", "tolerance") else np.radians(1.0)
-        given[key] = np.asarray(values, dtype=float) * scale
+        given[key] = values * scale
         if np.ndim(given[key]) == 0:
             given[key] = float(given[key])
     if "rpy" in given:

@@ -156,7 +156,7 @@ class Stop:
 
     def _checked_tolerance(self, where: str) -> Any:
         size = 3 if self.q is None else len(self.q)
-        if np.ndim(self.tolerance) == 0:
+        if checks.numbers(f"tolerance of {where}", self.tolerance).ndim == 0:
             return checks.number(f"tolerance of {where}", self.tolerance, at_least=0.0)
         given = checks.array(f"tolerance of {where}", self.tolerance, (size,), finite=False)
         if np.any(np.isnan(given)) or np.any(given < 0):
