@@ -328,7 +328,7 @@ def test_what_cannot_be_is_said_in_words_of_the_task(two_links, stops, options, 
         ({"q": [0.0], "tolerance": -1.0}, "at least 0"),
         (
             {"q": [0.0], "tolerance": [[0.0], "a"]},
-            "tolerance of stop.* must be an array of numbers",
+            "of a stop must be an array of numbers",
         ),
         ({"q": [0.0], "payload": -1.0}, "mass of the payload"),
         ({"q": [0.0], "dwell": 1e9}, "at most 86400 s"),
