@@ -156,6 +156,17 @@ def test_a_line_between_joint_poses_of_a_small_arm_leaves_the_orientation(two_li
     assert np.isnan(check.angle)
 
 
+def test_conditions_that_no_joint_changes_are_left_out(two_links):
+    pose = np.array(mo.forward_kinematics(two_links)([0.4, 0.8]))
+    there = {"position": pose[:3, 3], "orientation": pose[:3, :3], "free_turn": "z"}
+    middle = Stop(**there, velocity=[0.1, 0.0, 0.0], name="b")
+    rows = task_of(two_links, [[0.0, 0.5], middle, [0.5, 0.9]]).conditions.ends[1].rows
+    assert [row.bounds[0].size for row in rows] == [2, 2]
+    up = replace(middle, velocity=[0.0, 0.0, 0.1])
+    with pytest.raises(mo.InputError, match="velocity of the tool of stop 'b' is off"):
+        mo.time_optimal(two_links, [[0.0, 0.5], up, [0.5, 0.9]], **QUICK)
+
+
 def test_every_branch_is_tried_and_told(two_links, cut):
     branches = cut[0].provenance["branches"]
     assert [entry["taken"] for entry in branches] == [True, False]

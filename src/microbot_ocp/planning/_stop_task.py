@@ -45,6 +45,8 @@ MOST_STOPS = 200
 TURN = 2 * np.pi
 LOOSEST = 0.1  # of the reach, for the radius of a ball or a tube
 HEAVIEST = 1000.0  # times the arm's own mass
+SOME, FLAT = 3, 1e-9  # states at which slopes are looked at; a slope that is none
+APART = 1e-6  # m (m/s, rad): what is farther off is not met
 EMPTY = Payload(0.0)
 
 
@@ -209,7 +211,8 @@ class Task:
         leaps = rest and (still or not self.family.jerk_is_limited)
         if not rest and not isinstance(stop.velocity, str | None):
             leaps = not self.family.jerk_matters
-        return EndConditions(q, qd, tuple(rows), still=still, leaps=leaps)
+        felt = (_felt(robot, stop, row) for row in rows)
+        return EndConditions(q, qd, tuple(filter(None, felt)), still=still, leaps=leaps)
 
 
 def segment_name(kind: Segment, before: Stop, after: Stop) -> str:
@@ -261,6 +264,35 @@ def pose_rows(robot: Robot, stop: Stop) -> list[Row]:
             zero = np.zeros(3 if stop.free_axis is None else 2)
             rows.append(Row("orientation of the tool", error, (zero, zero)))
     return rows
+
+
+def _felt(robot: Robot, stop: Stop, row: Row) -> Row | None:
+    """A condition without those equations that no joint changes, as of the height of a planar arm.
+
+    Solvers that drop fixed variables refuse them.
+
+    Raises
+    ------
+    InputError
+        One of these equations does not hold.
+    """
+    low, high = row.bounds
+    q, qd = (ca.SX.sym(name, robot.joint_count) for name in ("q", "qd"))
+    value, state = row.expression(q, qd), ca.vertcat(q, qd)
+    along = ca.Function("along", [state], [value, ca.jacobian(value, state)])
+    states = np.random.default_rng(0).uniform(-1.0, 1.0, (SOME, 2 * robot.joint_count))
+    values, slopes = zip(*(map(np.array, along(x)) for x in states), strict=True)
+    size = np.max([np.abs(slope).max(axis=1) for slope in slopes], axis=0)
+    fixed = (size <= FLAT * max(1.0, size.max())) & (low == high)
+    off = np.abs(values[0][:, 0] - low)[fixed]
+    if off.size and off.max() > APART:
+        raise InputError(
+            f"{row.name} of stop {stop.name!r} is off by {off.max():.3g} whatever the joints do"
+        )
+    kept = np.flatnonzero(~fixed)
+    expression = row.expression
+    chosen = lambda q, qd: ca.vertcat(*(expression(q, qd)[int(k)] for k in kept))  # noqa: E731
+    return replace(row, expression=chosen, bounds=(low[kept], high[kept])) if kept.size else None
 
 
 def _upper(bound: float) -> Bounds:
