@@ -178,9 +178,9 @@ def test_a_mesh_is_a_number_or_fractions(mesh):
 @pytest.mark.parametrize(
     ("values", "said"),
     [
-        ({"x": 0.0, "v": [0.0, 1.0]}, "must have shape [5, 1], not [2]"),
+        ({"x": 0.0, "v": [0.0, 1.0]}, "must have shape [5, 1], not [2, 1]"),
         ({"x": np.zeros((4, 1)), "v": 0.0}, "guess of 'x' in phase 'move' must have shape [5, 1]"),
-        ({"x": lambda s: s, "v": 0.0}, "must have shape [5, 1], not [5]"),
+        ({"x": lambda s: s[1:], "v": 0.0}, "must have shape [5, 1], not [4, 1]"),
         ({"x": 0.0, "v": np.nan}, "guess of 'v' in phase 'move' must be finite"),
         ({"x": 0.0, "v": 0.0, "u": np.inf}, "guess of 'u' in phase 'move' must be finite"),
     ],
@@ -188,6 +188,13 @@ def test_a_mesh_is_a_number_or_fractions(mesh):
 def test_a_wrong_guess_is_refused_before_a_solver_starts(values, said, no_solver):
     with pytest.raises(InputError, match=re.escape(said)):
         solve(double_integrator(), 4, {"move": Guess(1.0, values)})
+
+
+def test_a_guess_of_a_scalar_may_be_a_row_or_a_column():
+    column = {"x": lambda s: s[:, None] ** 2, "v": np.linspace(0, 1, 5)[:, None], "u": 0.0}
+    row = {"x": lambda s: s**2, "v": np.linspace(0, 1, 5), "u": 0.0}
+    found = [solve(double_integrator(), 4, {"move": Guess(1.0, v)}) for v in (column, row)]
+    np.testing.assert_array_equal(found[0].variables, found[1].variables)
 
 
 @pytest.mark.parametrize("duration", [np.nan, np.inf])

@@ -181,6 +181,8 @@ def _step(before: FloatArray, after: FloatArray, s: FloatArray) -> FloatArray:
 def _values(guess: Guess, variable: Variable, share: FloatArray) -> FloatArray:
     value = guess.values.get(variable.name, np.clip(0.0, variable.lower, variable.upper))
     table = np.asarray(value(share) if callable(value) else value, dtype=float)
+    if table.ndim == 1 and variable.size == 1 < table.size:
+        table = table[:, None]
     if table.ndim <= 1 and table.size not in (1, variable.size):
         table = np.zeros(1)  # it is refused later, where the points of the mesh are known
     if table.ndim <= 1:

@@ -333,6 +333,8 @@ def _guess_table(
     table = np.asarray(value(points) if callable(value) else value, dtype=float)
     if table.ndim <= 1 and table.size in (1, variable.size):
         table = np.broadcast_to(table.reshape(1, -1), (points.size, variable.size))
+    if table.ndim == 1 and variable.size == 1:
+        table = table[:, None]
     if table.ndim == 3 and which is not None and which < table.shape[1]:
         table = table[:, which]  # of the values of an earlier solution
     if table.shape == (layout.mesh.size, variable.size) and not np.array_equal(points, layout.mesh):

@@ -114,21 +114,24 @@ def _distinct(found: list[Solution], here: Solution, worth: float) -> list[Solut
     return kept[1:]
 
 
-def on_any_mesh(guess: Given) -> Given:
+def on_any_mesh(guess: Given, problem: OptimalControlProblem) -> Given:
     """A guess whose tables over the points of a mesh are functions, as if these were even."""
     if not isinstance(guess, Mapping):
         return guess
+    sizes = {p.name: {v.name: v.size for v in p.variables} for p in problem.phases}
     return {
-        name: replace(own, values={k: _as_function(v) for k, v in own.values.items()})
+        name: replace(
+            own, values={k: _as_function(v, sizes[name].get(k, 1)) for k, v in own.values.items()}
+        )
         for name, own in guess.items()
     }
 
 
-def _as_function(value: GuessValue) -> GuessValue:
-    if callable(value) or np.ndim(value) < 2:
+def _as_function(value: GuessValue, size: int) -> GuessValue:
+    if callable(value) or (np.ndim(value) < 2 and np.size(value) in (1, size)):
         return value
     table = np.asarray(value, dtype=float)
-    table = table.reshape(-1, table.shape[-1])
+    table = table.reshape(-1, table.shape[-1] if table.ndim > 1 else 1)
     places = np.linspace(0.0, 1.0, table.shape[0])
     return lambda s: np.column_stack([np.interp(s, places, column) for column in table.T])
 
@@ -148,7 +151,7 @@ def _answers(
     coarse: _Coarse, most: int, here: Solution | None = None, guess: Given = None
 ) -> Iterator[Solution]:
     if here is not None and most > EACH:
-        own, guess = coarse.settings, on_any_mesh(guess)
+        own, guess = coarse.settings, on_any_mesh(guess, coarse.transcription.problem)
         for intervals in MESHES:
             with contextlib.suppress(NotFinite):
                 made = solve_on(

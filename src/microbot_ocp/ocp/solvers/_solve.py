@@ -206,7 +206,7 @@ def solutions(
                     if given is None:
                         continue
                 if way.coarse:
-                    given = on_any_mesh(given)
+                    given = on_any_mesh(given, transcription.problem)
                     given = solve_on(transcription, way.coarse, given, own, share, progress)
                     attempts += [replace(a, way=f"{way.said}, coarse") for a in given.attempts]
                     if given.status not in ENDED:

@@ -38,8 +38,8 @@ class Guess:
     """Starting point of one phase: its duration, s, and values by name.
 
     Values are constants [size], arrays [N+1, size] over the mesh points, or functions of the
-    fractions [N+1] of the phase returning such arrays. What is left out starts from
-    :func:`~microbot_ocp.ocp.solution.default_guess`.
+    fractions [N+1] of the phase returning such arrays; for a scalar [N+1] does, too. What is left
+    out starts from :func:`~microbot_ocp.ocp.solution.default_guess`.
     """
 
     duration: float | None = None
