@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import lru_cache
 from math import atan, atanh, log, pi, radians, sqrt
 
 import casadi as ca
 import numpy as np
 
-from benchmarks.suite.problem import SuiteProblem, along, line
+from benchmarks.suite.problem import SuiteProblem, line
 from microbot_ocp.ocp import Guess, OptimalControlProblem, Phase
 
 
@@ -140,7 +141,7 @@ def _spiral_guess() -> dict[str, Guess]:
     thrust = np.array(ca.Function("u", [y], [direction]).map(times.size)(table.T)).T
     shares = times / times[-1]
 
-    def sampled(values: np.ndarray) -> along:
+    def sampled(values: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
         return lambda s: np.column_stack([np.interp(s, shares, column) for column in values.T])
 
     values = {name: sampled(table[:, [i]]) for i, name in enumerate("pfghkLw")}
@@ -287,7 +288,7 @@ def orbit_raise() -> OptimalControlProblem:
     burn1 = problem.phase("burn 1", (0.5, 10.0))
     coast = problem.phase("coast", (0.5, 50.0))
     burn2 = problem.phase("burn 2", (0.5, 10.0))
-    thrust = None
+    thrust = ca.MX()
     for phase in (burn1, coast, burn2):
         first, last = phase is burn1, phase is burn2
         r = phase.state("r", initial=1.0 if first else None, final=3.0 if last else None)

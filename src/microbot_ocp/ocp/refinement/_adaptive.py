@@ -179,8 +179,10 @@ def solve_refined(
     goal = _Goal(accuracy, cost_accuracy, switch_accuracy, limit_tolerance, hp, eased)
     best: Refined | None = None
     limits = rounds, most_intervals, arcs
-    whole = isinstance(mesh, int) and not isinstance(problem, Transcription)
-    for begin in (mesh, round(FINER * mesh)) if whole else (mesh,):
+    meshes: list[Meshes] = [mesh]
+    if isinstance(mesh, int) and not isinstance(problem, Transcription):
+        meshes.append(round(FINER * mesh))
+    for begin in meshes:
         found = _from_mesh(problem, begin, guess, settings, scheme, goal, limits, until, progress)
         if best is None or found.status.solved or _worst(found) < _worst(best):
             best = found
