@@ -417,6 +417,7 @@ def test_simulate_saves_what_replay_reads(call, ask, tmp_path):
     np.testing.assert_allclose(again["q_end"], document["q_end"], atol=1e-6)
     _, out, _ = call(*arguments, "--tau", "0,0,0")
     assert "constant torques" in out
+    assert call(*arguments[:-1], "1e-9")[0] == 0
     code, _, err = call("replay", "fall.npz", "--robot", "panda", "--rerun", "x.rrd")
     assert code == 2
     assert "3 joints" in err

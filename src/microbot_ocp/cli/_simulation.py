@@ -103,9 +103,9 @@ def simulate(
     if length is None:
         length = torques.duration if isinstance(torques, Motion) else 1.0
     length = checks.number("--duration", length, "s", above=0.0, at_most=checks.LONGEST)
-    step = checks.number("--step", step, "s", above=0.0, at_most=length)
     if step == SAMPLE_STEP:
-        step = max(step, length / checks.MOST_SAMPLES)
+        step = min(max(step, length / checks.MOST_SAMPLES), length)
+    step = checks.number("--step", step, "s", above=0.0, at_most=length)
     checks.size("the number of samples", length / step, checks.MOST_GIVEN)
     grid = np.linspace(0.0, length, max(1, int(np.ceil(length / step - 1e-9))) + 1)
     if isinstance(torques, Motion) and duration is None:
