@@ -28,7 +28,8 @@ def main() -> None:
     if sys.argv[1:2] == ["suite"]:
         importlib.import_module("benchmarks.suite.runner").main(sys.argv[2:])
         return
-    if sys.argv[1:2] in (["torture"], ["scenes"], ["sweep"]):
+    own = ["torture", "scenes", "sweep", *(["cell"] if "--robot" in sys.argv else [])]
+    if len(sys.argv) > 1 and sys.argv[1] in own:
         importlib.import_module(f"benchmarks.{sys.argv[1]}").main(sys.argv[2:])
         return
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)

@@ -2,10 +2,14 @@
 
 ``python -m benchmarks cell``: the arm picks 2 kg, lifts it on a straight line, carries it over,
 puts it down on a line and goes back. Durations, not wall times, so a busy machine does no harm.
+
+``python -m benchmarks cell --robot panda --scene`` does the same with a part that has a shape,
+without and with a table and a fence around it, by one of three arms.
 """
 
 from __future__ import annotations
 
+import argparse
 import time
 from typing import Any
 
@@ -15,6 +19,7 @@ import microbot_ocp as mo
 from microbot_ocp import Table
 
 DOWN = np.diag([1.0, -1.0, -1.0])
+ARMS = {"ur5e": (0.15, 0.5), "puma560": (0.4, 1.0), "panda": (0.15, 0.5)}  # height, m, and kg
 
 
 def stops(dwell: float = 0.2) -> list[mo.Stop]:
@@ -25,6 +30,43 @@ def stops(dwell: float = 0.2) -> list[mo.Stop]:
         mo.Stop(position=[0.4, -0.3, 0.3], name="above pick", **held),
         mo.Stop(position=[0.4, 0.3, 0.3], name="above place", **held),
         mo.Stop(position=[0.4, 0.3, 0.2], payload=0.0, dwell=dwell, name="place", **held),
+    ]
+
+
+def main(arguments: list[str]) -> None:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks cell", description=__doc__)
+    parser.add_argument("--robot", choices=ARMS)
+    parser.add_argument("--scene", action="store_true", help="with a table and a fence")
+    options = parser.parse_args(arguments)
+    if options.robot is None:
+        run()
+        return
+    robot, line = mo.load_robot(options.robot), mo.Line(tolerance=0.002)
+    task: dict[str, Any] = {"segments": [line, None, line, None], "cycle": True}
+    places = with_part(*ARMS[options.robot])
+    if options.scene:
+        low = ARMS[options.robot][0] - 0.13
+        table = mo.Box([0.4, 1.0, 0.02], [0.5, 0.0, low - 0.01], "table")
+        fence = mo.Box([0.3, 0.02, 0.2], [0.5, 0.0, low + 0.1], "fence")
+        task["scene"] = mo.Scene([table, fence], clearance=0.005)
+    begin = time.process_time()
+    motion = mo.time_optimal(robot, places, **task)
+    certificate = mo.certify(robot, motion, via_q=places, **task)
+    print(f"{options.robot}: {motion.duration:.4f} s, {motion.status}; {motion.note}")
+    print(f"{certificate.verdict}\n{time.process_time() - begin:.0f} s of processor time")
+
+
+def with_part(height: float, mass: float) -> list[mo.Stop]:
+    """A bolt is picked and put down at a height, m, and lifted by 0.12 m on either side."""
+    bolt = mo.Capsule([0.0, 0.0, 0.04], [0.0, 0.0, 0.08], 0.03, "bolt")
+    part = mo.Payload(mass, [0.0, 0.0, 0.05], shape=bolt)
+    low, high = height, height + 0.12
+    held: dict[str, Any] = {"orientation": DOWN}
+    return [
+        mo.Stop(position=[0.45, -0.3, low], payload=part, dwell=0.2, name="pick", **held),
+        mo.Stop(position=[0.45, -0.3, high], name="above pick", **held),
+        mo.Stop(position=[0.45, 0.3, high], name="above place", **held),
+        mo.Stop(position=[0.45, 0.3, low], payload=0.0, dwell=0.2, name="place", **held),
     ]
 
 

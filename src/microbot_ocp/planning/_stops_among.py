@@ -21,6 +21,7 @@ from microbot_ocp.motion import Motion, PiecewisePolynomial, pieces_of
 from microbot_ocp.ocp.solution import StepProgress
 from microbot_ocp.planning._among_obstacles import (
     AGAIN,
+    DIFFERENT,
     NEAR,
     SAMPLES,
     as_plain,
@@ -207,9 +208,13 @@ def _ways_around(
     if len(refused) == len(ways):
         raise InputError(refused[0])
     found.sort(key=lambda entry: entry[0])
-    for duration, way, _ in found[:MOST_GUESSES]:
+    kept: list[tuple[float, Way, dict[str, PiecewisePolynomial]]] = []
+    for duration, way, led in found:
+        if any(way is other and duration <= (1 + DIFFERENT) * known for known, other, _ in kept):
+            continue
+        kept.append((duration, way, led))
         progress(f"{way.name}: {duration:.4f} s around the obstacles from rest to rest")
-    return [(way, led) for _, way, led in found[:MOST_GUESSES]]
+    return [(way, led) for _, way, led in kept[:MOST_GUESSES]]
 
 
 def _blocked(task: Task, places: Sequence[Surroundings], way: Way) -> str:
