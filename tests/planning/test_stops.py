@@ -167,6 +167,18 @@ def test_conditions_that_no_joint_changes_are_left_out(two_links):
         mo.time_optimal(two_links, [[0.0, 0.5], up, [0.5, 0.9]], **QUICK)
 
 
+def test_an_orientation_within_its_tolerance_is_within_reach(two_links):
+    pose = np.array(mo.forward_kinematics(two_links)([0.4, 0.8]))
+    turn = np.array(mo.forward_kinematics(two_links)([0.0, 0.1]))[:3, :3]
+    there = {"position": pose[:3, 3], "orientation": turn @ pose[:3, :3], "name": "there"}
+    options = {"mesh": 6, "starts": 1, "compiled": False}
+    loose = Stop(**there, orientation_tolerance=0.2)
+    motion = mo.time_optimal(two_links, [[0.0, 0.5], loose], **options)
+    assert motion.solved
+    with pytest.raises(mo.InputError, match=r"missed by 2\.86 deg"):
+        mo.time_optimal(two_links, [[0.0, 0.5], replace(loose, orientation_tolerance=0.05)])
+
+
 def test_every_branch_is_tried_and_told(two_links, cut):
     branches = cut[0].provenance["branches"]
     assert [entry["taken"] for entry in branches] == [True, False]

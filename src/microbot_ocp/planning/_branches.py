@@ -19,7 +19,7 @@ from microbot_ocp.inverse_kinematics import IKPath, IKSolution, solve_ik_all, so
 from microbot_ocp.planning._scale import USUAL_SPEED
 from microbot_ocp.planning._segments import Circle, Line
 from microbot_ocp.planning._stop_task import Task, check_held
-from microbot_ocp.planning._stops import Stop
+from microbot_ocp.planning._stops import EXACT, Stop
 from microbot_ocp.planning._task import length_text, reach_of
 from microbot_ocp.robot import Robot, forward_kinematics, jacobian
 
@@ -180,7 +180,7 @@ def _within(stop: Stop, solution: IKSolution) -> bool:
     """Whether a pose that misses the middle of a stop is within its tolerance."""
     reach = float(np.min(stop.tolerance))
     return (
-        solution.position_error <= reach
+        solution.position_error <= reach + EXACT
         and solution.orientation_error <= stop.orientation_tolerance + 1e-9
     )
 
@@ -188,8 +188,9 @@ def _within(stop: Stop, solution: IKSolution) -> bool:
 def _out_of_reach(robot: Robot, stop: Stop, missed: Sequence[IKSolution]) -> str:
     best = min(missed, key=lambda s: (s.position_error, s.orientation_error))
     beyond = best.position_error - float(np.min(stop.tolerance))
-    far = length_text(beyond) if beyond > 1e-6 else ""
-    turn = f"{np.degrees(best.orientation_error):.3g} deg" if best.orientation_error > 1e-6 else ""
+    far = length_text(beyond) if beyond > EXACT else ""
+    turned = best.orientation_error - stop.orientation_tolerance
+    turn = f"{np.degrees(turned):.3g} deg" if turned > 1e-6 else ""
     by = far or turn
     if best.status is Status.LIMITS:
         names = _held(robot, best.q)
