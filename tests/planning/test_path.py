@@ -369,3 +369,11 @@ def test_dry_friction_turns_as_fast_as_a_torque_rate_lets_it():
     assert max(excess["taud"], excess["tau"]) < 1e-3
     unrated = time_optimal_path(robot.with_limits(taud_max=np.inf), path)
     assert motion.duration > 1.005 * unrated.duration
+
+
+def test_short_motions_are_timed_as_well_as_long_ones():
+    """Without gravity torques of 10,000 times the size take a hundredth of the time."""
+    usual, short = (
+        time_optimal_path(arm(0.0, tau_max=[60.0 * k, 25.0 * k]), ARM_CUBIC) for k in (1.0, 1e4)
+    )
+    assert short.duration == pytest.approx(usual.duration / 100.0, rel=1e-9)

@@ -36,7 +36,10 @@ ROUNDING = 1e-9
 FRICTION_PASSES = 6  # linearisations of friction, which goes with the root of x
 SETTLED = 1e-4  # relative change of a duration that ends the doubling of the grid
 MOST_GRIDS, MOST_SETTLING, MOST_POINTS = 9, 8000, 40_000
-SHORTEST = 2e-5  # s, of an interval that is cut in two
+SHORTEST, SHARE = (
+    2e-5,
+    1e-4,
+)  # s, and of a short motion's duration, of an interval that is cut in two
 LOOKED_AT = (1e-6, 0.25, 0.5, 0.75, 1.0 - 1e-6)  # shares of an interval
 ALIKE = 0.1  # relative change of an inertia along an interval up to which one end stands for it
 STEEP = 1e-8  # least share of a coefficient that is divided by
@@ -188,7 +191,7 @@ def settled(
         excess = along.excess(timing, curve)
         apart = abs(timing.duration - duration) > SETTLED * timing.duration
         cut = (excess > tolerance) | (apart and s.size <= MOST_SETTLING)
-        cut &= np.diff(timing.t) > SHORTEST
+        cut &= np.diff(timing.t) > min(SHORTEST, SHARE * timing.duration)
         if not cut.any() or not last or s.size > MOST_POINTS or deadline.over():
             break
         duration = timing.duration
