@@ -160,7 +160,7 @@ def _needed(module: str, package: str) -> Any:
         ) from None
 
 
-MOST_IN_TEXT = 4_000_000  # numbers
+MOST_IN_TEXT = 3_000_000  # numbers
 MOST_NUMBERS = {".mat": 20_000_000, ".parquet": 20_000_000}
 FILM_FORMATS = (".gif", ".mp4")  # drawn by the views
 EXPORT_FORMATS: dict[str, Callable[[Path, Columns], None]] = {

@@ -296,7 +296,7 @@ class Motion:
         ------
         InputError
             Another ending, a rate that is not above 0, a robot with other joints, a package that is
-            missing, more than four million numbers in a text file or 20 million in another.
+            missing, more than three million numbers in a text file or 20 million in another.
 
         Examples
         --------
