@@ -61,9 +61,8 @@ HALF = 0.5  # of the former error of the cost: what a mesh should gain that is d
 # A finer mesh meets constraints and dynamics that the coarser one cut short, and may honestly cost
 # more by this share.
 DEARER = 0.05
-FINER = (
-    2.5  # times the first mesh, where nothing comes of it: a coarse mesh may show another optimum
-)
+MOST = 400  # iterations on a finer mesh, from a neighbouring solution
+FINER = 2.5  # times the first mesh, where nothing comes of it
 SHARE = 0.6  # of the time that is left, which the refinement of one solution may take
 AIM = 1e-6  # accuracy of the states by default
 EASED = 1e-4  # of states and cost, where no more is reached
@@ -218,7 +217,7 @@ def _from_mesh(
             solver=settings.solver,
             tolerance=settings.tolerance,
             progress=progress,
-            settings=settings,
+            settings=replace(settings, max_iterations=min(MOST, settings.max_iterations)),
             worse=DEARER,
             until=own_until,
             last=first,

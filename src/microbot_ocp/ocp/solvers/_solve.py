@@ -240,7 +240,7 @@ def solutions(
         if alone or time.perf_counter() >= until:
             break
         if not way.said and not isinstance(problem, Transcription):
-            ways = _other_ways(problem, guess, settings)
+            ways = _other_ways(problem, mesh, guess, settings)
     if told:
         return
     if first is None:
@@ -262,11 +262,12 @@ def _told(
 
 
 def _other_ways(
-    problem: OptimalControlProblem, guess: Given, settings: SolverSettings
+    problem: OptimalControlProblem, mesh: Meshes, guess: Given, settings: SolverSettings
 ) -> Iterator[_Way]:
     auto = settings.scaling
     coarser = round(COARSER * default_mesh(problem))
-    yield _Way(f"from a mesh of {coarser} intervals", guess, auto, coarse=coarser)
+    if not isinstance(mesh, int) or mesh > coarser:
+        yield _Way(f"from a mesh of {coarser} intervals", guess, auto, coarse=coarser)
     yield _Way("from the cheapest of several starts on a coarse mesh", guess, auto, many=True)
     simulated: Given = None
     if guess is None:
