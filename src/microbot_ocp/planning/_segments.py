@@ -38,7 +38,7 @@ class Line:
     Parameters
     ----------
     tolerance : float
-        Radius of the tube in which the tool's origin stays, m.
+        Radius of the tube in which the tool's origin stays, m; at most a tenth of the reach.
     orientation_tolerance : float
         Largest angle to the orientation that belongs to the place on the line, rad.
 

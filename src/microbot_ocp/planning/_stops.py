@@ -78,8 +78,8 @@ class Stop:
         Rotation of the tool in the base frame; any without it.
     tolerance : float or array_like
         How far from there the arm may be. A number is the radius of a ball: of the tool's origin,
-        m, or of the joints, rad. One a coordinate (base frame) or a joint is a box; infinite leaves
-        that one free.
+        m, at most a tenth of the reach, or of the joints, rad. One a coordinate (base frame) or a
+        joint is a box; infinite leaves that one free.
     orientation_tolerance : float
         Largest angle to the orientation, rad.
     free_turn : str, optional
@@ -89,13 +89,13 @@ class Stop:
         tool's origin [3] in the base frame, m/s. Default rest at the ends of a task and where the
         arm dwells or its payload changes, any elsewhere.
     dwell : float
-        How long the arm rests here, s.
+        How long the arm rests here, s; at most a day.
     payload : Payload or float, optional
         What the tool holds from here on; a number is a point mass at the tool's origin, kg. Default
         what it held before.
     blend : float
         Between two tool lines: the corner is cut within this distance, m, and the arm does not
-        pass the stop itself.
+        pass the stop itself, unless the lines go straight on there.
     name : str
         For messages, marks and tables; "stop 1" and so on by default.
 
