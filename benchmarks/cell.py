@@ -37,6 +37,7 @@ def main(arguments: list[str]) -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks cell", description=__doc__)
     parser.add_argument("--robot", choices=ARMS)
     parser.add_argument("--scene", action="store_true", help="with a table and a fence")
+    parser.add_argument("--mesh", type=int, help="intervals of each segment at first")
     options = parser.parse_args(arguments)
     if options.robot is None:
         run()
@@ -50,7 +51,7 @@ def main(arguments: list[str]) -> None:
         fence = mo.Box([0.3, 0.02, 0.2], [0.5, 0.0, low + 0.1], "fence")
         task["scene"] = mo.Scene([table, fence], clearance=0.005)
     begin = time.process_time()
-    motion = mo.time_optimal(robot, places, **task)
+    motion = mo.time_optimal(robot, places, **task, mesh=options.mesh)
     certificate = mo.certify(robot, motion, via_q=places, **task)
     print(f"{options.robot}: {motion.duration:.4f} s, {motion.status}; {motion.note}")
     print(f"{certificate.verdict}\n{time.process_time() - begin:.0f} s of processor time")
