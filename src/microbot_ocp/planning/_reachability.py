@@ -36,10 +36,8 @@ ROUNDING = 1e-9
 FRICTION_PASSES = 6  # linearisations of friction, which goes with the root of x
 SETTLED = 1e-4  # relative change of a duration that ends the doubling of the grid
 MOST_GRIDS, MOST_SETTLING, MOST_POINTS = 9, 8000, 40_000
-SHORTEST, SHARE = (
-    2e-5,
-    1e-4,
-)  # s, and of a short motion's duration, of an interval that is cut in two
+SHORTEST = 2e-5  # s, of an interval that is cut in two
+SHARE = 1e-4  # of the duration of a short motion: the same
 LOOKED_AT = (1e-6, 0.25, 0.5, 0.75, 1.0 - 1e-6)  # shares of an interval
 ALIKE = 0.1  # relative change of an inertia along an interval up to which one end stands for it
 STEEP = 1e-8  # least share of a coefficient that is divided by

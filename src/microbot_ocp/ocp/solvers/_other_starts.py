@@ -43,14 +43,9 @@ from microbot_ocp.ocp.transcription import (
 from microbot_ocp.ocp.verification import phase_layout
 
 COARSE = 10  # intervals a phase
-MESHES = (
-    5,
-    15,
-)  # the same of others that the guess is solved on: in which valley it ends may differ
+MESHES = (5, 15)  # others on which the guess is solved: it may end in another valley there
 WORTH = 1e-4  # of the cost: less is not looked for
-NEAR = (
-    1e-2  # of the cost: optima that differ by less on a coarse mesh may change places on a fine one
-)
+NEAR = 1e-2  # of the cost: optima as near on a coarse mesh may change places on a fine one
 FINALISTS = 3  # of these that are solved on the mesh of the answer
 RANDOM = 12  # starts more where there are such optima
 ITERATIONS = 150  # of one solve
