@@ -64,6 +64,7 @@ def ran(tmp_path_factory):
     return of
 
 
+@pytest.mark.pages
 @pytest.mark.parametrize("script", SCRIPTS)
 def test_a_script_prints_its_numbers_and_draws(script, ran):
     done, folder = ran(script)

@@ -326,7 +326,7 @@ def test_functions_of_numbers_are_differentiated_by_differences():
     u = phase.control("u", lower=0.0, upper=1.0)
     phase.derivative(x, u * slower(x, phase.parameter("share", 1.0)))
     phase.end_cost(phase.duration)
-    solution = solve(problem, 3, scheme="radau")
+    solution = solve(problem, 3, settings=SolverSettings("ipopt"))
     assert solution.solved
     assert solution.cost == pytest.approx(2 * np.log(2.0), rel=1e-5)
     assert verify(problem, solution).ok
