@@ -3,8 +3,8 @@
     microbot-ocp sweep problems/microbot_study.toml --out out/microbot_study
     python docs/make_study.py out/microbot_study
 
-The sample is the first cases of the study as they are, in single precision and without the columns
-of the joint positions, so that it is light.
+The sample is the first cases of the study as they are, in single precision and without the times of
+the solves, so that it is light.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ ROOT = Path(__file__).parent.parent
 IMAGES = ROOT / "docs" / "images"
 SAMPLE = ROOT / "problems" / "microbot_study"
 COUNT = 1000
-LEFT_OUT = ("_q_1", "_q_2", "_q_3", "_deg_1", "_deg_2", "_deg_3", "_solve_time", "seed", "version")
+LEFT_OUT = ("_deg_1", "_deg_2", "_deg_3", "_solve_time", "seed", "version")
 
 
 def draw(results: mo.Sweep) -> None:

@@ -111,6 +111,7 @@ def _limits(results: Sweep, axes: GivenAxes | None, _: str | None) -> Any:
     solved = read[f"{best}_status"] == Status.SOLVED
     page, panels = _maps(results, axes, "Limit that is at work longest")
     handles = []
+    size = min(3.0, 100.0 / np.sqrt(solved.sum() + 1.0))  # many points lie over each other
     for place, name in enumerate(results.about["limits"]):
         mine = solved & (read[f"{best}_limit"] == name)
         if not mine.any():
@@ -122,7 +123,10 @@ def _limits(results: Sweep, axes: GivenAxes | None, _: str | None) -> Any:
         label = f"{name.replace('_', ' ')}: {100 * mine.sum() / solved.sum():.0f} %"
         handles.append(Line2D([], [], linestyle="", label=label, **style))
         for panel, across, up in panels:
-            panel.plot(across[mine], up[mine], linestyle="", markersize=3, alpha=0.75, **style)
+            panel.plot(
+                across[mine], up[mine], linestyle="", markersize=size, alpha=0.75,
+                zorder=3.0 - mine.mean(), **style,
+            )  # fmt: skip
     page.legend(handles, 4)
     return page.axes
 
