@@ -63,8 +63,7 @@ HALF = 0.5  # of the former error of the cost: what a mesh should gain that is d
 DEARER = 0.05
 MOST = 400  # iterations on a finer mesh, from a neighbouring solution
 FINER = 2.5  # times the first mesh, where nothing comes of it
-# These are no failures of the first mesh: more rounds or intervals were not asked for.
-DONE = (Status.SOLVED, Status.INTERRUPTED, Status.ROUND_LIMIT, Status.SIZE_LIMIT)
+DONE = (Status.SOLVED, Status.INTERRUPTED, Status.SIZE_LIMIT)  # no more is tried
 SHARE = 0.6  # of the time that is left, which the refinement of one solution may take
 AIM = 1e-6  # accuracy of the states by default
 EASED = 1e-4  # of states and cost, where no more is reached
