@@ -8,8 +8,9 @@ solver. After Debrouwere et al., "Time-optimal path following for robots with co
 constraints using sequential convex programming", IEEE T-RO 29(6), 2013, with the time of every
 interval as an unknown: near a stop s' is no smooth function of s.
 
-Dry friction turns over within 0.02 rad/s, which under a limit of the torque rate no start is near:
-it turns more gently in a first program, and from program to program faster.
+Dry friction turns over within 0.02 rad/s, and a tight limit of the torque rate may leave no start
+near that: where the program fails, or leaps over the place, friction turns more gently in a first
+one, and from program to program faster.
 """
 
 from __future__ import annotations
@@ -46,6 +47,7 @@ MOST_MESHES = 10
 # Percentile of the accelerations at which joints turn back, as the start has it; factor from one
 # smoothing of dry friction to the next, and the least that is tried where the solver fails
 USUAL, SHARPER, LEAST_SHARPER = 90, 2.0, 1.08
+LEAPT = 0.1  # excess of a limit from which a profile is taken to leap over such a place
 TURNED = 2.0  # smoothings: velocity at which the friction has all but turned
 STEP, MOST_PARTS = 0.7, 8  # change of velocity in an interval within it; parts of one interval
 FAR_ABOVE = 3.0  # times the accepted excess; halving an interval divides it by about four
@@ -142,20 +144,14 @@ def with_rates(
         Whether functions are compiled.
     progress : callable
     """
+    found, barrier = _Timing(family, curve, start, ends, fast).solved(BARRIERS[0]), BARRIERS[1]
     smoothing = _first_smoothing(family, curve, start)
-    found, barrier, rubs = start, BARRIERS[0], smoothing > COULOMB_SMOOTHING
-    last, sharper = smoothing, SHARPER
-    while True:
-        tried = _closer_at_reversals(family, curve, found, smoothing)
-        tried = _Timing(family, curve, tried, ends, fast, smoothing).solved(barrier, every=rubs)
-        if tried.solved:
-            found, last, barrier = tried, smoothing, SMOOTHED_BARRIER if rubs else BARRIERS[1]
-        else:  # less at a time
-            found, sharper = replace(found, attempts=tried.attempts), np.sqrt(sharper)
-        done = last == COULOMB_SMOOTHING or not rubs
-        if done or sharper < LEAST_SHARPER or deadline.over():
-            break
-        smoothing = max(last / sharper, COULOMB_SMOOTHING)
+    rubs = smoothing > COULOMB_SMOOTHING and (
+        not found.solved or float(_excess(family, curve, found).max()) > LEAPT
+    )
+    if rubs and not deadline.over():
+        found = _with_friction(family, curve, start, ends, fast, smoothing)
+        barrier = SMOOTHED_BARRIER
     for _ in range(MOST_MESHES):
         if not found.solved or deadline.over():
             break
@@ -173,6 +169,23 @@ def with_rates(
         finer = _Timing(family, curve, found.at_times(t), ends, fast).solved(barrier, every=rubs)
         found = finer if finer.solved else replace(found, attempts=finer.attempts)
     return found
+
+
+def _with_friction(
+    family: LimitFamily, curve: Curve, start: Profile, ends: Ends, fast: bool, smoothing: float
+) -> Profile:
+    """A profile for dry friction that turns within its own velocity, by way of wider ones."""
+    found, barrier, last, sharper = start, BARRIERS[0], smoothing, SHARPER
+    while True:
+        tried = _closer_at_reversals(family, curve, found, smoothing)
+        tried = _Timing(family, curve, tried, ends, fast, smoothing).solved(barrier, every=True)
+        if tried.solved:
+            found, last, barrier = tried, smoothing, SMOOTHED_BARRIER
+        else:  # less at a time
+            found, sharper = replace(found, attempts=tried.attempts), np.sqrt(sharper)
+        if last == COULOMB_SMOOTHING or sharper < LEAST_SHARPER or deadline.over():
+            return found
+        smoothing = max(last / sharper, COULOMB_SMOOTHING)
 
 
 def _first_smoothing(family: LimitFamily, curve: Curve, start: Profile) -> float:
