@@ -125,7 +125,7 @@ def summary_of(sweep: Sweep) -> SweepSummary:
         },
         failures=_failures(read),
         case_time=Quartiles.of(read["case_time"]),
-        not_compiled=int((~read["compiled"]).sum()),
+        not_compiled=int((~read["compiled"] & np.isfinite(read["case_time"])).sum()),
     )
 
 

@@ -62,7 +62,7 @@ def _notes(results: Sweep, found: SweepSummary) -> list[str]:
     if time.count:
         notes.append(f"Wall time of a case: median {time.median:.3g} s.")
     if found.not_compiled and "time_optimal" in results.methods:
-        notes.append(f"{found.not_compiled:,} cases ran on CasADi's virtual machine: not compiled.")
+        notes.append(f"Not compiled, on CasADi's virtual machine: {found.not_compiled:,} cases.")
     return notes
 
 
