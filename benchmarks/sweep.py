@@ -106,6 +106,7 @@ def plain_loop(count: int) -> Run:
     begin = time.perf_counter()
     code = [sys.executable, "-c", LOOP.format(count=count)]
     alone = {**os.environ, **ONE_THREAD}
+    alone.pop("MALLOC_TRIM_THRESHOLD_", None)  # which an earlier sweep's dask has set
     done = subprocess.run(code, capture_output=True, text=True, check=True, env=alone)
     span, work = map(float, done.stdout.split())
     return Run(span, time.perf_counter() - begin - span, work / (count - 1))

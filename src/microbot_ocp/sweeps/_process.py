@@ -17,6 +17,7 @@ import subprocess
 import sys
 import threading
 import traceback
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, BinaryIO, TypeAlias
 
 from microbot_ocp._base.checks import FloatArray, shortened
@@ -30,6 +31,14 @@ HEAD = struct.Struct("<Q")
 LIVES = 2  # times that a case may take its process down before it is left
 Done: TypeAlias = "tuple[Row, dict[str, bytes]]"
 _processes = threading.local()  # one of each thread of a worker
+
+
+def _without_trimming(environment: Mapping[str, str]) -> dict[str, str]:
+    """The environment without dask's wish that freed memory is given back at once.
+
+    A case takes 0.68 s with it and 0.46 s without (``python -m benchmarks sweep``).
+    """
+    return {k: v for k, v in environment.items() if k != "MALLOC_TRIM_THRESHOLD_"}
 
 
 class _Ended(Exception):
@@ -50,7 +59,7 @@ class CaseProcess:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             start_new_session=True,  # Ctrl-C is the parent's
-            env={**os.environ, "PYTHONPATH": paths},
+            env={**_without_trimming(os.environ), "PYTHONPATH": paths},
         )
         said: Any
         try:
