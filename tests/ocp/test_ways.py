@@ -1,12 +1,15 @@
 """Solves that end in time, whatever happens inside, and that are tried in other ways."""
 
 import os
+import sys
 import time
+from pathlib import Path
 
 import casadi as ca
 import numpy as np
 import pytest
 
+from external.published_problems import cart_pole_slopes
 from microbot_ocp import InputError, Status
 from microbot_ocp._base.child_process import Died, OutOfTime, in_child
 from microbot_ocp.ocp import Refined, solve_refined, verify
@@ -18,6 +21,10 @@ from microbot_ocp.ocp.transcription import Guess, Transcription
 from microbot_ocp.ocp.transcription.schemes import within_bounds
 from microbot_ocp.ocp.verification import better_controls
 from ocp.textbook import double_integrator
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
+from benchmarks.suite.table import BY_NAME
 
 
 def hypersensitive(duration=1e4):
@@ -259,12 +266,11 @@ def cart_pole(force: float, shape: str = "auto") -> OptimalControlProblem:
     v = phase.state("v", initial=0.0, final=0.0)
     rate = phase.state("rate", initial=0.0, final=0.0)
     u = phase.control("u", lower=-force, upper=force, shape=shape)
-    sine, cosine = ca.sin(angle), ca.cos(angle)
-    free, push = 1 + 0.3 * sine**2, u + 0.15 * sine * rate**2
+    gain, turn = cart_pole_slopes(rate, u, ca.sin(angle), ca.cos(angle))
     phase.derivative(x, v)
     phase.derivative(angle, rate)
-    phase.derivative(v, (push + 0.3 * 9.81 * cosine * sine) / free)
-    phase.derivative(rate, -(push * cosine + 1.3 * 9.81 * sine) / (0.5 * free))
+    phase.derivative(v, gain)
+    phase.derivative(rate, turn)
     phase.running_cost(u**2)
     return problem
 
@@ -333,19 +339,10 @@ def test_scales_of_states_behind_fast_ones_are_those_of_a_simulation():
     assert [float(state.scale[0]) for state in own] == [1.0, 1.0, 1.0]
 
 
-def newton() -> OptimalControlProblem:
-    """Newton's body of least resistance: its slopes have two valleys, and a solve ends in any."""
-    problem = OptimalControlProblem("Newton")
-    phase = problem.phase("only", 1.0)
-    height = phase.state("height", initial=1.0, final=0.0, lower=0.0, upper=1.0)
-    slope = phase.control("slope", lower=-100.0, upper=0.0)
-    phase.derivative(height, slope)
-    phase.running_cost(8 * phase.time / (1 + slope**2))
-    return problem
-
-
 def test_where_optima_are_near_the_best_of_several_is_kept_and_it_is_said():
-    solution = next(solutions(newton(), 20, None, SolverSettings(), "radau", np.inf, None))[0]
+    """Newton's body of least resistance: its slopes have two valleys, and a solve ends in any."""
+    newton = BY_NAME["newton"].build()
+    solution = next(solutions(newton, 20, None, SolverSettings(), "radau", np.inf, None))[0]
     assert solution.cost == pytest.approx(1.49926395, rel=1e-3)  # 1.50668 from the guess
     assert len(solution.rivals) > 1
     assert solution.rivals[0] == 0.0

@@ -426,11 +426,14 @@ def _realised(
 
 def least_time(task: Task, way: Way) -> float:
     """Time between the poses of a way by the velocity limits alone, s, dwells not included."""
-    speeds = np.maximum(-task.robot.limits.qd_min, task.robot.limits.qd_max)
-    steps = np.abs(np.diff(way.via, axis=0))
-    times = np.divide(steps, speeds, out=np.zeros_like(steps), where=steps > 0.0)
-    return float(times.max(axis=1).sum())
+    return _time(way, np.maximum(-task.robot.limits.qd_min, task.robot.limits.qd_max))
 
 
 def _estimate(task: Task, way: Way) -> float:
-    return float((np.abs(np.diff(way.via, axis=0)) / _speeds(task.robot)).max(axis=1).sum())
+    return _time(way, _speeds(task.robot))
+
+
+def _time(way: Way, speeds: FloatArray) -> float:
+    steps = np.abs(np.diff(way.via, axis=0))
+    times = np.divide(steps, speeds, out=np.zeros_like(steps), where=steps > 0.0)
+    return float(times.max(axis=1).sum())

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Sequence
 from functools import lru_cache, partial
-from math import comb
+from math import factorial
 from typing import Any
 
 import casadi as ca
@@ -292,13 +292,14 @@ def _integrated(phase: PhaseSolution) -> FloatArray:
         )
     still = np.zeros((1, q.shape[1]))
     left = State((q[-1:] - position[-1:]), qd[-1:] - velocity[-1:], still)
-    spread = quintic_between(State(still, still, still), left, t[-1:])[0]
+    spread = PiecewisePolynomial(
+        t[[0, -1]], quintic_between(State(still, still, still), left, t[-1:])
+    )
     pieces = np.zeros((t.size - 1, 6, q.shape[1]))
     pieces[:, :4] = np.stack([position[:-1], velocity[:-1], 0.5 * qdd[:-1], jerk / 6.0], axis=1)
     for order in range(6):  # the same quintic from where each interval begins
-        powers = np.array([comb(k, order) for k in range(order, 6)])
-        powers = powers * t[:-1, None] ** np.arange(6 - order)
-        pieces[:, order] += powers @ spread[order:]
+        pieces[:, order] += spread(t[:-1]) / factorial(order)
+        spread = spread.derivative()
     return pieces
 
 

@@ -145,17 +145,15 @@ def with_rates(
     progress : callable
     """
     found, barrier = _Timing(family, curve, start, ends, fast).solved(BARRIERS[0]), BARRIERS[1]
+    excess = _excess(family, curve, found)
     smoothing = _first_smoothing(family, curve, start)
-    rubs = smoothing > COULOMB_SMOOTHING and (
-        not found.solved or float(_excess(family, curve, found).max()) > LEAPT
-    )
+    rubs = smoothing > COULOMB_SMOOTHING and float(excess.max()) > LEAPT
     if rubs and not deadline.over():
         found = _with_friction(family, curve, start, ends, fast, smoothing)
-        barrier = SMOOTHED_BARRIER
+        excess, barrier = _excess(family, curve, found), SMOOTHED_BARRIER
     for _ in range(MOST_MESHES):
         if not found.solved or deadline.over():
             break
-        excess = _excess(family, curve, found)
         worst = float(excess.max())
         progress(
             f"mesh {found.s.size - 1}: {found.duration:.6f} s; largest excess of a limit between "
@@ -168,6 +166,7 @@ def with_rates(
         t = halved_within(t, found.t, excess > FAR_ABOVE * tolerance)
         finer = _Timing(family, curve, found.at_times(t), ends, fast).solved(barrier, every=rubs)
         found = finer if finer.solved else replace(found, attempts=finer.attempts)
+        excess = _excess(family, curve, found)
     return found
 
 
@@ -227,7 +226,12 @@ def _closer_at_reversals(
 
 
 def _excess(family: LimitFamily, curve: Curve, profile: Profile) -> FloatArray:
-    """Largest relative excess [N,K] of any limit at K places of every interval."""
+    """Largest relative excess [N,K] of any limit at K places of every interval.
+
+    Infinite where the profile was not solved.
+    """
+    if not profile.solved:
+        return np.full((profile.s.size - 1, 1), np.inf)
     shares = np.linspace(0.0, 1.0, CHECKS_PER_INTERVAL + 1)
     steps = np.diff(profile.t)
     i = np.repeat(np.arange(steps.size), shares.size)

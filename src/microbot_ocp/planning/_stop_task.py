@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
@@ -290,9 +290,12 @@ def _felt(robot: Robot, stop: Stop, row: Row) -> Row | None:
             f"{row.name} of stop {stop.name!r} is off by {off.max():.3g} whatever the joints do"
         )
     kept = np.flatnonzero(~fixed)
-    expression = row.expression
-    chosen = lambda q, qd: ca.vertcat(*(expression(q, qd)[int(k)] for k in kept))  # noqa: E731
+    chosen = partial(_chosen, row.expression, kept.tolist())
     return replace(row, expression=chosen, bounds=(low[kept], high[kept])) if kept.size else None
+
+
+def _chosen(expression: Callable[..., Any], rows: list[int], q: Any, qd: Any) -> Any:
+    return expression(q, qd)[rows]
 
 
 def _upper(bound: float) -> Bounds:

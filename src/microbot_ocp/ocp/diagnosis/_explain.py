@@ -8,8 +8,9 @@ would have to give if it gave alone.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from typing import Any
 
 import casadi as ca
@@ -172,12 +173,15 @@ def explain(
     if limits_only:  # that cost nothing, and they would run away
         durations = np.concatenate([layout.nodes[:, -1] for layout in layouts])
         elastic.highest[durations] = LONGER * start.x[durations]
-    starts = [start.x]
-    if guess is None:
-        simulated = rollouts(transcription.problem, default_guess(transcription.problem))
-        points = [starting_point(program, transcription.problem, g).x for g in simulated[:OTHERS]]
-        starts += [x for x in points if np.isfinite(program.row_values(x)).all()]
-    return elastic.explain(starts, limits_only)
+    others = _simulated(program, transcription.problem) if guess is None else ()
+    return elastic.explain(chain([start.x], others), limits_only)
+
+
+def _simulated(program: Program, problem: OptimalControlProblem) -> Iterator[FloatArray]:
+    for guess in rollouts(problem, default_guess(problem))[:OTHERS]:
+        x = starting_point(program, problem, guess).x
+        if np.isfinite(program.row_values(x)).all():
+            yield x
 
 
 @dataclass(frozen=True, eq=False)
@@ -324,7 +328,7 @@ class _Elastic:
         return good, values, np.array(result["lam_g"]).ravel()
 
     def cheapest(
-        self, starts: Sequence[FloatArray], allowed: np.ndarray
+        self, starts: Iterable[FloatArray], allowed: np.ndarray
     ) -> tuple[bool, FloatArray, FloatArray]:
         """As :meth:`solve`, from the start that leads to the cheapest way out."""
         found = []
@@ -335,7 +339,7 @@ class _Elastic:
                 break
         return min(found, key=lambda one: (not one[0], one[1][self.count :].sum()))
 
-    def explain(self, starts: Sequence[FloatArray], limits_only: bool) -> Explanation:
+    def explain(self, starts: Iterable[FloatArray], limits_only: bool) -> Explanation:
         slacks = len(self.items)
         may = np.array([item.kind == "limit" or not limits_only for item in self.items])
         good, values, multipliers = self.cheapest(starts, may)

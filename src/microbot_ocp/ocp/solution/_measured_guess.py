@@ -16,7 +16,7 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.ocp.problem import OptimalControlProblem, Phase, Variable
-from microbot_ocp.ocp.transcription import Guess, GuessValue
+from microbot_ocp.ocp.transcription import Guess, GuessValue, guess_table
 
 NODES = 5  # of the quadrature between two measurements
 
@@ -61,7 +61,7 @@ class _Seen:
     def table(self, variable: Variable, fractions: FloatArray) -> FloatArray:
         """The guess of a variable [M, size] without measurements; zeros where there is none."""
         value = self.guess.values.get(variable.name, np.clip(0.0, variable.lower, variable.upper))
-        table = np.asarray(value(fractions) if callable(value) else value, dtype=float)
+        table = guess_table(value, variable.size, fractions)
         return np.broadcast_to(table, (fractions.size, variable.size)).copy()
 
     def _inputs(self, fractions: FloatArray) -> list[FloatArray]:

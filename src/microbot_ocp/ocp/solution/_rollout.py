@@ -10,7 +10,7 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp.problem import OptimalControlProblem, Phase, Variable
-from microbot_ocp.ocp.transcription import Guess, GuessValue
+from microbot_ocp.ocp.transcription import Guess, GuessValue, guess_table
 
 SHARES = (0.5, 0.2, 0.1, 0.8, 0.0, 1.0)  # of the range of all controls that are tried
 STEPS = ((0.2, 1.0), (0.8, 0.0), (0.0, 1.0), (1.0, 0.0))  # shares of both halves of every phase
@@ -19,7 +19,7 @@ POINTS = 2 * MIDDLE + 1  # of every phase
 GRID = np.linspace(0.0, 1.0, POINTS)
 Range = tuple[FloatArray, FloatArray]
 Ranges = Mapping[str, Mapping[str, Range]]
-Share = float | FloatArray | np.random.Generator  # of the range of a control
+Share = float | np.random.Generator  # of the range of a control; at random
 
 TOLERANCE, SMALL = 1e-6, 1e-10  # relative, absolute
 EXPLODES = 1e4  # times the size of the usual guess: what grows so is no start, nor gives scales
@@ -167,11 +167,10 @@ def _range(control: Variable, known: Mapping[str, Range]) -> Range:
 
 
 def _constant(low: FloatArray, high: FloatArray, share: Share) -> FloatArray:
-    if isinstance(share, np.random.Generator):
-        share = share.random(low.size) ** 2
+    part = share.random(low.size) ** 2 if isinstance(share, np.random.Generator) else share
     both = np.isfinite(low) & np.isfinite(high)
     with np.errstate(invalid="ignore"):
-        return np.where(both, low + share * (high - low), np.clip(0.0, low, high))
+        return np.where(both, low + part * (high - low), np.clip(0.0, low, high))
 
 
 def _step(before: FloatArray, after: FloatArray, s: FloatArray) -> FloatArray:
@@ -180,13 +179,9 @@ def _step(before: FloatArray, after: FloatArray, s: FloatArray) -> FloatArray:
 
 def _values(guess: Guess, variable: Variable, share: FloatArray) -> FloatArray:
     value = guess.values.get(variable.name, np.clip(0.0, variable.lower, variable.upper))
-    table = np.asarray(value(share) if callable(value) else value, dtype=float)
-    if table.ndim == 1 and variable.size == 1 < table.size:
-        table = table[:, None]
-    if table.ndim <= 1 and table.size not in (1, variable.size):
-        table = np.zeros(1)  # it is refused later, where the points of the mesh are known
-    if table.ndim <= 1:
-        return np.broadcast_to(table.reshape(1, -1), (share.size, variable.size))
+    table = guess_table(value, variable.size, share)
+    if table.ndim <= 1 or len(table) < share.size:  # refused later, where the mesh is known
+        return np.zeros((share.size, variable.size))
     return table[: share.size]
 
 

@@ -26,7 +26,7 @@ from microbot_ocp.ocp.solution._initial_guess import completed, default_guess, g
 from microbot_ocp.ocp.solution._problem_data import KINDS, LIMITS
 from microbot_ocp.ocp.solution._rollout import rollouts
 from microbot_ocp.ocp.solution._solution import Solution
-from microbot_ocp.ocp.transcription import Guess, Program
+from microbot_ocp.ocp.transcription import Guess, GuessValue, Program, guess_table
 
 POINTS = 40  # at which expressions are looked at
 ROUNDS = 10  # of sizes that follow from other sizes
@@ -302,11 +302,9 @@ class _Look:
         return _Slopes(values.T, blocks)
 
 
-def _samples(value: object, variable: Variable, share: FloatArray) -> FloatArray:
+def _samples(value: GuessValue, variable: Variable, share: FloatArray) -> FloatArray:
     """A guess [M, size] at fractions of the phase; zeros where its shape is wrong."""
-    table = np.asarray(value(share) if callable(value) else value, dtype=float)
-    if table.ndim <= 1 and table.size in (1, variable.size):
-        table = np.broadcast_to(table.reshape(1, -1), (share.size, variable.size))
+    table = guess_table(value, variable.size, share)
     table = table[:, 0] if table.ndim == 3 else table
     if table.ndim != 2 or table.shape[1] != variable.size:
         return np.zeros((share.size, variable.size))  # refused where the guess is used

@@ -22,6 +22,7 @@ from microbot_ocp.ocp.transcription import (
     Program,
     fill_transitions,
     fill_values,
+    guess_table,
 )
 
 
@@ -329,12 +330,7 @@ def _guess_table(
         return np.full((points.size, variable.size), default)
     if variable.name not in guess.values:
         raise InputError(f"{label} is missing")
-    value = guess.values[variable.name]
-    table = np.asarray(value(points) if callable(value) else value, dtype=float)
-    if table.ndim <= 1 and table.size in (1, variable.size):
-        table = np.broadcast_to(table.reshape(1, -1), (points.size, variable.size))
-    if table.ndim == 1 and variable.size == 1:
-        table = table[:, None]
+    table = guess_table(guess.values[variable.name], variable.size, points)
     if table.ndim == 3 and which is not None and which < table.shape[1]:
         table = table[:, which]  # of the values of an earlier solution
     if table.shape == (layout.mesh.size, variable.size) and not np.array_equal(points, layout.mesh):

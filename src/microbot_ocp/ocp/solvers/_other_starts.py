@@ -39,6 +39,7 @@ from microbot_ocp.ocp.transcription import (
     GuessValue,
     Transcription,
     assemble,
+    guess_table,
 )
 from microbot_ocp.ocp.verification import phase_layout
 
@@ -123,10 +124,10 @@ def on_any_mesh(guess: Given, problem: OptimalControlProblem) -> Given:
 
 
 def _as_function(value: GuessValue, size: int) -> GuessValue:
-    if callable(value) or (np.ndim(value) < 2 and np.size(value) in (1, size)):
+    if callable(value) or np.ndim(value) == 0:
         return value
-    table = np.asarray(value, dtype=float)
-    table = table.reshape(-1, table.shape[-1] if table.ndim > 1 else 1)
+    table = guess_table(value, size, np.zeros(1))
+    table = table.reshape(-1, table.shape[-1])
     places = np.linspace(0.0, 1.0, table.shape[0])
     return lambda s: np.column_stack([np.interp(s, places, column) for column in table.T])
 
@@ -154,11 +155,19 @@ def _answers(
                 )
                 yield coarse.solved(made) if made.status.solved else made
     starts = _starts(coarse.transcription.problem, most, _ranges(here))
-    for start in islice(starts, most):
+    yield from _solved(coarse, islice(starts, most))
+
+
+def _solved(coarse: _Coarse, starts: Iterable[dict[str, Guess]]) -> Iterator[Solution]:
+    for start in starts:
         if time.perf_counter() >= coarse.until:
             break
         with contextlib.suppress(NotFinite):
             yield coarse.solved(start)
+
+
+def _iterations(solution: Solution) -> int:
+    return sum(max(a.iterations, 0) for a in solution.attempts)
 
 
 def _until_they_agree(
@@ -169,7 +178,7 @@ def _until_they_agree(
     size = cost_size(here.cost, here.cost_scale)
     for count, found in enumerate(_answers(coarse, most, here, guess), start=1):
         yield found
-        spent += sum(max(a.iterations, 0) for a in found.attempts)
+        spent += _iterations(found)
         off = abs(found.cost - here.cost) / size if found.status.solved else np.inf
         agree = agree and off <= SAME
         several = several or WORTH < off <= NEAR
@@ -178,13 +187,11 @@ def _until_they_agree(
     if not several or most < RANDOM:
         return
     simulations = Rollouts(coarse.transcription.problem, *_usual(coarse, here))
-    for start in simulations.random(RANDOM):
-        if spent > ENOUGH_NEAR or time.perf_counter() >= coarse.until:
+    for found in _solved(coarse, simulations.random(RANDOM)):
+        yield found
+        spent += _iterations(found)
+        if spent > ENOUGH_NEAR:
             return
-        with contextlib.suppress(NotFinite):
-            found = coarse.solved(start)
-            spent += sum(max(a.iterations, 0) for a in found.attempts)
-            yield found
 
 
 def _usual(coarse: _Coarse, here: Solution) -> tuple[dict[str, Guess], Ranges]:

@@ -227,9 +227,7 @@ def solutions(
             better, found = best[0], []
             if not isinstance(guess, Solution):  # what was compared when it was found
                 better, found = cheaper_elsewhere(*best, own, compared, share, progress, guess)
-            rivals = better.rivals
             better, tried = improved(better, best[1], own, share, progress)
-            better = replace(better, rivals=rivals)
             best, attempts = (better, best[1]), attempts + found + tried
         if best is not None:
             told = True
@@ -339,9 +337,7 @@ def _on_finer_meshes(
         solution = replace(finer, advice=advice, rivals=solution.rivals)
     more = improvable(solution)
     if not alone and more > ACCURACY:
-        rivals = solution.rivals
         solution, tried = improved(solution, transcription, settings, until, progress)
-        solution = replace(solution, rivals=rivals)
         attempts, more = attempts + tried, improvable(solution)
     solution = replace(solution, attempts=tuple(attempts))
     settled = left.estimate <= SETTLED * ACCURACY and worst <= ROUGH

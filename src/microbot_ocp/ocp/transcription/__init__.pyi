@@ -44,6 +44,7 @@ from ._transcription import (
     Guess as Guess,
     GuessValue as GuessValue,
     Transcription as Transcription,
+    guess_table as guess_table,
 )
 from .schemes import (
     SCHEMES as SCHEMES,

@@ -46,6 +46,17 @@ class Guess:
     values: Mapping[str, GuessValue] = field(default_factory=dict)
 
 
+def guess_table(value: GuessValue, size: int, fractions: FloatArray) -> FloatArray:
+    """A guess at fractions [M] of its phase: [M, size], or as it is where its shape is another.
+
+    Constants stand for all fractions, and a row of a scalar for a column.
+    """
+    table = np.asarray(value(fractions) if callable(value) else value, dtype=float)
+    if table.ndim <= 1 and table.size in (1, size):
+        return np.broadcast_to(table.reshape(1, -1), (fractions.size, size))
+    return table[:, None] if table.ndim == 1 and size == 1 else table
+
+
 class Transcription:
     """A problem with its kernels built once, to be laid out on any number of meshes.
 
