@@ -9,8 +9,16 @@ import pytest
 from PIL import Image
 
 import microbot_ocp as mo
+from microbot_ocp.comparison import Cell
 from microbot_ocp.views.animation import Film, write_animation
-from microbot_ocp.views.recording import of_branches, of_motion
+from microbot_ocp.views.recording import (
+    OBSTACLE_COLOR,
+    PART_COLOR,
+    TUBE_COLOR,
+    of_branches,
+    of_cell,
+    of_motion,
+)
 
 
 @pytest.fixture(scope="module")
@@ -111,3 +119,50 @@ def test_large_meshes_are_drawn_more_coarsely(tmp_path) -> None:
     corners = np.concatenate([path.vertices for path in drawn])
     middle, _ = film.camera.project(np.array([0.5, 0.0, 0.0]))
     assert np.abs(corners.mean(axis=0) - middle).max() < 0.05 * np.ptp(corners)
+
+
+def test_a_film_of_a_cell_shows_obstacles_tubes_and_the_part_on_its_way(robot: mo.Robot) -> None:
+    part = mo.Payload(0.1, shape=mo.Capsule([0, 0, 0], [0.0, 0.0, 0.05], 0.06))
+    first, last = [0.3, 0.4], [-0.6, 0.5]
+    places = [np.array(mo.forward_kinematics(robot)(q))[:3, 3] for q in (first, [0.0, 0.5], last)]
+    stops = (
+        mo.Stop(position=places[0], payload=part, name="pick"),
+        mo.Stop(position=places[1], payload=0, name="place"),
+        mo.Stop(q=last, name="away"),
+    )
+    shape = mo.cubic([first, [0.0, 0.5], last], [0.0, 0.5, 1.0])
+    marks = [mo.Mark(0.5 * k, stop.name) for k, stop in enumerate(stops)]
+    motion = mo.Motion.from_polynomial(robot, shape, label="cubic", marks=marks)
+    post = mo.Cylinder(0.05, 0.4, [0.2, -0.5, 0.1], "post")
+    scene = mo.Scene([post, mo.HalfSpace([0, 1, 0], -1.2, "floor"), mo.HalfSpace([1, 0, 0], -1.5)])
+    segments = (mo.Line(tolerance=0.02), None)
+    certificate = mo.certify(robot, motion)
+    cell = Cell(robot, stops, segments, False, motion, certificate, scene)
+    film = Film(of_cell(cell))
+    frames: dict[float, np.ndarray] = {}
+    wanted = {"post": (OBSTACLE_COLOR, 0), "part": (PART_COLOR, 1), "tube": (TUBE_COLOR, 2)}
+
+    def shown(t: float, place: np.ndarray, name: str) -> bool:
+        """Whether a colour is seen within five pixels of a place."""
+        if t not in frames:
+            frames[t] = film.frame(t).astype(float)
+        picture = frames[t]
+        x, y = film.space.transData.transform(film.camera.project(np.asarray(place))[0])
+        here = picture[449 - int(y) - 5 : 449 - int(y) + 6, int(x) - 5 : int(x) + 6].reshape(-1, 3)
+        hue = np.array(wanted[name][0][:3], dtype=float)
+        spread = np.linalg.norm(here, axis=1)
+        alike = here @ hue / np.maximum(spread * np.linalg.norm(hue), 1e-9)
+        return bool(((alike > 0.99) & (spread > 60) & (np.ptp(here, axis=1) > 25)).any())
+
+    up = np.array([0.0, 0.0, 0.05])
+    tool = motion.sample([0.25]).q[0]
+    there = np.array(mo.forward_kinematics(robot)(tool))[:3, 3] + up
+    above = [place + up for place in places]
+    assert shown(0.0, [0.2, -0.5, 0.1], "post")
+    assert shown(0.9, (places[0] + places[1]) / 2, "tube")
+    assert [shown(t, above[0], "part") for t in (0.0, 0.4, 0.95)] == [True, False, False]
+    assert [shown(t, above[1], "part") for t in (0.0, 0.95)] == [False, True]
+    assert shown(0.25, there, "part")
+    assert film.floor == -1.2
+    film.frame(1.0)
+    assert "apart" in film.said.get_text()

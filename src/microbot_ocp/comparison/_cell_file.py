@@ -56,7 +56,8 @@ STOP = (
 PAYLOAD = ("mass", "center_of_mass", "inertia", "shape")
 KINDS: dict[str, Any] = {"line": Line, "circle": Circle, "joint line": JointLine}
 LARGEST_ANGLE = 2 * np.pi  # rad: beyond it degrees were meant
-CELL_OUTPUTS = ("json", "motion", "figure", "recording")
+CELL_OUTPUTS = ("json", "motion", "figure", "recording")  # what is written by default
+FILMS = ("gif", "mp4")
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,10 +117,20 @@ class CellFile:
                 progress=progress,
             )
         motion = replace(motion, provenance={**motion.provenance, "robot": self.robot.name})
+        progress(f"certify: {motion.duration:.4f} s")
+        return self.certified(motion)
+
+    def certified(self, motion: Motion) -> Cell:
+        """A motion of this task, such as a saved one, with its certificate.
+
+        Raises
+        ------
+        InputError
+            A motion of another task.
+        """
         order = motion.provenance.get("order", range(len(self.stops)))
         stops = tuple(self.stops[k] for k in order)
         segments = in_order(self.segments, order)
-        progress(f"certify: {motion.duration:.4f} s")
         certificate = certify(
             self.robot,
             motion,
@@ -182,13 +193,13 @@ class Cell:
         }
 
     def save(self, folder: str | Path, outputs: Sequence[str] = CELL_OUTPUTS) -> list[Path]:
-        """Write ``cell.json``, ``motion.npz``, ``motion.png`` and ``cell.rrd`` into a folder.
+        """Write ``cell.json``, ``motion.npz``, ``motion.png``, ``cell.rrd``, films into a folder.
 
         Parameters
         ----------
         folder : str or Path
         outputs : sequence of str
-            Some of "json", "motion", "figure", "recording".
+            Some of "json", "motion", "figure", "recording", "gif", "mp4".
 
         Raises
         ------
@@ -198,7 +209,7 @@ class Cell:
         target = made_folder(folder)
         written = []
         for name in outputs:
-            checks.one_of("output", name, CELL_OUTPUTS)
+            checks.one_of("output", name, (*CELL_OUTPUTS, *FILMS))
             if name == "json":
                 text = json.dumps(plain(self.as_dict()), indent=2, ensure_ascii=False) + "\n"
                 written.append(write_whole(target / "cell.json", text))
@@ -206,13 +217,27 @@ class Cell:
                 written.append(self.motion.save(target / "motion.npz"))
             elif name == "figure":
                 written.append(self.motion.plot(self.robot).savefig(target / "motion.png"))
-            else:
+            elif name == "recording":
                 written.append(self.to_rerun(target / "cell.rrd"))
+            else:
+                written.append(self.export(target / f"cell.{name}"))
         return written
 
     def to_rerun(self, path: str | Path) -> Path:
         """Write a Rerun recording (``.rrd``) of the arm with stops, tool lines, parts and scene."""
         return view_for(self, "rerun")(self).save(path)
+
+    def export(
+        self, path: str | Path, rate: float | None = None, theme: str = "light", **options: Any
+    ) -> Path:
+        """Write a film (``.gif``, ``.mp4``) of the arm with parts, tubes, obstacles and clearance.
+
+        Parameters
+        ----------
+        path, rate, theme, **options
+            As of ``write_animation``, whose errors are raised.
+        """
+        return view_for(self, "animation")(self, path, rate, theme=theme, **options)
 
 
 def is_cell_file(path: str | Path) -> bool:
@@ -279,8 +304,9 @@ def _cell(data: Mapping[str, Any], origin: str, folder: Path) -> CellFile:
     if duration is not None:
         checks.number("duration", duration, "s", above=0.0)
     outputs = data.get("outputs", list(CELL_OUTPUTS))
-    if not isinstance(outputs, list) or not set(outputs) <= set(CELL_OUTPUTS):
-        raise InputError(f"outputs must be some of {', '.join(CELL_OUTPUTS)}, not {outputs!r}")
+    if not isinstance(outputs, list) or not set(outputs) <= {*CELL_OUTPUTS, *FILMS}:
+        known = ", ".join((*CELL_OUTPUTS, *FILMS))
+        raise InputError(f"outputs must be some of {known}, not {outputs!r}")
     settings = settings_from(table_of(data, "settings", KEYS["settings"]))
     for key in ("grid", "blend"):
         if key in settings:

@@ -63,7 +63,12 @@ class Columns(NamedTuple):
 
 
 def export(
-    motion: Any, path: str | Path, rate: float | None, robot: Robot | None, theme: str
+    motion: Any,
+    path: str | Path,
+    rate: float | None,
+    robot: Robot | None,
+    theme: str,
+    scene: Any,
 ) -> Path:
     """Write a motion; see :meth:`microbot_ocp.Motion.export`."""
     target = Path(path)
@@ -71,7 +76,7 @@ def export(
     if target.suffix in FILM_FORMATS:
         if robot is None:
             raise InputError(f"a {target.suffix} film needs the robot: give robot=...")
-        return view_for(motion, "animation")(robot, motion, target, rate, theme=theme)
+        return view_for(motion, "animation")(robot, motion, target, rate, theme=theme, scene=scene)
     _check_size(motion, rate, target.suffix)
     sampled = motion if rate is None else motion.resample(rate, robot)
     columns = Columns.of(sampled, robot)

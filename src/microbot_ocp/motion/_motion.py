@@ -269,6 +269,7 @@ class Motion:
         rate: float | None = None,
         robot: Robot | None = None,
         theme: str = "light",
+        scene: Any = None,
     ) -> Path:
         """Write the motion for another program, or as a film: the ending of the path says which.
 
@@ -286,6 +287,8 @@ class Motion:
             Gives names and units of the joints; without it they are numbered, and revolute.
         theme : str
             Of a film.
+        scene : Scene, optional
+            Obstacles that a film shows, with the line between the nearest points.
 
         Returns
         -------
@@ -310,7 +313,7 @@ class Motion:
         >>> text[:33]
         't [s],q waist [rad],q shoulder [r'
         """
-        return export(self, path, rate, robot, theme)
+        return export(self, path, rate, robot, theme, scene)
 
     def save(self, path: str | Path) -> Path:
         """Write one ``.npz``: arrays t, q, qd, qdd, tau, breaks and a JSON string ``metadata``."""

@@ -37,7 +37,10 @@ add_views(
         },
         "microbot_ocp.comparison.Certificate": {"table": f"{TABLES}._results:certificate"},
         "microbot_ocp.comparison.Front": {"plot": f"{PLOTS}:front"},
-        "microbot_ocp.comparison.Cell": {"rerun": f"{RECORDING}:of_cell"},
+        "microbot_ocp.comparison.Cell": {
+            "rerun": f"{RECORDING}:of_cell",
+            "animation": f"{ANIMATION}:animate_cell",
+        },
         "microbot_ocp.comparison.Comparison": {
             "table": f"{TABLES}:comparison_table",
             "json": f"{TABLES}:write_json",

@@ -51,8 +51,11 @@ class Camera:
         depth = np.maximum(-(away @ self.towards), 1e-6)
         return np.stack([away @ self.right, away @ self.above], axis=-1) / depth[..., None], depth
 
-    def picture(self, faces: Faces) -> tuple[FloatArray, FloatArray]:
-        """Polygons [N,k,2] of the faces that look at the eye, the far ones first; colours [N,3]."""
+    def picture(self, faces: Faces) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Polygons [N,k,2] of the faces that look at the eye, the far ones first.
+
+        With their colours [N,3] and depths [N], m.
+        """
         a, b, c, d = (faces.corners[:, i] for i in (0, 1, 2, -1))
         normals = np.cross(c - a, d - b)  # of the diagonals; of a triangle c and d are one
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
@@ -67,8 +70,9 @@ class Camera:
         colors = faces.colors[seen] * bright[:, None]
         colors = colors + shine[:, None] * (1.0 - colors)
         flat, depth = self.project(faces.corners[seen])
-        order = np.argsort(-depth.mean(axis=1))
-        return flat[order], colors[order]
+        depths = depth.mean(axis=1)
+        order = np.argsort(-depths)
+        return flat[order], colors[order], depths[order]
 
 
 def arm_faces(robot: Robot, q: FloatArray, link: Color, joint: Color) -> list[Faces]:
@@ -80,18 +84,19 @@ def arm_faces(robot: Robot, q: FloatArray, link: Color, joint: Color) -> list[Fa
     size, origins = reach(robot), link_origins(robot, q[None])[0]
     points = [robot.base[:3, 3], *origins[1:]]
     colors = np.array(link), np.array(joint)
-    found = [_placed(robot.base, _colored(_drum(FOOT[0] * size, FOOT[1] * size), colors[1]))]
+    found = [_placed(robot.base, colored(_drum(FOOT[0] * size, FOOT[1] * size), colors[1]))]
     for start, end in pairwise(points):
         if np.linalg.norm(end - start) > 1e-6 * size:
-            found.append(_colored(_capsule(start, end, LINK * size), colors[0]))
+            found.append(colored(capsule_faces(start, end, LINK * size), colors[0]))
     radius, length = (share * size for share in JOINT)
     for pose, kind in zip(poses[1:-1], robot.joint_types, strict=True):
-        corners = _drum(radius, length) if kind == "revolute" else _box(radius, length)
-        found.append(_placed(pose, _colored(corners, colors[1])))
+        corners = _drum(radius, length) if kind == "revolute" else box_faces(radius, length)
+        found.append(_placed(pose, colored(corners, colors[1])))
     return found
 
 
-def _colored(corners: FloatArray, color: FloatArray) -> Faces:
+def colored(corners: FloatArray, color: FloatArray) -> Faces:
+    """Faces [N,k,3] of one colour [3]."""
     return Faces(corners, np.broadcast_to(color, (len(corners), 3)))
 
 
@@ -112,13 +117,13 @@ def _own_faces(shapes: tuple[Shape, ...]) -> tuple[tuple[int, Faces], ...]:
             if mesh.colors is not None and shape.color is None:
                 colors = mesh.colors[mesh.triangles[:, 0], :3] / 255.0
         elif shape.kind == "box":
-            corners = _box(*shape.size / 2)
+            corners = box_faces(*shape.size / 2)
         elif shape.kind == "cylinder":
             corners = _drum(*shape.size)
         else:
             half = np.array([0.0, 0.0, shape.size[1] / 2 if shape.kind == "capsule" else 0.0])
-            corners = _capsule(-half, half, shape.size[0])
-        drawn = Faces(corners, colors) if colors is not None else _colored(corners, color)
+            corners = capsule_faces(-half, half, shape.size[0])
+        drawn = Faces(corners, colors) if colors is not None else colored(corners, color)
         faces.append((shape.frame, _placed(shape.pose, drawn)))
     return tuple(faces)
 
@@ -155,7 +160,7 @@ def _with_corners_joined(mesh: Mesh, cell: float) -> Mesh:
     return Mesh(sums / counts, triangles[kept], colors)
 
 
-def _grid(rings: FloatArray) -> FloatArray:
+def quadrilaterals(rings: FloatArray) -> FloatArray:
     """Quadrilaterals [(m-1) k,4,3] between rings [m,k,3] that go around counterclockwise."""
     after = np.roll(rings, -1, axis=1)
     corners = np.stack([rings[:-1], after[:-1], after[1:], rings[1:]], axis=2)
@@ -177,7 +182,8 @@ def _turned(start: Any, end: Any) -> Any:
     return np.array([x, np.cross(z, x), z], dtype=float).T
 
 
-def _capsule(start: FloatArray, end: FloatArray, radius: float) -> FloatArray:
+def capsule_faces(start: FloatArray, end: FloatArray, radius: float) -> FloatArray:
+    """A cylinder with round ends between two points."""
     length = np.linalg.norm(end - start)
     latitude = np.linspace(-np.pi / 2, 0.0, CAP + 1)
     below = [np.cos(v) * _circle() + [0.0, 0.0, np.sin(v)] for v in latitude]
@@ -186,21 +192,26 @@ def _capsule(start: FloatArray, end: FloatArray, radius: float) -> FloatArray:
     rings = [radius * ring for ring in below]
     rings += [radius * below[-1] + [0.0, 0.0, v] for v in lengths[1:-1]]
     rings += [radius * ring + [0.0, 0.0, length] for ring in above]
-    return _grid(np.array(rings)) @ _turned(start, end).T + start
+    return quadrilaterals(np.array(rings)) @ _turned(start, end).T + start
 
 
 def _drum(radius: float, length: float) -> FloatArray:
     """A cylinder along z about the origin, with the edges rounded off a little."""
-    bevel, half = 0.12 * radius, length / 2
+    return cylinder_faces(radius, length, 0.12 * radius)
+
+
+def cylinder_faces(radius: float, length: float, bevel: float = 0.0) -> FloatArray:
+    """A cylinder along z about the origin."""
+    half = length / 2
     profile = [(0.0, -half), (radius - bevel, -half), (radius, bevel - half)]
     profile += [(r, -z) for r, z in reversed(profile)]
     rings = [r * _circle() + [0.0, 0.0, z] for r, z in profile]
-    return _grid(np.array(rings))
+    return quadrilaterals(np.array(rings))
 
 
-def _box(x: float, y: float, z: float | None = None) -> FloatArray:
+def box_faces(x: float, y: float, z: float | None = None) -> FloatArray:
     """A box about the origin of half edges x, y, z; of two, a square bar along z."""
     half = np.array([x, y, z]) if z is not None else np.array([x, x, y / 2])
     square = np.array([[1, -1, 0], [1, 1, 0], [-1, 1, 0], [-1, -1, 0]])
     levels = [(0.0, -1.0), (1.0, -1.0), (1.0, 1.0), (0.0, 1.0)]
-    return _grid(np.array([r * square + [0.0, 0.0, v] for r, v in levels])) * half
+    return quadrilaterals(np.array([r * square + [0.0, 0.0, v] for r, v in levels])) * half

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.views._scene import link_origins, link_poses, reach
+from microbot_ocp.views.animation._around import part_faces, still_faces
 from microbot_ocp.views.animation._bodies import Camera, Color, arm_faces
 from microbot_ocp.views.plots import styled
 from microbot_ocp.views.recording import (
@@ -30,6 +31,9 @@ STAGE = (0.02, 0.105, 0.61, 0.86)  # left, bottom, right, top of the arms, of th
 FLOOR = 0.8  # radius, of the reach
 RING = 0.085  # radius of a torque's arc, of the reach
 NEARLY = 0.9  # of a limit: worth showing
+HIDDEN = 0.5  # opacity of the line along the arm that is seen through what stands before it
+HEAD = 0.14  # of the frame's height, above the stage: for the texts, where a scene fills it
+WIDE = 0.6  # share of the arm's own size that what is around it may add to the picture
 GHOST = 0.34  # share of its own colour that a ghost has
 PANEL_JOINTS = 7  # rows of torques: of more joints the first ones
 THEMES = {
@@ -128,6 +132,10 @@ class Film:
         self.space = self.figure.add_axes((0.0, 0.0, 1.0, 1.0))
         self.space.set_zorder(-1)
         self.space.axis("off")
+        self.up, self.base = self.recording.eye.up, self.robot.base[:3, 3]
+        still, self.floor = still_faces(self.recording, self.up)
+        self.still = None if still is None else self.camera.picture(still)
+        self.carried, self.nearest = self.recording.carried, self.recording.nearest()
         self._frame_space(self.space)
         self._floor(self.space)
         made: dict[str, Any] = {"linewidths": 0.4, "antialiaseds": True}
@@ -146,8 +154,21 @@ class Film:
         top = 4 + 2 * len(self.arms)
         self.rings = LineCollection([], linewidths=1.0, colors=[theme["faint"]], zorder=top)
         self.arcs = LineCollection([], zorder=top + 1, capstyle="round")
-        for each in (self.rings, self.arcs):
+        (self.spine,) = self.space.plot(
+            [], [], color=self._color(self.solid), linewidth=1.2, linestyle=(0, (2, 2)), zorder=top,
+            alpha=HIDDEN if self.still is not None else 0.0,
+        )  # fmt: skip
+        self.gap = LineCollection([], linewidths=2.0, colors=[theme["limit"]], zorder=top + 1)
+        for each in (self.rings, self.arcs, self.gap):
             self.space.add_collection(each)
+        self.said = self.figure.text(
+            0.027,
+            0.885 - 0.052 * len(self.arms),
+            "",
+            color=theme["faint"],
+            fontsize=9.5,
+            va="center",
+        )
         places, _ = self.camera.project(np.reshape(self.recording.places, (-1, 3)))
         for (x, y), name in zip(places, self.recording.place_names, strict=True):
             self.space.plot(
@@ -168,7 +189,13 @@ class Film:
         flat, depth = self.camera.project(points)
         margin = (0.11 * size / depth)[:, None]
         low, high = (flat - margin).min(axis=0), (flat + margin).max(axis=0)
+        if self.still is not None:
+            seen = self.still[0].reshape(-1, 2)
+            more = WIDE * (high - low)
+            low = np.minimum(low, np.maximum(seen.min(axis=0), low - more))
+            high = np.maximum(high, np.minimum(seen.max(axis=0), high + more))
         left, bottom, right, top = STAGE
+        top -= HEAD if self.still is not None else 0.0
         scale = min(
             (right - left) * SIZE[0] / (high - low)[0], (top - bottom) * SIZE[1] / (high - low)[1]
         )
@@ -179,9 +206,10 @@ class Film:
             limits(middle - centre * inches / scale, middle + (1.0 - centre) * inches / scale)
 
     def _floor(self, space: Axes) -> None:
-        """A level disc with a grid under the base."""
-        up, base = self.recording.eye.up, self.robot.base[:3, 3]
-        self.up, self.base = up, base
+        """A level disc with a grid under the base, or at the height of a floor of the scene."""
+        up, base = self.up, self.base
+        if self.floor is not None:
+            self.base = base = base + (self.floor - base @ up) * up
         across, along = (axis for axis in np.eye(3) if abs(axis @ up) < 0.5)
         step, radius = 2 * grid_spacing(self.robot), FLOOR * reach(self.robot)
         turn = np.linspace(0.0, 2 * np.pi, 121)[:, None]
@@ -273,26 +301,33 @@ class Film:
             faces = arm_faces(self.robot, q, self._link_color(arm), joint)
             polygons: list[FloatArray] = []
             colors: list[FloatArray] = []
-            depths: list[float] = []
+            depths: list[FloatArray] = []
+            middles: list[float] = []
             for each in faces:
-                flat, shade = self.camera.picture(each)
+                flat, shade, depth = self.camera.picture(each)
                 polygons.append(flat)
                 colors.append(shade)
-                depths.append(float(self.camera.project(each.corners)[1].mean()))
-            order = np.argsort(-np.array(depths), kind="stable")
-            body.set_verts([polygon for k in order for polygon in polygons[k]])
-            tints = np.concatenate([colors[k] for k in order])
-            body.set_facecolors(tints)
-            body.set_edgecolors(tints)
+                depths.append(depth)
+                middles.append(float(self.camera.project(each.corners)[1].mean()))
+            if arm is self.arms[-1] and (self.still is not None or self.carried):
+                self._show_among(body, arm, t, polygons, colors, depths)
+            else:
+                order = np.argsort(-np.array(middles), kind="stable")
+                body.set_verts([polygon for k in order for polygon in polygons[k]])
+                tints = np.concatenate([colors[k] for k in order])
+                body.set_facecolors(tints)
+                body.set_edgecolors(tints)
             shown = arm.times[TIME] <= t
             trail.set_data(*tool[shown].T)
             points = link_origins(self.robot, q[None])[0][1:]
+            self.spine.set_data(*self.camera.project(points)[0].T)
             points = points - np.outer((points - self.base) @ self.up, self.up)
             if arm.look.solid:
                 shadows.append(self.camera.project(points)[0])
         self.shadow.set_segments(shadows)
         self.shadow.set_linewidth([9.0])
         self._move_torques(poses[-1], t)
+        self._show_nearest(t)
         for curve, times, share in self.curves:
             shown = times <= t
             curve.set_data(times[shown], share[shown])
@@ -304,6 +339,39 @@ class Film:
             text.set_text(f"{name}   {min(t, end):.2f} s")
             text.set_fontweight("bold" if t >= end else "normal")
         self.words.set_text(self._saving(t))
+
+    def _show_among(
+        self,
+        body: PolyCollection,
+        arm: AnimatedArm,
+        t: float,
+        polygons: list[FloatArray],
+        colors: list[FloatArray],
+        depths: list[FloatArray],
+    ) -> None:
+        """The arm's faces, obstacles, tubes and parts, all sorted by depth."""
+        still = () if self.still is None else (self.still,)
+        at = _sample(arm, t)
+        parts = [self.camera.picture(part_faces(part, at)) for part in self.carried]
+        around = (*still, *parts)
+        order = np.argsort(-np.concatenate([*depths, *(depth for _, _, depth in around)]))
+        every = [
+            polygon for flat in (*polygons, *(flat for flat, _, _ in around)) for polygon in flat
+        ]
+        tints = np.concatenate([*colors, *(shade for _, shade, _ in around)])[order]
+        body.set_verts([every[k] for k in order])
+        body.set_facecolors(tints)
+        body.set_edgecolors(tints)
+
+    def _show_nearest(self, t: float) -> None:
+        """The line between the nearest points, and how long it is."""
+        if not self.nearest:
+            return
+        near = self.nearest[round(_sample(self.solid, t))]
+        self.gap.set_segments([self.camera.project(np.array([near.on_arm, near.on_other]))[0]])
+        apart = 1e3 * near.distance
+        how = f"{apart:.1f} mm apart" if apart > 0.0 else f"overlap of {-apart:.1f} mm"
+        self.said.set_text(f"{near.pair.label}: {how}")
 
     def _move_torques(self, q: FloatArray, t: float) -> None:
         """Arcs around the joints of the solid arm, closed at the limit."""
@@ -340,6 +408,12 @@ class Film:
             return ""
         saved = max(others) - end
         return f"{100 * saved / max(others):.0f} % less time ({saved:.2f} s) under the same limits"
+
+
+def _sample(arm: AnimatedArm, t: float) -> float:
+    """Index of the sample at time t, s, a fraction between samples."""
+    times = arm.times[TIME]
+    return float(np.interp(t, times, np.arange(len(times))))
 
 
 def _at(arm: AnimatedArm, t: float) -> FloatArray:

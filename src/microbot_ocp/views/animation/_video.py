@@ -14,12 +14,13 @@ from PIL import Image
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import InputError
 from microbot_ocp._base.writing import whole_file
-from microbot_ocp.comparison import Comparison, Progress, Step
+from microbot_ocp.comparison import Cell, Comparison, Progress, Step
 from microbot_ocp.motion import Motion
 from microbot_ocp.robot import Robot
+from microbot_ocp.scene import Scene
 from microbot_ocp.views.animation._film import Film
 from microbot_ocp.views.plots._style import highlighted_name
-from microbot_ocp.views.recording import Recording, of_comparison, of_motion
+from microbot_ocp.views.recording import Recording, of_cell, of_comparison, of_motion
 
 FRAME_RATE = 25.0  # frames a second: 40 ms, which a GIF can say exactly
 HOLD = 1.5  # s, of the last frame
@@ -42,7 +43,8 @@ def write_animation(
     Parameters
     ----------
     recording : Recording
-        Of :func:`microbot_ocp.views.recording.of_motion`, ``of_comparison`` or ``of_tracking``.
+        Of :func:`microbot_ocp.views.recording.of_motion`, ``of_cell``, ``of_comparison`` or
+        ``of_tracking``.
     path : str or Path
         ``.gif`` (800 x 450) or ``.mp4`` (1280 x 720; needs the extra ``export``).
     rate : float, optional
@@ -90,10 +92,20 @@ def write_animation(
 
 
 def animate_motion(
-    robot: Robot, motion: Motion, path: str | Path, rate: float | None = None, **options: Any
+    robot: Robot,
+    motion: Motion,
+    path: str | Path,
+    rate: float | None = None,
+    scene: Scene | None = None,
+    **options: Any,
 ) -> Path:
-    """:func:`write_animation` of one motion."""
-    return write_animation(of_motion(robot, motion), path, rate, **options)
+    """:func:`write_animation` of one motion, with the obstacles of a scene."""
+    return write_animation(of_motion(robot, motion, scene=scene), path, rate, **options)
+
+
+def animate_cell(cell: Cell, path: str | Path, rate: float | None = None, **options: Any) -> Path:
+    """:func:`write_animation` of a motion through stops, with tubes, parts and obstacles."""
+    return write_animation(of_cell(cell), path, rate, **options)
 
 
 def animate_comparison(

@@ -11,7 +11,13 @@ from ._builders import (
     of_motion as of_motion,
     of_tracking as of_tracking,
 )
-from ._cell import CellRecording as CellRecording, of_cell as of_cell
+from ._cell import (
+    PART_COLOR as PART_COLOR,
+    TUBE_COLOR as TUBE_COLOR,
+    CellRecording as CellRecording,
+    ball_radius as ball_radius,
+    of_cell as of_cell,
+)
 from ._curves import HEIGHT as HEIGHT, WIDTH as WIDTH, rounded as rounded
 from ._iterations import (
     APPLICATION as APPLICATION,
@@ -22,7 +28,8 @@ from ._iterations import (
 )
 from ._limits import signed_share as signed_share
 from ._loads import arcs as arcs
-from ._recording import Recording as Recording
+from ._obstacles import OBSTACLE_COLOR as OBSTACLE_COLOR
+from ._recording import Carried as Carried, Recording as Recording
 from ._solution import SolutionRecording as SolutionRecording, of_solution as of_solution
 from ._surroundings import Eye as Eye, grid_spacing as grid_spacing
 from ._writer import (

@@ -8,14 +8,14 @@ from dataclasses import dataclass, fields
 import numpy as np
 import rerun as rr
 
-from microbot_ocp._base.checks import InputError
+from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.comparison import Cell
 from microbot_ocp.planning import Place, Task, parts_of, places_along, tool_poses
 from microbot_ocp.robot import Robot
 from microbot_ocp.scene import Scene
 from microbot_ocp.views.recording._builders import of_motion
 from microbot_ocp.views.recording._obstacles import drawn_capsule
-from microbot_ocp.views.recording._recording import Recording
+from microbot_ocp.views.recording._recording import Carried, Recording
 from microbot_ocp.views.recording._surroundings import grid_spacing
 from microbot_ocp.views.recording._writer import TIME, Writer, quaternions
 
@@ -35,12 +35,9 @@ class CellRecording(Recording):
         """Send everything but the layout."""
         super().write(writer)
         assert self.task is not None
-        for k, curve in enumerate(self.task.curves):
-            if curve is not None:
-                points = curve[0].points(np.linspace(0.0, 1.0, POINTS))
-                tolerance = self.task.segments[k].tolerance  # type: ignore[union-attr]
-                tube = rr.LineStrips3D([points], radii=tolerance, colors=[TUBE_COLOR])
-                writer.static(f"world/task/tube_{k + 1}", tube)
+        for number, (points, radius) in enumerate(self.tubes, start=1):
+            tube = rr.LineStrips3D([points], radii=radius, colors=[TUBE_COLOR])
+            writer.static(f"world/task/tube_{number}", tube)
         size = 0.5 * grid_spacing(self.robot)
         for k, stop in enumerate(self.task.stops):
             place, turned = stop.pose(self.robot)
@@ -57,11 +54,20 @@ class CellRecording(Recording):
     def _around(self) -> Sequence[tuple[float, float, Robot, Scene]]:
         return self.stretches
 
-    def _write_parts(self, writer: Writer) -> None:
-        """Parts in the tool from where they are picked to where they go, lying there otherwise.
+    @property
+    def tubes(self) -> Sequence[tuple[FloatArray, float]]:
+        """Points [k,3] of tool lines and the radii of the tubes around them, m."""
+        assert self.task is not None
+        share = np.linspace(0.0, 1.0, POINTS)
+        return [
+            (curve[0].points(share), segment.tolerance)  # type: ignore[union-attr]
+            for curve, segment in zip(self.task.curves, self.task.segments, strict=True)
+            if curve is not None
+        ]
 
-        One without a shape is a ball at its centre of mass.
-        """
+    @property
+    def carried(self) -> Sequence[Carried]:
+        """Parts in the tool from where they are picked to where they go, lying there otherwise."""
         task, (arm,) = self.task, self.arms
         assert task is not None
         t = arm.times[TIME]
@@ -69,31 +75,42 @@ class CellRecording(Recording):
         leaves = [time + float(dwell) for time, dwell in zip(marks, task.dwells, strict=True)]
         tool = tool_poses(self.robot, arm.q)
         at = np.minimum(np.searchsorted(t, leaves), len(t) - 1)  # samples at which stops are left
-        for number, part in enumerate(parts_of(task, tool[at]), start=1):
+        found = []
+        for part in parts_of(task, tool[at]):
             pose = np.repeat(tool[None, at[part.carries[0][0]]], len(t), axis=0)
             for first, end in part.carries:
                 pose[at[first] : at[end]] = tool[at[first] : at[end]]
                 pose[at[end] :] = tool[at[end]]
+            found.append(Carried(part.payload, pose))
+        return found
+
+    def _write_parts(self, writer: Writer) -> None:
+        """One without a shape is a ball at its centre of mass."""
+        (arm,) = self.arms
+        for number, (payload, pose) in enumerate(self.carried, start=1):
             path = f"world/task/part_{number}"
             turned = quaternions(pose[:, :3, :3])
             moved = rr.Transform3D.columns(translation=pose[:, :3, 3], quaternion=turned)
             writer.columns(path, arm.times, moved)
-            for k, capsule in enumerate(part.payload.shape, start=1):
+            for k, capsule in enumerate(payload.shape, start=1):
                 placed, drawn = drawn_capsule(capsule, PART_COLOR)
                 own = f"{path}/capsule_{k}"
                 frame = rr.Transform3D(translation=placed[:3, 3], mat3x3=placed[:3, :3])
                 writer.static(own, frame)
                 writer.static(own, drawn)
-            mass = part.payload.mass
-            radius = (3.0 * mass / (4.0 * np.pi * DENSITY)) ** (1.0 / 3.0)
             ball = rr.Points3D(
-                [part.payload.center_of_mass],
-                radii=[0.0 if part.payload.shape else radius],
+                [payload.center_of_mass],
+                radii=[0.0 if payload.shape else ball_radius(payload.mass)],
                 colors=[PART_COLOR],
-                labels=[f"{mass:g} kg"],
+                labels=[f"{payload.mass:g} kg"],
             )
-            if mass:
+            if payload.mass:
                 writer.static(f"{path}/mass", ball)
+
+
+def ball_radius(mass: float) -> float:
+    """Radius of an aluminium ball of a mass in kg, m."""
+    return (3.0 * mass / (4.0 * np.pi * DENSITY)) ** (1.0 / 3.0)
 
 
 def of_cell(cell: Cell, rate: float | None = None) -> CellRecording:

@@ -15,6 +15,7 @@ from microbot_ocp.scene import (
     ConvexMesh,
     Cylinder,
     HalfSpace,
+    Nearest,
     Scene,
     Sphere,
     contact_model,
@@ -74,10 +75,7 @@ def _draw_nearest(
     arm: AnimatedArm,
     radius: float,
 ) -> None:
-    models = [contact_model(robot, scene.without_parts_of(robot)) for _, _, robot, scene in around]
-    ends_of = [end for _, end, _, _ in around][:-1]
-    places = np.searchsorted(ends_of, arm.times[TIME], side="right")
-    found = [models[k].nearest(q) for k, q in zip(places, arm.q, strict=True)]
+    found = nearest_along(around, arm)
     ends = np.array([(near.on_arm, near.on_other) for near in found])
     words = [f"{near.pair.label}: {1e3 * near.distance:.1f} mm" for near in found]
     path = f"{WORLD}/scene/nearest"
@@ -89,6 +87,16 @@ def _draw_nearest(
     writer.columns(middle, arm.times, points)
     curve = f"{plot_path(CLEARANCE.key, CLEARANCE.label)}/{arm.name}"
     draw_curve(writer, arm, curve, arm.times, 1e3 * np.array([near.distance for near in found]))
+
+
+def nearest_along(
+    around: Sequence[tuple[float, float, Robot, Scene]], arm: AnimatedArm
+) -> list[Nearest]:
+    """Where an arm is nearest to what is around it, at every sample."""
+    models = [contact_model(robot, scene.without_parts_of(robot)) for _, _, robot, scene in around]
+    ends_of = [end for _, end, _, _ in around][:-1]
+    places = np.searchsorted(ends_of, arm.times[TIME], side="right")
+    return [models[k].nearest(q) for k, q in zip(places, arm.q, strict=True)]
 
 
 def _drawn(obstacle: Any, size: float) -> tuple[FloatArray, Any]:

@@ -7,14 +7,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import rerun.blueprint as rrb
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.table import Table
+from microbot_ocp.planning import Payload
 from microbot_ocp.robot import JointLimits, Robot
-from microbot_ocp.scene import Scene, has_coal
+from microbot_ocp.scene import Nearest, Scene, has_coal
 from microbot_ocp.views._scene import QUANTITIES, AxisLimits, link_origins, reach
 from microbot_ocp.views.recording._animated_arm import AnimatedArm
 from microbot_ocp.views.recording._arm import (
@@ -45,7 +47,7 @@ from microbot_ocp.views.recording._loads import (
     draw_torques,
     legend,
 )
-from microbot_ocp.views.recording._obstacles import CLEARANCE, draw_scene
+from microbot_ocp.views.recording._obstacles import CLEARANCE, draw_scene, nearest_along
 from microbot_ocp.views.recording._surroundings import Eye, draw_surroundings, find_eye
 from microbot_ocp.views.recording._writer import (
     APPLICATION,
@@ -58,6 +60,13 @@ from microbot_ocp.views.recording._writer import (
     plot_path,
     tool_path,
 )
+
+
+class Carried(NamedTuple):
+    """A part and the pose [N,4,4] of the tool frame that it is rigid in, at the arm's samples."""
+
+    payload: Payload
+    poses: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,6 +203,25 @@ class Recording:
     def _around(self) -> Sequence[tuple[float, float, Robot, Scene]]:
         """Stretches of time, s, with the arm that moves then and what is around it."""
         return [] if self.scene is None else [(0.0, np.inf, self.robot, self.scene)]
+
+    @property
+    def tubes(self) -> Sequence[tuple[FloatArray, float]]:
+        """Points [k,3] of tool lines and the radii of the tubes around them, m."""
+        return ()
+
+    @property
+    def carried(self) -> Sequence[Carried]:
+        """Parts that the last arm picks and puts down."""
+        return ()
+
+    def nearest(self) -> list[Nearest]:
+        """Where the last arm is nearest to something, at every one of its samples.
+
+        Empty without a scene, and without coal.
+        """
+        if self.scene is None or not has_coal():
+            return []
+        return nearest_along(self._around(), self.arms[-1])
 
     def _write_motion(self, writer: Writer, arm: AnimatedArm) -> None:
         spells = self.spells[arm.name]
