@@ -17,6 +17,29 @@ NOTEBOOKS = sorted((Path(__file__).parent.parent / "notebooks").glob("*.ipynb"))
 WORDS_A_MINUTE = 180
 SECONDS_A_LINE_OF_CODE = 3.0
 
+# what the text says of an output, the cell, and how the output must read for that
+SAID = {
+    "01_robot_and_kinematics": (
+        ("A point in reach has up to four answers", "branches", r"(?:.* solved .*\n){4}"),
+        ("A point out of reach has no answer", "beyond", r"target is missed by 0\.2"),
+    ),
+    "02_dynamics": (
+        ("$M_{33} = 2 \\cdot 4^2 = 32$", "form", r"M33 = 32\n"),
+        ("$G_3 = 2 \\cdot 9.8 \\cdot 4\\,", "form", r"G3 = 78\.4 cos\(q2 \+ q3\)"),
+        ("no finite torque gives a finite acceleration", "condition", r"90 deg.*e\+[23]\d"),
+    ),
+    "03_baselines_and_control": (
+        ("leaves a\nquarter of the error", "errors", r"0\.71\d\d deg\n.*0\.18\d\d deg"),
+    ),
+    "05_your_own_robot": (("= 17.66$ N m", "gravity", r"17\.66"),),
+    "06_your_own_problem": (
+        ("The two costs differ by 2 %", "schemes", r"cost 59\.0.*\n.*cost 57\.9"),
+        ("With at most 6.5 N the pole does not come up", "why", "No trajectory was found"),
+        ("The force can help alone, by 1.3 N at most", "why", r"give 1\.3\d* N"),
+        ("take 7.9 N, and it is solved", "enough", "^solved"),
+    ),
+}
+
 
 def read(path: Path) -> nbformat.NotebookNode:
     return nbformat.read(path, as_version=4)
@@ -24,6 +47,13 @@ def read(path: Path) -> nbformat.NotebookNode:
 
 def outputs(notebook: nbformat.NotebookNode) -> list[nbformat.NotebookNode]:
     return [out for cell in notebook.cells for out in cell.get("outputs", [])]
+
+
+def said_by(cell: nbformat.NotebookNode) -> list[str]:
+    return [
+        out.get("text", "") + out.get("data", {}).get("text/plain", "")
+        for out in cell.get("outputs", [])
+    ]
 
 
 def test_there_are_notebooks() -> None:
@@ -58,6 +88,11 @@ def test_runs_from_clean(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert not list(folder.iterdir()), "a notebook leaves nothing behind"
     images = [out for out in outputs(notebook) if "image/png" in out.get("data", {})]
     assert images, "a notebook shows at least one picture"
+    prose = "\n".join(cell.source for cell in notebook.cells if cell.cell_type == "markdown")
+    shown = {cell.id: "".join(said_by(cell)) for cell in notebook.cells}
+    for sentence, cell, pattern in SAID.get(path.stem, ()):
+        assert sentence in prose
+        assert re.search(pattern, shown[cell]), f"{sentence!r}, but {cell} shows {shown[cell]!r}"
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
