@@ -87,11 +87,16 @@ def file_at(path: Path) -> File:
     tips = tuple(link for link in above if link not in parents and moves(link))
     moving = [j for j in above.values() if j.get("type") != "fixed"]
     names = {j.get("name") for j in moving}
-    offsets = {
-        j.get("name"): float(mimic.get("offset", 0))
-        for j in moving
-        if (mimic := j.find("mimic")) is not None and mimic.get("joint") in names
-    }
+    mimics = {j.get("name"): m for j in moving if (m := j.find("mimic")) is not None}
+
+    def held(name: str) -> float:
+        mimic = mimics.get(name)
+        if mimic is None or mimic.get("joint") not in names:
+            return 0.0
+        leader = held(mimic.get("joint"))
+        return float(mimic.get("multiplier", 1)) * leader + float(mimic.get("offset", 0))
+
+    offsets = {name: position for name in mimics if (position := held(name))}
     return File(path, tips, len(moving), offsets)
 
 
