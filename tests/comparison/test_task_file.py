@@ -1,6 +1,7 @@
 """Task files: the documented example, the units, and what an error tells."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 
 import microbot_ocp as mo
 from microbot_ocp.comparison import KEYS, OUTPUTS, is_cell_file, parse_task, read_cell, read_task
+from microbot_ocp.scene import with_arm_capsules
 
 ROOT = Path(__file__).parents[2]
 DOCUMENT = ROOT / "docs" / "task_file.md"
@@ -209,6 +211,13 @@ def test_a_file_and_python_state_the_same_stops(tmp_path):
         ('[[segment]]\nkind = "line"', "one of pick, place, but it is missing"),
         ('[[segment]]\nafter = "plce"\nkind = "line"', "one of pick, place, not 'plce'"),
         ('[[segment]]\nafter = "pick"\nkind = "curve"', "one of line, circle, joint line"),
+        ('[front]\nkind = "time"', "kind of [front] must be one of effort, torque, not 'time'"),
+        ('[front]\nkind = "torque"\nslacks = [1]', "[front] of torque is asked by shares"),
+        ('[[capsule]]\nlink = "fist"', "in capsule 1: start is missing"),
+        (
+            '[[capsule]]\nlink = "fist"\nstart = [0, 0, 0]\nend = [1, 0, 0]\nradius = 0.1',
+            "link in capsule 1 must be one of base, waist, shoulder, elbow, not 'fist'",
+        ),
         (
             '[[segment]]\nafter = "pick"\nkind = "circle"',
             "through is missing, which a circle needs",
@@ -220,3 +229,48 @@ def test_what_is_wrong_in_a_cell_is_said(tmp_path, more, said):
         cell(tmp_path, more)
     assert str(problem.value).startswith("cell.toml: ")
     assert said in str(problem.value)
+
+
+def test_a_file_changes_the_capsules_of_one_link(tmp_path):
+    row = "start = [0.1, 0.0, 0.0]\nend = [1.0, 0.0, 0.0]\nradius = 0.3"
+    found = cell(tmp_path, f'[[capsule]]\nlink = "elbow"\n{row}').robot
+    usual = with_arm_capsules(mo.load_robot("microbot")).capsules
+    assert [frame for frame, _ in found.capsules] == [frame for frame, _ in usual]
+    assert [c.radius for frame, c in found.capsules if frame == 3] == [0.3]
+    before = [c.radius for frame, c in usual if frame != 3]
+    assert [c.radius for frame, c in found.capsules if frame != 3] == before
+
+
+def test_a_front_among_obstacles_from_a_file(tmp_path):
+    (tmp_path / "cell.toml").write_text(
+        """
+schema = 1
+robot = "planar_2r"
+outputs = ["json", "figure", "motion"]
+[[stop]]
+q_deg = [-30, 20]
+[[stop]]
+q_deg = [60, -40]
+[front]
+kind = "torque"
+shares = [0.8]
+[settings]
+mesh = 8
+[scene]
+obstacle = [{ name = "post", kind = "sphere", center = [0.85, 0.1, 0.0], radius = 0.08 }]
+"""
+    )
+    task = read_cell(tmp_path / "cell.toml")
+    settings = replace(task.settings, compiled=False, limit_tolerance=0.02)
+    found = replace(task, settings=settings).solve()
+    assert found.front is not None
+    first, second = found.front.points
+    assert first.motion.solved
+    assert second.motion.solved
+    assert second.duration > first.duration
+    assert second.peak_torque < 0.83
+    for point in (first, second):
+        assert point.certificate.clearance is not None
+        assert point.certificate.clearance.proved
+    names = {path.name for path in found.save(tmp_path / "out", task.outputs)}
+    assert names == {"cell.json", "motion.npz", "motion_2.npz", "motion.png", "front.png"}

@@ -44,6 +44,7 @@ from microbot_ocp.comparison import (
     OUTPUTS,
     Certificate,
     Comparison,
+    Front,
     Progress,
     Step,
     certify,
@@ -303,11 +304,32 @@ def _solve_cell(
         console.print(f"{motion.note.rstrip('.')}." if motion.note else "", soft_wrap=True)
         console.print()
         _show_shares(console, cell.robot, certificate)
+        if cell.front is not None:
+            _show_front(console, cell.front)
 
-    good = cell.motion.solved and (cell.certificate.ok or allow_uncertified)
+    points = cell.front.points if cell.front is not None else (cell,)
+    good = all(p.motion.solved and (p.certificate.ok or allow_uncertified) for p in points)
     code = answer(as_json, cell.as_dict(), text, 0 if good else 1, written, out)
     watchers.linger()
     return code
+
+
+def _show_front(console: Console, front: Front) -> None:
+    heads = ["duration [s]", "effort [s]", "peak torque [%]", "status", "certificate"]
+    rows = [
+        [
+            f"{point.duration:.4f}",
+            f"{point.effort:.4g}",
+            _share(point.peak_torque),
+            str(point.motion.status),
+            "ok" if point.certificate.ok else f"refused: {point.certificate.verdict}",
+        ]
+        for point in front.points
+    ]
+    console.print()
+    console.print(Table.of_text(heads, rows))
+    if front.ended:
+        console.print(front.ended)
 
 
 def _save(

@@ -19,6 +19,13 @@ from microbot_ocp._base.showing import view_for
 from microbot_ocp._base.toml_file import check_keys, check_schema, table_from, table_of
 from microbot_ocp._base.writing import made_folder, write_whole
 from microbot_ocp.comparison._certificate import Certificate, certify
+from microbot_ocp.comparison._front import (
+    SHARES,
+    SLACKS,
+    Front,
+    time_effort_front,
+    time_torque_front,
+)
 from microbot_ocp.comparison._task_file import (
     KEYS,
     SCHEMA,
@@ -41,18 +48,20 @@ from microbot_ocp.planning import (
     task_of,
     time_optimal,
 )
-from microbot_ocp.robot import JointLimits, Robot, joint_scale
+from microbot_ocp.robot import Capsule, JointLimits, Robot, joint_scale
 from microbot_ocp.scene import Scene, read_scene, with_arm_capsules
 
 TOP = (
     *("schema", "robot", "tip", "outputs", "stop", "segment", "cycle", "order", "duration"),
-    *("limits", "settings", "scene"),
+    *("limits", "settings", "scene", "capsule", "front"),
 )
 STOP = (
     *("name", "q", "q_deg", "position", "orientation", "rpy", "rpy_deg", "tolerance"),
     *("tolerance_deg", "orientation_tolerance", "orientation_tolerance_deg", "free_turn"),
     *("velocity", "dwell", "payload", "blend"),
 )
+CAPSULE = ("link", "start", "end", "radius", "name")
+FRONTS = {"effort": "slacks", "torque": "shares"}  # what each kind is asked by
 PAYLOAD = ("mass", "center_of_mass", "inertia", "shape")
 KINDS: dict[str, Any] = {"line": Line, "circle": Circle, "joint line": JointLine}
 LARGEST_ANGLE = 2 * np.pi  # rad: beyond it degrees were meant
@@ -81,6 +90,8 @@ class CellFile:
     outputs : tuple of str
     scene : Scene or None
         Obstacles of the table ``[scene]``.
+    front : tuple of str and tuple of float, optional
+        "effort" or "torque", and the slacks or shares of the table ``[front]``.
     """
 
     origin: str
@@ -94,15 +105,18 @@ class CellFile:
     settings: TimeOptimalSettings
     outputs: tuple[str, ...]
     scene: Scene | None = None
+    front: tuple[str, tuple[float, ...]] | None = None
 
     def solve(self, progress: StepProgress = quiet) -> Cell:
-        """Find and certify the motion.
+        """Find and certify the motion, or the motions of a front.
 
         Raises
         ------
         InputError
             A stop out of reach, a tool line that no branch follows.
         """
+        if self.front is not None:
+            return self._solve_front(progress)
         with naming(f"{self.origin}: "):
             motion = time_optimal(
                 self.robot,
@@ -116,9 +130,27 @@ class CellFile:
                 settings=self.settings,
                 progress=progress,
             )
-        motion = replace(motion, provenance={**motion.provenance, "robot": self.robot.name})
         progress(f"certify: {motion.duration:.4f} s")
         return self.certified(motion)
+
+    def _solve_front(self, progress: StepProgress) -> Cell:
+        assert self.front is not None
+        kind, values = self.front
+        find: Any = time_effort_front if kind == "effort" else time_torque_front
+        with naming(f"{self.origin}: "):
+            front: Front = find(
+                self.robot,
+                self.stops,
+                self.limits,
+                segments=self.segments,
+                cycle=self.cycle,
+                scene=self.scene,
+                settings=self.settings,
+                progress=progress,
+                **{FRONTS[kind]: values},
+            )
+        fastest = front.points[0]
+        return replace(self._cell(fastest.motion, fastest.certificate), front=front)
 
     def certified(self, motion: Motion) -> Cell:
         """A motion of this task, such as a saved one, with its certificate.
@@ -129,19 +161,28 @@ class CellFile:
             A motion of another task.
         """
         order = motion.provenance.get("order", range(len(self.stops)))
-        stops = tuple(self.stops[k] for k in order)
-        segments = in_order(self.segments, order)
         certificate = certify(
             self.robot,
             motion,
             self.limits,
-            via_q=stops,
-            segments=segments,
+            via_q=[self.stops[k] for k in order],
+            segments=in_order(self.segments, order),
             cycle=self.cycle,
             scene=self.scene,
         )
-        limited = self.robot.with_limits(self.limits)
-        return Cell(limited, stops, segments, self.cycle, motion, certificate, self.scene)
+        return self._cell(motion, certificate)
+
+    def _cell(self, motion: Motion, certificate: Certificate) -> Cell:
+        order = motion.provenance.get("order", range(len(self.stops)))
+        return Cell(
+            robot=self.robot.with_limits(self.limits),
+            stops=tuple(self.stops[k] for k in order),
+            segments=in_order(self.segments, order),
+            cycle=self.cycle,
+            motion=replace(motion, provenance={**motion.provenance, "robot": self.robot.name}),
+            certificate=certificate,
+            scene=self.scene,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,6 +201,8 @@ class Cell:
     certificate : Certificate
     scene : Scene, optional
         What is around the arm.
+    front : Front, optional
+        The motions that a front was asked for, of which ``motion`` is the fastest.
     """
 
     robot: Robot
@@ -169,6 +212,7 @@ class Cell:
     motion: Motion
     certificate: Certificate
     scene: Scene | None = None
+    front: Front | None = None
 
     @property
     def task(self) -> Task:
@@ -190,10 +234,13 @@ class Cell:
             "marks": [{"time": m.time, "name": m.name} for m in self.motion.marks],
             "branches": told.get("branches", []),
             "certificate": self.certificate.as_dict(),
+            **({} if self.front is None else {"front": self.front.as_dict()}),
         }
 
     def save(self, folder: str | Path, outputs: Sequence[str] = CELL_OUTPUTS) -> list[Path]:
         """Write ``cell.json``, ``motion.npz``, ``motion.png``, ``cell.rrd``, films into a folder.
+
+        Of a front also ``front.png`` and the other motions, ``motion_2.npz`` and so on.
 
         Parameters
         ----------
@@ -215,8 +262,12 @@ class Cell:
                 written.append(write_whole(target / "cell.json", text))
             elif name == "motion":
                 written.append(self.motion.save(target / "motion.npz"))
+                for number, point in enumerate(self.front.points[1:] if self.front else (), 2):
+                    written.append(point.motion.save(target / f"motion_{number}.npz"))
             elif name == "figure":
                 written.append(self.motion.plot(self.robot).savefig(target / "motion.png"))
+                if self.front is not None:
+                    written.append(self.front.plot().savefig(target / "front.png"))
             elif name == "recording":
                 written.append(self.to_rerun(target / "cell.rrd"))
             else:
@@ -291,7 +342,7 @@ def read_cell(path: str | Path) -> CellFile:
 def _cell(data: Mapping[str, Any], origin: str, folder: Path) -> CellFile:
     check_keys(data, TOP)
     check_schema(data, SCHEMA)
-    robot = robot_from(data, folder)
+    robot = _with_capsules(robot_from(data, folder), _tables(data, "capsule"))
     rows = _tables(data, "stop")
     stops = [_stop(robot, row, f"stop {k + 1}") for k, row in enumerate(rows)]
     cycle = data.get("cycle", False)
@@ -303,6 +354,9 @@ def _cell(data: Mapping[str, Any], origin: str, folder: Path) -> CellFile:
     duration = data.get("duration")
     if duration is not None:
         checks.number("duration", duration, "s", above=0.0)
+    front = _front(data)
+    if front is not None and (duration is not None or order != "given"):
+        raise InputError("[front] does not go with a duration or a free order of the stops")
     outputs = data.get("outputs", list(CELL_OUTPUTS))
     if not isinstance(outputs, list) or not set(outputs) <= {*CELL_OUTPUTS, *FILMS}:
         known = ", ".join((*CELL_OUTPUTS, *FILMS))
@@ -323,7 +377,46 @@ def _cell(data: Mapping[str, Any], origin: str, folder: Path) -> CellFile:
         settings=TimeOptimalSettings(**settings),
         outputs=tuple(outputs),
         scene=_scene(data, folder),
+        front=front,
     )
+
+
+def _front(data: Mapping[str, Any]) -> tuple[str, tuple[float, ...]] | None:
+    """The kind of the table [front] and by what its motions are asked."""
+    if "front" not in data:
+        return None
+    table = table_of(data, "front", ("kind", *FRONTS.values()))
+    kind = table.get("kind")
+    if kind not in list(FRONTS):
+        raise InputError(f"kind of [front] must be one of {', '.join(FRONTS)}, not {kind!r}")
+    key = FRONTS[kind]
+    for other in set(FRONTS.values()) - {key}:
+        if other in table:
+            raise InputError(f"[front] of {kind} is asked by {key}, not by {other}")
+    usual = SLACKS if kind == "effort" else SHARES
+    values = checks.array(f"{key} of [front]", table.get(key, usual), (None,))
+    return kind, tuple(values.tolist())
+
+
+def _with_capsules(robot: Robot, rows: Sequence[Mapping[str, Any]]) -> Robot:
+    """The robot with the capsules of [[capsule]] in the place of those of the same links."""
+    if not rows:
+        return robot
+    names = ["base", *(link.name for link in robot.links)]
+    own: dict[int, list[Capsule]] = {}
+    for number, row in enumerate(rows, start=1):
+        where = f"in capsule {number}"
+        check_keys(row, CAPSULE, where)
+        for key in ("link", "start", "end", "radius"):
+            if key not in row:
+                raise InputError(f"{where}: {key} is missing")
+        checks.one_of(f"link {where}", row["link"], names)
+        with naming(f"{where}: "):
+            capsule = Capsule(**{key: value for key, value in row.items() if key != "link"})
+        own.setdefault(names.index(row["link"]), []).append(capsule)
+    usual = with_arm_capsules(robot).capsules
+    kept = {frame: [c for f, c in usual if f == frame] for frame, _ in usual if frame not in own}
+    return robot.with_capsules({**kept, **own})
 
 
 def _scene(data: Mapping[str, Any], folder: Path) -> Scene | None:

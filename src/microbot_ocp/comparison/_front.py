@@ -12,20 +12,18 @@ from numpy.typing import ArrayLike
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import InputError
 from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
-from microbot_ocp.comparison._certificate import Certificate, Tolerances
-from microbot_ocp.comparison._task_certificate import certificate_of_task
+from microbot_ocp.comparison._certificate import Certificate, certify
 from microbot_ocp.motion import Motion
 from microbot_ocp.ocp.solution import StepProgress, quiet
 from microbot_ocp.planning import (
     Segment,
     Stop,
-    Task,
     TimeOptimalSettings,
-    effort_front,
-    task_of,
-    torque_front,
+    motions_of_front,
+    with_changes,
 )
 from microbot_ocp.robot import JointLimits, Limits, Robot
+from microbot_ocp.scene import Scene
 
 SLACKS = (0.01, 0.03, 0.1, 0.3, 1.0)
 SHARES = (0.9, 0.8, 0.7, 0.6, 0.5)
@@ -72,18 +70,23 @@ class Front:
         """Whether every motion is solved and certified."""
         return all(point.motion.solved and point.certificate.ok for point in self.points)
 
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        points = [
+            {
+                "duration": point.duration,
+                "effort": point.effort,
+                "peak_torque": point.peak_torque,
+                "status": str(point.motion.status),
+                "certified": point.certificate.ok,
+            }
+            for point in self.points
+        ]
+        return {"points": points, "ended": self.ended}
+
     def plot(self, axes: GivenAxes | None = None) -> DrawnAxes:
         """Effort and peak torque over the duration."""
         return view_for(self, "plot")(self, axes)
-
-
-def _listed(via_q: Any) -> list[Any]:
-    try:
-        return list(via_q)
-    except TypeError:
-        raise InputError(
-            f"via_q must be stops or joint positions, not {checks.shown(via_q)}"
-        ) from None
 
 
 def time_effort_front(
@@ -94,6 +97,7 @@ def time_effort_front(
     slacks: Sequence[float] = SLACKS,
     segments: Sequence[Segment] | None = None,
     cycle: bool = False,
+    scene: Scene | None = None,
     progress: StepProgress | None = None,
     **changes: Any,
 ) -> Front:
@@ -101,7 +105,7 @@ def time_effort_front(
 
     Parameters
     ----------
-    robot, via_q, limits, segments, cycle, progress, **changes
+    robot, via_q, limits, segments, cycle, scene, progress, **changes
         As of :func:`microbot_ocp.time_optimal`.
     slacks : sequence of float
         By which shares of the shortest duration the motions may be slower. Each starts from the one
@@ -114,14 +118,12 @@ def time_effort_front(
     Raises
     ------
     InputError
-        As of :func:`microbot_ocp.time_optimal`; a slack that is not above zero.
+        As of :func:`microbot_ocp.time_optimal`; no slack, or one that is not above zero.
     """
-    for slack in slacks:
+    for slack in _some("slacks", slacks):
         checks.number("slacks", slack, above=0.0)
-    stops = _listed(via_q)
-    task = task_of(robot, stops, limits, segments=segments, cycle=cycle)
-    settings = TimeOptimalSettings(**changes)
-    return _certified(task, effort_front(task, tuple(slacks), settings, progress or quiet))
+    task = robot, via_q, limits, segments, cycle, scene
+    return _front(task, progress, changes, slacks=tuple(slacks))
 
 
 def time_torque_front(
@@ -132,6 +134,7 @@ def time_torque_front(
     shares: Sequence[float] = SHARES,
     segments: Sequence[Segment] | None = None,
     cycle: bool = False,
+    scene: Scene | None = None,
     progress: StepProgress | None = None,
     **changes: Any,
 ) -> Front:
@@ -139,7 +142,7 @@ def time_torque_front(
 
     Parameters
     ----------
-    robot, via_q, limits, segments, cycle, progress, **changes
+    robot, via_q, limits, segments, cycle, scene, progress, **changes
         As of :func:`microbot_ocp.time_optimal`.
     shares : sequence of float
         Of the torque limits that may be used, above 0 and at most 1. Each motion starts from the
@@ -153,23 +156,43 @@ def time_torque_front(
     Raises
     ------
     InputError
-        As of :func:`microbot_ocp.time_optimal`; a share that is not above 0 and at most 1; a robot
-        without masses.
+        As of :func:`microbot_ocp.time_optimal`; no share, or one that is not above 0 and at most 1;
+        a robot without masses.
     """
-    for share in shares:
+    for share in _some("shares", shares):
         checks.number("shares", share, above=0.0, at_most=1.0)
     if not robot.has_dynamics:
         raise InputError(f"robot {robot.name!r} has no masses, so its motions have no torques")
-    stops = _listed(via_q)
-    task = task_of(robot, stops, limits, segments=segments, cycle=cycle)
-    settings = TimeOptimalSettings(**changes)
-    return _certified(task, *torque_front(task, tuple(shares), settings, progress or quiet))
+    task = robot, via_q, limits, segments, cycle, scene
+    return _front(task, progress, changes, shares=tuple(shares))
 
 
-def _certified(task: Task, found: Sequence[tuple[float, Motion]], ended: str = "") -> Front:
+def _some(name: str, values: Sequence[float]) -> Sequence[float]:
+    if not len(values):
+        raise InputError(f"{name} must have at least one number")
+    return values
+
+
+def _front(
+    task: Any, progress: StepProgress | None, changes: dict[str, Any], **asked: tuple[float, ...]
+) -> Front:
+    """The motions of a front, each certified."""
+    robot, via_q, limits, segments, cycle, scene = task
+    try:
+        stops = list(via_q)
+    except TypeError:
+        said = f"via_q must be stops or joint positions, not {checks.shown(via_q)}"
+        raise InputError(said) from None
+    stops = [stop if isinstance(stop, Stop) else Stop(q=stop) for stop in stops]
+    settings = with_changes(changes.pop("settings", None) or TimeOptimalSettings(), changes)
+    found, ended = motions_of_front(
+        robot, limits, stops, segments, cycle, scene, settings, progress or quiet, **asked
+    )
     points = []
     for effort, motion in found:
-        certificate = certificate_of_task(task, motion, Tolerances())
+        certificate = certify(
+            robot, motion, limits, via_q=stops, segments=segments, cycle=cycle, scene=scene
+        )
         torque = [c for c in certificate.limit_checks if c.quantity == "tau"]
         peak = float(np.nanmax(torque[0].utilisation)) if torque else np.nan
         points.append(FrontPoint(motion.duration, effort, peak, motion, certificate))

@@ -10,6 +10,7 @@ from ._fast_timing import (
 )
 from ._free import (
     fastest_motion as fastest_motion,
+    motions_of_front as motions_of_front,
     time_optimal as time_optimal,
 )
 from ._free_search import (
@@ -52,11 +53,9 @@ from ._segments import (
     Segment as Segment,
 )
 from ._stop_search import (
-    effort_front as effort_front,
     in_order as in_order,
     least_duration as least_duration,
     stretches as stretches,
-    torque_front as torque_front,
 )
 from ._stop_task import (
     Task as Task,
@@ -71,4 +70,5 @@ from ._task import (
     check_limits as check_limits,
     check_via as check_via,
     reach_of as reach_of,
+    with_changes as with_changes,
 )

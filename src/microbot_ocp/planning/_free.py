@@ -14,7 +14,7 @@ from microbot_ocp.motion import Motion
 from microbot_ocp.ocp.solution import StepProgress, quiet
 from microbot_ocp.planning._free_search import FreeSearch, TimeOptimalSettings
 from microbot_ocp.planning._segments import Segment
-from microbot_ocp.planning._stop_task import is_task
+from microbot_ocp.planning._stop_task import is_task, task_of
 from microbot_ocp.planning._stops import Stop
 from microbot_ocp.planning._task import check_limits, check_via, with_changes
 from microbot_ocp.robot import Robot
@@ -64,8 +64,8 @@ def time_optimal(
         with ``slack``.
     scene : Scene, optional
         Obstacles that the arm keeps clear of, its links among each other besides; needs the extra
-        ``cell``. The provenance holds the proved clearance, and the timed paths that it started
-        from; with stops or segments it starts from the motion that heeds no obstacle.
+        ``cell``. The provenance holds the proved clearance and the timed paths that it started
+        from.
     settings : TimeOptimalSettings, optional
         Single settings may be given as keywords instead: ``mesh``, ``starts``, ``tries``,
         ``slack``, ``limit_tolerance``, ``switching_times``, ``solver``, ``compiled``, ``seed``,
@@ -123,3 +123,35 @@ def fastest_motion(
     """As :func:`time_optimal`, of via points that are checked."""
     with deadline.within(settings.time_limit):
         return FreeSearch(family, via, settings, progress).run()
+
+
+def motions_of_front(
+    robot: Robot,
+    limits: Limits | JointLimits | None,
+    stops: Sequence[Any],
+    segments: Sequence[Segment] | None,
+    cycle: bool,
+    scene: Scene | None,
+    settings: TimeOptimalSettings,
+    progress: StepProgress,
+    *,
+    slacks: Sequence[float] = (),
+    shares: Sequence[float] = (),
+) -> tuple[list[tuple[float, Motion]], str]:
+    """Effort and motion of the fastest, and of calmer ones; why there are no more.
+
+    By ``slacks`` of the duration those of least effort, else the fastest by ``shares`` of the
+    torques.
+    """
+    from microbot_ocp.planning._stop_search import StopSearch
+    from microbot_ocp.planning._stops_among import motions_among
+
+    def ask(search: StopSearch) -> tuple[list[tuple[float, Motion]], str]:
+        return search.effort_front(slacks) if slacks else search.torque_front(shares)
+
+    with deadline.within(settings.time_limit):
+        if scene is None:
+            task = task_of(robot, stops, limits, segments=segments, cycle=cycle)
+            return ask(StopSearch(task, settings, progress, None))
+        plan = list(stops), segments, cycle, "given", None
+        return motions_among(robot, limits, plan, scene, settings, progress, ask)

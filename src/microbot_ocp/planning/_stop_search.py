@@ -1,4 +1,4 @@
-"""The fastest motion through stops, and the one of least effort in a given time.
+"""The fastest motion through stops, the one of least effort in a given time, and fronts of both.
 
 As :class:`FreeSearch`, but every segment has the limits and the payload that hold on it, and the
 search starts from the ways through every branch of the inverse kinematics.
@@ -79,25 +79,6 @@ def fastest_through(
         return StopSearch(task, settings, progress, duration).run()
 
 
-def effort_front(
-    task: Task, slacks: Sequence[float], settings: TimeOptimalSettings, progress: StepProgress
-) -> list[tuple[float, Motion]]:
-    """Effort and motion of the fastest, and of calmer ones: see :meth:`StopSearch.front`."""
-    with deadline.within(settings.time_limit):
-        return StopSearch(task, settings, progress, None).front(slacks)
-
-
-def torque_front(
-    task: Task, shares: Sequence[float], settings: TimeOptimalSettings, progress: StepProgress
-) -> tuple[list[tuple[float, Motion]], str]:
-    """Effort and motion of the fastest, and of those with shares of the torques.
-
-    Each starts from the one before it. The text says why the last shares have no motion.
-    """
-    with deadline.within(settings.time_limit):
-        return StopSearch(task, settings, progress, None).torque_front(shares)
-
-
 class StopSearch(FreeSearch):
     """Ways through every branch on a coarse mesh, the best refined until limits hold."""
 
@@ -137,6 +118,7 @@ class StopSearch(FreeSearch):
         """What every way led to on a coarse mesh, and some others beside the best of them."""
         mesh = min(self._mesh, max(EXPLORE_SUM // len(self.names), LEAST_EXPLORE_MESH))
         solver = ("fatrop", "ipopt") if self.settings.solver == "auto" else self.settings.solver
+        coarse = self._coarse_refiner
         brief = replace(
             self.refiner.settings,
             max_iterations=MOST_EXPLORING,
@@ -149,7 +131,7 @@ class StopSearch(FreeSearch):
             solved = [s for s in found if s.status.solved]
             most = max((PATIENCE * s.attempts[-1].iterations for s in solved), default=0)
             most = min(max(LEAST_ITERATIONS, most), MOST_EXPLORING) if solved else MOST_EXPLORING
-            explorer = replace(self.refiner, settings=replace(brief, max_iterations=most))
+            explorer = replace(coarse, settings=replace(brief, max_iterations=most))
             guesses = {name: self._with_closed(name, g) for name, g in guess.guesses.items()}
             solution = explorer.solve(
                 min(mesh, EXPLORE_MESH), guesses, tolerance=EXPLORE_TOLERANCE, solver=solver
@@ -252,7 +234,7 @@ class StopSearch(FreeSearch):
         shapes = zip(self.names, phase_shapes(solution), strict=True)
         return {name: self._with_closed(name, guess_along(shape)) for name, shape in shapes}
 
-    def front(self, slacks: Sequence[float]) -> list[tuple[float, Motion]]:
+    def effort_front(self, slacks: Sequence[float]) -> tuple[list[tuple[float, Motion]], str]:
         """Effort and motion of the fastest, and of those of least effort that are slower by shares.
 
         Each starts from the one before it.
@@ -265,10 +247,13 @@ class StopSearch(FreeSearch):
             self.settings = replace(self.settings, slack=share)
             solution = self._calmer(solution)
             made.append((self._effort(solution), self._motion(solution, *shared)))
-        return made
+        return made, ""
 
     def torque_front(self, shares: Sequence[float]) -> tuple[list[tuple[float, Motion]], str]:
-        """Effort and motion of the fastest, and of the fastest with shares of the torques."""
+        """Effort and motion of the fastest, and of the fastest with shares of the torques.
+
+        Each starts from the one before it. The text says why the last shares have no motion.
+        """
         starts, solution, wall = self._first()
         made = [(self._effort(solution), self._motion(solution, starts, wall))]
         before = 1.0
@@ -277,7 +262,7 @@ class StopSearch(FreeSearch):
                 weaker = with_torques(self.task, share)
             except InputError as problem:
                 return made, f"With {100 * share:.3g} % of the torques {problem}."
-            search = StopSearch(weaker, self.settings, self.progress, None, self.ways)
+            search = self._again(weaker)
             search.led_to = self.led_to
             solution = search.slower(solution, float(np.sqrt(before / share)))
             before = share
@@ -287,6 +272,10 @@ class StopSearch(FreeSearch):
                 return made, f"With {100 * share:.3g} % of the torques: {why}"
             made.append((self._effort(solution), motion))
         return made, ""
+
+    def _again(self, task: Task) -> StopSearch:
+        """A search for another task of the same ways."""
+        return StopSearch(task, self.settings, self.progress, None, self.ways)
 
     def _first(self) -> tuple[list[dict[str, Any]], Solution, float]:
         begin = time.perf_counter()

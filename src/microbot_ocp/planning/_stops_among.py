@@ -7,7 +7,7 @@ the distances of the arm with what it carries there.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -93,6 +93,11 @@ class _GuidedSearch(StopSearch):
 
     guided: Sequence[tuple[Way, dict[str, PiecewisePolynomial]]] = ()
 
+    def _again(self, task: Task) -> StopSearch:
+        search = _GuidedSearch(task, self.settings, self.progress, None, self.ways)
+        search.guided = self.guided
+        return search
+
     def _all_guesses(self) -> Iterator[tuple[Way, InitialGuess]]:
         for number, (way, shapes) in enumerate(self.guided, start=1):
             if self._leaves_out(way):
@@ -105,10 +110,14 @@ class _GuidedSearch(StopSearch):
             yield from super()._all_guesses()
 
 
+Plan = tuple[list[Any], Any, bool, str, float | None]
+Made = tuple[list[tuple[float, Motion]], str]  # effort and motion of each, why there are no more
+
+
 def stops_among(
     robot: Robot,
     limits: Limits | JointLimits | None,
-    plan: tuple[list[Any], Any, bool, str, float | None],
+    plan: Plan,
     scene: Scene,
     settings: TimeOptimalSettings,
     progress: StepProgress,
@@ -122,13 +131,35 @@ def stops_among(
     InputError
         A stop at which every branch of the arm touches something.
     """
+    (found, *_), _ = motions_among(
+        robot, limits, plan, scene, settings, progress, lambda search: ([(0.0, search.run())], "")
+    )
+    return found[1]
+
+
+def motions_among(
+    robot: Robot,
+    limits: Limits | JointLimits | None,
+    plan: Plan,
+    scene: Scene,
+    settings: TimeOptimalSettings,
+    progress: StepProgress,
+    ask: Callable[[StopSearch], Made],
+) -> Made:
+    """The motions that a search is asked for, in a scene.
+
+    Raises
+    ------
+    InputError
+        As :func:`stops_among`.
+    """
     stops, segments, cycle, order, duration = plan
     robot = with_arm_capsules(robot)
     told: dict[str, Any] = {"scene": list(scene.names)}
     if order != "given":
         first = solve_stops(robot, limits, *plan, settings, progress)
         if not first.solved:
-            return first
+            return [(0.0, first)], ""
         places = told["order"] = first.provenance["order"]
         stops = [stops[k] for k in places]
         segments = in_order(segments, places)
@@ -146,30 +177,42 @@ def stops_among(
             shape = shapes.get(name)
             q = path if shape is None else shape(np.linspace(0.0, shape.duration, SAMPLES))
             around.add(task.robots[k], around.scenes[k], q, near)
-    motion: Motion | None = None
-    found: Clearance | None = None
+    made: Made = [], ""
+    proofs: list[Clearance] = []
     for _ in range(AGAIN):
         search = _GuidedSearch(replace(task, around=around), settings, progress, duration)
         search.guided = guided
-        motion = search.run()
-        if not motion.solved:
+        made = ask(search)
+        solved = [motion for _, motion in made[0] if motion.solved]
+        along = [places_along(task, motion, scene) for motion in solved]
+        proofs = [clearance_along(*pair) for pair in zip(along, solved, strict=True)]
+        if all(proof.proved for proof in proofs):
             break
-        places = places_along(task, motion, scene)
-        found = clearance_along(places, motion)
-        if found.proved:
-            break
-        around = Around(scenes_of(task, scene, poses_at_stops(task, motion)), around.near)
-        more = [around.add(p.robot, p.scene, _between(motion, p), near) for p in places]
+        around = Around(scenes_of(task, scene, poses_at_stops(task, solved[0])), around.near)
+        more = [
+            around.add(p.robot, p.scene, _between(motion, p), near)
+            for places, motion in zip(along, solved, strict=True)
+            for p in places
+        ]
         if not any(more) and around.scenes == (scene,) * len(around.scenes):
             break
         progress("more pairs come too near, or a part lies elsewhere: solved again")
-    assert motion is not None
+    found = iter(proofs)
+    judged = [
+        (effort, _judged(motion, told, next(found) if motion.solved else None))
+        for effort, motion in made[0]
+    ]
+    return judged, made[1]
+
+
+def _judged(motion: Motion, told: dict[str, Any], found: Clearance | None) -> Motion:
+    """A motion with what its proof of clearance says."""
     told = {**motion.provenance, **told}
     if found is not None:
         told["clearance"] = as_plain(found)
-    if motion.solved and found is not None and not found.proved:
-        told |= {"status": str(Status.LIMITS_EXCEEDED), "advice": found.sentence}
-        return replace(motion, provenance=told, note=f"not solved: {found.sentence}")
+        if not found.proved:
+            told |= {"status": str(Status.LIMITS_EXCEEDED), "advice": found.sentence}
+            return replace(motion, provenance=told, note=f"not solved: {found.sentence}")
     return replace(motion, provenance=told)
 
 

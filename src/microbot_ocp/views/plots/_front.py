@@ -26,7 +26,7 @@ def front(front: Front, axes: GivenAxes | None = None) -> AxesGrid:
     AxesGrid [2]
         Open circles are motions that are not certified.
     """
-    page = axes_page(axes, 1, 2, size=SIZE, title="time against effort")
+    page = axes_page(axes, 1, 2, size=SIZE, title="time against effort and peak torque")
     panels = page.axes.ravel().view(AxesGrid)
     time = np.array([point.duration for point in front.points])
     good = np.array([p.motion.solved and p.certificate.ok for p in front.points])
@@ -41,5 +41,5 @@ def front(front: Front, axes: GivenAxes | None = None) -> AxesGrid:
             panel.scatter(time[kept], np.array(values)[kept], facecolors=face, edgecolors=color)
         panel.set_xlabel("duration [s]")
         panel.set_ylabel(label)
-        panel.set_ylim(bottom=0.0)
+        panel.set_ylim(0.0, 1.08 * float(np.max(values)))
     return panels
