@@ -246,7 +246,7 @@ def test_a_front_among_obstacles_from_a_file(tmp_path):
         """
 schema = 1
 robot = "planar_2r"
-outputs = ["json", "figure", "motion"]
+outputs = ["json", "motion"]
 [[stop]]
 q_deg = [-30, 20]
 [[stop]]
@@ -273,4 +273,4 @@ obstacle = [{ name = "post", kind = "sphere", center = [0.85, 0.1, 0.0], radius 
         assert point.certificate.clearance is not None
         assert point.certificate.clearance.proved
     names = {path.name for path in found.save(tmp_path / "out", task.outputs)}
-    assert names == {"cell.json", "motion.npz", "motion_2.npz", "motion.png", "front.png"}
+    assert names == {"cell.json", "motion.npz", "motion_2.npz"}
