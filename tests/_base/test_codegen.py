@@ -267,17 +267,29 @@ def damaged(kind: str, library: Path, rng: np.random.Generator) -> None:
         other.write_bytes(content)
         library.symlink_to(other)
         return
+    if kind == "pipe":
+        os.mkfifo(library)
+        return
+    if kind == "folder":
+        (library / "inside").mkdir(parents=True)
+        return
+    if kind == "endless":
+        library.with_name(f"{library.name}.sha256").unlink()
+        library.with_name(f"{library.name}.sha256").symlink_to("/dev/zero")
     library.write_bytes(content)
     library.chmod(0o777 if kind == "writable" else mode)
 
 
 @needs_compiler
-@pytest.mark.parametrize("kind", ["truncated", "flipped", "lengthened", "planted", "writable"])
+@pytest.mark.parametrize(
+    "kind",
+    ["truncated", "flipped", "lengthened", "planted", "writable", "pipe", "folder", "endless"],
+)
 def test_a_damaged_library_is_not_loaded_but_made_again(folder: Path, kind: str) -> None:
     compile_function(doubled())
     (library,) = folder.glob("*.so")
     rng = np.random.default_rng()
-    for _ in range(max(2, int(os.environ.get("MICROBOT_OCP_KILLS", "2")) // 5)):  # of five kinds
+    for _ in range(max(1, int(os.environ.get("MICROBOT_OCP_KILLS", "2")) // 8)):  # of eight kinds
         damaged(kind, library, rng)
         assert not codegen._trusted(library)
         again = compile_function(doubled())

@@ -575,6 +575,9 @@ def test_solve_tells_the_key_that_is_wrong(refused, tmp_path):
 def test_out_that_is_a_file(refused, tmp_path):
     (tmp_path / "task.toml").write_text(TASK)
     assert "must be a folder" in refused("solve", "task.toml", "--out", "task.toml")
+    (tmp_path / "link").symlink_to("nowhere")
+    assert "leads nowhere" in refused("solve", "task.toml", "--out", "link")
+    assert "'--out': it must be a path" in refused("solve", "task.toml", "--out", "")
 
 
 def test_doctor(call, ask, monkeypatch):
@@ -658,6 +661,19 @@ def test_a_refusal_in_a_process(program):
     assert done.returncode == 2
     assert done.stdout == ""
     assert len(done.stderr.splitlines()) == 1
+
+
+@pytest.mark.skipif(os.name != "posix", reason="closes streams as a shell does")
+@pytest.mark.parametrize(
+    ("shell", "reason"), [(">&-", "bad file descriptor"), (">/dev/full", "no space left on device")]
+)
+def test_an_output_that_is_closed_or_full(program, shell, reason):
+    if shell.endswith("full") and not Path("/dev/full").exists():
+        pytest.skip("needs /dev/full")
+    done = program("--version", shell=f"{shell} <&-")
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr == f"error: standard output was not written: {reason}\n"
+    assert program("fk", shell=f"2{shell}").returncode == 2
 
 
 @pytest.mark.slow

@@ -27,6 +27,7 @@ from rerun.chunk import RrdReader
 
 import microbot_ocp as mo
 from microbot_ocp._base import codegen
+from microbot_ocp._base.child_process import in_child
 from microbot_ocp._base.codegen import compile_function
 from microbot_ocp.cli import main
 from microbot_ocp.comparison import Cell
@@ -379,6 +380,32 @@ def test_two_writers_of_a_folder(tmp_path, capsys):
     told(capsys, f"two writers of a comparison's folder, read meanwhile: {dict(found)}")
 
 
+def test_what_a_killed_process_started_ends_with_it():
+    reading, writing = os.pipe()
+
+    def work(_):
+        os.write(writing, os.getpid().to_bytes(8, "little"))
+        time.sleep(60.0)  # a solver that says nothing
+
+    parent = os.fork()
+    if not parent:
+        in_child(work, time.perf_counter() + 60.0)
+    child = int.from_bytes(os.read(reading, 8), "little")
+    os.kill(parent, signal.SIGKILL)
+    os.waitpid(parent, 0)
+    until = time.perf_counter() + 5.0
+    while runs(child) and time.perf_counter() < until:
+        time.sleep(0.01)
+    assert not runs(child)
+
+
+def runs(process):
+    """Whether it is there, and no zombie that nobody has asked for."""
+    with contextlib.suppress(OSError):
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    return False
+
+
 @pytest.mark.skipif(not MANY, reason="tried by make faults")
 def test_a_kill_while_solving(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
@@ -398,8 +425,8 @@ def test_a_kill_while_solving(tmp_path, monkeypatch, capsys):
         shutil.rmtree("out", ignore_errors=True)
         child = os.fork()
         if not child:
-            os._exit(main(COMMAND) if number % 5 == 0 else kept())
-        time.sleep(random.uniform(0.0, 1.2 * spans[number % 5 == 0]))
+            os._exit(main(COMMAND) if number % 25 == 0 else kept())
+        time.sleep(random.uniform(0.0, 1.2 * spans[number % 25 == 0]))
         os.kill(child, signal.SIGKILL)
         os.waitpid(child, 0)
         try:

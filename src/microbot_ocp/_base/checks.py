@@ -18,8 +18,9 @@ FloatArray = NDArray[np.float64]
 
 
 MOST_MESSAGE = 290  # characters
-LONGEST = 1e4  # s, of a motion whose duration is given
-MOST_SAMPLES = 100_000  # of a new motion: a longer one has fewer a second
+LONGEST = 1e4  # s, of a motion that is given or looked for
+MOST_SAMPLES = 100_000  # of a new motion
+SLOW = 100.0  # s: longer motions have fewer samples, as they are slow
 MOST_GIVEN = 2_000_000  # samples that may be asked for
 
 
@@ -106,6 +107,15 @@ def number(
     if at_most is not None and result > at_most:
         raise InputError(f"{name} must be at most {_with_unit(f'{at_most:g}', unit)}, not {value}")
     return result
+
+
+def longest_step(duration: float, most: int) -> float:
+    """Least step between samples of a motion, s: of ``most`` in 100 s, of fewer in longer ones.
+
+    >>> longest_step(100.0, 1000), longest_step(10_000.0, 1000)
+    (0.1, 100.0)
+    """
+    return duration * max(1.0, duration / SLOW) ** 0.5 / most
 
 
 def time_limit(value: Any) -> float:

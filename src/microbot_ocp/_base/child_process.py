@@ -6,6 +6,8 @@ minutes in a single factorisation: neither can be stopped from inside. A fork co
 
 from __future__ import annotations
 
+import contextlib
+import ctypes
 import os
 import pickle
 import select
@@ -17,6 +19,7 @@ from collections.abc import Callable
 from typing import Any
 
 HEAD = struct.Struct("<Q")
+PR_SET_PDEATHSIG = 1
 Send = Callable[[Any], None]
 
 can_fork = hasattr(os, "fork")
@@ -71,6 +74,7 @@ def in_child(
 def _work(work: Callable[[Send], Any], reading: int, writing: int) -> None:
     try:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends this process
+        _end_with_parent()
         os.close(reading)
 
         def say(done: bool, what: Any) -> None:
@@ -82,6 +86,12 @@ def _work(work: Callable[[Send], Any], reading: int, writing: int) -> None:
         say(True, work(lambda what: say(False, what)))
     finally:
         os._exit(0)
+
+
+def _end_with_parent() -> None:
+    """Let Linux end this process when the one that started it is killed."""
+    with contextlib.suppress(OSError, AttributeError):
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
 def _message(reading: int, until: float) -> tuple[bool, Any]:

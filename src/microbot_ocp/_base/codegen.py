@@ -34,6 +34,7 @@ from pathlib import Path
 import casadi as ca
 
 from microbot_ocp._base import deadline
+from microbot_ocp._base.reading import content_of, opened
 from microbot_ocp._base.writing import temporary_path, whole_file
 
 FLAGS = ("-fno-math-errno", "-shared", "-fPIC")
@@ -162,12 +163,12 @@ def _user() -> int:
 def _trusted(path: Path) -> bool:
     """Whether a file of the cache is whole, and nobody else's."""
     try:
-        with open(os.open(path, os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0)), "rb") as stream:
-            found = os.fstat(stream.fileno())
-            if not stat.S_ISREG(found.st_mode) or _ownership_problem(found):
+        with opened(path, links=False) as stream:
+            if _ownership_problem(os.fstat(stream.fileno())):
                 return False
             digest = hashlib.file_digest(stream, "sha256").hexdigest()
-        return _beside(path).read_text("ascii") == digest
+        with opened(_beside(path), links=False) as stream:
+            return stream.read(len(digest) + 1) == digest.encode()
     except (OSError, ValueError):
         return False
 
@@ -176,7 +177,9 @@ def _keep(path: Path, content: bytes) -> None:
     """Put a file into the cache, whole, and its digest beside it."""
     digest = hashlib.sha256(content).hexdigest().encode()
     for place, data in ((path, content), (_beside(path), digest)):
-        if place.is_symlink():
+        if place.is_dir() and not place.is_symlink():
+            shutil.rmtree(place)
+        elif place.is_symlink() or (place.exists() and not place.is_file()):  # a pipe
             place.unlink()
         with whole_file(place) as partial:
             partial.write_bytes(data)
@@ -411,7 +414,7 @@ def build_library(
         if done.returncode:
             said = " ".join(done.stderr.decode(errors="replace").split())[-300:]
             raise RuntimeError(f"{cc} ended with status {done.returncode}: {said}")
-        _keep(library, made.read_bytes())
+        _keep(library, content_of(made))
     return library
 
 

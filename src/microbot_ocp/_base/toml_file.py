@@ -9,22 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from microbot_ocp._base.checks import InputError, shown
-
-
-def text_of(path: str | Path, kind: str) -> str:
-    """The text of a file of this kind, such as "task".
-
-    Raises
-    ------
-    InputError
-    """
-    try:
-        return Path(path).read_text("utf-8")
-    except UnicodeDecodeError:
-        raise InputError(f"{kind} file {str(path)!r} cannot be read: it is not text") from None
-    except (OSError, ValueError) as problem:
-        reason = getattr(problem, "strerror", None) or problem
-        raise InputError(f"{kind} file {str(path)!r} cannot be read: {reason}") from None
+from microbot_ocp._base.reading import text_of
 
 
 def parsed(text: str, origin: str) -> dict[str, Any]:
@@ -47,7 +32,7 @@ def table_from(path: str | Path, kind: str) -> dict[str, Any]:
     ------
     InputError
     """
-    return parsed(text_of(path, kind), Path(path).name)
+    return parsed(text_of(path, f"{kind} file"), Path(path).name)
 
 
 def check_schema(data: Mapping[str, Any], schema: int) -> None:

@@ -19,6 +19,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from microbot_ocp._base.checks import InputError, shortened
+from microbot_ocp._base.reading import opened
 
 # .NAME.HOST.PID.RANDOM.microbot.part: at most 200 bytes, where file systems allow 255
 _LEFTOVER = re.compile(r"\..*\.(?P<host>[\w-]+)\.(?P<pid>\d+)\.[0-9a-f]{12}\.microbot\.part")
@@ -143,7 +144,7 @@ def sync(path: Path) -> None:
 
 def digest(path: Path) -> str:
     """SHA-256 of a file's content, in hexadecimal digits."""
-    with path.open("rb") as stream:
+    with opened(path) as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 

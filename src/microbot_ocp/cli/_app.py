@@ -1,25 +1,28 @@
 """The program: its commands in order, and how an ending becomes an exit code.
 
-0 is success, 1 a task without a solution, 2 bad input (one line on standard error), 70 a fault of
-this program, 128 and its number a signal (130 Ctrl-C).
+0 is success, 1 a task without a solution or a result that was not written, 2 bad input (one line on
+standard error), 70 a fault of this program, 128 and its number a signal (130 Ctrl-C).
 """
 
 from __future__ import annotations
 
 import contextlib
+import io
 import os
 import signal
 import sys
 import warnings
 from collections.abc import Sequence
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from microbot_ocp._base.checks import InputError, shortened
+from microbot_ocp._base.writing import NotWritten
 from microbot_ocp.cli import _interrupt as interrupt
 from microbot_ocp.cli._commands import PROGRAM, SETTINGS, Commands, example
 
+NOT_WRITTEN = 1
 BAD_INPUT = 2
 FAULT = 70
 TRACEBACK = "MICROBOT_OCP_TRACEBACK"  # environment variable that asks for Python's own report
@@ -78,6 +81,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = None if arguments is None else list(arguments)
     try:
         code = command.main(args=given, prog_name=PROGRAM, standalone_mode=False)
+        sys.stdout.flush()
+    except NotWritten as problem:
+        return _refuse(str(problem), NOT_WRITTEN)
     except InputError as problem:
         return _refuse(str(problem))
     except typer.TyperException as problem:
@@ -99,11 +105,27 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def run() -> int:
     """The program as :func:`~microbot_ocp.cli.entry` runs it."""
     warnings.showwarning = _tell
+    with contextlib.suppress(AttributeError, OSError, ValueError):  # a stream that was replaced
+        stream = io.BufferedWriter(_Output(sys.stdout.fileno(), "w", closefd=False))
+        sys.stdout = io.TextIOWrapper(
+            stream, sys.stdout.encoding, line_buffering=sys.stdout.line_buffering
+        )
     if hasattr(signal, "SIGPIPE"):
         signal.signal(signal.SIGPIPE, signal.SIG_DFL)
     if hasattr(signal, "SIGXFSZ"):
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)  # a file too large is an error like others
     return main()
+
+
+class _Output(io.FileIO):
+    """Standard output, of which an error says that it is one of it."""
+
+    def write(self, data: Any) -> int:
+        try:
+            return super().write(data)
+        except OSError as problem:
+            reason = _lowered(problem.strerror or str(problem))
+            raise NotWritten("standard output", reason) from None
 
 
 def _fault(problem: Exception) -> int:
@@ -113,22 +135,27 @@ def _fault(problem: Exception) -> int:
     what = f"{type(problem).__name__}: {problem}" if str(problem) else type(problem).__name__
     if isinstance(problem, MemoryError | RecursionError):
         return _refuse(f"the task is too large: {what}")
-    print(
+    _say(
         f"error: a fault of this program, please report it: {shortened(what, 200)} "
-        f"({TRACEBACK}=1 shows where)",
-        file=sys.stderr,
+        f"({TRACEBACK}=1 shows where)"
     )
     return FAULT
 
 
 def _tell(message: Warning | str, *_: object, **__: object) -> None:
     """Say a warning on one line, without the place in the program that it comes from."""
-    print(f"warning: {' '.join(str(message).split())}", file=sys.stderr)
+    _say(f"warning: {' '.join(str(message).split())}")
 
 
-def _refuse(sentence: str) -> int:
-    print(f"error: {shortened(sentence, 290)}", file=sys.stderr)
-    return BAD_INPUT
+def _refuse(sentence: str, code: int = BAD_INPUT) -> int:
+    _say(f"error: {shortened(sentence, 290)}")
+    return code
+
+
+def _say(line: str) -> None:
+    """Print on standard error, if anything can be: the exit code stays what it is."""
+    with contextlib.suppress(OSError, ValueError):
+        print(line, file=sys.stderr, flush=True)
 
 
 def _lowered(sentence: str) -> str:

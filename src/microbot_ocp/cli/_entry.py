@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import sys
@@ -15,21 +16,41 @@ def entry() -> int:
     It exits silently when the reader of its output goes away.
     """
     try:
+        _open_streams()
         interrupt.watch()
         from microbot_ocp.cli._app import run
 
         code = run()
-        for stream in (sys.stdout, sys.stderr):
-            stream.flush()
     except KeyboardInterrupt:
         code = interrupt.exit_code()
     except Exception:
         if not interrupt.pressed():  # else the signal came in the middle of an import
             raise
         code = interrupt.exit_code()
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except (OSError, ValueError):  # told by then; Python would flush again on its way out
+            with contextlib.suppress(OSError, ValueError):
+                os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
     # Where the signal came inside an exec, as in a dataclass that is made, Python would end by the
     # signal in the place of the code; the next exec makes it forget that.
     exec("")
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: os._exit(code))  # Python is on its way out
     return code
+
+
+def _open_streams() -> None:
+    """Take the place of standard streams that are closed, which the next file would get.
+
+    What is printed is an error then, as on a full disk; messages are dropped.
+    """
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        try:
+            os.fstat(number)
+        except OSError:
+            mode = os.O_WRONLY if name == "stderr" else os.O_RDONLY
+            os.open(os.devnull, mode)  # the lowest number that is free
+            stream = open(number, "r" if name == "stdin" else "w", closefd=False)  # noqa: SIM115
+            setattr(sys, name, stream)

@@ -34,11 +34,24 @@ def option(
     what: str,
     metavar: str | None = "LIST",
     completion: Callable[[str], list[str]] | None = None,
+    parser: Callable[[str], Any] | None = None,
 ) -> Any:
-    """A typer option whose value is text."""
+    """A typer option whose value is text, or what a parser makes of it."""
     return typer.Option(
-        *names, help=what, metavar=metavar, autocompletion=completion, show_default=False
+        *names,
+        help=what,
+        metavar=metavar,
+        autocompletion=completion,
+        parser=parser,
+        show_default=False,
     )
+
+
+def output_path(text: str | Path) -> Path:
+    """Parser of a path to write to."""
+    if not str(text):
+        raise typer.BadParameter("it must be a path, not ''")
+    return Path(text)
 
 
 def time_limit(text: str | float) -> float:
@@ -73,7 +86,12 @@ MotionRobot = Annotated[
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document.")]
 Recording = Annotated[
     Path | None,
-    option("--rerun", what="Write a Rerun recording (.rrd) to this file.", metavar="FILE"),
+    option(
+        "--rerun",
+        what="Write a Rerun recording (.rrd) to this file.",
+        metavar="FILE",
+        parser=output_path,
+    ),
 ]
 Open = Annotated[
     bool, typer.Option("--open", help="Open the Rerun viewer, bound to 127.0.0.1; wait for it.")
@@ -114,6 +132,7 @@ Iterations = Annotated[
         "--rerun-iterations",
         what="Write a recording of the solvers' iterations (.rrd) to this file.",
         metavar="FILE",
+        parser=output_path,
     ),
 ]
 
@@ -133,10 +152,16 @@ TimeLimit = Annotated[
 ]
 OutFolder = Annotated[
     Path | None,
-    option("--out", what="Folder for tables, figures, recording, motions.", metavar="FOLDER"),
+    option(
+        "--out",
+        what="Folder for tables, figures, recording, motions.",
+        metavar="FOLDER",
+        parser=output_path,
+    ),
 ]
 OutMotion = Annotated[
-    Path | None, option("--out", what="Write the motion to this .npz file.", metavar="FILE")
+    Path | None,
+    option("--out", what="Write the motion to this .npz file.", metavar="FILE", parser=output_path),
 ]
 
 ANGULAR = ("q", "qd", "qdd", "qddd")  # quantities that may be given in degrees
@@ -306,6 +331,8 @@ def writable(path: Path | None, ending: str | tuple[str, ...], name: str) -> Pat
 def output_folder(path: Path | None) -> Path | None:
     """A folder to write into, made when the work is done; checked before."""
     if path is not None:
+        if path.is_symlink() and not path.exists():
+            raise InputError(f"--out is a link that leads nowhere: {str(path)!r}")
         existing = next(p for p in (path, *path.absolute().parents) if p.exists())
         if not existing.is_dir():
             raise InputError(f"--out must be a folder, but {str(existing)!r} is a file")

@@ -104,7 +104,7 @@ def simulate(
         length = torques.duration if isinstance(torques, Motion) else 1.0
     length = checks.number("--duration", length, "s", above=0.0, at_most=checks.LONGEST)
     if step == SAMPLE_STEP:
-        step = min(max(step, length / checks.MOST_SAMPLES), length)
+        step = min(max(step, checks.longest_step(length, checks.MOST_SAMPLES)), length)
     step = checks.number("--step", step, "s", above=0.0, at_most=length)
     checks.size("the number of samples", length / step, checks.MOST_GIVEN)
     grid = np.linspace(0.0, length, max(1, int(np.ceil(length / step - 1e-9))) + 1)

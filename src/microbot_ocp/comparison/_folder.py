@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from microbot_ocp._base.checks import InputError, shortened, shown
+from microbot_ocp._base.reading import content_of
 from microbot_ocp._base.writing import NotWritten, digest, sync
 
 try:
@@ -138,7 +139,7 @@ def _digest(document: Mapping[str, Any]) -> str:
 
 def _read(path: Path) -> dict[str, Any] | None:
     with contextlib.suppress(OSError, ValueError, RecursionError):
-        found = json.loads(path.read_text("utf-8"))
+        found = json.loads(content_of(path))
         return found if isinstance(found, dict) else None
     return None
 

@@ -27,7 +27,7 @@ from microbot_ocp.simulation import interpolated
 NODES = 9  # of a segment
 LONGEST, SHORTEST = 0.1, 2e-3  # s, of a segment; shorter ones only between breaks
 SHORTEST_STIFF = 1e-5  # s, the same where the iteration does not converge
-MOST_SEGMENTS = 20_000  # at first: those of motions beyond 2000 s are longer
+MOST_SEGMENTS = 5_000  # at first: those of motions beyond 500 s are longer
 MOST_TRIED = 200_000  # segments in all, halved ones among them: some 20 s of work
 ROUNDS = 16  # of the iteration, before a segment is halved
 STIFF = 0.5  # damping times the length of a segment, beyond which Picard's iteration is slow

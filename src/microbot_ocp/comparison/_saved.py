@@ -11,6 +11,7 @@ import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError, shortened, shown
+from microbot_ocp._base.reading import content_of
 from microbot_ocp._base.status import Status
 from microbot_ocp._base.toml_file import check_schema
 from microbot_ocp.comparison._certificate import certify
@@ -44,7 +45,7 @@ def load_comparison(folder: str | Path, robot: Robot | str | None = None) -> Com
     folder = Path(folder)
     origin = str(folder / INDEX)
     try:
-        saved = json.loads(Path(origin).read_text("utf-8"))
+        saved = json.loads(content_of(origin))
         check_schema(saved, SCHEMA)
         via_q = saved["via_q"]
         name, reference = str(saved["robot"]), str(saved["reference"])

@@ -17,13 +17,13 @@ import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError, naming
+from microbot_ocp._base.reading import text_of
 from microbot_ocp._base.toml_file import (
     check_keys,
     check_schema,
     parsed,
     suggestion,
     table_of,
-    text_of,
 )
 from microbot_ocp.comparison._comparison import (
     METHODS,
@@ -149,7 +149,7 @@ def read_task(path: str | Path) -> TaskFile:
     ('microbot', (2, 3))
     """
     source = Path(path)
-    return parse_task(text_of(path, "task"), source.name, source.parent)
+    return parse_task(text_of(path, "task file"), source.name, source.parent)
 
 
 def parse_task(text: str, origin: str, folder: Path) -> TaskFile:

@@ -35,7 +35,6 @@ ARRAYS = ("t", "q", "qd", "qdd", "tau", "breaks")
 ROUNDING = 360 * np.finfo(float).eps  # of positions, in the acceleration of a quintic, times h^-2
 NOISE = 1e-6  # of that, share of the largest acceleration
 SAMPLE_STEP = 1e-3  # s, the longest step between the samples of a new motion
-MOST_SAMPLES = 100_000  # of even steps; motions longer than 100 s have longer ones
 
 
 @dataclass(frozen=True)
@@ -166,7 +165,6 @@ class Motion:
         size = 1.0 + np.abs(acceleration.coefficients[:, 0]).max()
         jumps = np.abs(after - before).max(axis=1) > 1e-9 * size
         jumps |= np.isin(breaks[1:-1], jumps_at)
-        step = max(step, (breaks[-1] - breaks[0]) / MOST_SAMPLES)
         t = sample_times(breaks, breaks[1:-1][jumps], step, _steps_to_tell(acceleration))
         return cls.from_state(
             robot,
@@ -372,12 +370,11 @@ def sample_times(breaks: FloatArray, jumps: FloatArray, step: float, least: int 
     """Times from the first to the last break, at most ``step`` apart, with the breaks among them.
 
     There are at least ``least`` steps to an interval, so that the samples tell how the acceleration
-    runs in it. Long motions have longer steps, so that memory is bounded
-    (:data:`checks.MOST_SAMPLES`). Every time in ``jumps`` is preceded by a sample 1 microsecond
-    before it, or less in short intervals.
+    runs in it. Long motions have longer steps (:func:`checks.longest_step`). Every time in
+    ``jumps`` is preceded by a sample 1 microsecond before it, or less in short intervals.
     """
     pieces = []
-    step = max(step, float(breaks[-1] - breaks[0]) / checks.MOST_SAMPLES)
+    step = max(step, checks.longest_step(float(breaks[-1] - breaks[0]), checks.MOST_SAMPLES))
     jumping = set(np.asarray(jumps).tolist())
     for start, end in pairwise(np.asarray(breaks, dtype=float)):
         last = end - min(JUMP_GAP, 0.01 * (end - start)) if end in jumping else end

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.limits import MotionSamples
 
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
 
 JUMP_GAP = 1e-6  # s between the two samples that stand for a jump of the acceleration
 GRID_STEP = 0.25e-3  # s, the longest step of the dense grid
-MOST_STEPS = 400_000  # of that; motions longer than 100 s have longer ones
+MOST_STEPS = 400_000  # of that in 100 s; longer motions have longer ones
 JUMP_SHARE = 0.2  # of the interval before it: a longer gap is an interval of a short motion
 EVEN = 1e-3  # relative difference of steps that are alike
 GRID_RATIO = 20  # dense grid points to each mesh interval, at least
@@ -55,7 +56,7 @@ def dense_times(motion: Motion) -> tuple[FloatArray, float]:
     """Dense grid and its least number of points to a mesh interval."""
     mesh = mesh_of(motion)
     lengths = np.diff(mesh)
-    step = max(GRID_STEP, motion.duration / MOST_STEPS)
+    step = max(GRID_STEP, checks.longest_step(motion.duration, MOST_STEPS))
     ratio = int(np.clip(MANY_POINTS // lengths.size, LEAST_RATIO, GRID_RATIO))
     points = np.maximum(ratio, np.ceil(lengths / step - 1e-9)).astype(int)
     first = np.repeat(np.cumsum(points) - points, points)

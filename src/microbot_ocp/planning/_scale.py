@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp.limits import LimitFamily
+from microbot_ocp.limits import LimitFamily, MotionSamples
 from microbot_ocp.robot import Robot, inverse_dynamics
 
 USUAL_SPEED = 2.0  # rad/s (m/s) of joints that nothing bounds directly
@@ -72,6 +72,7 @@ class TaskScale:
             )
             durations = times.max(axis=(0, 2))
             durations = np.where(durations > 0, durations, steps.max(axis=1) / USUAL_SPEED)
+            durations = durations * _stretch(family, via, durations)
             highest = np.minimum(speed, np.sqrt(2.0 * accelerated * steps.sum(axis=0)))
             fastest = np.nan_to_num(steps / highest, posinf=0.0).max(axis=1)
             reached = steps / durations[:, None]
@@ -111,6 +112,32 @@ class TaskScale:
             elif duration >= self.longest[k] * (1 - AT_BOUND):
                 said += f"\nThe time {between} could not be longer than {duration:.3g} s"
         return said and f"{said}: bounds of the search, which no limit asks for."
+
+
+def _stretch(family: LimitFamily, via: FloatArray, durations: FloatArray) -> float:
+    """How many times as long straight motions last within ten times the further limits.
+
+    A power of ten; limits that bind an arm at rest, too, are none of its pace.
+    """
+    keys = [member.key for member in family if member.limit is not None and member.order > 0]
+    if not keys:
+        return 1.0
+    s, ways = np.linspace(0.0, 1.0, 2 * POSES + 1)[1:-1, None, None], np.diff(via, axis=0)
+    q = via[:-1] + s**3 * (10 - 15 * s + 6 * s**2) * ways
+    slopes = (30 * s**2 * (1 - s) ** 2, 60 * s * (1 - s) * (1 - 2 * s), 60 * (1 - 6 * s * (1 - s)))
+
+    def most(stretch: float) -> FloatArray:
+        """Share [k] used of each limit."""
+        spans = (stretch * durations)[:, None]
+        moving = [slope * ways / spans**order for order, slope in enumerate(slopes, 1)]
+        samples = (part.reshape(-1, via.shape[1]) for part in (q, *moving))
+        return np.array([u.max() for u in family.use(MotionSamples(*samples), keys).values()])
+
+    at_rest = most(np.inf) > 1.0
+    factor = 1.0
+    while (most(factor)[~at_rest] > 10.0).any() and factor < 1e12:
+        factor *= 10.0
+    return factor
 
 
 def _larger(bounds: tuple[FloatArray, FloatArray]) -> FloatArray:

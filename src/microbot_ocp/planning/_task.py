@@ -28,6 +28,7 @@ from microbot_ocp.limits import (
     MotionSamples,
 )
 from microbot_ocp.ocp import Phase, Solution
+from microbot_ocp.planning._scale import TaskScale
 from microbot_ocp.robot import Robot, inverse_dynamics, torque_and_rate, torque_derivatives
 
 STATE: tuple[str, ...] = ("q", "qd", "qdd", "qddd")
@@ -35,7 +36,6 @@ GAP = 1e-5  # relative, of a duration above its local optimum
 ROUGH_TOLERANCE = 1e-6  # of solves on all meshes but the last one
 # A joint alone takes (factor way / limit)^(1 / order) from rest to rest under one limit.
 REST_TO_REST = {"qd": (1, 1), "qdd": (4, 2), "qddd": (32, 3), "taud": (1, 1)}
-LONGEST = 1e5  # s, of a motion that is looked for
 CHECKS_PER_INTERVAL = 20  # places inside every mesh interval at which limits are looked at
 
 Settings = TypeVar("Settings")
@@ -253,13 +253,23 @@ def check_pace(family: LimitFamily, places: FloatArray, at_rest: bool = True) ->
         share = np.divide(factor * way, most, out=np.zeros_like(way), where=most > 0)
         lasts = share ** (1 / order)
         j = int(lasts.argmax())
-        if lasts[j] > LONGEST:
+        if lasts[j] > checks.LONGEST:
             unit = family[key].units[j]
             raise InputError(
                 f"{key}_max of joint {robot.joint_names[j]!r} is {most[j]:g} {unit}, so the motion "
-                f"would last more than {lasts[j]:.3g} s: those of at most {LONGEST:g} s are looked "
-                "for"
+                f"would last more than {lasts[j]:.3g} s: those of at most {checks.LONGEST:g} s are "
+                "looked for"
             )
+    further = ", ".join(m.name for m in family if m.limit is not None and m.order)
+    moving = np.append(True, np.diff(places, axis=0).any(axis=1))
+    if not further or not moving[1:].any():
+        return
+    lasts = float(TaskScale.of(family, places[moving]).durations.sum())
+    if lasts > 10.0 * checks.LONGEST:
+        raise InputError(
+            f"a limit ({further}) lets a straight motion last some {lasts:.1g} s: those of at most "
+            f"{checks.LONGEST:g} s are looked for"
+        )
 
 
 def locked_joints(family: LimitFamily) -> np.ndarray:

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.reading import opened
 
 # Kind -> what its size holds.
 SIZES = {
@@ -169,6 +170,7 @@ def _mesh_file(path: str, link: str) -> Mesh:
             "reading meshes needs the extra 'urdf': pip install 'microbot_ocp[urdf]'"
         ) from None
     try:
+        opened(path).close()  # refuses a pipe, on which it would wait
         scene: Any = trimesh.load_scene(path, process=False)
         if scene.units:
             scene = scene.convert_units("meters")

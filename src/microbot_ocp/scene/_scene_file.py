@@ -15,6 +15,7 @@ import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError, naming
+from microbot_ocp._base.reading import content_of
 from microbot_ocp.robot import Capsule, Shape, read_mesh
 from microbot_ocp.robot.files import read_urdf_shapes
 from microbot_ocp.scene._obstacles import (
@@ -87,7 +88,7 @@ def read_scene(
         if path.suffix.lower() in (".urdf", ".xacro"):
             return Scene(_of_urdf(path))
         try:
-            source = tomllib.loads(path.read_text("utf-8"))
+            source = tomllib.loads(content_of(path).decode())
         except (OSError, ValueError, RecursionError) as problem:
             why = getattr(problem, "strerror", None) or problem
             raise InputError(f"scene file {str(path)!r} cannot be read: {why}") from None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -14,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError, shown
+from microbot_ocp._base.reading import content_of, opened
 from microbot_ocp.robot import Robot
 from microbot_ocp.sweeps._extra import needed
 from microbot_ocp.sweeps._quantities import (
@@ -429,10 +431,11 @@ def _read(path: Path) -> Mapping[str, Any]:
         raise InputError(f"table {str(path)!r} must end in .csv or .parquet")
     try:
         if path.suffix == ".parquet":
+            opened(path).close()  # refuses a pipe, on which pyarrow would wait
             read = needed("pyarrow.parquet").read_table(path)
             return {name: read[name].to_numpy() for name in read.column_names}
-        with path.open(newline="", encoding="utf-8-sig") as stream:
-            lines = [line for line in csv.reader(stream) if any(field.strip() for field in line)]
+        text = io.StringIO(content_of(path).decode("utf-8-sig"), newline="")
+        lines = [line for line in csv.reader(text) if any(field.strip() for field in line)]
     except InputError:  # no pyarrow
         raise
     except (OSError, ValueError, csv.Error) as problem:  # pyarrow's are among the ValueErrors

@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import Any
 
 from microbot_ocp._base.checks import InputError, naming, shown
+from microbot_ocp._base.reading import text_of
 from microbot_ocp._base.toml_file import (
     check_keys,
     check_schema,
     parsed,
     suggestion,
     table_of,
-    text_of,
 )
 from microbot_ocp.robot import Robot
 from microbot_ocp.robot.files import load_robot, packaged_robots
@@ -53,7 +53,7 @@ def read_study(path: str | Path) -> Study:
         A file that cannot be read, a key that is unknown, missing or of the wrong kind.
     """
     source = Path(path)
-    return parse_study(text_of(path, "study"), str(source), source.parent)
+    return parse_study(text_of(path, "study file"), str(source), source.parent)
 
 
 def parse_study(text: str, origin: str, folder: Path) -> Study:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError, shortened
+from microbot_ocp._base.reading import content_of
 from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
 from microbot_ocp._base.status import Status
 from microbot_ocp._base.writing import made_folder, remove_leftovers, whole_file, write_whole
@@ -182,7 +183,7 @@ def load_sweep(folder: str | Path) -> Sweep:
     """
     path = Path(folder) / ABOUT
     try:
-        about = json.loads(path.read_text("utf-8"))
+        about = json.loads(content_of(path))
     except (OSError, ValueError, RecursionError) as problem:
         reason = getattr(problem, "strerror", None) or "it is not JSON"
         raise InputError(f"{str(folder)!r} holds no sweep: {ABOUT}: {reason}") from None

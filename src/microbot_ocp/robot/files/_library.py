@@ -7,6 +7,7 @@ from importlib.resources.abc import Traversable
 from pathlib import Path
 
 from microbot_ocp._base.checks import InputError
+from microbot_ocp._base.reading import text_of
 from microbot_ocp.robot._model import Robot
 from microbot_ocp.robot.files._toml import parse_robot, robot_to_toml
 from microbot_ocp.robot.files._urdf_reader import read_urdf
@@ -97,9 +98,4 @@ def _toml_file(name: str) -> tuple[str, str]:
             f"robot must be one of {', '.join(packaged_robots())}, or the path of a .toml or "
             f".urdf file, not {name!r}"
         )
-    try:
-        return path.read_text("utf-8"), path.name
-    except OSError as problem:
-        raise InputError(f"robot file {name!r} cannot be read: {problem.strerror}") from None
-    except UnicodeDecodeError:
-        raise InputError(f"robot file {name!r} cannot be read: it is not text") from None
+    return text_of(path, "robot file"), path.name

@@ -23,6 +23,7 @@ import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError, naming
+from microbot_ocp._base.reading import content_of
 from microbot_ocp.limits import Limits
 from microbot_ocp.robot._links import Link, inertia_fault
 from microbot_ocp.robot._model import Robot
@@ -128,9 +129,10 @@ def read_urdf(
     """
     name = str(path)
     try:
-        data = Path(name).read_bytes()
+        data = content_of(name)
     except (OSError, ValueError) as problem:
-        raise InputError(f"robot file {name!r} cannot be read: {problem}") from None
+        reason = getattr(problem, "strerror", None) or problem
+        raise InputError(f"robot file {name!r} cannot be read: {reason}") from None
     short = Path(name).name
     if Path(name).suffix.lower() == ".xacro":
         data = expanded(Path(name))

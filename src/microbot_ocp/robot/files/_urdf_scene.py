@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from microbot_ocp._base.checks import InputError, naming
+from microbot_ocp._base.reading import content_of
 from microbot_ocp.robot._shapes import Shape
 from microbot_ocp.robot.files._remarks import Remarks
 from microbot_ocp.robot.files._urdf_file import urdf_file
@@ -26,7 +27,7 @@ def read_urdf_shapes(path: str | Path) -> tuple[Shape, ...]:
     """
     file = Path(path)
     try:
-        data = expanded(file) if file.suffix.lower() == ".xacro" else file.read_bytes()
+        data = expanded(file) if file.suffix.lower() == ".xacro" else content_of(file)
     except (OSError, ValueError) as problem:
         raise InputError(f"scene file {str(path)!r} cannot be read: {problem}") from None
     remarks = Remarks()

@@ -1,0 +1,67 @@
+"""The one reader of files: no pipe, which may never end, no device, nothing huge."""
+
+from __future__ import annotations
+
+import errno
+import os
+import stat
+from pathlib import Path
+from typing import BinaryIO
+
+from microbot_ocp._base.checks import InputError
+
+MOST_BYTES = 500_000_000  # that are taken into memory at once
+
+
+def opened(path: str | Path, *, links: bool = True) -> BinaryIO:
+    """A plain file, open; ``links`` may lead to it.
+
+    Raises
+    ------
+    OSError
+        With ``strerror`` set, also where it is something else than a file.
+    """
+    flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+    handle = os.open(path, flags if links else flags | getattr(os, "O_NOFOLLOW", 0))
+    stream = open(handle, "rb")  # noqa: SIM115
+    try:
+        mode = os.fstat(handle).st_mode
+        if not stat.S_ISREG(mode):
+            what = "a folder" if stat.S_ISDIR(mode) else "a pipe or a device"
+            raise OSError(errno.EINVAL, f"it is {what}", str(path))
+    except BaseException:
+        stream.close()
+        raise
+    return stream
+
+
+def content_of(path: str | Path) -> bytes:
+    """The bytes of a plain file.
+
+    Raises
+    ------
+    OSError
+        As :func:`opened`, and for more than :data:`MOST_BYTES`.
+    """
+    with opened(path) as stream:
+        large = os.fstat(stream.fileno()).st_size > MOST_BYTES
+        content = b"" if large else stream.read(MOST_BYTES + 1)  # files of /proc tell no size
+    if large or len(content) > MOST_BYTES:
+        raise OSError(errno.EFBIG, f"it has more than {MOST_BYTES:,} bytes", str(path))
+    return content
+
+
+def text_of(path: str | Path, what: str) -> str:
+    """The text of a plain file; ``what`` it is, such as "task file", begins the message.
+
+    Raises
+    ------
+    InputError
+    """
+    try:
+        return content_of(path).decode()
+    except UnicodeDecodeError:
+        reason: object = "it is not text"
+    except (OSError, ValueError) as problem:  # a NUL character in the path
+        reason = getattr(problem, "strerror", None) or problem
+    raise InputError(f"{what} {str(path)!r} cannot be read: {reason}") from None
