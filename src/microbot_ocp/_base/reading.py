@@ -5,15 +5,15 @@ from __future__ import annotations
 import errno
 import os
 import stat
+from io import BufferedReader
 from pathlib import Path
-from typing import BinaryIO
 
 from microbot_ocp._base.checks import InputError
 
 MOST_BYTES = 500_000_000  # that are taken into memory at once
 
 
-def opened(path: str | Path, *, links: bool = True) -> BinaryIO:
+def opened(path: str | Path, *, links: bool = True) -> BufferedReader:
     """A plain file, open; ``links`` may lead to it.
 
     Raises

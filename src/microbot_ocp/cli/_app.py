@@ -108,7 +108,7 @@ def run() -> int:
     with contextlib.suppress(AttributeError, OSError, ValueError):  # a stream that was replaced
         stream = io.BufferedWriter(_Output(sys.stdout.fileno(), "w", closefd=False))
         sys.stdout = io.TextIOWrapper(
-            stream, sys.stdout.encoding, line_buffering=sys.stdout.line_buffering
+            stream, sys.stdout.encoding, line_buffering=bool(sys.stdout.line_buffering)
         )
     if hasattr(signal, "SIGPIPE"):
         signal.signal(signal.SIGPIPE, signal.SIG_DFL)
