@@ -402,7 +402,8 @@ def _with_capsules(robot: Robot, rows: Sequence[Mapping[str, Any]]) -> Robot:
     """The robot with the capsules of [[capsule]] in the place of those of the same links."""
     if not rows:
         return robot
-    names = ["base", *(link.name for link in robot.links)]
+    links = [link.name for link in robot.links] or robot.joint_names  # none without masses
+    names = ["base", *links]
     own: dict[int, list[Capsule]] = {}
     for number, row in enumerate(rows, start=1):
         where = f"in capsule {number}"

@@ -63,7 +63,7 @@ class Surroundings:
         self.least = scene.clearance + MARGINS * MARGIN * (radii + scene.clearance)
         low, high = robot.limits.bounds("q")
         self._farthest = np.where(
-            np.isfinite(low + high), np.maximum(np.abs(low), np.abs(high)), 2 * np.pi
+            np.isfinite(low) & np.isfinite(high), np.maximum(np.abs(low), np.abs(high)), 2 * np.pi
         )
         self.levers = levers_of(self.robot, self.model.pairs, self._farthest)
         self._suspect = 0
