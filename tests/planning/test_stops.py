@@ -333,6 +333,13 @@ def test_a_straight_corner_is_passed_and_a_bent_one_is_cut(two_links):
             {},
             "is 90 m/s, more than all joints at their limits can give the tool",
         ),
+        (
+            [[0.0, 1.0], Stop(position=[1.2, 0.0, 0.0], velocity=[6, 0, 0]), [0.0, 0.0]],
+            {},
+            "allow the tool at most 1.98 m/s in that direction, not 6 m/s",
+        ),
+        ([[0.0, 0.0], [1.0, 0.0]], {"duration": 0.1}, "at least the 0.3333 s that the velocity"),
+        ([[0.0, 0.0]], {"cycle": True}, "a cycle needs at least two stops"),
     ],
 )
 def test_what_cannot_be_is_said_in_words_of_the_task(two_links, stops, options, said):

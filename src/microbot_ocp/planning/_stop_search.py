@@ -47,7 +47,7 @@ from microbot_ocp.planning._segments import Segment
 from microbot_ocp.planning._stop_task import Task, task_of, with_torques
 from microbot_ocp.planning._stops import Stop
 from microbot_ocp.planning._task import fastest_tool, with_locked_joints_held
-from microbot_ocp.robot import Robot
+from microbot_ocp.robot import Robot, jacobian
 from microbot_ocp.trajectories import spline
 
 MOST_ORDERED = 7  # stops of which every order is looked at
@@ -91,6 +91,12 @@ class StopSearch(FreeSearch):
         ways: Sequence[Way] = (),
     ) -> None:
         self.task = task
+        _check_velocities(task)
+        if duration is not None and (least := least_duration(task)) > duration:
+            raise InputError(
+                f"duration must be at least the {least:.4g} s that the velocity limits ask for, "
+                f"not {duration:g} s"
+            )
         self.ways = list(ways) or ways_through(task)
         self.allowed = duration
         self.shortest = np.nan  # s, dwells included
@@ -606,6 +612,28 @@ def least_duration(task: Task) -> float:
         times = np.divide(room, speeds, out=np.zeros_like(room), where=room > 0.0)
         least = (least[:, None] + times.max(axis=2)).min(axis=0)
     return float(least.min() + task.dwells.sum())
+
+
+def _check_velocities(task: Task) -> None:
+    """Raise InputError where no branch at a stop gives the tool the velocity that is asked for."""
+    robot = task.robot
+    fastest = np.maximum(-robot.limits.qd_min, robot.limits.qd_max)
+    for stop in task.stops:
+        if stop.q is not None or stop.velocity is None or isinstance(stop.velocity, str):
+            continue
+        wanted = float(np.linalg.norm(stop.velocity))
+        poses = few_poses(robot, stop)
+        if poses is None or not wanted:
+            continue
+        slopes = [np.array(jacobian(robot)(q))[:3].T @ stop.velocity / wanted for q in poses]
+        shares = np.abs(slopes)
+        reached = np.multiply(shares, fastest, out=np.zeros_like(shares), where=shares > 0.0)
+        most = float(reached.sum(axis=1).max())
+        if wanted > most:
+            raise InputError(
+                f"stop {stop.name!r}: the velocity limits of the joints allow the tool at most "
+                f"{most:.3g} m/s in that direction, not {wanted:.3g} m/s"
+            )
 
 
 def _joint_distances(robot: Robot, before: FloatArray, after: FloatArray) -> FloatArray:

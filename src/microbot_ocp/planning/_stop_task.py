@@ -437,6 +437,8 @@ def _check_stops(
             after.position,
             after.orientation,
         ):
+            if cycle and len(stops) == 2:
+                raise InputError("a cycle needs at least two stops, not one")
             advice = ": a cycle returns to its first stop by itself" if cycle else ""
             raise InputError(
                 f"stops {before.name!r} and {after.name!r} are at the same place{advice}"
