@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
+import microbot_ocp as mo
 from microbot_ocp.robot import Robot
 from microbot_ocp.views import _scene as scene
 from microbot_ocp.views.recording import grid_spacing
+from microbot_ocp.views.recording._line_of_sight import hidden_share
 from microbot_ocp.views.recording._surroundings import (
     ASPECT,
     FIELD_OF_VIEW,
@@ -76,3 +78,31 @@ def test_up_is_where_things_do_not_fall(microbot):
 
 def test_grid_spacing_is_round(microbot):
     assert grid_spacing(microbot) == 1.0
+
+
+def test_the_eye_looks_past_a_wall() -> None:
+    robot = mo.load_robot("microbot")
+    q = np.linspace([-0.3, 0.4, 0.2], [0.3, 0.6, 0.4], 20)
+    usual = find_eye(robot, q, NOWHERE, 0.0)
+    middle = 0.5 * (usual.position + usual.target)
+    wall = mo.Box([4.0, 4.0, 4.0], middle, "wall")
+    eye = find_eye(robot, q, NOWHERE, 0.0, [wall])
+    points = scene.link_origins(robot, q)[:, 1:].reshape(-1, 3)
+    assert hidden_share(usual.position, points, [wall]) > 0.5
+    assert hidden_share(eye.position, points, [wall]) < 0.1
+
+
+@pytest.mark.parametrize(
+    "obstacle",
+    [
+        mo.Sphere([1.0, 0.0, 0.0], 0.2),
+        mo.Capsule([1.0, -1.0, 0.0], [1.0, 1.0, 0.0], 0.2),
+        mo.Cylinder(0.2, 2.0, [1.0, 0.0, 0.0]),
+        mo.HalfSpace([1.0, 0.0, 0.0], 1.0),
+        mo.ConvexMesh(np.vstack([np.zeros(3), np.eye(3)]) - 0.2, [1.0, 0.0, 0.0]),
+    ],
+)
+def test_obstacles_hide_what_is_behind_them(obstacle) -> None:
+    points = np.array([[2.0, 0.0, 0.0], [2.0, 0.0, 5.0], [1.5, 0.0, 0.0]])
+    whole = isinstance(obstacle, mo.HalfSpace)
+    assert hidden_share(np.zeros(3), points, [obstacle]) == pytest.approx(1.0 if whole else 2 / 3)

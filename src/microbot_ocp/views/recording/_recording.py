@@ -152,7 +152,8 @@ class Recording:
         labels = sum(bool(arm.title) for arm in self.arms)
         headroom = (LABEL_GAP + LABEL_STEP * (labels - 1)) * reach(self.robot) if labels else 0.0
         q = np.vstack([np.zeros((0, self.robot.joint_count)), *(arm.q for arm in self.arms)])
-        return find_eye(self.robot, q, self.places, headroom)
+        obstacles = () if self.scene is None else self.scene.obstacles
+        return find_eye(self.robot, q, self.places, headroom, obstacles)
 
     @property
     def hidden(self) -> list[str]:

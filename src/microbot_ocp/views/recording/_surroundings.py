@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import rerun as rr
@@ -12,6 +12,7 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.robot import Robot
 from microbot_ocp.views._scene import link_origins, reach
 from microbot_ocp.views.recording._animated_arm import BASE_COLOR, VIA_COLOR
+from microbot_ocp.views.recording._line_of_sight import ENOUGH, TURNS, hidden_share
 from microbot_ocp.views.recording._writer import BASE, PLACES, TARGET, WORLD, Writer, quaternions
 
 FIELD_OF_VIEW = np.radians(55.0)  # of Rerun's eye, from bottom to top
@@ -20,6 +21,7 @@ MARGIN = 1.05
 THICK = 0.14  # share of the reach that arrows, arcs and masses stand out from the links
 TILT = np.radians(20.0)  # of the line of sight, from above
 STEEP_TILT = np.radians(60.0)  # the same where all that moves is level
+POSES = 30  # of an arm that are to be seen
 FLAT = 0.12  # height to width from which on a motion counts as level
 
 
@@ -85,10 +87,17 @@ def upward(robot: Robot) -> FloatArray:
     return sign * np.eye(3)[axis]
 
 
-def find_eye(robot: Robot, q: FloatArray, places: FloatArray, headroom: float) -> Eye:
+def find_eye(
+    robot: Robot,
+    q: FloatArray,
+    places: FloatArray,
+    headroom: float,
+    obstacles: Sequence[Any] = (),
+) -> Eye:
     """An eye that sees the arm at all positions q [N,n] from its broad side, on the tool's side.
 
     It sees the places ``places`` [m,3] as well; ``headroom`` (m) is for the labels above the tool.
+    Where obstacles hide too much of the arm it looks from another side.
     """
     up = upward(robot)
     at_zero = np.zeros((1, robot.joint_count))
@@ -107,8 +116,16 @@ def find_eye(robot: Robot, q: FloatArray, places: FloatArray, headroom: float) -
     towards = towards * (1.0 if side >= 0.0 else -1.0)
     height, width = np.ptp(points @ up), np.linalg.norm(np.ptp(level, axis=0))
     tilt = STEEP_TILT if height - headroom < FLAT * width else TILT
-    towards = np.cos(tilt) * towards + np.sin(tilt) * up
-    return _fitted(points, THICK * reach(robot), middle, towards, up)
+    eyes, seen = [], origins[:: max(1, len(origins) // POSES), 1:].reshape(-1, 3)
+    for turn in TURNS:
+        turned = np.cos(turn) * towards + np.sin(turn) * np.cross(up, towards)
+        sight = np.cos(tilt) * turned + np.sin(tilt) * up
+        eye = _fitted(points, THICK * reach(robot), middle, sight, up)
+        hidden = hidden_share(eye.position, seen, obstacles)
+        if hidden <= ENOUGH:
+            return eye
+        eyes.append((hidden, eye))
+    return min(eyes, key=lambda entry: entry[0])[1]
 
 
 def _fitted(
