@@ -213,6 +213,7 @@ def test_friction_that_makes_the_equations_stiff():
 def test_samples_within_microseconds_are_no_jump():
     assert not jump_gaps(np.array([0.0, 1.5e-6, 3e-6, 4.5e-6])).any()
     assert not jump_gaps(np.array([0.0, 1.0, 1.0 + 1e-6, 1.0 + 2e-6, 1.0 + 3e-6])).any()
+    assert not jump_gaps(np.array([0.0, 7.7e-6, 8.5e-6, 1.1e-5])).any()  # a mesh of 6 ms in all
     assert jump_gaps(np.array([0.0, 1.0, 1.0 + 1e-6, 2.0])).tolist() == [False, True, False]
 
 

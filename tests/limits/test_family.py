@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -25,6 +27,18 @@ HEIGHT = mo.Limit("tool height", lambda state: state.tool[2, 3], lower=0.5, unit
 def samples(robot: mo.Robot, count: int = 20, seed: int = 0) -> MotionSamples:
     random = np.random.default_rng(seed)
     return MotionSamples(*random.uniform(-2.0, 2.0, (4, count, robot.joint_count)))
+
+
+def test_limits_with_replaced_numbers_are_arrays_and_checked() -> None:
+    changed = replace(MICROBOT.limits, qd_max=1.0, tau_max=[300.0, 400.0, 100.0])
+    limits = MICROBOT.with_limits(changed).limits
+    assert limits.qd_max.tolist() == [1.0] * 3
+    assert limits.tau_max.tolist() == [300.0, 400.0, 100.0]
+    assert MICROBOT.with_limits(MICROBOT.limits).limits is MICROBOT.limits
+    with pytest.raises(mo.InputError, match="qd_max of joint 1 must leave room for zero"):
+        MICROBOT.with_limits(replace(MICROBOT.limits, qd_max=-1.0))
+    with pytest.raises(mo.InputError, match="tau_max must have shape"):
+        MICROBOT.with_limits(replace(MICROBOT.limits, tau_max=np.ones(4)))
 
 
 # what a limit is ----------------------------------------------------------------------------------

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, NamedTuple, TypedDict
 
 import numpy as np
@@ -207,10 +207,24 @@ class JointLimits:
         return Limits(**given)
 
     def for_joints(self, count: int) -> JointLimits:
-        """Return itself, once the width is checked."""
-        if self.q_min.shape != (count,):
-            raise InputError(f"limits are for {self.q_min.size} joints, but the robot has {count}")
-        return self
+        """Return itself once all is checked, or arrays where values were replaced by numbers.
+
+        Raises
+        ------
+        InputError
+            Limits of another number of joints, and as :meth:`Limits.for_joints`.
+        """
+        if np.size(self.q_min) not in (1, count):
+            raise InputError(
+                f"limits are for {np.size(self.q_min)} joints, but the robot has {count}"
+            )
+        own = {item.name: getattr(self, item.name) for item in fields(self)}
+        checked = Limits(**own).for_joints(count)
+        as_they_are = all(
+            isinstance(own[name], np.ndarray) and np.array_equal(own[name], value)
+            for name, value in checked.as_dict().items()
+        )
+        return self if as_they_are else checked
 
     def as_dict(self) -> dict[str, list[float]]:
         """The limits of the joints as plain lists, for JSON and TOML."""

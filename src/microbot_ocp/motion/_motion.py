@@ -377,11 +377,11 @@ def sample_times(breaks: FloatArray, jumps: FloatArray, step: float, least: int 
     step = max(step, checks.longest_step(float(breaks[-1] - breaks[0]), checks.MOST_SAMPLES))
     jumping = set(np.asarray(jumps).tolist())
     for start, end in pairwise(np.asarray(breaks, dtype=float)):
-        last = end - min(JUMP_GAP, 0.01 * (end - start)) if end in jumping else end
         # One sample between the first breaks at least, where it cannot be taken for a side of a
         # jump: breaks that are all the samples would look as if nothing had been said of them.
-        first = 2 if not pieces and last - start > 6 * JUMP_GAP else 1
-        count = max(first, least, int(np.ceil((last - start) / step - 1e-9)))
+        first = 2 if not pieces and end - start > 6 * JUMP_GAP else 1
+        count = max(first, least, int(np.ceil((end - start) / step - 1e-9)))
+        last = end - min(JUMP_GAP, 0.01 * (end - start) / count) if end in jumping else end
         pieces.append(np.linspace(start, last, count + 1)[: count + (last < end)])
     return np.append(np.concatenate(pieces), breaks[-1])
 

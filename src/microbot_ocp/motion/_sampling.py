@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 JUMP_GAP = 1e-6  # s between the two samples that stand for a jump of the acceleration
 GRID_STEP = 0.25e-3  # s, the longest step of the dense grid
 MOST_STEPS = 400_000  # of that in 100 s; longer motions have longer ones
-JUMP_SHARE = 0.2  # of the interval before it: a longer gap is an interval of a short motion
+JUMP_SHARE = 0.02  # of the interval before it: a longer gap is an interval of a short motion
 EVEN = 1e-3  # relative difference of steps that are alike
 GRID_RATIO = 20  # dense grid points to each mesh interval, at least
 LEAST_RATIO, MANY_POINTS = 5, 100_000  # where there would be so many points, as few as that
