@@ -1,12 +1,14 @@
 """Motions through stops: closed forms on a rail, tool lines and branches of a two-link arm."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import microbot_ocp as mo
 from microbot_ocp.planning import least_duration, task_of
+from microbot_ocp.planning._segments import Arc, Straight, curve_limits
 from planning.shared import arm, pendulum, slider
 
 Stop = mo.Stop
@@ -398,3 +400,35 @@ def test_a_front_of_torque_takes_the_closed_form_until_the_arm_cannot_be_held(ra
     front = mo.time_torque_front(robot, via_q, shares=(0.5, 0.2), mesh=10, compiled=False)
     assert len(front.points) == 2
     assert "needs 4.905 N m against gravity" in front.ended
+
+
+@pytest.mark.parametrize(
+    ("kind", "curve"),
+    [
+        (mo.Line(tolerance=0.02), Straight((0.0, 0.0, 0.0), (0.3, 0.0, 0.1))),
+        (
+            mo.Circle(through=[0.2, 0.1, 0.0], tolerance=0.02),
+            Arc.through(np.zeros(3), np.array([0.2, 0.1, 0.0]), np.array([0.3, 0.3, 0.0])),
+        ),
+    ],
+)
+def test_a_tube_ends_within_a_ball_of_its_tolerance(kind, curve):
+    around = np.random.default_rng(0).uniform(-0.03, 0.03, (100, 3))
+    dense = curve.points(np.linspace(0.0, 1.0, 2001))
+    kept = []
+    for point in np.vstack([around, curve.points(np.ones(1)) + around]):
+        tool = np.eye(4)
+        tool[:3, 3] = point
+        distance = np.linalg.norm(dense - point, axis=1).min()
+        values = [
+            (np.array(limit.expression(SimpleNamespace(tool=tool))).ravel(), limit)
+            for limit in curve_limits(kind, curve, None)
+        ]
+        inside = all(
+            (v <= lim.upper).all() and (lim.lower is None or (v >= lim.lower).all())
+            for v, lim in values
+        )
+        assert not inside or distance < 1.001 * kind.tolerance
+        kept.append((inside, distance < 0.9 * kind.tolerance))
+    inside, near = np.array(kept).T
+    assert (inside & near).sum() > 0.8 * near.sum()

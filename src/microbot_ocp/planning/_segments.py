@@ -308,15 +308,18 @@ class _Beyond:
     """How far the tool's origin, or the joints, are beyond an end of a curve, m (rad).
 
     Between the ends it is below zero, and smooth: to first order the distance to the nearer one.
+    What is off to a side is the less beyond: the tube ends within a ball of its tolerance.
     """
 
     curve: Curve
+    tolerance: float
     of_joints: bool = False
 
     def __call__(self, state: Any) -> Any:
         point = state.q if self.of_joints else state.tool[:3, 3]
         share = self.curve.share(point)
-        return self.curve.length * share * (share - 1.0)
+        aside = ca.sumsqr(ca.vertcat(*self.curve.across(point)))
+        return self.curve.length * share * (share - 1.0) + aside / self.tolerance
 
 
 @dataclass(frozen=True)
@@ -393,7 +396,12 @@ def curve_limits(kind: Curved, curve: Curve, turning: Turning | None) -> tuple[L
     degrees = tuple(f"{np.degrees(a):.0f} deg across" for a in DIRECTIONS)
     made = [
         Limit(name, _Across(curve), lower=-side, upper=side, unit="m", labels=degrees),
-        Limit(f"{name} beyond its ends", _Beyond(curve), upper=kind.tolerance, unit="m"),
+        Limit(
+            f"{name} beyond its ends",
+            _Beyond(curve, kind.tolerance),
+            upper=kind.tolerance,
+            unit="m",
+        ),
     ]
     if turning is not None:
         axes = ["xyz"[k] for k in range(3) if k != turning.free]
@@ -409,7 +417,7 @@ def curve_limits(kind: Curved, curve: Curve, turning: Turning | None) -> tuple[L
 def joint_line_limits(kind: JointLine, start: FloatArray, end: FloatArray) -> tuple[Limit, ...]:
     """What a straight joint path asks for, as limits."""
     curve = Straight(tuple(start.tolist()), tuple(end.tolist()))
-    beyond = _Beyond(curve, of_joints=True)
+    beyond = _Beyond(curve, kind.tolerance, of_joints=True)
     made = [Limit("joint line beyond its ends", beyond, upper=kind.tolerance, unit="rad")]
     if start.size > 1:
         size = kind.tolerance / np.sqrt(start.size - 1)
