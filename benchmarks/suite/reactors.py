@@ -195,6 +195,41 @@ def parallel_reactions() -> OptimalControlProblem:
     return problem
 
 
+RATES = np.array(  # of the ten reactions, by powers of the share of one catalyst
+    [
+        [0.2918487e-2, -0.8045787e-2, 0.6749947e-2, -0.1416647e-2],
+        [0.9509977e1, -0.3500994e2, 0.4283329e2, -0.1733333e2],
+        [0.2682093e2, -0.9556079e2, 0.1130398e3, -0.4429997e2],
+        [0.2087241e3, -0.7198052e3, 0.8277466e3, -0.3166655e3],
+        [0.1350005e1, -0.6850027e1, 0.1216671e2, -0.6666689e1],
+        [0.1921995e-1, -0.7945320e-1, 0.1105666, -0.5033333e-1],
+        [0.1323596, -0.4696255, 0.5539323, -0.2166664],
+        [0.7339981e1, -0.2527328e2, 0.2993329e2, -0.1199999e2],
+        [-0.3950534, 0.1679353e1, -0.1777829e1, 0.4974987],
+        [-0.2504665e-4, 0.1005854e-1, -0.1986696e-1, 0.9833470e-2],
+    ]
+)
+
+
+def bifunctional_catalyst() -> OptimalControlProblem:
+    """Methylcyclopentane to benzene: the blend of two catalysts along a bed, hundreds of optima."""
+    problem = OptimalControlProblem("bifunctional catalyst", maximize=True)
+    phase = problem.phase("bed", 2000.0)
+    x = [phase.state(f"x{k}", initial=float(k == 1)) for k in range(1, 8)]
+    u = phase.control("u", lower=0.6, upper=0.9)
+    k = [sum(float(c) * u**power for power, c in enumerate(row)) for row in RATES]
+    phase.derivative(x[0], -k[0] * x[0])
+    phase.derivative(x[1], k[0] * x[0] - (k[1] + k[2]) * x[1] + k[3] * x[4])
+    phase.derivative(x[2], k[1] * x[1])
+    phase.derivative(x[3], -k[5] * x[3] + k[4] * x[4])
+    made = k[2] * x[1] + k[5] * x[3] + k[6] * x[5] + k[9] * x[6]
+    phase.derivative(x[4], made - (k[3] + k[4] + k[7] + k[8]) * x[4])
+    phase.derivative(x[5], k[7] * x[4] - k[6] * x[5])
+    phase.derivative(x[6], k[8] * x[4] - k[9] * x[6])
+    phase.end_cost(x[6])
+    return problem
+
+
 FINE = "fine mesh"
 
 PROBLEMS = (
@@ -268,6 +303,17 @@ PROBLEMS = (
         reference=0.573545,
         tolerance=5e-5,
         confirmed=FINE,
+        sign=-1.0,
+    ),
+    SuiteProblem(
+        bifunctional_catalyst,
+        kind="stiff, local optima",
+        source="Luus, Dittrich and Keil, Can. J. Chem. Eng. 70 (1992): 10.0942e-3 on ten stages",
+        published=10.0942e-3,
+        tolerance=1e-3,
+        confirmed="exponentials of matrices on 17 stages before a free switch; the policy that is "
+        "printed gives 10.09416e-3",
+        reference=10.1037e-3,
         sign=-1.0,
     ),
 )

@@ -53,7 +53,7 @@ def test_a_mesh_that_is_too_coarse_for_the_dynamics_is_no_success():
     solution = solve(hypersensitive(), 50)
     assert solution.status is Status.TOO_COARSE
     assert "states are wrong by 0.2" in solution.advice
-    assert {attempt.way for attempt in solution.attempts} == {""}
+    assert {attempt.way for attempt in solution.attempts} <= {"", "from another start"}
     assert abs(solution.cost / 1.3308069 - 1) > 1.0
 
 

@@ -14,7 +14,7 @@ from microbot_ocp.ocp.transcription import Guess, GuessValue, guess_table
 
 SHARES = (0.5, 0.2, 0.1, 0.8, 0.0, 1.0)  # of the range of all controls that are tried
 STEPS = ((0.2, 1.0), (0.8, 0.0), (0.0, 1.0), (1.0, 0.0))  # shares of both halves of every phase
-MIDDLE = 50  # the point at which controls change
+MIDDLE = 50  # the point at which controls change, and as many are integrated at once
 POINTS = 2 * MIDDLE + 1  # of every phase
 GRID = np.linspace(0.0, 1.0, POINTS)
 Range = tuple[FloatArray, FloatArray]
@@ -104,15 +104,17 @@ class Rollouts:
         return [guess for guess, _ in sorted(near, key=lambda found: found[1])]
 
     def random(self, count: int) -> Iterator[dict[str, Guess]]:
-        """Guesses with controls at random in both halves, low ones more often; always the same."""
+        """Guesses with controls at random, near a bound more often, that change once at a random
+        time; always the same."""
         draw = np.random.default_rng(0)
         for _ in range(count):
-            guess, miss = self._simulated({}, (draw, draw))
+            change = int(draw.integers(MIDDLE // 5, POINTS - MIDDLE // 5))
+            guess, miss = self._simulated({}, (draw, draw), change)
             if np.isfinite(miss):
                 yield guess
 
     def _simulated(
-        self, durations: Mapping[str, float], shares: tuple[Share, Share]
+        self, durations: Mapping[str, float], shares: tuple[Share, Share], change: int = MIDDLE
     ) -> tuple[dict[str, Guess], float]:
         """Guesses, and how far they are from bounds and conditions, relative to their sizes."""
         guesses, miss = {}, 0.0
@@ -131,12 +133,11 @@ class Rollouts:
                 name: (_constant(*own, shares[0]), _constant(*own, shares[1]))
                 for name, own in self.ranges[phase.name].items()
             }
-            table = self.integrators[phase.name].table(start, controls, duration)
+            table = self.integrators[phase.name].table(start, controls, duration, change)
             values: dict[str, GuessValue] = dict(own.values)
             for name, (before, after) in controls.items():
-                values[name] = (
-                    before if np.array_equal(before, after) else partial(_step, before, after)
-                )
+                same = np.array_equal(before, after)
+                values[name] = before if same else partial(_step, before, after, GRID[change])
             offset = 0
             for state in phase.states:
                 part = table[:, offset : offset + state.size]
@@ -167,14 +168,15 @@ def _range(control: Variable, known: Mapping[str, Range]) -> Range:
 
 
 def _constant(low: FloatArray, high: FloatArray, share: Share) -> FloatArray:
-    part = share.random(low.size) ** 2 if isinstance(share, np.random.Generator) else share
+    drawn = isinstance(share, np.random.Generator)
+    part = np.sin(np.pi / 2 * share.random(low.size)) ** 2 if drawn else share
     both = np.isfinite(low) & np.isfinite(high)
     with np.errstate(invalid="ignore"):
         return np.where(both, low + part * (high - low), np.clip(0.0, low, high))
 
 
-def _step(before: FloatArray, after: FloatArray, s: FloatArray) -> FloatArray:
-    return np.where(np.asarray(s)[:, None] < 0.5, before, after)
+def _step(before: FloatArray, after: FloatArray, change: float, s: FloatArray) -> FloatArray:
+    return np.where(np.asarray(s)[:, None] < change, before, after)
 
 
 def _values(guess: Guess, variable: Variable, share: FloatArray) -> FloatArray:
@@ -239,29 +241,38 @@ class _Integrators:
         start: Mapping[str, FloatArray],
         controls: Mapping[str, tuple[FloatArray, FloatArray]],
         duration: float,
+        change: int,
     ) -> FloatArray:
         """States [POINTS, n]; from where the integrator stops they keep their values."""
         x, z = np.concatenate([start[s.name] for s in self.phase.states]), self.z
         table = np.tile(x, (POINTS, 1))
-        for first in (0, MIDDLE):
-            held = [c[int(first > 0)] for c in controls.values()]
+        first = 0
+        while first < POINTS - 1:
+            held = [c[int(first >= change)] for c in controls.values()]
             given = np.concatenate([[GRID[first], duration], *held])
+            count = min(MIDDLE, (change if first < change else POINTS - 1) - first)
             try:
                 found = self.half(x0=x, z0=z, p=given)
-                xs, zs = np.array(found["xf"]).T, np.array(found["zf"]).T
+                xs, zs = np.array(found["xf"]).T[:count], np.array(found["zf"]).T[:count]
             except RuntimeError:
-                xs = np.full((MIDDLE, x.size), np.nan)
+                xs = np.full((count, x.size), np.nan)
             if not np.isfinite(xs).all():
-                return self._as_far_as_it_goes(table, x, z, first, given)
-            table[first + 1 : first + 1 + MIDDLE] = xs
-            x, z = xs[-1], zs[-1]
+                return self._as_far_as_it_goes(table, x, z, first, count, given)
+            table[first + 1 : first + 1 + count] = xs
+            x, z, first = xs[-1], zs[-1], first + count
         return table
 
     def _as_far_as_it_goes(
-        self, table: FloatArray, x: FloatArray, z: FloatArray, first: int, given: FloatArray
+        self,
+        table: FloatArray,
+        x: FloatArray,
+        z: FloatArray,
+        first: int,
+        count: int,
+        given: FloatArray,
     ) -> FloatArray:
         """The table, filled in pieces until the integrator stops."""
-        for k in range(first, first + MIDDLE):
+        for k in range(first, first + count):
             given[0] = GRID[k]
             try:
                 result = self.step(x0=x, z0=z, p=given)

@@ -3,9 +3,11 @@
 A solver ends in the valley that its start lies in. Simulations with controls that are constant, or
 change once, are other starts. They are compared on a coarse mesh, on which a solve takes a few
 hundredths of a second, with what the answer itself becomes there, or with its own cost where it
-becomes nothing there. Where the first few agree that is all. Where they end in optima of nearly the
-same cost, more are tried, at random, and the best are solved on the mesh of the answer, for a
-coarse one does not tell which is the least.
+becomes nothing there; the mesh is so fine that the answer costs about the same on it. Where the
+first few agree that is all. Where they end in different optima, more are tried, at random:
+simulations, and smooth curves, which where motion is chaotic lead to an optimum far more often.
+That ends when the cheapest was met as often as the first few. The cheapest are solved on the mesh
+of the answer, for a coarse one does not tell which is the least.
 """
 
 from __future__ import annotations
@@ -14,10 +16,12 @@ import contextlib
 import time
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
-from itertools import islice
+from functools import partial
+from itertools import chain, islice
 
 import numpy as np
 
+from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp.diagnosis import NotFinite, check_start
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.solution import (
@@ -43,21 +47,27 @@ from microbot_ocp.ocp.transcription import (
 )
 from microbot_ocp.ocp.verification import phase_layout
 
-COARSE = 10  # intervals a phase
+COARSE = (10, 20, 40)  # intervals a phase; the first on which the answer costs about the same
+ABOUT = 0.05  # of the cost
 MESHES = (5, 15)  # others on which the guess is solved: it may end in another valley there
 WORTH = 1e-4  # of the cost: less is not looked for
 NEAR = 1e-2  # of the cost: optima as near on a coarse mesh may change places on a fine one
 FINALISTS = 3  # of these that are solved on the mesh of the answer
-RANDOM = 12  # starts more where there are such optima
+RANDOM = 24  # starts more where there are different optima
+WAVES = 3  # half waves of a random curve, at most
+HEIGHT = 0.1  # of them, times what a state ranges over: standard deviation
+PUSH = 0.2  # share of the way from the usual controls to random ones on such a curve
+STRETCH = 0.3  # standard deviation of the logarithm of a random duration
 ITERATIONS = 150  # of one solve
 ENOUGH = 500  # iterations of all solves that an answer is compared with
-ENOUGH_NEAR = 2000  # the same where there are optima of nearly the same cost
-AGREE = 4  # the first starts: where they all lead to the same cost no more are tried
+ENOUGH_DIFFERENT = 2000  # the same where there are different optima
+AGREE = 4  # answers of the least cost: where as many starts led there no more are tried
 SAME = 1e-3  # of the cost
 DURATIONS = (0.6, 2.0, 0.3, 4.0)  # times the usual ones, where they are free
 LEAST = 1.0  # s, that a kept solver is given
 EACH = 3  # simulations of these
 WAY = "from another start"
+CUT_SHORT = "It was not compared with all other starts for want of time."
 Given = Mapping[str, Guess] | Solution | str | None
 
 
@@ -75,14 +85,13 @@ def cheaper_elsewhere(
     With what was tried, where something was found; its ``rivals`` are the other optima. ``guess``
     is what the solution was found from.
     """
-    coarse = _Coarse(transcription, settings, until, progress)
-    known = coarse.solved(solution)
-    here = known if known.status.solved else solution
     size = cost_size(solution.cost, solution.cost_scale)
+    coarse, known = _comparable(solution, transcription, settings, until, progress)
+    here = known if known.status.solved else solution
     found = [k for k in _until_they_agree(coarse, most, here, guess) if k.status.solved]
     others = _distinct(found, here, WORTH * size)
     near = [k for k in others if abs(k.cost - here.cost) <= NEAR * size]
-    finalists = [k for k in others if k.cost < here.cost - WORTH * size][:1]
+    finalists = [k for k in others if k.cost < here.cost - WORTH * size]
     finalists += [k for k in near if k not in finalists]
     best, attempts = solution, []
     own = replace(settings, solver="ipopt")
@@ -95,10 +104,12 @@ def cheaper_elsewhere(
             best = finer
             attempts = [replace(a, way=WAY) for k in (start, finer) for a in k.attempts]
     least = min([here.cost, *(k.cost for k in others)])
-    rivals = (
-        tuple((k.cost - least) / size for k in (here, *others)) if near and here is known else ()
-    )
-    return replace(best, rivals=tuple(sorted(rivals))), attempts
+    met = sum(k.cost - least <= SAME * size for k in (here, *found))
+    told = here is known and (near or (others and met <= AGREE))
+    rivals = sorted((k.cost - least) / size for k in (here, *others)) if told else ()
+    if time.perf_counter() >= until:
+        best = replace(best, advice=f"{best.advice} {CUT_SHORT}")
+    return replace(best, rivals=tuple(rivals)), attempts
 
 
 def _distinct(found: list[Solution], here: Solution, worth: float) -> list[Solution]:
@@ -140,22 +151,8 @@ def cheapest_of_starts(
     progress: Progress | None,
 ) -> tuple[Solution | None, list[Attempt]]:
     """The cheapest answer on a coarse mesh that any of ``most`` simulations leads to."""
-    return _cheapest(_answers(_Coarse(transcription, settings, until, progress), most))
-
-
-def _answers(
-    coarse: _Coarse, most: int, here: Solution | None = None, guess: Given = None
-) -> Iterator[Solution]:
-    if here is not None and most > EACH:
-        own, guess = coarse.settings, on_any_mesh(guess, coarse.transcription.problem)
-        for intervals in MESHES:
-            with contextlib.suppress(NotFinite):
-                made = solve_on(
-                    coarse.transcription, intervals, guess, own, coarse.until, coarse.progress
-                )
-                yield coarse.solved(made) if made.status.solved else made
-    starts = _starts(coarse.transcription.problem, most, _ranges(here))
-    yield from _solved(coarse, islice(starts, most))
+    starts = islice(_starts(transcription.problem, most, {}), most)
+    return _cheapest(_solved(_Coarse(transcription, settings, until, progress), starts))
 
 
 def _solved(coarse: _Coarse, starts: Iterable[dict[str, Guess]]) -> Iterator[Solution]:
@@ -166,6 +163,39 @@ def _solved(coarse: _Coarse, starts: Iterable[dict[str, Guess]]) -> Iterator[Sol
             yield coarse.solved(start)
 
 
+def _answers(coarse: _Coarse, most: int, here: Solution, guess: Given) -> Iterator[Solution]:
+    """Of the guess on other meshes, of simulations, and of curves where many are wanted.
+
+    Kinds of starts take turns; the one that leads to an optimum more often comes more often.
+    """
+    problem = coarse.transcription.problem
+    simulated = _solved(coarse, islice(_starts(problem, most, _ranges(here)), most))
+    if most <= EACH + 1:
+        yield from simulated
+        return
+    own, guess = coarse.settings, on_any_mesh(guess, problem)
+    for intervals in MESHES:
+        with contextlib.suppress(NotFinite):
+            made = solve_on(
+                coarse.transcription, intervals, guess, own, coarse.until, coarse.progress
+            )
+            yield coarse.solved(made) if made.status.solved else made
+    further = Rollouts(problem, *_usual(coarse, here)).random(RANDOM)
+    curves = _curves(problem, here, np.random.default_rng(0))
+    kinds = [chain(simulated, _solved(coarse, further)), _solved(coarse, islice(curves, RANDOM))]
+    solved, tried = np.zeros(2), np.zeros(2)
+    while kinds:
+        kind = int(np.argmax((solved + 1) / (tried + 1) ** 2))
+        found = next(kinds[kind], None)
+        if found is None:
+            kinds.pop(kind)
+            solved, tried = np.delete(solved, kind), np.delete(tried, kind)
+            continue
+        solved[kind] += found.status.solved
+        tried[kind] += 1
+        yield found
+
+
 def _iterations(solution: Solution) -> int:
     return sum(max(a.iterations, 0) for a in solution.attempts)
 
@@ -173,25 +203,54 @@ def _iterations(solution: Solution) -> int:
 def _until_they_agree(
     coarse: _Coarse, most: int, here: Solution, guess: Given
 ) -> Iterator[Solution]:
-    """Answers until the first few cost what the given one does, or enough was tried."""
-    spent, agree, several = 0, True, False
+    """Answers until as many as ``AGREE`` cost what the cheapest does, or enough was tried."""
     size = cost_size(here.cost, here.cost_scale)
-    for count, found in enumerate(_answers(coarse, most, here, guess), start=1):
+    costs, spent = [here.cost], 0
+    for found in _answers(coarse, most, here, guess):
         yield found
         spent += _iterations(found)
-        off = abs(found.cost - here.cost) / size if found.status.solved else np.inf
-        agree = agree and off <= SAME
-        several = several or WORTH < off <= NEAR
-        if (agree and count == AGREE) or spent > (ENOUGH_NEAR if several else ENOUGH):
+        costs += [found.cost] if found.status.solved else []
+        off = (np.array(costs) - min(costs)) / size
+        different = bool(np.any(off > WORTH))
+        if np.sum(off <= SAME) > AGREE or spent > (ENOUGH_DIFFERENT if different else ENOUGH):
             return
-    if not several or most < RANDOM:
-        return
-    simulations = Rollouts(coarse.transcription.problem, *_usual(coarse, here))
-    for found in _solved(coarse, simulations.random(RANDOM)):
-        yield found
-        spent += _iterations(found)
-        if spent > ENOUGH_NEAR:
-            return
+
+
+def _curves(
+    problem: OptimalControlProblem, here: Solution, draw: np.random.Generator
+) -> Iterator[dict[str, Guess]]:
+    """Smooth random curves of the states between the ends that an answer has."""
+    usual, ranges = default_guess(problem), _ranges(here)
+    while True:
+        guesses = {}
+        for phase, solved in zip(problem.phases, here.phases, strict=True):
+            own = usual[phase.name]
+            duration = solved.duration * float(np.exp(STRETCH * draw.standard_normal()))
+            values: dict[str, GuessValue] = dict(own.values)
+            for state in phase.states:
+                table = solved.values[state.name].reshape(-1, state.size)
+                height = HEIGHT * np.ptp(table, axis=0)
+                waves = height * draw.standard_normal((WAVES, state.size))
+                bounds = state.lower, state.upper
+                values[state.name] = partial(_curve, table[0], table[-1], waves, bounds)
+            for name, (low, high) in ranges[phase.name].items():
+                pushed = low + (high - low) * draw.random(low.size)
+                values[name] = (1 - PUSH) * np.clip(0.0, low, high) + PUSH * pushed
+            guesses[phase.name] = Guess(float(np.clip(duration, *phase.duration_bounds)), values)
+        yield guesses
+
+
+def _curve(
+    first: FloatArray,
+    last: FloatArray,
+    waves: FloatArray,
+    bounds: tuple[FloatArray, FloatArray],
+    s: FloatArray,
+) -> FloatArray:
+    """A line with sines on it, within bounds [N, size]."""
+    share = np.asarray(s)[:, None]
+    sines = np.sin(np.pi * share * np.arange(1, WAVES + 1))
+    return np.clip(first + (last - first) * share + sines @ waves, *bounds)
 
 
 def _usual(coarse: _Coarse, here: Solution) -> tuple[dict[str, Guess], Ranges]:
@@ -243,6 +302,25 @@ def _starts(
         yield from simulations.nearest_first(durations, steps=True)[:EACH]
 
 
+def _comparable(
+    solution: Solution,
+    transcription: Transcription,
+    settings: SolverSettings,
+    until: float,
+    progress: Progress | None,
+) -> tuple[_Coarse, Solution]:
+    """The coarsest program on which the answer costs about the same, and its answer there."""
+    size = cost_size(solution.cost, solution.cost_scale)
+    fewest = min(phase.mesh.size - 1 for phase in solution.phases)
+    for intervals in COARSE:
+        coarse = _Coarse(transcription, settings, until, progress, intervals)
+        known = coarse.solved(solution)
+        about = abs(known.cost - solution.cost) <= ABOUT * size
+        if (known.status.solved and about) or 2 * intervals > fewest:
+            break
+    return coarse, known
+
+
 class _Coarse:
     """Solves of one coarse program, by a solver that is kept."""
 
@@ -252,13 +330,14 @@ class _Coarse:
         settings: SolverSettings,
         until: float,
         progress: Progress | None,
+        intervals: int = COARSE[0],
     ) -> None:
         if not isinstance(transcription.scheme, Collocation):
             # a simple rule has optima of its own where intervals are as long
             duration_scale = transcription.duration_scale
             transcription = Transcription(transcription.problem, duration_scale=duration_scale)
         self.transcription, self.until, self.progress = transcription, until, progress
-        self.program = assemble(transcription.layouts(COARSE))
+        self.program = assemble(transcription.layouts(intervals))
         self.made: Made = {}
         self.settings = replace(
             settings,
