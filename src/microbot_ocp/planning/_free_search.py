@@ -89,6 +89,8 @@ MANY_PHASES = 5  # more take over 40 iterations to the full tolerance on a refin
 MOST_EXACT = 40  # iterations of a refined mesh to the full tolerance, before roughly
 CALMER_BARRIER = 1e-3  # of the solve for less effort, from the fastest motion slowed down
 EXPLORE_SUM, LEAST_EXPLORE_MESH = 160, 6
+# The program is scaled already: scaling every matrix again takes 9 % of a solve, for no iteration
+UNSCALED = {"ipopt": {"mumps_scaling": 0}}
 
 
 @dataclass(frozen=True)
@@ -177,7 +179,7 @@ class FreeSearch:
             settings.limit_tolerance,
             solver="ipopt" if settings.solver == "auto" else settings.solver,
             progress=with_motion(progress, self.robot, via, motion_at_mesh),
-            settings=SolverSettings(gap=GAP),
+            settings=SolverSettings(gap=GAP, options=UNSCALED),
             rough=ROUGH_TOLERANCE,
             polishing=0 if has_windows(family) else POLISHING,
             fitted=partial(with_windows, self.dry) if has_windows(family) else None,
@@ -355,7 +357,8 @@ class FreeSearch:
         if many:  # multipliers of so coarse a mesh mislead: 87 iterations, 65 without
             best = refiner.solve(meshes, self._guess_from(coarse))
         if not (many and best.status.solved and best.cost <= (1 + WORSE) * coarse.cost):
-            farther = replace(own, options={"ipopt": {"mu_init": FAR_BARRIER}})
+            options = {"ipopt": {**UNSCALED["ipopt"], "mu_init": FAR_BARRIER}}
+            farther = replace(own, options=options)
             best = replace(refiner, settings=farther).finer(coarse, meshes)
         if not many:
             # a refined mesh is seldom refined again: to the last digits at once

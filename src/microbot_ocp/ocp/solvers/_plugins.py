@@ -28,13 +28,17 @@ FATROP_OPTIONS = {
     "print_level": 0,
 }
 # MUMPS pairs pivots by default before it orders them, which fills the factors of linked phases:
-# 0.4 s instead of 0.06 s for three iterations (delta_launch of benchmarks/suite), or minutes.
+# 0.4 s instead of 0.06 s for three iterations (delta_launch of benchmarks/suite), or minutes. With
+# the default, eleven times the memory that a factorisation is expected to take, the system hands
+# out pages anew for each: 13 % of the time of a free motion of six joints. Where twice is too
+# little IPOPT asks for more.
 IPOPT_OPTIONS = {
     "print_level": 0,
     "sb": "yes",
     "mumps_pivtol": 1e-7,
     "mumps_permuting_scaling": 0,
     "mumps_pivot_order": 0,
+    "mumps_mem_percent": 100,
     "acceptable_iter": 0,  # an acceptable level is no optimum
 }
 # From a neighbouring solution: little is lost of what is known (15 to 21 iterations against 51 to
