@@ -9,7 +9,7 @@ import microbot_ocp as mo
 from microbot_ocp.ocp.refinement import _refiner as refinement
 from microbot_ocp.ocp.solution import PhaseSolution, Solution
 from microbot_ocp.ocp.solvers import solve
-from microbot_ocp.planning import TimeOptimalSettings, time_optimal
+from microbot_ocp.planning import TimeOptimalSettings, _free_search, time_optimal
 from microbot_ocp.planning._free_problem import polynomial
 from planning.shared import ARM_VIA, VIA_Q, VIA_QD, VIA_T, arm, dense_excess, pendulum, slider
 
@@ -169,6 +169,19 @@ def test_the_same_seed_is_the_same_motion(microbot):
     one, other = (time_optimal(microbot, VIA_Q, mesh=40, starts=3, seed=3) for _ in range(2))
     assert one.duration == other.duration
     np.testing.assert_array_equal(one.q, other.q)
+
+
+def test_starts_beside_the_refinement_lead_to_the_same_motion(microbot, monkeypatch):
+    made = []
+    for spare in (True, False):
+        monkeypatch.setattr(_free_search, "spare_processor", lambda spare=spare: spare)
+        made.append(time_optimal(microbot, VIA_Q, mesh=20, starts=3))
+    beside, alone = made
+    assert beside.duration == alone.duration
+    np.testing.assert_array_equal(beside.q, alone.q)
+    assert beside.provenance["starts"] == alone.provenance["starts"]
+    intervals = [[solve["intervals"] for solve in m.provenance["solves"]] for m in made]
+    assert intervals[0] == intervals[1]
 
 
 def test_the_provenance_tells_every_start_and_every_mesh(report):

@@ -16,6 +16,7 @@ import struct
 import time
 import warnings
 from collections.abc import Callable
+from multiprocessing import parent_process
 from typing import Any
 
 HEAD = struct.Struct("<Q")
@@ -23,6 +24,7 @@ PR_SET_PDEATHSIG = 1
 Send = Callable[[Any], None]
 
 can_fork = hasattr(os, "fork")
+_is_child = False
 
 
 class OutOfTime(Exception):
@@ -31,6 +33,46 @@ class OutOfTime(Exception):
 
 class Died(Exception):
     """The process ended without an answer."""
+
+
+def spare_processor() -> bool:
+    """Whether another process would run beside this one, which is no worker of many itself."""
+    there = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else (0,)
+    return can_fork and not _is_child and len(there) > 1 and parent_process() is None
+
+
+class Child:
+    """Work in a copy of this process, beside what this one does.
+
+    Parameters
+    ----------
+    work : callable
+        Gets a function that sends an object to this process at once.
+    """
+
+    def __init__(self, work: Callable[[Send], Any]) -> None:
+        self.reading, writing = os.pipe()
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DeprecationWarning)  # of other threads: only this forks
+            self.process = os.fork()
+        if self.process == 0:
+            _work(work, self.reading, writing)
+        os.close(writing)
+
+    def answer(self, until: float, receive: Callable[[Any], bool] | None = None) -> Any:
+        """What the work returns, as :func:`in_child`."""
+        while True:
+            done, what = _message(self.reading, until)
+            if done:
+                return what
+            if receive is not None and not receive(what):
+                raise KeyboardInterrupt
+
+    def close(self) -> None:
+        """End the process."""
+        os.close(self.reading)
+        os.kill(self.process, signal.SIGKILL)
+        os.waitpid(self.process, 0)
 
 
 def in_child(
@@ -51,28 +93,14 @@ def in_child(
     OutOfTime, Died
         KeyboardInterrupt passes through; the process is ended before.
     """
-    reading, writing = os.pipe()
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)  # of other threads: only this one forks
-        child = os.fork()
-    if child == 0:
-        _work(work, reading, writing)
-    os.close(writing)
-    try:
-        while True:
-            done, what = _message(reading, until)
-            if done:
-                return what
-            if receive is not None and not receive(what):
-                raise KeyboardInterrupt
-    finally:
-        os.close(reading)
-        os.kill(child, signal.SIGKILL)
-        os.waitpid(child, 0)
+    with contextlib.closing(Child(work)) as child:
+        return child.answer(until, receive)
 
 
 def _work(work: Callable[[Send], Any], reading: int, writing: int) -> None:
+    global _is_child
     try:
+        _is_child = True
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends this process
         _end_with_parent()
         os.close(reading)

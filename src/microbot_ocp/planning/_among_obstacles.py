@@ -26,7 +26,7 @@ from microbot_ocp.ocp import Solution
 from microbot_ocp.ocp.solution import StepProgress
 from microbot_ocp.planning._fast_timing import time_path
 from microbot_ocp.planning._free_problem import phase_names
-from microbot_ocp.planning._free_search import FreeSearch, TimeOptimalSettings
+from microbot_ocp.planning._free_search import FreeSearch, TimeOptimalSettings, Trial
 from microbot_ocp.planning._initial_guesses import InitialGuess, guesses_along
 from microbot_ocp.planning._task import ROUGH_TOLERANCE, check_rest, length_text, reach_of
 from microbot_ocp.robot import Robot
@@ -72,6 +72,8 @@ class TimedPath:
 class _GuidedSearch(FreeSearch):
     """The usual search, from guesses that are given, without a polish of the last digits."""
 
+    tries_beside = False  # what is no faster than the best path is not refined
+
     def __init__(
         self,
         family: LimitFamily,
@@ -93,7 +95,7 @@ class _GuidedSearch(FreeSearch):
         usual = super()._mesh
         return usual if self.settings.mesh is not None else min(usual, MESH)
 
-    def _trials(self) -> Iterator[tuple[InitialGuess, int, str | tuple[str, ...]]]:
+    def _trials(self) -> Iterator[Trial]:
         usual = super()._trials()
         for guess in self.guided:
             _, mesh, solver = next(usual)

@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import itertools
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -19,12 +20,13 @@ import numpy as np
 
 from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.child_process import Child, Died, OutOfTime, spare_processor
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import LIMIT_TOLERANCE, LimitFamily
 from microbot_ocp.motion import Mark, Motion
 from microbot_ocp.ocp import Explanation, PhaseSolution, Solution, SolverSettings
 from microbot_ocp.ocp.refinement import WORSE, Refiner
-from microbot_ocp.ocp.solution import StepProgress
+from microbot_ocp.ocp.solution import StepProgress, quiet, unpack
 from microbot_ocp.ocp.transcription import Guess, Transcription
 from microbot_ocp.planning._free_problem import (
     SMOOTHING,
@@ -72,6 +74,7 @@ AGREEING = 3  # starts that end at the same optimum are enough
 PATIENCE, LEAST_ITERATIONS = 4, 100  # times the iterations of a start that was solved
 MOST_STARTING = 30.0  # s, of one start: fatrop may loop for ever
 SAME = 1e-3  # share of the duration by which two solves of the same optimum may differ
+ALIKE = 3e-4  # the same on coarse meshes of one size: the same optimum for sure
 TINY = 1e-12
 WORTH = 1e-4  # share of the duration: less is not worth another mesh where joints turn back
 # Iterations for the last digits: 8 to 10 are usual. None with dry friction, where 50 to 80 gain
@@ -89,8 +92,12 @@ MANY_PHASES = 5  # more take over 40 iterations to the full tolerance on a refin
 MOST_EXACT = 40  # iterations of a refined mesh to the full tolerance, before roughly
 CALMER_BARRIER = 1e-3  # of the solve for less effort, from the fastest motion slowed down
 EXPLORE_SUM, LEAST_EXPLORE_MESH = 160, 6
-# The program is scaled already: scaling every matrix again takes 9 % of a solve, for no iteration
+# The program is scaled already: scaling every matrix again takes 9 % of a solve, for no iteration.
+# With dry friction it leads elsewhere: 9e-5 of the duration more on one of three tasks of the Puma
 UNSCALED = {"ipopt": {"mumps_scaling": 0}}
+
+Trial = tuple[InitialGuess, int, str | tuple[str, ...]]  # with intervals a phase and the solver
+Tried = tuple[str, Solution]  # name of the start, and what it led to
 
 
 @dataclass(frozen=True)
@@ -151,6 +158,8 @@ class TimeOptimalSettings:
 class FreeSearch:
     """Several starts on a coarse mesh, the best refined until limits hold between points."""
 
+    tries_beside = True  # starts in a process of their own, while the best so far is refined
+
     def __init__(
         self,
         family: LimitFamily,
@@ -167,6 +176,8 @@ class FreeSearch:
         self.names = phase_names(len(via) - 1)
         self.calmed: dict[str, Any] = {}
         self.relaxed: Explanation | None = None
+        self._excesses: dict[Solution, list[FloatArray]] = {}
+        self.ahead: tuple[Solution, Solution] | None = None  # what was refined early, and into what
         begin = time.perf_counter()
         kernels = kernels or self._kernels()
         if deadline.over():  # they may not be compiled: made again the next time
@@ -179,7 +190,7 @@ class FreeSearch:
             settings.limit_tolerance,
             solver="ipopt" if settings.solver == "auto" else settings.solver,
             progress=with_motion(progress, self.robot, via, motion_at_mesh),
-            settings=SolverSettings(gap=GAP, options=UNSCALED),
+            settings=SolverSettings(gap=GAP, options={} if has_windows(family) else UNSCALED),
             rough=ROUGH_TOLERANCE,
             polishing=0 if has_windows(family) else POLISHING,
             fitted=partial(with_windows, self.dry) if has_windows(family) else None,
@@ -211,43 +222,117 @@ class FreeSearch:
     # starts ---------------------------------------------------------------------------------
 
     def _explore(self) -> tuple[list[dict[str, Any]], list[Solution]]:
-        """What every start led to on a coarse mesh."""
-        tried: list[dict[str, Any]] = []
-        found: list[Solution] = []
+        """What every start led to on a coarse mesh.
+
+        Where a processor is spare the second is tried beside the first, and further ones while the
+        better of these two is refined. What is found does not depend on it.
+        """
+        trials, found = self._trials(), list[Tried]()
+        alone = self.settings.starts == 1 or self.progress is not quiet
+        if alone or not self.tries_beside or not spare_processor():
+            self._try(trials, found)
+        else:
+            first, *second = itertools.islice(trials, 2)
+            with closing(Child(lambda _: self._sent(second, []))) as child:
+                self._try([first], found)
+                if found[0][1].status.solved and not deadline.over():
+                    self._receive(child, found, len(self.refiner.history))
+            if len(found) == 1:
+                trials = itertools.chain(second, trials)
+            if not found[0][1].status.solved:
+                self._try(trials, found)
+            elif not self._ends(found):
+                self._refine_beside(trials, found)
+        tried = [
+            {"start": name, "status": str(s.status), "duration": s.duration} for name, s in found
+        ]
+        return tried, [solution for _, solution in found]
+
+    def _refine_beside(self, trials: Iterator[Trial], found: list[Tried]) -> None:
+        """Try further starts in a process of their own while the best of the first is refined."""
+        history = self.refiner.history
+        begun = len(history)
+        with closing(Child(lambda _: self._sent(trials, found))) as child:
+            early = self._earliest([solution for _, solution in found])
+            self.ahead = early, self._refined(early)
+            if self.ahead[1].status is Status.INTERRUPTED or deadline.over():
+                return
+            if self._receive(child, found, begun):
+                return
+        self._try(trials, found)
+
+    def _sent(self, trials: Iterable[Trial], found: list[Tried]) -> Any:
+        """What trials lead to, as plain data, and what they add to the history."""
+        known, before = len(self.refiner.history), len(found)
+        self._try(trials, found, lone=not found)
+        made = []
+        for name, solution in found[before:]:
+            parameters = {
+                own.name: {p.name: p.value for p in own.layout.phase.parameters}
+                for own in solution.phases
+                if own.layout is not None
+            }
+            meshes = [own.mesh for own in solution.phases]
+            made.append((name, replace(solution, phases=()), meshes, parameters))
+        return made, self.refiner.history[known:]
+
+    def _receive(self, child: Child, found: list[Tried], place: int) -> bool:
+        """Take in what a child found, with its history at a place; False where it found nothing."""
+        try:
+            made, history = child.answer(deadline.until())
+        except (OutOfTime, Died):
+            return False
+        for name, plain, meshes, parameters in made:
+            kernels = self.refiner.transcription
+            if any(parameters.values()):
+                kernels = kernels.with_parameters(parameters)
+            found.append(
+                (name, replace(plain, phases=unpack(kernels.layouts(meshes), plain.variables)))
+            )
+        self.refiner.history[place:place] = history
+        return True
+
+    def _try(self, trials: Iterable[Trial], found: list[Tried], *, lone: bool = False) -> None:
+        """Add what further starts lead to, until they are enough.
+
+        A ``lone`` one is the second, beside the first.
+        """
         own = replace(self.refiner.settings, time_limit=MOST_STARTING)
         refiner = replace(self._coarse_refiner, settings=own)
-        for guess, mesh, solver in self._trials():
-            patience = [PATIENCE * s.attempts[-1].iterations for s in found if s.status.solved]
-            if patience:  # what takes so much longer than another start is given up
-                most = max(LEAST_ITERATIONS, *patience)
+        for guess, mesh, solver in trials:
+            solved = [s for _, s in found if s.status.solved]
+            if solved or lone:  # what takes so much longer than another start is given up
+                allowed = [PATIENCE * s.attempts[-1].iterations for s in solved]
+                most = max(LEAST_ITERATIONS, *(allowed if len(found) > 1 else ()), 0)
                 refiner = replace(refiner, settings=replace(own, max_iterations=most))
                 solver = solver if isinstance(solver, str) else solver[0]
             solution = refiner.solve(
                 mesh, guess.guesses, tolerance=EXPLORE_TOLERANCE, solver=solver
             )
-            tried.append(
-                {
-                    "start": guess.name,
-                    "status": str(solution.status),
-                    "duration": solution.duration,
-                }
-            )
+            found.append((guess.name, solution))
             self.progress(
                 f"start {guess.name}: {solution.duration:.4f} s on {mesh} intervals a phase, "
                 f"{solution.status}"
             )
-            found.append(solution)
-            if solution.status is Status.INTERRUPTED or deadline.over():
+            if self._ends(found):
                 break
-            solved = [s.duration for s in found if s.status.solved]
-            best = min(solved, default=0.0)
-            if sum(duration <= (1 + SAME) * best for duration in solved) >= AGREEING:
-                break
-            if len(found) >= self.settings.starts <= len(solved):
-                break
-        return tried, found
 
-    def _trials(self) -> Iterator[tuple[InitialGuess, int, str | tuple[str, ...]]]:
+    def _ends(self, found: Sequence[Tried]) -> bool:
+        """Whether no further start is tried."""
+        if found[-1][1].status is Status.INTERRUPTED or deadline.over():
+            return True
+        solved = [s.duration for _, s in found if s.status.solved]
+        best = min(solved, default=0.0)
+        if sum(duration <= (1 + SAME) * best for duration in solved) >= AGREEING:
+            return True
+        return len(found) >= self.settings.starts <= len(solved)
+
+    def _earliest(self, found: Sequence[Solution]) -> Solution:
+        """The better one of the first two that were solved."""
+        solved = [solution for solution in found[:2] if solution.status.solved]
+        return min(solved, key=self._honest_duration)
+
+    def _trials(self) -> Iterator[Trial]:
         """Guesses with the intervals a phase and the solver for each."""
         solver, seed = self.settings.solver, self.settings.seed
         task = self.family, self.via, self.names
@@ -292,7 +377,12 @@ class FreeSearch:
             if not relaxed.status.solved:
                 return self.refiner.finished(self._refined(relaxed))
             solved = [relaxed]
-        for coarse in sorted(solved, key=self._honest_duration):
+        promising = sorted(solved, key=self._honest_duration)
+        if found[0] in solved:
+            early, best_duration = self._earliest(found), promising[0].duration
+            if abs(early.duration - best_duration) <= ALIKE * best_duration:
+                promising = [early, *(s for s in promising if s is not early)]
+        for coarse in promising:
             honest = self._honest_duration(coarse)
             if any(abs(honest - other) <= SAME * other for other in hoped):
                 continue
@@ -303,7 +393,9 @@ class FreeSearch:
             ):
                 break
             hoped.append(honest)
-            refined = self._refined(coarse)
+            known, refined = self.ahead or (None, None)
+            if refined is None or known is not coarse:
+                refined = self._refined(coarse)
             best = refined if best is None else min(best, refined, key=self._rank)
         assert best is not None
         return self.refiner.finished(best)
@@ -455,7 +547,9 @@ class FreeSearch:
         return guesses_along(self.names, polynomial(solution), via_times(solution))
 
     def _excess(self, solution: Solution) -> list[FloatArray]:
-        return excess_between(self.family, solution)
+        if solution not in self._excesses:  # asked for again and again
+            self._excesses[solution] = excess_between(self.family, solution)
+        return self._excesses[solution]
 
     # result ---------------------------------------------------------------------------------
 

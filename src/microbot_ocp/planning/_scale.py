@@ -165,7 +165,10 @@ def _by_torque(robot: Robot, via: FloatArray) -> FloatArray:
         unit[joint] = 1.0
         inertia[joint] = (np.array(function(poses, still, unit)) - held)[joint]
     with np.errstate(divide="ignore"):
-        return torque / np.maximum(np.median(inertia, axis=1), 0.0)
+        # numpy.median loads numpy.ma, which takes 50 ms
+        ordered = np.sort(inertia, axis=1)
+        middle = 0.5 * (ordered[:, (count - 1) // 2] + ordered[:, count // 2])
+        return torque / np.maximum(middle, 0.0)
 
 
 def _power(size: FloatArray) -> FloatArray:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.child_process import spare_processor
 from microbot_ocp.ocp.transcription._kernels import joined
 from microbot_ocp.ocp.transcription._layout import (
     Bounds,
@@ -23,6 +24,9 @@ from microbot_ocp.ocp.transcription._layout import (
 )
 from microbot_ocp.ocp.transcription._mesh import IntArray
 from microbot_ocp.ocp.transcription._table import Label
+
+# Variables of a stage and stages from which two threads evaluate them: to start one takes 30 us
+LARGE_STAGE, MANY_STAGES = 24, 40
 
 
 class MadeOnDemand(dict[str, ca.Function]):
@@ -227,7 +231,7 @@ class _PhasePiece:
             rows.add(point.group.block.places, found)
             cost = cost + ca.sum2(added)
         for own in self.groups:
-            kernel = own.group.kind.kernels.stage.map(own.count)
+            kernel = own.mapped(own.group.kind.kernels.stage)
             following, constraints, running = kernel(own.v, own.grid)
             rows.add(own.group.rows, ca.vertcat(own.z_next - following, constraints))
             cost = cost + ca.sum2(running)
@@ -256,7 +260,7 @@ class _PhasePiece:
         jacobian.add(layout.link.places, layout.sources, -layout.factors)
         for own in self.groups:
             group, kernel = own.group, own.group.kind.kernels.stage_jacobian
-            both, block, running, slope = kernel.map(own.count)(own.v, own.grid)
+            both, block, running, slope = own.mapped(kernel)(own.v, own.grid)
             at, column = _triplet(kernel, 1)
             sign = np.tile(np.where(at < nz, -1.0, 1.0), own.count)
             jacobian.add(group.rows[:, at], group.variables[:, column], block.nz[:] * ca.DM(sign))
@@ -280,7 +284,7 @@ class _PhasePiece:
         for own in self.groups:
             group, kernel = own.group, own.group.kind.kernels.stage_hessian
             lam = _gathered(lam_g, group.rows)
-            block = kernel.map(own.count)(own.v, own.grid, lam, ca.repmat(lam_f, 1, own.count))
+            block = own.mapped(kernel)(own.v, own.grid, lam, ca.repmat(lam_f, 1, own.count))
             row, column = _triplet(kernel, 0)
             hessian.add(group.variables[:, row], group.variables[:, column], block.nz[:])
 
@@ -312,6 +316,12 @@ class _GroupPiece:
     @property
     def count(self) -> int:
         return self.group.intervals.size
+
+    def mapped(self, kernel: ca.Function) -> ca.Function:
+        """The kernel for all stages at once."""
+        if self.v.size1() >= LARGE_STAGE and self.count >= MANY_STAGES and spare_processor():
+            return kernel.map(self.count, "thread", 2)
+        return kernel.map(self.count)
 
 
 def _gathered(x: ca.MX, places: np.ndarray) -> ca.MX:
