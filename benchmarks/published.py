@@ -34,7 +34,9 @@ GOAL = [1.2, -0.3, 0.8, -0.8, 0.5, 0.8, 1.0]
 VELOCITY, ACCELERATION = np.array([1.48, 1.48, 1.74, 1.74, 2.27, 2.27, 2.27]), 3.0
 BOX_CENTER, BOX_SIZE = [0.45, -0.35, 0.65], [0.16, 0.40, 0.16]
 THEIRS = 2.4224005  # s, baseline/result_log.txt of the task
-EXACT, SAMPLES, JERK = 1e-4, 30, 1000.0  # of their limits, between two points; rad/s^3
+EXACT, SAMPLES = 1e-4, 30  # of their limits, between two points
+JERK, KNOTS = 300.0, 400  # rad/s^3; of the spline, so that it follows the motion
+SLOWED = (1.0, 1.001, 1.002, 1.005, 1.01)
 
 
 def main(arguments: list[str]) -> None:
@@ -156,25 +158,30 @@ def _iiwa() -> None:
     print(f"No motion can be faster than {bound.max():.5f} s; their baseline takes {THEIRS:.4f} s.")
     smooth = robot.with_limits(mo.Limits(qddd_max=JERK, **_same(limits)))
     calm = mo.time_optimal(smooth, via_q, scene=scene)
-    print(f"By their rules, jerk at most {JERK:g} rad/s^3: {_judged(path, calm)}")
+    said = ""
+    for factor in SLOWED:
+        said = _judged(path, calm, factor)
+        if said.startswith("feasible"):
+            break
+    print(f"By their rules, with a jerk of at most {JERK:g} rad/s^3: {said}")
 
 
 def _same(limits: mo.Limits) -> dict[str, Any]:
     return {"qd_max": limits.qd_max, "qdd_max": limits.qdd_max, "tau_max": limits.tau_max}
 
 
-def _judged(path: Path, motion: mo.Motion) -> str:
-    """What the rules of the task say of a motion."""
+def _judged(path: Path, motion: mo.Motion, factor: float) -> str:
+    """What the rules of the task say of a motion, slowed down by a factor."""
     import pybullet  # type: ignore[import-not-found]
     from scipy.interpolate import CubicSpline
 
-    assert motion.breaks is not None
-    knots = motion.breaks
-    spline = CubicSpline(knots, motion.sample(knots).q, bc_type="clamped")
+    at = np.linspace(0.0, motion.duration, KNOTS)
+    knots = factor * at
+    spline = CubicSpline(knots, motion.sample(at).q, bc_type="clamped")
     t = np.concatenate([np.linspace(a, b, SAMPLES, endpoint=False) for a, b in pairwise(knots)])
     q, qd, qdd = spline(t), spline(t, 1), spline(t, 2)
     if (np.abs(qd) > VELOCITY + EXACT).any():
-        return "a velocity is too high"
+        return f"a velocity is too high: {(np.abs(qd) / VELOCITY).max():.6f} of its limit"
     if (np.abs(qdd) > ACCELERATION + EXACT).any():
         return f"an acceleration is too high: {np.abs(qdd).max():.6f}"
     pybullet.connect(pybullet.DIRECT)
