@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib.colors import to_rgb
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.robot import Capsule
@@ -78,7 +77,7 @@ def joined(faces: Sequence[Faces]) -> Faces:
 
 
 def _rgb(color: tuple[int, ...]) -> FloatArray:
-    return np.array(to_rgb([value / 255.0 for value in color[:3]]))
+    return np.array(color[:3]) / 255.0
 
 
 def _corners(obstacle: Any, base: FloatArray, size: float) -> FloatArray:
@@ -90,8 +89,8 @@ def _corners(obstacle: Any, base: FloatArray, size: float) -> FloatArray:
     if isinstance(obstacle, HalfSpace):
         normal = obstacle.normal
         foot = base + (obstacle.offset - normal @ base) * normal
-        first = np.cross(normal, np.eye(3)[int(np.abs(normal).argmin())])
-        first /= np.linalg.norm(first)
+        first: Any = np.cross(normal, np.eye(3)[int(np.abs(normal).argmin())])
+        first = first / np.linalg.norm(first)
         second = np.cross(normal, first)
         signs = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
         return (foot + PLANE * size * signs @ np.array([first, second]))[None]

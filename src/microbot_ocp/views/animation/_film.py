@@ -360,8 +360,8 @@ class Film:
         ]
         tints = np.concatenate([*colors, *(shade for _, shade, _ in around)])[order]
         body.set_verts([every[k] for k in order])
-        body.set_facecolors(tints)
-        body.set_edgecolors(tints)
+        body.set_facecolor(tints)
+        body.set_edgecolor(tints)
 
     def _show_nearest(self, t: float) -> None:
         """The line between the nearest points, and how long it is."""
