@@ -69,6 +69,31 @@ def test_a_long_motion_has_fewer_samples_a_second(robot):
         motion.resample(1000.0)
 
 
+@pytest.mark.parametrize(
+    "given", [{"step": 1e-12}, {"sample_rate": 1e12}, {"sample_rate": 1.0, "step": 1e-12}]
+)
+def test_simulations_of_terabytes_are_refused(robot, given):
+    shape = mo.quintic(VIA, [0.0, 2.0])
+    with pytest.raises(mo.InputError, match=r"the number of samples would be [12]e\+12"):
+        mo.track(robot, shape, mo.ComputedTorque(kp=100.0), **given)
+
+
+def test_simulations_of_years_are_refused(robot):
+    with pytest.raises(mo.InputError, match="duration must be at most 10000 s, not 1000000000"):
+        mo.track(robot, mo.quintic(VIA, [0.0, 1e9]), mo.ComputedTorque(kp=100.0))
+    with pytest.raises(mo.InputError, match=r"the number of samples would be 1e\+12"):
+        mo.motion_from_formula(robot, lambda t: [t, t, t], 1.0, label="a", step=1e-12)
+
+
+def test_what_is_too_fast_or_too_near_is_refused(robot):
+    with pytest.raises(
+        mo.InputError, match=r"qd0 of waist is 10000 rad/s, 1\.59e\+04 turns in 10 s"
+    ):
+        mo.simulate(robot, q0=[0, 0.5, 0.3], qd0=[1e4, 0, 0], t=[0, 10.0])
+    with pytest.raises(mo.InputError, match=r"via points 1 and 2 are 1\.7e-11 rad"):
+        mo.time_optimal(robot, np.radians([[0, 0, 0], [1e-9, 0, 0]]))
+
+
 def test_what_is_far_away_is_refused(robot):
     for position in ([1e155, 0, 0], [1e7, 0, 0]):
         with pytest.raises(mo.InputError, match="within 1e\\+06 m"):

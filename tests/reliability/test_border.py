@@ -8,9 +8,17 @@ import pytest
 
 import microbot_ocp as mo
 from microbot_ocp._base.argument_types import _checking
+from microbot_ocp.scene import clearances
 
 ROBOT = mo.load_robot("microbot")
 VIA = [[0, 0, 0], [1, 1, 1]]
+
+
+def phase_of(*inner):
+    problem = mo.ocp.OptimalControlProblem("a")
+    phase = problem.phase("b", 1.0, interior_points=np.array(inner) if inner else None)
+    phase.state("x")
+    return phase
 
 
 @pytest.mark.parametrize(
@@ -27,6 +35,9 @@ VIA = [[0, 0, 0], [1, 1, 1]]
         (lambda: mo.cubic(VIA, [0.0, 1 + 0j]), "via_t must be an array of numbers"),
         (lambda: mo.TimeOptimalSettings(compiled="no"), "compiled must be True or False"),
         (lambda: mo.ocp.solve(ROBOT), "problem must be an OptimalControlProblem"),
+        (lambda: clearances(ROBOT, iter([1]), VIA), "pairs must be a list, each entry a Pair"),
+        (lambda: phase_of("a"), "interior_points must be a list, each entry a number"),
+        (lambda: phase_of().derivative([1, 2], 0.0), "derivative needs a state of phase 'b'"),
     ],
 )
 def test_the_sentence_names_the_argument(call, words):

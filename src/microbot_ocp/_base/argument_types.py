@@ -201,7 +201,7 @@ def _number(value: Any) -> bool:
     """Whether numpy or Python may make a float of it: what ``checks.number`` looks at."""
     if isinstance(value, NUMBERS):
         return not isinstance(value, bool)
-    other = complex | np.complexfloating | type
+    other = complex | np.generic | type  # numpy's text has a method __float__, too
     return hasattr(value, "__float__") and not isinstance(value, other)
 
 

@@ -173,6 +173,12 @@ def size(what: str, count: float, most: int) -> None:
         )
 
 
+def step_count(duration: float, step: float) -> int:
+    """How many steps of at most ``step`` s a duration takes; too many are refused."""
+    size("the number of samples", duration / step, MOST_GIVEN)
+    return max(1, int(np.ceil(duration / step - 1e-9)))
+
+
 def one_of(name: str, value: str, allowed: Iterable[str]) -> str:
     """Return ``value`` if it is one of ``allowed``."""
     names = list(allowed)

@@ -106,8 +106,7 @@ def simulate(
     if step == SAMPLE_STEP:
         step = min(max(step, checks.longest_step(length, checks.MOST_SAMPLES)), length)
     step = checks.number("--step", step, "s", above=0.0, at_most=length)
-    checks.size("the number of samples", length / step, checks.MOST_GIVEN)
-    grid = np.linspace(0.0, length, max(1, int(np.ceil(length / step - 1e-9))) + 1)
+    grid = np.linspace(0.0, length, checks.step_count(length, step) + 1)
     if isinstance(torques, Motion) and duration is None:
         grid = torques.t
     limit = np.inf if time_limit is None else time_limit

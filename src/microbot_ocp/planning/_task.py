@@ -36,6 +36,7 @@ GAP = 1e-5  # relative, of a duration above its local optimum
 ROUGH_TOLERANCE = 1e-6  # of solves on all meshes but the last one
 # A joint alone takes (factor way / limit)^(1 / order) from rest to rest under one limit.
 REST_TO_REST = {"qd": (1, 1), "qdd": (4, 2), "qddd": (32, 3), "taud": (1, 1)}
+NEAREST = 1e-8  # rad (m): how well a certificate takes states to be known
 CHECKS_PER_INTERVAL = 20  # places inside every mesh interval at which limits are looked at
 
 Settings = TypeVar("Settings")
@@ -221,7 +222,13 @@ def check_via(family: LimitFamily, via_q: ArrayLike) -> FloatArray:
         raise InputError(f"via_q must have at least 2 points, not {via.shape[0]}")
     for index, point in enumerate(via):
         check_position(family, f"via point {index + 1}", point)
-        if index and np.array_equal(point, via[index - 1]):
+        apart = float(np.abs(point - via[index - 1]).max()) if index else np.inf
+        if 0.0 < apart < NEAREST:
+            raise InputError(
+                f"via points {index} and {index + 1} are {apart:.2g} rad (m) apart in every joint "
+                f"or less: below {NEAREST:g} no certificate could tell them apart"
+            )
+        if apart == 0.0:
             raise InputError(
                 f"via points {index} and {index + 1} are the same: the time between them would "
                 "be a duration of zero"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -109,7 +109,7 @@ class Scene:
         """
         return _pairs(self, with_arm_capsules(robot))
 
-    def limit(self, robot: Robot, pairs: Iterable[Pair] | None = None) -> Limit:
+    def limit(self, robot: Robot, pairs: Sequence[Pair] | None = None) -> Limit:
         """The distances as a limit of the robot: one value a pair, in m.
 
         A value is the distance between two cores: the axis of a capsule, the centre of a sphere,
@@ -120,7 +120,7 @@ class Scene:
         Parameters
         ----------
         robot : Robot
-        pairs : iterable of Pair, optional
+        pairs : sequence of Pair, optional
             Only these; default all.
         """
         chosen = self.pairs(robot) if pairs is None else tuple(pairs)
@@ -192,7 +192,7 @@ def _own_pairs(robot: Robot) -> list[Pair]:
     return [pair for pair, apart in zip(found, zero, strict=True) if apart > 0.0]
 
 
-def clearances(robot: Robot, pairs: Iterable[Pair], q: FloatArray) -> FloatArray:
+def clearances(robot: Robot, pairs: Sequence[Pair], q: FloatArray) -> FloatArray:
     """Distances [N,k] of pairs in poses q [N,n], m, by the functions that solvers see."""
     chosen = tuple(pairs)
     values = _clearance_function(robot, chosen)(np.ascontiguousarray(np.transpose(q)))

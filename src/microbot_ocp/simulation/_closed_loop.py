@@ -145,7 +145,7 @@ def track(
     if sample_rate is None:
         if noise is not None:
             raise InputError("noise needs a sample_rate: a continuous loop does not sample")
-        grid = np.linspace(begin, end, max(1, int(np.ceil((end - begin) / step - 1e-9))) + 1)
+        grid = np.linspace(begin, end, checks.step_count(end - begin, step) + 1)
         with deadline.within(time_limit):
             run = integrate(forced, start, grid, settings)
         law = _law(torque, count)

@@ -44,7 +44,7 @@ def motion_from_formula(
     step = checks.number("step", step, "s", above=0.0)
     count = robot.joint_count
     _, _, signal = reference_signal(formula, duration, robot)
-    t = np.linspace(0.0, duration, max(1, int(np.ceil(duration / step - 1e-9))) + 1)
+    t = np.linspace(0.0, duration, checks.step_count(duration, step) + 1)
     q, qd, qdd = np.split(signal.values(t), [count, 2 * count], axis=1)
     return Motion.from_state(
         robot,

@@ -14,6 +14,7 @@ from microbot_ocp.simulation._integration import INTEGRATORS, IntegratorSettings
 
 Integrator = Literal["cvodes", "idas", "collocation", "rk"]
 
+MOST_TURNS = 2000  # some seconds of work
 SINGULAR = 1e12  # condition number of the mass matrix from which on torques determine nothing
 ARMATURE = "give the links armature (rotor inertia), such as mo.Link(..., armature=0.1)"
 
@@ -41,7 +42,9 @@ def checked_times(t: ArrayLike) -> FloatArray:
     return grid
 
 
-def checked_start(robot: Robot, q0: ArrayLike, qd0: ArrayLike | None) -> FloatArray:
+def checked_start(
+    robot: Robot, q0: ArrayLike, qd0: ArrayLike | None, duration: float = 0.0
+) -> FloatArray:
     count = robot.joint_count
     q = checks.array("q0", q0, (count,), "rad")
     qd = np.zeros(count) if qd0 is None else checks.array("qd0", qd0, (count,), "rad/s")
@@ -52,6 +55,13 @@ def checked_start(robot: Robot, q0: ArrayLike, qd0: ArrayLike | None) -> FloatAr
         raise InputError(
             f"q0 of {robot.joint_names[j]} is {q[j]:g} {robot.unit('q', j)}, outside its limits "
             f"[{low[j]:g}, {high[j]:g}] {robot.unit('q', j)}"
+        )
+    turns = np.abs(qd) * duration / (2.0 * np.pi) * (np.array(robot.joint_types) == "revolute")
+    if turns.max() > MOST_TURNS:
+        j = int(turns.argmax())
+        raise InputError(
+            f"qd0 of {robot.joint_names[j]} is {qd[j]:g} rad/s, {turns[j]:.3g} turns in "
+            f"{duration:g} s: at most {MOST_TURNS} are simulated"
         )
     condition = float(mass_matrix_condition(robot)(q))
     if not condition < SINGULAR:

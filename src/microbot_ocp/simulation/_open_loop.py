@@ -77,7 +77,7 @@ def simulate(
     ------
     InputError
         Wrong shapes, times that do not increase, a start outside the limits or where the mass
-        matrix is singular.
+        matrix is singular, or so fast that a joint would turn more than 2000 times.
 
     Examples
     --------
@@ -98,7 +98,7 @@ def simulate(
     if t is None or q0 is None:
         raise InputError("t and q0 must be given unless tau is a Motion")
     grid = checked_times(t)
-    start = checked_start(robot, q0, qd0)
+    start = checked_start(robot, q0, qd0, float(grid[-1] - grid[0]))
     signal = torque_signal(tau, grid, count)
 
     def rate(_: ca.SX, x: ca.SX, w: ca.SX) -> ca.SX:

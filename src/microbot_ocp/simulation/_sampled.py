@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
+from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.child_process import Send
 from microbot_ocp.motion import SAMPLE_STEP
@@ -33,8 +34,9 @@ class Samples(NamedTuple):
 
     @classmethod
     def of(cls, begin: float, end: float, rate: float, step: float) -> Samples:
-        count = max(1, int(np.ceil((end - begin) * rate - 1e-9)))
-        inner = max(1, int(np.ceil(1.0 / (rate * step) - 1e-9)))
+        count = checks.step_count(end - begin, 1.0 / rate)
+        inner = checks.step_count(1.0 / rate, step)
+        checks.size("the number of samples", count * inner, checks.MOST_GIVEN)
         within = np.arange(1, inner + 1) / (inner * rate)
         return cls(begin + np.arange(count) / rate, within, end)
 

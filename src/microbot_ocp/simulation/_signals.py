@@ -78,11 +78,12 @@ def reference_signal(
         t, q = symbolic("motion", motion, count)
         qd = ca.jacobian(q, t)
         qdd = ca.jacobian(qd, t)
-        end = checks.number("duration", duration, "s", above=0.0)
+        end = checks.number("duration", duration, "s", above=0.0, at_most=checks.LONGEST)
         return 0.0, end, formula_signal(ca.vertcat(q, qd, qdd), t)
     if duration is None:
         duration = longest
     duration = checks.number("duration", duration, "s", above=0.0, at_most=longest * (1 + 1e-9))
+    checks.number("duration", duration, "s", at_most=checks.LONGEST)
     end = begin + min(duration, longest)
     edges = np.append(breaks[breaks < end * (1 - 1e-12)], end)
     inside = edges[:-1, None] + np.diff(edges)[:, None] * np.arange(8) / 8.0

@@ -273,6 +273,7 @@ class Phase:
 
     def derivative(self, state: ca.MX, expression: ca.MX | float) -> None:
         """Set the time derivative of a state."""
+        state = as_expression(state)
         for variable in self.states:
             if ca.is_equal(variable.symbol, state):
                 expression = self._own(expression)
