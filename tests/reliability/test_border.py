@@ -5,6 +5,7 @@ import sys
 
 import numpy as np
 import pytest
+from border_calls import declared
 
 import microbot_ocp as mo
 from microbot_ocp._base.argument_types import _checking
@@ -12,6 +13,10 @@ from microbot_ocp.scene import clearances
 
 ROBOT = mo.load_robot("microbot")
 VIA = [[0, 0, 0], [1, 1, 1]]
+
+
+def solvable():
+    return declared()["problem"]
 
 
 def phase_of(*inner):
@@ -36,6 +41,9 @@ def phase_of(*inner):
         (lambda: mo.TimeOptimalSettings(compiled="no"), "compiled must be True or False"),
         (lambda: mo.ocp.solve(ROBOT), "problem must be an OptimalControlProblem"),
         (lambda: clearances(ROBOT, iter([1]), VIA), "pairs must be a list, each entry a Pair"),
+        (lambda: clearances(ROBOT, (), np.zeros((2, 3, 4))), "q must have shape [any, 3]"),
+        (lambda: mo.ocp.explain(solvable(), 5, max_iterations=-1), "max_iterations must be at"),
+        (lambda: mo.ocp.SolverSettings(max_iterations=10**12), "max_iterations must be at most"),
         (lambda: phase_of("a"), "interior_points must be a list, each entry a number"),
         (lambda: phase_of().derivative([1, 2], 0.0), "derivative needs a state of phase 'b'"),
     ],

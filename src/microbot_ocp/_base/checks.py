@@ -21,6 +21,7 @@ MOST_MESSAGE = 290  # characters
 LONGEST = 1e4  # s, of a motion that is given or looked for
 MOST_SAMPLES = 100_000  # of a new motion
 SLOW = 100.0  # s: longer motions have fewer samples, as they are slow
+MOST_ITERATIONS = 10**9  # that solvers can count
 MOST_GIVEN = 2_000_000  # samples that may be asked for
 
 

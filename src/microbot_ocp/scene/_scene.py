@@ -195,7 +195,8 @@ def _own_pairs(robot: Robot) -> list[Pair]:
 def clearances(robot: Robot, pairs: Sequence[Pair], q: FloatArray) -> FloatArray:
     """Distances [N,k] of pairs in poses q [N,n], m, by the functions that solvers see."""
     chosen = tuple(pairs)
-    values = _clearance_function(robot, chosen)(np.ascontiguousarray(np.transpose(q)))
+    poses = checks.array("q", q, (None, robot.joint_count), "rad")
+    values = _clearance_function(robot, chosen)(np.ascontiguousarray(poses.T))
     return np.array(values).T - np.array([pair.radii for pair in chosen])
 
 

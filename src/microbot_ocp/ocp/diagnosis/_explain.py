@@ -16,6 +16,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp.diagnosis._finiteness import check_start
 from microbot_ocp.ocp.problem import OptimalControlProblem
@@ -169,6 +170,7 @@ def explain(
     program = assemble(layouts)
     start = starting_point(program, transcription.problem, guess)
     check_start(program, start.x)
+    checks.number("max_iterations", max_iterations, at_least=0, at_most=checks.MOST_ITERATIONS)
     elastic = _Elastic(program, max_iterations)
     if limits_only:  # that cost nothing, and they would run away
         durations = np.concatenate([layout.nodes[:, -1] for layout in layouts])

@@ -52,7 +52,9 @@ class SolverSettings:
         checks.number("tolerance", self.tolerance, above=0.0)
         if not self.gap > 0:
             raise InputError(f"gap must be above 0, not {self.gap}")
-        checks.number("max_iterations", self.max_iterations, at_least=0)
+        checks.number(
+            "max_iterations", self.max_iterations, at_least=0, at_most=checks.MOST_ITERATIONS
+        )
         if self.max_iterations != int(self.max_iterations):
             raise InputError(f"max_iterations must be a whole number, not {self.max_iterations}")
         if self.initial_barrier is not None:
