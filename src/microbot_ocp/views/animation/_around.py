@@ -91,9 +91,10 @@ def _corners(obstacle: Any, base: FloatArray, size: float) -> FloatArray:
         foot = base + (obstacle.offset - normal @ base) * normal
         first: Any = np.cross(normal, np.eye(3)[int(np.abs(normal).argmin())])
         first = first / np.linalg.norm(first)
-        second = np.cross(normal, first)
+        second: Any = np.cross(normal, first)
         signs = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-        return (foot + PLANE * size * signs @ np.array([first, second]))[None]
+        corners: Any = foot + PLANE * size * signs @ np.array([first, second])
+        return corners[None]
     if isinstance(obstacle, ConvexMesh):
         corners = obstacle.points[obstacle.triangles]
         middle = obstacle.points.mean(axis=0)

@@ -342,7 +342,7 @@ class Film:
 
     def _show_among(
         self,
-        body: PolyCollection,
+        body: Any,
         arm: AnimatedArm,
         t: float,
         polygons: list[FloatArray],
@@ -360,8 +360,8 @@ class Film:
         ]
         tints = np.concatenate([*colors, *(shade for _, shade, _ in around)])[order]
         body.set_verts([every[k] for k in order])
-        body.set_facecolor(tints)
-        body.set_edgecolor(tints)
+        body.set_facecolors(tints)
+        body.set_edgecolors(tints)
 
     def _show_nearest(self, t: float) -> None:
         """The line between the nearest points, and how long it is."""
