@@ -39,6 +39,7 @@ def front(front: Front, axes: GivenAxes | None = None) -> AxesGrid:
         color = line.get_color()
         for kept, face in ((good, color), (~good, "none")):
             panel.scatter(time[kept], np.array(values)[kept], facecolors=face, edgecolors=color)
+        panel.locator_params(axis="x", nbins=5)
         panel.set_xlabel("duration [s]")
         panel.set_ylabel(label)
         panel.set_ylim(0.0, 1.08 * float(np.max(values)))
