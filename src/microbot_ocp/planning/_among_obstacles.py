@@ -49,6 +49,7 @@ NEAR = 0.1  # of the arm's reach: pairs that come so near on a timed path are in
 MESH = 60  # intervals a phase of the first full solve where nobody says how many
 AGAIN = 3  # times that pairs may be put in
 MOST_ITERATIONS = 300  # of a solve; from a timed path 20 to 60 are usual
+RATES = 1.2  # times a timed path, whose torques jump: what limits of their rates may cost
 NEAR_PATH = 1e-3  # barrier parameter of a solve that stays near the path that it starts from
 SAMPLES = 200  # poses along a motion at which pairs are looked at
 
@@ -88,7 +89,7 @@ class _GuidedSearch(FreeSearch):
         own = replace(self.refiner.settings, gap=np.inf, max_iterations=MOST_ITERATIONS)
         self.refiner.settings = own
         kept = not family.jerk_matters  # timed paths leave jumps
-        self.known: float = min(map(_duration, guided)) if kept else np.inf
+        self.known: float = (1.0 if kept else RATES) * min(map(_duration, guided))
 
     @property
     def _mesh(self) -> int:
@@ -108,9 +109,13 @@ class _GuidedSearch(FreeSearch):
             return super()._finish(faster or found)
         self.progress("no coarse answer is faster than the best path: solved from there")
         best = min(self.guided, key=_duration)
-        solution = self.refiner.solve(
-            [self._mesh] * len(self.names), best.guesses, barrier=NEAR_PATH
-        )
+        meshes, start = [self._mesh] * len(self.names), best.guesses
+        if self.refiner.fitted is not None:  # dry friction rounded off at first
+            solution = self._coarse_refiner.solve(meshes, start, barrier=NEAR_PATH)
+            start = solution if solution.status.solved else start
+        solution = self.refiner.solve(meshes, start, barrier=NEAR_PATH)
+        if not solution.status.solved and any(s.status.solved for s in found):
+            return super()._finish(found)
         return self.refiner.finished(self.refiner.refine(solution))
 
 
