@@ -102,6 +102,11 @@ class Film:
             self.canvas.draw()
         return np.asarray(self.canvas.buffer_rgba())[:, :, :3].copy()
 
+    @property
+    def alone(self) -> bool:
+        """Whether nothing but arms is shown."""
+        return self.still is None and not self.carried
+
     @cached_property
     def _tools(self) -> list[FloatArray]:
         """Tool positions in the picture along each motion."""
@@ -309,7 +314,7 @@ class Film:
                 colors.append(shade)
                 depths.append(depth)
                 middles.append(float(self.camera.project(each.corners)[1].mean()))
-            if arm is self.arms[-1] and (self.still is not None or self.carried):
+            if arm is self.arms[-1] and not self.alone:
                 self._show_among(body, arm, t, polygons, colors, depths)
             else:
                 order = np.argsort(-np.array(middles), kind="stable")

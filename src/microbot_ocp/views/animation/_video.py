@@ -26,7 +26,7 @@ FRAME_RATE = 25.0  # frames a second: 40 ms, which a GIF can say exactly
 HOLD = 1.5  # s, of the last frame
 DPI = {".gif": 100, ".mp4": 160}
 MOST_FRAMES = 3000
-COLORS = 128  # of a GIF
+COLORS, MOST_COLORS = 128, 256  # of a GIF, and of one with obstacles or parts
 
 
 def write_animation(
@@ -87,7 +87,10 @@ def write_animation(
 
     frames = drawn()
     with whole_file(target) as partial:
-        (_write_gif if target.suffix == ".gif" else _write_mp4)(partial, frames, rate)
+        if target.suffix == ".gif":
+            _write_gif(partial, frames, rate, COLORS if film.alone else MOST_COLORS)
+        else:
+            _write_mp4(partial, frames, rate)
     return target
 
 
@@ -127,12 +130,12 @@ def animate_comparison(
     return write_animation(recording, path, rate, title=title, **options)
 
 
-def _write_gif(path: Path, frames: Iterator[np.ndarray], rate: float) -> None:
+def _write_gif(path: Path, frames: Iterator[np.ndarray], rate: float, colors: int) -> None:
     pictures = [Image.fromarray(frame) for frame in frames]
     # one palette for all frames, from some of them: colours do not flicker, and changes are small
     some = pictures[:: max(1, len(pictures) // 6)]
     strip = Image.fromarray(np.vstack([np.asarray(picture) for picture in [*some, pictures[-1]]]))
-    palette = _with_exactly(strip.quantize(COLORS, method=Image.Quantize.MEDIANCUT), strip)
+    palette = _with_exactly(strip.quantize(colors, method=Image.Quantize.MEDIANCUT), strip)
     reduced = [p.quantize(palette=palette, dither=Image.Dither.NONE) for p in pictures]
     ends = np.rint(100.0 * np.arange(1, len(reduced) + 1) / rate).astype(int)
     durations = 10 * np.diff(ends, prepend=0)
