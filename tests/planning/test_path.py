@@ -245,7 +245,7 @@ def test_a_smooth_path_needs_no_stop_under_torque_rate_limits():
     )
     robot = arm(tau_max=[60.0, 25.0], taud_max=[400.0, 150.0])
     durations = [time_optimal_path(robot, path, mesh=50).duration for path in (whole, cut)]
-    assert durations[1] == pytest.approx(durations[0], rel=3e-3)
+    assert durations[1] == pytest.approx(durations[0], rel=1e-4)
 
 
 # what cannot be done ------------------------------------------------------------------------------

@@ -352,6 +352,7 @@ class _PathSearch:
                 "s": np.clip(profile.s[own] - piece.offset, *piece.shape.limits)[:, None],
                 "v": profile.v[own][:, None],
                 "a": profile.a[own][:, None],
+                "d": profile.d[first:last, None],
             }
             phases.append(PhaseSolution(piece.name, float(t[-1]), t / t[-1], values))
         attempts = [attempt for profile in profiles for attempt in profile.attempts]
@@ -714,10 +715,15 @@ def _along(
 
 
 def phase_polynomial(phase: Any) -> PiecewisePolynomial:
-    """s(t) of a phase [1 column]: cubic between the mesh points, from s, s' and s''."""
+    """s(t) of a phase [1 column] from s, s' and s'' at its mesh points.
+
+    Cubic between them, or of degree four where s''' changes by d within each interval.
+    """
     h = np.diff(phase.t)[:, None]
     s, v, a = phase["s"], phase["v"], phase["a"]
-    table = np.stack([s[:-1], v[:-1], a[:-1] / 2, np.diff(a, axis=0) / (6 * h)], axis=1)
+    d = phase["d"] if "d" in phase.values else np.zeros_like(h)
+    jerk = np.diff(a, axis=0) / h - 0.5 * d
+    table = np.stack([s[:-1], v[:-1], a[:-1] / 2, jerk / 6, d / (24 * h)], axis=1)
     return PiecewisePolynomial(phase.t, table)
 
 

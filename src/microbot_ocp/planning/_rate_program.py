@@ -28,6 +28,9 @@ OPTIONS = {
     "mumps_pivot_order": 0,
     "acceptable_iter": 0,
 }
+# Where in an interval the limit of s' is kept: on a stretch at the limit its middle alone would
+# leave s'' an error that is the same in every interval
+THIRDS = (1 / 3, 2 / 3)
 PARTS: tuple[str, ...] = (
     "jerk",
     "both",
@@ -84,27 +87,34 @@ class _Kernel:
 
 @lru_cache(maxsize=16)
 def _kernels(at_points: int, rates: int, fast: bool) -> tuple[_Kernel, _Kernel]:
-    """Of a mesh point (v, a), and of an interval (v, a, its time, v and a at its end)."""
+    """Of a mesh point (v, a), and of an interval.
+
+    That has v, a, its time h, v and a at its end, and d, by which s''' changes evenly in it. With a
+    constant s''' a limited rate would be met at one of its ends alone, which costs in proportion to
+    the length of the intervals.
+    """
     w, c = ca.SX.sym("w", 2), ca.SX.sym("c", len(PARTS) * at_points)
     parts = ca.vertsplit(c, at_points) if at_points else [ca.SX(0, 1)] * len(PARTS)
     point = _Kernel.of(w, c, _terms(parts, w[0], w[1], None), ca.SX(0), fast)
     count = len(PARTS)
-    w, c = ca.SX.sym("w", 5), ca.SX.sym("c", count * (2 * rates + at_points) + 1)
-    v, a, h, v_end, a_end = ca.vertsplit(w)
-    j, v_middle = (a_end - a) / h, v + h * (3.0 * a + a_end) / 8.0
-    parts = ca.vertsplit(c[: 2 * count * rates], rates)
-    inner = c[2 * count * rates : -1]
+    w, c = ca.SX.sym("w", 6), ca.SX.sym("c", count * (3 * rates + at_points) + 1)
+    v, a, h, v_end, a_end, d = ca.vertsplit(w)
+    j, v_middle = (a_end - a) / h, v + h * (3.0 * a + a_end) / 8.0 - h**2 * d / 24.0
+    parts = ca.vertsplit(c[: 3 * count * rates], rates)
+    inner = c[3 * count * rates : -1]
     middle = ca.vertsplit(inner, at_points) if at_points else [ca.SX(0, 1)] * count
-    start, end = parts[:count], parts[count:]
+    start, end, within = parts[:count], parts[count : 2 * count], parts[2 * count :]
+    a_middle = 0.5 * (a + a_end) - h * d / 8.0
     values = ca.vertcat(
-        v_end - v - 0.5 * h * (a + a_end),
-        c[-1] - h * v - h**2 * (2.0 * a + a_end) / 6.0,
-        _terms(start, v, a, j),
-        _terms(end, v_end, a_end, j),
-        _terms(middle, v_middle, 0.5 * (a + a_end), None),
-        v_middle,
+        v_end - v - 0.5 * h * (a + a_end) + h**2 * d / 12.0,
+        c[-1] - h * v - h**2 * (2.0 * a + a_end) / 6.0 + h**3 * d / 24.0,
+        _terms(start, v, a, j - 0.5 * d),
+        _terms(end, v_end, a_end, j + 0.5 * d),
+        _terms(within, v_middle, a_middle, j),
+        _terms(middle, v_middle, a_middle, None),
+        *(v + h * x * (a + h * x * (0.5 * (j - 0.5 * d) + x * d / 6.0)) for x in THIRDS),
     )
-    return point, _Kernel.of(w, c, values, h + SMOOTHING * h * j**2, fast)
+    return point, _Kernel.of(w, c, values, h + SMOOTHING * h * (j**2 + d**2 / 12.0), fast)
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,30 +179,30 @@ class Program:
 @lru_cache(maxsize=8)
 def program_of(n: int, at_points: int, rates: int, fast: bool) -> Program:
     point, interval = _kernels(at_points, rates, fast)
-    x = ca.MX.sym("x", 3 * n + 2)
+    x = ca.MX.sym("x", 4 * n + 2)
     own = point.values.size1_in(1), interval.values.size1_in(1)
     half = len(PARTS) * rates
     p = ca.MX.sym("p", own[0] * (n + 1) + own[1] * n)
-    edges = np.cumsum([0, own[0] * (n + 1), half * n, half * n, own[0] * n, n]).tolist()
-    at, begin, end, middle, steps = (
+    edges = np.cumsum([0, own[0] * (n + 1), *3 * (half * n,), own[0] * n, n]).tolist()
+    at, begin, end, within, middle, steps = (
         ca.reshape(p[a:b], -1, size)
-        for a, b, size in zip(edges[:-1], edges[1:], (n + 1, n, n, n, n), strict=True)
+        for a, b, size in zip(edges[:-1], edges[1:], (n + 1, *5 * (n,)), strict=True)
     )
     k, i = np.arange(n + 1), np.arange(n)
     of_points = np.vstack([k, n + 1 + k])
-    of_intervals = np.vstack([i, n + 1 + i, 2 * n + 2 + i, i + 1, n + 2 + i])
+    of_intervals = np.vstack([i, n + 1 + i, 2 * n + 2 + i, i + 1, n + 2 + i, 3 * n + 2 + i])
     groups = []
     for kernel, places, constants in (
         (point, of_points, at),
-        (interval, of_intervals, ca.vertcat(begin, end, middle, steps)),
+        (interval, of_intervals, ca.vertcat(begin, end, within, middle, steps)),
     ):
         count = places.shape[1]
         w = ca.reshape(x[places.ravel("F").tolist()], places.shape[0], count)
         groups.append((kernel, places, w, constants, count))
-    # rows: two equations an interval, those of the points, rates at starts, rates at ends, those
-    # of the middles, speeds there
+    # rows: two equations an interval, those of the points, rates at starts, rates at ends, rates
+    # in the middles, other rows there, speeds there
     first = 2 * n + at_points * (n + 1)
-    inner = first + 2 * rates * n
+    inner = first + 3 * rates * n
     row_places = [
         2 * n + np.arange(at_points)[:, None] + at_points * k,
         np.vstack(
@@ -200,14 +210,15 @@ def program_of(n: int, at_points: int, rates: int, fast: bool) -> Program:
                 np.array([[0], [1]]) + 2 * i,
                 first + np.arange(rates)[:, None] + rates * i,
                 first + rates * n + np.arange(rates)[:, None] + rates * i,
+                first + 2 * rates * n + np.arange(rates)[:, None] + rates * i,
                 inner + np.arange(at_points)[:, None] + at_points * i,
-                inner + at_points * n + i,
+                inner + at_points * n + np.array([[0], [1]]) + 2 * i,
             ]
         ),
     ]
     values, cost, slope = [], ca.MX(0), ca.MX.zeros(x.shape[0])
     entries, rows, columns = [], [], []
-    lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", inner + (at_points + 1) * n)
+    lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", inner + (at_points + 2) * n)
     bends, bend_rows, bend_columns = [], [], []
     for (kernel, places, w, constants, count), own_rows in zip(groups, row_places, strict=True):
         found, added = kernel.values.map(count)(w, constants)

@@ -3,8 +3,9 @@
 Along a path q(s) torques and accelerations are affine in s'' and s'^2, and their rates are products
 of s', s'', s''' with coefficients that depend on s alone. So the mesh points are places on the
 path, where all coefficients are numbers before the solver starts, and the unknowns are s', s'' and
-the time that each interval takes; s is cubic in time in it. No dynamics are evaluated inside the
-solver. After Debrouwere et al., "Time-optimal path following for robots with convex-concave
+the time that each interval takes, in which s''' changes evenly. No dynamics are evaluated inside
+the solver. The mesh becomes finer until all limits hold between its points and the duration no
+longer changes. After Debrouwere et al., "Time-optimal path following for robots with convex-concave
 constraints using sequential convex programming", IEEE T-RO 29(6), 2013, with the time of every
 interval as an unknown: near a stop s' is no smooth function of s.
 
@@ -27,21 +28,24 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.codegen import maybe_compiled
 from microbot_ocp._base.fast_calls import buffered_call
 from microbot_ocp.limits import LimitFamily, MotionSamples
-from microbot_ocp.ocp.refinement import halved_within, split
+from microbot_ocp.ocp.refinement import split
 from microbot_ocp.ocp.solution import Attempt, StepProgress, gap_of
 from microbot_ocp.ocp.solvers import SolverSettings, status_of
 from microbot_ocp.ocp.transcription import Bounds
 from microbot_ocp.planning._curve import Curve
 from microbot_ocp.planning._friction import dry_friction
 from microbot_ocp.planning._path_limits import FAR, PathLimits, nodes_of
-from microbot_ocp.planning._rate_program import PARTS, TOLERANCE, program_of
+from microbot_ocp.planning._rate_program import PARTS, THIRDS, program_of
 from microbot_ocp.planning._reachability import Reached
 from microbot_ocp.planning._task import CHECKS_PER_INTERVAL
 from microbot_ocp.robot import COULOMB_SMOOTHING, Robot, torque_and_rate
 
 RATES = ("taud", "qddd")  # keys of limits that are kept here
 NEAR = 0.3  # use of a limit from which the solver is told of it
-BARRIERS = (1e-2, 1e-4)  # of a first solve and of one from a coarser mesh
+BARRIERS = (1e-2, 1e-7)  # of a first solve and of one from a coarser mesh
+# Excess of a limit of which the solver was not told that asks for another solve on the same mesh,
+# and its barrier; solves in which the solver is told of some limits, before it is told of all
+BROKEN, BROKEN_BARRIER, MOST_TELLING = 0.05, 1e-4, 3
 SMOOTHED_BARRIER = 1e-3  # of one from dry friction that turns less suddenly
 MOST_MESHES = 10
 # Percentile of the accelerations at which joints turn back, as the start has it; factor from one
@@ -50,17 +54,23 @@ USUAL, SHARPER, LEAST_SHARPER = 90, 2.0, 1.08
 LEAPT = 0.1  # excess of a limit from which a profile is taken to leap over such a place
 TURNED = 2.0  # smoothings: velocity at which the friction has all but turned
 STEP, MOST_PARTS = 0.7, 8  # change of velocity in an interval within it; parts of one interval
-FAR_ABOVE = 3.0  # times the accepted excess; halving an interval divides it by about four
+AIMED = 0.5  # of the accepted excess, which falls with the third power of the intervals
+SUDDEN = 0.5  # excess of a part by that of the whole from which more parts are needed at once
+# Share of the losses at jumps of s''' that the next mesh goes for: a tenth of all intervals; change
+# of the duration from mesh to mesh that ends it
+MOST_LOSS, SETTLED = 0.8, 5e-5
 
 
 @dataclass(frozen=True, eq=False)
 class Profile:
-    """How a curve is travelled: its speed s' and s'' at places s; s''' is constant in between.
+    """How a curve is travelled: its speed s' and s'' at places s; s''' is linear in between.
 
     Attributes
     ----------
     s, v, a, t : arrays [N+1]
         Places, s', s'', and the times at which they are passed, s.
+    d : array [N]
+        By how much s''' changes within each interval.
     gap : float
         How much longer it takes than the local optimum, at most, s.
     attempts : tuple of Attempt
@@ -71,6 +81,7 @@ class Profile:
     v: FloatArray
     a: FloatArray
     t: FloatArray
+    d: FloatArray
     gap: float = float("nan")
     attempts: tuple[Attempt, ...] = ()
 
@@ -86,11 +97,11 @@ class Profile:
 
     def inside(self, i: np.ndarray, after: FloatArray) -> tuple[FloatArray, ...]:
         """The parameter and its three derivatives at times since the start of intervals i."""
-        h, a = np.diff(self.t)[i], self.a[i]
-        j = (self.a[i + 1] - a) / h
-        v = self.v[i] + after * (a + 0.5 * after * j)
-        s = self.s[i] + after * (self.v[i] + after * (0.5 * a + after * j / 6.0))
-        return np.clip(s, self.s[i], self.s[i + 1]), v, a + after * j, j
+        h, a, d = np.diff(self.t)[i], self.a[i], self.d[i]
+        j, k = (self.a[i + 1] - a) / h - 0.5 * d, after * d / h
+        v = self.v[i] + after * (a + after * (j / 2.0 + k / 6.0))
+        s = self.s[i] + after * (self.v[i] + after * (a / 2.0 + after * (j / 6.0 + k / 24.0)))
+        return np.clip(s, self.s[i], self.s[i + 1]), v, a + after * (j + k / 2.0), j + k
 
     def at_times(self, t: FloatArray) -> Profile:
         """The same motion with more mesh points, at times among which are those that it has."""
@@ -98,7 +109,8 @@ class Profile:
         s, v, a, _ = self.inside(i, t - self.t[i])
         own = np.searchsorted(t, self.t)
         s[own], v[own], a[own] = self.s, self.v, self.a
-        return replace(self, s=s, v=v, a=a, t=t)
+        d = (self.d / np.diff(self.t))[i[:-1]] * np.diff(t)
+        return replace(self, s=s, v=v, a=a, t=t, d=d)
 
 
 @dataclass(frozen=True)
@@ -118,7 +130,8 @@ def first_profile(curve: Curve, timing: Reached, count: int) -> Profile:
     s[::count] = curve.breaks
     v = np.sqrt(np.interp(s, timing.s, timing.speed_squared))
     rise = np.diff(v) / np.diff(t)
-    return Profile(s, v, 0.5 * (np.append(rise, rise[-1]) + np.append(rise[0], rise)), t)
+    a = 0.5 * (np.append(rise, rise[-1]) + np.append(rise[0], rise))
+    return Profile(s, v, a, t, np.zeros_like(rise))
 
 
 def with_rates(
@@ -151,6 +164,7 @@ def with_rates(
     if rubs and not deadline.over():
         found = _with_friction(family, curve, start, ends, fast, smoothing)
         excess, barrier = _excess(family, curve, found), SMOOTHED_BARRIER
+    before, parents = np.inf, np.full(len(excess), np.inf)
     for _ in range(MOST_MESHES):
         if not found.solved or deadline.over():
             break
@@ -159,15 +173,66 @@ def with_rates(
             f"mesh {found.s.size - 1}: {found.duration:.6f} s; largest excess of a limit between "
             f"mesh points: {100 * worst:.3g} %"
         )
-        marked = excess > tolerance
-        if not marked.any():
+        kept, settled = worst <= tolerance, rubs or _alike(before, found.duration)
+        if kept and settled:
             break
-        t = split(found.t, marked)
-        t = halved_within(t, found.t, excess > FAR_ABOVE * tolerance)
+        if rubs:
+            t = split(found.t, excess > tolerance)
+        else:
+            worst_in = excess.max(axis=1) / tolerance
+            parts = _parts_for(worst_in, parents)
+            if not settled:
+                parts = np.maximum(parts, 1 + _switching(found))
+            parents = np.repeat(worst_in, parts)
+            t = _with_parts(found.t, parts)
         finer = _Timing(family, curve, found.at_times(t), ends, fast).solved(barrier, every=rubs)
+        if kept and not finer.solved:
+            break
+        before = found.duration
         found = finer if finer.solved else replace(found, attempts=finer.attempts)
         excess = _excess(family, curve, found)
     return found
+
+
+def _alike(before: float, after: float) -> bool:
+    return abs(after - before) <= SETTLED * after
+
+
+def _switching(profile: Profile) -> np.ndarray:
+    """Intervals [N] in which s''' jumps: where most of what the mesh costs is lost.
+
+    What a jump inside an interval costs grows with its size and the square of the interval.
+    """
+    h = np.diff(profile.t)
+    mean = np.diff(profile.a) / h
+    jumps = np.abs(np.diff(mean) - 0.5 * (profile.d[1:] + profile.d[:-1]))
+    loss = (np.maximum(np.append(jumps, 0.0), np.append(0.0, jumps)) + np.abs(profile.d)) * h**2
+    order = np.argsort(-loss)
+    count = np.searchsorted(np.cumsum(loss[order]), MOST_LOSS * loss.sum()) + 1
+    chosen = np.zeros(h.size, dtype=bool)
+    chosen[order[:count]] = True
+    return chosen
+
+
+def _parts_for(excess: FloatArray, parents: FloatArray) -> np.ndarray:
+    """How many parts of each interval [N] keep a limit exceeded by so many times the tolerance.
+
+    Where the excess is hardly less than that of the interval that it is a part of, which is to say
+    where a torque goes to its limit faster than an interval lasts, as many as there may be.
+    """
+    parts = np.where(
+        (excess > 1.0) & (excess > SUDDEN * parents),
+        MOST_PARTS,
+        np.cbrt(np.maximum(excess, 0.0) / AIMED),
+    )
+    return np.clip(np.ceil(parts), 1, MOST_PARTS).astype(int)
+
+
+def _with_parts(t: FloatArray, parts: np.ndarray) -> FloatArray:
+    """Times [N+1] with each of their intervals in so many parts [N]."""
+    first = np.repeat(np.cumsum(parts) - parts, parts)
+    share = (np.arange(parts.sum()) - first) / np.repeat(parts, parts)
+    return np.append(np.repeat(t[:-1], parts) + share * np.repeat(np.diff(t), parts), t[-1])
 
 
 def _with_friction(
@@ -216,13 +281,7 @@ def _closer_at_reversals(
     slow |= before * after < 0
     change = np.where(slow, np.abs(after - before), 0.0).max(axis=1)
     parts = np.clip(np.ceil(change / (STEP * smoothing)), 1, MOST_PARTS).astype(int)
-    steps = np.diff(profile.t)
-    inner = [
-        begin + step * np.arange(1, count) / count
-        for begin, step, count in zip(profile.t[:-1], steps, parts, strict=True)
-        if count > 1
-    ]
-    return profile.at_times(np.union1d(profile.t, np.concatenate([*inner, []])))
+    return profile.at_times(_with_parts(profile.t, parts))
 
 
 def _excess(family: LimitFamily, curve: Curve, profile: Profile) -> FloatArray:
@@ -287,15 +346,17 @@ class _Timing:
         self.scale_a = max(float(np.percentile(moving, 90)), 1e-6 * self.scale_v)
         self.scale_t = self.scale_v / self.scale_a
         i = np.arange(start.s.size - 1)
-        middle = start.inside(i, 0.5 * np.diff(start.t))[0]
+        middle, *thirds = (start.inside(i, x * np.diff(start.t))[0] for x in (0.5, *THIRDS))
         left = _coefficients(family, curve, start.s, fast, smoothing)
         right = _coefficients(family, curve, start.s, fast, smoothing, from_left=True)
         inner = _coefficients(family, curve, middle, fast, smoothing)
         unit = (self.scale_v, self.scale_a, self.scale_a / self.scale_t)
-        self.nodes, self.begin, self.end, self.middle = (
-            _scaled(rows, unit) for rows in (left[0], left[1], right[1], inner[0])
+        self.nodes, self.begin, self.end, self.within, self.middle = (
+            _scaled(rows, unit) for rows in (left[0], left[1], right[1], inner[1], inner[0])
         )
-        self.speed, self.inner_speed = (own[2] / self.scale_v for own in (left, inner))
+        self.speed = left[2] / self.scale_v
+        speeds = _largest_speeds(family, curve, np.ravel(thirds, "F"), fast)
+        self.inner_speed = speeds / self.scale_v
         self.intervals = i.size
         self.steps = np.diff(start.s) / (self.scale_v * self.scale_t)
 
@@ -307,9 +368,11 @@ class _Timing:
         n = self.intervals
         start = self.start
         h = np.maximum(np.diff(start.t), 1e-12) / self.scale_t
-        x = np.concatenate([start.v / self.scale_v, start.a / self.scale_a, h])
-        low = np.concatenate([np.zeros(n + 1), np.full(n + 1, -np.inf), np.full(n, 1e-12)])
-        high = np.concatenate([self.speed, np.full(2 * n + 1, np.inf)])
+        unit = self.scale_a / self.scale_t
+        x = np.concatenate([start.v / self.scale_v, start.a / self.scale_a, h, start.d / unit])
+        free = np.full(n, np.inf)
+        low = np.concatenate([np.zeros(n + 1), np.full(n + 1, -np.inf), np.full(n, 1e-12), -free])
+        high = np.concatenate([self.speed, np.full(n + 1, np.inf), free, free])
         for at, still, steady in zip((0, n), self.ends.still, self.ends.steady, strict=True):
             if still:
                 low[at] = high[at] = 0.0
@@ -319,16 +382,17 @@ class _Timing:
         program = program_of(n, self.nodes.count, self.begin.count, self.fast)
         coefficients = np.concatenate(
             [self.nodes.stacked().ravel("F"), self.begin.stacked()[:, :-1].ravel("F"),
-             self.end.stacked()[:, 1:].ravel("F"), self.middle.stacked().ravel("F"), self.steps]
+             self.end.stacked()[:, 1:].ravel("F"), self.within.stacked().ravel("F"),
+             self.middle.stacked().ravel("F"), self.steps]
         )  # fmt: skip
         lower = np.concatenate([np.zeros(2 * n), *self._bounds("lower")])
         upper = np.concatenate([np.zeros(2 * n), *self._bounds("upper")])
         values = np.array(program.values(x, coefficients)).ravel()
-        told = (lower == upper) | _near(values, lower, upper, NEAR)
-        if every:
-            told = np.isfinite(lower) | np.isfinite(upper)
+        finite = np.isfinite(lower) | np.isfinite(upper)
+        told = finite.copy() if every else (lower == upper) | _near(values, lower, upper, NEAR)
         attempts, gap = list(start.attempts), float("nan")
-        for whole in (every, True):
+        while True:
+            whole = told.sum() == finite.sum()
             rows = np.flatnonzero(told)
             solver = program.solver(rows, barrier)
             created = time.perf_counter()
@@ -337,24 +401,30 @@ class _Timing:
             )
             x = np.array(answer["x"]).ravel()
             values = np.array(program.values(x, coefficients)).ravel()
-            attempts.append(self._attempt(solver.stats(), x[2 * n + 2 :].sum(), begin, created))
+            attempts.append(
+                self._attempt(solver.stats(), x[2 * n + 2 : 3 * n + 2].sum(), begin, created)
+            )
             begin = time.perf_counter()
             lam = [np.array(answer[key]).ravel() for key in ("lam_x", "lam_g")]
             bounds = Bounds(low, high, lower[rows], upper[rows])
             # by the solver's own multipliers: what is left of the slope is not counted
             gap = gap_of(bounds, x, values[rows], np.zeros(1), np.concatenate(lam)).total
-            broken = ~told & _near(values, lower, upper, 1.0 + TOLERANCE)
+            broken = ~told & _near(values, lower, upper, 1.0 + BROKEN)
             kept = attempts[-1].status.solved and not broken.any()
             if whole or kept or deadline.over():
                 break
-            told = np.isfinite(lower) | np.isfinite(upper)
-            x, barrier = start_x, BARRIERS[0]
-        t = np.append(0.0, np.cumsum(x[2 * n + 2 :])) * self.scale_t
+            if attempts[-1].status.solved and len(attempts) < len(start.attempts) + MOST_TELLING:
+                told |= _near(values, lower, upper, NEAR)
+                barrier = max(barrier, BROKEN_BARRIER)
+            else:
+                told, x, barrier = finite.copy(), start_x, BARRIERS[0]
+        t = np.append(0.0, np.cumsum(x[2 * n + 2 : 3 * n + 2])) * self.scale_t
         return replace(
             start,
             v=x[: n + 1] * self.scale_v,
             a=x[n + 1 : 2 * n + 2] * self.scale_a,
             t=t,
+            d=x[3 * n + 2 :] * unit,
             gap=gap * self.scale_t,
             attempts=tuple(attempts),
         )
@@ -378,8 +448,9 @@ class _Timing:
             getattr(self.nodes, side).ravel(),
             getattr(self.begin, side)[:-1].ravel(),
             getattr(self.end, side)[1:].ravel(),
+            getattr(self.within, side).ravel(),
             getattr(self.middle, side).ravel(),
-            self.inner_speed if side == "upper" else np.full(self.intervals, -np.inf),
+            self.inner_speed if side == "upper" else np.full(self.inner_speed.size, -np.inf),
         ]
 
 
@@ -428,8 +499,7 @@ def _coefficients(
     links = robot.links if robot.has_dynamics else ()
     nodes = nodes_of(curve, s)
     limits = PathLimits.of(family, nodes, fast)
-    most = limits.speed_limit(nodes, s.size)
-    speed = np.where(most < FAR, np.sqrt(most), np.inf)
+    speed = _speeds_of(limits, nodes, s.size)
     later, earlier = [], []
     if {"tau", "taud"} & set(family.keys):
         viscous, dry = (
@@ -459,6 +529,17 @@ def _coefficients(
             earlier.append((key, parts, own[2]))
     at_points, rates = (_rows_of(family, limits, found, s.size) for found in (earlier, later))
     return at_points, rates, speed
+
+
+def _largest_speeds(family: LimitFamily, curve: Curve, s: FloatArray, fast: bool) -> FloatArray:
+    """Limits of s' [N] at places s; infinite where there is none."""
+    nodes = nodes_of(curve, s)
+    return _speeds_of(PathLimits.of(family, nodes, fast), nodes, s.size)
+
+
+def _speeds_of(limits: PathLimits, nodes: Any, count: int) -> FloatArray:
+    most = limits.speed_limit(nodes, count)
+    return np.where(most < FAR, np.sqrt(most), np.inf)
 
 
 def _rows_of(family: LimitFamily, limits: PathLimits, found: list[Any], count: int) -> _Rows:
