@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import io
 import os
+import re
 import signal
 import sys
 import warnings
@@ -25,6 +26,7 @@ from microbot_ocp.cli._commands import PROGRAM, SETTINGS, Commands, example
 NOT_WRITTEN = 1
 BAD_INPUT = 2
 FAULT = 70
+CONTROL = re.compile(r"\x1b(?!\[[0-9;]*m)|[\x00-\x08\x0b-\x1a\x1c-\x1f\x7f-\x9f]")
 TRACEBACK = "MICROBOT_OCP_TRACEBACK"  # environment variable that asks for Python's own report
 
 app = typer.Typer(
@@ -107,7 +109,7 @@ def run() -> int:
     warnings.showwarning = _tell
     with contextlib.suppress(AttributeError, OSError, ValueError):  # a stream that was replaced
         stream = io.BufferedWriter(_Output(sys.stdout.fileno(), "w", closefd=False))
-        sys.stdout = io.TextIOWrapper(
+        sys.stdout = _Text(
             stream, sys.stdout.encoding, line_buffering=bool(sys.stdout.line_buffering)
         )
     if hasattr(signal, "SIGPIPE"):
@@ -126,6 +128,22 @@ class _Output(io.FileIO):
         except OSError as problem:
             reason = _lowered(problem.strerror or str(problem))
             raise NotWritten("standard output", reason) from None
+
+
+class _Text(io.TextIOWrapper):
+    """Standard output without what names in files might tell a terminal to do."""
+
+    def write(self, text: str) -> int:
+        return super().write(printable(text))
+
+
+def printable(text: str) -> str:
+    r"""Text without control characters, but for ends of lines, tabulators and colours.
+
+    >>> printable("a\x1b[2Jb\x1b[31mc\a")
+    'a[2Jb\x1b[31mc'
+    """
+    return CONTROL.sub("", text)
 
 
 def _fault(problem: Exception) -> int:
@@ -155,7 +173,7 @@ def _refuse(sentence: str, code: int = BAD_INPUT) -> int:
 def _say(line: str) -> None:
     """Print on standard error, if anything can be: the exit code stays what it is."""
     with contextlib.suppress(OSError, ValueError):
-        print(line, file=sys.stderr, flush=True)
+        print(printable(line), file=sys.stderr, flush=True)
 
 
 def _lowered(sentence: str) -> str:
