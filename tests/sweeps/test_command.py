@@ -41,6 +41,7 @@ def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         (["study.toml"], "give --out FOLDER"),
         (["nothing.toml", "--out", "a"], "cannot be read"),
         (["study.toml", "--out", "a", "--workers", "0"], "workers must be at least 1"),
+        (["study.toml", "--out", "a", "--workers", "99999"], "workers must be at most"),
         (["study.toml", "--out", "a", "--workers", "2", "--scheduler", "tcp://x:1"], "not both"),
         (["study.toml", "--case", "64"], "case must be from 0 to 63"),
         (["--summary", "nothing"], "holds no sweep"),

@@ -36,6 +36,7 @@ from microbot_ocp.sweeps._sweep import Sweep, opened
 
 AHEAD = 2  # chunks in flight for each thread of a worker: one that is done, one that waits
 TICK = 0.2  # s
+MOST_WORKERS = 8  # for each processor of this machine: some 150 MB each
 NO_WORKER = 120.0  # s without any worker, then it is said
 # Dask watches its event loops every 20 ms and samples its stacks every 10 ms, in each process.
 QUIET = {"distributed.admin.tick.interval": "1s", "distributed.worker.profile.enabled": False}
@@ -83,7 +84,8 @@ def sweep(
         An open client, or the address of a scheduler; by default processes of this machine, which
         listen on the loopback interface alone and are ended afterwards.
     workers : int, optional
-        How many processes where no client is given; default as many as processors.
+        How many processes where no client is given; default as many as processors, at most eight
+        times as many.
     time_limit : float
         Of one case, s. It is ended then, and its row says so.
     motions : bool
@@ -139,7 +141,7 @@ def run_study(
     for module in ("distributed", "pyarrow.parquet"):
         needed(module)
     if workers is not None:
-        checks.number("workers", workers, at_least=1, at_most=100_000)
+        checks.number("workers", workers, at_least=1, at_most=MOST_WORKERS * _processors())
         if client is not None:
             raise InputError(
                 "workers is for processes of this machine: give it or client, not both"
