@@ -28,7 +28,6 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.codegen import maybe_compiled
 from microbot_ocp._base.fast_calls import buffered_call
 from microbot_ocp.limits import LimitFamily, MotionSamples
-from microbot_ocp.ocp.refinement import split
 from microbot_ocp.ocp.solution import Attempt, StepProgress, gap_of
 from microbot_ocp.ocp.solvers import SolverSettings, status_of
 from microbot_ocp.ocp.transcription import Bounds
@@ -176,15 +175,12 @@ def with_rates(
         kept, settled = worst <= tolerance, rubs or _alike(before, found.duration)
         if kept and settled:
             break
-        if rubs:
-            t = split(found.t, excess > tolerance)
-        else:
-            worst_in = excess.max(axis=1) / tolerance
-            parts = _parts_for(worst_in, parents)
-            if not settled:
-                parts = np.maximum(parts, 1 + _switching(found))
-            parents = np.repeat(worst_in, parts)
-            t = _with_parts(found.t, parts)
+        worst_in = excess.max(axis=1) / tolerance
+        parts = _parts_for(worst_in, parents)
+        if not settled:
+            parts = np.maximum(parts, 1 + _switching(found))
+        parents = np.repeat(worst_in, parts)
+        t = _with_parts(found.t, parts)
         finer = _Timing(family, curve, found.at_times(t), ends, fast).solved(barrier, every=rubs)
         if kept and not finer.solved:
             break

@@ -26,7 +26,6 @@ from ._mesh_error import (
 from ._refiner import (
     WORSE as WORSE,
     Refiner as Refiner,
-    halved_within as halved_within,
     split as split,
 )
 from ._switches import (
