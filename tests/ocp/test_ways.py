@@ -363,3 +363,29 @@ def test_a_solver_that_is_ended_leaves_its_last_iterate(monkeypatch):
     assert whole.attempts[0].iterations > 3
     assert whole.cost == pytest.approx(2.0, rel=1e-4)
     assert whole.attempts[0].infeasibility < 1e-6
+
+
+def test_where_the_bounds_of_a_duration_say_little_a_simulation_tells_it():
+    """A million kilometres at 1 mm/s²: two million seconds, the usual guess is 32 s."""
+    problem = OptimalControlProblem("far")
+    phase = problem.phase("only", (1.0, 1e9))
+    x, v = (phase.state(name, initial=0.0, final=end) for name, end in (("x", 1e9), ("v", 0.0)))
+    u = phase.control("u", lower=-1e-3, upper=1e-3)
+    phase.derivative(x, v)
+    phase.derivative(v, u)
+    phase.end_cost(phase.duration)
+    nearest = Rollouts(problem, default_guess(problem)).of_any_duration()[0]["only"]
+    assert nearest.duration == pytest.approx(2e6, rel=0.6)
+
+
+def test_random_starts_are_the_same_every_time_and_change_at_different_times():
+    problem = double_integrator()
+    simulations = Rollouts(problem, default_guess(problem))
+    first, again = (list(simulations.random(5)) for _ in range(2))
+    share = np.linspace(0.0, 1.0, 101)
+    (name,) = first[0]
+    control = problem.phases[0].controls[0].name
+    tables = [[g[name].values[control](share) for g in found] for found in (first, again)]
+    assert all(np.array_equal(a, b) for a, b in zip(*tables, strict=True))
+    changes = {int(np.flatnonzero(np.diff(t[:, 0]))[0]) for t in tables[0]}
+    assert len(changes) > 2

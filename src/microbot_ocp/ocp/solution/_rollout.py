@@ -15,6 +15,7 @@ from microbot_ocp.ocp.transcription import Guess, GuessValue, guess_table
 SHARES = (0.5, 0.2, 0.1, 0.8, 0.0, 1.0)  # of the range of all controls that are tried
 STEPS = ((0.2, 1.0), (0.8, 0.0), (0.0, 1.0), (1.0, 0.0))  # shares of both halves of every phase
 MIDDLE = 50  # the point at which controls change, and as many are integrated at once
+FACTORS = 10.0 ** np.arange(-6.0, 9.5, 0.5)  # times the usual durations
 POINTS = 2 * MIDDLE + 1  # of every phase
 GRID = np.linspace(0.0, 1.0, POINTS)
 Range = tuple[FloatArray, FloatArray]
@@ -95,13 +96,32 @@ class Rollouts:
 
         With ``steps`` controls that change once, in the middle of every phase, are tried as well.
         """
+        return [guess for guess, _ in self._nearest(durations or {}, steps=steps)]
+
+    def of_any_duration(self) -> list[dict[str, Guess]]:
+        """The same of durations from the lowest to the highest, three times as long each."""
+        found: list[tuple[dict[str, Guess], float]] = []
+        usual = {p.name: float(self.ordinary[p.name].duration or 1.0) for p in self.problem.phases}
+        before: dict[str, float] = {}
+        for factor in FACTORS:
+            durations = {
+                p.name: float(np.clip(factor * usual[p.name], *p.duration_bounds))
+                for p in self.problem.phases
+            }
+            if durations != before:
+                found += self._nearest(durations, steps=True)[:1]
+            before = durations
+        return [guess for guess, _ in sorted(found, key=lambda own: own[1])]
+
+    def _nearest(
+        self, durations: Mapping[str, float], *, steps: bool
+    ) -> list[tuple[dict[str, Guess], float]]:
+        """Guesses with how far they are, the nearest first."""
         pairs = [(share, share) for share in SHARES] + list(STEPS if steps else ())
         tried = [
-            self._simulated(durations or {}, share)
-            for share in (pairs if self.bounded else pairs[:1])
+            self._simulated(durations, share) for share in (pairs if self.bounded else pairs[:1])
         ]
-        near = [(guess, miss) for guess, miss in tried if np.isfinite(miss)]
-        return [guess for guess, _ in sorted(near, key=lambda found: found[1])]
+        return sorted((own for own in tried if np.isfinite(own[1])), key=lambda own: own[1])
 
     def random(self, count: int) -> Iterator[dict[str, Guess]]:
         """Guesses with controls at random, near a bound more often, that change once at a random

@@ -17,7 +17,7 @@ import time
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
-from itertools import chain, islice
+from itertools import chain, cycle, islice
 
 import numpy as np
 
@@ -55,13 +55,13 @@ NEAR = 1e-2  # of the cost: optima as near on a coarse mesh may change places on
 FINALISTS = 3  # of these that are solved on the mesh of the answer
 RANDOM = 24  # starts more where there are different optima
 WAVES = 3  # half waves of a random curve, at most
-HEIGHT = 0.1  # of them, times what a state ranges over: standard deviation
+HEIGHTS = (0.6, 0.1)  # of them, in turn, times what a state ranges over: standard deviation
 PUSH = 0.2  # share of the way from the usual controls to random ones on such a curve
 STRETCH = 0.3  # standard deviation of the logarithm of a random duration
 ITERATIONS = 150  # of one solve
 ENOUGH = 500  # iterations of all solves that an answer is compared with
 ENOUGH_DIFFERENT = 2000  # the same where there are different optima
-AGREE = 4  # answers of the least cost: where as many starts led there no more are tried
+AGREE = 8  # starts that led to the least cost: where as many did no more are tried
 SAME = 1e-3  # of the cost
 DURATIONS = (0.6, 2.0, 0.3, 4.0)  # times the usual ones, where they are free
 LEAST = 1.0  # s, that a kept solver is given
@@ -221,7 +221,7 @@ def _curves(
 ) -> Iterator[dict[str, Guess]]:
     """Smooth random curves of the states between the ends that an answer has."""
     usual, ranges = default_guess(problem), _ranges(here)
-    while True:
+    for share in cycle(HEIGHTS):
         guesses = {}
         for phase, solved in zip(problem.phases, here.phases, strict=True):
             own = usual[phase.name]
@@ -229,7 +229,7 @@ def _curves(
             values: dict[str, GuessValue] = dict(own.values)
             for state in phase.states:
                 table = solved.values[state.name].reshape(-1, state.size)
-                height = HEIGHT * np.ptp(table, axis=0)
+                height = share * np.ptp(table, axis=0)
                 waves = height * draw.standard_normal((WAVES, state.size))
                 bounds = state.lower, state.upper
                 values[state.name] = partial(_curve, table[0], table[-1], waves, bounds)

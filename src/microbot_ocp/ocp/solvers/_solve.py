@@ -22,6 +22,7 @@ from microbot_ocp.ocp.problem import OptimalControlProblem, with_shapes
 from microbot_ocp.ocp.solution import (
     Attempt,
     Progress,
+    Rollouts,
     Solution,
     completed,
     default_guess,
@@ -51,6 +52,7 @@ SHARE = 0.35  # of the time that is left, which one way may take
 SHARE_FINER = 0.5  # the same of a finer mesh
 SIMULATED = 4  # simulations that a problem is solved from
 COMPARED = (12, 4)  # other starts that an answer is compared with, on any mesh and on a given one
+ANY_DURATION = 2  # simulations of those of all durations that a problem is solved from
 LONGER = (3.0, 0.3, 10.0)  # other durations, where they are free
 CONVERGED = (Status.SOLVED, Status.GAP_LEFT)
 ENDED = (*CONVERGED, Status.INTERRUPTED)
@@ -277,6 +279,9 @@ def _other_ways(
     yield _Way("from solves in which controls cost", guess, auto, smooth=True)
     yield _Way("from a coarse mesh", guess, auto, coarse=COARSE)
     free = any(low < high for low, high in (p.duration_bounds for p in problem.phases))
+    if free and guess is None:
+        found = Rollouts(problem, default_guess(problem)).of_any_duration()
+        yield _Way("from the simulation that ends nearest", tuple(found[:ANY_DURATION]), auto)
     if free and not isinstance(guess, Solution):
         ordinary = completed(problem, guess)
         for factor in LONGER:
