@@ -3,6 +3,7 @@
 import subprocess
 import sys
 
+import casadi as ca
 import numpy as np
 import pytest
 from border_calls import declared
@@ -44,6 +45,7 @@ def phase_of(*inner):
         (lambda: clearances(ROBOT, (), np.zeros((2, 3, 4))), "q must have shape [any, 3]"),
         (lambda: mo.ocp.explain(solvable(), 5, max_iterations=-1), "max_iterations must be at"),
         (lambda: mo.ocp.SolverSettings(max_iterations=10**12), "max_iterations must be at most"),
+        (lambda: mo.Circle(ca.SX.sym("s")), "through must have shape [3]"),
         (lambda: phase_of("a"), "interior_points must be a list, each entry a number"),
         (lambda: phase_of().derivative([1, 2], 0.0), "derivative needs a state of phase 'b'"),
     ],

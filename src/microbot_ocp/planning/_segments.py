@@ -82,7 +82,7 @@ class Circle:
     turns: int = 0
 
     def __post_init__(self) -> None:
-        two = np.ndim(np.asarray(self.through, dtype=object)) > 1
+        two = checks.numbers("through", self.through).ndim > 1
         point = checks.array("through", self.through, (2, 3) if two else (3,), "m")
         found = tuple(map(tuple, point.tolist())) if two else tuple(point.tolist())
         object.__setattr__(self, "through", found)
