@@ -78,8 +78,8 @@ ALIKE = 3e-4  # the same on coarse meshes of one size: the same optimum for sure
 TINY = 1e-12
 WORTH = 1e-4  # share of the duration: less is not worth another mesh where joints turn back
 # Iterations for the last digits: 8 to 10 are usual. None with dry friction, where 50 to 80 gain
-# 7e-5 of the duration
-POLISHING = 15
+# 7e-5 of the duration, and none with many phases: 29 of the Microbot need more than 15
+POLISHING, MOST_POLISHED = 15, 15
 MOST_REFINED = 3  # of the optima found on the coarse mesh
 # Intervals of all phases together where nobody says how many: 30 via points need no 3000
 FULL_MESH, FULL_MESH_EVEN, FULL_MESH_SUM, LEAST_MESH = 80, 100, 400, 25
@@ -192,7 +192,7 @@ class FreeSearch:
             progress=with_motion(progress, self.robot, via, motion_at_mesh),
             settings=SolverSettings(gap=GAP, options={} if has_windows(family) else UNSCALED),
             rough=ROUGH_TOLERANCE,
-            polishing=0 if has_windows(family) else POLISHING,
+            polishing=0 if has_windows(family) or len(self.names) > MOST_POLISHED else POLISHING,
             fitted=partial(with_windows, self.dry) if has_windows(family) else None,
         )
 
