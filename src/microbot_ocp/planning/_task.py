@@ -140,7 +140,7 @@ def provenance_of(
         "method": method,
         **outcome,
         "solver": solution.attempts[-1].solver,
-        "gap": solution.gap.total,  # s: how much slower than the local optimum, at most
+        "gap": solution.gap.total,  # s: from the local optimum of the smoothed task, at most
         "intervals": [phase.mesh.size - 1 for phase in solution.phases],
         "phase_durations": [phase.duration for phase in solution.phases],
         **more,
