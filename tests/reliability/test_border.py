@@ -46,6 +46,8 @@ def phase_of(*inner):
         (lambda: mo.ocp.explain(solvable(), 5, max_iterations=-1), "max_iterations must be at"),
         (lambda: mo.ocp.SolverSettings(max_iterations=10**12), "max_iterations must be at most"),
         (lambda: mo.Circle(ca.SX.sym("s")), "through must have shape [3]"),
+        (lambda: mo.ocp.SolverSettings(gap=np.ones(2)), "gap must be a number"),
+        (lambda: ROBOT.position_text(0, np.ones(2)), "value must be a number"),
         (lambda: phase_of("a"), "interior_points must be a list, each entry a number"),
         (lambda: phase_of().derivative([1, 2], 0.0), "derivative needs a state of phase 'b'"),
     ],

@@ -201,8 +201,13 @@ def _number(value: Any) -> bool:
     """Whether numpy or Python may make a float of it: what ``checks.number`` looks at."""
     if isinstance(value, NUMBERS):
         return not isinstance(value, bool)
-    other = complex | np.generic | type  # numpy's text has a method __float__, too
-    return hasattr(value, "__float__") and not isinstance(value, other)
+    other = complex | np.generic | type | str | bytes  # of which float may make one, too
+    if isinstance(value, other) or not hasattr(value, "__float__"):
+        return False
+    try:
+        return float(value) is not None
+    except Exception:  # of an array, or of a symbol
+        return False
 
 
 def _whole(value: Any) -> bool:

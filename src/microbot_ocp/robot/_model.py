@@ -229,6 +229,7 @@ class Robot:
         """A position of a joint with its unit: degrees of a revolute, metres of a prismatic one."""
         if not 0 <= joint < self.joint_count:
             raise InputError(f"joint must be from 0 to {self.joint_count - 1}, not {shown(joint)}")
+        value = float(value)
         if self.joint_types[joint] == "prismatic":
             return f"{value:.6g} m"
         degrees = f"{np.degrees(value):.6g} deg"

@@ -50,8 +50,8 @@ class SolverSettings:
         checks.one_of("scaling", self.scaling, SCALINGS)
         checks.time_limit(self.time_limit)
         checks.number("tolerance", self.tolerance, above=0.0)
-        if not self.gap > 0:
-            raise InputError(f"gap must be above 0, not {self.gap}")
+        if not (isinstance(self.gap, float) and self.gap == np.inf):
+            checks.number("gap", self.gap, above=0.0)
         checks.number(
             "max_iterations", self.max_iterations, at_least=0, at_most=checks.MOST_ITERATIONS
         )
