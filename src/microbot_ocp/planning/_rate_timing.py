@@ -156,13 +156,13 @@ def with_rates(
         Whether functions are compiled.
     progress : callable
     """
-    found, barrier = _Timing(family, curve, start, ends, fast).solved(BARRIERS[0]), BARRIERS[1]
+    found = _Timing(family, curve, start, ends, fast).solved(BARRIERS[0])
     excess = _excess(family, curve, found)
     smoothing = _first_smoothing(family, curve, start)
     rubs = smoothing > COULOMB_SMOOTHING and float(excess.max()) > LEAPT
     if rubs and not deadline.over():
         found = _with_friction(family, curve, start, ends, fast, smoothing)
-        excess, barrier = _excess(family, curve, found), SMOOTHED_BARRIER
+        excess = _excess(family, curve, found)
     before, parents = np.inf, np.full(len(excess), np.inf)
     for _ in range(MOST_MESHES):
         if not found.solved or deadline.over():
@@ -181,7 +181,8 @@ def with_rates(
             parts = np.maximum(parts, 1 + _switching(found))
         parents = np.repeat(worst_in, parts)
         t = _with_parts(found.t, parts)
-        finer = _Timing(family, curve, found.at_times(t), ends, fast).solved(barrier, every=rubs)
+        finer = _Timing(family, curve, found.at_times(t), ends, fast)
+        finer = finer.solved(BARRIERS[1], every=rubs)
         if kept and not finer.solved:
             break
         before = found.duration
