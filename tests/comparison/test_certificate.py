@@ -8,6 +8,7 @@ import pytest
 
 import microbot_ocp as mo
 from microbot_ocp.comparison import certify
+from microbot_ocp.comparison._task_certificate import _part
 from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial, State, jump_gaps, torque_along
 from microbot_ocp.trajectories import (
     cubic,
@@ -215,6 +216,22 @@ def test_samples_within_microseconds_are_no_jump():
     assert not jump_gaps(np.array([0.0, 1.0, 1.0 + 1e-6, 1.0 + 2e-6, 1.0 + 3e-6])).any()
     assert not jump_gaps(np.array([0.0, 7.7e-6, 8.5e-6, 1.1e-5])).any()  # a mesh of 6 ms in all
     assert jump_gaps(np.array([0.0, 1.0, 1.0 + 1e-6, 2.0])).tolist() == [False, True, False]
+
+
+def test_a_part_whose_samples_are_all_breaks_passes(robot):
+    """Accelerations that run straight from break to break, in the part between two stops."""
+    breaks = np.linspace(0.0, 0.06, 61)
+    jerk = 2000.0 * np.random.default_rng(3).uniform(-1.0, 1.0, (60, 3))
+    step = breaks[1]
+    qdd = np.concatenate([np.zeros((1, 3)), step * np.cumsum(jerk, axis=0)])
+    qd = np.concatenate([np.zeros((1, 3)), step * np.cumsum((qdd[1:] + qdd[:-1]) / 2, axis=0)])
+    rise = step * qd[:-1] + step**2 * (2 * qdd[:-1] + qdd[1:]) / 6
+    q = np.concatenate([np.zeros((1, 3)), np.cumsum(rise, axis=0)])
+    pieces = np.stack([q[:-1], qd[:-1], qdd[:-1] / 2, jerk / 6], axis=1)
+    motion = sampled(robot, PiecewisePolynomial(breaks, pieces))
+    part = _part(motion, robot, breaks[20], breaks[40])
+    assert certify(robot, part, mo.Limits()).ok, certify(robot, part, mo.Limits()).verdict
+    assert not certify(robot, replace(part, tau=1.001 * part.tau), mo.Limits()).ok
 
 
 def test_timings_of_paths_in_milliseconds(robot):

@@ -24,7 +24,7 @@ from microbot_ocp.comparison._certificate import (
     summary,
 )
 from microbot_ocp.limits import LimitFamily
-from microbot_ocp.motion import JUMP_GAP, Motion, jump_gaps
+from microbot_ocp.motion import JUMP_GAP, Motion, State, jump_gaps, torque_along
 from microbot_ocp.planning import Circle, JointLine, Line, Stop, Task, stretches, tool_poses
 from microbot_ocp.robot import Robot, forward_kinematics, jacobian
 
@@ -73,7 +73,7 @@ def certificate_of_task(task: Task, motion: Motion, tolerances: Tolerances) -> C
     """Certificate of a motion whose marks are when the stops of a task are reached."""
     parts, problems = [], []
     for start, end, robot, _ in stretches(task, motion):
-        part = _part(motion, start, end)
+        part = _part(motion, robot, start, end)
         found = certificate_of(LimitFamily.of(robot), part, None, tolerances)
         parts.append((start, end - start, found))
         if not found.ok:
@@ -97,22 +97,34 @@ def certificate_of_task(task: Task, motion: Motion, tolerances: Tolerances) -> C
     )
 
 
-def _part(motion: Motion, start: float, end: float) -> Motion:
-    """The motion from one time to another, both of them samples."""
+def _part(motion: Motion, robot: Robot, start: float, end: float) -> Motion:
+    """The motion from one time to another, both of them samples, with what the robot holds there.
+
+    One more sample stands in its first interval: breaks that are all the samples would look as if
+    nothing had been said of them.
+    """
     t = motion.t
     here = (t >= start - 1e-12) & (t <= end + 1e-12)
     last = np.flatnonzero(here)[-1]
     if t[last] < motion.duration and jump_gaps(t)[last - 1]:
         here[last] = False  # of the next one: the torque or the acceleration jumps there
     own = t[here] - t[here][0]
+    q, qd, qdd, tau = (column[here] for column in (motion.q, motion.qd, motion.qdd, motion.tau))
+    between = motion.sample([t[here][:2].mean()])
+    excess = (tau[:2] - torque_along(robot, State(q[:2], qd[:2], qdd[:2]))).mean(axis=0)
+    added = (*between, torque_along(robot, between) + excess)
     assert motion.breaks is not None
     inner = motion.breaks[(motion.breaks > start) & (motion.breaks < end - 2 * JUMP_GAP)] - start
+    q, qd, qdd, tau = (
+        np.insert(column, 1, row, axis=0)
+        for column, row in zip((q, qd, qdd, tau), added, strict=True)
+    )
     return Motion(
-        own,
-        motion.q[here],
-        motion.qd[here],
-        motion.qdd[here],
-        motion.tau[here],
+        np.insert(own, 1, own[:2].mean()),
+        q,
+        qd,
+        qdd,
+        tau,
         motion.label,
         np.concatenate([[0.0], inner, [own[-1]]]),
     )
