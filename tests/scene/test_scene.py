@@ -266,6 +266,13 @@ def test_a_part_keeps_clear_from_the_stop_on_at_which_it_is_picked(around: mo.Mo
         mo.Payload(1.0, shape={"start": [0, 0, 0], "end": [0, 0, 1]})
 
 
+def test_a_blocked_stop_is_said_before_any_order_is_solved(monkeypatch) -> None:
+    monkeypatch.setattr("microbot_ocp.planning._stops_among.solve_stops", None)
+    stops = [ENDS[0], mo.Stop(q=[0.2, 0.0, 0.0], name="through"), ENDS[1]]
+    with pytest.raises(InputError, match="stop 'through' in collision with 'post' by"):
+        mo.time_optimal(ARM, stops, scene=POST, order="free")
+
+
 BOLT = mo.Payload(0.1, shape=mo.Capsule([0.05, 0, 0], [0.1, 0, 0], 0.05, "bolt"))
 MOVED = [
     mo.Stop(q=[-0.4, 0.3, 0.2], payload=BOLT, name="pick"),

@@ -41,6 +41,7 @@ from microbot_ocp.planning._parts import (
 )
 from microbot_ocp.planning._stop_search import StopSearch, guess_along, in_order, solve_stops
 from microbot_ocp.planning._stop_task import Task, task_of
+from microbot_ocp.planning._stops import Stop
 from microbot_ocp.planning._task import reach_of
 from microbot_ocp.robot import Robot
 from microbot_ocp.scene import (
@@ -157,6 +158,8 @@ def motions_among(
     robot = with_arm_capsules(robot)
     told: dict[str, Any] = {"scene": list(scene.names)}
     if order != "given":
+        bare = [replace(s, payload=None) if isinstance(s, Stop) else s for s in stops]
+        _clear_ways(task_of(robot, bare, limits, segments=segments, cycle=cycle), scene)
         first = solve_stops(robot, limits, *plan, settings, progress)
         if not first.solved:
             return [(0.0, first)], ""
@@ -220,17 +223,16 @@ def _between(motion: Motion, place: Place) -> FloatArray:
     return motion.sample(np.linspace(place.start, place.end, SAMPLES)).q
 
 
-def _ways_around(
-    task: Task, scene: Scene, progress: StepProgress
-) -> list[tuple[Way, dict[str, PiecewisePolynomial]]]:
-    """Ways with their free segments around the obstacles, the fastest first.
+def _clear_ways(task: Task, scene: Scene) -> list[tuple[Way, list[Surroundings]]]:
+    """Ways whose poses at the stops touch nothing, with what is around each segment.
 
-    None where the planner finds no way between the poses at the stops.
+    Raises
+    ------
+    InputError
+        There is none.
     """
-    ways = ways_through(task)
-    found = []
-    refused: list[str] = []
-    for way in ways:
+    clear, refused = [], []
+    for way in ways_through(task):
         scenes = scenes_of(task, scene, tool_poses(task.robot, way.via))
         places = [
             Surroundings(robot, own.without_parts_of(robot))
@@ -239,7 +241,22 @@ def _ways_around(
         blocked = _blocked(task, places, way)
         if blocked:
             refused.append(blocked)
-            continue
+        else:
+            clear.append((way, places))
+    if not clear:
+        raise InputError(refused[0])
+    return clear
+
+
+def _ways_around(
+    task: Task, scene: Scene, progress: StepProgress
+) -> list[tuple[Way, dict[str, PiecewisePolynomial]]]:
+    """Ways with their free segments around the obstacles, the fastest first.
+
+    None where the planner finds no way between the poses at the stops.
+    """
+    found = []
+    for way, places in _clear_ways(task, scene):
         for seed in range(SEEDS):
             led = _led_around(task, places, way, seed)
             if led is None:
@@ -248,8 +265,6 @@ def _ways_around(
             if any(way is other and duration == known for known, other, _ in found):
                 break  # no segment is blocked: other seeds lead to the same
             found.append((duration, way, led))
-    if len(refused) == len(ways):
-        raise InputError(refused[0])
     found.sort(key=lambda entry: entry[0])
     kept: list[tuple[float, Way, dict[str, PiecewisePolynomial]]] = []
     for duration, way, led in found:
