@@ -153,13 +153,16 @@ def _detour(around: Surroundings, start: FloatArray, goal: FloatArray, seed: int
     planner = geometric.RRTConnect(information)
     planner.setProblemDefinition(problem)
     planner.setup()
-    exact = bool(
+    # the planner waits for another end without a check where it takes one for invalid
+    exact = all(information.isValid(state) for state in ends) and bool(
         planner.solve(
             base.PlannerTerminationCondition(lambda: checks > MOST_CHECKS or deadline.over())
         )
     )
     if not exact or not problem.hasExactSolution():
-        left = float(problem.getSolutionDifference())
+        left = float(problem.getSolutionDifference())  # negative where it was not begun
+        if left < 0.0:
+            left = float(np.linalg.norm((goal - start) * weights))
         return Detour(seed, None, checks, left / float(weights[moving].max()))
     found = problem.getSolutionPath()
     corners = np.tile(start, (found.getStateCount(), 1))
