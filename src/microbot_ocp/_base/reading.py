@@ -51,17 +51,28 @@ def content_of(path: str | Path) -> bytes:
     return content
 
 
-def text_of(path: str | Path, what: str) -> str:
-    """The text of a plain file; ``what`` it is, such as "task file", begins the message.
+def bytes_of(path: str | Path, what: str) -> bytes:
+    """The bytes of a plain file; ``what`` it is, such as "task file", begins the message.
 
     Raises
     ------
     InputError
     """
     try:
-        return content_of(path).decode()
-    except UnicodeDecodeError:
-        reason: object = "it is not text"
+        return content_of(path)
     except (OSError, ValueError) as problem:  # a NUL character in the path
         reason = getattr(problem, "strerror", None) or problem
-    raise InputError(f"{what} {str(path)!r} cannot be read: {reason}") from None
+        raise InputError(f"{what} {str(path)!r} cannot be read: {reason}") from None
+
+
+def text_of(path: str | Path, what: str) -> str:
+    """The text of a plain file, as :func:`bytes_of`.
+
+    Raises
+    ------
+    InputError
+    """
+    try:
+        return bytes_of(path, what).decode()
+    except UnicodeDecodeError:
+        raise InputError(f"{what} {str(path)!r} cannot be read: it is not text") from None

@@ -160,24 +160,29 @@ class CellFile:
         InputError
             A motion of another task.
         """
-        order = motion.provenance.get("order", range(len(self.stops)))
+        stops, segments = self._in_order_of(motion)
         certificate = certify(
             self.robot,
             motion,
             self.limits,
-            via_q=[self.stops[k] for k in order],
-            segments=in_order(self.segments, order),
+            via_q=stops,
+            segments=segments,
             cycle=self.cycle,
             scene=self.scene,
         )
         return self._cell(motion, certificate)
 
-    def _cell(self, motion: Motion, certificate: Certificate) -> Cell:
+    def _in_order_of(self, motion: Motion) -> tuple[tuple[Stop, ...], tuple[Segment, ...] | None]:
+        """Stops and segments in the order in which a motion has them."""
         order = motion.provenance.get("order", range(len(self.stops)))
+        return tuple(self.stops[k] for k in order), in_order(self.segments, order)
+
+    def _cell(self, motion: Motion, certificate: Certificate) -> Cell:
+        stops, segments = self._in_order_of(motion)
         return Cell(
             robot=self.robot.with_limits(self.limits),
-            stops=tuple(self.stops[k] for k in order),
-            segments=in_order(self.segments, order),
+            stops=stops,
+            segments=segments,
             cycle=self.cycle,
             motion=replace(motion, provenance={**motion.provenance, "robot": self.robot.name}),
             certificate=certificate,

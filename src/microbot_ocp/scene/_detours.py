@@ -154,7 +154,8 @@ def _detour(around: Surroundings, start: FloatArray, goal: FloatArray, seed: int
     planner.setProblemDefinition(problem)
     planner.setup()
     # the planner waits for another end without a check where it takes one for invalid
-    exact = all(information.isValid(state) for state in ends) and bool(
+    known = all(space.satisfiesBounds(s) and information.isValid(s) for s in ends)
+    exact = known and bool(
         planner.solve(
             base.PlannerTerminationCondition(lambda: checks > MOST_CHECKS or deadline.over())
         )

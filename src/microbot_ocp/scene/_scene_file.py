@@ -6,7 +6,6 @@ allowed.
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,7 @@ import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError, naming
-from microbot_ocp._base.reading import content_of
+from microbot_ocp._base.toml_file import table_from
 from microbot_ocp.robot import Capsule, Shape, read_mesh
 from microbot_ocp.robot.files import read_urdf_shapes
 from microbot_ocp.scene._obstacles import (
@@ -87,11 +86,7 @@ def read_scene(
         path = Path(source)
         if path.suffix.lower() in (".urdf", ".xacro"):
             return Scene(_of_urdf(path))
-        try:
-            source = tomllib.loads(content_of(path).decode())
-        except (OSError, ValueError, RecursionError) as problem:
-            why = getattr(problem, "strerror", None) or problem
-            raise InputError(f"scene file {str(path)!r} cannot be read: {why}") from None
+        source = table_from(path, "scene")
         folder, origin = path.parent, path.name
     for key in source:
         checks.one_of(f"key of {origin}", key, SCENE_KEYS)

@@ -23,7 +23,6 @@ import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError, naming
-from microbot_ocp._base.reading import content_of
 from microbot_ocp.limits import Limits
 from microbot_ocp.robot._links import Link, inertia_fault
 from microbot_ocp.robot._model import Robot
@@ -38,7 +37,7 @@ from microbot_ocp.robot.files._urdf_file import (
     UrdfJoint,
     urdf_file,
 )
-from microbot_ocp.robot.files._xacro import expanded
+from microbot_ocp.robot.files._xacro import urdf_content
 from microbot_ocp.robot.files._xml import read_xml
 
 PARALLEL = 1e-12  # rad: what rounding in the computation leaves between parallel axes
@@ -128,14 +127,8 @@ def read_urdf(
         as they stand), joints without limits, missing meshes, joints held on the way.
     """
     name = str(path)
-    try:
-        data = content_of(name)
-    except (OSError, ValueError) as problem:
-        reason = getattr(problem, "strerror", None) or problem
-        raise InputError(f"robot file {name!r} cannot be read: {reason}") from None
+    data = urdf_content(name, "robot file")
     short = Path(name).name
-    if Path(name).suffix.lower() == ".xacro":
-        data = expanded(Path(name))
     folder = Path(name).absolute().parent
     return parse_urdf(data, short, tip, parallel_tolerance=parallel_tolerance, folder=folder)
 

@@ -8,11 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from microbot_ocp._base.checks import InputError, naming
-from microbot_ocp._base.reading import content_of
 from microbot_ocp.robot._shapes import Shape
 from microbot_ocp.robot.files._remarks import Remarks
 from microbot_ocp.robot.files._urdf_file import urdf_file
-from microbot_ocp.robot.files._xacro import expanded
+from microbot_ocp.robot.files._xacro import urdf_content
 from microbot_ocp.robot.files._xml import read_xml
 
 
@@ -26,10 +25,7 @@ def read_urdf_shapes(path: str | Path) -> tuple[Shape, ...]:
         root.
     """
     file = Path(path)
-    try:
-        data = expanded(file) if file.suffix.lower() == ".xacro" else content_of(file)
-    except (OSError, ValueError) as problem:
-        raise InputError(f"scene file {str(path)!r} cannot be read: {problem}") from None
+    data = urdf_content(file, "scene file")
     remarks = Remarks()
     with naming(f"{file.name}: "):
         read = urdf_file(read_xml(data, remarks), file.name, file.absolute().parent, remarks)

@@ -6,7 +6,20 @@ from pathlib import Path
 from typing import Any
 
 from microbot_ocp._base.checks import InputError
+from microbot_ocp._base.reading import bytes_of
 from microbot_ocp.robot.files._mesh_files import package_folder
+
+
+def urdf_content(path: str | Path, what: str) -> str | bytes:
+    """What a URDF file holds, or a xacro file once it is expanded.
+
+    Raises
+    ------
+    InputError
+        As :func:`bytes_of` and :func:`expanded`.
+    """
+    data = bytes_of(path, what)
+    return expanded(Path(path)) if Path(path).suffix.lower() == ".xacro" else data
 
 
 def expanded(path: Path) -> str:
