@@ -174,9 +174,19 @@ def test_another_study_is_refused(disturbed: Disturbed, client: Any) -> None:
 
 def test_a_broken_file_is_done_again(disturbed: Disturbed, client: Any, tmp_path: Path) -> None:
     folder = shutil.copytree(disturbed.results.folder, tmp_path / "copy")
-    part = min((folder / "cases").glob("part-*"))
-    part.write_bytes(part.read_bytes()[:-9])
-    assert same_as_a_plain_loop(run_study(study(), folder, client=client), [0])
+    short, flipped = sorted((folder / "cases").glob("part-*"))[:2]
+    short.write_bytes(short.read_bytes()[:-9])
+    content = bytearray(flipped.read_bytes())
+    content[content.index(b"solved")] ^= 1
+    flipped.write_bytes(content)
+    with pytest.raises(mo.InputError, match="damaged"):
+        mo.load_sweep(folder).read()
+    said: list[str] = []
+    results = run_study(
+        study(), folder, client=client, progress=lambda step: said.append(step.text)
+    )
+    assert same_as_a_plain_loop(results, [0, 1])
+    assert said[0] == f"{COUNT - 2} of {COUNT} cases, starting, 3 without a solution"
 
 
 def test_a_scheduler_that_ends_is_said(tmp_path: Path) -> None:

@@ -13,7 +13,6 @@ import queue
 import signal
 import sys
 import time
-from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from multiprocessing import resource_tracker
@@ -242,7 +241,8 @@ class _Told:
     def __init__(self, results: Sweep, progress: Progress | None) -> None:
         self._progress, self._count = progress, results.count
         self._begun, self._before = time.monotonic(), results.done
-        self.done, self.failures = self._before, 0
+        self.done = self._before
+        self.failures = int(np.sum(results.read(["status"])["status"] != Status.SOLVED))
         self.notes: dict[str, None] = {}
 
     def __call__(self, stage: str = "solve") -> None:
@@ -400,8 +400,3 @@ def _span(seconds: float) -> str:
         if seconds >= 2 * size:
             return f"{seconds / size:.3g} {unit}"
     return f"{seconds:.0f} s"
-
-
-def failures_of(rows: Sequence[Mapping[str, Any]]) -> Counter[str]:
-    """How many rows end with each status but "solved"."""
-    return Counter(row["status"] for row in rows if row["status"] != Status.SOLVED)

@@ -30,6 +30,8 @@ PARTS = "cases"
 MOTIONS = "motions"
 TYPES = {"int": "int64", "float": "float64", "bool": "bool_", "text": "string"}
 TIMES = re.compile(r".*_time")  # columns that differ from run to run
+# What pyarrow raises for damaged files.
+DAMAGED = (OSError, ValueError, KeyError, NotImplementedError, RuntimeError)
 _PART = re.compile(r"part-(\d{8})\.parquet")
 
 
@@ -106,10 +108,10 @@ class Sweep:
         paths = [str(self._part(number)) for number in self.parts]
         if not paths:
             return {name: np.empty(0, _empty(kinds[name])) for name in names}
-        parquet, wanted = needed("pyarrow.parquet"), list(dict.fromkeys(["case", *names]))
+        wanted = list(dict.fromkeys(["case", *names]))
         try:
-            table = parquet.read_table(paths, columns=wanted).select(wanted)
-        except (OSError, ValueError, KeyError) as problem:  # pyarrow's are among them
+            table = _rows(paths, columns=wanted).select(wanted)
+        except DAMAGED as problem:
             raise InputError(
                 f"a file in {shortened(str(self.folder / PARTS), 120)} is damaged: "
                 f"{shortened(str(problem), 120)}; the sweep's command does its cases again"
@@ -169,7 +171,8 @@ class Sweep:
                 write_whole(place / f"{name}.npz", content)
         schema = arrow.schema([(n, getattr(arrow, TYPES[k])()) for n, k in self.about["columns"]])
         with whole_file(self._part(number)) as partial:
-            parquet.write_table(arrow.Table.from_pylist(rows, schema=schema), partial)
+            table = arrow.Table.from_pylist(rows, schema=schema)
+            parquet.write_table(table, partial, write_page_checksum=True)
         return rows
 
 
@@ -261,13 +264,20 @@ def opened(study: Study, folder: Path) -> Sweep:
 
 
 def _whole(sweep: Sweep, number: int) -> bool:
-    """Whether a part file has all its rows, which a broken disk may have lost."""
+    """Whether a part file has all its rows as they were written."""
     chunk = int(sweep.about["chunk"])
     try:
-        rows = needed("pyarrow.parquet").read_metadata(sweep._part(number)).num_rows
-    except (OSError, ValueError):
+        rows = _rows(str(sweep._part(number))).num_rows
+    except DAMAGED:
         return False
     return rows == min(chunk, sweep.count - number * chunk)
+
+
+def _rows(paths: str | list[str], **options: Any) -> Any:
+    """The table of part files, whose pages are compared with their checksums."""
+    table = needed("pyarrow.parquet").read_table(paths, page_checksum_verification=True, **options)
+    table.validate(full=True)
+    return table
 
 
 def _empty(kind: str) -> Any:
