@@ -3,6 +3,7 @@
 import os
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import casadi as ca
@@ -15,7 +16,14 @@ from microbot_ocp._base.child_process import Died, OutOfTime, in_child
 from microbot_ocp.ocp import Refined, solve_refined, verify
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.solution import Rollouts, completed, default_guess, scaled
-from microbot_ocp.ocp.solvers import SolverSettings, _other_starts, _run, solutions, solve
+from microbot_ocp.ocp.solvers import (
+    SolverSettings,
+    _other_starts,
+    _run,
+    _solve,
+    solutions,
+    solve,
+)
 from microbot_ocp.ocp.solvers._smoothing import smoothed
 from microbot_ocp.ocp.transcription import Guess, Transcription
 from microbot_ocp.ocp.transcription.schemes import within_bounds
@@ -320,9 +328,46 @@ def test_no_more_starts_are_tried_where_the_first_agree(monkeypatch):
     monkeypatch.setattr(_other_starts._Coarse, "solved", counted)
     first = solve(double_integrator())
     assert first.status.solved
-    assert len(solved) == 1 + _other_starts.AGREE  # the answer itself, too
+    count = len(solved)
+    assert count <= 1 + _other_starts.AGREE + _other_starts.SIMULATED  # the answer itself, too
     solve(double_integrator(), 20, first)
-    assert len(solved) == 1 + _other_starts.AGREE  # a solution was compared when it was found
+    assert len(solved) == count  # a solution was compared when it was found
+
+
+def test_of_simulations_that_are_as_near_the_cheapest_comes_first():
+    """Nothing is asked of the end, so all are as near; heat kills what costs, and then too much."""
+    problem = OptimalControlProblem("plateau")
+    phase = problem.phase("heat", 10.0)
+    hot = phase.state("hot", initial=0.0)
+    killed = phase.state("killed", initial=0.0)
+    u = phase.control("u", lower=0.0, upper=1.0)
+    phase.derivative(hot, u)
+    phase.derivative(killed, ca.exp(3 * (hot - 9)))
+    phase.end_cost((killed - 2) ** 2)
+    simulations = Rollouts(problem, default_guess(problem))
+
+    def cost(guess):
+        return float((guess["heat"].values["killed"](np.ones(1))[0, 0] - 2) ** 2)
+
+    costs = [cost(guess) for guess in simulations.nearest_first(steps=True, cost=cost)]
+    assert len(costs) == 10
+    assert costs == sorted(costs)
+    assert costs[0] < 4.0 < costs[-1]
+
+
+def test_the_least_of_several_optima_that_was_met_once_is_no_solution(monkeypatch):
+    def lone(solution, *_):
+        return replace(solution, rivals=(0.0, 0.2), agreed=1), []
+
+    monkeypatch.setattr(_solve, "cheaper_elsewhere", lone)
+    found = solve(double_integrator())
+    assert found.status is Status.LOCAL_OPTIMUM
+    assert found.cost == pytest.approx(2.0, rel=1e-6)
+    assert "other starts ended in 1 more" in found.advice
+    refined = solve_refined(double_integrator())
+    assert refined.status is Status.LOCAL_OPTIMUM
+    assert refined.solution.cost == pytest.approx(2.0, rel=1e-6)
+    assert "There may well be a cheaper one".lower() in refined.advice.lower()
 
 
 def test_scales_of_states_behind_fast_ones_are_those_of_a_simulation():

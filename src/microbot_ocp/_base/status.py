@@ -26,6 +26,7 @@ class Status(StrEnum):
     FAILED = "failed"
     GAP_LEFT = "gap left"
     TOO_COARSE = "mesh too coarse"
+    LOCAL_OPTIMUM = "local optimum"
     # refinement
     NOT_ACCEPTED = "finer mesh not accepted"
     NO_PROGRESS = "no progress"
@@ -84,6 +85,10 @@ _SENTENCES = {
     Status.TOO_COARSE: (
         "Converged on a mesh on which the dynamics are not met between its points: give more "
         "intervals, or leave the mesh out."
+    ),
+    Status.LOCAL_OPTIMUM: (
+        "Converged to a local optimum. Of many starts none but one led to it and the others to "
+        "dearer ones, so there may well be a cheaper one: give a guess that is near what is meant."
     ),
     Status.NOT_ACCEPTED: (
         "A finer mesh was not solved, or only at a higher cost: the last accepted solution is "

@@ -184,12 +184,22 @@ def solve_refined(
         meshes.append(round(FINER * mesh))
     for begin in meshes:
         found = _from_mesh(problem, begin, guess, settings, scheme, goal, limits, until, progress)
-        if best is None or found.status.solved or _worst(found) < _worst(best):
+        if best is None or _preferred(found, best):
             best = found
-        if found.status in DONE or time.perf_counter() >= until:
+        done = found.status in DONE and not found.solution.found_once
+        if done or time.perf_counter() >= until:
             break
     assert best is not None
+    if best.status.solved and best.solution.found_once:
+        return replace(best, status=Status.LOCAL_OPTIMUM)
     return best
+
+
+def _preferred(found: Refined, best: Refined) -> bool:
+    """Whether a second try is better than the first."""
+    if found.status.solved and best.status.solved:
+        return found.solution.cost < best.solution.cost
+    return found.status.solved or (not best.status.solved and _worst(found) < _worst(best))
 
 
 def _from_mesh(
@@ -374,7 +384,7 @@ class _Refinement:
         missed = self.goal.missed(self._last_accepted()) if self.history else ()
         if more > SETTLED * EASED:
             missed = (*missed, f"controls that are known to save {more:.1e} of the cost")
-        best = replace(self.best, rivals=first.rivals) if first.rivals else self.best
+        best = replace(self.best, rivals=first.rivals, agreed=first.agreed)
         return Refined(best, History(self.history), status, use if over else None, missed)
 
     def _will_do(self) -> bool:

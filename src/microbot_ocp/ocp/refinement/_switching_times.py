@@ -67,6 +67,8 @@ MOST_INTERVALS = 8  # of an arc at first: the order is high
 WORSE = 1e-3  # share by which the arcs may cost more than what they come from
 WRONG = 1e-3  # of its largest: a multiplier of the wrong sign that is larger frees a control
 EXCEEDED = 1e-4  # of a limit: by more it may not be exceeded on an arc where it is free to act
+KEPT = 1e-8  # of a limit: by more it is exceeded only where an arc has no more intervals to get
+FINEST = 64  # intervals of an arc that are to keep a limit between its points
 CHANGES = 4  # solves that may change the arcs
 MOST = 2 * MOST_ARCS  # of a phase: short ones may turn out to be none
 NAMES = {-1: "lower limit", 0: "free", 1: "upper limit"}
@@ -379,12 +381,13 @@ class _Search:
                 continue
             errors = state_errors(solution)
             found = self._result(solution, groups, max(float(e.max()) for e in errors))
-            if found.state_error <= self.accuracy:
+            exceeding = self._exceeding(solution)
+            if found.state_error <= self.accuracy and not (exceeding and done < rounds - 1):
                 status, said = self._judged(solution, groups)
                 if status is not Status.GAP_LEFT or self.closing:
                     break
                 self.closing, status = True, Status.ROUND_LIMIT
-            self._refine(solution, groups, errors)
+            self._refine(solution, groups, errors, exceeding)
         found = found or SwitchingTimes(status, "", (), self.first)
         if status is Status.ROUND_LIMIT:
             said = (
@@ -429,17 +432,32 @@ class _Search:
         before, after = ([p.signatures for p in own] for own in (self.plans, plans))
         return plans if before != after else None
 
+    def _exceeding(self, solution: Solution) -> set[str]:
+        """Names of the arcs that exceed a limit between their points and could be finer."""
+        return {
+            piece.name
+            for piece, excess in zip(solution.phases, excess_of_limits(solution)[0], strict=True)
+            if excess.size and KEPT < excess.max() <= EXCEEDED and piece.mesh.size <= FINEST
+        }
+
     def _refine(
-        self, solution: Solution, groups: Sequence[Sequence[Phase]], errors: Sequence[FloatArray]
+        self,
+        solution: Solution,
+        groups: Sequence[Sequence[Phase]],
+        errors: Sequence[FloatArray],
+        exceeding: set[str],
     ) -> None:
-        """More intervals for arcs whose dynamics are not accurate enough."""
+        """More intervals for arcs whose dynamics are not accurate or whose limits are not kept."""
         left = iter(errors)
         for index, (plan, group) in enumerate(zip(self.plans, groups, strict=True)):
             pieces = [solution[piece.name] for piece in group]
             arcs = [
                 replace(
                     arc,
-                    intervals=divide(piece.mesh, next(left), self.accuracy, _order(piece)).size - 1,
+                    intervals=max(
+                        divide(piece.mesh, next(left), self.accuracy, _order(piece)).size - 1,
+                        (1 + (piece.name in exceeding)) * (piece.mesh.size - 1),
+                    ),
                 )
                 for arc, piece in zip(_as_solved(plan, pieces), pieces, strict=True)
             ]

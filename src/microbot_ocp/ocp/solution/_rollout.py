@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import cached_property, partial
 
 import casadi as ca
@@ -90,13 +90,23 @@ class Rollouts:
         )
 
     def nearest_first(
-        self, durations: Mapping[str, float] | None = None, *, steps: bool = False
+        self,
+        durations: Mapping[str, float] | None = None,
+        *,
+        steps: bool = False,
+        cost: Callable[[dict[str, Guess]], float] | None = None,
     ) -> list[dict[str, Guess]]:
         """Guesses as of :func:`rollouts`; none where everything grows out of proportion.
 
         With ``steps`` controls that change once, in the middle of every phase, are tried as well.
+        Of those that are as near the cheapest comes first where ``cost`` tells it.
         """
-        return [guess for guess, _ in self._nearest(durations or {}, steps=steps)]
+        found = self._nearest(durations or {}, steps=steps)
+        if cost is not None:
+            costs = [cost(guess) for guess, _ in found]
+            order = sorted(range(len(found)), key=lambda k: (round(found[k][1], 6), costs[k]))
+            found = [found[k] for k in order]
+        return [guess for guess, _ in found]
 
     def of_any_duration(self) -> list[dict[str, Guess]]:
         """The same of durations from the lowest to the highest, three times as long each."""

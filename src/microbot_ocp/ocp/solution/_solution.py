@@ -25,6 +25,8 @@ from microbot_ocp.ocp.transcription import (
     guess_table,
 )
 
+AGREED = 2  # starts that lead to the least of several optima for it to be taken for the least
+
 
 @dataclass(frozen=True)
 class Attempt:
@@ -143,6 +145,7 @@ class Solution:
     maximize : whether its cost is a gain with the other sign, see ``objective``
     rivals : where other starts led to local optima of nearly the same cost, how much each of these
         and this one is above the least on a coarse mesh, relative to the cost, in order
+    agreed : how many starts led to the least of them; 0 where no other optima were seen
     """
 
     status: Status
@@ -160,6 +163,7 @@ class Solution:
     start: StartingPoint | None = field(default=None, repr=False)
     maximize: bool = False
     rivals: tuple[float, ...] = ()
+    agreed: int = 0
 
     def __repr__(self) -> str:
         last = f", {self.attempts[-1].solver}" if self.attempts else ""
@@ -190,6 +194,11 @@ class Solution:
     def objective(self) -> float:
         """The cost, or of a problem that maximises the gain."""
         return -self.cost if self.maximize else self.cost
+
+    @property
+    def found_once(self) -> bool:
+        """Whether it is one of several local optima of which the least was met only once."""
+        return bool(self.rivals) and self.agreed < AGREED
 
     @property
     def several(self) -> str:

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 from itertools import chain, cycle, islice
@@ -25,6 +25,7 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp.diagnosis import NotFinite, check_start
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.solution import (
+    AGREED,
     Attempt,
     Progress,
     Ranges,
@@ -58,10 +59,13 @@ WAVES = 3  # half waves of a random curve, at most
 HEIGHTS = (0.6, 0.1)  # of them, in turn, times what a state ranges over: standard deviation
 PUSH = 0.2  # share of the way from the usual controls to random ones on such a curve
 STRETCH = 0.3  # standard deviation of the logarithm of a random duration
-ITERATIONS = 150  # of one solve
+ITERATIONS = 100  # of one solve
+SEARCH = 0.6  # of the time that is left, which the search may take; the rest is for what it finds
 ENOUGH = 500  # iterations of all solves that an answer is compared with
 ENOUGH_DIFFERENT = 2000  # the same where there are different optima
+ENOUGH_ALONE = 3000  # the same where only one start led to the least of them
 AGREE = 8  # starts that led to the least cost: where as many did no more are tried
+SIMULATED = 5  # simulations that are tried before that counts: curves are near what is known
 SAME = 1e-3  # of the cost
 DURATIONS = (0.6, 2.0, 0.3, 4.0)  # times the usual ones, where they are free
 LEAST = 1.0  # s, that a kept solver is given
@@ -86,7 +90,9 @@ def cheaper_elsewhere(
     is what the solution was found from.
     """
     size = cost_size(solution.cost, solution.cost_scale)
-    coarse, known = _comparable(solution, transcription, settings, until, progress)
+    now = time.perf_counter()
+    searching = until if not np.isfinite(until) else now + SEARCH * (until - now)
+    coarse, known = _comparable(solution, transcription, settings, searching, progress)
     here = known if known.status.solved else solution
     found = [k for k in _until_they_agree(coarse, most, here, guess) if k.status.solved]
     others = _distinct(found, here, WORTH * size)
@@ -107,9 +113,10 @@ def cheaper_elsewhere(
     met = sum(k.cost - least <= SAME * size for k in (here, *found))
     told = here is known and (near or (others and met <= AGREE))
     rivals = sorted((k.cost - least) / size for k in (here, *others)) if told else ()
+    agreed = met if told else 0
     if time.perf_counter() >= until:
         best = replace(best, advice=f"{best.advice} {CUT_SHORT}")
-    return replace(best, rivals=tuple(rivals)), attempts
+    return replace(best, rivals=tuple(rivals), agreed=agreed), attempts
 
 
 def _distinct(found: list[Solution], here: Solution, worth: float) -> list[Solution]:
@@ -163,15 +170,19 @@ def _solved(coarse: _Coarse, starts: Iterable[dict[str, Guess]]) -> Iterator[Sol
             yield coarse.solved(start)
 
 
-def _answers(coarse: _Coarse, most: int, here: Solution, guess: Given) -> Iterator[Solution]:
+def _answers(
+    coarse: _Coarse, most: int, here: Solution, guess: Given
+) -> Iterator[tuple[Solution, bool]]:
     """Of the guess on other meshes, of simulations, and of curves where many are wanted.
 
-    Kinds of starts take turns; the one that leads to an optimum more often comes more often.
+    Each with whether it is the answer of a simulation. Kinds of starts take turns; the one that
+    leads to an optimum more often comes more often.
     """
     problem = coarse.transcription.problem
-    simulated = _solved(coarse, islice(_starts(problem, most, _ranges(here)), most))
+    starts = _starts(problem, most, _ranges(here), coarse.cost)
+    simulated = _solved(coarse, islice(starts, most))
     if most <= EACH + 1:
-        yield from simulated
+        yield from ((found, True) for found in simulated)
         return
     own, guess = coarse.settings, on_any_mesh(guess, problem)
     for intervals in MESHES:
@@ -179,21 +190,23 @@ def _answers(coarse: _Coarse, most: int, here: Solution, guess: Given) -> Iterat
             made = solve_on(
                 coarse.transcription, intervals, guess, own, coarse.until, coarse.progress
             )
-            yield coarse.solved(made) if made.status.solved else made
+            yield (coarse.solved(made) if made.status.solved else made), False
     further = Rollouts(problem, *_usual(coarse, here)).random(RANDOM)
     curves = _curves(problem, here, np.random.default_rng(0))
     kinds = [chain(simulated, _solved(coarse, further)), _solved(coarse, islice(curves, RANDOM))]
+    simulates = [True, False]
     solved, tried = np.zeros(2), np.zeros(2)
     while kinds:
         kind = int(np.argmax((solved + 1) / (tried + 1) ** 2))
         found = next(kinds[kind], None)
         if found is None:
             kinds.pop(kind)
+            simulates.pop(kind)
             solved, tried = np.delete(solved, kind), np.delete(tried, kind)
             continue
         solved[kind] += found.status.solved
         tried[kind] += 1
-        yield found
+        yield found, simulates[kind]
 
 
 def _iterations(solution: Solution) -> int:
@@ -205,14 +218,17 @@ def _until_they_agree(
 ) -> Iterator[Solution]:
     """Answers until as many as ``AGREE`` cost what the cheapest does, or enough was tried."""
     size = cost_size(here.cost, here.cost_scale)
-    costs, spent = [here.cost], 0
-    for found in _answers(coarse, most, here, guess):
+    costs, spent, simulations = [here.cost], 0, 0
+    for found, simulated in _answers(coarse, most, here, guess):
         yield found
         spent += _iterations(found)
+        simulations += simulated
         costs += [found.cost] if found.status.solved else []
         off = (np.array(costs) - min(costs)) / size
-        different = bool(np.any(off > WORTH))
-        if np.sum(off <= SAME) > AGREE or spent > (ENOUGH_DIFFERENT if different else ENOUGH):
+        met = int(np.sum(off <= SAME))
+        enough = ENOUGH_DIFFERENT if np.any(off > WORTH) else ENOUGH
+        enough = ENOUGH_ALONE if met < AGREED and enough > ENOUGH else enough
+        if (met > AGREE and simulations >= SIMULATED) or spent > enough:
             return
 
 
@@ -285,11 +301,14 @@ def _ranges(solution: Solution | None) -> Ranges:
 
 
 def _starts(
-    problem: OptimalControlProblem, most: int, ranges: Ranges
+    problem: OptimalControlProblem,
+    most: int,
+    ranges: Ranges,
+    cost: Callable[[dict[str, Guess]], float] | None = None,
 ) -> Iterator[dict[str, Guess]]:
     ordinary = default_guess(problem)
     simulations = Rollouts(problem, ordinary, ranges)
-    found = simulations.nearest_first(steps=most > EACH) or [ordinary]
+    found = simulations.nearest_first(steps=most > EACH, cost=cost) or [ordinary]
     if all(low == high for low, high in (p.duration_bounds for p in problem.phases)):
         yield from found
         return
@@ -346,6 +365,12 @@ class _Coarse:
             max_iterations=min(settings.max_iterations, ITERATIONS),
             time_limit=max(until - time.perf_counter(), LEAST),
         )
+
+    def cost(self, guess: dict[str, Guess]) -> float:
+        """What a guess costs as it stands, or infinity."""
+        x = starting_point(self.program, self.transcription.problem, guess).x
+        cost = float(self.program.functions["gradient"](x, self.program.parameters)[0])
+        return cost if np.isfinite(cost) else np.inf
 
     def solved(self, guess: dict[str, Guess] | Solution) -> Solution:
         begin = starting_point(self.program, self.transcription.problem, guess)

@@ -140,7 +140,11 @@ def solve(
         if solution.status in ENDED or chatters or mesh is not None or time.perf_counter() >= until:
             break
     assert best is not None
-    return replace(best, attempts=tuple(attempts))
+    best = replace(best, attempts=tuple(attempts))
+    if best.status.solved and best.found_once:
+        status = Status.LOCAL_OPTIMUM
+        best = replace(best, status=status, advice=f"{status.sentence} {best.several}")
+    return best
 
 
 def default_mesh(problem: OptimalControlProblem | Transcription) -> int:
@@ -339,7 +343,7 @@ def _on_finer_meshes(
         size = max(abs(finer.cost), abs(solution.cost), 1e-3 * finer.cost_scale)
         left.enter(abs(finer.cost - solution.cost) / size)
         advice = finer.advice if finer.status is Status.GAP_LEFT else solution.advice
-        solution = replace(finer, advice=advice, rivals=solution.rivals)
+        solution = replace(finer, advice=advice, rivals=solution.rivals, agreed=solution.agreed)
     more = improvable(solution)
     if not alone and more > ACCURACY:
         solution, tried = improved(solution, transcription, settings, until, progress)
@@ -406,7 +410,9 @@ def _with_steady_controls(
     if not made.status.solved:
         return replace(before, attempts=attempts)
     advice = f"{made.advice} With other values at every point the cost does not settle: {STEADY}."
-    return replace(made, attempts=attempts, advice=advice, rivals=before.rivals)
+    return replace(
+        made, attempts=attempts, advice=advice, rivals=before.rivals, agreed=before.agreed
+    )
 
 
 def _checked(solution: Solution) -> Solution:
