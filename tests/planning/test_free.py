@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 
 import microbot_ocp as mo
+from microbot_ocp.motion import PiecewisePolynomial
 from microbot_ocp.ocp.refinement import _refiner as refinement
 from microbot_ocp.ocp.solution import PhaseSolution, Solution
 from microbot_ocp.ocp.solvers import solve
 from microbot_ocp.planning import TimeOptimalSettings, _free_search, time_optimal
 from microbot_ocp.planning._free_problem import polynomial
+from microbot_ocp.planning._within_limits import within_limits
 from planning.shared import ARM_VIA, VIA_Q, VIA_QD, VIA_T, arm, dense_excess, pendulum, slider
 
 
@@ -290,6 +292,27 @@ def test_a_motion_that_was_not_solved_says_so(monkeypatch):
     assert motion.provenance["status"] == "iteration limit"
     assert motion.note.startswith("not solved: Stopped at the iteration limit")
     assert motion.provenance["advice"] in motion.note
+    # what is returned all the same keeps the limits
+    assert "Returned is" in motion.note
+    assert max(dense_excess(arm(), motion).values()) < 5e-3
+
+
+def test_a_motion_is_slowed_down_only_where_it_exceeds_a_limit():
+    robot = arm()
+    family = mo.limits.LimitFamily.of(robot)
+    shape = mo.quintic(ARM_VIA, np.arange(float(len(ARM_VIA))))
+    shape = mo.shortest_duration(robot, shape).polynomial
+    faster = PiecewisePolynomial(  # by 2 %: what is at its limit exceeds it by 4 % or less
+        shape.breaks / 1.02, shape.coefficients * 1.02 ** np.arange(6)[:, None]
+    )
+    motion = within_limits(family, faster, faster.breaks, 5e-4, False)
+    assert motion is not None
+    assert mo.certify(robot, motion, via_q=ARM_VIA).ok
+    assert max(dense_excess(robot, motion).values()) < 1e-3
+    assert faster.breaks[-1] < motion.duration < shape.breaks[-1]
+    unchanged = within_limits(family, shape, shape.breaks, 5e-4, False)
+    assert unchanged is not None
+    np.testing.assert_allclose(unchanged.duration, shape.breaks[-1], rtol=1e-6)
 
 
 def test_gaps_of_a_solver_on_short_intervals_are_no_jerk():

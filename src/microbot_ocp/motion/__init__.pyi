@@ -12,6 +12,7 @@ from ._motion import (
     pieces_of as pieces_of,
     sample_times as sample_times,
     torque_along as torque_along,
+    unresolved as unresolved,
 )
 from ._polynomial import (
     PiecewisePolynomial as PiecewisePolynomial,

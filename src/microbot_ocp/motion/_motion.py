@@ -7,7 +7,7 @@ the acceleration jumps there are two samples 1 microsecond apart, the earlier on
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -34,6 +34,9 @@ SCHEMA = 1  # of the files
 ARRAYS = ("t", "q", "qd", "qdd", "tau", "breaks")
 ROUNDING = 360 * np.finfo(float).eps  # of positions, in the acceleration of a quintic, times h^-2
 NOISE = 1e-6  # of that, share of the largest acceleration
+# Share of the largest torque by which it may lie outside of what it is at both samples, halvings
+# that this may ask for, and samples above which it is not looked at
+RESOLVED, HALVINGS, MOST_LOOKED_AT = 0.02, 5, 200_000
 SAMPLE_STEP = 1e-3  # s, the longest step between the samples of a new motion
 
 
@@ -150,8 +153,9 @@ class Motion:
     ) -> Motion:
         """Sample a piecewise polynomial (degree up to five) with its inverse dynamics.
 
-        The samples are at most ``step`` seconds apart; every break is one of them. ``jumps_at`` are
-        those breaks at which something else than the acceleration jumps.
+        The samples are at most ``step`` seconds apart, and closer where torques change too fast for
+        that; every break is one of them. ``jumps_at`` are those breaks at which something else than
+        the acceleration jumps.
         """
         degree = polynomial.coefficients.shape[1] - 1
         if degree > 5:
@@ -165,11 +169,21 @@ class Motion:
         size = 1.0 + np.abs(acceleration.coefficients[:, 0]).max()
         jumps = np.abs(after - before).max(axis=1) > 1e-9 * size
         jumps |= np.isin(breaks[1:-1], jumps_at)
-        t = sample_times(breaks, breaks[1:-1][jumps], step, _steps_to_tell(acceleration))
+
+        def state_at(t: FloatArray) -> State:
+            return State(polynomial(t), velocity(t), acceleration(t))
+
+        least, places = _steps_to_tell(acceleration), breaks
+        for _ in range(HALVINGS):
+            t = sample_times(places, breaks[1:-1][jumps], step, least)
+            middle = unresolved(robot, t, state_at)
+            if not middle.size:
+                break
+            places = np.union1d(places, middle)
         return cls.from_state(
             robot,
             t,
-            State(polynomial(t), velocity(t), acceleration(t)),
+            state_at(t),
             label=label,
             breaks=breaks,
             marks=marks,
@@ -364,6 +378,20 @@ def _steps_to_tell(acceleration: PiecewisePolynomial) -> int:
     terms = np.abs(acceleration.coefficients).max(axis=2)
     terms = terms * np.diff(acceleration.breaks)[:, None] ** np.arange(terms.shape[1])
     return max(1, int(np.flatnonzero((terms > NOTHING * terms.max()).any(axis=0))[-1:].sum()))
+
+
+def unresolved(robot: Robot, t: FloatArray, state_at: Callable[[FloatArray], State]) -> FloatArray:
+    """Times half-way between samples where a torque is far outside of what it is at both.
+
+    None where the robot has no masses, or between the two sides of a jump.
+    """
+    if not robot.has_dynamics or t.size > MOST_LOOKED_AT:
+        return t[:0]
+    middle = 0.5 * (t[1:] + t[:-1])
+    tau, between = torque_along(robot, state_at(t)), torque_along(robot, state_at(middle))
+    low, high = np.minimum(tau[:-1], tau[1:]), np.maximum(tau[:-1], tau[1:])
+    outside = (np.maximum(between - high, low - between) - (high - low)).max(axis=1)
+    return middle[(outside > RESOLVED * np.abs(tau).max()) & ~jump_gaps(t)]
 
 
 def sample_times(breaks: FloatArray, jumps: FloatArray, step: float, least: int = 1) -> FloatArray:

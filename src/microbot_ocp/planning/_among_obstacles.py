@@ -74,6 +74,7 @@ class _GuidedSearch(FreeSearch):
     """The usual search, from guesses that are given, without a polish of the last digits."""
 
     tries_beside = False  # what is no faster than the best path is not refined
+    slows_down = False  # the best path is there for that
 
     def __init__(
         self,

@@ -190,26 +190,31 @@ class Curve:
         self, r: FloatArray, *, from_left: bool = False, highest: int = 2
     ) -> tuple[FloatArray, ...]:
         """Position and derivatives [N,n]; at a break of the later piece, or the earlier."""
-        shape = r.size, self.pieces[0].coefficients.shape[1]
-        tables = [np.zeros(shape) for _ in range(highest + 1)]
-        for piece, here, local in self._by_piece(r, from_left):
-            for table, values in zip(tables, evaluate(piece, local, highest=highest), strict=True):
-                table[here] = values
-        return tuple(tables)
+        return self._at(self._piece_of(r, from_left), r, highest)
 
     def inside(
         self, r: FloatArray, i: IntArray, grid: FloatArray, *, highest: int = 2
     ) -> tuple[FloatArray, ...]:
         """As :meth:`evaluate`, of parameters in the intervals i of a grid that holds the breaks."""
-        breaks, middle = self.breaks, 0.5 * (grid[1:] + grid[:-1])
-        index = np.clip(np.searchsorted(breaks, middle) - 1, 0, len(self.pieces) - 1)[i]
-        shape = r.size, self.pieces[0].coefficients.shape[1]
-        tables = [np.zeros(shape) for _ in range(highest + 1)]
-        for k, piece in enumerate(self.pieces):
-            here = index == k
-            local = np.clip(r[here] - breaks[k] + piece.limits[0], *piece.limits)
-            for table, values in zip(tables, evaluate(piece, local, highest=highest), strict=True):
-                table[here] = values
+        return self._at(self._piece_of(0.5 * (grid[1:] + grid[:-1]), False)[i], r, highest)
+
+    def _piece_of(self, r: FloatArray, from_left: bool) -> IntArray:
+        side = "left" if from_left else "right"
+        return np.clip(np.searchsorted(self.breaks, r, side=side) - 1, 0, len(self.pieces) - 1)
+
+    def _at(self, index: IntArray, r: FloatArray, highest: int) -> tuple[FloatArray, ...]:
+        """As :meth:`evaluate`, of parameters [N] in pieces ``index`` [N]."""
+        begins, ends = np.array([piece.limits for piece in self.pieces]).T
+        local = np.clip(r - self.breaks[index] + begins[index], begins[index], ends[index])
+        coefficients = np.array([piece.coefficients for piece in self.pieces])
+        table = [coefficients[index, power] for power in range(coefficients.shape[1])]
+        tables = derivatives(table, 0.0, 0.0, 1.0, local[:, None], highest=highest)
+        for k in (0, len(self.pieces) - 1):
+            if self.pieces[k].bent:
+                here = index == k
+                own = evaluate(self.pieces[k], local[here], highest=highest)
+                for whole, values in zip(tables, own, strict=True):
+                    whole[here] = values
         return tuple(tables)
 
     def parameter(self, r: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -218,8 +218,13 @@ def _timed(
     )
 
 
-def sampled(parts: Sequence[tuple[Curve, Reached]]) -> tuple[FloatArray, State, FloatArray]:
-    """Times, states and breaks of a motion; at every grid point s'' from both sides."""
+def sampled(
+    parts: Sequence[tuple[Curve, Reached]], finer: int = 1
+) -> tuple[FloatArray, State, FloatArray]:
+    """Times, states and breaks of a motion; at every grid point s'' from both sides.
+
+    ``finer`` times as many samples as the shape asks for.
+    """
     times, states, breaks, begin = [], [], [np.zeros(1)], 0.0
     lasts = sum(reached.duration for _, reached in parts)
     step = max(SAMPLE_STEP, checks.longest_step(lasts, checks.MOST_SAMPLES))
@@ -229,7 +234,7 @@ def sampled(parts: Sequence[tuple[Curve, Reached]]) -> tuple[FloatArray, State, 
         # powers of the parameter at ends where the tangent vanishes are not those of a polynomial
         bent[[0, -1]] = True
         least = np.where(bent, SAMPLES_OF_BENT, SAMPLES - 1)
-        count = np.maximum(least, np.ceil(lengths / step - 1e-9)).astype(int)
+        count = finer * np.maximum(least, np.ceil(lengths / step - 1e-9)).astype(int)
         i = np.repeat(np.arange(count.size), count + 1)
         k = np.arange(i.size) - np.repeat(np.cumsum(count + 1) - count - 1, count + 1)
         early = np.minimum(JUMP_GAP, 0.01 * lengths / count)[i]

@@ -21,9 +21,10 @@ import numpy as np
 from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.child_process import Child, Died, OutOfTime, spare_processor
+from microbot_ocp._base.codegen import compiler
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import LIMIT_TOLERANCE, LimitFamily
-from microbot_ocp.motion import Mark, Motion
+from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial, pieces_of
 from microbot_ocp.ocp import Explanation, PhaseSolution, Solution, SolverSettings
 from microbot_ocp.ocp.refinement import WORSE, Refiner
 from microbot_ocp.ocp.solution import StepProgress, quiet, unpack
@@ -65,6 +66,7 @@ from microbot_ocp.planning._task import (
     whole,
     with_locked_joints_held,
 )
+from microbot_ocp.planning._within_limits import Slowed, known_ways, within_limits
 from microbot_ocp.robot import Robot
 
 EXPLORE_MESH = 20  # intervals a phase for the first look at every start
@@ -95,6 +97,13 @@ EXPLORE_SUM, LEAST_EXPLORE_MESH = 160, 6
 # The program is scaled already: scaling every matrix again takes 9 % of a solve, for no iteration.
 # With dry friction it leads elsewhere: 9e-5 of the duration more on one of three tasks of the Puma
 UNSCALED = {"ipopt": {"mumps_scaling": 0}}
+# Of the time limit, and at most s: kept for a motion within the limits when the search is over
+SPARED, MOST_SPARED, SHORTEST = 0.2, 1.0, 1e-3
+# Intervals times joints from which a mesh is refined no further where a motion that is slowed down
+# at limits by this share keeps them: meshes that large take 5 to 30 s each
+LARGE, ENOUGH = 5000, 5e-4
+NEAR_WAY = 1e-3  # barrier parameter of a solve that stays near the way that it starts from
+MISSED = 1e-7  # of the way, by which a motion may miss a via point
 TOLD = 2e-4  # of the duration: a larger cost of the smoothing is said
 
 Trial = tuple[InitialGuess, int, str | tuple[str, ...]]  # with intervals a phase and the solver
@@ -161,6 +170,7 @@ class TimeOptimalSettings:
 class FreeSearch:
     """Several starts on a coarse mesh, the best refined until limits hold between points."""
 
+    slows_down = True  # what exceeds limits in the end
     tries_beside = True  # starts in a process of their own, while the best so far is refined
 
     def __init__(
@@ -179,7 +189,9 @@ class FreeSearch:
         self.names = phase_names(len(via) - 1)
         self.calmed: dict[str, Any] = {}
         self.relaxed: Explanation | None = None
+        self.at_least: Slowed | None = None  # what needs no search, where a time limit is given
         self._excesses: dict[Solution, list[FloatArray]] = {}
+        self._slower: dict[Solution, Motion | None] = {}
         self.ahead: tuple[Solution, Solution] | None = None  # what was refined early, and into what
         begin = time.perf_counter()
         kernels = kernels or self._kernels()
@@ -197,6 +209,7 @@ class FreeSearch:
             rough=ROUGH_TOLERANCE,
             polishing=0 if has_windows(family) or len(self.names) > MOST_POLISHED else POLISHING,
             fitted=partial(with_windows, self.dry) if has_windows(family) else None,
+            enough=self._is_enough if self.slows_down else None,
         )
 
     def _kernels(self, budget: float | None = None) -> Transcription:
@@ -205,11 +218,18 @@ class FreeSearch:
         return transcription(held, self.via.tobytes(), len(self.via), compiled, budget=budget)
 
     def run(self) -> Motion:
-        begin = time.perf_counter()
-        starts, solution = self.search()
-        if self.settings.slack and self._rank(solution)[0] is False and not deadline.over():
-            solution = self._calmer(solution)
-        motion = self._motion(solution, starts, time.perf_counter() - begin + self.kernel_time)
+        begin, left = time.perf_counter(), deadline.left()
+        if self.slows_down and np.isfinite(left):  # later there may be no time for it
+            self.at_least = self._known_ways()
+        spared = min(SPARED * left, MOST_SPARED) if self.slows_down else 0.0
+        with deadline.within(max(left - spared, SHORTEST)):
+            starts, solution = self.search()
+            if self.settings.slack and self._rank(solution)[0] is False and not deadline.over():
+                solution = self._calmer(solution)
+            motion = self._motion(solution, starts, time.perf_counter() - begin + self.kernel_time)
+        kept = motion.solved and not self._is_enough(solution)
+        if self.slows_down and not kept and solution.status is not Status.INTERRUPTED:
+            motion = self._within_limits(motion, solution)
         if not self.settings.switching_times or not motion.solved:
             return motion
         held: Robot = with_locked_joints_held(self.family).robot
@@ -376,7 +396,9 @@ class FreeSearch:
         solved = [s for s in found if s.status.solved]
         if not solved:
             nearest = min(found, key=lambda s: (not s.attempts, s.attempts[-1].infeasibility))
-            relaxed = self._relaxed(nearest)
+            relaxed = self._from_known_ways(nearest)
+            if not relaxed.status.solved:
+                relaxed = self._relaxed(nearest)
             if not relaxed.status.solved:
                 return self.refiner.finished(self._refined(relaxed))
             solved = [relaxed]
@@ -402,6 +424,24 @@ class FreeSearch:
             best = refined if best is None else min(best, refined, key=self._rank)
         assert best is not None
         return self.refiner.finished(best)
+
+    def _from_known_ways(self, nearest: Solution) -> Solution:
+        """What a way with its best timing leads to where no other start led anywhere."""
+        if not self.slows_down or deadline.over() or nearest.status is Status.INTERRUPTED:
+            return nearest
+        self.at_least = self.at_least or self._known_ways()
+        if self.at_least is None:
+            return nearest
+        motion, name = self.at_least
+        shape = PiecewisePolynomial(motion.t, pieces_of(motion))
+        times = np.array([mark.time for mark in motion.marks])
+        guesses = guesses_along(self.names, shape, times)
+        meshes = [phase.mesh for phase in nearest.phases]
+        found = self._coarse_refiner.solve(
+            meshes, guesses, tolerance=EXPLORE_TOLERANCE, barrier=NEAR_WAY
+        )
+        self.progress(f"start {name}: {found.duration:.4f} s, {found.status}")
+        return found if found.status.solved else nearest
 
     def _relaxed(self, nearest: Solution) -> Solution:
         """The nearest of answers that break limits, after a look at what has to give.
@@ -467,8 +507,20 @@ class FreeSearch:
 
     def _rank(self, solution: Solution) -> tuple[bool, float]:
         """What keeps its limits first, then what is faster."""
-        kept = solution.status.solved and self._largest_excess(solution) <= LIMIT_TOLERANCE
+        kept = solution.status.solved and (
+            self._largest_excess(solution) <= LIMIT_TOLERANCE or self._is_enough(solution)
+        )
         return not kept, solution.duration
+
+    def _is_enough(self, solution: Solution) -> bool:
+        """Whether a motion on a large mesh is slowed down, by next to nothing, not refined."""
+        size = sum(phase.mesh.size - 1 for phase in solution.phases) * self.robot.joint_count
+        if size < LARGE or not solution.status.solved or self.settings.slack:
+            return False
+        if self._largest_excess(solution) <= self.settings.limit_tolerance:
+            return False
+        slower = self._slowed(solution)
+        return slower is not None and slower.duration <= (1.0 + ENOUGH) * solution.duration
 
     def _largest_excess(self, solution: Solution) -> float:
         return max(float(e.max()) for e in self._excess(solution))
@@ -555,6 +607,53 @@ class FreeSearch:
         return self._excesses[solution]
 
     # result ---------------------------------------------------------------------------------
+
+    def _within_limits(self, motion: Motion, solution: Solution) -> Motion:
+        """A motion that keeps the limits in the place of one that does not, where there is one.
+
+        A solution slowed down by no more than two meshes may differ counts as solved.
+        """
+        told = motion.provenance
+        found, made_from = self._slowed(solution), "the motion found, slowed down at limits"
+        if found is None:
+            found, made_from = self.at_least or self._known_ways() or (None, "")
+        if found is None:
+            return motion
+        slower = found.duration / solution.duration - 1.0
+        status, advice, note = told["status"], told["advice"], motion.note
+        if status != Status.TIME_LIMIT and solution.status.solved and slower <= WORSE:
+            status = Status.SOLVED
+        elif status == Status.LIMITS_EXCEEDED:
+            status, advice = Status.NOT_ACCEPTED, Status.NOT_ACCEPTED.sentence
+        elif status == Status.INFEASIBLE:  # there is a motion
+            status, advice = Status.FAILED, "The search found no motion within the limits."
+        if status == Status.SOLVED:
+            advice = Status.SOLVED.sentence
+            note += f"; slowed down by {100 * slower:.2g} % where it exceeded limits"
+        else:
+            advice += f"\nReturned is {made_from}: it keeps every limit, but others may be faster."
+            note = f"not solved: {advice}"
+        more = {"status": str(status), "advice": advice, "made_from": made_from}
+        return replace(found, provenance={**told, **more}, note=note)
+
+    def _known_ways(self) -> Slowed | None:
+        return known_ways(self.family, self.via, self.settings.compiled and compiler() is not None)
+
+    def _slowed(self, solution: Solution) -> Motion | None:
+        """A solution slowed down until it keeps the limits; None where it is none."""
+        if solution not in self._slower:
+            self._slower[solution] = self._slowed_anew(solution)
+        return self._slower[solution]
+
+    def _slowed_anew(self, solution: Solution) -> Motion | None:
+        if not solution.phases or not np.isfinite(solution.duration):
+            return None
+        shape, times = polynomial(solution), via_times(solution)
+        missed = np.abs(shape(times) - self.via).max()
+        if not missed <= MISSED * np.abs(np.diff(self.via, axis=0)).max():
+            return None
+        fast = self.settings.compiled and compiler() is not None
+        return within_limits(self.family, shape, times, self.settings.limit_tolerance, fast)
 
     def _motion(
         self,

@@ -144,15 +144,16 @@ def reach(
     start_free: bool,
     end_free: bool,
     fast: bool,
+    fastest: float = np.inf,
 ) -> Reached:
-    """Best timing of a curve on its grid, from rest to rest.
+    """Best timing of a curve on its grid, from rest to rest, with ds/dt at most ``fastest``.
 
     ``start_free`` and ``end_free`` leave ds/dt free at an end where the tangent vanishes, as the
     arm rests there all the same. Friction goes with the root of x and is linearised around the
     timing found last.
     """
     free = (start_free, end_free)
-    speed_limit = along.limits.speed_limit(along.nodes, along.s.size)
+    speed_limit = np.minimum(along.limits.speed_limit(along.nodes, along.s.size), fastest**2)
     timing = _passes(along.s, along.rows, speed_limit, free, fast)
     for _ in range(FRICTION_PASSES if along.rubs else 0):
         if not timing.feasible or deadline.over():

@@ -82,6 +82,8 @@ def fastest_through(
 class StopSearch(FreeSearch):
     """Ways through every branch on a coarse mesh, the best refined until limits hold."""
 
+    slows_down = False  # velocities and cycles at stops are given
+
     def __init__(
         self,
         task: Task,

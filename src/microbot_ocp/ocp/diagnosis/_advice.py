@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.diagnosis._finiteness import not_finite
@@ -31,7 +32,7 @@ def advice(
     attempts : the solvers that were tried; the last one left x
     """
     status, start = attempts[-1].status, begin.x
-    if status in (Status.SOLVED, Status.INTERRUPTED):
+    if status in (Status.SOLVED, Status.INTERRUPTED) or deadline.over():
         return status.sentence
     lines = [status.sentence]
     lines += [

@@ -80,6 +80,8 @@ class Refiner:
         the next optimum would exceed it there.
     fitted : callable, optional
         Gives the kernels the parameters that belong to a mesh and a start.
+    enough : callable, optional
+        Tells of a solution that exceeds constraints whether it is refined no further all the same.
     """
 
     transcription: Transcription
@@ -98,6 +100,7 @@ class Refiner:
     polishing: int = MOST_POLISHING
     foresight: float = 1.0
     fitted: Fitted | None = None
+    enough: Callable[[Solution], bool] | None = None
     history: list[dict[str, Any]] = field(default_factory=list)
     last: Solution | None = None  # of any solve, accepted or not
 
@@ -132,6 +135,8 @@ class Refiner:
         As it is where that takes too long or does not keep the limits.
         """
         if not (self.rough and self.polishing and solution.status.solved) or self.over:
+            return solution
+        if self._is_enough(solution):
             return solution
         wanted = self.settings.gap
         known = cast("float", solution.settings.get("gap", np.inf)) <= wanted  # it was solved so
@@ -263,6 +268,8 @@ class Refiner:
                 marked = [own | switch.reshape(-1, 1) for own, switch in pairs]
             if worst <= self.limit_tolerance and not switches:
                 break
+            if self._is_enough(solution):
+                break
             meshes = [
                 split(phase.mesh, own) for phase, own in zip(solution.phases, marked, strict=True)
             ]
@@ -277,6 +284,9 @@ class Refiner:
             gained = solution.cost - refined.cost
             solution = refined
         return solution
+
+    def _is_enough(self, solution: Solution) -> bool:
+        return self.enough is not None and self.enough(solution)
 
     def sharpen(
         self, solution: Solution, switching: Switching, *, worth: float = SHARP

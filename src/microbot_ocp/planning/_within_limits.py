@@ -1,0 +1,168 @@
+"""Motions that keep every limit, from one that exceeds some between the points of its mesh.
+
+The path of such a motion is timed anew: no faster than before anywhere, and slower only where a
+limit asks for it. That takes two passes of reachability, and costs about as much as one more mesh
+would gain. Limits of jerk and torque rate, and others that reachability cannot keep, take a motion
+that is slowed down evenly. Where nothing is found at all there are ways that need no search.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from microbot_ocp._base import deadline
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp.limits import LIMIT_TOLERANCE, LimitFamily, MotionSamples
+from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial, unresolved
+from microbot_ocp.planning._curve import Curve, CurvePiece
+from microbot_ocp.planning._fast_timing import sampled, time_path
+from microbot_ocp.planning._path_limits import LATER
+from microbot_ocp.planning._paths import straight_through
+from microbot_ocp.planning._reachability import CurveLimits, Reached, reach
+from microbot_ocp.planning._scale import TaskScale
+from microbot_ocp.trajectories import quintic, shortest_duration, spline
+
+GRID = 1000  # intervals at least, to begin with
+LEAST_ROUNDS, ROUNDS = 2, 6  # grids, each with the intervals cut in which a limit is exceeded
+FINER = (1, 2, 4, 8)  # times the usual samples, until torques between them are no surprise
+EVENLY = 1.5  # times the duration: a motion that must be slowed down more is none to go on from
+
+
+class Slowed(NamedTuple):
+    """A motion that keeps its limits, with the name of what it was made from."""
+
+    motion: Motion
+    made_from: str
+
+
+def within_limits(
+    family: LimitFamily,
+    shape: PiecewisePolynomial,
+    via_times: FloatArray,
+    tolerance: float,
+    fast: bool,
+) -> Motion | None:
+    """The motion ``shape``, slowed down where it exceeds limits; None where that does not help.
+
+    Parameters
+    ----------
+    family : LimitFamily
+    shape : PiecewisePolynomial
+        A motion from rest to rest, smooth but for its acceleration.
+    via_times : array [m]
+        When it passes the via points, s.
+    tolerance : float
+        Largest relative excess of a limit between grid points.
+    fast : bool
+        Use compiled functions.
+    """
+    if family.jerk_matters:
+        return _slowed_evenly(family, shape, via_times)
+    pieces = zip(shape.coefficients, np.diff(shape.breaks), strict=True)
+    curve = Curve(tuple(CurvePiece(table, float(length)) for table, length in pieces), True, True)
+    parts = max(2, -(-GRID // len(curve.pieces)))
+    count = parts * len(curve.pieces)
+    s = np.interp(np.arange(count + 1) / parts, np.arange(shape.breaks.size), shape.breaks)
+    s[::parts] = shape.breaks
+    for number in range(ROUNDS):
+        along = CurveLimits.of(family, curve, s, fast)
+        if along.limits.later:
+            return _slowed_evenly(family, shape, via_times)
+        timing = reach(along, start_free=True, end_free=True, fast=fast, fastest=1.0)
+        if not timing.feasible:
+            return None
+        timing = _with_steady_ends(timing)
+        excess = along.excess(timing, curve)
+        cut = excess > tolerance
+        if not cut.any() or (deadline.over() and number >= LEAST_ROUNDS):
+            break
+        s = np.sort(np.concatenate([s, (0.5 * (s[1:] + s[:-1]))[cut]]))
+    marks = _marks(np.interp(via_times, timing.s, timing.t))
+    for finer in FINER:
+        t, state, breaks = sampled([(curve, timing)], finer)
+        motion = Motion.from_state(
+            family.robot, t, state, label="time-optimal", breaks=breaks, marks=marks
+        )
+        if not unresolved(family.robot, motion.t, motion.sample).size:
+            break
+    return motion if _keeps(family, motion) else None
+
+
+def _with_steady_ends(timing: Reached) -> Reached:
+    """The same with an even ds/dt in the first and the last interval.
+
+    At an end at rest d2s/dt2 asks for no torque, so that nothing bounds it there, but close by.
+    """
+    x, start, end = (a.copy() for a in (timing.speed_squared, timing.start, timing.end))
+    x[0], x[-1] = x[1], x[-2]
+    for own in (start, end):
+        own[[0, -1]] = 0.0
+    lasts = np.diff(timing.t)
+    lasts[[0, -1]] = np.diff(timing.s)[[0, -1]] / np.sqrt(x[[0, -1]])
+    t = np.concatenate([[0.0], np.cumsum(lasts)])
+    return replace(timing, speed_squared=x, start=start, end=end, t=t)
+
+
+def known_ways(family: LimitFamily, via: FloatArray, fast: bool) -> Slowed | None:
+    """The fastest motion through via points [m,n] that needs no search, where there is one.
+
+    A spline and straight lines with their best timing, and a shape that is slowed down evenly.
+    """
+    found: list[Slowed] = []
+    for name, path in _paths(family, via):
+        if family.jerk_matters:
+            break
+        try:
+            timing = time_path(family.robot, path, compiled=fast)
+        except InputError:  # it leaves the position limits, or cannot be held at a corner
+            continue
+        if timing.solved and not timing.limits_kept_by[LATER]:
+            marks = _marks(np.interp(path.breaks, timing.s, timing.t))
+            found.append(Slowed(replace(timing.motion("time-optimal"), marks=marks), name))
+    shaped = quintic if family.jerk_matters else spline
+    size = TaskScale.of(family, via).durations
+    shape = shaped(via, np.concatenate([[0.0], np.cumsum(size)]))
+    slowed = _slowed_evenly(family, shape, shape.breaks, most=np.inf)
+    if slowed is not None:
+        found.append(Slowed(slowed, "a smooth way through the via points"))
+    kept = [own for own in found if _keeps(family, own.motion)]
+    return min(kept, key=lambda own: own.motion.duration, default=None)
+
+
+def _paths(family: LimitFamily, via: FloatArray) -> Iterator[tuple[str, PiecewisePolynomial]]:
+    """Ways through via points by name; the parameter of the first is the distance travelled."""
+    steps = np.diff(via, axis=0) / TaskScale.of(family, via).velocity
+    lengths = np.linalg.norm(steps, axis=1)
+    way = np.concatenate([[0.0], np.cumsum(lengths)])
+    yield "a spline through the via points", spline(via, way)
+    yield "straight lines between the via points", straight_through(via)
+
+
+def _slowed_evenly(
+    family: LimitFamily, shape: PiecewisePolynomial, via_times: FloatArray, most: float = EVENLY
+) -> Motion | None:
+    try:
+        scaled = shortest_duration(family.robot, shape, time_limit=max(deadline.left(), 1e-3))
+    except InputError:  # gravity alone asks for more, or it leaves the position limits
+        return None
+    if not scaled.solved or scaled.factor > most:
+        return None
+    passed = via_times * scaled.factor
+    return Motion.from_polynomial(
+        family.robot, scaled.polynomial, label="time-optimal", marks=_marks(passed)
+    )
+
+
+def _keeps(family: LimitFamily, motion: Motion) -> bool:
+    """Whether the samples of a motion keep every limit but those of rates."""
+    samples = MotionSamples(motion.q, motion.qd, motion.qdd, np.zeros_like(motion.q))
+    use = family.use(samples, family.of_order(0, 1, 2))
+    return all(own.max() <= 1.0 + LIMIT_TOLERANCE for own in use.values())
+
+
+def _marks(times: FloatArray) -> tuple[Mark, ...]:
+    return tuple(Mark(float(at), f"via {i + 1}") for i, at in enumerate(times))
