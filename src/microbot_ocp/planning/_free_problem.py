@@ -32,6 +32,7 @@ from microbot_ocp.robot import Robot
 # Weight of the squared jerk: picks one motion where many are equally fast. It costs 1.3e-5 of the
 # duration of the Microbot task and halves the swing of the torques that are not at a limit.
 SMOOTHING = 1e-6
+JERK_WEIGHT = "jerk weight"  # the parameter of a phase
 CLOSED = 1e-5  # share of the way, or of the change of velocity, that gaps add up to
 OF_VARIABLES = ("q", "qd", "qdd")  # limits that are bounds of states and of the control
 
@@ -183,7 +184,8 @@ def free_problem(
             moved = qdd if tau is None else tau
             phase.running_cost(ca.sumsqr(moved / effort_scale(family, acceleration_scale)))
         if not jumps:
-            phase.running_cost(SMOOTHING * ca.sumsqr(jerk / size.jerk))
+            weight = phase.parameter(JERK_WEIGHT, SMOOTHING)
+            phase.running_cost(weight * ca.sumsqr(jerk / size.jerk))
     for index, (before, after) in enumerate(itertools.pairwise(problem.phases)):
         names = ["q", "qd", *([] if budget is None else ["clock"])]
         leaps = told.ends[index + 1].leaps or (jumps and not rated)

@@ -30,6 +30,7 @@ from microbot_ocp.ocp.refinement import WORSE, Refiner
 from microbot_ocp.ocp.solution import StepProgress, quiet, unpack
 from microbot_ocp.ocp.transcription import Guess, Transcription
 from microbot_ocp.planning._free_problem import (
+    JERK_WEIGHT,
     SMOOTHING,
     effort_scale,
     excess_between,
@@ -104,7 +105,10 @@ SPARED, MOST_SPARED, SHORTEST = 0.2, 1.0, 1e-3
 LARGE, ENOUGH = 5000, 5e-4
 NEAR_WAY = 1e-3  # barrier parameter of a solve that stays near the way that it starts from
 MISSED = 1e-7  # of the way, by which a motion may miss a via point
-TOLD = 2e-4  # of the duration: a larger cost of the smoothing is said
+# Of the duration: where the smoothing costs more it is so much weaker, as far as it can be, and
+# what it costs all the same is said. On the UR5e, seeds 0 to 2 of benchmarks/arms.py, durations are
+# 1.8e-3, 7e-4 and 1.3e-3 shorter for 1.6 times the work; a weight of 1e-4 gains another 1e-4
+TOLD, LESS_SMOOTHING, LESS_SMOOTHING_BARRIER = 2e-4, 1e-2, 1e-6
 
 Trial = tuple[InitialGuess, int, str | tuple[str, ...]]  # with intervals a phase and the solver
 Tried = tuple[str, Solution]  # name of the start, and what it led to
@@ -127,9 +131,10 @@ class TimeOptimalSettings:
         most so much slower the one of least effort is returned, the time integral of the squared
         torques, each relative to its limit (of the accelerations where a robot has no masses). Zero
         is the fastest motion but for a smoothing of the jerk, which picks one where many are
-        equally fast: it costs 1.3e-5 of the duration of the Microbot task, more where light links
-        could turn round at once (1e-3 to 2e-3 of the UR5e's through random poses); about how much
-        is ``smoothing_cost``, s, in the provenance, and in the note from 0.02 % on
+        equally fast: it costs 1.3e-5 of the duration of the Microbot task, and is made a hundred
+        times weaker where it would cost more than 2e-4 (not with dry friction, limits of jerk or
+        torque rate and further ones); about how much it costs is ``smoothing_cost``, s, in the
+        provenance, and in the note from 0.02 % on
     limit_tolerance : largest relative excess of a limit between mesh points; the mesh is refined
         until it holds
     switching_times : whether the times at which one limit takes over from another are solved for
@@ -189,6 +194,7 @@ class FreeSearch:
         self.names = phase_names(len(via) - 1)
         self.calmed: dict[str, Any] = {}
         self.relaxed: Explanation | None = None
+        self.smoothing = SMOOTHING
         self.at_least: Slowed | None = None  # what needs no search, where a time limit is given
         self._excesses: dict[Solution, list[FloatArray]] = {}
         self._slower: dict[Solution, Motion | None] = {}
@@ -495,12 +501,31 @@ class FreeSearch:
             options = {"ipopt": {**UNSCALED["ipopt"], "mu_init": FAR_BARRIER}}
             farther = replace(own, options=options)
             best = replace(refiner, settings=farther).finer(coarse, meshes)
+        best = self._smoothed_less(best)
+        refiner = replace(refiner, transcription=self.refiner.transcription)
         if not many:
             # a refined mesh is seldom refined again: to the last digits at once
             least = replace(own, max_iterations=min(own.max_iterations, MOST_EXACT))
             exact = replace(refiner, settings=least, rough=None)
             best = exact.refine(best, self._velocity_switches)
         return refiner.refine(best, self._velocity_switches)
+
+    def _smoothed_less(self, best: Solution) -> Solution:
+        """The same mesh, and all that follow, with less smoothing where that costs much."""
+        share = self._smoothed(best) / best.duration
+        if not best.status.solved or share <= TOLD or deadline.over():
+            return best
+        lower = {JERK_WEIGHT: LESS_SMOOTHING * SMOOTHING}
+        kernels = self.refiner.transcription.with_parameters(dict.fromkeys(self.names, lower))
+        options = {"ipopt": {**UNSCALED["ipopt"], "mu_init": LESS_SMOOTHING_BARRIER}}
+        settings = replace(self.refiner.settings, options=options, max_iterations=MOST_EXACT)
+        refiner = replace(self.refiner, transcription=kernels, settings=settings)
+        found = refiner.solve([phase.mesh for phase in best.phases], best)
+        self.progress(f"smoothed less: {found.duration:.6f} s, {found.status}")
+        if not found.status.solved or found.duration >= best.duration:
+            return best
+        self.refiner.transcription, self.smoothing = kernels, LESS_SMOOTHING * SMOOTHING
+        return found
 
     def _honest_duration(self, solution: Solution) -> float:
         return solution.duration * (1.0 + max(0.0, self._largest_excess(solution)))
@@ -676,7 +701,7 @@ class FreeSearch:
                 outcome,
                 solution,
                 wall,
-                SMOOTHING,
+                self.smoothing,
                 smoothing_cost=self._smoothed(solution),
                 optima_seen=found,
                 starts=starts,
