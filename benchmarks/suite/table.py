@@ -8,6 +8,7 @@ from benchmarks.suite import (
     blind,
     constrained,
     flight,
+    fourth,
     mechanisms,
     reactors,
     second,
@@ -29,5 +30,6 @@ PROBLEMS: tuple[SuiteProblem, ...] = (
     *blind.PROBLEMS,
     *second.PROBLEMS,
     *third.PROBLEMS,
+    *fourth.PROBLEMS,
 )
 BY_NAME = {problem.name: problem for problem in PROBLEMS}

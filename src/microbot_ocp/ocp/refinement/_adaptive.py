@@ -15,7 +15,7 @@ import numpy as np
 from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.status import Status
-from microbot_ocp.ocp.problem import OptimalControlProblem, node_variables
+from microbot_ocp.ocp.problem import OptimalControlProblem, node_variables, with_shapes
 from microbot_ocp.ocp.refinement._arcs import distance, hold, place_junctions
 from microbot_ocp.ocp.refinement._cost_error import (
     control_orders,
@@ -40,7 +40,14 @@ from microbot_ocp.ocp.solution import (
     cost_size,
     quiet,
 )
-from microbot_ocp.ocp.solvers import SolverSettings, improvable, solutions, transcribed
+from microbot_ocp.ocp.solvers import (
+    STEADY,
+    SolverSettings,
+    improvable,
+    solutions,
+    swings,
+    transcribed,
+)
 from microbot_ocp.ocp.transcription import Guess, Mesh, Meshes, Transcription
 from microbot_ocp.ocp.transcription.schemes import Scheme
 from microbot_ocp.ocp.verification import (
@@ -63,6 +70,7 @@ HALF = 0.5  # of the former error of the cost: what a mesh should gain that is d
 DEARER = 0.05
 MOST = 400  # iterations on a finer mesh, from a neighbouring solution
 FINER = 2.5  # times the first mesh, where nothing comes of it
+UNSETTLED = (Status.NOT_ACCEPTED, Status.NO_PROGRESS)  # other shapes of controls may help
 DONE = (Status.SOLVED, Status.INTERRUPTED, Status.SIZE_LIMIT)  # no more is tried
 SHARE = 0.6  # of the time that is left, which the refinement of one solution may take
 AIM = 1e-6  # accuracy of the states by default
@@ -217,6 +225,7 @@ def _from_mesh(
     rounds, most_intervals, arcs = limits
     watched = None if progress is quiet else progress
     best: Refined | None = None
+    tried = False  # whether with controls that are constant over every interval
     for first, transcription in solutions(problem, mesh, guess, settings, scheme, until, watched):
         now = time.perf_counter()
         own_until = until if not np.isfinite(until) else now + SHARE * (until - now)
@@ -235,6 +244,15 @@ def _from_mesh(
         )
         own_limits = _Limits(rounds, most_intervals, own_until, arcs)
         refined = _Refinement(refiner, goal, own_limits).run(first)
+        if refined.status in UNSETTLED and not tried and swings(problem, refined.solution):
+            tried = True
+            assert isinstance(problem, OptimalControlProblem)
+            steady = with_shapes(problem, "constant")
+            now = time.perf_counter()
+            until_then = until if not np.isfinite(until) else now + SHARE * (until - now)
+            how = settings, scheme, goal, limits, until_then, progress
+            other = _from_mesh(steady, mesh, guess, *how)
+            refined = replace(other, way=STEADY) if other.status.solved else refined
         if best is None or refined.status.solved or _worst(refined) < _worst(best):
             best = refined
         ended = refined.status in (Status.SOLVED, Status.INTERRUPTED)
@@ -384,7 +402,9 @@ class _Refinement:
         missed = self.goal.missed(self._last_accepted()) if self.history else ()
         if more > SETTLED * EASED:
             missed = (*missed, f"controls that are known to save {more:.1e} of the cost")
-        best = replace(self.best, rivals=first.rivals, agreed=first.agreed)
+        best = self.best
+        if first.rivals:
+            best = replace(best, rivals=first.rivals, agreed=first.agreed)
         return Refined(best, History(self.history), status, use if over else None, missed)
 
     def _will_do(self) -> bool:

@@ -133,6 +133,7 @@ class Refined:
     exceeded : the limit that the solution exceeds most between mesh points, if by more than asked
         for
     missed : what was asked for and is not reached, in words
+    way : in which other way it was found, where the declared one led to nothing
     """
 
     solution: Solution
@@ -140,6 +141,7 @@ class Refined:
     status: Status
     exceeded: OCPLimitUse | None = None
     missed: tuple[str, ...] = ()
+    way: str = ""
 
     @property
     def advice(self) -> str:
@@ -154,6 +156,8 @@ class Refined:
             said = [f"Good enough: finer meshes come no nearer to {'; '.join(self.missed)}."]
         elif self.missed:
             said.append(f"Missed: {'; '.join(self.missed)}.")
+        if self.way:
+            said.append(f"With other values at every point no finer mesh was accepted: {self.way}.")
         use = self.exceeded
         if use is not None:
             name = f"{use.name}[{use.component}]" if use.component else use.name

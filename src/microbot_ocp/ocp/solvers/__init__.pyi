@@ -29,8 +29,10 @@ from ._settings import (
     SolverSettings as SolverSettings,
 )
 from ._solve import (
+    STEADY as STEADY,
     solutions as solutions,
     solve as solve,
+    swings as swings,
 )
 from ._status import (
     status_of as status_of,

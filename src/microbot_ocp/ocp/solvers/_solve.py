@@ -128,7 +128,7 @@ def solve(
     for solution, transcription in found:
         if mesh is None:
             solution = _on_finer_meshes(solution, transcription, settings, until, progress)
-            if solution.status is Status.NO_PROGRESS and _swings(problem, solution):
+            if solution.status is Status.NO_PROGRESS and swings(problem, solution):
                 how = settings, scheme, until, progress
                 solution = _with_steady_controls(problem, solution, *how)
         else:
@@ -368,7 +368,7 @@ def _on_finer_meshes(
     return replace(solution, status=Status.NO_PROGRESS, advice=said)
 
 
-def _swings(problem: OptimalControlProblem | Transcription, solution: Solution) -> bool:
+def swings(problem: OptimalControlProblem | Transcription, solution: Solution) -> bool:
     """Whether controls have a value at every collocation point that nobody asked for.
 
     Not where others are known to be better, which is not looked for where controls are constant.
