@@ -60,6 +60,7 @@ from microbot_ocp.planning._scale import TaskScale
 from microbot_ocp.planning._switching import in_arcs
 from microbot_ocp.planning._task import (
     GAP,
+    LDL,
     ROUGH_TOLERANCE,
     jerk_switches,
     provenance_of,
@@ -95,9 +96,6 @@ MANY_PHASES = 5  # more take over 40 iterations to the full tolerance on a refin
 MOST_EXACT = 40  # iterations of a refined mesh to the full tolerance, before roughly
 CALMER_BARRIER = 1e-3  # of the solve for less effort, from the fastest motion slowed down
 EXPLORE_SUM, LEAST_EXPLORE_MESH = 160, 6
-# The program is scaled already: scaling every matrix again takes 9 % of a solve, for no iteration.
-# With dry friction it leads elsewhere: 9e-5 of the duration more on one of three tasks of the Puma
-UNSCALED = {"ipopt": {"mumps_scaling": 0}}
 # Of the time limit, and at most s: kept for a motion within the limits when the search is over
 SPARED, MOST_SPARED, SHORTEST = 0.2, 1.0, 1e-3
 # Intervals times joints from which a mesh is refined no further where a motion that is slowed down
@@ -211,7 +209,7 @@ class FreeSearch:
             settings.limit_tolerance,
             solver="ipopt" if settings.solver == "auto" else settings.solver,
             progress=with_motion(progress, self.robot, via, motion_at_mesh),
-            settings=SolverSettings(gap=GAP, options={} if has_windows(family) else UNSCALED),
+            settings=SolverSettings(gap=GAP, options=LDL),
             rough=ROUGH_TOLERANCE,
             polishing=0 if has_windows(family) or len(self.names) > MOST_POLISHED else POLISHING,
             fitted=partial(with_windows, self.dry) if has_windows(family) else None,
@@ -498,7 +496,7 @@ class FreeSearch:
         if many:  # multipliers of so coarse a mesh mislead: 87 iterations, 65 without
             best = refiner.solve(meshes, self._guess_from(coarse))
         if not (many and best.status.solved and best.cost <= (1 + WORSE) * coarse.cost):
-            options = {"ipopt": {**UNSCALED["ipopt"], "mu_init": FAR_BARRIER}}
+            options = {"ipopt": {**LDL["ipopt"], "mu_init": FAR_BARRIER}}
             farther = replace(own, options=options)
             best = replace(refiner, settings=farther).finer(coarse, meshes)
         best = self._smoothed_less(best)

@@ -35,6 +35,7 @@ from microbot_ocp.planning._friction import (
 from microbot_ocp.planning._initial_guesses import initial_guesses
 from microbot_ocp.planning._scale import TaskScale
 from microbot_ocp.planning._task import (
+    LDL,
     check_limits,
     check_via,
     locked_joints,
@@ -48,12 +49,12 @@ from microbot_ocp.robot import Robot
 # Share of the duration, and of the typical ones, up to which a prepared motion leads to the best
 NEAR, NEAR_TYPICAL = 0.1, 0.1
 # of a prepared solver: somebody waits
-PREPARED = SolverSettings("ipopt", tolerance=1e-6, gap=np.inf, max_iterations=150)
+PREPARED = SolverSettings("ipopt", tolerance=1e-6, gap=np.inf, max_iterations=150, options=LDL)
 # Barrier parameter from the reference where typical durations differ by more than this share. With
 # the usual 1e-7 and with this: 43 and 22 iterations on a task of the Microbot with a payload of
 # 0.1 kg, but 6 and 17 on one of the UR5e
 CLOSE, FAR_BARRIER = 0.005, 1e-5
-FAR = replace(PREPARED, options={"ipopt warm": {"mu_init": FAR_BARRIER}})
+FAR = replace(PREPARED, options={**LDL, "ipopt warm": {"mu_init": FAR_BARRIER}})
 # Excess up to which the motion is refined that all solves start from: half of the intervals that
 # 5e-4 takes, where a certificate lets 5e-3 pass
 REFERENCE_TOLERANCE = 2e-3

@@ -15,6 +15,7 @@ import numpy as np
 
 from microbot_ocp._base import deadline
 from microbot_ocp._base.codegen import compile_functions
+from microbot_ocp.ocp.solvers import as_ipopt_knows
 
 SMOOTHING = 1e-8  # weight of the squared s''': picks one timing where many are equally fast
 TOLERANCE = 1e-7
@@ -27,6 +28,7 @@ OPTIONS = {
     "mumps_permuting_scaling": 0,
     "mumps_pivot_order": 0,
     "acceptable_iter": 0,
+    "linear_solver": "ldl",
 }
 # Where in an interval the limit of s' is kept: on a stretch at the limit its middle alone would
 # leave s'' an error that is the same in every interval
@@ -170,7 +172,7 @@ class Program:
                 "calc_lam_x": False,
                 "error_on_fail": False,
                 "show_eval_warnings": False,
-                "ipopt": {**OPTIONS, **push, **own},
+                "ipopt": as_ipopt_knows({**OPTIONS, **push, **own}),
                 "cache": cache,
             },
         )

@@ -46,7 +46,7 @@ from microbot_ocp.planning._scale import TaskScale
 from microbot_ocp.planning._segments import Segment
 from microbot_ocp.planning._stop_task import Task, task_of, with_torques
 from microbot_ocp.planning._stops import Stop
-from microbot_ocp.planning._task import fastest_tool, with_locked_joints_held
+from microbot_ocp.planning._task import LDL, fastest_tool, with_locked_joints_held
 from microbot_ocp.robot import Robot, jacobian
 from microbot_ocp.trajectories import spline
 
@@ -131,7 +131,10 @@ class StopSearch(FreeSearch):
             self.refiner.settings,
             max_iterations=MOST_EXPLORING,
             time_limit=MOST_STARTING,
-            options={"fatrop": {"max_iter": LEAST_ITERATIONS}},  # IPOPT solves what takes it more
+            options={
+                **LDL,
+                "fatrop": {"max_iter": LEAST_ITERATIONS},
+            },  # IPOPT solves what takes it more
         )
         tried: list[dict[str, Any]] = []
         found: list[Solution] = []

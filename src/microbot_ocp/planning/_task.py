@@ -34,6 +34,7 @@ from microbot_ocp.robot import Robot, inverse_dynamics, torque_and_rate, torque_
 STATE: tuple[str, ...] = ("q", "qd", "qdd", "qddd")
 GAP = 1e-5  # relative, of a duration above its local optimum
 ROUGH_TOLERANCE = 1e-6  # of solves on all meshes but the last one
+LDL = {"ipopt": {"linear_solver": "ldl"}}  # options by solver: see ocp/solvers/_ldl.py
 # A joint alone takes (factor way / limit)^(1 / order) from rest to rest under one limit.
 REST_TO_REST = {"qd": (1, 1), "qdd": (4, 2), "qddd": (32, 3), "taud": (1, 1)}
 NEAREST = 1e-8  # rad (m): how well a certificate takes states to be known

@@ -12,6 +12,9 @@ from ._chain import (
 from ._improvement import (
     improvable as improvable,
 )
+from ._ldl import (
+    as_ipopt_knows as as_ipopt_knows,
+)
 from ._parametric import (
     ParametricSolver as ParametricSolver,
 )

@@ -28,12 +28,14 @@ from microbot_ocp.ocp.solution import (
     starting_point,
     unpack,
 )
+from microbot_ocp.ocp.solvers._ldl import asks_for_ldl, without_ldl
 from microbot_ocp.ocp.solvers._run import Made, Outcome, run
 from microbot_ocp.ocp.solvers._settings import SolverSettings
 from microbot_ocp.ocp.solvers._tightening import tightened
 from microbot_ocp.ocp.transcription import Guess, Meshes, Program, Transcription, assemble
 from microbot_ocp.ocp.transcription.schemes import Scheme
 
+UNSURE = (Status.FAILED, Status.INFEASIBLE)  # without pivots in the linear solver
 MOST_BEFORE_ANOTHER = 10.0  # s, of fatrop, which may loop for ever, where another solver follows
 
 
@@ -120,6 +122,10 @@ def run_chain(
             end = min(now + MOST_BEFORE_ANOTHER, now + 0.5 * (until - now))
         tried = run(program, name, settings, given, variant, progress, made, end)
         attempts.append(tried.attempt)
+        if name == "ipopt" and tried.attempt.status in UNSURE and asks_for_ldl(settings.options):
+            usual = replace(settings, options=without_ldl(settings.options))
+            tried = run(program, name, usual, given, variant, progress, None, end)
+            attempts.append(tried.attempt)
         status = tried.attempt.status
         # what one solver finds infeasible is not less so where the next one breaks down
         if outcome is None or _rank(status) <= _rank(outcome.attempt.status):

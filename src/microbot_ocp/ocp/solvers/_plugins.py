@@ -14,6 +14,7 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp.ocp.solution import Watch
+from microbot_ocp.ocp.solvers._ldl import as_ipopt_knows
 from microbot_ocp.ocp.solvers._settings import SolverSettings
 from microbot_ocp.ocp.transcription import Program
 from microbot_ocp.ocp.transcription._assembly import MadeOnDemand
@@ -192,7 +193,8 @@ def _ipopt(program: Program, settings: SolverSettings) -> Plugin:
         "nlp_grad_f": functions["gradient"],
         "nlp_hess_l": functions["hessian_upper"],
     }
-    return "ipopt", {"ipopt": {**options, **settings.options.get("ipopt", {})}}, cache
+    own = {**options, **settings.options.get("ipopt", {})}
+    return "ipopt", {"ipopt": as_ipopt_knows(own)}, cache
 
 
 def _warm_ipopt(program: Program, settings: SolverSettings) -> Plugin:
@@ -203,7 +205,7 @@ def _warm_ipopt(program: Program, settings: SolverSettings) -> Plugin:
         **dict.fromkeys(WARM_PUSHES, WARM_PUSH),
     }
     own = settings.options.get("ipopt warm", {})
-    return plugin, {"ipopt": {**warm, **options["ipopt"], **own}}, cache
+    return plugin, {"ipopt": as_ipopt_knows({**warm, **options["ipopt"], **own})}, cache
 
 
 def _sqp(program: Program, settings: SolverSettings) -> Plugin:

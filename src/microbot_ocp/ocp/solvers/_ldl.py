@@ -1,0 +1,83 @@
+"""A linear solver for IPOPT that does not look for pivots: L D L' in an order of AMD's.
+
+Stage by stage the matrices of an optimal-control program are small, and MUMPS spends most of its
+time on more than their numbers. ``_ldl.c`` says how this one works. AMD is that of the OSQP library
+which comes with CasADi; where it or a compiler is missing, and where IPOPT breaks down or finds
+a program infeasible with it, MUMPS solves.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import subprocess
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+
+from microbot_ocp._base import deadline
+from microbot_ocp._base.codegen import build_library, compiler, compiles
+
+Options = Mapping[str, Mapping[str, Any]]  # by solver
+
+NAME = "ldl"  # as ``linear_solver`` in the options of IPOPT
+
+
+def asks_for_ldl(options: Options) -> bool:
+    """Whether the options of all solvers ask IPOPT for this one."""
+    return options.get("ipopt", {}).get("linear_solver") == NAME
+
+
+def without_ldl(options: Options) -> Options:
+    """The same options with IPOPT's usual linear solver."""
+    usual = {k: v for k, v in options.get("ipopt", {}).items() if k != "linear_solver"}
+    return {**options, "ipopt": usual}
+
+
+def as_ipopt_knows(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Options of IPOPT that may ask for this solver, with what IPOPT needs to load it."""
+    if options.get("linear_solver") != NAME:
+        return dict(options)
+    built = library()
+    if built is None:
+        return {k: v for k, v in options.items() if k != "linear_solver"}
+    return {
+        **options,
+        "linear_solver": "ma27",  # whose interface it has
+        "hsllib": str(built),
+        "ma27_la_init_factor": 1.0,
+        "ma27_liw_init_factor": 1.0,
+        "ma27_pivtol": 1e-4,  # nothing to raise: IPOPT regularises more instead
+        "ma27_pivtolmax": 1e-4,
+        "min_refinement_steps": 0,  # its solutions are refined already
+    }
+
+
+_known: dict[str, Path | None] = {}  # by compiler
+
+
+def library() -> Path | None:
+    """The compiled solver; None where there is no compiler, it fails, or AMD is missing."""
+    cc = compiler() if compiles() else None
+    if cc is None:
+        return None
+    if cc not in _known:
+        try:
+            found = _built(cc)
+        except (OSError, AttributeError, RuntimeError, subprocess.SubprocessError):
+            if deadline.over():  # it may be there the next time
+                return None
+            found = None
+        _known[cc] = found
+    return _known[cc]
+
+
+def _built(cc: str) -> Path:
+    source = Path(__file__).with_suffix(".c").read_text("utf-8")
+    name = "libosqp.dylib" if sys.platform == "darwin" else "libosqp.so"
+    amd = ctypes.CDLL(str(Path(ca.GlobalOptions.getCasadiPath()) / name)).amd_l_order
+    built = build_library(source, NAME, cc, "-O2")
+    ctypes.CDLL(str(built)).order_with(amd)  # loaded for good: IPOPT finds it as it is
+    return built
