@@ -317,12 +317,40 @@ def test_a_compiler_that_hangs_is_ended_with_its_children(
     monkeypatch.setattr(codegen, "COMPILE_TIMEOUT", 0.5)
     with pytest.warns(mo.NotCompiled, match=r"was ended after 0\.5 s"):
         compile_function(doubled())
-    child = Path("/proc") / (tmp_path / "child").read_text().strip()
+    wait_for_the_end_of(tmp_path / "child")
+    assert list(folder.iterdir()) == []
+
+
+def wait_for_the_end_of(child: Path) -> None:
+    place = Path("/proc") / child.read_text().strip()
     deadline = time.monotonic() + 5
-    while child.exists() and "(sleep) Z" not in (child / "stat").read_text():
+    while place.exists() and "(sleep) Z" not in (place / "stat").read_text():
         assert time.monotonic() < deadline
         time.sleep(0.01)
+
+
+def test_a_compiler_that_says_too_much_is_ended(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    noisy = stub_compiler(tmp_path / "noisy-cc", "exec yes >&2")
+    monkeypatch.setattr(codegen, "compiler", lambda: noisy)
+    with pytest.warns(mo.NotCompiled, match="ended after 10,000,000 bytes of messages") as told:
+        compile_function(doubled())
+    assert len(str(told[0].message)) < 300
     assert list(folder.iterdir()) == []
+
+
+@needs_compiler
+def test_what_a_compiler_leaves_is_not_waited_for_and_ends(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    script = f'sleep 60 & echo $! > {tmp_path}/child; exec {codegen.compiler()} "$@"'
+    leaving = stub_compiler(tmp_path / "leaving-cc", script)
+    monkeypatch.setattr(codegen, "compiler", lambda: leaving)
+    begin = time.monotonic()
+    assert compile_function(doubled()).class_name() == "External"
+    assert time.monotonic() - begin < 30
+    wait_for_the_end_of(tmp_path / "child")
 
 
 @needs_compiler

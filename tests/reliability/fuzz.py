@@ -12,6 +12,7 @@ import copy
 import csv
 import inspect
 import io
+import itertools
 import json
 import os
 import random
@@ -607,11 +608,15 @@ class _Bytes(random.Random):
         )
 
 
-def guided(target, count):
+def guided(target, count, minutes):
     """Cases that atheris chooses, which reach new lines of the package; it ends the process."""
     import atheris
 
+    tried = itertools.count(1)
+
     def one(data):
+        if (number := next(tried)) % PIECE == 0:
+            print(f"{target}: {number} cases by atheris", flush=True)
         outcome = attempt(target, _Bytes(data))
         if outcome not in ("", "refused"):
             raise AssertionError(outcome)
@@ -623,7 +628,10 @@ def guided(target, count):
                 if getattr(value, "__module__", "") == name and inspect.isfunction(value):
                     with contextlib.suppress(Exception):
                         setattr(module, key, atheris.instrument_func(value))
-    atheris.Setup([sys.argv[0], f"-atheris_runs={count}", "-max_len=400", "-verbosity=0"], one)
+    options = [f"-atheris_runs={count}", "-max_len=400", "-verbosity=0"]
+    if np.isfinite(minutes):
+        options.append(f"-max_total_time={max(1, round(60 * minutes))}")
+    atheris.Setup([sys.argv[0], *options], one)
     atheris.Fuzz()
 
 
@@ -644,7 +652,7 @@ def main():
     typer.main.get_command = cache(typer.main.get_command)  # else a third of each command's time
     warnings.simplefilter("ignore")
     if given.atheris:
-        return guided(given.target, given.count)
+        return guided(given.target, given.count, given.minutes)
     return int(max([goes_on(name, given.count, given.seed, record, until) for name in names]))
 
 

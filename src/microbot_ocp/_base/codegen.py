@@ -19,11 +19,13 @@ import hashlib
 import json
 import os
 import platform
+import selectors
 import shutil
 import signal
 import stat
 import subprocess
 import tempfile
+import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -34,6 +36,7 @@ from pathlib import Path
 import casadi as ca
 
 from microbot_ocp._base import deadline
+from microbot_ocp._base.checks import shortened
 from microbot_ocp._base.reading import content_of, opened
 from microbot_ocp._base.writing import temporary_path, whole_file
 
@@ -51,6 +54,8 @@ SIZES = ((4_000, "-O2"), (30_000, "-O1"), (float("inf"), "-O0"))
 
 
 COMPILE_TIMEOUT = 120.0  # s; then the compiler is ended with its children
+MOST_SAID, MOST_KEPT = 10_000_000, 4096  # bytes of a compiler's messages
+TICK = 0.1  # s
 
 
 class PrivateCache(UserWarning):
@@ -341,8 +346,8 @@ def _compiled(
                     raise
             return [(made[function.name()], function.name()) for function in given]
         except (OSError, subprocess.SubprocessError, RuntimeError) as failure:
-            problem = str(failure)
-    names = ", ".join(function.name() for function in given)
+            problem = shortened(str(failure), 160)
+    names = shortened(", ".join(function.name() for function in given), 60)
     warnings.warn(
         f"not compiled: {names} ({problem}); CasADi's virtual machine runs instead",
         NotCompiled,
@@ -412,7 +417,7 @@ def build_library(
         if done.returncode:  # a compiler that does not know the flag
             done = _run([cc, *rest])
         if done.returncode:
-            said = " ".join(done.stderr.decode(errors="replace").split())[-300:]
+            said = shortened(" ".join(done.stderr.decode(errors="replace").split()), 100)
             raise RuntimeError(f"{cc} ended with status {done.returncode}: {said}")
         _keep(library, content_of(made))
     return library
@@ -435,18 +440,43 @@ def _run(command: list[str]) -> subprocess.CompletedProcess[bytes]:
     ) as process:
         _running.add(process)
         try:
-            _, err = process.communicate(timeout=seconds)
-        except BaseException as problem:
-            _end(process)
-            if isinstance(problem, subprocess.TimeoutExpired):
-                sentence = f"{command[0]} was ended after {seconds:.3g} s"
-                raise RuntimeError(sentence) from None
-            raise
+            said = _said(process, seconds)
+        except RuntimeError as problem:
+            raise RuntimeError(f"{command[0]}: {problem}") from None
         finally:
+            _end(process)  # or what it left
             _running.discard(process)
     if process.returncode < 0:
         raise RuntimeError(f"{command[0]} was ended by signal {-process.returncode}")
-    return subprocess.CompletedProcess(command, process.returncode, b"", err)
+    return subprocess.CompletedProcess(command, process.returncode, b"", said)
+
+
+def _said(process: subprocess.Popen[bytes], seconds: float) -> bytes:
+    """The end of what a compiler says until it ends; what it started may still be there.
+
+    Raises
+    ------
+    RuntimeError
+        It takes too long, or says too much.
+    """
+    assert process.stderr is not None
+    until, said, size = time.monotonic() + seconds, b"", 0
+    with selectors.DefaultSelector() as waiting:
+        waiting.register(process.stderr, selectors.EVENT_READ)
+        while time.monotonic() < until:
+            ended = process.poll() is not None
+            heard = waiting.select(0.0 if ended else min(TICK, seconds))
+            part = os.read(process.stderr.fileno(), 1 << 16) if heard else b""
+            said, size = (said + part)[-MOST_KEPT:], size + len(part)
+            if size > MOST_SAID:
+                raise RuntimeError(f"it was ended after {MOST_SAID:,} bytes of messages")
+            if ended and not part:
+                return said
+            if heard and not part:  # it has closed its messages
+                with contextlib.suppress(subprocess.TimeoutExpired):
+                    process.wait(max(0.0, until - time.monotonic()))
+                    return said
+    raise RuntimeError(f"it was ended after {seconds:.3g} s")
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:

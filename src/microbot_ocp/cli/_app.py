@@ -93,7 +93,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         return interrupt.exit_code()
     except OSError as problem:
-        where = f"{problem.filename}: " if problem.filename is not None else ""
+        where = f"{problem.filename}: " if problem.filename is not None else _no_folder()
         return _refuse(f"{where}{_lowered(problem.strerror or str(problem))}")
     except Exception as problem:
         if interrupt.pressed():  # CasADi turned it into another error
@@ -144,6 +144,15 @@ def printable(text: str) -> str:
     'a[2Jb\x1b[31mc'
     """
     return CONTROL.sub("", text)
+
+
+def _no_folder() -> str:
+    """What an error without the name of a file is about: the current folder, if it is gone."""
+    try:
+        os.getcwd()
+    except OSError:
+        return "the current folder: "
+    return ""
 
 
 def _fault(problem: Exception) -> int:

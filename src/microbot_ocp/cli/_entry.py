@@ -9,6 +9,8 @@ import sys
 
 from microbot_ocp.cli import _interrupt as interrupt
 
+LEAST_DESCRIPTORS = 32
+
 
 def entry() -> int:
     """Run the program of the command line; return its exit code.
@@ -17,6 +19,9 @@ def entry() -> int:
     """
     try:
         _open_streams()
+        if few := _few_descriptors():
+            print(f"error: {few}", file=sys.stderr)
+            return 1
         interrupt.watch()
         from microbot_ocp.cli._app import run
 
@@ -39,6 +44,24 @@ def entry() -> int:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: os._exit(code))  # Python is on its way out
     return code
+
+
+def _few_descriptors() -> str:
+    """What is wrong where a process may open too few files, after all are asked for that it may.
+
+    The library that writes recordings ends the program there.
+    """
+    try:
+        import resource
+    except ImportError:  # Windows
+        return ""
+    now, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if now == resource.RLIM_INFINITY or now >= LEAST_DESCRIPTORS:
+        return ""
+    if most == resource.RLIM_INFINITY or most >= LEAST_DESCRIPTORS:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (LEAST_DESCRIPTORS, most))
+        return ""
+    return f"{now} file descriptors are too few: {LEAST_DESCRIPTORS} are needed (ulimit -n)"
 
 
 def _open_streams() -> None:

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, cast
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks, deadline
-from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.limits import JointLimits, LimitFamily, Limits
 from microbot_ocp.motion import Motion
 from microbot_ocp.ocp.solution import StepProgress, quiet
@@ -19,6 +20,8 @@ from microbot_ocp.planning._stops import Stop
 from microbot_ocp.planning._task import check_limits, check_via, with_changes
 from microbot_ocp.robot import Robot
 from microbot_ocp.scene import Scene
+
+LEAST_WAY = 1e-5  # rad (m) between via points: shorter ones are near the tolerance of the solvers
 
 
 def time_optimal(
@@ -120,7 +123,20 @@ def time_optimal(
 def fastest_motion(
     family: LimitFamily, via: FloatArray, settings: TimeOptimalSettings, progress: StepProgress
 ) -> Motion:
-    """As :func:`time_optimal`, of via points that are checked."""
+    """As :func:`time_optimal`, of via points that are checked.
+
+    Raises
+    ------
+    InputError
+        Ways too short for a solver.
+    """
+    ways = np.abs(np.diff(via, axis=0)).max(axis=1)
+    if ways.min() < LEAST_WAY:
+        near = int(np.argmin(ways))
+        raise InputError(
+            f"via points {near + 1} and {near + 2} are {ways[near]:.2g} rad (m) apart in every "
+            f"joint or less: free motions are looked for from {LEAST_WAY:g} on"
+        )
     with deadline.within(settings.time_limit):
         return FreeSearch(family, via, settings, progress).run()
 

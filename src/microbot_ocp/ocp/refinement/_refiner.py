@@ -34,6 +34,7 @@ SHARP = 1e-6  # share of the cost: less is not worth another mesh
 # Barrier parameter of warm starts; with the usual start at 0.1 IPOPT leaves the good guess and
 # comes back late or elsewhere (146 against 35 iterations on one task with four via points).
 WARM_BARRIER = 1e-4
+MOST_STUBBORN = 6  # meshes that do not halve the least excess so far: finer ones will not, either
 FAR_ABOVE = 3.0  # times the accepted excess; halving an interval divides it by about four
 POLISHED = 0.1  # share of the wanted gap that needs no polish
 MOST_POLISHING = 60  # iterations
@@ -250,12 +251,13 @@ class Refiner:
 
         Those inside which a control switches are split along with them, while that lowers the cost.
         """
-        gained = np.inf
+        gained, least, stubborn = np.inf, np.inf, 0
         for _ in range(self.rounds):
             if not solution.status.solved or self.over:
                 break
             excess = self.excess(solution)
             worst = max(float(e.max()) for e in excess)
+            least, stubborn = (worst, 0) if worst < 0.5 * least else (least, stubborn + 1)
             self.history[-1]["excess"] = worst
             self.progress(f"largest excess of a limit between mesh points: {100 * worst:.3g} %")
             marked = [e > self.foresight * self.limit_tolerance for e in excess]
@@ -269,6 +271,8 @@ class Refiner:
             if worst <= self.limit_tolerance and not switches:
                 break
             if self._is_enough(solution):
+                break
+            if worst > self.limit_tolerance and stubborn == MOST_STUBBORN:
                 break
             meshes = [
                 split(phase.mesh, own) for phase, own in zip(solution.phases, marked, strict=True)

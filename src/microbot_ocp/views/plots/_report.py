@@ -260,5 +260,6 @@ def _closing_text(comparison: Comparison) -> str:
 def _footer() -> str:
     packages = " ".join(f"{name} {version(name)}" for name in ("microbot_ocp", "casadi", "numpy"))
     command = textwrap.shorten(shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]), 90)
+    command = command.encode(errors="replace").decode()  # bytes that are no text
     date = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M")
     return f"{packages} Python {platform.python_version()}; {date}; {command}"
