@@ -6,7 +6,7 @@ from math import exp, pi, radians
 
 import casadi as ca
 import numpy as np
-from scipy.optimize import brentq
+from scipy.optimize import root_scalar
 
 from benchmarks.suite.problem import SuiteProblem, line
 from microbot_ocp.ocp import Guess, OptimalControlProblem
@@ -64,7 +64,7 @@ def metabolic_pathway() -> OptimalControlProblem:
     for k, enzyme in enumerate(enzymes):
         made = phase.control(f"u{k}", lower=0.0, upper=1.0)
         phase.derivative(enzyme, made - decay * enzyme)
-    phase.running_cost(1 + sum(enzymes))
+    phase.running_cost(1 + ca.sum1(ca.vertcat(*enzymes)))
     return problem
 
 
@@ -98,7 +98,7 @@ def _grusin_optimum() -> float:
     grid = np.linspace(0.5, 2 * pi, 200001)[:-1]
     values = np.array([off(b) for b in grid])
     for k in np.flatnonzero(np.diff(np.sign(values)) != 0):
-        b = float(brentq(off, grid[k], grid[k + 1]))
+        b = root_scalar(off, bracket=(grid[k], grid[k + 1])).root
         if abs(off(b)) < 1e-6:
             best = min(best, (0.01 / np.sin(b)) ** 2 * b**2)
     return best
@@ -327,7 +327,7 @@ def hanging_chain() -> OptimalControlProblem:
 
 def _chain_optimum() -> float:
     """The catenary y = c cosh((x - m) / c) + d."""
-    c = float(brentq(lambda c: 2 * c * np.sinh(0.5 / c) - np.sqrt(12.0), 0.05, 1.0))
+    c = root_scalar(lambda c: 2 * c * np.sinh(0.5 / c) - np.sqrt(12.0), bracket=(0.05, 1.0)).root
     m = 0.5 - c * np.arctanh(2.0 / 4.0)
     d = 1 - c * np.cosh(-m / c)
     x = np.array([0.0, 1.0])
@@ -391,7 +391,7 @@ def cushioned_oscillation() -> OptimalControlProblem:
     return problem
 
 
-def _air(v, alpha, h=0.0):
+def _air(v: ca.MX, alpha: ca.MX, h: ca.MX | float = 0.0) -> tuple[ca.MX, ca.MX]:
     """Lift and drag of the aircraft on or above the ground, N."""
     part = 33 * ((h + 1.0) / 17.85) ** 1.5
     factor = part / (1 + part) / (pi * 9.45 * 0.801)
