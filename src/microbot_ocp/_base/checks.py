@@ -129,7 +129,7 @@ def time_limit(value: Any) -> float:
 def numbers(name: str, value: ArrayLike) -> FloatArray:
     """Return ``value`` as a float array of any shape."""
     try:
-        if not _is_numeric(value):
+        if not _is_numeric(value) or np.ma.is_masked(value):  # what is masked is no number
             raise TypeError
         return np.array(value, dtype=float)
     except (

@@ -558,17 +558,21 @@ def _check_vias(
     names = [f"via point {k + 1}" for k in range(via.shape[0])]
     if len(motion.marks) == via.shape[0]:
         names = [mark.name for mark in motion.marks]
-    found = []
-    for name, target in zip(names, via, strict=True):
-        nearest = int(((state.q - target) ** 2).sum(axis=1).argmin())
-        moment = float(t[nearest])
-        reach = float(np.diff(t).max())
-        for _ in range(6):
-            around = np.clip(moment + reach * np.linspace(-1, 1, 17), 0.0, motion.duration)
-            distance = np.sqrt(((motion.sample(around).q - target) ** 2).sum(axis=1))
-            moment, reach = float(around[distance.argmin()]), reach / 8
-        found.append(ViaCheck(name, moment, float(distance.min())))
-    return tuple(found)
+    nearest = [int(((state.q - target) ** 2).sum(axis=1).argmin()) for target in via]
+    moment, reach = t[nearest], float(np.diff(t).max())
+    distance = np.zeros(via.shape[0])
+    each = np.arange(via.shape[0])
+    for _ in range(6):
+        around = moment[:, None] + reach * np.linspace(-1, 1, 17)
+        around = np.clip(around, 0.0, motion.duration)
+        q = motion.sample(around.ravel()).q.reshape(*around.shape, -1)
+        apart = np.sqrt(((q - via[:, None]) ** 2).sum(axis=2))
+        best = apart.argmin(axis=1)
+        moment, distance, reach = around[each, best], apart[each, best], reach / 8
+    return tuple(
+        ViaCheck(name, float(time), float(least))
+        for name, time, least in zip(names, moment, distance, strict=True)
+    )
 
 
 def _problems(

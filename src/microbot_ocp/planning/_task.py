@@ -37,6 +37,7 @@ ROUGH_TOLERANCE = 1e-6  # of solves on all meshes but the last one
 LDL = {"ipopt": {"linear_solver": "ldl"}}  # options by solver: see ocp/solvers/_ldl.py
 # A joint alone takes (factor way / limit)^(1 / order) from rest to rest under one limit.
 REST_TO_REST = {"qd": (1, 1), "qdd": (4, 2), "qddd": (32, 3), "taud": (1, 1)}
+MOST_VIA = 500
 NEAREST = 1e-8  # rad (m): how well a certificate takes states to be known
 CHECKS_PER_INTERVAL = 20  # places inside every mesh interval at which limits are looked at
 
@@ -221,6 +222,8 @@ def check_via(family: LimitFamily, via_q: ArrayLike) -> FloatArray:
     via = checks.array("via_q", via_q, (None, family.robot.joint_count), "rad")
     if via.shape[0] < 2:
         raise InputError(f"via_q must have at least 2 points, not {via.shape[0]}")
+    if via.shape[0] > MOST_VIA:
+        raise InputError(f"via_q must have at most {MOST_VIA} points, not {via.shape[0]:,}")
     for index, point in enumerate(via):
         check_position(family, f"via point {index + 1}", point)
         apart = float(np.abs(point - via[index - 1]).max()) if index else np.inf
