@@ -89,7 +89,16 @@ def test_the_best_order_is_found_and_bounds_leave_others_out(rail):
     motion = mo.time_optimal(slow, [[0.0], [2.0], [1.0], [3.0]], order="free", **QUICK)
     assert motion.provenance["order"] == [0, 2, 1, 3]
     assert motion.provenance["orders_left_out"] == 1
-    assert all(o["bound"] <= o["duration"] for o in motion.provenance["orders"])
+    (row,) = motion.provenance["orders"]
+    assert row["bound"] <= row["duration"] <= 1.01 * row["coarse"] <= 1.01 * row["rested"]
+
+
+def test_orders_that_coarse_answers_cannot_tell_apart_are_all_refined(rail):
+    motion = mo.time_optimal(rail, [[0.0], [1.0], [1.001], [0.0]], order="free", **QUICK)
+    rows = motion.provenance["orders"]
+    assert [row["status"] for row in rows] == ["solved", "solved"]
+    assert rows[0]["duration"] == motion.duration <= rows[1]["duration"]
+    assert "2 solved on a coarse mesh, 2 of them refined" in motion.note
 
 
 def test_stops_with_a_segment_between_them_stay_together(rail):

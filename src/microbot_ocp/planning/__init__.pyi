@@ -4,6 +4,9 @@ from ._among_obstacles import (
     TimedPath as TimedPath,
     timed_paths as timed_paths,
 )
+from ._branches import (
+    least_duration as least_duration,
+)
 from ._fast_timing import (
     PathTiming as PathTiming,
     time_path as time_path,
@@ -15,6 +18,9 @@ from ._free import (
 )
 from ._free_search import (
     TimeOptimalSettings as TimeOptimalSettings,
+)
+from ._orders import (
+    in_order as in_order,
 )
 from ._parts import (
     Part as Part,
@@ -53,8 +59,6 @@ from ._segments import (
     Segment as Segment,
 )
 from ._stop_search import (
-    in_order as in_order,
-    least_duration as least_duration,
     stretches as stretches,
 )
 from ._stop_task import (

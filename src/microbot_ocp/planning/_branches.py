@@ -7,6 +7,7 @@ the solver is started from the best way through each branch.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -20,7 +21,7 @@ from microbot_ocp.planning._scale import USUAL_SPEED
 from microbot_ocp.planning._segments import Circle, Line
 from microbot_ocp.planning._stop_task import Task, check_held
 from microbot_ocp.planning._stops import EXACT, Stop
-from microbot_ocp.planning._task import length_text, reach_of
+from microbot_ocp.planning._task import fastest_tool, length_text, reach_of
 from microbot_ocp.robot import Robot, forward_kinematics, jacobian
 
 TURNS = 8  # of a free turn, from which branches are looked for
@@ -437,3 +438,47 @@ def _time(way: Way, speeds: FloatArray) -> float:
     steps = np.abs(np.diff(way.via, axis=0))
     times = np.divide(steps, speeds, out=np.zeros_like(steps), where=steps > 0.0)
     return float(times.max(axis=1).sum())
+
+
+def least_duration(task: Task) -> float:
+    """What no motion of the task can fall below by the velocity limits, s.
+
+    Between poses of the joints the slowest joint at its highest velocity, by the branches that take
+    least; of a stop whose poses are not a few, the way of the tool at a speed that the joints
+    cannot exceed together.
+    """
+    robot = task.robot
+    speeds = np.maximum(-robot.limits.qd_min, robot.limits.qd_max)
+    fastest = fastest_tool(robot)
+    known = [few_poses(robot, stop) for stop in task.stops]
+    least = np.zeros(1)  # by the branch at a stop, or one number where there are many
+    for k, (a, b) in enumerate(itertools.pairwise(task.stops)):
+        before, after = known[k], known[k + 1]
+        if before is None or after is None:
+            way = _tool_distance(robot, a, b) / fastest
+            least = np.full(1 if after is None else len(after), least.min() + way)
+            continue
+        slack = sum(stop.slack for stop in (a, b) if stop.q is not None)
+        room = np.maximum(_joint_distances(robot, before, after) - slack, 0.0)
+        times = np.divide(room, speeds, out=np.zeros_like(room), where=room > 0.0)
+        least = (least[:, None] + times.max(axis=2)).min(axis=0)
+    return float(least.min() + task.dwells.sum())
+
+
+def _joint_distances(robot: Robot, before: FloatArray, after: FloatArray) -> FloatArray:
+    """Distances [k,l,n] of joint poses [k,n] from others [l,n], whole turns aside where allowed."""
+    apart = np.abs(after[None] - before[:, None])
+    turns = (robot.limits.q_max - robot.limits.q_min >= 2 * np.pi) & [
+        kind == "revolute" for kind in robot.joint_types
+    ]
+    return np.where(turns, np.abs((apart + np.pi) % (2 * np.pi) - np.pi), apart)
+
+
+def _tool_distance(robot: Robot, before: Stop, after: Stop) -> float:
+    """What the tool has to travel at least from one stop to another, m; 0 where that is open."""
+    if any(stop.q is not None and np.any(stop.slack) for stop in (before, after)):
+        return 0.0
+    apart = np.abs(before.pose(robot)[0] - after.pose(robot)[0])
+    for stop in (before, after):
+        apart = apart if stop.q is not None else np.maximum(apart - stop.slack, 0.0)
+    return float(np.linalg.norm(apart))

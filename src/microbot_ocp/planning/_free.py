@@ -60,8 +60,10 @@ def time_optimal(
         shortest period. ``segments`` has one more then.
     order : str
         "free" looks at every order of the stops (of at most 7; the first, and the last unless it is
-        a cycle, keep their places): the best, for sure as far as each order's own optimum was
-        found. Two stops with a segment between them follow one another in every order.
+        a cycle, keep their places). Orders are compared by coarse answers, with the ``scene``
+        where one is given, and those within 1 % of the best are refined; others are left out by
+        bounds, and by what their timed paths could save at most. Two stops with a segment between
+        them follow one another in every order. ``orders`` in the provenance says what each led to.
     duration : float, optional
         Time that may be taken, s: of all motions that take no longer the one of least effort, as
         with ``slack``.
@@ -100,7 +102,7 @@ def time_optimal(
     chosen = with_changes(settings or TimeOptimalSettings(), changes)
     checks.one_of("order", order, ("given", "free"))
     if is_task(via_q) or segments is not None or cycle or order != "given" or duration is not None:
-        from microbot_ocp.planning._stop_search import solve_stops
+        from microbot_ocp.planning._orders import solve_stops
 
         stops = list(cast("Sequence[Any]", via_q))
         plan = stops, segments, cycle, order, duration

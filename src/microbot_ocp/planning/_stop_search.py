@@ -7,11 +7,10 @@ search starts from the ways through every branch of the inverse kinematics.
 from __future__ import annotations
 
 import contextlib
-import itertools
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,12 +18,12 @@ import numpy as np
 from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.status import Status
-from microbot_ocp.limits import JointLimits, LimitFamily, Limits, MotionSamples
+from microbot_ocp.limits import LimitFamily, MotionSamples
 from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial, State, pieces_of, torque_along
 from microbot_ocp.ocp import Solution
 from microbot_ocp.ocp.solution import StepProgress
 from microbot_ocp.ocp.transcription import Guess, Transcription
-from microbot_ocp.planning._branches import Way, few_poses, least_time, ways_through
+from microbot_ocp.planning._branches import Way, few_poses, least_duration, least_time, ways_through
 from microbot_ocp.planning._conditions import Conditions
 from microbot_ocp.planning._fast_timing import time_path
 from microbot_ocp.planning._free_problem import excess_along, polynomial, transcription
@@ -43,10 +42,8 @@ from microbot_ocp.planning._free_search import (
 )
 from microbot_ocp.planning._initial_guesses import InitialGuess, initial_guesses
 from microbot_ocp.planning._scale import TaskScale
-from microbot_ocp.planning._segments import Segment
-from microbot_ocp.planning._stop_task import Task, task_of, with_torques
-from microbot_ocp.planning._stops import Stop
-from microbot_ocp.planning._task import LDL, fastest_tool, with_locked_joints_held
+from microbot_ocp.planning._stop_task import Task, with_torques
+from microbot_ocp.planning._task import LDL, with_locked_joints_held
 from microbot_ocp.robot import Robot, jacobian
 from microbot_ocp.trajectories import spline
 
@@ -103,6 +100,10 @@ class StopSearch(FreeSearch):
         self.allowed = duration
         self.shortest = np.nan  # s, dwells included
         self.led_to: list[tuple[Way, str, Solution]] = []
+        self.tried: list[dict[str, Any]] = []
+        self.found: list[Solution] = []
+        self.beaten = np.inf  # s, dwells not included: another order takes so long
+        self.briefly = False  # whether only what is needed to compare orders is tried
         self.left_out: dict[str, tuple[Way, float]] = {}
         super().__init__(task.family, self.ways[0].via, settings, progress)
 
@@ -136,9 +137,10 @@ class StopSearch(FreeSearch):
                 "fatrop": {"max_iter": LEAST_ITERATIONS},
             },  # IPOPT solves what takes it more
         )
-        tried: list[dict[str, Any]] = []
-        found: list[Solution] = []
+        tried, found = self.tried, self.found
         for way, guess in self._all_guesses():
+            if any(guess.name == said["start"] for said in tried):
+                continue  # when orders were compared
             solved = [s for s in found if s.status.solved]
             most = max((PATIENCE * s.attempts[-1].iterations for s in solved), default=0)
             most = min(max(LEAST_ITERATIONS, most), MOST_EXPLORING) if solved else MOST_EXPLORING
@@ -160,15 +162,32 @@ class StopSearch(FreeSearch):
                 break
         return tried, found
 
+    def coarse_duration(self, beaten: float = np.inf) -> float:
+        """What the best coarse answer takes, s; infinite where there is none.
+
+        Parameters
+        ----------
+        beaten : float
+            What another order of the stops takes, s: ways that cannot be faster are left out.
+        """
+        rested = float(self.task.dwells.sum())
+        self.beaten, self.briefly = beaten - rested, True
+        self._explore()
+        self.beaten, self.briefly = np.inf, False
+        durations = [led.duration for led in self.found if led.status.solved]
+        return min(durations, default=np.inf) + rested
+
     def _all_guesses(self) -> Iterator[tuple[Way, InitialGuess]]:
         for way in self.ways if self.settings.starts > 1 else self.ways[:1]:
             if not self._leaves_out(way):
                 yield way, self._rest_to_rest(way)
+        if not self.led_to:
+            return
         best = min(
             self.led_to,
             key=lambda told: (not told[2].status.solved, told[2].duration),
         )[0]
-        if any(kind is not None for kind in self.task.segments):
+        if self.briefly or any(kind is not None for kind in self.task.segments):
             return
         further = min(BOWS, self.settings.starts - 1) + 1
         others = initial_guesses(self.family, best.via, self.names, further, self.settings.seed)
@@ -180,7 +199,7 @@ class StopSearch(FreeSearch):
         durations = [led.duration for _, _, led in self.led_to if led.status.solved]
         exact = all(few_poses(self.robot, stop) is not None for stop in self.task.stops)
         least = least_time(self.task, way)
-        if least <= (1.0 if exact else SPARE) * min(durations, default=np.inf):
+        if least <= (1.0 if exact else SPARE) * min([*durations, self.beaten]):
             return False
         self.left_out[way.name] = way, least
         return True
@@ -189,20 +208,12 @@ class StopSearch(FreeSearch):
         """Every segment from rest to rest, with its best timing where its path can be travelled."""
         guesses = {}
         durations = TaskScale.of(self.family, way.via).durations
-        rows = zip(self.names, way.paths, self.task.payloads, durations, strict=True)
-        for name, path, payload, duration in rows:
+        timings = segment_timings(self.task, way, self.settings.compiled)
+        rows = zip(self.names, way.paths, self.task.payloads, durations, timings, strict=True)
+        for name, path, payload, duration, timed in rows:
             shape = spline(path, np.linspace(0.0, float(duration), len(path)))
-            robot = payload.on(self.robot)
-            guesses[name] = guess_along(self._timed(robot, shape) or _slowed(robot, shape))
+            guesses[name] = guess_along(timed or _slowed(payload.on(self.robot), shape))
         return InitialGuess(way.name, guesses)
-
-    def _timed(self, robot: Robot, path: PiecewisePolynomial) -> PiecewisePolynomial | None:
-        with contextlib.suppress(InputError):
-            timing = time_path(robot, path, grid=TIMED, compiled=self.settings.compiled)
-            if timing.solved:
-                motion = timing.motion()
-                return PiecewisePolynomial(motion.t, pieces_of(motion))
-        return None
 
     def _with_closed(self, name: str, guess: Guess) -> Guess:
         """A guess of the first phase with the values at its start that the last one returns to."""
@@ -306,7 +317,7 @@ class StopSearch(FreeSearch):
         self.progress(f"slowed down: {found.duration:.6f} s, {found.status}")
         if self._rank(found)[0] is False:
             return found
-        self.led_to = []  # with other torques
+        self.led_to, self.tried, self.found = [], [], []  # with other torques
         return self.search()[1]
 
     # result ---------------------------------------------------------------------------------
@@ -403,6 +414,29 @@ def guess_along(shape: PiecewisePolynomial) -> Guess:
     velocity = shape.derivative()
     curves = {"q": shape, "qd": velocity, "qdd": velocity.derivative()}
     return Guess(shape.duration, {key: partial(_along, curve) for key, curve in curves.items()})
+
+
+def segment_timings(task: Task, way: Way, compiled: bool) -> tuple[PiecewisePolynomial | None, ...]:
+    """The best timing from rest to rest of every segment of a way; None where there is none."""
+    rows = zip(way.paths, task.payloads, strict=True)
+    return tuple(
+        _best_timing(payload.on(task.robot), path.tobytes(), len(path), compiled)
+        for path, payload in rows
+    )
+
+
+@lru_cache(maxsize=1024)
+def _best_timing(
+    robot: Robot, path_bytes: bytes, count: int, compiled: bool
+) -> PiecewisePolynomial | None:
+    """As :func:`segment_timings`, of one path [count,n]; other orders of stops have it, too."""
+    shape = spline(np.frombuffer(path_bytes).reshape(count, -1), np.linspace(0.0, 1.0, count))
+    with contextlib.suppress(InputError):
+        timing = time_path(robot, shape, grid=TIMED, compiled=compiled)
+        if timing.solved:
+            motion = timing.motion()
+            return PiecewisePolynomial(motion.t, pieces_of(motion))
+    return None
 
 
 def _slowed(robot: Robot, shape: PiecewisePolynomial) -> PiecewisePolynomial:
@@ -505,120 +539,6 @@ def stretches(task: Task, motion: Motion) -> list[Stretch]:
     return found
 
 
-def solve_stops(
-    robot: Robot,
-    limits: Limits | JointLimits | None,
-    stops: Sequence[Any],
-    segments: Sequence[Segment] | None,
-    cycle: bool,
-    order: str,
-    duration: float | None,
-    settings: TimeOptimalSettings,
-    progress: StepProgress,
-) -> Motion:
-    """As :func:`microbot_ocp.time_optimal`, of stops."""
-    task = task_of(robot, stops, limits, segments=segments, cycle=cycle)
-    if order == "given":
-        return fastest_through(task, settings, progress, duration)
-    named = [s if isinstance(s, Stop) else Stop(q=s) for s in stops]
-    named = [stop.named(f"stop {k + 1}") for k, stop in enumerate(named)]
-    tasks = {
-        places: task_of(
-            robot,
-            [named[k] for k in places],
-            limits,
-            segments=in_order(segments, places),
-            cycle=cycle,
-        )
-        for places in _orders(len(named), cycle, segments)
-    }
-    with deadline.within(settings.time_limit):
-        return _best_order(tasks, settings, progress, duration)
-
-
-def in_order(
-    segments: Sequence[Segment] | None, order: Sequence[int]
-) -> tuple[Segment, ...] | None:
-    """The segments between stops in another order: each stays with the stop where it begins."""
-    if segments is None:
-        return None
-    return tuple(segments[k] if k < len(segments) else None for k in order)[: len(segments)]
-
-
-def _best_order(
-    tasks: dict[tuple[int, ...], Task],
-    settings: TimeOptimalSettings,
-    progress: StepProgress,
-    duration: float | None,
-) -> Motion:
-    """The best of several orders of the stops; those that cannot be better are left out.
-
-    Orders are solved by what they take at least until that exceeds the best duration found, or the
-    time that is allowed: then the best is the one of least effort. An order that no branch of the
-    arm can follow is not one of them.
-    """
-    bounds = {places: least_duration(task) for places, task in tasks.items()}
-    best: Motion | None = None
-    told: list[dict[str, Any]] = []
-    refused: InputError | None = None
-
-    def rank(motion: Motion) -> tuple[bool, float, float]:
-        calmed = {} if duration is None else motion.provenance.get("least_effort", {})
-        return not motion.solved, calmed.get("effort", np.inf), motion.duration
-
-    for places in sorted(tasks, key=lambda p: (bounds[p], p)):
-        if best is not None and best.solved:
-            longest = best.duration if duration is None else duration
-            if bounds[places] >= longest or deadline.over():
-                break
-        found: dict[str, Any] = {"order": list(places), "bound": bounds[places]}
-        try:
-            motion = fastest_through(tasks[places], settings, progress, duration)
-        except InputError as problem:
-            refused = problem
-            told.append({**found, "duration": None, "status": str(problem)})
-            continue
-        told.append({**found, "duration": motion.duration, "status": str(motion.status)})
-        progress(f"order {places}: at least {bounds[places]:.4f} s, {motion.duration:.4f} s")
-        if best is None or rank(motion) < rank(best):
-            best = replace(motion, provenance={**motion.provenance, "order": list(places)})
-    if best is None:
-        assert refused is not None
-        raise refused
-    left = len(tasks) - len(told)
-    named = "-".join(str(k + 1) for k in best.provenance["order"])
-    return replace(
-        best,
-        provenance={**best.provenance, "orders": told, "orders_left_out": left},
-        note=f"order {named} of {len(tasks)}, {left} left out by their bounds; {best.note}",
-    )
-
-
-def least_duration(task: Task) -> float:
-    """What no motion of the task can fall below by the velocity limits, s.
-
-    Between poses of the joints the slowest joint at its highest velocity, by the branches that take
-    least; of a stop whose poses are not a few, the way of the tool at a speed that the joints
-    cannot exceed together.
-    """
-    robot = task.robot
-    speeds = np.maximum(-robot.limits.qd_min, robot.limits.qd_max)
-    fastest = fastest_tool(robot)
-    known = [few_poses(robot, stop) for stop in task.stops]
-    least = np.zeros(1)  # by the branch at a stop, or one number where there are many
-    for k, (a, b) in enumerate(itertools.pairwise(task.stops)):
-        before, after = known[k], known[k + 1]
-        if before is None or after is None:
-            way = _tool_distance(robot, a, b) / fastest
-            least = np.full(1 if after is None else len(after), least.min() + way)
-            continue
-        slack = sum(stop.slack for stop in (a, b) if stop.q is not None)
-        room = np.maximum(_joint_distances(robot, before, after) - slack, 0.0)
-        times = np.divide(room, speeds, out=np.zeros_like(room), where=room > 0.0)
-        least = (least[:, None] + times.max(axis=2)).min(axis=0)
-    return float(least.min() + task.dwells.sum())
-
-
 def _check_velocities(task: Task) -> None:
     """Raise InputError where no branch at a stop gives the tool the velocity that is asked for."""
     robot = task.robot
@@ -639,40 +559,3 @@ def _check_velocities(task: Task) -> None:
                 f"stop {stop.name!r}: the velocity limits of the joints allow the tool at most "
                 f"{most:.3g} m/s in that direction, not {wanted:.3g} m/s"
             )
-
-
-def _joint_distances(robot: Robot, before: FloatArray, after: FloatArray) -> FloatArray:
-    """Distances [k,l,n] of joint poses [k,n] from others [l,n], whole turns aside where allowed."""
-    apart = np.abs(after[None] - before[:, None])
-    turns = (robot.limits.q_max - robot.limits.q_min >= 2 * np.pi) & [
-        kind == "revolute" for kind in robot.joint_types
-    ]
-    return np.where(turns, np.abs((apart + np.pi) % (2 * np.pi) - np.pi), apart)
-
-
-def _tool_distance(robot: Robot, before: Stop, after: Stop) -> float:
-    """What the tool has to travel at least from one stop to another, m; 0 where that is open."""
-    if any(stop.q is not None and np.any(stop.slack) for stop in (before, after)):
-        return 0.0
-    apart = np.abs(before.pose(robot)[0] - after.pose(robot)[0])
-    for stop in (before, after):
-        apart = apart if stop.q is not None else np.maximum(apart - stop.slack, 0.0)
-    return float(np.linalg.norm(apart))
-
-
-def _orders(count: int, cycle: bool, segments: Sequence[Segment] | None) -> list[tuple[int, ...]]:
-    """Orders of stops: a cycle begins with its first, another task keeps its first and last.
-
-    Two stops with a line, circle or joint line between them follow one another in every order.
-
-    Raises
-    ------
-    InputError
-        More stops than all orders are looked at of.
-    """
-    if count > MOST_ORDERED:
-        raise InputError(f"order is free for at most {MOST_ORDERED} stops, not {count}")
-    tied = {(k, (k + 1) % count) for k, kind in enumerate(segments or ()) if kind is not None}
-    between = itertools.permutations(range(1, count if cycle else count - 1))
-    orders = [(0, *p) if cycle else (0, *p, count - 1) for p in between]
-    return [order for order in orders if tied <= set(itertools.pairwise((*order, 0)))]

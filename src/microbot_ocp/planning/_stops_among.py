@@ -9,7 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -32,6 +33,7 @@ from microbot_ocp.planning._fast_timing import time_path
 from microbot_ocp.planning._free_problem import phase_names
 from microbot_ocp.planning._free_search import TimeOptimalSettings
 from microbot_ocp.planning._initial_guesses import InitialGuess
+from microbot_ocp.planning._orders import best_order, hoped_of, rested_of, tasks_in_orders
 from microbot_ocp.planning._parts import (
     Place,
     places_along,
@@ -39,11 +41,11 @@ from microbot_ocp.planning._parts import (
     scenes_of,
     tool_poses,
 )
-from microbot_ocp.planning._stop_search import StopSearch, guess_along, in_order, solve_stops
+from microbot_ocp.planning._stop_search import StopSearch, guess_along, segment_timings
 from microbot_ocp.planning._stop_task import Task, task_of
 from microbot_ocp.planning._stops import Stop
 from microbot_ocp.planning._task import reach_of
-from microbot_ocp.robot import Robot
+from microbot_ocp.robot import Capsule, Robot
 from microbot_ocp.scene import (
     Clearance,
     Pair,
@@ -57,6 +59,7 @@ from microbot_ocp.scene import (
 
 SEEDS = 2  # of the planner, for each blocked segment
 MOST_GUESSES = 4  # ways that the search starts from
+FIRST_LOOK = 2  # of them, through different branches, where orders of the stops are compared
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,10 +92,29 @@ def _pairs(scene: Scene, robot: Robot) -> tuple[Pair, ...]:
     return scene.without_parts_of(robot).pairs(robot)
 
 
+class Guide(NamedTuple):
+    """A way whose free segments lead around the obstacles.
+
+    Attributes
+    ----------
+    way : Way
+    shapes : dict of str to PiecewisePolynomial
+        The timed path of every free segment, from rest to rest.
+    durations : list of float or None
+        What every segment takes so, s; None of one that could not be timed.
+    name : str
+    """
+
+    way: Way
+    shapes: dict[str, PiecewisePolynomial]
+    durations: list[float | None]
+    name: str
+
+
 class _GuidedSearch(StopSearch):
     """The search from ways that lead around obstacles, with what else there is after them."""
 
-    guided: Sequence[tuple[Way, dict[str, PiecewisePolynomial]]] = ()
+    guided: Sequence[Guide] = ()
 
     def _again(self, task: Task) -> StopSearch:
         search = _GuidedSearch(task, self.settings, self.progress, None, self.ways)
@@ -100,13 +122,16 @@ class _GuidedSearch(StopSearch):
         return search
 
     def _all_guesses(self) -> Iterator[tuple[Way, InitialGuess]]:
-        for number, (way, shapes) in enumerate(self.guided, start=1):
-            if self._leaves_out(way):
+        taken: list[Way] = []
+        for guide in self.guided:
+            way = guide.way
+            another = len(taken) < FIRST_LOOK and all(way is not other for other in taken)
+            if (self.briefly and not another) or self._leaves_out(way):
                 continue
+            taken.append(way)
             usual = self._rest_to_rest(way)
-            led = {name: guess_along(shape) for name, shape in shapes.items()}
-            name = f"{way.name}, around {number}"
-            yield way, InitialGuess(name, {**usual.guesses, **led})
+            led = {name: guess_along(shape) for name, shape in guide.shapes.items()}
+            yield way, InitialGuess(guide.name, {**usual.guesses, **led})
         if not self.guided:
             yield from super()._all_guesses()
 
@@ -125,17 +150,29 @@ def stops_among(
 ) -> Motion:
     """The fastest motion through stops that keeps clear of a scene.
 
-    A free order of the stops is the best one without obstacles.
+    Of a free order of the stops all orders are compared among the obstacles.
 
     Raises
     ------
     InputError
         A stop at which every branch of the arm touches something.
     """
-    (found, *_), _ = motions_among(
-        robot, limits, plan, scene, settings, progress, lambda search: ([(0.0, search.run())], "")
+    stops, segments, cycle, order, duration = plan
+    if order == "given":
+        ask = lambda search: ([(0.0, search.run())], "")  # noqa: E731
+        (found, *_), _ = motions_among(robot, limits, plan, scene, settings, progress, ask)
+        return found[1]
+    robot = with_arm_capsules(robot)
+    legs = Legs(scene, {}, {})
+    bare = [replace(s, payload=None) if isinstance(s, Stop) else s for s in stops]
+    _clear_ways(task_of(robot, bare, limits, segments=segments, cycle=cycle), legs)
+    return best_order(
+        tasks_in_orders(robot, limits, stops, segments, cycle),
+        lambda task: _Among(task, legs, settings, progress, duration),
+        settings,
+        progress,
+        duration,
     )
-    return found[1]
 
 
 def motions_among(
@@ -154,63 +191,93 @@ def motions_among(
     InputError
         As :func:`stops_among`.
     """
-    stops, segments, cycle, order, duration = plan
-    robot = with_arm_capsules(robot)
-    told: dict[str, Any] = {"scene": list(scene.names)}
-    if order != "given":
-        bare = [replace(s, payload=None) if isinstance(s, Stop) else s for s in stops]
-        _clear_ways(task_of(robot, bare, limits, segments=segments, cycle=cycle), scene)
-        first = solve_stops(robot, limits, *plan, settings, progress)
-        if not first.solved:
-            return [(0.0, first)], ""
-        places = told["order"] = first.provenance["order"]
-        stops = [stops[k] for k in places]
-        segments = in_order(segments, places)
-    task = task_of(robot, stops, limits, segments=segments, cycle=cycle)
-    carried = [capsule.name for own in task.robots for _, capsule in own.capsules]
-    for name in sum(scene.ignore, ()):
-        checks.one_of("name in ignore", name, sorted({*carried, *scene.names}))
-    near = NEAR * reach_of(robot)
-    guided = _ways_around(task, scene, progress)
-    first = guided[0][0].via if guided else ways_through(task)[0].via
-    around = Around(scenes_of(task, scene, tool_poses(robot, first)))
-    names = phase_names(len(task.segments))
-    for way, shapes in guided:
-        for k, (name, path) in enumerate(zip(names, way.paths, strict=True)):
-            shape = shapes.get(name)
-            q = path if shape is None else shape(np.linspace(0.0, shape.duration, SAMPLES))
-            around.add(task.robots[k], around.scenes[k], q, near)
-    made: Made = [], ""
-    proofs: list[Clearance] = []
-    for _ in range(AGAIN):
-        search = _GuidedSearch(replace(task, around=around), settings, progress, duration)
-        search.guided = guided
-        made = ask(search)
-        solved = [motion for _, motion in made[0] if motion.solved]
-        along = [places_along(task, motion, scene) for motion in solved]
-        proofs = [clearance_along(*pair) for pair in zip(along, solved, strict=True)]
-        if all(proof.proved for proof in proofs):
-            break
-        around = Around(scenes_of(task, scene, poses_at_stops(task, solved[0])), around.near)
-        more = [
-            around.add(p.robot, p.scene, _between(motion, p), near)
-            for places, motion in zip(along, solved, strict=True)
-            for p in places
+    stops, segments, cycle, _, duration = plan
+    task = task_of(with_arm_capsules(robot), stops, limits, segments=segments, cycle=cycle)
+    return _Among(task, Legs(scene, {}, {}), settings, progress, duration).motions(ask)
+
+
+class _Among:
+    """Stops in one order among obstacles."""
+
+    def __init__(
+        self,
+        task: Task,
+        legs: Legs,
+        settings: TimeOptimalSettings,
+        progress: StepProgress,
+        duration: float | None,
+    ) -> None:
+        self.task, self._scene = task, legs.scene
+        self._given = settings, progress, duration
+        carried = [capsule.name for own in task.robots for _, capsule in own.capsules]
+        for name in sum(self._scene.ignore, ()):
+            checks.one_of("name in ignore", name, sorted({*carried, *self._scene.names}))
+        self._near = NEAR * reach_of(task.robot)
+        self._guided = _ways_around(task, legs, settings.compiled, progress)
+        times = [guide.durations for guide in self._guided]
+        self.rested = min((rested_of(task, own) for own in times), default=np.inf)
+        self.hoped = min((hoped_of(task, own) for own in times), default=np.inf)
+        self._search: StopSearch | None = None
+
+    @cached_property
+    def _around(self) -> Around:
+        task, guided = self.task, self._guided
+        first = guided[0].way.via if guided else ways_through(task)[0].via
+        around = Around(scenes_of(task, self._scene, tool_poses(task.robot, first)))
+        names = phase_names(len(task.segments))
+        for guide in guided:
+            for k, (name, path) in enumerate(zip(names, guide.way.paths, strict=True)):
+                shape = guide.shapes.get(name)
+                q = path if shape is None else shape(np.linspace(0.0, shape.duration, SAMPLES))
+                around.add(task.robots[k], around.scenes[k], q, self._near)
+        return around
+
+    def _searching(self, around: Around) -> StopSearch:
+        search = _GuidedSearch(replace(self.task, around=around), *self._given)
+        search.guided = self._guided
+        return search
+
+    def coarse_duration(self, beaten: float) -> float:
+        self._search = self._searching(self._around)
+        return self._search.coarse_duration(beaten)
+
+    def motion(self) -> Motion:
+        return self.motions(lambda search: ([(0.0, search.run())], ""))[0][0][1]
+
+    def motions(self, ask: Callable[[StopSearch], Made]) -> Made:
+        """The motions that a search is asked for, again where they miss some pair's distance."""
+        task, scene, around, progress = self.task, self._scene, self._around, self._given[1]
+        search = self._search or self._searching(around)
+        made: Made = [], ""
+        proofs: list[Clearance] = []
+        for again in range(AGAIN):
+            made = ask(self._searching(around) if again else search)
+            solved = [motion for _, motion in made[0] if motion.solved]
+            along = [places_along(task, motion, scene) for motion in solved]
+            proofs = [clearance_along(*pair) for pair in zip(along, solved, strict=True)]
+            if all(proof.proved for proof in proofs):
+                break
+            around = Around(scenes_of(task, scene, poses_at_stops(task, solved[0])), around.near)
+            more = [
+                around.add(p.robot, p.scene, _between(motion, p), self._near)
+                for places, motion in zip(along, solved, strict=True)
+                for p in places
+            ]
+            if not any(more) and around.scenes == (scene,) * len(around.scenes):
+                break
+            progress("more pairs come too near, or a part lies elsewhere: solved again")
+        found = iter(proofs)
+        names = list(scene.names)
+        judged = [
+            (effort, _judged(motion, names, next(found) if motion.solved else None))
+            for effort, motion in made[0]
         ]
-        if not any(more) and around.scenes == (scene,) * len(around.scenes):
-            break
-        progress("more pairs come too near, or a part lies elsewhere: solved again")
-    found = iter(proofs)
-    judged = [
-        (effort, _judged(motion, told, next(found) if motion.solved else None))
-        for effort, motion in made[0]
-    ]
-    return judged, made[1]
+        return judged, made[1]
 
 
-def _judged(motion: Motion, told: dict[str, Any], found: Clearance | None) -> Motion:
+def _judged(motion: Motion, names: list[str], found: Clearance | None) -> Motion:
     """A motion with what its proof of clearance says."""
-    told = {**motion.provenance, **told}
+    told = {**motion.provenance, "scene": names}
     if found is not None:
         told["clearance"] = as_plain(found)
         if not found.proved:
@@ -223,7 +290,54 @@ def _between(motion: Motion, place: Place) -> FloatArray:
     return motion.sample(np.linspace(place.start, place.end, SAMPLES)).q
 
 
-def _clear_ways(task: Task, scene: Scene) -> list[tuple[Way, list[Surroundings]]]:
+@dataclass(frozen=True, eq=False)
+class Legs:
+    """What was planned around the obstacles of a scene between two poses, for all orders of stops.
+
+    Attributes
+    ----------
+    scene : Scene
+    surroundings : dict
+        By the arm with what it carries, and the parts that lie around it.
+    timed : dict
+        Timed paths, None where there is none, by surroundings, both poses and the seed.
+    """
+
+    scene: Scene
+    surroundings: dict[Any, Surroundings]
+    timed: dict[Any, PiecewisePolynomial | None]
+
+    def places(self, task: Task, way: Way) -> list[tuple[Any, Surroundings]]:
+        """What is around the arm on every segment of a way, each with its key."""
+        found = []
+        scenes = scenes_of(task, self.scene, tool_poses(task.robot, way.via))
+        for payload, own in zip(task.payloads, scenes, strict=True):
+            robot = payload.on(task.robot)
+            lying = [c for c in own.obstacles[len(self.scene.obstacles) :] if type(c) is Capsule]
+            parts = tuple((c.name, c.start.tobytes(), c.end.tobytes(), c.radius) for c in lying)
+            key = robot, parts, own.ignore
+            if key not in self.surroundings:
+                self.surroundings[key] = Surroundings(robot, own.without_parts_of(robot))
+            found.append((key, self.surroundings[key]))
+        return found
+
+    def around(
+        self, place: tuple[Any, Surroundings], start: FloatArray, goal: FloatArray, seed: int
+    ) -> PiecewisePolynomial | None:
+        """A timed path from a pose [n] to another, from rest to rest; None where none is found."""
+        own, around = place
+        key = own, start.tobytes(), goal.tobytes(), seed
+        if key not in self.timed:
+            leg = next(iter(detours(around, start, goal, range(seed, seed + 1))))
+            timing = None if leg.path is None else time_path(around.robot, leg.path)
+            self.timed[key] = None
+            if timing is not None and timing.solved:
+                motion = timing.motion("timed path")
+                self.timed[key] = PiecewisePolynomial(motion.t, pieces_of(motion))
+        return self.timed[key]
+
+
+def _clear_ways(task: Task, legs: Legs) -> list[tuple[Way, list[tuple[Any, Surroundings]]]]:
     """Ways whose poses at the stops touch nothing, with what is around each segment.
 
     Raises
@@ -233,12 +347,8 @@ def _clear_ways(task: Task, scene: Scene) -> list[tuple[Way, list[Surroundings]]
     """
     clear, refused = [], []
     for way in ways_through(task):
-        scenes = scenes_of(task, scene, tool_poses(task.robot, way.via))
-        places = [
-            Surroundings(robot, own.without_parts_of(robot))
-            for robot, own in zip(task.robots, scenes, strict=True)
-        ]
-        blocked = _blocked(task, places, way)
+        places = legs.places(task, way)
+        blocked = _blocked(task, [around for _, around in places], way)
         if blocked:
             refused.append(blocked)
         else:
@@ -248,31 +358,38 @@ def _clear_ways(task: Task, scene: Scene) -> list[tuple[Way, list[Surroundings]]
     return clear
 
 
-def _ways_around(
-    task: Task, scene: Scene, progress: StepProgress
-) -> list[tuple[Way, dict[str, PiecewisePolynomial]]]:
+def _ways_around(task: Task, legs: Legs, compiled: bool, progress: StepProgress) -> list[Guide]:
     """Ways with their free segments around the obstacles, the fastest first.
 
     None where the planner finds no way between the poses at the stops.
     """
-    found = []
-    for way, places in _clear_ways(task, scene):
+    found: list[Guide] = []
+    for way, places in _clear_ways(task, legs):
+        before: list[float | None] = []
         for seed in range(SEEDS):
-            led = _led_around(task, places, way, seed)
-            if led is None:
+            shapes = _led_around(task, places, way, seed, legs)
+            if shapes is None:
                 break
-            duration = sum(shape.duration for shape in led.values())
-            if any(way is other and duration == known for known, other, _ in found):
+            usual = segment_timings(task, way, compiled)
+            names = phase_names(len(usual))
+            own = [shapes.get(name, line) for name, line in zip(names, usual, strict=True)]
+            durations = [None if shape is None else shape.duration for shape in own]
+            if durations == before:
                 break  # no segment is blocked: other seeds lead to the same
-            found.append((duration, way, led))
-    found.sort(key=lambda entry: entry[0])
-    kept: list[tuple[float, Way, dict[str, PiecewisePolynomial]]] = []
-    for duration, way, led in found:
-        if any(way is other and duration <= (1 + DIFFERENT) * known for known, other, _ in kept):
+            found.append(Guide(way, shapes, durations, ""))
+            before = durations
+    found.sort(key=lambda guide: rested_of(task, guide.durations))
+    kept: list[Guide] = []
+    for guide in found:
+        took = rested_of(task, guide.durations)
+        known = [rested_of(task, g.durations) for g in kept if g.way is guide.way]
+        if any(took <= (1 + DIFFERENT) * other for other in known):
             continue
-        kept.append((duration, way, led))
-        progress(f"{way.name}: {duration:.4f} s around the obstacles from rest to rest")
-    return [(way, led) for _, way, led in kept[:MOST_GUESSES]]
+        kept.append(guide._replace(name=f"{guide.way.name}, around {len(kept) + 1}"))
+        progress(f"{guide.way.name}: {took:.4f} s around the obstacles from rest to rest")
+        if len(kept) == MOST_GUESSES:
+            break
+    return kept
 
 
 def _blocked(task: Task, places: Sequence[Surroundings], way: Way) -> str:
@@ -287,19 +404,15 @@ def _blocked(task: Task, places: Sequence[Surroundings], way: Way) -> str:
 
 
 def _led_around(
-    task: Task, places: Sequence[Surroundings], way: Way, seed: int
+    task: Task, places: Sequence[tuple[Any, Surroundings]], way: Way, seed: int, legs: Legs
 ) -> dict[str, PiecewisePolynomial] | None:
     """A timed path for every free segment of a way; None where the planner finds none."""
     shapes, names = {}, phase_names(len(task.segments))
     for k, (name, kind) in enumerate(zip(names, task.segments, strict=True)):
         if kind is not None:
             continue
-        leg = next(iter(detours(places[k], way.via[k], way.via[k + 1], range(seed, seed + 1))))
-        if leg.path is None:
+        shape = legs.around(places[k], way.via[k], way.via[k + 1], seed)
+        if shape is None:
             return None
-        timing = time_path(task.robots[k], leg.path)
-        if not timing.solved:
-            return None
-        motion = timing.motion("timed path")
-        shapes[name] = PiecewisePolynomial(motion.t, pieces_of(motion))
+        shapes[name] = shape
     return shapes
