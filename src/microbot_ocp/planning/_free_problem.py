@@ -34,6 +34,7 @@ from microbot_ocp.robot import Robot
 SMOOTHING = 1e-6
 JERK_WEIGHT = "jerk weight"  # the parameter of a phase
 CLOSED = 1e-5  # share of the way, or of the change of velocity, that gaps add up to
+BUDGET = "budget"  # a parameter of every phase
 OF_VARIABLES = ("q", "qd", "qdd")  # limits that are bounds of states and of the control
 
 
@@ -50,7 +51,7 @@ def transcription(
     compiled: bool,
     *,
     payload: bool = False,
-    budget: float | None = None,
+    budgeted: bool = False,
     conditions: Conditions | None = None,
 ) -> Transcription:
     """Kernels for a robot (its own limits) and via points, built once."""
@@ -64,7 +65,7 @@ def transcription(
     if compiled and not shared:
         prepare = compile_recipe
     return Transcription(
-        free_problem(robot, via, payload=payload, budget=budget, conditions=conditions),
+        free_problem(robot, via, payload=payload, budgeted=budgeted, conditions=conditions),
         scheme="shooting",
         prepare=prepare,
         derivatives=derivatives_for(*robots, *map(without_dry_friction, robots), compiled=shared),
@@ -76,7 +77,7 @@ def free_problem(
     via: FloatArray,
     *,
     payload: bool = False,
-    budget: float | None = None,
+    budgeted: bool = False,
     jumps: bool = False,
     conditions: Conditions | None = None,
 ) -> OptimalControlProblem:
@@ -84,8 +85,9 @@ def free_problem(
 
     Each segment between two via points is a phase of free duration with the states q, qd and a
     continuous, piecewise linear acceleration as the control. With ``payload`` every phase has the
-    parameter "payload": a mass at the tool, kg, zero at first. With a ``budget``, s, all phases
-    together take no longer, and the effort is minimised in the place of the time. With ``jumps``
+    parameter "payload": a mass at the tool, kg, zero at first. Where it is
+    ``budgeted`` every phase has the parameter "budget", that of the last one being the time, s, in
+    which all are passed, and the effort is minimised in the place of the time. With ``jumps``
     the acceleration may jump, as it does in the fastest motion, and nothing is smoothed; where a
     limit is one of the jerk or the torque rate it is the jerk that may. ``conditions`` say what
     holds at the via points and which robot moves between them; by default the arm is at rest at
@@ -168,17 +170,19 @@ def free_problem(
             phase.point_constraint(row.name, row.expression(q, qd), *row.bounds, at=0.0)
         for row in at_end.rows if last else ():
             phase.end_constraint(row.name, row.expression(q, qd), *row.bounds)
-        if budget is None:
+        if not budgeted:
             phase.end_cost(phase.duration)
         else:
             clock = phase.state(
                 "clock",
                 initial=0.0 if first else None,
-                final=(-np.inf, budget) if last else None,
                 scale=size.time,
                 unit="s",
             )
             phase.derivative(clock, ca.MX(1.0))
+            late = clock - phase.parameter(BUDGET, 1.0)  # of all phases, which share kernels so
+            if last:
+                phase.end_constraint("time allowed", late, upper=0.0, scale=size.time, unit="s")
             if tau is None and robot.has_dynamics:
                 tau = torques(*state, *mass)[0]
             moved = qdd if tau is None else tau
@@ -187,7 +191,7 @@ def free_problem(
             weight = phase.parameter(JERK_WEIGHT, SMOOTHING)
             phase.running_cost(weight * ca.sumsqr(jerk / size.jerk))
     for index, (before, after) in enumerate(itertools.pairwise(problem.phases)):
-        names = ["q", "qd", *([] if budget is None else ["clock"])]
+        names = ["q", "qd", *(["clock"] if budgeted else [])]
         leaps = told.ends[index + 1].leaps or (jumps and not rated)
         problem.link(before, after, names=[*names, *([] if leaps else ["qdd"])])
     for name in told.closed:

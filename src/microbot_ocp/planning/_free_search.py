@@ -13,7 +13,7 @@ import time
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -31,6 +31,7 @@ from microbot_ocp.ocp.solution import StepProgress, quiet, unpack
 from microbot_ocp.ocp.transcription import Guess, Transcription
 from microbot_ocp.planning._free_problem import (
     JERK_WEIGHT,
+    BUDGET,
     SMOOTHING,
     effort_scale,
     excess_between,
@@ -216,10 +217,15 @@ class FreeSearch:
             enough=self._is_enough if self.slows_down else None,
         )
 
-    def _kernels(self, budget: float | None = None) -> Transcription:
+    def _kernels(self, budgeted: bool = False) -> Transcription:
         held: Robot = with_locked_joints_held(self.family).robot
         compiled = self.settings.compiled
-        return transcription(held, self.via.tobytes(), len(self.via), compiled, budget=budget)
+        return transcription(held, self.via.tobytes(), len(self.via), compiled, budgeted=budgeted)
+
+    @cached_property
+    def _budgeted(self) -> Transcription:
+        """Kernels of the least effort, for any time that is allowed."""
+        return self._kernels(budgeted=True)
 
     def run(self) -> Motion:
         begin, left = time.perf_counter(), deadline.left()
@@ -555,7 +561,8 @@ class FreeSearch:
     def _calmer(self, fastest: Solution) -> Solution:
         """The motion of least effort that takes at most the slack longer; the fastest if none."""
         slower = 1.0 + self.settings.slack
-        kernels = self._kernels(slower * fastest.duration)
+        allowed = {self.names[-1]: {BUDGET: slower * fastest.duration}}
+        kernels = self._budgeted.with_parameters(allowed)
         refiner = replace(
             self.refiner, transcription=kernels, guess_from=self._with_clock, rough=None
         )

@@ -107,7 +107,7 @@ class StopSearch(FreeSearch):
         self.left_out: dict[str, tuple[Way, float]] = {}
         super().__init__(task.family, self.ways[0].via, settings, progress)
 
-    def _kernels(self, budget: float | None = None) -> Transcription:
+    def _kernels(self, budgeted: bool = False) -> Transcription:
         held = [with_locked_joints_held(family).robot for family in self.task.families]
         told = self.task.conditions
         conditions = Conditions(tuple(held), told.ends, told.closed)
@@ -117,7 +117,7 @@ class StopSearch(FreeSearch):
             self.via.tobytes(),
             len(self.via),
             self.settings.compiled,
-            budget=budget,
+            budgeted=budgeted,
             conditions=conditions,
         )
 

@@ -145,8 +145,11 @@ def _obstacle(table: Mapping[str, Any], folder: Path, label: str) -> Obstacle:
     path = folder / _text("file", table["file"], label)
     if not path.is_file():
         raise InputError(f"there is no file {str(path)!r}")
-    scale = np.broadcast_to(checks.array("scale", np.atleast_1d(table.get("scale", 1.0)), (None,)),
-                            3)  # fmt: skip
+    scale = checks.array("scale", np.atleast_1d(table.get("scale", 1.0)), (None,))
+    if scale.size not in (1, 3) or not scale.all():
+        said = checks.shown(table["scale"])
+        raise InputError(f"scale must be one number or three, none of them 0, not {said}")
+    scale = np.broadcast_to(scale, 3)
     mesh = read_mesh(Shape(0, np.eye(4), "mesh", scale, link=name, path=str(path)))
     return ConvexMesh(mesh.vertices, pose, name)
 
