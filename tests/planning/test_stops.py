@@ -86,7 +86,9 @@ def test_a_velocity_that_is_asked_for_is_the_velocity(rail):
 
 def test_the_best_order_is_found_and_bounds_leave_others_out(rail):
     slow = rail.with_limits(qd_max=0.5)
-    motion = mo.time_optimal(slow, [[0.0], [2.0], [1.0], [3.0]], order="free", **QUICK)
+    motion = mo.time_optimal(
+        slow, [[0.0], [2.0], [1.0], [3.0]], order="free", **(QUICK | {"mesh": 20})
+    )
     assert motion.provenance["order"] == [0, 2, 1, 3]
     assert motion.provenance["orders_left_out"] == 1
     (row,) = motion.provenance["orders"]

@@ -280,7 +280,7 @@ def test_orders_are_compared_among_the_obstacles() -> None:
     assert motion.provenance["clearance"]["proved"]
     best, other = motion.provenance["orders"]
     assert best["order"] == motion.provenance["order"] == [0, 2, 1, 3]
-    assert best["coarse"] < 0.99 * other["coarse"]  # 1.88 and 1.93 s; 1.04 and 1.35 s without the post
+    assert 1.8 < best["coarse"] < 0.99 * other["coarse"] < 2.0  # 1.04 and 1.35 s without the post
     assert other["status"] == "coarse"
 
 
