@@ -36,7 +36,12 @@ WRITTEN = {
     "course/time_optimal.md": {"use.png": "course/use.png"},
 }
 DEMO = DOCS.parent / "problems" / "07_time_optimal_comparison.py"
-SCRIPTS = ("make_order_plot.py", "make_certificate_plot.py", "make_import_diagram.py")
+SCRIPTS = (
+    "make_order_plot.py",
+    "make_certificate_plot.py",
+    "make_cell_picture.py",
+    "make_import_diagram.py",
+)
 VIEWERS = ("make_screenshots.py", "make_notebook_pictures.py")
 
 
