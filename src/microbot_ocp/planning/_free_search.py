@@ -30,8 +30,8 @@ from microbot_ocp.ocp.refinement import WORSE, Refiner
 from microbot_ocp.ocp.solution import StepProgress, quiet, unpack
 from microbot_ocp.ocp.transcription import Guess, Transcription
 from microbot_ocp.planning._free_problem import (
-    JERK_WEIGHT,
     BUDGET,
+    JERK_WEIGHT,
     SMOOTHING,
     effort_scale,
     excess_between,
