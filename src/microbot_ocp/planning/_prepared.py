@@ -143,6 +143,7 @@ class TimeOptimalSolver:
             seed=seed,
         )
         self._reference: Solution | None = None
+        self._smoothing = SMOOTHING
         self._phases = phase_names(len(self.via_q) - 1)
         held: Robot = with_locked_joints_held(LimitFamily.of(robot)).robot
         self._kernels = transcription(
@@ -247,7 +248,10 @@ class TimeOptimalSolver:
         search = FreeSearch(family, self.via_q, self._settings, quiet, self._kernels)
         # as near the optimum as every later solve: to the barrier parameter that it starts with
         search.refiner.settings = replace(search.refiner.settings, gap=np.inf)
-        return search.search()[1]
+        found = search.search()[1]
+        # what follows is smoothed as the motion that it starts from
+        self._kernels, self._smoothing = search.refiner.transcription, search.smoothing
+        return found
 
     def _for_any_via(self) -> ParametricSolver:
         """The solver on an even mesh, its cost scaled at the solver's own via points."""
@@ -381,7 +385,7 @@ class TimeOptimalSolver:
                 outcome,
                 solution,
                 time.perf_counter() - begin,
-                SMOOTHING,
+                self._smoothing,
                 start=start,
                 starts=starts,
                 payload=float(payload),
