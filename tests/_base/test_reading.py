@@ -52,3 +52,9 @@ def test_tables_that_are_pipes_are_refused(tmp_path, name):
     )
     with pytest.raises(mo.InputError, match="a pipe or a device"):
         read_study(tmp_path / "study.toml")
+
+
+def test_a_byte_order_mark_is_no_part_of_a_text(tmp_path):
+    path = tmp_path / "a.toml"
+    path.write_bytes(b'\xef\xbb\xbfname = "a"')
+    assert reading.text_of(path, "robot file") == 'name = "a"'

@@ -66,13 +66,13 @@ def bytes_of(path: str | Path, what: str) -> bytes:
 
 
 def text_of(path: str | Path, what: str) -> str:
-    """The text of a plain file, as :func:`bytes_of`.
+    """The text of a plain file, as :func:`bytes_of`; editors may put a byte order mark first.
 
     Raises
     ------
     InputError
     """
     try:
-        return bytes_of(path, what).decode()
+        return bytes_of(path, what).decode("utf-8-sig")
     except UnicodeDecodeError:
         raise InputError(f"{what} {str(path)!r} cannot be read: it is not text") from None

@@ -104,6 +104,8 @@ def time_optimal(
     if is_task(via_q) or segments is not None or cycle or order != "given" or duration is not None:
         from microbot_ocp.planning._orders import solve_stops
 
+        if np.ndim(cast("Any", via_q)) == 0 and not isinstance(via_q, Sequence):
+            raise InputError(f"via_q must be stops or poses, not {checks.shown(via_q)}")
         stops = list(cast("Sequence[Any]", via_q))
         plan = stops, segments, cycle, order, duration
         if scene is not None:

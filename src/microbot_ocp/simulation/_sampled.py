@@ -22,6 +22,7 @@ from microbot_ocp.simulation._integration import (
     settled,
 )
 
+MOST_SAMPLES = 400_000  # some seconds of work
 FINEST = 100  # fixed steps that a sample may take in any case
 
 
@@ -36,6 +37,7 @@ class Samples(NamedTuple):
     def of(cls, begin: float, end: float, rate: float, step: float) -> Samples:
         count = checks.step_count(end - begin, 1.0 / rate)
         inner = checks.step_count(1.0 / rate, step)
+        checks.size("the number of samples of the controller", count, MOST_SAMPLES)
         checks.size("the number of samples", count * inner, checks.MOST_GIVEN)
         within = np.arange(1, inner + 1) / (inner * rate)
         return cls(begin + np.arange(count) / rate, within, end)
