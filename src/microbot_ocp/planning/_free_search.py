@@ -194,7 +194,9 @@ class FreeSearch:
         self.calmed: dict[str, Any] = {}
         self.relaxed: Explanation | None = None
         self.smoothing = SMOOTHING
-        self.at_least: Slowed | None = None  # what needs no search, where a time limit is given
+        self.at_least: Slowed | None = None  # what needs no search
+        if self.slows_down and np.isfinite(deadline.left()):  # later there may be no time for it
+            self.at_least = self._known_ways()
         self._excesses: dict[Solution, list[FloatArray]] = {}
         self._slower: dict[Solution, Motion | None] = {}
         self.ahead: tuple[Solution, Solution] | None = None  # what was refined early, and into what
@@ -229,8 +231,6 @@ class FreeSearch:
 
     def run(self) -> Motion:
         begin, left = time.perf_counter(), deadline.left()
-        if self.slows_down and np.isfinite(left):  # later there may be no time for it
-            self.at_least = self._known_ways()
         spared = min(SPARED * left, MOST_SPARED) if self.slows_down else 0.0
         with deadline.within(max(left - spared, SHORTEST)):
             starts, solution = self.search()

@@ -13,7 +13,7 @@ from __future__ import annotations
 import itertools
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -23,7 +23,7 @@ from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.codegen import compile_recipe, compiler
 from microbot_ocp._base.status import Status
-from microbot_ocp.limits import JointLimits, LimitFamily, Limits, MotionSamples
+from microbot_ocp.limits import LIMIT_TOLERANCE, JointLimits, LimitFamily, Limits, MotionSamples
 from microbot_ocp.motion import (
     JUMP_GAP,
     SAMPLE_STEP,
@@ -31,7 +31,9 @@ from microbot_ocp.motion import (
     Motion,
     PiecewisePolynomial,
     State,
+    dense_times,
     sample_times,
+    samples_at,
 )
 from microbot_ocp.ocp.problem import OptimalControlProblem, Phase
 from microbot_ocp.ocp.refinement import Refiner
@@ -41,6 +43,7 @@ from microbot_ocp.ocp.transcription import Guess, Transcription
 from microbot_ocp.planning._blocked_path import blocking_limit
 from microbot_ocp.planning._curve import CurvePiece, evaluate, symbolic_derivatives
 from microbot_ocp.planning._fast_timing import sampled
+from microbot_ocp.planning._friction import dry_friction
 from microbot_ocp.planning._path_limits import LATER, limits_kept_by
 from microbot_ocp.planning._paths import check_path, corners, segments, stops
 from microbot_ocp.planning._progress import Samples, with_motion
@@ -70,6 +73,10 @@ LATE = "The time was over before the grid was fine enough; a longer time_limit m
 BLOCKED = (
     "No timing of the path keeps the limits. On a grid, viscous friction left out, the least that "
     "has to give, all limits by the same share, is:"
+)
+RATE_EXCEEDED = (
+    "The dry friction of {} turns at {:.4g} s faster than its torque rate allows, by {:.2g} %: "
+    "raise taud_max, or give the path another curvature there."
 )
 SLOWER = 0.05  # share by which the timing may be slower than reachability, which is the optimum
 
@@ -269,7 +276,8 @@ class _PathSearch:
             if solution.status.solved:
                 wall = time.perf_counter() - begin
                 history = [attempt.as_dict() for attempt in solution.attempts]
-                return self._motion(solution, history, timings, reached, kept_by, wall)
+                found = self._motion(solution, history, timings, reached, kept_by, wall)
+                return self._with_rates_at_reversals(found)
         solver = settings.solver or "ipopt"
         guesses, scales = self._guesses(timings)
         compiled = self.settings.compiled and compiler() is not None
@@ -306,6 +314,26 @@ class _PathSearch:
         solution = refiner.finished(solution)
         wall = time.perf_counter() - begin
         return self._motion(solution, refiner.history, timings, reached, kept_by, wall)
+
+    def _with_rates_at_reversals(self, motion: Motion) -> Motion:
+        """The same, not solved where dry friction breaks a limit of the torque rate all the same.
+
+        Where a joint turns back that is a peak of some milliseconds, which may lie between the
+        places at which a mesh is looked at. A slower motion does not help: its torque jumps, too.
+        """
+        if not motion.solved or "taud" not in self.family or not dry_friction(self.robot).any():
+            return motion
+        t = dense_times(motion)[0]
+        use = self.family.use(samples_at(motion, t), ["taud"])["taud"]
+        i, joint = np.unravel_index(int(use.argmax()), use.shape)
+        if use[i, joint] <= 1.0 + LIMIT_TOLERANCE:
+            return motion
+        advice = RATE_EXCEEDED.format(
+            self.robot.joint_names[joint], t[i], 100 * (use[i, joint] - 1.0)
+        )
+        more = {"status": str(Status.LIMITS_EXCEEDED), "advice": advice}
+        note = f"not solved: {advice}"
+        return replace(motion, provenance={**motion.provenance, **more}, note=note)
 
     # torque rates and jerk ------------------------------------------------------------------
 

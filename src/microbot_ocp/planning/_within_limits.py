@@ -17,7 +17,15 @@ import numpy as np
 from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.limits import LIMIT_TOLERANCE, LimitFamily, MotionSamples
-from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial, unresolved
+from microbot_ocp.motion import (
+    Mark,
+    Motion,
+    PiecewisePolynomial,
+    State,
+    dense_times,
+    samples_at,
+    unresolved,
+)
 from microbot_ocp.planning._curve import Curve, CurvePiece
 from microbot_ocp.planning._fast_timing import sampled, time_path
 from microbot_ocp.planning._path_limits import LATER
@@ -29,6 +37,7 @@ from microbot_ocp.trajectories import quintic, shortest_duration, spline
 GRID = 1000  # intervals at least, to begin with
 LEAST_ROUNDS, ROUNDS = 2, 6  # grids, each with the intervals cut in which a limit is exceeded
 FINER = (1, 2, 4, 8)  # times the usual samples, until torques between them are no surprise
+KEPT, CLOSE = 1e-4, 1e-5  # excess that is left, and share by which it might be faster
 EVENLY = 1.5  # times the duration: a motion that must be slowed down more is none to go on from
 
 
@@ -60,8 +69,14 @@ def within_limits(
     fast : bool
         Use compiled functions.
     """
+
+    def as_it_is() -> Motion:
+        return Motion.from_polynomial(
+            family.robot, shape, label="time-optimal", marks=_marks(via_times)
+        )
+
     if family.jerk_matters:
-        return _slowed_evenly(family, shape, via_times)
+        return _slowed_evenly(family, as_it_is())
     pieces = zip(shape.coefficients, np.diff(shape.breaks), strict=True)
     curve = Curve(tuple(CurvePiece(table, float(length)) for table, length in pieces), True, True)
     parts = max(2, -(-GRID // len(curve.pieces)))
@@ -71,7 +86,7 @@ def within_limits(
     for number in range(ROUNDS):
         along = CurveLimits.of(family, curve, s, fast)
         if along.limits.later:
-            return _slowed_evenly(family, shape, via_times)
+            return _slowed_evenly(family, as_it_is())
         timing = reach(along, start_free=True, end_free=True, fast=fast, fastest=1.0)
         if not timing.feasible:
             return None
@@ -126,7 +141,7 @@ def known_ways(family: LimitFamily, via: FloatArray, fast: bool) -> Slowed | Non
     shaped = quintic if family.jerk_matters else spline
     size = TaskScale.of(family, via).durations
     shape = shaped(via, np.concatenate([[0.0], np.cumsum(size)]))
-    slowed = _slowed_evenly(family, shape, shape.breaks, most=np.inf)
+    slowed = _scaled_shape(family, shape)
     if slowed is not None:
         found.append(Slowed(slowed, "a smooth way through the via points"))
     kept = [own for own in found if _keeps(family, own.motion)]
@@ -142,18 +157,41 @@ def _paths(family: LimitFamily, via: FloatArray) -> Iterator[tuple[str, Piecewis
     yield "straight lines between the via points", straight_through(via)
 
 
-def _slowed_evenly(
-    family: LimitFamily, shape: PiecewisePolynomial, via_times: FloatArray, most: float = EVENLY
-) -> Motion | None:
+def _slowed_evenly(family: LimitFamily, motion: Motion, most: float = EVENLY) -> Motion | None:
+    """A motion slowed down by at most ``most`` times until its limits hold, where that helps."""
+    t = dense_times(motion)[0]
+    dense = samples_at(motion, t)
+
+    def use(slower: float) -> float:
+        powers = (part / slower**order for order, part in enumerate(dense))
+        found = family.use(MotionSamples(*powers))
+        return max(float(own.max()) for own in found.values())
+
+    low, high = 1.0, most
+    if use(high) > 1.0 + KEPT:
+        return None
+    while high - low > CLOSE:
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if use(middle) <= 1.0 + KEPT else (middle, high)
+    state = State(motion.q, motion.qd / high, motion.qdd / high**2)
+    breaks = None if motion.breaks is None else high * motion.breaks
+    marks = _marks(high * np.array([mark.time for mark in motion.marks]))
+    return Motion.from_state(
+        family.robot, high * motion.t, state, label=motion.label, breaks=breaks, marks=marks
+    )
+
+
+def _scaled_shape(family: LimitFamily, shape: PiecewisePolynomial) -> Motion | None:
+    """A shape at the shortest duration at which it keeps all limits; its breaks are marked."""
     try:
         scaled = shortest_duration(family.robot, shape, time_limit=max(deadline.left(), 1e-3))
     except InputError:  # gravity alone asks for more, or it leaves the position limits
         return None
-    if not scaled.solved or scaled.factor > most:
+    if not scaled.solved:
         return None
-    passed = via_times * scaled.factor
+    marks = _marks(scaled.polynomial.breaks)
     return Motion.from_polynomial(
-        family.robot, scaled.polynomial, label="time-optimal", marks=_marks(passed)
+        family.robot, scaled.polynomial, label="time-optimal", marks=marks
     )
 
 
