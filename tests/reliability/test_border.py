@@ -49,6 +49,7 @@ def phase_of(*inner):
         (lambda: mo.compare(ROBOT, np.tile(VIA, (251, 1))), "via_q must have at most 500 points"),
         (lambda: mo.time_optimal(ROBOT, [[0, 0, 0], [0, 9e-6, 0]]), "9e-06 rad (m) apart"),
         (lambda: mo.time_optimal(ROBOT, np.array(3), duration=9.0), "via_q must be stops or poses"),
+        (lambda: mo.ocp.SolverSettings(solver=()), "solver must name at least one solver"),
         (lambda: mo.Circle(ca.SX.sym("s")), "through must have shape [3]"),
         (lambda: mo.ocp.SolverSettings(gap=np.ones(2)), "gap must be a number"),
         (lambda: ROBOT.position_text(0, np.ones(2)), "value must be a number"),

@@ -49,6 +49,7 @@ class SolverSettings:
     def __post_init__(self) -> None:
         checks.one_of("scaling", self.scaling, SCALINGS)
         checks.time_limit(self.time_limit)
+        self.chain()
         checks.number("tolerance", self.tolerance, above=0.0)
         if not (isinstance(self.gap, float) and self.gap == np.inf):
             checks.number("gap", self.gap, above=0.0)
@@ -63,6 +64,8 @@ class SolverSettings:
     def chain(self) -> tuple[str, ...]:
         """Solvers to try in turn."""
         if not isinstance(self.solver, str):
+            if not self.solver:
+                raise InputError("solver must name at least one solver, or be 'auto'")
             return tuple(checks.one_of("solver", name, SOLVERS) for name in self.solver)
         checks.one_of("solver", self.solver, ("auto", *SOLVERS))
         return CHAIN if self.solver == "auto" else (self.solver,)
