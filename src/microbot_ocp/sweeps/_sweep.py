@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 
 BEST = "time_optimal"
 ABOUT = "study.json"
+SEAL = "document_digest"
 PARTS = "cases"
 MOTIONS = "motions"
 TYPES = {"int": "int64", "float": "float64", "bool": "bool_", "text": "string"}
@@ -192,6 +194,8 @@ def load_sweep(folder: str | Path) -> Sweep:
         raise InputError(f"{str(folder)!r} holds no sweep: {ABOUT}: {reason}") from None
     if not _is_about(about):
         raise InputError(f"{str(folder)!r} holds no sweep: {ABOUT} is not whole")
+    if about.get(SEAL, "") not in ("", _seal(about)):
+        raise InputError(f"{str(folder)!r}: {ABOUT} was changed after it was written")
     return Sweep(Path(folder), about)
 
 
@@ -259,6 +263,7 @@ def opened(study: Study, folder: Path) -> Sweep:
         "limits": [name for _, _, name in study.limit_columns],
         "columns": [list(pair) for pair in study.schema],
     }
+    about[SEAL] = _seal(about)
     write_whole(folder / ABOUT, json.dumps(about, indent=2) + "\n")
     return Sweep(folder, about)
 
@@ -271,6 +276,12 @@ def _whole(sweep: Sweep, number: int) -> bool:
     except DAMAGED:
         return False
     return rows == min(chunk, sweep.count - number * chunk)
+
+
+def _seal(about: Mapping[str, Any]) -> str:
+    """Digest of all that a document says besides."""
+    rest = {key: value for key, value in about.items() if key != SEAL}
+    return hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()
 
 
 def _rows(paths: str | list[str], **options: Any) -> Any:
