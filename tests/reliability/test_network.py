@@ -12,7 +12,6 @@ import nbformat
 import pytest
 import sockets
 
-from microbot_ocp._base.codegen import cache_folder
 from microbot_ocp.views.live import find_viewer
 
 ROOT = Path(__file__).parents[2]
@@ -51,7 +50,7 @@ def traced(tmp_path, arguments, home):
         "HOME": str(home),
         "PATH": "/usr/bin:/bin",
         "PYTHONPATH": f"{ROOT / 'src'}{os.pathsep}{ROOT / 'tests/reliability'}",
-        "MICROBOT_OCP_CACHE": str(cache_folder()),
+        "MICROBOT_OCP_CACHE": os.environ["MICROBOT_OCP_CACHE"],
     }
     done = subprocess.run(
         sockets.tracing(trace, [sys.executable, *arguments]),
