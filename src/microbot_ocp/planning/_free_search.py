@@ -95,6 +95,7 @@ FAR_BARRIER = 3e-5
 FORESIGHT = 0.5  # of the accepted excess: intervals near it are split along with the others
 MANY_PHASES = 5  # more take over 40 iterations to the full tolerance on a refined mesh
 MOST_EXACT = 40  # iterations of a refined mesh to the full tolerance, before roughly
+CALMER_MESH = 60  # even intervals a phase of that solve, at most
 CALMER_BARRIER = 1e-3  # of the solve for less effort, from the fastest motion slowed down
 EXPLORE_SUM, LEAST_EXPLORE_MESH = 160, 6
 # Of the time limit, and at most s: kept for a motion within the limits when the search is over
@@ -566,7 +567,8 @@ class FreeSearch:
         refiner = replace(
             self.refiner, transcription=kernels, guess_from=self._with_clock, rough=None
         )
-        meshes = [phase.mesh for phase in fastest.phases]
+        # what is smooth needs no mesh that was made for jumps
+        meshes: list[Any] = [min(CALMER_MESH, phase.mesh.size - 1) for phase in fastest.phases]
         guesses = self._with_clock(fastest, slower)
         calmer = refiner.refine(refiner.solve(meshes, guesses, barrier=CALMER_BARRIER))
         self.progress(f"least effort: {calmer.duration:.6f} s, {calmer.status}")

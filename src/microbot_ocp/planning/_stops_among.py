@@ -59,7 +59,6 @@ from microbot_ocp.scene import (
 
 SEEDS = 2  # of the planner, for each blocked segment
 MOST_GUESSES = 4  # ways that the search starts from
-FIRST_LOOK = 2  # of them, through different branches, where orders of the stops are compared
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,8 +124,8 @@ class _GuidedSearch(StopSearch):
         taken: list[Way] = []
         for guide in self.guided:
             way = guide.way
-            another = len(taken) < FIRST_LOOK and all(way is not other for other in taken)
-            if (self.briefly and not another) or self._leaves_out(way):
+            again = any(way is other for other in taken)
+            if (self.briefly and again) or self._leaves_out(way):
                 continue
             taken.append(way)
             usual = self._rest_to_rest(way)
