@@ -289,7 +289,10 @@ class OptimalControlProblem:
         """
         order = [phase.name for phase in self.phases]
         if order.index(after.name) != order.index(before.name) + 1:
-            raise InputError(f"phase {after.name!r} must follow {before.name!r} to be linked to it")
+            raise InputError(
+                f"phase {after.name!r} must follow {before.name!r} to be linked to it; a branch "
+                "begins with initial=before.final(state), and is linked with names=()"
+            )
         sizes_before = {v.name: v.size for v in node_variables(before)}
         sizes_after = {v.name: v.size for v in node_variables(after)}
         tied = {c.name for c in after.point_constraints}  # by an expression of their own
