@@ -47,7 +47,7 @@ def phase_of(*inner):
         (lambda: mo.ocp.SolverSettings(max_iterations=10**12), "max_iterations must be at most"),
         (lambda: mo.cubic(np.ma.masked_equal(VIA, 1), [0, 1]), "via_q must be an array of numbers"),
         (lambda: mo.compare(ROBOT, np.tile(VIA, (251, 1))), "via_q must have at most 500 points"),
-        (lambda: mo.time_optimal(ROBOT, [[0, 0, 0], [0, 9e-6, 0]]), "9e-06 rad (m) apart"),
+        (lambda: mo.time_optimal(ROBOT, [[0, 0, 0], [0, 9e-7, 0]]), "9e-07 rad (m) apart"),
         (lambda: mo.time_optimal(ROBOT, np.array(3), duration=9.0), "via_q must be stops or poses"),
         (lambda: mo.ocp.SolverSettings(solver=()), "solver must name at least one solver"),
         (lambda: mo.Circle(ca.SX.sym("s")), "through must have shape [3]"),

@@ -12,6 +12,7 @@ import nbformat
 import pytest
 import sockets
 
+import microbot_ocp as mo
 from microbot_ocp.views.live import find_viewer
 
 ROOT = Path(__file__).parents[2]
@@ -50,7 +51,7 @@ def traced(tmp_path, arguments, home):
         "HOME": str(home),
         "PATH": "/usr/bin:/bin",
         "PYTHONPATH": f"{ROOT / 'src'}{os.pathsep}{ROOT / 'tests/reliability'}",
-        "MICROBOT_OCP_CACHE": os.environ["MICROBOT_OCP_CACHE"],
+        "MICROBOT_OCP_CACHE": str(mo.cache_folder()),
     }
     done = subprocess.run(
         sockets.tracing(trace, [sys.executable, *arguments]),

@@ -21,7 +21,7 @@ from microbot_ocp.planning._task import check_limits, check_via, with_changes
 from microbot_ocp.robot import Robot
 from microbot_ocp.scene import Scene
 
-LEAST_WAY = 1e-5  # rad (m) between via points: shorter ones are near the tolerance of the solvers
+LEAST_WAY = 1e-6  # rad (m) between via points: shorter ones are near the tolerance of the solvers
 
 
 def time_optimal(
@@ -104,7 +104,7 @@ def time_optimal(
     if is_task(via_q) or segments is not None or cycle or order != "given" or duration is not None:
         from microbot_ocp.planning._orders import solve_stops
 
-        if np.ndim(cast("Any", via_q)) == 0 and not isinstance(via_q, Sequence):
+        if not isinstance(via_q, Sequence) and np.ndim(cast("Any", via_q)) == 0:
             raise InputError(f"via_q must be stops or poses, not {checks.shown(via_q)}")
         stops = list(cast("Sequence[Any]", via_q))
         plan = stops, segments, cycle, order, duration
