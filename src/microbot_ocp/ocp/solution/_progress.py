@@ -146,9 +146,13 @@ class _IterationCall(ca.Callback):
         return ca.Sparsity.dense(self.sizes[ca.nlpsol_out(i)], 1)
 
     def eval(self, arguments: Any) -> list[float]:
-        x, f, g = (np.array(arguments[i]).ravel() for i in range(3))
-        cost = float(f[0]) * self.watch.program.cost_scale
-        return [0.0 if self.watch.report(x, g, cost) else 1.0]
+        try:
+            x, f, g = (np.array(arguments[i]).ravel() for i in range(3))
+            cost = float(f[0]) * self.watch.program.cost_scale
+            return [0.0 if self.watch.report(x, g, cost) else 1.0]
+        except KeyboardInterrupt:  # of a signal: CasADi would print a traceback
+            self.watch.stopped = True
+            return [1.0]
 
 
 class _JacobianCall(ca.Callback):
@@ -174,7 +178,10 @@ class _JacobianCall(ca.Callback):
     def eval(self, arguments: Any) -> list[ca.DM]:
         g, block = self.inner.call(arguments)
         # fatrop cannot be stopped from here, so it gets its Jacobian
-        self.watch.report(np.array(arguments[0]).ravel(), np.array(g).ravel())
+        try:
+            self.watch.report(np.array(arguments[0]).ravel(), np.array(g).ravel())
+        except KeyboardInterrupt:
+            self.watch.stopped = True
         return [g, block]
 
 
