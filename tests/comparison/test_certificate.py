@@ -211,6 +211,28 @@ def test_friction_that_makes_the_equations_stiff():
     assert not certify(robot, replace(motion, tau=1.001 * motion.tau), mo.Limits()).ok
 
 
+def test_what_is_wrong_is_told_in_long_segments_where_friction_is_stiff():
+    """Wrong torques leave a light joint that rubs where no iteration follows; nor need it."""
+    light = mo.Link(1e-5, [0.0, 0.0, 0.0], viscous_friction=1.0, coulomb_friction=1.0)
+    robot = replace(slider(), links=[light])
+    t = np.linspace(0.0, 1.0, 51)
+    sine, cosine = np.sin(3.0 * t[:, None]), np.cos(3.0 * t[:, None])
+    motion = Motion.from_state(robot, t, State(sine, 3.0 * cosine, -9.0 * sine), label="sine")
+    backwards = State(sine, -3.0 * cosine, -9.0 * sine)
+    wrong = {
+        "sign of the torque": replace(motion, tau=-motion.tau),
+        "torque": replace(motion, tau=1.001 * motion.tau),
+        "sign of the velocity": Motion.from_state(robot, t, backwards, label="backwards"),
+    }
+    for what, other in wrong.items():
+        certificate = certify(robot, other, mo.Limits())
+        assert not certificate.ok, what
+        assert certificate.segments < 500, what
+        assert certificate.resimulation_status.solved, what
+    assert certify(robot, wrong["sign of the torque"], mo.Limits()).defect > 0.1
+    assert certify(robot, wrong["sign of the velocity"], mo.Limits()).defect > 1e-3
+
+
 def test_samples_within_microseconds_are_no_jump():
     assert not jump_gaps(np.array([0.0, 1.5e-6, 3e-6, 4.5e-6])).any()
     assert not jump_gaps(np.array([0.0, 1.0, 1.0 + 1e-6, 1.0 + 2e-6, 1.0 + 3e-6])).any()

@@ -310,9 +310,12 @@ def _compiled(
     given: Sequence[ca.Function], optimization: str | None
 ) -> list[tuple[Path, str]] | None:
     """Library and name of every function; where that fails a warning and None."""
+    deadline.check()
     cc = compiler()
     if cc is None:
         problem = "no C compiler was found"
+    elif deadline.over():  # writing the text takes long, too
+        problem = "the time limit was over"
     else:
         small = [f for f in given if _operations(f) <= SIZES[0][0]]
         groups = [[f] for f in given if _operations(f) > SIZES[0][0]] + ([small] if small else [])

@@ -12,6 +12,11 @@ import numpy as np
 from microbot_ocp._base import checks
 
 _until: ContextVar[float] = ContextVar("until", default=np.inf)
+_given_up: ContextVar[bool] = ContextVar("given_up", default=False)
+
+
+class Over(Exception):
+    """The time is over, and what was being made is given up."""
 
 
 @contextmanager
@@ -46,3 +51,19 @@ def left() -> float:
 def over() -> bool:
     """Whether the time is over."""
     return time.perf_counter() >= _until.get()
+
+
+@contextmanager
+def given_up(possible: bool = True) -> Iterator[None]:
+    """What is made inside raises :class:`Over` when the time is over, where that is possible."""
+    token = _given_up.set(possible)
+    try:
+        yield
+    finally:
+        _given_up.reset(token)
+
+
+def check() -> None:
+    """Raise :class:`Over` where the time is over and what is being made may be given up."""
+    if _given_up.get() and over():
+        raise Over

@@ -441,7 +441,7 @@ def certificate_of(
         )
     if again.undetermined_fraction:
         verdict += (
-            f"; for {100 * again.undetermined_fraction:.2g} % of the time no torque determines the "
+            f"; for {100 * again.undetermined_fraction:.3g} % of the time no torque determines the "
             f"motion of {_direction(robot, again.undetermined)}: judged by inverse dynamics there"
         )
     return Certificate(

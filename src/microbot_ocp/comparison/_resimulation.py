@@ -215,7 +215,10 @@ def _integrated(
     """Segments [K] integrated, which are accurate, or as wrong as can be told, and which converged.
 
     Where torques do not determine the motion there is no iteration to converge. Of those with
-    breaks inside, ``inner`` [K], it is not begun where the torque jumps.
+    breaks inside, ``inner`` [K], it is not begun where the torque jumps. Stored torques that differ
+    from inverse dynamics by more than is ``allowed`` [n] are wrong whatever comes of them, as are
+    samples that contradict each other: shorter segments tell no more. Where the iteration does not
+    converge the motion is judged by its samples and by that difference.
     """
     robot, motion = drive.robot, drive.motion
     count, begin, h = robot.joint_count, spans[:, 0], np.diff(spans)[:, 0]
@@ -224,7 +227,9 @@ def _integrated(
     shape = (h.size, NODES, count)
     flat = motion.sample(t)
     qdd, tau, added = (part.reshape(shape) for part in drive(t, flat))
-    q, qd = flat.q.reshape(shape), flat.qd.reshape(shape)
+    own = flat.q.reshape(shape), flat.qd.reshape(shape), qdd
+    q, qd, qdd = (part.copy() for part in own)
+    wrong = (np.abs(added) > allowed).any(axis=(1, 2))
     matrices = _mass_matrices(robot, flat.q)
     regular: BoolArray = np.less(_condition(matrices), NEAR_SINGULAR).reshape(shape[:2])
     determined: BoolArray = np.logical_and.reduce(regular, axis=1)
@@ -254,8 +259,9 @@ def _integrated(
         converged[which[change <= CONVERGED * size]] = True
         open_[which[~(change > CONVERGED * size) | ~np.isfinite(change)]] = False
     good = converged & (determined | (h < UNDETERMINED))
+    q[~converged], qd[~converged], qdd[~converged] = (part[~converged] for part in own)
     with np.errstate(over="ignore", invalid="ignore"):
-        # Of what is undetermined the motion's own velocity and acceleration are integrated.
+        # Elsewhere the motion's own velocity and acceleration are integrated.
         end_speed = qd0[:, 0] + h[:, None] * (WEIGHTS @ qdd)
         end_place = q0[:, 0] + h[:, None] * (WEIGHTS @ qd)
         defects = np.hstack([end_place - last.q, end_speed - last.qd])
@@ -263,9 +269,13 @@ def _integrated(
         by_place = np.abs(np.einsum("kij,kj->ki", inertia, beyond[:, :count]))
         by_speed = np.abs(np.einsum("kij,kj->ki", inertia, beyond[:, count:]))
         torques = np.maximum(2.0 * by_place / h[:, None] ** 2, by_speed / h[:, None])
-        torques[~determined] += np.abs(added[~determined]).max(axis=1)
+        alone = ~(determined & converged)
+        torques[alone] += np.abs(added[alone]).max(axis=1)
         unknown = np.einsum("kij,kj->ki", np.abs(inertia), drive.unknown(begin, spans[:, 1]))
-        good &= ~_rough(inertia, qdd, allowed) | (torques > WRONG * (allowed + unknown)).any(axis=1)
+        resolved = ~_rough(inertia, qdd, allowed)
+        far = (torques > WRONG * (allowed + unknown)).any(axis=1)
+        good &= resolved | far
+        good |= wrong | (far & resolved & ~inner)
     return _Segments(begin, spans[:, 1], defects, torques, unknown, determined), good, converged
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, cast
 
 import numpy as np
@@ -10,14 +12,17 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.codegen import compiler
+from microbot_ocp._base.status import Status
 from microbot_ocp.limits import JointLimits, LimitFamily, Limits
 from microbot_ocp.motion import Motion
 from microbot_ocp.ocp.solution import StepProgress, quiet
-from microbot_ocp.planning._free_search import FreeSearch, TimeOptimalSettings
+from microbot_ocp.planning._free_search import KEEPS_LIMITS, FreeSearch, TimeOptimalSettings
 from microbot_ocp.planning._segments import Segment
 from microbot_ocp.planning._stop_task import is_task, task_of
 from microbot_ocp.planning._stops import Stop
 from microbot_ocp.planning._task import check_limits, check_via, with_changes
+from microbot_ocp.planning._within_limits import Slowed, known_ways
 from microbot_ocp.robot import Robot
 from microbot_ocp.scene import Scene
 
@@ -141,8 +146,31 @@ def fastest_motion(
             f"via points {near + 1} and {near + 2} are {ways[near]:.2g} rad (m) apart in every "
             f"joint or less: free motions are looked for from {LEAST_WAY:g} on"
         )
+    begin = time.perf_counter()
     with deadline.within(settings.time_limit):
-        return FreeSearch(family, via, settings, progress).run()
+        known = None  # what needs no search: later there may be no time for it
+        if np.isfinite(deadline.left()):
+            known = known_ways(family, via, settings.compiled and compiler() is not None)
+        try:
+            with deadline.given_up(known is not None):
+                search = FreeSearch(family, via, settings, progress, known=known)
+        except deadline.Over:
+            assert known is not None
+            return _without_search(known, time.perf_counter() - begin)
+        return search.run()
+
+
+def _without_search(known: Slowed, wall: float) -> Motion:
+    """What needs no search, where there was no time to prepare one."""
+    advice = f"{Status.TIME_LIMIT.sentence}\n{KEEPS_LIMITS.format(known.made_from)}"
+    told = {
+        "method": "free motion without a search",
+        "status": str(Status.TIME_LIMIT),
+        "advice": advice,
+        "made_from": known.made_from,
+        "wall_time": wall,
+    }
+    return replace(known.motion, provenance=told, note=f"not solved: {advice}")
 
 
 def motions_of_front(

@@ -81,6 +81,7 @@ MOST_STARTING = 30.0  # s, of one start: fatrop may loop for ever
 SAME = 1e-3  # share of the duration by which two solves of the same optimum may differ
 ALIKE = 3e-4  # the same on coarse meshes of one size: the same optimum for sure
 TINY = 1e-12
+KEEPS_LIMITS = "Returned is {}: it keeps every limit, but others may be faster."
 WORTH = 1e-4  # share of the duration: less is not worth another mesh where joints turn back
 # Iterations for the last digits: 8 to 10 are usual. None with dry friction, where 50 to 80 gain
 # 7e-5 of the duration, and none with many phases: 29 of the Microbot need more than 15
@@ -185,6 +186,7 @@ class FreeSearch:
         settings: TimeOptimalSettings,
         progress: StepProgress,
         kernels: Transcription | None = None,
+        known: Slowed | None = None,
     ) -> None:
         self.family, self.via, self.settings = family, via, settings
         self.robot: Robot = family.robot
@@ -195,9 +197,7 @@ class FreeSearch:
         self.calmed: dict[str, Any] = {}
         self.relaxed: Explanation | None = None
         self.smoothing = SMOOTHING
-        self.at_least: Slowed | None = None  # what needs no search
-        if self.slows_down and np.isfinite(deadline.left()):  # later there may be no time for it
-            self.at_least = self._known_ways()
+        self.at_least = known  # what needs no search
         self._excesses: dict[Solution, list[FloatArray]] = {}
         self._slower: dict[Solution, Motion | None] = {}
         self.ahead: tuple[Solution, Solution] | None = None  # what was refined early, and into what
@@ -650,7 +650,9 @@ class FreeSearch:
         A solution slowed down by no more than two meshes may differ counts as solved.
         """
         told = motion.provenance
-        found, made_from = self._slowed(solution), "the motion found, slowed down at limits"
+        found, made_from = None, "the motion found, slowed down at limits"
+        if self.at_least is None or not deadline.over():  # not even time is left to slow it down
+            found = self._slowed(solution)
         if found is None:
             found, made_from = self.at_least or self._known_ways() or (None, "")
         if found is None:
@@ -667,7 +669,7 @@ class FreeSearch:
             advice = Status.SOLVED.sentence
             note += f"; slowed down by {100 * slower:.2g} % where it exceeded limits"
         else:
-            advice += f"\nReturned is {made_from}: it keeps every limit, but others may be faster."
+            advice += "\n" + KEEPS_LIMITS.format(made_from)
             note = f"not solved: {advice}"
         more = {"status": str(status), "advice": advice, "made_from": made_from}
         return replace(found, provenance={**told, **more}, note=note)

@@ -70,6 +70,7 @@ SMOOTHING = 1e-8  # weight of the squared rate of s'': picks one timing where ma
 # Intervals of a piece, and of all together, where nobody says how many
 FULL_MESH, FULL_MESH_SUM, LEAST_MESH = 100, 200, 20
 LATE = "The time was over before the grid was fine enough; a longer time_limit may find less time."
+TOO_LATE = "The time was over before a timing was found that keeps limits of {}: this one does not."
 BLOCKED = (
     "No timing of the path keeps the limits. On a grid, viscous friction left out, the least that "
     "has to give, all limits by the same share, is:"
@@ -280,13 +281,11 @@ class _PathSearch:
                 return self._with_rates_at_reversals(found)
         solver = settings.solver or "ipopt"
         guesses, scales = self._guesses(timings)
-        compiled = self.settings.compiled and compiler() is not None
-        transcription = Transcription(
-            self._problem(scales),
-            scheme="shooting",
-            prepare=compile_recipe if compiled else None,
-            derivatives=derivatives_for(self.robot),
-        )
+        try:
+            with deadline.given_up(bool(np.isfinite(reached))):
+                transcription = self._transcription(scales)
+        except deadline.Over:
+            return self._reached_motion(timings, kept_by, excess, time.perf_counter() - begin)
         refiner = Refiner(
             transcription,
             self._guess_from,
@@ -314,6 +313,16 @@ class _PathSearch:
         solution = refiner.finished(solution)
         wall = time.perf_counter() - begin
         return self._motion(solution, refiner.history, timings, reached, kept_by, wall)
+
+    def _transcription(self, scales: dict[str, float]) -> Transcription:
+        deadline.check()
+        compiled = self.settings.compiled and compiler() is not None
+        return Transcription(
+            self._problem(scales),
+            scheme="shooting",
+            prepare=compile_recipe if compiled else None,
+            derivatives=derivatives_for(self.robot),
+        )
 
     def _with_rates_at_reversals(self, motion: Motion) -> Motion:
         """The same, not solved where dry friction breaks a limit of the torque rate all the same.
@@ -418,7 +427,9 @@ class _PathSearch:
     def _reached_motion(
         self, timings: list[Reached], kept_by: dict[str, list[str]], excess: float, wall: float
     ) -> Motion:
-        late = deadline.over()
+        late, left = deadline.over(), kept_by[LATER]
+        advice = TOO_LATE.format(", ".join(left)) if left else LATE
+        stopping = _stops_said(self.stops, corners(self.path).size)
         t, state, breaks = sampled(list(zip(self.curves, timings, strict=True)))
         begins = np.cumsum([0.0, *(timing.duration for timing in timings)])
         passed = [0.0]
@@ -435,7 +446,7 @@ class _PathSearch:
             provenance={
                 "method": "time-optimal timing of a given path, reachability",
                 "status": str(Status.TIME_LIMIT if late else Status.SOLVED),
-                "advice": LATE if late else "",
+                "advice": advice if late else "",
                 "excess": excess,
                 "intervals": [timing.t.size - 1 for timing in timings],
                 "phase_durations": [timing.duration for timing in timings],
@@ -445,7 +456,7 @@ class _PathSearch:
                 "stops": [float(s) for s in self.stops],
                 "wall_time": wall,
             },
-            note=_stops_said(self.stops, corners(self.path).size),
+            note=f"not solved: {advice}" if late else stopping,
         )
 
     def _guesses(self, timings: list[Reached]) -> tuple[dict[str, Guess], dict[str, float]]:

@@ -38,6 +38,7 @@ GRID = 1000  # intervals at least, to begin with
 LEAST_ROUNDS, ROUNDS = 2, 6  # grids, each with the intervals cut in which a limit is exceeded
 FINER = (1, 2, 4, 8)  # times the usual samples, until torques between them are no surprise
 KEPT, CLOSE = 1e-4, 1e-5  # excess that is left, and share by which it might be faster
+DECIDING = 500  # places of a motion that say first by how much it is slowed down evenly
 EVENLY = 1.5  # times the duration: a motion that must be slowed down more is none to go on from
 
 
@@ -159,20 +160,31 @@ def _paths(family: LimitFamily, via: FloatArray) -> Iterator[tuple[str, Piecewis
 
 def _slowed_evenly(family: LimitFamily, motion: Motion, most: float = EVENLY) -> Motion | None:
     """A motion slowed down by at most ``most`` times until its limits hold, where that helps."""
-    t = dense_times(motion)[0]
-    dense = samples_at(motion, t)
+    dense = samples_at(motion, dense_times(motion)[0])
 
-    def use(slower: float) -> float:
-        powers = (part / slower**order for order, part in enumerate(dense))
+    def use(slower: float, rows: np.ndarray) -> FloatArray:
+        powers = (part[rows] / slower**order for order, part in enumerate(dense))
         found = family.use(MotionSamples(*powers))
-        return max(float(own.max()) for own in found.values())
+        return np.max([own.max(axis=1) for own in found.values()], axis=0)
 
-    low, high = 1.0, most
-    if use(high) > 1.0 + KEPT:
+    every = np.arange(len(dense.q))
+    if not use(most, every).max() <= 1.0 + KEPT:
         return None
-    while high - low > CLOSE:
-        middle = 0.5 * (low + high)
-        low, high = (low, middle) if use(middle) <= 1.0 + KEPT else (middle, high)
+    # Few places decide by how much; all of them are looked at again with what those ask for.
+    found, deciding, high = use(1.0, every), every[:0], 1.0
+    while True:
+        broken = ~(found <= 1.0 + KEPT)
+        if not broken.any():
+            break
+        worst = np.argsort(-found)[: min(DECIDING, int(broken.sum()))]
+        if np.isin(worst, deciding).all():
+            return None
+        deciding, low, high = np.union1d(deciding, worst), high, most
+        while high - low > CLOSE:
+            middle = 0.5 * (low + high)
+            fits = use(middle, deciding).max() <= 1.0 + KEPT
+            low, high = (low, middle) if fits else (middle, high)
+        found = use(high, every)
     state = State(motion.q, motion.qd / high, motion.qdd / high**2)
     breaks = None if motion.breaks is None else high * motion.breaks
     marks = _marks(high * np.array([mark.time for mark in motion.marks]))
@@ -187,7 +199,7 @@ def _scaled_shape(family: LimitFamily, shape: PiecewisePolynomial) -> Motion | N
         scaled = shortest_duration(family.robot, shape, time_limit=max(deadline.left(), 1e-3))
     except InputError:  # gravity alone asks for more, or it leaves the position limits
         return None
-    if not scaled.solved:
+    if not scaled.utilisation <= 1.0:  # when the time was over it may keep them, too
         return None
     marks = _marks(scaled.polynomial.breaks)
     return Motion.from_polynomial(

@@ -15,6 +15,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp.problem import (
     PathConstraint,
@@ -444,6 +445,7 @@ def _expanded(function: ca.Function) -> ca.Function:
 
 
 def _without_repeats(function: ca.Function) -> ca.Function:
+    deadline.check()
     if not function.is_a("SXFunction"):
         return function
     inputs = _symbols(function)
