@@ -7,6 +7,7 @@ from benchmarks.suite import (
     biology,
     blind,
     constrained,
+    fifth,
     flight,
     fourth,
     mechanisms,
@@ -31,5 +32,6 @@ PROBLEMS: tuple[SuiteProblem, ...] = (
     *second.PROBLEMS,
     *third.PROBLEMS,
     *fourth.PROBLEMS,
+    *fifth.PROBLEMS,
 )
 BY_NAME = {problem.name: problem for problem in PROBLEMS}

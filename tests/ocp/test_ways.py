@@ -317,6 +317,51 @@ def test_controls_without_bounds_are_simulated_within_what_a_solution_takes():
     np.testing.assert_allclose(constant, [-1.0, -0.6, -0.2, 1.0, 2.2, 3.0])
 
 
+def test_other_starts_have_other_values_of_free_parameters():
+    """When to leave for a target that goes to and fro: the effort has a valley at every turn."""
+    problem = OptimalControlProblem("departure")
+    phase = problem.phase("meet", 2.0, start=(0.0, 20.0))
+    x, v = phase.state("x", initial=0.0), phase.state("v", initial=0.0)
+    u = phase.control("u")
+    phase.derivative(x, v)
+    phase.derivative(v, u)
+    phase.running_cost(u**2)
+    end = phase.start + 2.0
+    place, speed = (
+        5 + 2 * ca.sin(end) + ca.cos(2.2 * end),
+        2 * ca.cos(end) - 2.2 * ca.sin(2.2 * end),
+    )
+    phase.end_constraint("place", x - place, 0.0, 0.0)
+    phase.end_constraint("speed", v - speed, 0.0, 0.0)
+    t = np.linspace(0.0, 20.0, 200001)
+    d = 5 + 2 * np.sin(t + 2) + np.cos(2.2 * (t + 2))
+    w = 2 * np.cos(t + 2) - 2.2 * np.sin(2.2 * (t + 2))
+    solution = solve(problem)
+    assert solution.status.solved
+    assert solution.cost == pytest.approx((1.5 * d**2 - 3 * d * w + 2 * w**2).min(), rel=1e-6)
+
+
+def test_a_guess_at_a_kink_is_moved_off_it():
+    """The norm of two controls that are guessed at zero has no slope there."""
+    problem = OptimalControlProblem("fuel")
+    phase = problem.phase("move", (1.0, 10.0))
+    x = phase.state("x", 2, initial=[0.0, 0.0], final=[3.0, 4.0])
+    u = phase.control("u", 2)
+    phase.derivative(x, u)
+    phase.constraint("speed", ca.norm_2(u), 0.5, 2.0)
+    phase.end_cost(phase.duration)
+    assert solve(problem).cost == pytest.approx(2.5, rel=1e-6)
+
+
+def test_an_answer_far_smaller_than_its_scales_is_solved_again():
+    """New crystals are 1e-8 of what rates let expect, and in such scales any cost is settled."""
+    crystalliser = BY_NAME["crystalliser"]
+    solution = solve(crystalliser.build())
+    assert solution.status.solved
+    assert crystalliser.error(solution.cost) < 1e-5
+    assert any(a.way == "with the scales of the first answer" for a in solution.attempts)
+
+
 def test_no_more_starts_are_tried_where_the_first_agree(monkeypatch):
     solved = []
     inner = _other_starts._Coarse.solved

@@ -10,5 +10,5 @@ from ._explain import (
 )
 from ._finiteness import (
     NotFinite as NotFinite,
-    check_start as check_start,
+    finite_start as finite_start,
 )

@@ -9,7 +9,7 @@ would have to give if it gave alone.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import chain
 from typing import Any
 
@@ -18,7 +18,7 @@ import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp.ocp.diagnosis._finiteness import check_start
+from microbot_ocp.ocp.diagnosis._finiteness import finite_start
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.solution import (
     Solution,
@@ -169,7 +169,7 @@ def explain(
     layouts = transcription.layouts(mesh)
     program = assemble(layouts)
     start = starting_point(program, transcription.problem, guess)
-    check_start(program, start.x)
+    start = replace(start, x=finite_start(program, start.x))
     checks.number("max_iterations", max_iterations, at_least=0, at_most=checks.MOST_ITERATIONS)
     elastic = _Elastic(program, max_iterations)
     if limits_only:  # that cost nothing, and they would run away

@@ -14,6 +14,8 @@ from microbot_ocp.ocp.solution import PhaseSolution, unpack
 from microbot_ocp.ocp.transcription import PhaseLayout, Program, interpolated_variables
 
 PUSH = 1e-2  # how far solvers move a guess off its bounds, as a share of their size or distance
+BESIDE = 1e-2  # of the scales: how far from a kink a start is moved
+GOLDEN = (np.sqrt(5) - 1) / 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,19 +31,46 @@ class NotFinite(InputError):
     """A start at which something has no finite value or slope."""
 
 
-def check_start(program: Program, x: FloatArray) -> None:
-    """Refuse a start at which the user's expressions or their slopes are not finite.
+def finite_start(program: Program, x: FloatArray) -> FloatArray:
+    """The start, moved a little where it is at a kink, such as the norm of controls that are zero.
 
-    The guess is looked at where a solver will: a little inside its bounds.
+    It is looked at where a solver will: a little inside its bounds.
 
     Raises
     ------
     NotFinite
+        The user's expressions are not finite there, or their slopes neither there nor beside it.
         Names the expression, the place and the variable that it comes from.
     """
-    said = not_finite(program, _inside(program, x), "the guess")
-    if said is not None:
-        raise NotFinite(said)
+    inside = _inside(program, x)
+    said = not_finite(program, inside, "the guess")
+    if said is None:
+        return x
+    if _has_values(program, inside):
+        free = (program.variable_lower < program.variable_upper) & ~_held(program, inside)
+        uneven = 0.5 + GOLDEN * np.arange(x.size) % 1.0  # differences of variables are no longer 0
+        beside = _inside(program, x + BESIDE * np.where(free, uneven, 0.0))
+        if not_finite(program, beside, "the guess") is None:
+            return beside
+    raise NotFinite(said)
+
+
+def _held(program: Program, x: FloatArray) -> np.ndarray:
+    """Variables that a condition at an end leaves no choice."""
+    equal = program.row_lower == program.row_upper
+    ends = np.array([label.kind in ("initial", "final") for label in program.row_labels], bool)
+    _, jacobian = program.functions["jacobian"](x, program.parameters)
+    row, column = (np.array(k) for k in jacobian.sparsity().get_triplet())
+    held = np.zeros(x.size, bool)
+    held[column[(equal & ends)[row]]] = True
+    return held
+
+
+def _has_values(program: Program, x: FloatArray) -> bool:
+    """Whether the cost and all rows are finite, whatever their slopes."""
+    f, _ = program.functions["gradient"](x, program.parameters)
+    g, _ = program.functions["jacobian"](x, program.parameters)
+    return bool(np.isfinite(f.nonzeros()).all() and np.isfinite(g.nonzeros()).all())
 
 
 def not_finite(program: Program, x: FloatArray, where: str) -> str | None:

@@ -16,7 +16,7 @@ from dataclasses import replace
 from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.status import Status
-from microbot_ocp.ocp.diagnosis import advice, check_start
+from microbot_ocp.ocp.diagnosis import advice, finite_start
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.solution import (
     Attempt,
@@ -55,7 +55,7 @@ def solve_on(
     start = time.perf_counter()
     program = assemble(transcription.layouts(mesh))
     begin = starting_point(program, transcription.problem, guess)
-    check_start(program, begin.x)
+    begin = replace(begin, x=finite_start(program, begin.x))
     program = with_cost_scale(program, begin.x, settings)
     build_time = time.perf_counter() - start
     return run_chain(

@@ -22,7 +22,7 @@ from itertools import chain, cycle, islice
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp.ocp.diagnosis import NotFinite, check_start
+from microbot_ocp.ocp.diagnosis import NotFinite, finite_start
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.solution import (
     AGREED,
@@ -237,8 +237,10 @@ def _curves(
 ) -> Iterator[dict[str, Guess]]:
     """Smooth random curves of the states between the ends that an answer has."""
     usual, ranges = default_guess(problem), _ranges(here)
+    parameters = _parameters(problem)
     for share in cycle(HEIGHTS):
         guesses = {}
+        drawn = next(parameters)
         for phase, solved in zip(problem.phases, here.phases, strict=True):
             own = usual[phase.name]
             duration = solved.duration * float(np.exp(STRETCH * draw.standard_normal()))
@@ -252,8 +254,23 @@ def _curves(
             for name, (low, high) in ranges[phase.name].items():
                 pushed = low + (high - low) * draw.random(low.size)
                 values[name] = (1 - PUSH) * np.clip(0.0, low, high) + PUSH * pushed
+            values |= {v.name: drawn[v.name] for v in phase.free_parameters if v.name in drawn}
             guesses[phase.name] = Guess(float(np.clip(duration, *phase.duration_bounds)), values)
         yield guesses
+
+
+def _parameters(problem: OptimalControlProblem) -> Iterator[dict[str, FloatArray]]:
+    """Free parameters that have both bounds, spread over these: Latin hypercubes."""
+    bounded = [p for p in problem.free_parameters if np.isfinite(p.upper - p.lower).all()]
+    draw = np.random.default_rng(0)
+    while True:
+        strata = {p.name: np.tile(np.arange(RANDOM), (p.size, 1)) for p in bounded}
+        strata = {name: draw.permuted(own, axis=1) for name, own in strata.items()}
+        for k in range(RANDOM):
+            shares = {
+                p.name: (strata[p.name][:, k] + draw.random(p.size)) / RANDOM for p in bounded
+            }
+            yield {p.name: p.lower + shares[p.name] * (p.upper - p.lower) for p in bounded}
 
 
 def _curve(
@@ -374,7 +391,7 @@ class _Coarse:
 
     def solved(self, guess: dict[str, Guess] | Solution) -> Solution:
         begin = starting_point(self.program, self.transcription.problem, guess)
-        check_start(self.program, begin.x)
+        begin = replace(begin, x=finite_start(self.program, begin.x))
         return run_chain(
             with_cost_scale(self.program, begin.x, self.settings),
             self.settings,

@@ -18,7 +18,7 @@ import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
-from microbot_ocp.ocp.diagnosis import check_start
+from microbot_ocp.ocp.diagnosis import finite_start
 from microbot_ocp.ocp.problem import OptimalControlProblem, Phase, node_variables
 from microbot_ocp.ocp.solution import Progress, Solution, starting_point
 from microbot_ocp.ocp.solvers import (
@@ -144,8 +144,7 @@ class ParametricSolver:
         problem = copy.copy(self.transcription.problem)
         problem.phases = [layout.phase for layout in program.layouts]
         start = starting_point(program, problem, guess)
-        check_start(program, start.x)
-        return start
+        return replace(start, x=finite_start(program, start.x))
 
     def _changed(self, given: Mapping[str, Mapping[str, Any]]) -> Program:
         names = [layout.phase.name for layout in self.program.layouts]

@@ -46,6 +46,7 @@ Given = Mapping[str, Guess] | Solution | str | None
 INTERVALS = 50  # of a problem of one or two phases
 FEWEST = 10  # of every phase of a problem of many
 COARSER = 0.4  # of these intervals, from which a solve may converge sooner
+FAR_SMALLER = 1e3  # scales of an answer than those that were guessed: it is solved again
 COARSE = 8  # intervals a phase of a first look
 FIRST = 400  # iterations of the first try: what takes more converges sooner in another way
 SHARE = 0.35  # of the time that is left, which one way may take
@@ -218,12 +219,15 @@ def solutions(
                     if given.status not in ENDED:
                         continue
                 made = solve_on(transcription, mesh, given, own, share, progress)
+                if not alone and way.scaling == "auto" and made.status in CONVERGED:
+                    how = own, scheme, share, progress
+                    made, transcription = _in_own_scales(made, problem, transcription, mesh, *how)
             except NotFinite as problem_met:
                 if alone or guess is not None:
                     raise
                 refused = refused or problem_met
                 continue
-            attempts += [replace(a, way=way.said) for a in made.attempts]
+            attempts += [replace(a, way=a.way or way.said) for a in made.attempts]
             first = first or (made, transcription)
             if made.status in ENDED and (best is None or made.cost < best[0].cost):
                 best = made, transcription
@@ -251,6 +255,33 @@ def solutions(
         assert refused is not None
         raise refused
     yield _told(*first, attempts, "")
+
+
+def _in_own_scales(
+    solution: Solution,
+    problem: OptimalControlProblem | Transcription,
+    before: Transcription,
+    mesh: Meshes,
+    settings: SolverSettings,
+    scheme: str | Scheme,
+    until: float,
+    progress: Progress | None,
+) -> tuple[Solution, Transcription]:
+    """The solution, solved again with scales of its own where it is far smaller than was guessed.
+
+    What is small beside its scale is not accurate, and a cost of such a scale seems to be settled.
+    """
+    after = transcribed(problem, settings, scheme=scheme, guess=solution)
+    if not any(
+        np.any(np.asarray(old.scale) >= FAR_SMALLER * np.asarray(new.scale))
+        for k, own in enumerate(before.problem.phases)
+        for kind in ("states", "controls")
+        for old, new in zip(getattr(own, kind), getattr(after.problem.phases[k], kind), strict=True)
+    ):
+        return solution, before
+    again = solve_on(after, mesh, solution, settings, until, progress)
+    attempts = tuple(replace(a, way="with the scales of the first answer") for a in again.attempts)
+    return replace(again, attempts=solution.attempts + attempts), after
 
 
 def _told(
