@@ -125,6 +125,7 @@ def free_problem(
             upper=limits.q_max,
             initial=at_start.q if first else _unless(held, at_start.q),
             final=_unless(held, at_end.q) if last else None,
+            scale=size.position,
             unit="rad",
         )
         qd = phase.state(

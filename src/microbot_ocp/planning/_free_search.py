@@ -512,7 +512,7 @@ class FreeSearch:
         if not many:
             # a refined mesh is seldom refined again: to the last digits at once
             least = replace(own, max_iterations=min(own.max_iterations, MOST_EXACT))
-            exact = replace(refiner, settings=least, rough=None)
+            exact = replace(refiner, settings=least, rough=None, once=True)
             best = exact.refine(best, self._velocity_switches)
         return refiner.refine(best, self._velocity_switches)
 
@@ -674,8 +674,12 @@ class FreeSearch:
         more = {"status": str(status), "advice": advice, "made_from": made_from}
         return replace(found, provenance={**told, **more}, note=note)
 
+    @property
+    def _fast(self) -> bool:
+        return self.settings.compiled and compiler() is not None
+
     def _known_ways(self) -> Slowed | None:
-        return known_ways(self.family, self.via, self.settings.compiled and compiler() is not None)
+        return known_ways(self.family, self.via, self._fast)
 
     def _slowed(self, solution: Solution) -> Motion | None:
         """A solution slowed down until it keeps the limits; None where it is none."""
@@ -690,8 +694,7 @@ class FreeSearch:
         missed = np.abs(shape(times) - self.via).max()
         if not missed <= MISSED * np.abs(np.diff(self.via, axis=0)).max():
             return None
-        fast = self.settings.compiled and compiler() is not None
-        return within_limits(self.family, shape, times, self.settings.limit_tolerance, fast)
+        return within_limits(self.family, shape, times, self.settings.limit_tolerance, self._fast)
 
     def _motion(
         self,

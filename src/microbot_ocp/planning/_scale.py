@@ -39,6 +39,9 @@ class TaskScale:
         Bounds of the durations for the solver, s, far from what is expected.
     time : float
         Unit of time, s: a power of ten, 1 for ordinary tasks.
+    position : float
+        Unit of the positions, rad (m): a power of ten, 1 for ordinary ways. In a larger one the
+        tolerance of the solvers would be a large part of the way.
     velocity, acceleration : array [n]
         Units for joints without such limits.
     jerk : array [n]
@@ -49,6 +52,7 @@ class TaskScale:
     shortest: FloatArray
     longest: FloatArray
     time: float
+    position: float
     velocity: FloatArray
     acceleration: FloatArray
     jerk: FloatArray
@@ -97,6 +101,7 @@ class TaskScale:
             shortest=SHORTEST * np.where(fastest > 0, fastest, 0.1 * durations),
             longest=np.full(durations.size, LONGEST * durations.sum()),
             time=time,
+            position=float(_power(steps.max())),
             velocity=_power(velocity),
             acceleration=unit,
             jerk=np.maximum(jerk, np.where(highest < speed, 0.0, needed)),

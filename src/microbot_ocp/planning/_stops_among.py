@@ -158,11 +158,10 @@ def stops_among(
     """
     stops, segments, cycle, order, duration = plan
     if order == "given":
-        ask = lambda search: ([(0.0, search.run())], "")  # noqa: E731
-        (found, *_), _ = motions_among(robot, limits, plan, scene, settings, progress, ask)
+        (found, *_), _ = motions_among(robot, limits, plan, scene, settings, progress, _fastest)
         return found[1]
     robot = with_arm_capsules(robot)
-    legs = Legs(scene, {}, {})
+    legs = Legs(scene)
     bare = [replace(s, payload=None) if isinstance(s, Stop) else s for s in stops]
     _clear_ways(task_of(robot, bare, limits, segments=segments, cycle=cycle), legs)
     return best_order(
@@ -192,7 +191,11 @@ def motions_among(
     """
     stops, segments, cycle, _, duration = plan
     task = task_of(with_arm_capsules(robot), stops, limits, segments=segments, cycle=cycle)
-    return _Among(task, Legs(scene, {}, {}), settings, progress, duration).motions(ask)
+    return _Among(task, Legs(scene), settings, progress, duration).motions(ask)
+
+
+def _fastest(search: StopSearch) -> Made:
+    return [(0.0, search.run())], ""
 
 
 class _Among:
@@ -241,7 +244,7 @@ class _Among:
         return self._search.coarse_duration(beaten)
 
     def motion(self) -> Motion:
-        return self.motions(lambda search: ([(0.0, search.run())], ""))[0][0][1]
+        return self.motions(_fastest)[0][0][1]
 
     def motions(self, ask: Callable[[StopSearch], Made]) -> Made:
         """The motions that a search is asked for, again where they miss some pair's distance."""
@@ -303,8 +306,8 @@ class Legs:
     """
 
     scene: Scene
-    surroundings: dict[Any, Surroundings]
-    timed: dict[Any, PiecewisePolynomial | None]
+    surroundings: dict[Any, Surroundings] = field(default_factory=dict)
+    timed: dict[Any, PiecewisePolynomial | None] = field(default_factory=dict)
 
     def places(self, task: Task, way: Way) -> list[tuple[Any, Surroundings]]:
         """What is around the arm on every segment of a way, each with its key."""

@@ -35,6 +35,7 @@ SHARP = 1e-6  # share of the cost: less is not worth another mesh
 # comes back late or elsewhere (146 against 35 iterations on one task with four via points).
 WARM_BARRIER = 1e-4
 MOST_STUBBORN = 6  # meshes that do not halve the least excess so far: finer ones will not, either
+WILD = 1.0  # excess from which an answer was found by the tolerance of its equations, not by them
 FAR_ABOVE = 3.0  # times the accepted excess; halving an interval divides it by about four
 POLISHED = 0.1  # share of the wanted gap that needs no polish
 MOST_POLISHING = 60  # iterations
@@ -81,6 +82,8 @@ class Refiner:
         the next optimum would exceed it there.
     fitted : callable, optional
         Gives the kernels the parameters that belong to a mesh and a start.
+    once : bool
+        A mesh is given up where the first start on it fails, which is not repeated by other means.
     enough : callable, optional
         Tells of a solution that exceeds constraints whether it is refined no further all the same.
     """
@@ -101,6 +104,7 @@ class Refiner:
     polishing: int = MOST_POLISHING
     foresight: float = 1.0
     fitted: Fitted | None = None
+    once: bool = False
     enough: Callable[[Solution], bool] | None = None
     history: list[dict[str, Any]] = field(default_factory=list)
     last: Solution | None = None  # of any solve, accepted or not
@@ -123,7 +127,7 @@ class Refiner:
             initial_barrier=barrier,
             gap=self.settings.gap if tolerance is None else np.inf,  # of a first look none is asked
         )
-        return self._solve(mesh, guesses, settings)
+        return self._solve(mesh, guesses, settings, warm_only=self.once)
 
     @property
     def over(self) -> bool:
@@ -158,8 +162,7 @@ class Refiner:
         self.rough, rounds, self.rounds = None, self.rounds, MOST_FINISHING
         finer = self.refine(finer)
         self.rounds = rounds
-        before, after = (max(float(e.max()) for e in self.excess(k)) for k in (solution, finer))
-        kept = after <= max(self.limit_tolerance, before)
+        kept = self._worst(finer) <= max(self.limit_tolerance, self._worst(solution))
         return finer if kept else solution
 
     def _solve(
@@ -207,7 +210,8 @@ class Refiner:
             # with multipliers: 20 against 30 iterations on the Microbot task from 20 to 100
             first = ("ipopt", None, before)
         after, dearer = before, None
-        for name, barrier, start in (first, ("ipopt", None, guesses)):
+        starts = [first] if self.once else [first, ("ipopt", None, guesses)]
+        for name, barrier, start in starts:
             after = self.solve(meshes, start, solver=name, barrier=barrier)
             accepted = self._accepts(before, after)
             self.history[-1]["accepted"] = accepted
@@ -229,6 +233,9 @@ class Refiner:
             return dearer
         return before if before.status.solved else after
 
+    def _worst(self, solution: Solution) -> float:
+        return max(float(e.max()) for e in self.excess(solution))
+
     def _cheat(self, before: Solution) -> float:
         """Share of its cost that an answer may owe to limits that it exceeds between mesh points.
 
@@ -237,12 +244,14 @@ class Refiner:
         """
         if not before.status.solved:
             return 0.0
-        worst = max(float(e.max()) for e in self.excess(before))
+        worst = self._worst(before)
         return worst if worst > self.limit_tolerance else 0.0
 
     def _accepts(self, before: Solution, after: Solution) -> bool:
         if not after.status.solved or not before.status.solved:
             return after.status.solved
+        if self._worst(after) > max(WILD, self._worst(before)):
+            return False
         more, size = after.cost - before.cost, abs(before.cost)
         return more <= self.worse * size or more <= (self.worse + self._cheat(before)) * size
 
