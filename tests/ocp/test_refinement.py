@@ -57,7 +57,7 @@ def pretend(monkeypatch):
     def prepare(answers, excess=lambda _: [np.zeros(4)], **options):
         calls = []
 
-        def fake(transcription, mesh, guesses, settings, until, progress):
+        def fake(transcription, mesh, guesses, settings, until, progress, warm_only):
             calls.append((mesh[0] if isinstance(mesh, list) else mesh, guesses, settings))
             return answers[len(calls) - 1]
 
@@ -101,8 +101,8 @@ def test_a_failure_of_another_solver_is_given_to_ipopt(pretend):
 
 
 def test_refinement_stops_where_the_excess_is_allowed(pretend):
-    excess = iter([[np.array([0.0, 0.05, 0.0, 0.0])], [np.full(7, 0.009)]])
-    refiner, calls = pretend([solution(1.0, mesh=7)], lambda _: next(excess))
+    excess = {4: [np.array([0.0, 0.05, 0.0, 0.0])], 7: [np.full(7, 0.009)]}
+    refiner, calls = pretend([solution(1.0, mesh=7)], lambda s: excess[s.phases[0].mesh.size - 1])
     refiner.history.append({})
     result = refiner.refine(solution(1.0))
     assert result.cost == 1.0
@@ -197,3 +197,17 @@ def test_a_real_problem_is_refined_until_its_ceiling_holds_between_mesh_points()
     assert [entry["intervals"][0] for entry in refiner.history] == sorted(
         entry["intervals"][0] for entry in refiner.history
     )
+
+
+def test_what_is_to_be_tried_once_is_given_up_where_the_first_start_fails(pretend):
+    refiner, calls = pretend([solution(2.0, Status.ITERATION_LIMIT)], once=True)
+    before = solution(2.1)
+    assert refiner.finer(before, [8]) is before
+    assert len(calls) == 1
+
+
+def test_a_cheap_answer_far_beyond_its_limits_is_not_accepted(pretend):
+    answers = [solution(1e-3), solution(1.9)]
+    refiner, calls = pretend(answers, lambda s: [np.full(4, 1e4 if s.cost < 1.0 else 0.005)])
+    assert refiner.finer(solution(2.0), [8]).cost == 1.9
+    assert len(calls) == 2
