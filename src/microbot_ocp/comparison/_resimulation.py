@@ -171,7 +171,6 @@ def resimulate(robot: Robot, motion: Motion, tolerance: float) -> Resimulation:
         low = np.searchsorted(mesh, todo[:, 0] + 1e-9, side="right")
         inner = low < np.searchsorted(mesh, todo[:, 1] - 1e-9, side="left")
         found, good, converged = _integrated(drive, size * tolerance, todo, inner)
-        good &= ~(inner & (found.torques > size * tolerance).any(axis=1))
         small = ~inner & (np.diff(todo)[:, 0] <= np.where(converged, SHORTEST, SHORTEST_STIFF))
         stuck += int((small & ~good & ~converged).sum())
         done.append(found.where(good | small))
@@ -269,12 +268,14 @@ def _integrated(
         by_place = np.abs(np.einsum("kij,kj->ki", inertia, beyond[:, :count]))
         by_speed = np.abs(np.einsum("kij,kj->ki", inertia, beyond[:, count:]))
         torques = np.maximum(2.0 * by_place / h[:, None] ** 2, by_speed / h[:, None])
-        alone = ~(determined & converged)
-        torques[alone] += np.abs(added[alone]).max(axis=1)
+        torques[~determined] += np.abs(added[~determined]).max(axis=1)
+        alone = wrong & ~converged  # over a jump the integrals say nothing
+        torques[alone] = np.abs(added[alone]).max(axis=1)
         unknown = np.einsum("kij,kj->ki", np.abs(inertia), drive.unknown(begin, spans[:, 1]))
         resolved = ~_rough(inertia, qdd, allowed)
         far = (torques > WRONG * (allowed + unknown)).any(axis=1)
         good &= resolved | far
+        good &= ~(inner & (torques > allowed).any(axis=1))
         good |= wrong | (far & resolved & ~inner)
     return _Segments(begin, spans[:, 1], defects, torques, unknown, determined), good, converged
 
