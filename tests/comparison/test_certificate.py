@@ -305,6 +305,23 @@ def test_a_singular_pose_is_reported(robot):
     assert certificate.undetermined_direction is None
 
 
+def test_links_without_mass_at_the_tip_are_counted():
+    robot = mo.load_robot("puma560")
+    none = mo.Link(0.0, [0.0, 0.0, 0.0])
+    shape = cubic(
+        np.array([[0.1, 0.2, 0.3, 0.4, 0.5, 0.6], [1.0, 0.5, 0.8, 0.0, 1.0, 0.0]]), [0, 8]
+    )
+    for count, said in ((1, ""), (2, " and of 1 more direction"), (3, " and of 2 more directions")):
+        bare = robot.with_links([*robot.links[:-count], *[none] * count])
+        motion = sampled(bare, shape)
+        certificate = certify(bare, motion, mo.Limits())
+        assert certificate.ok
+        assert certificate.undetermined_fraction == pytest.approx(1.0)
+        assert "for 100 % of the time" in certificate.verdict
+        assert f"{said}: judged by inverse dynamics" in certificate.verdict
+        assert not certify(bare, replace(motion, tau=1.001 * motion.tau), mo.Limits()).ok
+
+
 def test_a_start_in_the_singular_pose_is_judged_by_inverse_dynamics(robot):
     shape = quintic(np.radians([[0, 90, 0], [30, 50, 0]]), [0.0, 1.0])
     motion = sampled(robot, shape)

@@ -12,8 +12,12 @@ from dataclasses import replace
 import numpy as np
 
 import microbot_ocp as mo
-from microbot_ocp.motion import Motion, State, torque_along
+from microbot_ocp.limits import LimitFamily
+from microbot_ocp.motion import Motion, PiecewisePolynomial, State, torque_along
 from microbot_ocp.planning import time_optimal, time_optimal_path
+from microbot_ocp.planning._within_limits import within_limits
+from microbot_ocp.robot import forward_kinematics
+from microbot_ocp.scene import with_arm_capsules
 from microbot_ocp.trajectories import cubic, lspb, quintic, shortest_duration, spline
 
 FREE = mo.Limits()
@@ -54,6 +58,37 @@ def planned(robot: mo.Robot) -> Iterator[tuple[str, Motion]]:
     yield "tracked", tracked(robot, points, 0.8)
     yield "path timing", time_optimal_path(robot, spline(points, [0.0, 1.0, 2.0]))
     yield "time-optimal", time_optimal(robot, points[:2])
+
+
+def others(robot: mo.Robot) -> Iterator[tuple[str, Motion]]:
+    """What becomes of a task otherwise: under rates, slowed down, prepared, by stops, in arcs."""
+    points = via(robot)
+    rated = robot.with_limits(taud_max=20.0 * robot.limits.tau_max)
+    yield "path under rates", time_optimal_path(rated, spline(points, [0.0, 1.0, 2.0]))
+    shape = shortest_duration(rated, quintic(points[:2], [0.0, 1.0])).polynomial
+    faster = PiecewisePolynomial(
+        shape.breaks / 1.02, shape.coefficients * 1.02 ** np.arange(6)[:, None]
+    )
+    for name, own in (("slowed down at limits", robot), ("slowed down evenly", rated)):
+        slower = within_limits(LimitFamily.of(own), faster, faster.breaks, 5e-4, True)
+        assert slower is not None, name
+        yield name, slower
+    yield "without a search", time_optimal(robot, points, time_limit=0.01)
+    yield "prepared", mo.TimeOptimalSolver(robot, points[:2])()
+    stops = [
+        mo.Stop(q=list(q), dwell=0.1, name=name) for q, name in zip(points, "abc", strict=True)
+    ]
+    yield "stops", time_optimal(robot, stops)
+    yield "switching times", time_optimal(robot, points[:2], switching_times=True)
+
+
+def among_obstacles(robot: mo.Robot) -> Iterator[tuple[str, Motion]]:
+    """Past a ball that the arm without one would hit; needs coal."""
+    points = via(robot)
+    free = time_optimal(robot, points[:2])
+    middle = forward_kinematics(robot)(free.sample([0.5 * free.duration]).q[0]).full()[:3, 3]
+    scene = mo.Scene([mo.Sphere(middle, 0.1, "ball")])
+    yield "among obstacles", time_optimal(with_arm_capsules(robot), points[:2], scene=scene)
 
 
 def mutations(robot: mo.Robot, motion: Motion) -> Iterator[tuple[str, mo.Robot, Motion]]:

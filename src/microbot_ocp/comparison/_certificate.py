@@ -440,9 +440,12 @@ def certificate_of(
             f"q = {_pose(robot, state.q[at])})"
         )
     if again.undetermined_fraction:
+        besides = again.undetermined_besides
+        more = f" and of {besides} more direction{'s' * (besides > 1)}" if besides else ""
         verdict += (
             f"; for {100 * again.undetermined_fraction:.3g} % of the time no torque determines the "
-            f"motion of {_direction(robot, again.undetermined)}: judged by inverse dynamics there"
+            f"motion of {_direction(robot, again.undetermined)}{more}: judged by inverse dynamics "
+            "there"
         )
     return Certificate(
         label=motion.label,

@@ -71,6 +71,7 @@ class Resimulation(NamedTuple):
     position_defect: float
     amplification: float
     undetermined: FloatArray  # [n], direction; zeros where the torques determine the motion
+    undetermined_besides: int  # how many more directions torques do not determine there
     undetermined_fraction: float
     final_position_error: float
     final_velocity_error: float
@@ -300,9 +301,10 @@ def _stiff_modes(
     q, qd, torque = state.q[middle], state.qd[middle], tau[:, NODES // 2]
     slopes = np.zeros((h.size, count, count))
     base = _accelerations(robot, q, qd, torque)
-    for j in range(count):
-        step = STEP * np.eye(count)[j]
-        slopes[:, :, j] = (_accelerations(robot, q, qd + step, torque) - base) / STEP
+    with np.errstate(over="ignore", invalid="ignore"):  # of singular mass matrices they are no use
+        for j in range(count):
+            step = STEP * np.eye(count)[j]
+            slopes[:, :, j] = (_accelerations(robot, q, qd + step, torque) - base) / STEP
     slopes = np.nan_to_num(slopes) * h[:, None, None]
     stiff: BoolArray = np.abs(slopes).max(axis=(1, 2)) > STIFF
     return stiff, np.linalg.inv(np.eye(count) - MODES[:, None, None] * slopes[stiff, None])
@@ -321,13 +323,14 @@ def _judged(
     carried = carry(np.nan_to_num(every.defects), transition_matrices(slopes, lengths))
     along = np.abs(carried.errors[:, :count]).max(axis=1)
     worst = int(along.argmax())
-    direction = np.zeros(count)
+    direction, besides = np.zeros(count), 0
     if not every.determined.all():
         matrices = _mass_matrices(robot, middle.q[~every.determined])
         values, vectors = np.linalg.eigh(matrices)
         least = int((values[:, 0] / values[:, -1]).argmin())
         direction = vectors[least, :, 0]
         direction = direction * np.sign(direction[np.abs(direction).argmax()])
+        besides = int((values[least, 1:] * NEAR_SINGULAR <= values[least, -1]).sum())
     message = f"it did not converge on {stuck} of {lengths.size} segments" if stuck else ""
     return Resimulation(
         status=Status.INTEGRATION_FAILED if stuck else Status.SOLVED,
@@ -339,6 +342,7 @@ def _judged(
         position_defect=float(np.nan_to_num(np.abs(every.defects[:, :count]), nan=np.inf).max()),
         amplification=carried.amplification,
         undetermined=direction,
+        undetermined_besides=besides,
         undetermined_fraction=float(lengths[~every.determined].sum() / motion.duration),
         final_position_error=float(along[-1]),
         final_velocity_error=float(np.abs(carried.errors[-1, count:]).max()),
@@ -353,11 +357,13 @@ def _linearised(robot: Robot, state: State) -> FloatArray:
     slopes = np.zeros((len(tau), 2 * count, 2 * count))
     slopes[:, :count, count:] = np.eye(count)
     base = _accelerations(robot, state.q, state.qd, tau)
-    for j in range(count):
-        step = STEP * np.eye(count)[j]
-        slopes[:, count:, j] = (_accelerations(robot, state.q + step, state.qd, tau) - base) / STEP
-        faster = _accelerations(robot, state.q, state.qd + step, tau)
-        slopes[:, count:, count + j] = (faster - base) / STEP
+    with np.errstate(over="ignore", invalid="ignore"):
+        for j in range(count):
+            step = STEP * np.eye(count)[j]
+            moved = _accelerations(robot, state.q + step, state.qd, tau)
+            faster = _accelerations(robot, state.q, state.qd + step, tau)
+            slopes[:, count:, j] = (moved - base) / STEP
+            slopes[:, count:, count + j] = (faster - base) / STEP
     return np.nan_to_num(slopes)
 
 
