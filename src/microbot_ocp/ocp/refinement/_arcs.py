@@ -14,8 +14,9 @@ from __future__ import annotations
 
 import copy
 import itertools
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import casadi as ca
@@ -27,6 +28,7 @@ from microbot_ocp.ocp.problem import (
     OptimalControlProblem,
     PathConstraint,
     Phase,
+    PointConstraint,
     PhaseLink,
     Variable,
     node_variables,
@@ -35,7 +37,7 @@ from microbot_ocp.ocp.refinement._switches import AT_BOUND, BRACKET, interval_va
 from microbot_ocp.ocp.solution import PhaseSolution, Solution
 from microbot_ocp.ocp.solvers import SolverSettings, solve
 from microbot_ocp.ocp.transcription import Guess, Mesh
-from microbot_ocp.ocp.transcription.schemes import Scheme
+from microbot_ocp.ocp.transcription.schemes import Collocation, Scheme
 from microbot_ocp.ocp.verification import phase_layout
 
 ACTS = 3e-3  # of a state's range along the phase: nearer to a limit at both ends, it acts
@@ -43,20 +45,23 @@ SHORTEST = 2  # intervals of an arc: what is shorter is the smeared end of two o
 MOST_ARCS = 12  # of a phase: a solution that chatters is not cut into pieces
 SHORTEST_DURATION = 1e-4  # of the phase, that an arc may shrink to
 LEAST_INTERVALS = 4  # of an arc's own mesh
+LOOSER = 1e-6  # of its range: a bound beside an arc on which it is kept by an equation
 HIGHEST_ORDER = 3  # of a limit of the states whose derivative determines a control
 MIXED = 2e-3  # of its range: nearer to a limit that depends on controls it acts
-INSIDE = np.array([0.1, 0.5, 0.9])  # of an interval at which such limits are looked at
+INSIDE = np.array([0.1, 0.5, 0.9])  # of an interval at which they are, without collocation points
+WEIGHTS = np.array([25.0, 46.0, 25.0]) / 96  # of the mean of a parabola by its values there
 WORSE = 1e-6  # share by which arcs may cost more than the solution that they come from
 
 
 @dataclass(frozen=True, eq=False)
-class _Limit:
+class Limit:
     """A limit of the states alone, and where it acts: 1 at its upper side, -1 at its lower one."""
 
     constraint: PathConstraint
     component: int
     sides: np.ndarray  # of the intervals [N]
     mixed: bool = False  # whether it depends on controls
+    shares: FloatArray | None = None  # mean in every interval, from -1 at the lower side to 1
 
     def met(self, side: int) -> PathConstraint:
         """The limit as an equation."""
@@ -195,7 +200,7 @@ def arcs_of(
     *,
     mixed: bool = False,
     shortest: int = SHORTEST,
-) -> tuple[list[_Arc], list[_Limit]]:
+) -> tuple[list[_Arc], list[Limit]]:
     """Arcs of a phase, and the limits of its states that act somewhere.
 
     Arcs of fewer intervals than ``shortest`` are left out; with ``mixed`` limits that depend on
@@ -204,18 +209,9 @@ def arcs_of(
     """
     whole, shortest = declared is None, shortest if declared is None else 1
     declared = declared or phase_layout(phase).phase
-    columns = []
-    for control in _jumping(declared):
-        values = interval_values(phase, control)
-        near = AT_BOUND * (control.upper - control.lower)
-        near = np.where(np.isfinite(near), near, AT_BOUND * control.scale)
-        fixed = control.lower == control.upper
-        upper = (values.least >= control.upper - near) & ~fixed
-        lower = (values.largest <= control.lower + near) & ~fixed
-        columns.append(upper.astype(int) - lower.astype(int))
-    limits = _limits(phase, declared) if whole else []
-    limits += _mixed_limits(phase, declared) if whole and mixed else []
-    columns += [limit.sides[:, None] for limit in limits]
+    columns, _ = controls_at_bounds(phase, declared)
+    limits = limits_of(phase, declared, mixed=mixed) if whole else []
+    columns = [own[:, None] for own in (*columns, *(limit.sides for limit in limits))]
     if not columns or not np.any(np.hstack(columns)):
         return [], limits
     table = np.hstack(columns)
@@ -233,12 +229,42 @@ def arcs_of(
     return arcs, limits
 
 
+def controls_at_bounds(
+    phase: PhaseSolution, declared: Phase
+) -> tuple[list[np.ndarray], list[FloatArray | None]]:
+    """Side [N] of every component that may jump, and its mean [N] from -1 to 1 where both exist."""
+    sides: list[np.ndarray] = []
+    shares: list[FloatArray | None] = []
+    for control in _jumping(declared):
+        values = interval_values(phase, control)
+        near = AT_BOUND * (control.upper - control.lower)
+        near = np.where(np.isfinite(near), near, AT_BOUND * control.scale)
+        fixed = control.lower == control.upper
+        upper = (values.least >= control.upper - near) & ~fixed
+        lower = (values.largest <= control.lower + near) & ~fixed
+        sides += list((upper.astype(int) - lower.astype(int)).T)
+        for mean, low, high in zip(values.mean.T, control.lower, control.upper, strict=True):
+            shares.append(_share(mean, float(low), float(high)))
+    return sides, shares
+
+
+def _share(mean: FloatArray, low: float, high: float) -> FloatArray | None:
+    if not (np.isfinite(high - low) and low < high):
+        return None
+    return (2 * mean - high - low) / (high - low)
+
+
+def limits_of(phase: PhaseSolution, declared: Phase, *, mixed: bool) -> list[Limit]:
+    """Limits of the states that act somewhere, and those that depend on controls, too."""
+    return _limits(phase, declared) + (_mixed_limits(phase, declared) if mixed else [])
+
+
 def _jumping(phase: Phase) -> list[Variable]:
     """Controls that may jump at a mesh point."""
     return [c for c in phase.controls if c.shape != "linear"]
 
 
-def _limits(phase: PhaseSolution, declared: Phase) -> list[_Limit]:
+def _limits(phase: PhaseSolution, declared: Phase) -> list[Limit]:
     """Limits of the states alone, and the intervals on which they act."""
     symbols = [v.symbol for v in declared.states]
     others = [v.symbol for v in declared.variables if v not in declared.states]
@@ -262,11 +288,11 @@ def _limits(phase: PhaseSolution, declared: Phase) -> list[_Limit]:
             sides = (row >= high - near).astype(int) - (row <= low + near).astype(int)
             both = np.where(sides[:-1] == sides[1:], sides[1:], 0)
             if near > 0 and low < high and np.any(both):
-                found.append(_Limit(constraint, i, both))
+                found.append(Limit(constraint, i, both))
     return found
 
 
-def _mixed_limits(phase: PhaseSolution, declared: Phase) -> list[_Limit]:
+def _mixed_limits(phase: PhaseSolution, declared: Phase) -> list[Limit]:
     """Limits that depend on controls that may jump, and the intervals all along which they act."""
     jumping = [c.symbol for c in _jumping(declared)]
     own = [*declared.states, *declared.controls]
@@ -281,7 +307,9 @@ def _mixed_limits(phase: PhaseSolution, declared: Phase) -> list[_Limit]:
     if not chosen:
         return []
     steps = np.diff(phase.mesh)
-    t = (phase.mesh[:-1, None] + INSIDE * steps[:, None]).ravel() * phase.duration
+    inside, weights = _places_inside(phase)
+    # just before the end of an interval its own polynomial counts
+    t = (phase.mesh[:-1, None] + (1 - 1e-9) * inside * steps[:, None]).ravel() * phase.duration
     known = phase.sample(t)
     variables = [*declared.states, *declared.controls]
     symbols = [*(v.symbol for v in variables), declared.time, declared.duration]
@@ -299,11 +327,22 @@ def _mixed_limits(phase: PhaseSolution, declared: Phase) -> list[_Limit]:
             low, high = float(constraint.lower[i]), float(constraint.upper[i])
             near = MIXED * (high - low if np.isfinite(high - low) else float(np.ptp(row)))
             acts = (row >= high - near).astype(int) - (row <= low + near).astype(int)
-            table = acts.reshape(steps.size, INSIDE.size)
+            table = acts.reshape(steps.size, inside.size)
             sides = np.where(np.all(table == table[:, :1], axis=1), table[:, 0], 0)
+            mean = row.reshape(steps.size, inside.size) @ weights
             if near > 0 and low < high and np.any(sides):
-                found.append(_Limit(constraint, i, sides, mixed=True))
+                share = _share(mean, low, high)
+                found.append(Limit(constraint, i, sides, mixed=True, shares=share))
     return found
+
+
+def _places_inside(phase: PhaseSolution) -> tuple[FloatArray, FloatArray]:
+    """Places in an interval at which its limits are looked at, and weights of the mean."""
+    kinds = phase_layout(phase).kinds
+    scheme = kinds[0].scheme
+    if len(kinds) == 1 and isinstance(scheme, Collocation):
+        return np.array(scheme.points), scheme.weights
+    return INSIDE, WEIGHTS
 
 
 def stretches(phase: PhaseSolution, arcs: Sequence[_Arc]) -> list[Stretch]:
@@ -311,7 +350,7 @@ def stretches(phase: PhaseSolution, arcs: Sequence[_Arc]) -> list[Stretch]:
     arcs = arcs or [_Arc(0, phase.mesh.size - 2, ())]
     edges = np.concatenate([[0.0], _guessed(phase, arcs), [1.0]])
     return [
-        Stretch(float(a), float(b), arc.signature, arc.last - arc.first + 1)
+        Stretch(float(a), float(b), arc.signature, max(arc.last - arc.first + 1, LEAST_INTERVALS))
         for arc, (a, b) in zip(arcs, itertools.pairwise(edges), strict=True)
     ]
 
@@ -333,10 +372,9 @@ def cut(
     declared: Phase,
     duration: float,
     arcs: Sequence[Stretch],
-    limits: Sequence[_Limit],
+    limits: Sequence[Limit],
     sample: Sample,
-    *,
-    exact: bool = False,
+    conditions: Sequence[Conditions] | None = None,
 ) -> tuple[list[Phase], list[Guess], list[Mesh]] | None:
     """A phase for every arc, with guesses and meshes; the clock goes on from one to the next.
 
@@ -345,8 +383,8 @@ def cut(
     declared, duration, sample : the phase, and the values that guesses are made of
     arcs : its arcs in turn
     limits : what their signatures say after all control components
-    exact : bool
-        Whether what acts on an arc determines it: mixed limits are equations, limits of states act
+    conditions : of the arc before the phase, of its own, and of the arc after it
+        What acts on an arc determines it then: mixed limits are equations, limits of states act
         through the derivative that the controls appear in, and what is left free is polynomial.
     """
     along = [*declared.derivatives.values(), *declared.running_costs]
@@ -364,10 +402,9 @@ def cut(
         timed(e), declared.duration, clock.symbol
     )
     held = [_held(declared, arc) for arc in arcs]
-    own = [
-        conditions_on(declared, arc, limits, first=index == 0) if exact else Conditions()
-        for index, arc in enumerate(arcs)
-    ]
+    exact = conditions is not None
+    known = conditions or [Conditions()] * (len(arcs) + 2)
+    own = known[1:-1]
     made, guesses, meshes = [], [], []
     for index, arc in enumerate(arcs):
         first, last = index == 0, index == len(arcs) - 1
@@ -381,7 +418,9 @@ def cut(
             "initial": (np.zeros(1), np.zeros(1)) if first else None,
             "final": (np.array([low]), np.array([high])) if last else None,
         }
-        piece.states = [own[index].freed(_inside(s, first, last)) for s in declared.states]
+        beside = known[index].replaced | known[index + 2].replaced
+        free: Callable[[Any], Any] = partial(_freed, own=own[index].replaced, beside=beside)
+        piece.states = [free(_inside(s, first, last)) for s in declared.states]
         piece.states.append(replace(clock, **ends))
         piece.derivatives = {k: timed(e) for k, e in declared.derivatives.items()}
         piece.derivatives[clock.name] = ca.MX(1.0)
@@ -392,7 +431,7 @@ def cut(
         piece.algebraic_equations = [timed(e) for e in declared.algebraic_equations]
         piece.constraints = [
             replace(c, expression=timed(c.expression))
-            for c in (*map(own[index].freed, declared.constraints), *own[index].along)
+            for c in (*map(free, declared.constraints), *own[index].along)
         ]
         piece.end_costs = [final(e) for e in declared.end_costs] if last else []
         piece.end_constraints = [
@@ -400,13 +439,19 @@ def cut(
         ]
         if not last:
             piece.end_constraints = [
-                replace(c, expression=timed(c.expression)) for c in own[index + 1].entry
+                replace(c, expression=timed(c.expression))
+                for c in own[index + 1].entered(own[index])
             ]
             piece.end_constraints += _met(limits, arc, arcs[index + 1], own[index], own[index + 1])
         kept = [place for place, here in ((0.0, first), (1.0, last)) if here]
         for kind in ("point_constraints", "point_costs"):
             there = [k for k in getattr(declared, kind) if k.fractions[0] in kept]
             setattr(piece, kind, [replace(k, expression=final(k.expression)) for k in there])
+        if first:
+            piece.point_constraints += [
+                PointConstraint(**{**vars(c), "expression": timed(c.expression)}, fractions=np.zeros(1))
+                for c in own[0].entered(known[0])
+            ]
         if exact:
             piece.interior_points = None  # the points of the scheme, where controls have values
             piece.controls = [
@@ -417,7 +462,7 @@ def cut(
             ]
         made.append(piece)
         guesses.append(_guess(declared, duration, sample, clock, arc))
-        meshes.append(Mesh(max(arc.intervals, LEAST_INTERVALS)))
+        meshes.append(Mesh(arc.intervals))
     return made, guesses, meshes
 
 
@@ -428,48 +473,71 @@ class Conditions:
     Attributes
     ----------
     along : equations at all its points
-    entry : equations where it begins, for the end of the arc before it
-    replaced : names and components of the limits that these keep
+    entry : equations where it begins, for the end of the arc before it, by what they keep
     """
 
     along: tuple[PathConstraint, ...] = ()
-    entry: tuple[PathConstraint, ...] = ()
-    replaced: frozenset[tuple[str, int]] = frozenset()
+    entry: Mapping[tuple[str, int], Sequence[PathConstraint]] = field(default_factory=dict)
 
-    def freed(self, limited: Any) -> Any:
-        """A state or path constraint without the bounds that are kept by equations."""
-        own = [i for name, i in self.replaced if name == limited.name]
-        if not own:
-            return limited
-        low, high = limited.lower.copy(), limited.upper.copy()
-        low[own], high[own] = -np.inf, np.inf
-        return replace(limited, lower=low, upper=high)
+    @property
+    def replaced(self) -> frozenset[tuple[str, int]]:
+        """Names and components of the limits that these keep."""
+        return frozenset(self.entry)
+
+    def entered(self, before: Conditions) -> list[PathConstraint]:
+        """Equations where the arc begins, but for what is met as it acted before."""
+        return [c for key, begun in self.entry.items() if key not in before.replaced for c in begun]
 
 
-def conditions_on(
-    declared: Phase, arc: Stretch, limits: Sequence[_Limit], *, first: bool
+def _freed(limited: Any, own: frozenset[tuple[str, int]], beside: frozenset[tuple[str, int]]) -> Any:
+    """A state or path constraint without the bounds that equations keep on an arc.
+
+    Beside such an arc they are met at one end, and a little looser: a bound and an equation of the
+    same value would have no multipliers of their own.
+    """
+    low, high = limited.lower.copy(), limited.upper.copy()
+    for name, i in beside:
+        if name == limited.name:
+            reach = high[i] - low[i]
+            reach = LOOSER * (reach if np.isfinite(reach) else limited.scale[i])
+            low[i], high[i] = low[i] - reach, high[i] + reach
+    kept = [i for name, i in own if name == limited.name]
+    low[kept], high[kept] = -np.inf, np.inf
+    return replace(limited, lower=low, upper=high)
+
+
+def conditions_of(
+    declared: Phase, arcs: Sequence[Stretch], limits: Sequence[Limit], *, first: bool
+) -> list[Conditions]:
+    """What limits demand of every arc of a phase, the first one or a later one."""
+    return [
+        _conditions_on(declared, arc, limits, start=first and index == 0)
+        for index, arc in enumerate(arcs)
+    ]
+
+
+def _conditions_on(
+    declared: Phase, arc: Stretch, limits: Sequence[Limit], *, start: bool
 ) -> Conditions:
     """Equations of the limits that act on an arc, as many as it has free control components."""
     sides = arc.signature[len(arc.signature) - len(limits) :] if arc.signature else ()
     free = sum(c.size for c in _jumping(declared))
     free -= sum(k != 0 for k in arc.signature[: len(arc.signature) - len(limits)])
     along: list[PathConstraint] = []
-    entry: list[PathConstraint] = []
-    replaced: set[tuple[str, int]] = set()
+    entry: dict[tuple[str, int], Sequence[PathConstraint]] = {}
     for limit, side in zip(limits, sides, strict=True):
         if not side or free <= 0:
             continue
         chain = [limit.met(side)] if limit.mixed else _derivatives(declared, limit, side)
-        if not chain or (first and len(chain) > 1):
+        if not chain or (start and len(chain) > 1):  # what is given there may not be at the limit
             continue
         along.append(chain[-1])
-        entry += chain[:-1]
-        replaced.add((limit.constraint.name, limit.component))
+        entry[limit.constraint.name, limit.component] = chain[:-1]
         free -= 1
-    return Conditions(tuple(along), tuple(entry), frozenset(replaced))
+    return Conditions(tuple(along), entry)
 
 
-def _derivatives(declared: Phase, limit: _Limit, side: int) -> list[PathConstraint]:
+def _derivatives(declared: Phase, limit: Limit, side: int) -> list[PathConstraint]:
     """A limit of the states that is met, and its time derivatives up to one with a jumping control.
 
     Nothing where that is none of the first three.
@@ -522,7 +590,7 @@ def _held(phase: Phase, arc: Stretch) -> dict[str, Variable]:
 
 
 def _met(
-    limits: Sequence[_Limit], arc: Stretch, after: Stretch, own: Conditions, following: Conditions
+    limits: Sequence[Limit], arc: Stretch, after: Stretch, own: Conditions, following: Conditions
 ) -> list[PathConstraint]:
     """Limits of states that begin or cease to act where two arcs meet, but for what keeps them."""
     found = []

@@ -28,17 +28,18 @@ from microbot_ocp._base.table import Column, Table
 from microbot_ocp.ocp.problem import OptimalControlProblem, Phase
 from microbot_ocp.ocp.refinement._adaptive import excess_of_limits
 from microbot_ocp.ocp.refinement._arcs import (
-    LEAST_INTERVALS,
     MOST_ARCS,
     SHORTEST_DURATION,
+    Conditions,
     Sample,
     Stretch,
     arcs_of,
+    conditions_of,
     cut,
     links_between,
-    stretches,
 )
 from microbot_ocp.ocp.refinement._mesh_error import divide, state_errors
+from microbot_ocp.ocp.refinement._structure import arcs_between_events
 from microbot_ocp.ocp.solution import (
     Gap,
     PhaseSolution,
@@ -61,9 +62,10 @@ from microbot_ocp.ocp.verification import phase_layout
 
 SCHEME = Collocation("radau", 5)
 FREE_DEGREE = 3  # where a control is free: more would let it swing where it is singular
-SETTINGS = SolverSettings("ipopt", tolerance=1e-10, gap=1e-7)
+SETTINGS = SolverSettings("ipopt", tolerance=1e-10, gap=1e-7, initial_barrier=1e-4)
 LOOSER = 1e-8
-MOST_INTERVALS = 8  # of an arc at first: the order is high
+LEAST_INTERVALS, MOST_INTERVALS = 2, 8  # of an arc at first: the order is high
+COARSER = 3  # intervals of the mesh that an arc is read from, for one of its own
 WORSE = 1e-3  # share by which the arcs may cost more than what they come from
 WRONG = 1e-3  # of its largest: a multiplier of the wrong sign that is larger frees a control
 EXCEEDED = 1e-4  # of a limit: by more it may not be exceeded on an arc where it is free to act
@@ -254,17 +256,8 @@ def _switching_times(
     if first.status not in (Status.SOLVED, Status.TOO_COARSE):  # which shows the arcs, too
         return SwitchingTimes(first.status, first.advice, (), first)
     until = deadline.until()
-    found: SwitchingTimes | None = None
-    # what is an interval or two long is the smeared end of two arcs, or an arc that is short
-    for shortest in (3, 2, 1):
-        plans = [_planned(phase, shortest) for phase in first.phases]
-        tried = _Search(declared, first, plans, accuracy, *how).run(rounds, until)
-        found = tried if found is None or tried.solved else found
-        late = time.perf_counter() > until
-        if late or found.status in (Status.SOLVED, Status.INTERRUPTED):
-            break
-    assert found is not None
-    return found
+    plans = [_planned(phase) for phase in first.phases]
+    return _Search(declared, first, plans, accuracy, *how).run(rounds, until)
 
 
 @dataclass(frozen=True, eq=False)
@@ -283,18 +276,21 @@ class _Plan:
         return tuple(arc.signature for arc in self.arcs)
 
 
-def _planned(phase: PhaseSolution, shortest: int) -> _Plan:
+def _planned(phase: PhaseSolution) -> _Plan:
     declared = phase_layout(phase).phase
-    found, limits = arcs_of(phase, mixed=True, shortest=shortest)
-    arcs = [
-        replace(arc, intervals=min(arc.intervals, MOST_INTERVALS))
-        for arc in stretches(phase, found)
-    ]
+    found, limits = arcs_between_events(phase)
+    count = phase.mesh.size - 1
+    arcs = [replace(arc, intervals=_intervals((arc.end - arc.begin) * count)) for arc in found]
     columns = [(c.name, i) for c in declared.controls if c.shape != "linear" for i in range(c.size)]
     columns += [(limit.constraint.name, limit.component) for limit in limits]
     arcs = [arc if arc.signature else replace(arc, signature=(0,) * len(columns)) for arc in arcs]
     arcs = _merged([replace(arc, signature=_active(arc, limits)) for arc in arcs])
     return _Plan(declared, phase.duration, phase.sample, tuple(arcs), tuple(limits), tuple(columns))
+
+
+def _intervals(of_mesh: float) -> int:
+    """Intervals of an arc that has so many on the mesh that it is read from."""
+    return int(np.clip(np.ceil(of_mesh / COARSER), LEAST_INTERVALS, MOST_INTERVALS))
 
 
 def _active(arc: Stretch, limits: Sequence[Any]) -> tuple[int, ...]:
@@ -399,10 +395,15 @@ class _Search:
     def _solved(self) -> tuple[Solution, list[list[Phase]]]:
         whole = OptimalControlProblem(f"{self.problem.name} in arcs")
         guesses, meshes, groups = {}, [], []
-        for plan in self.plans:
-            made = cut(
-                plan.declared, plan.duration, plan.arcs, plan.limits, plan.sample, exact=True
-            )
+        conditions = [
+            conditions_of(plan.declared, plan.arcs, plan.limits, first=index == 0)
+            for index, plan in enumerate(self.plans)
+        ]
+        for index, plan in enumerate(self.plans):
+            before = conditions[index - 1][-1] if index else Conditions()
+            after = conditions[index + 1][0] if index + 1 < len(conditions) else Conditions()
+            own = [before, *conditions[index], after]
+            made = cut(plan.declared, plan.duration, plan.arcs, plan.limits, plan.sample, own)
             if made is None:
                 raise InputError(
                     f"phase {plan.declared.name!r} cannot be cut into arcs: what holds along it "

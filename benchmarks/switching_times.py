@@ -1,0 +1,76 @@
+"""How many fastest motions of random tasks have exact switching times, and why the others do not.
+
+Random rest-to-rest tasks by seed, on four arms, with limits of torque alone and of torque and
+speed, without a via point and with one: ``python -m benchmarks switching_times --count 20``. A task
+counts as exact where the status of the switching times is "solved" and the certificate of the
+motion holds. Seconds are of the processor.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import time
+from collections import Counter
+
+import numpy as np
+
+import microbot_ocp as mo
+
+ARMS = ("planar_2r", "planar_3r", "microbot", "stanford")
+FAMILIES = ("torque", "torque, speed")
+REACH = 0.6  # of the range of every joint, at most half a turn to each side
+
+
+def task(name: str, family: str, via: int, seed: int) -> tuple[mo.Robot, np.ndarray]:
+    """An arm with the limits of a family, and poses that it can hold at rest."""
+    robot = mo.load_robot(name)
+    own = robot.limits
+    speed = {} if family == "torque" else {"qd_max": own.qd_max}
+    robot = robot.with_limits(
+        mo.Limits(q_min=own.q_min, q_max=own.q_max, tau_max=own.tau_max, **speed)
+    )
+    low, high = np.maximum(own.q_min, -np.pi), np.minimum(own.q_max, np.pi)
+    middle, half = (low + high) / 2, REACH * (high - low) / 2
+    gravity = mo.gravity_torque(robot)
+    rng = np.random.default_rng([seed, via, ARMS.index(name)])
+    poses: list[np.ndarray] = []
+    while len(poses) < via + 2:
+        pose = middle + half * rng.uniform(-1.0, 1.0, middle.size)
+        if np.all(np.abs(np.array(gravity(pose)).ravel()) < 0.9 * own.tau_max):
+            poses.append(pose)
+    return robot, np.array(poses)
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Print one line a task, then one a class."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks switching_times", description=__doc__)
+    parser.add_argument("--robots", nargs="+", default=ARMS, choices=ARMS)
+    parser.add_argument("--families", nargs="+", default=FAMILIES, choices=FAMILIES)
+    parser.add_argument("--via", nargs="+", type=int, default=(0, 1))
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--count", type=int, default=20)
+    options = parser.parse_args(arguments)
+    classes = itertools.product(options.robots, options.families, options.via)
+    table = []
+    for name, family, via in classes:
+        counts, seconds, why = Counter(), [], Counter()
+        for seed in range(options.first, options.first + options.count):
+            robot, poses = task(name, family, via, seed)
+            mesh = mo.time_optimal(robot, poses, starts=1)
+            begin = time.process_time()
+            motion = mo.time_optimal(robot, poses, starts=1, switching_times=True)
+            seconds.append(time.process_time() - begin)
+            said = motion.provenance.get("switching_times", {"status": "no motion", "advice": ""})
+            status = said["status"]
+            exact = status == "solved" and "advice" in said and motion.solved
+            print(name, family, via, seed, mesh.duration, motion.duration, status, flush=True)
+            counts["exact"] += exact and mo.certify(robot, motion).ok
+            why[status] += not exact
+        table.append((name, family, via, counts["exact"], options.count, np.median(seconds), why))
+    for row in table:
+        print(*row, sep="  ")
+
+
+if __name__ == "__main__":
+    main()
