@@ -46,6 +46,7 @@ MOST_ARCS = 12  # of a phase: a solution that chatters is not cut into pieces
 SHORTEST_DURATION = 1e-4  # of the phase, that an arc may shrink to
 LEAST_INTERVALS = 4  # of an arc's own mesh
 LOOSER = 1e-6  # of its range: a bound beside an arc on which it is kept by an equation
+AT_START = " at the start"  # of an arc: names of controls there
 HIGHEST_ORDER = 3  # of a limit of the states whose derivative determines a control
 MIXED = 2e-3  # of its range: nearer to a limit that depends on controls it acts
 INSIDE = np.array([0.1, 0.5, 0.9])  # of an interval at which they are, without collocation points
@@ -62,6 +63,17 @@ class Limit:
     sides: np.ndarray  # of the intervals [N]
     mixed: bool = False  # whether it depends on controls
     shares: FloatArray | None = None  # mean in every interval, from -1 at the lower side to 1
+
+    def values(self, phase: PhaseSolution, declared: Phase) -> FloatArray:
+        """Of a limit of the states alone at the mesh points [N+1]."""
+        states = [v for v in declared.states if v.name in phase.values]
+        value = ca.Function("value", [v.symbol for v in states], [self.constraint.expression])
+        return np.array(value(*(phase.values[v.name].T for v in states)))[self.component]
+
+    def touched(self, values: FloatArray, near: float) -> np.ndarray:
+        """Sides to which values [N+1] come so near, at every one."""
+        low, high = self.constraint.lower[self.component], self.constraint.upper[self.component]
+        return (values >= high - near).astype(int) - (values <= low + near).astype(int)
 
     def met(self, side: int) -> PathConstraint:
         """The limit as an equation."""
@@ -266,7 +278,6 @@ def _jumping(phase: Phase) -> list[Variable]:
 
 def _limits(phase: PhaseSolution, declared: Phase) -> list[Limit]:
     """Limits of the states alone, and the intervals on which they act."""
-    symbols = [v.symbol for v in declared.states]
     others = [v.symbol for v in declared.variables if v not in declared.states]
     others += [c.rate for c in declared.controls if c.rate is not None]
     others += [declared.time, declared.duration, *(p.symbol for p in declared.parameters)]
@@ -279,16 +290,16 @@ def _limits(phase: PhaseSolution, declared: Phase) -> list[Limit]:
         if not any(ca.depends_on(c.expression, symbol) for symbol in others)
     ]
     found = []
-    nodes = [phase.values[v.name].T for v in declared.states]
     for constraint in known:
-        values = ca.Function("value", symbols, [constraint.expression])(*nodes)
-        for i, row in enumerate(np.array(values)):
-            low, high = float(constraint.lower[i]), float(constraint.upper[i])
+        for i in range(constraint.lower.size):
+            limit = Limit(constraint, i, np.zeros(phase.mesh.size - 1, dtype=int))
+            row = limit.values(phase, declared)
             near = ACTS * float(np.ptp(row))
-            sides = (row >= high - near).astype(int) - (row <= low + near).astype(int)
+            sides = limit.touched(row, near)
             both = np.where(sides[:-1] == sides[1:], sides[1:], 0)
-            if near > 0 and low < high and np.any(both):
-                found.append(Limit(constraint, i, both))
+            low, high = float(constraint.lower[i]), float(constraint.upper[i])
+            if near > 0 and low < high and np.any(sides):
+                found.append(replace(limit, sides=both))
     return found
 
 
@@ -460,10 +471,37 @@ def cut(
                 else c
                 for c in piece.controls
             ]
+        guess = _guess(declared, duration, sample, clock, arc)
+        if exact and any(own[index].entry.values()):
+            guess = _with_start(piece, guess, timed)
         made.append(piece)
-        guesses.append(_guess(declared, duration, sample, clock, arc))
+        guesses.append(guess)
         meshes.append(Mesh(arc.intervals))
     return made, guesses, meshes
+
+
+def _with_start(piece: Phase, guess: Guess, timed: Callable[[ca.MX], ca.MX]) -> Guess:
+    """Let what follows from a limit of the states keep its own limits where the arc begins, too.
+
+    Radau collocation has no point there, and a control that jumps into it no value before: it
+    becomes a state that stays as it is.
+    """
+    jumping = [c for c in _jumping(piece) if np.any(c.lower < c.upper)]
+    there = [replace(c, symbol=ca.MX.sym(f"{c.name}{AT_START}", c.size)) for c in jumping]
+    before, after = ca.vertcat(*(c.symbol for c in jumping)), ca.vertcat(*(c.symbol for c in there))
+    for own in piece.constraints:
+        if ca.depends_on(own.expression, before):
+            known = {**vars(own), "expression": timed(ca.substitute(own.expression, before, after))}
+            piece.point_constraints.append(PointConstraint(**known, fractions=np.zeros(1)))
+    values = dict(guess.values)
+    for control, state in zip(jumping, there, strict=True):
+        name, along = control.name, values[control.name]
+        assert callable(along)
+        state = replace(state, name=name + AT_START, initial=None, final=None, shape="state")
+        piece.states.append(state)
+        piece.derivatives[state.name] = ca.MX.zeros(control.size)
+        values[state.name] = along(np.array([1e-6]))[0]
+    return Guess(guess.duration, values)
 
 
 @dataclass(frozen=True, eq=False)
@@ -623,7 +661,9 @@ def links_between(
     links = []
     for index, pieces in enumerate(groups):
         for before, after in itertools.pairwise(pieces):
-            names = tuple(v.name for v in node_variables(before))
+            names = tuple(
+                v.name for v in node_variables(before) if not v.name.endswith(AT_START)
+            )
             links.append(PhaseLink(before.name, after.name, names))
         if index + 1 < len(groups):
             declared = problem.links[index]

@@ -67,8 +67,8 @@ def arcs_between_events(phase: PhaseSolution) -> tuple[list[Stretch], list[Limit
     for column, (own, share) in enumerate(zip(sides, shares, strict=True)):
         others = passive & (np.arange(len(sides)) != column)
         events += _events(column, own, share, table[:, others])
-    _taken_over(events)
-    spans = _decided(_between(events, len(sides), len(table)), controls)
+    _taken_over(events, passive)
+    spans = _decided(_between(events, len(sides), len(table)), controls, shares)
     places = np.arange(len(table) + 1.0)
     found = []
     for span in spans:
@@ -134,8 +134,11 @@ def _within(
     ]
 
 
-def _taken_over(events: Sequence[_Event]) -> None:
-    """What ends and what begins in its place do so at once."""
+def _taken_over(events: Sequence[_Event], passive: np.ndarray) -> None:
+    """What ends and what begins in its place do so at once.
+
+    Not so two limits of states: only a control at its bound leads from one to the other.
+    """
     pairs_of = [
         (last, e) for last, e in itertools.pairwise(events) if last.column == e.column
     ]
@@ -145,7 +148,7 @@ def _taken_over(events: Sequence[_Event]) -> None:
         (abs(one.place - other.place), i, j)
         for i, one in enumerate(ends)
         for j, other in enumerate(begins)
-        if one.column != other.column
+        if one.column != other.column and not (passive[one.column] and passive[other.column])
     )
     done_ends: set[int] = set()
     done_begins: set[int] = set()
@@ -173,15 +176,46 @@ def _between(events: Sequence[_Event], columns: int, intervals: int) -> list[_Sp
     return spans
 
 
-def _decided(spans: Sequence[_Span], controls: int) -> list[_Span]:
-    """Without short ones on which less acts than before and after: the smeared ends of these."""
+def _decided(
+    spans: Sequence[_Span], controls: int, shares: Sequence[FloatArray | None]
+) -> list[_Span]:
+    """Without short ones on which less acts than there are controls: the smeared ends of others.
+
+    Where one leads to a limit of the states that begins after it, the control that is nearest to a
+    bound is at it: only so can the limit be met.
+    """
+    passive = np.array([share is None for share in shares])
     kept: list[_Span] = []
-    for least, group in itertools.groupby(spans, lambda span: span.acting < controls):
-        own = list(group)
-        if not least or own[-1].end - own[0].begin > UNDECIDED or len(own) == len(spans):
+    groups = [
+        (few, list(own)) for few, own in itertools.groupby(spans, lambda s: s.acting < controls)
+    ]
+    for index, (few, own) in enumerate(groups):
+        begin, end = own[0].begin, own[-1].end
+        if not few or end - begin > UNDECIDED or len(groups) == 1:
             kept += own
+            continue
+        before = np.array(kept[-1].signature if kept else own[0].signature)
+        after = np.array(groups[min(index + 1, len(groups) - 1)][1][0].signature)
+        entered = passive & (after != 0) & (before != after)
+        left = ~passive & (before != 0) & (before != after)
+        if np.sum(entered) > np.sum(left):
+            kept.append(_Span(begin, end, _filled(own[0].signature, begin, end, shares)))
     edges = [(one.end + other.begin) / 2 for one, other in itertools.pairwise(kept)]
     ends = [spans[0].begin, *edges, spans[-1].end]
     return [
-        _Span(a, b, span.signature) for span, (a, b) in zip(kept, itertools.pairwise(ends), strict=True)
+        _Span(a, b, span.signature)
+        for span, (a, b) in zip(kept, itertools.pairwise(ends), strict=True)
     ]
+
+
+def _filled(
+    signature: tuple[int, ...], begin: float, end: float, shares: Sequence[FloatArray | None]
+) -> tuple[int, ...]:
+    """With the control that is nearest to a bound at it."""
+    rows = slice(int(begin), int(np.ceil(end)))
+    means = [
+        0.0 if share is None or side else float(share[rows].mean())
+        for side, share in zip(signature, shares, strict=True)
+    ]
+    nearest = int(np.argmax(np.abs(means)))
+    return (*signature[:nearest], int(np.sign(means[nearest])), *signature[nearest + 1 :])

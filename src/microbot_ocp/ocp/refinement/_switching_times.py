@@ -33,9 +33,10 @@ from microbot_ocp.ocp.refinement._arcs import (
     Conditions,
     Sample,
     Stretch,
-    arcs_of,
     conditions_of,
+    controls_at_bounds,
     cut,
+    limits_of,
     links_between,
 )
 from microbot_ocp.ocp.refinement._mesh_error import divide, state_errors
@@ -62,7 +63,7 @@ from microbot_ocp.ocp.verification import phase_layout
 
 SCHEME = Collocation("radau", 5)
 FREE_DEGREE = 3  # where a control is free: more would let it swing where it is singular
-SETTINGS = SolverSettings("ipopt", tolerance=1e-10, gap=1e-7, initial_barrier=1e-4)
+SETTINGS = SolverSettings("ipopt", tolerance=1e-10, gap=1e-7, initial_barrier=1e-4, max_iterations=300)
 LOOSER = 1e-8
 LEAST_INTERVALS, MOST_INTERVALS = 2, 8  # of an arc at first: the order is high
 COARSER = 3  # intervals of the mesh that an arc is read from, for one of its own
@@ -71,7 +72,10 @@ WRONG = 1e-3  # of its largest: a multiplier of the wrong sign that is larger fr
 EXCEEDED = 1e-4  # of a limit: by more it may not be exceeded on an arc where it is free to act
 KEPT = 1e-8  # of a limit: by more it is exceeded only where an arc has no more intervals to get
 FINEST = 64  # intervals of an arc that are to keep a limit between its points
-CHANGES = 4  # solves that may change the arcs
+CHANGES = 8  # solves that may change the arcs
+INSERTED = 2e-3  # of a phase: an arc for what happens in another order than was thought
+MET = 1e-5  # of its range: a limit of the states that is so near is met
+FREE_INTERVALS = 6  # at least, of an arc on which something is free: fewer hide what it does
 MOST = 2 * MOST_ARCS  # of a phase: short ones may turn out to be none
 NAMES = {-1: "lower limit", 0: "free", 1: "upper limit"}
 
@@ -183,7 +187,7 @@ def solve_switching_times(
     *,
     accuracy: float = 1e-9,
     settings: SolverSettings | None = None,
-    rounds: int = 10,
+    rounds: int = 16,
     time_limit: float = 60.0,
     progress: StepProgress = quiet,
     transcribe: Callable[..., Transcription] = Transcription,
@@ -351,11 +355,14 @@ class _Search:
         self.problem, self.first, self.plans = problem, first, plans
         self.accuracy, self.settings, self.progress = accuracy, settings, progress
         self.transcribe = transcribe
+        self.made: Any = (None, None, None)  # signatures, and what was transcribed for them
+        self.tried: set[tuple[Any, ...]] = set()  # signatures of all phases
         self.closing = False  # whether the gap is to be closed, once all else is well
 
     def run(self, rounds: int, until: float) -> SwitchingTimes:
         status, said = Status.ROUND_LIMIT, ""
         found: SwitchingTimes | None = None
+        before: tuple[Solution, list[list[Phase]], list[_Plan]] | None = None
         for done in range(rounds):
             if any(len(plan.arcs) > MOST for plan in self.plans):
                 said = f"More than {MOST} arcs in a phase are too many to solve for."
@@ -368,10 +375,16 @@ class _Search:
             self.progress(
                 f"{sum(map(len, groups))} arcs: cost {solution.cost:.12g}, {solution.status}"
             )
-            if solution.status not in (Status.SOLVED, Status.GAP_LEFT, Status.TOO_COARSE):
+            if solution.status in (Status.SOLVED, Status.GAP_LEFT, Status.TOO_COARSE):
+                before = solution, groups, self.plans
+                changed = self._changed(solution, groups) if done < CHANGES else None
+            elif before is None or solution.status is Status.INTERRUPTED:
                 status, said = solution.status, solution.advice
                 break
-            changed = self._changed(solution, groups) if done < CHANGES else None
+            else:  # that change led nowhere
+                self.tried.add(tuple(plan.signatures for plan in self.plans))
+                solution, groups, self.plans = before
+                changed = self._changed(solution, groups) if done < CHANGES else None
             if changed is not None:
                 self.plans = changed
                 continue
@@ -403,19 +416,22 @@ class _Search:
             before = conditions[index - 1][-1] if index else Conditions()
             after = conditions[index + 1][0] if index + 1 < len(conditions) else Conditions()
             own = [before, *conditions[index], after]
-            made = cut(plan.declared, plan.duration, plan.arcs, plan.limits, plan.sample, own)
-            if made is None:
+            cut_up = cut(plan.declared, plan.duration, plan.arcs, plan.limits, plan.sample, own)
+            if cut_up is None:
                 raise InputError(
                     f"phase {plan.declared.name!r} cannot be cut into arcs: what holds along it "
                     "depends on its duration"
                 )
-            own, own_guesses, own_meshes = made
-            groups.append(own)
-            whole.phases += own
-            guesses |= {k.name: guess for k, guess in zip(own, own_guesses, strict=True)}
-            meshes += [_with_degree(*pair) for pair in zip(own, own_meshes, strict=True)]
+            pieces, own_guesses, own_meshes = cut_up
+            groups.append(pieces)
+            whole.phases += pieces
+            guesses |= {k.name: guess for k, guess in zip(pieces, own_guesses, strict=True)}
+            meshes += [_with_degree(*pair) for pair in zip(pieces, own_meshes, strict=True)]
         whole.links = links_between(self.problem, groups)
-        made = self.transcribe(scaled(whole, guesses), scheme=SCHEME)
+        key = tuple(plan.signatures for plan in self.plans)
+        if key != self.made[0]:  # else only meshes and guesses are new
+            self.made = key, self.transcribe(scaled(whole, guesses), scheme=SCHEME), groups
+        _, made, groups = self.made
         settings = self.settings if self.closing else replace(self.settings, gap=np.inf)
         solution = solve(made, meshes, guesses, settings)
         if solution.status is Status.FAILED:  # rounding may leave the first tolerance out of reach
@@ -425,20 +441,28 @@ class _Search:
 
     def _changed(self, solution: Solution, groups: Sequence[Sequence[Phase]]) -> list[_Plan] | None:
         """Plans with other arcs, where the solution asks for them."""
-        wrong = _wrong_signs(solution, self.plans, groups)
-        plans = []
-        for plan, group in zip(self.plans, groups, strict=True):
-            pieces = [solution[piece.name] for piece in group]
-            plans.append(_revised(plan, pieces, wrong))
-        before, after = ([p.signatures for p in own] for own in (self.plans, plans))
-        return plans if before != after else None
+        shrunk = any(
+            _is_gone(plan, solution[piece.name])
+            for plan, group in zip(self.plans, groups, strict=True)
+            for piece in group
+        )
+        wrong = {} if shrunk else _wrong_signs(solution, self.plans, groups)  # first these
+        self.tried.add(tuple(plan.signatures for plan in self.plans))
+        for bold in (True, False):
+            plans = [
+                _revised(plan, [solution[piece.name] for piece in group], wrong, bold)
+                for plan, group in zip(self.plans, groups, strict=True)
+            ]
+            if tuple(plan.signatures for plan in plans) not in self.tried:
+                return plans
+        return None
 
-    def _exceeding(self, solution: Solution) -> set[str]:
-        """Names of the arcs that exceed a limit between their points and could be finer."""
+    def _exceeding(self, solution: Solution) -> dict[str, int]:
+        """Into how many to divide the intervals of the arcs that exceed a limit between points."""
         return {
-            piece.name
+            piece.name: int(np.clip(np.ceil((excess.max() / KEPT) ** (1 / SCHEME.degree)), 2, 4))
             for piece, excess in zip(solution.phases, excess_of_limits(solution)[0], strict=True)
-            if excess.size and KEPT < excess.max() <= EXCEEDED and piece.mesh.size <= FINEST
+            if excess.size and excess.max() > KEPT and piece.mesh.size <= FINEST
         }
 
     def _refine(
@@ -446,7 +470,7 @@ class _Search:
         solution: Solution,
         groups: Sequence[Sequence[Phase]],
         errors: Sequence[FloatArray],
-        exceeding: set[str],
+        exceeding: Mapping[str, int],
     ) -> None:
         """More intervals for arcs whose dynamics are not accurate or whose limits are not kept."""
         left = iter(errors)
@@ -457,7 +481,7 @@ class _Search:
                     arc,
                     intervals=max(
                         divide(piece.mesh, next(left), self.accuracy, _order(piece)).size - 1,
-                        (1 + (piece.name in exceeding)) * (piece.mesh.size - 1),
+                        exceeding.get(piece.name, 1) * (piece.mesh.size - 1),
                     ),
                 )
                 for arc, piece in zip(_as_solved(plan, pieces), pieces, strict=True)
@@ -517,7 +541,9 @@ def _with_degree(piece: Phase, mesh: Mesh) -> Mesh:
     """The mesh of an arc, of a lower degree where something is free on it."""
     equations = sum(int(np.sum(c.lower == c.upper)) for c in piece.constraints)
     free = sum(int(np.sum(c.lower < c.upper)) for c in piece.controls if c.shape == "polynomial")
-    return Mesh(mesh.fractions, FREE_DEGREE if free > equations else SCHEME.degree)
+    if free <= equations:
+        return Mesh(mesh.fractions, SCHEME.degree)
+    return Mesh(max(mesh.intervals, FREE_INTERVALS), FREE_DEGREE)
 
 
 def _as_solved(plan: _Plan, pieces: Sequence[PhaseSolution]) -> list[Stretch]:
@@ -531,50 +557,149 @@ def _as_solved(plan: _Plan, pieces: Sequence[PhaseSolution]) -> list[Stretch]:
 
 
 def _revised(
-    plan: _Plan, pieces: Sequence[PhaseSolution], wrong: Mapping[str, np.ndarray]
+    plan: _Plan, pieces: Sequence[PhaseSolution], wrong: Mapping[str, Sequence[_Wrong]], bold: bool
 ) -> _Plan:
-    """A plan without the arcs that shrank to nothing, and with those that are divided."""
+    """A plan without the arcs that shrank to nothing, and with those that are divided.
+
+    A ``bold`` one holds a control at its other limit where its multiplier has the sign of that,
+    and lets two changes that came to happen at once do so in the other order; else the control
+    is free there, and the two happen at once.
+    """
     duration = float(sum(piece.duration for piece in pieces))
+    arcs = _as_solved(plan, pieces)
+    gone = [_is_gone(plan, piece) for piece in pieces]
+    count = len(plan.columns) - len(plan.limits)
     found: list[Stretch] = []
-    for arc, piece in zip(_as_solved(plan, pieces), pieces, strict=True):
-        if piece.duration <= 2 * SHORTEST_DURATION * plan.duration and len(pieces) > 1:
-            continue
-        table = np.tile(arc.signature, (piece.mesh.size - 1, 1))
-        count = len(plan.columns) - len(plan.limits)
-        if count and not np.all(table[0, :count]):
-            table[:, :count] = _sides_of_free(plan, piece, table[:, :count])
-        if piece.name in wrong:
-            table[wrong[piece.name]] = 0
-        edges = np.flatnonzero(np.any(np.diff(table, axis=0) != 0, axis=1)) + 1
-        whole = arc.end - arc.begin
-        for first, after in itertools.pairwise([0, *edges.tolist(), len(table)]):
-            share = piece.mesh[[first, after]]
-            begin, end = (arc.begin + share * whole).tolist()
-            signature = tuple(int(side) for side in table[first])
-            found.append(Stretch(begin, end, signature, max(after - first, LEAST_INTERVALS)))
+    for index, (arc, piece) in enumerate(zip(arcs, pieces, strict=True)):
+        if gone[index]:
+            if bold and 0 < index < len(arcs) - 1:
+                found += _in_other_order(arc, arcs[index - 1], arcs[index + 1])
+        elif sum(map(abs, arc.signature)) < count:
+            found += _with_sides(plan, arc, piece)
+        else:
+            beside = [a.signature for a in arcs[max(index - 1, 0) : index + 2]]
+            found += _divided(plan, arc, piece, beside, wrong.get(piece.name, ()), bold)
     merged = _merged(found)
-    # what was left out leaves no hole
-    closed = [
-        replace(arc, begin=0.0 if k == 0 else merged[k - 1].end) for k, arc in enumerate(merged)
-    ]
-    closed[-1] = replace(closed[-1], end=1.0)
+    # what was left out leaves no hole, and what is new takes its time from what is beside it
+    ends = np.cumsum([0.0, *(max(arc.end - arc.begin, SHORTEST_DURATION) for arc in merged)])
+    ends = itertools.pairwise((ends / ends[-1]).tolist())
+    closed = [replace(arc, begin=a, end=b) for arc, (a, b) in zip(merged, ends, strict=True)]
     return replace(plan, arcs=tuple(closed), duration=duration, sample=_joined(pieces))
 
 
-def _sides_of_free(plan: _Plan, piece: PhaseSolution, held: np.ndarray) -> np.ndarray:
-    """Sides of all control components [N, components], found anew where nothing held them."""
+def _is_gone(plan: _Plan, piece: PhaseSolution) -> bool:
+    """Whether an arc shrank to nothing."""
+    return piece.duration <= 2 * SHORTEST_DURATION * plan.duration and len(plan.arcs) > 1
+
+
+def _in_other_order(arc: Stretch, before: Stretch, after: Stretch) -> list[Stretch]:
+    """What lies between two arcs where all that changes does so in the other order."""
+    signature = tuple(
+        y if own == x else x if own == y else own
+        for own, x, y in zip(arc.signature, before.signature, after.signature, strict=True)
+    )
+    if signature in (before.signature, arc.signature, after.signature):
+        return []
+    middle = (arc.begin + arc.end) / 2
+    reach = min(INSERTED, before.end - before.begin, after.end - after.begin) / 2
+    return [Stretch(middle - reach, middle + reach, signature, LEAST_INTERVALS)]
+
+
+def _divided(
+    plan: _Plan,
+    arc: Stretch,
+    piece: PhaseSolution,
+    beside: Sequence[tuple[int, ...]],
+    wrong: Sequence[_Wrong],
+    bold: bool,
+) -> list[Stretch]:
+    """An arc with others where what is held would rather leave its limit.
+
+    Where a limit of the states is met there it takes the place of what leaves.
+    """
+    places = sorted({0.0, 1.0, *(w.begin for w in wrong), *(w.end for w in wrong)})
+    found = []
+    for a, b in itertools.pairwise(places):
+        signature = list(arc.signature)
+        for own in wrong:
+            if not (own.begin <= a and b <= own.end):
+                continue
+            side, signature[own.column] = -signature[own.column], 0
+            instead = [
+                (*signature[:column], other, *signature[column + 1 :])
+                for column, other in _met_on(plan, piece, a, b)
+                if not signature[column]
+            ]
+            instead = [one for one in instead if one not in beside]
+            if instead and bold:
+                signature = list(instead[0])
+            elif bold and _is_limited(plan, own.column, side):
+                signature[own.column] = side
+        whole = arc.end - arc.begin
+        share = max(round((b - a) * arc.intervals), LEAST_INTERVALS)
+        begin, end = arc.begin + a * whole, arc.begin + b * whole
+        found.append(Stretch(begin, end, tuple(signature), share))
+    return found
+
+
+def _met_on(
+    plan: _Plan, piece: PhaseSolution, begin: float, end: float
+) -> list[tuple[int, int]]:
+    """Columns and sides of limits of the states that are met on a part of an arc."""
+    count = len(plan.columns) - len(plan.limits)
+    first = max(int(np.searchsorted(piece.mesh, begin, side="right")) - 1, 0)
+    last = int(np.searchsorted(piece.mesh, end - 1e-9))
+    found = []
+    for column, limit in enumerate(plan.limits, start=count):
+        if limit.mixed:
+            continue
+        low, high = limit.constraint.lower, limit.constraint.upper
+        reach = float((high - low)[limit.component])
+        reach = reach if np.isfinite(reach) else float(limit.constraint.scale[limit.component])
+        sides = limit.touched(limit.values(piece, plan.declared), MET * reach)[first : last + 1]
+        if np.any(sides):
+            found.append((column, int(sides[sides != 0][0])))
+    return found
+
+
+def _is_limited(plan: _Plan, column: int, side: int) -> bool:
+    """Whether a column has a limit at a side."""
+    name, component = plan.columns[column]
+    count = len(plan.columns) - len(plan.limits)
+    own: Any = (
+        next(c for c in plan.declared.controls if c.name == name)
+        if column < count
+        else plan.limits[column - count].constraint
+    )
+    return bool(np.isfinite((own.lower if side < 0 else own.upper)[component]))
+
+
+def _with_sides(plan: _Plan, arc: Stretch, piece: PhaseSolution) -> list[Stretch]:
+    """A free arc, divided where what nothing held is at a limit all along some intervals."""
+    held = np.tile(arc.signature, (piece.mesh.size - 1, 1))
     own = phase_layout(piece).phase
     bounds = {c.name: c for c in plan.declared.controls}
     declared = replace_controls(
         own,
         [replace(c, lower=bounds[c.name].lower, upper=bounds[c.name].upper) for c in own.controls],
     )
-    arcs, _ = arcs_of(piece, declared)
+    declared.constraints = list(plan.declared.constraints)
+    sides, _ = controls_at_bounds(piece, declared)
     table = held.copy()
-    for arc in arcs:
-        rows = slice(arc.first, arc.last + 1)
-        table[rows] = np.where(held[rows] == 0, np.array(arc.signature), held[rows])
-    return table
+    for column, values in enumerate(sides):
+        table[:, column] = values
+    for limit in limits_of(piece, declared, mixed=True):
+        key = (limit.constraint.name, limit.component)
+        if limit.mixed and key in plan.columns[len(sides) :]:
+            table[:, plan.columns.index(key, len(sides))] = limit.sides
+    table = np.where(held == 0, table, held)
+    edges = np.flatnonzero(np.any(np.diff(table, axis=0) != 0, axis=1)) + 1
+    whole, found = arc.end - arc.begin, []
+    for first, after in itertools.pairwise([0, *edges.tolist(), len(table)]):
+        begin, end = (arc.begin + piece.mesh[[first, after]] * whole).tolist()
+        signature = tuple(int(side) for side in table[first])
+        found.append(Stretch(begin, end, signature, max(after - first, LEAST_INTERVALS)))
+    return found
 
 
 def replace_controls(phase: Phase, controls: Sequence[Any]) -> Phase:
@@ -584,25 +709,32 @@ def replace_controls(phase: Phase, controls: Sequence[Any]) -> Phase:
     return made
 
 
+@dataclass(frozen=True)
+class _Wrong:
+    """Where on an arc, as fractions of it, a column that is held would rather leave its limit."""
+
+    column: int
+    begin: float
+    end: float
+
+
 def _wrong_signs(
     solution: Solution, plans: Sequence[_Plan], groups: Sequence[Sequence[Phase]]
-) -> dict[str, np.ndarray]:
-    """By the name of a piece, where [N, columns] what is held would rather leave its limit."""
+) -> dict[str, list[_Wrong]]:
+    """By the name of a piece, where its multipliers have the sign of the other limit."""
     layouts = [phase_layout(phase) for phase in solution.phases]
     assert solution.variable_multipliers is not None
-    sums: dict[tuple[str, str, int], FloatArray] = {}
+    values: dict[tuple[str, str, int], list[float]] = {}
 
     def gather(labels: Sequence[Label], multipliers: FloatArray, kind: str) -> None:
         for label, multiplier in zip(labels, multipliers.tolist(), strict=True):
             if label.kind == kind:
                 key = (label.phase, label.name, label.component)
-                size = solution[label.phase].mesh.size - 1
-                own = sums.setdefault(key, np.zeros(size))
-                own[min(label.interval, size - 1)] += multiplier
+                values.setdefault(key, []).append(multiplier)
 
     gather(variable_labels(layouts), np.asarray(solution.variable_multipliers), "control")
     gather(row_labels(layouts), solution.row_multipliers, "constraint")
-    found: dict[str, np.ndarray] = {}
+    found: dict[str, list[_Wrong]] = {}
     for plan, group in zip(plans, groups, strict=True):
         controls = len(plan.columns) - len(plan.limits)
         for place, (name, component) in enumerate(plan.columns):
@@ -610,16 +742,53 @@ def _wrong_signs(
                 continue
             if place >= controls:
                 name, component = f"{name}[{component}] met", 0
-            own = {piece.name: sums.get((piece.name, name, component)) for piece in group}
-            largest = max(
-                (float(np.abs(v).max()) for v in own.values() if v is not None), default=0.0
-            )
+            own = {
+                piece.name: _density(solution[piece.name], values[piece.name, name, component])
+                for piece in group
+                if (piece.name, name, component) in values
+            }
+            largest = max((float(np.abs(d).max()) for _, d in own.values()), default=0.0)
             for piece, arc in zip(group, plan.arcs, strict=True):
-                values, side = own[piece.name], arc.signature[place]
-                if values is None or side == 0:
+                side = arc.signature[place]
+                if piece.name not in own or side == 0:
                     continue
-                bad = side * values < -WRONG * largest
-                if bad.any():
-                    shape = (bad.size, len(plan.columns))
-                    found.setdefault(piece.name, np.zeros(shape, dtype=bool))[:, place] |= bad
+                at, density = own[piece.name]
+                spans = _negative(at, side * density, WRONG * largest)
+                if spans:
+                    found.setdefault(piece.name, []).extend(_Wrong(place, *s) for s in spans)
     return found
+
+
+def _density(piece: PhaseSolution, multipliers: Sequence[float]) -> tuple[FloatArray, FloatArray]:
+    """Fractions of an arc, and a multiplier there by its weight in time."""
+    count = piece.mesh.size - 1
+    table = np.array(multipliers[: len(multipliers) // count * count]).reshape(count, -1)
+    scheme = Collocation("radau", table.shape[1])
+    points, weights = np.array(scheme.points), scheme.weights
+    if table.shape[1] == 1:
+        points = np.array([0.5])
+    steps = np.diff(piece.mesh)[:, None]
+    at = piece.mesh[:-1, None] + points * steps
+    return at.ravel(), (table / (weights * steps * piece.duration)).ravel()
+
+
+def _negative(at: FloatArray, values: FloatArray, least: float) -> list[tuple[float, float]]:
+    """Where values are negative, in spans on which they come below ``-least`` somewhere."""
+    edges = [0, *(np.flatnonzero(np.diff(values < 0)) + 1).tolist(), values.size]
+    found = []
+    for first, after in itertools.pairwise(edges):
+        if values[first:after].min() >= -least:
+            continue
+        ends = [
+            1.0 * (k > 0)
+            if k in (0, values.size)
+            else float(np.interp(0.0, *_rising(values[k - 1 : k + 1], at[k - 1 : k + 1])))
+            for k in (first, after)
+        ]
+        found.append((ends[0], ends[1]))
+    return found
+
+
+def _rising(values: FloatArray, at: FloatArray) -> tuple[FloatArray, FloatArray]:
+    order = np.argsort(values)
+    return values[order], at[order]
