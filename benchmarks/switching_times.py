@@ -44,7 +44,9 @@ def task(name: str, family: str, via: int, seed: int) -> tuple[mo.Robot, np.ndar
 
 def main(arguments: list[str] | None = None) -> None:
     """Print one line a task, then one a class."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks switching_times", description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks switching_times", description=__doc__
+    )
     parser.add_argument("--robots", nargs="+", default=ARMS, choices=ARMS)
     parser.add_argument("--families", nargs="+", default=FAMILIES, choices=FAMILIES)
     parser.add_argument("--via", nargs="+", type=int, default=(0, 1))

@@ -28,8 +28,8 @@ from microbot_ocp.ocp.problem import (
     OptimalControlProblem,
     PathConstraint,
     Phase,
-    PointConstraint,
     PhaseLink,
+    PointConstraint,
     Variable,
     node_variables,
 )
@@ -460,7 +460,9 @@ def cut(
             setattr(piece, kind, [replace(k, expression=final(k.expression)) for k in there])
         if first:
             piece.point_constraints += [
-                PointConstraint(**{**vars(c), "expression": timed(c.expression)}, fractions=np.zeros(1))
+                PointConstraint(
+                    **{**vars(c), "expression": timed(c.expression)}, fractions=np.zeros(1)
+                )
                 for c in own[0].entered(known[0])
             ]
         if exact:
@@ -527,7 +529,9 @@ class Conditions:
         return [c for key, begun in self.entry.items() if key not in before.replaced for c in begun]
 
 
-def _freed(limited: Any, own: frozenset[tuple[str, int]], beside: frozenset[tuple[str, int]]) -> Any:
+def _freed(
+    limited: Any, own: frozenset[tuple[str, int]], beside: frozenset[tuple[str, int]]
+) -> Any:
     """A state or path constraint without the bounds that equations keep on an arc.
 
     Beside such an arc they are met at one end, and a little looser: a bound and an equation of the
@@ -661,9 +665,7 @@ def links_between(
     links = []
     for index, pieces in enumerate(groups):
         for before, after in itertools.pairwise(pieces):
-            names = tuple(
-                v.name for v in node_variables(before) if not v.name.endswith(AT_START)
-            )
+            names = tuple(v.name for v in node_variables(before) if not v.name.endswith(AT_START))
             links.append(PhaseLink(before.name, after.name, names))
         if index + 1 < len(groups):
             declared = problem.links[index]

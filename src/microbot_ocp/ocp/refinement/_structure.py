@@ -98,7 +98,12 @@ def _events(
                 found.append(_Event(float(begin), column, side))
             continue
         replaced = others.size and np.any(others[begin:after] != _around(others, begin, after))
-        if shares is None or replaced or after - begin > LONGEST_SWITCH or not (before or following):
+        if (
+            shares is None
+            or replaced
+            or after - begin > LONGEST_SWITCH
+            or not (before or following)
+        ):
             found.append(_Event(float(begin), column, 0))
             continue
         found += _within(column, begin, after, before, following, float(shares[begin:after].sum()))
@@ -139,9 +144,7 @@ def _taken_over(events: Sequence[_Event], passive: np.ndarray) -> None:
 
     Not so two limits of states: only a control at its bound leads from one to the other.
     """
-    pairs_of = [
-        (last, e) for last, e in itertools.pairwise(events) if last.column == e.column
-    ]
+    pairs_of = [(last, e) for last, e in itertools.pairwise(events) if last.column == e.column]
     ends = [e for last, e in pairs_of if last.side != 0 and e.side == 0]
     begins = [e for last, e in pairs_of if last.side == 0 and e.side != 0]
     pairs = sorted(

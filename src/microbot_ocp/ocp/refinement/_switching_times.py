@@ -18,6 +18,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -63,7 +64,9 @@ from microbot_ocp.ocp.verification import phase_layout
 
 SCHEME = Collocation("radau", 5)
 FREE_DEGREE = 3  # where a control is free: more would let it swing where it is singular
-SETTINGS = SolverSettings("ipopt", tolerance=1e-10, gap=1e-7, initial_barrier=1e-4, max_iterations=300)
+SETTINGS = SolverSettings(
+    "ipopt", tolerance=1e-10, gap=1e-7, initial_barrier=1e-4, max_iterations=300
+)
 LOOSER = 1e-8
 LEAST_INTERVALS, MOST_INTERVALS = 2, 8  # of an arc at first: the order is high
 COARSER = 3  # intervals of the mesh that an arc is read from, for one of its own
@@ -75,6 +78,8 @@ FINEST = 64  # intervals of an arc that are to keep a limit between its points
 CHANGES = 8  # solves that may change the arcs
 INSERTED = 2e-3  # of a phase: an arc for what happens in another order than was thought
 MET = 1e-5  # of its range: a limit of the states that is so near is met
+MISSED = 1e-7  # of its range: by more a limit of states may not be exceeded
+CHECKED = 200  # times an arc at which these are looked at
 FREE_INTERVALS = 6  # at least, of an arc on which something is free: fewer hide what it does
 MOST = 2 * MOST_ARCS  # of a phase: short ones may turn out to be none
 NAMES = {-1: "lower limit", 0: "free", 1: "upper limit"}
@@ -403,7 +408,10 @@ class _Search:
                 f"{status.sentence} The dynamics hold to {found.state_error:.1e}, "
                 f"{self.accuracy:.1e} is wanted."
             )
-        return replace(found, status=status, advice=said or status.sentence)
+        said = said or status.sentence
+        if not status.solved and status is not Status.INTERRUPTED:
+            said += _undetermined(self.plans)
+        return replace(found, status=status, advice=said)
 
     def _solved(self) -> tuple[Solution, list[list[Phase]]]:
         whole = OptimalControlProblem(f"{self.problem.name} in arcs")
@@ -516,6 +524,11 @@ class _Search:
                 f"The arcs cost {solution.cost:.8g}, more than the {self.first.cost:.8g} of the "
                 "solution that they were read from: give one of a finer mesh."
             )
+        missed = _missed_states(self.plans, [[solution[p.name] for p in own] for own in groups])
+        if missed:
+            return Status.LIMITS_EXCEEDED, (
+                f"{missed} there are more arcs than the solution that was given shows."
+            )
         worst = excess_of_limits(solution)[1]
         if worst is not None and worst.relative > EXCEEDED:
             return Status.LIMITS_EXCEEDED, (
@@ -535,6 +548,45 @@ class _Search:
                 "there are more switches than the solution that was given shows."
             )
         return Status.SOLVED, ""
+
+
+def _missed_states(plans: Sequence[_Plan], groups: Sequence[Sequence[PhaseSolution]]) -> str | None:
+    """The limit of states that is exceeded most, of those that arcs keep by equations or beside."""
+    found: list[tuple[float, str]] = []
+    for plan, pieces in zip(plans, groups, strict=True):
+        ends = sum(piece.duration for piece in pieces)
+        known = _joined(pieces)(np.linspace(0.0, ends, CHECKED * len(pieces)))
+        states = [known[s.name].T for s in plan.declared.states]
+        for limit in plan.limits:
+            if limit.mixed:
+                continue
+            own, i = limit.constraint, limit.component
+            run = ca.Function("value", [s.symbol for s in plan.declared.states], [own.expression])
+            values = np.array(run(*states))[i]
+            reach = own.upper[i] - own.lower[i]
+            reach = reach if np.isfinite(reach) else own.scale[i]
+            excess = max(float((values - own.upper[i]).max()), float((own.lower[i] - values).max()))
+            found.append((excess / float(reach), f"{own.name}[{i}] of {plan.declared.name!r}"))
+    excess, name = max(found, default=(0.0, ""))
+    return f"{name} is {100 * excess:.2g} % beyond its limit:" if excess > MISSED else None
+
+
+def _undetermined(plans: Sequence[_Plan]) -> str:
+    """What is said of the time in which fewer limits act than there are controls."""
+    spent: dict[str, float] = {}
+    for plan in plans:
+        count = len(plan.columns) - len(plan.limits)
+        free = [arc for arc in plan.arcs if sum(map(abs, arc.signature)) < count]
+        reach = sum(arc.end - arc.begin for arc in free)
+        if reach > 0:
+            spent[plan.declared.name] = reach
+    if not spent:
+        return ""
+    where = ", ".join(f"{100 * share:.2g} % of {name!r}" for name, share in spent.items())
+    return (
+        f" Along {where} fewer limits act than there are controls: a control is singular there, or "
+        "other solutions are as good, and it has no switching times of its own."
+    )
 
 
 def _with_degree(piece: Phase, mesh: Mesh) -> Mesh:
@@ -642,9 +694,7 @@ def _divided(
     return found
 
 
-def _met_on(
-    plan: _Plan, piece: PhaseSolution, begin: float, end: float
-) -> list[tuple[int, int]]:
+def _met_on(plan: _Plan, piece: PhaseSolution, begin: float, end: float) -> list[tuple[int, int]]:
     """Columns and sides of limits of the states that are met on a part of an arc."""
     count = len(plan.columns) - len(plan.limits)
     first = max(int(np.searchsorted(piece.mesh, begin, side="right")) - 1, 0)
