@@ -3,7 +3,8 @@
 ``python -m benchmarks suite`` solves the suite of published problems, ``python -m benchmarks
 torture`` random tasks by seed, ``python -m benchmarks scenes`` those among obstacles, ``python -m
 benchmarks sweep`` what a sweep costs beside its work, ``python -m benchmarks published`` published
-tasks among obstacles; see their own ``--help``.
+tasks among obstacles, ``python -m benchmarks switching_times`` exact switching times of random
+tasks; see their own ``--help``.
 """
 
 import argparse
@@ -29,7 +30,8 @@ def main() -> None:
     if sys.argv[1:2] == ["suite"]:
         importlib.import_module("benchmarks.suite.runner").main(sys.argv[2:])
         return
-    own = ["torture", "scenes", "sweep", "published", *(["cell"] if "--robot" in sys.argv else [])]
+    own = ["torture", "scenes", "sweep", "published", "switching_times"]
+    own += [*(["cell"] if "--robot" in sys.argv else [])]
     if len(sys.argv) > 1 and sys.argv[1] in own:
         importlib.import_module(f"benchmarks.{sys.argv[1]}").main(sys.argv[2:])
         return

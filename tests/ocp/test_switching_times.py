@@ -111,6 +111,30 @@ def test_a_limit_that_depends_on_a_control_is_an_equation_on_its_arc():
     assert [(j.name, j.after) for j in found.junctions] == [("force", "lower limit")]
 
 
+def test_a_limit_of_a_state_goes_on_where_others_begin_and_end():
+    """One mass 5 m in the least time, 4.5 s; another as far as it comes by then, 4 m."""
+    problem = OptimalControlProblem("two masses")
+    phase = problem.phase("move", (0.1, 10.0))
+    for name, way, speed, force in (("a", 5.0, 2.0, 1.0), ("b", None, 1.0, 2.0)):
+        x = phase.state(f"x{name}", initial=0.0, final=way)
+        v = phase.state(f"v{name}", initial=0.0, final=0.0, upper=speed)
+        u = phase.control(f"u{name}", lower=-force, upper=force)
+        phase.derivative(x, v)
+        phase.derivative(v, u)
+    phase.end_cost(phase.duration - 0.1 * x)
+    found = solve_switching_times(problem)
+    assert found.solved
+    assert found.cost == pytest.approx(4.5 - 0.4, abs=1e-9)
+    times = {(j.name, j.after): j.time for j in found.junctions if j.name in ("va", "vb")}
+    wanted = {
+        ("vb", "upper limit"): 0.5,
+        ("va", "upper limit"): 2.0,
+        ("va", "free"): 2.5,
+        ("vb", "free"): 4.0,
+    }
+    assert times == pytest.approx(wanted, abs=1e-7)
+
+
 def test_several_phases_have_their_own_times():
     problem = OptimalControlProblem("there and back")
     for name, ends, force in (("there", (0.0, 1.0), 1.0), ("back", (None, 0.0), 2.0)):

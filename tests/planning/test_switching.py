@@ -1,10 +1,17 @@
 """Switching times of free motions as unknowns."""
 
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 import microbot_ocp as mo
 from microbot_ocp import InputError
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
+from benchmarks.switching_times import task
 
 LENGTH, MASS, INERTIA, CENTRE = 0.4, 0.5, 0.1, 0.2
 VIA = np.array([[0.0, -2.0], [1.0, -1.0]])
@@ -59,6 +66,23 @@ def test_one_joint_that_reaches_its_speed_limit():
     assert motion.duration == pytest.approx(2.5, abs=1e-9)
     times = sorted({round(j["time"], 8) for j in motion.provenance["switching_times"]["junctions"]})
     assert times == [0.5, 2.0]
+
+
+@pytest.mark.parametrize(
+    ("name", "family", "via", "most"),
+    [
+        ("planar_2r", "torque", 1, 0.7051308),  # two switches within an interval of the mesh
+        ("planar_2r", "torque, speed", 0, 0.5873758),  # both joints at their speed limits in turn
+        ("planar_3r", "torque", 0, 0.3650857),
+        ("microbot", "torque", 0, 0.7729275),
+    ],
+)
+def test_random_tasks_have_exact_switching_times(name, family, via, most):
+    robot, poses = task(name, family, via, 0)
+    motion = mo.time_optimal(robot, poses, starts=1, switching_times=True)
+    assert motion.provenance["switching_times"]["status"] == "solved"
+    assert motion.duration < most < motion.provenance["on_a_mesh"]
+    assert mo.certify(robot, motion).ok
 
 
 def test_a_slack_has_no_switching_times():
