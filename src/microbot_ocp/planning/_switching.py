@@ -63,7 +63,9 @@ def in_arcs(
     excess = float(excess_along(family, shape).max())
     said["excess"] = excess
     if excess > LIMIT_TOLERANCE:
-        said["advice"] = f"A limit is exceeded by {100 * excess:.2g} % between the points."
+        said["advice"] = (
+            f"A limit is exceeded by {100 * excess:.2g} % between the points. {found.advice}"
+        )
         return replace(motion, provenance={**motion.provenance, "switching_times": said})
     ends = np.cumsum([0.0, *map(found.duration, found.pieces)]).tolist()
     return Motion.from_polynomial(

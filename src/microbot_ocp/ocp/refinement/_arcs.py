@@ -206,23 +206,16 @@ def distance(mesh: FloatArray, places: FloatArray) -> float:
 # arcs of a solution -------------------------------------------------------------------------------
 
 
-def arcs_of(
-    phase: PhaseSolution,
-    declared: Phase | None = None,
-    *,
-    mixed: bool = False,
-    shortest: int = SHORTEST,
-) -> tuple[list[_Arc], list[Limit]]:
+def arcs_of(phase: PhaseSolution, declared: Phase | None = None) -> tuple[list[_Arc], list[Limit]]:
     """Arcs of a phase, and the limits of its states that act somewhere.
 
-    Arcs of fewer intervals than ``shortest`` are left out; with ``mixed`` limits that depend on
-    controls are looked at, too. Of a piece of a phase, with the declaration
-    of the whole: arcs of its controls alone, however short.
+    Of a piece of a phase, with the declaration of the whole: arcs of its controls alone, however
+    short.
     """
-    whole, shortest = declared is None, shortest if declared is None else 1
+    whole, shortest = declared is None, SHORTEST if declared is None else 1
     declared = declared or phase_layout(phase).phase
     columns, _ = controls_at_bounds(phase, declared)
-    limits = limits_of(phase, declared, mixed=mixed) if whole else []
+    limits = limits_of(phase, declared, mixed=False) if whole else []
     columns = [own[:, None] for own in (*columns, *(limit.sides for limit in limits))]
     if not columns or not np.any(np.hstack(columns)):
         return [], limits
@@ -502,7 +495,7 @@ def _with_start(piece: Phase, guess: Guess, timed: Callable[[ca.MX], ca.MX]) -> 
         state = replace(state, name=name + AT_START, initial=None, final=None, shape="state")
         piece.states.append(state)
         piece.derivatives[state.name] = ca.MX.zeros(control.size)
-        values[state.name] = along(np.array([1e-6]))[0]
+        values[state.name] = np.asarray(along(np.array([1e-6])))[0]
     return Guess(guess.duration, values)
 
 

@@ -409,7 +409,7 @@ class _Search:
                 f"{self.accuracy:.1e} is wanted."
             )
         said = said or status.sentence
-        if not status.solved and status is not Status.INTERRUPTED:
+        if status is not Status.INTERRUPTED:
             said += _undetermined(self.plans)
         return replace(found, status=status, advice=said)
 
