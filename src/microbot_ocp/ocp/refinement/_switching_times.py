@@ -384,7 +384,12 @@ class _Search:
                 before = solution, groups, self.plans
                 changed = self._changed(solution, groups) if done < CHANGES else None
             elif before is None or solution.status is Status.INTERRUPTED:
-                status, said = solution.status, solution.advice
+                status = solution.status
+                said = (
+                    f"The {sum(map(len, groups))} arcs that the solution shows cannot follow one "
+                    "another, or were not made to: one is missing or wrong, and a start on a finer "
+                    f"mesh may show which. Of their solve: {status.sentence}"
+                )
                 break
             else:  # that change led nowhere
                 self.tried.add(tuple(plan.signatures for plan in self.plans))
