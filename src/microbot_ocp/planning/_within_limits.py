@@ -105,7 +105,7 @@ def within_limits(
         )
         if not unresolved(family.robot, motion.t, motion.sample).size:
             break
-    return motion if _keeps(family, motion) else None
+    return motion if _keeps(family, motion) else _slowed_evenly(family, motion)
 
 
 def _with_steady_ends(timing: Reached) -> Reached:
@@ -208,9 +208,9 @@ def _scaled_shape(family: LimitFamily, shape: PiecewisePolynomial) -> Motion | N
 
 
 def _keeps(family: LimitFamily, motion: Motion) -> bool:
-    """Whether the samples of a motion keep every limit but those of rates."""
-    samples = MotionSamples(motion.q, motion.qd, motion.qdd, np.zeros_like(motion.q))
-    use = family.use(samples, family.of_order(0, 1, 2))
+    """Whether a motion keeps every limit but those of rates, between its samples, too."""
+    dense = samples_at(motion, dense_times(motion)[0])
+    use = family.use(dense, family.of_order(0, 1, 2))
     return all(own.max() <= 1.0 + LIMIT_TOLERANCE for own in use.values())
 
 
