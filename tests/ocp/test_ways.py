@@ -400,9 +400,12 @@ def test_of_simulations_that_are_as_near_the_cheapest_comes_first():
     assert costs[0] < 4.0 < costs[-1]
 
 
-def test_the_least_of_several_optima_that_was_met_once_is_no_solution(monkeypatch):
+@pytest.mark.parametrize(("agreed", "unseen"), [(1, 0.0), (3, 0.6)])
+def test_the_least_of_several_optima_beside_which_others_may_be_is_no_solution(
+    monkeypatch, agreed, unseen
+):
     def lone(solution, *_):
-        return replace(solution, rivals=(0.0, 0.2), agreed=1), []
+        return replace(solution, rivals=(0.0, 0.2), agreed=agreed, unseen=unseen), []
 
     monkeypatch.setattr(_solve, "cheaper_elsewhere", lone)
     found = solve(double_integrator())

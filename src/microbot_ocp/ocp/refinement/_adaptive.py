@@ -194,11 +194,11 @@ def solve_refined(
         found = _from_mesh(problem, begin, guess, settings, scheme, goal, limits, until, progress)
         if best is None or _preferred(found, best):
             best = found
-        done = found.status in DONE and not found.solution.found_once
+        done = found.status in DONE and not found.solution.unsettled
         if done or time.perf_counter() >= until:
             break
     assert best is not None
-    if best.status.solved and best.solution.found_once:
+    if best.status.solved and best.solution.unsettled:
         return replace(best, status=Status.LOCAL_OPTIMUM)
     return best
 
@@ -404,7 +404,7 @@ class _Refinement:
             missed = (*missed, f"controls that are known to save {more:.1e} of the cost")
         best = self.best
         if first.rivals:
-            best = replace(best, rivals=first.rivals, agreed=first.agreed)
+            best = best.with_rivals_of(first)
         return Refined(best, History(self.history), status, use if over else None, missed)
 
     def _will_do(self) -> bool:

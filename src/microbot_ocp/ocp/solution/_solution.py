@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -26,6 +26,7 @@ from microbot_ocp.ocp.transcription import (
 )
 
 AGREED = 2  # starts that lead to the least of several optima for it to be taken for the least
+UNSEEN = 0.5  # share of starts that may end in optima not seen, from which it is not
 
 
 @dataclass(frozen=True)
@@ -146,6 +147,8 @@ class Solution:
     rivals : where other starts led to local optima of nearly the same cost, how much each of these
         and this one is above the least on a coarse mesh, relative to the cost, in order
     agreed : how many starts led to the least of them; 0 where no other optima were seen
+    unseen : of further starts, the share that is expected to end in optima not seen yet: that of
+        the starts tried whose optimum no other one ended in (Good 1953, Biometrika 40)
     """
 
     status: Status
@@ -164,6 +167,7 @@ class Solution:
     maximize: bool = False
     rivals: tuple[float, ...] = ()
     agreed: int = 0
+    unseen: float = 0.0
 
     def __repr__(self) -> str:
         last = f", {self.attempts[-1].solver}" if self.attempts else ""
@@ -196,9 +200,13 @@ class Solution:
         return -self.cost if self.maximize else self.cost
 
     @property
-    def found_once(self) -> bool:
-        """Whether it is one of several local optima of which the least was met only once."""
-        return bool(self.rivals) and self.agreed < AGREED
+    def unsettled(self) -> bool:
+        """Whether it is one of several local optima of which others may well be less."""
+        return bool(self.rivals) and (self.agreed < AGREED or self.unseen > UNSEEN)
+
+    def with_rivals_of(self, other: Solution) -> Solution:
+        """The same with what is known of the optima beside another solution."""
+        return replace(self, rivals=other.rivals, agreed=other.agreed, unseen=other.unseen)
 
     @property
     def several(self) -> str:

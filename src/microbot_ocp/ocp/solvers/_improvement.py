@@ -59,5 +59,5 @@ def improved(
         attempts += [replace(a, way=WAY) for a in tried.attempts]
         if not (tried.status.solved and tried.cost < solution.cost - LESS * gain):
             break
-        solution = replace(tried, rivals=solution.rivals, agreed=solution.agreed)
+        solution = tried.with_rivals_of(solution)
     return solution, attempts

@@ -113,10 +113,13 @@ def cheaper_elsewhere(
     met = sum(k.cost - least <= SAME * size for k in (here, *found))
     told = here is known and (near or (others and met <= AGREE))
     rivals = sorted((k.cost - least) / size for k in (here, *others)) if told else ()
-    agreed = met if told else 0
+    if told:
+        costs = np.array([k.cost for k in (here, *found)])
+        lone = (np.abs(costs[:, None] - costs) <= SAME * size).sum(axis=1) == 1
+        best = replace(best, agreed=met, unseen=float(lone.mean()))
     if time.perf_counter() >= until:
         best = replace(best, advice=f"{best.advice} {CUT_SHORT}")
-    return replace(best, rivals=tuple(rivals), agreed=agreed), attempts
+    return replace(best, rivals=tuple(rivals)), attempts
 
 
 def _distinct(found: list[Solution], here: Solution, worth: float) -> list[Solution]:

@@ -142,7 +142,7 @@ def solve(
             break
     assert best is not None
     best = replace(best, attempts=tuple(attempts))
-    if best.status.solved and best.found_once:
+    if best.status.solved and best.unsettled:
         status = Status.LOCAL_OPTIMUM
         best = replace(best, status=status, advice=f"{status.sentence} {best.several}")
     return best
@@ -374,7 +374,7 @@ def _on_finer_meshes(
         size = max(abs(finer.cost), abs(solution.cost), 1e-3 * finer.cost_scale)
         left.enter(abs(finer.cost - solution.cost) / size)
         advice = finer.advice if finer.status is Status.GAP_LEFT else solution.advice
-        solution = replace(finer, advice=advice, rivals=solution.rivals, agreed=solution.agreed)
+        solution = replace(finer, advice=advice).with_rivals_of(solution)
     more = improvable(solution)
     if not alone and more > ACCURACY:
         solution, tried = improved(solution, transcription, settings, until, progress)
@@ -441,9 +441,7 @@ def _with_steady_controls(
     if not made.status.solved:
         return replace(before, attempts=attempts)
     advice = f"{made.advice} With other values at every point the cost does not settle: {STEADY}."
-    return replace(
-        made, attempts=attempts, advice=advice, rivals=before.rivals, agreed=before.agreed
-    )
+    return replace(made, attempts=attempts, advice=advice).with_rivals_of(before)
 
 
 def _checked(solution: Solution) -> Solution:
