@@ -21,7 +21,7 @@ from microbot_ocp.planning._free_search import KEEPS_LIMITS, FreeSearch, TimeOpt
 from microbot_ocp.planning._segments import Segment
 from microbot_ocp.planning._stop_task import is_task, task_of
 from microbot_ocp.planning._stops import Stop
-from microbot_ocp.planning._task import check_limits, check_via, with_changes
+from microbot_ocp.planning._task import check_limits, check_via, too_near, with_changes
 from microbot_ocp.planning._within_limits import Slowed, known_ways
 from microbot_ocp.robot import Robot
 from microbot_ocp.scene import Scene
@@ -142,10 +142,8 @@ def fastest_motion(
     ways = np.abs(np.diff(via, axis=0)).max(axis=1)
     if ways.min() < LEAST_WAY:
         near = int(np.argmin(ways))
-        raise InputError(
-            f"via points {near + 1} and {near + 2} are {ways[near]:.2g} rad (m) apart in every "
-            f"joint or less: free motions are looked for from {LEAST_WAY:g} on"
-        )
+        why = f"free motions are looked for from {LEAST_WAY:g} on"
+        raise too_near(near + 1, ways[near], why)
     begin = time.perf_counter()
     with deadline.within(settings.time_limit):
         known = None  # what needs no search: later there may be no time for it

@@ -228,10 +228,7 @@ def check_via(family: LimitFamily, via_q: ArrayLike) -> FloatArray:
         check_position(family, f"via point {index + 1}", point)
         apart = float(np.abs(point - via[index - 1]).max()) if index else np.inf
         if 0.0 < apart < NEAREST:
-            raise InputError(
-                f"via points {index} and {index + 1} are {apart:.2g} rad (m) apart in every joint "
-                f"or less: below {NEAREST:g} no certificate could tell them apart"
-            )
+            raise too_near(index, apart, f"below {NEAREST:g} no certificate could tell them apart")
         if apart == 0.0:
             raise InputError(
                 f"via points {index} and {index + 1} are the same: the time between them would "
@@ -245,6 +242,14 @@ def check_via(family: LimitFamily, via_q: ArrayLike) -> FloatArray:
     for index in (0, via.shape[0] - 1):
         check_rest(family, f"via point {index + 1}", via[index])
     return via
+
+
+def too_near(number: int, apart: float, why: str) -> InputError:
+    """The error of a via point, numbered from 1, and the next one, by how far they are apart."""
+    return InputError(
+        f"via points {number} and {number + 1} are {apart:.2g} rad (m) apart in every joint or "
+        f"less: {why}"
+    )
 
 
 def check_pace(family: LimitFamily, places: FloatArray, at_rest: bool = True) -> None:
