@@ -334,3 +334,15 @@ def test_gaps_of_a_solver_on_short_intervals_are_no_jerk():
     np.testing.assert_allclose(acceleration(t), qdd, rtol=0, atol=1e-5)
     middle = 0.5 * (t[:-1] + t[1:])
     np.testing.assert_allclose(acceleration.derivative()(middle), step / h, rtol=0, atol=1e-4)
+
+
+def test_a_motion_slowed_down_evenly_may_be_beyond_a_position_as_far_as_is_tolerated():
+    """A limit of the jerk takes a motion that is slowed down evenly, which moves no place."""
+    shape = mo.quintic([[0.0], [1.0]], [0.0, 1.0])
+    fast = np.abs(mo.Motion.from_polynomial(slider(), shape, label="fast").qdd).max()
+    for q_max, kept in ((1.0 / 1.004, True), (1.0 / 1.006, False)):
+        robot = slider(q_max=q_max, q_min=-q_max, qdd_max=fast / 1.21, qddd_max=1e3)
+        motion = within_limits(mo.limits.LimitFamily.of(robot), shape, shape.breaks, 5e-4, False)
+        assert (motion is not None) is kept
+        if motion is not None:
+            assert motion.duration == pytest.approx(1.1, rel=1e-3)

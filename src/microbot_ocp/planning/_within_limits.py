@@ -161,10 +161,13 @@ def _paths(family: LimitFamily, via: FloatArray) -> Iterator[tuple[str, Piecewis
 def _slowed_evenly(family: LimitFamily, motion: Motion, most: float = EVENLY) -> Motion | None:
     """A motion slowed down by at most ``most`` times until its limits hold, where that helps."""
     dense = samples_at(motion, dense_times(motion)[0])
+    places, slowed = family.of_order(0), family.of_order(1, 2, 3)  # slower is no other place
+    if not all(own.max() <= 1.0 + LIMIT_TOLERANCE for own in family.use(dense, places).values()):
+        return None
 
     def use(slower: float, rows: np.ndarray) -> FloatArray:
         powers = (part[rows] / slower**order for order, part in enumerate(dense))
-        found = family.use(MotionSamples(*powers))
+        found = family.use(MotionSamples(*powers), slowed)
         return np.max([own.max(axis=1) for own in found.values()], axis=0)
 
     every = np.arange(len(dense.q))
