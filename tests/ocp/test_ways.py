@@ -400,12 +400,12 @@ def test_of_simulations_that_are_as_near_the_cheapest_comes_first():
     assert costs[0] < 4.0 < costs[-1]
 
 
-@pytest.mark.parametrize(("agreed", "unseen"), [(1, 0.0), (3, 0.6)])
+@pytest.mark.parametrize(("agreed", "compared"), [(1, 9), (2, 41)])
 def test_the_least_of_several_optima_beside_which_others_may_be_is_no_solution(
-    monkeypatch, agreed, unseen
+    monkeypatch, agreed, compared
 ):
     def lone(solution, *_):
-        return replace(solution, rivals=(0.0, 0.2), agreed=agreed, unseen=unseen), []
+        return replace(solution, rivals=(0.0, 0.2), agreed=agreed, compared=compared), []
 
     monkeypatch.setattr(_solve, "cheaper_elsewhere", lone)
     found = solve(double_integrator())

@@ -87,8 +87,8 @@ _SENTENCES = {
         "intervals, or leave the mesh out."
     ),
     Status.LOCAL_OPTIMUM: (
-        "Converged to a local optimum. Of many starts only one led to it, or most ended in others "
-        "of their own, so there may well be a cheaper one: give a guess near what is meant."
+        "Converged to a local optimum. Of many starts one or hardly any led to it and the others "
+        "to dearer ones, so there may well be a cheaper one: give a guess near what is meant."
     ),
     Status.NOT_ACCEPTED: (
         "A finer mesh was not solved, or only at a higher cost: the last accepted solution is "

@@ -26,7 +26,7 @@ from microbot_ocp.ocp.transcription import (
 )
 
 AGREED = 2  # starts that lead to the least of several optima for it to be taken for the least
-UNSEEN = 0.5  # share of starts that may end in optima not seen, from which it is not
+RARE = 0.05  # share of the starts: where fewer led to the least there may be others as rare
 
 
 @dataclass(frozen=True)
@@ -147,8 +147,7 @@ class Solution:
     rivals : where other starts led to local optima of nearly the same cost, how much each of these
         and this one is above the least on a coarse mesh, relative to the cost, in order
     agreed : how many starts led to the least of them; 0 where no other optima were seen
-    unseen : of further starts, the share that is expected to end in optima not seen yet: that of
-        the starts tried whose optimum no other one ended in (Good 1953, Biometrika 40)
+    compared : how many starts ended in any of them, likewise
     """
 
     status: Status
@@ -167,7 +166,7 @@ class Solution:
     maximize: bool = False
     rivals: tuple[float, ...] = ()
     agreed: int = 0
-    unseen: float = 0.0
+    compared: int = 0
 
     def __repr__(self) -> str:
         last = f", {self.attempts[-1].solver}" if self.attempts else ""
@@ -201,12 +200,12 @@ class Solution:
 
     @property
     def unsettled(self) -> bool:
-        """Whether it is one of several local optima of which others may well be less."""
-        return bool(self.rivals) and (self.agreed < AGREED or self.unseen > UNSEEN)
+        """Whether it is one of several local optima, the least of which few starts led to."""
+        return bool(self.rivals) and self.agreed < max(AGREED, RARE * self.compared)
 
     def with_rivals_of(self, other: Solution) -> Solution:
         """The same with what is known of the optima beside another solution."""
-        return replace(self, rivals=other.rivals, agreed=other.agreed, unseen=other.unseen)
+        return replace(self, rivals=other.rivals, agreed=other.agreed, compared=other.compared)
 
     @property
     def several(self) -> str:

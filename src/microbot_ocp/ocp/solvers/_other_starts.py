@@ -114,9 +114,7 @@ def cheaper_elsewhere(
     told = here is known and (near or (others and met <= AGREE))
     rivals = sorted((k.cost - least) / size for k in (here, *others)) if told else ()
     if told:
-        costs = np.array([k.cost for k in (here, *found)])
-        lone = (np.abs(costs[:, None] - costs) <= SAME * size).sum(axis=1) == 1
-        best = replace(best, agreed=met, unseen=float(lone.mean()))
+        best = replace(best, agreed=met, compared=len(found) + 1)
     if time.perf_counter() >= until:
         best = replace(best, advice=f"{best.advice} {CUT_SHORT}")
     return replace(best, rivals=tuple(rivals)), attempts
