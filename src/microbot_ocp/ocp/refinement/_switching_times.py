@@ -41,6 +41,13 @@ from microbot_ocp.ocp.refinement._arcs import (
     links_between,
 )
 from microbot_ocp.ocp.refinement._mesh_error import divide, state_errors
+from microbot_ocp.ocp.refinement._singular import (
+    Near,
+    NotPossibleError,
+    SingularArcs,
+    costate_sample,
+    solve_conditions,
+)
 from microbot_ocp.ocp.refinement._structure import arcs_between_events
 from microbot_ocp.ocp.solution import (
     Gap,
@@ -82,7 +89,9 @@ MISSED = 1e-7  # of its range: by more a limit of states may not be exceeded
 CHECKED = 200  # times an arc at which these are looked at
 FREE_INTERVALS = 6  # at least, of an arc on which something is free: fewer hide what it does
 MOST = 2 * MOST_ARCS  # of a phase: short ones may turn out to be none
+CONDITIONS_AFTER = (Status.SOLVED, Status.ROUND_LIMIT, Status.GAP_LEFT, Status.NO_PROGRESS)
 NAMES = {-1: "lower limit", 0: "free", 1: "upper limit"}
+SINGULAR = "singular, by its own conditions"
 
 
 @dataclass(frozen=True)
@@ -94,7 +103,7 @@ class Junction:
     phase : str
     time : s since the start of the phase
     name, component : the control or limit that changes
-    before, after : "lower limit", "upper limit" or "free"
+    before, after : "lower limit", "upper limit", "free", or "singular, by its own conditions"
     """
 
     phase: str
@@ -117,6 +126,8 @@ class SwitchingTimes:
     solution : of the problem with one phase an arc; its gap is that of the times
     pieces : names of its phases by the phase that they are arcs of
     state_error : largest relative error of the dynamics in any interval
+    singular : where singular arcs follow from their own conditions, these; then times, cost and
+        samples are theirs, and ``solution`` is what they were read from
     """
 
     status: Status
@@ -125,6 +136,7 @@ class SwitchingTimes:
     solution: Solution
     pieces: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     state_error: float = np.inf
+    singular: SingularArcs | None = None
 
     @property
     def solved(self) -> bool:
@@ -134,7 +146,7 @@ class SwitchingTimes:
     @property
     def cost(self) -> float:
         """Cost of the whole."""
-        return self.solution.cost
+        return self.solution.cost if self.singular is None else self.singular.cost
 
     @property
     def gap(self) -> Gap:
@@ -143,6 +155,8 @@ class SwitchingTimes:
 
     def duration(self, phase: str) -> float:
         """Duration of a phase, s."""
+        if self.singular is not None:
+            return float(self.singular.lengths.sum())
         return float(sum(self.solution[name].duration for name in self.pieces[phase]))
 
     def sample(self, phase: str, t: ArrayLike) -> dict[str, FloatArray]:
@@ -151,6 +165,8 @@ class SwitchingTimes:
         At a junction it is the arc that begins there.
         """
         times = checks.array("t", np.atleast_1d(np.asarray(t, dtype=float)), (None,), "s")
+        if self.singular is not None:
+            return self.singular.sample(times)
         return _joined([self.solution[name] for name in self.pieces[phase]])(times)
 
     def table(self) -> Table:
@@ -414,9 +430,39 @@ class _Search:
                 f"{self.accuracy:.1e} is wanted."
             )
         said = said or status.sentence
-        if status is not Status.INTERRUPTED:
-            said += _undetermined(self.plans)
-        return replace(found, status=status, advice=said)
+        found = replace(found, status=status, advice=said)
+        if before is None or status not in CONDITIONS_AFTER:
+            return replace(found, advice=said + _undetermined(self.plans))
+        solution, groups, self.plans = before
+        return self._by_conditions(found, solution, groups)
+
+    def _by_conditions(
+        self, found: SwitchingTimes, solution: Solution, groups: Sequence[Sequence[Phase]]
+    ) -> SwitchingTimes:
+        """The answer with its singular arcs by their own conditions, where these can be solved.
+
+        Where a control is singular a solve for the least cost may add arcs that are none: if the
+        conditions cannot be solved with these, they are with those that the start shows.
+        """
+        undetermined = _undetermined(self.plans)
+        if not undetermined:
+            return found
+        pieces = [[solution[piece.name] for piece in group] for group in groups]
+        near = [
+            (replace(plan, arcs=tuple(_as_solved(plan, own)), sample=_joined(own)), own, solution)
+            for plan, own in zip(self.plans, pieces, strict=True)
+        ]
+        near += [(_planned(phase), [phase], self.first) for phase in self.first.phases]
+        reason = ""
+        for plan, own, source in near:
+            try:
+                singular = solve_conditions(self.problem, _near(plan, own, source), self.accuracy)
+            except NotPossibleError as error:
+                reason = reason or str(error)
+                continue
+            return _with_singular(found, plan, singular)
+        said = f"{undetermined} Its own conditions do not determine it here: {reason}."
+        return replace(found, advice=found.advice + said)
 
     def _solved(self) -> tuple[Solution, list[list[Phase]]]:
         whole = OptimalControlProblem(f"{self.problem.name} in arcs")
@@ -574,6 +620,44 @@ def _missed_states(plans: Sequence[_Plan], groups: Sequence[Sequence[PhaseSoluti
             found.append((excess / float(reach), f"{own.name}[{i}] of {plan.declared.name!r}"))
     excess, name = max(found, default=(0.0, ""))
     return f"{name} is {100 * excess:.2g} % beyond its limit:" if excess > MISSED else None
+
+
+def _near(plan: _Plan, pieces: Sequence[PhaseSolution], solution: Solution) -> Near:
+    return Near(
+        plan.declared,
+        plan.arcs,
+        plan.limits,
+        float(sum(piece.duration for piece in pieces)),
+        solution.cost,
+        cost_size(solution.cost, solution.cost_scale),
+        plan.sample,
+        costate_sample(pieces, solution),
+    )
+
+
+def _with_singular(found: SwitchingTimes, plan: _Plan, singular: SingularArcs) -> SwitchingTimes:
+    """An answer whose arcs are those of the conditions."""
+    controls = len(plan.columns) - len(plan.limits)
+    names = [
+        [SINGULAR if k < controls and side == 0 else NAMES[side] for k, side in enumerate(one)]
+        for one in plan.signatures
+    ]
+    junctions = [
+        Junction(plan.declared.name, float(end), *column, a, b)
+        for end, (one, other) in zip(
+            np.cumsum(singular.lengths), itertools.pairwise(names), strict=False
+        )
+        for column, a, b in zip(plan.columns, one, other, strict=True)
+        if a != b
+    ]
+    return replace(
+        found,
+        status=Status.SOLVED,
+        advice=f"{Status.SOLVED.sentence} A control is {SINGULAR}.",
+        junctions=tuple(junctions),
+        state_error=singular.state_error,
+        singular=singular,
+    )
 
 
 def _undetermined(plans: Sequence[_Plan]) -> str:

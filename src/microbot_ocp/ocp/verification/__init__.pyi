@@ -15,6 +15,9 @@ from ._certificate import (
 from ._certification import (
     verify as verify,
 )
+from ._costates import (
+    costates_of as costates_of,
+)
 from ._declared import (
     as_declared as as_declared,
 )

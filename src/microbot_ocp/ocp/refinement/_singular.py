@@ -1,0 +1,593 @@
+"""Singular arcs by the first-order conditions: a boundary value problem in states and costates.
+
+Where the Hamiltonian ``H = L + lambda' f`` is affine in the controls, a control at a bound has the
+sign of its switching function ``H_u`` against it, and one that is singular keeps ``H_u = 0``. Along
+a singular arc of first order the second time derivative ``A + B u`` of ``H_u`` contains the
+control, so ``u = -A / B``, and ``H_u`` and its first derivative vanish along the arc if they do at
+its end. States and costates then follow the canonical equations, and the lengths of the arcs are
+those at which the switching functions vanish where they must. The cost is flat in these lengths,
+the conditions are not: where a solve for the least cost has half of the digits, this has all.
+
+Source: A. E. Bryson and Y.-C. Ho, *Applied Optimal Control*, chapter 8. Kelley's condition, or the
+generalised one of Legendre and Clebsch, is ``B <= 0``: H. J. Kelley, R. E. Kopp and H. G. Moyer,
+*Singular extremals*, in G. Leitmann, *Topics in Optimization* (1967).
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from microbot_ocp._base import deadline
+from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.status import Status
+from microbot_ocp.ocp.problem import OptimalControlProblem, Phase, Variable
+from microbot_ocp.ocp.refinement._arcs import Limit, Sample, Stretch
+from microbot_ocp.ocp.refinement._mesh_error import divide, state_errors
+from microbot_ocp.ocp.solution import PhaseSolution, Solution, guess_from, scaled
+from microbot_ocp.ocp.solvers import SolverSettings, solve
+from microbot_ocp.ocp.transcription import Guess, Mesh, Transcription
+from microbot_ocp.ocp.transcription.schemes import Collocation
+from microbot_ocp.ocp.verification import costates_of, differentiate
+
+SCHEME = Collocation("radau", 5)
+SETTINGS = SolverSettings("ipopt", tolerance=1e-12, gap=np.inf, max_iterations=200)
+LEAST_INTERVALS = 4  # of an arc at first
+ROUNDS = 6  # of solves on finer meshes
+CHECKED = 200  # times an arc at which signs and limits are looked at
+MET = 1e-9  # of its largest value: switching functions vanish where they must
+KEPT = 1e-6  # of their range or largest value: limits and signs
+NEAR_END = 1e-6  # of its range: a condition that is an inequality is met at the end
+AGREES = 1e-5  # of the cost: by more it may not differ from what the arcs were read from
+SHORTEST = 1e-6  # of the phase, that an arc may come to
+COST, CLOCK, COSTATE = "cost so far", "elapsed time", "costate of "
+
+
+@dataclass(frozen=True, eq=False)
+class SingularArcs:
+    """A solution whose singular arcs are determined by the conditions of first order.
+
+    Attributes
+    ----------
+    solution : Solution
+        Of the boundary value problem, one phase an arc: its states are those of the problem, and
+        their costates.
+    cost : float
+        Of the problem.
+    lengths : of the arcs, s
+    kelley : float
+        Largest value of the derivative of the second time derivative of the switching function
+        with respect to the singular control: below zero where Kelley's condition holds strictly.
+    switching : float
+        Largest value of a switching function where it must vanish, of its largest anywhere.
+    state_error : largest relative error of the canonical equations in any interval
+    samples : of every arc, values of all variables at times since its start
+    """
+
+    solution: Solution
+    cost: float
+    lengths: FloatArray
+    kelley: float
+    switching: float
+    state_error: float
+    samples: tuple[Sample, ...]
+
+    def sample(self, t: FloatArray) -> dict[str, FloatArray]:
+        """All variables at times since the start; at a junction of the arc that begins there."""
+        ends = np.cumsum(self.lengths)
+        arcs = np.minimum(np.searchsorted(ends, t, side="right"), ends.size - 1)
+        found: dict[str, FloatArray] = {}
+        for index in np.unique(arcs).tolist():
+            own = arcs == index
+            known = self.samples[index](t[own] - (ends[index] - self.lengths[index]))
+            for name, values in known.items():
+                found.setdefault(name, np.zeros((t.size, values.shape[1])))[own] = values
+        return found
+
+
+class NotPossibleError(Exception):
+    """Why the conditions were not, or could not be, solved."""
+
+
+def costate_sample(phases: Sequence[PhaseSolution], solution: Solution) -> Sample:
+    """Costates at times since the start, by the multipliers of the rows of the dynamics."""
+    found: dict[str, list[FloatArray]] = {}
+    times, start = [], 0.0
+    for phase in phases:
+        part = differentiate(phase, np.asarray(solution.row_multipliers, dtype=float))
+        own = costates_of(phase, part, np.asarray(solution.row_multipliers, dtype=float))
+        at_points = own.point_t.size > 0
+        times.append(start + (own.point_t if at_points else own.t))
+        for name, values in (own.point_values if at_points else own.values).items():
+            found.setdefault(name, []).append(values)
+        start += phase.duration
+    t = np.concatenate(times)
+    tables = {name: np.vstack(values) for name, values in found.items()}
+    return lambda at: {
+        name: np.stack([np.interp(at, t, column) for column in table.T], axis=1)
+        for name, table in tables.items()
+    }
+
+
+@dataclass(frozen=True, eq=False)
+class Near:
+    """A solution in arcs that the conditions are solved from.
+
+    Attributes
+    ----------
+    declared : the phase
+    arcs, limits : of it, and what the signatures of the arcs say after all controls
+    duration, cost, cost_size : of the solution
+    sample, costates : its values, and the costates, at times since its start
+    """
+
+    declared: Phase
+    arcs: Sequence[Stretch]
+    limits: Sequence[Limit]
+    duration: float
+    cost: float
+    cost_size: float
+    sample: Sample
+    costates: Sample
+
+    def times(self, arc: Stretch) -> FloatArray:
+        """Times at which the arc is looked at."""
+        return self.duration * np.linspace(arc.begin, arc.end, CHECKED)
+
+
+def solve_conditions(problem: OptimalControlProblem, near: Near, accuracy: float) -> SingularArcs:
+    """Solve the conditions of first order from a solution that is near.
+
+    Parameters
+    ----------
+    problem : OptimalControlProblem
+    near : Near
+    accuracy : float
+        Relative error of the canonical equations that is accepted in any interval.
+
+    Raises
+    ------
+    NotPossibleError
+        The problem is none of those that this is for, or the answer is not accepted.
+    """
+    _refuse(problem, near)
+    return _Conditions(near).solved(accuracy)
+
+
+def _refuse(problem: OptimalControlProblem, near: Near) -> None:
+    """Say what the conditions would have to know more of."""
+    own = near.declared
+    reasons = {
+        "the problem has several phases": len(problem.phases) > 1,
+        "the problem has free parameters": bool(own.free_parameters),
+        "the problem has algebraic equations": bool(own.algebraics),
+        "a control is continuous": any(c.shape == "linear" for c in own.controls),
+        "something is demanded or costs at points of the phase": bool(
+            own.point_constraints or own.point_costs
+        ),
+    }
+    controls = sum(c.size for c in own.controls)
+    if any(any(arc.signature[controls:]) for arc in near.arcs):
+        reasons["limits of states or path constraints act on an arc"] = True
+    for reason, holds in reasons.items():
+        if holds:
+            raise NotPossibleError(reason)
+
+
+@dataclass(frozen=True, eq=False)
+class _Law:
+    """Controls [m] of an arc, and which one is singular, if any.
+
+    The ``terms`` are functions of states, costates, controls and time: the first time derivative of
+    its switching function, and of the second one, ``A + B u``, A and B.
+    """
+
+    held: FloatArray
+    free: int | None
+    terms: ca.Function
+
+    def controls(self, *values: ca.MX) -> ca.MX:
+        """Of symbols of states, costates and time."""
+        parts = [ca.MX(float(value)) for value in self.held]
+        if self.free is not None:
+            x, costate, time = values
+            _, rest, share = self.terms(x, costate, self.held, time)
+            parts[self.free] = -rest / share
+        return ca.vertcat(*parts)
+
+
+class _Conditions:
+    """The canonical equations of a phase, and what holds where its arcs meet."""
+
+    def __init__(self, near: Near) -> None:
+        self.near, own = near, near.declared
+        self.size = sum(s.size for s in own.states)
+        self.lower = np.concatenate([c.lower for c in own.controls])
+        self.upper = np.concatenate([c.upper for c in own.controls])
+        x, costate = ca.MX.sym("x", self.size), ca.MX.sym("costate", self.size)
+        u, time = ca.MX.sym("u", self.lower.size), ca.MX.sym("time")
+        self.arguments = [x, costate, u, time]
+        slopes = ca.vertcat(*(own.derivatives[s.name] for s in own.states))
+        running = sum(own.running_costs, ca.MX(0.0))
+        f, running = self.declared([slopes, running], x, u, time)
+        hamiltonian = running + ca.dot(costate, f)
+        if not ca.is_linear(hamiltonian, u):
+            raise NotPossibleError("the Hamiltonian is not affine in the controls")
+        self.f, self.slope = f, -ca.gradient(hamiltonian, x)
+        self.switching = ca.gradient(hamiltonian, u)
+        along = [f, self.slope, running, hamiltonian, ca.densify(self.switching)]
+        self.along = ca.Function("along", self.arguments, along)
+        self.laws = [self._law(arc) for arc in near.arcs]
+        # of what switching functions are compared with, [m]
+        self.sizes = np.maximum.reduce([np.abs(own).max(axis=1) for own in self._switching_near()])
+        self._refuse_higher_order()
+
+    def declared(
+        self, expressions: Sequence[ca.MX], x: ca.MX, u: ca.MX, time: ca.MX
+    ) -> list[ca.MX]:
+        """Declared expressions of other symbols."""
+        own = self.near.declared
+        symbols = [*(v.symbol for v in (*own.states, *own.controls)), own.time, own.duration]
+        symbols += [p.symbol for p in own.parameters]
+        run = ca.Function("declared", symbols, list(expressions))
+        edges = np.cumsum([0, *(s.size for s in own.states)]).tolist()
+        values: list[Any] = [x[a:b] for a, b in itertools.pairwise(edges)]
+        edges = np.cumsum([0, *(c.size for c in own.controls)]).tolist()
+        values += [u[a:b] for a, b in itertools.pairwise(edges)]
+        # a duration is looked at where it is over
+        return run.call([*values, time, time, *(p.value for p in own.parameters)], True, False)
+
+    def _law(self, arc: Stretch) -> _Law:
+        x, costate, u, time = self.arguments
+        sides = np.array(arc.signature[: self.lower.size])
+        held = np.where(sides > 0, self.upper, self.lower)
+        free = np.flatnonzero((sides == 0) & (self.lower < self.upper)).tolist()
+        if not free:
+            return _Law(held, None, ca.Function("none", self.arguments, [ca.MX(0.0)] * 3))
+        if len(free) > 1:
+            raise NotPossibleError("more than one control is singular at a time")
+        own = free[0]
+        held[own] = 0.0
+        # what multiplies the control in the first derivative cancels, but not in the expression
+        rest = ca.DM(held)
+
+        def rate(e: ca.MX) -> ca.MX:
+            found = ca.jtimes(e, x, self.f) + ca.jtimes(e, costate, self.slope)
+            return found + ca.jtimes(e, time, ca.MX(1.0))
+
+        first = ca.substitute(rate(self.switching[own]), u, rest)
+        second = rate(first)
+        share = ca.jacobian(second, u)[own]
+        terms = [ca.substitute(e, u, rest) for e in (first, second, share)]
+        return _Law(held, own, ca.Function("terms", self.arguments, terms))
+
+    def _switching_near(self) -> list[FloatArray]:
+        """Switching functions [m, M] along the arcs of the solution that is near."""
+        return [self._values(self.along, *self._known(arc))[-1] for arc in self.near.arcs]
+
+    def _known(self, arc: Stretch) -> list[FloatArray]:
+        """States, costates, controls and times along an arc of the solution that is near."""
+        near, own = self.near, self.near.declared
+        t = near.times(arc)
+        known, costates = near.sample(t), near.costates(t)
+        return [
+            np.hstack([known[s.name] for s in own.states]).T,
+            np.hstack([costates[s.name] for s in own.states]).T,
+            np.hstack([known[c.name] for c in own.controls]).T,
+            t[None, :],
+        ]
+
+    @staticmethod
+    def _values(run: ca.Function, *tables: FloatArray) -> list[FloatArray]:
+        found = run.map(tables[0].shape[1]).call(list(tables))
+        return [np.array(value) for value in found]
+
+    def _refuse_higher_order(self) -> None:
+        """The singular control must appear in the second derivative of its switching function."""
+        for arc, law in zip(self.near.arcs, self.laws, strict=True):
+            if law.free is None:
+                continue
+            terms = self._values(law.terms, *self._known(arc))
+            size = self.sizes[law.free] / self.near.duration**2
+            if not np.abs(terms[-1]).max() > MET * size:
+                raise NotPossibleError(
+                    "a singular control does not appear in the second time derivative of its "
+                    "switching function"
+                )
+
+    # the problem ----------------------------------------------------------------------------------
+
+    def _problem(self) -> OptimalControlProblem:
+        made = OptimalControlProblem("conditions of first order")
+        before: Phase | None = None
+        for index, (arc, law) in enumerate(zip(self.near.arcs, self.laws, strict=True)):
+            first, last = index == 0, index == len(self.laws) - 1
+            name = f"{self.near.declared.name} {index + 1}"
+            reach = self.near.duration
+            phase = made.phase(name, (SHORTEST * reach, 3.0 * reach))
+            x, costate = self._moving(phase, first, last)
+            clock = phase.state(CLOCK, initial=0.0 if first else None)
+            cost = phase.state(COST, initial=0.0 if first else None)
+            u = law.controls(x, costate, clock)
+            slopes = self.along.call([x, costate, u, clock], True, False)
+            self._follow(phase, [*slopes[:3], ca.MX(1.0)], cost, clock)
+            after = None if last else self.near.arcs[index + 1]
+            self._switch(phase, law, arc, after, [x, costate, u, clock], slopes[-1])
+            if last:
+                self._end(phase, x, costate, clock, slopes[3])
+            if before is not None:
+                names = [s.name for s in before.states]
+                made.link(before, phase, names)
+            before = phase
+        return made
+
+    def _moving(self, phase: Phase, first: bool, last: bool) -> tuple[ca.MX, ca.MX]:
+        """Declare states and costates."""
+        x, costates = [], []
+        for s in self.near.declared.states:
+            scale = s.scale if s.scaled else None
+            x.append(phase.state(s.name, s.size, scale=scale, unit=s.unit))
+            costates.append(phase.state(COSTATE + s.name, s.size))
+            if first:
+                fixed, values = self._at_end(s, s.initial, 0.0)
+                for i in range(s.size):  # what is free at the start has no price there
+                    here = x[-1][i] - values[i] if fixed[i] else costates[-1][i]
+                    phase.point_constraint(f"start of {s.name}[{i}]", here, 0.0, 0.0, at=0.0)
+            if last:
+                fixed, values = self._at_end(s, s.final, self.near.duration)
+                for i in np.flatnonzero(fixed).tolist():
+                    phase.end_constraint(f"end of {s.name}[{i}]", x[-1][i] - values[i], 0.0, 0.0)
+        return ca.vertcat(*x), ca.vertcat(*costates)
+
+    def _at_end(self, state: Variable, given: Any, time: float) -> tuple[np.ndarray, FloatArray]:
+        """Which components are fixed at an end, and their values."""
+        if given is None:
+            return np.zeros(state.size, dtype=bool), np.zeros(state.size)
+        value = self.near.sample(np.array([time]))[state.name][0]
+        return _met(value, *given, state.scale)
+
+    def _follow(self, phase: Phase, slopes: list[ca.MX], cost: ca.MX, clock: ca.MX) -> None:
+        f, slope, running, one = slopes
+        offset = 0
+        for s in self.near.declared.states:
+            part = slice(offset, offset + s.size)
+            own = {v.name: v.symbol for v in phase.states}
+            phase.derivative(own[s.name], f[part])
+            phase.derivative(own[COSTATE + s.name], slope[part])
+            offset += s.size
+        phase.derivative(cost, running)
+        phase.derivative(clock, one)
+
+    def _switch(
+        self,
+        phase: Phase,
+        law: _Law,
+        arc: Stretch,
+        after: Stretch | None,
+        values: list[ca.MX],
+        switching: ca.MX,
+    ) -> None:
+        """What vanishes where an arc ends, as squares.
+
+        Where a singular arc begins or ends the motion, one of these follows from what holds there:
+        as equations they would be one too many.
+        """
+        reach = self.near.duration
+        if law.free is not None:
+            size = float(self.sizes[law.free])
+            phase.end_cost((switching[law.free] / size) ** 2)
+            first = law.terms.call(values, True, False)[0]
+            phase.end_cost((first * reach / size) ** 2)
+        if after is None:
+            return
+        pairs = zip(arc.signature, after.signature, strict=True)
+        for i, (one, other) in enumerate(itertools.islice(pairs, self.lower.size)):
+            if one * other < 0:
+                phase.end_cost((switching[i] / float(self.sizes[i])) ** 2)
+
+    def _end(
+        self, phase: Phase, x: ca.MX, costate: ca.MX, clock: ca.MX, hamiltonian: ca.MX
+    ) -> None:
+        """Transversality: costates and Hamiltonian at the end, by the prices of what holds there."""
+        near, own = self.near, self.near.declared
+        there, time = ca.MX.sym("there", self.size), ca.MX.sym("time")
+        none = ca.MX.zeros(self.lower.size)
+        known = np.concatenate([self._at_end(s, s.final, near.duration)[0] for s in own.states])
+        rows: list[ca.MX] = []
+        at_end = near.sample(np.array([near.duration]))
+        value = np.concatenate([at_end[s.name][0] for s in own.states])
+        for constraint in own.end_constraints:
+            expression = self.declared([constraint.expression], there, none, time)[0]
+            run = ca.Function("end", [there, time], [expression])
+            reached = np.array(run(value, near.duration)).ravel()
+            fixed, values = _met(reached, constraint.lower, constraint.upper, constraint.scale)
+            rows += [expression[i] - values[i] for i in np.flatnonzero(fixed).tolist()]
+        prices = ca.MX.sym("prices", len(rows))
+        worth = self.declared([sum(own.end_costs, ca.MX(0.0))], there, none, time)[0]
+        whole = worth + ca.dot(prices, ca.vertcat(*rows)) if rows else worth
+        self.worth = ca.Function("worth", [there, time], [worth])
+        slopes = [ca.gradient(whole, there), ca.gradient(whole, time), ca.vertcat(*rows)]
+        run = ca.Function("end", [there, time, prices], slopes)
+        own_prices = phase.state("prices of the end", len(rows)) if rows else ca.MX(0, 1)
+        by_state, by_time, missed = run.call([x, clock, own_prices], True, False)
+        if rows:
+            phase.derivative(own_prices, ca.MX.zeros(len(rows)))
+            phase.end_constraint("end", missed, 0.0, 0.0)
+        price = costate - by_state
+        for i in np.flatnonzero(~known).tolist():
+            phase.end_constraint(f"transversality {i}", price[i], 0.0, 0.0)
+        low, high = own.duration_bounds
+        bounds = np.array([low]), np.array([high])
+        fixed, values = _met(np.array([near.duration]), *bounds, np.array([near.duration]))
+        if fixed[0]:
+            phase.end_constraint("duration", clock - values[0], 0.0, 0.0)
+        else:
+            phase.end_constraint("transversality of time", hamiltonian + by_time, 0.0, 0.0)
+
+    def _guesses(self) -> dict[str, Guess]:
+        found, cost = {}, 0.0
+        for index, arc in enumerate(self.near.arcs):
+            t = self.near.times(arc)
+            x, costate, u, _ = self._known(arc)
+            values = {CLOCK: t[:, None]}
+            offset = 0
+            for s in self.near.declared.states:
+                part = slice(offset, offset + s.size)
+                values[s.name], values[COSTATE + s.name] = x[part].T, costate[part].T
+                offset += s.size
+            running = self._values(self.along, x, costate, u, t[None, :])[2][0]
+            steps = (running[1:] + running[:-1]) / 2 * np.diff(t)
+            values[COST] = np.append(cost, cost + np.cumsum(steps))[:, None]
+            cost = float(values[COST][-1, 0])
+            name = f"{self.near.declared.name} {index + 1}"
+            reach = t[-1] - t[0]
+            shares = np.linspace(0.0, 1.0, t.size)
+            own = {key: _along(shares, table) for key, table in values.items()}
+            found[name] = Guess(float(reach), own)
+        return found
+
+    # its solution ---------------------------------------------------------------------------------
+
+    def solved(self, accuracy: float) -> SingularArcs:
+        problem, guesses = self._problem(), self._guesses()
+        made = Transcription(scaled(problem, guesses), scheme=SCHEME)
+        meshes = [Mesh(max(arc.intervals, LEAST_INTERVALS)) for arc in self.near.arcs]
+        start: dict[str, Guess] = guesses
+        for _ in range(ROUNDS):
+            if deadline.over():
+                raise NotPossibleError("there is no time left for them")
+            solution = solve(made, meshes, start, SETTINGS)
+            if solution.status not in (Status.SOLVED, Status.GAP_LEFT, Status.TOO_COARSE):
+                raise NotPossibleError(f"their solve ended so: {solution.status.sentence}")
+            errors = state_errors(solution)
+            error = max(float(e.max()) for e in errors)
+            if error <= accuracy:
+                return self._accepted(solution, error)
+            meshes = [
+                Mesh(divide(phase.mesh, own, accuracy, SCHEME.order))
+                for phase, own in zip(solution.phases, errors, strict=True)
+            ]
+            start = guess_from(problem, solution)
+        raise NotPossibleError(f"the canonical equations hold to {error:.1e} only")
+
+    def _accepted(self, solution: Solution, error: float) -> SingularArcs:
+        near = self.near
+        lengths = np.array([phase.duration for phase in solution.phases])
+        if lengths.min() <= 2 * SHORTEST * near.duration:
+            raise NotPossibleError("an arc has no length")
+        tables = [self._along_arc(*pair) for pair in zip(solution.phases, self.laws, strict=True)]
+        largest = np.maximum.reduce([np.abs(switching).max(axis=1) for _, switching, _ in tables])
+        self._check_limits(tables)
+        vanishing = 0.0
+        kelley = -np.inf
+        for index, (arc, law, (_, switching, terms)) in enumerate(
+            zip(near.arcs, self.laws, tables, strict=True)
+        ):
+            sides = np.array(arc.signature[: self.lower.size])
+            against = (sides[:, None] * switching).max(axis=1) / largest
+            if against.max() > KEPT:
+                raise NotPossibleError("a control at a bound would rather leave it")
+            if law.free is not None:
+                vanishing = max(vanishing, np.abs(switching[law.free]).max() / largest[law.free])
+                kelley = max(kelley, float(terms[-1].max()))
+            if index + 1 < len(tables):
+                after = np.array(near.arcs[index + 1].signature[: self.lower.size])
+                jumps = np.abs(switching[:, -1]) / largest
+                vanishing = max(vanishing, float(jumps[sides * after < 0].max(initial=0.0)))
+        if vanishing > MET:
+            raise NotPossibleError(
+                f"a switching function comes to {vanishing:.1e} of its largest value where it must "
+                "vanish"
+            )
+        if kelley >= 0.0:
+            raise NotPossibleError("Kelley's condition does not hold: the arc is no minimum")
+        last = solution.phases[-1]
+        states = np.concatenate([last.values[s.name][-1] for s in near.declared.states])
+        worth = float(self.worth(states, last.values[CLOCK][-1, 0]))
+        cost = float(last.values[COST][-1, 0]) + worth
+        if not abs(cost - near.cost) <= AGREES * near.cost_size:
+            raise NotPossibleError(f"their cost is {cost:.10g}, not {near.cost:.10g}")
+        samples = tuple(
+            self._sample(phase, law) for phase, law in zip(solution.phases, self.laws, strict=True)
+        )
+        return SingularArcs(solution, cost, lengths, kelley, float(vanishing), error, samples)
+
+    def _along_arc(
+        self, phase: PhaseSolution, law: _Law
+    ) -> tuple[list[FloatArray], FloatArray, list[FloatArray]]:
+        """Values, switching functions and terms of the law along an arc."""
+        known = self._of(phase.sample(np.linspace(0.0, phase.duration, CHECKED)), law)
+        return known, self._values(self.along, *known)[-1], self._values(law.terms, *known)
+
+    def _of(self, known: dict[str, FloatArray], law: _Law) -> list[FloatArray]:
+        """States, costates, controls and times [*, M] of sampled values."""
+        states = self.near.declared.states
+        x = np.hstack([known[s.name] for s in states]).T
+        costate = np.hstack([known[COSTATE + s.name] for s in states]).T
+        time = known[CLOCK].T
+        u = np.tile(law.held[:, None], (1, time.size))
+        if law.free is not None:
+            _, rest, share = self._values(law.terms, x, costate, u, time)
+            u[law.free] = -rest[0] / share[0]
+        return [x, costate, u, time]
+
+    def _sample(self, phase: PhaseSolution, law: _Law) -> Sample:
+        controls = self.near.declared.controls
+        edges = np.cumsum([0, *(c.size for c in controls)])
+
+        def sample(t: FloatArray) -> dict[str, FloatArray]:
+            known = phase.sample(t)
+            u = self._of(known, law)[2].T
+            return known | {
+                c.name: u[:, a : a + c.size] for c, a in zip(controls, edges, strict=False)
+            }
+
+        return sample
+
+    def _check_limits(self, tables: Sequence[Any]) -> None:
+        """No limit of states, path constraint or bound of a control is exceeded."""
+        own = self.near.declared
+        x, _, u, time = self.arguments
+        expressions = self.declared([c.expression for c in own.constraints], x, u, time)
+        edges = np.cumsum([0, *(s.size for s in own.states)]).tolist()
+        limited = [
+            *(
+                (s.name, x[a:b], s)
+                for s, (a, b) in zip(own.states, itertools.pairwise(edges), strict=True)
+            ),
+            *((c.name, e, c) for c, e in zip(own.constraints, expressions, strict=True)),
+        ]
+        edges = np.cumsum([0, *(c.size for c in own.controls)]).tolist()
+        limited += [
+            (c.name, u[a:b], c)
+            for c, (a, b) in zip(own.controls, itertools.pairwise(edges), strict=True)
+        ]
+        for name, expression, limit in limited:
+            run = ca.Function("limited", [x, u, time], [ca.densify(expression)])
+            values = np.hstack(
+                [self._values(run, known[0], known[2], known[3])[0] for known, *_ in tables]
+            )
+            reach = limit.upper - limit.lower
+            reach = np.where(np.isfinite(reach), reach, np.ptp(values, axis=1) + limit.scale)
+            excess = np.maximum(values.max(axis=1) - limit.upper, limit.lower - values.min(axis=1))
+            if np.any(excess > KEPT * np.maximum(reach, KEPT * limit.scale)):
+                raise NotPossibleError(f"{name!r} is beyond its limit along an arc")
+
+
+def _along(shares: FloatArray, table: FloatArray) -> Callable[[FloatArray], FloatArray]:
+    return lambda s: np.stack([np.interp(s, shares, column) for column in table.T], axis=1)
+
+
+def _met(
+    values: FloatArray, lower: FloatArray, upper: FloatArray, scale: FloatArray
+) -> tuple[np.ndarray, FloatArray]:
+    """Which of some values are at a bound, and the bounds that they are at."""
+    reach = upper - lower
+    near = NEAR_END * np.where(np.isfinite(reach), reach, scale)
+    at_lower, at_upper = values <= lower + near, values >= upper - near
+    return at_lower | at_upper, np.where(at_lower, lower, np.where(at_upper, upper, values))
