@@ -90,6 +90,8 @@ CHECKED = 200  # times an arc at which these are looked at
 FREE_INTERVALS = 6  # at least, of an arc on which something is free: fewer hide what it does
 MOST = 2 * MOST_ARCS  # of a phase: short ones may turn out to be none
 CONDITIONS_AFTER = (Status.SOLVED, Status.ROUND_LIMIT, Status.GAP_LEFT, Status.NO_PROGRESS)
+MOVED = 1e-2  # of a phase: arcs that have not moved by so much are the same start
+AMID = 1e-2  # of a phase: a shorter arc amid a singular one may be none
 NAMES = {-1: "lower limit", 0: "free", 1: "upper limit"}
 SINGULAR = "singular, by its own conditions"
 
@@ -378,6 +380,8 @@ class _Search:
         self.transcribe = transcribe
         self.made: Any = (None, None, None)  # signatures, and what was transcribed for them
         self.tried: set[tuple[Any, ...]] = set()  # signatures of all phases
+        self.by_conditions: set[tuple[Any, ...]] = set()  # arcs that were tried so
+        self.not_by_conditions = ""  # why the first of these was not accepted
         self.closing = False  # whether the gap is to be closed, once all else is well
 
     def run(self, rounds: int, until: float) -> SwitchingTimes:
@@ -414,6 +418,10 @@ class _Search:
             if changed is not None:
                 self.plans = changed
                 continue
+            if not self.by_conditions:  # before meshes are refined for what these determine
+                determined = self._by_conditions(solution, groups)
+                if determined is not None:
+                    return determined
             errors = state_errors(solution)
             found = self._result(solution, groups, max(float(e.max()) for e in errors))
             exceeding = self._exceeding(solution)
@@ -430,39 +438,53 @@ class _Search:
                 f"{self.accuracy:.1e} is wanted."
             )
         said = said or status.sentence
-        found = replace(found, status=status, advice=said)
-        if before is None or status not in CONDITIONS_AFTER:
-            return replace(found, advice=said + _undetermined(self.plans))
-        solution, groups, self.plans = before
-        return self._by_conditions(found, solution, groups)
+        if status in CONDITIONS_AFTER and before is not None:
+            determined = self._by_conditions(*before[:2])
+            if determined is not None:
+                return determined
+        if status is not Status.INTERRUPTED:
+            said += _undetermined(self.plans)
+            if self.not_by_conditions:
+                said += f" Its own conditions do not determine it: {self.not_by_conditions}."
+        return replace(found, status=status, advice=said)
 
     def _by_conditions(
-        self, found: SwitchingTimes, solution: Solution, groups: Sequence[Sequence[Phase]]
-    ) -> SwitchingTimes:
+        self, solution: Solution, groups: Sequence[Sequence[Phase]]
+    ) -> SwitchingTimes | None:
         """The answer with its singular arcs by their own conditions, where these can be solved.
 
-        Where a control is singular a solve for the least cost may add arcs that are none: if the
-        conditions cannot be solved with these, they are with those that the start shows.
+        A solve for the least cost may put arcs that are none into a singular one, or lose one
+        beside it: if the conditions cannot be solved with the arcs that it has, they are without
+        short ones amid a singular arc, and with those that the start shows.
         """
-        undetermined = _undetermined(self.plans)
-        if not undetermined:
-            return found
-        pieces = [[solution[piece.name] for piece in group] for group in groups]
-        near = [
-            (replace(plan, arcs=tuple(_as_solved(plan, own)), sample=_joined(own)), own, solution)
-            for plan, own in zip(self.plans, pieces, strict=True)
+        if not _undetermined(self.plans):
+            return None
+        solved = [[solution[piece.name] for piece in group] for group in groups]
+        known = zip(self.plans, solved, strict=True)
+        plans = [
+            replace(plan, arcs=tuple(_as_solved(plan, own)), sample=_joined(own))
+            for plan, own in known
         ]
-        near += [(_planned(phase), [phase], self.first) for phase in self.first.phases]
-        reason = ""
-        for plan, own, source in near:
+        guessed = [(plan, own, solution) for plan, own in zip(plans, solved, strict=True)]
+        guessed += [
+            (replace(plan, arcs=tuple(_without_short(plan))), own, solution)
+            for plan, own in zip(plans, solved, strict=True)
+        ]
+        guessed += [(_planned(phase), [phase], self.first) for phase in self.first.phases]
+        for plan, own, source in guessed:
+            key = tuple((arc.signature, round(arc.end / MOVED)) for arc in plan.arcs)
+            if key in self.by_conditions:
+                continue
+            self.by_conditions.add(key)
             try:
                 singular = solve_conditions(self.problem, _near(plan, own, source), self.accuracy)
             except NotPossibleError as error:
-                reason = reason or str(error)
+                self.progress(f"conditions of {len(plan.arcs)} arcs: {error}")
+                self.not_by_conditions = self.not_by_conditions or str(error)
                 continue
-            return _with_singular(found, plan, singular)
-        said = f"{undetermined} Its own conditions do not determine it here: {reason}."
-        return replace(found, advice=found.advice + said)
+            self.progress(f"conditions of {len(plan.arcs)} arcs: cost {singular.cost:.12g}")
+            return _with_singular(self._result(solution, groups, np.inf), plan, singular)
+        return None
 
     def _solved(self) -> tuple[Solution, list[list[Phase]]]:
         whole = OptimalControlProblem(f"{self.problem.name} in arcs")
@@ -622,6 +644,19 @@ def _missed_states(plans: Sequence[_Plan], groups: Sequence[Sequence[PhaseSoluti
     return f"{name} is {100 * excess:.2g} % beyond its limit:" if excess > MISSED else None
 
 
+def _without_short(plan: _Plan) -> list[Stretch]:
+    """Arcs without short ones between two others that have everything in common."""
+    arcs = plan.arcs
+    kept = [
+        arc
+        for index, arc in enumerate(arcs)
+        if arc.end - arc.begin > AMID
+        or index in (0, len(arcs) - 1)
+        or arcs[index - 1].signature != arcs[index + 1].signature
+    ]
+    return _merged(kept)
+
+
 def _near(plan: _Plan, pieces: Sequence[PhaseSolution], solution: Solution) -> Near:
     return Near(
         plan.declared,
@@ -630,6 +665,7 @@ def _near(plan: _Plan, pieces: Sequence[PhaseSolution], solution: Solution) -> N
         float(sum(piece.duration for piece in pieces)),
         solution.cost,
         cost_size(solution.cost, solution.cost_scale),
+        max(float(e.max()) for e in state_errors(solution)),
         plan.sample,
         costate_sample(pieces, solution),
     )
