@@ -54,14 +54,14 @@ def test_bang_bang_is_exact_from_a_coarse_mesh():
     assert [j.after for j in found.junctions] == ["lower limit", "upper limit", "lower limit"]
 
 
-def test_a_singular_arc_is_free_between_two_that_are_held():
+def test_a_singular_arc_between_two_that_are_held():
     """Catalyst mixing: 0.1363 and 0.7252 are published; 1 - 0.7252 as in the longer one."""
     found = switching("catalyst_mixing")
     assert found.solved
     np.testing.assert_allclose([j.time for j in found.junctions], [0.136299, 0.725230], atol=2e-6)
     assert [(j.before, j.after) for j in found.junctions] == [
-        ("upper limit", "free"),
-        ("free", "lower limit"),
+        ("upper limit", "singular, by its own conditions"),
+        ("singular, by its own conditions", "lower limit"),
     ]
     assert found.cost == pytest.approx(-0.04805568586, abs=1e-10)
 

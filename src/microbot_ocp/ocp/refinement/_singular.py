@@ -351,7 +351,8 @@ class _Conditions:
         if given is None:
             return np.zeros(state.size, dtype=bool), np.zeros(state.size)
         value = self.near.sample(np.array([time]))[state.name][0]
-        return _met(value, *given, state.scale)
+        low, high = given
+        return _met(value, low, high, state.scale)
 
     def _follow(self, phase: Phase, slopes: list[ca.MX], cost: ca.MX, clock: ca.MX) -> None:
         f, slope, running, one = slopes

@@ -419,7 +419,7 @@ class _Search:
                 self.plans = changed
                 continue
             if not self.by_conditions:  # before meshes are refined for what these determine
-                determined = self._by_conditions(solution, groups)
+                determined = self._by_conditions(solution, groups, self.plans)
                 if determined is not None:
                     return determined
             errors = state_errors(solution)
@@ -439,7 +439,7 @@ class _Search:
             )
         said = said or status.sentence
         if status in CONDITIONS_AFTER and before is not None:
-            determined = self._by_conditions(*before[:2])
+            determined = self._by_conditions(*before)
             if determined is not None:
                 return determined
         if status is not Status.INTERRUPTED:
@@ -449,7 +449,7 @@ class _Search:
         return replace(found, status=status, advice=said)
 
     def _by_conditions(
-        self, solution: Solution, groups: Sequence[Sequence[Phase]]
+        self, solution: Solution, groups: Sequence[Sequence[Phase]], plans: list[_Plan]
     ) -> SwitchingTimes | None:
         """The answer with its singular arcs by their own conditions, where these can be solved.
 
@@ -457,10 +457,10 @@ class _Search:
         beside it: if the conditions cannot be solved with the arcs that it has, they are without
         short ones amid a singular arc, and with those that the start shows.
         """
-        if not _undetermined(self.plans):
-            return None
+        if self.transcribe is not Transcription or not _undetermined(plans):
+            return None  # dynamics with derivatives of their own have no higher ones
         solved = [[solution[piece.name] for piece in group] for group in groups]
-        known = zip(self.plans, solved, strict=True)
+        known = zip(plans, solved, strict=True)
         plans = [
             replace(plan, arcs=tuple(_as_solved(plan, own)), sample=_joined(own))
             for plan, own in known
@@ -483,6 +483,7 @@ class _Search:
                 self.not_by_conditions = self.not_by_conditions or str(error)
                 continue
             self.progress(f"conditions of {len(plan.arcs)} arcs: cost {singular.cost:.12g}")
+            self.plans = plans
             return _with_singular(self._result(solution, groups, np.inf), plan, singular)
         return None
 
