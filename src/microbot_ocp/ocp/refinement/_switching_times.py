@@ -50,6 +50,7 @@ from microbot_ocp.ocp.refinement._singular import (
 )
 from microbot_ocp.ocp.refinement._structure import arcs_between_events
 from microbot_ocp.ocp.solution import (
+    UNKNOWN,
     Gap,
     PhaseSolution,
     Solution,
@@ -152,8 +153,8 @@ class SwitchingTimes:
 
     @property
     def gap(self) -> Gap:
-        """How much the cost may be above that of the local optimum beside it."""
-        return self.solution.gap
+        """How much the cost may be above that of the local optimum; unknown of singular arcs."""
+        return self.solution.gap if self.singular is None else UNKNOWN
 
     def duration(self, phase: str) -> float:
         """Duration of a phase, s."""
@@ -191,7 +192,7 @@ class SwitchingTimes:
             "status": str(self.status),
             "advice": self.advice,
             "cost": self.cost,
-            "gap": self.gap.total,
+            "gap": self.gap.total if self.singular is None else None,
             "state_error": self.state_error,
             "junctions": [vars(junction) for junction in self.junctions],
         }
