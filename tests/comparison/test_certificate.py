@@ -198,13 +198,17 @@ def test_a_wrong_acceleration_is_found_where_breaks_are_dense(robot):
         assert certify(robot, wrong, mo.Limits()).ok is ok
 
 
-def test_friction_that_makes_the_equations_stiff():
-    """A light joint that rubs settles within microseconds: long segments do all the same."""
+def light_and_rubbing() -> tuple[mo.Robot, Motion]:
     light = mo.Link(1e-5, [0.0, 0.0, 0.0], viscous_friction=1.0, coulomb_friction=1.0)
     robot = replace(slider(), links=[light])
     t = np.linspace(0.0, 1.0, 51)
     sine, cosine = np.sin(3.0 * t[:, None]), np.cos(3.0 * t[:, None])
-    motion = Motion.from_state(robot, t, State(sine, 3.0 * cosine, -9.0 * sine), label="sine")
+    return robot, Motion.from_state(robot, t, State(sine, 3.0 * cosine, -9.0 * sine), label="sine")
+
+
+def test_friction_that_makes_the_equations_stiff():
+    """A light joint that rubs settles within microseconds: long segments do all the same."""
+    robot, motion = light_and_rubbing()
     certificate = certify(robot, motion, mo.Limits())
     assert certificate.ok, certificate.verdict
     assert certificate.segments < 50
@@ -213,16 +217,12 @@ def test_friction_that_makes_the_equations_stiff():
 
 def test_what_is_wrong_is_told_in_long_segments_where_friction_is_stiff():
     """Wrong torques leave a light joint that rubs where no iteration follows; nor need it."""
-    light = mo.Link(1e-5, [0.0, 0.0, 0.0], viscous_friction=1.0, coulomb_friction=1.0)
-    robot = replace(slider(), links=[light])
-    t = np.linspace(0.0, 1.0, 51)
-    sine, cosine = np.sin(3.0 * t[:, None]), np.cos(3.0 * t[:, None])
-    motion = Motion.from_state(robot, t, State(sine, 3.0 * cosine, -9.0 * sine), label="sine")
-    backwards = State(sine, -3.0 * cosine, -9.0 * sine)
+    robot, motion = light_and_rubbing()
+    backwards = State(motion.q, -motion.qd, motion.qdd)
     wrong = {
         "sign of the torque": replace(motion, tau=-motion.tau),
         "torque": replace(motion, tau=1.001 * motion.tau),
-        "sign of the velocity": Motion.from_state(robot, t, backwards, label="backwards"),
+        "sign of the velocity": Motion.from_state(robot, motion.t, backwards, label="backwards"),
     }
     for what, other in wrong.items():
         certificate = certify(robot, other, mo.Limits())

@@ -161,9 +161,9 @@ def _paths(family: LimitFamily, via: FloatArray) -> Iterator[tuple[str, Piecewis
 def _slowed_evenly(family: LimitFamily, motion: Motion, most: float = EVENLY) -> Motion | None:
     """A motion slowed down by at most ``most`` times until its limits hold, where that helps."""
     dense = samples_at(motion, dense_times(motion)[0])
-    places, slowed = family.of_order(0), family.of_order(1, 2, 3)  # slower is no other place
-    if not all(own.max() <= 1.0 + LIMIT_TOLERANCE for own in family.use(dense, places).values()):
+    if not _kept(family, dense, 0):  # slower is no other place
         return None
+    slowed = family.of_order(1, 2, 3)
 
     def use(slower: float, rows: np.ndarray) -> FloatArray:
         powers = (part[rows] / slower**order for order, part in enumerate(dense))
@@ -212,8 +212,11 @@ def _scaled_shape(family: LimitFamily, shape: PiecewisePolynomial) -> Motion | N
 
 def _keeps(family: LimitFamily, motion: Motion) -> bool:
     """Whether a motion keeps every limit but those of rates, between its samples, too."""
-    dense = samples_at(motion, dense_times(motion)[0])
-    use = family.use(dense, family.of_order(0, 1, 2))
+    return _kept(family, samples_at(motion, dense_times(motion)[0]), 0, 1, 2)
+
+
+def _kept(family: LimitFamily, samples: MotionSamples, *orders: int) -> bool:
+    use = family.use(samples, family.of_order(*orders))
     return all(own.max() <= 1.0 + LIMIT_TOLERANCE for own in use.values())
 
 
