@@ -1,6 +1,6 @@
 # make demo   the method comparison, into out/demo     make lint   ruff and pyright
 # make test   the tests                                make clean  remove all that make made
-# make test-all    with the notebooks and the code of the pages   make test-fast   the quick ones
+# make test-all    with notebooks, pages and more cases   make test-fast   the quick ones
 # make fuzz, make faults   damaged inputs (COUNT=100000); kills (COUNT=500), full disks, caches
 # make test-oldest   the suite on the lowest version of every dependency (docs/reliability.md)
 # make bench  speed ratios against peers               make docs   the documentation, into out/docs
@@ -64,7 +64,7 @@ test-environment: $(VENV)/.ready-test
 	@:
 
 test: test-environment
-	@$(BIN)/python -m pytest -n 2 --dist worksteal -m 'not pages'
+	@$(BIN)/python -m pytest -n 2 --dist worksteal -m 'not pages and not thorough'
 
 test-all: test-environment
 	@$(BIN)/python -m pytest -n 2 --dist worksteal

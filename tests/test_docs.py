@@ -58,25 +58,30 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 # the site -----------------------------------------------------------------------------------------
 
 
+@pytest.mark.pages
 def test_nothing_is_loaded_from_elsewhere(site: Path) -> None:
     assert links.loaded_from_elsewhere(site) == []
     # the theme would fetch a drawing library for these
     assert not [page for page in site.rglob("*.html") if 'class="mermaid"' in page.read_text()]
 
 
+@pytest.mark.pages
 @pytest.mark.skipif(not sockets.can_trace(), reason=sockets.WHY_NOT)
 def test_building_asks_no_other_machine(site: Path) -> None:
     assert sockets.reached(site.parent / "docs.trace") == set()
 
 
+@pytest.mark.pages
 def test_every_link_and_anchor_inside_leads_somewhere(site: Path) -> None:
     assert links.broken(site) == []
 
 
+@pytest.mark.pages
 def test_addresses_outside_are_well_formed(site: Path) -> None:
     assert links.malformed(links.addresses_outside(site)) == []
 
 
+@pytest.mark.pages
 def test_every_page_is_in_the_site(site: Path) -> None:
     pages = {path.relative_to(DOCS).with_suffix(".html") for path in DOCS.rglob("*.md")}
     built = {path.relative_to(site) for path in site.rglob("*.html")}
@@ -106,6 +111,7 @@ def members(package: ModuleType) -> list[object]:
     return [getattr(package, name) for name in package.__all__]
 
 
+@pytest.mark.pages
 def test_every_public_name_is_in_the_api_reference(site: Path) -> None:
     pages = [links.Page.of(path.read_text("utf-8")) for path in (site / "api").glob("*.html")]
     anchors = set().union(*(page.anchors for page in pages))
@@ -121,6 +127,7 @@ def test_every_public_name_is_in_the_api_reference(site: Path) -> None:
     assert not missing, f"place {sorted(missing)} on a page of docs/api"
 
 
+@pytest.mark.pages
 def test_references_of_docstrings_became_links(site: Path) -> None:
     for page in (site / "api").glob("*.html"):
         text = page.read_text("utf-8")

@@ -79,6 +79,7 @@ def test_a_script_prints_its_numbers_and_draws(script, ran):
     assert len(list(folder.glob("*.pdf"))) == len(pictures)
 
 
+@pytest.mark.pages
 def test_every_integrator_gets_better_with_its_tolerance(ran):
     printed = ran("04b_forward_dynamics.py")[0].stdout
     for name in ("cvodes", "idas", "collocation", "rk"):
@@ -89,6 +90,7 @@ def test_every_integrator_gets_better_with_its_tolerance(ran):
         assert errors[3] < 0.01 * errors[0]
 
 
+@pytest.mark.pages
 def test_the_closed_form_of_the_error_dynamics(ran):
     printed = ran("06_computed_torque.py")[0].stdout
     rows = re.findall(r"^ +[\d.]+ +-?[\d.e-]+ +-?[\d.e-]+ +(\d\.\de-\d\d)$", printed, re.MULTILINE)

@@ -92,6 +92,7 @@ def test_a_certificate_follows_a_refinement():
     assert [(a.name, a.side) for a in certificate.arcs] == [("u", "upper"), ("u", "lower")]
 
 
+@pytest.mark.thorough
 def test_what_is_not_reached_is_said():
     late = solve_refined(oscillator(), 1e-6, mesh=[10], scheme="trapezoidal", rounds=1)
     assert late.status is Status.ROUND_LIMIT
@@ -204,6 +205,7 @@ def test_a_limit_exceeded_between_mesh_points_is_refined(made, degrees):
     assert refined.solution.cost == pytest.approx(4.0, abs=5e-6)
 
 
+@pytest.mark.thorough
 def test_a_limit_that_stays_exceeded_is_said():
     refined = solve_refined(bryson_denham(TOP, "polynomial"), mesh=[20], scheme="radau", rounds=0)
     assert refined.status is Status.ROUND_LIMIT
@@ -213,6 +215,7 @@ def test_a_limit_that_stays_exceeded_is_said():
     assert refined.history[0].as_dict()["worst_limit"]["name"] == "x"
 
 
+@pytest.mark.thorough
 def test_a_constraint_that_jumps_with_its_control_is_not_called_kept():
     problem = double_integrator("polynomial")
     phase = problem.phases[0]
@@ -332,6 +335,7 @@ def test_polynomial_controls_are_raised_in_degree_to_know_the_error_of_the_cost(
     assert json.loads(json.dumps(step.as_dict()))["cost_error"] == step.cost_error
 
 
+@pytest.mark.thorough
 def test_a_cost_that_is_not_reached_is_said():
     refined = solve_refined(smooth_effort(), mesh=4, rounds=0)
     assert refined.status is Status.ROUND_LIMIT

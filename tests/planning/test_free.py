@@ -155,7 +155,7 @@ def test_the_acceleration_is_continuous_and_so_is_the_torque(report):
         {"seed": 7, "starts": 4},
         {"starts": 1},
         {"solver": "ipopt", "starts": 2},
-        {"solver": "fatrop", "starts": 2},
+        pytest.param({"solver": "fatrop", "starts": 2}, marks=pytest.mark.thorough),
         {"compiled": False, "starts": 2},
         {"mesh": 100, "starts": 2},
     ],

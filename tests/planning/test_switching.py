@@ -73,8 +73,8 @@ def test_one_joint_that_reaches_its_speed_limit():
     [
         ("planar_2r", "torque", 1, 0.7051308),  # two switches within an interval of the mesh
         ("planar_2r", "torque, speed", 0, 0.5873758),  # both joints at their speed limits in turn
-        ("planar_3r", "torque", 0, 0.3650857),
-        ("microbot", "torque", 0, 0.7729275),
+        pytest.param("planar_3r", "torque", 0, 0.3650857, marks=pytest.mark.thorough),
+        pytest.param("microbot", "torque", 0, 0.7729275, marks=pytest.mark.thorough),
     ],
 )
 def test_random_tasks_have_exact_switching_times(name, family, via, most):
