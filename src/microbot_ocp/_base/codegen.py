@@ -219,9 +219,9 @@ def interpreted() -> Iterator[None]:
         _interpreted = before
 
 
-def compiles() -> bool:
-    """Whether functions are compiled: there is a compiler, and none of :func:`interpreted`."""
-    return not _interpreted and compiler() is not None
+def compiles(wanted: bool = True) -> bool:
+    """Whether functions are compiled: wanted, with a compiler, and not :func:`interpreted`."""
+    return wanted and not _interpreted and compiler() is not None
 
 
 def maybe_compiled(function: ca.Function, wanted: bool) -> ca.Function:

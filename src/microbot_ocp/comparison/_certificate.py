@@ -48,6 +48,7 @@ SAYS_NOTHING = 0.1  # rad: beyond it an error to first order is no figure
 PART = 0.3  # of the largest component of a direction: what is worth naming
 CONDITION_POINTS = 10_000  # at which the mass matrix is looked at first
 BETWEEN_SAMPLES = 0.05  # of the largest torque: how far it may stray between two samples
+ALL_ALONG = 1.0 - 1e-9  # share of the time: no torque determines the motion at any instant
 
 
 @dataclass(frozen=True, eq=False)
@@ -636,14 +637,20 @@ def summary(certificate: Certificate) -> str:
     said = _tightest(certificate.limit_checks)
     if not np.isfinite(certificate.defect):
         return f"{said}; kinematics only"
-    to = f" to {certificate.defect:.1g} of the torques" if certificate.defect > 1e-12 else ""
-    return f"{said}; re-simulation of {certificate.segments} segments agrees{to}"
+    return "; ".join([said, *_agreement(certificate)])
+
+
+def _agreement(found: Certificate | Resimulation) -> list[str]:
+    """That the torques lead along the motion; nothing where they never determine it."""
+    if found.undetermined_fraction > ALL_ALONG:
+        return []
+    to = f" to {found.defect:.1g} of the torques" if found.defect > 1e-12 else ""
+    return [f"re-simulation of {found.segments} segments agrees{to}"]
 
 
 def _summary(limit_checks: tuple[LimitCheck, ...], again: Resimulation) -> str:
     parts = [_tightest(limit_checks)] if limit_checks else []
-    to = f" to {again.defect:.1g} of the torques" if again.defect > 1e-12 else ""
-    parts.append(f"re-simulation of {again.segments} segments agrees{to}")
+    parts += _agreement(again)
     if again.final_position_error < SAYS_NOTHING:
         parts.append(
             f"open loop it ends within {again.final_position_error:.2g} rad, errors growing up to "

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp._base.codegen import compiler
+from microbot_ocp._base.codegen import compiles
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import JointLimits, LimitFamily, Limits
 from microbot_ocp.motion import JUMP_GAP, SAMPLE_STEP, Motion, PiecewisePolynomial, State
@@ -173,7 +173,7 @@ def _timed(
     compiled: bool,
 ) -> PathTiming:
     moving = with_locked_joints_held(family, None)
-    fast = compiled and compiler() is not None
+    fast = compiles(compiled)
     parts, s, speed, t, kept_by = [], [], [], [], {}
     begin, start = float(path.breaks[0]), 0.0
     start_free, end_free = free

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray, InputError
-from microbot_ocp._base.codegen import compiler
+from microbot_ocp._base.codegen import compiles
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import JointLimits, LimitFamily, Limits
 from microbot_ocp.motion import Motion
@@ -148,7 +148,7 @@ def fastest_motion(
     with deadline.within(settings.time_limit):
         known = None  # what needs no search: later there may be no time for it
         if np.isfinite(deadline.left()):
-            known = known_ways(family, via, settings.compiled and compiler() is not None)
+            known = known_ways(family, via, compiles(settings.compiled))
         try:
             with deadline.given_up(known is not None):
                 search = FreeSearch(family, via, settings, progress, known=known)

@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp._base.codegen import compile_recipe, compiler
+from microbot_ocp._base.codegen import compile_recipe, compiles
 from microbot_ocp.limits import LimitFamily, MotionSamples
 from microbot_ocp.motion import PiecewisePolynomial, State, quintic_between
 from microbot_ocp.ocp import OptimalControlProblem, PhaseSolution, Solution, Transcription
@@ -57,7 +57,7 @@ def transcription(
     """Kernels for a robot (its own limits) and via points, built once."""
     via = np.frombuffer(via_bytes).reshape(count, -1)
     robots, prepare = conditions.robots if conditions else (robot,), None
-    compiled = compiled and compiler() is not None
+    compiled = compiles(compiled)
     # among obstacles a stage is met once: only what other scenes share is compiled
     shared = compiled and any(
         knows_derivatives(limit) for own in robots for limit in own.limits.also

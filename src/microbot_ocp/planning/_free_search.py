@@ -21,7 +21,7 @@ import numpy as np
 from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.child_process import Child, Died, OutOfTime, spare_processor
-from microbot_ocp._base.codegen import compiler
+from microbot_ocp._base.codegen import compiles
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import LIMIT_TOLERANCE, LimitFamily
 from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial, pieces_of
@@ -676,7 +676,7 @@ class FreeSearch:
 
     @property
     def _fast(self) -> bool:
-        return self.settings.compiled and compiler() is not None
+        return compiles(self.settings.compiled)
 
     def _known_ways(self) -> Slowed | None:
         return known_ways(self.family, self.via, self._fast)

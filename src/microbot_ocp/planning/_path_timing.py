@@ -21,7 +21,7 @@ import numpy as np
 
 from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp._base.codegen import compile_recipe, compiler
+from microbot_ocp._base.codegen import compile_recipe, compiles
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import LIMIT_TOLERANCE, JointLimits, LimitFamily, Limits, MotionSamples
 from microbot_ocp.motion import (
@@ -316,7 +316,7 @@ class _PathSearch:
 
     def _transcription(self, scales: dict[str, float]) -> Transcription:
         deadline.check()
-        compiled = self.settings.compiled and compiler() is not None
+        compiled = compiles(self.settings.compiled)
         return Transcription(
             self._problem(scales),
             scheme="shooting",
@@ -352,7 +352,7 @@ class _PathSearch:
 
     def _with_rates(self, timings: list[Reached]) -> Solution:
         """All segments under limits of torque rates and the jerk, refined until they hold."""
-        fast = self.settings.compiled and compiler() is not None
+        fast = compiles(self.settings.compiled)
         profiles: list[Profile] = []
         for segment, (curve, timing) in enumerate(zip(self.curves, timings, strict=True)):
             start = first_profile(curve, timing, self._mesh)
@@ -412,7 +412,7 @@ class _PathSearch:
 
     def _reach(self) -> tuple[list[Reached], dict[str, list[str]], float]:
         """The timing of every segment, who keeps which limit, and the largest excess over them."""
-        fast = self.settings.compiled and compiler() is not None
+        fast = compiles(self.settings.compiled)
         timings, kept_by, worst = [], {}, -1.0
         for curve in self.curves:
             count, tolerance = self.settings.grid, self.settings.limit_tolerance
@@ -584,7 +584,7 @@ class _PathSearch:
 
     def _blocking(self, timings: list[Reached]) -> dict[str, Any]:
         """Status and advice that name the limits that keep the path from being travelled."""
-        fast = self.settings.compiled and compiler() is not None
+        fast = compiles(self.settings.compiled)
         lines, entries = [], []
         for index, (curve, timing) in enumerate(zip(self.curves, timings, strict=True)):
             found = None if timing.feasible else blocking_limit(self.family, curve, fast)

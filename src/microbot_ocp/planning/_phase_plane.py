@@ -18,7 +18,7 @@ import numpy as np
 
 from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray, InputError
-from microbot_ocp._base.codegen import compiler
+from microbot_ocp._base.codegen import compiles
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import JointLimits, LimitFamily, Limits
 from microbot_ocp.motion import PiecewisePolynomial
@@ -199,7 +199,7 @@ def phase_plane(
 
 def _segment(family: LimitFamily, curve: Curve, begin: float, grid: int) -> PhasePlane:
     """The phase plane between two stops, first in the regular parameter of the curve."""
-    fast = compiler() is not None
+    fast = compiles()
     along = CurveLimits.of(family, curve, grid, fast)
     timing = reach(along, start_free=curve.start_free, end_free=curve.end_free, fast=fast)
     nodes, rows = along.nodes, along.rows
