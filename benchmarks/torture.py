@@ -18,6 +18,7 @@ impossible, and what is returned must say so.
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import os
 import resource
@@ -293,8 +294,16 @@ def best_known(task: Task) -> float:
         # toppra is told of torques without friction and of velocities: others would not be kept
         plain = robot.has_dynamics and not rubs
         if plain and not np.isfinite(np.array(robot.limits.bounds("qdd"))).any():
-            grid = np.union1d(graded_grid(path, 4000), path.breaks)
-            ways.append(lambda: lawful(robot, toppra_problem(robot, path, grid)))
+
+            def by_toppra() -> float:
+                grids = [(part, graded_grid(part, 4000)) for part in without_corners(path)]
+                problems = [
+                    toppra_problem(robot, part, np.union1d(grid, part.breaks))
+                    for part, grid in grids
+                ]
+                return sum(lawful(robot, problem) for problem in problems)
+
+            ways.append(by_toppra)
     else:
         # where the jerk is limited a free motion rests without acceleration, which no cubic does
         shaped = mo.quintic if np.isfinite(robot.limits.qddd_max).any() else mo.cubic
@@ -318,6 +327,22 @@ def reachability(robot: mo.Robot, path: PiecewisePolynomial) -> float:
     kept = len(timing.limits_kept_by["reachability"] + timing.limits_kept_by["speed bound"])
     every = sum(len(names) for names in timing.limits_kept_by.values())
     return timing.duration if kept == every else np.inf
+
+
+def without_corners(path: PiecewisePolynomial) -> list[PiecewisePolynomial]:
+    """A path in parts: toppra would pass its corners without a stop."""
+    slope = path.derivative()
+    ends = [
+        np.polynomial.polynomial.polyval(step, table)
+        for step, table in zip(np.diff(path.breaks), slope.coefficients, strict=True)
+    ]
+    jumps = np.abs(np.array(ends)[:-1] - slope.coefficients[1:, 0]).max(axis=1)
+    corners = 1 + np.flatnonzero(jumps > 1e-9 * np.abs(slope.coefficients[:, 0]).max())
+    edges = [0, *corners, len(path.coefficients)]
+    return [
+        PiecewisePolynomial(path.breaks[start : end + 1], path.coefficients[start:end])
+        for start, end in itertools.pairwise(edges)
+    ]
 
 
 def lawful(robot: mo.Robot, problem: Any) -> float:

@@ -359,7 +359,17 @@ class FreeSearch:
         best = min(solved, default=0.0)
         if sum(duration <= (1 + SAME) * best for duration in solved) >= AGREEING:
             return True
-        return len(found) >= self.settings.starts <= len(solved)
+        if len(found) < self.settings.starts:
+            return False
+        # to swing helps an arm that is too weak to go slowly
+        return len(solved) >= self.settings.starts or (bool(solved) and self._goes_slowly)
+
+    @cached_property
+    def _goes_slowly(self) -> bool:
+        """Whether there is a way that keeps every limit without a search."""
+        if self.slows_down:
+            self.at_least = self.at_least or self._known_ways()
+        return self.at_least is not None
 
     def _earliest(self, found: Sequence[Solution]) -> Solution:
         """The better one of the first two that were solved."""

@@ -225,7 +225,9 @@ class Refiner:
                 return after
             if after.status is Status.INTERRUPTED or self.over:
                 break
-            honest = after.status.solved and self._cheat(before) > 0
+            honest = (
+                after.status.solved and self._cheat(before) > 0 and not self._wild(before, after)
+            )
             if honest and (dearer is None or after.cost < dearer.cost):
                 dearer = after
         if dearer is not None:
@@ -247,10 +249,14 @@ class Refiner:
         worst = self._worst(before)
         return worst if worst > self.limit_tolerance else 0.0
 
+    def _wild(self, before: Solution, after: Solution) -> bool:
+        """Whether what came of a mesh exceeds limits as what was known before does not."""
+        return self._worst(after) > max(WILD, self._worst(before))
+
     def _accepts(self, before: Solution, after: Solution) -> bool:
         if not after.status.solved or not before.status.solved:
             return after.status.solved
-        if self._worst(after) > max(WILD, self._worst(before)):
+        if self._wild(before, after):
             return False
         more, size = after.cost - before.cost, abs(before.cost)
         return more <= self.worse * size or more <= (self.worse + self._cheat(before)) * size
