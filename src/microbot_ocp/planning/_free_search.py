@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -106,6 +106,14 @@ SPARED, MOST_SPARED, SHORTEST = 0.2, 1.0, 1e-3
 LARGE, ENOUGH = 5000, 5e-4
 NEAR_WAY = 1e-3  # barrier parameter of a solve that stays near the way that it starts from
 MISSED = 1e-7  # of the way, by which a motion may miss a via point
+# Iterations of the first full mesh: 14 to 43 where coarse meshes tell what happens. Where they do
+# not, or exceed limits by more than TELLS_NOTHING between their points, motions are smoother at
+# first: by how much in turn, until that is worth less of the duration, the iterations of each, and
+# the barrier parameter of the first. Four of five chains of seven and eight joints, which took
+# minutes before, get to the full mesh in 5 to 14 s so
+PATIENT, TELLS_NOTHING = 100, 0.5
+SMOOTHER, SMOOTHEST, WORTH_LESS = (1e4, 1e3, 1e2, 10.0, 1.0), (1e6, 1e5), 1e-3
+STEPWISE, NEAR_SMOOTH = 200, 1e-2
 # Of the duration: where the smoothing costs more it is so much weaker, as far as it can be, and
 # what it costs all the same is said. On the UR5e, seeds 0 to 2 of benchmarks/arms.py, durations are
 # 1.8e-3, 7e-4 and 1.3e-3 shorter for 1.6 times the work; a weight of 1e-4 gains another 1e-4
@@ -200,6 +208,7 @@ class FreeSearch:
         self.at_least = known  # what needs no search
         self._excesses: dict[Solution, list[FloatArray]] = {}
         self._slower: dict[Solution, Motion | None] = {}
+        self._smoothed_from: set[float] = set()  # durations of motions
         self.ahead: tuple[Solution, Solution] | None = None  # what was refined early, and into what
         begin = time.perf_counter()
         kernels = kernels or self._kernels()
@@ -454,9 +463,7 @@ class FreeSearch:
         if self.at_least is None:
             return nearest
         motion, name = self.at_least
-        shape = PiecewisePolynomial(motion.t, pieces_of(motion))
-        times = np.array([mark.time for mark in motion.marks])
-        guesses = guesses_along(self.names, shape, times)
+        guesses = self._guess_along(motion)
         meshes = [phase.mesh for phase in nearest.phases]
         found = self._coarse_refiner.solve(
             meshes, guesses, tolerance=EXPLORE_TOLERANCE, barrier=NEAR_WAY
@@ -509,15 +516,24 @@ class FreeSearch:
         many = len(self.names) > MANY_PHASES
         refiner, own = replace(self.refiner, foresight=FORESIGHT), self.refiner.settings
         meshes = [graded(phase, self._mesh) for phase in coarse.phases]
-        best = coarse
+        best, smoothed = coarse, None
         if many:  # multipliers of so coarse a mesh mislead: 87 iterations, 65 without
             best = refiner.solve(meshes, self._guess_from(coarse))
         if not (many and best.status.solved and best.cost <= (1 + WORSE) * coarse.cost):
             options = {"ipopt": {**LDL["ipopt"], "mu_init": FAR_BARRIER}}
             farther = replace(own, options=options)
-            best = replace(refiner, settings=farther).finer(coarse, meshes)
-        best = self._smoothed_less(best)
+            if not many and not self._largest_excess(coarse) > TELLS_NOTHING:
+                patient = replace(farther, max_iterations=min(own.max_iterations, PATIENT))
+                best = replace(refiner, settings=patient, once=True).finer(coarse, meshes)
+            if best is coarse and not many:
+                best = smoothed = self._smoothed_at_first(coarse)
+            if best is None or many:
+                best = replace(refiner, settings=farther).finer(coarse, meshes)
+        if smoothed is None and best is not coarse:
+            best = self._smoothed_less(best)
         own = self.refiner.settings
+        if best is coarse:  # nothing leads on from here: what is tried yet is not tried for long
+            own = replace(own, max_iterations=min(own.max_iterations, STEPWISE))
         refiner = replace(refiner, transcription=self.refiner.transcription, settings=own)
         if not many:
             # a refined mesh is seldom refined again: to the last digits at once
@@ -525,6 +541,71 @@ class FreeSearch:
             exact = replace(refiner, settings=least, rough=None, once=True)
             best = exact.refine(best, self._velocity_switches)
         return refiner.refine(best, self._velocity_switches)
+
+    def _smoothed_at_first(self, coarse: Solution) -> Solution | None:
+        """A full mesh from a motion within the limits, smoothed ever less.
+
+        For arms so light or fast that torques change more between the points of a coarse mesh than
+        it can tell: what it calls an optimum is none, and finer meshes do not find one from there.
+        None where no such motion is known, ``coarse`` where it ends on the way.
+        """
+        known = None
+        if self.slows_down and coarse.status.solved:
+            known = self._slowed(coarse) or getattr(self._known_ways(), "motion", None)
+        if known is None:
+            return None
+        if known.duration in self._smoothed_from:
+            return coarse
+        self._smoothed_from.add(known.duration)
+        last, reached = None, False
+        for steps in (SMOOTHER, (*SMOOTHEST, *SMOOTHER)):
+            if last is None:
+                last, reached = self._step_by_step(self._guess_along(known), steps)
+        if last is None:
+            return coarse
+        if reached or deadline.over():
+            return last
+        slower = self._slowed(last)
+        if slower is not None:
+            self._keep(Slowed(slower, "a smoother motion"))
+        self.smoothing = SMOOTHING
+        return coarse
+
+    def _step_by_step(
+        self, start: Mapping[str, Guess] | Solution, steps: Sequence[float]
+    ) -> tuple[Solution | None, bool]:
+        """The last motion that was solved, and whether less smoothing is worth nothing.
+
+        Where it is, what follows is smoothed as much.
+        """
+        settings = replace(self.refiner.settings, max_iterations=STEPWISE)
+        usual, last, barrier = self.refiner.transcription, None, NEAR_SMOOTH
+        for step in steps:
+            weight = {name: {JERK_WEIGHT: step * SMOOTHING} for name in self.names}
+            kernels = usual.with_parameters(weight)
+            refiner = replace(self.refiner, transcription=kernels, settings=settings)
+            found = refiner.solve([self._mesh] * len(self.names), start, barrier=barrier)
+            self.progress(f"smoothed {step:g} times: {found.duration:.6f} s, {found.status}")
+            if not found.status.solved:
+                break
+            worth = np.inf if last is None else last.duration / found.duration - 1.0
+            start, last, barrier, self.smoothing = found, found, None, step * SMOOTHING
+            if step == SMOOTHER[-1] or worth < WORTH_LESS:
+                self.refiner.transcription = kernels
+                return last, True
+            if deadline.over():
+                break
+        return last, False
+
+    def _keep(self, found: Slowed) -> None:
+        """What is returned at least, if it is faster than what would be."""
+        if self.at_least is None or found.motion.duration < self.at_least.motion.duration:
+            self.at_least = found
+
+    def _guess_along(self, motion: Motion) -> dict[str, Guess]:
+        """A guess for every phase from a motion whose marks are the via points."""
+        shape = PiecewisePolynomial(motion.t, pieces_of(motion))
+        return guesses_along(self.names, shape, np.array([mark.time for mark in motion.marks]))
 
     def _smoothed_less(self, best: Solution) -> Solution:
         """The same mesh, and all that follow, with less smoothing where that costs much."""
@@ -660,11 +741,11 @@ class FreeSearch:
         A solution slowed down by no more than two meshes may differ counts as solved.
         """
         told = motion.provenance
-        found, made_from = None, "the motion found, slowed down at limits"
         if self.at_least is None or not deadline.over():  # not even time is left to slow it down
-            found = self._slowed(solution)
-        if found is None:
-            found, made_from = self.at_least or self._known_ways() or (None, "")
+            slowed = self._slowed(solution)
+            if slowed is not None:
+                self._keep(Slowed(slowed, "the motion found, slowed down at limits"))
+        found, made_from = self.at_least or self._known_ways() or (None, "")
         if found is None:
             return motion
         slower = found.duration / solution.duration - 1.0
