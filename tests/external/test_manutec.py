@@ -2,25 +2,18 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import casadi as ca
 import numpy as np
 import pytest
-
-import microbot_ocp as mo
-from microbot_ocp import ocp
-
-ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT))
-
-from benchmarks.suite.mechanisms import (  # noqa: E402
+from benchmarks.suite.mechanisms import (
     MANUTEC_VOLT,
     manutec_effort,
     manutec_time,
 )
-from benchmarks.suite.table import BY_NAME  # noqa: E402
+from benchmarks.suite.table import BY_NAME
+
+import microbot_ocp as mo
+from microbot_ocp import ocp
 
 HELD = 0  # at the limit of its speed; else the sign of the voltage
 ARCS = np.array(

@@ -3,20 +3,14 @@
 from __future__ import annotations
 
 import argparse
-import sys
-from pathlib import Path
 
 import pytest
+from benchmarks.suite import runner
+from benchmarks.suite.peer import solve_by_opti
+from benchmarks.suite.problem import SuiteProblem
+from benchmarks.suite.table import BY_NAME, PROBLEMS
 
 from microbot_ocp.ocp import Phase
-
-ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT))
-
-from benchmarks.suite import runner  # noqa: E402
-from benchmarks.suite.peer import solve_by_opti  # noqa: E402
-from benchmarks.suite.problem import SuiteProblem  # noqa: E402
-from benchmarks.suite.table import BY_NAME, PROBLEMS  # noqa: E402
 
 pytestmark = pytest.mark.slow
 

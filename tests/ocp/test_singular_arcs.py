@@ -1,19 +1,14 @@
 """Singular arcs by the conditions of first order, against closed forms and published digits."""
 
-import sys
 from math import exp, inf
-from pathlib import Path
 
 import casadi as ca
 import numpy as np
 import pytest
+from benchmarks.suite.table import BY_NAME
 from scipy.optimize import root_scalar
 
 from microbot_ocp.ocp import OptimalControlProblem, Status, solve, solve_switching_times
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
-
-from benchmarks.suite.table import BY_NAME
 
 SINGULAR = "singular, by its own conditions"
 

@@ -1,14 +1,13 @@
 """Switching times as unknowns, against closed forms and published digits."""
 
 import json
-import sys
 from dataclasses import replace
 from math import sqrt
-from pathlib import Path
 
 import casadi as ca
 import numpy as np
 import pytest
+from benchmarks.suite.table import BY_NAME
 
 from microbot_ocp import InputError
 from microbot_ocp.ocp import (
@@ -18,10 +17,6 @@ from microbot_ocp.ocp import (
     solve,
     solve_switching_times,
 )
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
-
-from benchmarks.suite.table import BY_NAME
 
 # Luus, Iterative Dynamic Programming (2000), and PROPT's guide
 PUBLISHED = {

@@ -1,14 +1,13 @@
 """Solves that end in time, whatever happens inside, and that are tried in other ways."""
 
 import os
-import sys
 import time
 from dataclasses import replace
-from pathlib import Path
 
 import casadi as ca
 import numpy as np
 import pytest
+from benchmarks.suite.table import BY_NAME
 
 from external.published_problems import cart_pole_slopes
 from microbot_ocp import InputError, Status
@@ -29,10 +28,6 @@ from microbot_ocp.ocp.transcription import Guess, Transcription
 from microbot_ocp.ocp.transcription.schemes import within_bounds
 from microbot_ocp.ocp.verification import better_controls
 from ocp.textbook import double_integrator
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
-
-from benchmarks.suite.table import BY_NAME
 
 
 def hypersensitive(duration=1e4):

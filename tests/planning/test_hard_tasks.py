@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from benchmarks.torture import task_of
 
 import microbot_ocp as mo
 from planning.shared import arm, pendulum, slider
@@ -83,6 +84,26 @@ def test_a_pendulum_too_weak_to_be_lifted_swings_several_times():
     assert len(tried) <= 30
     one = mo.time_optimal(robot, via, mesh=60, compiled=False, starts=1, tries=1)
     assert len(one.provenance["starts"]) == 1
+
+
+@pytest.mark.slow
+def test_an_arm_that_a_coarse_mesh_does_not_tell_is_smoothed_less_and_less():
+    """A light arm that turns by radians in 0.1 s: a coarse mesh exceeds its torques by 114 %."""
+    task, said = task_of(16), list[Any]()
+    motion = mo.time_optimal(task.robot, task.via, progress=said.append)
+    steps = [text for text in said if str(text).startswith("smoothed ")]
+    assert [text.split()[1] for text in steps] == ["10000", "1000"]  # less is worth nothing
+    assert motion.solved
+    assert motion.duration < 0.09319  # 0.0932063 s from the coarse mesh
+    assert mo.certify(task.robot, motion, via_q=task.via).ok
+
+
+def test_without_a_search_cubics_stay_within_position_limits_that_a_spline_leaves():
+    robot = mo.load_robot("planar_2r").with_limits(q_min=-1.0, q_max=1.0)
+    via = [[0.9, 0.0], [1.0, 0.5], [-0.9, 0.0]]
+    motion = mo.time_optimal(robot, via, time_limit=1e-3, compiled=False)
+    assert motion.provenance["status"] == "time limit"
+    assert mo.certify(robot, motion, via_q=via).ok
 
 
 @pytest.mark.slow

@@ -1,17 +1,11 @@
 """Switching times of free motions as unknowns."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
+from benchmarks.switching_times import task
 
 import microbot_ocp as mo
 from microbot_ocp import InputError
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
-
-from benchmarks.switching_times import task
 
 LENGTH, MASS, INERTIA, CENTRE = 0.4, 0.5, 0.1, 0.2
 VIA = np.array([[0.0, -2.0], [1.0, -1.0]])

@@ -32,13 +32,14 @@ from microbot_ocp.planning._path_limits import LATER
 from microbot_ocp.planning._paths import straight_through
 from microbot_ocp.planning._reachability import CurveLimits, Reached, reach
 from microbot_ocp.planning._scale import TaskScale
-from microbot_ocp.trajectories import quintic, shortest_duration, spline
+from microbot_ocp.trajectories import cubic, quintic, shortest_duration, spline
 
 GRID = 1000  # intervals at least, to begin with
 LEAST_ROUNDS, ROUNDS = 2, 6  # grids, each with the intervals cut in which a limit is exceeded
 FINER = (1, 2, 4, 8)  # times the usual samples, until torques between them are no surprise
 KEPT, CLOSE = 1e-4, 1e-5  # excess that is left, and share by which it might be faster
 DECIDING = 500  # places of a motion that say first by how much it is slowed down evenly
+SEEN = 1000  # places of a spline at which it may leave the position limits
 EVENLY = 1.5  # times the duration: a motion that must be slowed down more is none to go on from
 
 
@@ -139,9 +140,8 @@ def known_ways(family: LimitFamily, via: FloatArray, fast: bool) -> Slowed | Non
         if timing.solved and not timing.limits_kept_by[LATER]:
             marks = _marks(np.interp(path.breaks, timing.s, timing.t))
             found.append(Slowed(replace(timing.motion("time-optimal"), marks=marks), name))
-    shaped = quintic if family.jerk_matters else spline
-    size = TaskScale.of(family, via).durations
-    shape = shaped(via, np.concatenate([[0.0], np.cumsum(size)]))
+    times = np.concatenate([[0.0], np.cumsum(TaskScale.of(family, via).durations)])
+    shape = quintic(via, times) if family.jerk_matters else _smooth(family, via, times)
     slowed = _scaled_shape(family, shape)
     if slowed is not None:
         found.append(Slowed(slowed, "a smooth way through the via points"))
@@ -154,8 +154,16 @@ def _paths(family: LimitFamily, via: FloatArray) -> Iterator[tuple[str, Piecewis
     steps = np.diff(via, axis=0) / TaskScale.of(family, via).velocity
     lengths = np.linalg.norm(steps, axis=1)
     way = np.concatenate([[0.0], np.cumsum(lengths)])
-    yield "a spline through the via points", spline(via, way)
+    yield "a spline through the via points", _smooth(family, via, way)
     yield "straight lines between the via points", straight_through(via)
+
+
+def _smooth(family: LimitFamily, via: FloatArray, times: FloatArray) -> PiecewisePolynomial:
+    """A spline, or cubic segments, which swing out less, where it leaves the position limits."""
+    shape, limits = spline(via, times), family.robot.limits
+    q = shape(np.linspace(times[0], times[-1], SEEN))
+    out = ((q < limits.q_min) | (q > limits.q_max)).any()
+    return cubic(via, times) if out else shape
 
 
 def _slowed_evenly(family: LimitFamily, motion: Motion, most: float = EVENLY) -> Motion | None:
