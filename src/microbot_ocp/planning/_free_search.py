@@ -549,6 +549,8 @@ class FreeSearch:
         it can tell: what it calls an optimum is none, and finer meshes do not find one from there.
         None where no such motion is known, ``coarse`` where it ends on the way.
         """
+        if self._stopped:
+            return coarse
         known = None
         if self.slows_down and coarse.status.solved:
             known = self._slowed(coarse) or getattr(self._known_ways(), "motion", None)
@@ -559,7 +561,7 @@ class FreeSearch:
         self._smoothed_from.add(known.duration)
         last, reached = None, False
         for steps in (SMOOTHER, (*SMOOTHEST, *SMOOTHER)):
-            if last is None:
+            if last is None and not self._stopped:
                 last, reached = self._step_by_step(self._guess_along(known), steps)
         if last is None:
             return coarse
@@ -596,6 +598,11 @@ class FreeSearch:
             if deadline.over():
                 break
         return last, False
+
+    @property
+    def _stopped(self) -> bool:
+        """Whether the last solve was interrupted, or the time is over."""
+        return self.refiner.history[-1]["status"] is Status.INTERRUPTED or deadline.over()
 
     def _keep(self, found: Slowed) -> None:
         """What is returned at least, if it is faster than what would be."""
