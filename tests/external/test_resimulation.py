@@ -157,6 +157,7 @@ def test_others_find_the_same_motion_of_seven_joints(simulator):
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 def test_mutations_of_every_kind_of_motion_are_found(kinds):
     robot, motions = kinds
     for kind, motion in motions.items():

@@ -215,6 +215,9 @@ FURTHER = {
 }
 
 
+LONG = ("tool acceleration", "zone")
+
+
 @pytest.fixture(scope="module")
 def plain():
     """The fastest motion under the robot's own limits."""
@@ -222,7 +225,10 @@ def plain():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", FURTHER)
+@pytest.mark.parametrize(
+    "kind",
+    [pytest.param(kind, marks=pytest.mark.thorough if kind in LONG else ()) for kind in FURTHER],
+)
 def test_free_motions_keep_it_and_certificates_judge_it(kind, plain):
     robot = MICROBOT.with_limits(**FURTHER[kind])
     motion = mo.time_optimal(robot, VIA_Q, mesh=20, starts=1)

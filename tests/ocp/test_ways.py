@@ -334,6 +334,7 @@ def test_a_guess_at_a_kink_is_moved_off_it():
     assert solve(problem).cost == pytest.approx(2.5, rel=1e-6)
 
 
+@pytest.mark.thorough
 def test_an_answer_far_smaller_than_its_scales_is_solved_again():
     """New crystals are 1e-8 of what rates let expect, and in such scales any cost is settled."""
     crystalliser = BY_NAME["crystalliser"]

@@ -65,7 +65,8 @@ def test_one_joint_that_reaches_its_speed_limit():
 @pytest.mark.parametrize(
     ("name", "family", "via", "most"),
     [
-        ("planar_2r", "torque", 1, 0.7051308),  # two switches within an interval of the mesh
+        # two switches within an interval of the mesh
+        pytest.param("planar_2r", "torque", 1, 0.7051308, marks=pytest.mark.thorough),
         ("planar_2r", "torque, speed", 0, 0.5873758),  # both joints at their speed limits in turn
         pytest.param("planar_3r", "torque", 0, 0.3650857, marks=pytest.mark.thorough),
         pytest.param("microbot", "torque", 0, 0.7729275, marks=pytest.mark.thorough),

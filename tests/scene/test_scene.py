@@ -273,6 +273,7 @@ def test_a_blocked_stop_is_said_before_any_order_is_solved(monkeypatch) -> None:
         mo.time_optimal(ARM, stops, scene=POST, order="free")
 
 
+@pytest.mark.thorough
 def test_orders_are_compared_among_the_obstacles() -> None:
     stops = [ENDS[0], ENDS[1], [-0.5, 0.3, 0.1], [-0.2, 0.3, 0.2]]
     settings = {"mesh": 20, "starts": 1, "limit_tolerance": 0.5, "compiled": False}
