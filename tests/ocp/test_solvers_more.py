@@ -149,6 +149,22 @@ def test_an_interrupted_solve_returns_its_last_iterate(solver):
     assert len(solution.attempts) == 1
 
 
+def test_an_interrupt_while_casadi_converts_an_iterate_prints_nothing(monkeypatch, capfd):
+    """The conversion makes a SystemError of it, of which CasADi would print a traceback."""
+
+    def interrupted(*_):
+        monkeypatch.undo()
+        raise KeyboardInterrupt
+
+    def look(iteration):
+        if iteration.number == 2:
+            monkeypatch.setattr(ca.DM, "toarray", interrupted)
+
+    solution = solve(double_integrator(), 20, settings=SolverSettings("ipopt"), progress=look)
+    assert solution.status is Status.INTERRUPTED
+    assert "Traceback" not in capfd.readouterr().err
+
+
 def test_an_interrupted_solve_is_not_given_to_the_next_solver():
     def stop(iteration):
         raise KeyboardInterrupt

@@ -113,10 +113,10 @@ class Watch:
         worst = float(self.program.violations(x, g).max())
         try:
             self.progress(Iteration(self.solver, self.count, cost, worst, self.program, x))
-        except KeyboardInterrupt:
-            self.stopped = True
         except BaseException as problem:  # raised again by the caller: solvers would swallow it
-            self.stopped, self.failure = True, problem
+            self.stopped = True
+            if not _interrupts(problem):
+                self.failure = problem
         return not self.stopped
 
 
@@ -150,8 +150,10 @@ class _IterationCall(ca.Callback):
             x, f, g = (np.array(arguments[i]).ravel() for i in range(3))
             cost = float(f[0]) * self.watch.program.cost_scale
             return [0.0 if self.watch.report(x, g, cost) else 1.0]
-        except KeyboardInterrupt:  # of a signal: CasADi would print a traceback
-            self.watch.stopped = True
+        except BaseException as problem:
+            if not _interrupts(problem):
+                raise
+            self.watch.stopped = True  # by a signal: CasADi would print a traceback
             return [1.0]
 
 
@@ -180,9 +182,18 @@ class _JacobianCall(ca.Callback):
         # fatrop cannot be stopped from here, so it gets its Jacobian
         try:
             self.watch.report(np.array(arguments[0]).ravel(), np.array(g).ravel())
-        except KeyboardInterrupt:
+        except BaseException as problem:
+            if not _interrupts(problem):
+                raise
             self.watch.stopped = True
         return [g, block]
+
+
+def _interrupts(problem: BaseException | None) -> bool:
+    """Whether it is a KeyboardInterrupt, or what CasADi's conversion to arrays makes of one."""
+    while problem is not None and not isinstance(problem, KeyboardInterrupt):
+        problem = problem.__cause__ or problem.__context__
+    return problem is not None
 
 
 @contextmanager
