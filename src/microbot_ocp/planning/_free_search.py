@@ -513,34 +513,41 @@ class FreeSearch:
 
     def _refined_where_they_jump(self, coarse: Solution) -> Solution:
         """As :meth:`_refined`, with a mesh that is finer where the coarse accelerations change."""
-        many = len(self.names) > MANY_PHASES
+        best = self._first_full_mesh(coarse)
         refiner, own = replace(self.refiner, foresight=FORESIGHT), self.refiner.settings
-        meshes = [graded(phase, self._mesh) for phase in coarse.phases]
-        best, smoothed = coarse, None
-        if many:  # multipliers of so coarse a mesh mislead: 87 iterations, 65 without
-            best = refiner.solve(meshes, self._guess_from(coarse))
-        if not (many and best.status.solved and best.cost <= (1 + WORSE) * coarse.cost):
-            options = {"ipopt": {**LDL["ipopt"], "mu_init": FAR_BARRIER}}
-            farther = replace(own, options=options)
-            if not many and not self._largest_excess(coarse) > TELLS_NOTHING:
-                patient = replace(farther, max_iterations=min(own.max_iterations, PATIENT))
-                best = replace(refiner, settings=patient, once=True).finer(coarse, meshes)
-            if best is coarse and not many:
-                best = smoothed = self._smoothed_at_first(coarse)
-            if best is None or many:
-                best = replace(refiner, settings=farther).finer(coarse, meshes)
-        if smoothed is None and best is not coarse:
-            best = self._smoothed_less(best)
-        own = self.refiner.settings
         if best is coarse:  # nothing leads on from here: what is tried yet is not tried for long
             own = replace(own, max_iterations=min(own.max_iterations, STEPWISE))
-        refiner = replace(refiner, transcription=self.refiner.transcription, settings=own)
-        if not many:
+        refiner = replace(refiner, settings=own)
+        if len(self.names) <= MANY_PHASES:
             # a refined mesh is seldom refined again: to the last digits at once
             least = replace(own, max_iterations=min(own.max_iterations, MOST_EXACT))
             exact = replace(refiner, settings=least, rough=None, once=True)
             best = exact.refine(best, self._velocity_switches)
         return refiner.refine(best, self._velocity_switches)
+
+    def _first_full_mesh(self, coarse: Solution) -> Solution:
+        """A mesh that is finer where the coarse accelerations change; ``coarse`` where none is."""
+        own = self.refiner.settings
+        meshes = [graded(phase, self._mesh) for phase in coarse.phases]
+        options = {"ipopt": {**LDL["ipopt"], "mu_init": FAR_BARRIER}}
+        farther = replace(own, options=options)
+        if len(self.names) > MANY_PHASES:
+            # multipliers of so coarse a mesh mislead: 87 iterations, 65 without
+            best = self.refiner.solve(meshes, self._guess_from(coarse))
+            if best.status.solved and best.cost <= (1 + WORSE) * coarse.cost:
+                return self._smoothed_less(best)
+        else:
+            if not self._largest_excess(coarse) > TELLS_NOTHING:  # nor where it is not known
+                patient = replace(farther, max_iterations=min(own.max_iterations, PATIENT))
+                refiner = replace(self.refiner, settings=patient, once=True)
+                best = refiner.finer(coarse, meshes)
+                if best is not coarse:
+                    return self._smoothed_less(best)
+            smoothed = self._smoothed_at_first(coarse)
+            if smoothed is not None:
+                return smoothed
+        best = replace(self.refiner, settings=farther).finer(coarse, meshes)
+        return best if best is coarse else self._smoothed_less(best)
 
     def _smoothed_at_first(self, coarse: Solution) -> Solution | None:
         """A full mesh from a motion within the limits, smoothed ever less.
