@@ -220,7 +220,8 @@ def _scaled_shape(family: LimitFamily, shape: PiecewisePolynomial) -> Motion | N
 
 def _keeps(family: LimitFamily, motion: Motion) -> bool:
     """Whether a motion keeps every limit but those of rates, between its samples, too."""
-    return _kept(family, samples_at(motion, dense_times(motion)[0]), 0, 1, 2)
+    state = motion.sample(dense_times(motion)[0])
+    return _kept(family, MotionSamples(*state, np.zeros_like(state.q)), 0, 1, 2)
 
 
 def _kept(family: LimitFamily, samples: MotionSamples, *orders: int) -> bool:
