@@ -127,35 +127,48 @@ def _with_steady_ends(timing: Reached) -> Reached:
 def known_ways(family: LimitFamily, via: FloatArray, fast: bool) -> Slowed | None:
     """The fastest motion through via points [m,n] that needs no search, where there is one.
 
-    A spline and straight lines with their best timing, and a shape that is slowed down evenly.
+    A spline or straight lines with their best timing; where these have none that keeps all limits,
+    a shape that is slowed down evenly.
     """
-    found: list[Slowed] = []
-    for name, path in _paths(family, via):
-        if family.jerk_matters:
-            break
+    found = [own for own in _timed_ways(family, via, fast) if _keeps(family, own.motion)]
+    if not found:
+        found = [own for own in _smooth_ways(family, via) if _keeps(family, own.motion)]
+    return min(found, key=lambda own: own.motion.duration, default=None)
+
+
+def _timed_ways(family: LimitFamily, via: FloatArray, fast: bool) -> Iterator[Slowed]:
+    for name, path in () if family.jerk_matters else _paths(family, via):
         try:
             timing = time_path(family.robot, path, compiled=fast)
         except InputError:  # it leaves the position limits, or cannot be held at a corner
             continue
         if timing.solved and not timing.limits_kept_by[LATER]:
             marks = _marks(np.interp(path.breaks, timing.s, timing.t))
-            found.append(Slowed(replace(timing.motion("time-optimal"), marks=marks), name))
-    times = np.concatenate([[0.0], np.cumsum(TaskScale.of(family, via).durations)])
-    shape = quintic(via, times) if family.jerk_matters else _smooth(family, via, times)
-    slowed = _scaled_shape(family, shape)
-    if slowed is not None:
-        found.append(Slowed(slowed, "a smooth way through the via points"))
-    kept = [own for own in found if _keeps(family, own.motion)]
-    return min(kept, key=lambda own: own.motion.duration, default=None)
+            yield Slowed(replace(timing.motion("time-optimal"), marks=marks), name)
+
+
+def _smooth_ways(family: LimitFamily, via: FloatArray) -> Iterator[Slowed]:
+    typical = TaskScale.of(family, via).durations
+    if family.jerk_matters:
+        shapes = [quintic(via, _sums(typical))]
+    else:  # dry friction and gravity ask for other shares of the time than limits let expect
+        shapes = [_smooth(family, via, _sums(own)) for own in (typical, np.ones_like(typical))]
+    for shape in shapes:
+        slowed = _scaled_shape(family, shape)
+        if slowed is not None:
+            yield Slowed(slowed, "a smooth way through the via points")
 
 
 def _paths(family: LimitFamily, via: FloatArray) -> Iterator[tuple[str, PiecewisePolynomial]]:
     """Ways through via points by name; the parameter of the first is the distance travelled."""
     steps = np.diff(via, axis=0) / TaskScale.of(family, via).velocity
     lengths = np.linalg.norm(steps, axis=1)
-    way = np.concatenate([[0.0], np.cumsum(lengths)])
-    yield "a spline through the via points", _smooth(family, via, way)
+    yield "a spline through the via points", _smooth(family, via, _sums(lengths))
     yield "straight lines between the via points", straight_through(via)
+
+
+def _sums(steps: FloatArray) -> FloatArray:
+    return np.concatenate([[0.0], np.cumsum(steps)])
 
 
 def _smooth(family: LimitFamily, via: FloatArray, times: FloatArray) -> PiecewisePolynomial:
