@@ -10,6 +10,8 @@ import pytest
 from benchmarks.torture import task_of
 
 import microbot_ocp as mo
+from microbot_ocp.limits import LimitFamily
+from microbot_ocp.planning._within_limits import known_ways
 from planning.shared import arm, pendulum, slider
 
 LOCKED_VIA = np.array([[0.0, 0.3], [1.0, 0.3], [0.5, 0.3]])
@@ -104,6 +106,16 @@ def test_without_a_search_cubics_stay_within_position_limits_that_a_spline_leave
     motion = mo.time_optimal(robot, via, time_limit=1e-3, compiled=False)
     assert motion.provenance["status"] == "time limit"
     assert mo.certify(robot, motion, via_q=via).ok
+
+
+@pytest.mark.slow
+def test_without_a_search_even_shares_of_the_time_are_tried():
+    """A light arm whose dry friction takes more than gravity: limits do not tell the shares."""
+    task = task_of(865)
+    known = known_ways(LimitFamily.of(task.robot), task.via, fast=False)
+    assert known is not None
+    assert known.motion.duration < 2.2  # 3.12 s with the shares of its typical durations
+    assert mo.certify(task.robot, known.motion, via_q=task.via).ok
 
 
 @pytest.mark.slow
