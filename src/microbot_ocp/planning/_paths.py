@@ -12,7 +12,7 @@ from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.limits import LimitFamily
 from microbot_ocp.motion import PiecewisePolynomial
 from microbot_ocp.planning._curve import Curve, vanishing_order
-from microbot_ocp.planning._task import check_pace, check_position, check_rest, locked_joints
+from microbot_ocp.planning._task import check_pace, check_positions, check_rest, locked_joints
 
 CORNER = 1e-6  # relative jump of the tangent that counts as a corner
 
@@ -56,8 +56,8 @@ def check_path(family: LimitFamily, path: PiecewisePolynomial) -> None:
         )
     for before, after in itertools.pairwise(path.breaks):
         s = np.linspace(before, after, 51)
-        for at, q in zip(s, path(s, from_left=True), strict=True):
-            check_position(family, f"path at s = {at:g}", q)
+        what = [f"path at s = {at:g}" for at in s]
+        check_positions(family, what, path(s, from_left=True))
     for at in [path.breaks[0], *stops(path, family), path.breaks[-1]]:
         check_rest(family, f"path at s = {at:g}", path(at)[0])
 

@@ -348,10 +348,12 @@ def _passes(
     forward = _forward(width, n, fast)
     first = high[0]
     if free[0]:  # the largest x_0 may bar larger ones soon after, a small one loses time at once
-        near, tried = slice(min(n, FIRST)), np.linspace(low[0], high[0], STARTS_TRIED)
-        some, part = _forward(width, min(n, FIRST), fast), columns[:, near]
-        v = np.sqrt(np.maximum([np.append(x, some(x, part).ravel()) for x in tried], 0.0))
-        first = tried[np.argmin((step[near] / np.maximum(v[:, 1:] + v[:, :-1], TINY)).sum(axis=1))]
+        tried, onward = [np.linspace(low[0], high[0], STARTS_TRIED)], _onward(width, fast)
+        for column in columns.T[:FIRST]:
+            tried.append(onward(tried[-1][None], column).ravel())
+        v = np.sqrt(np.maximum(tried, 0.0))
+        spent = (step[: len(v) - 1, None] / np.maximum(v[1:] + v[:-1], TINY)).sum(axis=0)
+        first = tried[0][np.argmin(spent)]
     x = np.maximum(np.append(first, forward(first, columns).ravel()), 0.0)
     start, finish = _accelerations(x, step, left, right)
     t = np.append(0.0, np.cumsum(_durations(x, step, start, finish)))
@@ -425,7 +427,18 @@ def _backward(width: int, count: int, fast: bool) -> FastCall:
 
 @lru_cache(maxsize=32)
 def _forward(width: int, count: int, fast: bool) -> FastCall:
-    """Forward pass over ``count`` intervals: the largest x_{i+1} in its set that x_i allows."""
+    """Forward pass over ``count`` intervals: every x from the first one and the columns."""
+    return buffered_call(_step(width, fast).mapaccum(count))
+
+
+@lru_cache(maxsize=32)
+def _onward(width: int, fast: bool) -> FastCall:
+    """One interval of the forward pass from all starts that are tried, and its column."""
+    return buffered_call(_step(width, fast).map("onward", "serial", STARTS_TRIED, [1], []))
+
+
+def _step(width: int, fast: bool) -> ca.Function:
+    """The largest x_{i+1} in its set that x_i allows."""
     x = ca.SX.sym("x")
     column = ca.SX.sym("column", 5 * width + 2)
     slope, high, low, ratio, top = (column[k * width : (k + 1) * width] for k in range(5))
@@ -434,8 +447,7 @@ def _forward(width: int, count: int, fast: bool) -> FastCall:
         w_high, w_low = ca.mmin(slope * x + high), ca.mmax(slope * x + low)
         largest = ca.fmin(largest, ca.mmin(ratio * ca.if_else(ratio > 0, w_high, w_low) + top))
     result = ca.fmax(largest, column[5 * width])
-    step = ca.Function(f"reach_on_{width}", [x, column], [result])
-    return buffered_call(maybe_compiled(step, fast).mapaccum(count))
+    return maybe_compiled(ca.Function(f"reach_on_{width}", [x, column], [result]), fast)
 
 
 def _best(width: int, lines: ca.MX, target: ca.MX) -> tuple[ca.MX, ca.MX]:

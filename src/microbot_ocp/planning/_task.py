@@ -321,19 +321,25 @@ def _cannot_move(robot: Robot, joint: int, via: FloatArray, index: int) -> str:
 
 def check_position(family: LimitFamily, what: str, q: FloatArray) -> None:
     """Raise InputError where a pose is outside the limits of the pose."""
+    check_positions(family, [what], q[None])
+
+
+def check_positions(family: LimitFamily, what: Sequence[str], q: FloatArray) -> None:
+    """Raise InputError where one of several poses [N,n] is outside the limits of the pose."""
     robot, keys = family.robot, family.of_order(0)
     for key, values in family.values(_at_rest(q), keys).items():
         member = family[key]
-        value, low, high = (np.broadcast_to(v, values.value.shape)[0] for v in values)
+        value, low, high = (np.broadcast_to(v, values.value.shape) for v in values)
         slack = 1e-9
-        for j in np.flatnonzero((value < low - slack) | (value > high + slack)):
+        for i, j in np.argwhere((value < low - slack) | (value > high + slack)):
             if key == "q":
                 raise InputError(
-                    f"{what} is outside the position limits: joint {robot.joint_names[j]!r} at "
-                    f"{robot.position_text(j, value[j])}, allowed "
-                    f"{robot.position_text(j, low[j])} to {robot.position_text(j, high[j])}"
+                    f"{what[i]} is outside the position limits: joint {robot.joint_names[j]!r} at "
+                    f"{robot.position_text(j, value[i, j])}, allowed "
+                    f"{robot.position_text(j, low[i, j])} to {robot.position_text(j, high[i, j])}"
                 )
-            raise InputError(f"{what} breaks a limit: {_broken(member, j, value, low, high)}")
+            broken = _broken(member, j, value[i], low[i], high[i])
+            raise InputError(f"{what[i]} breaks a limit: {broken}")
 
 
 def check_rest(family: LimitFamily, what: str, q: FloatArray) -> None:
