@@ -11,7 +11,9 @@ import numpy as np
 import pytest
 
 import microbot_ocp as mo
-from microbot_ocp._base.fast_calls import FastCall, buffered_call, fast_loop
+from microbot_ocp._base import fast_calls
+from microbot_ocp._base.codegen import interpreted
+from microbot_ocp._base.fast_calls import FastCall, buffered_call, deferred_call, fast_loop
 
 ROBOT = mo.load_robot("microbot")
 FUNCTIONS = {
@@ -175,3 +177,36 @@ def test_a_loop_needs_a_state_and_a_number() -> None:
     x = ca.SX.sym("x", 2)
     with pytest.raises(mo.InputError, match="must return the next state, then one number"):
         fast_loop(ca.Function("wrong", [x], [x, x]), 3)
+
+
+def test_a_deferred_call_compiles_once_that_pays(monkeypatch):
+    x = ca.SX.sym("x", 3)
+    factor = np.random.default_rng().uniform()  # compiled never before
+    function = ca.Function("once", [x], [factor * ca.sin(x), ca.cos(x)])
+    made = []
+
+    def compiled(function):
+        made.append(function.name())
+        return mo.fast_call(function)
+
+    monkeypatch.setattr(fast_calls, "fast_call", compiled)
+    monkeypatch.setattr(fast_calls, "WORTH_COMPILING", 0.0)
+    call, rows = deferred_call(function), np.random.default_rng(0).normal(size=(ROWS, 3))
+    as_it_is = call(rows)
+    assert not made
+    assert [part.shape for part in call(rows[:0])] == [(0, 3)] * 2  # some time has been spent
+    assert made == ["once"]
+    for own, other in zip(as_it_is, call(rows), strict=True):
+        np.testing.assert_allclose(own, other, rtol=1e-14)
+    again = deferred_call.__wrapped__(function)  # as in another process
+    np.testing.assert_allclose(again(rows)[0], factor * np.sin(rows), rtol=1e-14)
+    assert made == ["once"]
+
+
+def test_a_deferred_call_without_a_compiler():
+    with interpreted():
+        call = deferred_call.__wrapped__(FUNCTIONS["one vector"])
+        rows = np.random.default_rng(0).normal(size=(ROWS, 3))
+        expected = mo.fast_call(FUNCTIONS["one vector"])(rows, rows, rows)
+        np.testing.assert_allclose(call(rows, rows, rows), expected, rtol=1e-12)
+        assert call(rows[:0], rows[:0], rows[:0]).shape == (0, 3)

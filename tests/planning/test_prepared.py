@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import microbot_ocp as mo
+from microbot_ocp._base import codegen
 from planning.shared import VIA_Q, pendulum, slider
 
 pytestmark = pytest.mark.slow
@@ -53,6 +54,17 @@ def test_a_payload_on_a_rail_takes_the_closed_form(tau_max, payload):
     solver = mo.TimeOptimalSolver(slider(mass=2.0, tau_max=4.0), [[0.0], [1.5]])
     motion = solver(mo.Limits(tau_max=tau_max), payload)
     assert motion.duration == pytest.approx(2 * np.sqrt(1.5 * (2.0 + payload) / tau_max), rel=1e-3)
+
+
+def test_another_payload_compiles_nothing(microbot, prepared, monkeypatch):
+    prepared()
+
+    def compiled(*_):
+        pytest.fail("a compiler was called")
+
+    monkeypatch.setattr(codegen, "_run", compiled)
+    payload = 2.0 + np.random.default_rng().uniform()  # compiled never before
+    assert prepared(payload=payload).solved
 
 
 def test_torque_rates_know_the_payload():

@@ -387,6 +387,7 @@ def build_library(
     include: Sequence[str] = (),
     suffix: str = ".so",
     serves: str = "",
+    make: bool = True,
 ) -> Path:
     """Compile C text into a shared library, or find it in the cache.
 
@@ -397,11 +398,13 @@ def build_library(
     include : folders of headers
     suffix : end of the library's name
     serves : what else the library depends on, for the key of the cache
+    make : whether it is compiled where it is not in the cache
 
     Raises
     ------
     OSError, subprocess.SubprocessError, RuntimeError
-        The folder cannot be written, or the compiler failed or took too long.
+        The folder cannot be written, the compiler failed or took too long, or nothing is to be made
+        and it is not there.
     """
     flags = (optimization, *FLAGS)
     identity = repr((source, cc, flags, NATIVE, processor(), serves))
@@ -410,6 +413,8 @@ def build_library(
     library = folder / f"{stem}_{key}{suffix}"
     if _trusted(library):
         return library
+    if not make:
+        raise FileNotFoundError(library)
     with temporary_path(folder / stem) as work:
         work.mkdir(mode=0o700)
         text, made = work / "function.c", work / "function.so"

@@ -12,6 +12,7 @@ from __future__ import annotations
 import subprocess
 import sys
 import sysconfig
+import time
 from collections.abc import Callable
 from functools import lru_cache
 from importlib.machinery import EXTENSION_SUFFIXES, ExtensionFileLoader
@@ -22,10 +23,13 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.codegen import build_library, compile_function, compiler, compiles
 
 FastCall = Callable[..., Any]
+
+WORTH_COMPILING = 0.1  # s of running as it is after which a function is compiled, in 0.3 s
 
 # The work arrays may be static: the interpreter's lock is held from the first to the last row.
 GLUE = """
@@ -194,6 +198,53 @@ def fast_call(function: ca.Function) -> FastCall:
 
 
 @lru_cache(maxsize=128)
+def deferred_call(function: ca.Function) -> FastCall:
+    """Return a CasADi function as a numpy function of many states, compiled when that pays.
+
+    Compiled code that is in the cache is used at once. Else the function runs as it is until it has
+    taken as long as it takes to compile it: a motion has some thousand states, which takes less.
+
+    Parameters
+    ----------
+    function : casadi.Function
+        As of :func:`fast_call`; its outputs are vectors, too.
+
+    Returns
+    -------
+    callable
+        Takes a batch [N,n] an input, returns a batch [N,m], several outputs as a tuple.
+
+    Raises
+    ------
+    InputError
+        As :func:`fast_call`.
+
+    Examples
+    --------
+    >>> import microbot_ocp as mo
+    >>> tau = deferred_call(mo.inverse_dynamics(mo.load_robot("microbot")))
+    >>> tau(*np.zeros((3, 5, 3))).shape
+    (5, 3)
+    """
+    _check_vectors(function)
+    fast, spent = _extension(function, 0, make=False), 0.0
+
+    def call(*given: Any) -> Any:
+        nonlocal fast, spent
+        if fast is None and spent > WORTH_COMPILING and compiles() and not deadline.over():
+            fast = fast_call(function)
+        if fast is not None:
+            return fast(*given)
+        begin = time.perf_counter()
+        answers = function.call([np.transpose(array) for array in given])
+        found = tuple(np.array(answer).T[: len(given[0])] for answer in answers)
+        spent += time.perf_counter() - begin
+        return found[0] if len(found) == 1 else found
+
+    return call
+
+
+@lru_cache(maxsize=128)
 def fast_loop(function: ca.Function, most: int) -> FastCall:
     """Return the repetition of a CasADi function as a numpy function of one state or of many.
 
@@ -244,19 +295,19 @@ def _check_vectors(function: ca.Function) -> None:
         raise InputError(f"every output of {function.name()} must be dense")
 
 
-def _extension(function: ca.Function, most: int) -> FastCall | None:
-    """The compiled module's function; None where it cannot be built."""
+def _extension(function: ca.Function, most: int, *, make: bool = True) -> FastCall | None:
+    """The compiled module's function; None where it cannot be built, or is not to be and is not."""
     headers = [sysconfig.get_path("include"), np.get_include()]
     cc = compiler() if compiles() else None
     if cc is not None and (Path(headers[0]) / "Python.h").exists():
         try:
-            return _load(function.name(), _build(function, most, cc, headers))
+            return _load(function.name(), _build(function, most, cc, headers, make))
         except (OSError, subprocess.SubprocessError, RuntimeError, ImportError):
             pass  # the caller does the same, only slower
     return None
 
 
-def _build(function: ca.Function, most: int, cc: str, headers: list[str]) -> Path:
+def _build(function: ca.Function, most: int, cc: str, headers: list[str], make: bool) -> Path:
     name = function.name()
     generator = ca.CodeGenerator(f"{name}.c", {"with_header": False})
     generator.add(function)
@@ -268,6 +319,7 @@ def _build(function: ca.Function, most: int, cc: str, headers: list[str]) -> Pat
         include=headers,
         suffix=EXTENSION_SUFFIXES[0],
         serves=f"{sys.version} {np.__version__}",
+        make=make,
     )
 
 

@@ -17,14 +17,12 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError
-from microbot_ocp._base.codegen import compiles
 from microbot_ocp.limits._finite_slopes import with_finite_slopes
 from microbot_ocp.limits._joint_limits import JOINT_QUANTITIES, JointLimits, Limits
 from microbot_ocp.limits._limit import Limit
 from microbot_ocp.limits._use import nearest_bound, use_of
 
 STATE = ("q", "qd", "qdd", "qddd")
-MANY = 500  # samples from which torques are compiled: 0.05 to 0.9 us each in the place of 2 to 14
 
 
 class Arm(Protocol):
@@ -213,7 +211,7 @@ class LimitFamily:
         wanted = self.keys if keys is None else tuple(keys)
         given = dict(zip(STATE, samples, strict=True)) | dict(measured or {})
         torques = {"tau", "taud"} & set(wanted) - set(given)
-        if torques and len(samples.q) >= MANY and compiles():
+        if torques:
             jerk = samples.qddd if "taud" in torques else None
             given |= self.robot.torques_along(*samples[:3], jerk)
         computed = tuple(key for key in wanted if key not in given)

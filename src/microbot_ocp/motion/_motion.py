@@ -19,15 +19,13 @@ from numpy.typing import ArrayLike
 from microbot_ocp._base import checks
 from microbot_ocp._base.archive import no_archive, read_archive, write_archive
 from microbot_ocp._base.checks import FloatArray, InputError
-from microbot_ocp._base.codegen import compiles
-from microbot_ocp._base.fast_calls import fast_call
 from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import MotionSamples
 from microbot_ocp.motion._export import export
 from microbot_ocp.motion._polynomial import PiecewisePolynomial, State, quintic_between
 from microbot_ocp.motion._sampling import JUMP_GAP, dense_times, jump_gaps, samples_at
-from microbot_ocp.robot import Robot, inverse_dynamics
+from microbot_ocp.robot import Robot
 
 NOTHING = 1e-8  # of the largest acceleration: a term of a polynomial that counts as none
 SCHEMA = 1  # of the files
@@ -368,9 +366,7 @@ def torque_along(robot: Robot, state: State) -> FloatArray:
     q = checks.array("q", state.q, (None, robot.joint_count))
     if not robot.has_dynamics:
         return np.zeros_like(q)
-    if not compiles():
-        return np.array(inverse_dynamics(robot)(q.T, state.qd.T, state.qdd.T)).T
-    return fast_call(inverse_dynamics(robot))(q, state.qd, state.qdd)
+    return robot.torques_along(q, state.qd, state.qdd)["tau"]
 
 
 def _steps_to_tell(acceleration: PiecewisePolynomial) -> int:

@@ -248,14 +248,14 @@ class Robot:
     ) -> dict[str, FloatArray]:
         """Joint torques "tau" [N,n] along samples [N,n], and their rates "taud" with the jerk.
 
-        By compiled functions; N m and N m/s (N, N/s).
+        N m and N m/s (N, N/s).
         """
-        from microbot_ocp._base.fast_calls import fast_call
+        from microbot_ocp._base.fast_calls import deferred_call
         from microbot_ocp.robot._dynamics import inverse_dynamics, torque_and_rate
 
         if qddd is None:
-            return {"tau": fast_call(inverse_dynamics(self))(q, qd, qdd)}
-        tau, taud = fast_call(torque_and_rate(self))(q, qd, qdd, qddd)
+            return {"tau": deferred_call(inverse_dynamics(self))(q, qd, qdd)}
+        tau, taud = deferred_call(torque_and_rate(self))(q, qd, qdd, qddd)
         return {"tau": tau, "taud": taud}
 
     def with_limits(
