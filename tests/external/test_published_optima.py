@@ -28,7 +28,13 @@ pytestmark = pytest.mark.slow
 BY_NAME = {problem.name: problem for problem in PROBLEMS}
 SCRIPT = Path(__file__).resolve().parents[2] / "problems" / "10_published_optima.py"
 CASES = [
-    pytest.param(problem, scheme, solver, id=f"{problem.name}-{scheme}-{solver}")
+    pytest.param(
+        problem,
+        scheme,
+        solver,
+        id=f"{problem.name}-{scheme}-{solver}",
+        marks=pytest.mark.thorough if solver == "fatrop" else (),
+    )
     for problem in PROBLEMS
     for scheme in ("radau", "hermite_simpson")
     for solver in ("fatrop", "ipopt")

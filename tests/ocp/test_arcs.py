@@ -122,7 +122,7 @@ def test_every_phase_is_cut_by_itself():
         ("van_der_pol_time", 20, 1e-4, 1e-7),
         ("pendulum", 40, 1e-3, 2e-7),
         ("cart_pole", 40, 1e-3, 1e-7),
-        ("goddard_rocket", 20, 2e-7, 1e-7),
+        pytest.param("goddard_rocket", 20, 2e-7, 1e-7, marks=pytest.mark.thorough),
     ],
 )
 def test_the_cost_gains_digits(name, mesh, before, after):

@@ -196,7 +196,7 @@ def test_four_times_the_torque_halves_the_time_without_gravity():
     ("friction", "allowed"),
     [
         ({"viscous_friction": 3.0}, 1.5e-3),
-        ({"coulomb_friction": 2.0}, 5e-3),
+        pytest.param({"coulomb_friction": 2.0}, 5e-3, marks=pytest.mark.thorough),
         ({"viscous_friction": 2.0, "coulomb_friction": 2.0}, 5e-3),
     ],
 )
@@ -348,6 +348,7 @@ def test_a_path_over_any_parameter_takes_the_same_time():
     assert durations[1] == pytest.approx(durations[0], rel=1e-4)
 
 
+@pytest.mark.thorough
 def test_a_robot_without_masses_keeps_a_jerk_limit_along_a_path(microbot):
     limits = mo.Limits(qd_max=2.0, qddd_max=50.0)
     bare = mo.Robot.from_dh(alpha=microbot.alpha, a=microbot.a, d=microbot.d, limits=limits)
