@@ -11,6 +11,8 @@ from benchmarks.torture import task_of
 
 import microbot_ocp as mo
 from microbot_ocp.limits import LimitFamily
+from microbot_ocp.ocp.solution import quiet
+from microbot_ocp.planning._free_search import FreeSearch, TimeOptimalSettings
 from microbot_ocp.planning._within_limits import known_ways
 from planning.shared import arm, pendulum, slider
 
@@ -106,6 +108,17 @@ def test_without_a_search_cubics_stay_within_position_limits_that_a_spline_leave
     motion = mo.time_optimal(robot, via, time_limit=1e-3, compiled=False)
     assert motion.provenance["status"] == "time limit"
     assert mo.certify(robot, motion, via_q=via).ok
+
+
+def test_an_iterate_whose_velocity_jumps_at_a_via_point_is_not_slowed_down():
+    robot, via = arm(), np.array([[0.0, 0.3], [1.0, -0.5], [0.5, 0.8]])
+    settings = TimeOptimalSettings(mesh=20, starts=1, compiled=False)
+    search = FreeSearch(LimitFamily.of(robot), via, settings, quiet)
+    solution = search.search()[1]
+    assert search._slowed(solution) is not None
+    first, second = solution.phases
+    turned = {**second.values, "qd": second["qd"] + 1e-3}
+    assert search._slowed(replace(solution, phases=(first, replace(second, values=turned)))) is None
 
 
 @pytest.mark.slow

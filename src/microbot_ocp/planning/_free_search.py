@@ -105,7 +105,7 @@ SPARED, MOST_SPARED, SHORTEST = 0.2, 1.0, 1e-3
 # at limits by this share keeps them: meshes that large take 5 to 30 s each
 LARGE, ENOUGH = 5000, 5e-4
 NEAR_WAY = 1e-3  # barrier parameter of a solve that stays near the way that it starts from
-MISSED = 1e-7  # of the way, by which a motion may miss a via point
+MISSED = 1e-7  # of the way and the velocity, by which a motion may miss or jump at a via point
 # Iterations of the first full mesh: 14 to 43 where coarse meshes tell what happens. Where they do
 # not, or exceed limits by more than TELLS_NOTHING between their points, motions are smoother at
 # first: by how much in turn, until that is worth less of the duration, the iterations of each, and
@@ -798,6 +798,10 @@ class FreeSearch:
         shape, times = polynomial(solution), via_times(solution)
         missed = np.abs(shape(times) - self.via).max()
         if not missed <= MISSED * np.abs(np.diff(self.via, axis=0)).max():
+            return None
+        velocity, inner = shape.derivative(), times[1:-1]
+        jump = np.abs(velocity(inner) - velocity(inner, from_left=True)).max(initial=0.0)
+        if not jump <= MISSED * np.abs(velocity(shape.breaks)).max():  # where a solve was stopped
             return None
         return within_limits(self.family, shape, times, self.settings.limit_tolerance, self._fast)
 
