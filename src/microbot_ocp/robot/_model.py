@@ -246,16 +246,41 @@ class Robot:
     def torques_along(
         self, q: FloatArray, qd: FloatArray, qdd: FloatArray, qddd: FloatArray | None = None
     ) -> dict[str, FloatArray]:
-        """Joint torques "tau" [N,n] along samples [N,n], and their rates "taud" with the jerk.
+        """Joint torques of inverse dynamics along many samples.
 
-        N m and N m/s (N, N/s).
+        Parameters
+        ----------
+        q, qd, qdd : array [N,n]
+            rad, rad/s, rad/s^2 (prismatic: m, ...).
+        qddd : array [N,n], optional
+            Where the rates of the torques are asked for, too; rad/s^3 (m/s^3).
+
+        Returns
+        -------
+        dict
+            "tau" [N,n], N m (N), and with ``qddd`` "taud" [N,n], N m/s (N/s).
+
+        Examples
+        --------
+        >>> import microbot_ocp as mo
+        >>> found = mo.load_robot("microbot").torques_along(*np.zeros((3, 2, 3)))
+        >>> found["tau"][0].round(6).tolist()
+        [0.0, 196.0, 78.4]
         """
         from microbot_ocp._base.fast_calls import deferred_call
         from microbot_ocp.robot._dynamics import inverse_dynamics, torque_and_rate
 
+        given = {"q": q, "qd": qd, "qdd": qdd} | ({} if qddd is None else {"qddd": qddd})
+        states = [checks.numbers(name, value) for name, value in given.items()]
+        for name, state in zip(given, states, strict=True):
+            if state.ndim != 2 or state.shape != (len(states[0]), self.joint_count):
+                raise InputError(
+                    f"{name} must have shape [N, {self.joint_count}], with the same N as the "
+                    f"others, not {list(state.shape)}"
+                )
         if qddd is None:
-            return {"tau": deferred_call(inverse_dynamics(self))(q, qd, qdd)}
-        tau, taud = deferred_call(torque_and_rate(self))(q, qd, qdd, qddd)
+            return {"tau": deferred_call(inverse_dynamics(self))(*states)}
+        tau, taud = deferred_call(torque_and_rate(self))(*states)
         return {"tau": tau, "taud": taud}
 
     def with_limits(
