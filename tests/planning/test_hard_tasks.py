@@ -12,7 +12,8 @@ from benchmarks.torture import task_of
 import microbot_ocp as mo
 from microbot_ocp.limits import LimitFamily
 from microbot_ocp.ocp.solution import quiet
-from microbot_ocp.planning._free_search import FreeSearch, TimeOptimalSettings
+from microbot_ocp.planning import TimeOptimalSettings
+from microbot_ocp.planning._free_search import FreeSearch
 from microbot_ocp.planning._within_limits import known_ways
 from planning.shared import arm, pendulum, slider
 
