@@ -29,7 +29,7 @@ from microbot_ocp._base.codegen import build_library, compile_function, compiler
 
 FastCall = Callable[..., Any]
 
-WORTH_COMPILING = 0.1  # s of running as it is after which a function is compiled, in 0.3 s
+WORTH_COMPILING = 0.1  # s of running as it is after which a function is compiled
 
 # The work arrays may be static: the interpreter's lock is held from the first to the last row.
 GLUE = """
@@ -201,8 +201,8 @@ def fast_call(function: ca.Function) -> FastCall:
 def deferred_call(function: ca.Function) -> FastCall:
     """Return a CasADi function as a numpy function of many states, compiled when that pays.
 
-    Compiled code that is in the cache is used at once. Else the function runs as it is until it has
-    taken as long as it takes to compile it: a motion has some thousand states, which takes less.
+    Compiled code that is in the cache is used at once. Else the function runs as it is until that
+    has taken :data:`WORTH_COMPILING`: the few thousand states of a motion take less.
 
     Parameters
     ----------
