@@ -260,6 +260,11 @@ class Robot:
         dict
             "tau" [N,n], N m (N), and with ``qddd`` "taud" [N,n], N m/s (N/s).
 
+        Raises
+        ------
+        InputError
+            Other shapes, or no numbers.
+
         Examples
         --------
         >>> import microbot_ocp as mo
