@@ -203,6 +203,13 @@ def test_a_deferred_call_compiles_once_that_pays(monkeypatch):
     assert made == ["once"]
 
 
+def test_compiled_torques_have_the_bits_of_those_that_are_not():
+    function = mo.inverse_dynamics(mo.load_robot("microbot"))
+    states = np.random.default_rng(0).normal(size=(3, ROWS, 3))
+    as_it_is = np.array(function(*(state.T for state in states))).T
+    np.testing.assert_array_equal(mo.fast_call(function)(*states), as_it_is)
+
+
 def test_a_deferred_call_without_a_compiler():
     with interpreted():
         call = deferred_call.__wrapped__(FUNCTIONS["one vector"])

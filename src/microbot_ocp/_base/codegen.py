@@ -385,6 +385,7 @@ def build_library(
     optimization: str,
     *,
     include: Sequence[str] = (),
+    further: Sequence[str] = (),
     suffix: str = ".so",
     serves: str = "",
     make: bool = True,
@@ -396,6 +397,7 @@ def build_library(
     source, stem : C text, and the start of the library's name
     cc, optimization : compiler, and "-O0" to "-O3"
     include : folders of headers
+    further : more flags of the compiler
     suffix : end of the library's name
     serves : what else the library depends on, for the key of the cache
     make : whether it is compiled where it is not in the cache
@@ -406,7 +408,7 @@ def build_library(
         The folder cannot be written, the compiler failed or took too long, or nothing is to be made
         and it is not there.
     """
-    flags = (optimization, *FLAGS)
+    flags = (optimization, *FLAGS, *further)
     identity = repr((source, cc, flags, NATIVE, processor(), serves))
     key = hashlib.sha256(identity.encode()).hexdigest()[:24]
     folder = usable_folder()
