@@ -66,7 +66,6 @@ L = 1.7
         (mo.Limits(qd_max=0.8), 1.5 * L / 0.8, "qd", "m/s"),
         (mo.Limits(qdd_max=2.5), np.sqrt(6 * L / 2.5), "qdd", "m/s^2"),
         (mo.Limits(tau_max=2.5), np.sqrt(6 * L * MASS / 2.5), "tau", "N"),
-        (mo.Limits(taud_max=2.5), np.cbrt(12 * L * MASS / 2.5), "taud", "N/s"),
         (mo.Limits(qd_max=0.8, qdd_max=20.0, tau_max=900.0), 1.5 * L / 0.8, "qd", "m/s"),
     ],
 )
@@ -77,6 +76,24 @@ def test_closed_forms_of_the_rest_to_rest_cubic(limits, duration, quantity, unit
     assert (found.quantity, found.joint, found.unit) == (quantity, "joint 1", unit)
     assert abs(found.value) == pytest.approx(abs(found.limit), rel=1e-6)
     assert 1 - 1e-7 <= found.utilisation <= 1.0
+
+
+RATE_LIMITS = {"taud": mo.Limits(taud_max=2.5 * MASS), "qddd": mo.Limits(qddd_max=2.5)}
+
+
+@pytest.mark.parametrize("key", RATE_LIMITS)
+def test_a_quintic_begins_and_ends_at_rest_under_limits_of_rates(key):
+    found = shortest_duration(slider(), quintic([[0.0], [L]], [0.0, 1.0]), RATE_LIMITS[key])
+    assert found.duration == pytest.approx(np.cbrt(60 * L / 2.5), rel=1e-7)
+    assert found.quantity == key
+
+
+@pytest.mark.parametrize("duration", [0.1, 1.0, 1e5])
+@pytest.mark.parametrize("key", RATE_LIMITS)
+def test_no_duration_of_a_cubic_keeps_a_rate(key, duration):
+    """From rest its acceleration jumps to 6 L / T^2."""
+    with pytest.raises(mo.InputError, match="jumps at .* no duration keeps .* such as a quintic"):
+        shortest_duration(slider(), cubic([[0.0], [L]], [0.0, duration]), RATE_LIMITS[key])
 
 
 def test_asymmetric_limits():

@@ -19,6 +19,10 @@ from ._joint_limits import (
     Limits as Limits,
     quantity_name as quantity_name,
 )
+from ._jumps import (
+    JUMP_TIME as JUMP_TIME,
+    jumps_between as jumps_between,
+)
 from ._limit import (
     Limit as Limit,
 )
@@ -31,6 +35,8 @@ from ._members import (
 )
 from ._peaks import (
     Peak as Peak,
+    jumps_of as jumps_of,
+    largest_jump as largest_jump,
     largest_use as largest_use,
 )
 from ._power import (

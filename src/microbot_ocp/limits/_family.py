@@ -172,21 +172,16 @@ class LimitFamily:
 
     @property
     def jerk_matters(self) -> bool:
-        """Whether any limit depends on the jerk: torque rates, jerk itself, expressions of them."""
-        return any(member.order == 3 for member in self.members)
+        """Whether any limit depends on the jerk: torque rates, jerk itself, expressions of them.
 
-    @property
-    def jerk_is_limited(self) -> bool:
-        """Whether a limit leaves no jump of the acceleration where the arm starts and ends at rest.
-
-        Limits of the torque rate are kept in motion; the torque may jump where motion begins.
+        Then the acceleration must not jump, at rest no more than in motion.
         """
-        return any(member.order == 3 and member.key != "taud" for member in self.members)
+        return any(member.order == 3 for member in self.members)
 
     def bounds_motion_of(self, joint: int) -> bool:
         """Whether any limit bounds how fast a joint may move."""
         for member in self.members:
-            if member.order == 0 or member.key == "taud":  # the torque may jump where motion begins
+            if member.order == 0:
                 continue
             if member.limit is None:
                 if member.limited[joint]:

@@ -10,11 +10,11 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.limits._family import LimitFamily, MotionSamples
+from microbot_ocp.limits._jumps import jumps_between
 
 POINTS_PER_PIECE = 200  # first grid for the maxima, before they are refined
 REFINEMENT_ROUNDS = 8  # each divides the grid step around a maximum by four
 CANDIDATES = 60  # at most so many maxima are refined at a time
-JUMP_TIME = 1e-6  # s: a jump of the acceleration counts as if it took so long
 
 
 class Polynomial(Protocol):
@@ -66,11 +66,11 @@ def largest_use(
     if not wanted:
         return Peak(-np.inf)
     orders = _orders(polynomial)
-    if at_rest:
-        orders = [orders[0], *(np.zeros_like(c) for c in orders[1:])]
-    jump = largest_jump(family, polynomial, wanted, orders)
+    jump = None if at_rest else largest_jump(family, polynomial, wanted)
     if jump is not None:
         return jump
+    if at_rest:
+        orders = [orders[0], *(np.zeros_like(c) for c in orders[1:])]
     lengths = np.diff(polynomial.breaks)
     pieces, points = lengths.size, POINTS_PER_PIECE
     fraction = np.linspace(0.0, 1.0, points + 1)
@@ -108,22 +108,20 @@ def largest_use(
     )
 
 
-def largest_jump(
-    family: LimitFamily,
-    polynomial: Polynomial,
-    keys: Iterable[str],
-    orders: Sequence[FloatArray] | None = None,
-) -> Peak | None:
+def jumps_of(polynomial: Polynomial) -> MotionSamples:
+    """Jumps of the acceleration [K+1] at the breaks of a motion, both ends included."""
+    orders, lengths = _orders(polynomial), np.diff(polynomial.breaks)
+    pieces = np.arange(lengths.size)
+    starts, ends = (_samples(orders, pieces, local) for local in (0.0 * lengths, lengths))
+    return jumps_between(starts, ends)
+
+
+def largest_jump(family: LimitFamily, polynomial: Polynomial, keys: Iterable[str]) -> Peak | None:
     """A jump of the acceleration that no limit of its rate allows, as an infinite use, or None."""
     rated = [key for key in keys if key in family and family[key].order == 3]
-    inner = np.arange(len(polynomial.breaks) - 2)
-    if not rated or not inner.size:
+    if not rated:
         return None
-    found = _orders(polynomial) if orders is None else orders
-    before = _samples(found, inner, np.diff(polynomial.breaks)[:-1])
-    after = _samples(found, inner + 1, np.zeros(inner.size))
-    jump = MotionSamples(*before[:3], (after.qdd - before.qdd) / JUMP_TIME)
-    values = family.values(jump, rated)
+    values = family.values(jumps_of(polynomial), rated)
     worst: Peak | None = None
     largest = 1.0
     for key in rated:
@@ -136,7 +134,7 @@ def largest_jump(
                 use=np.inf,
                 quantity=key,
                 joint=int(joint),
-                time=float(polynomial.breaks[k + 1]),
+                time=float(polynomial.breaks[k]),
                 value=float(np.copysign(np.inf, values[key].value[k, joint])),
                 limit=float(bound),
             )

@@ -6,7 +6,8 @@ with m = 2 at an infinite one. Such an end is described by another parameter r i
 ``s = L x^e ((1 + e) + (1 - e) x) / 2`` with ``x = r/R``, ``e = p/(m+1)`` and ``R = L (1 + e)/2``,
 in which every path leaves like r^p. At the other end of the piece ds/dr = 1 and its slope is zero,
 so that r' and r'' are continuous there. Every other piece keeps r = s. With p = 2 the arm starts at
-a finite r' and acceleration; where the jerk is limited it starts with neither, and p = 1.
+a finite r' and acceleration; where jerk or torque rates are limited it starts with neither, and
+p = 1.
 """
 
 from __future__ import annotations

@@ -99,7 +99,7 @@ def free_problem(
     velocity_scale = _scale(limits.bounds("qd"), size.velocity)
     acceleration_scale = _scale(limits.bounds("qdd"), size.acceleration)
     held = (limits.qdd_min == 0.0) & (limits.qdd_max == 0.0)  # they stay where they start
-    # A limited jerk leaves no jump of the acceleration where the arm starts and stops.
+    # Limits of jerk and torque rates leave no jump of the acceleration at rest.
     still = np.zeros(count)
     rated = family.jerk_matters
     problem = OptimalControlProblem(f"time-optimal motion of {robot.name}")

@@ -367,14 +367,7 @@ class _PathSearch:
     def _ends(self, segment: int) -> Ends:
         own = [piece for piece in self.pieces if piece.segment == segment]
         begin, end = own[0], own[-1]
-        jerky = self.family.jerk_is_limited
-        return Ends(
-            still=(begin.stops_before, end.stops_after),
-            steady=(
-                begin.stops_before and (jerky or not begin.first),
-                end.stops_after and (jerky or not end.last),
-            ),
-        )
+        return Ends(still=(begin.stops_before, end.stops_after))
 
     def _solution_of(self, profiles: list[Profile]) -> Solution:
         """Profiles as the solution of an optimal-control problem with a phase a piece."""
@@ -675,13 +668,12 @@ def _declare(
         scale=scales["v"],
         unit="1/s",
     )
-    # Where the arm stops on the way a limited rate leaves no jump of the acceleration either, and
-    # a limited jerk none where it starts and ends.
-    rated, jerky = family.jerk_matters, family.jerk_is_limited
+    # Where the arm rests a limited rate leaves no jump of the acceleration either.
+    rated = family.jerk_matters
     a = phase.control(
         "a",
-        initial=0.0 if rated and piece.stops_before and (jerky or not piece.first) else None,
-        final=0.0 if rated and piece.stops_after and (jerky or not piece.last) else None,
+        initial=0.0 if rated and piece.stops_before else None,
+        final=0.0 if rated and piece.stops_after else None,
         scale=scales["a"],
         unit="1/s^2",
         shape="linear",

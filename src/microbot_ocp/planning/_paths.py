@@ -83,7 +83,7 @@ def stops(path: PiecewisePolynomial, family: LimitFamily) -> FloatArray:
 def segments(path: PiecewisePolynomial, family: LimitFamily) -> list[Curve]:
     """What lies between two stops, with a regular parameter."""
     ends = [path.breaks[0], *stops(path, family), path.breaks[-1]]
-    leaves_like = 1 if family.jerk_is_limited else 2
+    leaves_like = 1 if family.jerk_matters else 2
     curves = []
     for before, after in itertools.pairwise(ends):
         keep = (path.breaks[:-1] >= before) & (path.breaks[:-1] < after)

@@ -114,10 +114,9 @@ class Profile:
 
 @dataclass(frozen=True)
 class Ends:
-    """Whether s', and whether s'' is zero at the start and at the end of a curve."""
+    """Whether the arm rests (s' and s'' are zero) at the start and at the end of a curve."""
 
     still: tuple[bool, bool]
-    steady: tuple[bool, bool]
 
 
 def first_profile(curve: Curve, timing: Reached, count: int) -> Profile:
@@ -370,11 +369,9 @@ class _Timing:
         free = np.full(n, np.inf)
         low = np.concatenate([np.zeros(n + 1), np.full(n + 1, -np.inf), np.full(n, 1e-12), -free])
         high = np.concatenate([self.speed, np.full(n + 1, np.inf), free, free])
-        for at, still, steady in zip((0, n), self.ends.still, self.ends.steady, strict=True):
+        for at, still in zip((0, n), self.ends.still, strict=True):
             if still:
-                low[at] = high[at] = 0.0
-            if steady:
-                low[n + 1 + at] = high[n + 1 + at] = 0.0
+                low[[at, n + 1 + at]] = high[[at, n + 1 + at]] = 0.0
         x = start_x = np.clip(x, low, high)
         program = program_of(n, self.nodes.count, self.begin.count, self.fast)
         coefficients = np.concatenate(

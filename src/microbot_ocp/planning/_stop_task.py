@@ -207,10 +207,9 @@ class Task:
                 speed = partial(_tool_velocity, robot)
                 rows.append(Row("velocity of the tool", speed, (given, given)))
         ends = index in (0, len(self.stops) - 1)
-        still = rest and self.family.jerk_is_limited and (ends or stop.dwell > 0)
-        leaps = rest and (still or not self.family.jerk_is_limited)
-        if not rest and not isinstance(stop.velocity, str | None):
-            leaps = not self.family.jerk_matters
+        rated = self.family.jerk_matters
+        still = rest and rated and (ends or stop.dwell > 0)
+        leaps = still or (not rated and (rest or not isinstance(stop.velocity, str | None)))
         felt = (_felt(robot, stop, row) for row in rows)
         return EndConditions(q, qd, tuple(filter(None, felt)), still=still, leaps=leaps)
 

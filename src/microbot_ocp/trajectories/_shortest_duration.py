@@ -11,8 +11,7 @@ import numpy as np
 from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import InputError
 from microbot_ocp._base.status import Status
-from microbot_ocp.limits import ROUNDING, LimitFamily, Member, Peak, largest_use
-from microbot_ocp.limits._peaks import largest_jump
+from microbot_ocp.limits import ROUNDING, LimitFamily, Member, Peak, largest_jump, largest_use
 from microbot_ocp.motion import PiecewisePolynomial
 from microbot_ocp.robot import JointLimits, Limits, Robot
 
@@ -124,7 +123,8 @@ def shortest_duration(
     ------
     InputError
         No limit at all; the shape leaves the position limits; gravity alone needs more torque than
-        allowed; the torque jumps though its rate is limited; nothing limits the motion.
+        allowed; the torque jumps, from what holds the arm before the motion or inside of it, though
+        its rate is limited (likewise the acceleration and the jerk); nothing limits the motion.
 
     Examples
     --------
@@ -243,6 +243,8 @@ class _Search:
         good, met, missed = self._narrow(good, bad)
         # Where the use leaps at the bracket's end, what stops the motion is what the shorter asks.
         cause = met if met.use >= 1.0 - 1e-6 else missed
+        if np.isinf(cause.use) and cause.quantity in self.family.of_order(3):
+            raise InputError(_jumps_text(self.family[cause.quantity], cause))
         polynomial = self.make(good)
         named = cause.quantity != "shape"
         return Scaled(
@@ -369,15 +371,17 @@ def refusal_of(robot: Robot, family: LimitFamily, shape: PiecewisePolynomial) ->
             f"{member.upper[held.joint]:g} {unit}, so no duration keeps them"
         )
     jump = largest_jump(family, shape, family.keys)
-    if jump is not None:
-        member = family[jump.quantity]
-        jumping = "torque" if jump.quantity == "taud" else "acceleration"
-        return (
-            f"the {jumping} of {_whose(member, jump)} jumps at {jump.time:.6g} s, so no duration "
-            f"keeps its {member.name} limit of {abs(jump.limit):g} {member.units[jump.joint]}; "
-            "take a shape with continuous acceleration, such as a quintic"
-        )
-    return None
+    return None if jump is None else _jumps_text(family[jump.quantity], jump)
+
+
+def _jumps_text(member: Member, jump: Peak) -> str:
+    jumping = "torque" if jump.quantity == "taud" else "acceleration"
+    return (
+        f"the {jumping} of {_whose(member, jump)} jumps at {jump.time:.6g} s, so no duration "
+        f"keeps its {member.name} limit of {abs(jump.limit):g} {member.units[jump.joint]}; take a "
+        "shape whose acceleration is continuous, and zero where it begins and ends at rest, such "
+        "as a quintic"
+    )
 
 
 def _whose(member: Member, peak: Peak) -> str:
