@@ -17,6 +17,7 @@ VIOLATED = 1e-6  # scaled; less is no reason to fail
 POOR = 1e3  # a variable this many times its scale, or a row that changes so much, is badly scaled
 FAR = 0.1  # scaled violation of the dynamics by a guess, above which it is mentioned
 DYNAMICS = ("step", "defect", "equation")
+NO_COST = "No cost is declared: this is one of all answers that keep the constraints."
 
 
 def advice(
@@ -32,6 +33,8 @@ def advice(
     attempts : the solvers that were tried; the last one left x
     """
     status, start = attempts[-1].status, begin.x
+    if status is Status.SOLVED and not any(k.phase.has_cost for k in program.layouts):
+        return f"{status.sentence} {NO_COST}"
     if status in (Status.SOLVED, Status.INTERRUPTED) or deadline.over():
         return status.sentence
     lines = [status.sentence]

@@ -161,8 +161,8 @@ def positive_scale(name: str, value: ArrayLike | None, size: int) -> FloatArray:
     return scale
 
 
-def as_expression(value: Any) -> ca.MX:
-    """An expression of CasADi from one, or from numbers.
+def converted(value: Any) -> ca.MX:
+    """Return an expression of CasADi from one, or from numbers.
 
     Raises
     ------
@@ -170,10 +170,10 @@ def as_expression(value: Any) -> ca.MX:
         It is neither, or empty.
     """
     try:
-        made = ca.MX(value)
+        expression = ca.MX(value)
     except Exception:  # CasADi has many
         sentence = f"expression must be a CasADi MX or numbers, not {shown(value)}"
         raise InputError(sentence) from None
-    if 0 in made.shape:
-        raise InputError(f"expression must have entries, but its shape is {made.shape}")
-    return made
+    if 0 in expression.shape:
+        raise InputError(f"expression must have entries, but its shape is {expression.shape}")
+    return expression

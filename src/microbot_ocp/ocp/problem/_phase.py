@@ -26,12 +26,13 @@ from microbot_ocp.ocp.problem._items import (
     PointCost,
     PointValue,
     Variable,
-    as_expression,
     condition,
+    converted,
     moving,
     ordered,
     positive_scale,
 )
+from microbot_ocp.ocp.problem._relations import as_expression, bounded_rows, refuse_steps
 
 if TYPE_CHECKING:
     from microbot_ocp.ocp.problem._problem import OptimalControlProblem
@@ -98,6 +99,12 @@ class Phase:
         items = (*self.point_constraints, *self.point_costs)
         found = {fraction for item in items for fraction in item.fractions.tolist()}
         return tuple(sorted(found - {0.0, 1.0}))
+
+    @property
+    def has_cost(self) -> bool:
+        """Whether a cost is declared that depends on anything."""
+        costs = [*self.running_costs, *self.end_costs, *(c.expression for c in self.point_costs)]
+        return any(ca.symvar(cost) for cost in costs)
 
     def state(
         self,
@@ -202,7 +209,10 @@ class Phase:
         return variable.symbol
 
     def algebraic_equation(self, expression: ca.MX) -> None:
-        """Demand that ``expression`` be zero at every collocation point."""
+        """Demand that ``expression`` be zero, or an equation ``x == y``, at collocation points."""
+        expression = converted(expression)
+        if expression.op() == ca.OP_EQ:
+            expression = expression.dep(0) - expression.dep(1)
         self.algebraic_equations.append(self._own(expression))
 
     def parameter(self, name: str, value: ArrayLike) -> ca.MX:
@@ -338,10 +348,31 @@ class Phase:
         scale: ArrayLike | None = None,
         unit: str = "",
     ) -> None:
-        """Keep ``lower <= expression <= upper`` at the mesh points and the interior points."""
-        expression = self._own(expression)
-        low, high = ordered(name, lower, upper, expression.shape[0], unit)
-        self.constraints.append(_limit(name, expression, (low, high), scale, unit))
+        """Keep ``lower <= expression <= upper`` at the mesh points and the interior points.
+
+        In the place of an expression with bounds there may be a relation: ``v <= 0.5``,
+        ``x == y``, ``-1 <= (x <= 1)`` with these brackets, or some of them joined by
+        ``ca.logic_and``. So in all constraints.
+
+        Examples
+        --------
+        The way of 1 m at no more than 0.5 m/s takes 2 s.
+
+        >>> from microbot_ocp.ocp import OptimalControlProblem, solve
+        >>> problem = OptimalControlProblem("speed limit")
+        >>> phase = problem.phase("move", duration=(0.1, 10.0))
+        >>> x = phase.state("x", initial=0.0, final=1.0, unit="m")
+        >>> v = phase.control("v", unit="m/s")
+        >>> phase.derivative(x, v)
+        >>> phase.constraint("speed", v <= 0.5, unit="m/s")
+        >>> phase.end_cost(phase.duration)
+        >>> round(solve(problem, mesh=4).duration, 4)
+        2.0
+        """
+        for row in bounded_rows(name, expression, lower, upper, unit):
+            self.constraints.append(
+                _limit(row.name, self._own(row.expression), (row.lower, row.upper), scale, unit)
+            )
 
     def end_constraint(
         self,
@@ -376,9 +407,9 @@ class Phase:
         >>> round(solve(problem, mesh=40).duration, 3)  # 2 pi
         6.283
         """
-        expression = self._own(expression, at=1.0)
-        low, high = ordered(name, lower, upper, expression.shape[0], unit)
-        self.end_constraints.append(_limit(name, expression, (low, high), scale, unit))
+        for row in bounded_rows(name, expression, lower, upper, unit):
+            own = self._own(row.expression, at=1.0)
+            self.end_constraints.append(_limit(row.name, own, (row.lower, row.upper), scale, unit))
 
     def point_constraint(
         self,
@@ -397,19 +428,22 @@ class Phase:
         one time or several [M], s since the start, and may be 0; by default they are those of the
         measurement in the expression. Other times than 0 need a phase of fixed duration.
         """
-        fractions = self._point_fractions(f"constraint {name!r}", expression, at)
-        expression = self._own(expression, at=float(fractions[0]) if fractions.size == 1 else None)
-        low, high = ordered(name, lower, upper, expression.shape[0], unit)
-        plain = _limit(name, expression, (low, high), scale, unit)
-        self.point_constraints.append(PointConstraint(**vars(plain), fractions=fractions))
+        rows = bounded_rows(name, expression, lower, upper, unit)
+        whole = ca.vertcat(*(row.expression for row in rows))
+        fractions = self._point_fractions(f"constraint {name!r}", whole, at)
+        place = float(fractions[0]) if fractions.size == 1 else None
+        for row in rows:
+            own = self._own(row.expression, at=place)
+            plain = _limit(row.name, own, (row.lower, row.upper), scale, unit)
+            self.point_constraints.append(PointConstraint(**vars(plain), fractions=fractions))
 
     def running_cost(self, expression: ca.MX) -> None:
         """Add the time integral of ``expression`` to the cost."""
-        self.running_costs.append(self._cost("running cost", self._own(expression)))
+        self.running_costs.append(self._cost("running cost", expression))
 
     def end_cost(self, expression: ca.MX) -> None:
         """Add ``expression`` of the end state and ``duration`` to the cost."""
-        self.end_costs.append(self._cost("end cost", self._own(expression, at=1.0)))
+        self.end_costs.append(self._cost("end cost", expression, at=1.0))
 
     def point_cost(self, expression: ca.MX, *, at: ArrayLike | None = None) -> None:
         """Add ``expression`` at every one of some times of the phase to the cost.
@@ -417,7 +451,7 @@ class Phase:
         The times are as in :meth:`point_constraint`; see :meth:`measurement` for an example.
         """
         fractions = self._point_fractions("a point cost", expression, at)
-        expression = self._cost("point cost", self._own(expression))
+        expression = self._cost("point cost", expression)
         self.point_costs.append(PointCost(expression, fractions))
 
     # values at other places -----------------------------------------------------------------------
@@ -632,12 +666,12 @@ class Phase:
             raise InputError(f"{label} of phase {self.name!r}: {names} and at have other times")
         return found[0]
 
-    def _cost(self, kind: str, expression: ca.MX) -> ca.MX:
+    def _cost(self, kind: str, given: ca.MX, at: float | None = None) -> ca.MX:
+        label = f"{kind} of phase {self.name!r}"
+        expression = self._own(as_expression(given, label), at)
         if not expression.is_scalar():
-            raise InputError(
-                f"a {kind} of phase {self.name!r} must be one number, but has shape "
-                f"{expression.shape}"
-            )
+            raise InputError(f"{label} must be one number, but has shape {expression.shape}")
+        refuse_steps(label, expression)
         gains = self.problem is not None and self.problem.maximize
         return -expression if gains else expression
 
@@ -661,6 +695,15 @@ class Phase:
             raise InputError(f"{name!r} is declared twice in phase {self.name!r}")
         if not isinstance(size, int | np.integer) or size < 1:
             raise InputError(f"size of {name!r} must be a whole number from 1 up, not {size!r}")
+        for place, given in (
+            ("lower", lower),
+            ("upper", upper),
+            ("initial", initial),
+            ("final", final),
+        ):
+            for side in given if isinstance(given, tuple) else (given,):
+                if isinstance(side, ca.MX):
+                    as_expression(side, f"{place} of {name!r}")
         low = -np.inf if isinstance(lower, ca.MX) else lower
         high = np.inf if isinstance(upper, ca.MX) else upper
         low, high = ordered(name, low, high, size, unit)

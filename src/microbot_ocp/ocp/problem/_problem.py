@@ -20,11 +20,12 @@ from microbot_ocp._base.checks import InputError
 from microbot_ocp.ocp.problem._items import (
     PhaseLink,
     Variable,
-    as_expression,
+    converted,
     ordered,
     positive_scale,
 )
 from microbot_ocp.ocp.problem._phase import Phase
+from microbot_ocp.ocp.problem._relations import as_expression
 
 
 class OptimalControlProblem:
@@ -103,7 +104,8 @@ class OptimalControlProblem:
             start = self.free_parameter(
                 f"start of {name!r}", lower=start[0], upper=start[1], unit="s"
             )
-        phase = Phase(name, (low, high), inner, scale, problem=self, begins=ca.MX(start))
+        begins = as_expression(start, f"start of phase {name!r}")
+        phase = Phase(name, (low, high), inner, scale, problem=self, begins=begins)
         self.phases.append(phase)
         return phase
 
@@ -243,7 +245,8 @@ class OptimalControlProblem:
     ) -> None:
         """Demand ``lower <= expression <= upper`` of ends of phases, durations, free parameters.
 
-        The ends are what ``initial``, ``final`` and ``value`` of the phases return.
+        The ends are what ``initial``, ``final`` and ``value`` of the phases return. A relation,
+        such as ``a.duration + b.duration == 3``, is a constraint, too.
         """
         own = self._last_of(expression)
         own.end_constraint(name, expression, lower, upper, scale=scale, unit=unit)
@@ -273,7 +276,7 @@ class OptimalControlProblem:
         """The last phase that an expression knows of, or of all."""
         if not self.phases:
             raise InputError(f"problem {self.name!r} has no phases")
-        symbols = ca.symvar(as_expression(expression))
+        symbols = ca.symvar(converted(expression))
 
         def known(phase: Phase) -> bool:
             own = [phase.duration, *(value.symbol for value in phase._values)]

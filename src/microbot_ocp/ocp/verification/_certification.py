@@ -123,7 +123,8 @@ def verify(
         *missed_conditions(again, limits_of.feasibility),
         *judged(cost, resimulations, uses, optimality, limits_of, solution.cost_scale),
     ]
-    said = problems or summary_of(resimulations, uses, optimality, hamiltonians, arcs)
+    has_cost = any(phase.has_cost for phase in declared.phases)
+    said = problems or summary_of(resimulations, uses, optimality, hamiltonians, arcs, has_cost)
     return OCPCertificate(
         problem=declared.name,
         ok=not problems,

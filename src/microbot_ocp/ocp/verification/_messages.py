@@ -104,6 +104,7 @@ def summary_of(
     optimality: Optimality,
     hamiltonians: Sequence[Hamiltonian],
     arcs: Sequence[Arc],
+    has_cost: bool,
 ) -> list[str]:
     """What was found of a solution that passed."""
     error = max(check.error for check in resimulations)
@@ -112,7 +113,9 @@ def summary_of(
     said = [
         f"first-order conditions hold to {optimality.stationarity.scaled:.1e} (stationarity) and "
         f"{optimality.complementarity.scaled:.1e} (complementarity)",
-        f"the cost is at most {optimality.gap.total:.1e} above that of the local optimum",
+        f"the cost is at most {optimality.gap.total:.1e} above that of the local optimum"
+        if has_cost
+        else "no cost is declared, so any answer that keeps the constraints is as good",
         f"re-simulation by intervals stays within {error:.2g} of the states' size (errors grow up "
         f"to {growth_said(max(check.amplification for check in resimulations))})",
         f"every limit {kept} between mesh points",
