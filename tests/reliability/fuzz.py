@@ -45,6 +45,7 @@ from microbot_ocp.motion import EXPORT_FORMATS
 from microbot_ocp.robot.files import robot_text
 from microbot_ocp.scene import read_scene
 from microbot_ocp.sweeps import load_sweep, read_study
+from microbot_ocp.sweeps._study import outcome_columns
 
 SLOW = 10.0  # s of processor time
 MOST_MEMORY = 1_000_000  # kB that one case may add to the most that was ever taken
@@ -408,7 +409,7 @@ def sweep(draw):
         "schema": 1, "digest": "a", "version": "1", "origin": "", "robot": "microbot", "count": 10,
         "joints": ["a", "b", "c"], "chunk": 5, "kind": "random", "seed": 0, "quantities": {},
         "varying": [], "methods": ["cubic"], "settings": {}, "time_limit": 60.0, "limits": [],
-        "columns": [["case", "int"], ["status", "text"], ["cubic_duration", "float"]],
+        "columns": [["case", "int"], *map(list, outcome_columns(["cubic"], []))],
     }  # fmt: skip
     place = folder() / "sweep"
     (place / "cases").mkdir(parents=True, exist_ok=True)

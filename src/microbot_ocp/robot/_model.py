@@ -76,11 +76,11 @@ class Robot:
     limits: JointLimits
     gravity: FloatArray
     tool: FloatArray
-    description: str = ""
+    description: str = field(default="", compare=False)
     base: FloatArray = field(default_factory=_identity)
     shapes: tuple[Shape, ...] = ()
     capsules: tuple[tuple[int, Capsule], ...] = ()
-    _digest: str = field(init=False, repr=False)
+    _digest: str = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "_digest", self._make_digest())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any, Literal, NamedTuple
 
@@ -64,7 +64,7 @@ class Shape:
     size: FloatArray
     role: Role = "collision"
     link: str = ""
-    path: str = ""
+    path: str = field(default="", compare=False)  # another one on another machine
     color: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:

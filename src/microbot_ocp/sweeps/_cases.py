@@ -229,6 +229,20 @@ class CaseSource:
         checks.number("the count of cases", self.count, at_most=MOST_CASES)
 
     @property
+    def content(self) -> dict[str, Any]:
+        """What every row follows from."""
+        drawn = self.cases.seed if self.cases.kind == "random" else None
+        return {
+            "kind": self.cases.kind,
+            "count": self.count,
+            "seed": drawn,
+            "width": self.width,
+            "axes": [(a.columns.start, a.columns.stop, *a[1:]) for a in self._axes],
+            "constant": self._constant,
+            "table": self._table,
+        }
+
+    @property
     def columns(self) -> tuple[str, ...]:
         """Names of the input columns of a data set."""
         return tuple(c for name, width in self.width.items() for c in column_names(name, width))

@@ -90,7 +90,7 @@ class CaseProcess:
             late.set()
             self._process.kill()
 
-        timer = threading.Timer(time_limit, stop)
+        timer = threading.Timer(min(time_limit, threading.TIMEOUT_MAX), stop)
         timer.start()
         try:
             self._send(pickle.dumps((case, numbers)))

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib.metadata import version
@@ -16,6 +15,7 @@ import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.digest import digest_of
 from microbot_ocp.comparison import METHODS
 from microbot_ocp.limits import LimitFamily
 from microbot_ocp.motion import Motion
@@ -92,7 +92,7 @@ class Study:
         put(self, "settings", _checked_settings(self.settings))
         limit = checks.number("time_limit", self.time_limit, "s", above=0.0)
         put(self, "time_limit", limit)
-        _ = self.source, self.schema
+        _ = self.source, self.schema, self.digest
 
     @cached_property
     def source(self) -> CaseSource:
@@ -131,18 +131,8 @@ class Study:
             poses = [f"{point}_q_{k + 1}" for k in range(self.robot.joint_count)]
             found += [(n, "float") for n in poses if n not in known]
             found += [(f"{point}_{axis}", "float") for axis in AXES]
-        found += [("status", "text"), ("reason", "text")]
-        for method in self.methods:
-            found += [
-                (f"{method}_status", "text"),
-                (f"{method}_duration", "float"),
-                (f"{method}_certified", "bool"),
-                (f"{method}_limit", "text"),
-                *((f"{method}_at_{name}", "float") for _, _, name in self.limit_columns),
-                (f"{method}_solve_time", "float"),
-            ]
-        return (*found, ("case_time", "float"), ("compiled", "bool"), ("seed", "int"),
-                ("version", "text"))  # fmt: skip
+        limits = [name for _, _, name in self.limit_columns]
+        return (*found, *outcome_columns(self.methods, limits))
 
     @property
     def chunk(self) -> int:
@@ -151,19 +141,16 @@ class Study:
 
     @cached_property
     def digest(self) -> str:
-        """What the results follow from, as a hash."""
-        columns = {
-            name: hashlib.sha256(c.tobytes()).hexdigest() for name, c in self.cases.columns.items()
-        }
-        rest = (
-            self.robot._digest,
-            [(limit.key, repr(limit.lower), repr(limit.upper)) for limit in self.robot.limits.also],
-            (self.cases.kind, self.source.count, self.cases.seed, sorted(columns.items())),
-            [(name, repr(given)) for name, given in sorted(self.cases.quantities.items())],
-            (tuple(self.methods), sorted(self.settings.items()), self.time_limit, self.motions),
-            versions(),
+        """Of all that the results follow from."""
+        return digest_of(
+            robot=self.robot,
+            cases=self.source.content,
+            methods=self.methods,
+            settings=self.settings,
+            time_limit=self.time_limit,
+            motions=self.motions,
+            versions=versions(),
         )
-        return hashlib.sha256(repr(rest).encode()).hexdigest()
 
     def plan(self) -> Plan:
         """What a worker has to know."""
@@ -238,6 +225,22 @@ class Plan:
         """Values of the quantities by name, from the numbers [c] of a case."""
         parts = np.split(numbers, np.cumsum(list(self.widths.values()))[:-1])
         return dict(zip(self.widths, parts, strict=True))
+
+
+def outcome_columns(methods: Iterable[str], limits: Sequence[str]) -> list[tuple[str, str]]:
+    """Name and type of the columns of what becomes of a case."""
+    found = [("status", "text"), ("reason", "text")]
+    for method in methods:
+        found += [
+            (f"{method}_status", "text"),
+            (f"{method}_duration", "float"),
+            (f"{method}_certified", "bool"),
+            (f"{method}_limit", "text"),
+            *((f"{method}_at_{name}", "float") for name in limits),
+            (f"{method}_solve_time", "float"),
+        ]
+    return [*found, ("case_time", "float"), ("compiled", "bool"), ("seed", "int"),
+            ("version", "text")]  # fmt: skip
 
 
 def versions() -> str:

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.status import Status
 from microbot_ocp.sweeps._sweep import Sweep
@@ -135,10 +136,9 @@ def _failures(read: Mapping[str, np.ndarray]) -> tuple[Failure, ...]:
     for k in np.flatnonzero(read["status"] != Status.SOLVED):
         kind = _NUMBER.sub("#", read["reason"][k])[:120]
         found.setdefault((read["status"][k], kind), []).append(int(k))
-    made = [
-        Failure(
-            Status(status), len(places), int(read["case"][places[0]]), read["reason"][places[0]]
-        )
-        for (status, _), places in found.items()
-    ]
+    made = []
+    for (status, _), places in found.items():
+        case = int(read["case"][places[0]])
+        checks.one_of(f"status of case {case}", status, Status)
+        made.append(Failure(Status(status), len(places), case, read["reason"][places[0]]))
     return tuple(sorted(made, key=lambda failure: -failure.count))

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import re
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,13 +15,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError, shortened
-from microbot_ocp._base.reading import content_of
+from microbot_ocp._base.reading import content_of, opened as opened_file
 from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
 from microbot_ocp._base.status import Status
 from microbot_ocp._base.writing import made_folder, remove_leftovers, whole_file, write_whole
 from microbot_ocp.sweeps._extra import needed
 from microbot_ocp.sweeps._solve import Row
-from microbot_ocp.sweeps._study import Study, versions
+from microbot_ocp.sweeps._study import Study, outcome_columns, versions
 
 if TYPE_CHECKING:
     from microbot_ocp._base.table import Table
@@ -34,7 +36,13 @@ TYPES = {"int": "int64", "float": "float64", "bool": "bool_", "text": "string"}
 TIMES = re.compile(r".*_time")  # columns that differ from run to run
 # What pyarrow raises for damaged files.
 DAMAGED = (OSError, ValueError, KeyError, NotImplementedError, RuntimeError)
-_PART = re.compile(r"part-(\d{8})\.parquet")
+SCHEMA = 2  # of the folder; part files of schema 1 do not say which sweep they are of
+STAMP = b"microbot_ocp"  # key of a part file's metadata: the digest of its sweep
+_PART = re.compile(r"part-([0-9]{8})\.parquet")
+
+
+class SweepFileWarning(UserWarning):
+    """Files in a sweep's folder belong to another sweep, or to other cases, and are left out."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,8 +86,7 @@ class Sweep:
     @property
     def done(self) -> int:
         """How many cases have a row."""
-        chunk = int(self.about["chunk"])
-        return sum(min(chunk, self.count - number * chunk) for number in self.parts)
+        return sum(len(self._cases(number)) for number in self.parts)
 
     @property
     def finished(self) -> bool:
@@ -89,8 +96,12 @@ class Sweep:
     @property
     def parts(self) -> list[int]:
         """Numbers of the chunks whose files are there."""
-        found = (_PART.fullmatch(path.name) for path in (self.folder / PARTS).glob("part-*"))
-        return sorted(int(name[1]) for name in found if name)
+        needed("pyarrow.parquet")
+        with_rows = []
+        for number in self._numbers():
+            with contextlib.suppress(*DAMAGED):
+                with_rows += [number] if self._belongs(number) else []
+        return with_rows
 
     def read(self, columns: Sequence[str] | None = None) -> dict[str, np.ndarray]:
         """Columns [N] by name, in the order of the cases; by default all of them.
@@ -107,17 +118,27 @@ class Sweep:
         for name in names:
             if name not in kinds:
                 raise InputError(f"there is no column {name!r} in {self.folder}")
-        paths = [str(self._part(number)) for number in self.parts]
-        if not paths:
-            return {name: np.empty(0, _empty(kinds[name])) for name in names}
         wanted = list(dict.fromkeys(["case", *names]))
+        needed("pyarrow.parquet")
         try:
-            table = _rows(paths, columns=wanted).select(wanted)
+            belongs = {self._part(number): self._belongs(number) for number in self._numbers()}
+            paths = [str(path) for path, own in belongs.items() if own]
+            table = _rows(paths, columns=wanted).select(wanted) if paths else None
         except DAMAGED as problem:
             raise InputError(
                 f"a file in {shortened(str(self.folder / PARTS), 120)} is damaged: "
                 f"{shortened(str(problem), 120)}; the sweep's command does its cases again"
             ) from None
+        if len(paths) < len(belongs):
+            strays = ", ".join(path.name for path, own in belongs.items() if not own)
+            warnings.warn(
+                f"{shortened(str(self.folder / PARTS), 120)} has files of other cases, which are "
+                f"left out: {shortened(strays, 120)}",
+                SweepFileWarning,
+                stacklevel=2,
+            )
+        if table is None:
+            return {name: np.empty(0, _empty(kinds[name])) for name in names}
         order = np.argsort(table["case"].to_numpy())
         found = {}
         for name in names:
@@ -159,19 +180,56 @@ class Sweep:
         """Write a Rerun recording: every goal as a point, coloured by the time saved."""
         return view_for(self, "rerun")(self, path)
 
+    def _numbers(self) -> list[int]:
+        """Of all part files that are there, whatever they hold."""
+        found = (_PART.fullmatch(path.name) for path in (self.folder / PARTS).glob("part-*"))
+        return sorted(int(name[1]) for name in found if name)
+
     def _part(self, number: int) -> Path:
         return self.folder / PARTS / f"part-{number:08d}.parquet"
+
+    def _cases(self, number: int) -> range:
+        """Cases of a chunk; none where the sweep has no such chunk."""
+        chunk = int(self.about["chunk"])
+        return range(number * chunk, min((number + 1) * chunk, self.count))
+
+    def _belongs(self, number: int) -> bool:
+        """Whether a part file is of this sweep, and of the cases that its name says.
+
+        Raises
+        ------
+        One of ``DAMAGED``.
+        """
+        part, cases = self._part(number), self._cases(number)
+        with opened_file(part) as stream:
+            about = needed("pyarrow.parquet").read_metadata(stream)
+        stamp = (about.metadata or {}).get(STAMP, b"").decode()
+        if not cases or stamp != (self.about["digest"] if self.about["schema"] > 1 else ""):
+            return False
+        if not about.schema.to_arrow_schema().equals(self._schema()) or not about.num_rows:
+            raise ValueError(f"{part.name} has other columns, or no row")
+        numbers = about.row_group(0).column(0).statistics
+        if numbers is None or numbers.min != cases.start:
+            return False
+        if about.num_rows != len(cases) or numbers.max != cases.stop - 1:
+            raise ValueError(f"{part.name} has {about.num_rows} rows, not {len(cases)}")
+        return True
+
+    def _schema(self) -> Any:
+        """Names and types of the columns, as pyarrow has them."""
+        arrow = needed("pyarrow")
+        return arrow.schema([(n, getattr(arrow, TYPES[k])()) for n, k in self.about["columns"]])
 
     def _write(self, number: int, done: Iterable[tuple[Row, Mapping[str, bytes]]]) -> list[Row]:
         """Write the rows of a chunk, its motions first: where the rows are, everything is."""
         arrow, parquet = needed("pyarrow"), needed("pyarrow.parquet")
+        schema = self._schema().with_metadata({STAMP: self.about["digest"].encode()})
         rows = []
         for row, motions in done:
             rows.append(row)
             for name, content in motions.items():
                 place = made_folder(self.folder / MOTIONS / f"{row['case']:09d}")
                 write_whole(place / f"{name}.npz", content)
-        schema = arrow.schema([(n, getattr(arrow, TYPES[k])()) for n, k in self.about["columns"]])
         with whole_file(self._part(number)) as partial:
             table = arrow.Table.from_pylist(rows, schema=schema)
             parquet.write_table(table, partial, write_page_checksum=True)
@@ -201,7 +259,7 @@ def load_sweep(folder: str | Path) -> Sweep:
 
 def _is_about(about: Any) -> bool:
     """Whether a document says of a sweep what its readers ask for."""
-    if not isinstance(about, dict) or about.get("schema") != 1:
+    if not isinstance(about, dict) or about.get("schema") not in (1, SCHEMA):
         return False
     count, chunk, methods = (about.get(key) for key in ("count", "chunk", "methods"))
     sizes = all(type(size) is int and 0 < size < 10**12 for size in (count, chunk))
@@ -218,6 +276,8 @@ def _is_about(about: Any) -> bool:
         and isinstance(columns, list)
         and all(isinstance(c, list) and len(c) == 2 for c in columns)
         and all(isinstance(name, str) and kind in list(TYPES) for name, kind in columns)
+        and {("case", "int"), *outcome_columns(methods, about["limits"])}
+        <= set(map(tuple, columns))
     )
 
 
@@ -239,13 +299,13 @@ def opened(study: Study, folder: Path) -> Sweep:
                 f"{found.about.get('version')}: give another folder, or remove this one"
             )
         remove_leftovers(folder / PARTS)
-        for number in found.parts:
-            if not _whole(found, number):
+        for number in found._numbers():
+            if found._cases(number) and not _whole(found, number):
                 found._part(number).unlink()
         return found
     made_folder(folder / PARTS)
     about = {
-        "schema": 1,
+        "schema": SCHEMA,
         "digest": study.digest,
         "version": versions(),
         "origin": study.origin,
@@ -270,12 +330,10 @@ def opened(study: Study, folder: Path) -> Sweep:
 
 def _whole(sweep: Sweep, number: int) -> bool:
     """Whether a part file has all its rows as they were written."""
-    chunk = int(sweep.about["chunk"])
     try:
-        rows = _rows(str(sweep._part(number))).num_rows
+        return sweep._belongs(number) and _rows(str(sweep._part(number))).num_rows > 0
     except DAMAGED:
         return False
-    return rows == min(chunk, sweep.count - number * chunk)
 
 
 def _seal(about: Mapping[str, Any]) -> str:

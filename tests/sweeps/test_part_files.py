@@ -1,0 +1,121 @@
+"""Files in the folder of a sweep: what is not of its cases is not believed."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import microbot_ocp as mo
+from microbot_ocp.sweeps import Study, repeat_case
+from microbot_ocp.sweeps._sweep import opened
+
+COUNT = 4
+
+
+def written(folder: Path, last: float = 3.0) -> mo.Sweep:
+    """A sweep of four cases, each in a file of its own."""
+    cases = mo.Cases.grid(
+        start_q=[0, 0, 0], goal_q=[1, 0.5, 0.5], payload=mo.OneOf([0, 1, 2, last])
+    )
+    study = Study(mo.load_robot("microbot"), cases, ["cubic"])
+    results = opened(study, folder)
+    for case in range(COUNT):
+        results._write(case, [repeat_case(study, case)])
+    return results
+
+
+@pytest.fixture(scope="module")
+def sweeps(tmp_path_factory: pytest.TempPathFactory) -> tuple[mo.Sweep, mo.Sweep]:
+    folder = tmp_path_factory.mktemp("sweeps")
+    return written(folder / "own"), written(folder / "other", last=2.5)
+
+
+@pytest.fixture
+def folder(sweeps: tuple[mo.Sweep, mo.Sweep], tmp_path: Path) -> Path:
+    return shutil.copytree(sweeps[0].folder, tmp_path / "copy")
+
+
+def part(folder: Path, number: int) -> Path:
+    return folder / "cases" / f"part-{number:08d}.parquet"
+
+
+@pytest.mark.parametrize("number", [COUNT, 99_999_999])
+def test_a_copy_under_another_number_is_left_out(folder: Path, number: int) -> None:
+    shutil.copy(part(folder, 0), part(folder, number))
+    results = mo.load_sweep(folder)
+    assert results.done == COUNT
+    assert results.finished
+    with pytest.warns(UserWarning, match=f"{number}.parquet"):
+        assert results.read(["case"])["case"].tolist() == list(range(COUNT))
+
+
+def test_a_copy_in_the_place_of_other_cases_is_left_out(folder: Path) -> None:
+    shutil.copy(part(folder, 0), part(folder, 1))
+    results = mo.load_sweep(folder)
+    assert results.done == COUNT - 1
+    with pytest.warns(UserWarning, match="files of other cases"):
+        assert results.read(["case"])["case"].tolist() == [0, 2, 3]
+
+
+def test_a_file_of_another_sweep_is_left_out_and_its_cases_done_again(
+    sweeps: tuple[mo.Sweep, mo.Sweep], folder: Path
+) -> None:
+    shutil.copy(part(sweeps[1].folder, 3), part(folder, 3))
+    results = mo.load_sweep(folder)
+    assert results.done == COUNT - 1
+    with pytest.warns(UserWarning, match="part-00000003"):
+        assert results.summary().done == COUNT - 1
+    assert written(folder).done == COUNT
+
+
+def rewritten(path: Path, **columns: Any) -> None:
+    import pyarrow
+    import pyarrow.parquet
+
+    table = pyarrow.parquet.read_table(path)
+    for name, values in columns.items():
+        column = pyarrow.array(values)
+        table = table.set_column(table.column_names.index(name), name, column)
+    pyarrow.parquet.write_table(table, path)
+
+
+def test_text_in_a_column_of_numbers_is_said(folder: Path) -> None:
+    rewritten(part(folder, 2), cubic_duration=["long"])
+    results = mo.load_sweep(folder)
+    assert results.done == COUNT - 1
+    for reader in (results.summary, results.table, lambda: results.savings("cubic")):
+        with pytest.raises(mo.InputError, match=r"damaged.*has other columns"):
+            reader()
+
+
+def test_a_status_that_is_none_is_said(folder: Path) -> None:
+    rewritten(part(folder, 2), status=["fine"])
+    with pytest.raises(mo.InputError, match="'fine'"):
+        mo.load_sweep(folder).summary()
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs pipes")
+@pytest.mark.parametrize("kind", ["pipe", "folder", "nothing"])
+def test_what_is_no_file_is_said(folder: Path, kind: str) -> None:
+    path = part(folder, 2)
+    path.unlink()
+    {"pipe": os.mkfifo, "folder": Path.mkdir, "nothing": Path.touch}[kind](path)
+    results = mo.load_sweep(folder)
+    assert results.done == COUNT - 1
+    with pytest.raises(mo.InputError, match="damaged"):
+        results.read(["case"])
+
+
+@pytest.mark.slow
+def test_a_long_time_limit_is_none(tmp_path: Path) -> None:
+    pytest.importorskip("distributed")
+    cases = mo.Cases.grid(start_q=[0, 0, 0], goal_q=[1, 0.5, 0.5])
+    results = mo.sweep(
+        mo.load_robot("microbot"), cases, ["cubic"], out=tmp_path, workers=1, time_limit=1e10
+    )
+    assert np.isfinite(results.read(["cubic_duration"])["cubic_duration"]).all()
