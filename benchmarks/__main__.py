@@ -4,7 +4,8 @@
 torture`` random tasks by seed, ``python -m benchmarks scenes`` those among obstacles, ``python -m
 benchmarks sweep`` what a sweep costs beside its work, ``python -m benchmarks published`` published
 tasks among obstacles, ``python -m benchmarks switching_times`` exact switching times of random
-tasks; see their own ``--help``.
+tasks, ``python -m benchmarks baseline`` records all answers and compares them with an earlier
+record; see their own ``--help``.
 """
 
 import argparse
@@ -31,7 +32,7 @@ def main() -> None:
     if sys.argv[1:2] == ["suite"]:
         importlib.import_module("benchmarks.suite.runner").main(sys.argv[2:])
         return
-    own = ["torture", "scenes", "sweep", "published", "switching_times"]
+    own = ["baseline", "torture", "scenes", "sweep", "published", "switching_times"]
     own += [*(["cell"] if "--robot" in sys.argv else [])]
     if len(sys.argv) > 1 and sys.argv[1] in own:
         importlib.import_module(f"benchmarks.{sys.argv[1]}").main(sys.argv[2:])

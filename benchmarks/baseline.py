@@ -1,0 +1,294 @@
+"""What the package answers, recorded, and held against an earlier record.
+
+    python -m benchmarks baseline --out FILE [--only GROUP ...] [--count N] [--jobs 2]
+    python -m benchmarks baseline --out FILE --against EARLIER
+
+Groups: the demo's methods, the suite of published problems by ``solve`` and by ``solve_refined``,
+random tasks by seed, scenes with obstacles, cells, switching times, and the arms of the table of
+speeds. Every case is solved in a process of its own; a line of JSON each goes to FILE (cost or
+duration, status, whether its certificate holds, processor time, a digest of the answer's bits). A
+run that was ended goes on where FILE ends. ``--against`` prints what changed and ends with 1 where
+an answer got worse by more than 1e-4, a certificate was lost, or the processor time of a group grew
+by more than a tenth.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import resource
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import microbot_ocp as mo
+import report
+from benchmarks import arms, cell, scenes, switching_times, torture
+from benchmarks.suite import child
+from benchmarks.suite.table import PROBLEMS
+from microbot_ocp import ocp
+
+WORSE = 1e-4  # relative growth of a cost or duration that is reported
+SLOWER = 0.1  # relative growth of a group's processor time that is reported
+LIMIT = 600  # s of processor time of a case
+TASKS, SCENES = 300, 60
+SEEDS = 3  # of each class of switching times and each arm
+
+Row = dict[str, Any]
+
+
+def of_motion(robot: mo.Robot, motion: mo.Motion, **task: Any) -> Row:
+    """Return what is recorded of a motion, with its certificate for the task."""
+    arrays = (motion.t, motion.q, motion.qd, motion.qdd, motion.tau)
+    return {
+        "cost": float(motion.duration),
+        "status": str(motion.provenance.get("status", "solved")),
+        "solved": bool(motion.solved),
+        "certified": bool(mo.certify(robot, motion, **task).ok),
+        "ledger": motion.provenance.get("ledger"),
+        "bits": digest(*(a for a in arrays if a is not None)),
+    }
+
+
+def digest(*arrays: Any) -> str:
+    """Return a digest of the bits of arrays."""
+    state = hashlib.sha256()
+    for array in arrays:
+        state.update(np.ascontiguousarray(array, dtype=float).tobytes())
+    return state.hexdigest()[:16]
+
+
+def of_problem(name: str, way: str) -> Row:
+    """Return what became of a problem of the suite, and whether ``verify`` agrees."""
+    problem = next(p for p in PROBLEMS if p.name == name)
+    built, guess = problem.build(), None if problem.guess is None else problem.guess()
+    if way == "solve":
+        solution = ocp.solve(built, guess=guess)
+        status = solution.status
+    else:
+        refined = ocp.solve_refined(built, guess=guess)
+        solution, status = refined.solution, refined.status
+    bits = digest(*(phase[v] for phase in solution.phases for v in phase.values))
+    return {
+        "cost": float(solution.cost),
+        "status": str(status),
+        "solved": bool(status.solved),
+        "certified": bool(ocp.verify(built, solution).ok),
+        "error": problem.error(solution.cost),
+        "ledger": solution.settings.get("ledger"),
+        "bits": bits,
+    }
+
+
+def of_task(seed: str) -> Row:
+    """Return what became of a random task."""
+    task = torture.task_of(int(seed))
+    solved = mo.time_optimal if task.path is None else mo.time_optimal_path
+    motion = solved(task.robot, task.via if task.path is None else task.path, time_limit=LIMIT / 4)
+    row = of_motion(task.robot, motion, via_q=task.via if task.path is None else None)
+    return row | {"kind": task.kind}
+
+
+def of_scene(number: str) -> Row:
+    """Return what became of a task among obstacles."""
+    name, kind = scenes.ROBOTS[int(number) % 5], scenes.KINDS[int(number) // 5 % 4]
+    drawn = scenes.draw(name, kind, int(number))
+    if drawn is None:
+        return {"cost": None, "status": "no task drawn", "solved": True, "certified": True}
+    robot, scene, via = drawn
+    motion = mo.time_optimal(robot, via, scene=scene)
+    return of_motion(robot, motion, via_q=via, scene=scene) | {"kind": f"{name}, {kind}"}
+
+
+def of_demo(method: str) -> Row:
+    """Return what a method of the demo's comparison found."""
+    robot, times = mo.load_robot("microbot"), {"via_t": report.VIA_T, "via_qd": report.VIA_QD}
+    comparison = mo.compare(robot, report.VIA_Q, **times, methods=[method], mesh=200)
+    return of_motion(robot, comparison[method].motion, via_q=report.VIA_Q)
+
+
+def of_cell(name: str) -> Row:
+    """Return the period of a pick-and-place cycle."""
+    robot_name, place = name.split()
+    robot, line = mo.load_robot(robot_name), mo.Line(tolerance=0.002)
+    stops = cell.with_part(*cell.ARMS[robot_name])
+    task: dict[str, Any] = {"segments": [line, None, line, None], "cycle": place != "once"}
+    if place == "once":
+        task["segments"] = task["segments"][:3]
+    if place == "table":
+        low = cell.ARMS[robot_name][0] - 0.13
+        task["scene"] = mo.Scene([mo.Box([0.4, 1.0, 0.02], [0.5, 0.0, low - 0.01], "table")])
+    motion = mo.time_optimal(robot, stops, **task)
+    return of_motion(robot, motion, via_q=stops, **task)
+
+
+def of_switching(name: str) -> Row:
+    """Return the exact duration of a random task, or why there is none."""
+    arm, family, seed = name.split("/")
+    robot, poses = switching_times.task(arm, family, 0, int(seed))
+    motion = mo.time_optimal(robot, poses, starts=1, switching_times=True)
+    exact = motion.provenance.get("on_a_mesh") is not None
+    return of_motion(robot, motion, via_q=poses) | {"exact": exact}
+
+
+def of_arm(name: str) -> Row:
+    """Return the motion of an arm of the table of speeds."""
+    what, arm, seed = name.split()
+    robot = mo.load_robot(arm)
+    if what == "path":
+        path = mo.spline(arms.via_points(robot, int(seed), 5), np.arange(5.0))
+        return of_motion(robot, mo.time_optimal_path(robot, path))
+    via = arms.via_points(robot, int(seed), 3)
+    return of_motion(robot, mo.time_optimal(robot, via), via_q=via)
+
+
+SOLVE: Mapping[str, Callable[[str], Row]] = {
+    "demo": of_demo,
+    "solve": lambda name: of_problem(name, "solve"),
+    "refined": lambda name: of_problem(name, "refined"),
+    "tasks": of_task,
+    "scenes": of_scene,
+    "cells": of_cell,
+    "switching": of_switching,
+    "arms": of_arm,
+}
+
+
+def names_of(group: str, count: int | None) -> list[str]:
+    """Return the names of the cases of a group, evenly thinned to a number of them."""
+    names = {
+        "demo": lambda: list(mo.METHODS),
+        "solve": lambda: [p.name for p in PROBLEMS],
+        "refined": lambda: [p.name for p in PROBLEMS],
+        "tasks": lambda: [str(seed) for seed in range(TASKS)],
+        "scenes": lambda: [str(number) for number in range(SCENES)],
+        "cells": lambda: [f"{arm} {p}" for arm in cell.ARMS for p in ("once", "cycle", "table")],
+        "switching": lambda: [
+            f"{arm}/{family}/{seed}"
+            for arm in switching_times.ARMS
+            for family in switching_times.FAMILIES
+            for seed in range(SEEDS)
+        ],
+        "arms": lambda: [f"{w} {arm} {s}" for w, arm in arms.GOALS for s in range(SEEDS)],
+    }[group]()
+    if count is None or count >= len(names):
+        return names
+    return [names[k * len(names) // count] for k in range(count)]
+
+
+def solved_here(group: str, name: str) -> Row:
+    """Return the record of one case, solved in this process."""
+    before = child._spent()
+    try:
+        row = SOLVE[group](name)
+    except Exception as problem:  # whatever a user would see in the place of an answer
+        text = str(problem).partition("\n")[0]
+        row = {"cost": None, "status": f"{type(problem).__name__}: {text}", "solved": False}
+        row["certified"] = False
+    return {"group": group, "name": name, **row, "seconds": child._spent() - before}
+
+
+def solved_apart(case: tuple[str, str]) -> Row:
+    """Return the record of one case, solved in a process of its own."""
+    group, name = case
+    command = [sys.executable, "-m", "benchmarks", "baseline", "--case", group, name]
+    ended = subprocess.run(command, capture_output=True, text=True, check=False)
+    lines = ended.stdout.splitlines()
+    if lines and lines[-1].startswith("{"):
+        return json.loads(lines[-1])
+    status = f"ended with {ended.returncode}: {ended.stderr.strip().rpartition(chr(10))[2][:200]}"
+    none = {"cost": None, "status": status, "solved": False, "certified": False}
+    return {"group": group, "name": name, **none, "seconds": float(LIMIT)}
+
+
+def read(path: Path) -> dict[tuple[str, str], Row]:
+    """Return the records of a file by group and name; the last of a case counts."""
+    text = path.read_text(encoding="utf-8") if path.exists() else ""
+    rows = [json.loads(line) for line in text.splitlines()]
+    return {(row["group"], row["name"]): row for row in rows}
+
+
+def changes(now: Mapping[Any, Row], before: Mapping[Any, Row]) -> Iterator[tuple[str, bool]]:
+    """Yield a line for what changed, and whether it is for the worse, group by group."""
+    both = [key for key in now if key in before]
+    for group in dict.fromkeys(key[0] for key in both):
+        cases = [(now[key], before[key]) for key in both if key[0] == group]
+        for new, old in cases:
+            label = f"{group} {new['name']}"
+            lost = [w for w in ("solved", "certified") if old[w] and not new[w]]
+            won = [w for w in ("solved", "certified") if new[w] and not old[w]]
+            if lost or won:
+                words = ", ".join([f"no longer {w}" for w in lost] + [f"now {w}" for w in won])
+                yield f"{label}: {words}; {old['status']} -> {new['status']}", bool(lost)
+            if new["cost"] is not None and old["cost"] is not None:
+                size = max(abs(old["cost"]), np.finfo(float).tiny)
+                growth = (new["cost"] - old["cost"]) / size
+                if abs(growth) > WORSE:
+                    # where only one of both is right, the cost of the other says nothing
+                    counts = growth > 0 and new["certified"] == old["certified"]
+                    yield f"{label}: {old['cost']:.8g} -> {new['cost']:.8g} ({growth:+.2e})", counts
+        spent, earlier = (sum(row["seconds"] for row in rows) for rows in zip(*cases, strict=True))
+        same = sum(
+            bool(new.get("bits")) and new.get("bits") == old.get("bits") for new, old in cases
+        )
+        counted = [
+            sum(row["solved"] and row["certified"] for row in rows)
+            for rows in zip(*cases, strict=True)
+        ]
+        yield (
+            (
+                f"{group}: {len(cases)} cases, solved and certified {counted[1]} -> {counted[0]}, "
+                f"{same} with equal bits, processor time {earlier:.0f} -> {spent:.0f} s "
+                f"({spent / max(earlier, 1e-9):.2f} times)"
+            ),
+            spent > (1.0 + SLOWER) * earlier,
+        )
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Solve what FILE does not hold yet, then compare."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks baseline",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--out", type=Path, default=Path("out/baseline.jsonl"))
+    parser.add_argument("--only", nargs="+", choices=SOLVE, default=list(SOLVE), metavar="GROUP")
+    parser.add_argument("--count", type=int, help="cases of each group; default: all")
+    parser.add_argument("--names", nargs="+", help="these cases only")
+    parser.add_argument("--jobs", type=int, default=2, help="processes at once")
+    parser.add_argument("--against", type=Path, metavar="EARLIER")
+    parser.add_argument("--case", nargs=2, help=argparse.SUPPRESS)
+    options = parser.parse_args(arguments)
+    if options.case:
+        resource.setrlimit(resource.RLIMIT_CPU, (LIMIT, LIMIT + 5))
+        print(json.dumps(solved_here(*options.case)))
+        return
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    rows = read(options.out)
+    cases = [(group, name) for group in options.only for name in names_of(group, options.count)]
+    if options.names:
+        cases = [case for case in cases if case[1] in options.names]
+    todo = [case for case in cases if case not in rows]
+    with ThreadPoolExecutor(options.jobs) as pool, options.out.open("a", encoding="utf-8") as file:
+        for row in pool.map(solved_apart, todo):
+            rows[row["group"], row["name"]] = row
+            file.write(json.dumps(row) + "\n")
+            file.flush()
+            cost = "none" if row["cost"] is None else f"{row['cost']:.8g}"
+            certified = "certified" if row["certified"] else "not certified"
+            print(row["group"], row["name"], cost, row["status"], certified, flush=True)
+    if options.against is None:
+        return
+    chosen = {case: rows[case] for case in cases if case in rows}
+    worse = False
+    for text, bad in changes(chosen, read(options.against)):
+        print(("worse  " if bad else "       ") + text)
+        worse = worse or bad
+    sys.exit(int(worse))
