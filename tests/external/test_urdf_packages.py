@@ -54,3 +54,10 @@ def test_without_tip_a_file_is_one_arm_or_its_tips_are_listed(file: File) -> Non
         assert "choose an end by tip" in refusal
         assert len(file.tips) > 1
         assert any(repr(tip) in refusal for tip in file.tips)
+
+
+@pytest.mark.filterwarnings("ignore::microbot_ocp.RobotFileWarning")
+@pytest.mark.parametrize("file", [f for f in FILES if f.joint_count], ids=lambda f: f.label)
+def test_no_limit_of_a_file_leaves_no_room(file: File) -> None:
+    limits = mo.read_urdf(file.path, file.tips[0]).limits
+    assert all((limits.bounds(key)[1] > 0).all() for key in ("qd", "qdd", "tau"))

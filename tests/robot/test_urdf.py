@@ -16,6 +16,7 @@ from hypothesis import given, strategies as st
 import microbot_ocp as mo
 from helpers import RANDOM_CHAINS, any_robot, batch, difference, random_link, random_states
 from microbot_ocp import InputError, RobotFileWarning
+from microbot_ocp.cli import main
 from microbot_ocp.robot.files import parse_robot, parse_urdf, robot_to_toml, robot_to_urdf
 
 yourdfpy = pytest.importorskip("yourdfpy")
@@ -416,7 +417,7 @@ UMLAUT = "<!-- Gelenk für später -- hier -->"
         f"<?xml version='1.0' encoding='iso-8859-1'?>{UMLAUT}{PLAIN}".encode("latin-1"),
         f"<?xml version='1.0' encoding='utf-16'?>{PLAIN}".encode(),
         f"<!DOCTYPE robot>{PLAIN}",
-        PLAIN.replace("<limit", "<limit drake:acceleration='2'"),
+        PLAIN.replace("<limit", "<limit drake:unknown='2'"),
         PLAIN.replace("</robot>", "<drake:group><drake:member link='l1'/></drake:group></robot>"),
         PLAIN.replace("<robot", "<robot xmlns='http://some.where' xmlns:xacro='x'"),
     ],
@@ -725,3 +726,66 @@ def test_urdf_goes_to_a_file_of_its_ending(tmp_path: Path, microbot: mo.Robot) -
         mo.write_urdf(microbot, tmp_path / "arm.xml")
     with pytest.raises(InputError, match=r"arm\.urdf was not written: its folder does"):
         mo.write_urdf(microbot, tmp_path / "none" / "arm.urdf")
+
+
+def test_limits_of_zero_are_not_stated() -> None:
+    more = '<limit lower="-3" upper="3" effort="0" velocity="-0.0" drake:acceleration="0"/>'
+    with pytest.warns(RobotFileWarning, match="0 are read as not stated") as caught:
+        robot = parse_urdf(chain(revolute(more=more), revolute()), "arm.urdf")
+    for key in ("effort", "velocity", "drake:acceleration"):
+        assert f"{key} of joint 'j1'" in str(caught[0].message)
+    assert robot.limits.tau_max.tolist() == [np.inf, 10.0]
+    assert robot.limits.qd_max.tolist() == [np.inf, 2.0]
+    assert robot.limits.qdd_max.tolist() == [np.inf, np.inf]
+
+
+def test_accelerations_are_read_and_written_as_drake_has_them() -> None:
+    more = LIMIT.replace("/>", ' drake:acceleration="2.5"/>')
+    robot = parse_urdf(chain(revolute(more=more)), "arm.urdf")
+    assert robot.limits.qdd_max.tolist() == [2.5]
+    text = robot_to_urdf(robot)
+    assert 'drake:acceleration="2.5"' in text
+    assert "qdd_max" not in text
+    assert parse_urdf(text) == robot
+
+
+def test_a_locked_joint_is_written_as_one() -> None:
+    robot = parse_urdf(chain(revolute())).with_limits(qd_max=0.0)
+    assert parse_urdf(robot_to_urdf(robot)) == robot
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({}, "of any joint neither the rotor inertia nor a limit of acceleration"),
+        ({"tau_max": np.inf}, "no limit of torque, acceleration or jerk"),
+        ({"qdd_max": [9.0, np.inf]}, "of j2 neither the rotor inertia"),
+        ({"qdd_max": 9.0}, ""),
+        ({"qddd_max": 9.0}, ""),
+        ({"taud_max": 9.0}, ""),
+    ],
+)
+def test_what_the_drives_lack_is_said(changes: dict[str, object], said: str) -> None:
+    robot = parse_urdf(chain(revolute(), revolute(xyz="0.5 0 0"))).with_limits(**changes)
+    advice = mo.robot.drive_advice(robot, [[30.0, 20.0]])
+    assert said in advice if said else not advice
+    with_rotors = robot.with_links([replace(link, armature=0.1) for link in robot.links])
+    assert ("rotor" in said or not said) == (mo.robot.drive_advice(with_rotors) == "")
+
+
+def test_show_and_the_note_of_a_motion_say_what_drives_lack(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "arm.urdf"
+    path.write_text(chain(revolute(), revolute(xyz="0.5 0 0")))
+    assert main(["show", str(path)]) == 0
+    assert "of any joint neither the rotor inertia" in " ".join(capsys.readouterr().out.split())
+    robot = mo.load_robot(path)
+    for motion in (
+        mo.time_optimal(robot, [[0, 0], [1, 1]], mesh=10, starts=1),
+        mo.time_optimal_path(robot, mo.cubic([[0, 0], [1, 1]], [0.0, 1.0]), mesh=20),
+    ):
+        peak = np.abs(motion.qdd).max()
+        assert f"reaches {peak:.5g} rad/s^2: of any joint neither" in motion.note
+    bounded = robot.with_limits(qdd_max=9.0)
+    assert "reaches" not in mo.time_optimal(bounded, [[0, 0], [1, 1]], mesh=10, starts=1).note

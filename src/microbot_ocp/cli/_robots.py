@@ -33,7 +33,7 @@ from microbot_ocp.cli._output import (
 )
 from microbot_ocp.cli._recordings import check_recording, open_recording
 from microbot_ocp.limits import JOINT_QUANTITIES
-from microbot_ocp.robot import Robot
+from microbot_ocp.robot import Robot, drive_advice
 from microbot_ocp.robot.files import load_robot, packaged_robots, robot_text, save_text
 
 if TYPE_CHECKING:
@@ -297,6 +297,8 @@ def _show_robot(console: Console, robot: Robot) -> None:
             console.print(Table.of_text(heads, rows), "")
     else:
         console.print("No masses: kinematics only.\n")
+    if advice := drive_advice(robot):
+        console.print(f"Note: {advice}.\n")
     quantities = [q for q in JOINT_QUANTITIES if np.isfinite(robot.limits.bounds(q)).any()]
     if not quantities:
         console.print("Limits: none\n")

@@ -21,7 +21,13 @@ from microbot_ocp.planning._free_search import KEEPS_LIMITS, FreeSearch, TimeOpt
 from microbot_ocp.planning._segments import Segment
 from microbot_ocp.planning._stop_task import is_task, task_of
 from microbot_ocp.planning._stops import Stop
-from microbot_ocp.planning._task import check_limits, check_via, too_near, with_changes
+from microbot_ocp.planning._task import (
+    check_limits,
+    check_via,
+    too_near,
+    with_changes,
+    with_drives_noted,
+)
 from microbot_ocp.planning._within_limits import Slowed, known_ways
 from microbot_ocp.robot import Robot
 from microbot_ocp.scene import Scene
@@ -117,15 +123,18 @@ def time_optimal(
             from microbot_ocp.planning._stops_among import stops_among
 
             with deadline.within(chosen.time_limit):
-                return stops_among(robot, limits, plan, scene, chosen, progress or quiet)
-        return solve_stops(robot, limits, *plan, chosen, progress or quiet)
+                motion = stops_among(robot, limits, plan, scene, chosen, progress or quiet)
+            return with_drives_noted(robot, motion, limits)
+        motion = solve_stops(robot, limits, *plan, chosen, progress or quiet)
+        return with_drives_noted(robot, motion, limits)
     family = check_limits(robot, limits)
     via = check_via(family, cast("ArrayLike", via_q))
     if scene is not None:
         from microbot_ocp.planning._among_obstacles import fastest_among
 
         with deadline.within(chosen.time_limit):
-            return fastest_among(family, via, scene, chosen, progress or quiet)
+            motion = fastest_among(family, via, scene, chosen, progress or quiet)
+            return with_drives_noted(robot, motion, limits)
     return fastest_motion(family, via, chosen, progress or quiet)
 
 
@@ -155,7 +164,7 @@ def fastest_motion(
         except deadline.Over:
             assert known is not None
             return _without_search(known, time.perf_counter() - begin)
-        return search.run()
+        return with_drives_noted(family.robot, search.run())
 
 
 def _without_search(known: Slowed, wall: float) -> Motion:

@@ -62,6 +62,7 @@ from microbot_ocp.planning._task import (
     verdict,
     whole,
     with_changes,
+    with_drives_noted,
     with_locked_joints_held,
 )
 from microbot_ocp.robot import Robot
@@ -185,7 +186,8 @@ def best_timing(
 ) -> Motion:
     """As :func:`time_optimal_path`, of a path that is checked."""
     with deadline.within(settings.time_limit):
-        return _PathSearch(family, path, settings, label, progress).run()
+        motion = _PathSearch(family, path, settings, label, progress).run()
+    return with_drives_noted(family.robot, motion)
 
 
 @dataclass(frozen=True, eq=False)

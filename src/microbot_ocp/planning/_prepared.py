@@ -42,6 +42,7 @@ from microbot_ocp.planning._task import (
     provenance_of,
     verdict,
     whole,
+    with_drives_noted,
     with_locked_joints_held,
 )
 from microbot_ocp.robot import Robot
@@ -221,7 +222,8 @@ class TimeOptimalSolver:
                 break
         name, best = min(tried, key=lambda pair: (not pair[1].status.solved, pair[1].duration))
         solution, excess = self._refined(family, best, changes)
-        return self._motion(family, solution, excess, tried, name, payload, begin)
+        motion = self._motion(family, solution, excess, tried, name, payload, begin)
+        return with_drives_noted(family.robot, motion)
 
     def _slower(self, family: LimitFamily) -> float:
         """Share by which the typical durations differ from those under the robot's own limits."""

@@ -27,9 +27,16 @@ from microbot_ocp.limits import (
     Member,
     MotionSamples,
 )
+from microbot_ocp.motion import Motion
 from microbot_ocp.ocp import Phase, Solution
 from microbot_ocp.planning._scale import TaskScale
-from microbot_ocp.robot import Robot, inverse_dynamics, torque_and_rate, torque_derivatives
+from microbot_ocp.robot import (
+    Robot,
+    drive_advice,
+    inverse_dynamics,
+    torque_and_rate,
+    torque_derivatives,
+)
 
 STATE: tuple[str, ...] = ("q", "qd", "qdd", "qddd")
 GAP = 1e-5  # relative, of a duration above its local optimum
@@ -59,6 +66,16 @@ def with_changes(settings: Settings, changes: Mapping[str, Any]) -> Settings:
             hint = f"; did you mean {close[0]!r}?" if close else ""
             raise TypeError(f"there is no setting {name!r}{hint} (settings: {', '.join(known)})")
     return replace(settings, **changes)  # type: ignore[type-var]
+
+
+def with_drives_noted(
+    robot: Robot, motion: Motion, limits: Limits | JointLimits | None = None
+) -> Motion:
+    """The motion, whose note says where torques on light links alone decide how fast it begins."""
+    advice = drive_advice(robot if limits is None else robot.with_limits(limits), motion.qdd)
+    if not advice or advice in motion.note:
+        return motion
+    return replace(motion, note="; ".join(filter(None, (motion.note, advice))))
 
 
 def verdict(

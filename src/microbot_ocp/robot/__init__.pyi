@@ -8,6 +8,9 @@ from ._closed_form import (
     ClosedForm as ClosedForm,
     closed_form as closed_form,
 )
+from ._drives import (
+    drive_advice as drive_advice,
+)
 from ._dynamics import (
     COULOMB_SMOOTHING as COULOMB_SMOOTHING,
     bias_torque as bias_torque,

@@ -21,6 +21,7 @@ from microbot_ocp.robot.files._mesh_files import find_mesh
 from microbot_ocp.robot.files._remarks import Remarks
 
 EXTENSION = "microbot_ocp"
+ACCELERATION = "drake:acceleration"  # attribute of <limit> by which Drake extends the format
 MOVING = ("revolute", "continuous", "prismatic")
 HELD = ("planar", "floating", "spherical")  # a serial chain has no such joints
 # What a joint's extension element may hold: rotor inertia, and limits that <limit> has no room for.
@@ -62,6 +63,7 @@ class UrdfJoint:
     upper: float = math.inf
     velocity: float = math.inf
     effort: float = math.inf
+    acceleration: float = math.inf
     damping: float = 0.0
     friction: float = 0.0
     leader: str | None = None  # joint that it mimics
@@ -223,8 +225,9 @@ def _joint(element: Element, name: str, remarks: Remarks) -> UrdfJoint:
         axis=_axis(element, name, remarks),
         lower=lower,
         upper=upper,
-        velocity=_bound(limit, "velocity", label),
-        effort=_bound(limit, "effort", label),
+        velocity=_bound(limit, "velocity", label, remarks),
+        effort=_bound(limit, "effort", label, remarks),
+        acceleration=_bound(limit, ACCELERATION, label, remarks),
         damping=_finite(dynamics, "damping", label, at_least=0.0),
         friction=_finite(dynamics, "friction", label, at_least=0.0),
         leader=None if mimic is None else mimic.get("joint", ""),
@@ -251,12 +254,17 @@ def _axis(joint: Element, name: str, remarks: Remarks) -> FloatArray:
     return axis / length
 
 
-def _bound(limit: Element | None, key: str, label: str) -> float:
-    """A bound of speed or effort; infinite without one."""
+def _bound(limit: Element | None, key: str, label: str, remarks: Remarks) -> float:
+    """A bound of speed, effort or acceleration; infinite without one, which files write as 0."""
     text = None if limit is None else limit.get(key)
     if text is None or _number(f"{key} of {label}", text) == math.inf:
         return math.inf
-    return _finite(limit, key, label, at_least=0.0)
+    bound = _finite(limit, key, label, at_least=0.0)
+    if bound == 0.0:
+        remarks.add(
+            "limits of 0 are read as not stated: there is no such limit", f"{key} of {label}"
+        )
+    return bound or math.inf
 
 
 def _range(limit: Element | None, kind: str, name: str, remarks: Remarks) -> tuple[float, float]:

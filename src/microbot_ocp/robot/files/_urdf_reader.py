@@ -447,8 +447,8 @@ def _limits(moving: list[UrdfJoint]) -> Limits:
         "q_max": [joint.upper for joint in moving],
     }
     for quantity in RANGES:
-        sizes = {"qd": [j.velocity for j in moving], "tau": [j.effort for j in moving]}
-        size = sizes.get(quantity, [math.inf] * len(moving))
+        key = {"qd": "velocity", "tau": "effort", "qdd": "acceleration"}.get(quantity, "")
+        size = [getattr(joint, key, math.inf) for joint in moving]
         bounds[f"{quantity}_max"] = (
             [_extra(j, f"{quantity}_min", -s) for j, s in zip(moving, size, strict=True)],
             [_extra(j, f"{quantity}_max", s) for j, s in zip(moving, size, strict=True)],

@@ -14,7 +14,7 @@ from microbot_ocp.robot._links import Link
 from microbot_ocp.robot._model import Robot, dh_transform
 from microbot_ocp.robot._shapes import SIZES, Shape
 from microbot_ocp.robot.files._toml import save_text
-from microbot_ocp.robot.files._urdf_file import EXTENSION, RANGES
+from microbot_ocp.robot.files._urdf_file import ACCELERATION, EXTENSION, RANGES
 
 
 def write_urdf(robot: Robot, path: str | Path) -> None:
@@ -68,6 +68,8 @@ def robot_to_urdf(robot: Robot) -> str:
         _write_moving(element, robot, joint)
     name = _unused("tool_joint", robot.joint_names)
     _write_joint(root, name, names[-2:], robot.tool).set("type", "fixed")
+    if any(ACCELERATION in limit.attrib for limit in root.iter("limit")):
+        root.set("xmlns:drake", "http://drake.mit.edu")
     ElementTree.indent(root)
     text = ElementTree.tostring(root, "unicode")
     try:
@@ -168,10 +170,10 @@ def _write_moving(element: ElementTree.Element, robot: Robot, joint: int) -> Non
     if prismatic or not unlimited:
         limit = {"lower": repr(q_min), "upper": repr(q_max)}
     for quantity in RANGES:
-        key = {"qd": "velocity", "tau": "effort"}.get(quantity, "")
+        key = {"qd": "velocity", "tau": "effort", "qdd": ACCELERATION}.get(quantity, "")
         lower, upper = (float(bound[joint]) for bound in robot.limits.bounds(quantity))
         size = max(-lower, upper)
-        if key and math.isfinite(size):
+        if key and 0.0 < size < math.inf:  # others read 0 as not stated
             limit[key] = repr(size)
         if (lower, upper) != ((-size, size) if limit.get(key) else (-math.inf, math.inf)):
             extra[f"{quantity}_min"], extra[f"{quantity}_max"] = repr(lower), repr(upper)
