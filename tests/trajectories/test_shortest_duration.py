@@ -92,7 +92,7 @@ def test_a_quintic_begins_and_ends_at_rest_under_limits_of_rates(key):
 @pytest.mark.parametrize("key", RATE_LIMITS)
 def test_no_duration_of_a_cubic_keeps_a_rate(key, duration):
     """From rest its acceleration jumps to 6 L / T^2."""
-    with pytest.raises(mo.InputError, match="jumps at .* no duration keeps .* such as a quintic"):
+    with pytest.raises(mo.InputError, match=r"jumps at .*no duration keeps .*quintic"):
         shortest_duration(slider(), cubic([[0.0], [L]], [0.0, duration]), RATE_LIMITS[key])
 
 

@@ -27,13 +27,18 @@ from microbot_ocp.comparison._resimulation import (
     resimulate,
     torque_sizes,
 )
-from microbot_ocp.limits import AT_LIMIT, LIMIT_TOLERANCE, LimitFamily, LimitHistory
+from microbot_ocp.limits import (
+    AT_LIMIT,
+    LIMIT_TOLERANCE,
+    LimitFamily,
+    LimitHistory,
+    StateHistory,
+)
 from microbot_ocp.motion import (
     Motion,
     State,
     dense_times,
     jump_gaps,
-    samples_at,
     torque_along,
 )
 from microbot_ocp.planning import Segment, Stop, is_task, places_along, task_of
@@ -73,6 +78,8 @@ class LimitCheck:
     joint, time, value, limit, unit
         Where the worst utilisation is: joint name (empty where the limit is not one of the joints),
         s, value and limit in ``unit``.
+    jump : bool
+        Whether that is a jump of the acceleration, which counts as if it took a microsecond.
     """
 
     quantity: str
@@ -85,6 +92,7 @@ class LimitCheck:
     value: float
     limit: float
     unit: str
+    jump: bool = False
 
     @property
     def title(self) -> str:
@@ -256,7 +264,11 @@ def certify(
     - Limits: on a dense grid (at least 20 points to each interval between ``motion.breaks``, 5
       where there are thousands; steps of at most 0.25 ms, longer beyond 100 s) with torques from
       inverse dynamics; the torque rate by exact differentiation. At a break both one-sided values
-      count.
+      count. Limits of the torque rate or the jerk allow no jump of the acceleration: neither inside
+      nor where the motion begins or ends at rest, for there the arm is held at rest before and
+      after, with the torque of gravity. A start or end that moves goes on as it is. The weight of
+      what the tool picks up or puts down at a stop is no motion of the arm: the step of the torque
+      that it makes does not count as a rate.
     - Stored torques: compared with inverse dynamics at every sample. Between samples the torque
       must stay near those of its neighbours, or positions, velocities and accelerations do not
       belong together.
@@ -384,14 +396,18 @@ def certificate_of(
     motion: Motion,
     via: FloatArray | None,
     tolerances: Tolerances | None = None,
+    history: StateHistory | None = None,
 ) -> Certificate:
-    """As :func:`certify`, of what is checked."""
+    """As :func:`certify`, of what is checked.
+
+    ``history`` is what limits are judged by where the motion is a part of one.
+    """
     started = time.perf_counter()
     robot: Robot = family.robot
     tolerances = tolerances or Tolerances()
     t, ratio = dense_times(motion)
     state = motion.sample(t)
-    limit_checks, saturated = _check_limits(family, motion, t)
+    limit_checks, saturated = _check_limits(family, history or motion.history())
     if not robot.has_dynamics:
         vias = () if via is None else _check_vias(motion, via, t, state)
         problems = _beyond_limits(tolerances, limit_checks) + _missed(tolerances, vias)
@@ -483,15 +499,15 @@ def certificate_of(
 
 
 def _check_limits(
-    family: LimitFamily, motion: Motion, t: FloatArray
+    family: LimitFamily, states: StateHistory
 ) -> tuple[tuple[LimitCheck, ...], float]:
-    history = LimitHistory.of(family, t, samples_at(motion, t))
+    history = LimitHistory.of(family, states)
     found = []
-    busy = np.zeros(t.size, dtype=bool)
+    busy = np.zeros(history.t.size, dtype=bool)
     for member in family:
-        use, values = history.use[member.key], history.limited[member.key]
         if member.key != "q":
-            busy |= (use >= AT_LIMIT).any(axis=1)
+            busy |= (history.use[member.key] >= AT_LIMIT).any(axis=1)
+        t, values, use = history.judged(member.key)
         peaks = use.max(axis=0)
         joint = int(peaks.argmax())
         i = int(use[:, joint].argmax())
@@ -507,10 +523,11 @@ def _check_limits(
                 value=float(values.value[i, joint]),
                 limit=float(member.nearest_bound(values)[i, joint]),
                 unit=member.units[joint],
+                jump=i >= history.t.size,
             )
         )
-    spans = np.diff(t)
-    share_of_time = float((0.5 * (busy[:-1] + 0.0 + busy[1:]) * spans).sum() / motion.duration)
+    spans = np.diff(history.t)
+    share_of_time = float((0.5 * (busy[:-1] + 0.0 + busy[1:]) * spans).sum() / spans.sum())
     return tuple(found), share_of_time
 
 
@@ -601,9 +618,9 @@ def _problems(
 
 def _beyond_limits(tolerances: Tolerances, limit_checks: tuple[LimitCheck, ...]) -> list[str]:
     return [
-        f"{check.title} is {check.value:.5g} {check.unit} at "
-        f"{check.time:.4g} s, {100 * check.violation:.3g} % beyond its limit of "
-        f"{check.limit:.5g} {check.unit}"
+        f"{check.title} is {check.value:.5g} {check.unit} at {check.time:.4g} s"
+        + (", where the acceleration jumps" if check.jump else "")
+        + f", {100 * check.violation:.3g} % beyond its limit of {check.limit:.5g} {check.unit}"
         for check in limit_checks
         if check.violation > tolerances.limit
     ]

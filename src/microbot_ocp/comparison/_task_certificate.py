@@ -72,9 +72,10 @@ class SegmentCheck:
 def certificate_of_task(task: Task, motion: Motion, tolerances: Tolerances) -> Certificate:
     """Certificate of a motion whose marks are when the stops of a task are reached."""
     parts, problems = [], []
+    history = motion.history(cycle=task.cycle)
     for start, end, robot, _ in stretches(task, motion):
-        part = _part(motion, robot, start, end)
-        found = certificate_of(LimitFamily.of(robot), part, None, tolerances)
+        part, states = _part(motion, robot, start, end), history.between(start, end)
+        found = certificate_of(LimitFamily.of(robot), part, None, tolerances, states)
         parts.append((start, end - start, found))
         if not found.ok:
             said = found.verdict.removeprefix("Failed: ").rstrip(".")

@@ -21,6 +21,7 @@ from ._joint_limits import (
 )
 from ._jumps import (
     JUMP_TIME as JUMP_TIME,
+    StateHistory as StateHistory,
     jumps_between as jumps_between,
 )
 from ._limit import (

@@ -208,7 +208,7 @@ class LimitFamily:
         torques = {"tau", "taud"} & set(wanted) - set(given)
         if torques:
             jerk = samples.qddd if "taud" in torques else None
-            given |= self.robot.torques_along(*samples[:3], jerk)
+            given = self.robot.torques_along(*samples[:3], jerk) | given
         computed = tuple(key for key in wanted if key not in given)
         results: dict[str, list[FloatArray]] = {}
         if computed:

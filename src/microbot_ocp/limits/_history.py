@@ -9,8 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError, shown
-from microbot_ocp.limits._family import LimitFamily, LimitValues, MotionSamples
+from microbot_ocp.limits._family import LimitFamily, LimitValues
 from microbot_ocp.limits._joint_limits import JointLimits, Limits
+from microbot_ocp.limits._jumps import StateHistory
 from microbot_ocp.limits._use import AT_LIMIT
 
 SHORTEST = 2e-3  # s: gaps and spells shorter than this are put down to the solver's mesh
@@ -43,27 +44,46 @@ class LimitHistory:
         Values [N,k] with their bounds, SI.
     use : mapping from the key of a limit to array [N,k]
         1 at the limit, minus infinity where there is none; for q 0 in the middle of its range.
+    jumps : LimitHistory, optional
+        Of the limits that depend on the jerk: where the acceleration may jump, at the ends of the
+        motion and inside of it, what that asks for.
     """
 
     t: FloatArray
     family: LimitFamily
     limited: Mapping[str, LimitValues]
     use: Mapping[str, FloatArray]
+    jumps: LimitHistory | None = None
 
     @classmethod
     def of(
         cls,
         family: LimitFamily,
-        t: FloatArray,
-        samples: MotionSamples,
+        history: StateHistory,
         measured: Mapping[str, FloatArray] | None = None,
     ) -> LimitHistory:
-        """The use of the limits at times t [N] with their states.
+        """The use of the limits along a motion.
 
         ``measured`` holds values [N,n] by key that are not to be computed: the torques of a drive.
         """
-        values = family.values(samples, measured=measured)
-        return cls(t, family, values, {key: family[key].use(v) for key, v in values.items()})
+
+        def used(values: dict[str, LimitValues]) -> dict[str, FloatArray]:
+            return {key: family[key].use(v) for key, v in values.items()}
+
+        values = family.values(history.samples, measured=measured)
+        leaps = family.values(history.jumps, family.of_order(3))
+        jumps = cls(history.jump_t, family, leaps, used(leaps))
+        return cls(history.t, family, values, used(values), jumps)
+
+    def judged(self, key: str) -> tuple[FloatArray, LimitValues, FloatArray]:
+        """Times, values and use of a limit, those of the jumps after those in motion."""
+        if self.jumps is None or key not in self.jumps.use:
+            return self.t, self.limited[key], self.use[key]
+        pair = self.limited[key], self.jumps.limited[key]
+        columns = zip(*(np.broadcast_arrays(*values) for values in pair), strict=True)
+        joined = map(np.concatenate, columns)
+        use = np.concatenate([self.use[key], self.jumps.use[key]])
+        return np.append(self.t, self.jumps.t), LimitValues(*joined), use
 
     @property
     def values(self) -> dict[str, FloatArray]:
@@ -130,8 +150,7 @@ def limit_history(
     count = robot.joint_count
     if motion.joint_count != count:
         raise InputError(f"motion is of {motion.joint_count} joints, but the robot has {count}")
-    t, samples = motion.dense_samples()
-    return LimitHistory.of(LimitFamily.of(robot, limits), t, samples)
+    return LimitHistory.of(LimitFamily.of(robot, limits), motion.history())
 
 
 def _runs(t: FloatArray, busy: np.ndarray) -> list[tuple[float, float]]:

@@ -22,6 +22,7 @@ from ._polynomial import (
 from ._sampling import (
     JUMP_GAP as JUMP_GAP,
     dense_times as dense_times,
+    history_of as history_of,
     jump_gaps as jump_gaps,
     mesh_of as mesh_of,
     nearest_samples as nearest_samples,

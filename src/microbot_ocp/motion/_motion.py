@@ -21,10 +21,10 @@ from microbot_ocp._base.archive import no_archive, read_archive, write_archive
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
 from microbot_ocp._base.status import Status
-from microbot_ocp.limits import MotionSamples
+from microbot_ocp.limits import MotionSamples, StateHistory
 from microbot_ocp.motion._export import export
 from microbot_ocp.motion._polynomial import PiecewisePolynomial, State, quintic_between
-from microbot_ocp.motion._sampling import JUMP_GAP, dense_times, jump_gaps, samples_at
+from microbot_ocp.motion._sampling import JUMP_GAP, dense_times, history_of, jump_gaps
 from microbot_ocp.robot import Robot
 
 NOTHING = 1e-8  # of the largest acceleration: a term of a polynomial that counts as none
@@ -240,8 +240,15 @@ class Motion:
         At least 20 points to each interval between breaks (5 where there are thousands), steps of
         at most 0.25 ms; both sides of each break.
         """
-        t, _ = dense_times(self)
-        return t, samples_at(self, t)
+        return self.history()[:2]
+
+    def history(self, *, cycle: bool = False) -> StateHistory:
+        """What limits are judged by: the dense samples, and the jumps of the acceleration.
+
+        An arm that is at rest where the motion begins or ends is held there, so that a start with
+        an acceleration is a jump. In a ``cycle`` what ends moving goes on at the start.
+        """
+        return history_of(self, dense_times(self)[0], cycle)
 
     def resample(self, rate: float, robot: Robot | None = None) -> Motion:
         """The motion on a grid of ``rate`` hertz, its end included.

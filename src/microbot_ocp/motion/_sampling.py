@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp.limits import MotionSamples
+from microbot_ocp.limits import JUMP_TIME, MotionSamples, StateHistory, jumps_between
 
 if TYPE_CHECKING:
     from microbot_ocp.motion._motion import Motion
 
-JUMP_GAP = 1e-6  # s between the two samples that stand for a jump of the acceleration
+JUMP_GAP = JUMP_TIME  # s between the two samples that stand for a jump of the acceleration
 GRID_STEP = 0.25e-3  # s, the longest step of the dense grid
 MOST_STEPS = 400_000  # of that in 100 s; longer motions have longer ones
 JUMP_SHARE = 0.02  # of the interval before it: a longer gap is an interval of a short motion
@@ -70,25 +70,30 @@ def dense_times(motion: Motion) -> tuple[FloatArray, float]:
 def samples_at(motion: Motion, t: FloatArray) -> MotionSamples:
     """Position and its first three derivatives [N,n] at times t [N] of the dense grid.
 
-    Where two samples stand for a jump of the acceleration, the jerk is their difference over the
-    gap.
+    The jerk is that in motion: at both sides of a jump of the acceleration that of its side.
     """
-    state = motion.sample(t)
-    jerk = _slope_of_acceleration(motion, t)
-    first = np.flatnonzero(jump_gaps(motion.t))
-    if first.size:
-        gap = (motion.t[first + 1] - motion.t[first])[:, None]
-        at = np.clip(np.searchsorted(t, motion.t[first]), 0, t.size - 1)
-        hit = t[at] == motion.t[first]
-        jerk[at[hit]] = ((motion.qdd[first + 1] - motion.qdd[first]) / gap)[hit]
-    return MotionSamples(*state, jerk)
+    return MotionSamples(*motion.sample(t), _slope_of_acceleration(motion, t))
+
+
+def history_of(motion: Motion, t: FloatArray, cycle: bool = False) -> StateHistory:
+    """States at times t [N], and the jumps of the acceleration at the motion's ends and inside."""
+    gaps = np.flatnonzero(jump_gaps(motion.t))
+    first, last = np.append(0, gaps + 1), np.append(gaps, motion.t.size - 1)
+    starts, ends = (
+        MotionSamples(motion.q[k], motion.qd[k], motion.qdd[k], np.zeros_like(motion.qdd[k]))
+        for k in (first, last)
+    )
+    jumps = jumps_between(starts, ends, cycle=cycle)
+    return StateHistory(t, samples_at(motion, t), np.append(motion.t[first], motion.t[-1]), jumps)
 
 
 def _slope_of_acceleration(motion: Motion, t: FloatArray) -> FloatArray:
-    """Jerk [N,n], by differences inside the interval between two samples."""
+    """Jerk [N,n], by differences inside an interval between samples; in a gap that before it."""
     i = np.clip(np.searchsorted(motion.t, t, side="right") - 1, 0, motion.t.size - 2)
+    i = i - jump_gaps(motion.t)[i]
     start, end = motion.t[i], motion.t[i + 1]
     reach = 0.05 * (end - start)
+    t = np.minimum(t, end)
     low = np.clip(t - reach, start, end)
     # The end of an interval belongs to the next one when sampled.
     high = np.clip(t + reach, start, end - 1e-3 * (end - start))

@@ -23,7 +23,6 @@ from microbot_ocp.motion import (
     PiecewisePolynomial,
     State,
     dense_times,
-    samples_at,
     unresolved,
 )
 from microbot_ocp.planning._curve import Curve, CurvePiece
@@ -181,7 +180,8 @@ def _smooth(family: LimitFamily, via: FloatArray, times: FloatArray) -> Piecewis
 
 def _slowed_evenly(family: LimitFamily, motion: Motion, most: float = EVENLY) -> Motion | None:
     """A motion slowed down by at most ``most`` times until its limits hold, where that helps."""
-    dense = samples_at(motion, dense_times(motion)[0])
+    _, samples, _, jumps = motion.history()
+    dense = MotionSamples(*map(np.concatenate, zip(samples, jumps, strict=True)))
     if not _kept(family, dense, 0):  # slower is no other place
         return None
     slowed = family.of_order(1, 2, 3)

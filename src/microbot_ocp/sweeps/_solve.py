@@ -17,7 +17,7 @@ from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.codegen import NotCompiled, compiler, interpreted, usable_folder
 from microbot_ocp._base.status import Status
 from microbot_ocp.comparison import Certificate, certify, compare
-from microbot_ocp.limits import AT_LIMIT, LimitFamily, LimitHistory
+from microbot_ocp.limits import AT_LIMIT, limit_history
 from microbot_ocp.motion import Motion
 from microbot_ocp.planning import TimeOptimalSolver, straight_path, time_path
 from microbot_ocp.robot import Robot, forward_kinematics
@@ -186,9 +186,8 @@ def _key(values: Mapping[str, FloatArray]) -> tuple[tuple[str, bytes], ...]:
 
 def limit_shares(plan: Plan, robot: Robot, motion: Motion) -> dict[str, float]:
     """Share of the time in which each limit of the joints, or further one, is used up."""
-    t, samples = motion.dense_samples()
-    history = LimitHistory.of(LimitFamily.of(robot), t, samples)
-    weight = np.gradient(t)
+    history = limit_history(robot, motion)
+    weight = np.gradient(history.t)
     return {
         name: float(weight[history.use[key][:, k] >= AT_LIMIT].sum() / weight.sum())
         for key, k, name in plan.limit_columns

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.limits import LimitFamily, LimitHistory
-from microbot_ocp.motion import Mark, Motion, State, jump_gaps, samples_at
+from microbot_ocp.motion import Mark, Motion, State, history_of, jump_gaps, torque_along
 from microbot_ocp.robot import Robot
 from microbot_ocp.views._scene import reach
 from microbot_ocp.views.plots._style import EntryStyle
@@ -143,8 +144,29 @@ def moving_arm(
     curves = {"q": state.q, "qd": state.qd, "tau": tau}
     history = None
     if family is not None:
-        history = LimitHistory.of(family, t, samples_at(motion, t), {"tau": tau})
+        states, measured = history_of(motion, t), {"tau": tau}
+        if "taud" in family:
+            rate_of_motion = family.robot.torques_along(*states.samples)["taud"]
+            measured["taud"] = rate_of_motion + _rate_beyond(family.robot, motion, t)
+        history = LimitHistory.of(family, states, measured)
     return AnimatedArm(look, times, state, curves, motion.marks, history)
+
+
+def _rate_beyond(robot: Robot, motion: Motion, t: FloatArray) -> FloatArray:
+    """Rates [N,n] of what stored torques are beyond those of the bare arm: of a payload, a drive.
+
+    Steps of it count at no time: where something is picked up its weight does.
+    """
+    beyond = motion.tau - torque_along(robot, State(motion.q, motion.qd, motion.qdd))
+    edges = [0, *np.flatnonzero(jump_gaps(motion.t)) + 1, motion.t.size]
+    parts = [slice(*ends) for ends in pairwise(edges)]
+    slopes = [
+        np.gradient(beyond[part], motion.t[part], axis=0)
+        if part.stop - part.start > 1
+        else 0.0 * beyond[part]
+        for part in parts
+    ]
+    return np.column_stack([np.interp(t, motion.t, own) for own in np.concatenate(slopes).T])
 
 
 def drawn_rate(rate: float | None, motions: Sequence[Motion]) -> tuple[float, str]:

@@ -124,15 +124,18 @@ def draw_limit_curves(writer: Writer, arm: AnimatedArm, end: Times) -> None:
 def limit_notes(arm: AnimatedArm) -> list[str]:
     """A sentence on the peak of every further limit."""
     notes = []
-    for member, values in _further(arm):
-        use = member.use(values)
+    for member, drawn in _further(arm):
+        assert arm.history is not None
+        t, values, use = arm.history.judged(member.key)
         i, k = np.unravel_index(int(use.argmax()), use.shape)
         bound = member.nearest_bound(values)[i, k]
         title, unit = member.title(int(k)), member.units[k]
+        asks = f"at most {100 * use[i, k]:.0f} % of its limit of"
+        if i >= len(drawn.value) and use[i, k] > 1.0:
+            asks = "the acceleration jumps, beyond its limit of"
         notes.append(
-            f"{title[0].upper()}{title[1:]}: at most {100 * use[i, k]:.0f} % of its limit of "
-            f"{bound:.4g} {unit}".rstrip()
-            + f", at {arm.times[TIME][i]:.3f} s."
+            f"{title[0].upper()}{title[1:]}: {asks} {bound:.4g} {unit}".rstrip()
+            + f", at {t[i]:.3f} s."
         )
     return notes
 
