@@ -2,8 +2,8 @@
 
     python docs/make_animation.py
 
-The task is that of ``make demo``: the report's three poses; the ghost is the cubic scaled to the
-limits, the solid arm takes the free time-optimal motion.
+The task is that of ``make demo``: the report's three poses; the ghost is the cubic with the best
+split of its times, the solid arm takes the free time-optimal motion.
 """
 
 from __future__ import annotations

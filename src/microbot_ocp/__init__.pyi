@@ -140,7 +140,9 @@ from .sweeps import (
 )
 from .trajectories import (
     Scaled as Scaled,
+    best_split as best_split,
     cubic as cubic,
+    first_splits as first_splits,
     lspb as lspb,
     quintic as quintic,
     shortest_duration as shortest_duration,

@@ -49,7 +49,7 @@ def test_every_method_is_there_and_solved(comparison):
     assert [entry.name for entry in comparison.entries] == list(METHODS)
     assert comparison.solved
     assert {entry.status for entry in comparison.entries} == {"solved"}
-    assert comparison["lspb"].title == "LSPB, scaled"
+    assert comparison["lspb"].title == "LSPB, best split of times"
     with pytest.raises(KeyError):
         comparison["spline"]
 
@@ -61,6 +61,8 @@ def test_every_method_is_there_and_solved(comparison):
         ("time_optimal", "straight_path"),
         ("time_optimal", "lspb"),
         ("cubic_path", "cubic"),
+        ("cubic", "cubic_scaled"),
+        ("lspb", "lspb_scaled"),
     ],
 )
 def test_more_freedom_is_never_slower(comparison, fast, slow):
@@ -72,7 +74,9 @@ def test_durations_are_those_of_the_methods(microbot, comparison):
     motions = comparison.motions
     assert motions["cubic_report"].duration == 4.0
     scaled = mo.shortest_duration(microbot, mo.cubic(VIA_Q, VIA_T, VIA_QD))
-    assert motions["cubic"].duration == pytest.approx(scaled.duration, rel=1e-12)
+    assert motions["cubic_scaled"].duration == pytest.approx(scaled.duration, rel=1e-12)
+    scaled = mo.shortest_duration(microbot, mo.lspb(VIA_Q, VIA_T, 0.5, VIA_QD))
+    assert motions["lspb_scaled"].duration == pytest.approx(scaled.duration, rel=1e-12)
     assert motions["time_optimal"].duration == pytest.approx(1.9236, rel=1e-3)
     for name in ("straight_path", "cubic_path"):
         reached = motions[name].provenance["reachability_duration"]
@@ -80,7 +84,7 @@ def test_durations_are_those_of_the_methods(microbot, comparison):
 
 
 def test_a_shape_that_is_scaled_meets_its_limit_and_does_not_pass_it(microbot, comparison):
-    for name in ("cubic", "lspb"):
+    for name in ("cubic", "cubic_scaled", "lspb", "lspb_scaled"):
         motion = comparison.motions[name]
         use = max(
             np.abs(motion.qd / microbot.limits.qd_max).max(),
@@ -102,7 +106,7 @@ def test_every_motion_is_certified(comparison, name):
     assert certificate.ok, certificate.verdict
     assert certificate.worst_violation < 5e-3
     for check in certificate.via_checks:
-        assert check.distance < 1e-3 or name == "lspb"
+        assert check.distance < 1e-3 or name.startswith("lspb")
 
 
 def test_effort_and_work_are_integrals_of_the_motion(comparison):
@@ -234,10 +238,11 @@ def test_a_corner_that_cannot_be_held_is_an_entry_without_motion(pendulum):
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ({"methods": ["spline"]}, "method must be one of cubic_report, cubic, lspb"),
+        ({"methods": ["spline"]}, "method must be one of cubic_report, cubic_scaled, cubic, lspb"),
         ({"methods": []}, "methods must be different names, not []"),
         ({"methods": ["cubic", "cubic"]}, "methods must be different names"),
         ({"methods": ["cubic_report"]}, "method 'cubic_report' needs via_t"),
+        ({"methods": ["lspb_scaled"]}, "method 'lspb_scaled' needs via_t"),
         ({"meshes": 40}, "setting of compare must be one of compiled, grid, limit_tolerance, mesh"),
         ({"mesh": 2}, "mesh must be at least 4 intervals, not 2"),
         ({"blend": 0.6}, "blend must be at most 0.5 of a segment, not 0.6"),
@@ -247,7 +252,8 @@ def test_a_corner_that_cannot_be_held_is_an_entry_without_motion(pendulum):
         ({"via_t": [0.0, 2.0, 1.0]}, "via_t must increase from 0 s"),
         ({"via_t": [1.0, 2.0, 3.0]}, "via_t must increase from 0 s"),
         ({"via_t": [0.0, 1.0, np.nan]}, "via_t must be finite, but entry [2] is nan s"),
-        ({"via_qd": VIA_QD[:2]}, "via_qd must have shape [3, 3], not [2, 3]"),
+        ({"via_qd": VIA_QD[:2], "via_t": VIA_T}, "via_qd must have shape [3, 3], not [2, 3]"),
+        ({"via_qd": VIA_QD}, "via_qd needs via_t, the times at which"),
         ({"limits": mo.Limits(q_max=9.0)}, "without any bound on its velocity"),
     ],
 )
@@ -259,13 +265,47 @@ def test_bad_input_is_refused_before_any_method_runs(microbot, options, said):
     assert "\n" not in str(caught.value)
 
 
-def test_the_report_cubic_is_left_out_where_no_timing_is_given(microbot):
+def test_methods_of_given_times_are_left_out_where_none_are_given(microbot):
+    result = mo.compare(microbot, VIA_Q, mesh=20, starts=1)
+    assert [name for name in METHODS if name not in result.motions] == [
+        *("cubic_report", "cubic_scaled", "lspb_scaled")
+    ]
+
+
+def test_the_baseline_has_the_best_split_of_its_times(microbot):
+    """Whatever times are given; what was assumed is said."""
     result = mo.compare(microbot, VIA_Q, ["cubic", "lspb"])
-    assert [entry.name for entry in result.entries] == ["cubic", "lspb"]
-    # the default timing: the larger the step of a joint, the longer the segment
-    marks = [mark.time for mark in result["cubic"].motion.marks]
-    steps = np.abs(np.diff(VIA_Q, axis=0)).max(axis=1)
-    assert marks[2] / marks[1] == pytest.approx(steps.sum() / steps[0], rel=1e-9)
+    for skewed in ([0, 1, 4], [0, 3, 4]):
+        again = mo.compare(microbot, VIA_Q, ["cubic", "cubic_scaled"], via_t=skewed)
+        found, given = again["cubic"].motion.duration, again["cubic_scaled"].motion.duration
+        assert found == pytest.approx(result["cubic"].motion.duration, rel=2e-4)
+        assert found < 0.9 * given
+    grid = [[0, x, 4] for x in np.linspace(1.4, 2.6, 25)]
+    durations = [mo.shortest_duration(microbot, mo.cubic(VIA_Q, t)).duration for t in grid]
+    assert result["cubic"].motion.duration < min(durations) * (1 + 1e-4)
+    assert "segments of 1.37" in result["cubic"].note
+    assert "via velocities: Craig's heuristic" in result["cubic"].note
+    assert "blends of 0.60" in result["lspb"].note
+
+
+@pytest.mark.parametrize(
+    ("limits", "duration"),
+    [({"qdd_max": 2.0}, 2 * np.sqrt(3 / 2)), ({"qdd_max": 2.0, "qd_max": 1.0}, 3 / 1 + 1 / 2)],
+)
+def test_the_blends_of_lspb_are_the_best(limits, duration):
+    """From rest to rest over 3 m: as fast as any motion under these limits."""
+    slider = mo.Robot.from_dh(
+        *([0.0], [0.0], [0.0]),
+        joint_type=["prismatic"],
+        links=[mo.Link(1.0, [0.0, 0.0, 0.0])],
+        gravity=(0.0, 0.0, 0.0),
+        limits=mo.Limits(**limits),
+    )
+    found = mo.compare(slider, [[0.0], [3.0]], ["lspb"])["lspb"].motion.duration
+    assert found == pytest.approx(duration, rel=2e-4)
+    held = mo.compare(slider, [[0.0], [3.0]], ["lspb"], blend=0.1)["lspb"]
+    assert held.motion.duration > 1.05 * found
+    assert "blends 0.1 of each" in held.note
 
 
 def test_limits_of_the_task_replace_those_of_the_robot(microbot):

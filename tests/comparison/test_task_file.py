@@ -104,6 +104,7 @@ def test_a_robot_file_is_sought_beside_the_task(tmp_path):
         (TASK + "t = [0, 1, 2]", ["via.t", "[2]", "[3]"]),
         (TASK + "t = [1, 2]", ["via.t", "increase from 0", "[1, 2]"]),
         (TASK + "qd = [[0, 0, 0]]", ["via.qd", "2 rows"]),
+        (TASK + "qd = [[0, 0, 0], [0, 0, 0]]", ["via.qd needs via.t"]),
         (TASK + "speed = 3", ["'speed'", "[via]"]),
         (TASK + "[limits]\ntau_mx = 3", ["'tau_mx'", "did you mean 'tau_max'?"]),
         (TASK + "[limits]\ntau_max = [1, 2]", ["limits.tau_max", "shoulder", "[1, 2]"]),

@@ -19,7 +19,7 @@ MANY = np.random.default_rng(0).normal(scale=3.0, size=(2000, 3))
 LATE = mo.Status.TIME_LIMIT
 GRACE = 3.0  # s, on a loaded machine
 LIMITS = {"time_optimal_path": 1e-3}  # s; the others: 0.05
-LIMITS |= dict.fromkeys(("shortest_duration", "time_path", "phase_plane"), 1e-6)
+LIMITS |= dict.fromkeys(("shortest_duration", "best_split", "time_path", "phase_plane"), 1e-6)
 
 CALLS = {
     "time_optimal": lambda t: mo.time_optimal(ROBOT, VIA, mesh=30, time_limit=t).status,
@@ -34,6 +34,11 @@ CALLS = {
         mo.planning.phase_plane(ROBOT, mo.straight_path(VIA), time_limit=t).status
     ),
     "shortest_duration": lambda t: mo.shortest_duration(ROBOT, SHAPE, time_limit=t).status,
+    "best_split": lambda t: (
+        mo.best_split(
+            ROBOT, lambda parts: mo.cubic(VIA, np.cumsum([0.0, *parts])), [1.0, 1.0], time_limit=t
+        ).status
+    ),
     "simulate": lambda t: (
         mo.simulate(ROBOT, q0=[0, 0.5, 0.5], t=np.linspace(0, 3000, 200_001), time_limit=t).status
     ),

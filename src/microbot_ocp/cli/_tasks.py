@@ -93,14 +93,14 @@ def compare(
         str | None,
         option(
             "--methods",
-            what=f"Some of {', '.join(METHODS)}; default all, cubic_report with --time.",
+            what=f"Some of {', '.join(METHODS)}; default all, those of given times with --time.",
             metavar="NAMES",
             completion=_method_names,
         ),
     ] = None,
     time: Annotated[
         str | None,
-        option("--time", what="Times at the via points for the textbook methods, s."),
+        option("--time", what="Times at the via points for the methods of given times, s."),
     ] = None,
     mesh: Mesh = None,
     time_limit: TimeLimit = None,

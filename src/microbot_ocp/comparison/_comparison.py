@@ -39,7 +39,10 @@ from microbot_ocp.robot import JointLimits, Limits, Robot
 from microbot_ocp.trajectories import (
     Scaled,
     ViaPoints,
+    best_durations,
+    best_split,
     cubic_through,
+    first_splits,
     lspb_through,
     shortest_duration,
     via_velocities,
@@ -49,6 +52,7 @@ if TYPE_CHECKING:
     from microbot_ocp._base.table import Table
 
 REFERENCE = "cubic"
+BLEND = 0.25  # of each segment, where LSPB's times are as given; its best ones start from it
 LEAST_TIME = 1e-3  # s, of a method where the time is over
 SOLVING = 0.8  # share of a method's time; the rest is its certificate's
 # Work of a method and of an output where it is more than one unit, of about a second at most.
@@ -76,17 +80,17 @@ Progress = Callable[[Step], None]
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """Via points with the timing that the textbook methods start from.
+    """Via points, with what is given of the textbook methods.
 
     Attributes
     ----------
     family : LimitFamily
         The limits of the task.
     via_q : array [m,n], rad
-    via_t : array [m], s
-    via_qd : array [m,n], rad/s
-        Via velocities of the textbook methods at ``via_t``.
-    blend : float
+    via_t : array [m], s, or None
+    via_qd : array [m,n], rad/s, or None
+        Via velocities of the textbook methods at ``via_t``; None for Craig's heuristic.
+    blend : float, or None
         Blend time of LSPB as a share of each segment.
     free_settings, path_settings
         For the time-optimal solvers.
@@ -96,9 +100,9 @@ class Task:
 
     family: LimitFamily
     via_q: FloatArray
-    via_t: FloatArray
-    via_qd: FloatArray
-    blend: float
+    via_t: FloatArray | None
+    via_qd: FloatArray | None
+    blend: float | None
     free_settings: TimeOptimalSettings
     path_settings: PathTimingSettings
     tell: StepProgress
@@ -108,14 +112,34 @@ class Task:
         """With the limits of the task."""
         return self.family.robot
 
-    def cubic(self) -> PiecewisePolynomial:
-        """Cubic segments at the given timing."""
-        return cubic_through(ViaPoints(self.via_q, self.via_t), self.via_qd)
+    @property
+    def given(self) -> FloatArray:
+        """Durations of the segments as given, s."""
+        assert self.via_t is not None
+        return np.diff(self.via_t)
 
-    def lspb(self) -> PiecewisePolynomial:
-        """Linear segments with parabolic blends at the given timing."""
-        blends = self.blend * np.diff(self.via_t)
-        return lspb_through(ViaPoints(self.via_q, self.via_t), blends, self.via_qd)
+    @property
+    def first(self) -> FloatArray:
+        """Durations [s,m-1] of the segments that the search for the best split starts from."""
+        first = first_splits(self.via_q)
+        return first if self.via_t is None else np.vstack([self.given, first])
+
+    def cubic(self, durations: FloatArray) -> PiecewisePolynomial:
+        """Cubic segments of these durations."""
+        via, velocities = self._via(durations)
+        return cubic_through(via, velocities)
+
+    def lspb(self, durations: FloatArray, blends: FloatArray) -> PiecewisePolynomial:
+        """Linear segments of these durations with parabolic blends."""
+        via, velocities = self._via(durations)
+        return lspb_through(via, blends, velocities)
+
+    def _via(self, durations: FloatArray) -> tuple[ViaPoints, FloatArray]:
+        """Via points and velocities there; given ones are slower as the whole motion is."""
+        via = ViaPoints(self.via_q, np.concatenate([[0.0], np.cumsum(durations)]))
+        if self.via_qd is None or self.via_t is None:
+            return via, via_velocities(via)
+        return via, self.via_qd * (self.via_t[-1] / via.t[-1])
 
 
 @dataclass(frozen=True)
@@ -124,36 +148,43 @@ class Method:
 
     title: str
     solve: Callable[[Task], Motion]
+    timed: bool = False  # needs the times of the task
 
 
 def _as_given(task: Task) -> Motion:
     return Motion.from_polynomial(
         task.robot,
-        task.cubic(),
-        label="cubic as in the report",
-        marks=_via_marks(task.via_t),
+        task.cubic(task.given),
+        label="cubic as given",
+        marks=_via_marks(task.given),
         provenance={"method": "cubic segments at the given timing", "status": Status.SOLVED},
-        note="as given: not scaled to the limits",
+        note="not scaled to the limits",
     )
 
 
-def _scaled_motion(task: Task, scaled: Scaled, label: str, method: str, note: str) -> Motion:
+def _scaled_motion(
+    task: Task, scaled: Scaled, durations: FloatArray, label: str, method: str, note: str
+) -> Motion:
+    """The motion of a shape scaled to the limits, with the durations of its segments."""
     of = f" of {scaled.joint}" if scaled.joint else ""
     where = f"{scaled.quantity.replace('_', ' ')}{of} at {scaled.time:.3f} s"
+    velocities = "Craig's heuristic" if task.via_qd is None else "as given, slower as the motion is"
+    via = f"; via velocities: {velocities}" if len(durations) > 1 else ""
     return Motion.from_polynomial(
         task.robot,
         scaled.polynomial,
         label=label,
-        marks=_via_marks(task.via_t * scaled.factor),
+        marks=_via_marks(durations),
         provenance={
             "method": method,
             "status": scaled.status,
             "factor": scaled.factor,
+            "segments": durations.tolist(),
             "met": where,
             "iterations": scaled.iterations,
             "wall_time": scaled.wall_time,
         },
-        note=f"{note}; just meets the limit of {where}",
+        note=f"{note}{via}; just meets the limit of {where}",
     )
 
 
@@ -163,28 +194,83 @@ def _work(method: str) -> int:
 
 
 def _scaled_cubic(task: Task) -> Motion:
-    scaled = shortest_duration(task.robot, task.cubic())
+    scaled = shortest_duration(task.robot, task.cubic(task.given))
     return _scaled_motion(
         task,
         scaled,
-        "cubic, scaled",
+        task.given * scaled.factor,
+        "cubic, as given, scaled",
         "cubic segments, one time scale",
         f"all times x {scaled.factor:.4f}",
     )
 
 
+def _best_cubic(task: Task) -> Motion:
+    scaled = best_split(task.robot, task.cubic, task.first)
+    assert scaled.split is not None
+    return _scaled_motion(
+        task,
+        scaled,
+        scaled.split,
+        "cubic, best split",
+        "cubic segments, a time scale each",
+        _seconds("segments", scaled.split),
+    )
+
+
 def _scaled_lspb(task: Task) -> Motion:
-    scaled = shortest_duration(task.robot, task.lspb())
-    times = task.via_t[1:-1] * scaled.factor
-    state = scaled.polynomial(times), scaled.polynomial.derivative()(times)
-    passes = "; ".join(_passage(*point) for point in zip(task.via_q[1:-1], *state, strict=True))
+    share = BLEND if task.blend is None else task.blend
+    scaled = shortest_duration(task.robot, task.lspb(task.given, share * task.given))
     motion = _scaled_motion(
         task,
         scaled,
-        "LSPB, scaled",
+        task.given * scaled.factor,
+        "LSPB, as given, scaled",
         "linear segments with parabolic blends, one time scale",
-        f"all times x {scaled.factor:.4f}, blends {task.blend:g} of each segment",
+        f"all times x {scaled.factor:.4f}, blends {share:g} of each segment",
     )
+    return _with_passages(task, motion, scaled.polynomial)
+
+
+def _best_lspb(task: Task) -> Motion:
+    """Best durations of the segments and, where no share is given, of their blends."""
+    share, count = task.blend, len(task.via_q) - 1
+
+    def durations(parts: FloatArray) -> FloatArray:  # of blends, then of what is between them
+        return parts if share is not None else 2.0 * parts[:count] + parts[count:]
+
+    def blends(parts: FloatArray) -> FloatArray:
+        return parts[:count] if share is None else share * parts
+
+    first = task.first
+    if share is None:
+        first = np.hstack([BLEND * first, (1.0 - 2.0 * BLEND) * first])
+    scaled = best_split(task.robot, lambda p: task.lspb(durations(p), blends(p)), first)
+    assert scaled.split is not None
+    segments = durations(scaled.split)
+    chosen = f"blends {share:g} of each" if share else _seconds("blends", blends(scaled.split))
+    motion = _scaled_motion(
+        task,
+        scaled,
+        segments,
+        "LSPB, best split",
+        "linear segments with parabolic blends, a time scale each",
+        f"{_seconds('segments', segments)}, {chosen}",
+    )
+    return _with_passages(task, motion, scaled.polynomial)
+
+
+def _seconds(of: str, durations: FloatArray) -> str:
+    if len(durations) > 4:
+        return f"{of} of {durations.min():.3f} to {durations.max():.3f} s"
+    return f"{of} of {', '.join(f'{duration:.3f}' for duration in durations)} s"
+
+
+def _with_passages(task: Task, motion: Motion, polynomial: PiecewisePolynomial) -> Motion:
+    """With a note of how LSPB passes the via points."""
+    times = np.array([mark.time for mark in motion.marks[1:-1]])
+    state = polynomial(times), polynomial.derivative()(times)
+    passes = "; ".join(_passage(*point) for point in zip(task.via_q[1:-1], *state, strict=True))
     return motion if not passes else _noted(motion, f"{motion.note}; {passes}")
 
 
@@ -201,7 +287,9 @@ def _straight_path(task: Task) -> Motion:
 
 
 def _cubic_path(task: Task) -> Motion:
-    return _timed(task, task.cubic(), "cubic's path, best timing")
+    """Along the path of the best split, which is not refused for a torque rate, as its cubic is."""
+    durations = best_durations(task.robot, task.cubic, task.first)
+    return _timed(task, task.cubic(durations), "cubic's path, best timing")
 
 
 def _timed(task: Task, path: PiecewisePolynomial, label: str) -> Motion:
@@ -214,9 +302,11 @@ def _free(task: Task) -> Motion:
 
 
 METHODS: dict[str, Method] = {
-    "cubic_report": Method("cubic, as in the report", _as_given),
-    "cubic": Method("cubic, scaled", _scaled_cubic),
-    "lspb": Method("LSPB, scaled", _scaled_lspb),
+    "cubic_report": Method("cubic, as given", _as_given, timed=True),
+    "cubic_scaled": Method("cubic, as given, scaled", _scaled_cubic, timed=True),
+    "cubic": Method("cubic, best split of times", _best_cubic),
+    "lspb_scaled": Method("LSPB, as given, scaled", _scaled_lspb, timed=True),
+    "lspb": Method("LSPB, best split of times", _best_lspb),
     "straight_path": Method("straight path, best timing", _straight_path),
     "cubic_path": Method("cubic's path, best timing", _cubic_path),
     "time_optimal": Method("time-optimal, free", _free),
@@ -434,7 +524,7 @@ def compare(
     *,
     via_t: ArrayLike | None = None,
     via_qd: ArrayLike | None = None,
-    blend: float = 0.25,
+    blend: float | None = None,
     time_limit: float = np.inf,
     progress: Progress | None = None,
     **settings: Any,
@@ -448,15 +538,20 @@ def compare(
     via_q : array_like [m,n]
         Via points, rad (m); at rest at both ends.
     methods : sequence of str, optional
-        Keys of :data:`METHODS`; default all, without "cubic_report" where no ``via_t`` is given.
+        Keys of :data:`METHODS`; default all, without those of given times ("cubic_report",
+        "cubic_scaled", "lspb_scaled") where no ``via_t`` is given.
     limits : Limits, optional
         Default the robot's own.
     via_t : array_like [m], optional
-        Timing of the textbook methods, s; default proportional to the largest joint step.
+        Timing of the methods of given times, s. "cubic" and "lspb" share their time between the
+        segments as is best: :func:`best_split`.
     via_qd : array_like [m,n], optional
-        Via velocities of the textbook methods at ``via_t``, rad/s; default Craig's heuristic.
-    blend : float
-        Blend time of LSPB as a share of each segment, up to 0.5.
+        Via velocities of the textbook methods at ``via_t``, rad/s, slower where the whole motion
+        is slower than that; default Craig's heuristic: the mean of the slopes on both sides, zero
+        where their sign changes.
+    blend : float, optional
+        Blend time of LSPB as a share of each segment, up to 0.5. By default a quarter at given
+        times, else what is best for each segment.
     time_limit : float
         Wall time of all methods and certificates, s. What one leaves is shared by those after it;
         one whose share is over has the best so far and the status "time limit". A fifth of each
@@ -488,7 +583,8 @@ def compare(
     family = check_limits(robot, limits)
     via = check_via(family, via_q)
     names = _method_names(methods, via_t is not None)
-    blend_share = checks.number("blend", blend, "of a segment", above=0.0, at_most=0.5)
+    if blend is not None:
+        blend = checks.number("blend", blend, "of a segment", above=0.0, at_most=0.5)
     free, path = _settings(settings)
     times, velocities = _timing(via, via_t, via_qd)
     total = sum(map(_work, names))
@@ -506,7 +602,7 @@ def compare(
                 progress(Step(done, total, stage, text, iteration))
 
         told = quiet if progress is None else tell
-        task = Task(family, via, times, velocities, blend_share, free, path, told)
+        task = Task(family, via, times, velocities, blend, free, path, told)
         tell("solving")
         share = (until - time.perf_counter()) / (len(names) - index)
         entries.append(_entry(name, task, tell, max(share, LEAST_TIME)))
@@ -517,12 +613,13 @@ def compare(
 
 def _method_names(methods: Sequence[str] | None, timed: bool) -> list[str]:
     if methods is None:
-        return [name for name in METHODS if timed or name != "cubic_report"]
+        return [name for name, method in METHODS.items() if timed or not method.timed]
     names = [checks.one_of("method", name, METHODS) for name in methods]
     if not names or len(set(names)) != len(names):
         raise InputError(f"methods must be different names, not {list(methods)}")
-    if "cubic_report" in names and not timed:
-        raise InputError("method 'cubic_report' needs via_t, the timing to take as it is, s")
+    for name in names:
+        if METHODS[name].timed and not timed:
+            raise InputError(f"method {name!r} needs via_t, the times at the via points, s")
     return names
 
 
@@ -538,20 +635,20 @@ def _settings(given: Mapping[str, Any]) -> tuple[TimeOptimalSettings, PathTiming
 
 def _timing(
     via: FloatArray, via_t: ArrayLike | None, via_qd: ArrayLike | None
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[FloatArray | None, FloatArray | None]:
     if via_t is None:
-        steps = np.abs(np.diff(via, axis=0)).max(axis=1)
-        times = np.concatenate([[0.0], np.cumsum(2.0 * steps / steps.max())])
-    else:
-        times = checks.array("via_t", via_t, (len(via),), "s")
-        checks.number("the last of via_t", times[-1], "s", at_most=checks.LONGEST)
-        if times[0] != 0.0 or np.any(np.diff(times) <= 0):
-            raise InputError(
-                f"via_t must increase from 0 s without a duration of zero, not {times.tolist()}"
-            )
-    if via_qd is not None:
-        return times, checks.array("via_qd", via_qd, via.shape, "rad/s")
-    return times, via_velocities(ViaPoints(via, times))
+        if via_qd is not None:
+            raise InputError("via_qd needs via_t, the times at which the via velocities are meant")
+        return None, None
+    times = checks.array("via_t", via_t, (len(via),), "s")
+    checks.number("the last of via_t", times[-1], "s", at_most=checks.LONGEST)
+    if times[0] != 0.0 or np.any(np.diff(times) <= 0):
+        raise InputError(
+            f"via_t must increase from 0 s without a duration of zero, not {times.tolist()}"
+        )
+    if via_qd is None:
+        return times, None
+    return times, checks.array("via_qd", via_qd, via.shape, "rad/s")
 
 
 def _entry(name: str, task: Task, tell: Callable[..., None], seconds: float) -> Entry:
@@ -594,8 +691,9 @@ def _entry(name: str, task: Task, tell: Callable[..., None], seconds: float) -> 
     )
 
 
-def _via_marks(times: FloatArray) -> list[Mark]:
-    return [Mark(float(t), f"via {i + 1}") for i, t in enumerate(times)]
+def _via_marks(durations: FloatArray) -> list[Mark]:
+    times = [0.0, *np.cumsum(durations).tolist()]
+    return [Mark(time, f"via {i + 1}") for i, time in enumerate(times)]
 
 
 def _noted(motion: Motion, note: str) -> Motion:

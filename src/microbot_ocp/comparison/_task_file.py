@@ -182,8 +182,11 @@ def _task(data: dict[str, Any], origin: str, folder: Path) -> TaskFile:
     if via_qd is not None and via_qd.shape != via_q.shape:
         raise InputError(f"via.qd must have {len(via_q)} rows as via.q has, not {len(via_qd)}")
     methods = _names(data, "methods", METHODS)
-    if methods is not None and "cubic_report" in methods and via_t is None:
-        raise InputError("methods has 'cubic_report', which needs via.t, the timing to take, s")
+    if via_qd is not None and via_t is None:
+        raise InputError("via.qd needs via.t, the times at which the via velocities are meant, s")
+    for name in methods or ():
+        if METHODS[name].timed and via_t is None:
+            raise InputError(f"methods has {name!r}, which needs via.t, the times to take, s")
     return TaskFile(
         origin=origin,
         robot=robot,

@@ -18,12 +18,12 @@ from microbot_ocp._base.codegen import NotCompiled, compiler, interpreted, usabl
 from microbot_ocp._base.status import Status
 from microbot_ocp.comparison import Certificate, certify, compare
 from microbot_ocp.limits import AT_LIMIT, limit_history
-from microbot_ocp.motion import Motion
+from microbot_ocp.motion import Motion, PiecewisePolynomial
 from microbot_ocp.planning import TimeOptimalSolver, straight_path, time_path
 from microbot_ocp.robot import Robot, forward_kinematics
 from microbot_ocp.sweeps._quantities import DYNAMICS, CaseTask, NoTask, robot_with, task_of
 from microbot_ocp.sweeps._study import AXES, BY_SOLVER, Plan, Study
-from microbot_ocp.trajectories import cubic
+from microbot_ocp.trajectories import best_durations, cubic, first_splits
 
 BY_TIMING = ("cubic_path", "straight_path")
 Row = dict[str, Any]
@@ -137,8 +137,11 @@ class CaseSolver:
         if name == "straight_path":
             path = straight_path(via)
         else:
-            steps = np.abs(np.diff(via, axis=0)).max(axis=1)
-            path = cubic(via, np.concatenate([[0.0], np.cumsum(2.0 * steps / steps.max())]))
+
+            def path_of(durations: FloatArray) -> PiecewisePolynomial:
+                return cubic(via, np.cumsum([0.0, *durations]))
+
+            path = path_of(best_durations(robot, path_of, first_splits(via)))
         timing = time_path(robot, path, grid=self.plan.settings["grid"], compiled=False)
         if not timing.solved:
             return Outcome(timing.status, f"path blocked beyond s = {timing.blocked_at:.3g}")

@@ -51,9 +51,9 @@ class Study:
     robot : Robot
     cases : Cases
     methods : sequence of str, or mapping from a name to a function, optional
-        Keys of :data:`~microbot_ocp.comparison.METHODS` but "cubic_report"; by default "cubic",
-        "cubic_path" and "time_optimal". A function takes the robot of the case (with its payload)
-        and the via points [m,n] and returns a motion.
+        Keys of :data:`~microbot_ocp.comparison.METHODS` but those of given times; by default
+        "cubic", "cubic_path" and "time_optimal". A function takes the robot of the case (with its
+        payload) and the via points [m,n] and returns a motion.
     settings : mapping
         ``prepared`` (True): kernels are made once and all numbers of a case are put into them, and
         paths are timed by reachability on a grid; else each case is done as by
@@ -256,7 +256,7 @@ def _checked_methods(given: Any) -> dict[str, OwnMethod | None]:
         raise InputError("methods must have at least one name")
     for name, function in named.items():
         if function is None:
-            allowed = [key for key in METHODS if key != "cubic_report"]
+            allowed = [key for key, method in METHODS.items() if not method.timed]
             checks.one_of("methods", name, allowed)
         elif not callable(function) or not isinstance(name, str) or not re.fullmatch(r"\w+", name):
             raise InputError(f"methods must map names to functions, not {name!r} to {function!r}")

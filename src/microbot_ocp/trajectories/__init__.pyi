@@ -1,5 +1,10 @@
 """Public names; loaded when they are first asked for."""
 
+from ._best_split import (
+    best_durations as best_durations,
+    best_split as best_split,
+    first_splits as first_splits,
+)
 from ._cubic import (
     cubic as cubic,
     cubic_through as cubic_through,

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from microbot_ocp._base import checks, deadline
-from microbot_ocp._base.checks import InputError
+from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import ROUNDING, LimitFamily, Member, Peak, largest_jump, largest_use
 from microbot_ocp.motion import PiecewisePolynomial
@@ -52,6 +52,8 @@ class Scaled:
         s.
     status : Status
         Solved, or "time limit".
+    split : array [k], optional
+        Durations of the parts where :func:`best_split` chose them, s.
     """
 
     polynomial: PiecewisePolynomial
@@ -67,6 +69,7 @@ class Scaled:
     iterations: int
     wall_time: float
     status: Status = Status.SOLVED
+    split: FloatArray | None = None
 
     @property
     def solved(self) -> bool:

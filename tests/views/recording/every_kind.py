@@ -66,11 +66,11 @@ def comparison() -> Recording:
 
 
 def motion() -> Recording:
-    """A 7R arm on cubic segments, as fast as its limits allow."""
+    """A 7R arm on quintic segments, as fast as its limits allow."""
     robot = mo.load_robot("panda")
     via = np.radians([[0, -30, 0, -120, 0, 90, 45], [60, 40, 30, -60, 40, 130, 0]])
-    scaled = mo.shortest_duration(robot, mo.cubic(via, [0.0, 1.0]))
-    made = mo.Motion.from_polynomial(robot, scaled.polynomial, label="cubic, scaled")
+    scaled = mo.shortest_duration(robot, mo.quintic(via, [0.0, 1.0]))
+    made = mo.Motion.from_polynomial(robot, scaled.polynomial, label="quintic, scaled")
     return of_motion(robot, made, mo.certify(robot, made))
 
 

@@ -10,10 +10,12 @@ from microbot_ocp.comparison import Comparison, Entry
 LineStyle = str | tuple[float, tuple[float, ...]]
 
 # Okabe and Ito's palette, which stays distinct with any colour vision, without its yellow (too
-# faint on white). Line styles differ as well, for prints in grey.
+# faint on white), a violet and a darker green. Line styles differ as well, for prints in grey.
 FIXED: dict[str, tuple[str, LineStyle]] = {
     "cubic_report": ("#0072B2", (0.0, (7.0, 2.0, 1.5, 2.0))),
+    "cubic_scaled": ("#8A2BE2", (0.0, (3.0, 1.2))),
     "cubic": ("#56B4E9", (0.0, (5.0, 2.0))),
+    "lspb_scaled": ("#117733", (0.0, (3.0, 1.2, 1.0, 1.2))),
     "lspb": ("#009E73", (0.0, (9.0, 2.5))),
     "straight_path": ("#CC79A7", (0.0, (1.5, 1.2))),
     "cubic_path": ("#E69F00", (0.0, (5.0, 1.2, 1.2, 1.2, 1.2, 1.2))),
