@@ -132,3 +132,10 @@ def test_jumps_are_those_of_the_acceleration_by_its_time():
     history = limit_history(slider(qddd_max=20.0), motion_of(shape, slider()))
     np.testing.assert_allclose(history.jumps.values["qddd"][:, 0], [9e6, 9e6])
     np.testing.assert_allclose(history.values["qddd"], -18.0, rtol=1e-5)
+
+
+@pytest.mark.slow
+def test_a_limit_of_the_torque_rate_alone_takes_its_time():
+    """From rest to rest over L with jerks of P/m and -P/m: 32 L m / P = T^3."""
+    motion = mo.time_optimal(slider(mass=2.0, taud_max=3.0), [[0.0], [1.5]], starts=1)
+    assert motion.duration == pytest.approx(np.cbrt(32 * 1.5 * 2.0 / 3.0), rel=1e-4)

@@ -89,7 +89,6 @@ def test_a_robot_without_masses_needs_limits_of_its_motion(no_solver):
     [
         mo.Limits(),
         mo.Limits(q_min=-3.0, q_max=3.0),
-        mo.Limits(taud_max=10.0),
         mo.Limits(tau_max=[50.0, np.inf]),
     ],
 )

@@ -182,6 +182,8 @@ class Certificate:
         One for every tool line, circle and joint line.
     clearance : Clearance or None
         From a scene, where one was given.
+    unjudged : tuple of str
+        Names of the limits that the robot brings but that it takes masses to judge.
     wall_time : float
         What the certificate took, s.
     """
@@ -217,6 +219,7 @@ class Certificate:
     via_checks: tuple[ViaCheck, ...] = ()
     segment_checks: tuple[SegmentCheck, ...] = ()
     clearance: Clearance | None = None
+    unjudged: tuple[str, ...] = ()
     wall_time: float = np.nan
 
     def __repr__(self) -> str:
@@ -285,7 +288,8 @@ def certify(
       distances by coal. Without coal it is not proved, and the certificate does not pass.
 
     Of a robot without masses the limits of position, velocity, acceleration and jerk, the via
-    points and whether its samples belong together are checked, and the verdict says so.
+    points and whether its samples belong together are checked, and the verdict says so; limits of
+    torques that its file states are named as not judged, others are refused.
 
     Parameters
     ----------
@@ -322,7 +326,8 @@ def certify(
     Raises
     ------
     InputError
-        A robot of another number of joints, a bad via point or tolerance.
+        A robot of another number of joints, a bad via point or tolerance, limits of torques for
+        a robot without masses.
 
     Examples
     --------
@@ -414,7 +419,7 @@ def certificate_of(
         stray, stray_time = _between_samples(motion, lambda state: state.qdd)
         if stray > BETWEEN_SAMPLES:
             problems.append(_strays("acceleration", stray, stray_time))
-        verdict = "; ".join(problems) if problems else _tightest(limit_checks)
+        verdict = "; ".join(problems) if problems else _tightest(limit_checks, family.unjudged)
         return Certificate(
             label=motion.label,
             ok=not problems,
@@ -433,6 +438,7 @@ def certificate_of(
             between_samples_error=stray,
             between_samples_time=stray_time,
             via_checks=vias,
+            unjudged=family.unjudged,
             wall_time=time.perf_counter() - started,
         )
     condition, at = _condition(robot, t, state)
@@ -634,16 +640,17 @@ def _missed(tolerances: Tolerances, vias: tuple[ViaCheck, ...]) -> list[str]:
     ]
 
 
-def _tightest(limit_checks: tuple[LimitCheck, ...]) -> str:
+def _tightest(limit_checks: tuple[LimitCheck, ...], unjudged: Sequence[str] = ()) -> str:
     # Every motion fills the position range that its path needs; the others say how hard it is.
     used = [check for check in limit_checks if check.quantity != "q"] or list(limit_checks)
+    but = f" but that of {' and '.join(unjudged)}" if unjudged else ""
     if not used:
-        return "there is no limit"
+        return f"there is no limit{but}"
     tightest = max(used, key=lambda check: np.nanmax(check.utilisation))
     worst = max(check.violation for check in limit_checks)
     kept = "is kept" if worst <= ROUNDING else f"is kept to within {100 * worst:.2g} %"
     return (
-        f"every limit {kept}, the tightest being {tightest.title} "
+        f"every limit{but} {kept}, the tightest being {tightest.title} "
         f"with {100 * np.nanmax(tightest.utilisation):.4g} % at "
         f"{tightest.time:.4g} s"
     )
@@ -651,7 +658,7 @@ def _tightest(limit_checks: tuple[LimitCheck, ...]) -> str:
 
 def summary(certificate: Certificate) -> str:
     """What a certificate of several parts says when all of them passed."""
-    said = _tightest(certificate.limit_checks)
+    said = _tightest(certificate.limit_checks, certificate.unjudged)
     if not np.isfinite(certificate.defect):
         return f"{said}; kinematics only"
     return "; ".join([said, *_agreement(certificate)])

@@ -327,7 +327,9 @@ def _judged(
     if not every.determined.all():
         matrices = _mass_matrices(robot, middle.q[~every.determined])
         values, vectors = np.linalg.eigh(matrices)
-        least = int((values[:, 0] / values[:, -1]).argmin())
+        largest = values[:, -1]  # zero where links have no mass at all
+        ratio = np.divide(values[:, 0], largest, out=0.0 * largest, where=largest > 0.0)
+        least = int(ratio.argmin())
         direction = vectors[least, :, 0]
         direction = direction * np.sign(direction[np.abs(direction).argmax()])
         besides = int((values[least, 1:] * NEAR_SINGULAR <= values[least, -1]).sum())

@@ -316,6 +316,7 @@ def _merged(motion: Motion, parts: Sequence[tuple[float, float, Certificate]]) -
         stored_torque_time=torque_start + by_torque.stored_torque_time,
         between_samples_error=stray,
         between_samples_time=stray_start + by_stray.between_samples_time,
+        unjudged=found[0].unjudged,
         wall_time=sum(c.wall_time for c in found),
     )
 

@@ -23,6 +23,7 @@ from microbot_ocp.limits._limit import Limit
 from microbot_ocp.limits._use import nearest_bound, use_of
 
 STATE = ("q", "qd", "qdd", "qddd")
+OF_TORQUES = ("tau", "taud")
 
 
 class Arm(Protocol):
@@ -134,23 +135,45 @@ class LimitFamily:
     robot
         With these limits.
     members : tuple of Member
+    unjudged : tuple of str
+        Names of the limits that the robot brings but that nothing can be judged by: those of
+        torques where it has no masses.
     """
 
     def __init__(self, robot: Arm) -> None:
         self.robot: Any = robot
-        # without masses there are no torques that could be beyond a limit
-        known = [k for k in JOINT_QUANTITIES if robot.has_dynamics or k not in ("tau", "taud")]
-        joints = [_joint_member(robot, key) for key in known]
+        every = (_joint_member(robot, key) for key in JOINT_QUANTITIES)
+        joints = [member for member in every if member.limited.any()]
+        # a file may state limits of torques without masses, which are what torques follow from
+        left = () if robot.has_dynamics else OF_TORQUES
+        self.unjudged = tuple(member.name for member in joints if member.key in left)
         self.members = (
-            *(member for member in joints if member.limited.any()),
+            *(member for member in joints if member.key not in left),
             *(_further_member(robot, limit) for limit in robot.limits.also),
         )
         self._by_key = {member.key: member for member in self.members}
 
     @classmethod
     def of(cls, robot: Any, limits: Limits | JointLimits | None = None) -> LimitFamily:
-        """The family of a robot, under its own or other limits."""
-        return _family(robot if limits is None else robot.with_limits(limits))
+        """The family of a robot, under its own or other limits.
+
+        Raises
+        ------
+        InputError
+            Limits of torques, other than those that it brings, for a robot without masses.
+        """
+        if limits is None:
+            return _family(robot)
+        limited = robot.with_limits(limits)
+        for key in () if robot.has_dynamics else OF_TORQUES:
+            bounds = limited.limits.bounds(key)
+            if np.isfinite(bounds).any() and not np.array_equal(bounds, robot.limits.bounds(key)):
+                raise InputError(
+                    f"{key}_max limits the {JOINT_QUANTITIES[key].name}, but robot "
+                    f"{robot.name!r} has no masses that torques follow from: give its links "
+                    f"masses, or leave out {key}_max"
+                )
+        return _family(limited)
 
     def __iter__(self) -> Any:
         return iter(self.members)

@@ -71,11 +71,18 @@ def with_changes(settings: Settings, changes: Mapping[str, Any]) -> Settings:
 def with_drives_noted(
     robot: Robot, motion: Motion, limits: Limits | JointLimits | None = None
 ) -> Motion:
-    """The motion, whose note says where torques on light links alone decide how fast it begins."""
-    advice = drive_advice(robot if limits is None else robot.with_limits(limits), motion.qdd)
-    if not advice or advice in motion.note:
-        return motion
-    return replace(motion, note="; ".join(filter(None, (motion.note, advice))))
+    """The motion, whose note says what of the drives nothing is known of.
+
+    These are limits of torques without masses, and torques on light links that alone decide how
+    fast it begins.
+    """
+    family = LimitFamily.of(robot, limits)
+    unjudged = " and ".join(family.unjudged)
+    unjudged = f"{robot.name} has no masses, so its limits of {unjudged} are not judged"
+    sentences = [motion.note, drive_advice(family.robot, motion.qdd)]
+    sentences += [unjudged] if family.unjudged else []
+    note = "; ".join(s for k, s in enumerate(sentences) if s and (k == 0 or s not in motion.note))
+    return motion if note == motion.note else replace(motion, note=note)
 
 
 def verdict(
@@ -277,9 +284,9 @@ def check_pace(family: LimitFamily, places: FloatArray, at_rest: bool = True) ->
     """
     robot = family.robot
     ways = {key: np.ptp(places, axis=0) for key in STATE[1:]}
-    if at_rest and np.isfinite(robot.limits.bounds("taud")).any():
-        held = family.values(_at_rest(places[[0, -1]]), ("tau",))["tau"].value
-        ways["taud"] = np.ptp(np.asarray(held), axis=0)
+    if at_rest and "taud" in family:
+        held = robot.torques_along(*_at_rest(places[[0, -1]])[:3])["tau"]
+        ways["taud"] = np.ptp(held, axis=0)
     for key, way in ways.items():
         low, high = robot.limits.bounds(key)
         most, (factor, order) = np.maximum(-low, high), REST_TO_REST[key]
