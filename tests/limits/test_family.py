@@ -284,6 +284,16 @@ def test_affine_limits_are_half_planes_for_reachability():
     assert timing.duration > mo.time_path(MICROBOT, path).duration
 
 
+@pytest.mark.parametrize(
+    "expression",
+    [lambda state: state.tool[2, 3] >= 0.2, lambda state: ca.vertcat(state.qd[0] <= 1, state.q[0])],
+)
+def test_a_relation_is_no_expression_of_a_limit(expression):
+    robot = mo.load_robot("microbot").with_limits(also=[mo.Limit("height", expression, upper=1)])
+    with pytest.raises(mo.InputError, match=r"'height' .* relation"):
+        mo.time_optimal(robot, [[0.0, 0.0, 0.0], [0.3, 0.3, 0.3]])
+
+
 def test_a_pose_that_breaks_a_limit_is_refused_before_any_solver():
     robot = MICROBOT.with_limits(
         also=[mo.Limit("tool height", HEIGHT.expression, lower=3.0, unit="m")]

@@ -17,6 +17,7 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.relations import is_relation
 from microbot_ocp.limits._finite_slopes import with_finite_slopes
 from microbot_ocp.limits._joint_limits import JOINT_QUANTITIES, JointLimits, Limits
 from microbot_ocp.limits._limit import Limit
@@ -421,6 +422,8 @@ def _outputs(
             continue
         limit = further[key]
         value = _column(limit.expression(state))
+        if not isinstance(value, ca.DM) and any(map(is_relation, ca.vertsplit(value))):
+            raise TypeError("it is a relation, 0 or 1: give its sides by expression and bounds")
         outputs.append(value)
         names.append((key, 0))
         for side, bound in ((1, limit.lower), (2, limit.upper)):

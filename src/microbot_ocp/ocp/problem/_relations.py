@@ -15,10 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from microbot_ocp._base.checks import FloatArray, InputError, shown
+from microbot_ocp._base.relations import ORDERS, RELATIONS, is_relation
 from microbot_ocp.ocp.problem._items import converted, ordered
-
-ORDERS = (ca.OP_LE, ca.OP_LT)  # the solvers know closed ranges only: < is <=
-RELATIONS = (*ORDERS, ca.OP_EQ, ca.OP_NE, ca.OP_NOT, ca.OP_AND, ca.OP_OR)
 
 
 class BoundedRow(NamedTuple):
@@ -76,11 +74,6 @@ def as_expression(value: Any, name: str = "expression") -> ca.MX:
     return expression
 
 
-def is_relation(expression: ca.MX) -> bool:
-    """Return whether the value of an expression is that of a comparison: 0 or 1."""
-    return expression.op() in RELATIONS
-
-
 def refuse_steps(label: str, expression: ca.MX) -> None:
     """Raise InputError where a component, or a term of one, only steps where something compares."""
     for row in ca.vertsplit(expression) if _compares(expression) else ():
@@ -113,7 +106,7 @@ def _rows_of(name: str, relation: ca.MX, unit: str) -> Iterator[BoundedRow]:
             yield from _rows_of(name, relation.dep(k), unit)
         return
     equal = relation.op() == ca.OP_EQ
-    if not equal and relation.op() not in ORDERS:
+    if not equal and relation.op() not in ORDERS:  # < is <=: the solvers know closed ranges only
         raise InputError(
             f"constraint {name!r} cannot be {relation}: a constraint is made of <=, >= and =="
         )

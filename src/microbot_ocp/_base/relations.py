@@ -1,0 +1,13 @@
+"""Comparisons between expressions of CasADi, whose value is 0 or 1."""
+
+from __future__ import annotations
+
+import casadi as ca
+
+ORDERS = (ca.OP_LE, ca.OP_LT)
+RELATIONS = (*ORDERS, ca.OP_EQ, ca.OP_NE, ca.OP_NOT, ca.OP_AND, ca.OP_OR)
+
+
+def is_relation(expression: ca.SX | ca.MX) -> bool:
+    """Return whether the value of an expression (of SX, a scalar one) is that of a comparison."""
+    return expression.op() in RELATIONS
