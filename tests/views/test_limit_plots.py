@@ -39,6 +39,15 @@ def test_use_of_each_kind_of_limit(robot, motion):
     assert_all_on_the_page(grid.figure)
 
 
+def test_jumps_that_no_rate_allows_are_marked_and_not_drawn(robot, motion):
+    grid = mo.plots.limit_use(robot, motion, limits=mo.Limits(taud_max=10.0))
+    lines = grid[0, 0].get_lines()
+    jumps = sorted(line.get_xdata()[0] for line in lines if line.get_label() == "_jump")
+    np.testing.assert_allclose(jumps, [0.0, 0.5, 1.0, 1.5])
+    assert grid[0, 0].get_ylim()[1] == 125.0
+    assert "the acceleration jumps: beyond any rate" in legend_texts(grid.figure)
+
+
 def test_a_broken_limit_stays_in_sight(robot, motion):
     grid = mo.plots.limit_use(robot, motion, limits=mo.Limits(tau_max=2.0))
     assert grid.shape == (1, 1)

@@ -5,11 +5,12 @@ import pytest
 from reading import read, scalars, static
 
 from microbot_ocp.limits import Limit, limit_history, tool_speed
-from microbot_ocp.motion import Mark, Motion
+from microbot_ocp.motion import Mark, Motion, samples_at
 from microbot_ocp.robot import Limits
-from microbot_ocp.trajectories import cubic
+from microbot_ocp.trajectories import cubic, quintic
 from microbot_ocp.views import _scene as scene
 from microbot_ocp.views.recording import of_motion
+from microbot_ocp.views.recording._limits import limit_notes
 from microbot_ocp.views.recording._loads import tool_velocity
 
 
@@ -127,6 +128,24 @@ def limited(microbot, tmp_path_factory):
     recording = of_motion(robot, motion)
     path = recording.save(tmp_path_factory.mktemp("rrd") / "limited.rrd")
     return recording, path, fastest
+
+
+def test_a_payload_keeps_its_torque_and_rate_under_limits_of_the_rate(microbot):
+    heavy = microbot.with_payload(4.0)
+    motion = Motion.from_polynomial(heavy, quintic([[0, 0, 0], [-0.5, 1.0, 0.8]], [0, 1]), label="")
+    arm = of_motion(microbot.with_limits(taud_max=1e4), motion).arms[0]
+    np.testing.assert_array_equal(arm.history.values["tau"], arm.curves["tau"])
+    exact = heavy.torques_along(*samples_at(motion, arm.times["sim_time"]))
+    near = 1e-3 * np.abs(exact["taud"]).max()
+    np.testing.assert_allclose(arm.history.values["taud"], exact["taud"], rtol=0.0, atol=near)
+
+
+def test_jumps_are_told_and_not_drawn(microbot):
+    motion = Motion.from_polynomial(microbot, cubic([[0, 0, 0], [0, 1.0, 0.8]], [0, 2]), label="")
+    recording = of_motion(microbot.with_limits(taud_max=1e4), motion)
+    (arm,) = recording.arms
+    assert np.abs(arm.history.values["taud"]).max() < 1e4
+    assert any("the acceleration jumps, beyond its limit" in note for note in limit_notes(arm))
 
 
 def test_further_limits_have_plots_with_their_bounds(limited):

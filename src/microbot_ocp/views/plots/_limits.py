@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from microbot_ocp._base.checks import InputError
+from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.showing import GivenAxes
 from microbot_ocp.comparison import Comparison
 from microbot_ocp.limits import LimitFamily, LimitHistory, Spell, limit_history
@@ -37,6 +37,7 @@ HEIGHT = 0.78  # of any other
 SIDES = {1: " at its upper limit", -1: " at its lower limit", 0: " at a limit"}
 LOWER_HATCH = "//////"
 FACES = {"tau": "0.35", "taud": "0.6", "qdd": "0.6", "qddd": "#56B4E9", "qd": "#E69F00"}
+JUMP_LINE: dict[str, Any] = {"color": LIMIT_COLOR, "linestyle": ":", "linewidth": 2.0}
 FURTHER_FACES = ("#009E73", "#CC79A7", "#0072B2", "#882255")  # of limits beside the joints'
 
 
@@ -67,7 +68,8 @@ def limit_use(
     -------
     AxesGrid [quantities, 1]
         Joints differ by colour and dashes; thin vertical lines mark where a torque reaches or
-        leaves its limit, which is where an actuator switches.
+        leaves its limit, which is where an actuator switches, and dotted ones where the
+        acceleration jumps, at rest before or after the motion, too, though its rate is limited.
 
     Raises
     ------
@@ -97,6 +99,8 @@ def limit_use(
         for joint, name in enumerate(robot.joint_names if joints else ())
     ]
     handles.append(Line2D([], [], color=LIMIT_COLOR, linestyle="--", linewidth=1.0, label="limit"))
+    if any(_jump_times(history, quantity).size for quantity in shown):
+        handles.append(Line2D([], [], label="the acceleration jumps: beyond any rate", **JUMP_LINE))
     if switches:
         handles.append(
             Line2D([], [], color="0.55", linewidth=0.8, label="a torque meets or leaves its limit")
@@ -104,6 +108,14 @@ def limit_use(
     warning = "" if motion.solved else f"not solved: {motion.status}"
     page.legend(handles, 5, warning.replace("_", " "))
     return page.axes
+
+
+def _jump_times(history: LimitHistory, quantity: str) -> FloatArray:
+    """When the acceleration jumps though a limit depends on its rate, s."""
+    jumps = history.jumps
+    if jumps is None or quantity not in jumps.use:
+        return np.zeros(0)
+    return jumps.t[(jumps.use[quantity] > 1.0).any(axis=1)]
 
 
 def joint_line(joint: int) -> dict[str, Any]:
@@ -126,6 +138,8 @@ def _draw_use(axes: Axes, history: LimitHistory, quantity: str, switches: Sequen
         axes.legend(loc="best", fontsize=7.5)
     for time in switches:
         axes.axvline(time, color="0.55", linewidth=0.8, zorder=2, label="_switch")
+    for time in _jump_times(history, quantity):
+        axes.axvline(time, zorder=5, label="_jump", **JUMP_LINE)
     peak = float(np.nanmax(drawn))
     top = max(TOP, 1.06 * peak)
     axes.axhline(100.0, color=LIMIT_COLOR, linestyle="--", linewidth=1.0, zorder=4, label="_limit")

@@ -4,13 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.limits import LimitFamily, LimitHistory
-from microbot_ocp.motion import Mark, Motion, State, history_of, jump_gaps, torque_along
+from microbot_ocp.motion import (
+    Mark,
+    Motion,
+    State,
+    history_of,
+    jump_gaps,
+    mesh_of,
+    torque_along,
+)
 from microbot_ocp.robot import Robot
 from microbot_ocp.views._scene import reach
 from microbot_ocp.views.plots._style import EntryStyle
@@ -158,15 +165,17 @@ def _rate_beyond(robot: Robot, motion: Motion, t: FloatArray) -> FloatArray:
     Steps of it count at no time: where something is picked up its weight does.
     """
     beyond = motion.tau - torque_along(robot, State(motion.q, motion.qd, motion.qdd))
-    edges = [0, *np.flatnonzero(jump_gaps(motion.t)) + 1, motion.t.size]
-    parts = [slice(*ends) for ends in pairwise(edges)]
-    slopes = [
-        np.gradient(beyond[part], motion.t[part], axis=0)
-        if part.stop - part.start > 1
-        else 0.0 * beyond[part]
-        for part in parts
-    ]
-    return np.column_stack([np.interp(t, motion.t, own) for own in np.concatenate(slopes).T])
+    gaps, found = np.flatnonzero(jump_gaps(motion.t)), np.zeros((t.size, beyond.shape[1]))
+    edges = np.concatenate([np.searchsorted(motion.t, mesh_of(motion)), gaps, gaps + 1])
+    edges = np.unique(edges)
+    piece = np.clip(np.searchsorted(motion.t[edges], t, side="right") - 1, 0, edges.size - 2)
+    piece = piece - np.isin(edges[piece], gaps)  # at the earlier side of a jump the piece before
+    for k in np.unique(piece):
+        own, here = slice(edges[k], edges[k + 1] + 1), piece == k
+        times, order = motion.t[own], 2 if edges[k + 1] - edges[k] > 1 else 1
+        slopes = np.gradient(beyond[own], times, axis=0, edge_order=order)
+        found[here] = np.column_stack([np.interp(t[here], times, each) for each in slopes.T])
+    return found
 
 
 def drawn_rate(rate: float | None, motions: Sequence[Motion]) -> tuple[float, str]:
