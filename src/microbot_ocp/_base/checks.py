@@ -58,8 +58,15 @@ def shown(value: Any) -> str:
         return f"a value of type {type(value).__name__}"
 
 
+CONTROL = {code: f"\\x{code:02x}" for code in (*range(9), *range(11, 13), *range(14, 32), 127)}
+
+
 def shortened(text: str, most: int) -> str:
-    """``text`` on one line with at most so many characters, the middle left out."""
+    """``text`` on one line with at most so many characters, the middle left out.
+
+    Control characters, which no terminal and no log should get, are written as their codes.
+    """
+    text = text.translate(CONTROL)
     if len(text) <= most:
         return text
     line = " ".join(text.split())

@@ -17,6 +17,7 @@ import time
 import warnings
 from collections.abc import Callable
 from multiprocessing import parent_process
+from pathlib import Path
 from typing import Any
 
 HEAD = struct.Struct("<Q")
@@ -76,7 +77,11 @@ class Child:
 
 
 def in_child(
-    work: Callable[[Send], Any], until: float, receive: Callable[[Any], bool] | None = None
+    work: Callable[[Send], Any],
+    until: float,
+    receive: Callable[[Any], bool] | None = None,
+    *,
+    most_bytes: int | None = None,
 ) -> Any:
     """Do work in a copy of this process and return what it returns.
 
@@ -87,13 +92,21 @@ def in_child(
     until : by the clock of ``time.perf_counter``
     receive : callable, optional
         Gets what was sent; False ends the process.
+    most_bytes : int, optional
+        Of memory beyond that of this process (on Linux); a request for more is a MemoryError.
 
     Raises
     ------
     OutOfTime, Died
         KeyboardInterrupt passes through; the process is ended before.
     """
-    with contextlib.closing(Child(work)) as child:
+
+    def limited(send: Send) -> Any:
+        assert most_bytes is not None
+        _limit_memory(most_bytes)
+        return work(send)
+
+    with contextlib.closing(Child(work if most_bytes is None else limited)) as child:
         return child.answer(until, receive)
 
 
@@ -114,6 +127,16 @@ def _work(work: Callable[[Send], Any], reading: int, writing: int) -> None:
         say(True, work(lambda what: say(False, what)))
     finally:
         os._exit(0)
+
+
+def _limit_memory(most_bytes: int) -> None:
+    """Let this process take so many bytes more than it has."""
+    with contextlib.suppress(OSError, ImportError, ValueError):
+        import resource
+
+        taken = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+        _, hard = resource.getrlimit(resource.RLIMIT_AS)
+        resource.setrlimit(resource.RLIMIT_AS, (taken + most_bytes, hard))
 
 
 def _end_with_parent() -> None:

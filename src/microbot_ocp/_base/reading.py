@@ -11,6 +11,7 @@ from pathlib import Path
 from microbot_ocp._base.checks import InputError
 
 MOST_BYTES = 500_000_000  # that are taken into memory at once
+DEEPEST = 200  # elements or tables in each other; a robot file has about six
 
 
 def opened(path: str | Path, *, links: bool = True) -> BufferedReader:

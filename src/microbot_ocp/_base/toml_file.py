@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import difflib
+import re
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from microbot_ocp._base.checks import InputError, shown
-from microbot_ocp._base.reading import text_of
+from microbot_ocp._base.reading import DEEPEST, text_of
+
+_PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')"""
+# tomllib takes as long as the square of the parts of a key
+_DEEP_KEY = re.compile(rf"""(?<![\w."'-]){_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{DEEPEST},}}""")
 
 
 def parsed(text: str, origin: str) -> dict[str, Any]:
@@ -20,6 +25,8 @@ def parsed(text: str, origin: str) -> dict[str, Any]:
     InputError
     """
     try:
+        if _DEEP_KEY.search(text):
+            raise ValueError(f"tables are nested deeper than {DEEPEST}")
         return tomllib.loads(text)
     except (ValueError, RecursionError) as problem:  # an integer of 5,000 digits; nesting
         raise InputError(f"{origin} is not valid TOML: {problem}") from None

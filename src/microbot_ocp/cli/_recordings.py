@@ -8,7 +8,8 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
-from microbot_ocp._base.checks import InputError
+from microbot_ocp._base.checks import InputError, shortened
+from microbot_ocp._base.reading import opened
 from microbot_ocp.cli._options import writable
 
 Save = Callable[[Path], object]  # writes a recording to a path
@@ -19,6 +20,20 @@ def check_recording(rerun: Path | None, open_viewer: bool) -> None:
     writable(rerun, ".rrd", "--rerun")
     if open_viewer:
         check_viewer("--open")
+
+
+def check_is_recording(path: Path) -> None:
+    """Refuse a file that Rerun would not read."""
+    from rerun.chunk import RrdReader
+
+    try:
+        opened(path).close()  # refuses a pipe, on which it would wait
+        RrdReader(path)
+    except Exception as problem:  # it raises whatever happens to go wrong inside
+        reason = getattr(problem, "strerror", None) or " ".join(str(problem).split())
+        raise InputError(
+            f"{shortened(str(path), 130)} is no recording: {shortened(reason, 120)}"
+        ) from None
 
 
 def open_recording(save: Save, rerun: Path | None) -> None:

@@ -12,7 +12,7 @@ import microbot_ocp as mo
 from microbot_ocp._base.checks import InputError, shortened
 from microbot_ocp.cli._options import Json, MotionRobot, Open, Recording
 from microbot_ocp.cli._output import Written, answer
-from microbot_ocp.cli._recordings import Save, check_recording, open_recording
+from microbot_ocp.cli._recordings import Save, check_is_recording, check_recording, open_recording
 from microbot_ocp.comparison import named_robot
 from microbot_ocp.robot import Robot
 
@@ -48,6 +48,7 @@ def replay(
                 f"{shortened(str(file), 150)} is a recording already, which replay can show only: "
                 f"microbot-ocp replay {shortened(file.name, 60)} --open"
             )
+        check_is_recording(file)
         code = answer(as_json, {"recording": str(file)}, lambda console: None)
         open_recording(lambda path: path, file)
         return code

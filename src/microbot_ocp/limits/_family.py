@@ -408,7 +408,10 @@ def _function(
         return function, tuple(names), used
     named = ", ".join(repr(further[key].name) for key in keys if key in further)
     lines = str(problem).strip().splitlines() or [type(problem).__name__]
-    raise InputError(f"the expression of limit {named} cannot be evaluated: {lines[-1]}")
+    reason = lines[-1]
+    if "truth value" in reason:  # casadi, of a symbol
+        reason = "it asks whether a symbol is true: write casadi.if_else(condition, a, b) for if"
+    raise InputError(f"the expression of limit {named} cannot be evaluated: {reason}")
 
 
 def _outputs(

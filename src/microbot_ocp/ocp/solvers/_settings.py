@@ -10,6 +10,7 @@ import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import InputError
+from microbot_ocp.ocp.solvers._linear_solvers import check_linear_solver
 
 SOLVERS = ("fatrop", "ipopt", "sqp")
 SCALINGS = ("auto", "declared")
@@ -60,6 +61,8 @@ class SolverSettings:
             raise InputError(f"max_iterations must be a whole number, not {self.max_iterations}")
         if self.initial_barrier is not None:
             checks.number("initial_barrier", self.initial_barrier, above=0.0)
+        if "linear_solver" in self.options.get("ipopt", {}):
+            check_linear_solver(self.options["ipopt"]["linear_solver"])
 
     def chain(self) -> tuple[str, ...]:
         """Solvers to try in turn."""

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import json
 import math
-import tomllib
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -24,6 +23,7 @@ import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import InputError, naming
+from microbot_ocp._base.toml_file import parsed
 from microbot_ocp._base.writing import write_whole
 from microbot_ocp.limits import JOINT_QUANTITIES, Limit, Limits
 from microbot_ocp.robot._links import Link, Rotor
@@ -63,10 +63,7 @@ ROBOT_KEYS = (
 
 def parse_robot(text: str, origin: str = "robot") -> Robot:
     """Robot from the text of a TOML file; ``origin`` names it in error messages."""
-    try:
-        data = tomllib.loads(text)
-    except (ValueError, RecursionError) as problem:  # an integer of 5,000 digits; nesting
-        raise InputError(f"{origin} is not valid TOML: {problem}") from None
+    data = parsed(text, origin)
     for key in data:
         checks.one_of(f"key in {origin}", key, ROBOT_KEYS)
     joints = data.get("joint")

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 from typing import Any
 
 from microbot_ocp._base.checks import InputError
-from microbot_ocp._base.reading import bytes_of
+from microbot_ocp._base.child_process import Died, OutOfTime, can_fork, in_child
+from microbot_ocp._base.reading import MOST_BYTES, bytes_of
 from microbot_ocp.robot.files._mesh_files import package_folder
+
+EXPANSION_TIME = 10.0  # s
 
 
 def urdf_content(path: str | Path, what: str) -> str | bytes:
@@ -48,13 +52,32 @@ def expanded(path: Path) -> str:
             missing.append(name)
         return str(found or folder.parent)
 
+    def work(_: object = None) -> tuple[bool, str]:
+        """Whether it went well, and the text or what is wrong."""
+        substitution_args._eval_find = find
+        try:
+            document: Any = xacro.process_file(str(path))
+            return True, document.toxml()
+        except Exception as problem:  # it raises whatever happens to go wrong inside
+            cause = problem
+            while isinstance(inner := getattr(cause, "exc", None), Exception):
+                cause = inner
+            if isinstance(cause, MemoryError):
+                return False, f"it takes more than {MOST_BYTES:,} bytes"
+            advice = f" (package {missing[-1]!r} is not on ROS_PACKAGE_PATH)" if missing else ""
+            return False, " ".join(f"{problem}{advice}".split())
+
     before = substitution_args._eval_find
-    substitution_args._eval_find = find
     try:
-        document: Any = xacro.process_file(str(path))
-        return document.toxml()
-    except Exception as problem:  # it raises whatever happens to go wrong inside
-        advice = f" (package {missing[-1]!r} is not on ROS_PACKAGE_PATH)" if missing else ""
-        raise InputError(f"{path.name} cannot be expanded by xacro: {problem}{advice}") from None
+        # expressions are programs, which may go on for ever
+        until = time.perf_counter() + EXPANSION_TIME
+        good, text = in_child(work, until, most_bytes=MOST_BYTES) if can_fork else work()
+    except OutOfTime:
+        good, text = False, f"it takes more than {EXPANSION_TIME:g} s"
+    except Died:
+        good, text = False, f"it takes more than {MOST_BYTES:,} bytes"
     finally:
         substitution_args._eval_find = before
+    if not good:
+        raise InputError(f"{path.name} cannot be expanded by xacro: {text}")
+    return text

@@ -13,9 +13,9 @@ from xml.etree import ElementTree
 from xml.parsers import expat
 
 from microbot_ocp._base.checks import InputError
+from microbot_ocp._base.reading import DEEPEST
 from microbot_ocp.robot.files._remarks import Remarks
 
-DEEPEST = 200  # nested elements; a robot file has about six
 BYTE_ORDER_MARKS = (
     (codecs.BOM_UTF32_LE, "utf-32"),  # before utf-16, whose mark it begins with
     (codecs.BOM_UTF32_BE, "utf-32"),

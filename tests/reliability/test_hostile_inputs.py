@@ -1,0 +1,135 @@
+"""Inputs that are meant to do harm: each is refused in one short line, and soon."""
+
+from __future__ import annotations
+
+import os
+import struct
+import time
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import microbot_ocp as mo
+from microbot_ocp.cli import main
+from microbot_ocp.ocp import SolverSettings
+from microbot_ocp.robot import Shape, read_mesh
+from microbot_ocp.sweeps import load_sweep, read_study
+
+XACRO = """<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">{inside}
+<link name="a"/><link name="b"/><joint name="j" type="continuous"><parent link="a"/>
+<child link="b"/><axis xyz="0 0 1"/></joint></robot>"""
+MORE_TIME, MORE_BYTES = "it takes more than 10 s", "it takes more than 500,000,000 bytes"
+
+
+def refused(read, *given) -> str:
+    """The one line that a call is refused by."""
+    begun = time.process_time()
+    with pytest.raises(mo.InputError) as caught:
+        read(*given)
+    assert time.process_time() - begun < 10.0
+    line = str(caught.value)
+    assert line.isprintable()
+    assert len(line) < 300
+    return line
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs processes that can be ended")
+@pytest.mark.parametrize(
+    ("expression", "said"),
+    [
+        ("'a' * 10**10", MORE_BYTES),
+        ("[[0] * 10**6 for k in range(10**6)]", MORE_BYTES),
+        pytest.param("9**9**9", MORE_TIME, marks=pytest.mark.slow),
+    ],
+)
+def test_an_expression_of_xacro_ends(tmp_path: Path, expression: str, said: str) -> None:
+    pytest.importorskip("xacro")
+    path = tmp_path / "arm.xacro"
+    path.write_text(
+        XACRO.format(inside=f'<xacro:property name="p" value="${{{expression}}}"/>${{p}}')
+    )
+    assert said in refused(mo.load_robot, path)
+    path.write_text(XACRO.format(inside='<xacro:property name="p" value="${2**9}"/>'))
+    assert mo.load_robot(path).joint_count == 1
+
+
+@pytest.mark.parametrize("name", ["robot", "scene", "study"])
+@pytest.mark.parametrize("key", ["a", "'a b'", "[a"])
+def test_deep_keys_of_toml_take_no_time(tmp_path: Path, name: str, key: str) -> None:
+    read = {"robot": mo.load_robot, "scene": mo.read_scene, "study": read_study}[name]
+    path = tmp_path / f"{name}.toml"
+    path.write_text(key + ".a" * 50_000 + ("]" if "[" in key else "=1"))
+    assert "nested deeper than 200" in refused(read, path)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [b"x" * 80 + struct.pack("<I", 4 * 10**9), b"", b"solid a\nfacet"], ids=["head", "empty", "cut"]
+)  # fmt: skip
+def test_a_mesh_that_claims_more_than_it_has(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "a.stl"
+    path.write_bytes(content)
+    assert "a.stl" in refused(read_mesh, Shape(1, np.eye(4), "mesh", np.ones(3), path=str(path)))
+
+
+READERS = {
+    "robot": (mo.load_robot, "a\0\x1b[2J.toml"), "urdf": (mo.load_robot, "a\0\x1b[2J.urdf"),
+    "xacro": (mo.load_robot, "a\0\x1b[2J.xacro"), "scene": (mo.read_scene, "a\0\x1b[2J"),
+    "motion": (mo.Motion.load, "a\0\x1b[2J"), "solution": (mo.ocp.load_solution, "a\0\x1b[2J"),
+    "comparison": (mo.load_comparison, "a\0\x1b[2J"), "sweep": (load_sweep, "a\0\x1b[2J"),
+    "table": (mo.Cases.table, "a\0\x1b[2J.csv"), "parquet": (mo.Cases.table, "a\0\x1b[2J.parquet"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", READERS)
+def test_control_characters_of_a_path_are_written_as_codes(name: str) -> None:
+    read, path = READERS[name]
+    assert "\\x00" in refused(read, path)
+
+
+@pytest.mark.parametrize("name", READERS)
+@pytest.mark.parametrize("kind", ["folder", "loop", "pipe", "empty", "noise"])
+def test_what_is_no_file_of_the_kind(tmp_path: Path, name: str, kind: str) -> None:
+    read, given = READERS[name]
+    path = tmp_path / f"x{Path(given).suffix}"
+    {
+        "folder": path.mkdir,
+        "loop": lambda: path.symlink_to(path),
+        "pipe": lambda: os.mkfifo(path),
+        "empty": path.touch,
+        "noise": lambda: path.write_bytes(b"\xff\xfe\xfd" * 1000),
+    }[kind]()
+    if (name, kind) != ("scene", "empty"):  # which is a scene without obstacles
+        refused(read, path)
+
+
+@pytest.mark.parametrize("name", ["ma57", "pardiso", "nonsense", 3])
+def test_a_linear_solver_that_is_not_there(name: object, capfd: pytest.CaptureFixture[str]) -> None:
+    options = {"ipopt": {"linear_solver": name}}
+    line = refused(lambda: SolverSettings(options=options))
+    assert "ldl, mumps" in line
+    assert repr(name) in line
+    assert capfd.readouterr() == ("", "")
+
+
+def test_an_if_in_a_limit_is_told_how_it_is_written() -> None:
+    def height(state: mo.robot.MotionState) -> ca.SX:
+        return state.tool[0, 3] if state.tool[0, 3] > 0 else 0.0
+
+    robot = mo.load_robot("planar_2r").with_limits(also=[mo.Limit("height", height, upper=1.0)])
+    assert "casadi.if_else" in refused(mo.time_optimal, robot, [[0, 0], [1, 1]])
+
+
+def test_a_recording_that_is_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("DISPLAY", ":99")
+    path = tmp_path / "junk.rrd"
+    path.write_bytes(b"junk" * 100)
+    assert main(["replay", str(path), "--open"]) == 2
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert "is no recording" in told.err
+    assert told.err.count("\n") == 1
