@@ -17,7 +17,7 @@ sys.path.insert(0, str(DOCS / "tools"))
 from blocks import run_page  # noqa: E402
 
 TARGET = DOCS / "images" / "gallery"
-WIDTH, COLORS = 1000, 64  # pixels, of the palette
+WIDTH, COLORS = 1000, 256  # pixels, of the palette
 
 
 def main() -> int:
