@@ -64,6 +64,12 @@ def test_deep_keys_of_toml_take_no_time(tmp_path: Path, name: str, key: str) -> 
     assert "nested deeper than 200" in refused(read, path)
 
 
+def test_comments_without_an_end_take_no_time(tmp_path: Path) -> None:
+    path = tmp_path / "arm.urdf"
+    path.write_text("<robot>" + "<!--" * 100_000)
+    assert "not valid XML" in refused(mo.load_robot, path)
+
+
 @pytest.mark.parametrize(
     "content",
     [b"x" * 80 + struct.pack("<I", 4 * 10**9), b"", b"solid a\nfacet"], ids=["head", "empty", "cut"]

@@ -26,7 +26,7 @@ BYTE_ORDER_MARKS = (
     (b"\0<", "utf-16-be"),
 )
 DECLARATION = re.compile(r"\A\s*<\?xml\s.*?\?>", re.DOTALL)
-COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
+COMMENT = re.compile(r"<!--.*?(?:-->|\Z)", re.DOTALL)  # without an end: all that follows
 
 
 def read_xml(data: str | bytes, remarks: Remarks) -> ElementTree.Element:
