@@ -93,10 +93,10 @@ def overdetermined() -> OptimalControlProblem:
 
 
 def test_a_solver_that_breaks_down_is_an_attempt_and_the_chain_goes_on():
-    solution = solve(overdetermined(), 5)
-    assert [a.solver for a in solution.attempts][:2] == ["ipopt", "fatrop"]
+    assert len({a.way for a in solve(overdetermined(), 5).attempts}) > 2  # of other strategies
+    solution = solve(overdetermined(), 5, settings=SolverSettings(("ipopt", "fatrop")))
+    assert [a.solver for a in solution.attempts] == ["ipopt", "fatrop"]
     assert not solution.status.solved
-    assert len({a.way for a in solution.attempts}) > 2  # it was tried in other ways
     first = solution.attempts[1]
     assert first.status is Status.FAILED
     assert first.iterations == 0
@@ -157,7 +157,8 @@ def test_a_value_that_is_none_on_the_way_is_named_with_its_variable(capfd):
 
 def test_the_bound_that_is_advised_helps():
     for solver in ("ipopt", "fatrop"):
-        assert solve(bent(limited=True), 30, settings=SolverSettings(solver=solver)).status.solved
+        solution = solve(bent(limited=True), 30, settings=SolverSettings(solver=solver))
+        assert solution.attempts[-1].status.solved
 
 
 def test_steps_over_an_edge_are_taken_back_by_fatrop():

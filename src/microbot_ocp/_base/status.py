@@ -27,6 +27,7 @@ class Status(StrEnum):
     GAP_LEFT = "gap left"
     TOO_COARSE = "mesh too coarse"
     LOCAL_OPTIMUM = "local optimum"
+    SADDLE = "saddle point"
     # refinement
     NOT_ACCEPTED = "finer mesh not accepted"
     NO_PROGRESS = "no progress"
@@ -83,12 +84,16 @@ _SENTENCES = {
         "guess, or allow a larger gap."
     ),
     Status.TOO_COARSE: (
-        "Converged on a mesh on which the dynamics are not met between its points: give more "
-        "intervals, or leave the mesh out."
+        "Converged on a mesh on which the dynamics or limits are not met between its points: give "
+        "more intervals, or leave the mesh out."
     ),
     Status.LOCAL_OPTIMUM: (
         "Converged to a local optimum. Of many starts one or hardly any led to it and the others "
         "to dearer ones, so there may well be a cheaper one: give a guess near what is meant."
+    ),
+    Status.SADDLE: (
+        "Converged to a point that is stationary but no minimum, and no solve from there went "
+        "below it: give a guess that is less symmetric."
     ),
     Status.NOT_ACCEPTED: (
         "A finer mesh was not solved, or only at a higher cost: the last accepted solution is "

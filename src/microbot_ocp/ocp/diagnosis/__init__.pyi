@@ -9,6 +9,7 @@ from ._explain import (
     explain as explain,
 )
 from ._finiteness import (
+    BESIDE as BESIDE,
     NotFinite as NotFinite,
     finite_start as finite_start,
 )

@@ -14,7 +14,7 @@ from microbot_ocp.ocp.solution import PhaseSolution, unpack
 from microbot_ocp.ocp.transcription import PhaseLayout, Program, interpolated_variables
 
 PUSH = 1e-2  # how far solvers move a guess off its bounds, as a share of their size or distance
-BESIDE = 1e-2  # of the scales: how far from a kink a start is moved
+BESIDE = 1e-2  # of the scales: how far a start is moved from kinks and symmetry
 GOLDEN = (np.sqrt(5) - 1) / 2
 
 
@@ -31,10 +31,12 @@ class NotFinite(InputError):
     """A start at which something has no finite value or slope."""
 
 
-def finite_start(program: Program, x: FloatArray) -> FloatArray:
+def finite_start(program: Program, x: FloatArray, *, uneven: bool = False) -> FloatArray:
     """The start, moved a little where it is at a kink, such as the norm of controls that are zero.
 
-    It is looked at where a solver will: a little inside its bounds.
+    It is looked at where a solver will: a little inside its bounds. With ``uneven`` it is moved
+    wherever it is: from a start that is symmetric a solver does not leave what is symmetric, for
+    all slopes lie in it, and ends at a saddle or among equations that depend on each other.
 
     Raises
     ------
@@ -44,14 +46,16 @@ def finite_start(program: Program, x: FloatArray) -> FloatArray:
     """
     inside = _inside(program, x)
     said = not_finite(program, inside, "the guess")
-    if said is None:
+    if said is None and not uneven:
         return x
-    if _has_values(program, inside):
+    if said is None or _has_values(program, inside):
         free = (program.variable_lower < program.variable_upper) & ~_held(program, inside)
-        uneven = 0.5 + GOLDEN * np.arange(x.size) % 1.0  # differences of variables are no longer 0
-        beside = _inside(program, x + BESIDE * np.where(free, uneven, 0.0))
+        shares = 0.5 + GOLDEN * np.arange(x.size) % 1.0  # differences of variables are no longer 0
+        beside = _inside(program, x + BESIDE * np.where(free, shares, 0.0))
         if not_finite(program, beside, "the guess") is None:
             return beside
+    if said is None:
+        return x
     raise NotFinite(said)
 
 

@@ -72,7 +72,6 @@ MOST = 400  # iterations on a finer mesh, from a neighbouring solution
 FINER = 2.5  # times the first mesh, where nothing comes of it
 UNSETTLED = (Status.NOT_ACCEPTED, Status.NO_PROGRESS)  # other shapes of controls may help
 DONE = (Status.SOLVED, Status.INTERRUPTED, Status.SIZE_LIMIT)  # no more is tried
-SHARE = 0.6  # of the time that is left, which the refinement of one solution may take
 AIM = 1e-6  # accuracy of the states by default
 EASED = 1e-4  # of states and cost, where no more is reached
 EASED_LIMIT = 1e-3  # the same of limits
@@ -227,8 +226,6 @@ def _from_mesh(
     best: Refined | None = None
     tried = False  # whether with controls that are constant over every interval
     for first, transcription in solutions(problem, mesh, guess, settings, scheme, until, watched):
-        now = time.perf_counter()
-        own_until = until if not np.isfinite(until) else now + SHARE * (until - now)
         refiner = Refiner(
             transcription,
             guess_from=resampled,
@@ -239,18 +236,16 @@ def _from_mesh(
             progress=progress,
             settings=replace(settings, max_iterations=min(MOST, settings.max_iterations)),
             worse=DEARER,
-            until=own_until,
+            until=until,
             last=first,
         )
-        own_limits = _Limits(rounds, most_intervals, own_until, arcs)
+        own_limits = _Limits(rounds, most_intervals, until, arcs)
         refined = _Refinement(refiner, goal, own_limits).run(first)
         if refined.status in UNSETTLED and not tried and swings(problem, refined.solution):
             tried = True
             assert isinstance(problem, OptimalControlProblem)
             steady = with_shapes(problem, "constant")
-            now = time.perf_counter()
-            until_then = until if not np.isfinite(until) else now + SHARE * (until - now)
-            how = settings, scheme, goal, limits, until_then, progress
+            how = settings, scheme, goal, limits, until, progress
             other = _from_mesh(steady, mesh, guess, *how)
             refined = replace(other, way=STEADY) if other.status.solved else refined
         if best is None or refined.status.solved or _worst(refined) < _worst(best):

@@ -47,15 +47,18 @@ def solve_on(
     until: float | None = None,
     progress: Progress | None = None,
     warm_only: bool = False,
+    uneven: bool = False,
 ) -> Solution:
     """Solve on a mesh from a guess, by the solvers of the settings in turn.
 
-    With ``warm_only`` it ends where the warm start from a solution does not converge.
+    With ``warm_only`` it ends where the warm start from a solution does not converge. With
+    ``uneven`` a guess that is no solution is moved off what is symmetric.
     """
     start = time.perf_counter()
     program = assemble(transcription.layouts(mesh))
     begin = starting_point(program, transcription.problem, guess)
-    begin = replace(begin, x=finite_start(program, begin.x))
+    uneven = uneven and not isinstance(guess, Solution)
+    begin = replace(begin, x=finite_start(program, begin.x, uneven=uneven))
     program = with_cost_scale(program, begin.x, settings)
     build_time = time.perf_counter() - start
     return run_chain(

@@ -60,10 +60,9 @@ HEIGHTS = (0.6, 0.1)  # of them, in turn, times what a state ranges over: standa
 PUSH = 0.2  # share of the way from the usual controls to random ones on such a curve
 STRETCH = 0.3  # standard deviation of the logarithm of a random duration
 ITERATIONS = 100  # of one solve
-SEARCH = 0.6  # of the time that is left, which the search may take; the rest is for what it finds
 ENOUGH = 500  # iterations of all solves that an answer is compared with
 ENOUGH_DIFFERENT = 2000  # the same where there are different optima
-ENOUGH_ALONE = 3000  # the same where only one start led to the least of them
+ENOUGH_ALONE = 3000  # the same where only one start led to the least, or to any
 AGREE = 8  # starts that led to the least cost: where as many did no more are tried
 SIMULATED = 5  # simulations that are tried before that counts: curves are near what is known
 SAME = 1e-3  # of the cost
@@ -72,6 +71,7 @@ LEAST = 1.0  # s, that a kept solver is given
 EACH = 3  # simulations of these
 WAY = "from another start"
 CUT_SHORT = "It was not compared with all other starts for want of time."
+ALONE = "It was compared with nothing: no other start led to an answer."
 Given = Mapping[str, Guess] | Solution | str | None
 
 
@@ -90,9 +90,7 @@ def cheaper_elsewhere(
     is what the solution was found from.
     """
     size = cost_size(solution.cost, solution.cost_scale)
-    now = time.perf_counter()
-    searching = until if not np.isfinite(until) else now + SEARCH * (until - now)
-    coarse, known = _comparable(solution, transcription, settings, searching, progress)
+    coarse, known = _comparable(solution, transcription, settings, until, progress)
     here = known if known.status.solved else solution
     found = [k for k in _until_they_agree(coarse, most, here, guess) if k.status.solved]
     others = _distinct(found, here, WORTH * size)
@@ -117,6 +115,8 @@ def cheaper_elsewhere(
         best = replace(best, agreed=met, compared=len(found) + 1)
     if time.perf_counter() >= until:
         best = replace(best, advice=f"{best.advice} {CUT_SHORT}")
+    elif not found:
+        best = replace(best, advice=f"{best.advice} {ALONE}")
     return replace(best, rivals=tuple(rivals)), attempts
 
 
@@ -228,7 +228,7 @@ def _until_they_agree(
         off = (np.array(costs) - min(costs)) / size
         met = int(np.sum(off <= SAME))
         enough = ENOUGH_DIFFERENT if np.any(off > WORTH) else ENOUGH
-        enough = ENOUGH_ALONE if met < AGREED and enough > ENOUGH else enough
+        enough = ENOUGH_ALONE if met < AGREED else enough
         if (met > AGREE and simulations >= SIMULATED) or spent > enough:
             return
 

@@ -23,14 +23,15 @@ class SolverSettings:
 
     Attributes
     ----------
-    solver : "auto" (IPOPT, then fatrop if it does not converge), "fatrop", "ipopt" or "sqp", or
-        several of them in turn
+    solver : "auto" (IPOPT, at last fatrop if it does not converge), "fatrop", "ipopt" or
+        "sqp", or several of them in turn
     tolerance : optimality and feasibility of the scaled program
     max_iterations : limit for each solver
     initial_barrier : start of the barrier parameter; small for a warm start
     gap : how much the cost may be above that of the local optimum, relative to it (to a thousandth
         of its scale where it is less): a solve that converged goes on until it is known to be
-        less; infinite to leave it at that
+        less; infinite to leave it at that, which ``solve`` then calls "gap left" where it is more
+        than ``verify`` lets pass
     options : further options by solver name; "ipopt warm" are those of IPOPT from a solution with
         multipliers alone
     scaling : "auto" (sizes that were not declared are found, see

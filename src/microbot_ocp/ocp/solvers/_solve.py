@@ -1,15 +1,17 @@
-"""Solve a problem as it was declared; what fails is tried in other ways, and the mesh made finer.
+"""Solve a problem as it was declared, by other strategies where one fails, until it passes.
 
 A solve that does not converge says little about the problem: it may have begun badly or with bad
-scales. So it is tried again, from a simulation, with the scales that were declared, with other
-durations, from a coarse mesh. The solution says which way it was.
+scales. So the rows of a table are tried in turn. What a solve is good for is told by the judgement
+that a certificate is made of: meshes are made finer until it passes, from a saddle the solve goes
+down, and what is missing at last is the status. All is counted in iterations, starts and meshes;
+time is the limit only.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -17,17 +19,15 @@ from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp import refinement, verification
-from microbot_ocp.ocp.diagnosis import NotFinite
+from microbot_ocp.ocp.diagnosis import BESIDE, NotFinite
 from microbot_ocp.ocp.problem import OptimalControlProblem, with_shapes
 from microbot_ocp.ocp.solution import (
     Attempt,
     Progress,
     Rollouts,
     Solution,
-    completed,
+    cost_size,
     default_guess,
-    rollout,
-    rollouts,
 )
 from microbot_ocp.ocp.solvers._chain import solve_on, transcribed
 from microbot_ocp.ocp.solvers._improvement import improvable, improved
@@ -37,35 +37,29 @@ from microbot_ocp.ocp.solvers._other_starts import (
     on_any_mesh,
 )
 from microbot_ocp.ocp.solvers._settings import SolverSettings
-from microbot_ocp.ocp.solvers._smoothing import smoothed
 from microbot_ocp.ocp.transcription import Guess, Meshes, Transcription
 from microbot_ocp.ocp.transcription.schemes import Scheme
+from microbot_ocp.ocp.verification import Judgement, Thresholds, judge
 
 Given = Mapping[str, Guess] | Solution | str | None
 
 INTERVALS = 50  # of a problem of one or two phases
 FEWEST = 10  # of every phase of a problem of many
 COARSER = 0.4  # of these intervals, from which a solve may converge sooner
-FAR_SMALLER = 1e3  # scales of an answer than those that were guessed: it is solved again
-COARSE = 8  # intervals a phase of a first look
-FIRST = 400  # iterations of the first try: what takes more converges sooner in another way
-SHARE = 0.35  # of the time that is left, which one way may take
-SHARE_FINER = 0.5  # the same of a finer mesh
-SIMULATED = 4  # simulations that a problem is solved from
-COMPARED = (12, 4)  # other starts that an answer is compared with, on any mesh and on a given one
+OTHER_SIZE = 1e3  # between scales of an answer and those that were guessed: it is solved again
 ANY_DURATION = 2  # simulations of those of all durations that a problem is solved from
-LONGER = (3.0, 0.3, 10.0)  # other durations, where they are free
+FIRST = 400  # iterations of a try: what takes more converges sooner by another strategy
+COMPARED = (12, 4)  # other starts that an answer is compared with, on any mesh and on a given one
 CONVERGED = (Status.SOLVED, Status.GAP_LEFT)
 ENDED = (*CONVERGED, Status.INTERRUPTED)
 
 STEADY = "with controls that are constant over every interval"
 CHATTERS = "the optimum may be approached by controls that jump to and fro ever faster."
-ACCURACY = 1e-4  # relative: local errors of the state, change of the cost from mesh to mesh
-ROUGH = 1e-2  # local error of the state above which an answer is none
+NOT_ALL = "Not every strategy was tried for want of time."
+ACCURACY = 1e-4  # relative: change of the cost from mesh to mesh
 SETTLED = 5.0  # times the accuracy: what is left of the cost's change at which it has settled
 UNMET = 1e-2  # share of the cost: where no solve saves it what is more is missed, less is said
 ROUNDS = 14
-MOST_PIECES = 10  # into which an interval is divided at once
 MOST_INTERVALS = 1000
 
 
@@ -87,20 +81,23 @@ def solve(
         A transcription keeps its kernels from solve to solve; it is solved in one way only.
     mesh : int, Mesh, or one int, Mesh or array of fractions [N+1] a phase
         Default: 50 intervals, shared by the phases where there are more than two, and finer until
-        the cost changes by less than 1e-4 of itself; what does not settle is not solved. On a mesh
-        that is given, a solution whose states are wrong by more than 1 % within an interval has the
-        status TOO_COARSE.
+        :func:`~microbot_ocp.ocp.verify` passes the answer and the cost changes by less than 1e-4 of
+        itself; what does not settle is not solved. On a mesh that is given, an answer whose states,
+        cost or limits do not pass between the mesh points has the status TOO_COARSE.
     guess : mapping from phase name to Guess, Solution or "rollout", optional
         What is left out of it starts from :func:`~microbot_ocp.ocp.solution.default_guess`. A
         solution may be of another mesh or of other phases; with the same phases its multipliers are
-        used as well. "rollout" simulates with a constant control.
+        used as well. "rollout" simulates with a constant control. What is no solution is moved by
+        about a hundredth of the scales, so that it is not symmetric.
     settings : SolverSettings, optional
-        Where they name a solver that one is tried, and in one way only.
+        Where they name a solver that one is tried, from the guess as it is and by one strategy
+        only.
     scheme : str or Scheme
         Of a problem that is not transcribed yet: "shooting", "radau", "gauss", "trapezoidal",
         "hermite_simpson", or one with settings.
     time_limit : float
-        Wall time after which it is stopped, s.
+        Wall time after which it is stopped, s. Strategies are limited by iterations, starts and
+        meshes, so the answer is the same on a busy machine unless this limit is met, which is said.
     progress : callable, optional
         Called with an :class:`~microbot_ocp.ocp.solution.Iteration` at every iteration. It may
         raise KeyboardInterrupt to stop the solve.
@@ -108,7 +105,8 @@ def solve(
     Returns
     -------
     Solution
-        Also where no solver converged: look at ``status``. Its ``attempts`` are all that was tried,
+        Also where no solver converged: look at ``status``, which is SOLVED where ``verify`` passes
+        it. Its ``attempts`` are all that was tried,
         but for other starts with which it was compared and that led to nothing cheaper. After
         Ctrl-C it is the last iterate, with the status INTERRUPTED.
 
@@ -125,23 +123,21 @@ def solve(
     best: Solution | None = None
     attempts: list[Attempt] = []
     most = COMPARED[0 if mesh is None else 1]
-    found = solutions(problem, chosen, guess, settings, scheme, until, progress, most)
-    for solution, transcription in found:
-        if mesh is None:
-            solution = _on_finer_meshes(solution, transcription, settings, until, progress)
-            if solution.status is Status.NO_PROGRESS and swings(problem, solution):
-                how = settings, scheme, until, progress
-                solution = _with_steady_controls(problem, solution, *how)
-        else:
-            solution = _checked(solution)
+    answers = solutions(problem, chosen, guess, settings, scheme, until, progress, most)
+    for solution, transcription in answers:
+        solution = _judged(solution, transcription, settings, until, progress, finer=mesh is None)
+        if solution.status is Status.NO_PROGRESS and swings(problem, solution):
+            solution = _with_steady_controls(problem, solution, settings, scheme, until, progress)
         attempts += solution.attempts
         if best is None or solution.status in ENDED:
             best = solution
         chatters = solution.advice.endswith(CHATTERS)  # no other start would change that
-        if solution.status in ENDED or chatters or mesh is not None or time.perf_counter() >= until:
+        if solution.status in (*ENDED, Status.TOO_COARSE) or chatters:
             break
     assert best is not None
     best = replace(best, attempts=tuple(attempts))
+    if best.status not in ENDED and time.perf_counter() >= until:
+        best = replace(best, advice=f"{best.advice} {NOT_ALL}")
     if best.status.solved and best.unsettled:
         status = Status.LOCAL_OPTIMUM
         best = replace(best, status=status, advice=f"{status.sentence} {best.several}")
@@ -154,19 +150,141 @@ def default_mesh(problem: OptimalControlProblem | Transcription) -> int:
     return max(FEWEST, round(2 * INTERVALS / max(len(phases), 2)))
 
 
-# other ways ---------------------------------------------------------------------------------------
+# strategies ---------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class _Task:
+    """What is to be solved, and the attempts so far."""
+
+    problem: OptimalControlProblem | Transcription
+    mesh: Meshes
+    guess: Given
+    settings: SolverSettings
+    scheme: str | Scheme
+    until: float
+    progress: Progress | None
+    attempts: list[Attempt] = field(default_factory=list)
+
+    @property
+    def alone(self) -> bool:
+        """Whether a transcription or a solver was chosen: no other strategy is tried."""
+        return isinstance(self.problem, Transcription) or self.settings.solver != "auto"
+
+    @property
+    def few(self) -> SolverSettings:
+        """Settings of a try that may be followed by another."""
+        own = self.settings
+        if self.alone:
+            return own
+        return replace(own, solver="ipopt", max_iterations=min(FIRST, own.max_iterations))
+
+    def transcribed(self, scaling: str) -> Transcription:
+        settings = replace(self.settings, scaling=scaling)
+        return transcribed(self.problem, settings, scheme=self.scheme, guess=self.guess)
+
+
+Start = tuple[Transcription, Given, SolverSettings]
 
 
 @dataclass(frozen=True)
-class _Way:
-    """Another way to solve a problem, in words that follow "found"."""
+class Strategy:
+    """A row of the table by which a problem is tried.
 
-    said: str
-    guess: Given | tuple[dict[str, Guess], ...]  # of several the one that ends at the least cost
-    scaling: str
-    coarse: int = 0  # intervals a phase of a first solve
-    smooth: bool = False  # from solves in which large controls cost
-    many: bool = False  # from the cheapest of many starts on a coarse mesh
+    Attributes
+    ----------
+    name : in words that follow "found"
+    propose : programs with a guess and settings of the solve; none where it does not apply
+    why : the kind of problem that needs it
+    """
+
+    name: str
+    propose: Callable[[_Task], Iterator[Start]]
+    why: str
+
+
+def _as_given(task: _Task) -> Iterator[Start]:
+    yield task.transcribed(task.settings.scaling), task.guess, task.few
+
+
+def _from_a_coarser_mesh(task: _Task) -> Iterator[Start]:
+    coarser = round(COARSER * default_mesh(task.problem))
+    if isinstance(task.mesh, int) and task.mesh <= coarser:
+        return
+    transcription = task.transcribed(task.settings.scaling)
+    guess = on_any_mesh(task.guess, transcription.problem)
+    how = task.few, task.until, task.progress
+    coarse = solve_on(transcription, coarser, guess, *how)
+    task.attempts.extend(coarse.attempts)
+    if coarse.status in ENDED:
+        yield transcription, coarse, task.few
+
+
+def _from_many_starts(task: _Task) -> Iterator[Start]:
+    transcription = task.transcribed(task.settings.scaling)
+    how = task.few, COMPARED[0], task.until, task.progress
+    cheapest, tried = cheapest_of_starts(transcription, *how)
+    task.attempts.extend(tried)
+    if cheapest is not None:
+        yield transcription, cheapest, task.few
+
+
+def _in_declared_scales(task: _Task) -> Iterator[Start]:
+    if task.settings.scaling != "declared":
+        yield task.transcribed("declared"), task.guess, replace(task.few, scaling="declared")
+
+
+def _of_any_duration(task: _Task) -> Iterator[Start]:
+    assert isinstance(task.problem, OptimalControlProblem)
+    free = any(low < high for low, high in (p.duration_bounds for p in task.problem.phases))
+    if free and task.guess is None:
+        found = Rollouts(task.problem, default_guess(task.problem)).of_any_duration()
+        for guess in found[:ANY_DURATION]:
+            yield replace(task, guess=guess).transcribed(task.settings.scaling), guess, task.few
+
+
+def _with_more_iterations(task: _Task) -> Iterator[Start]:
+    if task.settings.max_iterations > task.few.max_iterations:
+        settings = replace(task.few, max_iterations=task.settings.max_iterations)
+        yield task.transcribed(task.settings.scaling), task.guess, settings
+
+
+def _by_fatrop(task: _Task) -> Iterator[Start]:
+    settings = replace(task.few, solver="fatrop")
+    yield task.transcribed(task.settings.scaling), task.guess, settings
+
+
+STRATEGIES = (
+    Strategy("", _as_given, "most problems; moved off what is symmetric"),
+    Strategy(
+        "from the guess as it is",
+        _as_given,
+        "scales that are far too large: a hundredth of them is far from the guess",
+    ),
+    Strategy(
+        "from a coarser mesh",
+        _from_a_coarser_mesh,
+        "stiff reactors and long horizons take hundreds of iterations on a fine mesh, few on a "
+        "coarse one",
+    ),
+    Strategy(
+        "from the cheapest of several starts on a coarse mesh",
+        _from_many_starts,
+        "motions to and fro whose duration is far from the guessed one",
+    ),
+    Strategy(
+        "with the declared scales",
+        _in_declared_scales,
+        "rates and sizes that are free: what follows from the dynamics is far from the answer",
+    ),
+    Strategy(
+        "from the simulation that ends nearest",
+        _of_any_duration,
+        "durations between bounds that are many powers of ten apart",
+    ),
+    Strategy("with more iterations", _with_more_iterations, "what is large or very nonlinear"),
+    Strategy("by fatrop", _by_fatrop, "more equations than variables, which IPOPT refuses"),
+)
 
 
 def solutions(
@@ -179,109 +297,94 @@ def solutions(
     progress: Progress | None,
     compared: int = COMPARED[0],
 ) -> Iterator[tuple[Solution, Transcription]]:
-    """Solutions of all ways that converge, each with its program; of the first if none does.
+    """Solutions of all strategies that converge, each with its program; of the first if none does.
 
     Each is compared with what a number of other starts lead to.
     """
-    ways: Iterator[_Way] = iter([_Way("", guess, settings.scaling)])
-    attempts: list[Attempt] = []
+    task = _Task(problem, mesh, guess, settings, scheme, until, progress)
+    alone, converged = task.alone, False
     first: tuple[Solution, Transcription] | None = None
     refused: InputError | None = None
-    told = False
-    alone = isinstance(problem, Transcription) or settings.solver != "auto"
-    while (way := next(ways, None)) is not None:
-        # what helps fatrop is seen in the first way
-        solver = "ipopt" if way.said and settings.solver == "auto" else settings.solver
-        own = replace(settings, scaling=way.scaling, solver=solver)
-        if not way.said and not alone:
-            own = replace(own, max_iterations=min(FIRST, own.max_iterations))
-        now = time.perf_counter()
-        share = until if alone or not np.isfinite(until) else now + SHARE * (until - now)
-        best: tuple[Solution, Transcription] | None = None
-        for given in way.guess if isinstance(way.guess, tuple) else (way.guess,):
-            try:
-                transcription = transcribed(problem, own, scheme=scheme, guess=given)
-                if way.smooth:
-                    given, tried = smoothed(transcription, mesh, given, own, share, progress)
-                    attempts += [replace(a, way=f"{way.said}, first") for a in tried]
-                    if given is None:
-                        continue
-                if way.many:
-                    most = COMPARED[0]
-                    given, tried = cheapest_of_starts(transcription, own, most, share, progress)
-                    attempts += tried
-                    if given is None:
-                        continue
-                if way.coarse:
-                    given = on_any_mesh(given, transcription.problem)
-                    given = solve_on(transcription, way.coarse, given, own, share, progress)
-                    attempts += [replace(a, way=f"{way.said}, coarse") for a in given.attempts]
-                    if given.status not in ENDED:
-                        continue
-                made = solve_on(transcription, mesh, given, own, share, progress)
-                if not alone and way.scaling == "auto" and made.status in CONVERGED:
-                    how = own, scheme, share, progress
-                    made, transcription = _in_own_scales(made, problem, transcription, mesh, *how)
-            except NotFinite as problem_met:
-                if alone or guess is not None:
-                    raise
-                refused = refused or problem_met
-                continue
-            attempts += [replace(a, way=a.way or way.said) for a in made.attempts]
-            first = first or (made, transcription)
-            if made.status in ENDED and (best is None or made.cost < best[0].cost):
-                best = made, transcription
-            if made.status is Status.INTERRUPTED or time.perf_counter() >= share:
-                break
-        if best is not None and not alone and best[0].status in CONVERGED:
-            better, found = best[0], []
-            if not isinstance(guess, Solution):  # what was compared when it was found
-                better, found = cheaper_elsewhere(*best, own, compared, share, progress, guess)
-            better, tried = improved(better, best[1], own, share, progress)
-            best, attempts = (better, best[1]), attempts + found + tried
-        if best is not None:
-            told = True
-            yield _told(*best, attempts, way.said)
-            attempts = []
-            if best[0].status is Status.INTERRUPTED:
-                return
-        if alone or time.perf_counter() >= until:
+    for strategy in STRATEGIES[: 1 if alone else None]:
+        if first is not None and time.perf_counter() >= until:
             break
-        if not way.said and not isinstance(problem, Transcription):
-            ways = _other_ways(problem, mesh, guess, settings)
-    if told:
+        try:
+            found = _first_that_ends(task, strategy)
+        except NotFinite as problem_met:
+            if alone or guess is not None:
+                raise
+            refused = refused or problem_met
+            continue
+        if found is None:
+            continue
+        made, (transcription, _, own) = found
+        first = first or (made, transcription)
+        if made.status not in ENDED:
+            continue
+        if not alone and made.status in CONVERGED:
+            if not isinstance(guess, Solution):  # what was compared when it was found
+                how = own, compared, until, progress, guess
+                made, tried = cheaper_elsewhere(made, transcription, *how)
+                task.attempts.extend(tried)
+            made, tried = improved(made, transcription, own, until, progress)
+            task.attempts.extend(tried)
+        converged = True
+        yield _told(made, transcription, task.attempts, strategy.name)
+        task.attempts.clear()
+        if made.status is Status.INTERRUPTED:
+            return
+    if converged:
         return
     if first is None:
         assert refused is not None
         raise refused
-    yield _told(*first, attempts, "")
+    yield _told(*first, task.attempts, "")
+
+
+def _first_that_ends(task: _Task, strategy: Strategy) -> tuple[Solution, Start] | None:
+    """The first solution of a strategy that converges, or its last; None where there is none."""
+    found: tuple[Solution, Start] | None = None
+    before = len(task.attempts)
+    for transcription, guess, settings in strategy.propose(task):
+        name = f"{strategy.name}, first"
+        task.attempts[before:] = [replace(a, way=name) for a in task.attempts[before:]]
+        how = settings, task.until, task.progress
+        uneven = not (
+            task.alone or strategy.name
+        )  # where scales are wrong it is far from the guess
+        made = solve_on(transcription, task.mesh, guess, *how, uneven=uneven)
+        if not task.alone and settings.scaling == "auto" and made.status in CONVERGED:
+            made, transcription = _in_own_scales(made, task, transcription, settings)
+        task.attempts.extend(replace(a, way=a.way or strategy.name) for a in made.attempts)
+        before = len(task.attempts)
+        found = made, (transcription, guess, settings)
+        if made.status in ENDED:
+            break
+    return found
 
 
 def _in_own_scales(
-    solution: Solution,
-    problem: OptimalControlProblem | Transcription,
-    before: Transcription,
-    mesh: Meshes,
-    settings: SolverSettings,
-    scheme: str | Scheme,
-    until: float,
-    progress: Progress | None,
+    solution: Solution, task: _Task, before: Transcription, settings: SolverSettings
 ) -> tuple[Solution, Transcription]:
-    """The solution, solved again with scales of its own where it is far smaller than was guessed.
+    """The solution, solved again with scales of its own where these are far from what was guessed.
 
-    What is small beside its scale is not accurate, and a cost of such a scale seems to be settled.
+    What is small beside its scale is not accurate, and a cost of such a scale seems to be settled;
+    what is far larger may be on its way to a slope at infinity.
     """
-    after = transcribed(problem, settings, scheme=scheme, guess=solution)
+    after = replace(task, guess=solution).transcribed("auto")
     if not any(
-        np.any(np.asarray(old.scale) >= FAR_SMALLER * np.asarray(new.scale))
+        np.any(np.abs(np.log(np.asarray(old.scale) / new.scale)) >= np.log(OTHER_SIZE))
         for k, own in enumerate(before.problem.phases)
         for kind in ("states", "controls")
         for old, new in zip(getattr(own, kind), getattr(after.problem.phases[k], kind), strict=True)
     ):
         return solution, before
-    again = solve_on(after, mesh, solution, settings, until, progress)
-    attempts = tuple(replace(a, way="with the scales of the first answer") for a in again.attempts)
-    return replace(again, attempts=solution.attempts + attempts), after
+    again = solve_on(after, task.mesh, solution, settings, task.until, task.progress)
+    tried = tuple(replace(a, way="with the scales of the first answer") for a in again.attempts)
+    dearer = again.cost - solution.cost > UNMET * cost_size(again.cost, solution.cost_scale)
+    if again.status not in CONVERGED or dearer:
+        return replace(solution, attempts=(*tried, *solution.attempts)), before
+    return replace(again, attempts=solution.attempts + tried), after
 
 
 def _told(
@@ -296,107 +399,129 @@ def _told(
     return replace(solution, attempts=tuple(attempts), advice=advice), transcription
 
 
-def _other_ways(
-    problem: OptimalControlProblem, mesh: Meshes, guess: Given, settings: SolverSettings
-) -> Iterator[_Way]:
-    auto = settings.scaling
-    coarser = round(COARSER * default_mesh(problem))
-    if not isinstance(mesh, int) or mesh > coarser:
-        yield _Way(f"from a mesh of {coarser} intervals", guess, auto, coarse=coarser)
-    yield _Way("from the cheapest of several starts on a coarse mesh", guess, auto, many=True)
-    simulated: Given = None
-    if guess is None:
-        found = rollouts(problem, default_guess(problem))
-        simulated = found[0]
-        yield _Way("from a simulation with constant controls", tuple(found[:SIMULATED]), auto)
-    if auto != "declared":
-        yield _Way("with the declared scales", guess, "declared")
-    yield _Way("from solves in which controls cost", guess, auto, smooth=True)
-    yield _Way("from a coarse mesh", guess, auto, coarse=COARSE)
-    free = any(low < high for low, high in (p.duration_bounds for p in problem.phases))
-    if free and guess is None:
-        found = Rollouts(problem, default_guess(problem)).of_any_duration()
-        yield _Way("from the simulation that ends nearest", tuple(found[:ANY_DURATION]), auto)
-    if free and not isinstance(guess, Solution):
-        ordinary = completed(problem, guess)
-        for factor in LONGER:
-            durations = {
-                p.name: float(
-                    np.clip(factor * (ordinary[p.name].duration or 1.0), *p.duration_bounds)
-                )
-                for p in problem.phases
-            }
-            said = f"from {factor:g} times the duration"
-            longer = {k: Guess(durations[k], g.values) for k, g in ordinary.items()}
-            yield _Way(said, longer, auto)
-            if guess is None:
-                longer = rollout(problem, default_guess(problem), durations)
-                yield _Way(f"{said}, simulated", longer, auto)
-    if simulated is not None and auto != "declared":
-        said = "from a simulation with constant controls, with the declared scales"
-        yield _Way(said, simulated, "declared")
-    if simulated is not None:
-        yield _Way("from a simulation on a coarse mesh", simulated, auto, coarse=COARSE)
-    if settings.max_iterations > FIRST:
-        yield _Way("with more iterations", guess, auto)
+# acceptance ---------------------------------------------------------------------------------------
 
 
-# finer meshes -------------------------------------------------------------------------------------
-
-
-def _on_finer_meshes(
+def _judged(
     solution: Solution,
     transcription: Transcription,
     settings: SolverSettings,
     until: float,
     progress: Progress | None,
+    *,
+    finer: bool,
 ) -> Solution:
-    """The solution on meshes so fine that its cost does not change any more."""
+    """The solution with the status that its judgement gives it.
+
+    With ``finer`` on meshes so fine that it passes and its cost does not change any more. Where it
+    is at a saddle the solve goes on below it.
+    """
     if solution.status not in CONVERGED:
         return solution
     alone = settings.solver != "auto"
-    attempts, left, worst = list(solution.attempts), _Left(), np.inf
-    warm = replace(settings, solver="ipopt") if settings.solver == "auto" else settings
-    for done in range(ROUNDS + 1):
-        errors = _errors(solution)
-        worst = max(float(e.max()) for e in errors)
-        if done == ROUNDS or (left.estimate <= ACCURACY and worst <= ROUGH):
+    own = settings if alone else replace(settings, solver="ipopt")
+    own = replace(own, max_iterations=min(FIRST, own.max_iterations))
+    how = transcription, own, until, progress
+    attempts, left = list(solution.attempts), _Left()
+    judgement = judge(transcription, solution)
+    for _ in range(ROUNDS):
+        over = time.perf_counter() >= until
+        if judgement.status is Status.SADDLE and not (alone or over):
+            below, tried = _below(solution, judgement, *how)
+            attempts += tried
+            if below is None:
+                break
+            solution, left = below.with_rivals_of(solution), _Left()
+            judgement = judge(transcription, solution)
+            continue
+        coarse = any(failure.status is Status.TOO_COARSE for failure in judgement.failures)
+        settled = left.estimate <= ACCURACY
+        if over or not finer or (settled and not coarse):
             break
-        meshes = _finer(solution, errors)
-        if sum(m.size - 1 for m in meshes) > MOST_INTERVALS or time.perf_counter() > until:
+        meshes = _finer(solution, judgement, whole=not settled)
+        if sum(mesh.size - 1 for mesh in meshes) > MOST_INTERVALS:
+            meshes = _finer(solution, judgement, whole=False)
+        count = sum(mesh.size - 1 for mesh in meshes)
+        if count > MOST_INTERVALS or count == sum(p.mesh.size - 1 for p in solution.phases):
             break
-        now = time.perf_counter()
-        share = until if not np.isfinite(until) else now + SHARE_FINER * (until - now)
-        finer = solve_on(transcription, meshes, solution, warm, share, progress)
-        attempts += [replace(a, way="on a finer mesh") for a in finer.attempts]
-        if finer.status not in CONVERGED:
+        made = solve_on(transcription, meshes, solution, own, until, progress)
+        attempts += [replace(a, way="on a finer mesh") for a in made.attempts]
+        if made.status not in CONVERGED:
             break
-        size = max(abs(finer.cost), abs(solution.cost), 1e-3 * finer.cost_scale)
-        left.enter(abs(finer.cost - solution.cost) / size)
-        advice = finer.advice if finer.status is Status.GAP_LEFT else solution.advice
-        solution = replace(finer, advice=advice).with_rivals_of(solution)
-    more = improvable(solution)
+        size = max(cost_size(k.cost, made.cost_scale) for k in (made, solution))
+        left.enter(abs(made.cost - solution.cost) / size)
+        advice = made.advice if made.status is Status.GAP_LEFT else solution.advice
+        solution = replace(made, advice=advice).with_rivals_of(solution)
+        judgement = judge(transcription, solution)
+    more = improvable(solution) if finer else 0.0
     if not alone and more > ACCURACY:
-        solution, tried = improved(solution, transcription, settings, until, progress)
-        attempts, more = attempts + tried, improvable(solution)
+        better, tried = improved(solution, transcription, settings, until, progress)
+        attempts, more = attempts + tried, improvable(better)
+        judgement = judgement if better is solution else judge(transcription, better)
+        solution = better
     solution = replace(solution, attempts=tuple(attempts))
-    settled = left.estimate <= SETTLED * ACCURACY and worst <= ROUGH
-    if settled and more <= SETTLED * ACCURACY:
-        return solution
-    said = (
-        f"On the last meshes the cost still changed by {left.change:.1g} of itself; within an "
-        f"interval states are wrong, or limits exceeded, by {worst:.1g} of their sizes: call "
-        f"solve_refined."
-    )
-    if settled:
+    return _with_status(solution, judgement, left, more, until, finer=finer)
+
+
+def _with_status(
+    solution: Solution,
+    judgement: Judgement,
+    left: _Left,
+    more: float,
+    until: float,
+    *,
+    finer: bool,
+) -> Solution:
+    """The solution with a status, and advice that says what is missing."""
+    missing = [failure.sentence for failure in judgement.failures]
+    settled = not finer or left.estimate <= SETTLED * ACCURACY
+    if not settled:
+        change = f"by {left.change:.1g} of itself" if np.isfinite(left.change) else "unknown"
+        missing.append(f"what the cost changes from mesh to mesh: {change}")
+    if not missing and more > SETTLED * ACCURACY:
         said = (
             f"Other controls would save {more:.1g} of the cost, but no solve from there does: "
             f"{CHATTERS}"
         )
-    if settled and more <= UNMET:
-        return replace(solution, advice=f"{solution.advice} {said}")
-    said = f"{Status.NO_PROGRESS.sentence} {said}"
-    return replace(solution, status=Status.NO_PROGRESS, advice=said)
+        if more <= UNMET:
+            return replace(solution, advice=f"{solution.advice} {said}")
+        said = f"{Status.NO_PROGRESS.sentence} {said}"
+        return replace(solution, status=Status.NO_PROGRESS, advice=said)
+    status = judgement.status
+    if not missing or (status is solution.status and settled):
+        return solution
+    if finer and status in (Status.SOLVED, Status.TOO_COARSE):
+        over = time.perf_counter() >= until
+        status = Status.TIME_LIMIT if over else Status.NO_PROGRESS
+    return replace(solution, status=status, advice=f"{status.sentence} Missing: {missing[0]}.")
+
+
+def _below(
+    solution: Solution,
+    judgement: Judgement,
+    transcription: Transcription,
+    settings: SolverSettings,
+    until: float,
+    progress: Progress | None,
+) -> tuple[Solution | None, list[Attempt]]:
+    """The cheaper of what solves lead to on both sides of a saddle; None where none is below it."""
+    assert judgement.curvature is not None
+    direction, x = judgement.curvature.direction, solution.variables
+    assert direction is not None
+    assert x is not None
+    step = BESIDE / np.abs(direction).max() * direction
+    worth = Thresholds().gap * cost_size(solution.cost, solution.cost_scale)
+    best: Solution | None = None
+    attempts: list[Attempt] = []
+    meshes = [phase.mesh for phase in solution.phases]
+    for start in (x + step, x - step):
+        beside = replace(solution, variables=start, variable_multipliers=None)
+        made = solve_on(transcription, meshes, beside, settings, until, progress)
+        attempts += [replace(a, way="from beside a saddle") for a in made.attempts]
+        least = solution.cost - worth if best is None else best.cost
+        if made.status in CONVERGED and made.cost < least:
+            best = made
+    return best, attempts
 
 
 def swings(problem: OptimalControlProblem | Transcription, solution: Solution) -> bool:
@@ -422,52 +547,25 @@ def _with_steady_controls(
     until: float,
     progress: Progress | None,
 ) -> Solution:
-    """The solution with controls that are constant over every interval, where its cost settles.
+    """The solution with controls that are constant over every interval, where that passes.
 
     On a singular arc a control that is free at every collocation point may go to and fro between
-    them, and owe a part of its cost to what the scheme does not see.
+    them, and owe a part of its cost to what the scheme does not see; where it jumps it exceeds
+    limits between them.
     """
     assert isinstance(problem, OptimalControlProblem)
-    attempts = before.attempts
-    now = time.perf_counter()
-    until = until if not np.isfinite(until) else now + SHARE_FINER * (until - now)
     other = with_shapes(problem, "constant")
     guess = refinement.resampled(before)
     transcription = transcribed(other, settings, scheme=scheme, guess=guess)
     own = replace(settings, solver="ipopt") if settings.solver == "auto" else settings
     first = solve_on(transcription, default_mesh(problem), guess, own, until, progress)
-    made = _on_finer_meshes(first, transcription, settings, until, progress)
-    attempts += tuple(replace(a, way=a.way or STEADY) for a in made.attempts)
+    made = _judged(first, transcription, settings, until, progress, finer=True)
+    attempts = tuple(replace(a, way=a.way or STEADY) for a in made.attempts)
+    attempts = (*before.attempts, *attempts)
     if not made.status.solved:
         return replace(before, attempts=attempts)
     advice = f"{made.advice} With other values at every point the cost does not settle: {STEADY}."
     return replace(made, attempts=attempts, advice=advice).with_rivals_of(before)
-
-
-def _checked(solution: Solution) -> Solution:
-    """A solution on a mesh that was given, which may be too coarse for its dynamics."""
-    if solution.status not in CONVERGED:
-        return solution
-    worst = max(float(e.max()) for e in refinement.state_errors(solution))
-    if worst <= ROUGH:
-        return solution
-    said = (
-        f"{Status.TOO_COARSE.sentence} Within an interval states are wrong by {worst:.1g} of their "
-        f"sizes."
-    )
-    return replace(solution, status=Status.TOO_COARSE, advice=said)
-
-
-def _errors(solution: Solution) -> list[FloatArray]:
-    """Of every interval the larger of its state error and what it exceeds limits by in between.
-
-    The latter counts less the shorter an interval is: where a control jumps it does not vanish.
-    """
-    found = []
-    for phase, own in zip(solution.phases, refinement.state_errors(solution), strict=True):
-        excess = verification.relative_excess(verification.dense_phase(phase)).max(axis=1)
-        found.append(np.maximum(own, excess * np.minimum(1.0, INTERVALS * np.diff(phase.mesh))))
-    return found
 
 
 class _Left:
@@ -489,24 +587,22 @@ class _Left:
         return self.change * ratio / (1 - ratio)
 
 
-def _finer(solution: Solution, errors: list[FloatArray]) -> list[FloatArray]:
-    """Every interval halved, or as the errors ask for where some are large.
+def _finer(solution: Solution, judgement: Judgement, *, whole: bool) -> list[FloatArray]:
+    """Intervals divided as their errors ask for; with ``whole`` every one in two, if that will do.
 
-    An interval is divided as the order of the scheme predicts, into ten at most; where nothing
-    happens two become one.
+    Where limits are exceeded in between they are divided further: that goes with the square of the
+    step, whatever the order.
     """
-    meshes = []
-    for phase, own in zip(solution.phases, errors, strict=True):
-        assert phase.layout is not None
-        orders = np.array([kind.scheme.order for kind in phase.layout.kinds])[phase.layout.kind_of]
-        error = np.nan_to_num(own, nan=ROUGH, posinf=ROUGH)
-        pieces = np.clip((2 * error / ACCURACY) ** (1 / (orders + 1)), 0.5, MOST_PIECES)
-        count = int(np.ceil(pieces.sum()))
-        if count < 1.5 * own.size and own.max() <= ROUGH:
-            meshes.append(np.union1d(phase.mesh, (phase.mesh[:-1] + phase.mesh[1:]) / 2))
-            continue
-        filled = np.append(0.0, np.cumsum(pieces))
-        mesh = np.interp(np.linspace(0.0, filled[-1], count + 1), filled, phase.mesh)
-        mesh[[0, -1]] = 0.0, 1.0
-        meshes.append(mesh)
-    return meshes
+    pairs = list(zip(solution.phases, judgement.errors, judgement.excess, strict=True))
+    divided = []
+    for phase, errors, _ in pairs:
+        layout = verification.phase_layout(phase)
+        orders = np.array([kind.scheme.order for kind in layout.kinds])[layout.kind_of]
+        divided.append(refinement.divide(phase.mesh, errors, 1.0, orders))
+        whole &= int(np.histogram(divided[-1][:-1], phase.mesh)[0].max()) <= 2
+    if whole:
+        divided = [np.union1d(p.mesh, (p.mesh[:-1] + p.mesh[1:]) / 2) for p, *_ in pairs]
+    return [
+        np.union1d(mesh, refinement.divide(phase.mesh, excess, 1.0, 1))
+        for mesh, (phase, _, excess) in zip(divided, pairs, strict=True)
+    ]

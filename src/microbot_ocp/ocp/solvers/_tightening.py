@@ -32,7 +32,6 @@ from microbot_ocp.ocp.transcription import Program
 
 SHARE = 0.5  # of the wanted gap that the barrier may take
 LEAST_BARRIER = 1e-15
-MOST_ITERATIONS = 60  # of one further solve
 # Tolerance of every further solve and its options. The second moves what the first cannot: IPOPT
 # exceeds bounds by 1e-8 of their size unless it is told not to, which takes a larger barrier.
 FURTHER: tuple[tuple[float, dict[str, float]], ...] = (
@@ -131,7 +130,7 @@ def _further(
         settings,
         solver="ipopt",
         tolerance=min(settings.tolerance, how[0]),
-        max_iterations=MOST_ITERATIONS,
+        max_iterations=settings.max_iterations,
         initial_barrier=None,
         options={**settings.options, "ipopt": {**own, **given}},
     )

@@ -4,6 +4,7 @@ from ._certificate import (
     Arc as Arc,
     Costates as Costates,
     CostCheck as CostCheck,
+    Curvature as Curvature,
     Hamiltonian as Hamiltonian,
     OCPCertificate as OCPCertificate,
     OCPLimitUse as OCPLimitUse,
@@ -23,6 +24,10 @@ from ._declared import (
 )
 from ._hamiltonian_minimum import (
     better_controls as better_controls,
+)
+from ._judgement import (
+    Judgement as Judgement,
+    judge as judge,
 )
 from ._limits import (
     ALONG as ALONG,

@@ -19,7 +19,7 @@ class Thresholds:
     Attributes
     ----------
     cost : of the cost given, relative to the sum of the sizes of its parts
-    gap : to the local optimum, likewise
+    gap : to the local optimum, likewise; half of a negative curvature, too
     state_error : defects of the re-simulation, summed up, relative to the state's largest
         magnitude; of the cost
         integrated again
@@ -175,6 +175,27 @@ class Optimality:
 
 
 @dataclass(frozen=True, eq=False)
+class Curvature:
+    """The second-order condition at a solution.
+
+    Attributes
+    ----------
+    least : least curvature of the Lagrangian along what keeps the limits that act, where it is
+        negative: twice what the cost changes by, relative to it, where variables change by their
+        scales in the mean; 0 at a minimum
+    direction : the change of the scaled variables that it belongs to; None at a minimum
+    """
+
+    least: float
+    direction: FloatArray | None
+
+    @property
+    def minimum(self) -> bool:
+        """Whether the point is a minimum of second order."""
+        return self.direction is None
+
+
+@dataclass(frozen=True, eq=False)
 class Costates:
     """Derivatives of the optimal cost with respect to the states of a phase.
 
@@ -265,6 +286,7 @@ class OCPCertificate:
     resimulations : one check a phase
     limits : one entry for every component of every bound and path constraint
     optimality : Optimality
+    curvature : of the second order; None where other checks failed
     costates, hamiltonians : one entry a phase
     arcs : which limit acts when
     thresholds : what still passes
@@ -278,6 +300,7 @@ class OCPCertificate:
     resimulations: tuple[ResimulationCheck, ...]
     limits: tuple[OCPLimitUse, ...]
     optimality: Optimality
+    curvature: Curvature | None
     costates: tuple[Costates, ...]
     hamiltonians: tuple[Hamiltonian, ...]
     arcs: tuple[Arc, ...]

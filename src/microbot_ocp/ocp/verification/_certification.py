@@ -6,35 +6,14 @@ import time
 
 import numpy as np
 
-from microbot_ocp._base.checks import InputError
 from microbot_ocp.ocp.problem import OptimalControlProblem
-from microbot_ocp.ocp.solution import Solution, unpack
-from microbot_ocp.ocp.transcription import (
-    Transcription,
-    bounds_of,
-    row_labels,
-    variable_labels,
-)
+from microbot_ocp.ocp.solution import Solution
+from microbot_ocp.ocp.transcription import Transcription
 from microbot_ocp.ocp.verification._certificate import OCPCertificate, Thresholds
 from microbot_ocp.ocp.verification._costates import costates_of
-from microbot_ocp.ocp.verification._declared import as_declared, scaled_variables
 from microbot_ocp.ocp.verification._hamiltonian import hamiltonian_of
-from microbot_ocp.ocp.verification._limits import dense_phase, limit_uses
-from microbot_ocp.ocp.verification._messages import judged, problems_of, summary_of
-from microbot_ocp.ocp.verification._recomputation import (
-    Recomputation,
-    check_cost,
-    missed_conditions,
-    scaled_rows,
-)
-from microbot_ocp.ocp.verification._reintegration import each_interval, phase_layout
-from microbot_ocp.ocp.verification._resimulation import resimulate
-from microbot_ocp.ocp.verification._stationarity import (
-    bound_multipliers,
-    differentiate,
-    lagrangian_gradient,
-    optimality_of,
-)
+from microbot_ocp.ocp.verification._judgement import judge
+from microbot_ocp.ocp.verification._messages import summary_of
 from microbot_ocp.ocp.verification._switching import WORTHLESS, Prices, arcs_of
 
 
@@ -47,7 +26,8 @@ def verify(
     """Check a solution independently of what made it.
 
     The declared expressions are evaluated again, with limits, conditions and parameters as they
-    were solved with; neither the program nor the derivatives that the solver had are used.
+    were solved with; neither the program nor the derivatives that the solver had are used, but for
+    the curvature. What passes here is what :func:`~microbot_ocp.ocp.solve` calls solved.
 
     Parameters
     ----------
@@ -59,7 +39,8 @@ def verify(
     Returns
     -------
     OCPCertificate
-        First-order conditions make no difference between a local optimum and the best one.
+        Conditions of the first and second order make no difference between a local optimum and the
+        best one.
 
     Raises
     ------
@@ -84,58 +65,36 @@ def verify(
     [('u', 'upper', 1.0), ('u', 'lower', 2.0)]
     """
     started = time.perf_counter()
-    limits_of = thresholds or Thresholds()
-    declared = problem.problem if isinstance(problem, Transcription) else problem
-    phases = as_declared(problem, solution)
-    layouts = [phase_layout(phase) for phase in phases]
-    bounds = bounds_of(layouts)
-    labels = [*variable_labels(layouts), *row_labels(layouts)]
-    lam_g = np.asarray(solution.row_multipliers, dtype=float)
-    if lam_g.size != bounds.row_lower.size:
-        raise InputError(
-            f"the solution has {lam_g.size} row multipliers for {bounds.row_lower.size} rows of "
-            f"problem {declared.name!r}"
-        )
-    x, again = scaled_variables(phases), [Recomputation(phase) for phase in phases]
-    g = scaled_rows(declared, again)
-    parts = [differentiate(phase, lam_g) for phase in phases]
-    gradient = lagrangian_gradient(parts, lam_g)
-    lam_x, computed = bound_multipliers(bounds, solution, gradient)
-    optimality = optimality_of(
-        labels, bounds, x, g, gradient, lam_g, lam_x, computed, solution.cost_scale
-    )
-    local = [each_interval(phase, cost=True) for phase in phases]
-    resimulations = tuple(map(resimulate, phases, local))
-    cost = check_cost(solution.cost, again, local)
-    dense = [dense_phase(own.phase, own.interpolated) for own in again]
-    uses = tuple(use for d in dense for use in limit_uses(d))
+    own = judge(problem, solution, thresholds)
+    lam_x, lam_g = own.multipliers
     costates = tuple(
-        costates_of(phase, part, lam_g) for phase, part in zip(phases, parts, strict=True)
+        costates_of(phase, part, lam_g)
+        for phase, part in zip(own.phases, own.derivatives, strict=True)
     )
     hamiltonians = tuple(
-        hamiltonian_of(phase, part, lam_x) for phase, part in zip(phases, parts, strict=True)
+        hamiltonian_of(phase, part, lam_x)
+        for phase, part in zip(own.phases, own.derivatives, strict=True)
     )
-    prices = Prices(layouts, labels, np.concatenate([lam_x, lam_g]))
+    prices = Prices(own.layouts, own.labels, np.concatenate([lam_x, lam_g]))
     worth = WORTHLESS * max(abs(solution.cost), 1e-6)
-    arcs = tuple(arc for d in dense for arc in arcs_of(d, prices, worth))
-    problems = [
-        *problems_of(solution, unpack(layouts, x)),
-        *missed_conditions(again, limits_of.feasibility),
-        *judged(cost, resimulations, uses, optimality, limits_of, solution.cost_scale),
-    ]
+    arcs = tuple(arc for dense in own.dense for arc in arcs_of(dense, prices, worth))
+    checks = own.resimulations, own.limits, own.optimality
+    failures = [failure.sentence for failure in own.failures]
+    declared = problem.problem if isinstance(problem, Transcription) else problem
     has_cost = any(phase.has_cost for phase in declared.phases)
-    said = problems or summary_of(resimulations, uses, optimality, hamiltonians, arcs, has_cost)
+    sentences = failures or summary_of(*checks, hamiltonians, arcs, has_cost)
     return OCPCertificate(
         problem=declared.name,
-        ok=not problems,
-        verdict=("Failed: " if problems else "Passed: ") + "; ".join(said) + ".",
-        cost=cost,
-        resimulations=resimulations,
-        limits=uses,
-        optimality=optimality,
+        ok=not failures,
+        verdict=("Failed: " if failures else "Passed: ") + "; ".join(sentences) + ".",
+        cost=own.cost,
+        resimulations=own.resimulations,
+        limits=own.limits,
+        optimality=own.optimality,
+        curvature=own.curvature,
         costates=costates,
         hamiltonians=hamiltonians,
         arcs=arcs,
-        thresholds=limits_of,
+        thresholds=thresholds or Thresholds(),
         wall_time=time.perf_counter() - started,
     )

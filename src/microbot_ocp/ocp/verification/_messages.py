@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from microbot_ocp._base.growth import growth_said
+from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.solution import PhaseSolution, Solution, cost_size
 from microbot_ocp.ocp.verification._certificate import (
     Arc,
     CostCheck,
+    Curvature,
     Hamiltonian,
     OCPLimitUse,
     Optimality,
@@ -18,25 +21,35 @@ from microbot_ocp.ocp.verification._certificate import (
     Thresholds,
 )
 
+JUDGED = (Status.TOO_COARSE, Status.SADDLE)  # by the same checks, which are made again
 STALE = 1e-9  # relative difference between the values and the stages of a solution
 
 
-def problems_of(solution: Solution, stages: Sequence[PhaseSolution]) -> list[str]:
+@dataclass(frozen=True)
+class Failure:
+    """A check that did not pass: the status it stands for, and what is wrong."""
+
+    status: Status
+    sentence: str
+
+
+def problems_of(solution: Solution, stages: Sequence[PhaseSolution]) -> list[Failure]:
     """What is wrong with a solution before anything is evaluated.
 
     ``stages`` are the phases as the stages of the program have them.
     """
-    problems = []
-    if not solution.status.solved:
-        problems.append(f"the solve did not converge: {solution.status}")
+    failures = []
+    if not solution.status.solved and solution.status not in JUDGED:
+        failures.append(Failure(solution.status, f"the solve did not converge: {solution.status}"))
     for phase, again in zip(solution.phases, stages, strict=True):
         for name, values in phase.values.items():
             size = max(1e-9, float(np.abs(again.values[name]).max()))
             if not np.abs(values - again.values[name]).max() <= STALE * size:
-                problems.append(
+                sentence = (
                     f"the values of {name} in phase {phase.name!r} are not those of its stages"
                 )
-    return problems
+                failures.append(Failure(Status.FAILED, sentence))
+    return failures
 
 
 def judged(
@@ -46,38 +59,42 @@ def judged(
     optimality: Optimality,
     passes: Thresholds,
     cost_scale: float,
-) -> list[str]:
+) -> Iterator[Failure]:
     """What did not pass; nothing where all did."""
-    problems = []
     if not cost.error <= passes.cost:
-        problems.append(f"the cost is {cost.recomputed:.8g}, not the {cost.given:.8g} given")
+        sentence = f"the cost is {cost.recomputed:.8g}, not the {cost.given:.8g} given"
+        yield Failure(Status.FAILED, sentence)
     elif not cost.integration_error <= passes.state_error:
-        problems.append(
+        sentence = (
             f"the cost is {cost.integrated:.8g} when it is integrated again, not {cost.given:.8g}"
         )
+        yield Failure(Status.TOO_COARSE, sentence)
     for check in resimulations:
         where = f"phase {check.phase!r}"
         if not check.status.solved:
-            problems.append(f"re-simulation of {where} stopped: {check.failure}")
+            yield Failure(Status.TOO_COARSE, f"re-simulation of {where} stopped: {check.failure}")
         elif not check.error <= passes.state_error:
-            problems.append(
+            sentence = (
                 f"re-simulation of {where} has {_component(check.state, check.component)} = "
                 f"{check.value:.6g} {check.unit} instead of {check.wanted:.6g} at "
                 f"{check.time:.4g} s, after one interval: an error of {check.local_error:.2g} of "
                 f"its size; those of all intervals come to {check.error:.2g}"
             )
-    problems += [
-        f"{use.kind} {_component(use.name, use.component)} of phase {use.phase!r} is "
-        f"{use.value:.6g} {use.unit} at {use.time:.4g} s, {use.excess:.3g} beyond its limit of "
-        f"{use.limit:.6g}"
-        for use in uses
-        if not use.relative <= passes.excess
-    ]
+            yield Failure(Status.TOO_COARSE, sentence)
+    for use in uses:
+        if not use.relative <= passes.excess:
+            sentence = (
+                f"{use.kind} {_component(use.name, use.component)} of phase {use.phase!r} is "
+                f"{use.value:.6g} {use.unit} at {use.time:.4g} s, {use.excess:.3g} beyond its "
+                f"limit of {use.limit:.6g}"
+            )
+            yield Failure(Status.TOO_COARSE, sentence)
     if not optimality.gap.total <= passes.gap * cost_size(cost.size, cost_scale):
-        problems.append(
+        sentence = (
             f"the cost of {cost.recomputed:.8g} may be {optimality.gap.total:.2g} above that of "
             "the local optimum"
         )
+        yield Failure(Status.GAP_LEFT, sentence)
     for residual, limit, said in (
         (optimality.feasibility, passes.feasibility, "not feasible: {} is violated by {}"),
         (optimality.stationarity, passes.stationarity, "not stationary: {} has a slope of {} left"),
@@ -90,8 +107,17 @@ def judged(
     ):
         if not residual.scaled <= limit:
             amount = f"{residual.value:.3g} {residual.unit}"
-            problems.append(said.format(residual.where, amount))
-    return problems
+            yield Failure(Status.GAP_LEFT, said.format(residual.where, amount))
+
+
+def curved(curvature: Curvature) -> Iterator[Failure]:
+    """What the second order says of a point that passed all else."""
+    if not curvature.minimum:
+        yield Failure(
+            Status.SADDLE,
+            "a saddle, not a minimum: where variables move by their scales along one direction the "
+            f"cost curves downwards by {-curvature.least:.2g} of itself",
+        )
 
 
 def _component(name: str, component: int) -> str:
@@ -112,7 +138,8 @@ def summary_of(
     kept = "is kept" if worst <= 1e-6 else f"is kept to within {100 * worst:.2g} %"
     said = [
         f"first-order conditions hold to {optimality.stationarity.scaled:.1e} (stationarity) and "
-        f"{optimality.complementarity.scaled:.1e} (complementarity)",
+        f"{optimality.complementarity.scaled:.1e} (complementarity), and the second-order one of a "
+        "minimum",
         f"the cost is at most {optimality.gap.total:.1e} above that of the local optimum"
         if has_cost
         else "no cost is declared, so any answer that keeps the constraints is as good",
