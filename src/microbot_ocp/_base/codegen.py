@@ -29,7 +29,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextvars import copy_context
+from contextvars import ContextVar, copy_context
 from functools import lru_cache
 from pathlib import Path
 
@@ -201,7 +201,7 @@ def _forget(path: Path) -> None:
             place.unlink()
 
 
-_interpreted = False
+_interpreted: ContextVar[bool] = ContextVar("interpreted", default=False)
 
 
 @contextlib.contextmanager
@@ -211,17 +211,16 @@ def interpreted() -> Iterator[None]:
     For robots that are used once, in sweeps of thousands: a compiler takes longer than they do, and
     each would leave a library in the cache.
     """
-    global _interpreted
-    before, _interpreted = _interpreted, True
+    token = _interpreted.set(True)
     try:
         yield
     finally:
-        _interpreted = before
+        _interpreted.reset(token)
 
 
 def compiles(wanted: bool = True) -> bool:
     """Whether functions are compiled: wanted, with a compiler, and not :func:`interpreted`."""
-    return wanted and not _interpreted and compiler() is not None
+    return wanted and not _interpreted.get() and compiler() is not None
 
 
 def maybe_compiled(function: ca.Function, wanted: bool) -> ca.Function:
@@ -264,7 +263,7 @@ def compile_functions(
         "-O0" to "-O3"; default by size.
     """
     given = tuple(functions)
-    made = None if _interpreted else _compiled(given, optimization)
+    made = None if _interpreted.get() else _compiled(given, optimization)
     return given if made is None else tuple(ca.external(name, str(path)) for path, name in made)
 
 
@@ -280,7 +279,7 @@ def compile_recipe(
     make : callable
         Makes the functions; what takes the time where compiled code is in the cache already.
     """
-    if _interpreted:
+    if _interpreted.get():
         return tuple(make())
     identity = repr((recipe, package(), compiler(), FLAGS, NATIVE, SIZES, processor()))
     note = usable_folder() / f"recipe_{hashlib.sha256(identity.encode()).hexdigest()[:24]}.json"

@@ -375,7 +375,7 @@ def buffered_call(function: ca.Function) -> FastCall:
     -------
     callable
         Takes one array [rows,columns] ([rows] for a vector) an input and returns a new array for
-        each output, several as a tuple. Not for two threads at once.
+        each output, several as a tuple.
 
     Raises
     ------
@@ -394,19 +394,16 @@ def buffered_call(function: ca.Function) -> FastCall:
     if not (all(dense_in) and all(dense_out)):
         raise InputError(f"every input and output of {function.name()} must be dense")
     name, labels = function.name(), function.name_in()
-    inputs = [np.zeros(function.size_in(i), order="F") for i in range(function.n_in())]
-    outputs = [np.zeros(function.size_out(i), order="F") for i in range(function.n_out())]
-    buffer, run = function.buffer()
-    for i, memory in enumerate(inputs):
-        buffer.set_arg(i, memoryview(memory.ravel("K")))  # pyright: ignore
-    for i, memory in enumerate(outputs):
-        buffer.set_res(i, memoryview(memory.ravel("K")))  # pyright: ignore
+    idle: list[_Memory] = []  # a call takes one, so that each thread works in its own
 
-    def call(*given: Any, _owner: ca.FunctionBuffer = buffer) -> Any:
-        # run works in memory that the buffer owns: the default argument keeps it alive
-        if len(given) != len(inputs):
-            raise InputError(f"{name} takes {len(inputs)} arrays, not {len(given)}")
-        for label, memory, value in zip(labels, inputs, given, strict=True):
+    def call(*given: Any) -> Any:
+        if len(given) != len(labels):
+            raise InputError(f"{name} takes {len(labels)} arrays, not {len(given)}")
+        try:
+            used = idle.pop()
+        except IndexError:
+            used = _Memory(function)
+        for label, memory, value in zip(labels, used.inputs, given, strict=True):
             array = np.asarray(value, dtype=float)
             if array.ndim < 2 and array.size == memory.size and memory.shape[1] == 1:
                 array = array.reshape(-1, 1)
@@ -416,11 +413,25 @@ def buffered_call(function: ca.Function) -> FastCall:
                     f"{list(array.shape)}"
                 )
             memory[...] = array
-        run()
-        answers = [memory.copy(order="K") for memory in outputs]
+        used.run()
+        answers = [memory.copy(order="K") for memory in used.outputs]
+        idle.append(used)
         return answers[0] if len(answers) == 1 else tuple(answers)
 
     return call
+
+
+class _Memory:
+    """What one evaluation of a function works in."""
+
+    def __init__(self, function: ca.Function) -> None:
+        self.inputs = [np.zeros(function.size_in(i), order="F") for i in range(function.n_in())]
+        self.outputs = [np.zeros(function.size_out(i), order="F") for i in range(function.n_out())]
+        self._owner, self.run = function.buffer()  # run works in memory that the buffer owns
+        for i, memory in enumerate(self.inputs):
+            self._owner.set_arg(i, memoryview(memory.ravel("K")))  # pyright: ignore
+        for i, memory in enumerate(self.outputs):
+            self._owner.set_res(i, memoryview(memory.ravel("K")))  # pyright: ignore
 
 
 def _stand_in(function: ca.Function) -> FastCall:

@@ -17,6 +17,7 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.fast_calls import FastCall, fast_call, fast_loop
+from microbot_ocp._base.threads import cached_in_thread
 from microbot_ocp.robot import Robot, forward_kinematics, jacobian
 
 # Share of the squared error in the damping: of 0.03, 0.1 and 0.3 the one with which most starts
@@ -230,7 +231,7 @@ def generic_rank(robot: Robot, width: int) -> int:
     return int((values > RANK_TOLERANCE * values[:, :1]).sum(axis=1).max())
 
 
-@lru_cache(maxsize=64)
+@cached_in_thread(maxsize=64)
 def nearest_pose_nlp(robot: Robot, width: int) -> ca.Function:
     """NLP: the least squared distance, then the least angle, within limits on q.
 
@@ -247,7 +248,7 @@ def nearest_pose_nlp(robot: Robot, width: int) -> ca.Function:
     return ca.nlpsol("nearest_pose", "ipopt", program, IPOPT_OPTIONS)
 
 
-@lru_cache(maxsize=64)
+@cached_in_thread(maxsize=64)
 def nearest_joints_nlp(robot: Robot, width: int, rank: int) -> ca.Function:
     """NLP: on a continuum of solutions the one nearest to wanted joint positions, within limits.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,8 +16,8 @@ from microbot_ocp.limits import LIMIT_TOLERANCE, JointLimits, LimitFamily, Limit
 from microbot_ocp.motion import Motion
 from microbot_ocp.ocp import ParametricSolver, Solution, SolverSettings
 from microbot_ocp.ocp.refinement import WORSE, split
-from microbot_ocp.ocp.solution import quiet
-from microbot_ocp.ocp.transcription import Guess
+from microbot_ocp.ocp.solution import quiet, unpack
+from microbot_ocp.ocp.transcription import Guess, Transcription
 from microbot_ocp.planning._free_problem import (
     OF_VARIABLES,
     SMOOTHING,
@@ -74,6 +74,14 @@ def _solved_near(
     return solver.solve(guess=start, **changes)
 
 
+class _Prepared(NamedTuple):
+    """What the motion under the robot's own limits leaves for other solves."""
+
+    reference: Solution
+    kernels: Transcription
+    smoothing: float
+
+
 class TimeOptimalSolver:
     """The fastest motion through via points, for one set of limits and payload after another.
 
@@ -84,6 +92,9 @@ class TimeOptimalSolver:
     what was asked before; from the scaled cubic where the numbers are far from the robot's own. It
     is refined where a limit is exceeded between mesh points by more than a certificate lets pass.
     Other via points are numbers, too: such a solve starts from their own scaled cubic.
+
+    Several threads may call it at once. It can be copied and pickled, for other processes, with the
+    motion that it has found; what is not plain data is made again there.
 
     Parameters
     ----------
@@ -133,6 +144,7 @@ class TimeOptimalSolver:
         whole("starts", starts, at_least=1)
         whole("rounds", rounds, at_least=0)
         whole("seed", seed, at_least=0, at_most=2**63)
+        self._given = robot, np.array(via_q, float), mesh, starts, rounds, compiled, seed
         self.robot = robot
         self.via_q = check_via(check_limits(robot, None), via_q)
         self._rounds = rounds
@@ -143,8 +155,7 @@ class TimeOptimalSolver:
             compiled=compiled,
             seed=seed,
         )
-        self._reference: Solution | None = None
-        self._smoothing = SMOOTHING
+        self._own: _Prepared | None = None
         self._phases = phase_names(len(self.via_q) - 1)
         held: Robot = with_locked_joints_held(LimitFamily.of(robot)).robot
         self._kernels = transcription(
@@ -210,19 +221,25 @@ class TimeOptimalSolver:
             )
         changes = self._changes(family, via, float(payload))
         slower = self._slower(family)
-        solver = self._prepared(slower <= CLOSE) if via_q is None else self._for_any_via()
+        if via_q is None:
+            own = self._own or self._under_own_limits()
+            solver = self._near(own, slower <= CLOSE)
+        else:
+            own, solver = None, self._for_any_via()
+        near = own if slower <= NEAR_TYPICAL else None
         tried: list[tuple[str, Solution]] = []
-        for name, start in self._starts(family, via, near=via_q is None and slower <= NEAR_TYPICAL):
+        for name, start in self._starts(family, via, near):
             solution = _solved_near(solver, start, changes)
             tried.append((name, solution))
-            near = not isinstance(start, Solution) or (
+            led_there = not isinstance(start, Solution) or (
                 abs(solution.duration - start.duration) <= NEAR * start.duration
             )
-            if (solution.status.solved and near and not search) or deadline.over():
+            if (solution.status.solved and led_there and not search) or deadline.over():
                 break
         name, best = min(tried, key=lambda pair: (not pair[1].status.solved, pair[1].duration))
-        solution, excess = self._refined(family, best, changes)
-        motion = self._motion(family, solution, excess, tried, name, payload, begin)
+        kernels, smoothing = (own.kernels, own.smoothing) if own else (self._kernels, SMOOTHING)
+        solution, excess = self._refined(family, best, changes, kernels)
+        motion = self._motion(family, solution, excess, tried, name, payload, begin, smoothing)
         return with_drives_noted(family.robot, motion)
 
     def _slower(self, family: LimitFamily) -> float:
@@ -233,27 +250,31 @@ class TimeOptimalSolver:
         )
         return abs(asked - own) / own
 
-    def _prepared(self, close: bool) -> ParametricSolver:
+    # Threads that come first at the same time make the same, each for itself, and any of it stays:
+    # so none waits for the work of another beyond its own time.
+
+    def _near(self, own: _Prepared, close: bool) -> ParametricSolver:
         """A solver on the mesh of the motion under the robot's own limits, made once."""
         if close in self._solvers:
             return self._solvers[close]
-        found = self._reference or self._under_own_limits()
-        settings = PREPARED if close else FAR
-        solver = self._on([phase.mesh for phase in found.phases], found, settings)
+        found, settings = own.reference, PREPARED if close else FAR
+        solver = self._on(own.kernels, [phase.mesh for phase in found.phases], found, settings)
+        solver.scale_cost(found)
         if not deadline.over():
             self._solvers[close] = solver
-            self._reference = found if found.status.solved else None
         return solver
 
-    def _under_own_limits(self) -> Solution:
+    def _under_own_limits(self) -> _Prepared:
         family = LimitFamily.of(self.robot)
         search = FreeSearch(family, self.via_q, self._settings, quiet, self._kernels)
         # as near the optimum as every later solve: to the barrier parameter that it starts with
         search.refiner.settings = replace(search.refiner.settings, gap=np.inf)
         found = search.search()[1]
         # what follows is smoothed as the motion that it starts from
-        self._kernels, self._smoothing = search.refiner.transcription, search.smoothing
-        return found
+        own = _Prepared(found, search.refiner.transcription, search.smoothing)
+        if found.status.solved and not deadline.over():
+            self._own = own
+        return own
 
     def _for_any_via(self) -> ParametricSolver:
         """The solver on an even mesh, its cost scaled at the solver's own via points."""
@@ -267,23 +288,31 @@ class TimeOptimalSolver:
         return self._anywhere
 
     def _starts(
-        self, family: LimitFamily, via: FloatArray, *, near: bool
+        self, family: LimitFamily, via: FloatArray, near: _Prepared | None
     ) -> Iterator[tuple[str, Solution | Mapping[str, Guess]]]:
-        if near and self._reference is not None:
-            yield "prepared", self._reference
+        if near is not None and near.reference.status.solved:
+            yield "prepared", near.reference
         task = via, self._phases, self._settings.starts, self._settings.seed
         for start in initial_guesses(family, *task):
             yield start.name, start.guesses
 
     def _on(
-        self, meshes: Sequence[FloatArray], near: Solution, settings: SolverSettings = PREPARED
+        self,
+        kernels: Transcription,
+        meshes: Sequence[FloatArray],
+        near: Solution,
+        settings: SolverSettings = PREPARED,
     ) -> ParametricSolver:
         dry = dry_friction(self.robot) > 0.0
-        kernels = with_windows(dry, self._kernels, meshes, near) if dry.any() else self._kernels
+        kernels = with_windows(dry, kernels, meshes, near) if dry.any() else kernels
         return ParametricSolver(kernels, meshes, settings)
 
     def _refined(
-        self, family: LimitFamily, solution: Solution, changes: dict[str, Any]
+        self,
+        family: LimitFamily,
+        solution: Solution,
+        changes: dict[str, Any],
+        kernels: Transcription,
     ) -> tuple[Solution, list[FloatArray]]:
         """Split intervals inside which a limit is exceeded; keep what is no worse.
 
@@ -295,7 +324,7 @@ class TimeOptimalSolver:
                 break
             pairs = zip(solution.phases, excess, strict=True)
             meshes = [split(phase.mesh, e > LIMIT_TOLERANCE) for phase, e in pairs]
-            finer = self._on(meshes, solution).solve(guess=solution, **changes)
+            finer = self._on(kernels, meshes, solution).solve(guess=solution, **changes)
             if not finer.status.solved or finer.cost > solution.cost * (1 + WORSE):
                 break
             solution, excess = finer, excess_between(family, finer)
@@ -368,6 +397,7 @@ class TimeOptimalSolver:
         start: str,
         payload: float,
         begin: float,
+        smoothing: float,
     ) -> Motion:
         outcome = verdict(family, solution, excess, LIMIT_TOLERANCE)
         starts = [
@@ -387,10 +417,37 @@ class TimeOptimalSolver:
                 outcome,
                 solution,
                 time.perf_counter() - begin,
-                self._smoothing,
+                smoothing,
                 start=start,
                 starts=starts,
                 payload=float(payload),
             ),
             "" if outcome["status"] == "solved" else f"not solved: {outcome['advice']}",
         )
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        if self._own is None:
+            return _restored, (self._given, None)
+        reference, kernels, smoothing = self._own
+        meshes = [phase.mesh for phase in reference.phases]
+        parameters = {
+            phase.name: {p.name: p.value for p in phase.parameters}
+            for phase in kernels.problem.phases
+        }
+        plain = replace(reference, phases=())
+        return _restored, (self._given, (plain, meshes, parameters, smoothing))
+
+
+def _restored(given: tuple[Any, ...], own: tuple[Any, ...] | None) -> TimeOptimalSolver:
+    robot, via_q, mesh, starts, rounds, compiled, seed = given
+    made = TimeOptimalSolver(
+        robot, via_q, mesh=mesh, starts=starts, rounds=rounds, compiled=compiled, seed=seed
+    )
+    if own is not None:
+        plain, meshes, parameters, smoothing = own
+        kernels = made._kernels
+        if any(parameters.values()):
+            kernels = kernels.with_parameters(parameters)
+        phases = unpack(kernels.layouts(meshes), plain.variables)
+        made._own = _Prepared(replace(plain, phases=phases), kernels, smoothing)
+    return made

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.fast_calls import fast_call
+from microbot_ocp._base.threads import cached_in_thread
 from microbot_ocp.robot import Capsule, Robot, link_poses
 from microbot_ocp.scene._obstacles import (
     Box,
@@ -43,7 +43,7 @@ class Nearest(NamedTuple):
 
 
 class ContactModel:
-    """An arm and what it may touch, ready to be asked for distances in a pose."""
+    """An arm and what it may touch, ready to be asked for distances in a pose, by one thread."""
 
     def __init__(self, robot: Robot, pairs: Sequence[Pair]) -> None:
         self._coal = coal()
@@ -140,7 +140,7 @@ class ContactModel:
 
 
 def contact_model(robot: Robot, scene: Scene) -> ContactModel:
-    """The contact model of an arm, with its capsules, in a scene; cached.
+    """The contact model of an arm, with its capsules, in a scene; cached, for each thread.
 
     Raises
     ------
@@ -150,7 +150,7 @@ def contact_model(robot: Robot, scene: Scene) -> ContactModel:
     return _contact_model(with_arm_capsules(robot), scene)
 
 
-@lru_cache(maxsize=16)
+@cached_in_thread(maxsize=16)
 def _contact_model(robot: Robot, scene: Scene) -> ContactModel:
     pairs = scene.pairs(robot)
     if not pairs:

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
+from threading import RLock
 from typing import Any
 
 import numpy as np
@@ -115,7 +116,15 @@ def detours(
         yield _detour(around, start, goal, seed)
 
 
+_planning = RLock()  # OMPL's random numbers come from one generator for all threads
+
+
 def _detour(around: Surroundings, start: FloatArray, goal: FloatArray, seed: int) -> Detour:
+    with _planning:
+        return _detour_from(around, start, goal, seed)
+
+
+def _detour_from(around: Surroundings, start: FloatArray, goal: FloatArray, seed: int) -> Detour:
     base, geometric, util = _ompl()
     util.noOutputHandler()
     util.RNG.setSeed(seed + 1)

@@ -136,7 +136,7 @@ def run_chain(
         if time.perf_counter() >= until or status in (Status.SOLVED, Status.INTERRUPTED):
             break
     assert outcome is not None
-    outcome, gap, further = tightened(program, settings, outcome, progress, made, until)
+    outcome, gap, further = tightened(program, settings, outcome, progress, until)
     attempts += further
     ended = [*(a for a in attempts if a is not outcome.attempt), outcome.attempt]
     return Solution(

@@ -11,6 +11,7 @@ import pickle
 import time
 from collections.abc import Mapping
 from dataclasses import replace
+from threading import RLock
 from typing import Any
 
 import casadi as ca
@@ -39,12 +40,16 @@ from microbot_ocp.ocp.transcription import (
 
 Changes = Mapping[str, Mapping[str, Any]]
 
+_context = RLock()  # there is one of CasADi's
+
 
 class ParametricSolver:
     """A transcribed problem on a mesh whose limits and parameters may change from solve to solve.
 
-    Solvers are kept between solves. It can be pickled, for other processes; what is not plain data
-    is made again there.
+    Solvers are kept between solves, for each thread that solves: several may at once. It can be
+    copied and pickled, for other processes; what is not plain data is made again there. The cost is
+    scaled as the default guess wants, or :meth:`scale_cost`, so no answer depends, not even in its
+    last digits, on what was solved before.
 
     Parameters
     ----------
@@ -125,18 +130,15 @@ class ParametricSolver:
         program = self.program if not any(given.values()) else self._changed(given)
         start = self._start(program, guess)
         if self._cost_scale is None:  # the same for all solves: solvers are made for it
-            self._cost_scale = with_cost_scale(program, start.x, self.settings).cost_scale
+            self.scale_cost(None)
         program = replace(program, cost_scale=self._cost_scale)
         spent = time.perf_counter() - begin
         return run_chain(
             program, self.settings, start, progress=progress, build_time=spent, made=self._made
         )
 
-    def scale_cost(self, guess: Mapping[str, Guess] | Solution) -> None:
-        """Take the scale of the cost from this guess; else the guess of the first solve gives it.
-
-        Then no answer depends, not even in its last digits, on what was solved first.
-        """
+    def scale_cost(self, guess: Mapping[str, Guess] | Solution | None) -> None:
+        """Take the scale of the cost from this guess."""
         start = self._start(self.program, guess)
         self._cost_scale = with_cost_scale(self.program, start.x, self.settings).cost_scale
 
@@ -165,15 +167,17 @@ class ParametricSolver:
 
     def __reduce__(self) -> tuple[Any, ...]:
         # expressions are written into one context, so that symbols stay the same in all of them
-        with ca.global_pickle_context():
-            state = pickle.dumps((self.transcription, self.mesh, self.settings))
+        with _context, ca.global_pickle_context():
+            state = pickle.dumps((self.transcription, self.mesh, self.settings, self._cost_scale))
         return _restored, (state,)
 
 
 def _restored(state: bytes) -> ParametricSolver:
-    with ca.global_unpickle_context():
-        transcription, mesh, settings = pickle.loads(state)
-    return ParametricSolver(transcription, mesh, settings)
+    with _context, ca.global_unpickle_context():
+        transcription, mesh, settings, cost_scale = pickle.loads(state)
+    made = ParametricSolver(transcription, mesh, settings)
+    made._cost_scale = cost_scale
+    return made
 
 
 def _with_changes(phase: Phase, own: Mapping[str, Any]) -> Phase:

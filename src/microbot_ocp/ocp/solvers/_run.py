@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from threading import get_ident
 from typing import Any
 
 import casadi as ca
@@ -35,7 +36,8 @@ class Outcome:
     variable_multipliers: FloatArray
 
 
-Made = dict[tuple[str, bool, float], ca.Function]
+# by name, variant, scale of the cost and thread
+Made = dict[tuple[str, bool, float, int], ca.Function]
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +72,7 @@ def run(
     watch = None if progress is None else Watch(program, name, progress)
     if forks and made is None and watch is None:
         watch = Watch(program, name, quiet)  # what it had is known when its process is ended
-    key = (name, variant, program.cost_scale)
+    key = (name, variant, program.cost_scale, get_ident())
     solver = None if made is None or watch is not None else made.get(key)
     broken = ""
     if solver is None:

@@ -26,7 +26,7 @@ from microbot_ocp.ocp.solution import (
     gap_of,
 )
 from microbot_ocp.ocp.solvers._plugins import WARM_PUSHES
-from microbot_ocp.ocp.solvers._run import Made, Outcome, run
+from microbot_ocp.ocp.solvers._run import Outcome, run
 from microbot_ocp.ocp.solvers._settings import SolverSettings
 from microbot_ocp.ocp.transcription import Program
 
@@ -61,7 +61,6 @@ def tightened(
     settings: SolverSettings,
     outcome: Outcome,
     progress: Progress | None,
-    made: Made | None = None,
     until: float = np.inf,
 ) -> tuple[Outcome, Gap, list[Attempt]]:
     """An outcome as near its optimum as wanted, its gap, and the further attempts that it took.
@@ -79,7 +78,7 @@ def tightened(
             break
         aim = min(wanted, gap.slack)
         how = (tolerance, options)
-        tried = _further(program, settings, best, aim, how, progress, made, until)
+        tried = _further(program, settings, best, aim, how, progress, until)
         attempts.append(tried.attempt)
         if tried.attempt.status is Status.INTERRUPTED:
             return tried, UNKNOWN, attempts
@@ -108,7 +107,6 @@ def _further(
     slack: float,
     how: tuple[float, dict[str, float]],
     progress: Progress | None,
-    made: Made | None,
     until: float,
 ) -> Outcome:
     count = sum(
@@ -135,10 +133,5 @@ def _further(
         options={**settings.options, "ipopt": {**own, **given}},
     )
     start = StartingPoint(before.x, before.row_multipliers, before.variable_multipliers)
-    # a kept solver has the barrier of its first solve, which is good enough for neighbouring ones
-    kept, own_key = ("ipopt", True, program.cost_scale), ("ipopt", True, -how[0])
-    known: Made = {kept: made[own_key]} if made is not None and own_key in made else {}
-    outcome = run(program, "ipopt", finer, start, True, progress, known, until)
-    if made is not None and kept in known:
-        made[own_key] = known[kept]
-    return outcome
+    # not kept for other solves: it has the barrier of this one
+    return run(program, "ipopt", finer, start, True, progress, None, until)
