@@ -13,6 +13,7 @@ import pickle
 import select
 import signal
 import struct
+import threading
 import time
 import warnings
 from collections.abc import Callable
@@ -26,6 +27,7 @@ Send = Callable[[Any], None]
 
 can_fork = hasattr(os, "fork")
 _is_child = False
+_forking = threading.RLock()  # its owner, who forks, owns it in the child, too
 
 
 class OutOfTime(Exception):
@@ -37,7 +39,12 @@ class Died(Exception):
 
 
 def spare_processor() -> bool:
-    """Whether another process would run beside this one, which is no worker of many itself."""
+    """Whether another process would run beside this one, which is no worker of many itself.
+
+    Nor from any thread but the first: what others hold at that moment stays locked in a copy.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        return False
     there = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else (0,)
     return can_fork and not _is_child and len(there) > 1 and parent_process() is None
 
@@ -52,13 +59,14 @@ class Child:
     """
 
     def __init__(self, work: Callable[[Send], Any]) -> None:
-        self.reading, writing = os.pipe()
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", DeprecationWarning)  # of other threads: only this forks
-            self.process = os.fork()
-        if self.process == 0:
-            _work(work, self.reading, writing)
-        os.close(writing)
+        with _forking:  # filters of warnings are for all threads, and no other child gets this pipe
+            self.reading, writing = os.pipe()
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", DeprecationWarning)  # of threads: only this forks
+                self.process = os.fork()
+            if self.process == 0:
+                _work(work, self.reading, writing)
+            os.close(writing)
 
     def answer(self, until: float, receive: Callable[[Any], bool] | None = None) -> Any:
         """What the work returns, as :func:`in_child`."""

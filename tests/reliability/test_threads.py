@@ -1,0 +1,214 @@
+"""Everything public answers from several threads as it does from one, to the bit."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+import microbot_ocp as mo
+from microbot_ocp import ocp
+from microbot_ocp._base import deadline
+from microbot_ocp._base.codegen import compiles, interpreted
+
+THREADS, CALLS = 3, 36
+VIA = np.radians([[0, 0, 0], [-8, 45, 30], [-90, 90, 90]])
+
+
+@cache
+def robot() -> mo.Robot:
+    return mo.load_robot("microbot")
+
+
+@cache
+def with_rates() -> mo.Robot:
+    return robot().with_limits(taud_max=[2000.0, 2500.0, 1000.0])
+
+
+def ends(k: int) -> np.ndarray:
+    return np.array([[0.0, 0.1, 0.2], [0.5 + 0.1 * k, 0.6, -0.4 + 0.2 * k]])
+
+
+def path(k: int) -> mo.PiecewisePolynomial:
+    return mo.cubic(np.vstack([ends(k)[0], [0.2, 0.5, 0.1 * k], ends(k)[1]]), [0.0, 1.0, 2.0])
+
+
+@cache
+def scene() -> mo.Scene:
+    return mo.Scene([mo.Sphere([0.9, 0.6, 0.4], 0.2)], 0.02, self_collision=False)
+
+
+@cache
+def motion() -> mo.Motion:
+    return mo.time_optimal_path(robot(), path(1))
+
+
+@cache
+def prepared() -> mo.TimeOptimalSolver:
+    return mo.TimeOptimalSolver(robot(), VIA, mesh=20)
+
+
+def double_integrator() -> ocp.OptimalControlProblem:
+    problem = ocp.OptimalControlProblem("double integrator")
+    phase = problem.phase("move", duration=(0.1, 10.0))
+    x = phase.state("x", initial=0.0, final=1.0)
+    v = phase.state("v", initial=0.0, final=0.0)
+    u = phase.control("u", lower=-1.0, upper=1.0)
+    mass = phase.parameter("mass", 1.0)
+    phase.derivative(x, v)
+    phase.derivative(v, u / mass - 0.1 * v**3)
+    phase.end_cost(phase.duration)
+    return problem
+
+
+@cache
+def parametric() -> ocp.ParametricSolver:
+    return ocp.ParametricSolver(double_integrator(), mesh=20)
+
+
+def with_mass(solver: ocp.ParametricSolver, k: int) -> np.ndarray:
+    return solver.solve(parameters={"move": {"mass": 1.0 + 0.1 * k}}).variables
+
+
+@cache
+def torque() -> Callable[..., Any]:
+    return mo.fast_call(mo.inverse_dynamics(robot()))
+
+
+def problem_of(k: int) -> Any:
+    return ocp.solve(double_integrator(), mesh=10 + k).variables
+
+
+def simulated(k: int) -> Any:
+    found = mo.simulate(robot(), q0=ends(k)[0], qd0=np.zeros(3), tau=np.zeros(3), t=[0.0, 0.1, 0.2])
+    return found.q, found.qd
+
+
+def tracked(k: int) -> Any:
+    found = mo.track(robot(), motion(), mo.ComputedTorque(50.0 + k), step=0.02)
+    return found.actual.q
+
+
+def arrays_of(answer: Any) -> bytes:
+    """The bits of an answer; a motion's are its samples."""
+    if isinstance(answer, mo.Motion):
+        return arrays_of((answer.t, answer.q, answer.qd, answer.qdd, answer.tau))
+    if isinstance(answer, tuple | list):
+        return b"|".join(map(arrays_of, answer))
+    return np.asarray(answer, dtype=float).tobytes()
+
+
+def certified(k: int) -> Any:
+    found = mo.certify(robot().with_payload(0.1 * k), motion())
+    return found.final_position_error, found.defect
+
+
+def written(k: int) -> Any:
+    text = mo.closed_form(robot().with_payload(0.1 * k)).text("c")
+    return np.frombuffer(text.encode(), np.uint8)
+
+
+def reachable(k: int) -> np.ndarray:
+    pose = np.array(mo.forward_kinematics(robot())(ends(k)[1]))
+    return pose[:3, 3]
+
+
+def far(k: int) -> np.ndarray:
+    return np.array([2.0 + 0.1 * k, 1.0, 3.0])
+
+
+QUICK: dict[str, Callable[[int], Any]] = {
+    "fast_call": lambda k: torque()(ends(k), 0.1 * ends(k), ends(k)),
+    "solve_ik": lambda k: mo.solve_ik(robot(), reachable(k)).q,
+    "solve_ik, out of reach": lambda k: mo.solve_ik(robot(), far(k)).q,
+    "solve_ik_all": lambda k: [s.q for s in mo.solve_ik_all(robot(), reachable(k))],
+    "solve_ik_path": lambda k: (
+        mo.solve_ik_path(robot(), np.linspace(reachable(k), reachable(k) - [0.0, 0.0, 0.05], 5)).q
+    ),
+    "time_path": lambda k: mo.time_path(robot(), path(k)).duration,
+    "time_optimal_path": lambda k: mo.time_optimal_path(robot(), path(k)),
+    "phase_plane": lambda k: mo.phase_plane(robot(), path(k)).duration,
+    "shortest_duration": lambda k: (
+        mo.shortest_duration(robot(), lambda t: mo.cubic(ends(k), [0.0, t])).duration
+    ),
+    "certify": certified,
+    "closed_form": written,
+    "simulate": simulated,
+    "clearance": lambda k: (
+        mo.clearance(robot(), mo.time_optimal_path(robot(), path(k)), scene()).minimum
+    ),
+    "TimeOptimalSolver": lambda k: prepared()(payload=0.1 * k),
+    "ParametricSolver": lambda k: with_mass(parametric(), k),
+}
+SLOW: dict[str, Callable[[int], Any]] = {
+    "ocp.solve": problem_of,
+    "time_optimal": lambda k: mo.time_optimal(robot(), ends(k), mesh=12, starts=2),
+    "time_optimal, stops": lambda k: mo.time_optimal(
+        robot(),
+        [mo.Stop(q=ends(k)[0]), mo.Stop(q=[0.3, 0.4, 0.0], velocity="rest"), mo.Stop(q=ends(k)[1])],
+        mesh=12,
+        starts=1,
+    ),
+    "time_optimal, scene": lambda k: mo.time_optimal(robot(), ends(k), scene=scene()),
+    "time_optimal_path, torque rates": lambda k: mo.time_optimal_path(
+        with_rates(), mo.cubic(ends(k), [0.0, 1.0])
+    ),
+    "compare": lambda k: mo.compare(robot(), ends(k), ["straight_path"]).motions["straight_path"],
+    "track": tracked,
+}  # fmt: skip
+
+
+def from_threads(call: Callable[[int], Any], calls: int = CALLS, different: int = 4) -> int:
+    """How many of several calls have other bits from threads than one after the other."""
+    cases = [number % different for number in range(calls)]
+    with ThreadPoolExecutor(THREADS) as pool:
+        found = list(pool.map(lambda k: arrays_of(call(k)), cases))
+    expected = [arrays_of(call(k)) for k in range(different)]
+    return sum(bits != expected[k] for bits, k in zip(found, cases, strict=True))
+
+
+LONGER = ("certify", "shortest_duration", "TimeOptimalSolver")
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=pytest.mark.slow if n in LONGER else ()) for n in QUICK]
+)
+def test_threads_get_the_answers_of_one(name):
+    assert from_threads(QUICK[name], 12) == 0
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("name", [*QUICK, *SLOW])
+def test_many_calls_from_threads_get_the_answers_of_one(name):
+    assert from_threads((QUICK | SLOW)[name]) == 0
+
+
+@pytest.mark.parametrize(
+    "copied", [copy.copy, copy.deepcopy, lambda x: pickle.loads(pickle.dumps(x))]
+)
+def test_copies_of_prepared_solvers_give_the_same_bits(copied):
+    prepared()(), with_mass(parametric(), 0)
+    for solver, call in ((prepared(), lambda s: s(payload=0.5)), (parametric(), partial_mass)):
+        assert arrays_of(call(copied(solver))) == arrays_of(call(solver))
+
+
+def partial_mass(solver: ocp.ParametricSolver) -> np.ndarray:
+    return with_mass(solver, 3)
+
+
+def test_a_prepared_answer_does_not_depend_on_what_was_asked_before():
+    first, second = (ocp.ParametricSolver(double_integrator(), mesh=10) for _ in range(2))
+    with_mass(first, 1)
+    assert arrays_of(with_mass(first, 3)) == arrays_of(with_mass(second, 3))
+
+
+def test_limits_of_time_and_of_compilers_are_those_of_a_thread():
+    with deadline.within(1e-3), interpreted(), ThreadPoolExecutor(1) as pool:
+        assert pool.submit(deadline.left).result() == np.inf
+        assert pool.submit(compiles).result() != compiles()
