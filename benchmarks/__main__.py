@@ -1,11 +1,11 @@
 """Run the benchmarks named on the command line, or all of them, and print one table each.
 
 ``python -m benchmarks suite`` solves the suite of published problems, ``python -m benchmarks
-torture`` random tasks by seed, ``python -m benchmarks scenes`` those among obstacles, ``python -m
-benchmarks sweep`` what a sweep costs beside its work, ``python -m benchmarks published`` published
-tasks among obstacles, ``python -m benchmarks switching_times`` exact switching times of random
-tasks, ``python -m benchmarks baseline`` records all answers and compares them with an earlier
-record; see their own ``--help``.
+torture`` random tasks by seed, ``python -m benchmarks one_sided`` those of arms with a weak side,
+``python -m benchmarks scenes`` those among obstacles, ``python -m benchmarks sweep`` what a sweep
+costs beside its work, ``python -m benchmarks published`` published tasks among obstacles, ``python
+-m benchmarks switching_times`` exact switching times of random tasks, ``python -m benchmarks
+baseline`` records all answers and compares them with an earlier record; see their own ``--help``.
 """
 
 import argparse
@@ -32,7 +32,7 @@ def main() -> None:
     if sys.argv[1:2] == ["suite"]:
         importlib.import_module("benchmarks.suite.runner").main(sys.argv[2:])
         return
-    own = ["baseline", "torture", "scenes", "sweep", "published", "switching_times"]
+    own = ["baseline", "torture", "one_sided", "scenes", "sweep", "published", "switching_times"]
     own += [*(["cell"] if "--robot" in sys.argv else [])]
     if len(sys.argv) > 1 and sys.argv[1] in own:
         importlib.import_module(f"benchmarks.{sys.argv[1]}").main(sys.argv[2:])

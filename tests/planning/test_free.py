@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import microbot_ocp as mo
+from microbot_ocp._base import deadline
 from microbot_ocp.motion import PiecewisePolynomial
 from microbot_ocp.ocp.refinement import _refiner as refinement
 from microbot_ocp.ocp.solution import PhaseSolution, Solution
@@ -340,9 +341,31 @@ def test_a_motion_slowed_down_evenly_may_be_beyond_a_position_as_far_as_is_toler
     """A limit of the jerk takes a motion that is slowed down evenly, which moves no place."""
     shape = mo.quintic([[0.0], [1.0]], [0.0, 1.0])
     fast = np.abs(mo.Motion.from_polynomial(slider(), shape, label="fast").qdd).max()
-    for q_max, kept in ((1.0 / 1.004, True), (1.0 / 1.006, False)):
+    for q_max, kept in ((1.0 / 1.0004, True), (1.0 / 1.0006, False)):
         robot = slider(q_max=q_max, q_min=-q_max, qdd_max=fast / 1.21, qddd_max=1e3)
         motion = within_limits(mo.limits.LimitFamily.of(robot), shape, shape.breaks, 5e-4, False)
         assert (motion is not None) is kept
         if motion is not None:
             assert motion.duration == pytest.approx(1.1, rel=1e-3)
+
+
+def test_solved_keeps_its_limits_as_well_as_was_asked_for():
+    motion = time_optimal(arm(), ARM_VIA, mesh=20, starts=1, limit_tolerance=1e-6, compiled=False)
+    assert motion.provenance["excess"] <= 1e-6 or not motion.solved
+
+
+def test_who_says_nothing_of_time_has_two_minutes_and_infinite_is_no_limit():
+    for limit, left in ((None, 120.0), (3.0, 3.0), (np.inf, np.inf)):
+        with TimeOptimalSettings(time_limit=limit).within(120.0):
+            assert deadline.left() == pytest.approx(left, abs=1.0)
+    assert mo.PathTimingSettings().time_limit == 120.0
+
+
+@pytest.mark.slow
+def test_of_coarse_answers_the_one_that_is_fastest_within_its_limits_is_refined():
+    """A coarse answer that exceeds limits by more took 3.787 s, one that led to 4.027 s 4.151."""
+    tau_max = ([-21.9, -83.2, -125.4], [78.1, 312.5, 38.2])
+    robot = mo.load_robot("microbot").with_limits(tau_max=tau_max)
+    motion = time_optimal(robot, [[-0.28, 1.0, 2.33], [1.81, -0.06, -1.48]])
+    assert motion.solved
+    assert motion.duration < 1.001 * 3.7093

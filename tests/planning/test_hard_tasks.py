@@ -126,7 +126,7 @@ def test_an_iterate_whose_velocity_jumps_at_a_via_point_is_not_slowed_down():
 def test_without_a_search_even_shares_of_the_time_are_tried():
     """A light arm whose dry friction takes more than gravity: limits do not tell the shares."""
     task = task_of(865)
-    known = known_ways(LimitFamily.of(task.robot), task.via, fast=False)
+    known = known_ways(LimitFamily.of(task.robot), task.via, 5e-4, fast=False)
     assert known is not None
     assert known.motion.duration < 2.2  # 3.12 s with the shares of its typical durations
     assert mo.certify(task.robot, known.motion, via_q=task.via).ok

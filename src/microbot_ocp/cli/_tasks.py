@@ -201,7 +201,7 @@ def time_optimal(
         starts=starts,
         tries=tries,
         slack=slack,
-        time_limit=np.inf if time_limit is None else time_limit,
+        time_limit=time_limit,
     )
     with watchers.progress(as_json) as progress:
         motion = find_time_optimal(

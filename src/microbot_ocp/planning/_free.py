@@ -17,11 +17,18 @@ from microbot_ocp._base.status import Status
 from microbot_ocp.limits import JointLimits, LimitFamily, Limits
 from microbot_ocp.motion import Motion
 from microbot_ocp.ocp.solution import StepProgress, quiet
-from microbot_ocp.planning._free_search import KEEPS_LIMITS, FreeSearch, TimeOptimalSettings
+from microbot_ocp.planning._free_search import (
+    KEEPS_LIMITS,
+    FreeSearch,
+    TimeOptimalSettings,
+    sparing,
+)
 from microbot_ocp.planning._segments import Segment
 from microbot_ocp.planning._stop_task import is_task, task_of
 from microbot_ocp.planning._stops import Stop
 from microbot_ocp.planning._task import (
+    CELL_TIME_LIMIT,
+    TIME_LIMIT,
     check_limits,
     check_via,
     too_near,
@@ -85,7 +92,7 @@ def time_optimal(
     settings : TimeOptimalSettings, optional
         Single settings may be given as keywords instead: ``mesh``, ``starts``, ``tries``,
         ``slack``, ``limit_tolerance``, ``switching_times``, ``solver``, ``compiled``, ``seed``,
-        ``time_limit``.
+        ``time_limit``: by default 120 s, and 600 s with stops, a free order or a scene.
     progress : callable, optional
         Called with a line of text at every step, and at every iteration of a solver with a
         :class:`~microbot_ocp.planning.MotionIteration`.
@@ -122,7 +129,7 @@ def time_optimal(
         if scene is not None:
             from microbot_ocp.planning._stops_among import stops_among
 
-            with deadline.within(chosen.time_limit):
+            with chosen.within(CELL_TIME_LIMIT):
                 motion = stops_among(robot, limits, plan, scene, chosen, progress or quiet)
             return with_drives_noted(robot, motion, limits)
         motion = solve_stops(robot, limits, *plan, chosen, progress or quiet)
@@ -132,7 +139,7 @@ def time_optimal(
     if scene is not None:
         from microbot_ocp.planning._among_obstacles import fastest_among
 
-        with deadline.within(chosen.time_limit):
+        with chosen.within(CELL_TIME_LIMIT):
             motion = fastest_among(family, via, scene, chosen, progress or quiet)
             return with_drives_noted(robot, motion, limits)
     return fastest_motion(family, via, chosen, progress or quiet)
@@ -154,12 +161,13 @@ def fastest_motion(
         why = f"free motions are looked for from {LEAST_WAY:g} on"
         raise too_near(near + 1, ways[near], why)
     begin = time.perf_counter()
-    with deadline.within(settings.time_limit):
-        known = None  # what needs no search: later there may be no time for it
-        if np.isfinite(deadline.left()):
-            known = known_ways(family, via, compiles(settings.compiled))
+    fast, known = compiles(settings.compiled), None
+    given = min(TIME_LIMIT if settings.time_limit is None else settings.time_limit, deadline.left())
+    with settings.within(TIME_LIMIT):
+        if given < TIME_LIMIT:  # later there may be no time for what needs no search
+            known = known_ways(family, via, settings.limit_tolerance, fast)
         try:
-            with deadline.given_up(known is not None):
+            with sparing(), deadline.given_up(known is not None):
                 search = FreeSearch(family, via, settings, progress, known=known)
         except deadline.Over:
             assert known is not None
@@ -204,7 +212,7 @@ def motions_of_front(
     def ask(search: StopSearch) -> tuple[list[tuple[float, Motion]], str]:
         return search.effort_front(slacks) if slacks else search.torque_front(shares)
 
-    with deadline.within(settings.time_limit):
+    with settings.within(CELL_TIME_LIMIT):
         if scene is None:
             task = task_of(robot, stops, limits, segments=segments, cycle=cycle)
             return ask(StopSearch(task, settings, progress, None))

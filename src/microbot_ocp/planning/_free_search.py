@@ -8,13 +8,14 @@ not accepted.
 
 from __future__ import annotations
 
+import heapq
 import itertools
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import closing
+from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -23,7 +24,7 @@ from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.child_process import Child, Died, OutOfTime, spare_processor
 from microbot_ocp._base.codegen import compiles
 from microbot_ocp._base.status import Status
-from microbot_ocp.limits import LIMIT_TOLERANCE, LimitFamily
+from microbot_ocp.limits import LimitFamily
 from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial, pieces_of
 from microbot_ocp.ocp import Explanation, PhaseSolution, Solution, SolverSettings
 from microbot_ocp.ocp.refinement import WORSE, Refiner
@@ -69,13 +70,12 @@ from microbot_ocp.planning._task import (
     whole,
     with_locked_joints_held,
 )
-from microbot_ocp.planning._within_limits import Slowed, known_ways, within_limits
+from microbot_ocp.planning._within_limits import Slowed, known_ways, largest_excess, within_limits
 from microbot_ocp.robot import Robot
 
 EXPLORE_MESH = 20  # intervals a phase for the first look at every start
 SWING_MESH = 30  # the same of swings, which take longer
 EXPLORE_TOLERANCE = 1e-5
-AGREEING = 3  # starts that end at the same optimum are enough
 PATIENCE, LEAST_ITERATIONS = 4, 100  # times the iterations of a start that was solved
 MOST_STARTING = 30.0  # s, of one start: fatrop may loop for ever
 SAME = 1e-3  # share of the duration by which two solves of the same optimum may differ
@@ -123,6 +123,14 @@ Trial = tuple[InitialGuess, int, str | tuple[str, ...]]  # with intervals a phas
 Tried = tuple[str, Solution]  # name of the start, and what it led to
 
 
+class Refined(NamedTuple):
+    """What a coarse answer was refined into, and with what: kernels and weight of the smoothing."""
+
+    solution: Solution
+    refiner: Refiner
+    smoothing: float
+
+
 @dataclass(frozen=True)
 class TimeOptimalSettings:
     """How hard to look.
@@ -133,7 +141,7 @@ class TimeOptimalSettings:
         change, except with dry friction, limits of jerk or torque rate and further limits, where
         they are even; by default 80, where even 100, and fewer where there are many phases: 400
         together, but at least 25 each
-    starts : how many starting motions to try on the coarse mesh; fewer where three agree
+    starts : how many starting motions to try on the coarse mesh
     tries : how many to try at most: while fewer than ``starts`` are solved, the arm is made to
         swing to and fro at random, as it must where torques are too small to lift it
     slack : share of the shortest duration that may be given for less effort: of all motions at
@@ -153,7 +161,8 @@ class TimeOptimalSettings:
     solver : "auto" (fatrop explores, IPOPT finishes), "fatrop" or "ipopt" for everything
     compiled : compile the kernels to C where there is a compiler
     seed : of the random starts
-    time_limit : wall time, s, after which the best so far is returned with the status "time limit"
+    time_limit : wall time, s, after which the best so far is returned with the status "time limit":
+        by default 120, and 600 where there are stops, a free order or a scene; infinite is none
     """
 
     mesh: int | None = None
@@ -165,10 +174,11 @@ class TimeOptimalSettings:
     solver: str = "auto"
     compiled: bool = True
     seed: int = 0
-    time_limit: float = np.inf
+    time_limit: float | None = None
 
     def __post_init__(self) -> None:
-        checks.time_limit(self.time_limit)
+        if self.time_limit is not None:
+            checks.time_limit(self.time_limit)
         if self.mesh is not None:
             whole("mesh", self.mesh, "intervals", at_least=4)
         whole("starts", self.starts, at_least=1)
@@ -179,6 +189,18 @@ class TimeOptimalSettings:
         if self.switching_times and self.slack:
             raise InputError("switching_times are those of the fastest motion: slack must be 0")
         checks.one_of("solver", self.solver, ("auto", "fatrop", "ipopt"))
+
+    def within(self, usual: float) -> AbstractContextManager[None]:
+        """What is called inside ends at the time limit, s, by default the ``usual`` one."""
+        return deadline.within(usual if self.time_limit is None else self.time_limit)
+
+
+@contextmanager
+def sparing() -> Iterator[None]:
+    """Inside some of the time is kept for a motion within the limits."""
+    left = deadline.left()
+    with deadline.within(max(left - min(SPARED * left, MOST_SPARED), SHORTEST)):
+        yield
 
 
 class FreeSearch:
@@ -208,8 +230,8 @@ class FreeSearch:
         self.at_least = known  # what needs no search
         self._excesses: dict[Solution, list[FloatArray]] = {}
         self._slower: dict[Solution, Motion | None] = {}
-        self._smoothed_from: set[float] = set()  # durations of motions
-        self.ahead: tuple[Solution, Solution] | None = None  # what was refined early, and into what
+        self._smoothed_from: dict[float, tuple[Solution | None, bool, Transcription, float]] = {}
+        self.ahead: tuple[Solution, Refined] | None = None  # what was refined early, and into what
         begin = time.perf_counter()
         kernels = kernels or self._kernels()
         if deadline.over():  # they may not be compiled: made again the next time
@@ -240,15 +262,13 @@ class FreeSearch:
         return self._kernels(budgeted=True)
 
     def run(self) -> Motion:
-        begin, left = time.perf_counter(), deadline.left()
-        spared = min(SPARED * left, MOST_SPARED) if self.slows_down else 0.0
-        with deadline.within(max(left - spared, SHORTEST)):
+        begin = time.perf_counter()
+        with sparing() if self.slows_down else nullcontext():
             starts, solution = self.search()
             if self.settings.slack and self._rank(solution)[0] is False and not deadline.over():
                 solution = self._calmer(solution)
             motion = self._motion(solution, starts, time.perf_counter() - begin + self.kernel_time)
-        kept = motion.solved and not self._is_enough(solution)
-        if self.slows_down and not kept and solution.status is not Status.INTERRUPTED:
+        if self.slows_down and solution.status is not Status.INTERRUPTED:
             motion = self._within_limits(motion, solution)
         if not self.settings.switching_times or not motion.solved:
             return motion
@@ -296,9 +316,9 @@ class FreeSearch:
         history = self.refiner.history
         begun = len(history)
         with closing(Child(lambda _: self._sent(trials, found))) as child:
-            early = self._earliest([solution for _, solution in found])
-            self.ahead = early, self._refined(early)
-            if self.ahead[1].status is Status.INTERRUPTED or deadline.over():
+            early = next(self._by_promise([solution for _, solution in found]))
+            self.ahead = early, self._refined_anew(early)
+            if self.ahead[1].solution.status is Status.INTERRUPTED or deadline.over():
                 return
             if self._receive(child, found, begun):
                 return
@@ -365,9 +385,6 @@ class FreeSearch:
         if found[-1][1].status is Status.INTERRUPTED or deadline.over():
             return True
         solved = [s.duration for _, s in found if s.status.solved]
-        best = min(solved, default=0.0)
-        if sum(duration <= (1 + SAME) * best for duration in solved) >= AGREEING:
-            return True
         if len(found) < self.settings.starts:
             return False
         # to swing helps an arm that is too weak to go slowly
@@ -380,10 +397,25 @@ class FreeSearch:
             self.at_least = self.at_least or self._known_ways()
         return self.at_least is not None
 
-    def _earliest(self, found: Sequence[Solution]) -> Solution:
-        """The better one of the first two that were solved."""
-        solved = [solution for solution in found[:2] if solution.status.solved]
-        return min(solved, key=self._honest_duration)
+    def _by_promise(self, found: Sequence[Solution]) -> Iterator[Solution]:
+        """The different optima among coarse answers, the one of the shortest honest duration first.
+
+        Of those that are the same the first.
+        """
+        waiting: list[tuple[float, bool, int]] = []
+        for k, coarse in enumerate(found):
+            others = (found[j].duration for _, _, j in waiting)
+            if coarse.status.solved and not any(
+                abs(coarse.duration - other) <= SAME * other for other in others
+            ):
+                waiting.append((coarse.duration, False, k))
+        heapq.heapify(waiting)
+        while waiting:  # an honest duration is never shorter, and costs some time to tell
+            _, honest, k = heapq.heappop(waiting)
+            if honest:
+                yield found[k]
+            else:
+                heapq.heappush(waiting, (self._honest_duration(found[k]), True, k))
 
     def _trials(self) -> Iterator[Trial]:
         """Guesses with the intervals a phase and the solver for each."""
@@ -418,11 +450,8 @@ class FreeSearch:
     def _finish(self, found: list[Solution]) -> Solution:
         """Refine the most promising coarse answers until none of the others can be better.
 
-        What an answer exceeds its limits by between mesh points counts as if it were slower by as
-        much, so that none wins by that.
+        What takes no less time on its coarse mesh than the best that was refined is not better.
         """
-        best: Solution | None = None
-        hoped: list[float] = []
         solved = [s for s in found if s.status.solved]
         if not solved:
             nearest = min(found, key=lambda s: (not s.attempts, s.attempts[-1].infeasibility))
@@ -432,28 +461,29 @@ class FreeSearch:
             if not relaxed.status.solved:
                 return self.refiner.finished(self._refined(relaxed))
             solved = [relaxed]
-        promising = sorted(solved, key=self._honest_duration)
-        if found[0] in solved:
-            early, best_duration = self._earliest(found), promising[0].duration
-            if abs(early.duration - best_duration) <= ALIKE * best_duration:
-                promising = [early, *(s for s in promising if s is not early)]
-        for coarse in promising:
-            honest = self._honest_duration(coarse)
-            if any(abs(honest - other) <= SAME * other for other in hoped):
-                continue
+        best: Refined | None = None
+        for count, coarse in enumerate(self._by_promise(solved)):
             if best is not None and (
                 deadline.over()
-                or len(hoped) == MOST_REFINED
-                or self._rank(best) <= (False, (1 - SAME) * honest)
+                or count == MOST_REFINED
+                or self._rank(best.solution) <= (False, coarse.duration)
             ):
                 break
-            hoped.append(honest)
             known, refined = self.ahead or (None, None)
             if refined is None or known is not coarse:
-                refined = self._refined(coarse)
-            best = refined if best is None else min(best, refined, key=self._rank)
+                refined = self._refined_anew(coarse)
+            best = min(best or refined, refined, key=lambda made: self._rank(made.solution))
         assert best is not None
-        return self.refiner.finished(best)
+        _, self.refiner, self.smoothing = best
+        return self.refiner.finished(best.solution)
+
+    def _refined_anew(self, coarse: Solution) -> Refined:
+        """What a coarse answer leads to, whatever was refined before."""
+        usual = self.refiner, self.smoothing
+        self.refiner = replace(self.refiner)
+        refined = Refined(self._refined(coarse), self.refiner, self.smoothing)
+        self.refiner, self.smoothing = usual
+        return refined
 
     def _from_known_ways(self, nearest: Solution) -> Solution:
         """What a way with its best timing leads to where no other start led anywhere."""
@@ -563,13 +593,15 @@ class FreeSearch:
             known = self._slowed(coarse) or getattr(self._known_ways(), "motion", None)
         if known is None:
             return None
-        if known.duration in self._smoothed_from:
-            return coarse
-        self._smoothed_from.add(known.duration)
-        last, reached = None, False
-        for steps in (SMOOTHER, (*SMOOTHEST, *SMOOTHER)):
-            if last is None and not self._stopped:
-                last, reached = self._step_by_step(self._guess_along(known), steps)
+        if known.duration not in self._smoothed_from:
+            last, reached = None, False
+            for steps in (SMOOTHER, (*SMOOTHEST, *SMOOTHER)):
+                if last is None and not self._stopped:
+                    last, reached = self._step_by_step(self._guess_along(known), steps)
+            made = last, reached, self.refiner.transcription, self.smoothing
+            self._smoothed_from[known.duration] = made
+        made = self._smoothed_from[known.duration]
+        last, reached, self.refiner.transcription, self.smoothing = made
         if last is None:
             return coarse
         if reached or deadline.over():
@@ -642,12 +674,17 @@ class FreeSearch:
         return found
 
     def _honest_duration(self, solution: Solution) -> float:
-        return solution.duration * (1.0 + max(0.0, self._largest_excess(solution)))
+        """What a motion takes that keeps its limits, or may take where no such motion is known."""
+        slowed = self._slowed(solution) if self.slows_down else None
+        if slowed is None:
+            return solution.duration * (1.0 + max(0.0, self._largest_excess(solution)))
+        return slowed.duration
 
     def _rank(self, solution: Solution) -> tuple[bool, float]:
         """What keeps its limits first, then what is faster."""
         kept = solution.status.solved and (
-            self._largest_excess(solution) <= LIMIT_TOLERANCE or self._is_enough(solution)
+            self._largest_excess(solution) <= self.settings.limit_tolerance
+            or self._is_enough(solution)
         )
         return not kept, solution.duration
 
@@ -750,23 +787,30 @@ class FreeSearch:
     # result ---------------------------------------------------------------------------------
 
     def _within_limits(self, motion: Motion, solution: Solution) -> Motion:
-        """A motion that keeps the limits in the place of one that does not, where there is one.
+        """A motion that keeps the limits in the place of one that does not, or that is slower.
 
         A solution slowed down by no more than two meshes may differ counts as solved.
         """
-        told = motion.provenance
-        if self.at_least is None or not deadline.over():  # not even time is left to slow it down
-            slowed = self._slowed(solution)
+        told, kept = motion.provenance, motion.solved and not self._is_enough(solution)
+        # not even time may be left to slow it down
+        if not kept and (self.at_least is None or not deadline.over()):
+            self._slowed(solution)
+        for made, slowed in self._slower.items():
             if slowed is not None:
-                self._keep(Slowed(slowed, "the motion found, slowed down at limits"))
-        found, made_from = self.at_least or self._known_ways() or (None, "")
-        if found is None:
+                name = "the motion found" if made is solution else "a coarser motion"
+                self._keep(Slowed(slowed, f"{name}, slowed down at limits"))
+        if not kept and self.at_least is None:
+            self.at_least = self._known_ways()
+        if self.at_least is None:
             return motion
+        found, made_from = self.at_least
         slower = found.duration / solution.duration - 1.0
+        if kept and (self.calmed or slower >= -WORSE):
+            return motion
         status, advice, note = told["status"], told["advice"], motion.note
-        if status != Status.TIME_LIMIT and solution.status.solved and slower <= WORSE:
+        if status != Status.TIME_LIMIT and solution.status.solved and abs(slower) <= WORSE:
             status = Status.SOLVED
-        elif status == Status.LIMITS_EXCEEDED:
+        elif status in (Status.LIMITS_EXCEEDED, Status.SOLVED):
             status, advice = Status.NOT_ACCEPTED, Status.NOT_ACCEPTED.sentence
         elif status == Status.INFEASIBLE:  # there is a motion
             status, advice = Status.FAILED, "The search found no motion within the limits."
@@ -777,6 +821,7 @@ class FreeSearch:
             advice += "\n" + KEEPS_LIMITS.format(made_from)
             note = f"not solved: {advice}"
         more = {"status": str(status), "advice": advice, "made_from": made_from}
+        more["excess"] = largest_excess(self.family, found)
         return replace(found, provenance={**told, **more}, note=note)
 
     @property
@@ -784,7 +829,7 @@ class FreeSearch:
         return compiles(self.settings.compiled)
 
     def _known_ways(self) -> Slowed | None:
-        return known_ways(self.family, self.via, self._fast)
+        return known_ways(self.family, self.via, self.settings.limit_tolerance, self._fast)
 
     def _slowed(self, solution: Solution) -> Motion | None:
         """A solution slowed down until it keeps the limits; None where it is none."""

@@ -32,6 +32,7 @@ from microbot_ocp.planning._stop_search import (
 )
 from microbot_ocp.planning._stop_task import Task, task_of
 from microbot_ocp.planning._stops import Stop
+from microbot_ocp.planning._task import CELL_TIME_LIMIT
 
 MOST_ORDERED = 7  # stops of which every order is looked at
 # Coarse answers of one task differ from the refined ones by much the same share (0.9 to 1.3 % for
@@ -87,7 +88,7 @@ def solve_stops(
         task = task_of(robot, stops, limits, segments=segments, cycle=cycle)
         return fastest_through(task, settings, progress, duration)
     tasks = tasks_in_orders(robot, limits, stops, segments, cycle)
-    with deadline.within(settings.time_limit):
+    with settings.within(CELL_TIME_LIMIT):
         return best_order(
             tasks,
             lambda task: _Alone(task, settings, progress, duration),

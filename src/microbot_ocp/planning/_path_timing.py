@@ -53,6 +53,7 @@ from microbot_ocp.planning._task import (
     CHECKS_PER_INTERVAL,
     GAP,
     ROUGH_TOLERANCE,
+    TIME_LIMIT,
     check_limits,
     declare_limits,
     derivatives_for,
@@ -97,7 +98,8 @@ class PathTimingSettings:
     solver : "ipopt" or "fatrop" (IPOPT steps in where it fails) of the optimal-control problem;
         default None: where reachability keeps every limit there is none, otherwise IPOPT
     compiled : compile to C where there is a compiler
-    time_limit : wall time, s, after which the best so far is returned with the status "time limit"
+    time_limit : wall time, s, after which the best so far is returned with the status "time limit";
+        infinite is none
     """
 
     mesh: int | None = None
@@ -105,7 +107,7 @@ class PathTimingSettings:
     limit_tolerance: float = 5e-4
     solver: str | None = None
     compiled: bool = True
-    time_limit: float = np.inf
+    time_limit: float = TIME_LIMIT
 
     def __post_init__(self) -> None:
         checks.time_limit(self.time_limit)
@@ -148,7 +150,7 @@ def time_optimal_path(
         Default the robot's own.
     settings : PathTimingSettings, optional
         Single settings may be given as keywords: ``mesh``, ``grid``,
-        ``limit_tolerance``, ``solver``, ``compiled``, ``time_limit``.
+        ``limit_tolerance``, ``solver``, ``compiled``, ``time_limit`` (by default 120 s).
 
     Returns
     -------

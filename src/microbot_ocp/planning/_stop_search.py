@@ -43,7 +43,7 @@ from microbot_ocp.planning._free_search import (
 from microbot_ocp.planning._initial_guesses import InitialGuess, initial_guesses
 from microbot_ocp.planning._scale import TaskScale
 from microbot_ocp.planning._stop_task import Task, with_torques
-from microbot_ocp.planning._task import LDL, with_locked_joints_held
+from microbot_ocp.planning._task import CELL_TIME_LIMIT, LDL, with_locked_joints_held
 from microbot_ocp.robot import Robot, jacobian
 from microbot_ocp.trajectories import spline
 
@@ -72,7 +72,7 @@ def fastest_through(
         checks.number("duration", duration, "s", above=0.0)
         if settings.slack:
             raise InputError("give a duration or a slack for less effort, not both")
-    with deadline.within(settings.time_limit):
+    with settings.within(CELL_TIME_LIMIT):
         return StopSearch(task, settings, progress, duration).run()
 
 

@@ -18,7 +18,6 @@ from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.codegen import compile_recipe
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import (
-    LIMIT_TOLERANCE,
     ROUNDING,
     JointLimits,
     Limit,
@@ -45,6 +44,9 @@ LDL = {"ipopt": {"linear_solver": "ldl"}}  # options by solver: see ocp/solvers/
 # A joint alone takes (factor way / limit)^(1 / order) from rest to rest under one limit.
 REST_TO_REST = {"qd": (1, 1), "qdd": (4, 2), "qddd": (32, 3), "taud": (1, 1)}
 MOST_VIA = 500
+# s, of wall time, where nobody says: of a motion through via points or along a path; of stops,
+# orders of them and scenes
+TIME_LIMIT, CELL_TIME_LIMIT = 120.0, 600.0
 NEAREST = 1e-8  # rad (m): how well a certificate takes states to be known
 CHECKS_PER_INTERVAL = 20  # places inside every mesh interval at which limits are looked at
 
@@ -94,7 +96,7 @@ def verdict(
     """Status, advice and largest excess of a limit between mesh points, for the provenance.
 
     A solver that converged on the mesh points is not believed where limits are exceeded in between
-    by more than a certificate lets pass.
+    by more than was asked for.
     """
     worst = max(float(e.max()) for e in excess)
     advice = in_words_of_the_task(solution.advice, family)
@@ -102,7 +104,7 @@ def verdict(
     if deadline.over() and solution.status is not Status.INTERRUPTED:
         found["status"], found["advice"] = str(Status.TIME_LIMIT), Status.TIME_LIMIT.sentence
         return found
-    if solution.status.solved and worst > max(limit_tolerance, LIMIT_TOLERANCE):
+    if solution.status.solved and not worst <= limit_tolerance:
         found["status"] = str(Status.LIMITS_EXCEEDED)
         found["advice"] = (
             f"limits are exceeded by {100 * worst:.3g} % between mesh points, and refinement ended "

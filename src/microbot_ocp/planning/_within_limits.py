@@ -16,7 +16,7 @@ import numpy as np
 
 from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray, InputError
-from microbot_ocp.limits import LIMIT_TOLERANCE, LimitFamily, MotionSamples
+from microbot_ocp.limits import LimitFamily, MotionSamples
 from microbot_ocp.motion import (
     Mark,
     Motion,
@@ -36,7 +36,7 @@ from microbot_ocp.trajectories import cubic, quintic, shortest_duration, spline
 GRID = 1000  # intervals at least, to begin with
 LEAST_ROUNDS, ROUNDS = 2, 6  # grids, each with the intervals cut in which a limit is exceeded
 FINER = (1, 2, 4, 8)  # times the usual samples, until torques between them are no surprise
-KEPT, CLOSE = 1e-4, 1e-5  # excess that is left, and share by which it might be faster
+CLOSE = 1e-5  # share by which a motion that is slowed down evenly might be faster
 DECIDING = 500  # places of a motion that say first by how much it is slowed down evenly
 SEEN = 1000  # places of a spline at which it may leave the position limits
 EVENLY = 1.5  # times the duration: a motion that must be slowed down more is none to go on from
@@ -66,7 +66,7 @@ def within_limits(
     via_times : array [m]
         When it passes the via points, s.
     tolerance : float
-        Largest relative excess of a limit between grid points.
+        Largest relative excess of a limit, between samples, too.
     fast : bool
         Use compiled functions.
     """
@@ -77,7 +77,7 @@ def within_limits(
         )
 
     if family.jerk_matters:
-        return _slowed_evenly(family, as_it_is())
+        return _slowed_evenly(family, as_it_is(), tolerance)
     pieces = zip(shape.coefficients, np.diff(shape.breaks), strict=True)
     curve = Curve(tuple(CurvePiece(table, float(length)) for table, length in pieces), True, True)
     parts = max(2, -(-GRID // len(curve.pieces)))
@@ -87,7 +87,7 @@ def within_limits(
     for number in range(ROUNDS):
         along = CurveLimits.of(family, curve, s, fast)
         if along.limits.later:
-            return _slowed_evenly(family, as_it_is())
+            return _slowed_evenly(family, as_it_is(), tolerance)
         timing = reach(along, start_free=True, end_free=True, fast=fast, fastest=1.0)
         if not timing.feasible:
             return None
@@ -105,7 +105,7 @@ def within_limits(
         )
         if not unresolved(family.robot, motion.t, motion.sample).size:
             break
-    return motion if _keeps(family, motion) else _slowed_evenly(family, motion)
+    return _keeping(family, motion, tolerance)
 
 
 def _with_steady_ends(timing: Reached) -> Reached:
@@ -123,16 +123,18 @@ def _with_steady_ends(timing: Reached) -> Reached:
     return replace(timing, speed_squared=x, start=start, end=end, t=t)
 
 
-def known_ways(family: LimitFamily, via: FloatArray, fast: bool) -> Slowed | None:
+def known_ways(family: LimitFamily, via: FloatArray, tolerance: float, fast: bool) -> Slowed | None:
     """The fastest motion through via points [m,n] that needs no search, where there is one.
 
-    A spline or straight lines with their best timing; where these have none that keeps all limits,
-    a shape that is slowed down evenly.
+    A spline or straight lines with their best timing; where these have none that keeps all limits
+    to the ``tolerance``, a shape that is slowed down evenly.
     """
-    found = [own for own in _timed_ways(family, via, fast) if _keeps(family, own.motion)]
-    if not found:
-        found = [own for own in _smooth_ways(family, via) if _keeps(family, own.motion)]
-    return min(found, key=lambda own: own.motion.duration, default=None)
+    for ways in (_timed_ways(family, via, fast), _smooth_ways(family, via)):
+        motions = ((_keeping(family, way.motion, tolerance), way.made_from) for way in ways)
+        found = [Slowed(motion, name) for motion, name in motions if motion is not None]
+        if found:
+            return min(found, key=lambda way: way.motion.duration)
+    return None
 
 
 def _timed_ways(family: LimitFamily, via: FloatArray, fast: bool) -> Iterator[Slowed]:
@@ -178,11 +180,24 @@ def _smooth(family: LimitFamily, via: FloatArray, times: FloatArray) -> Piecewis
     return cubic(via, times) if out else shape
 
 
-def _slowed_evenly(family: LimitFamily, motion: Motion, most: float = EVENLY) -> Motion | None:
-    """A motion slowed down by at most ``most`` times until its limits hold, where that helps."""
+def _keeping(family: LimitFamily, motion: Motion, tolerance: float) -> Motion | None:
+    """A motion that keeps its limits, as it is or slowed down evenly; None where that is none."""
+    kept = largest_excess(family, motion) <= tolerance
+    return motion if kept else _slowed_evenly(family, motion, tolerance)
+
+
+def largest_excess(family: LimitFamily, motion: Motion) -> float:
+    """Of any limit but those of rates, relative, between samples, too."""
+    state = motion.sample(dense_times(motion)[0])
+    use = family.use(MotionSamples(*state, np.zeros_like(state.q)), family.of_order(0, 1, 2))
+    return max((float(own.max()) for own in use.values()), default=0.0) - 1.0
+
+
+def _slowed_evenly(family: LimitFamily, motion: Motion, tolerance: float) -> Motion | None:
+    """A motion slowed down until its limits hold to the tolerance, where that helps."""
     _, samples, _, jumps = motion.history()
-    dense = MotionSamples(*map(np.concatenate, zip(samples, jumps, strict=True)))
-    if not _kept(family, dense, 0):  # slower is no other place
+    dense, most = MotionSamples(*map(np.concatenate, zip(samples, jumps, strict=True))), EVENLY
+    if not _kept(family, dense, tolerance, 0):  # slower is no other place
         return None
     slowed = family.of_order(1, 2, 3)
 
@@ -192,12 +207,12 @@ def _slowed_evenly(family: LimitFamily, motion: Motion, most: float = EVENLY) ->
         return np.max([own.max(axis=1) for own in found.values()], axis=0)
 
     every = np.arange(len(dense.q))
-    if not use(most, every).max() <= 1.0 + KEPT:
+    if not use(most, every).max() <= 1.0 + tolerance:
         return None
     # Few places decide by how much; all of them are looked at again with what those ask for.
     found, deciding, high = use(1.0, every), every[:0], 1.0
     while True:
-        broken = ~(found <= 1.0 + KEPT)
+        broken = ~(found <= 1.0 + tolerance)
         if not broken.any():
             break
         worst = np.argsort(-found)[: min(DECIDING, int(broken.sum()))]
@@ -206,7 +221,7 @@ def _slowed_evenly(family: LimitFamily, motion: Motion, most: float = EVENLY) ->
         deciding, low, high = np.union1d(deciding, worst), high, most
         while high - low > CLOSE:
             middle = 0.5 * (low + high)
-            fits = use(middle, deciding).max() <= 1.0 + KEPT
+            fits = use(middle, deciding).max() <= 1.0 + tolerance
             low, high = (low, middle) if fits else (middle, high)
         found = use(high, every)
     state = State(motion.q, motion.qd / high, motion.qdd / high**2)
@@ -231,15 +246,9 @@ def _scaled_shape(family: LimitFamily, shape: PiecewisePolynomial) -> Motion | N
     )
 
 
-def _keeps(family: LimitFamily, motion: Motion) -> bool:
-    """Whether a motion keeps every limit but those of rates, between its samples, too."""
-    state = motion.sample(dense_times(motion)[0])
-    return _kept(family, MotionSamples(*state, np.zeros_like(state.q)), 0, 1, 2)
-
-
-def _kept(family: LimitFamily, samples: MotionSamples, *orders: int) -> bool:
+def _kept(family: LimitFamily, samples: MotionSamples, tolerance: float, *orders: int) -> bool:
     use = family.use(samples, family.of_order(*orders))
-    return all(own.max() <= 1.0 + LIMIT_TOLERANCE for own in use.values())
+    return all(own.max() <= 1.0 + tolerance for own in use.values())
 
 
 def _marks(times: FloatArray) -> tuple[Mark, ...]:
