@@ -198,7 +198,7 @@ class LimitFamily:
     def jerk_matters(self) -> bool:
         """Whether any limit depends on the jerk: torque rates, jerk itself, expressions of them.
 
-        Then the acceleration must not jump, at rest no more than in motion.
+        Then the acceleration is zero wherever the arm rests: it cannot jump there.
         """
         return any(member.order == 3 for member in self.members)
 

@@ -67,7 +67,6 @@ class Conditions:
 def passing(robot: Robot, via: FloatArray) -> Conditions:
     """At rest at both ends of via points [m,n], through the others at any velocity."""
     free, rest = np.full(via.shape[1], np.inf), np.zeros(via.shape[1])
-    # Limits of jerk and torque rates leave no jump of the acceleration at rest.
     still, last = LimitFamily.of(robot).jerk_matters, len(via) - 1
     ends = tuple(
         EndConditions((q, q), (rest, rest), still=still)

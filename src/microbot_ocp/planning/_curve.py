@@ -1,19 +1,20 @@
 """A joint path ready for timing: pieces whose ends at rest have been given a regular parameter.
 
 A trajectory that starts from rest, such as a cubic or a quintic, has a vanishing tangent there:
-q - q(0) ~ s^(m+1), m = 1 for a cubic, 2 for a quintic. With m = 1 the arm leaves at a finite s',
-with m = 2 at an infinite one. Such an end is described by another parameter r instead,
+q - q(0) ~ s^(m+1), m = 1 for a cubic, 2 for a quintic. The arm leaves like t^p, with p = 2 where
+its acceleration may jump and p = 3 where rates are limited, so that s goes with t^(p/(m+1)). Such
+an end is described by another parameter r instead,
 ``s = L x^e ((1 + e) + (1 - e) x) / 2`` with ``x = r/R``, ``e = p/(m+1)`` and ``R = L (1 + e)/2``,
-in which every path leaves like r^p. At the other end of the piece ds/dr = 1 and its slope is zero,
-so that r' and r'' are continuous there. Every other piece keeps r = s. With p = 2 the arm starts at
-a finite r' and acceleration; where jerk or torque rates are limited it starts with neither, and
-p = 1.
+in which every path leaves like r^p and the arm at a finite r'. At the other end of the piece
+ds/dr = 1 and its slope is zero, so that r' and r'' are continuous there. Every other piece keeps
+r = s.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from math import comb
 from typing import Any
 
 import casadi as ca
@@ -26,9 +27,7 @@ from microbot_ocp.motion import PiecewisePolynomial
 IntArray = NDArray[np.intp]
 
 VANISHING = 1e-9  # relative size of a derivative that counts as zero
-# Share of a bent piece by which it starts inside, where powers of r are finite; by the power of r
-# with which the path leaves. With 1e-6 and p = 1 a quintic's third derivative stops the solver.
-INSIDE = {2: 1e-10, 1: 1e-5}
+INSIDE = 1e-10  # share of a bent piece by which it starts inside, where powers of r are finite
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +37,7 @@ class CurvePiece:
     Attributes
     ----------
     coefficients : array [degree+1, n]
-        Powers of s since the start of the piece.
+        Powers of s since the start of the piece, or of what is left to its end where that is bent.
     length : float
         Range of s.
     order : int
@@ -47,36 +46,38 @@ class CurvePiece:
         Whether it is the end that is bent, not the start.
     halved : bool
         Whether it is the first half of a piece of the path, so that it ends inside.
+    leaves_like : int
+        Power of r with which the path leaves the end that is bent (p).
     """
 
     coefficients: FloatArray
     length: float
     order: int = 0
     bent_at_end: bool = False
-    halved: bool = False  # the first half of a piece of the path
-    leaves_like: int = 2  # power of r with which the path leaves the bent end (p)
+    halved: bool = False
+    leaves_like: int = 2
 
     @property
     def bent(self) -> bool:
         """Whether r is another parameter than s."""
-        return self.order + 1 > self.leaves_like
+        return self.order > 0 and self.order + 1 != self.leaves_like
 
     @property
-    def exponent(self) -> float:
-        """Power of r in s."""
-        return self.leaves_like / (self.order + 1) if self.bent else 1.0
+    def powers(self) -> tuple[int, int]:
+        """p and m + 1: their ratio is the power of r in s."""
+        return (self.leaves_like, self.order + 1) if self.bent else (1, 1)
 
     @property
     def span(self) -> float:
         """Range R of the parameter r."""
-        return 0.5 * self.length * (1.0 + self.exponent)
+        return self.length * _span(self.powers)
 
     @property
     def limits(self) -> tuple[float, float]:
         """First and last r that are used."""
         if not self.bent:
             return 0.0, self.span
-        margin = INSIDE[self.leaves_like] * self.span
+        margin = INSIDE * self.span
         return (0.0, self.span - margin) if self.bent_at_end else (margin, self.span)
 
     @property
@@ -86,7 +87,7 @@ class CurvePiece:
 
 
 def derivatives(
-    table: Any, length: Any, at_end: Any, exponent: float, r: Any, *, highest: int = 3
+    table: Any, length: Any, at_end: Any, powers: tuple[int, int], r: Any, *, highest: int = 3
 ) -> list[Any]:
     """Position and its derivatives with respect to r, up to ``highest`` <= 3.
 
@@ -94,35 +95,51 @@ def derivatives(
     ----------
     table : [degree+1][n], columns of coefficients (numpy or CasADi, any that multiply and add)
     length, at_end : length of the piece; 1 where its end is bent, 0 where its start is
-    exponent : power of r in s
+    powers : p and m + 1
     r : parameter, a number or a symbol
     """
-    s, slopes = _bend(length, at_end, exponent, r)
-    first, second, third = slopes
-    along = [_power_sum(table, s, order) for order in range(highest + 1)]
-    result = [along[0], along[1] * first]
-    if highest >= 2:
-        result.append(along[2] * first**2 + along[1] * second)
-    if highest >= 3:
-        result.append(along[3] * first**3 + 3 * along[2] * first * second + along[1] * third)
+    if powers[0] == powers[1]:
+        return [_power_sum(table, r, order) for order in range(highest + 1)]
+    x, slope = _from_the_bent_end(length, at_end, powers, r)
+    result = []
+    for order in range(highest + 1):
+        total = table[0] if order == 0 else 0.0 * table[0]
+        # what lies between vanishes with the first m derivatives
+        for k in range(powers[1], len(table)):
+            total = total + table[k] * length**k * _bent_power(x, powers, k, order)
+        result.append(total * slope**order)
     return result
 
 
-def _bend(length: Any, at_end: Any, exponent: float, r: Any) -> tuple[Any, list[Any]]:
-    """s since the start of a piece and its first three derivatives with respect to r."""
-    if exponent == 1.0:
-        return r, [1.0, 0.0, 0.0]
-    span = 0.5 * length * (1.0 + exponent)
-    sign = 1.0 - 2.0 * at_end
-    x = (at_end * span + sign * r) / span  # distance from the bent end, 0 to 1
-    low, high = 0.5 * (1.0 + exponent), 0.5 * (1.0 - exponent)
-    s = at_end * length + sign * length * (low * x**exponent + high * x ** (exponent + 1.0))
-    slopes, factor = [], length * sign
-    for k in range(3):
-        low, high = low * (exponent - k), high * (exponent + 1.0 - k)
-        factor = factor * sign / span
-        slopes.append(factor * (low * x ** (exponent - k - 1.0) + high * x ** (exponent - k)))
-    return s, slopes
+def _span(powers: tuple[int, int]) -> float:
+    """R / L."""
+    return 0.5 * (1.0 + powers[0] / powers[1])
+
+
+def _from_the_bent_end(
+    length: Any, at_end: Any, powers: tuple[int, int], r: Any
+) -> tuple[Any, Any]:
+    """Share x of the way from the bent end, 0 to 1, and its derivative with respect to r."""
+    span, sign = length * _span(powers), 1.0 - 2.0 * at_end
+    return (at_end * span + sign * r) / span, sign / span
+
+
+def _bent_power(x: Any, powers: tuple[int, int], k: int, order: int) -> Any:
+    """A derivative with respect to x of the way from the bent end, as a share of L, to the k."""
+    low = _span(powers)
+    rest, power = 1.0 - low, k * powers[0] / powers[1]
+    total: Any = 0.0
+    for i in range(order + 1):  # of the first factor so often, of the second the others
+        factor = comb(order, i) * _falling(power, i) * _falling(k, order - i)
+        if factor:
+            second = rest ** (order - i) * (low + rest * x) ** (k - order + i)
+            total = total + factor * x ** (power - i) * second
+    return total
+
+
+def _falling(power: float, count: int) -> float:
+    """Factor of a derivative of a power."""
+    return float(np.prod([power - k for k in range(count)]))
 
 
 def _power_sum(table: Any, s: Any, order: int) -> Any:
@@ -130,18 +147,17 @@ def _power_sum(table: Any, s: Any, order: int) -> Any:
     degree = len(table) - 1
     total = 0.0 * table[0]
     for power in range(degree, order - 1, -1):
-        factor = float(np.prod([power - k for k in range(order)]))
-        total = total * s + factor * table[power]
+        total = total * s + _falling(power, order) * table[power]
     return total
 
 
 def symbolic_derivatives(
-    constants: ca.MX, degree: int, joints: int, exponent: float, r: ca.MX
+    constants: ca.MX, degree: int, joints: int, powers: tuple[int, int], r: ca.MX
 ) -> list[ca.MX]:
     """Position, tangent, curvature and third derivative [n] from the constants of a piece."""
     size = (degree + 1) * joints
     table = [constants[k * joints : (k + 1) * joints] for k in range(degree + 1)]
-    return derivatives(table, constants[size], constants[size + 1], exponent, r)
+    return derivatives(table, constants[size], constants[size + 1], powers, r)
 
 
 def evaluate(piece: CurvePiece, r: FloatArray, *, highest: int = 2) -> list[FloatArray]:
@@ -149,7 +165,7 @@ def evaluate(piece: CurvePiece, r: FloatArray, *, highest: int = 2) -> list[Floa
     column = np.asarray(r, dtype=float)[:, None]
     table = [row[None, :] for row in piece.coefficients]
     at_end = float(piece.bent_at_end)
-    found = derivatives(table, piece.length, at_end, piece.exponent, column, highest=highest)
+    found = derivatives(table, piece.length, at_end, piece.powers, column, highest=highest)
     return [values * np.ones_like(column) for values in found]
 
 
@@ -172,14 +188,12 @@ class Curve:
     def of(cls, path: PiecewisePolynomial, leaves_like: int = 2) -> Curve:
         """A path between two stops with a regular parameter.
 
-        ``leaves_like`` is the power of it with which the path leaves an end at rest: 2, or 1 where
-        the jerk is limited.
+        ``leaves_like`` is the power of it with which the path leaves an end at rest: 2, or 3 where
+        rates are limited.
         """
         start = vanishing_order(path, float(path.breaks[0]), from_left=False)
         end = vanishing_order(path, float(path.breaks[-1]), from_left=True)
-        free = leaves_like == 2
-        pieces = _bent_pieces(path, start, end, leaves_like)
-        return cls(tuple(pieces), free and start > 0, free and end > 0)
+        return cls(tuple(_bent_pieces(path, start, end, leaves_like)), start > 0, end > 0)
 
     @property
     def breaks(self) -> FloatArray:
@@ -209,7 +223,7 @@ class Curve:
         local = np.clip(r - self.breaks[index] + begins[index], begins[index], ends[index])
         coefficients = np.array([piece.coefficients for piece in self.pieces])
         table = [coefficients[index, power] for power in range(coefficients.shape[1])]
-        tables = derivatives(table, 0.0, 0.0, 1.0, local[:, None], highest=highest)
+        tables = derivatives(table, 0.0, 0.0, (1, 1), local[:, None], highest=highest)
         for k in (0, len(self.pieces) - 1):
             if self.pieces[k].bent:
                 here = index == k
@@ -222,8 +236,16 @@ class Curve:
         """The path's own parameter s since the start of the curve, and ds/dr, both [N]."""
         s, slope, begin = np.zeros_like(r), np.zeros_like(r), 0.0
         for piece, here, local in self._by_piece(r, False):
-            own, slopes = _bend(piece.length, float(piece.bent_at_end), piece.exponent, local)
-            s[here], slope[here] = begin + own, slopes[0]
+            own, slopes = local, 1.0
+            if piece.bent:
+                at_end = float(piece.bent_at_end)
+                x, per_r = _from_the_bent_end(piece.length, at_end, piece.powers, local)
+                way, rise = (piece.length * _bent_power(x, piece.powers, 1, k) for k in (0, 1))
+                own, slopes = (
+                    at_end * piece.length + (1.0 - 2.0 * at_end) * way,
+                    np.abs(rise * per_r),
+                )
+            s[here], slope[here] = begin + own, slopes
             begin += piece.length
         return s, slope
 
@@ -245,13 +267,17 @@ def _bent_pieces(
         CurvePiece(table, float(length), leaves_like=leaves_like)
         for table, length in zip(path.coefficients, np.diff(path.breaks), strict=True)
     ]
-    bent = start + 1 > leaves_like, end + 1 > leaves_like
+    orders = start, end
+    bent = [replace(pieces[0], order=order).bent for order in orders]
     if len(pieces) == 1 and all(bent):
         pieces = _halves(pieces[0])
     if bent[0]:
         pieces[0] = replace(pieces[0], order=start)
     if bent[1]:
-        pieces[-1] = replace(pieces[-1], order=end, bent_at_end=True)
+        last = pieces[-1]
+        table = _shifted(last.coefficients, last.length)
+        table[1::2] *= -1.0
+        pieces[-1] = replace(last, coefficients=table, order=end, bent_at_end=True)
     return pieces
 
 
@@ -270,14 +296,15 @@ def vanishing_order(path: PiecewisePolynomial, s: float, *, from_left: bool) -> 
 def _halves(piece: CurvePiece) -> list[CurvePiece]:
     """The same piece in two."""
     half = piece.length / 2
-    degree = piece.coefficients.shape[0] - 1
-    shifted = np.zeros_like(piece.coefficients)
-    for k in range(degree + 1):
-        for j in range(k + 1):
-            shifted[j] += piece.coefficients[k] * _binomial(k, j) * half ** (k - j)
+    second = _shifted(piece.coefficients, half)
     first = replace(piece, length=half, halved=True)
-    return [first, replace(piece, coefficients=shifted, length=half)]
+    return [first, replace(piece, coefficients=second, length=half)]
 
 
-def _binomial(n: int, k: int) -> float:
-    return float(np.prod([(n - i) / (i + 1) for i in range(k)]))
+def _shifted(table: FloatArray, by: float) -> FloatArray:
+    """Coefficients of the same polynomial in powers since another place."""
+    shifted = np.zeros_like(table)
+    for k in range(len(table)):
+        for j in range(k + 1):
+            shifted[j] += table[k] * comb(k, j) * by ** (k - j)
+    return shifted

@@ -99,7 +99,6 @@ def free_problem(
     velocity_scale = _scale(limits.bounds("qd"), size.velocity)
     acceleration_scale = _scale(limits.bounds("qdd"), size.acceleration)
     held = (limits.qdd_min == 0.0) & (limits.qdd_max == 0.0)  # they stay where they start
-    # Limits of jerk and torque rates leave no jump of the acceleration at rest.
     still = np.zeros(count)
     rated = family.jerk_matters
     problem = OptimalControlProblem(f"time-optimal motion of {robot.name}")
@@ -193,8 +192,9 @@ def free_problem(
             phase.running_cost(weight * ca.sumsqr(jerk / size.jerk))
     for index, (before, after) in enumerate(itertools.pairwise(problem.phases)):
         names = ["q", "qd", *(["clock"] if budgeted else [])]
-        leaps = told.ends[index + 1].leaps or (jumps and not rated)
-        problem.link(before, after, names=[*names, *([] if leaps else ["qdd"])])
+        end = told.ends[index + 1]
+        apart = end.still or end.leaps or (jumps and not rated)  # still: zero on both sides
+        problem.link(before, after, names=[*names, *([] if apart else ["qdd"])])
     for name in told.closed:
         begun, ended = (
             next(v.symbol for v in (*phase.states, *phase.controls) if v.name == name)

@@ -47,8 +47,9 @@ from microbot_ocp.planning._friction import dry_friction
 from microbot_ocp.planning._path_limits import LATER, limits_kept_by
 from microbot_ocp.planning._paths import check_path, corners, segments, stops
 from microbot_ocp.planning._progress import Samples, with_motion
-from microbot_ocp.planning._rate_timing import RATES, Ends, Profile, first_profile, with_rates
+from microbot_ocp.planning._rate_timing import RATES, Profile, first_profile, with_rates
 from microbot_ocp.planning._reachability import MOST_GRIDS, Reached, settled
+from microbot_ocp.planning._scale import rates_alone
 from microbot_ocp.planning._task import (
     CHECKS_PER_INTERVAL,
     GAP,
@@ -204,8 +205,6 @@ class _Piece:
     ends: bool
     start_free: bool  # the tangent vanishes there: at rest whatever the speed of the parameter
     end_free: bool
-    first: bool  # whether the path begins with it
-    last: bool
     via: bool  # whether it ends at a break of the path
 
     @property
@@ -233,7 +232,8 @@ class _PathSearch:
         self.robot: Robot = family.robot
         self.label, self.progress = label, progress
         self.stops = stops(path, self.family)
-        self.curves = segments(path, self.family)
+        self.passed = segments(path, self.family)  # as the passes of reachability take them
+        self.curves = segments(path, self.family, 3) if self.family.jerk_matters else self.passed
         self.pieces = self._pieces()
 
     def _pieces(self) -> list[_Piece]:
@@ -241,9 +241,6 @@ class _PathSearch:
         for index, curve in enumerate(self.curves):
             for i, shape in enumerate(curve.pieces):
                 begins, ends = i == 0, i == len(curve.pieces) - 1
-                first, last = index == 0 and begins, index == len(self.curves) - 1 and ends
-                # on the way a limited rate leaves no jump of the acceleration: full stop
-                rated = self.family.jerk_matters
                 pieces.append(
                     _Piece(
                         name=f"piece {len(pieces) + 1}",
@@ -252,10 +249,8 @@ class _PathSearch:
                         offset=float(curve.breaks[i]) - shape.limits[0],
                         begins=begins,
                         ends=ends,
-                        start_free=begins and curve.start_free and (first or not rated),
-                        end_free=ends and curve.end_free and (last or not rated),
-                        first=first,
-                        last=last,
+                        start_free=begins and curve.start_free,
+                        end_free=ends and curve.end_free,
                         via=not shape.halved,
                     )
                 )
@@ -277,14 +272,14 @@ class _PathSearch:
         if settings.solver is None and complete and passes:
             return self._reached_motion(timings, kept_by, excess, time.perf_counter() - begin)
         if settings.solver is None and self._only_rates_are_left(kept_by) and np.isfinite(reached):
-            solution = self._with_rates(timings)
+            solution = self._with_rates(self._starts(timings))
             if solution.status.solved:
                 wall = time.perf_counter() - begin
                 history = [attempt.as_dict() for attempt in solution.attempts]
                 found = self._motion(solution, history, timings, reached, kept_by, wall)
                 return self._with_rates_at_reversals(found)
         solver = settings.solver or "ipopt"
-        guesses, scales = self._guesses(timings)
+        guesses, scales = self._guesses(self._starts(timings))
         try:
             with deadline.given_up(bool(np.isfinite(reached))):
                 transcription = self._transcription(scales)
@@ -358,20 +353,13 @@ class _PathSearch:
         """All segments under limits of torque rates and the jerk, refined until they hold."""
         fast = compiles(self.settings.compiled)
         profiles: list[Profile] = []
-        for segment, (curve, timing) in enumerate(zip(self.curves, timings, strict=True)):
-            start = first_profile(curve, timing, self._mesh)
-            ends, tolerance = self._ends(segment), self.settings.limit_tolerance
-            profiles.append(
-                with_rates(self.family, curve, start, ends, tolerance, fast, self.progress)
-            )
+        for curve, timing in zip(self.curves, timings, strict=True):
+            start = first_profile(timing)
+            tolerance = self.settings.limit_tolerance
+            profiles.append(with_rates(self.family, curve, start, tolerance, fast, self.progress))
             if not profiles[-1].solved:
                 break
         return self._solution_of(profiles)
-
-    def _ends(self, segment: int) -> Ends:
-        own = [piece for piece in self.pieces if piece.segment == segment]
-        begin, end = own[0], own[-1]
-        return Ends(still=(begin.stops_before, end.stops_after))
 
     def _solution_of(self, profiles: list[Profile]) -> Solution:
         """Profiles as the solution of an optimal-control problem with a phase a piece."""
@@ -411,7 +399,7 @@ class _PathSearch:
         """The timing of every segment, who keeps which limit, and the largest excess over them."""
         fast = compiles(self.settings.compiled)
         timings, kept_by, worst = [], {}, -1.0
-        for curve in self.curves:
+        for curve in self.passed:
             count, tolerance = self.settings.grid, self.settings.limit_tolerance
             # with rates it is a start alone: as it is
             meshes = 1 if self.family.jerk_matters else MOST_GRIDS
@@ -421,16 +409,37 @@ class _PathSearch:
             kept_by = kept_by or limits_kept_by(along.limits)
         return timings, kept_by, worst
 
+    def _starts(self, timings: list[Reached]) -> list[Reached]:
+        """What solvers start from: with rates, of which reachability knows nothing, gentler ones.
+
+        No joint is faster than it would be alone under rates only.
+        """
+        if not self.family.jerk_matters:
+            return timings
+        starts, fast = [], compiles(self.settings.compiled)
+        for passed, curve, timing in zip(self.passed, self.curves, timings, strict=True):
+            if timing.feasible:
+                jerk, more = rates_alone(self.family, passed.evaluate(timing.s)[0])
+                gentle = LimitFamily.of(self.robot, self.robot.limits.changed(more))
+                timing = settled(gentle, passed, self.settings.grid, np.inf, fast, 1)[0]
+                _, tangent, curvature = passed.evaluate(timing.s)
+                rises = np.append(timing.start, timing.end[-1])[:, None]
+                qdd = tangent * rises + curvature * timing.speed_squared[:, None]
+                rise = float((np.abs(qdd).max(axis=0) / jerk).max())
+                timing = timing.smoothed(passed, curve, min(rise, timing.duration), self._mesh)
+            starts.append(timing)
+        return starts
+
     def _reached_motion(
         self, timings: list[Reached], kept_by: dict[str, list[str]], excess: float, wall: float
     ) -> Motion:
         late, left = deadline.over(), kept_by[LATER]
         advice = TOO_LATE.format(", ".join(left)) if left else LATE
         stopping = _stops_said(self.stops, corners(self.path).size)
-        t, state, breaks = sampled(list(zip(self.curves, timings, strict=True)))
+        t, state, breaks = sampled(list(zip(self.passed, timings, strict=True)))
         begins = np.cumsum([0.0, *(timing.duration for timing in timings)])
         passed = [0.0]
-        for begin, curve, timing in zip(begins, self.curves, timings, strict=False):
+        for begin, curve, timing in zip(begins, self.passed, timings, strict=False):
             ends = begin + np.interp(curve.breaks[1:], timing.s, timing.t)
             passed += [at for at, k in zip(ends, curve.pieces, strict=True) if not k.halved]
         return Motion.from_state(
@@ -577,13 +586,13 @@ class _PathSearch:
     def _place(self, segment: int, at: float) -> float:
         """The path's parameter at a parameter of one of its curves."""
         begin = [float(self.path.breaks[0]), *map(float, self.stops)][segment]
-        return begin + float(self.curves[segment].parameter(np.array([at]))[0][0])
+        return begin + float(self.passed[segment].parameter(np.array([at]))[0][0])
 
     def _blocking(self, timings: list[Reached]) -> dict[str, Any]:
         """Status and advice that name the limits that keep the path from being travelled."""
         fast = compiles(self.settings.compiled)
         lines, entries = [], []
-        for index, (curve, timing) in enumerate(zip(self.curves, timings, strict=True)):
+        for index, (curve, timing) in enumerate(zip(self.passed, timings, strict=True)):
             found = None if timing.feasible else blocking_limit(self.family, curve, fast)
             if found is None:
                 continue
@@ -672,8 +681,7 @@ def _declare(
         scale=scales["v"],
         unit="1/s",
     )
-    # Where the arm rests a limited rate leaves no jump of the acceleration either.
-    rated = family.jerk_matters
+    rated = family.jerk_matters  # then the acceleration is zero at rest
     a = phase.control(
         "a",
         initial=0.0 if rated and piece.stops_before else None,
@@ -687,7 +695,7 @@ def _declare(
     constants = phase.parameter("piece", piece.shape.constants)
     degree = piece.shape.coefficients.shape[0] - 1
     q, tangent, curvature, bend = symbolic_derivatives(
-        constants, degree, robot.joint_count, piece.shape.exponent, s
+        constants, degree, robot.joint_count, piece.shape.powers, s
     )
     qd = tangent * v
     qdd = tangent * a + curvature * v**2

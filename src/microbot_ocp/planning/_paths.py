@@ -80,10 +80,9 @@ def stops(path: PiecewisePolynomial, family: LimitFamily) -> FloatArray:
     return np.union1d(found, _jumps(path, path.derivative().derivative()))
 
 
-def segments(path: PiecewisePolynomial, family: LimitFamily) -> list[Curve]:
-    """What lies between two stops, with a regular parameter."""
+def segments(path: PiecewisePolynomial, family: LimitFamily, leaves_like: int = 2) -> list[Curve]:
+    """What lies between two stops, with a parameter of which an end at rest is this power."""
     ends = [path.breaks[0], *stops(path, family), path.breaks[-1]]
-    leaves_like = 1 if family.jerk_matters else 2
     curves = []
     for before, after in itertools.pairwise(ends):
         keep = (path.breaks[:-1] >= before) & (path.breaks[:-1] < after)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -28,7 +29,6 @@ OPTIONS = {
     "mumps_permuting_scaling": 0,
     "mumps_pivot_order": 0,
     "acceptable_iter": 0,
-    "linear_solver": "ldl",
 }
 # Where in an interval the limit of s' is kept: on a stretch at the limit its middle alone would
 # leave s'' an error that is the same in every interval
@@ -133,7 +133,7 @@ class Program:
     hessian: ca.Function
     values: ca.Function
 
-    def solver(self, rows: np.ndarray, barrier: float) -> ca.Function:
+    def solver(self, rows: np.ndarray, barrier: float, linear_solver: str) -> ca.Function:
         """IPOPT on some of the rows."""
         height, width = self.g.shape[0], self.x.shape[0]
         new = np.full(height, -1)
@@ -159,7 +159,12 @@ class Program:
                 "nlp_hess_l", curvature, [self.hessian(self.x, self.p, lam_f, every)]
             ),
         }
-        push = {"bound_push": barrier, "bound_frac": barrier, "mu_init": barrier}
+        push: dict[str, Any] = {
+            "linear_solver": linear_solver,
+            "bound_push": barrier,
+            "bound_frac": barrier,
+            "mu_init": barrier,
+        }
         left = deadline.until() - time.perf_counter()
         own = {"max_wall_time": max(left, 1e-3)} if np.isfinite(left) else {}
         return ca.nlpsol(

@@ -40,11 +40,9 @@ from microbot_ocp.planning._task import CHECKS_PER_INTERVAL
 from microbot_ocp.robot import COULOMB_SMOOTHING, Robot, torque_and_rate
 
 RATES = ("taud", "qddd")  # keys of limits that are kept here
-NEAR = 0.3  # use of a limit from which the solver is told of it
-BARRIERS = (1e-2, 1e-7)  # of a first solve and of one from a coarser mesh
-# Excess of a limit of which the solver was not told that asks for another solve on the same mesh,
-# and its barrier; solves in which the solver is told of some limits, before it is told of all
-BROKEN, BROKEN_BARRIER, MOST_TELLING = 0.05, 1e-4, 3
+BARRIERS = (1e-3, 1e-7)  # of a first solve and of one from a coarser mesh
+# In turn: without pivots factors are cheap, but their rounding may hide negative curvature
+LINEAR_SOLVERS = ("ldl", "mumps")
 SMOOTHED_BARRIER = 1e-3  # of one from dry friction that turns less suddenly
 MOST_MESHES = 10
 # Percentile of the accelerations at which joints turn back, as the start has it; factor from one
@@ -112,31 +110,17 @@ class Profile:
         return replace(self, s=s, v=v, a=a, t=t, d=d)
 
 
-@dataclass(frozen=True)
-class Ends:
-    """Whether the arm rests (s' and s'' are zero) at the start and at the end of a curve."""
-
-    still: tuple[bool, bool]
-
-
-def first_profile(curve: Curve, timing: Reached, count: int) -> Profile:
-    """Reachability's timing at so many places on each piece of a curve, evenly spread in time."""
-    edges = np.interp(curve.breaks, timing.s, timing.t)
-    shares = np.linspace(0.0, 1.0, count + 1)[:-1]
-    t = np.append((edges[:-1, None] + np.diff(edges)[:, None] * shares).ravel(), edges[-1])
-    s = np.interp(t, timing.t, timing.s)
-    s[::count] = curve.breaks
-    v = np.sqrt(np.interp(s, timing.s, timing.speed_squared))
-    rise = np.diff(v) / np.diff(t)
+def first_profile(timing: Reached) -> Profile:
+    """A timing with a continuous acceleration of the parameter."""
+    v, rise = np.sqrt(timing.speed_squared), timing.start
     a = 0.5 * (np.append(rise, rise[-1]) + np.append(rise[0], rise))
-    return Profile(s, v, a, t, np.zeros_like(rise))
+    return Profile(timing.s, v, a, timing.t, np.zeros_like(rise))
 
 
 def with_rates(
     family: LimitFamily,
     curve: Curve,
     start: Profile,
-    ends: Ends,
     tolerance: float,
     fast: bool,
     progress: StepProgress,
@@ -148,19 +132,18 @@ def with_rates(
     family : LimitFamily
     curve : Curve
     start : Profile
-    ends : Ends
     tolerance : float
         Largest relative excess of a limit between mesh points.
     fast : bool
         Whether functions are compiled.
     progress : callable
     """
-    found = _Timing(family, curve, start, ends, fast).solved(BARRIERS[0])
+    found = _Timing(family, curve, start, fast).solved(BARRIERS[0])
     excess = _excess(family, curve, found)
     smoothing = _first_smoothing(family, curve, start)
     rubs = smoothing > COULOMB_SMOOTHING and float(excess.max()) > LEAPT
     if rubs and not deadline.over():
-        found = _with_friction(family, curve, start, ends, fast, smoothing)
+        found = _with_friction(family, curve, start, fast, smoothing)
         excess = _excess(family, curve, found)
     before, parents = np.inf, np.full(len(excess), np.inf)
     for _ in range(MOST_MESHES):
@@ -180,8 +163,8 @@ def with_rates(
             parts = np.maximum(parts, 1 + _switching(found))
         parents = np.repeat(worst_in, parts)
         t = _with_parts(found.t, parts)
-        finer = _Timing(family, curve, found.at_times(t), ends, fast)
-        finer = finer.solved(BARRIERS[1], every=rubs)
+        finer = _Timing(family, curve, found.at_times(t), fast)
+        finer = finer.solved(BARRIERS[1])
         if kept and not finer.solved:
             break
         before = found.duration
@@ -232,13 +215,13 @@ def _with_parts(t: FloatArray, parts: np.ndarray) -> FloatArray:
 
 
 def _with_friction(
-    family: LimitFamily, curve: Curve, start: Profile, ends: Ends, fast: bool, smoothing: float
+    family: LimitFamily, curve: Curve, start: Profile, fast: bool, smoothing: float
 ) -> Profile:
     """A profile for dry friction that turns within its own velocity, by way of wider ones."""
     found, barrier, last, sharper = start, BARRIERS[0], smoothing, SHARPER
     while True:
         tried = _closer_at_reversals(family, curve, found, smoothing)
-        tried = _Timing(family, curve, tried, ends, fast, smoothing).solved(barrier, every=True)
+        tried = _Timing(family, curve, tried, fast, smoothing).solved(barrier)
         if tried.solved:
             found, last, barrier = tried, smoothing, SMOOTHED_BARRIER
         else:  # less at a time
@@ -332,11 +315,11 @@ class _Timing:
         family: LimitFamily,
         curve: Curve,
         start: Profile,
-        ends: Ends,
         fast: bool,
         smoothing: float = COULOMB_SMOOTHING,
     ) -> None:
-        self.start, self.ends, self.fast = start, ends, fast
+        self.start, self.fast = start, fast
+        self.start_free, self.end_free = curve.start_free, curve.end_free
         self.scale_v = max(float(start.v.max()), 1e-12)
         moving = np.abs(start.a)
         self.scale_a = max(float(np.percentile(moving, 90)), 1e-6 * self.scale_v)
@@ -358,8 +341,8 @@ class _Timing:
 
     # the program ----------------------------------------------------------------------------
 
-    def solved(self, barrier: float, *, every: bool = False) -> Profile:
-        """The best profile; with ``every`` row at once, else first with those that seem near."""
+    def solved(self, barrier: float) -> Profile:
+        """The best profile; with another linear solver from the start where the first one fails."""
         begin = time.perf_counter()
         n = self.intervals
         start = self.start
@@ -369,10 +352,10 @@ class _Timing:
         free = np.full(n, np.inf)
         low = np.concatenate([np.zeros(n + 1), np.full(n + 1, -np.inf), np.full(n, 1e-12), -free])
         high = np.concatenate([self.speed, np.full(n + 1, np.inf), free, free])
-        for at, still in zip((0, n), self.ends.still, strict=True):
-            if still:
+        for at, free in ((0, self.start_free), (n, self.end_free)):
+            if not free:  # else the arm rests there whatever s' and s'' are
                 low[[at, n + 1 + at]] = high[[at, n + 1 + at]] = 0.0
-        x = start_x = np.clip(x, low, high)
+        start_x = np.clip(x, low, high)
         program = program_of(n, self.nodes.count, self.begin.count, self.fast)
         coefficients = np.concatenate(
             [self.nodes.stacked().ravel("F"), self.begin.stacked()[:, :-1].ravel("F"),
@@ -381,20 +364,15 @@ class _Timing:
         )  # fmt: skip
         lower = np.concatenate([np.zeros(2 * n), *self._bounds("lower")])
         upper = np.concatenate([np.zeros(2 * n), *self._bounds("upper")])
-        values = np.array(program.values(x, coefficients)).ravel()
-        finite = np.isfinite(lower) | np.isfinite(upper)
-        told = finite.copy() if every else (lower == upper) | _near(values, lower, upper, NEAR)
+        rows = np.flatnonzero(np.isfinite(lower) | np.isfinite(upper))
         attempts, gap = list(start.attempts), float("nan")
-        while True:
-            whole = told.sum() == finite.sum()
-            rows = np.flatnonzero(told)
-            solver = program.solver(rows, barrier)
+        for linear_solver in LINEAR_SOLVERS:
+            solver = program.solver(rows, barrier, linear_solver)
             created = time.perf_counter()
             answer = solver(
-                x0=x, p=coefficients, lbx=low, ubx=high, lbg=lower[rows], ubg=upper[rows]
+                x0=start_x, p=coefficients, lbx=low, ubx=high, lbg=lower[rows], ubg=upper[rows]
             )
-            x = np.array(answer["x"]).ravel()
-            values = np.array(program.values(x, coefficients)).ravel()
+            x, values = (np.array(answer[key]).ravel() for key in ("x", "g"))
             attempts.append(
                 self._attempt(solver.stats(), x[2 * n + 2 : 3 * n + 2].sum(), begin, created)
             )
@@ -402,16 +380,10 @@ class _Timing:
             lam = [np.array(answer[key]).ravel() for key in ("lam_x", "lam_g")]
             bounds = Bounds(low, high, lower[rows], upper[rows])
             # by the solver's own multipliers: what is left of the slope is not counted
-            gap = gap_of(bounds, x, values[rows], np.zeros(1), np.concatenate(lam)).total
-            broken = ~told & _near(values, lower, upper, 1.0 + BROKEN)
-            kept = attempts[-1].status.solved and not broken.any()
-            if whole or kept or deadline.over():
+            gap = gap_of(bounds, x, values, np.zeros(1), np.concatenate(lam)).total
+            if attempts[-1].status.solved or deadline.over():
                 break
-            if attempts[-1].status.solved and len(attempts) < len(start.attempts) + MOST_TELLING:
-                told |= _near(values, lower, upper, NEAR)
-                barrier = max(barrier, BROKEN_BARRIER)
-            else:
-                told, x, barrier = finite.copy(), start_x, BARRIERS[0]
+            barrier = BARRIERS[0]
         t = np.append(0.0, np.cumsum(x[2 * n + 2 : 3 * n + 2])) * self.scale_t
         return replace(
             start,
@@ -446,16 +418,6 @@ class _Timing:
             getattr(self.middle, side).ravel(),
             self.inner_speed if side == "upper" else np.full(self.inner_speed.size, -np.inf),
         ]
-
-
-def _near(values: FloatArray, lower: FloatArray, upper: FloatArray, share: float) -> np.ndarray:
-    """Which rows use so much of one of their bounds; bounds are about one."""
-    with np.errstate(invalid="ignore"):
-        middle = 0.5 * (lower + upper)
-        middle = np.where(np.isfinite(middle), middle, 0.0)
-        return (values - middle > share * (upper - middle)) | (
-            values - middle < share * (lower - middle)
-        )
 
 
 # coefficients -------------------------------------------------------------------------------

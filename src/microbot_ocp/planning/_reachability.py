@@ -16,7 +16,7 @@ inside one CasADi function mapped along the grid.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import casadi as ca
@@ -74,6 +74,35 @@ class Reached:
     def duration(self) -> float:
         """Time from end to end, s."""
         return float(self.t[-1])
+
+    def smoothed(self, curve: Curve, other: Curve, rise: float, count: int) -> Reached:
+        """The same with accelerations reached within ``rise`` s, for another parameter of the path.
+
+        The way travelled is the mean of those within that time, so that the arm leaves like t^3
+        where it did like t^2; at so many times on each piece, but no finer than these.
+        """
+        grid = path_grid(other, self.s.size)
+        steps = np.linalg.norm(np.diff(other.evaluate(grid)[0], axis=0), axis=1)
+        ways = np.append(0.0, np.cumsum(steps))
+        way = np.interp(curve.parameter(self.s)[0], other.parameter(grid)[0], ways)
+        lasts = self.duration
+        width = max(rise, lasts / (count * len(other.pieces)))
+        area = np.append(0.0, np.cumsum(0.5 * np.diff(self.t) * (way[1:] + way[:-1])))
+
+        def sum_until(t: FloatArray) -> FloatArray:
+            return np.interp(t, self.t, area) + way[-1] * np.maximum(t - lasts, 0.0)
+
+        dense = np.union1d(self.t, self.t + width)
+        mean = (sum_until(dense) - sum_until(dense - width)) / width
+        edges = np.interp(np.interp(other.breaks, grid, ways), mean, dense)
+        shares = np.linspace(0.0, 1.0, count + 1)[:-1]
+        t = np.append((edges[:-1, None] + np.diff(edges)[:, None] * shares).ravel(), edges[-1])
+        s = np.interp(np.interp(t, dense, mean), ways, grid)
+        s[::count] = other.breaks
+        x = np.square(np.gradient(s, t))
+        x[[0, -1]] = np.where([other.start_free, other.end_free], x[[0, -1]], 0.0)
+        change = 0.5 * np.diff(x) / np.diff(s)
+        return replace(self, s=s, speed_squared=x, start=change, end=change, t=t - t[0])
 
     def inside(self, i: np.ndarray, share: FloatArray) -> tuple[FloatArray, ...]:
         """s, ds/dt and d2s/dt2 a share of the way through intervals i."""

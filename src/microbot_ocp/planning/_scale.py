@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.limits import LimitFamily, MotionSamples
-from microbot_ocp.robot import Robot, inverse_dynamics
+from microbot_ocp.robot import inverse_dynamics
 
 USUAL_SPEED = 2.0  # rad/s (m/s) of joints that nothing bounds directly
 USUAL_ACCELERATION = 10.0  # rad/s^2 (m/s^2), ten times what is typical
@@ -63,14 +64,15 @@ class TaskScale:
         limits = family.robot.limits
         steps = np.abs(np.diff(via, axis=0))
         speed = _larger(limits.bounds("qd"))
-        jerk_limit = _larger(limits.bounds("qddd"))
-        accelerated = np.minimum(_larger(limits.bounds("qdd")), _by_torque(family.robot, via))
+        share = np.linspace(0.0, 1.0, POSES)[:, None, None]
+        accelerated, jerk_limit, holding = _alone(family, via[:-1] + share * np.diff(via, axis=0))
         with np.errstate(divide="ignore", invalid="ignore"):
             times = np.nan_to_num(
                 [
                     1.5 * steps / speed,
                     2.0 * np.sqrt(steps / accelerated),
                     np.cbrt(32.0 * steps / jerk_limit),
+                    holding,
                 ],
                 posinf=0.0,
             )
@@ -151,29 +153,60 @@ def _larger(bounds: tuple[FloatArray, FloatArray]) -> FloatArray:
     return np.where(size > 0, size, np.inf)
 
 
-def _by_torque(robot: Robot, via: FloatArray) -> FloatArray:
-    """Accelerations [n] that torques give joints one at a time, in the middle of poses on the way.
+def rates_alone(family: LimitFamily, q: FloatArray) -> tuple[FloatArray, dict[str, Any]]:
+    """What limits of jerk and torque rate leave to joints alone, from rest to rest along q [N,n].
 
-    Infinite where a torque is not limited.
+    The jerk [n], infinite where nothing limits it, and the velocities and accelerations that are
+    reached so, as limits of the joints where theirs are no tighter.
     """
-    torque = _larger(robot.limits.bounds("tau"))
-    if not robot.has_dynamics or not np.isfinite(torque).any():
-        return np.full(robot.joint_count, np.inf)
-    share = np.linspace(0.0, 1.0, POSES)[:, None, None]
-    poses = (via[:-1] + share * np.diff(via, axis=0)).reshape(-1, via.shape[1]).T
-    count, still = poses.shape[1], np.zeros_like(poses)
-    function = inverse_dynamics(robot).map(count)
-    held = np.array(function(poses, still, still))
+    ways = np.abs(np.diff(q, axis=0)).sum(axis=0)
+    _, jerk, _ = _alone(family, q[:, None])
+    with np.errstate(invalid="ignore"):
+        lasts = np.cbrt(32.0 * ways / jerk)
+        most = {"qd": jerk * lasts**2 / 16.0, "qdd": jerk * lasts / 4.0}
+    changes = {}
+    for key, size in most.items():
+        low, high = family.robot.limits.bounds(key)
+        size = np.where((ways > 0) & np.isfinite(jerk), size, np.inf)
+        changes[f"{key}_min"], changes[f"{key}_max"] = (
+            np.maximum(low, -size),
+            np.minimum(high, size),
+        )
+    return jerk, changes
+
+
+def _alone(family: LimitFamily, poses: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """What limits leave to one joint at a time, whose inertia is the middle one of poses [K,m,n].
+
+    The largest acceleration [n] and jerk [n], infinite without a limit, and how long [m,n] its
+    torque rate takes through the torques that hold the arm in K poses, s.
+    """
+    robot, count = family.robot, family.robot.joint_count
+    acceleration, jerk, torque, rate = (
+        _larger(robot.limits.bounds(key)) for key in ("qdd", "qddd", "tau", "taud")
+    )
+    if not (robot.has_dynamics and np.isfinite([torque, rate]).any()):
+        return acceleration, jerk, np.zeros(poses.shape[1:])
+    q = poses.reshape(-1, count).T
+    still = np.zeros_like(q)
+    function = inverse_dynamics(robot).map(q.shape[1])
+    held = np.array(function(q, still, still))
     inertia = np.zeros_like(held)
-    for joint in range(robot.joint_count):
+    for joint in range(count):
         unit = still.copy()
         unit[joint] = 1.0
-        inertia[joint] = (np.array(function(poses, still, unit)) - held)[joint]
+        inertia[joint] = (np.array(function(q, still, unit)) - held)[joint]
+    change = np.abs(np.diff(held.T.reshape(poses.shape), axis=0)).sum(axis=0)
     with np.errstate(divide="ignore"):
         # numpy.median loads numpy.ma, which takes 50 ms
         ordered = np.sort(inertia, axis=1)
-        middle = 0.5 * (ordered[:, (count - 1) // 2] + ordered[:, count // 2])
-        return torque / np.maximum(middle, 0.0)
+        middle = 0.5 * (ordered[:, (q.shape[1] - 1) // 2] + ordered[:, q.shape[1] // 2])
+        middle = np.maximum(middle, 0.0)
+        return (
+            np.minimum(acceleration, torque / middle),
+            np.minimum(jerk, rate / middle),
+            change / rate,
+        )
 
 
 def _power(size: FloatArray) -> FloatArray:

@@ -206,12 +206,12 @@ class Task:
             else:
                 speed = partial(_tool_velocity, robot)
                 rows.append(Row("velocity of the tool", speed, (given, given)))
-        ends = index in (0, len(self.stops) - 1)
         rated = self.family.jerk_matters
-        still = rest and rated and (ends or stop.dwell > 0)
-        leaps = still or (not rated and (rest or not isinstance(stop.velocity, str | None)))
+        stated = rest or not isinstance(stop.velocity, str | None)
         felt = (_felt(robot, stop, row) for row in rows)
-        return EndConditions(q, qd, tuple(filter(None, felt)), still=still, leaps=leaps)
+        return EndConditions(
+            q, qd, tuple(filter(None, felt)), still=rest and rated, leaps=stated and not rated
+        )
 
 
 def segment_name(kind: Segment, before: Stop, after: Stop) -> str:
