@@ -91,15 +91,15 @@ def test_a_straight_line_under_jerk_is_as_fast_as_ruckigs():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("shape", "slower"), [("cubic", 2e-3), ("quintic", 6e-3)])
-def test_jerk_along_a_trajectory_that_starts_from_rest(shape, slower):
-    """Along one line every shape takes what the line takes, but for its singular ends."""
+@pytest.mark.parametrize("shape", ["cubic", "quintic"])
+def test_jerk_along_a_trajectory_that_starts_from_rest(shape):
+    """Along one line every shape takes what the line takes."""
     robot = slider(qd_max=0.8, qdd_max=2.0, qddd_max=10.0)
     path = getattr(mo, shape)([[0.0], [1.0]], [0.0, 2.0])
     motion = mo.time_optimal_path(robot, path)
     exact = ruckig_duration([1.0], [0.8], [2.0], [10.0])
     assert motion.solved
-    assert exact * (1 - 1e-4) < motion.duration < exact * (1 + slower)
+    assert exact * (1 - 1e-4) < motion.duration < exact * (1 + 1e-4)
     assert mo.certify(robot, motion).ok
 
 
