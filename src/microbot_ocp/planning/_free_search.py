@@ -312,11 +312,17 @@ class FreeSearch:
         return tried, [solution for _, solution in found]
 
     def _refine_beside(self, trials: Iterator[Trial], found: list[Tried]) -> None:
-        """Try further starts in a process of their own while the best of the first is refined."""
+        """Try further starts in a process of their own while the best of the first is refined.
+
+        Not where no motion within the limits comes of it: its refinement may take all the time.
+        """
+        early = next(self._by_promise([solution for _, solution in found]))
+        if self._slowed(early) is None:
+            self._try(trials, found)
+            return
         history = self.refiner.history
         begun = len(history)
         with closing(Child(lambda _: self._sent(trials, found))) as child:
-            early = next(self._by_promise([solution for _, solution in found]))
             self.ahead = early, self._refined_anew(early)
             if self.ahead[1].solution.status is Status.INTERRUPTED or deadline.over():
                 return

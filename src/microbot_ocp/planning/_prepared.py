@@ -36,6 +36,7 @@ from microbot_ocp.planning._initial_guesses import initial_guesses
 from microbot_ocp.planning._scale import TaskScale
 from microbot_ocp.planning._task import (
     LDL,
+    TIME_LIMIT,
     check_limits,
     check_via,
     locked_joints,
@@ -49,8 +50,15 @@ from microbot_ocp.robot import Robot
 
 # Share of the duration, and of the typical ones, up to which a prepared motion leads to the best
 NEAR, NEAR_TYPICAL = 0.1, 0.1
-# of a prepared solver: somebody waits
-PREPARED = SolverSettings("ipopt", tolerance=1e-6, gap=np.inf, max_iterations=150, options=LDL)
+# of a prepared solver: somebody waits. One solve may take half of the usual limit
+PREPARED = SolverSettings(
+    "ipopt",
+    tolerance=1e-6,
+    gap=np.inf,
+    max_iterations=150,
+    options=LDL,
+    time_limit=0.5 * TIME_LIMIT,
+)
 # Barrier parameter from the reference where typical durations differ by more than this share. With
 # the usual 1e-7 and with this: 43 and 22 iterations on a task of the Microbot with a payload of
 # 0.1 kg, but 6 and 17 on one of the UR5e
@@ -171,7 +179,7 @@ class TimeOptimalSolver:
         *,
         via_q: ArrayLike | None = None,
         search: bool = False,
-        time_limit: float = np.inf,
+        time_limit: float = TIME_LIMIT,
     ) -> Motion:
         """Solve once more.
 
@@ -187,7 +195,8 @@ class TimeOptimalSolver:
             Try every start, not only the motion under the robot's own limits: local optima are
             real. The others are tried anyway where that one leads nowhere.
         time_limit : float
-            Wall time, s, after which the best so far is returned with the status "time limit".
+            Wall time, s, after which the best so far is returned with the status "time limit";
+            infinite is none.
 
         Returns
         -------
