@@ -32,7 +32,7 @@ def report(microbot):
         ({"qdd_max": 3.0}, 2 * np.sqrt(1.5 / 3.0)),
         ({"qd_max": 1.2, "tau_max": 4.0}, 1.5 / 1.2 + 1.2 / 2.0),
         ({"tau_max": (-2.0, 4.0)}, np.sqrt(2 * 1.5 * (1 / 2.0 + 1 / 1.0))),
-        ({"tau_max": 100.0, "taud_max": 10.0}, (12 * 1.5 / 5.0) ** (1 / 3)),
+        ({"tau_max": 100.0, "taud_max": 10.0}, (32 * 1.5 / 5.0) ** (1 / 3)),
     ],
 )
 def test_a_single_joint_takes_the_closed_form(limits, duration):

@@ -72,7 +72,7 @@ def test_torque_rates_know_the_payload():
     for payload in (0.0, 2.0):
         jerk = 10.0 / (2.0 + payload)
         motion = solver(payload=payload)
-        assert motion.duration == pytest.approx((12 * 1.5 / jerk) ** (1 / 3), rel=1e-3)
+        assert motion.duration == pytest.approx((32 * 1.5 / jerk) ** (1 / 3), rel=1e-3)
 
 
 def test_what_cannot_be_done_is_not_called_solved():
