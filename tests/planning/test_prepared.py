@@ -120,3 +120,11 @@ def test_other_via_points_are_numbers_of_the_same_solver(microbot, prepared):
     assert mo.certify(microbot.with_payload(1.0), first, via_q=via_q).ok
     with pytest.raises(mo.InputError, match="must have 3 points"):
         prepared(via_q=via_q[:2])
+
+
+def test_a_prepared_answer_that_is_solved_keeps_its_limits_as_well_as_others(prepared):
+    for share in (0.8, 0.9, 1.1):
+        limits = prepared.robot.limits
+        motion = prepared(mo.Limits(qd_max=limits.qd_max, tau_max=share * limits.tau_max))
+        assert motion.solved
+        assert motion.provenance["excess"] <= mo.TimeOptimalSettings().limit_tolerance

@@ -12,6 +12,8 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.codegen import compiles
+from microbot_ocp._base.status import Status
 from microbot_ocp.limits import LIMIT_TOLERANCE, JointLimits, LimitFamily, Limits
 from microbot_ocp.motion import Motion
 from microbot_ocp.ocp import ParametricSolver, Solution, SolverSettings
@@ -23,7 +25,9 @@ from microbot_ocp.planning._free_problem import (
     SMOOTHING,
     excess_between,
     phase_names,
+    polynomial,
     transcription,
+    via_times,
 )
 from microbot_ocp.planning._free_search import FULL_MESH, FreeSearch, TimeOptimalSettings, as_motion
 from microbot_ocp.planning._friction import (
@@ -46,6 +50,7 @@ from microbot_ocp.planning._task import (
     with_drives_noted,
     with_locked_joints_held,
 )
+from microbot_ocp.planning._within_limits import largest_excess, within_limits
 from microbot_ocp.robot import Robot
 
 # Share of the duration, and of the typical ones, up to which a prepared motion leads to the best
@@ -98,7 +103,8 @@ class TimeOptimalSolver:
     :func:`microbot_ocp.time_optimal` does, but refines less. Every solve starts from that
     motion with its multipliers, not from the solution before, so the answer does not depend on
     what was asked before; from the scaled cubic where the numbers are far from the robot's own. It
-    is refined where a limit is exceeded between mesh points by more than a certificate lets pass.
+    is refined where a limit is exceeded between mesh points by more than a certificate lets pass,
+    and slowed down where it is by more than :class:`TimeOptimalSettings` tolerate by default.
     Other via points are numbers, too: such a solve starts from their own scaled cubic.
 
     Several threads may call it at once. It can be copied and pickled, for other processes, with the
@@ -408,7 +414,17 @@ class TimeOptimalSolver:
         begin: float,
         smoothing: float,
     ) -> Motion:
-        outcome = verdict(family, solution, excess, LIMIT_TOLERANCE)
+        tolerance = TimeOptimalSettings.limit_tolerance
+        outcome = verdict(family, solution, excess, tolerance)
+        slowed = None
+        if outcome["status"] == Status.LIMITS_EXCEEDED:
+            shape, fast = polynomial(solution), compiles(self._settings.compiled)
+            slowed = within_limits(family, shape, via_times(solution), tolerance, fast)
+        if slowed is not None and slowed.duration <= (1.0 + WORSE) * solution.duration:
+            outcome |= {"status": str(Status.SOLVED), "advice": Status.SOLVED.sentence}
+            outcome["excess"] = largest_excess(family, slowed)
+        else:
+            slowed = None
         starts = [
             {
                 "start": name,
@@ -418,7 +434,7 @@ class TimeOptimalSolver:
             }
             for name, tries in tried
         ]
-        return as_motion(
+        motion = as_motion(
             family.robot,
             solution,
             provenance_of(
@@ -433,6 +449,9 @@ class TimeOptimalSolver:
             ),
             "" if outcome["status"] == "solved" else f"not solved: {outcome['advice']}",
         )
+        if slowed is None:
+            return motion
+        return replace(slowed, provenance=motion.provenance, note="slowed down at limits")
 
     def __reduce__(self) -> tuple[Any, ...]:
         if self._own is None:
