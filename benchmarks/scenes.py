@@ -21,7 +21,7 @@ import numpy as np
 
 import microbot_ocp as mo
 from microbot_ocp.limits import LimitFamily
-from microbot_ocp.planning import check_via, reach_of, timed_paths
+from microbot_ocp.planning import check_via, reach_of, timed_paths, ways_around
 from microbot_ocp.scene import Surroundings
 
 ROBOTS = ("microbot", "planar_3r", "puma560", "ur5e", "panda")
@@ -68,7 +68,8 @@ def measured(number: int) -> dict[str, Any]:
         return row | {"outcome": "no task drawn"}
     robot, scene, via = drawn
     around = Surroundings(robot, scene)
-    paths, failed = timed_paths(around, via, 0, lambda _: None)
+    legs, failed = ways_around(around, via, 0, lambda _: None)
+    paths = timed_paths(around, legs, mo.TimeOptimalSettings(), lambda _: None)
     row |= {"found": bool(paths), "searches_failed": len(failed)}
     if not paths:
         return row | {"outcome": "no path"}

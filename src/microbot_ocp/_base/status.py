@@ -37,6 +37,7 @@ class Status(StrEnum):
     LIMITS_EXCEEDED = "limits exceeded"
     SLOWER_THAN_REACHABILITY = "slower than reachability"
     NOT_POSSIBLE = "not possible"
+    NOT_FOUND = "not found"
     # inverse kinematics
     ORIENTATION_MISSED = "orientation missed"
     OUT_OF_REACH = "out of reach"
@@ -113,6 +114,10 @@ _SENTENCES = {
         "The solver converged, but reachability on a grid finds a faster timing: give a finer mesh."
     ),
     Status.NOT_POSSIBLE: "The method cannot do this task.",
+    Status.NOT_FOUND: (
+        "No way was found in the time, which does not prove that there is none: give more time, or "
+        "another seed."
+    ),
     Status.ORIENTATION_MISSED: (
         "The tool reaches the position, but no start found the orientation there as well; this "
         "is the least angle found."

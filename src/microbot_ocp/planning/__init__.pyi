@@ -3,6 +3,7 @@
 from ._among_obstacles import (
     TimedPath as TimedPath,
     timed_paths as timed_paths,
+    ways_around as ways_around,
 )
 from ._branches import (
     least_duration as least_duration,

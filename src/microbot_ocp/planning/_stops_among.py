@@ -26,10 +26,10 @@ from microbot_ocp.planning._among_obstacles import (
     NEAR,
     SAMPLES,
     as_plain,
+    timed_leg,
     touching,
 )
 from microbot_ocp.planning._branches import Way, ways_through
-from microbot_ocp.planning._fast_timing import time_path
 from microbot_ocp.planning._free_problem import phase_names
 from microbot_ocp.planning._free_search import TimeOptimalSettings
 from microbot_ocp.planning._initial_guesses import InitialGuess
@@ -53,7 +53,7 @@ from microbot_ocp.scene import (
     Surroundings,
     clearance_along,
     clearances,
-    detours,
+    detour,
     with_arm_capsules,
 )
 
@@ -66,13 +66,17 @@ class Around:
     """The scenes on the segments of a task as limits, of those pairs that come near."""
 
     scenes: tuple[Scene, ...]
+    tolerance: float  # of limits
     near: set[str] = field(default_factory=set)
+    rooms: dict[str, float] = field(default_factory=dict)  # of pairs on known ways, m
 
     def limits(self, robot: Robot, index: int) -> tuple[Any, ...]:
         """The distances of the pairs that come near on a segment."""
         scene = self.scenes[index]
         chosen = [pair for pair in _pairs(scene, robot) if pair.label in self.near]
-        return (scene.limit(robot, chosen),) if chosen else ()
+        rooms = [self.rooms.get(pair.label, np.inf) for pair in chosen]
+        given = {"tolerance": self.tolerance, "room": rooms}
+        return (scene.limit(robot, chosen, **given),) if chosen else ()
 
     def add(self, robot: Robot, scene: Scene, q: FloatArray, distance: float) -> bool:
         """Take in the pairs that are nearer than a distance, m, in some pose [N,n]; whether new."""
@@ -81,6 +85,9 @@ class Around:
             return False
         apart = clearances(robot, pairs, q).min(axis=0)
         found = {p.label for p, least in zip(pairs, apart, strict=True) if least < distance}
+        for pair, least in zip(pairs, apart - scene.clearance, strict=True):
+            if least > 0.0:
+                self.rooms[pair.label] = min(least, self.rooms.get(pair.label, np.inf))
         new = not found <= self.near
         self.near.update(found)
         return new
@@ -161,7 +168,7 @@ def stops_among(
         (found, *_), _ = motions_among(robot, limits, plan, scene, settings, progress, _fastest)
         return found[1]
     robot = with_arm_capsules(robot)
-    legs = Legs(scene)
+    legs = Legs(scene, settings)
     bare = [replace(s, payload=None) if isinstance(s, Stop) else s for s in stops]
     _clear_ways(task_of(robot, bare, limits, segments=segments, cycle=cycle), legs)
     return best_order(
@@ -191,7 +198,7 @@ def motions_among(
     """
     stops, segments, cycle, _, duration = plan
     task = task_of(with_arm_capsules(robot), stops, limits, segments=segments, cycle=cycle)
-    return _Among(task, Legs(scene), settings, progress, duration).motions(ask)
+    return _Among(task, Legs(scene, settings), settings, progress, duration).motions(ask)
 
 
 def _fastest(search: StopSearch) -> Made:
@@ -225,7 +232,8 @@ class _Among:
     def _around(self) -> Around:
         task, guided = self.task, self._guided
         first = guided[0].way.via if guided else ways_through(task)[0].via
-        around = Around(scenes_of(task, self._scene, tool_poses(task.robot, first)))
+        scenes = scenes_of(task, self._scene, tool_poses(task.robot, first))
+        around = Around(scenes, self._given[0].limit_tolerance)
         names = phase_names(len(task.segments))
         for guide in guided:
             for k, (name, path) in enumerate(zip(names, guide.way.paths, strict=True)):
@@ -259,7 +267,8 @@ class _Among:
             proofs = [clearance_along(*pair) for pair in zip(along, solved, strict=True)]
             if all(proof.proved for proof in proofs):
                 break
-            around = Around(scenes_of(task, scene, poses_at_stops(task, solved[0])), around.near)
+            scenes = scenes_of(task, scene, poses_at_stops(task, solved[0]))
+            around = replace(around, scenes=scenes)
             more = [
                 around.add(p.robot, p.scene, _between(motion, p), self._near)
                 for places, motion in zip(along, solved, strict=True)
@@ -280,6 +289,10 @@ class _Among:
 def _judged(motion: Motion, names: list[str], found: Clearance | None) -> Motion:
     """A motion with what its proof of clearance says."""
     told = {**motion.provenance, "scene": names}
+    if motion.status is Status.INFEASIBLE:  # as the solver sees it, which proves nothing
+        advice = Status.NOT_FOUND.sentence
+        told |= {"status": str(Status.NOT_FOUND), "advice": advice}
+        return replace(motion, provenance=told, note=f"not solved: {advice}")
     if found is not None:
         told["clearance"] = as_plain(found)
         if not found.proved:
@@ -299,6 +312,7 @@ class Legs:
     Attributes
     ----------
     scene : Scene
+    settings : TimeOptimalSettings
     surroundings : dict
         By the arm with what it carries, and the parts that lie around it.
     timed : dict
@@ -306,6 +320,7 @@ class Legs:
     """
 
     scene: Scene
+    settings: TimeOptimalSettings
     surroundings: dict[Any, Surroundings] = field(default_factory=dict)
     timed: dict[Any, PiecewisePolynomial | None] = field(default_factory=dict)
 
@@ -330,11 +345,10 @@ class Legs:
         own, around = place
         key = own, start.tobytes(), goal.tobytes(), seed
         if key not in self.timed:
-            leg = next(iter(detours(around, start, goal, range(seed, seed + 1))))
-            timing = None if leg.path is None else time_path(around.robot, leg.path)
+            leg = detour(around, start, goal, self.settings.seed, seed)
+            motion = None if leg.path is None else timed_leg(around.robot, leg, self.settings)
             self.timed[key] = None
-            if timing is not None and timing.solved:
-                motion = timing.motion("timed path")
+            if motion is not None:
                 self.timed[key] = PiecewisePolynomial(motion.t, pieces_of(motion))
         return self.timed[key]
 

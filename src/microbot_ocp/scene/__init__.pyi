@@ -13,7 +13,7 @@ from ._contact import (
 from ._detours import (
     Detour as Detour,
     Surroundings as Surroundings,
-    detours as detours,
+    detour as detour,
 )
 from ._obstacles import (
     Box as Box,

@@ -180,7 +180,7 @@ class _Search:
                 self.minimum, self.time = float(apart[nearest]), float(middle[nearest])
                 self.pair = int(pair[nearest])
             sure = apart - self._reach(start, end, pair) - ACCURACY
-            enough = self.wanted + SHARE * max(self.minimum - self.wanted, 0.0)
+            enough = self.wanted + SHARE * max(self.minimum - ACCURACY - self.wanted, 0.0)
             closed = (sure > self.wanted) & (sure >= enough)
             if closed.any():
                 self.at_least = min(self.at_least, float(sure[closed].min()))

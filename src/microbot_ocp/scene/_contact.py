@@ -19,9 +19,8 @@ from microbot_ocp.scene._obstacles import (
     Obstacle,
     Sphere,
 )
+from microbot_ocp.scene._pairs import ACCURACY as ACCURACY
 from microbot_ocp.scene._scene import Pair, Scene, with_arm_capsules
-
-ACCURACY = 1e-6  # m, of distances by coal's iterations (its tolerance is 1e-6)
 
 
 class Nearest(NamedTuple):

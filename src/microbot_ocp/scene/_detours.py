@@ -1,36 +1,37 @@
-"""Joint paths around obstacles by OMPL's RRT-Connect, shortened and with rounded corners.
+"""Joint paths around obstacles by OMPL's planners, shortened and with rounded corners.
 
-Each seed leads to one path, often on another side of an obstacle. A path is a polyline at first;
-random shortcuts take its detours away, and parabolas, as long as they keep clear, its corners.
-Everything follows from the seeds: the search ends by counts, not by the clock.
+Searches are numbered: the number says which planner, from which seed, and in how many poses, so a
+search ends by a count, and the same numbers lead to the same paths. Each path is often on another
+side of an obstacle. It is a polyline at first; random shortcuts take its detours away, and curves,
+as long as they keep clear, its corners. All of it is proved to keep clear, not looked at in places.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import threading
+from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import pairwise
-from threading import RLock
 from typing import Any
 
 import numpy as np
 
 from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp.limits import LimitFamily
 from microbot_ocp.motion import PiecewisePolynomial
 from microbot_ocp.robot import Robot
 from microbot_ocp.scene._clearance import levers_of
-from microbot_ocp.scene._contact import ContactModel, Nearest, contact_model
-from microbot_ocp.scene._scene import MARGIN, Scene, with_arm_capsules
+from microbot_ocp.scene._contact import ACCURACY, ContactModel, Nearest, contact_model
+from microbot_ocp.scene._scene import Scene, with_arm_capsules
 
 TURN = np.pi  # rad: how far beyond both ends joints without limits may go
 USUAL_SPEED = 2.0  # rad/s of joints without a limit of their speed
-STEP = 0.06  # rad: the longest step between two poses that the planner looks at
-MOST_CHECKS = 40_000  # poses looked at by one search
+MOST_CHECKS = 40_000  # poses looked at by one of the first searches
+FIRST_SEARCHES = 4  # by RRT-Connect; all planners in turn after them, in twice the poses each round
+PLANNERS = ("RRTConnect", "LBKPIECE1", "BKPIECE1")
 SHORTCUTS = 60
-FINEST = 4e-3  # rad (m): a piece of a segment that is not divided further
 BLENDS = (0.5, 0.35, 0.2, 0.1, 0.05, 0.02)  # of the neighbouring segments, that a corner may take
-MARGINS = 1.5  # times that of the limit, kept by paths
+_planning = threading.Lock()  # the library has one random sequence for all threads
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,69 +40,117 @@ class Detour:
 
     Attributes
     ----------
-    seed : int
+    name : str
+        "straight", or the number of the search.
     path : PiecewisePolynomial or None
         Its parameter is the distance along the polyline, with joints weighed by their speeds.
+    corners : array [m,n] or None
+        Of the polyline.
     checks : int
         Poses looked at.
     left : float
         How far from the goal the search came, rad, where there is no path.
     """
 
-    seed: int
+    name: str
     path: PiecewisePolynomial | None
+    corners: FloatArray | None
     checks: int
     left: float = 0.0
 
 
 class Surroundings:
-    """An arm in a scene, as a search for paths sees it."""
+    """An arm in a scene, as a search for paths sees it.
+
+    Attributes
+    ----------
+    least : float
+        Distance below which nothing can be proved to keep clear, m.
+    checks : int
+        Poses looked at so far.
+    """
 
     def __init__(self, robot: Robot, scene: Scene) -> None:
         self.robot, self.scene = with_arm_capsules(robot), scene
         self.model: ContactModel = contact_model(robot, scene)
-        radii = np.array([pair.radii for pair in self.model.pairs])
-        self.least = scene.clearance + MARGINS * MARGIN * (radii + scene.clearance)
+        self.least, self.checks = scene.clearance + ACCURACY, 0
         low, high = robot.limits.bounds("q")
         self._farthest = np.where(
             np.isfinite(low) & np.isfinite(high), np.maximum(np.abs(low), np.abs(high)), 2 * np.pi
         )
         self.levers = levers_of(self.robot, self.model.pairs, self._farthest)
+        self._all = np.arange(len(self.model.pairs))
         self._suspect = 0
 
     def collision(self, q: FloatArray) -> Nearest | None:
-        """The pair that is nearest in a pose [n], where it is nearer than the clearance."""
+        """The pair that is nearest in a pose [n], where it is not farther than the clearance."""
         found = self.model.nearest(q)
-        return found if found.distance <= self.scene.clearance else None
+        return found if found.distance <= self.least else None
 
     def is_free(self, q: FloatArray) -> bool:
-        """Whether all pairs keep the distance that paths keep; the last culprit is asked first."""
-        model = self.model
-        model.put(model.poses(q[None])[0])
-        if model.distance(self._suspect) <= self.least[self._suspect]:
-            return False
-        for index, least in enumerate(self.least):
-            if model.distance(index) <= least:
-                self._suspect = index
-                return False
-        return True
+        """Whether all pairs keep the clearance in a pose [n]."""
+        return self._room(q, self._all) is not None
 
     def is_clear(self, start: FloatArray, end: FloatArray) -> bool:
-        """Whether the straight segment between two poses keeps the distance all along."""
-        half = 0.5 * np.abs(end - start)
-        middle = 0.5 * (start + end)
-        room = self.model.distances(middle[None])[0] - self.least
-        if room.min() <= 0.0:
-            return False
-        if (room > self.levers @ half).all() or half.max() < FINEST:
-            return True
-        return self.is_clear(start, middle) and self.is_clear(middle, end)
+        """Whether the straight segment between two poses is proved to keep the clearance."""
+        way = end - start
+        return self.is_clear_along(lambda s: start + s * way, 1.0, np.abs(way))
+
+    def is_clear_along(
+        self, curve: Callable[[float], FloatArray], length: float, slopes: FloatArray
+    ) -> bool:
+        """Whether a curve of a parameter from 0 to a length is proved to keep the clearance.
+
+        ``slopes`` [n] are the largest of its joints. What is not sure in the middle of a stretch is
+        looked at in both its halves, until nothing is left that the accuracy of distances decides.
+        """
+        half, stretches = 0.5 * length, [(0.5 * length, self._all)]
+        while stretches:
+            reach, halves = self.levers @ (half * slopes), list[tuple[float, np.ndarray]]()
+            half *= 0.5
+            for middle, pairs in stretches:
+                room = None if deadline.over() else self._room(curve(middle), pairs)
+                if room is None:
+                    return False
+                unsure = room <= reach[pairs]
+                if unsure.any():
+                    if (reach[pairs] < ACCURACY)[unsure].any():
+                        return False
+                    halves += [(middle + side, pairs[unsure]) for side in (-half, half)]
+            stretches = halves
+        return True
+
+    def _room(self, q: FloatArray, pairs: np.ndarray) -> FloatArray | None:
+        """What pairs have beyond the clearance in a pose [n], m; None where one has nothing.
+
+        The last one that had nothing is asked first.
+        """
+        model, self.checks = self.model, self.checks + 1
+        model.put(model.poses(q[None])[0])
+        if model.distance(self._suspect) <= self.least:
+            return None
+        room = np.empty(pairs.size)
+        for place, index in enumerate(pairs.tolist()):
+            room[place] = model.distance(index) - self.least
+            if room[place] <= 0.0:
+                self._suspect = index
+                return None
+        return room
 
 
-def detours(
-    around: Surroundings, start: FloatArray, goal: FloatArray, seeds: Iterator[int] | range
-) -> Iterator[Detour]:
-    """Ways from a pose [n] to another, one a seed; the straight one alone where that is clear.
+def detour(
+    around: Surroundings, start: FloatArray, goal: FloatArray, seed: int, number: int
+) -> Detour:
+    """The way from a pose [n] to another that a search leads to: the straight one if that is clear.
+
+    Parameters
+    ----------
+    around : Surroundings
+    start, goal : array [n]
+    seed : int
+        Of all searches.
+    number : int
+        Of the search, from 0: later ones look at more poses, by several planners.
 
     Raises
     ------
@@ -109,25 +158,22 @@ def detours(
         OMPL is not installed.
     """
     if around.is_clear(start, goal):
-        weights = _weights(around.robot)
-        yield Detour(-1, rounded(around, np.array([start, goal]), weights), 1)
-        return
-    for seed in seeds:
-        yield _detour(around, start, goal, seed)
-
-
-_planning = RLock()  # OMPL's random numbers come from one generator for all threads
-
-
-def _detour(around: Surroundings, start: FloatArray, goal: FloatArray, seed: int) -> Detour:
+        corners = np.array([start, goal])
+        return Detour("straight", rounded(around, corners, _weights(around.robot)), corners, 1)
     with _planning:
-        return _detour_from(around, start, goal, seed)
+        return _searched(around, start, goal, seed, number)
 
 
-def _detour_from(around: Surroundings, start: FloatArray, goal: FloatArray, seed: int) -> Detour:
+def _searched(
+    around: Surroundings, start: FloatArray, goal: FloatArray, seed: int, number: int
+) -> Detour:
+    rounds, turn = divmod(max(number - FIRST_SEARCHES, -1), len(PLANNERS))
     base, geometric, util = _ompl()
     util.noOutputHandler()
-    util.RNG.setSeed(seed + 1)
+    own_seed = (seed * FIRST_SEARCHES + number) % (2**32 - 1) + 1
+    util.RNG.setSeed(own_seed)
+    planner_kind = getattr(geometric, PLANNERS[turn if rounds >= 0 else 0])
+    begun, most = around.checks, MOST_CHECKS * 2 ** (rounds + 1)
     weights = _weights(around.robot)
     low, high = _bounds(around.robot, start, goal)
     moving = np.flatnonzero(high - low > 1e-9)
@@ -138,18 +184,23 @@ def _detour_from(around: Surroundings, start: FloatArray, goal: FloatArray, seed
         bounds.setHigh(k, float(high[joint] * weights[joint]))
     space.setBounds(bounds)
     information = base.SpaceInformation(space)
-    pose, checks = start.copy(), 0
 
-    def valid(state: Any) -> bool:
-        nonlocal checks
-        checks += 1
-        pose[moving] = [state[k] for k in range(len(moving))]
-        pose[moving] /= weights[moving]
-        return around.is_free(pose)
+    def pose(state: Any) -> FloatArray:
+        q = start.copy()
+        q[moving] = [state[k] for k in range(len(moving))]
+        q[moving] /= weights[moving]
+        return q
 
-    information.setStateValidityChecker(valid)
-    step = STEP * float(weights[moving].min())
-    information.setStateValidityCheckingResolution(step / space.getMaximumExtent())
+    def is_over() -> bool:
+        return around.checks - begun > most or deadline.over()
+
+    class Proof(base.MotionValidator):
+        def checkMotion(self, first: Any, second: Any) -> bool:
+            return not is_over() and around.is_clear(pose(first), pose(second))
+
+    proof = Proof(information)  # the planner does not keep it
+    information.setStateValidityChecker(lambda state: around.is_free(pose(state)))
+    information.setMotionValidator(proof)
     information.setup()
     problem = base.ProblemDefinition(information)
     ends = []
@@ -159,29 +210,27 @@ def _detour_from(around: Surroundings, start: FloatArray, goal: FloatArray, seed
             state[k] = float(q[joint] * weights[joint])
         ends.append(state)
     problem.setStartAndGoalStates(*ends, 1e-9)
-    planner = geometric.RRTConnect(information)
+    planner = planner_kind(information)
     planner.setProblemDefinition(problem)
     planner.setup()
     # the planner waits for another end without a check where it takes one for invalid
     known = all(space.satisfiesBounds(s) and information.isValid(s) for s in ends)
-    exact = known and bool(
+    if known:
         planner.solve(
-            base.PlannerTerminationCondition(lambda: checks > MOST_CHECKS or deadline.over())
+            base.PlannerTerminationCondition(lambda: problem.hasExactSolution() or is_over())
         )
-    )
-    if not exact or not problem.hasExactSolution():
+    if not problem.hasExactSolution():
         left = float(problem.getSolutionDifference())  # negative where it was not begun
         if left < 0.0:
             left = float(np.linalg.norm((goal - start) * weights))
-        return Detour(seed, None, checks, left / float(weights[moving].max()))
+        spent = around.checks - begun
+        return Detour(str(number), None, None, spent, left / float(weights[moving].max()))
     found = problem.getSolutionPath()
-    corners = np.tile(start, (found.getStateCount(), 1))
-    for row in range(len(corners)):
-        state = found.getState(row)
-        corners[row, moving] = [state[k] for k in range(len(moving))]
-        corners[row, moving] /= weights[moving]
+    corners = np.array([pose(found.getState(row)) for row in range(found.getStateCount())])
     corners[0], corners[-1] = start, goal
-    return Detour(seed, rounded(around, _shortened(around, corners, seed), weights), checks)
+    spent = around.checks - begun
+    corners = _shortened(around, corners, own_seed)
+    return Detour(str(number), rounded(around, corners, weights), corners, spent)
 
 
 def _shortened(around: Surroundings, corners: FloatArray, seed: int) -> FloatArray:
@@ -224,17 +273,25 @@ def _without_needless(around: Surroundings, corners: FloatArray) -> FloatArray:
 
 
 def rounded(around: Surroundings, corners: FloatArray, weights: FloatArray) -> PiecewisePolynomial:
-    """A polyline [m,n] whose corners are parabolas, as long as they keep clear."""
+    """A polyline [m,n] whose corners are curves, as long as they keep clear.
+
+    Parabolas are the fastest; where rates are limited, the curvature of curves is continuous, so
+    that the arm has to stop at none of their ends.
+    """
     steps = np.diff(corners, axis=0)
     lengths = np.linalg.norm(steps * weights, axis=1)
     tangents = steps / lengths[:, None]
+    smooth = LimitFamily.of(around.robot).jerk_matters
     taken = np.zeros(len(corners))  # of both sides of a corner, as a length
     for k in range(1, len(corners) - 1):
         room = min(lengths[k - 1], lengths[k])
+        slopes = np.abs(tangents[k - 1 : k + 1]).max(axis=0)
         for share in BLENDS:
             size = share * room
-            curve = _parabola(corners[k], tangents[k - 1], tangents[k], size)
-            if _curve_is_clear(around, curve, 2 * size):
+            curve = _blend(corners[k], tangents[k - 1], tangents[k], size, smooth)
+            if around.is_clear_along(
+                lambda s, c=curve: s ** np.arange(len(c)) @ c, 2 * size, slopes
+            ):
                 taken[k] = size
                 break
     breaks, pieces = [0.0], []
@@ -244,25 +301,32 @@ def rounded(around: Surroundings, corners: FloatArray, weights: FloatArray) -> P
             breaks.append(breaks[-1] + length)
             pieces.append(curve)
 
-    none = np.zeros(corners.shape[1])
     for k, length in enumerate(lengths):
         begin = corners[k] + taken[k] * tangents[k]
-        add(length - taken[k] - taken[k + 1], np.array([begin, tangents[k], none]))
+        straight = np.zeros((5, corners.shape[1]))
+        straight[:2] = begin, tangents[k]
+        add(length - taken[k] - taken[k + 1], straight)
         if taken[k + 1]:
-            curve = _parabola(corners[k + 1], tangents[k], tangents[k + 1], taken[k + 1])
+            curve = _blend(corners[k + 1], tangents[k], tangents[k + 1], taken[k + 1], smooth)
             add(2 * taken[k + 1], curve)
     return PiecewisePolynomial(np.array(breaks), np.array(pieces))
 
 
-def _parabola(corner: FloatArray, before: FloatArray, after: FloatArray, size: float) -> FloatArray:
-    """Coefficients [3,n] of the parabola around a corner, of a parameter from 0 to twice size."""
-    return np.array([corner - size * before, before, (after - before) / (4 * size)])
+def _blend(
+    corner: FloatArray, before: FloatArray, after: FloatArray, size: float, smooth: bool
+) -> FloatArray:
+    """Coefficients [5,n] of a curve around a corner, of a parameter from 0 to twice ``size``.
 
-
-def _curve_is_clear(around: Surroundings, curve: FloatArray, length: float) -> bool:
-    s = np.linspace(0.0, length, 9)[:, None]
-    points = curve[0] + s * (curve[1] + s * curve[2])
-    return all(around.is_clear(a, b) for a, b in pairwise(points))
+    Its slope goes from one tangent to the other: evenly, or smoothly from rest to rest.
+    """
+    change, length = after - before, 2 * size
+    curve = np.zeros((5, corner.size))
+    curve[:2] = corner - size * before, before
+    if smooth:
+        curve[3:] = change / length**2, -change / (2 * length**3)
+    else:
+        curve[2] = change / (2 * length)
+    return curve
 
 
 def _weights(robot: Robot) -> FloatArray:

@@ -214,8 +214,11 @@ def core_radius(obstacle: Obstacle) -> float:
     return obstacle.radius if isinstance(obstacle, Sphere | Capsule) else 0.0
 
 
-def core_parameters(obstacle: Obstacle) -> FloatArray:
-    """The numbers [k] that the distance of an obstacle's core depends on."""
+def core_parameters(obstacle: Obstacle, accuracy: float = np.inf) -> FloatArray:
+    """The numbers [k] that the distance of an obstacle's core depends on.
+
+    What is rounded off the corners of a mesh is at most the ``accuracy``, m.
+    """
     if isinstance(obstacle, Sphere):
         return obstacle.center
     if isinstance(obstacle, Capsule):
@@ -224,6 +227,7 @@ def core_parameters(obstacle: Obstacle) -> FloatArray:
         return np.append(obstacle.normal, obstacle.offset)
     if isinstance(obstacle, ConvexMesh):
         normals, offsets, corner = solver_faces(obstacle)
+        corner = min(corner, accuracy / np.log(len(offsets)))
         return np.concatenate([normals.ravel("F"), offsets, [corner]])
     size = obstacle.size if isinstance(obstacle, Box) else [obstacle.radius, obstacle.length]
     return np.concatenate([size, obstacle.pose[:3, :3].ravel("F"), obstacle.pose[:3, 3]])

@@ -26,6 +26,7 @@ from microbot_ocp.scene._obstacles import (
     core_radius,
 )
 
+ACCURACY = 1e-6  # m, of distances by coal's iterations (its tolerance is 1e-6)
 ROUNDING = 0.02  # of a capsule's radius: parabola that makes the nearest place unique
 
 
@@ -40,12 +41,15 @@ class Pair:
     other : obstacle or Capsule
         Rigid in ``other_frame``, 0 being the base.
     other_frame : int
+    accuracy : float
+        By how much the distance that solvers see may be less than the distance, m, at most.
     """
 
     frame: int
     capsule: Capsule
     other: Obstacle
     other_frame: int = 0
+    accuracy: float = np.inf
 
     @property
     def label(self) -> str:
@@ -60,7 +64,7 @@ class Pair:
 
 @dataclass(frozen=True, eq=False)
 class Distances:
-    """Distances of the cores of pairs as an expression of a motion's state."""
+    """Distances of the axes of an arm from other things as an expression of a motion's state."""
 
     pairs: tuple[Pair, ...]
 
@@ -101,23 +105,25 @@ def _kind(pair: Pair) -> tuple[type[Obstacle], int]:
     """What the function of a pair's distance follows from: the obstacle's kind, and how many
     numbers tell about it; none where it moves.
     """
-    return type(pair.other), len(_numbers(pair)) - 2
+    return type(pair.other), len(_numbers(pair)) - 3
 
 
 @lru_cache(maxsize=1024)
 def _numbers(pair: Pair) -> FloatArray:
-    own = np.zeros(0) if pair.other_frame else core_parameters(pair.other)
+    own = np.zeros(0) if pair.other_frame else core_parameters(pair.other, pair.accuracy)
     rounding = ROUNDING * max(pair.capsule.radius, 0.1 * pair.radii)
-    return np.append(own, [rounding, pair.radii])
+    rounding = min(rounding, 4.0 * pair.accuracy)  # a quarter of it is lost at contact
+    return np.append(own, [rounding, pair.radii, core_radius(pair.other)])
 
 
 @lru_cache(maxsize=64)
 def _distance(kind: type[Obstacle], count: int) -> ca.Function:
-    """``(ends[6], numbers) -> distance`` of the cores; ``ends[12]`` where both move."""
+    """``(ends[6], numbers) -> distance``; ``ends[12]`` where both move."""
     ends = ca.SX.sym("ends", 6 if count else 12)
-    numbers = ca.SX.sym("numbers", count + 2)
-    body = numbers[:-2] if count else ends[6:]
-    value = core_distance(kind, body, ends[:3], ends[3:6], numbers[-2], numbers[-1])
+    numbers = ca.SX.sym("numbers", count + 3)
+    body, (rounding, contact, radius) = numbers[:-3], ca.vertsplit(numbers[-3:])
+    body = body if count else ends[6:]
+    value = core_distance(kind, body, ends[:3], ends[3:6], rounding, contact) - radius
     return ca.Function("distance", [ends, numbers], [value])
 
 

@@ -15,10 +15,9 @@ from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.limits import Limit
 from microbot_ocp.robot import Robot, fit_capsules, link_capsules
 from microbot_ocp.scene._obstacles import KINDS, Obstacle
-from microbot_ocp.scene._pairs import Distances, Pair
+from microbot_ocp.scene._pairs import ACCURACY, Distances, Pair
 
 LIMIT_NAME = "distance"
-MARGIN = 0.01  # of the distance between cores at contact, that motions are planned further away
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,22 +108,34 @@ class Scene:
         """
         return _pairs(self, with_arm_capsules(robot))
 
-    def limit(self, robot: Robot, pairs: Sequence[Pair] | None = None) -> Limit:
+    def limit(
+        self,
+        robot: Robot,
+        pairs: Sequence[Pair] | None = None,
+        *,
+        tolerance: float = 0.0,
+        room: Sequence[float] | None = None,
+    ) -> Limit:
         """The distances as a limit of the robot: one value a pair, in m.
 
-        A value is the distance between two cores: the axis of a capsule, the centre of a sphere,
-        the axis of an obstacle that is a capsule, the body of any other. Its lower bound is the sum
-        of the radii, the clearance, and a hundredth of both, so that what a solver leaves
-        open does not decide whether a certificate passes.
+        A value is the distance of the axis of the arm's capsule from the other thing. Its lower
+        bound is the capsule's radius and the clearance, and what a solver may leave open, so that
+        that does not decide whether a certificate passes.
 
         Parameters
         ----------
         robot : Robot
         pairs : sequence of Pair, optional
             Only these; default all.
+        tolerance : float
+            Share of the bound that a solver may leave open between its mesh points.
+        room : array_like, optional
+            What a known way has beyond the clearance at each pair, m. What a solver may leave open
+            and the rounding of the distance that it sees take at most half of that each.
         """
         chosen = self.pairs(robot) if pairs is None else tuple(pairs)
-        return _limit(self, chosen)
+        rooms = [np.inf] * len(chosen) if room is None else [float(own) for own in room]
+        return _limit(self, chosen, float(tolerance), tuple(rooms))
 
 
 @lru_cache(maxsize=64)
@@ -133,12 +144,18 @@ def _ignoring(scene: Scene, pairs: tuple[tuple[str, str], ...]) -> Scene:
 
 
 @lru_cache(maxsize=256)
-def _limit(scene: Scene, pairs: tuple[Pair, ...]) -> Limit:
-    least = np.array([pair.radii + scene.clearance for pair in pairs])
+def _limit(
+    scene: Scene, pairs: tuple[Pair, ...], tolerance: float, rooms: tuple[float, ...]
+) -> Limit:
+    contact = np.array([pair.capsule.radius + scene.clearance for pair in pairs])
+    most = 0.5 * np.maximum(rooms, 0.0)  # each of the margin, and of the rounding
     return Limit(
         LIMIT_NAME,
-        Distances(pairs),
-        lower=(1.0 + MARGIN) * least,
+        Distances(
+            tuple(replace(p, accuracy=max(m, ACCURACY)) for p, m in zip(pairs, most, strict=True))
+        ),
+        # half is what may be left open, half what a proof has to go by
+        lower=contact + np.maximum(np.minimum(2.0 * tolerance * contact, most), 2.0 * ACCURACY),
         unit="m",
         labels=tuple(pair.label for pair in pairs),
     )
@@ -197,7 +214,7 @@ def clearances(robot: Robot, pairs: Sequence[Pair], q: FloatArray) -> FloatArray
     chosen = tuple(pairs)
     poses = checks.array("q", q, (None, robot.joint_count), "rad")
     values = _clearance_function(robot, chosen)(np.ascontiguousarray(poses.T))
-    return np.array(values).T - np.array([pair.radii for pair in chosen])
+    return np.array(values).T - np.array([pair.capsule.radius for pair in chosen])
 
 
 @lru_cache(maxsize=64)
