@@ -122,7 +122,7 @@ def test_a_state_of_another_phase_is_refused():
 def test_a_cost_is_one_number(kind):
     _, phase, x, y, _ = point()
     declare = phase.running_cost if kind == "running" else phase.end_cost
-    with pytest.raises(InputError, match=rf"a {kind} cost of phase 'go' must be one number"):
+    with pytest.raises(InputError, match=rf"{kind} cost of phase 'go' must be one number"):
         declare(ca.vertcat(x, y))
 
 

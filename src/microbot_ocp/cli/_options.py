@@ -141,14 +141,19 @@ AllowUncertified = Annotated[
     typer.Option("--allow-uncertified", help="Exit code 0 also where a certificate is refused."),
 ]
 
-TimeLimit = Annotated[
-    float | None,
-    typer.Option(
-        help="Stop the solvers after so much time, s; the best so far counts.",
+
+def _time_limit(default: str) -> Any:
+    return typer.Option(
+        help=f"Stop the solvers after so much time, s; the best so far counts. {default}",
         show_default=False,
         metavar="S",
         parser=time_limit,
-    ),
+    )
+
+
+TimeLimit = Annotated[float | None, _time_limit("Default none.")]
+MotionTimeLimit = Annotated[
+    float | None, _time_limit("Default 120 for a motion or the timing of a path, 600 for a cell.")
 ]
 OutFolder = Annotated[
     Path | None,

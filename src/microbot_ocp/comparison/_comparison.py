@@ -553,7 +553,8 @@ def compare(
         Blend time of LSPB as a share of each segment, up to 0.5. By default a quarter at given
         times, else what is best for each segment.
     time_limit : float
-        Wall time of all methods and certificates, s. What one leaves is shared by those after it;
+        Wall time of all methods and certificates, s; by default a free motion and the timing of a
+        path take 120 s each at most. What one leaves is shared by those after it;
         one whose share is over has the best so far and the status "time limit". A fifth of each
         share is kept for the certificate, which is refused where that is not enough.
     progress : callable, optional
