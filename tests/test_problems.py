@@ -52,7 +52,7 @@ def test_the_comparison_prints_plain_lines_where_there_is_no_terminal(comparison
     for method in mo.METHODS.values():
         assert any(line.startswith(f"solve   {method.title}: solving") for line in lines)
         assert any(line.startswith(f"{method.title}  ") for line in lines)
-    assert "14 files in" in lines[-1]
+    assert "16 files in" in lines[-1]
     assert "Traceback" not in done.stderr
 
 

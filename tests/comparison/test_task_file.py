@@ -262,7 +262,7 @@ obstacle = [{ name = "post", kind = "sphere", center = [0.85, 0.1, 0.0], radius 
 """
     )
     task = read_cell(tmp_path / "cell.toml")
-    settings = replace(task.settings, compiled=False, limit_tolerance=0.02)
+    settings = replace(task.settings, compiled=False, limit_tolerance=0.002)
     found = replace(task, settings=settings).solve()
     assert found.front is not None
     first, second = found.front.points

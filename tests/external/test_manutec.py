@@ -74,7 +74,9 @@ def test_the_fastest_motion_by_its_arcs() -> None:
 
 @pytest.mark.slow
 def test_both_are_met() -> None:
+    # 50 intervals leave the fastest motion 0.6 % beyond a velocity between mesh points, and say so
+    endings = {manutec_effort: ocp.Status.SOLVED, manutec_time: ocp.Status.TOO_COARSE}
     for build, error in ((manutec_effort, 1e-6), (manutec_time, 2e-5)):
         solution = ocp.solve(build(), 50, scheme="radau")
-        assert solution.status.solved
+        assert solution.status is endings[build]
         assert BY_NAME[build.__name__].error(solution.cost) < error

@@ -97,7 +97,8 @@ def test_an_arm_that_a_coarse_mesh_does_not_tell_is_smoothed_less_and_less():
     task, said = task_of(16), list[Any]()
     motion = mo.time_optimal(task.robot, task.via, progress=said.append)
     steps = [text for text in said if str(text).startswith("smoothed ")]
-    assert [text.split()[1] for text in steps] == ["10000", "1000"]  # less is worth nothing
+    # less is worth nothing; each answer that is refined begins anew
+    assert [text.split()[1] for text in steps[:2]] == ["10000", "1000"]
     assert motion.solved
     assert motion.duration < 0.09319  # 0.0932063 s from the coarse mesh
     assert mo.certify(task.robot, motion, via_q=task.via).ok

@@ -13,19 +13,21 @@ import pickle
 import select
 import signal
 import struct
+import sys
 import threading
 import time
 import warnings
 from collections.abc import Callable
 from multiprocessing import parent_process
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 HEAD = struct.Struct("<Q")
 PR_SET_PDEATHSIG = 1
 Send = Callable[[Any], None]
 
-can_fork = hasattr(os, "fork")
+PACKAGE = str(Path(__file__).parents[1])
 _is_child = False
 _forking = threading.RLock()  # its owner, who forks, owns it in the child, too
 
@@ -38,15 +40,35 @@ class Died(Exception):
     """The process ended without an answer."""
 
 
+def can_fork() -> bool:
+    """Return whether work may be done in a copy of this process.
+
+    Not while another thread is inside this package: a lock that it holds in native code (CasADi's
+    of its cache of sparsities, IPOPT's of MUMPS) would stay locked in the copy for ever. Work is
+    done in this process then, where solvers keep their own limits of time.
+    """
+    if not hasattr(os, "fork"):
+        return False
+    others = sys._current_frames()
+    others.pop(threading.get_ident())
+    return not any(_is_ours(frame) for frame in others.values())
+
+
+def _is_ours(frame: FrameType | None) -> bool:
+    while frame is not None and not frame.f_code.co_filename.startswith(PACKAGE):
+        frame = frame.f_back
+    return frame is not None
+
+
 def spare_processor() -> bool:
     """Whether another process would run beside this one, which is no worker of many itself.
 
-    Nor from any thread but the first: what others hold at that moment stays locked in a copy.
+    Nor from any thread but the first.
     """
     if threading.current_thread() is not threading.main_thread():
         return False
     there = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else (0,)
-    return can_fork and not _is_child and len(there) > 1 and parent_process() is None
+    return can_fork() and not _is_child and len(there) > 1 and parent_process() is None
 
 
 class Child:

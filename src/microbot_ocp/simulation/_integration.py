@@ -267,7 +267,7 @@ def in_time(
 
     ``receive`` gets what ``work`` sends, ``otherwise`` a status and message where nothing came.
     """
-    if not (can_fork and np.isfinite(deadline.until())):
+    if not (np.isfinite(deadline.until()) and can_fork()):
         return work(lambda _: None)
 
     def taken(part: FloatArray) -> bool:

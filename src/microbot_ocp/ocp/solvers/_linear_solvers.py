@@ -54,6 +54,6 @@ def _works(name: str) -> bool:
         return tried()
 
     try:
-        return in_child(quietly, np.inf) if can_fork else tried()
+        return in_child(quietly, np.inf) if can_fork() else tried()
     except Died:
         return False

@@ -66,9 +66,10 @@ def run(
     ``made`` keeps it for further solves of the program.
     """
     begin = time.perf_counter()
-    forks = can_fork and not _trusted(
+    trusted = _trusted(
         name, start.x.size, settings, until, kept=made is not None and progress is None
     )
+    forks = not trusted and can_fork()
     watch = None if progress is None else Watch(program, name, progress)
     if forks and made is None and watch is None:
         watch = Watch(program, name, quiet)  # what it had is known when its process is ended

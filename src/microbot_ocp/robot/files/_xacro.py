@@ -71,7 +71,7 @@ def expanded(path: Path) -> str:
     try:
         # expressions are programs, which may go on for ever
         until = time.perf_counter() + EXPANSION_TIME
-        good, text = in_child(work, until, most_bytes=MOST_BYTES) if can_fork else work()
+        good, text = in_child(work, until, most_bytes=MOST_BYTES) if can_fork() else work()
     except OutOfTime:
         good, text = False, f"it takes more than {EXPANSION_TIME:g} s"
     except Died:
