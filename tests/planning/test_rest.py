@@ -34,7 +34,7 @@ def test_free_motions_leave_from_the_torques_that_hold_the_arm(share):
     assert largest_step(robot, motion) < 1.005
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_panda_leaves_from_the_torques_that_hold_it():
     robot = mo.load_robot("panda")
     ends = [[0, -0.5, 0, -2, 0, 1.5, 0.8], [0.6, 0.2, -0.3, -1.6, 0.4, 1.8, 0.2]]

@@ -41,7 +41,7 @@ def refused(read, *given) -> str:
     [
         ("'a' * 10**10", MORE_BYTES),
         ("[[0] * 10**6 for k in range(10**6)]", MORE_BYTES),
-        pytest.param("9**9**9", MORE_TIME, marks=pytest.mark.slow),
+        pytest.param("9**9**9", MORE_TIME, marks=pytest.mark.thorough),
     ],
 )
 def test_an_expression_of_xacro_ends(tmp_path: Path, expression: str, said: str) -> None:

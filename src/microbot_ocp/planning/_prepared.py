@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -12,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray, InputError
-from microbot_ocp._base.codegen import compiles
+from microbot_ocp._base.codegen import compiles, interpreted
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import LIMIT_TOLERANCE, JointLimits, LimitFamily, Limits
 from microbot_ocp.motion import Motion
@@ -254,7 +255,9 @@ class TimeOptimalSolver:
         name, best = min(tried, key=lambda pair: (not pair[1].status.solved, pair[1].duration))
         kernels, smoothing = (own.kernels, own.smoothing) if own else (self._kernels, SMOOTHING)
         solution, excess = self._refined(family, best, changes, kernels)
-        motion = self._motion(family, solution, excess, tried, name, payload, begin, smoothing)
+        # an arm with a payload is met once: nothing is compiled for it
+        with interpreted() if payload else nullcontext():
+            motion = self._motion(family, solution, excess, tried, name, payload, begin, smoothing)
         return with_drives_noted(family.robot, motion)
 
     def _slower(self, family: LimitFamily) -> float:
