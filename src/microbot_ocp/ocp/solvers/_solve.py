@@ -28,6 +28,7 @@ from microbot_ocp.ocp.solution import (
     Solution,
     cost_size,
     default_guess,
+    rollouts,
 )
 from microbot_ocp.ocp.solvers._chain import solve_on, transcribed
 from microbot_ocp.ocp.solvers._improvement import improvable, improved
@@ -234,6 +235,14 @@ def _in_declared_scales(task: _Task) -> Iterator[Start]:
         yield task.transcribed("declared"), task.guess, replace(task.few, scaling="declared")
 
 
+def _simulated(task: _Task) -> Iterator[Start]:
+    assert isinstance(task.problem, OptimalControlProblem)
+    if task.guess is None:
+        guesses = rollouts(task.problem, default_guess(task.problem))
+        for guess in guesses[:ANY_DURATION]:
+            yield replace(task, guess=guess).transcribed(task.settings.scaling), guess, task.few
+
+
 def _of_any_duration(task: _Task) -> Iterator[Start]:
     assert isinstance(task.problem, OptimalControlProblem)
     free = any(low < high for low, high in (p.duration_bounds for p in task.problem.phases))
@@ -271,6 +280,11 @@ STRATEGIES = (
         "from the cheapest of several starts on a coarse mesh",
         _from_many_starts,
         "motions to and fro whose duration is far from the guessed one",
+    ),
+    Strategy(
+        "from a simulation with constant controls",
+        _simulated,
+        "swinging up in a given time: between straight lines and the answer lies no trajectory",
     ),
     Strategy(
         "with the declared scales",
