@@ -10,7 +10,7 @@ time is the limit only.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -48,7 +48,7 @@ INTERVALS = 50  # of a problem of one or two phases
 FEWEST = 10  # of every phase of a problem of many
 COARSER = 0.4  # of these intervals, from which a solve may converge sooner
 OTHER_SIZE = 1e3  # between scales of an answer and those that were guessed: it is solved again
-ANY_DURATION = 2  # simulations of those of all durations that a problem is solved from
+SIMULATIONS = 2  # of each kind that a problem is solved from
 FIRST = 400  # iterations of a try: what takes more converges sooner by another strategy
 COMPARED = (12, 4)  # other starts that an answer is compared with, on any mesh and on a given one
 CONVERGED = (Status.SOLVED, Status.GAP_LEFT)
@@ -238,18 +238,21 @@ def _in_declared_scales(task: _Task) -> Iterator[Start]:
 def _simulated(task: _Task) -> Iterator[Start]:
     assert isinstance(task.problem, OptimalControlProblem)
     if task.guess is None:
-        guesses = rollouts(task.problem, default_guess(task.problem))
-        for guess in guesses[:ANY_DURATION]:
-            yield replace(task, guess=guess).transcribed(task.settings.scaling), guess, task.few
+        yield from _from_the_best(task, rollouts(task.problem, default_guess(task.problem)))
 
 
 def _of_any_duration(task: _Task) -> Iterator[Start]:
     assert isinstance(task.problem, OptimalControlProblem)
     free = any(low < high for low, high in (p.duration_bounds for p in task.problem.phases))
     if free and task.guess is None:
-        found = Rollouts(task.problem, default_guess(task.problem)).of_any_duration()
-        for guess in found[:ANY_DURATION]:
-            yield replace(task, guess=guess).transcribed(task.settings.scaling), guess, task.few
+        simulations = Rollouts(task.problem, default_guess(task.problem))
+        yield from _from_the_best(task, simulations.of_any_duration())
+
+
+def _from_the_best(task: _Task, guesses: Sequence[Mapping[str, Guess]]) -> Iterator[Start]:
+    """Start from the first of guesses that are in the order of how near they end."""
+    for guess in guesses[:SIMULATIONS]:
+        yield replace(task, guess=guess).transcribed(task.settings.scaling), guess, task.few
 
 
 def _with_more_iterations(task: _Task) -> Iterator[Start]:
