@@ -83,3 +83,11 @@ def test_random_tasks_have_exact_switching_times(name, family, via, most):
 def test_a_slack_has_no_switching_times():
     with pytest.raises(InputError, match="slack must be 0"):
         mo.time_optimal(two_links(), VIA, slack=0.1, switching_times=True)
+
+
+def test_one_joint_with_only_a_jerk_limit():
+    """A constraint may have the name of a control: 2 rad within 10 rad/s^3 take 32 * 2 / 10."""
+    robot = mo.Robot.from_dh(alpha=[0.0], a=[0.0], d=[0.0], limits=mo.Limits(qddd_max=10.0))
+    motion = mo.time_optimal(robot, [[0.0], [2.0]], starts=1, switching_times=True)
+    assert motion.provenance["switching_times"]["status"] == "solved"
+    assert motion.duration == pytest.approx((32 * 2 / 10) ** (1 / 3), abs=1e-9)

@@ -901,12 +901,12 @@ def _wrong_signs(
     """By the name of a piece, where its multipliers have the sign of the other limit."""
     layouts = [phase_layout(phase) for phase in solution.phases]
     assert solution.variable_multipliers is not None
-    values: dict[tuple[str, str, int], list[float]] = {}
+    values: dict[tuple[str, str, str, int], list[float]] = {}
 
     def gather(labels: Sequence[Label], multipliers: FloatArray, kind: str) -> None:
         for label, multiplier in zip(labels, multipliers.tolist(), strict=True):
-            if label.kind == kind:
-                key = (label.phase, label.name, label.component)
+            if label.kind == kind:  # a constraint may have the name of a control
+                key = (label.phase, kind, label.name, label.component)
                 values.setdefault(key, []).append(multiplier)
 
     gather(variable_labels(layouts), np.asarray(solution.variable_multipliers), "control")
@@ -917,12 +917,13 @@ def _wrong_signs(
         for place, (name, component) in enumerate(plan.columns):
             if place >= controls and not plan.limits[place - controls].mixed:
                 continue
+            column = ("control", name, component)
             if place >= controls:
-                name, component = f"{name}[{component}] met", 0
+                column = ("constraint", f"{name}[{component}] met", 0)
             own = {
-                piece.name: _density(solution[piece.name], values[piece.name, name, component])
+                piece.name: _density(solution[piece.name], values[piece.name, *column])
                 for piece in group
-                if (piece.name, name, component) in values
+                if (piece.name, *column) in values
             }
             largest = max((float(np.abs(d).max()) for _, d in own.values()), default=0.0)
             for piece, arc in zip(group, plan.arcs, strict=True):
