@@ -234,6 +234,22 @@ def test_what_is_wrong_is_told_in_long_segments_where_friction_is_stiff():
     assert certify(robot, wrong["sign of the velocity"], mo.Limits()).defect > 1e-3
 
 
+def test_what_is_wrong_in_a_later_part_is_told_in_the_time_of_the_whole():
+    robot = slider()
+    made = sampled(robot, quintic([[0.0], [0.1], [1.1]], [0.0, 1.0, 2.0], np.zeros((3, 1))))
+    at = int(np.searchsorted(made.t, 1.7))
+    tau = made.tau.copy()
+    tau[at] += 1.0
+    motion = replace(made, tau=tau, marks=[Mark(t, f"stop {t:g}") for t in (0.0, 1.0, 2.0)])
+    stops = [mo.Stop(q) for q in ([0.0], [0.1], [1.1])]
+    found = certify(robot, motion, mo.Limits(qd_max=1.5), via_q=stops)
+    velocity, torque = found.verdict.removeprefix("Failed: between 1 s and 2 s: ").split("; ")[:2]
+    assert "velocity of joint 1 is 1.875 m/s at 1.5 s" in velocity
+    assert f"stored torque of joint 1 at {made.t[at]:.4g} s" in torque
+    assert by_quantity(found)["qd"].time == pytest.approx(1.5, abs=1e-3)
+    assert found.stored_torque_time == made.t[at]
+
+
 def test_samples_within_microseconds_are_no_jump():
     assert not jump_gaps(np.array([0.0, 1.5e-6, 3e-6, 4.5e-6])).any()
     assert not jump_gaps(np.array([0.0, 1.0, 1.0 + 1e-6, 1.0 + 2e-6, 1.0 + 3e-6])).any()

@@ -402,10 +402,12 @@ def certificate_of(
     via: FloatArray | None,
     tolerances: Tolerances | None = None,
     history: StateHistory | None = None,
+    start: float = 0.0,
 ) -> Certificate:
     """As :func:`certify`, of what is checked.
 
-    ``history`` is what limits are judged by where the motion is a part of one.
+    ``history`` is what limits are judged by where the motion is a part of one, which begins at
+    ``start``, s; all times are those of the whole then.
     """
     started = time.perf_counter()
     robot: Robot = family.robot
@@ -416,7 +418,7 @@ def certificate_of(
     if not robot.has_dynamics:
         vias = () if via is None else _check_vias(motion, via, t, state)
         problems = _beyond_limits(tolerances, limit_checks) + _missed(tolerances, vias)
-        stray, stray_time = _between_samples(motion, lambda state: state.qdd)
+        stray, stray_time = _between_samples(motion, lambda state: state.qdd, start)
         if stray > BETWEEN_SAMPLES:
             problems.append(_strays("acceleration", stray, stray_time))
         verdict = "; ".join(problems) if problems else _tightest(limit_checks, family.unjudged)
@@ -443,24 +445,27 @@ def certificate_of(
         )
     condition, at = _condition(robot, t, state)
     torque_error, torque_sample, torque_joint = _stored_torque(robot, motion)
-    stray, stray_time = _between_samples(motion, partial(torque_along, robot))
+    condition_time, torque_time = start + float(t[at]), start + float(motion.t[torque_sample])
+    stray, stray_time = _between_samples(motion, partial(torque_along, robot), start)
     vias = () if via is None else _check_vias(motion, via, t, state)
     again = resimulate(robot, motion, tolerances.torque)
+    again = again._replace(
+        defect_time=start + again.defect_time, path_error_time=start + again.path_error_time
+    )
 
     problems = _problems(robot, tolerances, limit_checks, again, vias)
     if torque_error > tolerances.torque:
         problems.append(
-            f"stored torque of {robot.joint_names[torque_joint]} at "
-            f"{motion.t[torque_sample]:.4g} s is not that of inverse dynamics: it differs by "
-            f"{torque_error:.3g} of its largest torque"
+            f"stored torque of {robot.joint_names[torque_joint]} at {torque_time:.4g} s is not "
+            f"that of inverse dynamics: it differs by {torque_error:.3g} of its largest torque"
         )
     if stray > BETWEEN_SAMPLES:
         problems.append(_strays("torque", stray, stray_time))
     verdict = "; ".join(problems) if problems else _summary(limit_checks, again)
     if condition > NEAR_SINGULAR:
         verdict += (
-            f"; mass matrix near singular at {t[at]:.4g} s (condition number {condition:.2g} at "
-            f"q = {_pose(robot, state.q[at])})"
+            f"; mass matrix near singular at {condition_time:.4g} s (condition number "
+            f"{condition:.2g} at q = {_pose(robot, state.q[at])})"
         )
     if again.undetermined_fraction:
         besides = again.undetermined_besides
@@ -481,7 +486,7 @@ def certificate_of(
         grid_step=float(np.diff(t).max()),
         grid_ratio=ratio,
         condition_peak=condition,
-        condition_time=float(t[at]),
+        condition_time=condition_time,
         saturated_fraction=saturated,
         condition_pose=state.q[at],
         path_position_error=again.path_position_error,
@@ -496,7 +501,7 @@ def certificate_of(
         undetermined_direction=again.undetermined if again.undetermined_fraction else None,
         stored_torque_error=torque_error,
         stored_torque_joint=robot.joint_names[torque_joint],
-        stored_torque_time=float(motion.t[torque_sample]),
+        stored_torque_time=torque_time,
         between_samples_error=stray,
         between_samples_time=stray_time,
         via_checks=vias,
@@ -561,10 +566,13 @@ def _strays(what: str, stray: float, stray_time: float) -> str:
     )
 
 
-def _between_samples(motion: Motion, moved: Callable[[State], FloatArray]) -> tuple[float, float]:
+def _between_samples(
+    motion: Motion, moved: Callable[[State], FloatArray], first: float
+) -> tuple[float, float]:
     """How far the torque half-way between samples lies outside theirs (relative), and when.
 
-    ``moved`` gives it, or the acceleration of a robot without masses, from states.
+    ``moved`` gives it, or the acceleration of a robot without masses, from states; ``first`` is
+    when the motion begins.
     """
     start, end = motion.t[:-1], motion.t[1:]
     long = ~jump_gaps(motion.t)
@@ -576,7 +584,7 @@ def _between_samples(motion: Motion, moved: Callable[[State], FloatArray]) -> tu
     outside = (np.maximum(tau - high, low - tau) - (high - low)).max(axis=1)
     worst = int(outside.argmax())
     size = max(float(np.abs(ends).max()), 1e-9)
-    return max(0.0, float(outside[worst] / size)), float(middle[worst])
+    return max(0.0, float(outside[worst] / size)), first + float(middle[worst])
 
 
 def _check_vias(

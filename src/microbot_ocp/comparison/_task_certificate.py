@@ -73,14 +73,15 @@ def certificate_of_task(task: Task, motion: Motion, tolerances: Tolerances) -> C
     """Certificate of a motion whose marks are when the stops of a task are reached."""
     parts, problems = [], []
     history = motion.history(cycle=task.cycle)
-    for start, end, robot, _ in stretches(task, motion):
+    places = stretches(task, motion)
+    for start, end, robot, _ in places:
         part, states = _part(motion, robot, start, end), history.between(start, end)
-        found = certificate_of(LimitFamily.of(robot), part, None, tolerances, states)
-        parts.append((start, end - start, found))
+        found = certificate_of(LimitFamily.of(robot), part, None, tolerances, states, start)
+        parts.append((end - start, found))
         if not found.ok:
             said = found.verdict.removeprefix("Failed: ").rstrip(".")
             problems.append(f"between {start:.4g} s and {end:.4g} s: {said}")
-    problems += _steps(motion, [start for start, _, _ in parts[1:]])
+    problems += _steps(motion, [start for start, *_ in places[1:]])
     vias, missed = _check_stops(task, motion)
     segments = _check_segments(task, motion)
     problems += missed
@@ -265,28 +266,27 @@ def _to_polyline(points: FloatArray, line: FloatArray) -> tuple[FloatArray, Floa
 # the whole ----------------------------------------------------------------------------------------
 
 
-def _merged(motion: Motion, parts: Sequence[tuple[float, float, Certificate]]) -> Certificate:
+def _merged(motion: Motion, parts: Sequence[tuple[float, Certificate]]) -> Certificate:
     """One certificate of several in a row: the worst of each figure, with its time."""
-    found = [certificate for _, _, certificate in parts]
-    lengths = np.array([length for _, length, _ in parts])
+    lengths, found = zip(*parts, strict=True)
 
-    def worst(key: str, least: bool = False) -> tuple[float, Certificate, float]:
+    def worst(key: str, least: bool = False) -> tuple[float, Certificate]:
         values = np.array([getattr(certificate, key) for certificate in found], dtype=float)
         if not np.isfinite(values).any():
-            return float(values[0]), found[0], parts[0][0]
+            return float(values[0]), found[0]
         at = int(np.nanargmin(values) if least else np.nanargmax(values))
-        return float(values[at]), found[at], parts[at][0]
+        return float(values[at]), found[at]
 
     def mean(key: str) -> float:
         return float(np.average([getattr(c, key) for c in found], weights=lengths))
 
-    defect, by_defect, defect_start = worst("defect")
-    condition, by_condition, condition_start = worst("condition_peak")
-    path, by_path, path_start = worst("path_position_error")
-    torque, by_torque, torque_start = worst("stored_torque_error")
-    stray, by_stray, stray_start = worst("between_samples_error")
+    defect, by_defect = worst("defect")
+    condition, by_condition = worst("condition_peak")
+    path, by_path = worst("path_position_error")
+    torque, by_torque = worst("stored_torque_error")
+    stray, by_stray = worst("between_samples_error")
     statuses = [c.resimulation_status for c in found if not c.resimulation_status.solved]
-    _, by_undetermined, _ = worst("undetermined_fraction")
+    _, by_undetermined = worst("undetermined_fraction")
     return Certificate(
         label=motion.label,
         ok=all(c.ok for c in found),
@@ -298,38 +298,34 @@ def _merged(motion: Motion, parts: Sequence[tuple[float, float, Certificate]]) -
         grid_step=worst("grid_step")[0],
         grid_ratio=worst("grid_ratio", least=True)[0],
         condition_peak=condition,
-        condition_time=condition_start + by_condition.condition_time,
+        condition_time=by_condition.condition_time,
         saturated_fraction=mean("saturated_fraction"),
         condition_pose=by_condition.condition_pose,
         path_position_error=path,
-        path_error_time=path_start + by_path.path_error_time,
+        path_error_time=by_path.path_error_time,
         segments=sum(c.segments for c in found),
         defect=defect,
         defect_joint=by_defect.defect_joint,
-        defect_time=defect_start + by_defect.defect_time,
+        defect_time=by_defect.defect_time,
         position_defect=worst("position_defect")[0],
         amplification=worst("amplification")[0],
         undetermined_fraction=mean("undetermined_fraction"),
         undetermined_direction=by_undetermined.undetermined_direction,
         stored_torque_error=torque,
         stored_torque_joint=by_torque.stored_torque_joint,
-        stored_torque_time=torque_start + by_torque.stored_torque_time,
+        stored_torque_time=by_torque.stored_torque_time,
         between_samples_error=stray,
-        between_samples_time=stray_start + by_stray.between_samples_time,
+        between_samples_time=by_stray.between_samples_time,
         unjudged=found[0].unjudged,
         wall_time=sum(c.wall_time for c in found),
     )
 
 
-def _merged_limits(parts: Sequence[tuple[float, float, Certificate]]) -> tuple[LimitCheck, ...]:
+def _merged_limits(parts: Sequence[tuple[float, Certificate]]) -> tuple[LimitCheck, ...]:
     checks: dict[str, LimitCheck] = {}
-    for start, _, certificate in parts:
-        for check in certificate.limit_checks:
-            moved = replace(check, time=start + check.time)
-            known = checks.get(check.quantity)
-            if known is not None:
-                both = np.fmax(known.utilisation, moved.utilisation)
-                higher: Any = np.nanmax(moved.utilisation) > np.nanmax(known.utilisation)
-                moved = replace(moved if higher else known, utilisation=both)
-            checks[check.quantity] = moved
+    for check in (check for _, certificate in parts for check in certificate.limit_checks):
+        known = checks.setdefault(check.quantity, check)
+        both = np.fmax(known.utilisation, check.utilisation)
+        higher: Any = np.nanmax(check.utilisation) > np.nanmax(known.utilisation)
+        checks[check.quantity] = replace(check if higher else known, utilisation=both)
     return tuple(checks.values())

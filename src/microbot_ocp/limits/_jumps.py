@@ -33,15 +33,15 @@ class StateHistory(NamedTuple):
     def between(self, start: float, end: float) -> StateHistory:
         """The part from one of its times to another, with the jumps at both.
 
-        Times count from its start. What is at its end belongs to what follows.
+        What is at its end belongs to what follows.
         """
         first, last = (int(np.abs(self.t - at).argmin()) for at in (start, end))
         here = slice(first, last + (last == self.t.size - 1))
         near = (self.jump_t >= self.t[first]) & (self.jump_t <= self.t[last])
         return StateHistory(
-            self.t[here] - start,
+            self.t[here],
             MotionSamples(*(each[here] for each in self.samples)),
-            self.jump_t[near] - start,
+            self.jump_t[near],
             MotionSamples(*(each[near] for each in self.jumps)),
         )
 
