@@ -9,6 +9,7 @@ the Levenberg-Marquardt method", IEEE Transactions on Robotics 27(5), 2011.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -20,19 +21,42 @@ from microbot_ocp._base.fast_calls import FastCall, fast_call, fast_loop
 from microbot_ocp._base.threads import cached_in_thread
 from microbot_ocp.robot import Robot, forward_kinematics, jacobian
 
-# Share of the squared error in the damping: of 0.03, 0.1 and 0.3 the one with which most starts
-# reach a target within 15 steps, for six and seven joints with limits.
-DAMPING = 0.03
-FLOOR = 1e-15  # keeps the matrix regular at singular solutions, yet lets nearly singular ones home
-REDUNDANT_FLOOR = 1e-12
-RANK_TOLERANCE = 1e-5  # singular value relative to the largest
-SMALL_ERROR = 1e-7  # scaled, from where on steps count as polishing
-POLISH_LIMIT = 30
-CLOSE = 1e-3  # scaled error of an attempt that is about to arrive
-STEPS = 80  # of one attempt
-LONGEST = 100_000  # of all attempts
-PULL_ERROR = 0.1  # scaled error below which a step also goes towards the wanted joints
-APART = 1e-6  # rad; steps beside the task that are shorter have arrived
+
+@dataclass(frozen=True)
+class StepSettings:
+    """Settings of one attempt to go from a start to a target (damped least squares).
+
+    Attributes
+    ----------
+    damping : share of the squared error in the damping: of 0.03, 0.1 and 0.3 the one with which
+        most starts reach a target within 15 steps, for six and seven joints with limits
+    damping_floor : least damping; the matrix stays regular at singular solutions
+    redundant_damping_floor : the same for arms with joints to spare
+    rank_tolerance : singular value, relative to the largest, that counts as zero
+    polishing_error : scaled error below which steps count as polishing
+    polishing_steps : most steps of polishing
+    close_error : scaled error of an attempt that is about to arrive
+    steps : most steps of one attempt
+    total_steps : most steps of all attempts
+    pull_error : scaled error below which a step also goes towards the wanted joints
+    null_space_step : rad; shorter steps beside the task have arrived
+    """
+
+    damping: float = 0.03
+    damping_floor: float = 1e-15
+    redundant_damping_floor: float = 1e-12
+    rank_tolerance: float = 1e-5
+    polishing_error: float = 1e-7
+    polishing_steps: int = 30
+    close_error: float = 1e-3
+    steps: int = 80
+    total_steps: int = 100_000
+    pull_error: float = 0.1
+    null_space_step: float = 1e-6
+
+
+STEPS = StepSettings()
+
 IPOPT_OPTIONS = {
     "ipopt.print_level": 0,
     "ipopt.sb": "yes",
@@ -159,14 +183,21 @@ def descent(robot: Robot, width: int) -> FastCall:
     held = ca.logic_or(ca.logic_and(q <= lower, pull < 0), ca.logic_and(q >= upper, pull > 0))
     slope = slope @ ca.diag(1 - held)
     regular = min(count, error.numel()) == generic_rank(robot, width)
-    damping = DAMPING * ca.dot(error, error) + (FLOOR if regular else REDUNDANT_FLOOR)
+    damping = STEPS.damping * ca.dot(error, error) + (
+        STEPS.damping_floor if regular else STEPS.redundant_damping_floor
+    )
     sought = ca.logic_and(attempt < 1, steps < nearest)
     move, apart = _step(slope, error, damping, (1 - held) * (wanted - q) / scale, sought)
     move *= scale * ca.fmin(1, np.pi / (ca.norm_inf(move) + 1e-300))
-    small += size < SMALL_ERROR
+    small += size < STEPS.polishing_error
     exact = ca.logic_or(ca.logic_and(size <= enough, small >= polish), size <= 2e-16)
-    solved = ca.logic_or(ca.logic_and(exact, apart < APART), small >= POLISH_LIMIT + nearest)
-    lost = ca.logic_or(ca.logic_and(steps >= patience, size > CLOSE), steps >= STEPS)
+    solved = ca.logic_or(
+        ca.logic_and(exact, apart < STEPS.null_space_step),
+        small >= STEPS.polishing_steps + nearest,
+    )
+    lost = ca.logic_or(
+        ca.logic_and(steps >= patience, size > STEPS.close_error), steps >= STEPS.steps
+    )
     again = ca.logic_and(lost, attempt + 1 < attempts)
     step = ca.DM(evenly_spread_step(count))
     place = 0.5 + attempt * step
@@ -182,7 +213,7 @@ def descent(robot: Robot, width: int) -> FastCall:
         ["state", "target", "wanted", "lower", "upper", "low", "high", "settings"],
         ["next", "going", "error"],
     )
-    return fast_loop(function, LONGEST)
+    return fast_loop(function, STEPS.total_steps)
 
 
 def _step(
@@ -198,7 +229,7 @@ def _step(
     if rows >= count:
         matrix = slope.T @ slope + damping * ca.SX.eye(count)
         return _solve_positive(ca.densify(matrix), ca.densify(slope.T @ error)), ca.SX(0)
-    share = sought / (1 + ca.dot(error, error) / PULL_ERROR**2)
+    share = sought / (1 + ca.dot(error, error) / STEPS.pull_error**2)
     beside = missing * share * ca.fmin(1, 1 / (ca.norm_2(missing) + 1e-300))
     matrix = slope @ slope.T + damping * ca.SX.eye(rows)
     move = slope.T @ _solve_positive(ca.densify(matrix), error - slope @ beside) + beside
@@ -228,7 +259,7 @@ def generic_rank(robot: Robot, width: int) -> int:
     """Rank of the task's Jacobian away from singularities."""
     q = np.random.default_rng(0).uniform(-1.0, 1.0, (8, robot.joint_count))
     values = np.linalg.svd(scaled_jacobian(robot, q, width), compute_uv=False)
-    return int((values > RANK_TOLERANCE * values[:, :1]).sum(axis=1).max())
+    return int((values > STEPS.rank_tolerance * values[:, :1]).sum(axis=1).max())
 
 
 @cached_in_thread(maxsize=64)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,9 +25,24 @@ from microbot_ocp.inverse_kinematics._search import (
 from microbot_ocp.inverse_kinematics._solve import checked_targets, nearest_solution
 from microbot_ocp.robot import Robot
 
-LARGEST_STEP = 0.1  # rad (prismatic: share of the reach); larger ones are halved
-HALVINGS = 20
-TRIES = 24  # branches of the first target, and those a whole turn away, tried in turn
+
+@dataclass(frozen=True)
+class Following:
+    """Settings by which targets along a path are followed.
+
+    Attributes
+    ----------
+    largest_step : rad (prismatic: share of the reach); larger ones are halved
+    halvings : most times that a step between two targets is halved
+    branches : branches of the first target, and those a whole turn away, tried in turn
+    """
+
+    largest_step: float = 0.1
+    halvings: int = 20
+    branches: int = 24
+
+
+FOLLOWING = Following()
 
 
 def solve_ik_path(
@@ -113,14 +129,16 @@ def _with_turns(robot: Robot, starts: FloatArray) -> FloatArray:
                 value = moved[:, joint]
                 rows.append(moved[(value >= limits.q_min[joint]) & (value <= limits.q_max[joint])])
     everything = np.concatenate(rows)
-    return everything[np.argsort(np.linalg.norm(everything - middle(robot), axis=1))][:TRIES]
+    return everything[np.argsort(np.linalg.norm(everything - middle(robot), axis=1))][
+        : FOLLOWING.branches
+    ]
 
 
 def _rows_followed(robot: Robot, targets: FloatArray, start: FloatArray) -> int:
     bounds = robot.limits.q_min, robot.limits.q_max
     here, where = start, targets[0]
     for row, target in enumerate(targets):
-        following = _advance(robot, here, where, target, bounds, HALVINGS)
+        following = _advance(robot, here, where, target, bounds, FOLLOWING.halvings)
         if following is None:
             return row
         here, where = following, target
@@ -138,7 +156,9 @@ def _followed(robot: Robot, targets: FloatArray, start: FloatArray, begin: float
             q += [here] * left
             statuses += [Status.TIME_LIMIT] * left
             break
-        following = _advance(robot, here, where, target, bounds, HALVINGS) if reached else None
+        following = (
+            _advance(robot, here, where, target, bounds, FOLLOWING.halvings) if reached else None
+        )
         if following is not None:
             here, status = following, Status.SOLVED
         else:
@@ -175,7 +195,7 @@ def _advance(
 ) -> FloatArray | None:
     """From q at ``origin`` to ``target`` on the same branch; None where that does not go."""
     ended, errors = descend(robot, q[None], target[None], bounds)
-    if errors[0] < goal(robot) and _step(robot, ended[0], q) <= LARGEST_STEP:
+    if errors[0] < goal(robot) and _step(robot, ended[0], q) <= FOLLOWING.largest_step:
         return ended[0]
     if halvings == 0 or np.array_equal(origin, target) or deadline.over():
         return None

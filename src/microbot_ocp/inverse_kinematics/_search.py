@@ -17,7 +17,7 @@ import numpy as np
 from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.inverse_kinematics._kernels import (
-    RANK_TOLERANCE,
+    STEPS,
     Descent,
     descent,
     evenly_spread_step,
@@ -33,16 +33,41 @@ from microbot_ocp.inverse_kinematics._kernels import (
 from microbot_ocp.inverse_kinematics._result import read_only
 from microbot_ocp.robot import Robot
 
-POSITION_TOLERANCE = 1e-8  # m, of what is handed out
-ORIENTATION_TOLERANCE = 1e-8  # rad
-ROUNDS = 8
-MEETINGS = 4  # starts that must have led to every branch
-SAMPLES = 12  # of a continuum of solutions
-PROBE = 0.05  # rad (prismatic: share of the reach) along a suspected self-motion
-SAME = 1e-5  # rad between two runs that found the same solution
-NEAREST_TOLERANCE = 1e-5  # rad (prismatic: share of the reach)
-DOUBLE = 0.02  # rad within which two solutions may be one that is doubled
-SAME_ON_CONTINUUM = 0.02  # rad between representatives that settled at the same place
+
+@dataclass(frozen=True)
+class BranchSearch:
+    """Settings by which every branch counts as found, and solutions as the same.
+
+    Attributes
+    ----------
+    position_tolerance : m, of every solution
+    orientation_tolerance : rad, of every solution
+    rounds : most rounds of random starts
+    meetings : starts that must have led to every branch before the search ends
+    continuum_samples : solutions that represent a continuum
+    probe_step : rad (prismatic: share of the reach) along a suspected self-motion
+    same_solution : rad between two runs that ended in the same solution
+    nearest_tolerance : rad (prismatic: share of the reach), of the pose nearest to a target out
+        of reach
+    double_solution : rad within which two solutions may be one that is doubled
+    same_on_continuum : rad between representatives that settled at the same place
+    redundant_attempts : starts for an arm with joints to spare
+    """
+
+    position_tolerance: float = 1e-8
+    orientation_tolerance: float = 1e-8
+    rounds: int = 8
+    meetings: int = 4
+    continuum_samples: int = 12
+    probe_step: float = 0.05
+    same_solution: float = 1e-5
+    nearest_tolerance: float = 1e-5
+    double_solution: float = 0.02
+    same_on_continuum: float = 0.02
+    redundant_attempts: int = 2000
+
+
+BRANCH_SEARCH = BranchSearch()
 
 
 SEARCH = Descent(patience=16, enough=1e-12, polish=2)
@@ -52,7 +77,6 @@ DOWNHILL = Descent()  # to a target that may be out of reach
 # limits a few targets of a 7R arm are reached from one start in 200, and no search of all branches
 # follows that would find more.
 FROM_SEED = Descent(attempts=100, patience=24, enough=1e-10, polish=2, nearest=10)
-REDUNDANT_ATTEMPTS = 2000
 
 
 @dataclass
@@ -121,7 +145,7 @@ def within_limits(robot: Robot, q: FloatArray, near: FloatArray) -> tuple[FloatA
 
 def goal(robot: Robot) -> float:
     """Scaled error below which a start has reached its target: within both tolerances."""
-    return max(min(1e-10, POSITION_TOLERANCE / reach(robot)), 1e-14)
+    return max(min(1e-10, BRANCH_SEARCH.position_tolerance / reach(robot)), 1e-14)
 
 
 def descend(
@@ -149,7 +173,7 @@ def descend_from(
     clipped = np.clip(seeds, *bounds)
     given = FROM_SEED
     if robot.joint_count > generic_rank(robot, targets.shape[1]):
-        given = given._replace(attempts=REDUNDANT_ATTEMPTS)
+        given = given._replace(attempts=BRANCH_SEARCH.redundant_attempts)
     q, errors = descend(robot, clipped, targets, bounds, given, clipped)
     return q, errors < goal(robot)
 
@@ -189,14 +213,16 @@ def _merge_doubles(
 ) -> tuple[FloatArray, np.ndarray]:
     """Join solutions whose midpoint is a solution too: two roots closer than can be told apart."""
     gaps = np.abs(difference(robot, q[:, None], q[None])).max(axis=2)
-    pairs = np.argwhere(np.triu(gaps < DOUBLE, 1))
+    pairs = np.argwhere(np.triu(gaps < BRANCH_SEARCH.double_solution, 1))
     if not len(pairs):
         return q, met
     between = q[pairs[:, 0]] + difference(robot, q[pairs[:, 1]], q[pairs[:, 0]]) * (
         joint_scale(robot) / 2
     )
     distance, angle = task_errors(robot, between, np.tile(target, (len(pairs), 1)))
-    one = (distance < POSITION_TOLERANCE) & (angle < ORIENTATION_TOLERANCE)
+    one = (distance < BRANCH_SEARCH.position_tolerance) & (
+        angle < BRANCH_SEARCH.orientation_tolerance
+    )
     kept = np.ones(len(q), dtype=bool)
     for first, second in pairs[one]:
         if kept[first] and kept[second]:
@@ -212,7 +238,7 @@ def ranks(robot: Robot, q: FloatArray, width: int) -> np.ndarray:
 
 def _rank(values: np.ndarray) -> np.ndarray:
     """Ranks [K] of matrices with these singular values [K,m]."""
-    return (values > RANK_TOLERANCE * np.maximum(values[:, :1], 1e-12)).sum(axis=1)
+    return (values > STEPS.rank_tolerance * np.maximum(values[:, :1], 1e-12)).sum(axis=1)
 
 
 def self_motions(robot: Robot, q: FloatArray, targets: FloatArray, rank: np.ndarray) -> np.ndarray:
@@ -235,9 +261,9 @@ def self_motions(robot: Robot, q: FloatArray, targets: FloatArray, rank: np.ndar
     owners = [(i, k) for i, row in enumerate(lost) for k in range(rank[row], count)]
     rows = lost[[i for i, _ in owners]]
     along = np.array([right[i, k] for i, k in owners])
-    start = q[rows] + PROBE * along * joint_scale(robot)
+    start = q[rows] + BRANCH_SEARCH.probe_step * along * joint_scale(robot)
     ended, errors = descend(robot, start, targets[rows])
-    moved = difference(robot, ended, q[rows]) / PROBE
+    moved = difference(robot, ended, q[rows]) / BRANCH_SEARCH.probe_step
     for row in set(rows.tolist()):
         mine = moved[(rows == row) & (errors < goal(robot))]
         if len(mine):
@@ -274,7 +300,7 @@ def nearest_on_continuum(
     for _ in range(2):  # the second time with the equations that are independent at the answer
         jacobian = scaled_jacobian(robot, q[None], target.size)
         left, values, _ = np.linalg.svd(jacobian[0])
-        rank = max(1, int((values > RANK_TOLERANCE * max(values[0], 1e-12)).sum()))
+        rank = max(1, int((values > STEPS.rank_tolerance * max(values[0], 1e-12)).sum()))
         if rank >= robot.joint_count:
             break
         solve = nearest_joints_nlp(robot, target.size, rank)
@@ -299,7 +325,7 @@ def _is_nearest(robot: Robot, q: FloatArray, target: FloatArray, wanted: FloatAr
     free = ~(at_lower | at_upper)
     left = missing - jacobian.T @ np.linalg.lstsq(jacobian[:, free].T, missing[free])[0]
     beyond = (at_lower & (left < 0)) | (at_upper & (left > 0))
-    return bool(np.all((np.abs(left) < NEAREST_TOLERANCE) | beyond))
+    return bool(np.all((np.abs(left) < BRANCH_SEARCH.nearest_tolerance) | beyond))
 
 
 def _slide(
@@ -316,7 +342,7 @@ def _slide(
     q, scale, length = found[0], joint_scale(robot), 0.3
     for _ in range(60):
         _, values, right = np.linalg.svd(scaled_jacobian(robot, q[None], target.size)[0])
-        rank = int((values > RANK_TOLERANCE * max(values[0], 1e-12)).sum())
+        rank = int((values > STEPS.rank_tolerance * max(values[0], 1e-12)).sum())
         missing = (wanted - q) / scale
         along = right[rank:].T @ (right[rank:] @ missing)
         size = float(np.linalg.norm(along))
@@ -357,7 +383,7 @@ def find_branches(robot: Robot, targets: FloatArray) -> list[Found]:
     answers = list(pools)
     jacobian_ranks = [np.zeros(0, dtype=int) for _ in targets]
     pending = np.arange(len(targets))
-    for turn in range(ROUNDS):
+    for turn in range(BRANCH_SEARCH.rounds):
         starts = low + (high - low) * quasi_random(size, count, turn * size)
         found, errors = descend(
             robot, np.tile(starts, (len(pending), 1)), np.repeat(targets[pending], size, 0), bounds
@@ -367,13 +393,13 @@ def find_branches(robot: Robot, targets: FloatArray) -> list[Found]:
             block = slice(row * size, (row + 1) * size)
             good = found[block][errors[block] < goal(robot)]
             pools[index] = np.concatenate([pools[index], good])
-            q, met = clusters(robot, pools[index], SAME)
+            q, met = clusters(robot, pools[index], BRANCH_SEARCH.same_solution)
             q, met = _merge_doubles(robot, q, met, targets[index])
             jacobians = scaled_jacobian(robot, q, width)
             values = np.linalg.svd(jacobians, compute_uv=False)
             answers[index], jacobian_ranks[index] = q, _rank(values)
             if redundant and len(q):
-                enough = len(q) >= SAMPLES
+                enough = len(q) >= BRANCH_SEARCH.continuum_samples
             else:
                 enough = _complete(jacobians, values, met, turn, balanced_when_complete)
             if not enough:
@@ -399,11 +425,11 @@ def _complete(
     if not len(met):
         return turn > 0
     conditions = values[:, -1] / np.maximum(values[:, 0], 1e-12)
-    if values.shape[1] < jacobians.shape[2] or conditions.min() < RANK_TOLERANCE:
+    if values.shape[1] < jacobians.shape[2] or conditions.min() < STEPS.rank_tolerance:
         # a continuum gives a new solution every time: two rounds, and its neighbours met often
-        isolated = conditions >= RANK_TOLERANCE
-        return turn > 0 and bool(np.all(met[isolated] >= MEETINGS))
-    if met.min() < MEETINGS:
+        isolated = conditions >= STEPS.rank_tolerance
+        return turn > 0 and bool(np.all(met[isolated] >= BRANCH_SEARCH.meetings))
+    if met.min() < BRANCH_SEARCH.meetings:
         return False
     if not balanced or conditions.min() < 1e-4:
         return True  # the sign of a vanishing determinant tells nothing
@@ -418,7 +444,7 @@ def _sorted_out(robot: Robot, q: FloatArray, rank: np.ndarray, target: FloatArra
     isolated, suspects = q[~deficient], q[deficient]
     if not len(suspects):
         return Found(q, np.zeros(len(q), dtype=int), True)
-    suspects = _spread(robot, suspects, SAMPLES)
+    suspects = _spread(robot, suspects, BRANCH_SEARCH.continuum_samples)
     motion = motions_of_one(robot, suspects, target)
     doubled = suspects[motion == 0]
     settled = []
@@ -429,7 +455,7 @@ def _sorted_out(robot: Robot, q: FloatArray, rank: np.ndarray, target: FloatArra
             settled.append(best)
     central = np.array(settled).reshape(-1, robot.joint_count)
     order = np.argsort(np.linalg.norm(difference(robot, central, middle(robot)), axis=1))
-    central, _ = clusters(robot, central[order], SAME_ON_CONTINUUM)
+    central, _ = clusters(robot, central[order], BRANCH_SEARCH.same_on_continuum)
     everything = np.concatenate([isolated, doubled, central])
     moves = np.zeros(len(everything), dtype=int)
     if len(central):
@@ -511,6 +537,11 @@ def search_by_nlp(robot: Robot, target: FloatArray, starts: int) -> FloatArray:
         answer = solve(x0=start, p=parameters, lbx=bounds[0], ubx=bounds[1], lbg=0.0, ubg=0.0)
         q = np.clip(np.array(answer["x"]).T, *bounds)
         distance, angle = task_errors(robot, q, target[None])
-        if distance[0] < POSITION_TOLERANCE and angle[0] < ORIENTATION_TOLERANCE:
+        if (
+            distance[0] < BRANCH_SEARCH.position_tolerance
+            and angle[0] < BRANCH_SEARCH.orientation_tolerance
+        ):
             found.append(within_limits(robot, q, middle(robot))[0][0])
-    return clusters(robot, np.array(found).reshape(-1, robot.joint_count), SAME)[0]
+    return clusters(
+        robot, np.array(found).reshape(-1, robot.joint_count), BRANCH_SEARCH.same_solution
+    )[0]

@@ -14,8 +14,7 @@ from microbot_ocp._base.status import Status
 from microbot_ocp.inverse_kinematics._kernels import generic_rank, joint_scale, pose_of
 from microbot_ocp.inverse_kinematics._result import IKSolution, read_only
 from microbot_ocp.inverse_kinematics._search import (
-    ORIENTATION_TOLERANCE,
-    POSITION_TOLERANCE,
+    BRANCH_SEARCH,
     Found,
     descend,
     descend_from,
@@ -376,8 +375,8 @@ def _missed(
     q, converged = nearest_pose(robot, target)
     q = within_limits(robot, q[None], wanted)[0][0]
     distance, angle = (float(x[0]) for x in task_errors(robot, q[None], target[None]))
-    near = distance < POSITION_TOLERANCE
-    if near and angle < ORIENTATION_TOLERANCE:
+    near = distance < BRANCH_SEARCH.position_tolerance
+    if near and angle < BRANCH_SEARCH.orientation_tolerance:
         status = Status.SOLVED
     elif deadline.over():
         status = Status.TIME_LIMIT

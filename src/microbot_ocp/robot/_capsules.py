@@ -8,7 +8,7 @@ is that of the smallest enclosing circle; along it, the segment is the shortest 
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -19,11 +19,28 @@ from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.robot._model import Robot, dh_transform
 from microbot_ocp.robot._shapes import ROLES, Capsule, Role, Shape, read_mesh
 
-SIDES = 32  # of the polygon around a circle
-DIRECTIONS = 400  # in which a sphere is sampled, and points are searched for the outermost
-SPHERE_SLACK = 1.02  # points this far out span a polyhedron that holds the sphere
-SLENDER = 1 / 30  # of the total length of all links: their radius where none is given
-FINEST = 1e-3  # rad: last step of the search for the direction
+
+@dataclass(frozen=True)
+class CapsuleFit:
+    """Settings by which capsules are fitted around shapes.
+
+    Attributes
+    ----------
+    sides : of the polygon around a circle
+    directions : in which a sphere is sampled, and points are searched for the outermost
+    sphere_slack : times the radius: points this far out span a polyhedron that holds the sphere
+    slender : share of the total length of all links: their radius where none is given
+    finest_step : rad, last step of the search for the direction
+    """
+
+    sides: int = 32
+    directions: int = 400
+    sphere_slack: float = 1.02
+    slender: float = 1 / 30
+    finest_step: float = 1e-3
+
+
+CAPSULE_FIT = CapsuleFit()
 
 
 def fit_capsules(robot: Robot, role: Role = "collision") -> dict[int, tuple[Capsule, ...]]:
@@ -110,7 +127,7 @@ def link_capsules(robot: Robot, radius: ArrayLike | None = None) -> dict[int, tu
     segments.append((count, np.zeros(3), robot.tool[:3, 3]))
     lengths = [float(np.linalg.norm(end - start)) for _, start, end in segments]
     total = sum(lengths)
-    default = total * SLENDER if radius is None else radius
+    default = total * CAPSULE_FIT.slender if radius is None else radius
     sizes = checks.array("radius", np.atleast_1d(checks.numbers("radius", default)), (None,), "m")
     if sizes.size not in (1, count + 1):
         raise InputError(f"radius must be one number or {count + 1}, not {sizes.size}")
@@ -133,7 +150,7 @@ def enclosing_capsule(points: ArrayLike) -> Capsule:
     places = checks.array("points", points, (None, 3), "m")
     if not len(places):
         raise InputError("points must be at least one, not 0")
-    outer = places if len(places) < DIRECTIONS else _outermost(places)
+    outer = places if len(places) < CAPSULE_FIT.directions else _outermost(places)
     centered = places - places.mean(axis=0)
     principal = np.linalg.eigh(centered.T @ centered)[1].T
     starts = sorted((_along(outer, u).volume, tuple(u)) for u in (*principal, *np.eye(3)))
@@ -157,21 +174,28 @@ def _points(shape: Shape) -> FloatArray:
     elif shape.kind == "box":
         points = np.array(np.meshgrid(*[(-0.5, 0.5)] * 3)).reshape(3, -1).T * shape.size
     elif shape.kind == "cylinder":
-        turn = np.arange(SIDES) * 2 * np.pi / SIDES
-        rim = shape.size[0] / np.cos(np.pi / SIDES) * np.array([np.cos(turn), np.sin(turn)])
-        ends = np.repeat([-0.5, 0.5], SIDES) * shape.size[1]
+        turn = np.arange(CAPSULE_FIT.sides) * 2 * np.pi / CAPSULE_FIT.sides
+        rim = (
+            shape.size[0]
+            / np.cos(np.pi / CAPSULE_FIT.sides)
+            * np.array([np.cos(turn), np.sin(turn)])
+        )
+        ends = np.repeat([-0.5, 0.5], CAPSULE_FIT.sides) * shape.size[1]
         points = np.column_stack([np.tile(rim.T, (2, 1)), ends])
     else:
         half = shape.size[1] / 2 if shape.kind == "capsule" else 0.0
-        ball, shift = SPHERE_SLACK * shape.size[0] * _directions(), np.array([0.0, 0.0, half])
+        ball, shift = (
+            CAPSULE_FIT.sphere_slack * shape.size[0] * _directions(),
+            np.array([0.0, 0.0, half]),
+        )
         points = np.vstack([ball + shift, ball - shift])
     return points @ shape.pose[:3, :3].T + shape.pose[:3, 3]
 
 
 def _directions() -> FloatArray:
     """Unit vectors spread over the sphere, on a spiral (Swinbank and Purser, 2006)."""
-    index = np.arange(DIRECTIONS) + 0.5
-    z = 1 - 2 * index / DIRECTIONS
+    index = np.arange(CAPSULE_FIT.directions) + 0.5
+    z = 1 - 2 * index / CAPSULE_FIT.directions
     turn, across = np.pi * (1 + np.sqrt(5)) * index, np.sqrt(1 - z**2)
     return np.column_stack([across * np.cos(turn), across * np.sin(turn), z])
 
@@ -184,7 +208,7 @@ def _outermost(points: FloatArray) -> FloatArray:
 def _downhill(points: FloatArray, direction: FloatArray) -> FloatArray:
     """Unit vector near ``direction`` along which the capsule has the least volume."""
     best, step = _along(points, direction).volume, 0.2
-    while step > FINEST:
+    while step > CAPSULE_FIT.finest_step:
         side, other = _across(direction)
         trials = [_unit(direction + step * way) for way in (side, -side, other, -other)]
         volumes = [_along(points, trial).volume for trial in trials]

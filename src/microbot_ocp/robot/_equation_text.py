@@ -10,10 +10,26 @@ from itertools import combinations_with_replacement, product
 
 from microbot_ocp.robot._closed_form import ClosedForm, Series, Term
 
-WIDTH = 96  # characters a line of a program
-MOST_TERMS = 200  # of one statement: parsers of programs nest a level for each
-LATEX_WIDTH = 75  # characters a line of a formula, as they are read
-DIGITS = 6  # of a coefficient that is read
+
+@dataclass(frozen=True)
+class Typesetting:
+    """Settings of equations as text.
+
+    Attributes
+    ----------
+    program_width : characters a line of a program
+    most_terms : of one statement: parsers of programs nest a level for each
+    latex_width : characters a line of a formula, as they are read
+    digits : of a coefficient that is read
+    """
+
+    program_width: int = 96
+    most_terms: int = 200
+    latex_width: int = 75
+    digits: int = 6
+
+
+TYPESETTING = Typesetting()
 
 
 def plain(series: Series) -> str:
@@ -24,7 +40,7 @@ def plain(series: Series) -> str:
         powers = ((f"q{j + 1}", term.powers[j]) for j in series.displacements)
         return [name if n == 1 else f"{name}^{n}" for name, n in powers if n] + waves
 
-    parts = list(_parts(series, factors, " ", lambda value: f"{value:.{DIGITS}g}"))
+    parts = list(_parts(series, factors, " ", lambda value: f"{value:.{TYPESETTING.digits}g}"))
     return " ".join(parts) or "0"
 
 
@@ -112,6 +128,7 @@ def latex(form: ClosedForm) -> str:
             ),
         ]
     title = re.sub(r"([&%$#_{}])", r"\\\1", re.sub(r"[\\~^]", " ", form.robot.name))
+    digits = TYPESETTING.digits
     lines = [
         r"\documentclass{article}",
         r"\usepackage[margin=2cm]{geometry}",
@@ -120,7 +137,7 @@ def latex(form: ClosedForm) -> str:
         r"\begin{document}",
         rf"\section*{{{title}: equations of motion in closed form}}",
         r"\[ M(q)\,\ddot q + C(q, \dot q)\,\dot q + g(q) = \tau \]",
-        rf"Joint positions $q$: {variables}. SI units, radians; coefficients have {DIGITS} digits;",
+        rf"Joint positions $q$: {variables}. SI units, radians; coefficients have {digits} digits;",
         "friction is left out; entries that are not listed are zero.",
     ]
     for heading, about, entries in blocks:
@@ -149,7 +166,7 @@ def _latex_sum(series: Series, names: Sequence[str]) -> str:
     room = 0
     for part in parts:  # a command takes the room of one letter or of its name
         size = len(re.sub(r"\\theta_|\\[,{}]|\\(?=[cs])|\{|\}|\^", "", part)) + 1
-        if lines and room + size < LATEX_WIDTH:
+        if lines and room + size < TYPESETTING.latex_width:
             lines[-1] += f" {part}"
             room += size
         else:
@@ -159,7 +176,7 @@ def _latex_sum(series: Series, names: Sequence[str]) -> str:
 
 
 def _latex_number(value: float) -> str:
-    mantissa, _, exponent = f"{value:.{DIGITS}g}".partition("e")
+    mantissa, _, exponent = f"{value:.{TYPESETTING.digits}g}".partition("e")
     return rf"{mantissa} \cdot 10^{{{int(exponent)}}}" if exponent else mantissa
 
 
@@ -282,11 +299,13 @@ def _statements(form: ClosedForm, language: str, matrix: str) -> list[str]:
 
     def assign(target: str, parts: Iterable[str], let: str = "") -> None:
         every_part = list(parts)
-        if len(every_part) > MOST_TERMS:
+        if len(every_part) > TYPESETTING.most_terms:
             let = let.removeprefix("const ")
-        for first in range(0, len(every_part), MOST_TERMS):
-            some = every_part[first : first + MOST_TERMS]
-            text = _broken([target, *some] if first else some, WIDTH, syntax.continued)
+        for first in range(0, len(every_part), TYPESETTING.most_terms):
+            some = every_part[first : first + TYPESETTING.most_terms]
+            text = _broken(
+                [target, *some] if first else some, TYPESETTING.program_width, syntax.continued
+            )
             if language == "python" and "\n" in text:
                 text = f"(\n        {text}\n    )"
             entries.append(f"{'' if first else let}{target} = {text}{syntax.end}")

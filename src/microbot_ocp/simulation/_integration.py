@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeVar
 
 import casadi as ca
@@ -22,13 +23,34 @@ from microbot_ocp._base.status import Status
 Values = Callable[[FloatArray], FloatArray]  # times [N] to values [N,m]
 
 INTEGRATORS = ("cvodes", "idas", "collocation", "rk")
-DEGREE = 10  # of the Chebyshev series
-FIT = 1e-11  # their largest error, relative to the largest value
-SHORTEST_PIECE = 0.5e-3  # s; a piece that holds no break is not divided below this
-LONGEST_STEP = 0.1  # of a piece: an arm at rest must not be stepped over until it moves
-ROUNDING = 1e-9  # where halving a fixed step no longer helps, below this it is rounding
-PARTS = 10  # integrator calls where there is a time limit: what is done by then is known
-PROBES = 2000  # steps of the run that looks for the place where an integrator failed
+
+
+@dataclass(frozen=True)
+class Integration:
+    """Settings of the integration between samples.
+
+    Attributes
+    ----------
+    degree : of the Chebyshev series that inputs become between breaks
+    fit_error : largest error of these, relative to the largest value
+    shortest_piece : s; a piece that holds no break is not divided below this
+    longest_step : share of a piece: an arm at rest must not be stepped over until it moves
+    rounding : relative change below which halving a fixed step changes rounding only
+    parts : integrator calls where there is a time limit: what is done by then is known
+    probes : steps of the run that looks for the place where an integrator failed
+    """
+
+    degree: int = 10
+    fit_error: float = 1e-11
+    shortest_piece: float = 0.5e-3
+    longest_step: float = 0.1
+    rounding: float = 1e-9
+    parts: int = 10
+    probes: int = 2000
+
+
+INTEGRATION = Integration()
+
 NOT_FINITE = "the accelerations are not finite"
 # What the integrators' return codes mean.
 FAILURES = {
@@ -152,11 +174,11 @@ def fit_pieces(values: Values, breaks: FloatArray, tolerance: ArrayLike) -> Piec
     -------
     Pieces
     """
-    angle = (2 * np.arange(DEGREE + 1) + 1) * np.pi / (2 * (DEGREE + 1))
+    angle = (2 * np.arange(INTEGRATION.degree + 1) + 1) * np.pi / (2 * (INTEGRATION.degree + 1))
     nodes = -np.cos(angle)  # none at the ends: at a break the signal has two values
-    fit = np.linalg.inv(np.polynomial.chebyshev.chebvander(nodes, DEGREE))
-    probes = -np.cos((np.arange(DEGREE) + 1) * np.pi / (DEGREE + 1))
-    probe = np.polynomial.chebyshev.chebvander(probes, DEGREE)
+    fit = np.linalg.inv(np.polynomial.chebyshev.chebvander(nodes, INTEGRATION.degree))
+    probes = -np.cos((np.arange(INTEGRATION.degree) + 1) * np.pi / (INTEGRATION.degree + 1))
+    probe = np.polynomial.chebyshev.chebvander(probes, INTEGRATION.degree)
     both = np.concatenate([nodes, probes])
     todo = [(float(breaks[0]), float(breaks[-1]))]
     edges: list[float] = []
@@ -166,14 +188,14 @@ def fit_pieces(values: Values, breaks: FloatArray, tolerance: ArrayLike) -> Piec
         middle, half = spans.mean(axis=1), 0.5 * np.diff(spans, axis=1)[:, 0]
         t = middle[:, None] + half[:, None] * both
         own = values(t.ravel()).reshape(*t.shape, -1)
-        series = fit @ own[:, : DEGREE + 1]
-        error = np.abs(probe @ series - own[:, DEGREE + 1 :]).max(axis=1)
+        series = fit @ own[:, : INTEGRATION.degree + 1]
+        error = np.abs(probe @ series - own[:, INTEGRATION.degree + 1 :]).max(axis=1)
         fits = (error <= tolerance).all(axis=1)
         todo = []
         for (start, end), good, found in zip(spans, fits, series, strict=True):
             low = np.searchsorted(breaks, start, side="right")
             inner = breaks[low : np.searchsorted(breaks, end, side="left")]
-            if good or not (inner.size or end - start > SHORTEST_PIECE):
+            if good or not (inner.size or end - start > INTEGRATION.shortest_piece):
                 edges.append(start)
                 coefficients.append(found)
                 continue
@@ -223,7 +245,7 @@ def integrate(
 
     by_error = settings.integrator in ("cvodes", "idas")
     limited = np.isfinite(deadline.until())
-    parts = np.array_split(np.arange(stops.size), PARTS if limited and by_error else 1)
+    parts = np.array_split(np.arange(stops.size), INTEGRATION.parts if limited and by_error else 1)
 
     def states(steps: int, send: Send = lambda _: None) -> FloatArray:
         name, options = plugin(settings, steps)
@@ -252,7 +274,7 @@ def integrate(
         return run
     # A fixed step does not stop where the other integrator does, so it shows where that is.
     settings = settings._replace(integrator="rk")
-    return run._replace(trace=(grid, states(PROBES)))
+    return run._replace(trace=(grid, states(INTEGRATION.probes)))
 
 
 T = TypeVar("T")
@@ -305,7 +327,7 @@ def settled(states: Callable[[int], FloatArray], settings: IntegratorSettings, s
             found = finer
             if change <= settings.tolerance * size:
                 return Run(Status.SOLVED, found, steps)
-            if change < ROUNDING * size and change > 0.5 * before:
+            if change < INTEGRATION.rounding * size and change > 0.5 * before:
                 reason = "rounding errors are larger"
             elif 2 * steps > most:  # a coarse step may fail where a finer one does not
                 reason = f"more than {most} steps needed"
@@ -345,7 +367,7 @@ def plugin(
         "abstol": settings.tolerance,
         "reltol": settings.tolerance,
         "max_num_steps": settings.max_steps,
-        "max_step_size": LONGEST_STEP * span,
+        "max_step_size": INTEGRATION.longest_step * span,
         "disable_internal_warnings": True,
         "print_stats": False,
     }

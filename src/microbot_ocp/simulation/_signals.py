@@ -20,7 +20,7 @@ from microbot_ocp.motion import (
 )
 from microbot_ocp.robot import Robot
 from microbot_ocp.simulation._inputs import same_joints
-from microbot_ocp.simulation._integration import FIT, Signal, Values, fitted, formula_signal
+from microbot_ocp.simulation._integration import INTEGRATION, Signal, Values, fitted, formula_signal
 
 Formula = Callable[[Any], Any]  # of the CasADi time, to n expressions
 
@@ -41,7 +41,7 @@ def torque_signal(tau: Motion | ArrayLike | Formula | None, grid: FloatArray, co
         inner = breaks[(breaks > grid[0]) & (breaks < grid[-1])]
         edges = np.concatenate([grid[:1], inner, grid[-1:]])
         torque = interpolated(tau, tau.tau, breaks)
-        return fitted(torque, edges, FIT * np.abs(tau.tau).max())
+        return fitted(torque, edges, INTEGRATION.fit_error * np.abs(tau.tau).max())
     if callable(tau):
         t, expression = symbolic("tau", tau, count)
         return formula_signal(expression, t)
@@ -55,7 +55,7 @@ def torque_signal(tau: Motion | ArrayLike | Formula | None, grid: FloatArray, co
     def values(times: FloatArray) -> FloatArray:
         return np.column_stack([np.interp(times, grid, column) for column in table.T])
 
-    return fitted(values, grid, FIT * np.abs(table).max())
+    return fitted(values, grid, INTEGRATION.fit_error * np.abs(table).max())
 
 
 def reference_signal(
@@ -71,7 +71,10 @@ def reference_signal(
         same_joints("motion", motion.coefficients.shape[2], robot)
         begin, longest, breaks = float(motion.breaks[0]), motion.duration, motion.breaks
         parts = (motion, motion.derivative(), motion.derivative().derivative())
-        values, fit = (lambda times: np.hstack([part(times) for part in parts])), np.full(3, FIT)
+        values, fit = (
+            (lambda times: np.hstack([part(times) for part in parts])),
+            np.full(3, INTEGRATION.fit_error),
+        )
     else:
         if duration is None:
             raise InputError("duration must be given where the motion is a function of the time")

@@ -8,6 +8,7 @@ are almost but not quite parallel, the row has Hayati's turn beta instead of a d
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -15,11 +16,24 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.robot._model import dh_transform
 
-# Sine of the angle below which the common normal of two axes is too far away to keep the digits of
-# the dynamics: at most 50 times as far as the joints are from each other.
-NEARLY_PARALLEL = 0.02
-DUST = 1e-15  # m and rad: what rounding leaves of a zero
-COINCIDENT = 1e-12  # m, and the sine of an angle: axes this close are one
+
+@dataclass(frozen=True)
+class Placement:
+    """Settings by which frames are placed on axes.
+
+    Attributes
+    ----------
+    nearly_parallel : sine of the angle below which the common normal of two axes is far away
+    rounding : m and rad: what rounding leaves of a zero
+    coincident : m, and the sine of an angle: axes this close are one
+    """
+
+    nearly_parallel: float = 0.02
+    rounding: float = 1e-15
+    coincident: float = 1e-12
+
+
+PLACEMENT = Placement()
 
 
 class Rows(NamedTuple):
@@ -64,7 +78,7 @@ def dh_rows(points: FloatArray, axes: FloatArray, parallel_tolerance: float) -> 
         turned = _turned(x, z, alpha, beta)
         theta = np.arctan2(z_next @ np.cross(turned, x_next), turned @ x_next)
         row = np.array([alpha, a, z_next @ (origin_next - foot), theta, beta])
-        table[i] = np.where(np.abs(row) < DUST, 0.0, row)
+        table[i] = np.where(np.abs(row) < PLACEMENT.rounding, 0.0, row)
         # The frame as the rows make it, so that rounding does not pile up along the chain.
         placed = placed @ dh_transform(*table[i])
         frames.append(placed)
@@ -74,9 +88,9 @@ def dh_rows(points: FloatArray, axes: FloatArray, parallel_tolerance: float) -> 
 
 def _frame_zero(point: FloatArray, axis: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Frame 0 [4,4] in the base frame, its X and its origin; the base frame itself if it can be."""
-    if np.hypot(axis[0], axis[1]) < COINCIDENT and axis[2] > 0:
+    if np.hypot(axis[0], axis[1]) < PLACEMENT.coincident and axis[2] > 0:
         beside = np.array([point[0], point[1], 0.0])
-        if np.linalg.norm(beside) < COINCIDENT:
+        if np.linalg.norm(beside) < PLACEMENT.coincident:
             return np.eye(4), np.eye(3)[0], np.zeros(3)
     frame = np.eye(4)
     x = _across(np.eye(3)[0], axis)
@@ -119,7 +133,7 @@ def _to_axis(
     alpha, beta = float(np.arctan2(-beside, along)), 0.0
     if sine == 0.0:
         alpha = 0.0 if along > 0 else np.pi
-    elif sine < NEARLY_PARALLEL:
+    elif sine < PLACEMENT.nearly_parallel:
         beta = float(np.arcsin(across))
         point = _crossing(origin, z, point, z_next)
     a = float((point - origin) @ x)
@@ -144,15 +158,15 @@ def _normal(
 ) -> tuple[FloatArray, FloatArray]:
     """Unit X along the common normal from one axis to the next, and its foot on the first."""
     gap = point_next - point
-    if sine < NEARLY_PARALLEL:
+    if sine < PLACEMENT.nearly_parallel:
         if sine > 0.0:
             gap = _crossing(foot, z, point_next, z_next) - foot
         beside = gap - (gap @ z) * z
         distance = np.linalg.norm(beside)
-        return (beside / distance if distance > COINCIDENT else _across(x, z)), foot
+        return (beside / distance if distance > PLACEMENT.coincident else _across(x, z)), foot
     cross = np.cross(z, z_next)
     unit = cross / sine
     reach = gap @ unit
-    if reach < -COINCIDENT or (abs(reach) <= COINCIDENT and unit @ x < 0):
+    if reach < -PLACEMENT.coincident or (abs(reach) <= PLACEMENT.coincident and unit @ x < 0):
         unit = -unit
     return unit, point + (np.cross(gap, z_next) @ cross / sine**2) * z
