@@ -1,10 +1,17 @@
 """Limits of torques of robots without masses: refused where given, named where brought along."""
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 import microbot_ocp as mo
+from microbot_ocp.cli import main
+from microbot_ocp.views.recording._builders import of_comparison
+from microbot_ocp.views.tables import comparison_rows
 
+NOT_JUDGED = "torque not judged: no masses"
 BARE = mo.Robot.from_dh([0, 0], [0, 1], [0, 0], tool=(0, 0.8, 0, 0), name="bare")
 SHAPE = mo.quintic([[0.0, 0.0], [0.5, 0.8]], [0.0, 2.0])
 POSES = [[0.0, 0.0], [0.5, 0.8]]
@@ -36,7 +43,27 @@ def test_those_of_a_file_are_named_as_not_judged():
         assert certificate.ok
         assert certificate.unjudged == ("torque",)
         assert "every limit but that of torque is kept" in certificate.verdict
-    assert "its limits of torque are not judged" in mo.time_optimal(robot, POSES, starts=1).note
+    assert NOT_JUDGED in mo.time_optimal(robot, POSES, starts=1).note
+
+
+def test_every_view_says_what_is_not_judged(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    path = tmp_path / "bare.toml"
+    robot = BARE.with_limits(qd_max=1.0, tau_max=5.0)
+    mo.write_toml(robot, path)
+    comparison = mo.compare(robot, POSES, methods=["cubic"])
+    (row,) = comparison_rows(comparison)
+    assert row["verdict_short"] == "ok, torque not judged"
+    assert row["unjudged"] == ["torque"]
+    assert row["work"] is None
+    assert NOT_JUDGED.capitalize() + "." in of_comparison(comparison).summary.notes
+    task = [str(path), "--via", "0,0 0.5,0.8"]
+    for command in (["show", str(path)], ["compare", *task, "--methods", "cubic"]):
+        assert main(command) == 0
+        assert NOT_JUDGED.capitalize() in capsys.readouterr().out
+    assert main(["time-optimal", *task]) == 0
+    assert f"Certificate: ok, {NOT_JUDGED}" in capsys.readouterr().out
+    assert main(["time-optimal", *task, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["certificate"]["unjudged"] == ["torque"]
 
 
 @pytest.mark.filterwarnings("error")

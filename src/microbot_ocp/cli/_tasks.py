@@ -322,7 +322,8 @@ def _show_front(console: Console, front: Front) -> None:
             f"{point.effort:.4g}",
             _share(point.peak_torque),
             str(point.motion.status),
-            "ok" if point.certificate.ok else f"refused: {point.certificate.verdict}",
+            point.certificate.outcome
+            + ("" if point.certificate.ok else f": {point.certificate.verdict}"),
         ]
         for point in front.points
     ]
@@ -416,7 +417,7 @@ def _show_shares(console: Console, robot: Robot, certificate: Certificate) -> No
                 for label, share in zip(check.labels, check.utilisation, strict=True)
             )
             console.print(f"share of the limit of {check.name} [%]: {shares}")
-    console.print(f"Certificate: {'ok' if certificate.ok else 'REFUSED'}; {certificate.verdict}")
+    console.print(f"Certificate: {certificate.outcome}; {certificate.verdict}")
 
 
 def _share(value: float) -> str:

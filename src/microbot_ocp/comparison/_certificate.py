@@ -33,6 +33,7 @@ from microbot_ocp.limits import (
     LimitFamily,
     LimitHistory,
     StateHistory,
+    not_judged,
 )
 from microbot_ocp.motion import (
     Motion,
@@ -227,6 +228,12 @@ class Certificate:
 
     def _repr_html_(self) -> str:
         return view_for(self, "table")(self)._repr_html_()
+
+    @property
+    def outcome(self) -> str:
+        """In short: "ok" or "REFUSED", and which limits were not judged."""
+        left = not_judged(self.unjudged)
+        return ("ok" if self.ok else "REFUSED") + (f", {left}" if left else "")
 
     @property
     def worst_violation(self) -> float:

@@ -331,7 +331,7 @@ class Entry:
     solve_time : float
         Wall time, s.
     torque_squared : float
-        Integral of tau' tau, (N m)^2 s.
+        Integral of tau' tau, (N m)^2 s; NaN without masses, like ``work``.
     work : float
         Mechanical work: integral of the sum over the joints of abs(tau qd), J.
     details : mapping
@@ -674,6 +674,7 @@ def _entry(name: str, task: Task, tell: Callable[..., None], seconds: float) -> 
             details={},
         )
     wall = time.perf_counter() - begin
+    tau = motion.tau if task.robot.has_dynamics else np.full_like(motion.tau, np.nan)
     motion = replace(motion, provenance={**motion.provenance, "robot": task.robot.name})
     tell(f"{motion.duration:.4f} s, certifying", stage="certify")
     with deadline.within(max(seconds - wall, LEAST_TIME)):
@@ -686,8 +687,8 @@ def _entry(name: str, task: Task, tell: Callable[..., None], seconds: float) -> 
         status=motion.status,
         note=motion.note,
         solve_time=wall,
-        torque_squared=float(np.trapezoid(np.sum(motion.tau**2, axis=1), motion.t)),
-        work=float(np.trapezoid(np.sum(np.abs(motion.tau * motion.qd), axis=1), motion.t)),
+        torque_squared=float(np.trapezoid(np.sum(tau**2, axis=1), motion.t)),
+        work=float(np.trapezoid(np.sum(np.abs(tau * motion.qd), axis=1), motion.t)),
         details={"certify_time": certificate.wall_time},
     )
 

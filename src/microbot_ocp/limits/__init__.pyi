@@ -5,6 +5,7 @@ from ._family import (
     LimitValues as LimitValues,
     Member as Member,
     MotionSamples as MotionSamples,
+    not_judged as not_judged,
 )
 from ._history import (
     LimitHistory as LimitHistory,

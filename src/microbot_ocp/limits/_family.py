@@ -126,6 +126,17 @@ class Member:
         return nearest_bound(*values, from_middle=self.from_middle)
 
 
+def not_judged(unjudged: Sequence[str]) -> str:
+    """Say which limits a robot without masses leaves out of every check; empty where it has none.
+
+    Examples
+    --------
+    >>> not_judged(["torque"])
+    'torque not judged: no masses'
+    """
+    return f"{' and '.join(unjudged)} not judged: no masses" if unjudged else ""
+
+
 class LimitFamily:
     """The limits that a robot has, joints' limits first.
 

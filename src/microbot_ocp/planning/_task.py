@@ -25,6 +25,7 @@ from microbot_ocp.limits import (
     Limits,
     Member,
     MotionSamples,
+    not_judged,
 )
 from microbot_ocp.motion import Motion
 from microbot_ocp.ocp import Phase, Solution
@@ -79,10 +80,8 @@ def with_drives_noted(
     fast it begins.
     """
     family = LimitFamily.of(robot, limits)
-    unjudged = " and ".join(family.unjudged)
-    unjudged = f"{robot.name} has no masses, so its limits of {unjudged} are not judged"
-    sentences = [motion.note, drive_advice(family.robot, motion.qdd)]
-    sentences += [unjudged] if family.unjudged else []
+    advice = drive_advice(family.robot, motion.qdd)
+    sentences = [motion.note, advice, not_judged(family.unjudged)]
     note = "; ".join(s for k, s in enumerate(sentences) if s and (k == 0 or s not in motion.note))
     return motion if note == motion.note else replace(motion, note=note)
 

@@ -14,13 +14,13 @@ from microbot_ocp._base.checks import FloatArray, plain
 from microbot_ocp._base.table import NOTHING, Column, Table
 from microbot_ocp._base.writing import write_whole
 from microbot_ocp.comparison import Certificate, Comparison, Entry, LimitCheck
-from microbot_ocp.limits import JOINT_QUANTITIES, quantity_name
+from microbot_ocp.limits import JOINT_QUANTITIES, LimitFamily, not_judged, quantity_name
 from microbot_ocp.views._scene import display_factor, display_unit
 from microbot_ocp.views.plots._style import entry_styles
 
 SCHEMA = 1
 SHOWN_JOINTS = 4  # more joints than this: the table shows the busiest one only
-JUDGED = ("certificate_ok", "verdict", "verdict_short", "worst_violation")
+JUDGED = ("certificate_ok", "verdict", "verdict_short", "unjudged", "worst_violation")
 MEASURED = (
     "defect",
     "amplification",
@@ -46,7 +46,8 @@ def comparison_rows(comparison: Comparison) -> list[Row]:
         ``name``, ``title``, ``status``, ``duration`` (s), ``ratio`` (duration over the
         reference's), ``utilisation`` (quantity -> joint -> largest share of the limit, 1 is the
         limit), ``torque_squared`` ((N m)^2 s), ``work`` (J), ``certificate_ok``, ``verdict``,
-        ``verdict_short``, ``worst_violation`` (quantity, joint, time, value, limit, unit and
+        ``verdict_short``, ``unjudged`` (names of limits that need masses that the robot has not),
+        ``worst_violation`` (quantity, joint, time, value, limit, unit and
         relative size; None where every limit holds), ``defect``, ``amplification``,
         ``final_position_error`` (rad), ``final_velocity_error`` (rad/s), ``saturated_fraction``,
         ``condition_peak``,
@@ -180,7 +181,8 @@ def _utilisation(comparison: Comparison, certificate: Certificate | None) -> Row
 def _proof(certificate: Certificate | None) -> Row:
     if certificate is None:
         return dict.fromkeys((*JUDGED, *MEASURED))
-    judged = certificate.ok, certificate.verdict, _short_verdict(certificate), _worst(certificate)
+    short, unjudged = _short_verdict(certificate), list(certificate.unjudged)
+    judged = certificate.ok, certificate.verdict, short, unjudged, _worst(certificate)
     measured = {key: getattr(certificate, key) for key in MEASURED}
     return dict(zip(JUDGED, judged, strict=True)) | measured
 
@@ -199,7 +201,7 @@ def _worst(certificate: Certificate) -> Row | None:
 
 def _short_verdict(certificate: Certificate) -> str:
     if certificate.ok:
-        return "ok"
+        return certificate.outcome.partition(":")[0]
     worst = _worst_check(certificate)
     if not certificate.resimulation_status.solved:
         return "FAILED: re-simulation"
@@ -260,6 +262,8 @@ def _notes(comparison: Comparison, rows: list[Row]) -> Iterator[str]:
     titles = {row["name"]: row["title"] for row in rows}
     reference = titles.get(comparison.reference, comparison.reference)
     yield f"Peaks: largest share of the limit ({order}). Ratio: to {reference}."
+    if left := not_judged(LimitFamily.of(comparison.robot).unjudged):
+        yield f"{left.capitalize()}."
     for row in rows:
         remarks = []
         if row["duration"] is None:
@@ -297,6 +301,8 @@ def _flat(row: Row) -> Row:
         elif key == "worst_violation":
             for part in (*PLACE, "relative"):
                 flat[f"worst_violation_{part}"] = value[part] if value else None
+        elif key == "unjudged":
+            flat[key] = "; ".join(value or ())
         elif key == "marks":
             flat[key] = "; ".join(f"{mark['time']:.6g} {mark['name']}" for mark in value)
         else:
