@@ -19,9 +19,6 @@ from microbot_ocp.cli import (
     _commands as commands,
     _interrupt as interrupt,
     _recordings as recordings,
-    fixed_angles,
-    joint_sweep,
-    largest_reach,
     main,
 )
 
@@ -286,12 +283,6 @@ def test_a_robot_is_copied_from_one_format_to_the_other(call, ask, refused, tmp_
     assert {path.name for path in tmp_path.iterdir()} == {"arm.toml", "arm.urdf", "arm.c"}
 
 
-def test_the_reach_of_an_arm_that_stretches_out():
-    found, bound = largest_reach(mo.load_robot("microbot"))
-    assert bound == pytest.approx(9.0)
-    assert found == pytest.approx(9.0, abs=1e-3)
-
-
 def test_a_robot_without_masses_or_limits(call, tmp_path):
     robot = mo.Robot.from_dh(
         alpha=[0, 0], a=[0, 1], d=[0, 0], joint_type=["revolute", "prismatic"], name="bare"
@@ -306,15 +297,6 @@ def test_a_robot_without_masses_or_limits(call, tmp_path):
     code, out, err = call("simulate", "bare.toml", "--q", "0,0")
     assert (code, out) == (2, "")
     assert "no masses" in err
-
-
-def test_the_sweep_stays_within_the_limits():
-    for name in mo.packaged_robots():
-        robot = mo.load_robot(name)
-        motion = joint_sweep(robot)
-        assert np.all(motion.q >= robot.limits.q_min - 1e-9)
-        assert np.all(motion.q <= robot.limits.q_max + 1e-9)
-        assert np.all(np.ptp(motion.q, axis=0) > 0.1)
 
 
 def test_fk_in_both_units(ask):
@@ -366,15 +348,6 @@ def test_ik_takes_the_orientation_that_fk_tells(ask):
     np.testing.assert_allclose(
         found["solutions"][0]["q_deg"], [10, -70, 80, -40, 30, 20], atol=1e-4
     )
-
-
-@pytest.mark.parametrize("pitch", [np.pi / 2, -np.pi / 2])
-def test_fixed_angles_where_roll_and_yaw_are_one(pitch):
-    from microbot_ocp.cli._poses import _orientation
-
-    rotation = _orientation(f"0.3,{pitch},0.4", None)
-    again = _orientation(",".join(map(str, fixed_angles(rotation))), None)
-    np.testing.assert_allclose(again, rotation, atol=1e-9)
 
 
 def test_a_target_out_of_reach_is_not_solved(call, ask):

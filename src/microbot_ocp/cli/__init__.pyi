@@ -6,10 +6,3 @@ from ._app import (
 from ._entry import (
     entry as entry,
 )
-from ._poses import (
-    fixed_angles as fixed_angles,
-)
-from ._robots import (
-    joint_sweep as joint_sweep,
-    largest_reach as largest_reach,
-)

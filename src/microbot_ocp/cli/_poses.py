@@ -35,9 +35,8 @@ from microbot_ocp.cli._output import (
     span,
 )
 from microbot_ocp.cli._recordings import check_recording, open_recording
-from microbot_ocp.comparison import rotation_of
 from microbot_ocp.inverse_kinematics import IKSolution, solve_ik, solve_ik_all
-from microbot_ocp.robot import Robot, forward_kinematics
+from microbot_ocp.robot import Robot, fixed_angles, forward_kinematics, rotation_of
 from microbot_ocp.robot.files import load_robot
 
 if TYPE_CHECKING:
@@ -198,15 +197,6 @@ def _orientation(radians: str | None, degrees: str | None) -> FloatArray | None:
     else:
         angles = numbers("--rpy", radians or "", 3, "roll, pitch, yaw")
     return rotation_of(angles)
-
-
-def fixed_angles(rotation: FloatArray) -> FloatArray:
-    """Roll, pitch, yaw, rad, of a rotation; where pitch is a quarter turn the yaw is 0."""
-    pitch = np.arctan2(-rotation[2, 0], np.hypot(rotation[0, 0], rotation[1, 0]))
-    if abs(np.cos(pitch)) < 1e-9:
-        return np.array([np.sign(pitch) * np.arctan2(rotation[0, 1], rotation[1, 1]), pitch, 0.0])
-    roll = np.arctan2(rotation[2, 1], rotation[2, 2])
-    return np.array([roll, pitch, np.arctan2(rotation[1, 0], rotation[0, 0])])
 
 
 def _pose_document(pose: FloatArray) -> dict[str, Any]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from dataclasses import asdict
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,7 +11,7 @@ import numpy as np
 import typer
 
 import microbot_ocp as mo
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.checks import InputError
 from microbot_ocp._base.table import Table
 from microbot_ocp.cli._options import (
     Json,
@@ -33,22 +32,14 @@ from microbot_ocp.cli._output import (
 )
 from microbot_ocp.cli._recordings import check_recording, open_recording
 from microbot_ocp.limits import JOINT_QUANTITIES, LimitFamily, not_judged
-from microbot_ocp.robot import Robot, drive_advice
+from microbot_ocp.robot import Robot, drive_advice, largest_reach, rest_pose
 from microbot_ocp.robot.files import load_robot, packaged_robots, robot_text, save_text
+from microbot_ocp.trajectories import joint_sweep
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from microbot_ocp.motion import Motion
-
-POSES = 4000  # in each round of the search for the largest reach
-ROUNDS = 12
-SWEEP = np.pi / 3  # how far `show` turns a joint to either side, rad (a third of it in m)
-SWEEP_TIME = 1.0  # s for each way, at least
 EQUATION_ENDINGS = (".tex", ".py", ".c", ".m")  # of mo.ClosedForm.export
-CALM = 0.9  # share of the limits of velocity and acceleration that it uses at most
-# Peaks of a quintic from rest to rest over a unit distance in a unit time.
-PEAK_SPEED, PEAK_ACCELERATION = 15 / 8, 10 / np.sqrt(3)
 
 
 def robots(as_json: Json = False) -> int:
@@ -109,7 +100,7 @@ def show(
         return joint_sweep(robot).to_rerun(robot, path)
 
     written.add(rerun, save)
-    rest = _nearest_zero(robot)
+    rest = rest_pose(robot)
     pose = np.array(mo.forward_kinematics(robot)(rest))
     found, bound = largest_reach(robot)
     document = {
@@ -160,83 +151,6 @@ def _write(source: str, tip: str | None, robot: Robot, path: Path) -> Path:
     else:
         save_text(robot_text(source, tip), path, ".toml")
     return path
-
-
-def largest_reach(robot: Robot) -> tuple[float, float]:
-    """Distance of the tool from the base origin, m: the largest found, and one never exceeded.
-
-    The search draws poses within the limits around the best so far, ever closer; what it finds is
-    a lower bound.
-    """
-    turns = np.array(robot.joint_types) == "revolute"
-    low, high = robot.limits.bounds("q")
-    slides = np.where(turns, 0.0, np.maximum(np.abs(robot.d + low), np.abs(robot.d + high)))
-    rows = np.hypot(robot.a, np.where(turns, robot.d, slides))
-    bound = rows.sum() + sum(np.linalg.norm(m[:3, 3]) for m in (robot.base, robot.tool))
-    if not np.isfinite(bound):
-        return float("inf"), float("inf")
-    low = np.where(turns, np.maximum(low, -np.pi), low)
-    high = np.where(turns, np.minimum(high, np.pi), high)
-    low, high = np.minimum(low, high), np.maximum(low, high)
-    rng = np.random.default_rng(0)
-    width, best = high - low, _nearest_zero(robot)
-    batch = mo.forward_kinematics(robot).map(POSES + 1)
-    distance = 0.0
-    for round_ in range(ROUNDS):
-        spread = width * 0.5**round_
-        q = np.clip(best + spread * rng.uniform(-1.0, 1.0, (POSES, low.size)), low, high)
-        q = np.vstack([best, q])
-        places = np.array(batch(q.T)).reshape(4, POSES + 1, 4)[:3, :, 3]
-        distances = np.linalg.norm(places, axis=0)
-        best, distance = q[distances.argmax()], float(distances.max())
-    return min(distance, float(bound)), float(bound)
-
-
-def joint_sweep(robot: Robot) -> Motion:
-    """Every joint in turn to either side and back, within its limits; torques at rest."""
-    rest = _nearest_zero(robot)
-    low, high = robot.limits.bounds("q")
-    points = [rest]
-    free = np.minimum(*(_symmetric(robot, quantity) for quantity in ("qd", "qdd"))) > 0.0
-    for joint, kind in enumerate(robot.joint_types):
-        step = SWEEP if kind == "revolute" else SWEEP / 3
-        step *= free[joint]
-        for target in (rest[joint] + step, rest[joint] - step, rest[joint]):
-            point = rest.copy()
-            point[joint] = np.clip(target, low[joint], high[joint])
-            points.append(point)
-    breaks = np.append(0.0, np.cumsum([_sweep_time(robot, *pair) for pair in pairwise(points)]))
-    shape = mo.quintic(points, breaks)
-    if robot.has_dynamics:
-        return mo.Motion.from_polynomial(robot, shape, label="joint by joint")
-    from microbot_ocp.motion import sample_times
-
-    t = sample_times(breaks, np.array([]), 1e-2)
-    velocity = shape.derivative()
-    q = shape(t)
-    return mo.Motion(
-        t, q, velocity(t), velocity.derivative()(t), np.zeros_like(q), "joint by joint", breaks
-    )
-
-
-def _sweep_time(robot: Robot, start: FloatArray, end: FloatArray) -> float:
-    """Duration of one way of the sweep within the limits of velocity and acceleration, s."""
-    distance = np.abs(end - start)
-    speed, acceleration = (CALM * _symmetric(robot, quantity) for quantity in ("qd", "qdd"))
-    moving = distance > 0.0
-    by_speed = PEAK_SPEED * distance[moving] / speed[moving]
-    by_acceleration = np.sqrt(PEAK_ACCELERATION * distance[moving] / acceleration[moving])
-    return float(max([SWEEP_TIME, *by_speed, *by_acceleration]))
-
-
-def _symmetric(robot: Robot, quantity: str) -> FloatArray:
-    """What every joint may have of a quantity in either direction [n]."""
-    lower, upper = robot.limits.bounds(quantity)
-    return np.minimum(-lower, upper)
-
-
-def _nearest_zero(robot: Robot) -> FloatArray:
-    return np.clip(np.zeros(robot.joint_count), robot.limits.q_min, robot.limits.q_max)
 
 
 def _types(robot: Robot) -> str:

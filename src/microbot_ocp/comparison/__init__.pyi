@@ -5,7 +5,6 @@ from ._cell_file import (
     CellFile as CellFile,
     is_cell_file as is_cell_file,
     read_cell as read_cell,
-    rotation_of as rotation_of,
 )
 from ._certificate import (
     Certificate as Certificate,

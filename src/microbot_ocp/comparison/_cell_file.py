@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from microbot_ocp._base import checks
-from microbot_ocp._base.checks import FloatArray, InputError, naming, plain
+from microbot_ocp._base.checks import InputError, naming, plain
 from microbot_ocp._base.showing import view_for
 from microbot_ocp._base.toml_file import check_keys, check_schema, table_from, table_of
 from microbot_ocp._base.writing import made_folder, write_whole
@@ -48,7 +48,7 @@ from microbot_ocp.planning import (
     task_of,
     time_optimal,
 )
-from microbot_ocp.robot import Capsule, JointLimits, Robot, joint_scale
+from microbot_ocp.robot import Capsule, JointLimits, Robot, joint_scale, rotation_of
 from microbot_ocp.scene import Scene, read_scene, with_arm_capsules
 
 TOP = (
@@ -519,15 +519,3 @@ def _segments(
         with naming(f"{where}: "):
             made[begins.index(after)] = kind(**{key: row[key] for key in keys if key in row})
     return tuple(made)
-
-
-def rotation_of(angles: FloatArray) -> FloatArray:
-    """Rotation [3,3] from roll, pitch, yaw [3] about the base axes, rad."""
-    (cr, cp, cy), (sr, sp, sy) = np.cos(angles), np.sin(angles)
-    return np.array(
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
-    )

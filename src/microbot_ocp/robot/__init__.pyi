@@ -47,6 +47,14 @@ from ._model import (
 from ._motion_state import (
     MotionState as MotionState,
 )
+from ._orientation import (
+    fixed_angles as fixed_angles,
+    rotation_of as rotation_of,
+)
+from ._reach import (
+    largest_reach as largest_reach,
+    rest_pose as rest_pose,
+)
 from ._shapes import (
     Capsule as Capsule,
     Mesh as Mesh,

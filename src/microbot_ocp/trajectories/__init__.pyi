@@ -9,6 +9,9 @@ from ._cubic import (
     cubic as cubic,
     cubic_through as cubic_through,
 )
+from ._joint_sweep import (
+    joint_sweep as joint_sweep,
+)
 from ._lspb import (
     lspb as lspb,
     lspb_through as lspb_through,
