@@ -9,21 +9,18 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import os
-import pickle
-import select
 import signal
-import struct
 import sys
 import threading
 import time
 import warnings
 from collections.abc import Callable
-from multiprocessing import parent_process
+from multiprocessing import Pipe, parent_process
+from multiprocessing.connection import Connection
 from pathlib import Path
 from types import FrameType
 from typing import Any
 
-HEAD = struct.Struct("<Q")
 PR_SET_PDEATHSIG = 1
 Send = Callable[[Any], None]
 
@@ -82,18 +79,24 @@ class Child:
 
     def __init__(self, work: Callable[[Send], Any]) -> None:
         with _forking:  # filters of warnings are for all threads, and no other child gets this pipe
-            self.reading, writing = os.pipe()
+            self.reading, writing = Pipe(duplex=False)
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", DeprecationWarning)  # of threads: only this forks
                 self.process = os.fork()
             if self.process == 0:
                 _work(work, self.reading, writing)
-            os.close(writing)
+            writing.close()
 
     def answer(self, until: float, receive: Callable[[Any], bool] | None = None) -> Any:
         """What the work returns, as :func:`in_child`."""
         while True:
-            done, what = _message(self.reading, until)
+            left = min(until - time.perf_counter(), 1e6)
+            if left <= 0 or not self.reading.poll(left):
+                raise OutOfTime
+            try:
+                done, what = self.reading.recv()
+            except (EOFError, OSError):  # between messages, or within one
+                raise Died from None
             if done:
                 return what
             if receive is not None and not receive(what):
@@ -101,7 +104,7 @@ class Child:
 
     def close(self) -> None:
         """End the process."""
-        os.close(self.reading)
+        self.reading.close()
         os.kill(self.process, signal.SIGKILL)
         os.waitpid(self.process, 0)
 
@@ -140,21 +143,14 @@ def in_child(
         return child.answer(until, receive)
 
 
-def _work(work: Callable[[Send], Any], reading: int, writing: int) -> None:
+def _work(work: Callable[[Send], Any], reading: Connection, writing: Connection) -> None:
     global _is_child
     try:
         _is_child = True
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends this process
         _end_with_parent()
-        os.close(reading)
-
-        def say(done: bool, what: Any) -> None:
-            content = pickle.dumps((done, what), protocol=pickle.HIGHEST_PROTOCOL)
-            left = memoryview(HEAD.pack(len(content)) + content)
-            while left:
-                left = left[os.write(writing, left) :]
-
-        say(True, work(lambda what: say(False, what)))
+        reading.close()
+        writing.send((True, work(lambda what: writing.send((False, what)))))
     finally:
         os._exit(0)
 
@@ -173,21 +169,3 @@ def _end_with_parent() -> None:
     """Let Linux end this process when the one that started it is killed."""
     with contextlib.suppress(OSError, AttributeError):
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
-
-
-def _message(reading: int, until: float) -> tuple[bool, Any]:
-    size = HEAD.unpack(_bytes(reading, HEAD.size, until))[0]
-    return pickle.loads(_bytes(reading, size, until))
-
-
-def _bytes(reading: int, size: int, until: float) -> bytes:
-    content = b""
-    while len(content) < size:
-        left = min(until - time.perf_counter(), 1e6)
-        if left <= 0 or not select.select([reading], [], [], left)[0]:
-            raise OutOfTime
-        part = os.read(reading, size - len(content))
-        if not part:
-            raise Died
-        content += part
-    return content
