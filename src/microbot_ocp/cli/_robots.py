@@ -31,7 +31,7 @@ from microbot_ocp.cli._output import (
     span,
 )
 from microbot_ocp.cli._recordings import check_recording, open_recording
-from microbot_ocp.limits import JOINT_QUANTITIES, LimitFamily, not_judged
+from microbot_ocp.limits import JOINT_QUANTITIES
 from microbot_ocp.robot import Robot, drive_advice, largest_reach, rest_pose
 from microbot_ocp.robot.files import load_robot, packaged_robots, robot_text, save_text
 from microbot_ocp.trajectories import joint_sweep
@@ -225,6 +225,8 @@ def _show_robot(console: Console, robot: Robot) -> None:
         for j in joints
     ]
     console.print(Table.of_text(["joint", *heads], rows), "")
+    from microbot_ocp.limits import LimitFamily, not_judged  # with CasADi, which lists do without
+
     if left := not_judged(LimitFamily.of(robot).unjudged):
         console.print(f"{left.capitalize()}.\n")
 
