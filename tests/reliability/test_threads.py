@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import copy
+import multiprocessing
 import pickle
+import sys
+import tempfile
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -16,6 +20,7 @@ import microbot_ocp as mo
 from microbot_ocp import ocp
 from microbot_ocp._base import deadline
 from microbot_ocp._base.codegen import compiles, interpreted
+from microbot_ocp.robot import Shape
 
 THREADS, CALLS = 3, 36
 VIA = np.radians([[0, 0, 0], [-8, 45, 30], [-90, 90, 90]])
@@ -35,8 +40,12 @@ def ends(k: int) -> np.ndarray:
     return np.array([[0.0, 0.1, 0.2], [0.5 + 0.1 * k, 0.6, -0.4 + 0.2 * k]])
 
 
+def halved(k: int) -> np.ndarray:
+    return np.vstack([ends(k)[0], [0.2, 0.5, 0.1 * k], ends(k)[1]])
+
+
 def path(k: int) -> mo.PiecewisePolynomial:
-    return mo.cubic(np.vstack([ends(k)[0], [0.2, 0.5, 0.1 * k], ends(k)[1]]), [0.0, 1.0, 2.0])
+    return mo.cubic(halved(k), [0.0, 1.0, 2.0])
 
 
 @cache
@@ -54,15 +63,17 @@ def prepared() -> mo.TimeOptimalSolver:
     return mo.TimeOptimalSolver(robot(), VIA, mesh=20)
 
 
-def double_integrator() -> ocp.OptimalControlProblem:
+def double_integrator(
+    duration: tuple[float, float] = (0.1, 10.0), drag: float = 0.1
+) -> ocp.OptimalControlProblem:
     problem = ocp.OptimalControlProblem("double integrator")
-    phase = problem.phase("move", duration=(0.1, 10.0))
+    phase = problem.phase("move", duration=duration)
     x = phase.state("x", initial=0.0, final=1.0)
     v = phase.state("v", initial=0.0, final=0.0)
     u = phase.control("u", lower=-1.0, upper=1.0)
     mass = phase.parameter("mass", 1.0)
     phase.derivative(x, v)
-    phase.derivative(v, u / mass - 0.1 * v**3)
+    phase.derivative(v, u / mass - drag * v**3)
     phase.end_cost(phase.duration)
     return problem
 
@@ -93,6 +104,70 @@ def simulated(k: int) -> Any:
 def tracked(k: int) -> Any:
     found = mo.track(robot(), motion(), mo.ComputedTorque(50.0 + k), step=0.02)
     return found.q
+
+
+@cache
+def stops() -> list[mo.Stop]:
+    return [mo.Stop(q=ends(1)[0]), mo.Stop(q=[0.3, 0.4, 0.0], payload=0.2), mo.Stop(q=ends(1)[1])]
+
+
+@cache
+def through_stops() -> mo.Motion:
+    return mo.time_optimal(robot(), stops(), mesh=12, starts=1)
+
+
+def certified_segments(k: int) -> Any:
+    limits = mo.Limits(qd_max=1.0 + 0.1 * k)
+    found = mo.certify(robot(), through_stops(), limits, via_q=stops())
+    return [check.utilisation for check in found.limit_checks], found.defect
+
+
+def poses(k: int) -> np.ndarray:
+    return np.linspace(reachable(k), reachable(k) - [0.0, 0.0, 0.05], 4)
+
+
+def histories(k: int) -> Any:
+    found = mo.limits.limit_history(robot().with_payload(0.1 * k), motion())
+    return list(found.use.values())
+
+
+def capsules(k: int) -> Any:
+    shape = Shape(1, np.eye(4), "box", np.array([0.1, 0.2, 0.3 + 0.1 * k]))
+    found = mo.fit_capsules(replace(robot(), shapes=(shape,)))
+    return [(c.start, c.end, c.radius) for row in found.values() for c in row]
+
+
+def read(k: int) -> Any:
+    with tempfile.TemporaryDirectory() as folder:
+        mo.write_urdf(robot().with_payload(0.1 * k), f"{folder}/arm.urdf")
+        again = mo.load_robot(f"{folder}/arm.urdf")
+    return again.a, again.d, [link.mass for link in again.links]
+
+
+def verified(k: int) -> Any:
+    problem = double_integrator()
+    verdict = ocp.verify(problem, ocp.solve(problem, mesh=10 + k)).verdict
+    return np.frombuffer(verdict.encode(), np.uint8)
+
+
+def explained(k: int) -> Any:
+    problem = double_integrator(duration=(0.1, 1.5 + 0.1 * k))
+    return [row.amount for row in ocp.explain(problem, 10).gives]
+
+
+def refined(k: int) -> Any:
+    return ocp.solve_refined(double_integrator(drag=0.1 * k)).solution.variables
+
+
+def split(k: int) -> Any:
+    best = mo.best_split(robot(), lambda d: mo.cubic(halved(k), [0.0, *np.cumsum(d)]), [1.0, 1.0])
+    return best.duration, best.polynomial.coefficients
+
+
+def switching(k: int) -> Any:
+    found = ocp.solve_switching_times(double_integrator(drag=0.1 + 0.1 * k))
+    assert found.status.solved
+    return found.junctions[0].time, found.state_error
 
 
 def arrays_of(answer: Any) -> bytes:
@@ -147,7 +222,21 @@ QUICK: dict[str, Callable[[int], Any]] = {
     "ParametricSolver": lambda k: with_mass(parametric(), k),
 }
 SLOW: dict[str, Callable[[int], Any]] = {
+    "solve_ik_batch": lambda k: [s.q for row in mo.solve_ik_batch(robot(), poses(k)) for s in row],
+    "solve_ik_each": lambda k: [s.q for s in mo.solve_ik_each(robot(), poses(k))],
+    "best_split": split,
+    "certify, stops": certified_segments,
+    "limit_history": histories,
+    "fit_capsules": capsules,
+    "read_urdf": read,
+    "time_effort_front": lambda k: [
+        p.effort for p in mo.time_effort_front(robot(), ends(k), slacks=(0.1,), mesh=12).points
+    ],
     "ocp.solve": problem_of,
+    "ocp.verify": verified,
+    "ocp.explain": explained,
+    "ocp.solve_refined": refined,
+    "ocp.solve_switching_times": switching,
     "time_optimal": lambda k: mo.time_optimal(robot(), ends(k), mesh=12, starts=2),
     "time_optimal, stops": lambda k: mo.time_optimal(
         robot(),
@@ -166,9 +255,10 @@ SLOW: dict[str, Callable[[int], Any]] = {
 
 def from_threads(call: Callable[[int], Any], calls: int = CALLS, different: int = 4) -> int:
     """How many of several calls have other bits from threads than one after the other."""
-    cases = [number % different for number in range(calls)]
+    cases, streams = [number % different for number in range(calls)], (sys.stdout, sys.stderr)
     with ThreadPoolExecutor(THREADS) as pool:
         found = list(pool.map(lambda k: arrays_of(call(k)), cases))
+    assert (sys.stdout, sys.stderr) == streams
     expected = [arrays_of(call(k)) for k in range(different)]
     return sum(bits != expected[k] for bits, k in zip(found, cases, strict=True))
 
@@ -196,6 +286,20 @@ def test_copies_of_prepared_solvers_give_the_same_bits(copied):
     prepared()(), with_mass(parametric(), 0)
     for solver, call in ((prepared(), lambda s: s(payload=0.5)), (parametric(), partial_mass)):
         assert arrays_of(call(copied(solver))) == arrays_of(call(solver))
+
+
+@pytest.mark.slow
+def test_prepared_solvers_sent_to_another_process_give_the_same_bits():
+    prepared()()
+    calls = {with_payload: prepared(), partial_mass: parametric()}
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(1, mp_context=context) as pool:
+        for call, solver in calls.items():
+            assert arrays_of(pool.submit(call, solver).result()) == arrays_of(call(solver))
+
+
+def with_payload(solver: mo.TimeOptimalSolver) -> mo.Motion:
+    return solver(payload=0.5)
 
 
 def partial_mass(solver: ocp.ParametricSolver) -> np.ndarray:

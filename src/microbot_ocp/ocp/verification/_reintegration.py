@@ -10,7 +10,6 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass
-from io import StringIO
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -18,6 +17,7 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.growth import transition_matrices
+from microbot_ocp._base.quiet import quiet
 from microbot_ocp.ocp.problem import Phase, Variable
 from microbot_ocp.ocp.solution import PhaseSolution
 from microbot_ocp.ocp.transcription import PhaseLayout, StageGroup, StageKind
@@ -134,9 +134,7 @@ def _first_that_works(
     failure = ""
     for method in _methods(layout.phase):
         try:
-            # What CasADi prints of a failure is all its inputs; the message is enough.
-            told = StringIO()
-            with contextlib.redirect_stdout(told), contextlib.redirect_stderr(told):
+            with quiet():  # of a failure CasADi prints all inputs; the message is enough
                 states, costs = call(_integrator(layout, kind, method, tolerance, cost))
             return (states.full().T, costs.full().ravel()), ""
         except RuntimeError as problem:
