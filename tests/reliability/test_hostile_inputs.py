@@ -64,6 +64,14 @@ def test_deep_keys_of_toml_take_no_time(tmp_path: Path, name: str, key: str) -> 
     assert "nested deeper than 200" in refused(read, path)
 
 
+@pytest.mark.parametrize("name", ["robot", "scene", "study"])
+def test_toml_of_megabytes_takes_no_time(tmp_path: Path, name: str) -> None:
+    read = {"robot": mo.load_robot, "scene": mo.read_scene, "study": read_study}[name]
+    path = tmp_path / f"{name}.toml"
+    path.write_text("a = [" + "1," * 10_000_000 + "]")
+    assert "more than 5,000,000 characters" in refused(read, path)
+
+
 def test_comments_without_an_end_take_no_time(tmp_path: Path) -> None:
     path = tmp_path / "arm.urdf"
     path.write_text("<robot>" + "<!--" * 100_000)

@@ -12,6 +12,7 @@ from typing import Any
 from microbot_ocp._base.checks import InputError, shown
 from microbot_ocp._base.reading import DEEPEST, text_of
 
+MOST_CHARACTERS = 5_000_000  # of TOML, which are read in seconds; a robot file has a few thousand
 _PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')"""
 # tomllib takes as long as the square of the parts of a key
 _DEEP_KEY = re.compile(rf"""(?<![\w."'-]){_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{DEEPEST},}}""")
@@ -25,6 +26,8 @@ def parsed(text: str, origin: str) -> dict[str, Any]:
     InputError
     """
     try:
+        if len(text) > MOST_CHARACTERS:
+            raise ValueError(f"it has more than {MOST_CHARACTERS:,} characters")
         if _DEEP_KEY.search(text):
             raise ValueError(f"tables are nested deeper than {DEEPEST}")
         return tomllib.loads(text)
