@@ -2,8 +2,8 @@
 
 from ._among_obstacles import (
     TimedPath as TimedPath,
+    legs_between as legs_between,
     timed_paths as timed_paths,
-    ways_around as ways_around,
 )
 from ._branches import (
     least_duration as least_duration,

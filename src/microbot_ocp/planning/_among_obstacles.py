@@ -11,7 +11,8 @@ from __future__ import annotations
 
 import itertools
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -32,7 +33,7 @@ from microbot_ocp.motion import (
 )
 from microbot_ocp.ocp import Solution
 from microbot_ocp.ocp.solution import StepProgress, quiet
-from microbot_ocp.planning._fast_timing import time_path
+from microbot_ocp.planning._fast_timing import PathTiming, time_path
 from microbot_ocp.planning._free_problem import phase_names
 from microbot_ocp.planning._free_search import (
     KEEPS_LIMITS,
@@ -50,6 +51,7 @@ from microbot_ocp.planning._task import ROUGH_TOLERANCE, length_text, reach_of
 from microbot_ocp.planning._within_limits import known_ways
 from microbot_ocp.robot import Robot
 from microbot_ocp.scene import (
+    FIRST_SEARCHES,
     Clearance,
     Detour,
     Pair,
@@ -62,7 +64,6 @@ from microbot_ocp.scene import (
 )
 from microbot_ocp.trajectories import quintic, shortest_duration
 
-SEEDS = 4  # searches of the planner for each segment that are made in any case
 MOST_GUESSES = 3  # timed paths that the search starts from
 DIFFERENT = 0.02  # share of the duration by which timed paths must differ to count as two
 NEAR = 0.1  # of the arm's reach: pairs that come so near on a timed path are in the problem
@@ -81,15 +82,165 @@ class TimedPath:
     ----------
     name : str
     motion : Motion
-    via_times : array [m], s
+        Marked where it passes the via points.
     clearance : Clearance
         Proved.
     """
 
     name: str
     motion: Motion
-    via_times: FloatArray
     clearance: Clearance
+
+    @property
+    def via_times(self) -> FloatArray:
+        """When it passes the via points [m], s."""
+        return np.array([mark.time for mark in self.motion.marks])
+
+
+class Leg:
+    """The ways from one pose to another that searches lead to, and their timings.
+
+    Attributes
+    ----------
+    ways : list of Detour
+        The first of them can be travelled.
+    failed : list of Detour
+        Searches that led to no way.
+    known : Motion or None
+        The first way with a timing that keeps all limits, there from the moment on at which the
+        way is: its best one, or where that takes long one that rests at every corner.
+    """
+
+    def __init__(
+        self,
+        around: Surroundings,
+        start: FloatArray,
+        goal: FloatArray,
+        settings: TimeOptimalSettings,
+    ) -> None:
+        self.around, self.start, self.goal, self.settings = around, start, goal, settings
+        self.family = LimitFamily.of(around.robot)
+        self.ways: list[Detour] = []
+        self.failed: list[Detour] = []
+        self.known: Motion | None = None
+        self.refused = False  # whether there was a way that cannot be travelled
+        self._reached: dict[int, PathTiming | None] = {}
+        self._motions: dict[int, Motion | None] = {}
+        self._searches = 0
+
+    def search(self, number: int, progress: StepProgress) -> None:
+        """Make the search of a number, unless it was made or there is no need of it."""
+        straight = any(way.name == "straight" for way in (*self.ways, *self.failed))
+        if number < self._searches or straight or (number >= FIRST_SEARCHES and self.known):
+            return
+        self._searches = number + 1
+        found = detour(self.around, self.start, self.goal, self.settings.seed, number)
+        if found.path is None:
+            self.failed.append(found)
+            progress(f"search {number}: no path in {found.checks} poses")
+            return
+        self.ways.append(found)
+        if self.known is None:
+            timing = self._timing(0)
+            self.known = timing or _resting_at_corners(self.family, found)
+        if self.known is None:
+            self.refused = True
+            self.failed.append(self.ways.pop())
+            self._reached.clear()
+
+    def bound(self, choice: int) -> float:
+        """What a way takes without limits of rates and others that reachability cannot keep, s."""
+        reached = self._reach(choice)
+        return np.inf if reached is None else reached.duration
+
+    def motion(self, choice: int) -> Motion | None:
+        """A way with its best timing that keeps all limits; None where none is found in time."""
+        choice = min(choice, len(self.ways) - 1)
+        if choice not in self._motions:
+            self._motions[choice] = self._timing(choice) or self._timing_with_rates(choice)
+        return self._motions[choice] or (self.known if choice == 0 else None)
+
+    def _reach(self, choice: int) -> PathTiming | None:
+        choice = min(choice, len(self.ways) - 1)
+        if choice not in self._reached:
+            path, self._reached[choice] = self.ways[choice].path, None
+            with suppress(InputError):  # it leaves the position limits, or cannot be held somewhere
+                assert path is not None
+                timing = time_path(self.around.robot, path, compiled=self.settings.compiled)
+                self._reached[choice] = timing if timing.solved else None
+        return self._reached[choice]
+
+    def _timing(self, choice: int) -> Motion | None:
+        """The best timing where reachability keeps every limit."""
+        timing = self._reach(choice)
+        if timing is None or self.family.jerk_matters or timing.limits_kept_by[LATER]:
+            return None
+        return timing.motion("timed path")
+
+    def _timing_with_rates(self, choice: int) -> Motion | None:
+        path = self.ways[choice].path
+        assert path is not None
+        if deadline.over():
+            return None
+        with suppress(InputError):
+            check_path(self.family, path)
+            own = PathTimingSettings(
+                limit_tolerance=self.settings.limit_tolerance, compiled=self.settings.compiled
+            )
+            motion = best_timing(self.family, path, own, "timed path", quiet)
+            if motion.solved and _keeps_limits(self.family, motion):
+                return motion
+        return None if deadline.over() else _resting_at_corners(self.family, self.ways[choice])
+
+
+def _resting_at_corners(family: LimitFamily, way: Detour) -> Motion | None:
+    """A motion along a polyline that rests at its corners; None where limits allow none."""
+    robot: Robot = family.robot
+    assert way.corners is not None
+    ends = itertools.pairwise(way.corners)
+    shapes = [quintic(pair, [0.0, 1.0], np.zeros((2, robot.joint_count))) for pair in ends]
+    try:  # as short as tells: it only has to be there
+        scaled = [shortest_duration(robot, own, tolerance=1e-3).polynomial for own in shapes]
+    except InputError:  # it leaves the position limits, or cannot be held somewhere
+        return None
+    breaks = np.cumsum([0.0, *(shape.duration for shape in scaled)])
+    shape = PiecewisePolynomial(breaks, np.concatenate([s.coefficients for s in scaled]))
+    how = {"method": "path around obstacles, at rest at its corners"}
+    motion = Motion.from_polynomial(robot, shape, label="timed path", provenance=how)
+    return motion if _keeps_limits(family, motion) else None
+
+
+def _keeps_limits(family: LimitFamily, motion: Motion) -> bool:
+    dense = samples_at(motion, dense_times(motion)[0])
+    return bool(family.excess(dense).max() <= LIMIT_TOLERANCE)
+
+
+def search_legs(ways: Sequence[Sequence[Leg]], progress: StepProgress) -> None:
+    """Search for paths on the legs of several ways, each a path for all of its legs.
+
+    Where the first searches lead to none that can be travelled all along, further ones follow until
+    one does or the time is over.
+    """
+    with sparing():
+        for number in itertools.count():
+            for leg in itertools.chain(*ways):
+                leg.search(number, progress)
+                if deadline.over():
+                    return
+            is_there = any(all(leg.known for leg in legs) for legs in ways)
+            if is_there and number + 1 >= FIRST_SEARCHES:
+                return
+
+
+def choices_of(legs: Sequence[Leg]) -> range:
+    """Numbers of the ways that there are along legs; none where a leg has no way."""
+    there = all(leg.known for leg in legs)
+    return range(max((len(leg.ways) for leg in legs), default=1) if there else 0)
+
+
+def differs(duration: float, others: Iterable[float]) -> bool:
+    """Whether a timed path is another one than those of other durations, s."""
+    return all(abs(duration - other) > DIFFERENT * other for other in others)
 
 
 class _GuidedSearch(FreeSearch):
@@ -164,46 +315,65 @@ def fastest_among(
     family = LimitFamily.of(robot)
     around = Surroundings(robot, scene)
     check_apart(around, via)
-    with sparing():
-        legs, failed = ways_around(around, via, settings.seed, progress)
-    paths = timed_paths(around, legs, settings, progress)
-    planned = time.perf_counter() - begin
-    if not paths:
-        why = _nothing_found(via, legs, failed)
-        return _not_found(family, scene, via, settings, why, planned)
-    best = _solved(family, via, scene, settings, progress, paths)
-    more = {
+    legs = legs_between(around, via, settings, progress)
+    paths = timed_paths(around, legs, progress)
+    more: dict[str, Any] = {
         "scene": list(scene.names),
         "paths": [{"start": p.name, "duration": p.motion.duration} for p in paths],
-        "planning_time": planned,
-        "wall_time": time.perf_counter() - begin,
+        "planning_time": time.perf_counter() - begin,
     }
-    proof = clearance(robot, best, scene) if best.solved else None
-    if proof is not None and proof.proved and best.duration < paths[0].motion.duration:
-        more["clearance"] = as_plain(proof)
-        return replace(best, provenance={**best.provenance, **more})
-    status, advice = best.status, best.provenance["advice"]
+    if not paths:
+        names = ["start", *(f"via point {k}" for k in range(2, len(via))), "goal"]
+        motion = _ignoring(family, via, settings)
+        proof = clearance(robot, motion, scene)
+        found = not_found(motion, nothing_found(legs, names), proof)
+    else:
+        search = _solved(family, via, scene, settings, progress, paths)
+        proof = clearance(robot, search, scene) if search is not None and search.solved else None
+        found = at_least(paths[0], search, proof)
+    more["wall_time"] = time.perf_counter() - begin
+    return replace(found, provenance={**found.provenance, **more})
+
+
+def at_least(known: TimedPath, found: Motion | None, proof: Clearance | None) -> Motion:
+    """What a search found; a timed path where that is not solved, not proved clear or slower."""
+    status, advice = Status.TIME_LIMIT, Status.TIME_LIMIT.sentence
+    if found is not None:
+        status, advice = found.status, found.provenance["advice"]
+        faster = found.duration < known.motion.duration or "least_effort" in found.provenance
+        if proof is not None and proof.proved and faster:
+            told = {**found.provenance, "clearance": as_plain(proof)}
+            return replace(found, provenance=told)
     if proof is not None and proof.proved:
         advice = "the search found nothing faster"
+        if deadline.over():
+            status, advice = Status.TIME_LIMIT, Status.TIME_LIMIT.sentence
     elif proof is not None:
         status, advice = Status.NOT_ACCEPTED, proof.sentence
     elif status in (Status.INFEASIBLE, Status.LIMITS_EXCEEDED):  # there is a motion
         status, advice = Status.FAILED, "The search found no motion within the limits."
-    if status.solved and deadline.over():
-        status, advice = Status.TIME_LIMIT, Status.TIME_LIMIT.sentence
-    chain, made_from = paths[0], "the best timing of a path around the obstacles"
+    made_from = "the best timing of a path around the obstacles"
     note = f"{made_from}: {advice}"
     if not status.solved:
         advice += "\n" + KEEPS_LIMITS.format(made_from)
         note = f"not solved: {advice}"
-    more |= {"advice": advice, "status": str(status), "made_from": made_from}
-    more["clearance"] = as_plain(chain.clearance)
-    return replace(
-        chain.motion,
-        label="time-optimal",
-        provenance={**chain.motion.provenance, **more},
-        note=note,
-    )
+    told = {**known.motion.provenance, "advice": advice, "status": str(status)}
+    told |= {"made_from": made_from, "clearance": as_plain(known.clearance)}
+    return replace(known.motion, label="time-optimal", provenance=told, note=note)
+
+
+def not_found(motion: Motion, why: str, hit: Clearance) -> Motion:
+    """What is returned where no way was found: a motion as without obstacles, and what it hits."""
+    advice = f"{why}. {Status.NOT_FOUND.sentence}\nReturned is a motion that ignores the obstacles."
+    told = {
+        "method": "free time-optimal motion among obstacles",
+        **motion.provenance,
+        "status": str(Status.NOT_FOUND),
+        "advice": advice,
+        "clearance": as_plain(hit),
+    }
+    note = f"not solved: {advice} {hit.sentence}"
+    return replace(motion, label="time-optimal", provenance=told, note=note)
 
 
 def check_apart(around: Surroundings, via: FloatArray) -> None:
@@ -211,7 +381,7 @@ def check_apart(around: Surroundings, via: FloatArray) -> None:
     for number, q in enumerate(via, start=1):
         found = around.collision(q)
         if found is not None:
-            name = _name_of(number, len(via))
+            name = {1: "start", len(via): "goal"}.get(number, f"via point {number}")
             raise InputError(f"{name} {touching(found, around.scene.clearance)}")
 
 
@@ -225,136 +395,59 @@ def touching(found: Any, wanted: float) -> str:
     )
 
 
-def _name_of(number: int, count: int) -> str:
-    return {1: "start", count: "goal"}.get(number, f"via point {number}")
-
-
-def ways_around(
-    around: Surroundings, via: FloatArray, seed: int, progress: StepProgress
-) -> tuple[list[list[Detour]], list[Detour]]:
-    """Ways from each via point [m,n] to the next, and the searches that failed.
-
-    Where none of the first searches finds one, further ones follow until one does or the time is
-    over; a segment that has none is the last.
-    """
-    legs: list[list[Detour]] = []
-    failed: list[Detour] = []
-    for start, end in itertools.pairwise(via):
-        legs.append([])
-        for number in itertools.count():
-            if (number >= SEEDS and legs[-1]) or (number and deadline.over()):
-                break
-            found = detour(around, start, end, seed, number)
-            (failed if found.path is None else legs[-1]).append(found)
-            if found.path is None:
-                progress(f"search {number}: no path in {found.checks} poses")
-            if found.name == "straight":
-                break
-        if not legs[-1]:
-            break
-    return legs, failed
+def legs_between(
+    around: Surroundings, via: FloatArray, settings: TimeOptimalSettings, progress: StepProgress
+) -> list[Leg]:
+    """The legs from each via point [m,n] to the next, with the ways that searches lead to."""
+    legs = [Leg(around, start, end, settings) for start, end in itertools.pairwise(via)]
+    search_legs([legs], progress)
+    return legs
 
 
 def timed_paths(
-    around: Surroundings,
-    legs: Sequence[Sequence[Detour]],
-    settings: TimeOptimalSettings,
-    progress: StepProgress,
+    around: Surroundings, legs: Sequence[Leg], progress: StepProgress
 ) -> list[TimedPath]:
-    """Ways through via points with a timing that keeps all limits, fastest first.
+    """Different ways through via points with a timing that keeps all limits, fastest first.
 
-    At the time limit that of the first way alone.
+    At the time limit one alone.
     """
-    found: list[TimedPath] = []
-    for choice in range(max(map(len, legs)) if all(legs) else 0):
-        if found and deadline.over():
-            break
-        chosen = [leg[min(choice, len(leg) - 1)] for leg in legs]
-        timed = _timed(around, chosen, settings)
-        if timed is not None:
-            found.append(timed)
-            progress(f"path {timed.name}: {timed.motion.duration:.4f} s with its best timing")
-    found.sort(key=lambda path: path.motion.duration)
     kept: list[TimedPath] = []
-    for path in found:
-        durations = [other.motion.duration for other in kept]
-        if all(path.motion.duration > (1 + DIFFERENT) * other for other in durations):
-            kept.append(path)
-    return kept[:MOST_GUESSES]
+    for choice in sorted(choices_of(legs), key=lambda k: sum(leg.bound(k) for leg in legs)):
+        if kept and (deadline.over() or len(kept) == MOST_GUESSES):
+            break
+        timed = _timed(around, legs, choice)
+        if timed is None:
+            continue
+        progress(f"path {timed.name}: {timed.motion.duration:.4f} s with its best timing")
+        if differs(timed.motion.duration, (path.motion.duration for path in kept)):
+            kept.append(timed)
+    return sorted(kept, key=lambda path: path.motion.duration)
 
 
-def _timed(
-    around: Surroundings, legs: Sequence[Detour], settings: TimeOptimalSettings
-) -> TimedPath | None:
-    """A way with its timing, at rest at every via point; None where it cannot be travelled."""
-    robot = around.robot
-    motions = []
+def _timed(around: Surroundings, legs: Sequence[Leg], choice: int) -> TimedPath | None:
+    """A way with its timing, at rest at every via point; None where none is found in time."""
+    robot, motions = around.robot, []
     for leg in legs:
-        motion = timed_leg(robot, leg, settings)
+        motion = leg.motion(choice)
         if motion is None:
             return None
         motions.append(motion)
-    name = "path " + ", ".join(leg.name for leg in legs)
+    names = [leg.ways[min(choice, len(leg.ways) - 1)].name for leg in legs]
     times = np.cumsum([0.0, *(m.duration for m in motions)])
     if len(motions) == 1:
         whole = motions[0]
     else:
+        later = (t + m.t[1:] for t, m in zip(times, motions, strict=False))
         shape = PiecewisePolynomial(
-            np.concatenate(
-                [np.zeros(1), *(t + m.t[1:] for t, m in zip(times, motions, strict=False))]
-            ),
-            np.concatenate([pieces_of(m) for m in motions]),
+            np.concatenate([np.zeros(1), *later]), np.concatenate([pieces_of(m) for m in motions])
         )
-        whole = Motion.from_polynomial(
-            robot, shape, label="timed path", provenance=motions[0].provenance
-        )
+        how = motions[0].provenance
+        whole = Motion.from_polynomial(robot, shape, label="timed path", provenance=how)
     marks = tuple(Mark(float(t), f"via {i + 1}") for i, t in enumerate(times))
     proof = clearance(robot, whole, around.scene)
-    return TimedPath(name, replace(whole, marks=marks), times, proof) if proof.proved else None
-
-
-def timed_leg(robot: Robot, leg: Detour, settings: TimeOptimalSettings) -> Motion | None:
-    """The best timing of a way around obstacles that keeps all limits.
-
-    Where none is found in time, or at all, a motion that rests at every corner of its polyline;
-    None where limits allow not even that.
-    """
-    assert leg.path is not None
-    assert leg.corners is not None
-    family = LimitFamily.of(robot)
-    try:
-        if not family.jerk_matters:
-            timing = time_path(robot, leg.path, compiled=settings.compiled)
-            if timing.solved and not timing.limits_kept_by[LATER]:
-                return timing.motion("timed path")
-        if not deadline.over():
-            check_path(family, leg.path)
-            own = PathTimingSettings(
-                limit_tolerance=settings.limit_tolerance, compiled=settings.compiled
-            )
-            motion = best_timing(family, leg.path, own, "timed path", quiet)
-            if motion.solved and _keeps_limits(family, motion):
-                return motion
-        ends = list(itertools.pairwise(leg.corners))
-        shapes = [quintic(pair, [0.0, 1.0], np.zeros((2, robot.joint_count))) for pair in ends]
-        # their own time: without any motion nothing could be returned
-        scaled = [shortest_duration(robot, shape).polynomial for shape in shapes]
-    except InputError:  # it leaves the position limits, or cannot be held somewhere
+    if not proof.proved:
         return None
-    breaks = np.cumsum([0.0, *(shape.duration for shape in scaled)])
-    shape = PiecewisePolynomial(breaks, np.concatenate([s.coefficients for s in scaled]))
-    motion = Motion.from_polynomial(
-        robot,
-        shape,
-        label="timed path",
-        provenance={"method": "path around obstacles, at rest at its corners"},
-    )
-    return motion if _keeps_limits(family, motion) else None
-
-
-def _keeps_limits(family: LimitFamily, motion: Motion) -> bool:
-    dense = samples_at(motion, dense_times(motion)[0])
-    return bool(family.excess(dense).max() <= LIMIT_TOLERANCE)
+    return TimedPath("path " + ", ".join(names), replace(whole, marks=marks), proof)
 
 
 def _solved(
@@ -364,8 +457,11 @@ def _solved(
     settings: TimeOptimalSettings,
     progress: StepProgress,
     paths: Sequence[TimedPath],
-) -> Motion:
-    """The fastest motion found from timed paths, with all pairs that matter in the problem."""
+) -> Motion | None:
+    """The fastest motion found from timed paths, with all pairs that matter in the problem.
+
+    None where the time was over before the search began.
+    """
     robot: Robot = family.robot
     pairs = scene.pairs(robot)
     names = phase_names(len(via) - 1)
@@ -383,7 +479,12 @@ def _solved(
         )
         also = [*family.robot.limits.also, limit] if near.any() else family.robot.limits.also
         bounded = LimitFamily.of(robot.with_limits(also=also))
-        motion = _GuidedSearch(bounded, via, settings, progress, guesses).run()
+        try:
+            with deadline.given_up():
+                search = _GuidedSearch(bounded, via, settings, progress, guesses)
+        except deadline.Over:
+            return motion
+        motion = search.run()
         if not motion.solved:
             return motion
         bounds = np.array([scene.clearance for _ in pairs])
@@ -394,7 +495,6 @@ def _solved(
         near |= missed
         times = np.array([mark.time for mark in motion.marks])
         guesses = [InitialGuess("the motion before", _along(names, motion, times)), *guesses]
-    assert motion is not None
     return motion
 
 
@@ -418,49 +518,25 @@ def as_plain(found: Clearance) -> dict[str, Any]:
     }
 
 
-def _nothing_found(
-    via: FloatArray, legs: Sequence[Sequence[Detour]], failed: Sequence[Detour]
-) -> str:
-    """Why there is no timed path."""
-    if all(legs):
+def nothing_found(legs: Sequence[Leg | None], names: Sequence[str]) -> str:
+    """Why there is no timed path along legs, where they are free, between poses of these names."""
+    missing = next((k for k, leg in enumerate(legs) if leg and leg.known is None), 0)
+    leg = legs[missing]
+    if leg is None or leg.known is not None or leg.refused:
         return "no path around the obstacles that was found can be travelled within the limits"
-    nearest = min(failed, key=lambda own: own.left)
+    failed, start, end = leg.failed, names[missing], names[missing + 1]
     poses = sum(own.checks for own in failed)
-    start, end = (_name_of(k, len(via)) for k in (len(legs), len(legs) + 1))
-    return (
-        f"no path from the {start} to the {end} was found in {poses} poses; the search came within "
-        f"{np.degrees(nearest.left):.3g} deg (in joint space) of the {end}"
-    )
+    said = f"no path from the {start} to the {end} was found in {poses} poses"
+    if not failed:
+        return said
+    left = np.degrees(min(own.left for own in failed))
+    return f"{said}; the search came within {left:.3g} deg (in joint space) of the {end}"
 
 
-def _not_found(
-    family: LimitFamily,
-    scene: Scene,
-    via: FloatArray,
-    settings: TimeOptimalSettings,
-    why: str,
-    wall: float,
-) -> Motion:
-    """What is returned where no way was found: a motion as without obstacles, and what it hits."""
+def _ignoring(family: LimitFamily, via: FloatArray, settings: TimeOptimalSettings) -> Motion:
     known = known_ways(family, via, settings.limit_tolerance, compiles(settings.compiled))
-    if known is None:
-        times = np.cumsum([0.0, *TaskScale.of(family, via).durations])
-        shape = quintic(via, times, np.zeros_like(via))
-        motion = Motion.from_polynomial(family.robot, shape, label="time-optimal")
-    else:
-        motion = known.motion
-    hit = clearance(family.robot, motion, scene)
-    advice = f"{why}. {Status.NOT_FOUND.sentence}\nReturned is a motion that ignores the obstacles."
-    return replace(
-        motion,
-        label="time-optimal",
-        provenance={
-            "method": "free time-optimal motion among obstacles",
-            "status": str(Status.NOT_FOUND),
-            "advice": advice,
-            "scene": list(scene.names),
-            "clearance": as_plain(hit),
-            "wall_time": wall,
-        },
-        note=f"not solved: {advice} {hit.sentence}",
-    )
+    if known is not None:
+        return known.motion
+    times = np.cumsum([0.0, *TaskScale.of(family, via).durations])
+    shape = quintic(via, times, np.zeros_like(via))
+    return Motion.from_polynomial(family.robot, shape, label="time-optimal")

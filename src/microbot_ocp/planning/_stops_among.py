@@ -14,23 +14,28 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from microbot_ocp._base import checks
+from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray, InputError
-from microbot_ocp._base.status import Status
-from microbot_ocp.limits import JointLimits, Limits
+from microbot_ocp.limits import JointLimits, LimitFamily, Limits
 from microbot_ocp.motion import Motion, PiecewisePolynomial, pieces_of
 from microbot_ocp.ocp.solution import StepProgress
 from microbot_ocp.planning._among_obstacles import (
     AGAIN,
-    DIFFERENT,
     NEAR,
     SAMPLES,
+    Leg,
+    TimedPath,
     as_plain,
-    timed_leg,
+    at_least,
+    choices_of,
+    differs,
+    not_found,
+    nothing_found,
+    search_legs,
     touching,
 )
 from microbot_ocp.planning._branches import Way, ways_through
-from microbot_ocp.planning._free_problem import phase_names
+from microbot_ocp.planning._free_problem import excess_along, phase_names
 from microbot_ocp.planning._free_search import TimeOptimalSettings
 from microbot_ocp.planning._initial_guesses import InitialGuess
 from microbot_ocp.planning._orders import best_order, hoped_of, rested_of, tasks_in_orders
@@ -41,7 +46,13 @@ from microbot_ocp.planning._parts import (
     scenes_of,
     tool_poses,
 )
-from microbot_ocp.planning._stop_search import StopSearch, guess_along, segment_timings
+from microbot_ocp.planning._scale import TaskScale
+from microbot_ocp.planning._stop_search import (
+    StopSearch,
+    guess_along,
+    motion_of,
+    segment_timings,
+)
 from microbot_ocp.planning._stop_task import Task, task_of
 from microbot_ocp.planning._stops import Stop
 from microbot_ocp.planning._task import reach_of
@@ -53,11 +64,10 @@ from microbot_ocp.scene import (
     Surroundings,
     clearance_along,
     clearances,
-    detour,
     with_arm_capsules,
 )
+from microbot_ocp.trajectories import quintic, shortest_duration
 
-SEEDS = 2  # of the planner, for each blocked segment
 MOST_GUESSES = 4  # ways that the search starts from
 
 
@@ -120,12 +130,19 @@ class Guide(NamedTuple):
 class _GuidedSearch(StopSearch):
     """The search from ways that lead around obstacles, with what else there is after them."""
 
-    guided: Sequence[Guide] = ()
+    def __init__(
+        self,
+        task: Task,
+        settings: TimeOptimalSettings,
+        progress: StepProgress,
+        duration: float | None,
+        guided: Sequence[Guide],
+    ) -> None:
+        super().__init__(task, settings, progress, duration, [guide.way for guide in guided])
+        self.guided = guided
 
     def _again(self, task: Task) -> StopSearch:
-        search = _GuidedSearch(task, self.settings, self.progress, None, self.ways)
-        search.guided = self.guided
-        return search
+        return _GuidedSearch(task, self.settings, self.progress, None, self.guided)
 
     def _all_guesses(self) -> Iterator[tuple[Way, InitialGuess]]:
         taken: list[Way] = []
@@ -138,8 +155,6 @@ class _GuidedSearch(StopSearch):
             usual = self._rest_to_rest(way)
             led = {name: guess_along(shape) for name, shape in guide.shapes.items()}
             yield way, InitialGuess(guide.name, {**usual.guesses, **led})
-        if not self.guided:
-            yield from super()._all_guesses()
 
 
 Plan = tuple[list[Any], Any, bool, str, float | None]
@@ -170,9 +185,11 @@ def stops_among(
     robot = with_arm_capsules(robot)
     legs = Legs(scene, settings)
     bare = [replace(s, payload=None) if isinstance(s, Stop) else s for s in stops]
-    _clear_ways(task_of(robot, bare, limits, segments=segments, cycle=cycle), legs)
+    legs.clear_ways(task_of(robot, bare, limits, segments=segments, cycle=cycle))
+    tasks = tasks_in_orders(robot, limits, stops, segments, cycle)
+    legs.search(list(tasks.values()), progress)
     return best_order(
-        tasks_in_orders(robot, limits, stops, segments, cycle),
+        tasks,
         lambda task: _Among(task, legs, settings, progress, duration),
         settings,
         progress,
@@ -198,7 +215,9 @@ def motions_among(
     """
     stops, segments, cycle, _, duration = plan
     task = task_of(with_arm_capsules(robot), stops, limits, segments=segments, cycle=cycle)
-    return _Among(task, Legs(scene, settings), settings, progress, duration).motions(ask)
+    legs = Legs(scene, settings)
+    legs.search([task], progress)
+    return _Among(task, legs, settings, progress, duration).motions(ask)
 
 
 def _fastest(search: StopSearch) -> Made:
@@ -216,23 +235,38 @@ class _Among:
         progress: StepProgress,
         duration: float | None,
     ) -> None:
-        self.task, self._scene = task, legs.scene
+        self.task, self._scene, self._legs = task, legs.scene, legs
         self._given = settings, progress, duration
-        carried = [capsule.name for own in task.robots for _, capsule in own.capsules]
-        for name in sum(self._scene.ignore, ()):
-            checks.one_of("name in ignore", name, sorted({*carried, *self._scene.names}))
         self._near = NEAR * reach_of(task.robot)
-        self._guided = _ways_around(task, legs, settings.compiled, progress)
+        self._guided = legs.guides(task, progress)
         times = [guide.durations for guide in self._guided]
         self.rested = min((rested_of(task, own) for own in times), default=np.inf)
         self.hoped = min((hoped_of(task, own) for own in times), default=np.inf)
         self._search: StopSearch | None = None
 
     @cached_property
+    def _known(self) -> TimedPath | None:
+        """The fastest way that rests at every stop, keeps all limits and is proved to keep clear;
+        None where there is none.
+        """
+        task, tolerance = self.task, self._given[0].limit_tolerance
+        if not all(map(_may_rest, task.stops)):
+            return None
+        for guide in self._guided:
+            shapes = self._legs.at_rest(task, guide)
+            rows = zip(task.robots, shapes, strict=True)
+            if not all(_excess(robot, shape) <= tolerance for robot, shape in rows):
+                continue
+            motion = _joined(task, guide.way, shapes)
+            proof = clearance_along(places_along(task, motion, self._scene), motion)
+            if proof.proved:
+                return TimedPath(guide.name, motion, proof)
+        return None
+
+    @cached_property
     def _around(self) -> Around:
         task, guided = self.task, self._guided
-        first = guided[0].way.via if guided else ways_through(task)[0].via
-        scenes = scenes_of(task, self._scene, tool_poses(task.robot, first))
+        scenes = scenes_of(task, self._scene, tool_poses(task.robot, guided[0].way.via))
         around = Around(scenes, self._given[0].limit_tolerance)
         names = phase_names(len(task.segments))
         for guide in guided:
@@ -243,11 +277,11 @@ class _Among:
         return around
 
     def _searching(self, around: Around) -> StopSearch:
-        search = _GuidedSearch(replace(self.task, around=around), *self._given)
-        search.guided = self._guided
-        return search
+        return _GuidedSearch(replace(self.task, around=around), *self._given, self._guided)
 
     def coarse_duration(self, beaten: float) -> float:
+        if not self._guided:
+            return np.inf
         self._search = self._searching(self._around)
         return self._search.coarse_duration(beaten)
 
@@ -255,17 +289,50 @@ class _Among:
         return self.motions(_fastest)[0][0][1]
 
     def motions(self, ask: Callable[[StopSearch], Made]) -> Made:
-        """The motions that a search is asked for, again where they miss some pair's distance."""
-        task, scene, around, progress = self.task, self._scene, self._around, self._given[1]
-        search = self._search or self._searching(around)
+        """The motions that a search is asked for, what is known at least in the place of the first.
+
+        Where one that was found misses some pair's distance the search is made again.
+        """
+        names, known = {"scene": list(self._scene.names)}, self._known if self._guided else None
         made: Made = [], ""
-        proofs: list[Clearance] = []
+        proofs: list[Clearance | None] = []
+        if self._guided:
+            made, proofs = self._found(ask, known)
+        judged: list[tuple[float, Motion]] = []
+        for place, ((effort, motion), proof) in enumerate(zip(made[0], proofs, strict=True)):
+            if place == 0 and known is not None:
+                motion = at_least(known, motion, proof)
+            elif proof is None or not proof.proved:
+                motion = self._not_found(motion, proof)
+            else:
+                motion = _with(motion, clearance=as_plain(proof))
+            judged.append((effort, _with(motion, **names)))
+        if not judged:
+            motion = self._not_found(None, None) if known is None else at_least(known, None, None)
+            judged = [(0.0, _with(motion, **names))]
+        return judged, made[1]
+
+    def _found(
+        self, ask: Callable[[StopSearch], Made], known: TimedPath | None
+    ) -> tuple[Made, list[Clearance | None]]:
+        """The motions that a search is asked for, with the proofs of those that are solved."""
+        task, scene, around, progress = self.task, self._scene, self._around, self._given[1]
+        made: Made = [], ""
+        proofs: list[Clearance | None] = []
         for again in range(AGAIN):
-            made = ask(self._searching(around) if again else search)
+            try:
+                with deadline.given_up(known is not None or bool(again)):
+                    search = None if again else self._search
+                    search = search or self._searching(around)
+            except deadline.Over:
+                break
+            made = ask(search)
             solved = [motion for _, motion in made[0] if motion.solved]
             along = [places_along(task, motion, scene) for motion in solved]
-            proofs = [clearance_along(*pair) for pair in zip(along, solved, strict=True)]
-            if all(proof.proved for proof in proofs):
+            found = [clearance_along(*pair) for pair in zip(along, solved, strict=True)]
+            each = iter(found)
+            proofs = [next(each) if motion.solved else None for _, motion in made[0]]
+            if all(proof.proved for proof in found):
                 break
             scenes = scenes_of(task, scene, poses_at_stops(task, solved[0]))
             around = replace(around, scenes=scenes)
@@ -277,35 +344,62 @@ class _Among:
             if not any(more) and around.scenes == (scene,) * len(around.scenes):
                 break
             progress("more pairs come too near, or a part lies elsewhere: solved again")
-        found = iter(proofs)
-        names = list(scene.names)
-        judged = [
-            (effort, _judged(motion, names, next(found) if motion.solved else None))
-            for effort, motion in made[0]
-        ]
-        return judged, made[1]
+        return made, proofs
+
+    def _not_found(self, found: Motion | None, proof: Clearance | None) -> Motion:
+        """What is returned where nothing is known: a motion that ignores the obstacles."""
+        task, legs = self.task, self._legs
+        way, own = legs.ways(task)[0]
+        if found is None:
+            names = [f"stop {stop.name!r}" for stop in task.stops]
+            free = [None if kind else leg for kind, leg in zip(task.segments, own, strict=True)]
+            why = nothing_found(free, names)
+        else:
+            why = found.provenance["advice"] if proof is None else proof.sentence
+        shapes = [_unhindered(task, way, k) for k in range(len(task.segments))]
+        motion = _joined(task, way, shapes)
+        hit = clearance_along(places_along(task, motion, self._scene), motion)
+        return not_found(motion, why, hit)
 
 
-def _judged(motion: Motion, names: list[str], found: Clearance | None) -> Motion:
-    """A motion with what its proof of clearance says."""
-    told = {**motion.provenance, "scene": names}
-    if motion.status is Status.INFEASIBLE:  # as the solver sees it, which proves nothing
-        advice = Status.NOT_FOUND.sentence
-        told |= {"status": str(Status.NOT_FOUND), "advice": advice}
-        return replace(motion, provenance=told, note=f"not solved: {advice}")
-    if found is not None:
-        told["clearance"] = as_plain(found)
-        if not found.proved:
-            told |= {"status": str(Status.LIMITS_EXCEEDED), "advice": found.sentence}
-            return replace(motion, provenance=told, note=f"not solved: {found.sentence}")
-    return replace(motion, provenance=told)
+def _with(motion: Motion, **more: Any) -> Motion:
+    return replace(motion, provenance={**motion.provenance, **more})
 
 
 def _between(motion: Motion, place: Place) -> FloatArray:
     return motion.sample(np.linspace(place.start, place.end, SAMPLES)).q
 
 
-@dataclass(frozen=True, eq=False)
+def _joined(task: Task, way: Way, shapes: Sequence[PiecewisePolynomial]) -> Motion:
+    """Segments one after the other, as a motion through the stops."""
+    told = {
+        "method": "path through stops, at rest at each of them",
+        "branches": [{"branches": list(way.branches), "q": way.via.tolist(), "taken": True}],
+        "segments": [type(kind).__name__ if kind else "free" for kind in task.segments],
+    }
+    return motion_of(task, shapes, told, "")
+
+
+def _may_rest(stop: Stop) -> bool:
+    """Whether the arm may be at rest at a stop."""
+    return stop.velocity is None or isinstance(stop.velocity, str) or not np.any(stop.velocity)
+
+
+def _excess(robot: Robot, shape: PiecewisePolynomial) -> float:
+    return float(excess_along(LimitFamily.of(robot), shape).max())
+
+
+def _unhindered(task: Task, way: Way, index: int) -> PiecewisePolynomial:
+    """A segment from rest to rest along its own path, as slow as its limits ask for if they do."""
+    path = way.paths[index]
+    shape = quintic(path, np.linspace(0.0, 1.0, len(path)))
+    try:
+        return shortest_duration(task.robots[index], shape, tolerance=1e-3).polynomial
+    except InputError:  # no duration keeps all limits
+        typical = TaskScale.of(LimitFamily.of(task.payloads[index].on(task.robot)), path)
+        return shape.stretched(float(typical.durations.sum()))
+
+
 class Legs:
     """What was planned around the obstacles of a scene between two poses, for all orders of stops.
 
@@ -313,18 +407,59 @@ class Legs:
     ----------
     scene : Scene
     settings : TimeOptimalSettings
-    surroundings : dict
-        By the arm with what it carries, and the parts that lie around it.
-    timed : dict
-        Timed paths, None where there is none, by surroundings, both poses and the seed.
     """
 
-    scene: Scene
-    settings: TimeOptimalSettings
-    surroundings: dict[Any, Surroundings] = field(default_factory=dict)
-    timed: dict[Any, PiecewisePolynomial | None] = field(default_factory=dict)
+    def __init__(self, scene: Scene, settings: TimeOptimalSettings) -> None:
+        self.scene, self.settings = scene, settings
+        self._surroundings: dict[Any, Surroundings] = {}
+        self._legs: dict[Any, Leg] = {}
+        self._ways: dict[Task, list[tuple[Way, list[Leg | None]]]] = {}
 
-    def places(self, task: Task, way: Way) -> list[tuple[Any, Surroundings]]:
+    def search(self, tasks: Sequence[Task], progress: StepProgress) -> None:
+        """Search for paths between the stops of several tasks until one has a way through."""
+        for task in tasks:
+            carried = [capsule.name for own in task.robots for _, capsule in own.capsules]
+            for name in sum(self.scene.ignore, ()):
+                checks.one_of("name in ignore", name, sorted({*carried, *self.scene.names}))
+        ways, refused = [], None
+        for task in tasks:
+            try:
+                ways += [list(filter(None, legs)) for _, legs in self.ways(task)]
+            except InputError as problem:  # other orders may do
+                refused = refused or problem
+        if refused is not None and not ways:
+            raise refused
+        search_legs(ways, progress)
+
+    def ways(self, task: Task) -> list[tuple[Way, list[Leg | None]]]:
+        """Ways whose poses at the stops touch nothing, with the legs of their free segments.
+
+        Raises
+        ------
+        InputError
+            There is none.
+        """
+        if task not in self._ways:
+            self._ways[task] = [
+                (way, self._legs_of(task, way, places)) for way, places in self.clear_ways(task)
+            ]
+        return self._ways[task]
+
+    def clear_ways(self, task: Task) -> list[tuple[Way, list[tuple[Any, Surroundings]]]]:
+        """The same, with what is around each segment."""
+        clear, refused = [], []
+        for way in ways_through(task):
+            places = self._places(task, way)
+            blocked = _blocked(task, [around for _, around in places], way)
+            if blocked:
+                refused.append(blocked)
+            else:
+                clear.append((way, places))
+        if not clear:
+            raise InputError(refused[0])
+        return clear
+
+    def _places(self, task: Task, way: Way) -> list[tuple[Any, Surroundings]]:
         """What is around the arm on every segment of a way, each with its key."""
         found = []
         scenes = scenes_of(task, self.scene, tool_poses(task.robot, way.via))
@@ -333,79 +468,69 @@ class Legs:
             lying = [c for c in own.obstacles[len(self.scene.obstacles) :] if type(c) is Capsule]
             parts = tuple((c.name, c.start.tobytes(), c.end.tobytes(), c.radius) for c in lying)
             key = robot, parts, own.ignore
-            if key not in self.surroundings:
-                self.surroundings[key] = Surroundings(robot, own.without_parts_of(robot))
-            found.append((key, self.surroundings[key]))
+            if key not in self._surroundings:
+                self._surroundings[key] = Surroundings(robot, own.without_parts_of(robot))
+            found.append((key, self._surroundings[key]))
         return found
 
-    def around(
-        self, place: tuple[Any, Surroundings], start: FloatArray, goal: FloatArray, seed: int
-    ) -> PiecewisePolynomial | None:
-        """A timed path from a pose [n] to another, from rest to rest; None where none is found."""
-        own, around = place
-        key = own, start.tobytes(), goal.tobytes(), seed
-        if key not in self.timed:
-            leg = detour(around, start, goal, self.settings.seed, seed)
-            motion = None if leg.path is None else timed_leg(around.robot, leg, self.settings)
-            self.timed[key] = None
-            if motion is not None:
-                self.timed[key] = PiecewisePolynomial(motion.t, pieces_of(motion))
-        return self.timed[key]
+    def _legs_of(
+        self, task: Task, way: Way, places: Sequence[tuple[Any, Surroundings]]
+    ) -> list[Leg | None]:
+        found: list[Leg | None] = []
+        for k, (kind, (own, around)) in enumerate(zip(task.segments, places, strict=True)):
+            start, goal = way.via[k], way.via[k + 1]
+            key = own, start.tobytes(), goal.tobytes()
+            if kind is None and key not in self._legs:
+                self._legs[key] = Leg(around, start, goal, self.settings)
+            found.append(None if kind is not None else self._legs[key])
+        return found
 
+    def guides(self, task: Task, progress: StepProgress) -> list[Guide]:
+        """Ways with their free segments around the obstacles, the fastest first.
 
-def _clear_ways(task: Task, legs: Legs) -> list[tuple[Way, list[tuple[Any, Surroundings]]]]:
-    """Ways whose poses at the stops touch nothing, with what is around each segment.
-
-    Raises
-    ------
-    InputError
-        There is none.
-    """
-    clear, refused = [], []
-    for way in ways_through(task):
-        places = legs.places(task, way)
-        blocked = _blocked(task, [around for _, around in places], way)
-        if blocked:
-            refused.append(blocked)
-        else:
-            clear.append((way, places))
-    if not clear:
-        raise InputError(refused[0])
-    return clear
-
-
-def _ways_around(task: Task, legs: Legs, compiled: bool, progress: StepProgress) -> list[Guide]:
-    """Ways with their free segments around the obstacles, the fastest first.
-
-    None where the planner finds no way between the poses at the stops.
-    """
-    found: list[Guide] = []
-    for way, places in _clear_ways(task, legs):
-        before: list[float | None] = []
-        for seed in range(SEEDS):
-            shapes = _led_around(task, places, way, seed, legs)
-            if shapes is None:
+        None where the searches led to no way between the poses at the stops.
+        """
+        compiled, names = self.settings.compiled, phase_names(len(task.segments))
+        choices: list[tuple[float, int, Way, list[Leg | None], int]] = []
+        for number, (way, legs) in enumerate(self.ways(task)):
+            usual = segment_timings(task, way, compiled)
+            for choice in choices_of(list(filter(None, legs))):
+                rows = zip(legs, usual, strict=True)
+                bounds = [leg.bound(choice) if leg else s and s.duration for leg, s in rows]
+                choices.append((rested_of(task, bounds), number, way, legs, choice))
+        kept: list[Guide] = []
+        for _, _, way, legs, choice in sorted(choices, key=lambda entry: entry[:2]):
+            if kept and (deadline.over() or len(kept) == MOST_GUESSES):
                 break
             usual = segment_timings(task, way, compiled)
-            names = phase_names(len(usual))
+            motions = [leg and leg.motion(choice) for leg in legs]
+            if any(leg and not motion for leg, motion in zip(legs, motions, strict=True)):
+                continue
+            shapes = {
+                name: PiecewisePolynomial(motion.t, pieces_of(motion))
+                for name, motion in zip(names, motions, strict=True)
+                if motion
+            }
             own = [shapes.get(name, line) for name, line in zip(names, usual, strict=True)]
             durations = [None if shape is None else shape.duration for shape in own]
-            if durations == before:
-                break  # no segment is blocked: other seeds lead to the same
-            found.append(Guide(way, shapes, durations, ""))
-            before = durations
-    found.sort(key=lambda guide: rested_of(task, guide.durations))
-    kept: list[Guide] = []
-    for guide in found:
-        took = rested_of(task, guide.durations)
-        known = [rested_of(task, g.durations) for g in kept if g.way is guide.way]
-        if any(took <= (1 + DIFFERENT) * other for other in known):
-            continue
-        kept.append(guide._replace(name=f"{guide.way.name}, around {len(kept) + 1}"))
-        progress(f"{guide.way.name}: {took:.4f} s around the obstacles from rest to rest")
-        if len(kept) == MOST_GUESSES:
-            break
-    return kept
+            took = rested_of(task, durations)
+            if differs(took, (rested_of(task, g.durations) for g in kept if g.way is way)):
+                name = f"{way.name}, around {len(kept) + 1}"
+                kept.append(Guide(way, shapes, durations, name))
+                progress(f"{way.name}: {took:.4f} s around the obstacles from rest to rest")
+        return sorted(kept, key=lambda guide: rested_of(task, guide.durations))
+
+    def at_rest(self, task: Task, guide: Guide) -> list[PiecewisePolynomial]:
+        """Every segment of a guide from rest to rest, those that are not free along their paths."""
+        shapes = []
+        for k, name in enumerate(phase_names(len(task.segments))):
+            if name in guide.shapes:
+                shapes.append(guide.shapes[name])
+                continue
+            usual = segment_timings(task, guide.way, self.settings.compiled)[k]
+            kept = usual and _excess(task.robots[k], usual) <= self.settings.limit_tolerance
+            shapes.append(usual if usual and kept else _unhindered(task, guide.way, k))
+        return shapes
 
 
 def _blocked(task: Task, places: Sequence[Surroundings], way: Way) -> str:
@@ -417,18 +542,3 @@ def _blocked(task: Task, places: Sequence[Surroundings], way: Way) -> str:
                 said = touching(found, places[place].scene.clearance)
                 return f"stop {task.stops[k].name!r} {said}"
     return ""
-
-
-def _led_around(
-    task: Task, places: Sequence[tuple[Any, Surroundings]], way: Way, seed: int, legs: Legs
-) -> dict[str, PiecewisePolynomial] | None:
-    """A timed path for every free segment of a way; None where the planner finds none."""
-    shapes, names = {}, phase_names(len(task.segments))
-    for k, (name, kind) in enumerate(zip(names, task.segments, strict=True)):
-        if kind is not None:
-            continue
-        shape = legs.around(places[k], way.via[k], way.via[k + 1], seed)
-        if shape is None:
-            return None
-        shapes[name] = shape
-    return shapes

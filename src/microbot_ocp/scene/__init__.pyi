@@ -11,6 +11,7 @@ from ._contact import (
     has_coal as has_coal,
 )
 from ._detours import (
+    FIRST_SEARCHES as FIRST_SEARCHES,
     Detour as Detour,
     Surroundings as Surroundings,
     detour as detour,

@@ -131,7 +131,7 @@ def shortest_duration(
         The result uses between ``1 - tolerance`` and 1 of the limit that it meets.
     time_limit : float
         Wall time, s, after which the shortest that was found is returned with the status "time
-        limit"; where none was found that keeps the limits, the ``utilisation`` is above 1.
+        limit"; where none of a callable keeps the limits by then, the ``utilisation`` is above 1.
 
     Returns
     -------
@@ -290,9 +290,9 @@ class _Search:
             duration *= float(np.clip(peak.use, 1.3, 4.0))
             if duration > DURATION_SEARCH.longest * self.first:
                 raise InputError(self._no_duration(bad))
-            if deadline.over():
+            if self.shape is None and deadline.over():
                 return bad, bad
-            peak = self.evaluate(duration)
+            peak = self.evaluate(duration)  # of a shape in some milliseconds
         good = (duration, peak)
         if self.from_above and not deadline.over():
             top = self.evaluate(4.0 * duration)
