@@ -69,3 +69,11 @@ def test_a_motion_of_another_arm_is_refused() -> None:
     motion = mo.Motion.from_polynomial(robot, bang_cruise_bang(), label="mine")
     with pytest.raises(mo.InputError, match="motion is of 1 joints, but the robot has 3"):
         limit_history(mo.load_robot("microbot"), motion)
+
+
+def test_what_changes_evenly_up_to_a_break_is_no_jump_at_it() -> None:
+    """The change in the last microsecond, with what is taken up there, was over the rate."""
+    robot = mo.load_robot("planar_2r")
+    shape = mo.quintic([[0, 0], [1, 1], [0, 0]], [0, 1, 2], np.zeros((3, 2)))
+    motion = mo.Motion.from_polynomial(robot, shape, label="to and fro", jumps_at=[1.0])
+    assert np.abs(motion.history().jumps.qddd[1]).max() < 0.1  # 60 at both sides

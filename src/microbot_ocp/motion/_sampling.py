@@ -108,6 +108,9 @@ def history_of(motion: Motion, t: FloatArray, cycle: bool = False) -> StateHisto
         MotionSamples(motion.q[k], motion.qd[k], motion.qdd[k], np.zeros_like(motion.qdd[k]))
         for k in (first, last)
     )
+    # what changes evenly up to the break is no jump at it
+    evenly = np.diff(motion.t)[gaps, None] * _slope_of_acceleration(motion, motion.t[gaps])
+    ends.qdd[:-1] += evenly
     jumps = jumps_between(starts, ends, cycle=cycle)
     return StateHistory(t, samples_at(motion, t), np.append(motion.t[first], motion.t[-1]), jumps)
 
