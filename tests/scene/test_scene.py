@@ -295,6 +295,26 @@ def test_what_is_returned_in_a_short_time_keeps_rates_and_is_clear(limits) -> No
     assert certificate.ok, certificate.verdict
 
 
+def test_through_stops_a_timed_way_that_keeps_rates_is_there_before_the_search() -> None:
+    arm = ARM.with_limits(taud_max=400.0)
+    stops = [mo.Stop(q=ENDS[0], payload=0.1), mo.Stop(q=ENDS[1])]
+    motion = mo.time_optimal(arm, stops, scene=POST, compiled=False, time_limit=1.5)
+    assert motion.status is mo.Status.TIME_LIMIT
+    certificate = mo.certify(arm, motion, via_q=stops, scene=POST)
+    assert certificate.ok, certificate.verdict
+
+
+def test_a_way_that_is_not_found_through_stops_ends_at_them() -> None:
+    """What the solver stopped at lasted a millisecond and ended elsewhere."""
+    stops = [mo.Stop(q=[-0.8, 0, 0]), mo.Stop(q=[1.2, 0, 0], name="goal")]
+    motion = mo.time_optimal(HELD, stops, scene=WALLS, compiled=False, time_limit=0.5)
+    assert motion.status is mo.Status.NOT_FOUND
+    assert "no path from the stop 'stop 1' to the stop 'goal' was found" in motion.note
+    assert not motion.provenance["clearance"]["proved"]
+    blind = mo.certify(HELD, motion, via_q=stops)
+    assert blind.ok, blind.verdict
+
+
 def test_a_part_keeps_clear_from_the_stop_on_at_which_it_is_picked(around: mo.Motion) -> None:
     part = mo.Payload(0.1, shape={"start": [0, 0, 0], "end": [0.25, 0, 0], "radius": 0.08})
     stops = [mo.Stop(q=ENDS[0], payload=part), mo.Stop(q=ENDS[1])]

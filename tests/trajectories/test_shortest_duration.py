@@ -261,3 +261,12 @@ def test_torque_rate_is_the_slope_of_the_torque():
     slope = (torque(step) - torque(-step)) / (2 * step)
     rate = torque_and_rate(robot)(q, qd, qdd, jerk)[1].full()
     np.testing.assert_allclose(rate, slope, rtol=1e-7)
+
+
+def test_a_shape_keeps_its_limits_however_little_time_there_is() -> None:
+    robot = mo.load_robot("panda")
+    shape = quintic([np.zeros(7) + 0.1, np.full(7, 1.0)], [0.0, 0.01], np.zeros((2, 7)))
+    limits = mo.Limits(qd_max=1.0)
+    found = shortest_duration(robot, shape, limits, time_limit=1e-9)
+    assert found.status is mo.Status.TIME_LIMIT
+    assert found.utilisation <= 1.0

@@ -302,6 +302,7 @@ class _Among:
         for place, ((effort, motion), proof) in enumerate(zip(made[0], proofs, strict=True)):
             if place == 0 and known is not None:
                 motion = at_least(known, motion, proof)
+                effort = np.nan if "made_from" in motion.provenance else effort
             elif proof is None or not proof.proved:
                 motion = self._not_found(motion, proof)
             else:
@@ -309,7 +310,7 @@ class _Among:
             judged.append((effort, _with(motion, **names)))
         if not judged:
             motion = self._not_found(None, None) if known is None else at_least(known, None, None)
-            judged = [(0.0, _with(motion, **names))]
+            judged = [(np.nan, _with(motion, **names))]
         return judged, made[1]
 
     def _found(
@@ -490,10 +491,10 @@ class Legs:
 
         None where the searches led to no way between the poses at the stops.
         """
-        compiled, names = self.settings.compiled, phase_names(len(task.segments))
+        names = phase_names(len(task.segments))
         choices: list[tuple[float, int, Way, list[Leg | None], int]] = []
         for number, (way, legs) in enumerate(self.ways(task)):
-            usual = segment_timings(task, way, compiled)
+            usual = self._usual(task, way)
             for choice in choices_of(list(filter(None, legs))):
                 rows = zip(legs, usual, strict=True)
                 bounds = [leg.bound(choice) if leg else s and s.duration for leg, s in rows]
@@ -502,7 +503,7 @@ class Legs:
         for _, _, way, legs, choice in sorted(choices, key=lambda entry: entry[:2]):
             if kept and (deadline.over() or len(kept) == MOST_GUESSES):
                 break
-            usual = segment_timings(task, way, compiled)
+            usual = self._usual(task, way)
             motions = [leg and leg.motion(choice) for leg in legs]
             if any(leg and not motion for leg, motion in zip(legs, motions, strict=True)):
                 continue
@@ -520,6 +521,12 @@ class Legs:
                 progress(f"{way.name}: {took:.4f} s around the obstacles from rest to rest")
         return sorted(kept, key=lambda guide: rested_of(task, guide.durations))
 
+    def _usual(self, task: Task, way: Way) -> tuple[PiecewisePolynomial | None, ...]:
+        """The best timing of every segment along its own path; of free ones it may be None."""
+        if not any(task.segments):
+            return (None,) * len(task.segments)
+        return segment_timings(task, way, self.settings.compiled)
+
     def at_rest(self, task: Task, guide: Guide) -> list[PiecewisePolynomial]:
         """Every segment of a guide from rest to rest, those that are not free along their paths."""
         shapes = []
@@ -527,7 +534,7 @@ class Legs:
             if name in guide.shapes:
                 shapes.append(guide.shapes[name])
                 continue
-            usual = segment_timings(task, guide.way, self.settings.compiled)[k]
+            usual = self._usual(task, guide.way)[k]
             kept = usual and _excess(task.robots[k], usual) <= self.settings.limit_tolerance
             shapes.append(usual if usual and kept else _unhindered(task, guide.way, k))
         return shapes
