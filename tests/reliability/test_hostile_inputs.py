@@ -6,6 +6,7 @@ import os
 import struct
 import time
 from pathlib import Path
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -134,6 +135,28 @@ def test_an_if_in_a_limit_is_told_how_it_is_written() -> None:
 
     robot = mo.load_robot("planar_2r").with_limits(also=[mo.Limit("height", height, upper=1.0)])
     assert "casadi.if_else" in refused(mo.time_optimal, robot, [[0, 0], [1, 1]])
+
+
+def formula(t: ca.SX) -> list[Any]:
+    return [t if t > 0 else 0, t]
+
+
+class Switched:
+    label = "switched"
+
+    def torque(self, model: mo.Robot, reference: Any, q: ca.SX, qd: ca.SX) -> ca.SX:
+        return -q if q[0] > 0 else q
+
+
+def test_an_if_in_a_formula_or_a_controller_is_told_how_it_is_written() -> None:
+    robot = mo.load_robot("planar_2r")
+    motion = mo.time_optimal_path(robot, mo.straight_path([[0, 0], [1, 1]]))
+    refusals = [
+        refused(lambda: mo.simulate(robot, tau=formula, q0=[0, 0], qd0=[0, 0], t=[0.0, 0.1])),
+        refused(lambda: mo.motion_from_formula(robot, formula, 1.0, label="x")),
+        refused(lambda: mo.track(robot, motion, Switched())),
+    ]
+    assert all("casadi.if_else" in line for line in refusals)
 
 
 def test_a_recording_that_is_none(

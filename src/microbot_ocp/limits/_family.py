@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError
-from microbot_ocp._base.relations import is_relation
+from microbot_ocp._base.relations import is_relation, reason_of
 from microbot_ocp.limits._finite_slopes import with_finite_slopes
 from microbot_ocp.limits._joint_limits import JOINT_QUANTITIES, JointLimits, Limits
 from microbot_ocp.limits._limit import Limit
@@ -397,7 +397,7 @@ def _function(
         bound that is an expression. ``used`` says which parts of the state are its arguments.
     """
     further = {limit.key: limit for limit in robot.limits.also}
-    problem: Exception | None = None
+    reasons: list[str] = []
     for symbol in (ca.SX.sym, ca.MX.sym):  # a table or a spline is no SX
         symbols: list[Any] = [symbol(name, robot.joint_count) for name in STATE]
         if torques is not None:
@@ -412,17 +412,13 @@ def _function(
             used = tuple(k for k, s in enumerate(symbols) if ca.depends_on(every, s)) or (0,)
             function = ca.Function("limits", [symbols[k] for k in used], outputs)
         except Exception as found:  # the expression is the user's
-            problem = problem or found
+            reasons.append(reason_of(found))
             continue
         if function.is_a("SXFunction"):
             function = with_finite_slopes(function)
         return function, tuple(names), used
     named = ", ".join(repr(further[key].name) for key in keys if key in further)
-    lines = str(problem).strip().splitlines() or [type(problem).__name__]
-    reason = lines[-1]
-    if "truth value" in reason:  # casadi, of a symbol
-        reason = "it asks whether a symbol is true: write casadi.if_else(condition, a, b) for if"
-    raise InputError(f"the expression of limit {named} cannot be evaluated: {reason}")
+    raise InputError(f"the expression of limit {named} cannot be evaluated: {reasons[0]}")
 
 
 def _outputs(

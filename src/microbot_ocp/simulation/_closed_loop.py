@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import InputError
+from microbot_ocp._base.relations import reason_of
 from microbot_ocp.limits import AT_LIMIT, use_of
 from microbot_ocp.motion import SAMPLE_STEP, Motion, PiecewisePolynomial, State
 from microbot_ocp.robot import JointLimits, Limits, Robot, forward_dynamics
@@ -132,7 +133,10 @@ def track(
 
     def torque(w: ca.SX, q: ca.SX, qd: ca.SX) -> ca.SX:
         reference = Reference(w[:count], w[count : 2 * count], w[2 * count :])
-        tau = controller.torque(robot, reference, q, qd)
+        try:
+            tau = controller.torque(robot, reference, q, qd)
+        except RuntimeError as problem:  # CasADi's, of the user's law
+            raise InputError(f"controller has no torques: {reason_of(problem)}") from problem
         if tau.shape != (count, 1):
             raise InputError(f"controller must return {count} torques, not shape {tau.shape}")
         return saturate(tau, lower, upper)

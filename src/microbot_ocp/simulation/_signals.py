@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.relations import reason_of
 from microbot_ocp.motion import (
     Motion,
     PiecewisePolynomial,
@@ -108,13 +109,14 @@ def disturbance_function(given: ArrayLike | Formula | None, count: int) -> ca.Fu
 def symbolic(name: str, formula: Formula, count: int) -> tuple[ca.SX, ca.SX]:
     """The time and the n expressions that a user's function makes of it."""
     t = ca.SX.sym("t")
-    value = formula(t)
     try:
+        value = formula(t)
         if isinstance(value, list | tuple | np.ndarray):
             value = ca.vertcat(*value)
         expression = ca.SX(value)
-    except (NotImplementedError, TypeError) as problem:
-        raise InputError(f"{name} must return {count} CasADi expressions: {problem}") from None
+    except (NotImplementedError, RuntimeError, TypeError) as problem:
+        reason = reason_of(problem)
+        raise InputError(f"{name} must return {count} CasADi expressions: {reason}") from problem
     if expression.shape != (count, 1):
         raise InputError(f"{name} must return {count} expressions, not shape {expression.shape}")
     return t, expression
