@@ -97,3 +97,17 @@ def test_the_gap_counts_slack_slopes_violations_and_limits_that_are_not_there():
     assert gap(0.25, 0.0, slope=-0.1) == (0.0, 0.1)
     assert gap(0.25, 2.0, high=np.inf) == (0.0, 2.0)
     assert gap(0.5, 3.0, low=1.0) == (0.0, 1.5)  # an equation
+
+
+def test_a_bound_of_many_scales_is_kept_to_what_passes():
+    # IPOPT moves bounds by 1e-8 of their size: of 200 scales by twice what passes
+    problem = OptimalControlProblem("tank")
+    phase = problem.phase("fill", 1.0)
+    level = phase.state("level", initial=0.0, upper=200.0, scale=1.0)
+    inflow = phase.control("inflow", lower=0.0, upper=300.0, scale=1.0)
+    phase.derivative(level, inflow)
+    phase.end_cost(-level)
+    solution = solve(problem, 10)
+    assert solution.status is Status.SOLVED
+    assert verify(problem, solution).ok
+    assert solution.attempts[0].infeasibility > 1e-6 > solution.attempts[-1].infeasibility

@@ -8,7 +8,7 @@ import pytest
 from benchmarks.suite.table import BY_NAME
 
 from microbot_ocp import Status
-from microbot_ocp.ocp import OptimalControlProblem, SolverSettings, solve, verify
+from microbot_ocp.ocp import Guess, OptimalControlProblem, SolverSettings, solve, verify
 from microbot_ocp.ocp.solvers import _other_starts
 
 # what a symmetric guess never leaves --------------------------------------------------------------
@@ -191,3 +191,30 @@ def test_a_busy_machine_gives_the_same_bits(monkeypatch):
     busy = solve(problem.build(), time_limit=600.0)
     assert quiet.variables is not None
     np.testing.assert_array_equal(busy.variables, quiet.variables)
+
+
+# costs without a lower bound ----------------------------------------------------------------------
+
+
+def test_a_cost_that_falls_for_ever_is_called_unbounded():
+    problem = OptimalControlProblem("as far as possible")
+    phase = problem.phase("all", 1.0)
+    x, u = phase.state("x", initial=0.0), phase.control("u")
+    phase.derivative(x, u)
+    phase.end_cost(-x)
+    solution = solve(problem, 10)
+    assert not solution.status.solved
+    assert "seems to be unbounded: it fell to -" in solution.advice
+    assert "declare scale" not in solution.advice
+
+
+def test_a_saddle_from_which_the_cost_falls_for_ever_ends_the_search():
+    problem = OptimalControlProblem("past a conjugate point")
+    phase = problem.phase("all", 5.0)
+    x, u = phase.state("x", initial=0.0), phase.control("u")
+    phase.derivative(x, u)
+    phase.running_cost(u**2 - x**2)
+    solution = solve(problem, guess={"all": Guess(values={"x": 0.0, "u": 0.0})})
+    assert not solution.status.solved
+    assert "seems to be unbounded: it fell to -" in solution.advice
+    assert len(solution.attempts) < 5

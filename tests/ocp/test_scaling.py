@@ -42,7 +42,7 @@ def test_a_rocket_in_si_units_needs_no_scales(solver):
     assert 1 - best.cost / EARTH == pytest.approx(GODDARD, rel=1e-5)
     assert best.attempts[-1].infeasibility < 1e-7
     assert best.attempts[-1].iterations < 30
-    assert found["declared"].attempts[-1].iterations > 2 * best.attempts[-1].iterations
+    assert found["declared"].attempts[0].iterations > 2 * best.attempts[0].iterations
 
 
 @pytest.mark.slow

@@ -1,12 +1,14 @@
 """Problems with known answers by both solvers; what a solve says when there is no answer."""
 
+import time
+
 import casadi as ca
 import numpy as np
 import pytest
 
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.solution import Status
-from microbot_ocp.ocp.solvers import SolverSettings, solve
+from microbot_ocp.ocp.solvers import SolverSettings, _chain, solve
 from microbot_ocp.ocp.transcription import Guess
 from ocp.textbook import (
     bryson_denham,
@@ -179,6 +181,15 @@ def test_what_one_solver_leaves_open_goes_to_the_next():
     assert solution.attempts[0].status is Status.ITERATION_LIMIT
     assert solution.status is Status.SOLVED
     assert solution.cost == solution.attempts[1].cost == pytest.approx(2.0, abs=1e-5)
+
+
+def test_only_the_limit_of_time_of_all_ends_a_solver_that_another_follows(monkeypatch):
+    ends, run = [], _chain.run
+    monkeypatch.setattr(_chain, "run", lambda *given: ends.append(given[-1]) or run(*given))
+    before = time.perf_counter()
+    settings = SolverSettings(("fatrop", "ipopt"), time_limit=100.0)
+    assert solve(double_integrator(), 10, settings=settings, time_limit=100.0).status.solved
+    assert ends[0] >= before + 100.0
 
 
 def test_a_solver_that_succeeds_is_the_last_one_tried():

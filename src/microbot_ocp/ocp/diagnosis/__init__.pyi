@@ -1,7 +1,9 @@
 """Public names; loaded when they are first asked for."""
 
 from ._advice import (
+    POOR as POOR,
     advice as advice,
+    falls_for_ever as falls_for_ever,
 )
 from ._explain import (
     Explanation as Explanation,

@@ -38,6 +38,15 @@ def advice(
     if status in (Status.SOLVED, Status.INTERRUPTED) or deadline.over():
         return status.sentence
     lines = [status.sentence]
+    if falls_for_ever(attempts[-1].cost, program.cost_scale):
+        worst = int(np.argmax(np.abs(x)))
+        label = program.variable_labels[worst]
+        lines.append(
+            f"The cost seems to be unbounded: it fell to {attempts[-1].cost:.2g}, and the "
+            f"{label.description} of phase {label.phase!r} went to {_amount(label, x[worst])}; "
+            "limit what grows."
+        )
+        return "\n".join(lines)
     lines += [
         f"The solver {attempt.solver} stopped with: {attempt.message}"
         for attempt in attempts
@@ -63,6 +72,11 @@ def advice(
     if said is None and attempts[-1].infeasibility > VIOLATED:
         lines.append("Call explain(problem, mesh, solution): it tells whether the limits conflict.")
     return "\n".join(lines)
+
+
+def falls_for_ever(cost: float, scale: float) -> bool:
+    """Whether a cost is so far below zero that its scale is lost in half of its digits."""
+    return bool(cost < -scale / np.sqrt(np.finfo(float).eps))
 
 
 def _most_violated(program: Program, x: FloatArray) -> Iterator[str]:

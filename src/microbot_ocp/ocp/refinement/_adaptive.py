@@ -54,6 +54,7 @@ from microbot_ocp.ocp.verification import (
     ALONG,
     OCPLimitUse,
     dense_phase,
+    judge,
     limit_uses,
     phase_layout,
     relative_excess,
@@ -73,9 +74,7 @@ FINER = 2.5  # times the first mesh, where nothing comes of it
 UNSETTLED = (Status.NOT_ACCEPTED, Status.NO_PROGRESS)  # other shapes of controls may help
 DONE = (Status.SOLVED, Status.INTERRUPTED, Status.SIZE_LIMIT)  # no more is tried
 AIM = 1e-6  # accuracy of the states by default
-EASED = 1e-4  # of states and cost, where no more is reached
-EASED_LIMIT = 1e-3  # the same of limits
-WIDE = 50  # intervals of a phase: on shorter ones limits that are exceeded count less
+EASED = 1e-4  # of the cost, where no more is reached
 ROUGH = 1e-2  # error above which what is left is refined from another start
 
 
@@ -106,9 +105,9 @@ def solve_refined(
     accuracy : float, optional
         Relative state error of any interval that is accepted; see
         :func:`~microbot_ocp.ocp.refinement.state_errors`. Default: 1e-6 is aimed at; where finer
-        meshes come no nearer 1e-4 will do, if the cost does not change by more than 1e-4 of itself
-        from mesh to mesh and limits are exceeded by no more than 1e-3 (less on intervals that are
-        shorter than a fiftieth of the phase). ``advice`` tells what was aimed at and is missed.
+        meshes come no nearer what :func:`~microbot_ocp.ocp.verify` passes will do, if the cost does
+        not change by more than 1e-4 of itself from mesh to mesh. ``advice`` tells what was aimed at
+        and is missed.
     mesh : int, Mesh, or one int, Mesh or array of fractions [N+1] a phase
         The first mesh. Where nothing comes of it a second try begins with 2.5 times as many.
     scheme : str or Scheme
@@ -387,14 +386,18 @@ class _Refinement:
             with contextlib.suppress(KeyboardInterrupt):
                 self._enter(first, first.status.solved)
                 status = self._rounds() if first.status.solved else first.status
-        if status not in (Status.SOLVED, Status.INTERRUPTED) and self._will_do():
-            status = Status.SOLVED
+        missed = self.goal.missed(self._last_accepted()) if self.history else ()
+        if status is Status.SOLVED or (status is not Status.INTERRUPTED and self._will_do()):
+            judgement = judge(self.refiner.transcription, self.best)
+            missed += tuple(failure.sentence for failure in judgement.failures)
+            coarse = judgement.status is Status.TOO_COARSE
+            unmet = Status.NO_PROGRESS if status is Status.SOLVED else status
+            status = unmet if coarse else judgement.status
         more = improvable(self.best) if status is Status.SOLVED else 0.0
         if more > UNMET:
             status = Status.NO_PROGRESS
         use = self.exceeded
         over = use is not None and use.relative > self.goal.limit_tolerance
-        missed = self.goal.missed(self._last_accepted()) if self.history else ()
         if more > SETTLED * EASED:
             missed = (*missed, f"controls that are known to save {more:.1e} of the cost")
         best = self.best
@@ -403,19 +406,12 @@ class _Refinement:
         return Refined(best, History(self.history), status, use if over else None, missed)
 
     def _will_do(self) -> bool:
-        """Whether what was reached is good enough where less than was aimed at is."""
+        """Whether the cost has settled, so that what a certificate passes is good enough."""
         kept = [step for step in self.history if step.accepted]
         if not self.goal.eased or len(kept) < 2 or self.best is None:
             return False
         change = abs(kept[-1].cost - kept[-2].cost)
-        excess = max(
-            float((own.reshape(steps.size, -1).max(axis=1) * np.minimum(1.0, WIDE * steps)).max())
-            for own, steps in zip(
-                self.excess, (np.diff(p.mesh) for p in self.best.phases), strict=True
-            )
-        )
-        known = change <= EASED * cost_size(self.best.cost, self.best.cost_scale)
-        return known and kept[-1].state_error <= EASED and excess <= EASED_LIMIT
+        return change <= EASED * cost_size(self.best.cost, self.best.cost_scale)
 
     def _rounds(self) -> Status:
         for done in range(self.limits.rounds + 1):

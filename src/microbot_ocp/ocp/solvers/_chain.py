@@ -36,7 +36,6 @@ from microbot_ocp.ocp.transcription import Guess, Meshes, Program, Transcription
 from microbot_ocp.ocp.transcription.schemes import Scheme
 
 UNSURE = (Status.FAILED, Status.INFEASIBLE)  # without pivots in the linear solver
-MOST_BEFORE_ANOTHER = 10.0  # s, of fatrop, which may loop for ever, where another solver follows
 
 
 def solve_on(
@@ -118,16 +117,13 @@ def run_chain(
         turns = [("ipopt", True), *([] if warm_only else turns)]
     attempts: list[Attempt] = []
     outcome: Outcome | None = None
-    for turn, (name, variant) in enumerate(turns):
+    for name, variant in turns:
         given = start if variant or name == "sqp" else StartingPoint(start.x)
-        now, end = time.perf_counter(), until
-        if name == "fatrop" and turn + 1 < len(turns):
-            end = min(now + MOST_BEFORE_ANOTHER, now + 0.5 * (until - now))
-        tried = run(program, name, settings, given, variant, progress, made, end)
+        tried = run(program, name, settings, given, variant, progress, made, until)
         attempts.append(tried.attempt)
         if name == "ipopt" and tried.attempt.status in UNSURE and asks_for_ldl(settings.options):
             usual = replace(settings, options=without_ldl(settings.options))
-            tried = run(program, name, usual, given, variant, progress, None, end)
+            tried = run(program, name, usual, given, variant, progress, None, until)
             attempts.append(tried.attempt)
         status = tried.attempt.status
         # what one solver finds infeasible is not less so where the next one breaks down

@@ -118,13 +118,14 @@ def run(
     x = last if not result or (stopped and watch is not None) else result["x"]
     cost, infeasibility = checked(program, x)
     status = status_of(name, stats, settings, infeasibility)
+    message = answer.broken or str(stats.get("return_status", ""))
     if answer.out_of_time:
-        status = Status.TIME_LIMIT
+        status, message = Status.TIME_LIMIT, "did not return and was ended"
     count = stats.get("iter_count", -1) if not answer.broken else -1
     attempt = Attempt(
         solver=name,
         status=Status.INTERRUPTED if stopped else status,
-        message=answer.broken or str(stats.get("return_status", "")),
+        message=message,
         # a solver that broke down has not counted
         iterations=int(count) if count >= 0 else max(0 if watch is None else watch.count, 0),
         cost=cost,

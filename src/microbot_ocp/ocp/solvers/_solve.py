@@ -19,7 +19,7 @@ from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp import refinement, verification
-from microbot_ocp.ocp.diagnosis import BESIDE, NotFinite
+from microbot_ocp.ocp.diagnosis import BESIDE, POOR, NotFinite, falls_for_ever
 from microbot_ocp.ocp.problem import OptimalControlProblem, with_shapes
 from microbot_ocp.ocp.solution import (
     Attempt,
@@ -47,7 +47,6 @@ Given = Mapping[str, Guess] | Solution | str | None
 INTERVALS = 50  # of a problem of one or two phases
 FEWEST = 10  # of every phase of a problem of many
 COARSER = 0.4  # of these intervals, from which a solve may converge sooner
-OTHER_SIZE = 1e3  # between scales of an answer and those that were guessed: it is solved again
 SIMULATIONS = 2  # of each kind that a problem is solved from
 FIRST = 400  # iterations of a try: what takes more converges sooner by another strategy
 COMPARED = (12, 4)  # other starts that an answer is compared with, on any mesh and on a given one
@@ -130,10 +129,11 @@ def solve(
         if solution.status is Status.NO_PROGRESS and swings(problem, solution):
             solution = _with_steady_controls(problem, solution, settings, scheme, until, progress)
         attempts += solution.attempts
-        if best is None or solution.status in ENDED:
+        unbounded = falls_for_ever(solution.cost, solution.cost_scale)
+        if best is None or solution.status in ENDED or unbounded:
             best = solution
         chatters = solution.advice.endswith(CHATTERS)  # no other start would change that
-        if solution.status in (*ENDED, Status.TOO_COARSE) or chatters:
+        if solution.status in (*ENDED, Status.TOO_COARSE) or chatters or unbounded:
             break
     assert best is not None
     best = replace(best, attempts=tuple(attempts))
@@ -343,6 +343,9 @@ def solutions(
                 how = own, compared, until, progress, guess
                 made, tried = cheaper_elsewhere(made, transcription, *how)
                 task.attempts.extend(tried)
+                if tried:  # another valley, of other sizes
+                    made, transcription, tried = _in_own_scales(made, task, transcription, own)
+                    task.attempts.extend(tried)
             made, tried = improved(made, transcription, own, until, progress)
             task.attempts.extend(tried)
         converged = True
@@ -370,9 +373,10 @@ def _first_that_ends(task: _Task, strategy: Strategy) -> tuple[Solution, Start] 
             task.alone or strategy.name
         )  # where scales are wrong it is far from the guess
         made = solve_on(transcription, task.mesh, guess, *how, uneven=uneven)
-        if not task.alone and settings.scaling == "auto" and made.status in CONVERGED:
-            made, transcription = _in_own_scales(made, task, transcription, settings)
-        task.attempts.extend(replace(a, way=a.way or strategy.name) for a in made.attempts)
+        tried, more = made.attempts, []
+        if not task.alone:
+            made, transcription, more = _in_own_scales(made, task, transcription, settings)
+        task.attempts.extend(replace(a, way=a.way or strategy.name) for a in (*tried, *more))
         before = len(task.attempts)
         found = made, (transcription, guess, settings)
         if made.status in ENDED:
@@ -382,26 +386,28 @@ def _first_that_ends(task: _Task, strategy: Strategy) -> tuple[Solution, Start] 
 
 def _in_own_scales(
     solution: Solution, task: _Task, before: Transcription, settings: SolverSettings
-) -> tuple[Solution, Transcription]:
+) -> tuple[Solution, Transcription, list[Attempt]]:
     """The solution, solved again with scales of its own where these are far from what was guessed.
 
-    What is small beside its scale is not accurate, and a cost of such a scale seems to be settled;
-    what is far larger may be on its way to a slope at infinity.
+    With what was tried. What is small beside its scale is not accurate, and a cost of such a scale
+    seems to be settled; what is far larger may be on its way to a slope at infinity.
     """
+    if settings.scaling != "auto" or solution.status not in CONVERGED:
+        return solution, before, []
     after = replace(task, guess=solution).transcribed("auto")
     if not any(
-        np.any(np.abs(np.log(np.asarray(old.scale) / new.scale)) >= np.log(OTHER_SIZE))
+        np.any(np.abs(np.log(np.asarray(old.scale) / new.scale)) >= np.log(POOR))
         for k, own in enumerate(before.problem.phases)
         for kind in ("states", "controls")
         for old, new in zip(getattr(own, kind), getattr(after.problem.phases[k], kind), strict=True)
     ):
-        return solution, before
+        return solution, before, []
     again = solve_on(after, task.mesh, solution, settings, task.until, task.progress)
-    tried = tuple(replace(a, way="with the scales of the first answer") for a in again.attempts)
+    tried = [replace(a, way="with the scales of the first answer") for a in again.attempts]
     dearer = again.cost - solution.cost > UNMET * cost_size(again.cost, solution.cost_scale)
     if again.status not in CONVERGED or dearer:
-        return replace(solution, attempts=(*tried, *solution.attempts)), before
-    return replace(again, attempts=solution.attempts + tried), after
+        return solution, before, tried
+    return again.with_rivals_of(solution), after, tried
 
 
 def _told(
@@ -438,46 +444,85 @@ def _judged(
     alone = settings.solver != "auto"
     own = settings if alone else replace(settings, solver="ipopt")
     own = replace(own, max_iterations=min(FIRST, own.max_iterations))
-    how = transcription, own, until, progress
-    attempts, left = list(solution.attempts), _Left()
-    judgement = judge(transcription, solution)
+    way = _ToSolved(solution, judge(transcription, solution), transcription, own, until, progress)
     for _ in range(ROUNDS):
         over = time.perf_counter() >= until
-        if judgement.status is Status.SADDLE and not (alone or over):
-            below, tried = _below(solution, judgement, *how)
-            attempts += tried
-            if below is None:
-                break
-            solution, left = below.with_rivals_of(solution), _Left()
-            judgement = judge(transcription, solution)
-            continue
-        coarse = any(failure.status is Status.TOO_COARSE for failure in judgement.failures)
-        settled = left.estimate <= ACCURACY
-        if over or not finer or (settled and not coarse):
+        saddle = way.judgement.status is Status.SADDLE and not (alone or over)
+        if not (way.below() if saddle else finer and not over and way.finer()):
             break
-        meshes = _finer(solution, judgement, whole=not settled)
-        if sum(mesh.size - 1 for mesh in meshes) > MOST_INTERVALS:
-            meshes = _finer(solution, judgement, whole=False)
-        count = sum(mesh.size - 1 for mesh in meshes)
-        if count > MOST_INTERVALS or count == sum(p.mesh.size - 1 for p in solution.phases):
-            break
-        made = solve_on(transcription, meshes, solution, own, until, progress)
-        attempts += [replace(a, way="on a finer mesh") for a in made.attempts]
-        if made.status not in CONVERGED:
-            break
-        size = max(cost_size(k.cost, made.cost_scale) for k in (made, solution))
-        left.enter(abs(made.cost - solution.cost) / size)
-        advice = made.advice if made.status is Status.GAP_LEFT else solution.advice
-        solution = replace(made, advice=advice).with_rivals_of(solution)
-        judgement = judge(transcription, solution)
-    more = improvable(solution) if finer else 0.0
+    if way.solution.status not in CONVERGED:
+        return replace(way.solution, attempts=tuple(way.attempts))
+    more = improvable(way.solution) if finer else 0.0
     if not alone and more > ACCURACY:
-        better, tried = improved(solution, transcription, settings, until, progress)
-        attempts, more = attempts + tried, improvable(better)
-        judgement = judgement if better is solution else judge(transcription, better)
-        solution = better
-    solution = replace(solution, attempts=tuple(attempts))
-    return _with_status(solution, judgement, left, more, until, finer=finer)
+        more = way.improve(settings)
+    solution = replace(way.solution, attempts=tuple(way.attempts))
+    return _with_status(solution, way.judgement, way.left, more, until, finer=finer)
+
+
+class _ToSolved:
+    """A solution on its way to one that passes, with its judgement and all that was tried."""
+
+    def __init__(
+        self,
+        solution: Solution,
+        judgement: Judgement,
+        transcription: Transcription,
+        settings: SolverSettings,
+        until: float,
+        progress: Progress | None,
+    ) -> None:
+        self.solution, self.judgement, self.transcription = solution, judgement, transcription
+        self.how = settings, until, progress
+        self.attempts, self.left = list(solution.attempts), _Left()
+
+    def below(self) -> bool:
+        """Go on below a saddle; False where nothing is there, or where the cost falls for ever."""
+        found, tried = _below(self.solution, self.judgement, self.transcription, *self.how)
+        self.attempts += tried
+        if found is None:
+            return False
+        self.solution, self.left = found.with_rivals_of(self.solution), _Left()
+        if found.status not in CONVERGED:
+            return False
+        self.judgement = judge(self.transcription, self.solution)
+        return True
+
+    def finer(self) -> bool:
+        """Go on on a finer mesh; False where none is needed or there is none."""
+        before = self.solution
+        coarse = any(k.status is Status.TOO_COARSE for k in self.judgement.failures)
+        settled = self.left.estimate <= ACCURACY
+        if settled and not coarse:
+            return False
+        meshes = _finer(before, self.judgement, whole=not settled)
+        if _intervals(meshes) > MOST_INTERVALS:
+            meshes = _finer(before, self.judgement, whole=False)
+        fewest = _intervals([phase.mesh for phase in before.phases])
+        if not fewest < _intervals(meshes) <= MOST_INTERVALS:
+            return False
+        made = solve_on(self.transcription, meshes, before, *self.how)
+        self.attempts += [replace(a, way="on a finer mesh") for a in made.attempts]
+        if made.status not in CONVERGED:
+            return False
+        size = max(cost_size(k.cost, made.cost_scale) for k in (made, before))
+        self.left.enter(abs(made.cost - before.cost) / size)
+        advice = made.advice if made.status is Status.GAP_LEFT else before.advice
+        self.solution = replace(made, advice=advice).with_rivals_of(before)
+        self.judgement = judge(self.transcription, self.solution)
+        return True
+
+    def improve(self, settings: SolverSettings) -> float:
+        """Go on with better controls, and return what others would save still."""
+        _, until, progress = self.how
+        better, tried = improved(self.solution, self.transcription, settings, until, progress)
+        self.attempts += tried
+        if better is not self.solution:
+            self.solution, self.judgement = better, judge(self.transcription, better)
+        return improvable(better)
+
+
+def _intervals(meshes: Sequence[FloatArray]) -> int:
+    return sum(mesh.size - 1 for mesh in meshes)
 
 
 def _with_status(
@@ -521,7 +566,10 @@ def _below(
     until: float,
     progress: Progress | None,
 ) -> tuple[Solution | None, list[Attempt]]:
-    """The cheaper of what solves lead to on both sides of a saddle; None where none is below it."""
+    """The cheaper of what solves lead to on both sides of a saddle; None where none is below it.
+
+    Where the cost falls for ever on one side that is what it is, though it did not converge.
+    """
     assert judgement.curvature is not None
     direction, x = judgement.curvature.direction, solution.variables
     assert direction is not None
@@ -535,6 +583,8 @@ def _below(
         beside = replace(solution, variables=start, variable_multipliers=None)
         made = solve_on(transcription, meshes, beside, settings, until, progress)
         attempts += [replace(a, way="from beside a saddle") for a in made.attempts]
+        if falls_for_ever(made.cost, made.cost_scale):
+            return made, attempts
         least = solution.cost - worth if best is None else best.cost
         if made.status in CONVERGED and made.cost < least:
             best = made

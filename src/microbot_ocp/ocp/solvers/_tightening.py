@@ -1,8 +1,10 @@
-"""A solve goes on until its answer is as near the optimum as wanted.
+"""A solve goes on until its answer is as near the optimum as wanted, and keeps its rows and bounds.
 
 Solvers stop at a barrier parameter that belongs to their tolerance, whatever that costs: on a flat
 problem with many limits much more than the tolerance. The gap tells how much, and the solve goes on
-from there with the barrier that the wanted gap asks for.
+from there with the barrier that the wanted gap asks for. IPOPT's tolerance is of rows divided by
+their slopes, too, and it moves bounds by a share of their size: what it calls solved may miss a row
+or bound of the program by a thousand times the tolerance.
 """
 
 from __future__ import annotations
@@ -29,6 +31,7 @@ from microbot_ocp.ocp.solvers._plugins import WARM_PUSHES
 from microbot_ocp.ocp.solvers._run import Outcome, run
 from microbot_ocp.ocp.solvers._settings import SolverSettings
 from microbot_ocp.ocp.transcription import Program
+from microbot_ocp.ocp.verification import Thresholds
 
 SHARE = 0.5  # of the wanted gap that the barrier may take
 LEAST_BARRIER = 1e-15
@@ -66,7 +69,7 @@ def tightened(
     """An outcome as near its optimum as wanted, its gap, and the further attempts that it took.
 
     What did not converge stays as it is. Where the gap stays larger than wanted, that is the status
-    of the last attempt.
+    of the last attempt. Where no gap is wanted no more is done.
     """
     if outcome.attempt.status is not Status.SOLVED:
         return outcome, UNKNOWN, []
@@ -74,7 +77,8 @@ def tightened(
     attempts: list[Attempt] = []
     wanted = wanted_gap(program, settings, best.attempt.cost)
     for tolerance, options in FURTHER:
-        if not gap.total > wanted or time.perf_counter() > until:
+        near = not gap.total > wanted and (wanted == np.inf or _keeps_all(best))
+        if near or time.perf_counter() > until:
             break
         aim = min(wanted, gap.slack)
         how = (tolerance, options)
@@ -83,7 +87,8 @@ def tightened(
         if tried.attempt.status is Status.INTERRUPTED:
             return tried, UNKNOWN, attempts
         own = gap_at(program, tried)
-        if own.total < gap.total and _feasible(tried, best, settings):
+        nearer = own.total < gap.total or (own.total <= wanted and not _keeps_all(best))
+        if nearer and _feasible(tried, best, settings):
             best, gap = replace(tried, attempt=replace(tried.attempt, status=Status.SOLVED)), own
             attempts[-1] = best.attempt
         wanted = wanted_gap(program, settings, best.attempt.cost)
@@ -94,6 +99,11 @@ def tightened(
         )
         return replace(best, attempt=left), gap, [*attempts, left]
     return best, gap, attempts
+
+
+def _keeps_all(outcome: Outcome) -> bool:
+    """Whether rows and bounds are kept to what passes."""
+    return outcome.attempt.infeasibility <= Thresholds().feasibility
 
 
 def _feasible(tried: Outcome, best: Outcome, settings: SolverSettings) -> bool:
@@ -119,6 +129,7 @@ def _further(
     barrier = max(SHARE * slack / program.cost_scale / max(count, 1), LEAST_BARRIER)
     own: dict[str, Any] = {
         "compl_inf_tol": barrier,
+        "constr_viol_tol": settings.tolerance,
         "mu_init": barrier,
         **dict.fromkeys(WARM_PUSHES, 1e-16),
         **how[1],

@@ -21,7 +21,6 @@ from microbot_ocp.ocp.transcription import Bounds, PhaseLayout, assemble
 from microbot_ocp.ocp.verification._certificate import Curvature
 from microbot_ocp.ocp.verification._reintegration import phase_layout
 
-NEARLY = 0.1  # relative: to which the least curvature is found
 DIGITS = float(np.sqrt(np.finfo(float).eps))  # half of them: what stands for zero in the matrix
 
 
@@ -52,13 +51,9 @@ def curvature_of(
         return Curvature(0.0, None)
     high = least
     while not matrix.positive(high):
-        high *= 10
+        high *= 2
         if not high < 1 / DIGITS:
             return Curvature(0.0, None)
-    low = high / 10
-    while high > (1 + NEARLY) * low:
-        middle = float(np.sqrt(low * high))
-        low, high = (low, middle) if matrix.positive(middle) else (middle, high)
     value, direction = matrix.least(high)
     if not value < -least:
         return Curvature(0.0, None)
@@ -104,12 +99,16 @@ class _Matrix:
         return self.solver.neig(moved) == 0
 
     def least(self, shift: float) -> tuple[float, FloatArray]:
-        """The least curvature, a little above ``-shift``, and its direction of all variables."""
+        """The least curvature, between ``-shift`` and half of it, and its direction.
+
+        Powers of the inverse come down to it; what they change in the digits that count for zero is
+        none of it.
+        """
         moved = self.matrix + ca.diag(ca.DM(shift * self.mass))
         self.solver.nfact(moved)
         d = np.cos(np.arange(self.free.size) ** 1.5)  # uneven, and always the same
         values: list[float] = []
-        while len(values) < 2 or values[-2] - values[-1] > NEARLY * abs(values[-1]):
+        while len(values) < 2 or values[-2] - values[-1] > DIGITS * abs(values[-1]):
             d = np.array(self.solver.solve(moved, ca.DM(self.mass * d))).ravel()
             d /= np.sqrt(np.sum(self.mass * d**2))
             values.append(self._along(d))
