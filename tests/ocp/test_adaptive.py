@@ -10,7 +10,8 @@ import pytest
 
 from microbot_ocp import InputError
 from microbot_ocp.ocp import OptimalControlProblem
-from microbot_ocp.ocp.refinement import solve_refined, state_errors
+from microbot_ocp.ocp.mesh import state_errors
+from microbot_ocp.ocp.refinement import solve_refined
 from microbot_ocp.ocp.solution import Status
 from microbot_ocp.ocp.solvers import SolverSettings, solve
 from microbot_ocp.ocp.transcription import Mesh

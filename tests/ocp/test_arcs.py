@@ -2,19 +2,17 @@
 
 from dataclasses import replace
 from math import sqrt
+from pathlib import Path
 
 import casadi as ca
 import numpy as np
 import pytest
 
 from external.published_problems import PROBLEMS
+from microbot_ocp import ocp
+from microbot_ocp.ocp.arcs import distance, hold, place_junctions
 from microbot_ocp.ocp.problem import OptimalControlProblem, with_shapes
-from microbot_ocp.ocp.refinement import (
-    distance,
-    hold,
-    place_junctions,
-    solve_refined,
-)
+from microbot_ocp.ocp.refinement import solve_refined
 from microbot_ocp.ocp.solution import Status
 from microbot_ocp.ocp.solvers import SolverSettings, solve
 from microbot_ocp.ocp.transcription.schemes import SCHEMES
@@ -148,7 +146,7 @@ def test_dynamics_with_the_duration_of_their_phase_are_not_cut():
 
 
 def test_an_interruption_is_not_taken_for_a_failure(monkeypatch):
-    from microbot_ocp.ocp.refinement import _arcs as arcs
+    from microbot_ocp.ocp.arcs import _cutter as arcs
 
     def interrupted(*arguments, **options):
         return replace(solve(*arguments, **options), status=Status.INTERRUPTED)
@@ -171,3 +169,10 @@ def test_points_are_moved_or_added():
     assert {0.4, 0.45} <= set(two)
     assert distance(mesh, np.array([0.45, 0.2])) == pytest.approx(0.05)
     assert distance(mesh, np.zeros(0)) == 0.0
+
+
+def test_arcs_and_errors_know_nothing_of_refinement():
+    """Refinement uses them, so the other way round would be a circle."""
+    folder = Path(ocp.__file__).parent
+    for path in (*(folder / "arcs").glob("*.py"), *(folder / "mesh").glob("*.py")):
+        assert "refinement" not in path.read_text(encoding="utf-8"), path.name

@@ -4,8 +4,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from microbot_ocp.ocp.mesh import divide, state_errors
 from microbot_ocp.ocp.problem import OptimalControlProblem
-from microbot_ocp.ocp.refinement import divide, state_errors
 from microbot_ocp.ocp.solvers import SolverSettings, solve
 from microbot_ocp.ocp.transcription import Transcription
 from microbot_ocp.ocp.transcription.schemes import SCHEMES

@@ -1,5 +1,11 @@
 """Public names; loaded when they are first asked for."""
 
+from .arcs import (
+    Junction as Junction,
+    SwitchingTimes as SwitchingTimes,
+    find_switches as find_switches,
+    solve_switching_times as solve_switching_times,
+)
 from .diagnosis import (
     Explanation as Explanation,
     Relaxation as Relaxation,
@@ -11,12 +17,8 @@ from .problem import (
     numeric_function as numeric_function,
 )
 from .refinement import (
-    Junction as Junction,
     Refined as Refined,
-    SwitchingTimes as SwitchingTimes,
-    find_switches as find_switches,
     solve_refined as solve_refined,
-    solve_switching_times as solve_switching_times,
 )
 from .solution import (
     Attempt as Attempt,

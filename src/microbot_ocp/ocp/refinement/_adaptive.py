@@ -15,8 +15,9 @@ import numpy as np
 from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.status import Status
+from microbot_ocp.ocp.arcs import Switch, distance, hold, move_to_switches, place_junctions
+from microbot_ocp.ocp.mesh import divide, excess_of_limits, state_errors
 from microbot_ocp.ocp.problem import OptimalControlProblem, node_variables, with_shapes
-from microbot_ocp.ocp.refinement._arcs import distance, hold, place_junctions
 from microbot_ocp.ocp.refinement._cost_error import (
     control_orders,
     cost_error,
@@ -30,9 +31,7 @@ from microbot_ocp.ocp.refinement._history import (
     RefinementStep,
     step_of,
 )
-from microbot_ocp.ocp.refinement._mesh_error import divide, state_errors
 from microbot_ocp.ocp.refinement._refiner import Refiner, split
-from microbot_ocp.ocp.refinement._switches import Switch, move_to_switches
 from microbot_ocp.ocp.solution import (
     PhaseSolution,
     Solution,
@@ -51,13 +50,9 @@ from microbot_ocp.ocp.solvers import (
 from microbot_ocp.ocp.transcription import Guess, Mesh, Meshes, Transcription
 from microbot_ocp.ocp.transcription.schemes import Scheme
 from microbot_ocp.ocp.verification import (
-    ALONG,
     OCPLimitUse,
-    dense_phase,
     judge,
-    limit_uses,
     phase_layout,
-    relative_excess,
 )
 
 MOST_VAIN = 2  # solves with one phase an arc that may find nothing
@@ -104,7 +99,7 @@ def solve_refined(
         A transcription keeps its scheme; ``scheme`` is that of a problem.
     accuracy : float, optional
         Relative state error of any interval that is accepted; see
-        :func:`~microbot_ocp.ocp.refinement.state_errors`. Default: 1e-6 is aimed at; where finer
+        :func:`~microbot_ocp.ocp.mesh.state_errors`. Default: 1e-6 is aimed at; where finer
         meshes come no nearer what :func:`~microbot_ocp.ocp.verify` passes will do, if the cost does
         not change by more than 1e-4 of itself from mesh to mesh. ``advice`` tells what was aimed at
         and is missed.
@@ -133,7 +128,7 @@ def solve_refined(
         short an interval; the result then names it.
     arcs : bool
         Whether the problem may be solved with one phase an arc, too, to find where its arcs meet:
-        see :func:`~microbot_ocp.ocp.refinement.place_junctions`. Default: it may.
+        see :func:`~microbot_ocp.ocp.arcs.place_junctions`. Default: it may.
     rounds : int
         Most finer meshes.
     most_intervals : int
@@ -558,15 +553,6 @@ def _stalled(history: Sequence[RefinementStep]) -> bool:
         and step.limit_excess >= PROGRESS * before.limit_excess
         and not step.cost_error < PROGRESS * before.cost_error
         for step in later
-    )
-
-
-def excess_of_limits(solution: Solution) -> tuple[list[FloatArray], OCPLimitUse | None]:
-    """Relative excess of limits on a dense grid, [N, K] a phase, and the worst of all."""
-    dense = [dense_phase(phase) for phase in solution.phases]
-    uses = [use for own in dense for use in limit_uses(own) if use.kind in ALONG and use.excess > 0]
-    return [relative_excess(own) for own in dense], max(
-        uses, key=lambda use: use.relative, default=None
     )
 
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError
-from microbot_ocp.ocp.refinement._mesh_error import MOST_PIECES, SAFETY
+from microbot_ocp.ocp.mesh import MOST_PIECES, SAFETY
 from microbot_ocp.ocp.solution import PhaseSolution
 from microbot_ocp.ocp.transcription import IntArray, Mesh
 from microbot_ocp.ocp.transcription.schemes import Collocation

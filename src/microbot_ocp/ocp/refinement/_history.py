@@ -13,7 +13,7 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.showing import view_for
 from microbot_ocp._base.status import Status
 from microbot_ocp._base.table import Column, Table
-from microbot_ocp.ocp.refinement._switches import Switch, find_switches
+from microbot_ocp.ocp.arcs import Switch, find_switches
 from microbot_ocp.ocp.solution import Solution
 from microbot_ocp.ocp.transcription import Mesh
 from microbot_ocp.ocp.transcription.schemes import Collocation

@@ -26,9 +26,7 @@ from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.status import Status
 from microbot_ocp._base.table import Column, Table
-from microbot_ocp.ocp.problem import OptimalControlProblem, Phase
-from microbot_ocp.ocp.refinement._adaptive import excess_of_limits
-from microbot_ocp.ocp.refinement._arcs import (
+from microbot_ocp.ocp.arcs._cutter import (
     MOST_ARCS,
     SHORTEST_DURATION,
     Conditions,
@@ -40,15 +38,16 @@ from microbot_ocp.ocp.refinement._arcs import (
     limits_of,
     links_between,
 )
-from microbot_ocp.ocp.refinement._mesh_error import divide, state_errors
-from microbot_ocp.ocp.refinement._singular import (
+from microbot_ocp.ocp.arcs._detector import arcs_between_events
+from microbot_ocp.ocp.arcs._singular import (
     Near,
     NotPossibleError,
     SingularArcs,
     costate_sample,
     solve_conditions,
 )
-from microbot_ocp.ocp.refinement._structure import arcs_between_events
+from microbot_ocp.ocp.mesh import divide, excess_of_limits, state_errors
+from microbot_ocp.ocp.problem import OptimalControlProblem, Phase
 from microbot_ocp.ocp.solution import (
     UNKNOWN,
     Gap,

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp.ocp.refinement._arcs import Limit, Stretch, controls_at_bounds, limits_of
+from microbot_ocp.ocp.arcs._cutter import Limit, Stretch, controls_at_bounds, limits_of
 from microbot_ocp.ocp.solution import PhaseSolution
 from microbot_ocp.ocp.verification import phase_layout
 

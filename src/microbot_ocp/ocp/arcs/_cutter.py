@@ -24,6 +24,7 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.status import Status
+from microbot_ocp.ocp.arcs._switches import AT_BOUND, BRACKET, interval_values
 from microbot_ocp.ocp.problem import (
     OptimalControlProblem,
     PathConstraint,
@@ -33,7 +34,6 @@ from microbot_ocp.ocp.problem import (
     Variable,
     node_variables,
 )
-from microbot_ocp.ocp.refinement._switches import AT_BOUND, BRACKET, interval_values
 from microbot_ocp.ocp.solution import PhaseSolution, Solution
 from microbot_ocp.ocp.solvers import SolverSettings, solve
 from microbot_ocp.ocp.transcription import Guess, Mesh

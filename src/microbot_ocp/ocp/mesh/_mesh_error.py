@@ -15,10 +15,15 @@ from numpy.typing import ArrayLike
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp.solution import Solution, cost_size
 from microbot_ocp.ocp.verification import (
+    ALONG,
+    OCPLimitUse,
     Recomputation,
+    dense_phase,
     each_interval,
+    limit_uses,
     mesh_states,
     phase_layout,
+    relative_excess,
     state_weights,
 )
 
@@ -46,6 +51,15 @@ def state_errors(solution: Solution) -> list[FloatArray]:
             own = np.maximum(own, np.abs(arrived.costs - summed) / size)
         errors.append(np.nan_to_num(own, nan=np.inf))
     return errors
+
+
+def excess_of_limits(solution: Solution) -> tuple[list[FloatArray], OCPLimitUse | None]:
+    """Relative excess of limits on a dense grid, [N, K] a phase, and the worst of all."""
+    dense = [dense_phase(phase) for phase in solution.phases]
+    uses = [use for own in dense for use in limit_uses(own) if use.kind in ALONG and use.excess > 0]
+    return [relative_excess(own) for own in dense], max(
+        uses, key=lambda use: use.relative, default=None
+    )
 
 
 def divide(mesh: FloatArray, errors: FloatArray, accuracy: float, order: ArrayLike) -> FloatArray:

@@ -26,9 +26,9 @@ import numpy as np
 from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.status import Status
+from microbot_ocp.ocp.arcs._cutter import Limit, Sample, Stretch
+from microbot_ocp.ocp.mesh import divide, state_errors
 from microbot_ocp.ocp.problem import OptimalControlProblem, Phase, Variable
-from microbot_ocp.ocp.refinement._arcs import Limit, Sample, Stretch
-from microbot_ocp.ocp.refinement._mesh_error import divide, state_errors
 from microbot_ocp.ocp.solution import PhaseSolution, Solution, guess_from, scaled
 from microbot_ocp.ocp.solvers import SolverSettings, solve
 from microbot_ocp.ocp.transcription import Guess, Mesh, Transcription

@@ -1,0 +1,9 @@
+"""Public names; loaded when they are first asked for."""
+
+from ._mesh_error import (
+    MOST_PIECES as MOST_PIECES,
+    SAFETY as SAFETY,
+    divide as divide,
+    excess_of_limits as excess_of_limits,
+    state_errors as state_errors,
+)
