@@ -87,9 +87,9 @@ class Stop:
     velocity : str or array_like, optional
         "rest", "any", or the velocity: of the joints [n], rad/s, where ``q`` is given, else of the
         tool's origin [3] in the base frame, m/s. Default rest at the ends of a task and where the
-        arm dwells or its payload changes, any elsewhere. Under limits of the torque rate or the jerk
-        the arm rests without acceleration; where a motion begins or ends moving the acceleration
-        is free, as nothing is known of what was before or follows.
+        arm dwells or its payload changes, any elsewhere. Under limits of the torque rate or the
+        jerk the arm rests without acceleration; where a motion begins or ends moving the
+        acceleration is free, as nothing is known of what was before or follows.
     dwell : float
         How long the arm rests here, s; at most a day.
     payload : Payload or float, optional
