@@ -11,9 +11,7 @@ import copyreg
 import dis
 import functools
 import hashlib
-import struct
 import sys
-import sysconfig
 from collections.abc import Iterable, Mapping
 from dataclasses import fields, is_dataclass
 from enum import Enum
@@ -21,6 +19,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from types import (
     BuiltinFunctionType,
+    CellType,
     CodeType,
     FunctionType,
     MappingProxyType,
@@ -36,8 +35,15 @@ from microbot_ocp._base.checks import InputError, shown
 from microbot_ocp._base.reading import content_of
 
 PACKAGE = __name__.partition(".")[0]
-_PLAIN = (type(None), bool, int, str, bytes, complex, type(Ellipsis))
+_PLAIN = (type(None), str, bytes, complex, type(Ellipsis))  # whose repr tells them
 _SYMBOLS = (ca.SX, ca.MX, ca.DM, ca.Sparsity)
+_WRAPPERS = {
+    MethodType: ("__func__", "__self__"),
+    staticmethod: ("__func__",),
+    classmethod: ("__func__",),
+    property: ("fget", "fset", "fdel"),
+    functools._lru_cache_wrapper: ("__wrapped__",),
+}
 # of functions and classes: how they are written, not what they do
 _WRITTEN = ("__module__", "__doc__", "__dict__", "__weakref__", "__firstlineno__", "__qualname__")
 
@@ -70,9 +76,11 @@ class _Content:
         if isinstance(value, Enum):
             self._many(type(value).__name__, (type(value), value.name), name)
         elif isinstance(value, float):
-            self._put("float", struct.pack("<d", value))
+            self._put("float", value.hex())
+        elif isinstance(value, int):
+            self._put(type(value).__name__, hex(value))
         elif isinstance(value, _PLAIN):
-            self._put(type(value).__name__, _bytes_of(value))
+            self._put(type(value).__name__, repr(value))
         elif type(value) is np.ndarray or isinstance(value, np.generic):
             self._array(np.asarray(value), name)
         elif isinstance(value, (FunctionType, type, ModuleType)):
@@ -86,8 +94,6 @@ class _Content:
         elif isinstance(value, BuiltinFunctionType) and isinstance(value.__self__, ModuleType):
             self._once(value.__self__, name)
             self._put("function", value.__qualname__)
-        elif isinstance(value, functools._lru_cache_wrapper):
-            self.add(value.__wrapped__, name)
         elif id(value) in self._inside:
             self._put("around", str(len(self._inside) - self._inside.index(id(value))))
         else:
@@ -122,12 +128,8 @@ class _Content:
             self.add(type(value), name)
             counted = [item.name for item in fields(value) if item.compare]
             self._named("fields", {key: getattr(value, key) for key in counted}, name)
-        elif isinstance(value, MethodType):
-            self._many("method", (value.__func__, value.__self__), name)
-        elif isinstance(value, (staticmethod, classmethod)):
-            self._many(type(value).__name__, (value.__func__,), name)
-        elif isinstance(value, property):
-            self._many("property", (value.fget, value.fset, value.fdel), name)
+        elif inside := _WRAPPERS.get(type(value)):
+            self._many(type(value).__name__, (getattr(value, key) for key in inside), name)
         else:
             self._state(value, name)
 
@@ -167,9 +169,8 @@ class _Content:
 
     def _once(self, value: Any, name: str) -> None:
         """A function, class or module: once, then by its number."""
-        number, _ = self._shared.get(id(value), (None, None))
-        if number is not None:
-            self._put("again", str(number))
+        if id(value) in self._shared:
+            self._put("again", str(self._shared[id(value)][0]))
             return
         self._shared[id(value)] = len(self._shared), value
         home = value.__name__ if isinstance(value, ModuleType) else value.__module__
@@ -189,16 +190,11 @@ class _Content:
         self.add(function.__code__, name)
         self._named("defaults", function.__kwdefaults__ or {}, name)
         self._many("defaults", function.__defaults__ or (), name)
-        for key, cell in zip(
-            function.__code__.co_freevars, function.__closure__ or (), strict=True
-        ):
-            try:
-                inside = cell.cell_contents
-            except ValueError:  # empty so far
-                inside = None
-            self.add(inside, f"{name}.{key}")
-        known = function.__globals__
         used, imported = _references(function.__code__)
+        cells = zip(function.__code__.co_freevars, function.__closure__ or (), strict=True)
+        filled = {key: cell.cell_contents for key, cell in cells if cell != CellType()}
+        self._named("cells", filled, name)
+        known = function.__globals__
         self._named("globals", {key: known[key] for key in used if key in known}, name)
         for module in imported:
             self._module(module, name)
@@ -221,14 +217,6 @@ class _Content:
         for key, inner in sorted(vars(sys.modules.get(module, object)).items() if path else ()):
             if isinstance(inner, ModuleType) and not key.startswith("__"):
                 self._once(inner, f"{name}.{key}")
-
-
-def _bytes_of(value: Any) -> bytes:
-    if isinstance(value, str):
-        return value.encode("utf-8", "surrogatepass")
-    if isinstance(value, complex):
-        return struct.pack("<dd", value.real, value.imag)
-    return value if isinstance(value, bytes) else (hex(value) if value else str(value)).encode()
 
 
 def _function_of(expression: Any) -> ca.Function:
@@ -273,7 +261,4 @@ def _in_library(module: str | None) -> bool:
     if top == PACKAGE or top in sys.stdlib_module_names:
         return True
     path = None if top == "__main__" else _file_of(top)
-    if path is None:
-        return False
-    own = Path(sysconfig.get_paths()["stdlib"])
-    return own in path.parents or {"site-packages", "dist-packages"} & set(path.parts) != set()
+    return path is not None and bool({"site-packages", "dist-packages"} & set(path.parts))
