@@ -60,6 +60,7 @@ from microbot_ocp.scene import (
     clearance,
     clearances,
     detour,
+    facing,
     with_arm_capsules,
 )
 from microbot_ocp.trajectories import quintic, shortest_duration
@@ -463,7 +464,8 @@ def _solved(
     None where the time was over before the search began.
     """
     robot: Robot = family.robot
-    pairs = scene.pairs(robot)
+    poses = [path.motion.sample(_evenly(path.motion)).q for path in paths]
+    pairs = facing(robot, scene.pairs(robot), np.concatenate(poses))
     names = phase_names(len(via) - 1)
     apart = np.array([_apart(robot, pairs, path.motion).min(axis=0) for path in paths])
     near = apart.min(axis=0) < NEAR * reach_of(robot)
@@ -504,8 +506,11 @@ def _along(names: Sequence[str], motion: Motion, times: FloatArray) -> dict[str,
 
 def _apart(robot: Robot, pairs: Sequence[Pair], motion: Motion) -> FloatArray:
     """Distances [N,k] of pairs along a motion, m, by the functions that solvers see."""
-    t = np.linspace(0.0, motion.duration, SAMPLES)
-    return clearances(robot, pairs, motion.sample(t).q)
+    return clearances(robot, pairs, motion.sample(_evenly(motion)).q)
+
+
+def _evenly(motion: Motion) -> FloatArray:
+    return np.linspace(0.0, motion.duration, SAMPLES)
 
 
 def as_plain(found: Clearance) -> dict[str, Any]:

@@ -64,6 +64,7 @@ from microbot_ocp.scene import (
     Surroundings,
     clearance_along,
     clearances,
+    facing,
     with_arm_capsules,
 )
 from microbot_ocp.trajectories import quintic, shortest_duration
@@ -79,20 +80,24 @@ class Around:
     tolerance: float  # of limits
     near: set[str] = field(default_factory=set)
     rooms: dict[str, float] = field(default_factory=dict)  # of pairs on known ways, m
+    poses: list[FloatArray] = field(default_factory=list)  # of known ways
 
     def limits(self, robot: Robot, index: int) -> tuple[Any, ...]:
         """The distances of the pairs that come near on a segment."""
         scene = self.scenes[index]
         chosen = [pair for pair in _pairs(scene, robot) if pair.label in self.near]
         rooms = [self.rooms.get(pair.label, np.inf) for pair in chosen]
-        given = {"tolerance": self.tolerance, "room": rooms}
-        return (scene.limit(robot, chosen, **given),) if chosen else ()
+        if not chosen:
+            return ()
+        chosen = facing(robot, chosen, np.concatenate(self.poses))
+        return (scene.limit(robot, chosen, tolerance=self.tolerance, room=rooms),)
 
     def add(self, robot: Robot, scene: Scene, q: FloatArray, distance: float) -> bool:
         """Take in the pairs that are nearer than a distance, m, in some pose [N,n]; whether new."""
-        pairs = _pairs(scene, robot)
+        pairs = facing(robot, _pairs(scene, robot), q)
         if not pairs:
             return False
+        self.poses.append(q)
         apart = clearances(robot, pairs, q).min(axis=0)
         found = {p.label for p, least in zip(pairs, apart, strict=True) if least < distance}
         for pair, least in zip(pairs, apart - scene.clearance, strict=True):

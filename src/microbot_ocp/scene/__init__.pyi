@@ -8,6 +8,7 @@ from ._clearance import (
 from ._contact import (
     Nearest as Nearest,
     contact_model as contact_model,
+    facing as facing,
     has_coal as has_coal,
 )
 from ._detours import (

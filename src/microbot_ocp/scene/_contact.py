@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,12 +13,14 @@ from microbot_ocp._base.fast_calls import fast_call
 from microbot_ocp._base.threads import cached_in_thread
 from microbot_ocp.robot import Capsule, Robot, link_poses
 from microbot_ocp.scene._obstacles import (
+    MOST_FACES,
     Box,
     ConvexMesh,
     Cylinder,
     HalfSpace,
     Obstacle,
     Sphere,
+    has_many_faces,
 )
 from microbot_ocp.scene._pairs import ACCURACY as ACCURACY
 from microbot_ocp.scene._scene import Pair, Scene, with_arm_capsules
@@ -115,6 +118,14 @@ class ContactModel:
         self._result.clear()
         return functor(arm, other, self._request, self._result)
 
+    def direction(self, index: int) -> FloatArray:
+        """Unit vector [3] from the other thing of a pair to the arm; zero at contact."""
+        side = 1.0 if self.distance(index) > 0.0 else -1.0
+        ends = self._result.getNearestPoint1(), self._result.getNearestPoint2()
+        way = side * (np.array(ends[0]) - np.array(ends[1]))
+        apart = float(np.linalg.norm(way))
+        return way / apart if apart > ACCURACY else np.zeros(3)
+
     def distances(self, q: FloatArray) -> FloatArray:
         """Distances [N,k] of all pairs in poses q [N,n], m."""
         found = np.empty((len(q), len(self.pairs)))
@@ -136,6 +147,38 @@ class ContactModel:
         self.distance(index)
         points = (np.array(self._result.getNearestPoint1()), self._result.getNearestPoint2())
         return Nearest(self.pairs[index], found[index], points[0], np.array(points[1]))
+
+
+def facing(robot: Robot, pairs: Sequence[Pair], q: FloatArray) -> tuple[Pair, ...]:
+    """Pairs with the directions in which the arm passes meshes of many faces in poses q [N,n].
+
+    A large mesh would be seen decimetres nearer than it is otherwise.
+    """
+    meshes = [pair for pair in pairs if has_many_faces(pair.other)]
+    if not meshes:
+        return tuple(pairs)
+    model = ContactModel(with_arm_capsules(robot), meshes)
+    ways: dict[Pair, list[FloatArray]] = {pair: [] for pair in meshes}
+    for poses in model.poses(q):
+        model.put(poses)
+        for index, pair in enumerate(meshes):
+            ways[pair].append(model.direction(index))
+    return tuple(
+        replace(pair, facing=_farthest(np.array(ways[pair]))) if pair in ways else pair
+        for pair in pairs
+    )
+
+
+def _farthest(directions: FloatArray) -> tuple[tuple[float, ...], ...]:
+    """As many of some unit vectors [N,3] as solvers see, each far from those before it."""
+    directions = directions[directions.any(axis=1)]
+    if not len(directions):
+        return ()
+    chosen, nearest = [directions[0]], directions @ directions[0]
+    while len(chosen) < MOST_FACES:
+        chosen.append(directions[nearest.argmin()])
+        nearest = np.maximum(nearest, directions @ chosen[-1])
+    return tuple(tuple(one.tolist()) for one in chosen)
 
 
 def contact_model(robot: Robot, scene: Scene) -> ContactModel:

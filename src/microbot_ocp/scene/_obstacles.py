@@ -7,8 +7,9 @@ a continuous slope; inside it is minus the depth. Along a straight line it is co
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any
 
 import casadi as ca
@@ -157,9 +158,9 @@ class HalfSpace:
 class ConvexMesh:
     """The convex hull of points, such as the vertices of a mesh.
 
-    The solver sees it by its faces: of more than 26 those of a polyhedron around it, with corners
-    that are mitred and a little rounded. That is never nearer than the hull itself, which
-    certificates measure.
+    The solver sees it by its faces: of more than 26 those of a polyhedron around it, which touches
+    it all around and where known ways pass it, with corners that are mitred and a little rounded.
+    The hull itself, which certificates measure, is never nearer.
 
     Parameters
     ----------
@@ -214,10 +215,13 @@ def core_radius(obstacle: Obstacle) -> float:
     return obstacle.radius if isinstance(obstacle, Sphere | Capsule) else 0.0
 
 
-def core_parameters(obstacle: Obstacle, accuracy: float = np.inf) -> FloatArray:
+def core_parameters(
+    obstacle: Obstacle, accuracy: float = np.inf, facing: Sequence[Sequence[float]] = ()
+) -> FloatArray:
     """The numbers [k] that the distance of an obstacle's core depends on.
 
-    What is rounded off the corners of a mesh is at most the ``accuracy``, m.
+    What is rounded off the corners of a mesh is at most the ``accuracy``, m; one of many faces is
+    seen as it is in the directions that it is ``facing``.
     """
     if isinstance(obstacle, Sphere):
         return obstacle.center
@@ -226,7 +230,7 @@ def core_parameters(obstacle: Obstacle, accuracy: float = np.inf) -> FloatArray:
     if isinstance(obstacle, HalfSpace):
         return np.append(obstacle.normal, obstacle.offset)
     if isinstance(obstacle, ConvexMesh):
-        normals, offsets, corner = solver_faces(obstacle)
+        normals, offsets, corner = solver_faces(obstacle, facing)
         corner = min(corner, accuracy / np.log(len(offsets)))
         return np.concatenate([normals.ravel("F"), offsets, [corner]])
     size = obstacle.size if isinstance(obstacle, Box) else [obstacle.radius, obstacle.length]
@@ -297,12 +301,23 @@ def _to_faces(x: ca.SX, numbers: ca.SX) -> ca.SX:
     return _rounded_maximum(ca.mtimes(normals, x) - offsets, numbers[-1])
 
 
-def solver_faces(mesh: ConvexMesh) -> tuple[FloatArray, FloatArray, float]:
-    """Normals [K,3], offsets [K] and rounding of the planes around a mesh that the solver sees."""
+@lru_cache(maxsize=256)
+def has_many_faces(obstacle: Obstacle) -> bool:
+    """Whether solvers see an obstacle by fewer planes than it has."""
+    return isinstance(obstacle, ConvexMesh) and len(_faces(obstacle.points)[0]) > MOST_FACES
+
+
+def solver_faces(
+    mesh: ConvexMesh, facing: Sequence[Sequence[float]] = ()
+) -> tuple[FloatArray, FloatArray, float]:
+    """Normals [K,3], offsets [K] and rounding of the planes around a mesh that the solver sees.
+
+    Of many faces those in directions all around, and in those that it is ``facing``.
+    """
     points = mesh.points
     normals, offsets = _faces(points)
     if len(normals) > MOST_FACES:
-        normals = _directions()
+        normals = np.array([*_directions(), *facing])
         offsets = (points @ normals.T).max(axis=0)
     width = (offsets + (points @ -normals.T).max(axis=0)).min() / 2
     return normals, offsets, ROUNDED * float(width)

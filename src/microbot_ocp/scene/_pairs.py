@@ -43,6 +43,8 @@ class Pair:
     other_frame : int
     accuracy : float
         By how much the distance that solvers see may be less than the distance, m, at most.
+    facing : tuple
+        Directions from the other thing in which it is seen as it is, where it has many faces.
     """
 
     frame: int
@@ -50,6 +52,7 @@ class Pair:
     other: Obstacle
     other_frame: int = 0
     accuracy: float = np.inf
+    facing: tuple[tuple[float, ...], ...] = ()
 
     @property
     def label(self) -> str:
@@ -110,7 +113,9 @@ def _kind(pair: Pair) -> tuple[type[Obstacle], int]:
 
 @lru_cache(maxsize=1024)
 def _numbers(pair: Pair) -> FloatArray:
-    own = np.zeros(0) if pair.other_frame else core_parameters(pair.other, pair.accuracy)
+    own = (
+        np.zeros(0) if pair.other_frame else core_parameters(pair.other, pair.accuracy, pair.facing)
+    )
     rounding = ROUNDING * max(pair.capsule.radius, 0.1 * pair.radii)
     rounding = min(rounding, 4.0 * pair.accuracy)  # a quarter of it is lost at contact
     return np.append(own, [rounding, pair.radii, core_radius(pair.other)])
