@@ -657,8 +657,8 @@ class _Left:
 def _finer(solution: Solution, judgement: Judgement, *, whole: bool) -> list[FloatArray]:
     """Intervals divided as their errors ask for; with ``whole`` every one in two, if that will do.
 
-    Where limits are exceeded in between they are divided further: that goes with the square of the
-    step, whatever the order.
+    Where limits are exceeded in between they are divided further: where a control jumps a state
+    leaves its limit by the step times the jump, whatever the order of the scheme.
     """
     pairs = list(zip(solution.phases, judgement.errors, judgement.excess, strict=True))
     divided = []
@@ -670,6 +670,6 @@ def _finer(solution: Solution, judgement: Judgement, *, whole: bool) -> list[Flo
     if whole:
         divided = [np.union1d(p.mesh, (p.mesh[:-1] + p.mesh[1:]) / 2) for p, *_ in pairs]
     return [
-        np.union1d(mesh, refinement.divide(phase.mesh, excess, 1.0, 1))
+        np.union1d(mesh, refinement.divide(phase.mesh, excess, 1.0, 0))
         for mesh, (phase, _, excess) in zip(divided, pairs, strict=True)
     ]
