@@ -97,7 +97,8 @@ def read_urdf(
     Parameters
     ----------
     path : str or Path
-        A ``.urdf`` file, or a ``.xacro`` file (extra ``urdf``; its expressions are executed).
+        A ``.urdf`` file, or a ``.xacro`` file (extra ``urdf``; its expressions are run, for 10 s at
+        most).
     tip : str, optional
         Link at the end of the chain. Joints that are not on the way to it are held at zero, and
         what they carry is carried along; so are planar and floating joints, with a warning. Of

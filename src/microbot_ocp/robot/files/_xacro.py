@@ -11,7 +11,7 @@ from microbot_ocp._base.child_process import Died, OutOfTime, can_fork, in_child
 from microbot_ocp._base.reading import MOST_BYTES, bytes_of
 from microbot_ocp.robot.files._mesh_files import package_folder
 
-EXPANSION_TIME = 10.0  # s
+EXPANSION_TIME = 10.0  # s, of wall time: expressions are programs, whose steps nothing counts
 
 
 def urdf_content(path: str | Path, what: str) -> str | bytes:
