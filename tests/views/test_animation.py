@@ -10,15 +10,9 @@ from PIL import Image
 
 import microbot_ocp as mo
 from microbot_ocp.comparison import Cell
+from microbot_ocp.views._style import STYLE
 from microbot_ocp.views.animation import Film, write_animation
-from microbot_ocp.views.recording import (
-    OBSTACLE_COLOR,
-    PART_COLOR,
-    TUBE_COLOR,
-    of_branches,
-    of_cell,
-    of_motion,
-)
+from microbot_ocp.views.recording import of_branches, of_cell, of_motion
 
 
 @pytest.fixture(scope="module")
@@ -140,7 +134,7 @@ def test_a_film_of_a_cell_shows_obstacles_tubes_and_the_part_on_its_way(robot: m
     cell = Cell(robot, stops, segments, False, motion, certificate, scene)
     film = Film(of_cell(cell))
     frames: dict[float, np.ndarray] = {}
-    wanted = {"post": (OBSTACLE_COLOR, 0), "part": (PART_COLOR, 1), "tube": (TUBE_COLOR, 2)}
+    wanted = {"post": (STYLE.obstacle, 0), "part": (STYLE.part, 1), "tube": (STYLE.tube, 2)}
 
     def shown(t: float, place: np.ndarray, name: str) -> bool:
         """Whether a colour is seen within five pixels of a place."""
@@ -165,4 +159,4 @@ def test_a_film_of_a_cell_shows_obstacles_tubes_and_the_part_on_its_way(robot: m
     assert shown(0.25, there, "part")
     assert film.floor == -1.2
     film.frame(1.0)
-    assert "apart" in film.said.get_text()
+    assert "apart" in film.gap_text.get_text()

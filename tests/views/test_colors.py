@@ -10,7 +10,7 @@ from matplotlib.colors import to_rgb
 from PIL import Image
 
 import microbot_ocp as mo
-from microbot_ocp.views.plots._style import FIXED, JOINT_COLORS, JOINT_DASHES, SPARE
+from microbot_ocp.views._style import FIXED, JOINT_LOOKS, SPARE
 
 # Machado, Oliveira and Fernandes (2009), severity 1, on linear RGB
 VISION = {
@@ -66,13 +66,13 @@ def test_methods_are_told_apart_by_colour(vision: str) -> None:
 
 @pytest.mark.parametrize("vision", VISION)
 def test_joints_are_told_apart_by_colour_or_by_lightness_and_dashes(vision: str) -> None:
-    for (i, first), (j, second) in combinations(enumerate(JOINT_COLORS), 2):
+    for (i, first), (j, second) in combinations(enumerate(color for color, _ in JOINT_LOOKS), 2):
         apart = np.linalg.norm(lab(first, vision) - lab(second, vision))
         assert apart > APART, f"joints {i}, {j}: {apart:.1f}"
 
 
 def test_every_line_differs_in_grey() -> None:
-    for looks in ((*FIXED.values(), *SPARE), tuple(zip(JOINT_COLORS, JOINT_DASHES, strict=True))):
+    for looks in ((*FIXED.values(), *SPARE), JOINT_LOOKS):
         dashes = [str(dash) for _, dash in looks]
         repeated = [dash for dash in set(dashes) if dashes.count(dash) > 1]
         assert all(dash == "solid" for dash in repeated)
@@ -80,7 +80,7 @@ def test_every_line_differs_in_grey() -> None:
 
 @pytest.mark.parametrize("paper", [PAPER, DARK])
 def test_lines_stand_out_from_the_paper(paper: str) -> None:
-    for color in (*(color for color, _ in FIXED.values()), *JOINT_COLORS[:5]):
+    for color in (color for color, _ in (*FIXED.values(), *JOINT_LOOKS[:5])):
         assert contrast(color, paper) > 2.0, color
 
 

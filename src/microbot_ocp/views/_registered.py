@@ -54,7 +54,7 @@ add_views(
         "microbot_ocp.sweeps.Sweep": {
             "table": f"{TABLES}._sweep:sweep",
             "plot": f"{PLOTS}:sweep",
-            "rerun": f"{RECORDING}._sweep:of_sweep",
+            "rerun": f"{RECORDING}:of_sweep",
         },
     }
 )

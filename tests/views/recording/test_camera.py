@@ -6,14 +6,9 @@ import pytest
 import microbot_ocp as mo
 from microbot_ocp.robot import Robot
 from microbot_ocp.views import _scene as scene
-from microbot_ocp.views.recording import grid_spacing
-from microbot_ocp.views.recording._line_of_sight import hidden_share
-from microbot_ocp.views.recording._surroundings import (
-    ASPECT,
-    FIELD_OF_VIEW,
-    find_eye,
-    upward,
-)
+from microbot_ocp.views._eye import find_eye, grid_spacing, upward
+from microbot_ocp.views._solids import hidden_share, obstacle_solid
+from microbot_ocp.views._style import STYLE
 
 NOWHERE = np.zeros((0, 3))
 
@@ -55,8 +50,8 @@ def test_everything_is_in_sight_and_fills_it(place, microbot):
     eye = find_eye(robot, q, marked, 0.2)
     points = np.vstack([scene.link_origins(robot, q).reshape(-1, 3), marked])
     angles = np.abs(seen(eye, points))
-    half = np.tan(FIELD_OF_VIEW / 2)
-    share = max((angles[:, 0] / ASPECT).max(), angles[:, 1].max()) / half
+    half = np.tan(np.radians(STYLE.field) / 2)
+    share = max((angles[:, 0] / STYLE.screen[0]).max(), angles[:, 1].max()) / half
     assert 0.5 < share < 1.0
 
 
@@ -85,7 +80,7 @@ def test_the_eye_looks_past_a_wall() -> None:
     q = np.linspace([-0.3, 0.4, 0.2], [0.3, 0.6, 0.4], 20)
     usual = find_eye(robot, q, NOWHERE, 0.0)
     middle = 0.5 * (usual.position + usual.target)
-    wall = mo.Box([4.0, 4.0, 4.0], middle, "wall")
+    wall = obstacle_solid(mo.Box([4.0, 4.0, 4.0], middle, "wall"), robot)
     eye = find_eye(robot, q, NOWHERE, 0.0, [wall])
     points = scene.link_origins(robot, q)[:, 1:].reshape(-1, 3)
     assert hidden_share(usual.position, points, [wall]) > 0.5
@@ -102,7 +97,8 @@ def test_the_eye_looks_past_a_wall() -> None:
         mo.ConvexMesh(np.vstack([np.zeros(3), np.eye(3)]) - 0.2, [1.0, 0.0, 0.0]),
     ],
 )
-def test_obstacles_hide_what_is_behind_them(obstacle) -> None:
+def test_obstacles_hide_what_is_behind_them(obstacle, microbot) -> None:
     points = np.array([[2.0, 0.0, 0.0], [2.0, 0.0, 5.0], [1.5, 0.0, 0.0]])
     whole = isinstance(obstacle, mo.HalfSpace)
-    assert hidden_share(np.zeros(3), points, [obstacle]) == pytest.approx(1.0 if whole else 2 / 3)
+    share = hidden_share(np.zeros(3), points, [obstacle_solid(obstacle, microbot)])
+    assert share == pytest.approx(1.0 if whole else 2 / 3)

@@ -47,7 +47,8 @@ def test_shapes_and_meshes_stand_for_the_capsules(microbot, tetrahedron, tmp_pat
     half = static(path, f"{arm}/link_0/geometry_1", "Boxes3D:half_sizes")
     np.testing.assert_allclose(half, [[0.1, 0.15, 0.2]], rtol=1e-6)
     place = static(path, f"{arm}/link_1/geometry_2", "Transform3D:translation")
-    np.testing.assert_allclose(place, [[0.0, 0.0, 0.05]], atol=1e-7)
+    below = static(path, f"{arm}/link_1/geometry_2", "Capsules3D:translations")
+    np.testing.assert_allclose(np.add(place, below), [[0.0, 0.0, 0.05]], atol=1e-7)
     vertices = static(path, f"{arm}/link_2/geometry_3", "Mesh3D:vertex_positions")
     assert len(vertices) == 4 or len(vertices) == 12
     np.testing.assert_allclose(np.max(vertices, axis=0), [0.2, 0.2, 0.2], rtol=1e-6)

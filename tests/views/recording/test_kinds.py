@@ -52,7 +52,7 @@ def test_every_branch_is_a_ghost_and_one_arm_takes_them_in_turn(tmp_path):
 
 def test_bad_input_is_named(microbot, tmp_path):
     still = mo.Motion([0.0, 1.0], *np.zeros((4, 2, 2)))
-    with pytest.raises(mo.InputError, match="motion has 2 joints, but robot 'microbot' has 3"):
+    with pytest.raises(mo.InputError, match="motion has 2 joints, but the robot has 3"):
         of_motion(microbot, still)
     with pytest.raises(mo.InputError, match="at least one IKSolution"):
         of_branches(microbot, [], np.zeros(3))

@@ -13,8 +13,8 @@ from microbot_ocp.comparison import Comparison
 from microbot_ocp.motion import Motion, State
 from microbot_ocp.robot import Limits, Link, Robot, forward_kinematics
 from microbot_ocp.views import _scene as scene
+from microbot_ocp.views._style import STYLE
 from microbot_ocp.views.recording import of_comparison
-from microbot_ocp.views.recording._curves import DASHES
 from microbot_ocp.views.recording._writer import plot_path
 
 pytestmark = pytest.mark.slow
@@ -96,7 +96,7 @@ def test_limits_are_dashed_and_far_ones_left_out(recording):
     t, rows = read(recording, "/plots/qd/waist/limit_upper", "Scalars:scalars")
     assert t[-1] <= 3.4 + 1e-9
     assert {tuple(row) for row in rows} == {(2.0,), ()}
-    assert rows[2::3] == [[]] * DASHES
+    assert rows[2::3] == [[]] * STYLE.dashes
     with pytest.raises(ValueError, match="not enough values"):
         static(recording, "/plots/q/waist/limit_upper", "SeriesLines:names")
     assert "q of waist: limits ±360 deg" in static(recording, "/summary", "TextDocument:text")[0]

@@ -8,10 +8,10 @@ from rerun.chunk import RrdReader
 
 from microbot_ocp.motion import Motion
 from microbot_ocp.robot import Limits, Robot
-from microbot_ocp.views.recording import SATURATED_COLOR, arcs, of_motion, signed_share
-from microbot_ocp.views.recording._loads import POINTS, SLIDE
+from microbot_ocp.views._style import STYLE
+from microbot_ocp.views.recording import arcs, of_motion, signed_share
 
-PINK = int.from_bytes(bytes(SATURATED_COLOR), "big")
+PINK = int.from_bytes(bytes(STYLE.saturated), "big")
 
 
 def swept_angle(points):
@@ -39,9 +39,9 @@ def test_arc_sweeps_the_share_of_the_limit_and_closes_at_it(swing):
         t, strips = read(path, entity, "LineStrips3D:strips")
         tau = np.interp(t, motion.t, motion.tau[:, joint])
         share = np.clip(np.where(tau < 0, tau / bounds[0], tau / bounds[1]), -1, 1)
-        found = [swept_angle(np.array(strip[0])[:POINTS]) for strip in strips]
+        found = [swept_angle(np.array(strip[0])[:-3]) for strip in strips]
         np.testing.assert_allclose(found, 2 * np.pi * share, atol=1e-4)
-        radii = np.linalg.norm(np.array(strips)[:, 0, :POINTS], axis=-1)
+        radii = np.linalg.norm(np.array(strips)[:, 0, :-3], axis=-1)
         np.testing.assert_allclose(radii, radii[0, 0], rtol=FLOAT32)
 
 
@@ -70,7 +70,7 @@ def test_slide_has_an_arrow_along_its_axis(tmp_path):
     arm = recording.arms[0]
     share = arm.curves["tau"][:, joint] / recording.limits.tau_max[joint]
     assert 0.2 < np.abs(share).max() < 1.0
-    np.testing.assert_allclose(vectors[:, 2], SLIDE * arm.look.radius * share, rtol=1e-5)
+    np.testing.assert_allclose(vectors[:, 2], 3 * STYLE.ring * arm.look.radius * share, rtol=1e-5)
 
 
 def test_share_of_a_limit_of_zero():

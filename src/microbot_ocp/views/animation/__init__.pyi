@@ -2,7 +2,6 @@
 
 from ._film import Film as Film
 from ._video import (
-    FRAME_RATE as FRAME_RATE,
     animate_cell as animate_cell,
     animate_comparison as animate_comparison,
     animate_motion as animate_motion,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -12,30 +11,24 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
+from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
-from microbot_ocp.views._scene import link_origins, link_poses, reach
-from microbot_ocp.views.animation._around import part_faces, still_faces
-from microbot_ocp.views.animation._bodies import Camera, Color, arm_faces
-from microbot_ocp.views.plots import styled
-from microbot_ocp.views.recording import (
-    TIME,
-    AnimatedArm,
-    Recording,
-    arcs,
-    grid_spacing,
-    signed_share,
+from microbot_ocp.scene import HalfSpace
+from microbot_ocp.views._eye import grid_spacing
+from microbot_ocp.views._scene import link_origins, link_poses, reach, tool_places
+from microbot_ocp.views._solids import part_solids
+from microbot_ocp.views._style import STYLE, Color
+from microbot_ocp.views.animation._faces import (
+    Camera,
+    Faces,
+    arm_faces,
+    joined,
+    solid_faces,
+    tube_faces,
 )
+from microbot_ocp.views.plots import styled
+from microbot_ocp.views.recording import TIME, AnimatedArm, Recording, arcs, signed_share
 
-SIZE = (8.0, 4.5)  # inches: 800 x 450 at 100 dots an inch
-STAGE = (0.02, 0.105, 0.61, 0.86)  # left, bottom, right, top of the arms, of the frame
-FLOOR = 0.8  # radius, of the reach
-RING = 0.085  # radius of a torque's arc, of the reach
-NEARLY = 0.9  # of a limit: worth showing
-HIDDEN = 0.5  # opacity of the line along the arm that is seen through what stands before it
-HEAD = 0.14  # of the frame's height, above the stage: for the texts, where a scene fills it
-WIDE = 0.6  # share of the arm's own size that what is around it may add to the picture
-GHOST = 0.34  # share of its own colour that a ghost has
-PANEL_JOINTS = 7  # rows of torques: of more joints the first ones
 THEMES = {
     "light": {
         "paper": "#ffffff", "ink": "#1b2330", "faint": "#8a94a3", "grid": "#dfe4ea",
@@ -48,12 +41,18 @@ THEMES = {
         "low": "#8793a3", "high": "#f0e442",
     },
 }  # fmt: skip
+STAGE = np.array([[0.02, 0.105], [0.61, 0.86]])  # corners of the arms' part of the frame
+DASHED: Any = (0, (4, 3))
 
 
-def _mixed(color: Any, other: Any, share: float) -> Color:
-    first, second = np.array(to_rgb(color)), np.array(to_rgb(other))
-    red, green, blue = share * first + (1.0 - share) * second
+def _mixed(color: Any, other: Any, share: float) -> tuple[float, float, float]:
+    red, green, blue = share * np.array(to_rgb(color)) + (1.0 - share) * np.array(to_rgb(other))
     return red, green, blue
+
+
+def _bytes(color: Any) -> Color:
+    red, green, blue = (round(255 * part) for part in to_rgb(color))
+    return red, green, blue, 255
 
 
 class Film:
@@ -79,325 +78,243 @@ class Film:
     def __init__(
         self, recording: Recording, theme: str = "light", title: str | None = None, dpi: int = 100
     ) -> None:
-        if theme not in THEMES:
-            raise InputError(f"theme must be one of {', '.join(THEMES)}, not {theme!r}")
-        self.arms = [arm for arm in recording.arms if arm.moves]
-        if not self.arms:
+        self.theme = THEMES[checks.one_of("theme", theme, THEMES)]
+        if not recording.moving:
             raise InputError("recording must have an arm that moves")
-        self.recording, self.robot = recording, recording.robot
-        self.arms.sort(key=lambda arm: arm.look.solid)  # the solid one is drawn last
+        # the solid arm is drawn last
+        self.arms = sorted(recording.moving, key=lambda arm: arm.look.solid)
         self.solid = self.arms[-1]
-        self.theme = THEMES[theme]
-        self.camera = Camera(recording.eye)
+        self.recording, self.robot, self.around = recording, recording.robot, recording.around
+        self.camera, self.up = Camera(recording.eye), recording.eye.up
         self.duration = max(float(arm.times[TIME][-1]) for arm in self.arms)
+        self.nearest = self.around.nearest(self.solid.times[TIME], self.solid.q)
         with styled():
-            self.figure = Figure(figsize=SIZE, dpi=dpi, facecolor=self.theme["paper"])
+            self.figure = Figure(figsize=STYLE.frame, dpi=dpi, facecolor=self.theme["paper"])
             self.canvas = FigureCanvasAgg(self.figure)
-            self._still(recording.title if title is None else title)
+            self._write(recording.title if title is None else title)
+            self._draw_space()
+            self._draw_panels()
 
     def frame(self, t: float) -> np.ndarray:
-        """The picture [height,width,3] at time t, 0 to 255."""
+        """Return the picture [height,width,3] at time t, 0 to 255."""
         with styled():
-            self._move(min(t, self.duration))
+            t = min(t, self.duration)
+            for place, arm in enumerate(self.arms):
+                self._move_arm(place, arm, t)
+            self._move_torques(t)
+            self._move_panels(t)
+            self._move_texts(t)
             self.canvas.draw()
         return np.asarray(self.canvas.buffer_rgba())[:, :, :3].copy()
 
-    @property
-    def alone(self) -> bool:
-        """Whether nothing but arms is shown."""
-        return self.still is None and not self.carried
-
-    @cached_property
-    def _tools(self) -> list[FloatArray]:
-        """Tool positions in the picture along each motion."""
-        return [self.camera.project(link_origins(self.robot, arm.q)[:, -1])[0] for arm in self.arms]
-
-    def _color(self, arm: AnimatedArm) -> Color:
-        """Of lines and texts."""
+    def _color(self, arm: AnimatedArm) -> Any:
+        """Return the colour of lines and texts, lighter on dark paper."""
         return _mixed(arm.look.style.color, "#ffffff", 0.8 if self.theme["paper"] < "#8" else 1.0)
 
-    def _link_color(self, arm: AnimatedArm) -> Color:
-        share = 1.0 if arm.look.solid else GHOST
-        return _mixed(self._color(arm), self.theme["paper"], share)
+    def _text(self, x: float, y: float, text: str = "", color: str = "ink", **style: Any) -> Any:
+        style = {"color": self.theme.get(color, color), "fontsize": 10.5, "va": "center", **style}
+        return self.figure.text(x, y, text, **style)
 
-    def _still(self, title: str) -> None:
-        """What does not move, and the artists of what does."""
-        theme = self.theme
-        heading = {"color": theme["ink"], "fontsize": 13, "fontweight": "bold", "va": "top"}
-        self.figure.text(0.025, 0.965, title, **heading)
+    def _write(self, title: str) -> None:
+        self._text(0.025, 0.935, title, fontsize=13, fontweight="bold")
         self.clocks = []
         for row, arm in enumerate(reversed(self.arms)):
             y = 0.885 - 0.052 * row
             self.figure.text(0.027, y, "●", color=self._color(arm), fontsize=11, va="center")
-            text = self.figure.text(0.052, y, "", color=theme["ink"], fontsize=10.5, va="center")
-            self.clocks.append((arm, text))
-        self.words = self.figure.text(
-            0.025, 0.045, "", color=theme["ink"], fontsize=12, fontweight="bold", va="center"
-        )
-        self.space = self.figure.add_axes((0.0, 0.0, 1.0, 1.0))
-        self.space.set_zorder(-1)
-        self.space.axis("off")
-        self.up, self.base = self.recording.eye.up, self.robot.base[:3, 3]
-        still, self.floor = still_faces(self.recording, self.up)
-        self.still = None if still is None else self.camera.picture(still)
-        self.carried, self.nearest = self.recording.carried, self.recording.nearest()
-        self._frame_space(self.space)
-        self._floor(self.space)
-        made: dict[str, Any] = {"linewidths": 0.4, "antialiaseds": True}
-        self.shadow = LineCollection([], colors=[theme["shadow"]], zorder=1, capstyle="round")
-        self.space.add_collection(self.shadow)
-        self.bodies, self.trails = [], []
+            self.clocks.append((arm, self._text(0.052, y)))
+        self.gap_text = self._text(0.027, 0.885 - 0.052 * len(self.arms), color="faint")
+        self.saving = self._text(0.025, 0.045, fontsize=12, fontweight="bold")
+
+    def _draw_space(self) -> None:
+        """Draw what does not move, and make the artists of what does."""
+        theme, size = self.theme, reach(self.robot)
+        self.space = space = self.figure.add_axes((0.0, 0.0, 1.0, 1.0), zorder=-1)
+        space.axis("off")
+        self.floor, still = None, [tube_faces(tube, size) for tube in self.around.tubes]
+        for obstacle, (_, solid) in zip(
+            self.around.scene.obstacles if self.around.scene else (),
+            self.around.obstacles(self.robot),
+            strict=True,
+        ):
+            if isinstance(obstacle, HalfSpace) and obstacle.normal @ self.up > 1.0 - 1e-9:
+                self.floor = obstacle.offset
+            else:
+                still.append(solid_faces(solid, STYLE.patch * size))
+        self.still = joined(still) if still else None
+        self._frame_space(space)
+        self._draw_floor(space)
+
+        def lines(zorder: float, **style: Any) -> LineCollection:
+            collection = LineCollection([], zorder=zorder, **style)
+            space.add_collection(collection)
+            return collection
+
+        self.shadow = lines(1, colors=[theme["shadow"]], linewidths=[9.0], capstyle="round")
+        self.bodies, self.trails, self.ways = [], [], []
         for place, arm in enumerate(self.arms):
-            body = PolyCollection([], zorder=3 + 2 * place, **made)
-            self.space.add_collection(body)
-            (trail,) = self.space.plot(
-                [], [], color=self._color(arm), linewidth=1.8, zorder=2 + 2 * place,
-                alpha=0.9 if arm.look.solid else 0.45, solid_capstyle="round",
-            )  # fmt: skip
-            self.bodies.append(body)
-            self.trails.append(trail)
+            body = PolyCollection([], zorder=3 + 2 * place, linewidths=0.4, antialiaseds=True)
+            self.bodies.append(space.add_collection(body))
+            style = {"alpha": 0.9 if arm.look.solid else 0.45, "zorder": 2 + 2 * place}
+            self.trails += space.plot([], [], color=self._color(arm), linewidth=1.8, **style)
+            self.ways.append(self.camera.project(tool_places(self.robot, arm.q))[0])
         top = 4 + 2 * len(self.arms)
-        self.rings = LineCollection([], linewidths=1.0, colors=[theme["faint"]], zorder=top)
-        self.arcs = LineCollection([], zorder=top + 1, capstyle="round")
-        (self.spine,) = self.space.plot(
-            [], [], color=self._color(self.solid), linewidth=1.2, linestyle=(0, (2, 2)), zorder=top,
-            alpha=HIDDEN if self.still is not None else 0.0,
-        )  # fmt: skip
-        self.gap = LineCollection([], linewidths=2.0, colors=[theme["limit"]], zorder=top + 1)
-        for each in (self.rings, self.arcs, self.gap):
-            self.space.add_collection(each)
-        self.said = self.figure.text(
-            0.027,
-            0.885 - 0.052 * len(self.arms),
-            "",
-            color=theme["faint"],
-            fontsize=9.5,
-            va="center",
-        )
+        self.rings = lines(top, linewidths=1.0, colors=[theme["faint"]])
+        self.arcs = lines(top + 1, capstyle="round")
+        self.gap = lines(top + 1, linewidths=2.0, colors=[theme["limit"]])
+        # of an arm among obstacles, seen through what stands before it
+        spine = {"color": self._color(self.solid), "linewidth": 1.2, "linestyle": (0, (2, 2))}
+        (self.spine,) = space.plot([], [], alpha=0.5 if self.still else 0.0, zorder=top, **spine)
         places, _ = self.camera.project(np.reshape(self.recording.places, (-1, 3)))
-        for (x, y), name in zip(places, self.recording.place_names, strict=True):
-            self.space.plot(
-                [x], [y], "o", color=theme["paper"], markeredgecolor=theme["ink"], markersize=5.5,
-                zorder=top + 2,
-            )  # fmt: skip
-            self.space.annotate(
-                name, (x, y), xytext=(7, -9), textcoords="offset points", fontsize=8.5,
-                color=theme["faint"], zorder=top + 2,
-            )  # fmt: skip
-        self._panels()
+        marker = {"color": theme["paper"], "markeredgecolor": theme["ink"], "markersize": 5.5}
+        note = {"fontsize": 8.5, "color": theme["faint"], "textcoords": "offset points"}
+        for place, name in zip(places, self.recording.place_names, strict=True):
+            space.plot(*place[:, None], "o", zorder=top + 2, **marker)
+            space.annotate(name, place, xytext=(7, -9), zorder=top + 2, **note)
 
     def _frame_space(self, space: Axes) -> None:
-        """Axes limits that hold the arms at all times."""
-        size = reach(self.robot)
+        """Set limits of the axes that hold the arms at all times, and what is around as far as."""
         points = np.vstack([link_origins(self.robot, arm.q).reshape(-1, 3) for arm in self.arms])
-        points = np.vstack([points, self.robot.base[None, :3, 3]])
-        flat, depth = self.camera.project(points)
-        margin = (0.11 * size / depth)[:, None]
+        flat, depth = self.camera.project(np.vstack([points, self.robot.base[None, :3, 3]]))
+        margin = (0.11 * reach(self.robot) / depth)[:, None]
         low, high = (flat - margin).min(axis=0), (flat + margin).max(axis=0)
-        if self.still is not None:
-            seen = self.still[0].reshape(-1, 2)
-            more = WIDE * (high - low)
-            low = np.minimum(low, np.maximum(seen.min(axis=0), low - more))
-            high = np.maximum(high, np.minimum(seen.max(axis=0), high + more))
-        left, bottom, right, top = STAGE
-        top -= HEAD if self.still is not None else 0.0
-        scale = min(
-            (right - left) * SIZE[0] / (high - low)[0], (top - bottom) * SIZE[1] / (high - low)[1]
-        )
-        for limits, centre, middle, inches in (
-            (space.set_xlim, (left + right) / 2, (low + high)[0] / 2, SIZE[0]),
-            (space.set_ylim, (bottom + top) / 2, (low + high)[1] / 2, SIZE[1]),
-        ):
-            limits(middle - centre * inches / scale, middle + (1.0 - centre) * inches / scale)
+        stage = STAGE.copy()
+        if self.still is not None:  # up to 60 % more, and room for the texts above
+            around, more = self.camera.project(self.still.corners)[0].reshape(-1, 2), high - low
+            low = np.minimum(low, np.maximum(around.min(axis=0), low - 0.6 * more))
+            high = np.maximum(high, np.minimum(around.max(axis=0), high + 0.6 * more))
+            stage[1, 1] -= 0.14
+        frame = np.array(STYLE.frame)
+        scale = ((stage[1] - stage[0]) * frame / (high - low)).min()
+        first = (low + high) / 2 - stage.mean(axis=0) * frame / scale
+        space.set_xlim(first[0], first[0] + frame[0] / scale)
+        space.set_ylim(first[1], first[1] + frame[1] / scale)
 
-    def _floor(self, space: Axes) -> None:
-        """A level disc with a grid under the base, or at the height of a floor of the scene."""
-        up, base = self.up, self.base
+    def _draw_floor(self, space: Axes) -> None:
+        """Draw a level disc with a grid under the base, or where the scene has a floor."""
+        base = self.robot.base[:3, 3]
         if self.floor is not None:
-            self.base = base = base + (self.floor - base @ up) * up
-        across, along = (axis for axis in np.eye(3) if abs(axis @ up) < 0.5)
-        step, radius = 2 * grid_spacing(self.robot), FLOOR * reach(self.robot)
+            base = base + (self.floor - base @ self.up) * self.up
+        self.base = base
+        across, along = (axis for axis in np.eye(3) if abs(axis @ self.up) < 0.5)
+        step, radius = 2 * grid_spacing(self.robot), 0.8 * reach(self.robot)
         turn = np.linspace(0.0, 2 * np.pi, 121)[:, None]
         edge = base + radius * (np.cos(turn) * across + np.sin(turn) * along)
-        flat, _ = self.camera.project(edge)
-        space.fill(*flat.T, color=self.theme["floor"], zorder=0, linewidth=0)
-        lines = []
-        count = int(radius / step)
-        for k in range(-count, count + 1):
-            half = np.sqrt(radius**2 - (k * step) ** 2)
-            for a, b in ((across, along), (along, across)):
-                ends = [base + k * step * a - half * b, base + k * step * a + half * b]
-                lines.append(self.camera.project(np.array(ends))[0])
-        grid = LineCollection(lines, colors=[self.theme["grid"]], linewidths=0.8, zorder=0.5)
-        space.add_collection(grid)
+        space.fill(
+            *self.camera.project(edge)[0].T, color=self.theme["floor"], zorder=0, linewidth=0
+        )
+        ends = [
+            [base + k * step * a + s * np.sqrt(radius**2 - (k * step) ** 2) * b for s in (-1, 1)]
+            for k in range(-int(radius / step), int(radius / step) + 1)
+            for a, b in ((across, along), (along, across))
+        ]
+        segments = list(self.camera.project(np.array(ends))[0])
+        style = {"colors": [self.theme["grid"]], "linewidths": 0.8, "zorder": 0.5}
+        space.add_collection(LineCollection(segments, **style))
 
-    def _panels(self) -> None:
-        """A panel a joint: torque over time as a share of its limit."""
+    def _draw_panels(self) -> None:
+        """Draw a panel a joint: torque (or velocity) over time as a share of its limit."""
+        theme, quantity = self.theme, self._quantity()
+        name = {"tau": "torque", "qd": "velocity"}[quantity]
+        heading = f"{name} within its limits (dashed)"
+        self._text(0.70, 0.945, heading, "faint", fontsize=9.5)
         self.curves, self.cursors = [], []
-        self.quantity = self._telling()
-        count = min(self.robot.joint_count, PANEL_JOINTS)
-        word = {"tau": "torque", "qd": "velocity"}[self.quantity]
-        self.figure.text(
-            0.70, 0.945, f"{word} within its limits (dashed)", color=self.theme["faint"],
-            fontsize=9.5, va="center",
-        )  # fmt: skip
-        top, bottom, gap = 0.905, 0.115, 0.022
-        height = (top - bottom - gap * (count - 1)) / count
-        for joint in range(count):
-            rect = (0.70, top - (joint + 1) * height - joint * gap, 0.28, height)
-            panel = self.figure.add_axes(rect, facecolor=self.theme["paper"])
-            self._panel(panel, joint, last=joint == count - 1)
+        places = {"left": 0.70, "right": 0.98, "top": 0.905, "bottom": 0.115, "hspace": 0.16}
+        count = min(self.robot.joint_count, 7)
+        panels = self.figure.subplots(count, sharex=True, squeeze=False, gridspec_kw=places)[:, 0]
+        for joint, panel in enumerate(panels):
+            panel.set_facecolor(theme["paper"])
+            panel.grid(False)
+            panel.spines[:].set_visible(False)
+            panel.axhline(0.0, color=theme["grid"], linewidth=0.8)
+            for bound in (-1.0, 1.0):
+                panel.axhline(bound, color=theme["limit"], linewidth=0.9, linestyle=DASHED)
+            span = 1.0
+            for arm in self.arms:
+                share, width = self._share(arm, joint, quantity), 2.0 if arm.look.solid else 1.3
+                line = {"color": self._color(arm), "alpha": 1.0 if arm.look.solid else 0.75}
+                (curve,) = panel.plot([], [], linewidth=width, **line)
+                self.curves.append((curve, arm.times[TIME], share))
+                span = max(span, float(np.abs(share).max()))
+            panel.set_ylim(-1.18 * span, 1.18 * span)
+            label = self.robot.joint_names[joint]
+            label = label if len(label) < 10 else f"joint {joint + 1}"
+            panel.set_yticks([0.0], [label], fontsize=8.5)
+            panel.tick_params(length=0, colors=theme["faint"], pad=4, labelsize=7.5)
+            panel.tick_params(axis="y", labelcolor=theme["ink"], labelsize=8.5)
+            self.cursors.append(panel.axvline(0.0, color=theme["faint"], linewidth=0.8))
+        panels[-1].set_xlim(0.0, self.duration)
+        panels[-1].set_xlabel("t [s]", fontsize=8, color=theme["faint"], labelpad=1)
 
-    def _panel(self, panel: Axes, joint: int, last: bool) -> None:
-        theme = self.theme
-        panel.grid(False)
-        for side in ("top", "right", "left", "bottom"):
-            panel.spines[side].set_visible(False)
-        panel.axhline(0.0, color=theme["grid"], linewidth=0.8)
-        for bound in (-1.0, 1.0):
-            panel.axhline(bound, color=theme["limit"], linewidth=0.9, linestyle=(0, (4, 3)))
-        panel.set_xlim(0.0, self.duration)
-        shares = [self._share(arm, joint, self.quantity) for arm in self.arms]
-        span = 1.18 * max(1.0, *(float(np.abs(share).max()) for share in shares))
-        panel.set_ylim(-span, span)
-        name = self.robot.joint_names[joint]
-        panel.set_yticks([0.0], [name if len(name) < 10 else f"joint {joint + 1}"], fontsize=8.5)
-        panel.tick_params(length=0, colors=theme["faint"], pad=4)
-        panel.tick_params(axis="y", labelcolor=theme["ink"])
-        if not last:
-            panel.set_xticks([])
-        else:
-            panel.set_xlim(0.0, self.duration)
-            panel.tick_params(axis="x", labelsize=7.5, length=2)
-            panel.set_xlabel("t [s]", fontsize=8, color=theme["faint"], labelpad=1)
-        for arm, share in zip(self.arms, shares, strict=True):
-            (curve,) = panel.plot(
-                [], [], color=self._color(arm), linewidth=2.0 if arm.look.solid else 1.3,
-                alpha=1.0 if arm.look.solid else 0.75,
-            )  # fmt: skip
-            self.curves.append((curve, arm.times[TIME], share))
-        self.cursors.append(panel.axvline(0.0, color=theme["faint"], linewidth=0.8))
-
-    def _telling(self) -> str:
-        """Torque where a limit of it is nearly met, or else velocity."""
+    def _quantity(self) -> str:
+        """Return torque where a limit of it is nearly met, or else velocity."""
         history = self.solid.history
         if not self.robot.has_dynamics or "tau" not in self.solid.curves:
             return "qd"
         if history is None or not {"tau", "qd"} <= set(history.use):
             return "tau"
-        peaks = {key: float(history.use[key].max()) for key in ("tau", "qd")}
-        return "qd" if peaks["tau"] < NEARLY <= peaks["qd"] else "tau"
+        torque, speed = (float(history.use[key].max()) for key in ("tau", "qd"))
+        return "qd" if torque < 0.9 <= speed else "tau"
 
     def _share(self, arm: AnimatedArm, joint: int, quantity: str) -> FloatArray:
-        """Share [N] of its limit that a joint uses; of its largest value where it has none."""
+        """Return the share [N] of its limit that a joint uses, or of its largest value."""
         values = arm.curves.get(quantity)
         if values is None:
             return np.full(len(arm.q), np.nan)
         return signed_share(self.recording.limits, quantity, values[:, joint], joint)[0]
 
-    def _move(self, t: float) -> None:
-        poses = [_at(arm, t) for arm in self.arms]
-        shadows: list[FloatArray] = []
-        for arm, q, body, trail, tool in zip(
-            self.arms, poses, self.bodies, self.trails, self._tools, strict=True
-        ):
-            joint = _mixed(self.theme["joint"], self.theme["paper"],
-                           1.0 if arm.look.solid else GHOST)  # fmt: skip
-            faces = arm_faces(self.robot, q, self._link_color(arm), joint)
-            polygons: list[FloatArray] = []
-            colors: list[FloatArray] = []
-            depths: list[FloatArray] = []
-            middles: list[float] = []
-            for each in faces:
-                flat, shade, depth = self.camera.picture(each)
-                polygons.append(flat)
-                colors.append(shade)
-                depths.append(depth)
-                middles.append(float(self.camera.project(each.corners)[1].mean()))
-            if arm is self.arms[-1] and not self.alone:
-                self._show_among(body, arm, t, polygons, colors, depths)
-            else:
-                order = np.argsort(-np.array(middles), kind="stable")
-                body.set_verts([polygon for k in order for polygon in polygons[k]])
-                tints = np.concatenate([colors[k] for k in order])
-                body.set_facecolors(tints)
-                body.set_edgecolors(tints)
-            shown = arm.times[TIME] <= t
-            trail.set_data(*tool[shown].T)
-            points = link_origins(self.robot, q[None])[0][1:]
+    def _move_arm(self, place: int, arm: AnimatedArm, t: float) -> None:
+        """Show an arm; with the solid one all that is around it, sorted by depth."""
+        share = 1.0 if arm.look.solid else 0.34
+        link, joint = (
+            _bytes(_mixed(color, self.theme["paper"], share))
+            for color in (self._color(arm), self.theme["joint"])
+        )
+        bodies = [arm_faces(self.robot, _at(arm, t), link, joint)]
+        if arm is self.solid:
+            bodies += [self.still] if self.still is not None else []
+            bodies += self._parts(t)
+        polygons, colors = self.camera.picture(joined(bodies))
+        self.bodies[place].set_verts(polygons)
+        self.bodies[place].set_facecolors(colors)
+        self.bodies[place].set_edgecolors(colors)
+        self.trails[place].set_data(*self.ways[place][arm.times[TIME] <= t].T)
+        if arm is self.solid:
+            points = link_origins(self.robot, _at(arm, t)[None])[0][1:]
             self.spine.set_data(*self.camera.project(points)[0].T)
-            points = points - np.outer((points - self.base) @ self.up, self.up)
-            if arm.look.solid:
-                shadows.append(self.camera.project(points)[0])
-        self.shadow.set_segments(shadows)
-        self.shadow.set_linewidth([9.0])
-        self._move_torques(poses[-1], t)
-        self._show_nearest(t)
-        for curve, times, share in self.curves:
-            shown = times <= t
-            curve.set_data(times[shown], share[shown])
-        for cursor in self.cursors:
-            cursor.set_xdata([t, t])
-        for arm, text in self.clocks:
-            end = float(arm.times[TIME][-1])
-            name = arm.title or arm.name
-            text.set_text(f"{name}   {min(t, end):.2f} s")
-            text.set_fontweight("bold" if t >= end else "normal")
-        self.words.set_text(self._saving(t))
+            below = points - np.outer((points - self.base) @ self.up, self.up)
+            self.shadow.set_segments([self.camera.project(below)[0]])
 
-    def _show_among(
-        self,
-        body: Any,
-        arm: AnimatedArm,
-        t: float,
-        polygons: list[FloatArray],
-        colors: list[FloatArray],
-        depths: list[FloatArray],
-    ) -> None:
-        """The arm's faces, obstacles, tubes and parts, all sorted by depth."""
-        still = () if self.still is None else (self.still,)
-        at = _sample(arm, t)
-        parts = [self.camera.picture(part_faces(part, at)) for part in self.carried]
-        around = (*still, *parts)
-        order = np.argsort(-np.concatenate([*depths, *(depth for _, _, depth in around)]))
-        every = [
-            polygon for flat in (*polygons, *(flat for flat, _, _ in around)) for polygon in flat
-        ]
-        tints = np.concatenate([*colors, *(shade for _, shade, _ in around)])[order]
-        body.set_verts([every[k] for k in order])
-        body.set_facecolors(tints)
-        body.set_edgecolors(tints)
+    def _parts(self, t: float) -> list[Faces]:
+        """Return the carried parts at time t; between samples their poses are mixed."""
+        at, edge = _sample(self.solid, t), STYLE.patch * reach(self.robot)
+        faces = []
+        for payload, poses in self.around.parts:
+            after = min(int(at) + 1, len(poses) - 1)
+            pose = (int(at) + 1 - at) * poses[int(at)] + (at - int(at)) * poses[after]
+            faces += [solid_faces(solid, edge).placed(pose) for solid in part_solids(payload)]
+        return faces
 
-    def _show_nearest(self, t: float) -> None:
-        """The line between the nearest points, and how long it is."""
-        if not self.nearest:
-            return
-        near = self.nearest[round(_sample(self.solid, t))]
-        self.gap.set_segments([self.camera.project(np.array([near.on_arm, near.on_other]))[0]])
-        apart = 1e3 * near.distance
-        how = f"{apart:.1f} mm apart" if apart > 0.0 else f"overlap of {-apart:.1f} mm"
-        self.said.set_text(f"{near.pair.label}: {how}")
-
-    def _move_torques(self, q: FloatArray, t: float) -> None:
-        """Arcs around the joints of the solid arm, closed at the limit."""
+    def _move_torques(self, t: float) -> None:
+        """Show arcs around the joints of the solid arm, closed at the limit."""
         if "tau" not in self.solid.curves or not self.robot.has_dynamics:
             return
-        size, times = RING * reach(self.robot), self.solid.times[TIME]
-        poses = link_poses(self.robot, q[None])[0]
+        radius, times = (
+            STYLE.film_joint * STYLE.ring * STYLE.link * reach(self.robot),
+            self.solid.times[TIME],
+        )
+        poses = link_poses(self.robot, _at(self.solid, t)[None])[0]
         rings, strips, colors, widths = [], [], [], []
         for joint, kind in enumerate(self.robot.joint_types):
             if kind != "revolute":
                 continue
-            share = np.interp(t, times, self._share(self.solid, joint, "tau"))
+            share = float(np.interp(t, times, self._share(self.solid, joint, "tau")))
             pose = poses[joint + 1]
-            for part, found in ((1.0, rings), (share, strips)):
-                curve = arcs(np.array([part]), size)[0]
-                if found is rings:
-                    curve = curve[:25]
-                world = curve @ pose[:3, :3].T + pose[:3, 3]
-                found.append(self.camera.project(world)[0])
+            curves = arcs(np.array([1.0, share]), radius) @ pose[:3, :3].T + pose[:3, 3]
+            (ring, strip), _ = self.camera.project(curves)
+            rings.append(ring[:-3])
+            strips.append(strip)
             full = abs(share) >= 0.99
-            color = _mixed(self.theme["high"], self.theme["low"], float(min(1.0, abs(share))))
+            color = _mixed(self.theme["high"], self.theme["low"], min(1.0, abs(share)))
             colors.append(to_rgb(self.theme["limit"]) if full else color)
             widths.append(4.2 if full else 3.0)
         self.rings.set_segments(rings)
@@ -405,23 +322,39 @@ class Film:
         self.arcs.set_colors(colors)
         self.arcs.set_linewidth(widths)
 
-    def _saving(self, t: float) -> str:
-        """What the solid arm saves, once it has arrived."""
+    def _move_panels(self, t: float) -> None:
+        for curve, times, share in self.curves:
+            curve.set_data(times[times <= t], share[times <= t])
+        for cursor in self.cursors:
+            cursor.set_xdata([t, t])
+
+    def _move_texts(self, t: float) -> None:
+        """Say how late it is for every arm, what is nearest, and what the solid arm saves."""
+        for arm, text in self.clocks:
+            end = float(arm.times[TIME][-1])
+            text.set_text(f"{arm.title or arm.name}   {min(t, end):.2f} s")
+            text.set_fontweight("bold" if t >= end else "normal")
+        if self.nearest:
+            near = self.nearest[round(_sample(self.solid, t))]
+            self.gap.set_segments([self.camera.project(np.array([near.on_arm, near.on_other]))[0]])
+            apart = 1e3 * near.distance
+            how = f"{apart:.1f} mm apart" if apart > 0.0 else f"overlap of {-apart:.1f} mm"
+            self.gap_text.set_text(f"{near.pair.label}: {how}")
         end = float(self.solid.times[TIME][-1])
-        others = [float(arm.times[TIME][-1]) for arm in self.arms[:-1] if arm.title]
-        if t < end or not others or max(others) <= end:
-            return ""
-        saved = max(others) - end
-        return f"{100 * saved / max(others):.0f} % less time ({saved:.2f} s) under the same limits"
+        longest = max([float(a.times[TIME][-1]) for a in self.arms[:-1] if a.title], default=end)
+        if t >= end and longest > end:
+            percent = f"{100 * (longest - end) / longest:.0f} % less time"
+            self.saving.set_text(f"{percent} ({longest - end:.2f} s) under the same limits")
+        else:
+            self.saving.set_text("")
 
 
 def _sample(arm: AnimatedArm, t: float) -> float:
-    """Index of the sample at time t, s, a fraction between samples."""
+    """Return the index of the sample at time t, s, a fraction between samples."""
     times = arm.times[TIME]
     return float(np.interp(t, times, np.arange(len(times))))
 
 
 def _at(arm: AnimatedArm, t: float) -> FloatArray:
-    """Joint positions [n] at time t, s."""
-    times = arm.times[TIME]
-    return np.array([np.interp(t, times, column) for column in arm.q.T])
+    """Return joint positions [n] at time t, s."""
+    return np.array([np.interp(t, arm.times[TIME], column) for column in arm.q.T])

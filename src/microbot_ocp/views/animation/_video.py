@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -18,15 +17,11 @@ from microbot_ocp.comparison import Cell, Comparison, Progress, Step
 from microbot_ocp.motion import Motion
 from microbot_ocp.robot import Robot
 from microbot_ocp.scene import Scene
+from microbot_ocp.views._style import STYLE, main_methods
 from microbot_ocp.views.animation._film import Film
-from microbot_ocp.views.plots._style import highlighted_name
 from microbot_ocp.views.recording import Recording, of_cell, of_comparison, of_motion
 
-FRAME_RATE = 25.0  # frames a second: 40 ms, which a GIF can say exactly
-HOLD = 1.5  # s, of the last frame
 DPI = {".gif": 100, ".mp4": 160}
-MOST_FRAMES = 3000
-COLORS, MOST_COLORS = 128, 256  # of a GIF, and of one with obstacles or parts
 
 
 def write_animation(
@@ -71,13 +66,13 @@ def write_animation(
     target = Path(path)
     checks.one_of("ending of path", target.suffix, DPI)
     highest = 50.0 if target.suffix == ".gif" else 240.0
-    rate = checks.number("rate", FRAME_RATE if rate is None else rate, "Hz", above=0.0)
+    rate = checks.number("rate", STYLE.frame_rate if rate is None else rate, "Hz", above=0.0)
     if rate > highest:
         raise InputError(f"rate must be at most {highest:g} Hz for {target.suffix}, not {rate:g}")
     film = Film(recording, theme, title, DPI[target.suffix])
     count = int(np.ceil(film.duration * rate)) + 1
-    if count > MOST_FRAMES:
-        raise InputError(f"rate must give at most {MOST_FRAMES} frames, not {count}")
+    if count > STYLE.frames:
+        raise InputError(f"rate must give at most {STYLE.frames} frames, not {count}")
 
     def drawn() -> Iterator[np.ndarray]:
         for k in range(count):
@@ -88,7 +83,7 @@ def write_animation(
     frames = drawn()
     with whole_file(target) as partial:
         if target.suffix == ".gif":
-            _write_gif(partial, frames, rate, COLORS if film.alone else MOST_COLORS)
+            _write_gif(partial, frames, rate)
         else:
             _write_mp4(partial, frames, rate)
     return target
@@ -119,9 +114,7 @@ def animate_comparison(
     **options: Any,
 ) -> Path:
     """:func:`write_animation` of some methods, by default the fastest one and the reference."""
-    if methods is None:
-        wanted = [comparison.reference, highlighted_name(comparison)]
-        methods = [name for name in dict.fromkeys(wanted) if name in comparison.motions]
+    methods = main_methods(comparison) if methods is None else methods
     for name in methods:
         checks.one_of("methods", name, comparison.motions)
     chosen = tuple(entry for entry in comparison.entries if entry.name in methods)
@@ -130,16 +123,16 @@ def animate_comparison(
     return write_animation(recording, path, rate, title=title, **options)
 
 
-def _write_gif(path: Path, frames: Iterator[np.ndarray], rate: float, colors: int) -> None:
+def _write_gif(path: Path, frames: Iterator[np.ndarray], rate: float) -> None:
     pictures = [Image.fromarray(frame) for frame in frames]
     # one palette for all frames, from some of them: colours do not flicker, and changes are small
     some = pictures[:: max(1, len(pictures) // 6)]
     strip = Image.fromarray(np.vstack([np.asarray(picture) for picture in [*some, pictures[-1]]]))
-    palette = _with_exactly(strip.quantize(colors, method=Image.Quantize.MEDIANCUT), strip)
+    palette = _with_exactly(strip.quantize(256, method=Image.Quantize.MEDIANCUT), strip)
     reduced = [p.quantize(palette=palette, dither=Image.Dither.NONE) for p in pictures]
     ends = np.rint(100.0 * np.arange(1, len(reduced) + 1) / rate).astype(int)
     durations = 10 * np.diff(ends, prepend=0)
-    durations[-1] += int(1000 * HOLD)
+    durations[-1] += int(1000 * STYLE.hold)
     first, *rest = reduced
     first.save(
         path, format="GIF", save_all=True, append_images=rest, duration=durations.tolist(), loop=0,
@@ -149,11 +142,9 @@ def _write_gif(path: Path, frames: Iterator[np.ndarray], rate: float, colors: in
 
 def _with_exactly(reduced: Image.Image, picture: Image.Image) -> Image.Image:
     """A palette whose colour of the paper, in the corner of the picture, is not an average."""
-    colors = list(reduced.getpalette() or ())
-    corner: Any = (0, 0)
-    place, paper = reduced.getpixel(corner), picture.getpixel(corner)
-    if isinstance(place, int) and isinstance(paper, tuple):
-        colors[3 * place : 3 * place + 3] = [int(value) for value in paper]
+    colors, corner = list(reduced.getpalette() or ()), (0, 0)
+    place: Any = reduced.getpixel(corner)
+    colors[3 * place : 3 * place + 3] = np.asarray(picture)[corner].tolist()
     reduced.putpalette(colors)
     return reduced
 
@@ -165,20 +156,19 @@ def _write_mp4(path: Path, frames: Iterator[np.ndarray], rate: float) -> None:
         raise InputError(
             "this format needs imageio-ffmpeg: pip install 'microbot_ocp[export]'"
         ) from None
-    first = next(frames)
-    height, width, _ = first.shape
+    last = next(frames)
+    height, width, _ = last.shape
     writer = imageio_ffmpeg.write_frames(
         str(path), (width, height), fps=rate,  # pyright: ignore[reportArgumentType]
         codec="libx264", quality=8, macro_block_size=2,
         ffmpeg_log_level="error", output_params=["-f", "mp4", "-movflags", "+faststart"],
     )  # fmt: skip
     writer.send(None)
-    last = first
     try:
-        writer.send(first)
+        writer.send(last)
         for last in frames:
-            writer.send(np.ascontiguousarray(last))
-        for _ in islice(range(int(HOLD * rate)), None):
-            writer.send(np.ascontiguousarray(last))
+            writer.send(last)
+        for _ in range(int(STYLE.hold * rate)):
+            writer.send(last)
     finally:
         writer.close()

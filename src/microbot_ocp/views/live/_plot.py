@@ -20,9 +20,8 @@ from PIL import Image
 
 from microbot_ocp.motion import Motion
 from microbot_ocp.robot import JointLimits, Robot
+from microbot_ocp.views._style import FIXED, STYLE
 from microbot_ocp.views.plots import styled
-from microbot_ocp.views.plots._page import LIMIT_COLOR, WARNING_COLOR
-from microbot_ocp.views.plots._style import FIXED
 
 QUANTITIES = {"qd": "velocity", "tau": "torque"}
 COLUMN, ROW = 3.1, 2.1  # inches
@@ -52,7 +51,7 @@ class LivePlot:
         color, dashes = FIXED["time_optimal"]
         solid: dict[str, Any] = {"color": color, "linestyle": dashes, "linewidth": 2.0}
         moving: dict[str, Any] = {"animated": True}
-        dashed: dict[str, Any] = {"color": LIMIT_COLOR, "linestyle": "--", "linewidth": 1.0}
+        dashed: dict[str, Any] = {"color": STYLE.ink, "linestyle": "--", "linewidth": 1.0}
         count = robot.joint_count
         self._panels: dict[tuple[str, int], Axes] = {}
         self._curves: dict[tuple[str, int], Line2D] = {}
@@ -76,8 +75,8 @@ class LivePlot:
                         axes.axhline(0.0, **dashed, **moving) for _ in range(2)
                     ]
             self._message = self.figure.text(
-                0.5, 0.55, "", ha="center", va="center", fontsize=11, color=WARNING_COLOR,
-                bbox={"facecolor": "white", "edgecolor": WARNING_COLOR, "pad": 8}, **moving,
+                0.5, 0.55, "", ha="center", va="center", fontsize=11, color=STYLE.warning,
+                bbox={"facecolor": "white", "edgecolor": STYLE.warning, "pad": 8}, **moving,
             )  # fmt: skip
             names = [
                 Line2D([], [], **solid, label="as the sliders say"),

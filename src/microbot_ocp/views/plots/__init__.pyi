@@ -22,6 +22,7 @@ from ._limits import (
 from ._motion import (
     motion as motion,
     simulation as simulation,
+    tracking as tracking,
 )
 from ._page import (
     AxesGrid as AxesGrid,
@@ -45,7 +46,4 @@ from ._solution import (
 )
 from ._sweep import (
     sweep as sweep,
-)
-from ._tracking import (
-    tracking as tracking,
 )

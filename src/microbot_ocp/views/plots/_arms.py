@@ -13,12 +13,9 @@ from microbot_ocp._base import checks
 from microbot_ocp._base.showing import GivenAxes
 from microbot_ocp.robot import Robot
 from microbot_ocp.views import _scene as scene
-from microbot_ocp.views.plots._page import HALO, ShownAxes3D, axes_page, styled
-from microbot_ocp.views.plots._paths import azimuth, equal_box
-from microbot_ocp.views.plots._style import look
-
-SIZE = (8.6, 6.2)  # inches
-TICKS = 6  # along the longest axis
+from microbot_ocp.views._style import STYLE, look
+from microbot_ocp.views.plots._page import ShownAxes3D, axes_page, halo, styled
+from microbot_ocp.views.plots._paths import azimuth, set_space
 
 
 @styled()
@@ -60,35 +57,30 @@ def arms(
     q = np.array([checks.array(f"pose {k!r}", v, shape, "rad") for k, v in poses.items()])
     drawn_arms = scene.link_origins(robot, q)
     point = None if target is None else checks.array("target", target, (3,), "m")
-    space = {"axes_class": ShownAxes3D}
-    page = axes_page(axes, 1, 1, size=SIZE, title=title or robot.name, subplot_kw=space)
+    size, space = (STYLE.width, 2.7 * STYLE.row), {"axes_class": ShownAxes3D}
+    page = axes_page(axes, 1, 1, size=size, title=title or robot.name, subplot_kw=space)
     panel: Any = page.axes[0, 0]
     if not isinstance(panel, Axes3D):
         raise checks.InputError("axes must be three-dimensional, projection='3d'")
     alike = np.abs(drawn_arms[:, None] - drawn_arms).max(axis=(2, 3)) < 1e-3 * scene.reach(robot)
     for place, (label, arm) in enumerate(zip(poses, drawn_arms, strict=True)):
-        color, dashes = look(place)
-        hidden = int(alike[place, place + 1 :].sum())  # arms of the same shape lie over each other
-        covering = bool(alike[place, :place].any())
-        panel.plot(
-            *arm.T, color=color, linestyle=dashes if covering else "solid", marker="o",
-            linewidth=2.5 + 4.0 * hidden, markersize=6.0 + 3.0 * hidden, label=label,
-            zorder=3 + place,
-        )  # fmt: skip
+        line = look(place)
+        if not alike[place, :place].any():  # else it lies dashed over another one
+            line["linestyle"] = "solid"
+        hidden = int(alike[place, place + 1 :].sum())  # arms of the same shape that lie over it
+        line |= {"linewidth": 2.5 + 4.0 * hidden, "markersize": 6.0 + 3.0 * hidden}
+        panel.plot(*arm.T, marker="o", label=label, zorder=3 + place, **line)
     drawn = drawn_arms.reshape(-1, 3)
     if point is not None:
         panel.plot(*point[:, None], "k*", markersize=13, zorder=8, label="target")
         drawn = np.vstack([drawn, point])
     x, y, z = drawn_arms[0, 0]
-    panel.text(x, y, z, "  base", path_effects=HALO, zorder=8)
-    equal_box(panel, drawn)
-    panel.set(xlabel="x [m]", ylabel="y [m]")
-    panel.zaxis.set_rotate_label(False)  # matplotlib may turn it upside down
-    panel.set_zlabel("z [m]", rotation=90)
-    each: tuple[Any, ...] = ("x", "y", "z")
-    for axis, span in zip(each, np.ptp(drawn, axis=0), strict=True):
-        ticks = max(2, round(TICKS * span / np.ptp(drawn, axis=0).max()))
-        panel.locator_params(axis, nbins=ticks)
+    panel.text(x, y, z, "  base", path_effects=halo(), zorder=8)
+    set_space(panel, drawn)
+    spans, each = np.ptp(drawn, axis=0), ("x", "y", "z")
+    for axis, span in zip(each, spans, strict=True):  # six ticks along the longest axis
+        ticks: Any = {"axis": axis, "nbins": max(2, round(6 * span / spans.max()))}
+        panel.locator_params(**ticks)
     panel.view_init(elev=22, azim=azimuth(drawn_arms[:, -1]) - 40)
     page.legend(panel.get_legend_handles_labels()[0], 3)
     return panel

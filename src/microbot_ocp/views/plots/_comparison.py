@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -10,10 +9,10 @@ from microbot_ocp._base.showing import GivenAxes
 from microbot_ocp.comparison import Comparison, Entry
 from microbot_ocp.motion import Motion
 from microbot_ocp.views import _scene as scene
+from microbot_ocp.views._style import entry_styles, entry_title, failures
 from microbot_ocp.views.plots._curve import Curve
 from microbot_ocp.views.plots._curves import curves
 from microbot_ocp.views.plots._page import AxesGrid
-from microbot_ocp.views.plots._style import entry_styles, failure_sentence
 
 
 def comparison(
@@ -51,8 +50,9 @@ def comparison(
     KeyError
         A method that is not there.
     """
-    names = [entry.name for entry in comparison.entries] if methods is None else list(methods)
-    chosen = [comparison[name] for name in names]
+    names = [entry.name for entry in comparison.entries]
+    if methods is not None:
+        names = [comparison[name].name for name in methods]
     return curves(
         comparison.robot,
         entry_curves(comparison, names, quantities),
@@ -60,17 +60,16 @@ def comparison(
         axes,
         joints=joints,
         limits=comparison.limits,
-        via=None,
         title=f"{comparison.robot.name}: the same task, the same limits",
         symbols=True,
-        warnings=[failure_sentence(entry) for entry in chosen if entry.motion is None],
+        warnings=list(failures(comparison, names)),
     )
 
 
 def entry_curves(
     comparison: Comparison, names: Sequence[str], quantities: Sequence[str]
 ) -> list[Curve]:
-    """Curves of the named entries that have a motion."""
+    """Return curves of the named entries that have a motion."""
     styles = entry_styles(comparison)
     robot = comparison.robot.with_limits(comparison.limits)
     return [
@@ -88,16 +87,10 @@ def entry_curves(
 
 
 def legend_title(entry: Entry, motion: Motion) -> str:
-    """Title of an entry with its duration, and whether it may be trusted."""
-    title = f"{entry.title or entry.name.replace('_', ' ')}, {motion.duration:.3f} s"
+    """Return the title of an entry with its duration, and whether it may be trusted."""
+    title = f"{entry_title(entry)}, {motion.duration:.3f} s"
     if not motion.solved:
         return f"{title} (NOT SOLVED: {entry.status})"
     if entry.certificate is not None and not entry.certificate.ok:
         return f"{title} (NOT CERTIFIED)"
     return title
-
-
-def failures(comparison: Comparison, width: int = 150) -> list[str]:
-    """Lines that name the entries without a motion, and why they have none."""
-    sentences = [failure_sentence(e) for e in comparison.entries if e.motion is None]
-    return [line for text in sentences for line in textwrap.wrap(text, width)]

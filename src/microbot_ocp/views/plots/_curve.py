@@ -12,7 +12,7 @@ from microbot_ocp.limits import AT_LIMIT, limit_history, use_of
 from microbot_ocp.motion import Motion
 from microbot_ocp.robot import Robot
 from microbot_ocp.simulation import Simulation, Tracking
-from microbot_ocp.views.plots._style import LineStyle
+from microbot_ocp.views._style import LineStyle
 
 NAMES = {
     "q": "position",
@@ -70,7 +70,7 @@ class Curve:
         robot: Robot | None = None,
         quantities: Sequence[str] = (),
     ) -> Curve:
-        """Curve of a motion, a simulation or a tracking.
+        """Return the curve of a motion, a simulation or a tracking.
 
         Parameters
         ----------
@@ -82,26 +82,26 @@ class Curve:
         quantities : sequence of str
             Keys of limits whose quantity is evaluated besides, such as "tool_speed".
         """
-        torque_limits, bounds = None, {}
+        label = label or str(getattr(source, "label", "simulation"))
         values = {name: getattr(source, name) for name in ("q", "qd", "qdd", "tau")}
-        name = label or str(getattr(source, "label", "simulation"))
+        bounds: Mapping[str, Sequence[FloatArray]] = {}
         if robot is not None:
             more, bounds = _limited_values(robot, source, [q for q in quantities if q not in NAMES])
             values |= more
-        if isinstance(source, Tracking):
-            values["error"] = source.error
-            torque_limits = source.torque_limits
+        marks: Sequence[float] = ()
+        torque_limits, warning = None, "" if source.solved else f"{label}: {source.status}"
         if isinstance(source, Motion):
-            inner = tuple(m.time for m in source.marks if 0 < m.time < source.duration)
-            failure = "" if source.solved else f"{name}: not solved: {source.status}"
-            return cls(name, source.t, values, passages=inner, warning=failure, bounds=bounds)
-        warning = "" if source.solved else f"{name}: {source.status}"
+            marks = tuple(m.time for m in source.marks if 0 < m.time < source.duration)
+            warning = warning and f"{label}: not solved: {source.status}"
+        elif isinstance(source, Tracking):
+            values["error"], torque_limits = source.error, source.torque_limits
         return cls(
-            name, source.t, values, warning=warning, torque_limits=torque_limits, bounds=bounds
-        )
+            label, source.t, values, passages=marks, warning=warning,
+            torque_limits=torque_limits, bounds=bounds,
+        )  # fmt: skip
 
     def saturated(self, joint: int) -> list[tuple[float, float]]:
-        """Stretches of time, s, in which the torque of a joint is at one of its own limits."""
+        """Return spans of time, s, in which the torque of a joint is at one of its own limits."""
         if self.torque_limits is None or "tau" not in self.values:
             return []
         (lower, upper), tau = self.torque_limits, self.values["tau"][:, joint]
@@ -114,15 +114,15 @@ class Curve:
 def _limited_values(
     robot: Robot, source: Motion | Simulation, keys: Sequence[str]
 ) -> tuple[dict[str, FloatArray], dict[str, list[FloatArray]]]:
-    """Values at the samples of quantities that have a limit, and the bounds that vary."""
+    """Return values at the samples of quantities that have a limit, and the bounds that vary."""
     if not keys:
         return {}, {}
     motion = source if isinstance(source, Motion) else source.as_motion("")
     history = limit_history(robot, motion)
     at = np.searchsorted(history.t, motion.t)  # the samples are among the times of the history
-    found = {key: history.limited[key] for key in keys if key in history.limited}
+    limited = {key: history.limited[key] for key in keys if key in history.limited}
     bounds = {
-        key: [bound[at] for bound in limited[1:] if bound.shape == limited.value.shape]
-        for key, limited in found.items()
+        key: [bound[at] for bound in values[1:] if bound.shape == values.value.shape]
+        for key, values in limited.items()
     }
-    return {key: limited.value[at] for key, limited in found.items()}, bounds
+    return {key: values.value[at] for key, values in limited.items()}, bounds

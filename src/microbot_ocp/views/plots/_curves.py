@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -16,22 +15,12 @@ from microbot_ocp._base.showing import GivenAxes
 from microbot_ocp.limits import LimitFamily
 from microbot_ocp.robot import JointLimits, Robot
 from microbot_ocp.views import _scene as scene
+from microbot_ocp.views._style import STYLE, look
 from microbot_ocp.views.plots._curve import NAMES, Curve
-from microbot_ocp.views.plots._page import (
-    A4,
-    A4_LANDSCAPE,
-    HALO,
-    LIMIT_COLOR,
-    AxesGrid,
-    Page,
-    axes_page,
-    styled,
-)
-from microbot_ocp.views.plots._style import look
+from microbot_ocp.views.plots._page import AxesGrid, Page, axes_page, halo, styled
 
-ROW_HEIGHT = 2.3  # inches
-COLUMN_JOINTS = 4  # with more joints than this each has a row, not a column
 OWN_LIMIT: dict[str, Any] = {"linestyle": ":", "linewidth": 1.2}  # of one curve
+CORNER: Any = {"xy": (1.0, 1.0), "xycoords": "axes fraction", "textcoords": "offset points"}
 
 
 @styled()
@@ -95,7 +84,7 @@ def curves(
     robot = robot if limits is None else robot.with_limits(limits)
     for quantity in quantities:
         _check_quantity(robot, quantity)
-    page = curve_page(robot, axes, len(quantities), shown, title)
+    page = _page(axes, len(quantities), len(shown), title)
     for row, quantity in enumerate(quantities):
         panels = list(zip(page.axes[row], shown, strict=True))
         if not scene.of_joints(robot, quantity):
@@ -110,18 +99,16 @@ def curves(
     margin = 0.015 * (end - start)
     for panel in page.axes.flat:
         panel.set_xlim(start - margin, end + margin)
-    stated = [*warnings, *(curve.warning for curve in curves if curve.warning)]
-    width = int(13 * page.figure.get_figwidth()) if page.own else 40
-    wrapped = [line for text in stated for line in textwrap.wrap(text, width)]
-    page.legend(_handles(curves, via is not None, page), 4, "\n".join(wrapped))
+    every = [*warnings, *(curve.warning for curve in curves)]
+    page.legend(_handles(curves, via is not None, page), 4, every)
     return page.axes
 
 
 def _check_quantity(robot: Robot, quantity: str) -> None:
     family = LimitFamily.of(robot)
     if quantity not in NAMES and quantity not in family:
-        known = ", ".join(dict.fromkeys([*NAMES, *family.keys]))
-        raise InputError(f"quantity must be one of {known}, not {quantity!r}")
+        names = ", ".join(dict.fromkeys([*NAMES, *family.keys]))
+        raise InputError(f"quantity must be one of {names}, not {quantity!r}")
     if not scene.of_joints(robot, quantity) and len(family[quantity].labels) > 1:
         raise InputError(
             f"quantity {quantity!r} has {len(family[quantity].labels)} components that are not the "
@@ -129,8 +116,28 @@ def _check_quantity(robot: Robot, quantity: str) -> None:
         )
 
 
+def _shown_joints(robot: Robot, joints: Sequence[int] | None) -> list[int]:
+    shown = list(range(robot.joint_count) if joints is None else joints)
+    for joint in shown:
+        if not 0 <= joint < robot.joint_count:
+            raise InputError(
+                f"joints must be indices from 0 to {robot.joint_count - 1}, not {joint}"
+            )
+    return shown
+
+
+def _page(axes: GivenAxes | None, rows: int, joints: int, title: str) -> Page:
+    """Return axes [rows, joints]: a column for each joint, or a row where they are many."""
+    (width, height), many = STYLE.page, joints > STYLE.side_by_side
+    if many:
+        size = (max(width, 2.6 * rows), min(height, 1.45 * joints + 1.4))
+    else:
+        size = (width if joints == 1 else height, min(9.6, STYLE.row * rows + 1.3))
+    return axes_page(axes, rows, joints, size=size, title=title, transposed=many, sharex=True)
+
+
 def _across(page: Page, row: int) -> Axes:
-    """One axes in the place of a row; on axes of the caller the first one, the others hidden."""
+    """Return one axes in the place of a row; on axes of the caller the others are hidden."""
     first, *others = page.axes[row]
     if page.own:
         grid = first.get_gridspec()
@@ -144,29 +151,6 @@ def _across(page: Page, row: int) -> Axes:
     return first
 
 
-def curve_page(
-    robot: Robot, axes: GivenAxes | None, rows: int, joints: Sequence[int], title: str
-) -> Page:
-    """Axes [rows, joints]: a column for each joint, or a row for each where they are many."""
-    many = len(joints) > COLUMN_JOINTS
-    if many:
-        size = (max(A4[0], 2.6 * rows), min(A4[1], 1.45 * len(joints) + 1.4))
-    else:
-        width = A4[0] if len(joints) == 1 else A4_LANDSCAPE[0]
-        size = (width, min(9.6, ROW_HEIGHT * rows + 1.3))
-    return axes_page(axes, rows, len(joints), size=size, title=title, transposed=many, sharex=True)
-
-
-def _shown_joints(robot: Robot, joints: Sequence[int] | None) -> list[int]:
-    chosen = range(robot.joint_count) if joints is None else joints
-    for joint in chosen:
-        if not 0 <= joint < robot.joint_count:
-            raise InputError(
-                f"joints must be indices from 0 to {robot.joint_count - 1}, not {joint}"
-            )
-    return list(chosen)
-
-
 def draw_panel(
     axes: Axes,
     robot: Robot,
@@ -177,43 +161,43 @@ def draw_panel(
     via: tuple[FloatArray, FloatArray] | None = None,
     base: bool = False,
 ) -> None:
-    """One quantity of one joint of every curve; the arguments are those of :func:`curves`."""
-    factor = scene.display_factor(robot, quantity, joint)
-    columns = []
+    """Draw one quantity of one joint of every curve; the arguments are those of :func:`curves`."""
+    factor, columns = scene.display_factor(robot, quantity, joint), [np.zeros(0)]
     for place, curve in enumerate(curves):
         if quantity not in curve.values:
             continue
-        values = curve.values[quantity][:, joint]
+        values, line = curve.values[quantity][:, joint], line_of(curve, place, base)
         columns.append(values)
-        line = line_of(curve, place, base)
         axes.plot(curve.t, values * factor, label=curve.label, **line)
-        for bound in curve.bounds.get(quantity, ()):
-            own = bound[:, joint]
-            axes.plot(curve.t, own * factor, color=line["color"], label="_own limit", **OWN_LIMIT)
-            columns.append(own)
+        for bound in (table[:, joint] for table in curve.bounds.get(quantity, ())):
+            style = {**OWN_LIMIT, "color": line["color"], "label": "_own limit"}
+            axes.plot(curve.t, bound * factor, **style)
+            columns.append(bound)
         if len(curve.passages):
-            axes.plot(
-                curve.passages, np.interp(curve.passages, curve.t, values * factor), "o",
-                markersize=5.0 if quantity == "q" else 3.5, color=line["color"],
-                markeredgecolor="white", markeredgewidth=0.6, zorder=5 + line["zorder"] / 10,
-                label="_via",
-            )  # fmt: skip
+            places = np.interp(curve.passages, curve.t, values * factor)
+            size, order = 5.0 if quantity == "q" else 3.5, 5 + line["zorder"] / 10
+            _mark(axes, curve.passages, places, line["color"], size, order, width=0.6)
     if via is not None and quantity == "q":
         columns.append(via[1][:, joint])
-        axes.plot(
-            via[0], via[1][:, joint] * factor, "o", color="black", markersize=6,
-            markeredgecolor="white", zorder=6, label="_via point",
-        )  # fmt: skip
-    values = np.concatenate([*columns, np.zeros(0)])
-    draw_limits(axes, scene.near_limits(robot, limits, quantity, joint, values))
+        _mark(axes, via[0], via[1][:, joint] * factor, "black", 6, 6, label="_via point")
+    values = np.concatenate(columns)
+    _draw_limits(axes, scene.near_limits(robot, limits, quantity, joint, values))
     if quantity == "tau":
         _draw_saturation(axes, curves, joint, limits, base)
+
+
+def _mark(
+    axes: Axes, t: Any, values: FloatArray, color: str, size: float, order: float,
+    label: str = "_via", width: float = 1.0,
+) -> None:  # fmt: skip
+    edge = {"markeredgecolor": "white", "markeredgewidth": width}
+    axes.plot(t, values, "o", color=color, markersize=size, zorder=order, label=label, **edge)
 
 
 def _draw_saturation(
     axes: Axes, curves: Sequence[Curve], joint: int, limits: JointLimits | None, base: bool
 ) -> None:
-    """Limits of single curves, and shades where a curve is at them, each in its share of height."""
+    """Draw limits of single curves, and shade where one is at them in its share of the height."""
     common = () if limits is None else [bound[joint] for bound in limits.bounds("tau")]
     shaded = [place for place, curve in enumerate(curves) if curve.saturated(joint)]
     for place, curve in enumerate(curves):
@@ -222,95 +206,71 @@ def _draw_saturation(
             if np.isfinite(bound[joint]) and bound[joint] not in common:
                 axes.axhline(bound[joint], color=color, zorder=2.5, label="_own limit", **OWN_LIMIT)
         for start, end in curve.saturated(joint):
-            top = 1.0 - shaded.index(place) / len(shaded)
-            axes.axvspan(
-                start, end, top - 1.0 / len(shaded), top, color=color, alpha=0.2, linewidth=0,
-                zorder=1.5, label="_saturated",
-            )  # fmt: skip
+            top, share = 1.0 - shaded.index(place) / len(shaded), 1.0 / len(shaded)
+            shade = {"color": color, "alpha": 0.2, "linewidth": 0, "label": "_saturated"}
+            axes.axvspan(start, end, top - share, top, zorder=1.5, **shade)
 
 
 def line_of(curve: Curve, place: int, base: bool = False) -> dict[str, Any]:
-    """How the curve at a place among others is drawn."""
-    color, dashes = look(place)
-    width = 2.2 if curve.prominent else 1.6
+    """Return how the curve at a place among others is drawn."""
+    line = look(place)
     return {
-        "color": curve.color or color,
-        "linestyle": curve.linestyle or dashes,
-        "linewidth": 3.0 if base and not place else width,
-        "zorder": (4.0 if curve.prominent else 3.0) + 0.01 * place,
+        "color": curve.color or line["color"],
+        "linestyle": curve.linestyle or line["linestyle"],
+        "linewidth": 3.0 if base and not place else STYLE.line + 0.6 * curve.prominent,
+        "zorder": 3.0 + curve.prominent + 0.01 * place,
     }
 
 
-def draw_limits(axes: Axes, limits: scene.AxisLimits) -> None:
+def _draw_limits(axes: Axes, limits: scene.AxisLimits) -> None:
     """Set the range of the axes; draw near limits as lines, name far ones above the axes."""
-    low, high = limits.axis
-    axes.set_ylim(low, high)
-    for limit, edge in ((limits.lower, low), (limits.upper, high)):
+    axes.set_ylim(*limits.axis)
+    for limit, edge in zip((limits.lower, limits.upper), limits.axis, strict=True):
         if limit is not None:
-            axes.axhline(
-                limit, color=LIMIT_COLOR, linestyle="--", linewidth=1.0, zorder=2, label="_limit"
-            )
-            axes.axhspan(*sorted((limit, edge)), color="0.5", alpha=0.18, linewidth=0, zorder=1)
+            axes.axhline(limit, zorder=2, **STYLE.limit_line)
+            axes.axhspan(*sorted((limit, edge)), zorder=1, **STYLE.beyond_limit)
     if limits.far:
-        axes.annotate(
-            limits.far, (1.0, 1.0), xycoords="axes fraction", xytext=(-2, 2),
-            textcoords="offset points", ha="right", va="bottom", fontsize=7.5, color=LIMIT_COLOR,
-        )  # fmt: skip
+        note = {"fontsize": STYLE.small, "color": STYLE.ink, "ha": "right", "va": "bottom"}
+        axes.annotate(limits.far, xytext=(-2, 2), **CORNER, **note)
 
 
 def _cut(axes: Axes, bound: float) -> None:
     low, high = axes.get_ylim()
     if low < -bound or high > bound:
         axes.set_ylim(max(low, -bound), min(high, bound))
-        axes.annotate(
-            "curves go on beyond", (1.0, 1.0), xycoords="axes fraction", xytext=(-3, -3),
-            textcoords="offset points", ha="right", va="top", fontsize=7.5, color=LIMIT_COLOR,
-            path_effects=HALO,
-        )  # fmt: skip
+        note = {"fontsize": STYLE.small, "color": STYLE.ink, "ha": "right", "va": "top"}
+        text = "curves go on beyond"
+        axes.annotate(text, xytext=(-3, -3), path_effects=halo(), **CORNER, **note)
 
 
 def _label_panels(
     page: Page, robot: Robot, quantities: Sequence[str], joints: Sequence[int], symbols: bool
 ) -> None:
-    grid, many = page.axes, len(joints) > COLUMN_JOINTS and page.own
-    for i, quantity in enumerate(quantities):
-        components = joints if scene.of_joints(robot, quantity) else [0] * len(joints)
-        units = [scene.display_unit(robot, quantity, k) for k in components]
-        name = quantity if symbols and quantity in NAMES else _name(robot, quantity)
-        for panel, unit in zip(grid[i], units, strict=True):
-            panel.set_ylabel(f"{name} [{unit}]")
-        if many:
-            _many_labels(grid[i], name, units)
-        else:
-            for panel, unit in list(zip(grid[i], units, strict=True))[1:]:
-                if unit == units[0] and page.own and panel is not grid[i][0]:
-                    panel.set_ylabel("")
-    first = next(
-        (row for row, q in zip(grid, quantities, strict=True) if scene.of_joints(robot, q)), ()
-    )
-    for panel, joint in zip(first, joints, strict=False):
-        if many:
-            name = robot.joint_names[joint]  # far limits are named at the right
-            panel.set_title(name, fontweight="bold", loc="left", fontsize=9.5, pad=12)
-        else:
-            panel.set_title(robot.joint_names[joint], fontweight="bold", pad=15)
-    for panel in [row[-1] for row in grid] if many else grid[-1]:
+    """Label every panel, or the first of a row where the others say the same; name the joints."""
+    grid, many = page.axes, len(joints) > STYLE.side_by_side and page.own
+    named = False
+    for row, quantity in zip(grid, quantities, strict=True):
+        of_joints = scene.of_joints(robot, quantity)
+        units = [scene.display_unit(robot, quantity, j if of_joints else 0) for j in joints]
+        name = NAMES.get(quantity) or LimitFamily.of(robot)[quantity].name
+        name = quantity if symbols and quantity in NAMES else name
+        for panel, unit in zip(row, units, strict=True):
+            repeated = page.own and not many and unit == units[0] and panel is not row[0]
+            size = {"fontsize": 8.5} if many else {}
+            panel.set_ylabel("" if repeated else f"{name} [{unit}]", **size)
+        for panel, joint in zip(row, joints, strict=True) if of_joints and not named else ():
+            # far limits are named at the right
+            left = {"loc": "left", "fontsize": 9.5, "pad": 12} if many else {"pad": 15}
+            panel.set_title(robot.joint_names[joint], fontweight="bold", **left)
+        named = named or of_joints
+    for panel in grid[:, -1] if many else grid[-1]:
         panel.set_xlabel("t [s]")
     if page.own:
         page.figure.align_ylabels(list(grid.flat))
 
 
-def _name(robot: Robot, quantity: str) -> str:
-    return NAMES.get(quantity) or LimitFamily.of(robot)[quantity].name
-
-
-def _many_labels(column: Sequence[Axes], name: str, units: Sequence[str]) -> None:
-    for panel, unit in zip(column, units, strict=True):
-        panel.set_ylabel(f"{name} [{unit}]", fontsize=8.5)
-
-
 def _handles(curves: Sequence[Curve], marked: bool, page: Page) -> list[Any]:
-    """Entries of the legend: every curve, then what the markers and shades mean."""
+    """Return entries of the legend: every curve, then what the markers and shades mean."""
     handles: list[Any] = [
         Line2D([], [], label=curve.label, **line_of(curve, place))
         for place, curve in enumerate(curves)
@@ -318,30 +278,23 @@ def _handles(curves: Sequence[Curve], marked: bool, page: Page) -> list[Any]:
     drawn = {str(line.get_label()) for panel in page.axes.flat for line in panel.get_lines()}
     if "_via" in drawn or marked:
         color = "black" if marked else "0.35"
-        handles.append(
-            Line2D([], [], marker="o", color=color, linestyle="none", label="via point passed")
-        )
+        dot: dict[str, Any] = {"marker": "o", "color": color, "linestyle": "none"}
+        handles.append(Line2D([], [], label="via point passed", **dot))
     if "_limit" in drawn:
-        handles += [
-            Line2D([], [], color=LIMIT_COLOR, linestyle="--", linewidth=1.0, label="limit"),
-            Patch(facecolor="0.5", alpha=0.18, label="beyond a limit"),
-        ]
-    return handles + _saturation_handles(curves, drawn, page)
-
-
-def _saturation_handles(curves: Sequence[Curve], drawn: set[str], page: Page) -> list[Any]:
-    shades = {
-        patch.get_facecolor()
-        for panel in page.axes.flat
-        for patch in panel.patches
-        if patch.get_label() == "_saturated"
-    }
-    handles: list[Any] = []
+        handles.append(limit_handle())
+        handles.append(Patch(label="beyond a limit", **STYLE.beyond_limit))
     if "_own limit" in drawn:
         text = "limit of the curve of its colour"
-        handles.append(Line2D([], [], color=LIMIT_COLOR, label=text, **OWN_LIMIT))
+        handles.append(Line2D([], [], color=STYLE.ink, label=text, **OWN_LIMIT))
+    patches = [patch for panel in page.axes.flat for patch in panel.patches]
+    shades = {p.get_facecolor() for p in patches if p.get_label() == "_saturated"}
     if shades:
         color = shades.pop() if len(shades) == 1 else ("0.4", 0.2)
         whose = "" if len(curves) == 1 else ", of the curve of its colour"
         handles.append(Patch(facecolor=color, label=f"torque at its limit{whose}"))
     return handles
+
+
+def limit_handle() -> Line2D:
+    """Return the legend's entry of a limit."""
+    return Line2D([], [], **{**STYLE.limit_line, "label": "limit"})

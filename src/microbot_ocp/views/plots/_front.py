@@ -6,11 +6,11 @@ import numpy as np
 
 from microbot_ocp._base.showing import GivenAxes
 from microbot_ocp.comparison import Front
-from microbot_ocp.views.plots._page import AxesGrid, axes_page
+from microbot_ocp.views._style import STYLE
+from microbot_ocp.views.plots._page import AxesGrid, axes_page, styled
 
-SIZE = (7.0, 3.2)
 
-
+@styled()
 def front(front: Front, axes: GivenAxes | None = None) -> AxesGrid:
     """Effort and peak torque of the motions of a front over their durations.
 
@@ -26,21 +26,19 @@ def front(front: Front, axes: GivenAxes | None = None) -> AxesGrid:
     AxesGrid [2]
         Open circles are motions that are not certified.
     """
-    page = axes_page(axes, 1, 2, size=SIZE, title="time against effort and peak torque")
+    size = (STYLE.page[0], 1.5 * STYLE.row)
+    page = axes_page(axes, 1, 2, size=size, title="time against effort and peak torque")
     panels = page.axes.ravel().view(AxesGrid)
     time = np.array([point.duration for point in front.points])
-    good = np.array([p.motion.solved and p.certificate.ok for p in front.points])
+    good = [point.motion.solved and point.certificate.ok for point in front.points]
     columns = {
         "effort [s]": [point.effort for point in front.points],
         "peak torque [share of its limit]": [point.peak_torque for point in front.points],
     }
     for panel, (label, values) in zip(panels, columns.items(), strict=True):
         (line,) = panel.plot(time, values)
-        color = line.get_color()
-        for kept, face in ((good, color), (~good, "none")):
-            panel.scatter(time[kept], np.array(values)[kept], facecolors=face, edgecolors=color)
+        faces = [line.get_color() if certified else "none" for certified in good]
+        panel.scatter(time, values, facecolors=faces, edgecolors=line.get_color())
         panel.locator_params(axis="x", nbins=5)
-        panel.set_xlabel("duration [s]")
-        panel.set_ylabel(label)
-        panel.set_ylim(0.0, 1.08 * float(np.max(values)))
+        panel.set(xlabel="duration [s]", ylabel=label, ylim=(0.0, 1.08 * float(np.max(values))))
     return panels

@@ -19,26 +19,18 @@ from microbot_ocp.limits import LimitFamily, LimitHistory, Spell, limit_history
 from microbot_ocp.motion import Motion
 from microbot_ocp.robot import JointLimits, Limits, Robot
 from microbot_ocp.views import _scene as scene
-from microbot_ocp.views.plots._page import LIMIT_COLOR, AxesGrid, axes_page, styled
-from microbot_ocp.views.plots._style import (
-    JOINT_COLORS,
-    JOINT_DASHES,
-    entry_styles,
-    failure_sentence,
-)
+from microbot_ocp.views._style import STYLE, entry_title, failures, look
+from microbot_ocp.views.plots._curves import limit_handle
+from microbot_ocp.views.plots._page import AxesGrid, axes_page, styled
 
-WIDTH = 9.6  # inches
-ROW = 2.1  # inches, of one kind of limit
-LANE = 0.24  # inches, of one joint of one motion
-TOP = 125.0  # percent, unless a limit is broken by more
-# Upper limits are plain, lower ones hatched; velocity is a thin bar in the middle of a lane.
+# Of lanes of saturation: upper limits are plain, lower ones hatched; velocity is a thin bar in the
+# middle, torque the highest; limits beside the joints' take turns in the colours of joints.
 HEIGHTS = {"taud": 0.5, "qdd": 0.5, "qddd": 0.4, "qd": 0.26}
-HEIGHT = 0.78  # of any other
 SIDES = {1: " at its upper limit", -1: " at its lower limit", 0: " at a limit"}
-LOWER_HATCH = "//////"
 FACES = {"tau": "0.35", "taud": "0.6", "qdd": "0.6", "qddd": "#56B4E9", "qd": "#E69F00"}
-JUMP_LINE: dict[str, Any] = {"color": LIMIT_COLOR, "linestyle": ":", "linewidth": 2.0}
-FURTHER_FACES = ("#009E73", "#CC79A7", "#0072B2", "#882255")  # of limits beside the joints'
+FURTHER_FACES = ("#009E73", "#CC79A7", "#0072B2", "#882255")
+JUMP_LINE: dict[str, Any] = {"color": STYLE.ink, "linestyle": ":", "linewidth": 2.0}
+SWITCH_LINE: dict[str, Any] = {"color": "0.55", "linewidth": 0.8}
 
 
 @styled()
@@ -79,71 +71,66 @@ def limit_use(
     history = limit_history(robot, motion, limits)
     limited = [quantity for quantity in history.use if quantity != "q"]
     shown = list(limited or history.use) if quantities is None else list(quantities)
+    if not history.use or not shown:
+        raise InputError("limits must bound something: this robot has none")
     for quantity in shown:
         if quantity not in history.use:
-            known = ", ".join(history.use) or "none"
+            known = ", ".join(history.use)
             raise InputError(f"quantity must be one with a limit ({known}), not {quantity!r}")
-    if not shown:
-        raise InputError("limits must bound something: this robot has none")
-    joints = {key for key in shown if scene.of_joints(history.family.robot, key)}
-    size = (WIDTH, ROW * len(shown) + 1.3)
+    size = (STYLE.width, 0.9 * STYLE.row * len(shown) + 1.3)
     title = f"{robot.name}, {motion.label}: use of the limits"
     page = axes_page(axes, len(shown), 1, size=size, title=title, sharex=True)
     switches = sorted({t for s in history.spells("tau") for t in (s.start, s.end)})
+    jumps = False
     for panel, quantity in zip(page.axes.flat, shown, strict=True):
-        _draw_use(panel, history, quantity, switches)
+        times = _jump_times(history, quantity)
+        jumps = jumps or bool(times.size)
+        _draw_use(panel, history, quantity, switches, times)
         panel.set_xlim(0.0, motion.duration)
     page.axes[-1, 0].set_xlabel("t [s]")
+    of_joints = any(scene.of_joints(history.family.robot, key) for key in shown)
     handles: list[Any] = [
-        Line2D([], [], label=name, **joint_line(joint))
-        for joint, name in enumerate(robot.joint_names if joints else ())
+        Line2D([], [], label=name, **look(joint, joints=True))
+        for joint, name in enumerate(robot.joint_names if of_joints else ())
     ]
-    handles.append(Line2D([], [], color=LIMIT_COLOR, linestyle="--", linewidth=1.0, label="limit"))
-    if any(_jump_times(history, quantity).size for quantity in shown):
+    handles.append(limit_handle())
+    if jumps:
         handles.append(Line2D([], [], label="the acceleration jumps: beyond any rate", **JUMP_LINE))
     if switches:
-        handles.append(
-            Line2D([], [], color="0.55", linewidth=0.8, label="a torque meets or leaves its limit")
-        )
-    warning = "" if motion.solved else f"not solved: {motion.status}"
-    page.legend(handles, 5, warning.replace("_", " "))
+        label = "a torque meets or leaves its limit"
+        handles.append(Line2D([], [], label=label, **SWITCH_LINE))
+    warning = "" if motion.solved else f"not solved: {motion.status}".replace("_", " ")
+    page.legend(handles, 5, [warning])
     return page.axes
 
 
 def _jump_times(history: LimitHistory, quantity: str) -> FloatArray:
-    """When the acceleration jumps though a limit depends on its rate, s."""
+    """Return when the acceleration jumps though a limit depends on its rate, s."""
     jumps = history.jumps
     if jumps is None or quantity not in jumps.use:
         return np.zeros(0)
     return jumps.t[(jumps.use[quantity] > 1.0).any(axis=1)]
 
 
-def joint_line(joint: int) -> dict[str, Any]:
-    """Colour and dashes of a joint among others."""
-    return {
-        "color": JOINT_COLORS[joint % len(JOINT_COLORS)],
-        "linestyle": JOINT_DASHES[joint % len(JOINT_DASHES)],
-        "linewidth": 1.6,
-    }
-
-
-def _draw_use(axes: Axes, history: LimitHistory, quantity: str, switches: Sequence[float]) -> None:
+def _draw_use(
+    axes: Axes, history: LimitHistory, quantity: str, switches: Sequence[float], jumps: FloatArray
+) -> None:
     share = 100.0 * history.use[quantity]
     drawn = np.where(np.isfinite(share), np.maximum(share, 0.0), np.nan)
     member, of_joints = history.family[quantity], scene.of_joints(history.family.robot, quantity)
     for joint, label in enumerate(member.labels):
-        line = joint_line(joint) if of_joints else {**joint_line(joint), "color": "black"}
+        line = look(joint, joints=True)
+        line["color"] = line["color"] if of_joints else "black"
         axes.plot(history.t, drawn[:, joint], zorder=3 + 0.01 * joint, label=label, **line)
     if not of_joints and len(member.labels) > 1:
-        axes.legend(loc="best", fontsize=7.5)
+        axes.legend(loc="best", fontsize=STYLE.small)
     for time in switches:
-        axes.axvline(time, color="0.55", linewidth=0.8, zorder=2, label="_switch")
-    for time in _jump_times(history, quantity):
+        axes.axvline(time, zorder=2, label="_switch", **SWITCH_LINE)
+    for time in jumps:
         axes.axvline(time, zorder=5, label="_jump", **JUMP_LINE)
-    peak = float(np.nanmax(drawn))
-    top = max(TOP, 1.06 * peak)
-    axes.axhline(100.0, color=LIMIT_COLOR, linestyle="--", linewidth=1.0, zorder=4, label="_limit")
-    axes.axhspan(100.0, top, color="0.5", alpha=0.18, linewidth=0, zorder=1)
+    top = max(125.0, (1.0 + STYLE.room) * float(np.nanmax(drawn)))
+    axes.axhline(100.0, zorder=4, **STYLE.limit_line)
+    axes.axhspan(100.0, top, zorder=1, **STYLE.beyond_limit)
     axes.set_ylim(0.0, top)
     step = next((step for step in (25, 50, 100) if top <= 5.5 * step), 100 * round(top / 500))
     axes.set_yticks(sorted({100, *range(0, int(top), step)}))
@@ -185,93 +172,78 @@ def saturation(
     KeyError
         A method that is not there.
     """
-    robot, limits, motions, failures = _motions(subject, robot, methods)
+    warnings: list[str] = []
+    if isinstance(subject, Comparison):
+        names = [e.name for e in subject.entries] if methods is None else list(methods)
+        chosen = [subject[name] for name in names]
+        motions = {entry_title(entry): entry.motion for entry in chosen if entry.motion}
+        warnings = list(failures(subject, names))
+        robot, limits = subject.robot, subject.limits
+    elif robot is None:
+        raise InputError("robot must be given with a mapping of motions")
+    elif not subject:
+        raise InputError("motions must hold at least one motion")
+    else:
+        motions, limits = dict(subject), robot.limits
     family = LimitFamily.of(robot, limits)
     names = _lanes(family)
     lanes = len(motions) * len(names)
-    size = (WIDTH, LANE * (lanes + len(motions)) + 1.6)
+    size = (STYLE.width, STYLE.lane * (lanes + len(motions)) + 1.6)
     page = axes_page(axes, 1, 1, size=size, title=f"{robot.name}: which limit is used up when")
     panel: Axes = page.axes[0, 0]
     ticks, kinds = [], set()
     longest = max((motion.duration for motion in motions.values()), default=1.0)
+    font = STYLE.small if page.own else STYLE.tiny
     for place, (label, motion) in enumerate(motions.items()):
-        history = limit_history(robot, motion, limits)
         first = place * (len(names) + 1)
-        for joint in range(len(names)):
-            panel.barh(first + joint, motion.duration, height=0.86, color="0.93", zorder=1)
-            ticks.append(first + joint)
-        for spell in history.every_spell():
+        rows = range(first, first + len(names))
+        panel.barh(rows, motion.duration, height=0.86, color="0.93", zorder=1)
+        ticks += rows
+        for spell in limit_history(robot, motion, limits).every_spell():
             _draw_spell(panel, first, family, spell)
             kinds.add((spell.quantity, 0 if spell.quantity == "qd" else spell.side))
         panel.annotate(
             f"{label}, {motion.duration:.3f} s", (0.0, first - 0.55), ha="left", va="bottom",
-            fontsize=7.5 if page.own else 6.5, fontweight="bold", annotation_clip=False,
+            fontsize=font, fontweight="bold", annotation_clip=False,
         )  # fmt: skip
-    panel.set_yticks(ticks, list(names) * len(motions), fontsize=8.0 if page.own else 6.5)
+    panel.set_yticks(ticks, names * len(motions))
     panel.set_ylim(lanes + len(motions) - 1.4, -1.35)
     panel.set_xlim(0.0, 1.01 * longest)
     panel.grid(axis="y", visible=False)
-    panel.tick_params(axis="y", length=0)
+    panel.tick_params(axis="y", length=0, labelsize=font)
     panel.set_xlabel("t [s]")
     kinds = sorted(kinds, key=lambda kind: (kind[0] in FACES, *kind), reverse=True)
-    page.legend([_spell_patch(family, *kind) for kind in kinds], 4, failures)
+    patches = [Patch(label=family[q].name + SIDES[s], **_face(family, q, s)) for q, s in kinds]
+    page.legend(patches, 4, warnings)
     return panel
 
 
 def _lanes(family: LimitFamily) -> list[str]:
-    """Names of the lanes of one motion: its joints, then what further limits are of."""
+    """Return names of the lanes of one motion: its joints, then what further limits are of."""
     further = [member for member in family if not scene.of_joints(family.robot, member.key)]
     titles = [member.title(k) for member in further for k in range(len(member.labels))]
     return [*family.robot.joint_names, *titles]
 
 
-def _motions(
-    subject: Comparison | Mapping[str, Motion], robot: Robot | None, methods: Sequence[str] | None
-) -> tuple[Robot, JointLimits, dict[str, Motion], str]:
-    if isinstance(subject, Comparison):
-        chosen = [e.name for e in subject.entries] if methods is None else list(methods)
-        entries = [subject[name] for name in chosen]
-        styles = entry_styles(subject)
-        motions = {
-            styles[entry.name].title: motion
-            for entry, motion in scene.solved_entries(subject)
-            if entry.name in chosen
-        }
-        failed = "\n".join(failure_sentence(e) for e in entries if e.motion is None)
-        return subject.robot, subject.limits, motions, failed
-    if robot is None:
-        raise InputError("robot must be given with a mapping of motions")
-    if not subject:
-        raise InputError("motions must hold at least one motion")
-    return robot, robot.limits, dict(subject), ""
-
-
 def _draw_spell(axes: Axes, first: int, family: LimitFamily, spell: Spell) -> None:
-    member = family[spell.quantity]
-    lane = spell.joint
-    if not scene.of_joints(family.robot, member.key):
-        lane = _lanes(family).index(member.title(spell.joint))
+    quantity, lane = spell.quantity, spell.joint
+    if not scene.of_joints(family.robot, quantity):
+        lane = _lanes(family).index(family[quantity].title(spell.joint))
     axes.barh(
         first + lane,
         spell.end - spell.start,
         left=spell.start,
-        height=HEIGHTS.get(spell.quantity, HEIGHT),
-        zorder=3 if spell.quantity == "qd" else 2,
+        height=HEIGHTS.get(quantity, 0.78),
+        zorder=3 if quantity == "qd" else 2,
         label="_spell",
-        **_face(family, spell.quantity, spell.side),
+        **_face(family, quantity, spell.side),
     )
 
 
 def _face(family: LimitFamily, quantity: str, side: int) -> dict[str, Any]:
-    if quantity == "qd":
-        return {"facecolor": FACES[quantity], "edgecolor": "black", "linewidth": 0.5}
     further = [key for key in family.keys if key != "q" and key not in FACES]
-    colors = dict(zip(further, cycle(FURTHER_FACES), strict=False))
-    color = FACES.get(quantity) or colors[quantity]
-    if side > 0:
-        return {"facecolor": color, "edgecolor": color, "linewidth": 0.5}
-    return {"facecolor": "white", "edgecolor": color, "linewidth": 0.5, "hatch": LOWER_HATCH}
-
-
-def _spell_patch(family: LimitFamily, quantity: str, side: int) -> Patch:
-    return Patch(label=family[quantity].name + SIDES[side], **_face(family, quantity, side))
+    color = (FACES | dict(zip(further, cycle(FURTHER_FACES), strict=False)))[quantity]
+    if quantity == "qd":
+        return {"facecolor": color, "edgecolor": "black", "linewidth": 0.5}
+    plain = {"facecolor": color, "edgecolor": color, "linewidth": 0.5}
+    return plain if side > 0 else {**plain, "facecolor": "white", "hatch": "//////"}

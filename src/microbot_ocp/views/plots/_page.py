@@ -1,4 +1,4 @@
-"""Pages of axes: made here or given by the caller, styled without global state, saved in one place.
+"""Pages of axes: new ones or the caller's, styled without global state, saved in one place.
 
 pyplot is never imported: no global state keeps a figure alive.
 """
@@ -6,7 +6,8 @@ pyplot is never imported: no global state keeps a figure alive.
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator, Mapping, Sequence
+import textwrap
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,15 +31,9 @@ from microbot_ocp._base import checks
 from microbot_ocp._base.checks import InputError, shown
 from microbot_ocp._base.showing import DrawnAxes, GivenAxes
 from microbot_ocp._base.writing import made_folder, write_whole
+from microbot_ocp.views._style import STYLE
 
-A4 = (8.27, 11.69)  # inches
-A4_LANDSCAPE = (11.69, 8.27)
-LIMIT_COLOR = "0.25"
-WARNING_COLOR = "#B00020"
-HALO = [withStroke(linewidth=2.5, foreground="white")]  # text stays legible on curves
-PNG_DPI = 150
 FORMATS = (".png", ".pdf", ".svg", ".jpg", ".jpeg")
-NOTEBOOK_DPI = 90  # a page is as wide as a notebook's column
 SETTINGS: dict[Any, Any] = {
     "font.family": "DejaVu Sans",  # comes with matplotlib: the same everywhere
     "font.size": 9.0,
@@ -66,15 +61,26 @@ _STYLE: dict[Any, Any] = {
     **SETTINGS,
 }
 
-DARK_PAPER, DARK_INK = 0.075, 0.92  # grey levels that white and black become
-NEUTRAL = 0.03  # difference of red, green and blue up to which a colour counts as grey
-
+COLORED = {
+    Text: ("color",),
+    Line2D: ("color", "markeredgecolor", "markerfacecolor"),
+    Patch: ("facecolor", "edgecolor"),
+    Collection: ("facecolor", "edgecolor"),
+}
 Drawn = Figure | Axes | np.ndarray | DrawnAxes
 
 
-def styled() -> Any:
-    """Context (or decorator) in which figures look alike, whatever style the user has set."""
-    return matplotlib.rc_context(_STYLE)
+def halo(color: str = "white") -> list[Any]:
+    """Return path effects with which text stays legible on curves."""
+    return [withStroke(linewidth=2.5, foreground=color)]
+
+
+def styled(changes: Mapping[str, Any] | None = None) -> Any:
+    """Return a context (or decorator) in which figures look alike, whatever the user has set.
+
+    ``changes`` are settings of matplotlib's.
+    """
+    return matplotlib.rc_context(_STYLE | dict(changes or {}))
 
 
 class _Shown:
@@ -90,7 +96,7 @@ class _Shown:
             return None
         stream = io.BytesIO()
         with styled():
-            figure_of(drawn).savefig(stream, format="png", dpi=NOTEBOOK_DPI)
+            figure_of(drawn).savefig(stream, format="png", dpi=STYLE.screen_dpi)
         return stream.getvalue()
 
 
@@ -134,7 +140,7 @@ class Page:
         """The figure of all panels."""
         return figure_of(self.axes)
 
-    def legend(self, handles: Sequence[Any], columns: int, warning: str = "") -> None:
+    def legend(self, handles: Sequence[Any], columns: int, warnings: Iterable[str] = ()) -> None:
         """One legend: below the page, or in the first axes where the caller gave them.
 
         Parameters
@@ -142,25 +148,27 @@ class Page:
         handles : sequence of artists with labels
         columns : int
             At most so many.
-        warning : str
-            What went wrong, in red above the entries.
+        warnings : iterable of str
+            What went wrong, in red above the entries, broken where the page ends.
         """
+        width = int(13 * self.figure.get_figwidth()) if self.own else 40
+        warning = "\n".join(line for text in warnings for line in textwrap.wrap(text, width))
         if not handles and not warning:
             return
-        widest = max((len(str(handle.get_label())) for handle in handles), default=1)
-        fit = max(1, int(13.0 * self.figure.get_figwidth() // (widest + 10)))
-        given: dict[str, Any] = {"loc": "outside lower center", "ncols": min(columns, fit)}
-        target: Any = self.figure
-        if not self.own:
-            given, target = {"loc": "best", "fontsize": 7.5}, self.axes.flat[0]
+        target: Any = self.figure if self.own else self.axes.flat[0]
+        place: dict[str, Any] = {"loc": "best", "fontsize": STYLE.small}
+        if self.own:
+            widest = max((len(str(handle.get_label())) for handle in handles), default=1)
+            fit = max(1, int(13.0 * self.figure.get_figwidth() // (widest + 10)))
+            place = {"loc": "outside lower center", "ncols": min(columns, fit)}
         legend = target.legend(
-            handles=list(handles), title=warning, frameon=not self.own, handlelength=3.6, **given
+            handles=list(handles), title=warning, frameon=not self.own, handlelength=3.6, **place
         )
-        legend.get_title().set_color(WARNING_COLOR)
+        legend.get_title().set_color(STYLE.warning)
 
 
 def new_page(size: tuple[float, float], title: str = "") -> Figure:
-    """An empty figure of a size in inches; call it within :func:`styled`."""
+    """Return an empty figure of a size in inches; call it within :func:`styled`."""
     figure = Figure(figsize=size, layout=ConstrainedLayoutEngine(w_pad=0.07, h_pad=0.05))
     FigureCanvasAgg(figure)
     if title:
@@ -178,7 +186,7 @@ def axes_page(
     transposed: bool = False,
     **subplots: Any,
 ) -> Page:
-    """The given axes, checked, or those of a new figure.
+    """Return the given axes, checked, or those of a new figure.
 
     Parameters
     ----------
@@ -204,8 +212,8 @@ def axes_page(
     figure = new_page(size, title)
     shape = (columns, rows) if transposed else (rows, columns)
     given = {"axes_class": ShownAxes, **subplots.pop("subplot_kw", {})}
-    made = figure.subplots(*shape, squeeze=False, subplot_kw=given, **subplots)
-    return Page((made.T if transposed else made).view(AxesGrid), own=True)
+    grid = figure.subplots(*shape, squeeze=False, subplot_kw=given, **subplots)
+    return Page((grid.T if transposed else grid).view(AxesGrid), own=True)
 
 
 def _checked(axes: Any, rows: int, columns: int) -> AxesGrid:
@@ -222,17 +230,16 @@ def _checked(axes: Any, rows: int, columns: int) -> AxesGrid:
 
 
 def _entries(drawn: Any) -> list[Any]:
-    """What a sequence of sequences or an array holds; all else is one entry."""
+    """Return what a sequence of sequences or an array holds; all else is one entry."""
     if isinstance(drawn, np.ndarray):
         return drawn.ravel().tolist()
     if not isinstance(drawn, list | tuple):
         return [drawn]
-    rows = (row if isinstance(row, list | tuple | np.ndarray) else [row] for row in drawn)
-    return [entry for row in rows for entry in row]
+    return [entry for row in drawn for entry in _entries(row)]
 
 
 def figure_of(drawn: Drawn) -> Figure:
-    """The whole figure that axes, an array of axes or a figure belong to."""
+    """Return the whole figure that axes, an array of axes or a figure belong to."""
     first = next(iter(_entries(drawn)), None)
     if isinstance(first, Figure):
         return first
@@ -313,7 +320,7 @@ def write(drawn: Drawn, path: str | Path, theme: str = "light", **options: Any) 
     if format not in known:
         raise InputError(f"path must end in one of {', '.join(known)}, not {target.suffix!r}")
     undated = {"CreationDate": None} if format == "pdf" else None  # same figure, same file
-    settings = {"dpi": PNG_DPI, "metadata": undated, **options}
+    settings = {"dpi": STYLE.dpi, "metadata": undated, **options}
     with styled(), darkened(figure) if theme == "dark" else nullcontext():
         figure.savefig(stream, format=format, **settings)
     return write_whole(target, stream.getvalue())
@@ -321,23 +328,21 @@ def write(drawn: Drawn, path: str | Path, theme: str = "light", **options: Any) 
 
 @contextmanager
 def darkened(figure: Figure) -> Iterator[None]:
-    """The figure with light greys for dark ones and the other way round; colours stay.
+    """Show the figure with light greys for dark ones and the other way round; colours stay.
 
     The colours of the palette are told apart on both. What was changed is put back at the end.
     """
     undo = []
     for artist in dict.fromkeys(figure.findobj()):  # some are found twice
-        for name in _colored_parts(artist):
+        for name in next((parts for k, parts in COLORED.items() if isinstance(artist, k)), ()):
             old = getattr(artist, f"get_{name}")()
-            if isinstance(old, str) and old in ("auto", "none", "face"):
-                continue
-            undo.append((artist, name, old))
-            many = not isinstance(old, str) and np.ndim(old) == 2
-            getattr(artist, f"set_{name}")(_turned(old) if many else _turned([old])[0])
-        effects = artist.get_path_effects()
-        if effects:
+            if not isinstance(old, str) or old not in ("auto", "none", "face"):
+                undo.append((artist, name, old))
+                many = not isinstance(old, str) and np.ndim(old) == 2
+                getattr(artist, f"set_{name}")(_turned(old) if many else _turned([old])[0])
+        if effects := artist.get_path_effects():
             undo.append((artist, "path_effects", effects))
-            artist.set_path_effects([withStroke(linewidth=2.5, foreground=str(DARK_PAPER))])
+            artist.set_path_effects(halo("0.075"))
     try:
         yield
     finally:
@@ -345,20 +350,9 @@ def darkened(figure: Figure) -> Iterator[None]:
             getattr(artist, f"set_{name}")(old)
 
 
-def _colored_parts(artist: Any) -> tuple[str, ...]:
-    if isinstance(artist, Text):
-        return ("color",)
-    if isinstance(artist, Line2D):
-        return ("color", "markeredgecolor", "markerfacecolor")
-    if isinstance(artist, Patch | Collection):
-        return ("facecolor", "edgecolor")
-    return ()
-
-
 def _turned(colors: Any) -> np.ndarray:
-    """Colours [N,4] with the lightness of greys turned round."""
+    """Return colours [N,4] with the lightness of greys turned round: from 1 and 0 to near both."""
     rgba = to_rgba_array([to_rgba(color) for color in colors])
-    grey = np.ptp(rgba[:, :3], axis=1) < NEUTRAL
-    level = rgba[grey, :3].mean(axis=1, keepdims=True)
-    rgba[grey, :3] = DARK_INK + (DARK_PAPER - DARK_INK) * level
+    grey = np.ptp(rgba[:, :3], axis=1) < 0.03
+    rgba[grey, :3] = 0.92 + (0.075 - 0.92) * rgba[grey, :3].mean(axis=1, keepdims=True)
     return rgba

@@ -10,19 +10,15 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.showing import GivenAxes
 from microbot_ocp.limits import JOINT_QUANTITIES, quantity_name
 from microbot_ocp.motion import PiecewisePolynomial
 from microbot_ocp.planning import PathLimit, PhasePlane, phase_plane as make_plane
 from microbot_ocp.robot import Robot
-from microbot_ocp.views.plots._page import HALO, WARNING_COLOR, axes_page, styled
-from microbot_ocp.views.plots._style import JOINT_COLORS
+from microbot_ocp.views._style import STYLE, look
+from microbot_ocp.views.plots._page import axes_page, halo, styled
 
-SIZE = (9.6, 6.2)  # inches
-ROOM, MOST_ROOM = 1.35, 2.0  # height of the axes over the largest speed, least and most
-ENDS = 0.02  # share of the path at each end where its parameter may run off
-FURTHER_DASHES: Any = (0.0, (8.0, 1.0, 2.0, 1.0))  # of limits beside the joints'
+FURTHER: dict[str, Any] = {"color": "black", "linestyle": (0.0, (8.0, 1.0, 2.0, 1.0))}
 DASHES: dict[tuple[str, int], Any] = {
     ("tau", 1): "solid",
     ("tau", -1): (0.0, (4.0, 1.2)),
@@ -72,9 +68,8 @@ def phase_plane(
     if isinstance(plane, PiecewisePolynomial):
         plane = make_plane(robot, plane)
     duration = f", {plane.duration:.3f} s" if plane.feasible else ""
-    page = axes_page(
-        axes, 1, 1, size=SIZE, title=title or f"{robot.name}: phase plane of the path{duration}"
-    )
+    title = title or f"{robot.name}: phase plane of the path{duration}"
+    page = axes_page(axes, 1, 1, size=(STYLE.width, 2.7 * STYLE.row), title=title)
     panel: Axes = page.axes[0, 0]
     top = _top(plane)
     handles = _draw_bounds(panel, robot, plane, top)
@@ -82,20 +77,18 @@ def phase_plane(
     panel.set_xlim(float(plane.s[0]), float(plane.s[-1]))
     panel.set_ylim(0.0, top)
     panel.set_xlabel(f"path parameter s [{unit}]" if unit else "path parameter s")
-    panel.set_ylabel(f"ds/dt [{unit}/s]" if unit else "ds/dt [1/s]")
+    panel.set_ylabel(f"ds/dt [{unit or 1}/s]")
     if not plane.feasible:
-        panel.axvline(plane.blocked_at, color=WARNING_COLOR, linewidth=1.5)
-        panel.annotate(
-            f"not solved: the end cannot be reached from s = {plane.blocked_at:.4g}",
-            (0.02, 0.97), xycoords="axes fraction", va="top", color=WARNING_COLOR,
-            path_effects=HALO,
-        )  # fmt: skip
+        panel.axvline(plane.blocked_at, color=STYLE.warning, linewidth=STYLE.line)
+        text = f"not solved: the end cannot be reached from s = {plane.blocked_at:.4g}"
+        corner: dict[str, Any] = {"xy": (0.02, 0.97), "xycoords": "axes fraction", "va": "top"}
+        panel.annotate(text, color=STYLE.warning, path_effects=halo(), **corner)
     page.legend(handles, 3)
     return panel
 
 
 def limit_name(robot: Robot, limit: PathLimit | None) -> str:
-    """Name of a limit, such as "elbow: upper torque limit"."""
+    """Return the name of a limit, such as "elbow: upper torque limit"."""
     if limit is None:
         return "no limit used up"
     side = "upper" if limit.side > 0 else "lower"
@@ -108,93 +101,78 @@ def limit_name(robot: Robot, limit: PathLimit | None) -> str:
 
 
 def _top(plane: PhasePlane) -> float:
-    """Room for the profile, and for the bounds as far as they are not much above it."""
-    span = plane.s[-1] - plane.s[0]
-    inner = (plane.s > plane.s[0] + ENDS * span) & (plane.s < plane.s[-1] - ENDS * span)
+    """Return a height with room for the profile, and for bounds not above twice its peak.
+
+    The ends of the path, where its parameter may run off, do not count.
+    """
+    margin = 0.02 * (plane.s[-1] - plane.s[0])
+    inner = (plane.s > plane.s[0] + margin) & (plane.s < plane.s[-1] - margin)
     shown = plane.speed[inner] if plane.feasible else plane.bound[inner]
     shown = shown[np.isfinite(shown)]
     if not shown.size:
         return 1.0
     bounds = np.concatenate([plane.torque_bound[inner], plane.velocity_bound[inner]])
-    bounds = bounds[np.isfinite(bounds)]
-    highest = 1.05 * float(bounds.max()) if bounds.size else 0.0
+    highest = 1.05 * float(np.max(bounds, where=np.isfinite(bounds), initial=0.0))
     peak = float(shown.max())
-    return min(max(ROOM * peak, highest), MOST_ROOM * peak)
+    return min(max(1.35 * peak, highest), 2.0 * peak)
 
 
 def _draw_bounds(axes: Axes, robot: Robot, plane: PhasePlane, top: float) -> list[Any]:
     s, far = plane.s, 10.0 * top
-    bound = np.minimum(plane.bound, far)
-    axes.fill_between(s, bound, far, color="0.5", alpha=0.2, linewidth=0, zorder=1)
-    axes.fill_between(s, 0.0, plane.least, color="0.5", alpha=0.2, linewidth=0, zorder=1)
-    handles: list[Any] = [Patch(facecolor="0.5", alpha=0.2, label="inadmissible")]
-    if np.isfinite(plane.torque_bound).any():
-        (line,) = axes.plot(
-            s, np.minimum(plane.torque_bound, far), color="black", linewidth=1.3, zorder=2,
-            label="maximum-velocity curve (torque)",
-        )  # fmt: skip
-        handles.append(line)
-    if np.isfinite(plane.velocity_bound).any():
-        every = "velocity limits" if (plane.velocity_joint < 0).any() else "joint velocity limits"
-        (line,) = axes.plot(
-            s, np.minimum(plane.velocity_bound, far), color="0.35", linewidth=1.3,
-            linestyle=(0.0, (6.0, 2.0)), zorder=2, label=every,
-        )  # fmt: skip
-        handles.append(line)
-        _name_velocity_limits(axes, robot, plane, top)
+    for low, high in ((np.minimum(plane.bound, far), far), (0.0, plane.least)):
+        axes.fill_between(s, low, high, zorder=1, **STYLE.beyond_limit)
+    handles: list[Any] = [Patch(label="inadmissible", **STYLE.beyond_limit)]
+    whose = "velocity limits" if (plane.velocity_joint < 0).any() else "joint velocity limits"
+    black: dict[str, Any] = {"color": "black", "label": "maximum-velocity curve (torque)"}
+    dashed: dict[str, Any] = {"color": "0.35", "label": whose, "linestyle": (0.0, (6.0, 2.0))}
+    for bound, style in ((plane.torque_bound, black), (plane.velocity_bound, dashed)):
+        if np.isfinite(bound).any():
+            shown = np.minimum(bound, far)
+            handles += axes.plot(s, shown, linewidth=1.3, zorder=2, **style)
+    _name_velocity_limits(axes, robot, plane, top)
     return handles
 
 
 def _name_velocity_limits(axes: Axes, robot: Robot, plane: PhasePlane, top: float) -> None:
-    """The joint beside each part of the velocity bound that is wide enough and in sight."""
+    """Write the joint beside each part of the velocity bound that is wide enough and in sight."""
     joints, least = plane.velocity_joint, 0.08 * (plane.s[-1] - plane.s[0])
     edges = [0, *(np.flatnonzero(np.diff(joints)) + 1), joints.size]
+    above: Any = {"xytext": (0, 4), "textcoords": "offset points", "ha": "center", "va": "bottom"}
     for first, last in pairwise(edges):
-        place = slice(first, last)
-        value = plane.velocity_bound[place]
+        s, value = plane.s[first:last], plane.velocity_bound[first:last]
         inside = np.flatnonzero(value < 0.97 * top)
         other = joints[first] < 0  # such as the tool's speed: the profile's legend names it
-        if other or inside.size < 2 or np.ptp(plane.s[place][inside]) < least:
+        if other or inside.size < 2 or np.ptp(s[inside]) < least:
             continue
         middle = inside[inside.size // 2]
-        axes.annotate(
-            robot.joint_names[joints[first]],
-            (plane.s[place][middle], value[middle]),
-            xytext=(0, 4), textcoords="offset points", ha="center", va="bottom", fontsize=8,
-            color="0.35", path_effects=HALO, zorder=5,
-        )  # fmt: skip
+        place = (s[middle], value[middle])
+        style = {"fontsize": 8, "color": "0.35", "path_effects": halo(), "zorder": 5}
+        axes.annotate(robot.joint_names[joints[first]], place, **above, **style)
 
 
 def _draw_profile(axes: Axes, robot: Robot, plane: PhasePlane) -> list[Any]:
     handles: dict[str, Any] = {}
     for arc in plane.arcs:
-        look = limit_look(arc.limit)
-        s, speed = _between(plane, arc.start, arc.end)
+        line = {**limit_look(arc.limit), "linewidth": 2.8}
+        # a stop belongs to the side that is asked
+        first = int(np.searchsorted(plane.s, arc.start, side="right")) - 1
+        last = int(np.searchsorted(plane.s, arc.end, side="left")) + 1
+        s, speed = plane.s[first:last], plane.speed[first:last]
         axes.plot(s, speed, color="white", linewidth=4.5, zorder=3)
-        axes.plot(s, speed, **look, linewidth=2.8, zorder=4, solid_capstyle="butt")
+        axes.plot(s, speed, **line, zorder=4, solid_capstyle="butt")
         name = limit_name(robot, arc.limit)
-        handles.setdefault(name, Line2D([], [], **look, linewidth=2.8, label=f"on {name}"))
+        handles.setdefault(name, Line2D([], [], label=f"on {name}", **line))
     if plane.switches.size:
-        (marks,) = axes.plot(
-            plane.switches, plane.switch_speeds, "D", color="black", markersize=6,
-            markeredgecolor="white", markeredgewidth=0.8, zorder=6, label="switch",
-        )  # fmt: skip
-        handles["switch"] = marks
+        mark = {"markersize": 6, "markeredgecolor": "white", "markeredgewidth": 0.8, "zorder": 6}
+        places = plane.switches, plane.switch_speeds
+        (handles["switch"],) = axes.plot(*places, "D", color="black", label="switch", **mark)
     return list(handles.values())
 
 
 def limit_look(limit: PathLimit | None) -> dict[str, Any]:
-    """Colour of the joint and line style of the kind of limit."""
+    """Return the colour of the joint and the line style of the kind of limit."""
     if limit is None:
         return {"color": "0.4", "linestyle": "solid"}
     if (limit.quantity, limit.side) not in DASHES:
-        return {"color": "black", "linestyle": FURTHER_DASHES}
-    color = JOINT_COLORS[limit.joint % len(JOINT_COLORS)]
-    return {"color": color, "linestyle": DASHES[limit.quantity, limit.side]}
-
-
-def _between(plane: PhasePlane, start: float, end: float) -> tuple[FloatArray, FloatArray]:
-    """The profile from one path parameter to another; a stop belongs to the side that is asked."""
-    first = int(np.searchsorted(plane.s, start, side="right")) - 1
-    last = int(np.searchsorted(plane.s, end, side="left"))
-    return plane.s[first : last + 1], plane.speed[first : last + 1]
+        return FURTHER
+    return look(limit.joint, joints=True) | {"linestyle": DASHES[limit.quantity, limit.side]}

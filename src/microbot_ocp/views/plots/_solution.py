@@ -10,24 +10,13 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from microbot_ocp._base import checks
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.checks import InputError
 from microbot_ocp._base.showing import GivenAxes
 from microbot_ocp.ocp.problem import Variable
-from microbot_ocp.ocp.solution import PhaseSolution, Solution
-from microbot_ocp.views.plots._page import (
-    A4_LANDSCAPE,
-    LIMIT_COLOR,
-    AxesGrid,
-    axes_page,
-    styled,
-)
-from microbot_ocp.views.plots._style import look
-
-COLUMNS = 3
-ROW_HEIGHT = 2.4  # inches
-POINTS = 400  # of a curve a phase
-STRETCH = 1.5  # a limit that would stretch the curves' axis by more is not drawn
-CONTROLS = ("constant", "linear", "polynomial")
+from microbot_ocp.ocp.solution import Solution
+from microbot_ocp.views._scene import is_near
+from microbot_ocp.views._style import STYLE, look
+from microbot_ocp.views.plots._page import AxesGrid, axes_page, styled
 
 
 @styled()
@@ -63,83 +52,65 @@ def solution(
     InputError
         No solution, one that was not made by a solve, a name that is not there.
     """
-    given = {"": solution} if isinstance(solution, Solution) else dict(solution)
-    if not given:
+    solutions = {"": solution} if isinstance(solution, Solution) else dict(solution)
+    if not solutions:
         raise InputError("solution must hold at least one solution")
-    known = _variables(next(iter(given.values())))
-    chosen = [checks.one_of("name", name, known) for name in names or known]
-    columns = min(COLUMNS, len(chosen))
-    rows = -(-len(chosen) // columns)
+    variables = _variables(next(iter(solutions.values())))
+    chosen = [checks.one_of("name", name, variables) for name in names or variables]
+    columns, rows = min(3, len(chosen)), 1
     if axes is None:
-        size = (A4_LANDSCAPE[0], ROW_HEIGHT * rows + 0.9)
-        page = axes_page(None, rows, columns, size=size, title=title, sharex=True)
+        rows = -(-len(chosen) // columns)
     else:
-        page = axes_page(axes, 1, len(chosen), size=(1.0, 1.0))
+        columns = len(chosen)
+    size = (STYLE.landscape[0], STYLE.row * rows + 0.9)
+    page = axes_page(axes, rows, columns, size=size, title=title, sharex=True)
     panels = page.axes.ravel()[: len(chosen)].view(AxesGrid)
     for empty in page.axes.ravel()[len(chosen) :]:
         empty.remove()
     for name, panel in zip(chosen, panels, strict=True):
-        for place, each in enumerate(given.values()):
-            _draw(panel, each, name, place)
-        _draw_limits(panel, known[name])
+        variable = variables[name]
+        for place, each in enumerate(solutions.values()):
+            _draw(panel, each, name, look(place))
+        low, high = panel.get_ylim()
+        for bound in {*variable.lower.tolist(), *variable.upper.tolist()}:
+            if is_near(bound, low, high):
+                panel.axhline(bound, zorder=2, **STYLE.limit_line)
         panel.set_title(name, fontweight="bold")
-        panel.set_ylabel(f"[{known[name].unit}]" if known[name].unit else "")
+        panel.set_ylabel(f"[{variable.unit}]" if variable.unit else "")
         panel.margins(x=0.01)
-    for panel in panels[-columns:]:
+    for panel in panels[-min(3, columns) :]:
         panel.set_xlabel("t [s]")
         panel.tick_params(labelbottom=True)
-    handles = []
-    for place, label in enumerate(given):
-        handles.append(Line2D([], [], **_line(place), label=label))
-    handles = [handle for handle in handles if handle.get_label()]
+    handles = [Line2D([], [], label=s, **look(k)) for k, s in enumerate(solutions) if s]
     failures = [
         f"{label or 'solution'}: not solved: {each.advice}"
-        for label, each in given.items()
+        for label, each in solutions.items()
         if not each.status.solved
     ]
-    page.legend(handles, 4, warning="\n".join(failures))
+    page.legend(handles, 4, failures)
     return panels
 
 
 def _variables(solution: Solution) -> dict[str, Variable]:
-    found: dict[str, Variable] = {}
+    variables: dict[str, Variable] = {}
     for part in solution.phases:
         if part.layout is None:
             raise InputError(f"phase {part.name!r} was not made by a solve: it cannot be drawn")
         phase = part.layout.phase
         for variable in (*phase.states, *phase.controls, *phase.algebraics):
-            found.setdefault(variable.name, variable)
-    return found
+            variables.setdefault(variable.name, variable)
+    return variables
 
 
-def _draw(axes: Axes, solution: Solution, name: str, place: int) -> None:
+def _draw(axes: Axes, solution: Solution, name: str, line: dict[str, Any]) -> None:
     begin = 0.0
     for part in solution.phases:
         if name in part.values:
-            t = _times(part)
-            axes.plot(begin + t, part.sample(t)[name], **_line(place))
+            # even times and both sides of every mesh point, where controls may jump
+            edges, gap = part.t[1:-1], 1e-9 * part.duration
+            even = np.linspace(0.0, part.duration, STYLE.points)
+            t = np.unique(np.concatenate([even, edges - gap, edges + gap]))
+            axes.plot(begin + t, part.sample(t)[name], **line)
         begin += part.duration
         if part is not solution.phases[-1]:
             axes.axvline(begin, color="0.8", linewidth=0.8, zorder=1)
-
-
-def _line(place: int) -> dict[str, Any]:
-    color, dashes = look(place)
-    return {"color": color, "linestyle": dashes, "linewidth": 1.8}
-
-
-def _times(part: PhaseSolution) -> FloatArray:
-    """Even times and both sides of every mesh point, where controls may jump."""
-    edges = part.t[1:-1]
-    gap = 1e-9 * part.duration
-    even = np.linspace(0.0, part.duration, POINTS)
-    return np.unique(np.concatenate([even, edges - gap, edges + gap]))
-
-
-def _draw_limits(axes: Axes, variable: Variable) -> None:
-    low, high = axes.get_ylim()
-    span = max(high - low, 1e-12)
-    for bound in {*variable.lower.tolist(), *variable.upper.tolist()}:
-        reach = max(high, bound) - min(low, bound)
-        if np.isfinite(bound) and reach <= STRETCH * span:
-            axes.axhline(bound, color=LIMIT_COLOR, linestyle="--", linewidth=1.0, zorder=2)

@@ -11,17 +11,11 @@ from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.showing import DrawnAxes, GivenAxes
 from microbot_ocp._base.status import Status
-from microbot_ocp.comparison import METHODS
 from microbot_ocp.sweeps import Sweep
+from microbot_ocp.views._style import STYLE, look, method_title
 from microbot_ocp.views.plots._page import axes_page, styled
-from microbot_ocp.views.plots._style import JOINT_COLORS, look
 
 KINDS = ("atlas", "limits", "quantities", "failures")
-CELLS = 24  # hexagons across a map
-BINS = 8  # of a trend
-FEWEST = 5  # cases of a bin
-MOST_BARS = 10
-MOST_PANELS = 6
 POSES = ("start_", "goal_", "via")
 
 
@@ -66,38 +60,35 @@ def sweep(
 
 
 def _maps(results: Sweep, axes: GivenAxes | None, title: str) -> Any:
-    """Two panels of the goals: from above, and from the side."""
-    place = results.read(["goal_x", "goal_y", "goal_z"])
-    x, y, z = place.values()
+    """Return a page with two panels of the goals, from above and from the side, and places."""
+    x, y, z = results.read(["goal_x", "goal_y", "goal_z"]).values()
     away = np.hypot(x, y)
-    shapes = [np.ptp(v[np.isfinite(v)]) or 1.0 for v in (x, y, away, z)]
-    wide = [shapes[0] / shapes[1], shapes[2] / shapes[3]]
-    ratios = {"width_ratios": wide}
-    page = axes_page(axes, 1, 2, size=(9.6, 4.6), title=title, gridspec_kw=ratios)
+    spans = [np.ptp(v[np.isfinite(v)]) or 1.0 for v in (x, y, away, z)]
+    ratios = {"width_ratios": [spans[0] / spans[1], spans[2] / spans[3]]}
+    size = (STYLE.width, 2 * STYLE.row)
+    page = axes_page(axes, 1, 2, size=size, title=title, gridspec_kw=ratios)
     above, side = page.axes[0]
     above.set(xlabel="x of the goal [m]", ylabel="y of the goal [m]", aspect="equal")
-    side.set(xlabel="distance from the base's axis [m]", ylabel="z of the goal [m]")
-    side.set_aspect("equal")
+    side.set(xlabel="distance from the base's axis [m]", ylabel="z of the goal [m]", aspect="equal")
     return page, ((above, x, y), (side, away, z))
 
 
 def _atlas(results: Sweep, axes: GivenAxes | None, method: str) -> Any:
+    """Draw the median saving in hexagons, up to 24 across and fewer where cases are few."""
     saved = 100 * results.savings(method)
-    title = f"Time saved against: {_title(method)}"
-    page, panels = _maps(results, axes, title)
+    page, panels = _maps(results, axes, f"Time saved against: {method_title(method)}")
     known = np.isfinite(saved)
     ends = np.quantile(saved[known], [0.02, 0.98]) if known.any() else (0.0, 1.0)
     low, top = min(0.0, ends[0]), max(0.0, ends[1])  # the other method may be the faster one
-    cells = int(np.clip(np.sqrt(known.sum()) / 1.5, 6, CELLS))
-    drawn = None
+    cells, drawn = int(np.clip(np.sqrt(known.sum()) / 1.5, 6, 24)), None
     for panel, across, up in panels:
-        size = np.ptp(across[known]) if known.any() else 1.0
-        tall = max(4, round(cells * np.ptp(up[known]) / (size or 1.0) / np.sqrt(3))) if size else 4
         panel.plot(across[~known], up[~known], ".", color="0.8", markersize=2, zorder=0)
         if known.any():
+            shape = np.ptp(up[known]) / (np.ptp(across[known]) or 1.0)
             drawn = panel.hexbin(
                 across[known], up[known], saved[known], reduce_C_function=np.median,
-                gridsize=(cells, tall), cmap="viridis", vmin=low, vmax=top, linewidths=0.2,
+                gridsize=(cells, max(4, round(cells * shape / np.sqrt(3)))), cmap="viridis",
+                vmin=low, vmax=top, linewidths=0.2,
             )  # fmt: skip
     if drawn is not None:
         bar = page.figure.colorbar(drawn, ax=list(page.axes[0]), shrink=0.85)
@@ -106,103 +97,88 @@ def _atlas(results: Sweep, axes: GivenAxes | None, method: str) -> Any:
 
 
 def _limits(results: Sweep, axes: GivenAxes | None, _: str | None) -> Any:
-    best = results.best
-    read = results.read([f"{best}_limit", f"{best}_status"])
-    solved = read[f"{best}_status"] == Status.SOLVED
+    limit, status = results.read([f"{results.best}_limit", f"{results.best}_status"]).values()
+    solved = status == Status.SOLVED
     page, panels = _maps(results, axes, "Limit that is at work longest")
     handles = []
     size = min(3.0, 100.0 / np.sqrt(solved.sum() + 1.0))  # many points lie over each other
     for place, name in enumerate(results.about["limits"]):
-        mine = solved & (read[f"{best}_limit"] == name)
-        if not mine.any():
+        decided = solved & (limit == name)
+        if not decided.any():
             continue
-        style: dict[str, Any] = {
-            "color": JOINT_COLORS[place % len(JOINT_COLORS)],
-            "marker": "os^Dv<>p"[place % 8],
-        }
-        label = f"{name.replace('_', ' ')}: {100 * mine.sum() / solved.sum():.0f} %"
-        handles.append(Line2D([], [], linestyle="", label=label, **style))
+        style: dict[str, Any] = look(place, joints=True)
+        style |= {"linestyle": "", "marker": "os^Dv<>p"[place % 8]}
+        label = f"{name.replace('_', ' ')}: {100 * decided.sum() / solved.sum():.0f} %"
+        handles.append(Line2D([], [], label=label, **style))
+        style |= {"markersize": size, "alpha": 0.75, "zorder": 3.0 - decided.mean()}
         for panel, across, up in panels:
-            panel.plot(
-                across[mine], up[mine], linestyle="", markersize=size, alpha=0.75,
-                zorder=3.0 - mine.mean(), **style,
-            )  # fmt: skip
+            panel.plot(across[decided], up[decided], **style)
     page.legend(handles, 4)
     return page.axes
 
 
 def _trends(results: Sweep, axes: GivenAxes | None, method: str) -> Any:
-    names = _scalars(results)
+    names, count = _scalars(results), len(results.about["joints"])
     values: dict[str, FloatArray] = results.read(names) if names else {}
-    count = len(results.about["joints"])
-    ends = results.read([f"{end}_q_{k + 1}" for end in ("start", "goal") for k in range(count)])
-    moved = [abs(ends[f"goal_q_{k + 1}"] - ends[f"start_q_{k + 1}"]) for k in range(count)]
-    values["largest joint step [rad]"] = np.max(moved, axis=0)
-    page = axes_page(
-        axes, 1, len(values), size=(1.2 + 3.4 * len(values), 3.8),
-        title="Time saved: median and quartiles", sharey=True,
-    )  # fmt: skip
+    start, goal = (
+        np.array(list(results.read([f"{end}_q_{k + 1}" for k in range(count)]).values()))
+        for end in ("start", "goal")
+    )
+    values["largest joint step [rad]"] = np.abs(goal - start).max(axis=0)
+    size, title = (1.2 + 3.4 * len(values), 3.8), "Time saved: median and quartiles"
+    page = axes_page(axes, 1, len(values), size=size, title=title, sharey=True)
     others = [method, *(m for m in results.methods if m not in (method, results.best))]
-    handles = []
     for panel, (name, across) in zip(page.axes[0], values.items(), strict=True):
-        panel.set_xlabel(_unit(name))
+        panel.set_xlabel("payload [kg]" if name == "payload" else name)
         for place, other in enumerate(others):
-            color, dashes = look(place)
+            line, label = look(place), f"against: {method_title(other)}"
             middle, low, half, high = _binned(across, 100 * results.savings(other))
-            panel.fill_between(middle, low, high, color=color, alpha=0.15, linewidth=0)
-            line = panel.plot(
-                middle, half, color=color, linestyle=dashes, marker="o", markersize=3,
-                label=f"against: {_title(other)}",
-            )  # fmt: skip
-            if panel is page.axes[0, 0]:
-                handles += line
+            panel.fill_between(middle, low, high, color=line["color"], alpha=0.15, linewidth=0)
+            panel.plot(middle, half, marker="o", markersize=3, label=label, **line)
     page.axes[0, 0].set_ylabel("time saved [%]")
-    page.legend(handles, 3)
+    page.legend(page.axes[0, 0].get_lines(), 3)
     return page.axes
 
 
 def _failures(results: Sweep, axes: GivenAxes | None, _: str | None) -> Any:
-    found = results.summary().failures[:MOST_BARS]
-    page = axes_page(axes, 1, 1, size=(9.6, 1.4 + 0.42 * max(len(found), 1)), title="Not solved")
-    panel = page.axes[0, 0]
-    places = np.arange(len(found))[::-1]
-    panel.barh(places, [f.count for f in found], color="#B00020", alpha=0.7, height=0.6)
-    labels = [f"{f.status}: {checks.shortened(f.reason, 80)}\n(case {f.case})" for f in found]
-    panel.set_yticks(places, labels, fontsize=7.5)
-    for place, failure in zip(places, found, strict=True):
-        panel.text(failure.count, place, f" {failure.count:,}", va="center")
+    """Draw a bar for each of the ten most frequent failures."""
+    failures = results.summary().failures[:10]
+    size = (STYLE.width, 1.4 + 0.42 * max(len(failures), 1))
+    page = axes_page(axes, 1, 1, size=size, title="Not solved")
+    panel, places = page.axes[0, 0], np.arange(len(failures))[::-1]
+    counts = [failure.count for failure in failures]
+    bars = panel.barh(places, counts, color=STYLE.warning, alpha=0.7, height=0.6)
+    panel.bar_label(bars, [f" {count:,}" for count in counts])
+    labels = [f"{f.status}: {checks.shortened(f.reason, 80)}\n(case {f.case})" for f in failures]
+    panel.set_yticks(places, labels, fontsize=STYLE.small)
     panel.set_xlabel("cases")
     panel.grid(axis="y", visible=False)
     panel.margins(x=0.12)
-    if not found:
+    if not failures:
         panel.text(0.5, 0.5, "every case is solved", transform=panel.transAxes, ha="center")
     return page.axes
 
 
 def _binned(across: FloatArray, values: FloatArray) -> FloatArray:
-    """Middles, lower quartiles, medians and upper quartiles [4,K] of bins of as many cases."""
+    """Return middles, lower quartiles, medians and upper quartiles [4,K] of eight bins.
+
+    They have as many cases each, or one value where there are few; with under five cases none.
+    """
     known = np.isfinite(values) & np.isfinite(across)
     across, values = across[known], values[known]
-    several = np.unique(across)
-    if several.size <= BINS:
-        groups = [(float(x), values[across == x]) for x in several]
-    else:
-        order = np.array_split(np.argsort(across, kind="stable"), BINS)
-        groups = [(float(np.median(across[k])), values[k]) for k in order if k.size]
-    rows = [(x, *np.quantile(v, (0.25, 0.5, 0.75))) for x, v in groups if v.size >= FEWEST]
+    groups = [np.flatnonzero(across == x) for x in np.unique(across)]
+    if len(groups) > 8:
+        groups = np.array_split(np.argsort(across, kind="stable"), 8)
+    rows = [
+        (np.median(across[k]), *np.quantile(values[k], (0.25, 0.5, 0.75)))
+        for k in groups
+        if k.size >= 5
+    ]
     return np.array(rows).reshape(-1, 4).T
 
 
 def _scalars(results: Sweep) -> list[str]:
-    """Columns of what varies and is no pose."""
+    """Return up to six columns of what varies and is no pose."""
     columns = [name for name, kind in results.about["columns"] if kind == "float"]
     names = [name for name in results.about["varying"] if not name.startswith(POSES)]
-    return [c for c in columns for n in names if c == n or c.rsplit("_", 1)[0] == n][:MOST_PANELS]
-
-
-def _title(method: str) -> str:
-    return METHODS[method].title if method in METHODS else method
-
-
-def _unit(name: str) -> str:
-    return "payload [kg]" if name == "payload" else name
+    return [c for c in columns for n in names if c == n or c.rsplit("_", 1)[0] == n][:6]

@@ -1,4 +1,4 @@
-"""An arm with its motion, sampled as it is drawn; its look, and the colours of every recording."""
+"""An arm with its motion, sampled as it is drawn, and its look."""
 
 from __future__ import annotations
 
@@ -20,30 +20,8 @@ from microbot_ocp.motion import (
 )
 from microbot_ocp.robot import Robot
 from microbot_ocp.views._scene import reach
-from microbot_ocp.views.plots._style import EntryStyle
-from microbot_ocp.views.recording._writer import BRANCH, PROGRESS, TIME, WHOLE, Times
-
-RATE = 200.0  # Hz, of what is drawn: smoother than any screen
-MOST_SAMPLES = 12_000  # of all arms together, where nobody asks for a rate: 38 MB of a 7R arm
-JOINT_CURVES = ("q", "qd", "qdd", "tau")  # have curves of their own
-GHOST_ALPHA = 110
-BRIGHTER = 0.25  # share of white in colours, which are chosen for paper, on a dark screen
-
-Color = tuple[int, int, int, int]
-# Told apart on a dark screen with any colour vision. Shares of a limit go from slate to yellow; at
-# the limit they jump to a pink that nothing else has.
-NEUTRAL_COLOR: Color = (130, 142, 160, 255)
-NEAR_COLOR: Color = (240, 228, 66, 255)
-SATURATED_COLOR: Color = (255, 60, 150, 255)
-BEYOND_COLOR: Color = (225, 50, 40, 255)
-SPEED_COLOR: Color = (86, 180, 233, 255)
-LIMIT_COLOR: Color = (165, 165, 165, 255)
-BASE_COLOR: Color = (120, 120, 125, 255)
-VIA_COLOR: Color = (245, 245, 245, 255)
-MASS_COLOR: Color = (60, 200, 160, 255)
-VELOCITY_COLOR: Color = (170, 235, 255, 255)
-VARIABLE_COLOR: Color = (240, 150, 80, 255)
-FORCE_COLOR: Color = (240, 228, 66, 255)
+from microbot_ocp.views._style import STYLE, Color, EntryStyle, rgb
+from microbot_ocp.views.recording._writer import BRANCH, PROGRESS, TIME, WORLD, Times
 
 
 @dataclass(frozen=True)
@@ -66,22 +44,21 @@ class Look:
 
     @property
     def line_color(self) -> Color:
-        """Colour of its lines and texts."""
-        red, green, blue, _ = self.style.rgba()
-        red, green, blue = (round(v + BRIGHTER * (255 - v)) for v in (red, green, blue))
+        """Colour of its lines and texts: a quarter lighter on a dark screen than on paper."""
+        red, green, blue = (round(0.75 * part + 0.25 * 255) for part in rgb(self.style.color))
         return red, green, blue, 255
 
 
 def looks(robot: Robot, styles: Sequence[EntryStyle]) -> list[Look]:
-    """Looks that keep arms apart even where they coincide."""
-    size = reach(robot)
+    """Return looks that keep arms apart even where they coincide.
+
+    Every ghost has another radius: surfaces at one place would flicker.
+    """
+    size, thinner = reach(robot), STYLE.ghost / 15
     return [
-        Look(
-            style=style,
-            # another radius for every ghost: surfaces at one place would flicker
-            radius=size * (0.021 if style.highlighted else 0.0165 - 0.0011 * min(place, 8)),
-            alpha=255 if style.highlighted else GHOST_ALPHA,
-        )
+        Look(style, size * STYLE.link, 255)
+        if style.highlighted
+        else Look(style, size * (STYLE.ghost - thinner * min(place, 8)), STYLE.see_through)
         for place, style in enumerate(styles)
     ]
 
@@ -132,74 +109,83 @@ class AnimatedArm:
         """Whether it plays in time; otherwise it stands in one pose after the other."""
         return TIME in self.times
 
-    def values(self, quantity: str) -> FloatArray | None:
-        """Values [N,n] of a quantity, plotted or not; None where it is not known."""
-        return self.state.qdd if quantity == "qdd" else self.curves.get(quantity)
+    def path(self, *below: str) -> str:
+        """Return its entity path, or that of something below it."""
+        return "/".join([WORLD, self.name, *below])
+
+    def link(self, frame: int, *below: str) -> str:
+        """Return the path of link frame ``frame`` (0 is the base), or of something in it."""
+        return self.path(f"link_{frame}", *below)
+
+    def tool(self, *below: str) -> str:
+        """Return the path of the tool, which does not turn, or of something at it."""
+        return self.path("tool", *below)
+
+    def at(self, samples: np.ndarray) -> Times:
+        """Return the values of every timeline at some samples."""
+        return {key: values[samples] for key, values in self.times.items()}
 
 
 def moving_arm(
     motion: Motion, look: Look, rate: float, family: LimitFamily | None = None
 ) -> AnimatedArm:
-    """An arm at the motion's own samples, thinned to ``rate`` (Hz), filled in where sparser.
+    """Return an arm at the motion's own samples, thinned to ``rate`` (Hz), filled where sparser.
 
     ``family`` holds the limits that are drawn.
     """
     t = drawn_times(motion.t, rate)
     state = motion.sample(t)
     tau = np.column_stack([np.interp(t, motion.t, column) for column in motion.tau.T])
-    times = {TIME: t, PROGRESS: np.rint(WHOLE * progress(motion, t))}
+    times = {TIME: t, PROGRESS: np.rint(1000 * progress(motion, t))}
     curves = {"q": state.q, "qd": state.qd, "tau": tau}
     history = None
     if family is not None:
         states, measured = history_of(motion, t), {"tau": tau}
         if "taud" in family:
-            rate_of_motion = family.robot.torques_along(*states.samples)["taud"]
-            measured["taud"] = rate_of_motion + _rate_beyond(family.robot, motion, t)
+            of_bare_arm = family.robot.torques_along(*states.samples)["taud"]
+            measured["taud"] = of_bare_arm + _rate_beyond(family.robot, motion, t)
         history = LimitHistory.of(family, states, measured)
     return AnimatedArm(look, times, state, curves, motion.marks, history)
 
 
 def _rate_beyond(robot: Robot, motion: Motion, t: FloatArray) -> FloatArray:
-    """Rates [N,n] of what stored torques are beyond those of the bare arm: of a payload, a drive.
+    """Return rates [N,n] of what stored torques are beyond the bare arm's: of a payload, a drive.
 
     Steps of it count at no time: where something is picked up its weight does.
     """
     beyond = motion.tau - torque_along(robot, State(motion.q, motion.qd, motion.qdd))
-    gaps, found = np.flatnonzero(jump_gaps(motion.t)), np.zeros((t.size, beyond.shape[1]))
+    gaps, rates = np.flatnonzero(jump_gaps(motion.t)), np.zeros((t.size, beyond.shape[1]))
     edges = np.concatenate([np.searchsorted(motion.t, mesh_of(motion)), gaps, gaps + 1])
     edges = np.unique(edges)
     piece = np.clip(np.searchsorted(motion.t[edges], t, side="right") - 1, 0, edges.size - 2)
     piece = piece - np.isin(edges[piece], gaps)  # at the earlier side of a jump the piece before
     for k in np.unique(piece):
-        own, here = slice(edges[k], edges[k + 1] + 1), piece == k
-        times, order = motion.t[own], 2 if edges[k + 1] - edges[k] > 1 else 1
-        slopes = np.gradient(beyond[own], times, axis=0, edge_order=order)
-        found[here] = np.column_stack([np.interp(t[here], times, each) for each in slopes.T])
-    return found
+        samples, here = slice(edges[k], edges[k + 1] + 1), piece == k
+        times, order = motion.t[samples], 2 if edges[k + 1] - edges[k] > 1 else 1
+        slopes = np.gradient(beyond[samples], times, axis=0, edge_order=order)
+        rates[here] = np.column_stack([np.interp(t[here], times, each) for each in slopes.T])
+    return rates
 
 
 def drawn_rate(rate: float | None, motions: Sequence[Motion]) -> tuple[float, str]:
-    """``rate`` (Hz), or one that bounds the size of a recording; and what to say of it."""
-    if rate is not None:
-        return rate, ""
+    """Return ``rate`` (Hz), or one that bounds the size of a recording; and a note on it."""
     together = sum(motion.duration for motion in motions)
-    if RATE * together <= MOST_SAMPLES:
-        return RATE, ""
-    most = MOST_SAMPLES / together
+    if rate is not None or STYLE.rate * together <= STYLE.samples:
+        return rate or STYLE.rate, ""
+    most = STYLE.samples / together
     return most, f"Drawn at {most:.3g} Hz, because it is long; rate= asks for more."
 
 
 def standing_arm(q: FloatArray, look: Look) -> AnimatedArm:
-    """An arm that stands in poses q [N,n] one after the other, counted on the BRANCH timeline."""
+    """Return an arm that stands in poses q [N,n] in turn, counted on the BRANCH timeline."""
     still = np.zeros_like(q)
     return AnimatedArm(look, {BRANCH: np.arange(1.0, len(q) + 1.0)}, State(q, still, still), {})
 
 
 def drawn_times(t: FloatArray, rate: float) -> FloatArray:
-    """Samples of t [N] about 1/rate apart, with both ends, both sides of jumps, and no wide gaps.
+    """Return samples of t [N] about 1/rate apart, with both ends and both sides of jumps.
 
-    What is between two of them is a time that is no sample only where the samples are further
-    apart than 1/rate.
+    Where they are further apart than 1/rate the gap is filled with times that are no samples.
     """
     cell = np.floor(t * rate + 1e-6)
     keep = np.append(True, np.diff(cell) > 0)
@@ -207,18 +193,16 @@ def drawn_times(t: FloatArray, rate: float) -> FloatArray:
     keep[:-1] |= jump
     keep[1:] |= jump
     keep[-1] = True
-    kept = t[keep]
-    parts = np.maximum(1, np.ceil(np.diff(kept) * rate / 2 - 1e-6)).astype(int)
-    if (parts == 1).all():
-        return kept
+    sparse = t[keep]
+    parts = np.maximum(1, np.ceil(np.diff(sparse) * rate / 2 - 1e-6)).astype(int)
     first = np.repeat(np.cumsum(parts) - parts, parts)
     share = (np.arange(parts.sum()) - first) / np.repeat(parts, parts)
-    filled = np.repeat(kept[:-1], parts) + share * np.repeat(np.diff(kept), parts)
-    return np.append(filled, kept[-1])
+    filled = np.repeat(sparse[:-1], parts) + share * np.repeat(np.diff(sparse), parts)
+    return np.append(filled, sparse[-1])
 
 
 def progress(motion: Motion, t: FloatArray) -> FloatArray:
-    """Share [N] of the joint path travelled at times t [N]; of the time, for an arm at rest.
+    """Return the share [N] of the joint path travelled at times t [N]; at rest that of the time.
 
     The length of the path is that of the joint positions in the Euclidean norm, metres of
     prismatic joints counting as radians.

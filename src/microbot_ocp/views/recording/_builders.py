@@ -1,4 +1,4 @@
-"""What can be recorded: a comparison, a motion, a controller at work, inverse kinematics."""
+"""What can be recorded: a comparison, a motion, a task, a tracking, inverse kinematics."""
 
 from __future__ import annotations
 
@@ -9,47 +9,50 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.table import Table
-from microbot_ocp.comparison import Certificate, Comparison
+from microbot_ocp.comparison import Cell, Certificate, Comparison
 from microbot_ocp.inverse_kinematics import IKSolution
 from microbot_ocp.limits import LimitFamily
 from microbot_ocp.motion import Motion
 from microbot_ocp.robot import JointLimits, Limits, Robot
 from microbot_ocp.scene import Scene, clearance, has_coal
 from microbot_ocp.simulation import Tracking
-from microbot_ocp.views._scene import display_factor, display_unit, link_origins, solved_entries
-from microbot_ocp.views.plots._style import FIXED, PREFERRED, EntryStyle, entry_styles
+from microbot_ocp.views._scene import (
+    check_joints,
+    display_factor,
+    display_unit,
+    solved_entries,
+    tool_places,
+)
+from microbot_ocp.views._style import FIXED, PREFERRED, STYLE, EntryStyle, entry_styles
+from microbot_ocp.views._surroundings import Surroundings
 from microbot_ocp.views.recording._animated_arm import drawn_rate, looks, moving_arm, standing_arm
 from microbot_ocp.views.recording._limits import peak_table
 from microbot_ocp.views.recording._recording import Recording
-from microbot_ocp.views.recording._writer import BRANCH
+from microbot_ocp.views.recording._writer import BRANCH, TIME
 from microbot_ocp.views.tables import narrow_table
-
-FEW_JOINTS = 4  # more joints than this: q1 and so on stand for their names
-BEHIND = "#56B4E9"  # of ghosts that are no method
 
 
 def of_comparison(comparison: Comparison, rate: float | None = None) -> Recording:
-    """Every motion on one timeline, the best one solid among ghosts.
+    """Return every motion on one timeline, the best one solid among ghosts.
 
     ``rate`` (Hz) is how densely they are sampled: by default 200, and less where that would be more
     than 12,000 samples.
     """
-    styles = entry_styles(comparison)
+    styles, robot = entry_styles(comparison), comparison.robot
     solved = solved_entries(comparison)
-    shown = looks(comparison.robot, [styles[entry.name] for entry, _ in solved])
-    family = LimitFamily.of(comparison.robot, comparison.limits)
+    shown = looks(robot, [styles[entry.name] for entry, _ in solved])
+    family = LimitFamily.of(robot, comparison.limits)
     rate, thinned = drawn_rate(rate, [motion for _, motion in solved])
     summary = narrow_table(comparison).without("solve")
-    arms = [
-        moving_arm(motion, look, rate, family)
-        for (_, motion), look in zip(solved, shown, strict=True)
-    ]
     return Recording(
-        title=f"{comparison.robot.name}, {len(comparison.entries)} methods",
-        robot=comparison.robot,
+        title=f"{robot.name}, {len(comparison.entries)} methods",
+        robot=robot,
         limits=comparison.limits,
-        arms=tuple(arms),
-        places=_tools(comparison.robot, comparison.via_q),
+        arms=tuple(
+            moving_arm(motion, look, rate, family)
+            for (_, motion), look in zip(solved, shown, strict=True)
+        ),
+        places=tool_places(robot, comparison.via_q),
         place_names=_via_names(len(comparison.via_q)),
         summary=replace(summary, notes=[*summary.notes, thinned]),
     )
@@ -62,12 +65,12 @@ def of_motion(
     rate: float | None = None,
     scene: Scene | None = None,
 ) -> Recording:
-    """One motion under the robot's limits, as the arm ``motion``.
+    """Return one motion under the robot's limits, as the arm ``motion``.
 
     Its ends, and the marks named "via ...", are marked in space. With a scene its obstacles are
     drawn, the capsules of the arm, and the line between the nearest points with its length.
     """
-    _same_joints(robot, motion.joint_count, "motion")
+    check_joints(robot, motion.joint_count, "motion")
     inner = sorted(
         m.time for m in motion.marks if m.name.startswith("via") and 0.0 < m.time < motion.duration
     )
@@ -83,21 +86,36 @@ def of_motion(
         thinned,
     ]
     if scene is not None and certificate is None and has_coal():
-        said = clearance(robot, motion, scene).sentence
-        sentences.append(f"{said[0].upper()}{said[1:]}.")
+        sentence = clearance(robot, motion, scene).sentence
+        sentences.append(f"{sentence[0].upper()}{sentence[1:]}.")
+    table = Table.of_text(*peak_table(arm))
     return Recording(
         title=title,
         robot=robot,
         limits=robot.limits,
         arms=(arm,),
-        places=_tools(robot, via_q),
+        places=tool_places(robot, via_q),
         place_names=_via_names(len(via_q)) if inner else ("start", "end"),
-        scene=scene,
-        summary=replace(
-            Table.of_text(*peak_table(arm)),
-            title=f"{title}, {motion.duration:.3f} s",
-            notes=sentences,
-        ),
+        around=Surroundings.of_scene(robot, scene),
+        summary=replace(table, title=f"{title}, {motion.duration:.3f} s", notes=sentences),
+    )
+
+
+def of_cell(cell: Cell, rate: float | None = None) -> Recording:
+    """Return a motion through stops, with the tubes of its tool lines and the parts it carries.
+
+    Raises
+    ------
+    InputError
+        A motion of another task.
+    """
+    plain = of_motion(cell.robot, cell.motion, cell.certificate, rate, cell.scene)
+    (arm,), stops = plain.arms, cell.task.stops
+    return replace(
+        plain,
+        around=Surroundings.of_cell(cell, arm.times[TIME], arm.q),
+        places=np.array([stop.pose(cell.robot)[0] for stop in stops]),
+        place_names=tuple(stop.name for stop in stops),
     )
 
 
@@ -107,7 +125,7 @@ def of_tracking(
     limits: Limits | JointLimits | None = None,
     rate: float | None = None,
 ) -> Recording:
-    """A controlled arm ``actual`` with the ghost ``desired`` that it should follow.
+    """Return a controlled arm ``actual`` with the ghost ``desired`` that it should follow.
 
     ``limits`` are those of its drives (default ``robot.limits``): at them it saturates.
 
@@ -116,7 +134,7 @@ def of_tracking(
     InputError
         The simulation did not arrive, or is of another robot.
     """
-    _same_joints(robot, tracking.q.shape[1], "tracking")
+    check_joints(robot, tracking.q.shape[1], "tracking")
     motion = tracking.as_motion(tracking.label or "actual")
     reference = tracking.reference
     wanted = Motion(motion.t, *reference, np.zeros_like(reference.q), "desired")
@@ -124,32 +142,27 @@ def of_tracking(
     family = LimitFamily.of(robot, limits)
     rate, thinned = drawn_rate(rate, [wanted, motion])
     ghost, actual = moving_arm(wanted, ghost_look, rate), moving_arm(motion, look, rate, family)
-    error = ghost.q - actual.q
     heads, rows = peak_table(actual)
     for joint, row in enumerate(rows):
-        factor = display_factor(robot, "error", joint)
-        unit = display_unit(robot, "error", joint)
+        factor, unit = (f(robot, "error", joint) for f in (display_factor, display_unit))
         row += [f"{factor * values[joint]:.3g} {unit}" for values in (tracking.rms, tracking.peak)]
     how = "continuous" if tracking.sample_rate is None else f"{tracking.sample_rate:g} Hz"
     title = f"{robot.name}: {motion.label}, {how}"
+    saturated = f"At a torque limit for {100 * tracking.saturated_fraction:.3g} % of the time."
     return Recording(
         title=title,
         robot=robot,
         limits=family.robot.limits,
         arms=(
             replace(ghost, curves={key: ghost.curves[key] for key in ("q", "qd")}),
-            replace(actual, curves={**actual.curves, "error": error}),
+            replace(actual, curves={**actual.curves, "error": ghost.q - actual.q}),
         ),
-        places=_tools(robot, wanted.q[[0, -1]]),
+        places=tool_places(robot, wanted.q[[0, -1]]),
         place_names=("start", "end"),
         summary=replace(
             Table.of_text([*heads, "RMS error", "peak error"], rows),
             title=f"{title}, {motion.duration:.3f} s",
-            notes=[
-                f"At a torque limit for {100 * tracking.saturated_fraction:.3g} % of the time.",
-                tracking.advice,
-                thinned,
-            ],
+            notes=[saturated, tracking.advice, thinned],
         ),
         quantities=("q", "error", "tau"),
     )
@@ -161,26 +174,24 @@ def of_branches(
     position: FloatArray,
     orientation: FloatArray | None = None,
 ) -> Recording:
-    """Solutions of inverse kinematics as ghosts; the arm ``solution`` takes one after the other.
+    """Return solutions of inverse kinematics as ghosts; the arm ``solution`` takes each in turn.
 
     ``position`` [3] (m) and ``orientation`` [3,3] are the target.
     """
     if not solutions:
         raise InputError("solutions must hold at least one IKSolution, not none")
-    _same_joints(robot, len(solutions[0].q), "solutions")
-    q = np.array([solution.q for solution in solutions])
+    check_joints(robot, len(solutions[0].q), "solutions")
+    q, joints = np.array([solution.q for solution in solutions]), range(robot.joint_count)
     styles = [_ghost(f"branch_{k}", "") for k in range(1, len(q) + 1)]
     shown = looks(robot, [*styles, _solid("solution", "")])
     ghosts = [standing_arm(q[k : k + 1], look) for k, look in enumerate(shown[:-1])]
     target = None
     if orientation is not None:
-        target = np.eye(4)
-        target[:3, :3], target[:3, 3] = orientation, position
-    units = [display_unit(robot, "q", joint) for joint in range(robot.joint_count)]
-    factors = [display_factor(robot, "q", joint) for joint in range(robot.joint_count)]
-    few = robot.joint_count <= FEW_JOINTS
-    names = robot.joint_names if few else [f"q{j + 1}" for j in range(robot.joint_count)]
-    heads = [f"{name} [{unit}]" for name, unit in zip(names, units, strict=True)]
+        target = np.vstack([np.column_stack([orientation, position]), [0.0, 0.0, 0.0, 1.0]])
+    factors = [display_factor(robot, "q", joint) for joint in joints]
+    few = robot.joint_count <= STYLE.side_by_side
+    names = robot.joint_names if few else [f"q{joint + 1}" for joint in joints]
+    heads = [f"{names[joint]} [{display_unit(robot, 'q', joint)}]" for joint in joints]
     rows = [
         [str(k), *(f"{value:.2f}" for value in factors * s.q), f"{s.position_error:.1e}", s.status]
         for k, s in enumerate(solutions, start=1)
@@ -206,25 +217,12 @@ def of_branches(
 
 
 def _solid(name: str, title: str) -> EntryStyle:
-    color, line = FIXED[PREFERRED]
-    return EntryStyle(name, title, color, line, highlighted=True)
+    return EntryStyle(name, title, *FIXED[PREFERRED], highlighted=True)
 
 
 def _ghost(name: str, title: str) -> EntryStyle:
-    return EntryStyle(name, title, BEHIND, "solid", highlighted=False)
-
-
-def _tools(robot: Robot, q: FloatArray) -> FloatArray:
-    """Tool positions [N,3] at q [N,n], m."""
-    return link_origins(robot, q)[:, -1]
+    return EntryStyle(name, title, FIXED["cubic"][0], "solid", highlighted=False)
 
 
 def _via_names(count: int) -> tuple[str, ...]:
     return tuple(f"via {k}" for k in range(1, count + 1))
-
-
-def _same_joints(robot: Robot, count: int, name: str) -> None:
-    if count != robot.joint_count:
-        raise InputError(
-            f"{name} has {count} joints, but robot {robot.name!r} has {robot.joint_count}"
-        )

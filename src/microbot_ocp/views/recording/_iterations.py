@@ -20,28 +20,35 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.comparison import Step
 from microbot_ocp.ocp.solution import Iteration, PhaseSolution
 from microbot_ocp.planning import MotionIteration
-from microbot_ocp.views._scene import display_factor, display_unit, link_origins, reach
-from microbot_ocp.views.recording._animated_arm import NEUTRAL_COLOR, SPEED_COLOR, VELOCITY_COLOR
-from microbot_ocp.views.recording._blueprint import folded, plot_view, space_view, text_lines_view
+from microbot_ocp.views._eye import find_eye
+from microbot_ocp.views._scene import (
+    display_factor,
+    display_unit,
+    drawn_bounds,
+    link_origins,
+    reach,
+    tool_places,
+)
+from microbot_ocp.views._style import STYLE
+from microbot_ocp.views.recording._blueprint import (
+    behind_cursor,
+    folded,
+    marks_view,
+    plot_view,
+    space_view,
+)
 from microbot_ocp.views.recording._curves import (
-    PANEL_BOUNDS,
-    Curve,
+    BoundedCurve,
     draw_panel,
     prepare_panel,
     variable_curves,
 )
-from microbot_ocp.views.recording._limits import drawn_bounds
-from microbot_ocp.views.recording._surroundings import draw_surroundings, find_eye
-from microbot_ocp.views.recording._writer import MARKS, Writer, arm_path, file_writer, plot_path
+from microbot_ocp.views.recording._space import draw_base
+from microbot_ocp.views.recording._writer import MARKS, WORLD, Writer, file_writer, plot_path
 
 ITERATION = "iteration"  # iterations of all solvers so far
-ARM = "iterate"
+ARM = f"{WORLD}/iterate"
 APPLICATION = "microbot_ocp_iterations"  # a viewer keeps one layout for each
-POSES = 12  # of the arm along the motion
-EARLIER = 8  # iterations whose tool paths stay behind, faintly
-SMALLEST = 1e-16  # infeasibility that is drawn for none
-WIDE = 4  # more panels than this in a row: two columns
-PER_INTERVAL = 5  # samples of a state or control
 CONVERGENCE: dict[str, tuple[str, dict[str, Any]]] = {  # title and settings of the plot
     "cost": ("cost", {}),
     "infeasibility": (
@@ -93,11 +100,11 @@ class IterationRecorder:
         return {ITERATION: np.array([max(self.count, 0)])}
 
     def _say(self, text: str) -> None:
-        row = rr.TextLog.columns(text=[text], level=["INFO"], color=[VELOCITY_COLOR])
+        row = rr.TextLog.columns(text=[text], level=["INFO"], color=[STYLE.motion])
         self.writer.columns(MARKS, self._now, row)
 
     def _converge(self, iteration: Iteration) -> None:
-        power = np.log10(max(iteration.infeasibility, SMALLEST))
+        power = np.log10(max(iteration.infeasibility, 1e-16))  # the least that is drawn
         for name, value in (("cost", iteration.cost), ("infeasibility", power)):
             if np.isfinite(value):
                 row = rr.Scalars.columns(scalars=[value])
@@ -114,26 +121,27 @@ class IterationRecorder:
         if robot_moves:
             self._draw_arm(iteration)
 
-    def _prepare(self, iteration: Iteration, curves: Mapping[str, Curve]) -> None:
+    def _prepare(self, iteration: Iteration, curves: Mapping[str, BoundedCurve]) -> None:
         for name in curves:
             prepare_panel(self.writer, _path(name))
         for name in CONVERGENCE:
-            look = rr.SeriesLines(names=name, colors=SPEED_COLOR, widths=1.5)
+            look = rr.SeriesLines(names=name, colors=STYLE.speed, widths=1.5)
             self.writer.static(f"convergence/{name}", look)
         if isinstance(iteration, MotionIteration):
             _prepare_arm(self.writer, iteration)
         self.writer.layout(_blueprint(iteration, curves))
 
     def _draw_arm(self, iteration: MotionIteration) -> None:
+        """Draw the arm at twelve instants, and the path of its tool."""
         t, state = iteration.motion()
-        origins = link_origins(iteration.robot, state.q)
-        nearest = np.abs(t[:, None] - np.linspace(0.0, t[-1], POSES)).argmin(axis=0)
-        poses = origins[np.unique(nearest)].astype(np.float32)
+        origins = link_origins(iteration.robot, state.q).astype(np.float32)
+        nearest = np.abs(t[:, None] - np.linspace(0.0, t[-1], 12)).argmin(axis=0)
+        poses = origins[np.unique(nearest)]
         arms = rr.LineStrips3D.columns(strips=poses).partition([len(poses)])
-        self.writer.columns(arm_path(ARM, "poses"), self._now, arms)
-        path = origins[:, -1].astype(np.float32)[None]
-        for name in (arm_path(ARM, "trail"), arm_path(ARM, "earlier")):
-            self.writer.columns(name, self._now, rr.LineStrips3D.columns(strips=path))
+        self.writer.columns(f"{ARM}/poses", self._now, arms)
+        for name in ("trail", "earlier"):
+            path = rr.LineStrips3D.columns(strips=origins[None, :, -1])
+            self.writer.columns(f"{ARM}/{name}", self._now, path)
 
 
 @contextmanager
@@ -163,28 +171,31 @@ def record_iterations(path: str | Path, every: int = 1) -> Iterator[IterationRec
         recorder.finish()
 
 
-def motion_curves(iteration: MotionIteration) -> dict[str, Curve]:
-    """q, qd and tau of every joint, by "quantity/joint", in the units in which they are drawn."""
+def motion_curves(iteration: MotionIteration) -> dict[str, BoundedCurve]:
+    """Return q, qd and tau of every joint, by "quantity/joint/unit", in drawn units."""
     robot = iteration.robot
     t, state = iteration.motion()
     values = {"q": state.q, "qd": state.qd}
     if robot.has_dynamics:
         values["tau"] = iteration.torque()
-    curves = {}
-    for quantity, table in values.items():
-        for joint, name in enumerate(robot.joint_names):
-            shown = display_factor(robot, quantity, joint) * table[:, joint]
-            bounds = drawn_bounds(robot, quantity, joint)
-            key = f"{quantity}/{name}/{display_unit(robot, quantity, joint)}"
-            curves[key] = Curve(t, shown, *bounds)
-    return curves
+    return {
+        f"{quantity}/{name}/{display_unit(robot, quantity, joint)}": BoundedCurve(
+            t,
+            display_factor(robot, quantity, joint) * table[:, joint],
+            *drawn_bounds(robot, robot.limits, quantity, joint),
+        )
+        for quantity, table in values.items()
+        for joint, name in enumerate(robot.joint_names)
+    }
 
 
-def phase_curves(phases: tuple[PhaseSolution, ...]) -> dict[str, Curve]:
-    """Every component of every state, control and algebraic variable over the phases in a row."""
-    parts: dict[str, list[Curve]] = {}
-    start = 0.0
-    inside = np.linspace(1e-9, 1 - 1e-9, PER_INTERVAL)  # a control may jump between two intervals
+def phase_curves(phases: tuple[PhaseSolution, ...]) -> dict[str, BoundedCurve]:
+    """Return components of states, controls and algebraic variables over the phases in a row.
+
+    Each interval has five samples, the outer ones inside: a control may jump between two intervals.
+    """
+    parts: dict[str, list[BoundedCurve]] = {}
+    start, inside = 0.0, np.linspace(1e-9, 1 - 1e-9, 5)
     for phase in phases:
         t = (phase.t[:-1, None] + np.diff(phase.t)[:, None] * inside).ravel()
         for variable, k, curve in variable_curves(phase, t, start):
@@ -192,15 +203,11 @@ def phase_curves(phases: tuple[PhaseSolution, ...]) -> dict[str, Curve]:
             key = f"variables/{variable.name}{number}/{variable.unit}"
             parts.setdefault(key, []).append(curve)
         start += phase.duration
-    return {
-        key: Curve(
-            np.concatenate([curve.t for curve in curves]),
-            np.concatenate([curve.values for curve in curves]),
-            curves[-1].lower,
-            curves[-1].upper,
-        )
-        for key, curves in parts.items()
-    }
+    joined = {}
+    for key, curves in parts.items():
+        t, values = (np.concatenate([getattr(c, k) for c in curves]) for k in ("t", "values"))
+        joined[key] = BoundedCurve(t, values, curves[-1].lower, curves[-1].upper)
+    return joined
 
 
 def _path(key: str) -> str:
@@ -209,67 +216,48 @@ def _path(key: str) -> str:
     return plot_path(group, variable)
 
 
-def _via_places(iteration: MotionIteration) -> FloatArray:
-    return link_origins(iteration.robot, iteration.via_q)[:, -1]
-
-
 def _prepare_arm(writer: Writer, iteration: MotionIteration) -> None:
     robot, size = iteration.robot, reach(iteration.robot)
     names = [f"via {i + 1}" for i in range(len(iteration.via_q))]
-    draw_surroundings(writer, robot, _via_places(iteration), names, None)
-    for path, color, radius in (
-        (arm_path(ARM, "trail"), SPEED_COLOR, 0.006),
-        (arm_path(ARM, "earlier"), (*SPEED_COLOR[:3], 70), 0.0015),
-        (arm_path(ARM, "poses"), NEUTRAL_COLOR, 0.0025),
-    ):
-        look = rr.LineStrips3D.from_fields(radii=[radius * size], colors=[color])
-        writer.static(path, look)
+    draw_base(writer, robot, tool_places(robot, iteration.via_q), names)
+    writer.strips(f"{ARM}/trail", 0.006 * size, STYLE.speed)
+    writer.strips(f"{ARM}/earlier", 0.0015 * size, (*STYLE.speed[:3], 70))
+    writer.strips(f"{ARM}/poses", 0.0025 * size, STYLE.neutral)
 
 
-def _blueprint(iteration: Iteration, curves: Mapping[str, Curve]) -> rrb.Blueprint:
-    """The arm to the left where there is one, the curves to the right, convergence below."""
-    views: dict[str, list[rrb.Spatial2DView]] = {}
+def _blueprint(iteration: Iteration, curves: Mapping[str, BoundedCurve]) -> rrb.Blueprint:
+    """Return the arm to the left where there is one, the curves to the right, convergence below."""
+    (width, height), views = STYLE.panel, {}
+    bounds = rrb.VisualBounds2D(x_range=(-0.42, width + 0.12), y_range=(-height - 0.1, 0.24))
     for key in curves:
         group, variable, unit = key.split("/", 2)
         title = f"{variable} {group if group != 'variables' else ''}".strip()
-        panel = rrb.Spatial2DView(
-            origin=_path(key),
-            name=f"{title} [{unit}]" if unit else title,
-            visual_bounds=rrb.VisualBounds2D(x_range=PANEL_BOUNDS[0], y_range=PANEL_BOUNDS[1]),
-        )
+        name = f"{title} [{unit}]" if unit else title
+        panel = rrb.Spatial2DView(origin=_path(key), name=name, visual_bounds=bounds)
         views.setdefault(group, []).append(panel)
-    widest = max(len(row) for row in views.values())
-    if isinstance(iteration, MotionIteration) and widest <= WIDE:
+    moves, widest = isinstance(iteration, MotionIteration), max(map(len, views.values()))
+    wide = widest > STYLE.side_by_side
+    if moves and not wide:
         shown = rrb.Grid(*(v for row in views.values() for v in row), grid_columns=widest)
     elif len(views) == 1:
-        shown = rrb.Grid(*next(iter(views.values())), grid_columns=3 if widest > WIDE else 2)
+        shown = rrb.Grid(*next(iter(views.values())), grid_columns=3 if wide else 2)
     else:
         shown = rrb.Tabs(*(rrb.Grid(*v, grid_columns=2, name=g) for g, v in views.items()))
-    convergence = rrb.Horizontal(
-        *(
-            plot_view(title, origin=f"convergence/{name}", **settings)
-            for name, (title, settings) in CONVERGENCE.items()
-        )
-    )
+    plots = [
+        plot_view(title, origin=f"convergence/{name}", **settings)
+        for name, (title, settings) in CONVERGENCE.items()
+    ]
+    whole = rrb.Vertical(shown, rrb.Horizontal(*plots), row_shares=[2.4, 1.0])
     if isinstance(iteration, MotionIteration):
-        left = rrb.Vertical(_space(iteration), text_lines_view("solves"), row_shares=[2.6, 1.0])
-        right = rrb.Vertical(shown, convergence, row_shares=[2.6, 1.0])
-        whole = rrb.Horizontal(left, right, column_shares=[1.0, 1.15])
-    else:
-        whole = rrb.Vertical(shown, convergence, row_shares=[2.2, 1.0])
+        left = rrb.Vertical(_space(iteration), marks_view("solves"), row_shares=[2.6, 1.0])
+        whole = rrb.Horizontal(left, whole, column_shares=[1.0, 1.15])
     return folded(whole, timeline=ITERATION, play_state="following", fps=10.0)
 
 
 def _space(iteration: MotionIteration) -> rrb.Spatial3DView:
+    """Return the arm in space; the tool's paths of eight earlier iterations stay, faintly."""
     robot = iteration.robot
     q = np.vstack([iteration.via_q, iteration.motion()[1].q])
-    behind = rrb.VisibleTimeRange(
-        ITERATION,
-        start=rrb.TimeRangeBoundary.cursor_relative(seq=-EARLIER),
-        end=rrb.TimeRangeBoundary.cursor_relative(),
-    )
-    return space_view(
-        robot,
-        find_eye(robot, q, _via_places(iteration), 0.06 * reach(robot)),
-        {arm_path(ARM, "earlier"): rrb.VisibleTimeRanges([behind])},
-    )
+    eye = find_eye(robot, q, tool_places(robot, iteration.via_q), STYLE.label * reach(robot))
+    behind = rrb.VisibleTimeRanges([behind_cursor(ITERATION, 8)])
+    return space_view(robot, eye, {f"{ARM}/earlier": behind})

@@ -5,7 +5,7 @@ Spells at a limit become lanes of the state timeline, points on the trail and li
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -14,33 +14,16 @@ import rerun as rr
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.limits import AT_LIMIT, LIMIT_TOLERANCE, LimitValues, Member, quantity_name
 from microbot_ocp.robot import JointLimits, Robot
-from microbot_ocp.views._scene import AxisLimits, display_factor, near_limits, reach
-from microbot_ocp.views.recording._animated_arm import (
-    BEYOND_COLOR,
-    JOINT_CURVES,
-    SATURATED_COLOR,
-    SPEED_COLOR,
-    VIA_COLOR,
-    AnimatedArm,
-    Color,
-)
-from microbot_ocp.views.recording._curves import draw_bound, draw_curve, draw_dashed
-from microbot_ocp.views.recording._surroundings import upward
-from microbot_ocp.views.recording._writer import (
-    MARKS,
-    TIME,
-    Times,
-    Writer,
-    arm_path,
-    lane_path,
-    plot_path,
-)
+from microbot_ocp.views._eye import upward
+from microbot_ocp.views._scene import reach, tool_places
+from microbot_ocp.views._style import STYLE
+from microbot_ocp.views.recording._animated_arm import AnimatedArm
+from microbot_ocp.views.recording._curves import draw_curve
+from microbot_ocp.views.recording._writer import MARKS, TIME, Times, Writer, plot_path
 
+JOINT_CURVES = ("q", "qd", "qdd", "tau")  # have curves of their own
 QUANTITIES = ("qd", "qdd", "tau")  # every motion comes near some limit of its positions
-LABEL_HEIGHT = 0.05  # of a switch, share of the reach
-LABEL_TIME = 0.1  # that it stands, share of the motion
 FREE = "within"
-SIDES = {-1: "min", 1: "max"}
 
 
 class LimitSpell(NamedTuple):
@@ -53,33 +36,36 @@ class LimitSpell(NamedTuple):
 
 
 def limit_spells(arm: AnimatedArm) -> list[LimitSpell]:
-    """Every spell of an arm at a limit but those of positions, in order of time."""
+    """Return every spell of an arm at a limit but those of positions, in order of time."""
     if arm.history is None:
         return []
-    found = []
+    spells = []
     t, family = arm.history.t, arm.history.family
     for spell in arm.history.every_spell():
         member, k = family[spell.quantity], spell.joint
         first, last = (int(i) for i in np.searchsorted(t, [spell.start, spell.end]))
         peak = float(arm.history.use[spell.quantity][first : last + 1, k].max())
-        text = f"{member.name if member.limit is None else member.title(k)} {SIDES[spell.side]}"
-        if peak > 1.0 + LIMIT_TOLERANCE:
-            text += " exceeded"
-        found.append(LimitSpell(k if member.limit is None else None, text, first, last))
-    return sorted(found, key=lambda spell: (spell.first, lane_order(spell.joint)))
+        text = member.name if member.limit is None else member.title(k)
+        text += " max" if spell.side > 0 else " min"
+        text += " exceeded" if peak > 1.0 + LIMIT_TOLERANCE else ""
+        spells.append(LimitSpell(k if member.limit is None else None, text, first, last))
+    return sorted(spells, key=lambda spell: (spell.first, lane_order(spell.joint)))
 
 
 def lane_order(joint: int | None) -> float:
-    """Joints in their order, then what is not of a joint."""
+    """Order joints as they are, then what is not of a joint."""
     return np.inf if joint is None else joint
 
 
-def _further(arm: AnimatedArm) -> list[tuple[Member, LimitValues]]:
-    """The limits beside those of position, velocity, acceleration and torque, with values."""
-    if arm.history is None:
-        return []
-    family, limited = arm.history.family, arm.history.limited
-    return [(family[key], limited[key]) for key in limited if key not in JOINT_CURVES]
+def lane_path(robot: Robot, name: str, joint: int | None) -> str:
+    """Return the path of the lane of a joint (0-based), or of limits that are not of a joint.
+
+    Lanes are shown in the order of their paths.
+    """
+    count = robot.joint_count
+    number = count + 1 if joint is None else joint + 1
+    label = "other" if joint is None else robot.joint_names[joint].replace(" ", "_")
+    return rr.new_entity_path(["saturation", name, f"{number:0{len(str(count))}d}_{label}"])
 
 
 class LimitPlot(NamedTuple):
@@ -89,42 +75,48 @@ class LimitPlot(NamedTuple):
     label: str
     title: str
 
+    @property
+    def path(self) -> str:
+        """Where its curves are."""
+        return plot_path(self.key, self.label)
+
+
+def _further(arm: AnimatedArm) -> list[tuple[LimitPlot, int, Member, LimitValues]]:
+    """Return components of limits beside those of position, velocity, acceleration and torque."""
+    if arm.history is None:
+        return []
+    rows = []
+    for key, values in arm.history.limited.items():
+        member = arm.history.family[key]
+        for k in np.flatnonzero(member.limited).tolist() if key not in JOINT_CURVES else ():
+            unit = f" [{member.units[k]}]" if member.units[k] else ""
+            plot = LimitPlot(key, member.labels[k] or "value", f"{member.title(k)}{unit}")
+            rows.append((plot, k, member, values))
+    return rows
+
 
 def limit_plots(arms: Sequence[AnimatedArm]) -> list[LimitPlot]:
-    """Plots of the further limits that some arm has values of."""
-    found = []
-    for arm in arms:
-        for member, _ in _further(arm):
-            for k in np.flatnonzero(member.limited).tolist():
-                unit = f" [{member.units[k]}]" if member.units[k] else ""
-                label = member.labels[k] or "value"
-                found.append(LimitPlot(member.key, label, f"{member.title(k)}{unit}"))
-    return list(dict.fromkeys(found))
+    """Return plots of the further limits that some arm has values of."""
+    return list(dict.fromkeys(plot for arm in arms for plot, *_ in _further(arm)))
 
 
 def draw_limit_curves(writer: Writer, arm: AnimatedArm, end: Times) -> None:
-    """Values of the further limits along the motion; the bounds beside those of the solid arm."""
-    whole = {key: (0.0, float(value[0])) for key, value in end.items()}
-    for member, values in _further(arm):
-        for k in np.flatnonzero(member.limited):
-            path = plot_path(member.key, member.labels[k] or "value")
-            draw_curve(writer, arm, f"{path}/{arm.name}", arm.times, values.value[:, k])
-            if not arm.look.solid:
-                continue
-            for side, bound in (("lower", values.lower), ("upper", values.upper)):
-                own = np.broadcast_to(bound, values.value.shape)[:, k]
-                if np.isinf(own).all():
-                    continue
-                if np.ptp(own) == 0.0:
-                    draw_dashed(writer, f"{path}/limit_{side}", [(whole, float(own[0]))])
-                else:
-                    draw_bound(writer, f"{path}/limit_{side}", arm.times, own)
+    """Draw values of the further limits along the motion; bounds beside those of the solid arm."""
+    for plot, k, _, values in _further(arm):
+        draw_curve(writer, arm, plot.path, values.value[:, k])
+        for side in ("lower", "upper") if arm.look.solid else ():
+            bound = np.broadcast_to(getattr(values, side), values.value.shape)[:, k]
+            path = f"{plot.path}/limit_{side}"
+            if np.isfinite(bound).any() and np.ptp(bound) > 0.0:
+                writer.curve(path, arm.times, bound)
+            elif np.isfinite(bound).any():
+                writer.level(path, float(bound[0]), end)
 
 
 def limit_notes(arm: AnimatedArm) -> list[str]:
-    """A sentence on the peak of every further limit."""
+    """Write a sentence on the peak of every further limit."""
     notes = []
-    for member, drawn in _further(arm):
+    for member, drawn in {m.key: (m, values) for _, _, m, values in _further(arm)}.values():
         assert arm.history is not None
         t, values, use = arm.history.judged(member.key)
         i, k = np.unravel_index(int(use.argmax()), use.shape)
@@ -133,82 +125,73 @@ def limit_notes(arm: AnimatedArm) -> list[str]:
         asks = f"at most {100 * use[i, k]:.0f} % of its limit of"
         if i >= len(drawn.value) and use[i, k] > 1.0:
             asks = "the acceleration jumps, beyond its limit of"
-        notes.append(
-            f"{title[0].upper()}{title[1:]}: {asks} {bound:.4g} {unit}".rstrip()
-            + f", at {t[i]:.3f} s."
-        )
+        sentence = f"{title[0].upper()}{title[1:]}: {asks} {bound:.4g} {unit}".rstrip()
+        notes.append(f"{sentence}, at {t[i]:.3f} s.")
     return notes
 
 
 def signed_share(
     limits: JointLimits, quantity: str, values: FloatArray, joint: int
 ) -> tuple[FloatArray, np.ndarray]:
-    """Shares [N] of a joint's limit with the sign of the values [N], and whether it is met [N].
+    """Return shares [N] of a joint's limit with the values' signs, and whether it is met [N].
 
     Without a limit they are shares of the largest value, and it is never met.
     """
     lower, upper = (float(bound[joint]) for bound in limits.bounds(quantity))
-    own = np.where(values >= 0.0, upper, -lower)
-    if np.isfinite(own).all():
-        share = np.divide(values, own, out=np.sign(values), where=own > 0.0)
+    bound = np.where(values >= 0.0, upper, -lower)
+    if np.isfinite(bound).all():
+        share = np.divide(values, bound, out=np.sign(values), where=bound > 0.0)
         return share, np.abs(share) >= AT_LIMIT
     largest = float(np.abs(values).max())
     share = values / largest if largest > 0.0 else np.zeros_like(values)
     return share, np.zeros(len(values), dtype=bool)
 
 
-def drawn_bounds(robot: Robot, quantity: str, joint: int) -> tuple[float, float]:
-    """Lower and upper limit of a robot's joint in drawn units."""
-    factor = display_factor(robot, quantity, joint)
-    lower, upper = (factor * float(bound[joint]) for bound in robot.limits.bounds(quantity))
-    return lower, upper
-
-
-def axis_limits(
-    robot: Robot, limits: JointLimits, arms: Sequence[AnimatedArm], quantity: str, joint: int
-) -> AxisLimits:
-    """Limits near enough to the curves of all arms to be drawn beside them."""
-    values = [arm.curves[quantity][:, joint] for arm in arms if quantity in arm.curves]
-    joined = np.concatenate(values) if values else np.zeros(0)
-    return near_limits(robot, limits, quantity, joint, joined)
-
-
 def peak_table(arm: AnimatedArm) -> tuple[list[str], list[list[str]]]:
-    """Heads, and a row for every joint: an arm's peaks, % of the limits where there are any."""
+    """Return heads and a row for every joint: an arm's peaks, % of the limits there are."""
     assert arm.history is not None
     use = {key: arm.history.use[key].max(axis=0) for key in QUANTITIES if key in arm.history.use}
-    rows = [[name] for name in arm.history.family.robot.joint_names]
-    for peaks in use.values():
-        for row, peak in zip(rows, peaks, strict=True):
-            row.append(f"{100 * peak:.0f}" if peak > 0.0 else "–")
+    rows = [
+        [name, *(f"{100 * peaks[k]:.0f}" if peaks[k] > 0.0 else "–" for peaks in use.values())]
+        for k, name in enumerate(arm.history.family.robot.joint_names)
+    ]
     return ["joint", *(f"peak {key} [%]" for key in use)], rows
 
 
 class Switch(NamedTuple):
-    """A sample at which a spell begins or ends."""
+    """A sample at which a spell begins or ends, and such as "elbow torque max begins"."""
 
     sample: int
-    spell: LimitSpell
+    text: str
     begins: bool
 
-    def text(self, robot: Robot) -> str:
-        """Such as "elbow torque max begins"."""
-        joint = self.spell.joint
-        owner = "" if joint is None else f"{robot.joint_names[joint]} "
-        return f"{owner}{self.spell.text} {'begins' if self.begins else 'ends'}"
 
-
-def _switches(spells: Iterable[LimitSpell], count: int) -> list[Switch]:
-    """Where spells begin and end within a motion of ``count`` samples, in order of time."""
-    every = [Switch(spell.first, spell, True) for spell in spells if spell.first > 0]
-    every += [Switch(spell.last, spell, False) for spell in spells if spell.last < count - 1]
+def _switches(robot: Robot, spells: Sequence[LimitSpell], count: int) -> list[Switch]:
+    """Return where spells begin and end within a motion of ``count`` samples, in order of time."""
+    every = []
+    for spell in spells:
+        owner = "" if spell.joint is None else f"{robot.joint_names[spell.joint]} "
+        if spell.first > 0:
+            every.append(Switch(spell.first, f"{owner}{spell.text} begins", True))
+        if spell.last < count - 1:
+            every.append(Switch(spell.last, f"{owner}{spell.text} ends", False))
     return sorted(every, key=lambda switch: switch.sample)
 
 
-def draw_lanes(
+def draw_spells(
     writer: Writer, robot: Robot, arm: AnimatedArm, spells: Sequence[LimitSpell]
 ) -> None:
-    """A lane for every joint that shows at which limit it is, for the state timeline.
+    """Draw spells at limits as lanes, points on the trail, and lines of text."""
+    switches = _switches(robot, spells, len(arm.q))
+    _draw_lanes(writer, robot, arm, spells)
+    _draw_switches(writer, robot, arm, switches)
+    _draw_marks(writer, arm, switches)
+
+
+def _draw_lanes(
+    writer: Writer, robot: Robot, arm: AnimatedArm, spells: Sequence[LimitSpell]
+) -> None:
+    """Draw a lane for every joint that shows at which limit it is, for the state timeline.
 
     One more lane is for the limits that are not of a joint, where one of them is met.
     """
@@ -222,59 +205,53 @@ def draw_lanes(
         states[states == ""] = FREE
         states[-1] = FREE  # the lane ends where the motion does
         change = np.flatnonzero(np.append(True, states[1:] != states[:-1]))
-        path = lane_path(robot, arm.name, joint)
-        known = sorted(set(states))
-        colors = [_lane_color(state) for state in known]
-        visible = [state != FREE for state in known]
-        writer.static(path, rr.StateConfiguration(values=known, colors=colors, visible=visible))
-        times = {key: value[change] for key, value in arm.times.items()}
-        writer.columns(path, times, rr.StateChange.columns(state=list(states[change])))
+        path, values = lane_path(robot, arm.name, joint), sorted(set(states))
+        colors = [
+            STYLE.broken
+            if "exceeded" in state
+            else STYLE.saturated
+            if quantity_name("tau") in state
+            else STYLE.speed
+            for state in values
+        ]
+        visible = [state != FREE for state in values]
+        writer.static(path, rr.StateConfiguration(values=values, colors=colors, visible=visible))
+        columns = rr.StateChange.columns(state=list(states[change]))
+        writer.columns(path, arm.at(change), columns)
 
 
-def _lane_color(state: str) -> Color:
-    if "exceeded" in state:
-        return BEYOND_COLOR
-    return SATURATED_COLOR if quantity_name("tau") in state else SPEED_COLOR
-
-
-def draw_switches(
-    writer: Writer, robot: Robot, arm: AnimatedArm, spells: Sequence[LimitSpell], tool: FloatArray
+def _draw_switches(
+    writer: Writer, robot: Robot, arm: AnimatedArm, switches: Sequence[Switch]
 ) -> None:
-    """A point on the trail ``tool`` [N,3] wherever a limit is reached or left."""
-    switches = _switches(spells, len(arm.q))
+    """Draw a point on the trail wherever a limit is reached or left."""
     if not switches:
         return
     at = np.array([switch.sample for switch in switches])
-    colors = [SATURATED_COLOR if switch.begins else VIA_COLOR for switch in switches]
-    path = arm_path(arm.name, "switches")
-    times = {key: value[at] for key, value in arm.times.items()}
+    colors = [STYLE.saturated if switch.begins else STYLE.bright for switch in switches]
+    path, places = arm.path("switches"), tool_places(robot, arm.q[at])
     writer.static(path, rr.Points3D.from_fields(radii=[0.5 * arm.look.radius]))
-    writer.columns(path, times, rr.Points3D.columns(positions=tool[at], colors=colors))
-    # all labels at once would hide each other: one stands until the next, or for a while
-    labels = [switch.text(robot) for switch in switches]
+    points = rr.Points3D.columns(positions=places, colors=colors)
+    writer.columns(path, arm.at(at), points)
+    # all labels at once would hide each other: one stands until the next, or a tenth of the motion
     tiny = rr.Points3D.from_fields(radii=[1e-3 * arm.look.radius], show_labels=True)
     writer.static(f"{path}/latest", tiny)
-    above = tool[at] + LABEL_HEIGHT * reach(robot) * upward(robot)
+    above = places + 0.05 * reach(robot) * upward(robot)
+    labels = [switch.text for switch in switches]
     labelled = rr.Points3D.columns(positions=above, colors=colors, labels=labels)
-    writer.columns(f"{path}/latest", times, labelled)
-    following = np.append(at[1:], len(arm.q))
-    gone = at + int(LABEL_TIME * len(arm.q))
-    gone = gone[gone < following]
+    writer.columns(f"{path}/latest", arm.at(at), labelled)
+    gone = at + len(arm.q) // 10
+    gone = gone[gone < np.append(at[1:], len(arm.q))]
     if gone.size:
-        times = {key: value[gone] for key, value in arm.times.items()}
         nothing = rr.Points3D.columns(positions=np.zeros((0, 3)), labels=[])
         empty = [column.partition(np.zeros(len(gone), dtype=int)) for column in nothing]
-        writer.columns(f"{path}/latest", times, empty)
+        writer.columns(f"{path}/latest", arm.at(gone), empty)
 
 
-def draw_marks(
-    writer: Writer, robot: Robot, arm: AnimatedArm, spells: Sequence[LimitSpell]
-) -> None:
-    """A line of text for every mark and every switch; whose it is, if there are several."""
+def _draw_marks(writer: Writer, arm: AnimatedArm, switches: Sequence[Switch]) -> None:
+    """Write a line of text for every mark and every switch; whose it is, if there are several."""
     clock = arm.times[TIME]
     lines = [(mark.time, mark.name) for mark in arm.marks]
-    for switch in _switches(spells, len(arm.q)):
-        lines.append((float(clock[switch.sample]), switch.text(robot)))
+    lines += [(float(clock[switch.sample]), switch.text) for switch in switches]
     if not lines:
         return
     lines.sort(key=lambda line: line[0])

@@ -13,21 +13,10 @@ import rerun.blueprint as rrb
 from microbot_ocp._base.checks import InputError
 from microbot_ocp._base.table import Table
 from microbot_ocp.ocp.solution import Solution
-from microbot_ocp.views.recording._animated_arm import VARIABLE_COLOR
-from microbot_ocp.views.recording._blueprint import playing, plot_view
-from microbot_ocp.views.recording._curves import Curve, draw_dashed, variable_curves
-from microbot_ocp.views.recording._writer import (
-    APPLICATION,
-    PHASES,
-    SUMMARY,
-    TIME,
-    Writer,
-    file_writer,
-    plot_path,
-)
-
-POINTS = 400  # samples of a phase
-COLUMNS = 3  # of plots
+from microbot_ocp.views._style import STYLE
+from microbot_ocp.views.recording._blueprint import playing, plot_view, text_view
+from microbot_ocp.views.recording._curves import BoundedCurve, variable_curves
+from microbot_ocp.views.recording._writer import APPLICATION, TIME, Writer, file_writer, plot_path
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,55 +33,47 @@ class SolutionRecording:
     """
 
     title: str
-    variables: dict[tuple[str, str], tuple[Curve, ...]]
+    variables: dict[tuple[str, str], list[BoundedCurve]]
     phases: tuple[tuple[float, str], ...]
     end: float
     summary: Table
 
     def blueprint(self) -> rrb.Blueprint:
-        """Plots of every variable over lanes of the phases; the summary to the left."""
+        """Return plots of every variable over lanes of the phases; the summary to the left."""
         plots = [
             plot_view(f"{name} [{unit}]" if unit else name, origin=plot_path(name))
             for name, unit in self.variables
         ]
-        grid = rrb.Grid(*plots, grid_columns=min(COLUMNS, len(plots)))
-        lanes = rrb.StateTimelineView(origin=PHASES, name="phases")
-        left = rrb.TextDocumentView(origin=SUMMARY, name="summary")
+        grid = rrb.Grid(*plots, grid_columns=min(3, len(plots)))
+        lanes = rrb.StateTimelineView(origin="phases", name="phases")
         right = rrb.Vertical(grid, lanes, row_shares=[6.0, 1.0])
-        whole = rrb.Horizontal(left, right, column_shares=[1.0, 2.2])
+        whole = rrb.Horizontal(text_view(), right, column_shares=[1.0, 2.2])
         return playing(whole, TIME, self.end)
 
     def write(self, writer: Writer) -> None:
         """Send everything but the layout."""
         writer.summary(self.summary)
         for (name, _), curves in self.variables.items():
-            path = plot_path(name)
-            look = rr.SeriesLines.from_fields(names=[name], colors=[VARIABLE_COLOR], widths=[2.0])
-            writer.static(f"{path}/solution", look)
-            times = {TIME: np.concatenate([curve.t for curve in curves])}
+            path, times = plot_path(name), {TIME: np.concatenate([c.t for c in curves])}
             values = np.concatenate([curve.values for curve in curves])
-            writer.columns(f"{path}/solution", times, rr.Scalars.columns(scalars=values))
+            writer.curve(f"{path}/solution", times, values, name, STYLE.variable, 2.0)
             for side in ("lower", "upper"):
-                spans = [
-                    ({TIME: (curve.t[0], curve.t[-1])}, getattr(curve, side))
-                    for curve in curves
-                    if np.isfinite(getattr(curve, side))
-                ]
-                draw_dashed(writer, f"{path}/limit_{side}", spans)
-        begins = {TIME: np.array([begin for begin, _ in self.phases])}
-        names = [name for _, name in self.phases]
-        writer.columns(PHASES, begins, rr.StateChange.columns(state=names))
+                bounds = [({TIME: curve.t[[0, -1]]}, getattr(curve, side)) for curve in curves]
+                finite = [span for span in bounds if np.isfinite(span[1])]
+                writer.dashes(f"{path}/limit_{side}", finite)
+        begins, names = zip(*self.phases, strict=True)
+        columns = rr.StateChange.columns(state=names)
+        writer.columns("phases", {TIME: np.array(begins)}, columns)
 
     def save(self, path: str | Path) -> Path:
         """Write an ``.rrd`` with its layout, whole or not at all."""
-        application = f"{APPLICATION} {self.title}"
-        with file_writer(path, self.blueprint(), application) as writer:
+        with file_writer(path, self.blueprint(), f"{APPLICATION} {self.title}") as writer:
             self.write(writer)
         return Path(path)
 
 
 def of_solution(solution: Solution, name: str = "solution") -> SolutionRecording:
-    """States, controls and algebraic variables of a solve, converged or not, with their bounds.
+    """Return states, controls and algebraic variables of a solve, converged or not, with bounds.
 
     ``name`` is that of the problem.
 
@@ -102,31 +83,28 @@ def of_solution(solution: Solution, name: str = "solution") -> SolutionRecording
         A solution that no solve made: it has no interpolation between its mesh points.
     """
     begins = list(accumulate((phase.duration for phase in solution.phases), initial=0.0))
-    found: dict[tuple[str, str], list[Curve]] = {}
+    variables: dict[tuple[str, str], list[BoundedCurve]] = {}
     for begin, phase in zip(begins, solution.phases, strict=False):
         if phase.layout is None:
             raise InputError(
                 f"phase {phase.name!r} was not made by a solve: it has mesh values only"
             )
-        t = np.union1d(np.linspace(0.0, phase.duration, POINTS), phase.t)
+        t = np.union1d(np.linspace(0.0, phase.duration, STYLE.points), phase.t)
         for variable, k, curve in variable_curves(phase, t, begin):
             name_k = variable.name if variable.size == 1 else f"{variable.name}[{k}]"
-            found.setdefault((name_k, variable.unit), []).append(curve)
+            variables.setdefault((name_k, variable.unit), []).append(curve)
     rows = [[phase.name, f"{phase.duration:.6g}"] for phase in solution.phases]
+    attempts = [
+        f"{a.solver}: {a.status} after {a.iterations} iterations." for a in solution.attempts
+    ]
     return SolutionRecording(
         title=name,
-        variables={key: tuple(curves) for key, curves in found.items()},
+        variables=variables,
         phases=tuple(zip(begins, (phase.name for phase in solution.phases), strict=False)),
         end=begins[-1],
         summary=replace(
             Table.of_text(["phase", "duration [s]"], rows),
             title=f"{name}: {solution.status}, cost {solution.cost:.8g}",
-            notes=[
-                solution.advice,
-                *(
-                    f"{a.solver}: {a.status} after {a.iterations} iterations."
-                    for a in solution.attempts
-                ),
-            ],
+            notes=[solution.advice, *attempts],
         ),
     )

@@ -7,18 +7,16 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
-from matplotlib import colormaps
 
 from microbot_ocp._base.status import Status
 from microbot_ocp.sweeps import Sweep
-from microbot_ocp.views.plots._style import JOINT_COLORS
-from microbot_ocp.views.recording._blueprint import folded
-from microbot_ocp.views.recording._writer import SUMMARY, WORLD, file_writer
+from microbot_ocp.views._eye import Eye
+from microbot_ocp.views._style import STYLE, look, rgb
+from microbot_ocp.views.recording._blueprint import eye_controls, folded, text_view
+from microbot_ocp.views.recording._writer import WORLD, file_writer
 from microbot_ocp.views.tables._sweep import sweep as sweep_table
 
-MOST_POINTS = 200_000
-SIZE = 0.012  # radius of a point, of the workspace
-TILT = np.array([0.75, -1.0, 0.55])
+MOST_POINTS = 200_000  # what a viewer turns smoothly
 
 
 def of_sweep(results: Sweep, path: str | Path) -> Path:
@@ -26,54 +24,52 @@ def of_sweep(results: Sweep, path: str | Path) -> Path:
 
     Where more than 200,000 cases are done it shows the first so many.
     """
-    read = results.read(["goal_x", "goal_y", "goal_z", f"{results.best}_limit",
-                         f"{results.best}_status"])  # fmt: skip
-    kept = slice(0, MOST_POINTS)
-    places = np.column_stack([read[f"goal_{axis}"] for axis in "xyz"])[kept]
+    best, first = results.best, slice(MOST_POINTS)
+    names = ["goal_x", "goal_y", "goal_z", f"{best}_limit", f"{best}_status"]
+    *goals, limit, status = (column[first] for column in results.read(names).values())
+    places = np.column_stack(goals)
     known = np.isfinite(places).all(axis=1)
-    solved = (read[f"{results.best}_status"] == Status.SOLVED)[kept]
-    middle, width = np.zeros(3), 1.0
+    low, high = np.zeros(3), np.ones(3)
     if known.any():
-        middle = (places[known].min(axis=0) + places[known].max(axis=0)) / 2
-        width = float(np.ptp(places[known], axis=0).max()) or 1.0
-    views = []
-    table = sweep_table(results)
-
-    def view(name: str, title: str) -> None:
-        eye = rrb.EyeControls3D(
-            kind=rrb.Eye3DKind.Orbital, position=middle + 1.25 * width * TILT, look_target=middle,
-            eye_up=[0, 0, 1],
-        )  # fmt: skip
-        views.append(rrb.Spatial3DView(origin=f"{WORLD}/{name}", name=title, eye_controls=eye))
-
-    others = [method for method in results.methods if method != results.best]
-    for method in others:
-        view(f"saved_{method}", f"time saved against {method}: 0 % dark, 60 % and more bright")
-    view("limits", "limit that is at work longest")
-    text = rrb.TextDocumentView(origin=SUMMARY, name="summary")
-    layout = folded(rrb.Vertical(rrb.Tabs(*views), text, row_shares=[2.6, 1.0]))
+        low, high = places[known].min(axis=0), places[known].max(axis=0)
+    middle, width = (low + high) / 2, float(np.max(high - low)) or 1.0
+    eye = Eye(middle + width * np.array([0.95, -1.25, 0.7]), middle, np.eye(3)[2])
+    titles = {
+        f"saved_{method}": f"time saved against {method}: 0 % dark, 60 % and more bright"
+        for method in results.methods
+        if method != best
+    }
+    views = [
+        rrb.Spatial3DView(origin=f"{WORLD}/{name}", name=title, eye_controls=eye_controls(eye))
+        for name, title in {**titles, "limits": "limit that is at work longest"}.items()
+    ]
+    shares = [2.6, 1.0]
+    layout = folded(rrb.Vertical(rrb.Tabs(*views), text_view(), row_shares=shares))
+    radius = 0.012 * width
     with file_writer(path, layout) as writer:
         writer.static(WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP)
-        writer.summary(table)
-        for method in others:
-            saved = results.savings(method)[kept]
+        writer.summary(sweep_table(results))
+        for name in titles:
+            saved = results.savings(name.removeprefix("saved_"))[first]
             shown = known & np.isfinite(saved)
-            colors = (255 * colormaps["viridis"](np.clip(saved[shown] / 0.6, 0, 1))).astype(
-                np.uint8
-            )
-            labels = [f"case {k}: {100 * s:.1f} %" for k, s in
-                      zip(np.flatnonzero(shown), saved[shown], strict=True)]  # fmt: skip
+            labels = [f"case {k}: {100 * saved[k]:.1f} %" for k in np.flatnonzero(shown)]
+            colors = _viridis(saved[shown] / 0.6)
             points = rr.Points3D(
-                places[shown], colors=colors, radii=SIZE * width, labels=labels, show_labels=False
+                places[shown], colors=colors, radii=radius, labels=labels, show_labels=False
             )
-            writer.static(f"{WORLD}/saved_{method}/goals", points)
-            failed = known & ~shown
-            rest = rr.Points3D(places[failed], colors=[(150, 150, 150)], radii=0.4 * SIZE * width)
-            writer.static(f"{WORLD}/saved_{method}/not_solved", rest)
+            writer.static(f"{WORLD}/{name}/goals", points)
+            rest = rr.Points3D(places[known & ~shown], colors=[STYLE.dull], radii=0.4 * radius)
+            writer.static(f"{WORLD}/{name}/not_solved", rest)
         for place, name in enumerate(results.about["limits"]):
-            mine = known & solved & (read[f"{results.best}_limit"][kept] == name)
-            color = JOINT_COLORS[place % len(JOINT_COLORS)]
-            rgb = tuple(int(color[k : k + 2], 16) for k in (1, 3, 5))
-            points = rr.Points3D(places[mine], colors=[rgb], radii=SIZE * width)
+            decided = known & (status == Status.SOLVED) & (limit == name)
+            color = rgb(look(place, joints=True)["color"])
+            points = rr.Points3D(places[decided], colors=[color], radii=radius)
             writer.static(f"{WORLD}/limits/{name}", points)
     return Path(path)
+
+
+def _viridis(share: np.ndarray) -> np.ndarray:
+    """Return colours [N,4] of shares [N] from dark to bright."""
+    from matplotlib import colormaps
+
+    return (255 * colormaps["viridis"](np.clip(share, 0, 1))).astype(np.uint8)

@@ -5,10 +5,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import rerun as rr
@@ -17,55 +18,25 @@ import rerun.blueprint as rrb
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.table import Table
 from microbot_ocp._base.writing import check_writable, write_whole
-from microbot_ocp.robot import Robot
+from microbot_ocp.robot import Mesh
+from microbot_ocp.views._solids import Solid
+from microbot_ocp.views._style import STYLE, Color
 
 APPLICATION = "microbot_ocp"
 
 TIME = "sim_time"  # duration since the start of the motion, s
 PROGRESS = "progress_permille"  # share of the joint path travelled, 0 to 1000
 BRANCH = "branch"  # number of a solution, from 1
-WHOLE = 1000  # the last value of PROGRESS
 Times = Mapping[str, FloatArray]  # values [N] by timeline: s on TIME, whole numbers elsewhere
 
 SUMMARY = "summary"
 MARKS = "marks"
-SATURATION = "saturation"
-PHASES = "phases"
 WORLD = "world"
-BASE = "world/base"
-PLACES = "world/places"
-TARGET = "world/target"
-
-
-def arm_path(name: str, *below: str) -> str:
-    """Path of an arm, or of something below it."""
-    return "/".join([WORLD, name, *below])
-
-
-def link_path(name: str, frame: int, *below: str) -> str:
-    """Path of the link frame ``frame`` (0 is the base) of an arm, or of something in it."""
-    return arm_path(name, f"link_{frame}", *below)
-
-
-def tool_path(name: str, *below: str) -> str:
-    """Path of an arm's tool, which does not turn, or of something at it."""
-    return arm_path(name, "tool", *below)
 
 
 def plot_path(*parts: str) -> str:
-    """Path of curves: a quantity, then the joint if it has one, then whose it is."""
+    """Return the path of curves: a quantity, then the joint if it has one, then whose it is."""
     return rr.new_entity_path(["plots", *parts])
-
-
-def lane_path(robot: Robot, name: str, joint: int | None) -> str:
-    """Path of the lane of a joint (0-based), or of limits that are not of a joint.
-
-    Lanes are shown in the order of their paths.
-    """
-    count = robot.joint_count
-    number = count + 1 if joint is None else joint + 1
-    label = "other" if joint is None else robot.joint_names[joint].replace(" ", "_")
-    return rr.new_entity_path([SATURATION, name, f"{number:0{len(str(count))}d}_{label}"])
 
 
 @dataclass(frozen=True)
@@ -95,6 +66,95 @@ class Writer:
         """Send a layout that was not known at the start."""
         self.stream.send_blueprint(blueprint)
 
+    def curve(
+        self,
+        path: str,
+        times: Times,
+        values: FloatArray,
+        name: str = "limit",
+        color: Color = STYLE.dull,
+        width: float = 1.2,
+    ) -> None:
+        """Log values [N], by default of a bound that varies."""
+        self._line(path, name, color, width)
+        self.columns(path, times, rr.Scalars.columns(scalars=values))
+
+    def dashes(self, path: str, spans: Sequence[tuple[Times, float]]) -> None:
+        """Log dashes at a value from begin to end [2] on every timeline, for each span.
+
+        Rows without a value interrupt the line.
+        """
+        spans = [span for span in spans if all(begin < end for begin, end in span[0].values())]
+        if not spans:
+            return
+        gap = 1e-6  # share of the span after a dash, where the row without a value is
+        edges = np.linspace(0.0, 1.0 - gap, 2 * STYLE.dashes)
+        share = np.column_stack([edges[::2], edges[1::2], edges[1::2] + gap]).ravel()
+        times = {
+            key: np.concatenate([span[key][0] + np.diff(span[key]) * share for span, _ in spans])
+            for key in spans[0][0]
+        }
+        self._line(path, "limit", STYLE.dull, 1.2)
+        scalars = rr.Scalars.columns(scalars=np.repeat([at for _, at in spans], len(edges)))
+        lengths = np.tile([1, 1, 0], STYLE.dashes * len(spans))
+        self.columns(path, times, scalars.partition(lengths=lengths))
+
+    def level(self, path: str, value: float | None, end: Times) -> None:
+        """Log dashes at a value, if there is one, over whole timelines up to ``end`` [1]."""
+        if value is not None:
+            whole = {key: np.array([0.0, last[0]]) for key, last in end.items()}
+            self.dashes(path, [(whole, value)])
+
+    def _line(self, path: str, name: str, color: Color, width: float) -> None:
+        self.static(path, rr.SeriesLines.from_fields(names=[name], colors=[color], widths=[width]))
+
+    def strips(self, path: str, radius: float, color: Color) -> None:
+        """Log how the lines in space at a path look."""
+        self.static(path, rr.LineStrips3D.from_fields(radii=[radius], colors=[color]))
+
+    def frame(self, path: str, pose: FloatArray) -> None:
+        """Log a pose [4,4] that does not change."""
+        self.static(path, rr.Transform3D(translation=pose[:3, 3], mat3x3=pose[:3, :3]))
+
+    def solid(self, path: str, solid: Solid) -> None:
+        """Log a body in its frame."""
+        if not np.array_equal(solid.pose, np.eye(4)):
+            self.frame(path, solid.pose)
+        self.static(path, _shape(solid))
+
+
+def _shape(solid: Solid) -> Any:
+    size, mesh = solid.size, solid.mesh
+    style: dict[str, Any] = {"colors": [solid.color], "fill_mode": "solid"}
+    if mesh is not None:
+        return rr.Mesh3D(
+            vertex_positions=mesh.vertices.astype(np.float32),
+            triangle_indices=mesh.triangles,
+            vertex_normals=_normals(mesh).astype(np.float32),
+            vertex_colors=mesh.colors,
+            albedo_factor=None if mesh.colors is not None else solid.color,
+        )
+    if solid.kind == "sphere":
+        return rr.Ellipsoids3D(radii=[size[0]], **style)
+    if solid.kind == "cylinder":
+        return rr.Cylinders3D(radii=[size[0]], lengths=[size[1]], **style)
+    if solid.kind == "capsule":  # Rerun's begin at their origin
+        start = [[0.0, 0.0, -size[1] / 2]]
+        return rr.Capsules3D(radii=[size[0]], lengths=[size[1]], translations=start, **style)
+    middle = [[0.0, 0.0, -size[2] / 2 if solid.kind == "plane" else 0.0]]
+    return rr.Boxes3D(half_sizes=[size / 2], centers=middle, **style)
+
+
+def _normals(mesh: Mesh) -> FloatArray:
+    """Return unit normals [N,3] of the vertices: without them the viewer does not shade."""
+    corners = mesh.vertices[mesh.triangles]
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = np.zeros_like(mesh.vertices)
+    for corner in range(3):
+        np.add.at(normals, mesh.triangles[:, corner], across)
+    size = np.linalg.norm(normals, axis=1, keepdims=True)
+    return np.divide(normals, size, out=np.zeros_like(normals), where=size > 0)
+
 
 def _time_column(timeline: str, values: FloatArray) -> rr.TimeColumn:
     if timeline == TIME:
@@ -106,7 +166,7 @@ def _time_column(timeline: str, values: FloatArray) -> rr.TimeColumn:
 def file_writer(
     path: str | Path, blueprint: rrb.Blueprint | None = None, application: str = APPLICATION
 ) -> Iterator[Writer]:
-    """Writer of a file with its layout inside; the file appears when all is written.
+    """Yield a writer of a file with its layout inside; the file appears when all is written.
 
     A viewer keeps one layout for each ``application``. The recording is gathered in memory: Rerun's
     own file sink waits for ever on a full disk.
@@ -125,7 +185,7 @@ def file_writer(
 
 
 def quaternions(rotations: FloatArray) -> FloatArray:
-    """Unit quaternions [N,4] (x, y, z, w) of rotation matrices [N,3,3].
+    """Return unit quaternions [N,4] (x, y, z, w) of rotation matrices [N,3,3].
 
     4 q q' is linear in the matrix, and every row of it is a multiple of q; the row with the
     largest diagonal entry is far from zero.
@@ -143,7 +203,7 @@ def quaternions(rotations: FloatArray) -> FloatArray:
 
 
 def along_z(vectors: FloatArray) -> FloatArray:
-    """Quaternions [N,4] that turn the z axis into the directions of vectors [N,3]."""
+    """Return quaternions [N,4] that turn the z axis into the directions of vectors [N,3]."""
     length = np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-12)
     x, y, z = (vectors / length).T
     turned = np.column_stack([-y, x, np.zeros_like(x), 1 + z])

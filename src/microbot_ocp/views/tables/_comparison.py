@@ -16,7 +16,7 @@ from microbot_ocp._base.writing import write_whole
 from microbot_ocp.comparison import Certificate, Comparison, Entry, LimitCheck
 from microbot_ocp.limits import JOINT_QUANTITIES, LimitFamily, not_judged, quantity_name
 from microbot_ocp.views._scene import display_factor, display_unit
-from microbot_ocp.views.plots._style import entry_styles
+from microbot_ocp.views._style import entry_title
 
 SCHEMA = 1
 SHOWN_JOINTS = 4  # more joints than this: the table shows the busiest one only
@@ -153,7 +153,7 @@ def _row(comparison: Comparison, entry: Entry, reference: float) -> Row:
     duration = motion.duration if motion is not None else math.nan
     row = {
         "name": entry.name,
-        "title": entry_styles(comparison)[entry.name].title,
+        "title": entry_title(entry),
         "status": entry.status,
         "duration": duration,
         "ratio": duration / reference,

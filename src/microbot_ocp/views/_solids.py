@@ -1,0 +1,164 @@
+"""Solid bodies as data: a robot's geometry, joints, obstacles and parts, for any kind of picture.
+
+Recordings write a :class:`Solid` as a shape of Rerun's, films draw its faces, and the eye of both
+asks whether it hides the arm.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp.planning import Payload
+from microbot_ocp.robot import Capsule, Mesh, Robot, Shape, read_mesh
+from microbot_ocp.scene import Box, ConvexMesh, Cylinder, HalfSpace, Sphere
+from microbot_ocp.views._scene import reach
+from microbot_ocp.views._style import STYLE, Color
+
+
+class Solid(NamedTuple):
+    """A body, centred at its frame.
+
+    Attributes
+    ----------
+    kind : str
+        "box", "sphere", "cylinder", "capsule", "mesh", or "plane", whose top is at z = 0.
+    size : array
+        Box and plane: edge lengths [3], m. Sphere: radius [1]. Cylinder and capsule, along z:
+        radius and length [2], that of a capsule without its caps.
+    pose : array [4,4]
+        Its frame in the frame that it is rigid in.
+    color : Color
+    mesh : Mesh, optional
+    """
+
+    kind: str
+    size: FloatArray
+    pose: FloatArray
+    color: Color
+    mesh: Mesh | None = None
+
+
+class Geometry(NamedTuple):
+    """What is drawn of a robot's own geometry in each frame, and why something is not."""
+
+    solids: tuple[tuple[int, Solid], ...]
+    missing: tuple[str, ...]
+
+
+@lru_cache(maxsize=8)
+def drawn_geometry(shapes: tuple[Shape, ...]) -> Geometry:
+    """Return visual shapes, collision shapes of links without any; none if one is not read."""
+    visual = {shape.link for shape in shapes if shape.role == "visual"}
+    chosen = [s for s in shapes if s.role == "visual" or s.link not in visual]
+    try:
+        return Geometry(tuple((shape.frame, _of_shape(shape)) for shape in chosen), ())
+    except InputError as problem:
+        return Geometry((), (f"Links are drawn as capsules: {problem}.",))
+
+
+def _of_shape(shape: Shape) -> Solid:
+    mesh, color = read_mesh(shape) if shape.kind == "mesh" else None, STYLE.metal
+    if shape.color is not None:
+        red, green, blue, alpha = (*(round(255 * part) for part in shape.color), 255)[:4]
+        color = (red, green, blue, alpha)
+        mesh = None if mesh is None else mesh._replace(colors=None)
+    return Solid(shape.kind, shape.size, shape.pose, color, mesh)
+
+
+def joint_solid(kind: str, radius: float, color: Color) -> Solid:
+    """Return a drum about the axis of a revolute joint, a bar along that of a prismatic one.
+
+    ``radius`` is that of a link, m.
+    """
+    thick, length = (factor * radius for factor in STYLE.joint)
+    if kind == "revolute":
+        return Solid("cylinder", np.array([thick, length]), np.eye(4), color)
+    return Solid("box", np.array([2 * thick, 2 * thick, length]), np.eye(4), color)
+
+
+def capsule_solid(capsule: Capsule, color: Color) -> Solid:
+    """Return a capsule in the frame that it is given in."""
+    along = capsule.end - capsule.start
+    length = float(np.linalg.norm(along))
+    pose = frame_along(along / length if length else np.eye(3)[2])
+    pose[:3, 3] = (capsule.start + capsule.end) / 2
+    return Solid("capsule", np.array([capsule.radius, length]), pose, color)
+
+
+def obstacle_solid(obstacle: Any, robot: Robot) -> Solid:
+    """Return an obstacle of a scene; of a half space what is near the robot."""
+    color, size = STYLE.obstacle, reach(robot)
+    if isinstance(obstacle, Capsule):
+        return capsule_solid(obstacle, color)
+    if isinstance(obstacle, HalfSpace):
+        pose, base = frame_along(obstacle.normal), robot.base[:3, 3]
+        pose[:3, 3] = base + (obstacle.offset - obstacle.normal @ base) * obstacle.normal
+        edges = size * np.array([2 * STYLE.plane, 2 * STYLE.plane, 0.02])
+        return Solid("plane", edges, pose, (*color[:3], 90))
+    if isinstance(obstacle, Sphere):
+        pose = np.eye(4)
+        pose[:3, 3] = obstacle.center
+        return Solid("sphere", np.array([obstacle.radius]), pose, color)
+    if isinstance(obstacle, Box):
+        return Solid("box", obstacle.size, obstacle.pose, color)
+    if isinstance(obstacle, Cylinder):
+        size = np.array([obstacle.radius, obstacle.length])
+        return Solid("cylinder", size, obstacle.pose, color)
+    assert isinstance(obstacle, ConvexMesh)
+    corners = obstacle.vertices[obstacle.triangles]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    outward = corners.mean(axis=1) - obstacle.vertices.mean(axis=0)
+    inside_out = np.einsum("ni,ni->n", normals, outward) < 0.0  # a hull's faces go round either way
+    triangles = np.where(inside_out[:, None], obstacle.triangles[:, ::-1], obstacle.triangles)
+    mesh = Mesh(obstacle.vertices, triangles, None)
+    return Solid("mesh", np.ones(3), obstacle.pose, color, mesh)
+
+
+def part_solids(payload: Payload) -> list[Solid]:
+    """Return the capsules of a part; of one without a shape a ball of aluminium (2700 kg/m^3)."""
+    if payload.shape:
+        return [capsule_solid(capsule, STYLE.part) for capsule in payload.shape]
+    pose, radius = np.eye(4), np.cbrt(3.0 * payload.mass / (4.0 * np.pi * 2700.0))
+    pose[:3, 3] = payload.center_of_mass
+    return [Solid("sphere", np.array([radius]), pose, STYLE.part)] if payload.mass else []
+
+
+def frame_along(direction: FloatArray) -> FloatArray:
+    """Return a frame [4,4] at the origin whose z axis is a unit vector."""
+    side: Any = np.cross(np.eye(3)[np.abs(direction).argmin()], direction)
+    side = side / np.linalg.norm(side)
+    pose = np.eye(4)
+    pose[:3, :3] = np.column_stack([side, np.cross(direction, side), direction])
+    return pose
+
+
+def is_inside(solid: Solid, points: FloatArray) -> Any:
+    """Return which points [N,3] are inside of a solid; of a mesh inside of a box around it."""
+    x = (points - solid.pose[:3, 3]) @ solid.pose[:3, :3]
+    if solid.kind == "plane":
+        return x[:, 2] < 0.0
+    if solid.kind == "box":
+        return (np.abs(x) < solid.size / 2).all(axis=1)
+    if solid.mesh is not None:
+        low, high = solid.mesh.vertices.min(axis=0), solid.mesh.vertices.max(axis=0)
+        return ((x > low) & (x < high)).all(axis=1)
+    half = solid.size[1] / 2 if len(solid.size) > 1 else 0.0
+    if solid.kind == "cylinder":
+        return (np.hypot(x[:, 0], x[:, 1]) < solid.size[0]) & (np.abs(x[:, 2]) < half)
+    x[:, 2] -= np.clip(x[:, 2], -half, half)
+    return np.linalg.norm(x, axis=1) < solid.size[0]
+
+
+def hidden_share(eye: FloatArray, points: FloatArray, solids: Sequence[Solid]) -> float:
+    """Return the share of points [N,3] that a solid hides from an eye [3]."""
+    along = np.linspace(0.02, 0.98, 40)[:, None, None]
+    between = (eye + along * (points - eye)).reshape(-1, 3)
+    hidden = np.zeros(len(points), dtype=bool)
+    for solid in solids:
+        hidden |= is_inside(solid, between).reshape(len(along), -1).any(axis=0)
+    return float(hidden.mean())

@@ -1,0 +1,192 @@
+"""Solid bodies as small quadrilaterals, and their picture: projected, shaded, far ones first."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray
+from microbot_ocp.robot import Capsule, Mesh, Robot, Shape
+from microbot_ocp.views._eye import Eye
+from microbot_ocp.views._scene import link_poses, reach
+from microbot_ocp.views._solids import Solid, capsule_solid, drawn_geometry, joint_solid
+from microbot_ocp.views._style import STYLE, Color
+from microbot_ocp.views._surroundings import Tube
+
+SQUARE = np.array([[-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]])
+CUBE = np.array([s * np.roll(SQUARE[::s], k, axis=1) for k in range(3) for s in (1, -1)])
+
+
+class Faces(NamedTuple):
+    """Quadrilaterals [N,4,3] counterclockwise from outside, m, and their colours [N,3], 0 to 1."""
+
+    corners: FloatArray
+    colors: FloatArray
+
+    def placed(self, pose: FloatArray) -> Faces:
+        """Return them where a pose [4,4] takes them."""
+        return self._replace(corners=self.corners @ pose[:3, :3].T + pose[:3, 3])
+
+
+def joined(faces: Sequence[Faces]) -> Faces:
+    """Return one body of several."""
+    corners, colors = zip(*faces, strict=True)
+    return Faces(np.concatenate(corners), np.concatenate(colors))
+
+
+class Camera:
+    """A pinhole: positions in the picture at unit distance, and depths, m."""
+
+    def __init__(self, eye: Eye) -> None:
+        self.position, self.axes = eye.position, eye.axes
+        self.light = _unit(np.array([-0.6, 0.9, 0.8]) @ self.axes)
+
+    def project(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return positions [...,2] in the picture, and depths [...], of points [...,3], m."""
+        seen = (points - self.position) @ self.axes.T
+        depth = np.maximum(-seen[..., 2], 1e-6)
+        return seen[..., :2] / depth[..., None], depth
+
+    def picture(self, faces: Faces) -> tuple[FloatArray, FloatArray]:
+        """Return polygons [N,4,2] and colours [N,3] of the faces that look at the eye."""
+        a, b, c, d = np.moveaxis(faces.corners, 1, 0)
+        normals = _unit(np.cross(c - a, d - b))  # of the diagonals; of a triangle c and d are one
+        sight = _unit(self.position - faces.corners.mean(axis=1))
+        seen = np.einsum("ni,ni->n", normals, sight) > 0.0
+        normals, sight = normals[seen], sight[seen]
+        bright = 0.45 + 0.55 * np.maximum(0.0, normals @ self.light)
+        half = np.einsum("ni,ni->n", normals, _unit(sight + self.light))
+        shine = 0.45 * np.maximum(0.0, half)[:, None] ** 24
+        colors = faces.colors[seen] * bright[:, None]
+        flat, depth = self.project(faces.corners[seen])
+        order = np.argsort(-depth.mean(axis=1), kind="stable")
+        return flat[order], (colors + shine * (1.0 - colors))[order]
+
+
+def arm_faces(robot: Robot, q: FloatArray, link: Color, joint: Color) -> Faces:
+    """Return an arm in the pose q [n]: its own geometry, or capsules and drums."""
+    poses, size = link_poses(robot, q[None])[0], reach(robot)
+    own = _geometry(robot.shapes)
+    if own:
+        return joined([faces.placed(poses[frame]) for frame, faces in own])
+    edge, radius = STYLE.patch * size, STYLE.link * size
+    foot = Solid("cylinder", size * np.array([0.065, 0.02]), robot.base, joint)
+    bodies = [solid_faces(foot, edge)]
+    for start, end in pairwise([robot.base[:3, 3], *poses[1:, :3, 3]]):
+        if np.linalg.norm(end - start) > 1e-6 * size:
+            bodies.append(solid_faces(capsule_solid(Capsule(start, end, radius), link), edge))
+    for pose, kind in zip(poses[1:-1], robot.joint_types, strict=True):
+        drum = joint_solid(kind, STYLE.film_joint * radius, joint)
+        bodies.append(solid_faces(drum, edge).placed(pose))
+    return joined(bodies)
+
+
+@lru_cache(maxsize=8)
+def _geometry(shapes: tuple[Shape, ...]) -> tuple[tuple[int, Faces], ...]:
+    """Return frame and faces of each shape of a robot's file, as many as a film can do with."""
+    solids, cell = drawn_geometry(shapes).solids, 0.0
+    meshes = [solid.mesh for _, solid in solids if solid.mesh is not None]
+    finest = 0.002 * sum(float(np.ptp(mesh.vertices, axis=0).max()) for mesh in meshes)
+    while True:
+        faces = [(frame, solid_faces(solid, np.inf, cell)) for frame, solid in solids]
+        triangles = sum(
+            len(f.corners) for (_, f), (_, s) in zip(faces, solids, strict=True) if s.mesh
+        )
+        if triangles <= STYLE.triangles:
+            return tuple(faces)
+        cell = max(finest, 1.25 * cell)
+
+
+def solid_faces(solid: Solid, edge: float, cell: float = 0.0) -> Faces:
+    """Return the faces of a solid, none longer than ``edge``, m, in the frame that it is rigid in.
+
+    The corners of a mesh in a cell of this size, m, become one.
+    """
+    color = np.array(solid.color[:3]) / 255.0
+    if solid.mesh is not None:
+        return _mesh_faces(solid.mesh, color, cell).placed(solid.pose)
+    corners = _corners(solid.kind, tuple(np.round(solid.size, 9).tolist()), edge)
+    return Faces(corners, np.broadcast_to(color, (len(corners), 3))).placed(solid.pose)
+
+
+def _mesh_faces(mesh: Mesh, color: FloatArray, cell: float) -> Faces:
+    vertices, triangles = mesh.vertices, mesh.triangles
+    colors = np.broadcast_to(color, (len(triangles), 3))
+    if mesh.colors is not None:
+        colors = mesh.colors[triangles[:, 0], :3] / 255.0
+    if cell:  # the mean stands for all corners in a cell of a cubic grid
+        cells, index = np.unique(np.floor(vertices / cell), axis=0, return_inverse=True)
+        sums = np.zeros_like(cells)
+        np.add.at(sums, index.ravel(), vertices)
+        vertices = sums / np.bincount(index.ravel(), minlength=len(cells))[:, None]
+        triangles = index.ravel()[triangles]
+        a, b, c = triangles.T
+        once = np.unique(np.sort(triangles, axis=1), axis=0, return_index=True)[1]
+        once = once[((a != b) & (b != c) & (c != a))[once]]
+        triangles, colors = triangles[once], colors[once]
+    return Faces(vertices[triangles[:, [0, 1, 2, 2]]], colors)
+
+
+@lru_cache(maxsize=256)
+def _corners(kind: str, size: tuple[float, ...], edge: float) -> FloatArray:
+    if kind == "box":
+        return np.concatenate([_split(face * np.array(size) / 2, edge) for face in CUBE])
+    if kind == "plane":
+        return _split(SQUARE * [size[0] / 2, size[1] / 2, 0.0], edge)
+    radius, half = size[0], size[1] / 2 if len(size) > 1 else 0.0
+    if kind == "cylinder":
+        bevel = 0.12 * min(radius, half)
+        below = [(0.0, -half), (radius - bevel, -half), (radius, bevel - half)]
+    else:
+        below = [
+            (radius * np.cos(v), radius * np.sin(v) - half) for v in np.linspace(-np.pi / 2, 0, 6)
+        ]
+    profile = np.array([*below, *((r, -z) for r, z in reversed(below))])
+    fine = [_along(a, b, edge)[:-1] for a, b in pairwise(profile)]
+    rings = np.concatenate([*fine, profile[-1:]])
+    angle = 2 * np.pi * np.arange(24) / 24
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    level = np.broadcast_to(rings[:, 1, None, None], (len(rings), 24, 1))
+    return _between(np.concatenate([rings[:, :1, None] * circle, level], axis=2))
+
+
+def _between(rings: FloatArray) -> FloatArray:
+    """Return quadrilaterals [(m-1) k,4,3] between rings [m,k,3] that go round counterclockwise."""
+    after = np.roll(rings, -1, axis=1)
+    corners = np.stack([rings[:-1], after[:-1], after[1:], rings[1:]], axis=2)
+    return corners.reshape(-1, 4, 3)
+
+
+def _along(a: FloatArray, b: FloatArray, edge: float) -> FloatArray:
+    """Return points from a to b that are at most ``edge`` apart."""
+    return np.linspace(a, b, int(np.ceil(np.linalg.norm(b - a) / edge)) + 1 if edge < np.inf else 2)
+
+
+def _split(corners: FloatArray, edge: float) -> FloatArray:
+    """Return a rectangle [4,3] cut into patches [N,4,3]."""
+    a, b, _, d = corners
+    grid = _along(a, b, edge)[:, None] + _along(a, d, edge)[None] - a
+    patches = np.stack([grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]], axis=2)
+    return patches.reshape(-1, 4, 3)
+
+
+def tube_faces(tube: Tube, size: float) -> Faces:
+    """Return the wall of a tube, so thick that it is still seen on an arm of this size, m."""
+    along = _unit(np.gradient(tube.points, axis=0))
+    side = np.eye(3)[int(np.abs(along).max(axis=0).argmin())]
+    angle, rings = 2 * np.pi * np.arange(8)[:, None] / 8, []
+    for point, direction in zip(tube.points, along, strict=True):
+        side = _unit(side - (side @ direction) * direction)
+        ring = np.cos(angle) * side + np.sin(angle) * np.cross(direction, side)
+        rings.append(point + max(tube.radius, 0.006 * size) * ring)
+    corners = _between(np.array(rings))
+    color = np.array(STYLE.tube[:3]) / 255.0
+    return Faces(corners, np.broadcast_to(color, (len(corners), 3)))
+
+
+def _unit(vectors: FloatArray) -> FloatArray:
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)
