@@ -8,7 +8,7 @@ import pytest
 
 import microbot_ocp as mo
 from microbot_ocp.cli import main
-from microbot_ocp.views.recording._builders import of_comparison
+from microbot_ocp.views.recording import of_comparison
 from microbot_ocp.views.tables import comparison_rows
 
 NOT_JUDGED = "torque not judged: no masses"

@@ -59,7 +59,7 @@ def test_bad_input_is_named(microbot, tmp_path):
     run = mo.track(
         microbot, mo.Motion([0.0, 1.0], *np.zeros((4, 2, 3))), mo.Feedforward(), q0=[0.1, 0, 0]
     )
-    with pytest.raises(mo.InputError, match="tracking has 3 joints, but robot 'panda' has 7"):
+    with pytest.raises(mo.InputError, match="tracking has 3 joints, but the robot has 7"):
         of_tracking(mo.load_robot("panda"), run)
 
 

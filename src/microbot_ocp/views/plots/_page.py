@@ -80,7 +80,8 @@ def styled(changes: Mapping[str, Any] | None = None) -> Any:
 
     ``changes`` are settings of matplotlib's.
     """
-    return matplotlib.rc_context(_STYLE | dict(changes or {}))
+    settings: Any = {**_STYLE, **(changes if changes is not None else {})}
+    return matplotlib.rc_context(settings)
 
 
 class _Shown:
