@@ -309,10 +309,19 @@ def test_what_is_returned_in_a_short_time_keeps_rates_and_is_clear(limits) -> No
     assert certificate.ok, certificate.verdict
 
 
+@pytest.fixture
+def without_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The time is over when the search through stops begins, on a busy machine as on a fast one."""
+    place = "microbot_ocp.planning._stops_among._Among._found"
+    monkeypatch.setattr(place, lambda *_: (([], ""), []))
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("without_search")
 def test_through_stops_a_timed_way_that_keeps_rates_is_there_before_the_search() -> None:
     arm = ARM.with_limits(taud_max=400.0)
     stops = [mo.Stop(q=ENDS[0], payload=0.1), mo.Stop(q=ENDS[1])]
-    motion = mo.time_optimal(arm, stops, scene=POST, compiled=False, time_limit=1.5)
+    motion = mo.time_optimal(arm, stops, scene=POST, compiled=False, time_limit=10.0)
     assert motion.status is mo.Status.TIME_LIMIT
     certificate = mo.certify(arm, motion, via_q=stops, scene=POST)
     assert certificate.ok, certificate.verdict
@@ -327,6 +336,31 @@ def test_a_way_that_is_not_found_through_stops_ends_at_them() -> None:
     assert not motion.provenance["clearance"]["proved"]
     blind = mo.certify(HELD, motion, via_q=stops)
     assert blind.ok, blind.verdict
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("without_search")
+def test_a_timed_cycle_among_obstacles_keeps_lines_dwells_and_payloads() -> None:
+    robot, line = mo.load_robot("ur5e"), mo.Line(tolerance=0.002)
+    down = np.diag([1.0, -1.0, -1.0])
+    at = [[0.4, -0.2, 0.2], [0.4, -0.2, 0.3], [0.4, 0.2, 0.3]]
+    picks = [{"dwell": 0.1, "payload": 0.5}, {}, {"dwell": 0.1, "payload": 0.0}]
+    stops = [mo.Stop(position=p, orientation=down, **k) for p, k in zip(at, picks, strict=True)]
+    floor = mo.Scene([mo.HalfSpace([0, 0, 1], -0.4, "floor")])
+    task = {"segments": [line, None, None], "cycle": True, "scene": floor}
+    motion = mo.time_optimal(robot, stops, **task, compiled=False)
+    assert motion.status is mo.Status.TIME_LIMIT
+    certificate = mo.certify(robot, motion, via_q=stops, **task)
+    assert certificate.ok, certificate.verdict
+
+
+@pytest.mark.slow
+def test_the_fastest_is_returned_where_less_time_is_allowed() -> None:
+    few = {"mesh": 10, "starts": 1, "limit_tolerance": 0.01, "compiled": False}
+    motion = mo.time_optimal(ARM, ENDS, scene=POST, duration=0.5, **few)
+    assert motion.status is mo.Status.INFEASIBLE
+    assert "cannot be done in 0.5 s" in motion.note
+    assert motion.provenance["clearance"]["proved"]
 
 
 def test_a_part_keeps_clear_from_the_stop_on_at_which_it_is_picked(around: mo.Motion) -> None:

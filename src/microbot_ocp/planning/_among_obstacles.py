@@ -342,7 +342,7 @@ def at_least(known: TimedPath, found: Motion | None, proof: Clearance | None) ->
     if found is not None:
         status, advice = found.status, found.provenance["advice"]
         faster = found.duration < known.motion.duration or "least_effort" in found.provenance
-        if proof is not None and proof.proved and faster:
+        if proof is not None and proof.proved and (faster or not found.solved):
             told = {**found.provenance, "clearance": as_plain(proof)}
             return replace(found, provenance=told)
     if proof is not None and proof.proved:

@@ -478,7 +478,8 @@ def motion_of(
             breaks.append(now + shapes[k].breaks[1:])
             now = float(breaks[-1][-1])
     whole = PiecewisePolynomial(np.concatenate(breaks), np.concatenate(pieces))
-    jumps = [when for (when, k) in changes[1:] if task.payloads[k] != task.payloads[k - 1]]
+    later = changes if task.cycle and changes[0][0] > 0.0 else changes[1:]  # what was held before
+    jumps = [when for (when, k) in later if task.payloads[k] != task.payloads[k - 1]]
     motion = Motion.from_polynomial(
         task.robot,
         whole,

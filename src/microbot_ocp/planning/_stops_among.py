@@ -16,7 +16,8 @@ import numpy as np
 
 from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray, InputError
-from microbot_ocp.limits import JointLimits, LimitFamily, Limits
+from microbot_ocp._base.status import Status
+from microbot_ocp.limits import LIMIT_TOLERANCE, JointLimits, LimitFamily, Limits
 from microbot_ocp.motion import Motion, PiecewisePolynomial, pieces_of
 from microbot_ocp.ocp.solution import StepProgress
 from microbot_ocp.planning._among_obstacles import (
@@ -254,13 +255,13 @@ class _Among:
         """The fastest way that rests at every stop, keeps all limits and is proved to keep clear;
         None where there is none.
         """
-        task, tolerance = self.task, self._given[0].limit_tolerance
+        task = self.task
         if not all(map(_may_rest, task.stops)):
             return None
         for guide in self._guided:
             shapes = self._legs.at_rest(task, guide)
             rows = zip(task.robots, shapes, strict=True)
-            if not all(_excess(robot, shape) <= tolerance for robot, shape in rows):
+            if not all(_keeps_limits(robot, shape) for robot, shape in rows):
                 continue
             motion = _joined(task, guide.way, shapes)
             proof = clearance_along(places_along(task, motion, self._scene), motion)
@@ -333,11 +334,11 @@ class _Among:
             except deadline.Over:
                 break
             made = ask(search)
-            solved = [motion for _, motion in made[0] if motion.solved]
+            solved = [motion for _, motion in made[0] if self._is_whole(motion)]
             along = [places_along(task, motion, scene) for motion in solved]
             found = [clearance_along(*pair) for pair in zip(along, solved, strict=True)]
             each = iter(found)
-            proofs = [next(each) if motion.solved else None for _, motion in made[0]]
+            proofs = [next(each) if self._is_whole(motion) else None for _, motion in made[0]]
             if all(proof.proved for proof in found):
                 break
             scenes = scenes_of(task, scene, poses_at_stops(task, solved[0]))
@@ -351,6 +352,13 @@ class _Among:
                 break
             progress("more pairs come too near, or a part lies elsewhere: solved again")
         return made, proofs
+
+    def _is_whole(self, motion: Motion) -> bool:
+        """Whether a motion is solved, or would be if it were allowed to last so long."""
+        settings, _, allowed = self._given
+        slow = allowed is not None and motion.duration > allowed
+        kept = motion.provenance["excess"] <= settings.limit_tolerance
+        return motion.solved or (slow and kept and motion.status is Status.INFEASIBLE)
 
     def _not_found(self, found: Motion | None, proof: Clearance | None) -> Motion:
         """What is returned where nothing is known: a motion that ignores the obstacles."""
@@ -391,8 +399,8 @@ def _may_rest(stop: Stop) -> bool:
     return stop.velocity is None or isinstance(stop.velocity, str) or not np.any(stop.velocity)
 
 
-def _excess(robot: Robot, shape: PiecewisePolynomial) -> float:
-    return float(excess_along(LimitFamily.of(robot), shape).max())
+def _keeps_limits(robot: Robot, shape: PiecewisePolynomial) -> bool:
+    return bool(excess_along(LimitFamily.of(robot), shape).max() <= LIMIT_TOLERANCE)
 
 
 def _unhindered(task: Task, way: Way, index: int) -> PiecewisePolynomial:
@@ -540,8 +548,8 @@ class Legs:
                 shapes.append(guide.shapes[name])
                 continue
             usual = self._usual(task, guide.way)[k]
-            kept = usual and _excess(task.robots[k], usual) <= self.settings.limit_tolerance
-            shapes.append(usual if usual and kept else _unhindered(task, guide.way, k))
+            kept = usual is not None and _keeps_limits(task.robots[k], usual)
+            shapes.append(usual if kept else _unhindered(task, guide.way, k))
         return shapes
 
 
