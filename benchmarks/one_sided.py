@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 import microbot_ocp as mo
-from benchmarks.torture import Task, gravity_sizes, random_chain, via_points
+from benchmarks.torture import Task, gravity_sizes, random_chain, reach, via_points
 
 COUNT = 30
 
@@ -47,7 +47,7 @@ def poses_of_rest(random: np.random.Generator, robot: mo.Robot) -> np.ndarray:
             held = np.array(mo.gravity_torque(robot)(via[k])).ravel()
             if ((0.98 * low <= held) & (held <= 0.98 * high)).all():
                 break
-            via[k] = random.uniform(-3.0, 3.0, robot.joint_count)
+            via[k] = np.clip(random.uniform(-3.0, 3.0, robot.joint_count), *reach(robot))
     return via
 
 

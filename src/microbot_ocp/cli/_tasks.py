@@ -158,8 +158,8 @@ def time_optimal(
     tries: Annotated[
         int,
         typer.Option(
-            help="Starts to try at most, swings to and fro too, while fewer than --starts are "
-            "solved.",
+            help="Starts to try at most, while another is likely to lead to an optimum that none "
+            "of them led to.",
             metavar="N",
             parser=whole_number,
         ),

@@ -8,7 +8,6 @@ not accepted.
 
 from __future__ import annotations
 
-import heapq
 import itertools
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -54,7 +53,6 @@ from microbot_ocp.planning._initial_guesses import (
     InitialGuess,
     guesses_along,
     initial_guesses,
-    swings,
 )
 from microbot_ocp.planning._least_violation import guesses_from, judged, least_violation
 from microbot_ocp.planning._progress import with_motion
@@ -73,11 +71,9 @@ from microbot_ocp.planning._task import (
 from microbot_ocp.planning._within_limits import Slowed, known_ways, largest_excess, within_limits
 from microbot_ocp.robot import Robot
 
-EXPLORE_MESH = 20  # intervals a phase for the first look at every start
-SWING_MESH = 30  # the same of swings, which take longer
+EXPLORE_MESH = 20  # intervals a phase for the first look: of other meshes optima are others
 EXPLORE_TOLERANCE = 1e-5
 PATIENCE, LEAST_ITERATIONS = 4, 100  # times the iterations of a start that was solved
-MOST_STARTING = 30.0  # s, of one start: fatrop may loop for ever
 SAME = 1e-3  # share of the duration by which two solves of the same optimum may differ
 ALIKE = 3e-4  # the same on coarse meshes of one size: the same optimum for sure
 TINY = 1e-12
@@ -142,8 +138,9 @@ class TimeOptimalSettings:
         they are even; by default 80, where even 100, and fewer where there are many phases: 400
         together, but at least 25 each
     starts : how many starting motions to try on the coarse mesh
-    tries : how many to try at most: while fewer than ``starts`` are solved, the arm is made to
-        swing to and fro at random, as it must where torques are too small to lift it
+    tries : how many to try at most, while another is likely to lead to an optimum that none of
+        them led to; if it still is in the end the status is "local optimum". Of a single start
+        that is solved nothing is known
     slack : share of the shortest duration that may be given for less effort: of all motions at
         most so much slower the one of least effort is returned, the time integral of the squared
         torques, each relative to its limit (of the accelerations where a robot has no masses). Zero
@@ -226,6 +223,7 @@ class FreeSearch:
         self.names = phase_names(len(via) - 1)
         self.calmed: dict[str, Any] = {}
         self.relaxed: Explanation | None = None
+        self.likely_more = False  # whether a better optimum may well have been missed
         self.smoothing = SMOOTHING
         self.at_least = known  # what needs no search
         self._excesses: dict[Solution, list[FloatArray]] = {}
@@ -270,6 +268,8 @@ class FreeSearch:
             motion = self._motion(solution, starts, time.perf_counter() - begin + self.kernel_time)
         if self.slows_down and solution.status is not Status.INTERRUPTED:
             motion = self._within_limits(motion, solution)
+            if motion.solved and self.likely_more:
+                motion = _unsettled(motion)
         if not self.settings.switching_times or not motion.solved:
             return motion
         held: Robot = with_locked_joints_held(self.family).robot
@@ -316,7 +316,7 @@ class FreeSearch:
 
         Not where no motion within the limits comes of it: its refinement may take all the time.
         """
-        early = next(self._by_promise([solution for _, solution in found]))
+        early = self._by_promise([solution for _, solution in found])[0]
         if self._slowed(early) is None:
             self._try(trials, found)
             return
@@ -366,8 +366,7 @@ class FreeSearch:
 
         A ``lone`` one is the second, beside the first.
         """
-        own = replace(self.refiner.settings, time_limit=MOST_STARTING)
-        refiner = replace(self._coarse_refiner, settings=own)
+        own, refiner = self.refiner.settings, self._coarse_refiner
         for guess, mesh, solver in trials:
             solved = [s for _, s in found if s.status.solved]
             if solved or lone:  # what takes so much longer than another start is given up
@@ -390,51 +389,42 @@ class FreeSearch:
         """Whether no further start is tried."""
         if found[-1][1].status is Status.INTERRUPTED or deadline.over():
             return True
-        solved = [s.duration for _, s in found if s.status.solved]
-        if len(found) < self.settings.starts:
-            return False
-        # to swing helps an arm that is too weak to go slowly
-        return len(solved) >= self.settings.starts or (bool(solved) and self._goes_slowly)
+        return len(found) >= self.settings.starts and self._enough([s for _, s in found])
 
-    @cached_property
-    def _goes_slowly(self) -> bool:
-        """Whether there is a way that keeps every limit without a search."""
-        if self.slows_down:
-            self.at_least = self.at_least or self._known_ways()
-        return self.at_least is not None
+    def _enough(self, found: Sequence[Solution]) -> bool:
+        """Whether another start would more likely than not lead to what has been seen before.
 
-    def _by_promise(self, found: Sequence[Solution]) -> Iterator[Solution]:
-        """The different optima among coarse answers, the one of the shortest honest duration first.
-
-        Of those that are the same the first.
+        After w different outcomes of N starts it leads to a new one with the probability
+        w (w + 1) / (N (N - 1)) (Boender and Rinnooy Kan, Math. Programming 37, 1987, 59-80).
         """
-        waiting: list[tuple[float, bool, int]] = []
-        for k, coarse in enumerate(found):
-            others = (found[j].duration for _, _, j in waiting)
+        solved, count = sum(solution.status.solved for solution in found), len(found)
+        if solved == 0 or self.settings.starts == 1:  # of a single start nothing is asked
+            return solved > 0
+        different = len(self._by_promise(found)) + (solved < count)
+        return 2 * different * (different + 1) <= count * (count - 1)
+
+    def _by_promise(self, found: Sequence[Solution]) -> list[Solution]:
+        """The different optima among coarse answers, the fastest first; of the same the first."""
+        different = list[Solution]()
+        for coarse in found:
             if coarse.status.solved and not any(
-                abs(coarse.duration - other) <= SAME * other for other in others
+                abs(coarse.duration - other.duration) <= SAME * other.duration
+                for other in different
             ):
-                waiting.append((coarse.duration, False, k))
-        heapq.heapify(waiting)
-        while waiting:  # an honest duration is never shorter, and costs some time to tell
-            _, honest, k = heapq.heappop(waiting)
-            if honest:
-                yield found[k]
-            else:
-                heapq.heappush(waiting, (self._honest_duration(found[k]), True, k))
+                different.append(coarse)
+        return sorted(different, key=lambda coarse: coarse.duration)
 
     def _trials(self) -> Iterator[Trial]:
         """Guesses with the intervals a phase and the solver for each."""
         solver, seed = self.settings.solver, self.settings.seed
         task = self.family, self.via, self.names
         coarse = min(self._mesh, max(EXPLORE_SUM // len(self.names), LEAST_EXPLORE_MESH))
-        for guess in initial_guesses(*task, self.settings.starts, seed):
-            both = ("fatrop", "ipopt") if solver == "auto" else solver
-            yield guess, min(coarse, EXPLORE_MESH), both
-        further = max(self.settings.tries - self.settings.starts, 0)
-        for index, guess in enumerate(itertools.islice(swings(*task, seed), further)):
-            other = "ipopt" if index % 3 == 2 else "fatrop"  # what one misses the other may find
-            yield guess, min(coarse, SWING_MESH), other if solver == "auto" else solver
+        most = max(self.settings.starts, self.settings.tries)
+        for index, guess in enumerate(initial_guesses(*task, most, seed)):
+            both: str | tuple[str, ...] = ("fatrop", "ipopt")
+            if index >= self.settings.starts:  # what one misses the other may find
+                both = "ipopt" if index % 3 == 2 else "fatrop"
+            yield guess, min(coarse, EXPLORE_MESH), both if solver == "auto" else solver
 
     @property
     def _accelerations_jump(self) -> bool:
@@ -467,6 +457,7 @@ class FreeSearch:
             if not relaxed.status.solved:
                 return self.refiner.finished(self._refined(relaxed))
             solved = [relaxed]
+        self.likely_more = not self._enough(found)
         best: Refined | None = None
         for count, coarse in enumerate(self._by_promise(solved)):
             if best is not None and (
@@ -678,13 +669,6 @@ class FreeSearch:
         self.refiner.transcription, self.smoothing = kernels, LESS_SMOOTHING * SMOOTHING
         self.refiner.settings = usual
         return found
-
-    def _honest_duration(self, solution: Solution) -> float:
-        """What a motion takes that keeps its limits, or may take where no such motion is known."""
-        slowed = self._slowed(solution) if self.slows_down else None
-        if slowed is None:
-            return solution.duration * (1.0 + max(0.0, self._largest_excess(solution)))
-        return slowed.duration
 
     def _rank(self, solution: Solution) -> tuple[bool, float]:
         """What keeps its limits first, then what is faster."""
@@ -923,6 +907,17 @@ def as_motion(robot: Robot, solution: Solution, provenance: dict[str, Any], note
         provenance=provenance,
         note=note,
     )
+
+
+def _unsettled(motion: Motion) -> Motion:
+    """The motion, which is not the fastest where further starts would lead to better ones."""
+    told = motion.provenance
+    advice = (
+        f"Of {len(told['starts'])} starts nearly every one led to another optimum, so that others "
+        "may well be faster: allow more tries, or take another seed."
+    )
+    told = {**told, "status": str(Status.LOCAL_OPTIMUM), "advice": advice}
+    return replace(motion, provenance=told, note=f"not solved: {advice}")
 
 
 def _note(outcome: dict[str, Any], via_count: int, start_count: int, found: list[float]) -> str:

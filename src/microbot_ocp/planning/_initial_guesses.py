@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -40,7 +39,10 @@ class InitialGuess:
 def initial_guesses(
     family: LimitFamily, via: FloatArray, names: Sequence[str], count: int, seed: int
 ) -> Iterator[InitialGuess]:
-    """The first ``count`` of: the scaled cubic, straight segments, segments bowed at random.
+    """The first ``count`` of: the scaled cubic, straight segments, bows and swings in turn.
+
+    Segments are bowed, or swing to and fro, at random. Where torques are too small to lift the arm
+    it gathers speed first: the solver finds how if it starts from a motion that swings at all.
 
     Parameters
     ----------
@@ -50,37 +52,40 @@ def initial_guesses(
         Of the phases, one a segment between via points.
     count : int
     seed : int
-        Of the random bows.
+        Of the random segments.
     """
-    yield _cubic(family.robot, via, names)
-    random = np.random.default_rng(seed)
+    bows, waves = np.random.default_rng(seed), np.random.default_rng(seed + 1)
     durations = TaskScale.of(family, via).durations
     way = float(np.abs(np.diff(via, axis=0)).sum(axis=0).max())
     largest = min(LARGEST_BOW, BOW_SHARE * way) * _moving(family)
-    for index in range(count - 1):
-        bow = random.uniform(-largest, largest) if index else 0.0 * largest
-        name = f"bow {index}" if index else "straight"
-        waves = np.broadcast_to(bow, (len(names), 1, bow.size))
-        yield _swung(family, via, names, name, waves, durations)
+    for index in range(count):
+        number = index // 2
+        if index == 0:
+            yield _cubic(family.robot, via, names)
+        elif index % 2 and index > 1:
+            yield _swing(family, via, names, number, waves)
+        else:
+            bow = bows.uniform(-largest, largest) if index > 1 else 0.0 * largest
+            own = np.broadcast_to(bow, (len(names), 1, bow.size))
+            name = f"bow {number}" if index > 1 else "straight"
+            yield _swung(family, via, names, name, own, durations)
 
 
-def swings(
-    family: LimitFamily, via: FloatArray, names: Sequence[str], seed: int
-) -> Iterator[InitialGuess]:
-    """Segments that swing to and fro at random, without end.
-
-    Where torques are too small to lift the arm, it has to gather speed first: the solver finds how,
-    if it starts from a motion that swings at all.
-    """
-    random = np.random.default_rng(seed + 1)
-    durations = TaskScale.of(family, via).durations
-    shape = (len(names), HARMONICS, via.shape[1])
-    for index in itertools.count(1):
-        size = _between(random, SWINGS) * _moving(family)
-        waves = random.normal(size=shape) * size / np.arange(1, HARMONICS + 1)[:, None]
-        slower = _between(random, SWING_DURATIONS)
-        own = slower * SPREAD ** random.uniform(-1.0, 1.0, len(names))
-        yield _swung(family, via, names, f"swing {index}", waves, own * durations)
+def _swing(
+    family: LimitFamily,
+    via: FloatArray,
+    names: Sequence[str],
+    number: int,
+    random: np.random.Generator,
+) -> InitialGuess:
+    """Segments that swing to and fro at random."""
+    size = _between(random, SWINGS) * _moving(family)
+    waves = random.normal(size=(len(names), HARMONICS, via.shape[1]))
+    waves *= size / np.arange(1, HARMONICS + 1)[:, None]
+    slower = _between(random, SWING_DURATIONS)
+    own = slower * SPREAD ** random.uniform(-1.0, 1.0, len(names))
+    durations = own * TaskScale.of(family, via).durations
+    return _swung(family, via, names, f"swing {number}", waves, durations)
 
 
 def guesses_along(

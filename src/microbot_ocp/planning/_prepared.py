@@ -56,14 +56,14 @@ from microbot_ocp.robot import Robot
 
 # Share of the duration, and of the typical ones, up to which a prepared motion leads to the best
 NEAR, NEAR_TYPICAL = 0.1, 0.1
-# of a prepared solver: somebody waits. One solve may take half of the usual limit
+# of a prepared solver: somebody waits. Without a limit of time it would solve in another process
 PREPARED = SolverSettings(
     "ipopt",
     tolerance=1e-6,
     gap=np.inf,
     max_iterations=150,
     options=LDL,
-    time_limit=0.5 * TIME_LIMIT,
+    time_limit=TIME_LIMIT,
 )
 # Barrier parameter from the reference where typical durations differ by more than this share. With
 # the usual 1e-7 and with this: 43 and 22 iterations on a task of the Microbot with a payload of

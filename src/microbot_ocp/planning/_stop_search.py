@@ -34,7 +34,6 @@ from microbot_ocp.planning._free_search import (
     EXPLORE_TOLERANCE,
     LEAST_EXPLORE_MESH,
     LEAST_ITERATIONS,
-    MOST_STARTING,
     PATIENCE,
     SAME,
     FreeSearch,
@@ -131,7 +130,6 @@ class StopSearch(FreeSearch):
         brief = replace(
             self.refiner.settings,
             max_iterations=MOST_EXPLORING,
-            time_limit=MOST_STARTING,
             options={
                 **LDL,
                 "fatrop": {"max_iter": LEAST_ITERATIONS},
@@ -242,15 +240,6 @@ class StopSearch(FreeSearch):
 
     def _excess(self, solution: Solution) -> list[FloatArray]:
         return _excess_of(self.task.families, solution)
-
-    def _honest_duration(self, solution: Solution) -> float:
-        """Slower by what limits are exceeded by, but for tubes, which a finer mesh mends.
-
-        A motion that is slower by a share asks for twice the share less of its torques.
-        """
-        everywhere = [LimitFamily.of(load.on(self.robot)) for load in self.task.payloads]
-        worst = max(float(excess.max()) for excess in _excess_of(everywhere, solution))
-        return solution.duration * float(np.sqrt(1.0 + max(0.0, worst)))
 
     def _guess_from(self, solution: Solution) -> dict[str, Guess]:
         shapes = zip(self.names, phase_shapes(solution), strict=True)
