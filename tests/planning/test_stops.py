@@ -7,8 +7,11 @@ import numpy as np
 import pytest
 
 import microbot_ocp as mo
+from microbot_ocp._base import deadline
+from microbot_ocp.ocp.solution import quiet
 from microbot_ocp.planning import least_duration, task_of
 from microbot_ocp.planning._segments import Arc, Straight, curve_limits
+from microbot_ocp.planning._stop_search import StopSearch, motion_of
 from planning.shared import arm, pendulum, slider
 
 Stop = mo.Stop
@@ -443,3 +446,16 @@ def test_a_tube_ends_within_a_ball_of_its_tolerance(kind, curve):
         kept.append((inside, distance < 0.9 * kind.tolerance))
     inside, near = np.array(kept).T
     assert (inside & near).sum() > 0.8 * near.sum()
+
+
+def test_without_time_for_a_search_segments_go_from_rest_to_rest(rail):
+    stops = [Stop(q=[0.0]), Stop(q=[0.5], dwell=0.3, payload=2.0), Stop(q=[1.5])]
+    task = task_of(rail, stops, None)
+    settings = mo.TimeOptimalSettings(compiled=False)
+    search = StopSearch(task, settings, quiet, None)
+    with deadline.within(60.0):
+        shapes, made_from = search._at_rest()
+    assert "rests at every stop" in made_from
+    motion = motion_of(task, shapes, {}, "")
+    assert motion.duration == pytest.approx(2 * np.sqrt(0.5 / 2.0) + 0.3 + 2.0, rel=1e-3)
+    assert mo.certify(rail, motion, via_q=stops).ok

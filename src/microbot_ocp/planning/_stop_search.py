@@ -32,17 +32,20 @@ from microbot_ocp.planning._free_search import (
     EXPLORE_MESH,
     EXPLORE_SUM,
     EXPLORE_TOLERANCE,
+    KEEPS_LIMITS,
     LEAST_EXPLORE_MESH,
     LEAST_ITERATIONS,
     PATIENCE,
     SAME,
     FreeSearch,
     TimeOptimalSettings,
+    sparing,
 )
 from microbot_ocp.planning._initial_guesses import InitialGuess, initial_guesses
 from microbot_ocp.planning._scale import TaskScale
 from microbot_ocp.planning._stop_task import Task, with_torques
 from microbot_ocp.planning._task import CELL_TIME_LIMIT, LDL, with_locked_joints_held
+from microbot_ocp.planning._within_limits import known_ways
 from microbot_ocp.robot import Robot, jacobian
 from microbot_ocp.trajectories import spline
 
@@ -310,6 +313,33 @@ class StopSearch(FreeSearch):
         return self.search()[1]
 
     # result ---------------------------------------------------------------------------------
+
+    def run(self) -> Motion:
+        with sparing():
+            motion = super().run()
+        late = motion.status is Status.TIME_LIMIT
+        slow = self._at_rest() if late and self.allowed is None else None
+        if slow is None:
+            return motion
+        shapes, made_from = slow
+        advice = f"{motion.provenance['advice']}\n{KEEPS_LIMITS.format(made_from)}"
+        told = {**motion.provenance, "advice": advice, "made_from": made_from}
+        return motion_of(self.task, shapes, told, f"not solved: {advice}")
+
+    def _at_rest(self) -> tuple[list[PiecewisePolynomial], str] | None:
+        """Segments that need no search, from rest to rest, where stops and segments allow them."""
+        task = self.task
+        moves = any(stop.velocity not in (None, "any", "rest") for stop in task.stops)
+        if moves or task.around is not None or any(kind is not None for kind in task.segments):
+            return None
+        tolerance, via, shapes = self.settings.limit_tolerance, self.ways[0].via, []
+        for k, family in enumerate(task.families):
+            over = deadline.over()
+            known = None if over else known_ways(family, via[k : k + 2], tolerance, self._fast)
+            if known is None:
+                return None
+            shapes.append(PiecewisePolynomial(known.motion.t, pieces_of(known.motion)))
+        return shapes, "a way that rests at every stop"
 
     def _motion(self, solution: Solution, starts: list[dict[str, Any]], wall: float) -> Motion:
         motion = super()._motion(solution, starts, wall)
