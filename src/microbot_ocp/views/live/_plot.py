@@ -20,15 +20,11 @@ from PIL import Image
 
 from microbot_ocp.motion import Motion
 from microbot_ocp.robot import JointLimits, Robot
-from microbot_ocp.views._style import FIXED, STYLE
+from microbot_ocp.views._style import STYLE, look
 from microbot_ocp.views.plots import styled
 
 QUANTITIES = {"qd": "velocity", "tau": "torque"}
-COLUMN, ROW = 3.1, 2.1  # inches
-DPI = 96
-REFERENCE_COLOR = "0.72"
-ROOM = 1.08  # of an axis beyond the largest limit
-MESSAGE_WIDTH = 75  # characters
+GRAY: dict[str, Any] = {"color": "0.72", "linewidth": STYLE.line}
 
 
 class LivePlot:
@@ -48,17 +44,13 @@ class LivePlot:
     def __init__(
         self, robot: Robot, reference: Motion, largest: JointLimits, duration: float
     ) -> None:
-        color, dashes = FIXED["time_optimal"]
-        solid: dict[str, Any] = {"color": color, "linestyle": dashes, "linewidth": 2.0}
+        solid: dict[str, Any] = {**look(0), "linewidth": 2.0}
         moving: dict[str, Any] = {"animated": True}
-        dashed: dict[str, Any] = {"color": STYLE.ink, "linestyle": "--", "linewidth": 1.0}
         count = robot.joint_count
-        self._panels: dict[tuple[str, int], Axes] = {}
-        self._curves: dict[tuple[str, int], Line2D] = {}
-        self._limits: dict[tuple[str, int], list[Line2D]] = {}
+        self._panels: dict[tuple[str, int], tuple[Axes, Line2D, list[Line2D]]] = {}
         with styled():
-            size = (COLUMN * count + 0.4, ROW * len(QUANTITIES) + 0.8)
-            self.figure = Figure(figsize=size, dpi=DPI)
+            size = (3.1 * count + 0.4, 0.9 * STYLE.row * len(QUANTITIES) + 0.8)
+            self.figure = Figure(figsize=size, dpi=STYLE.screen_dpi)
             self._canvas = FigureCanvasAgg(self.figure)
             grid = self.figure.subplots(len(QUANTITIES), count, sharex=True, squeeze=False)
             self.figure.subplots_adjust(0.24 / count, 0.16, 0.99, 0.94, 0.22, 0.12)
@@ -67,23 +59,21 @@ class LivePlot:
                     values = getattr(reference, quantity)[:, joint]
                     _frame(axes, robot, quantity, joint)
                     axes.set_ylim(*_range(values, *(b[joint] for b in largest.bounds(quantity))))
-                    axes.plot(reference.t, values, color=REFERENCE_COLOR, linewidth=1.6)
+                    axes.plot(reference.t, values, **GRAY)
                     (curve,) = axes.plot([], [], **solid, **moving)
-                    self._panels[quantity, joint] = axes
-                    self._curves[quantity, joint] = curve
-                    self._limits[quantity, joint] = [
-                        axes.axhline(0.0, **dashed, **moving) for _ in range(2)
-                    ]
+                    limits = [axes.axhline(0.0, **STYLE.limit_line, **moving) for _ in range(2)]
+                    self._panels[quantity, joint] = axes, curve, limits
+            edge = {"facecolor": "white", "edgecolor": STYLE.warning, "pad": 8}
+            words: dict[str, Any] = {"ha": "center", "va": "center", "color": STYLE.warning}
             self._message = self.figure.text(
-                0.5, 0.55, "", ha="center", va="center", fontsize=11, color=STYLE.warning,
-                bbox={"facecolor": "white", "edgecolor": STYLE.warning, "pad": 8}, **moving,
-            )  # fmt: skip
-            names = [
+                0.5, 0.55, "", fontsize=11, bbox=edge, **words, **moving
+            )
+            handles = [
                 Line2D([], [], **solid, label="as the sliders say"),
-                Line2D([], [], color=REFERENCE_COLOR, label="under the robot's own limits"),
-                Line2D([], [], **dashed, label="limit"),
+                Line2D([], [], **GRAY, label="under the robot's own limits"),
+                Line2D([], [], **{**STYLE.limit_line, "label": "limit"}),
             ]
-            self.figure.legend(handles=names, loc="lower center", ncols=3, frameon=False)
+            self.figure.legend(handles=handles, loc="lower center", ncols=3, frameon=False)
             self._axes: Axes = grid[0, 0]
             self._keep(duration)
 
@@ -94,21 +84,19 @@ class LivePlot:
         self._background = self._canvas.copy_from_bbox(self.figure.bbox)
 
     def png(self, motion: Motion | None, limits: JointLimits, message: str = "") -> bytes:
-        """Picture of a motion and limits; where there is no motion, a message that says why."""
+        """Return the picture of a motion and limits; without a motion, of a message that says why."""
         if motion is not None and motion.duration > self._axes.get_xlim()[1]:
             self._keep(1.25 * motion.duration)
         self._canvas.restore_region(self._background)
-        for (quantity, joint), axes in self._panels.items():
-            pair = self._limits[quantity, joint], limits.bounds(quantity)
-            for line, bound in zip(*pair, strict=True):
+        for (quantity, joint), (axes, curve, lines) in self._panels.items():
+            for line, bound in zip(lines, limits.bounds(quantity), strict=True):
                 line.set_ydata([bound[joint]] * 2)
                 axes.draw_artist(line)
             if motion is not None:
-                curve = self._curves[quantity, joint]
                 curve.set_data(motion.t, getattr(motion, quantity)[:, joint])
                 axes.draw_artist(curve)
         if message:
-            self._message.set_text(textwrap.fill(message, MESSAGE_WIDTH))
+            self._message.set_text(textwrap.fill(message, 75))
             self.figure.draw_artist(self._message)
         stream = BytesIO()
         image = Image.fromarray(np.asarray(self._canvas.buffer_rgba()))
@@ -127,7 +115,7 @@ def _frame(axes: Axes, robot: Robot, quantity: str, joint: int) -> None:
 
 
 def _range(values: Any, lower: float, upper: float) -> tuple[float, float]:
-    """Range of an axis that holds the limits, or half as much again as the values."""
+    """Return the range of an axis that holds the limits, or half as much again as the values."""
     low = lower if np.isfinite(lower) else 1.5 * min(float(values.min()), -1e-3)
     high = upper if np.isfinite(upper) else 1.5 * max(float(values.max()), 1e-3)
-    return ROOM * low, ROOM * high
+    return (1 + STYLE.room) * low, (1 + STYLE.room) * high

@@ -17,9 +17,8 @@ from microbot_ocp.limits import limit_history
 from microbot_ocp.motion import Motion
 from microbot_ocp.planning import TimeOptimalSolver
 from microbot_ocp.robot import JointLimits, Robot
+from microbot_ocp.views._style import STYLE
 from microbot_ocp.views.live import NewestOnly
-
-EXTRA = "pip install 'microbot_ocp[notebook]'"
 
 
 @dataclass(frozen=True)
@@ -32,13 +31,11 @@ class Setting:
 
     def limits(self, robot: Robot) -> JointLimits:
         """The robot's limits with torques and velocities scaled."""
-        own = robot.limits
+        limits, speed, torque = robot.limits, self.speed, self.torque
         return replace(
-            own,
-            qd_min=self.speed * own.qd_min,
-            qd_max=self.speed * own.qd_max,
-            tau_min=self.torque * own.tau_min,
-            tau_max=self.torque * own.tau_max,
+            limits,
+            **{key: speed * getattr(limits, key) for key in ("qd_min", "qd_max")},
+            **{key: torque * getattr(limits, key) for key in ("tau_min", "tau_max")},
         )
 
 
@@ -93,11 +90,10 @@ class TimeOptimalSliders:
         **settings: Any,
     ) -> None:
         widgets = _widgets()
-        ranges = {"torque": torque, "speed": speed}
-        for name, pair in ranges.items():
-            _check_range(name, pair)
+        _check_range("torque", torque)
+        _check_range("speed", speed)
         most = checks.number("payload", payload, "kg", above=0.0)
-        self._own = robot
+        self._bare = robot
         self._solver = TimeOptimalSolver(robot, via_q, **settings)
         self._reference = self._solver()
         if not self._reference.solved:
@@ -107,42 +103,28 @@ class TimeOptimalSliders:
             )
         self._draw = _live_plot(robot, self._reference, Setting(torque[1], speed[1]))
         self.motion: Motion | None = self._reference
-        self.robot = robot
-        self.message = ""
+        self.robot, self.message, self.solves = robot, "", 1
         self.solve_time = float(self._reference.provenance["wall_time"])
-        self.solves = 1
-        self.torque, self.speed = (
-            widgets.IntSlider(
-                value=100,
-                min=round(100 * low),
-                max=round(100 * high),
-                description=name,
-                readout_format="d",
-                style={"description_width": "13em"},
-                layout={"width": "40em"},
-            )
-            for name, (low, high) in zip(
-                ("torque limits [%]", "speed limits [%]"), ranges.values(), strict=True
-            )
-        )
-        self.payload = widgets.FloatSlider(
-            value=0.0,
-            min=0.0,
-            max=most,
-            step=most / 40,
-            description="payload at the tool [kg]",
-            readout_format=".2f",
-            style={"description_width": "13em"},
-            layout={"width": "40em"},
-        )
+
+        def slider(kind: str, name: str, low: float, high: float, **options: Any) -> Any:
+            style, layout = {"description_width": "13em"}, {"width": "40em"}
+            options |= {"min": low, "max": high, "style": style, "layout": layout}
+            return getattr(widgets, kind)(description=name, **options)
+
+        percent: Any = {"kind": "IntSlider", "value": 100, "readout_format": "d"}
+        low, high = (round(100 * share) for share in torque)
+        self.torque = slider(name="torque limits [%]", low=low, high=high, **percent)
+        low, high = (round(100 * share) for share in speed)
+        self.speed = slider(name="speed limits [%]", low=low, high=high, **percent)
+        options: Any = {"value": 0.0, "step": most / 40, "readout_format": ".2f"}
+        self.payload = slider("FloatSlider", "payload at the tool [kg]", 0.0, most, **options)
+        sliders = [self.torque, self.speed, self.payload]
         self._status, self._picture = widgets.HTML(), widgets.Image(format="png")
-        self._box = widgets.VBox(
-            [self.torque, self.speed, self.payload, self._status, self._picture]
-        )
+        self._box = widgets.VBox([*sliders, self._status, self._picture])
         self._work = NewestOnly(self._solve)
         self._update(robot.limits)
-        for slider in (self.torque, self.speed, self.payload):
-            slider.observe(self._moved, names="value")
+        for each in sliders:
+            each.observe(lambda _: self._work.ask(self.setting), names="value")
 
     @property
     def setting(self) -> Setting:
@@ -153,31 +135,26 @@ class TimeOptimalSliders:
         """Wait until the last position of the sliders is solved; False where that took longer."""
         return self._work.wait(timeout)
 
-    def _moved(self, _: Any) -> None:
-        self._work.ask(self.setting)
-
     def _solve(self, setting: Setting) -> None:
         begin = time.perf_counter()
-        limits = setting.limits(self._own)
+        limits = setting.limits(self._bare)
         try:
             motion = self._solver(limits, setting.payload)
             self.message = motion.note
             self.motion = motion if motion.solved else None
-        except InputError as problem:  # this setting asks for what cannot be done
-            self.motion, self.message = None, f"not solved: {problem}"
         except Exception as problem:  # a slider must not go on showing the old motion
-            self.motion, self.message = None, f"not solved: {type(problem).__name__}: {problem}"
-        self.robot = self._own.with_payload(setting.payload).with_limits(limits)
+            kind = "" if isinstance(problem, InputError) else f"{type(problem).__name__}: "
+            self.motion, self.message = None, f"not solved: {kind}{problem}"
+        self.robot = self._bare.with_payload(setting.payload).with_limits(limits)
         self.solve_time = time.perf_counter() - begin
         self.solves += 1
         self._update(limits)
 
     def _update(self, limits: JointLimits) -> None:
-        self._picture.value = self._draw.png(
-            self.motion, limits, "" if self.motion else self.message
-        )
+        message = "" if self.motion else self.message
+        self._picture.value = self._draw.png(self.motion, limits, message)
         if self.motion is None:
-            self._status.value = f'<b style="color:#B00020">{html.escape(self.message)}</b>'
+            self._status.value = f'<b style="color:{STYLE.warning}">{html.escape(self.message)}</b>'
             return
         change = self.motion.duration / self._reference.duration - 1
         self.message = (
@@ -216,7 +193,8 @@ def _widgets() -> Any:
     try:
         return import_module("ipywidgets")
     except ModuleNotFoundError:
-        raise InputError(f"sliders need ipywidgets, the extra 'notebook': {EXTRA}") from None
+        text = "sliders need ipywidgets: pip install 'microbot_ocp[notebook]'"
+        raise InputError(text) from None
 
 
 def _live_plot(robot: Robot, reference: Motion, widest: Setting) -> Any:

@@ -15,5 +15,7 @@ Examples
 """
 
 from microbot_ocp._base import border
+from microbot_ocp.views._needed import need
 
+need("figures", "matplotlib", "matplotlib")
 __getattr__, __dir__, __all__ = border.attach_stub(__name__, __file__)

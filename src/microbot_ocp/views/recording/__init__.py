@@ -5,5 +5,7 @@ A kind of recording is a function in ``_builders`` that makes a
 """
 
 from microbot_ocp._base import border
+from microbot_ocp.views._needed import need
 
+need("recordings", "rerun", "rerun-sdk")
 __getattr__, __dir__, __all__ = border.attach_stub(__name__, __file__)

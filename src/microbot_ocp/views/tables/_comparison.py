@@ -16,10 +16,8 @@ from microbot_ocp._base.writing import write_whole
 from microbot_ocp.comparison import Certificate, Comparison, Entry, LimitCheck
 from microbot_ocp.limits import JOINT_QUANTITIES, LimitFamily, not_judged, quantity_name
 from microbot_ocp.views._scene import display_factor, display_unit
-from microbot_ocp.views._style import entry_title
+from microbot_ocp.views._style import STYLE, entry_title
 
-SCHEMA = 1
-SHOWN_JOINTS = 4  # more joints than this: the table shows the busiest one only
 JUDGED = ("certificate_ok", "verdict", "verdict_short", "unjudged", "worst_violation")
 MEASURED = (
     "defect",
@@ -34,11 +32,8 @@ PLACE = ("quantity", "joint", "time", "value", "limit", "unit")  # of the worst 
 Row = dict[str, Any]
 
 
-WHOLE = "arm"  # in the place of a joint's name, for a limit of one number
-
-
 def comparison_rows(comparison: Comparison) -> list[Row]:
-    """One plain row an entry, ready for strict JSON: what is not known or not finite is None.
+    """Return one plain row an entry, ready for strict JSON: what is not known is None.
 
     Returns
     -------
@@ -59,61 +54,50 @@ def comparison_rows(comparison: Comparison) -> list[Row]:
 
 
 def comparison_table(comparison: Comparison) -> Table:
-    """One row a method, with a column for the peak use of every kind of limit but the position's.
+    """Return one row a method, with the peak use of every kind of limit but the position's.
 
     The notes give failures, refused certificates and how to read the table.
     """
     rows = comparison_rows(comparison)
     kinds = dict.fromkeys(kind for row in rows for kind in row["utilisation"] if kind != "q")
     limited = [kind for kind in kinds if any(_known(row["utilisation"].get(kind)) for row in rows)]
-    columns = (
-        Column("method", left=True),
-        Column("T", "s", ".3f"),
-        Column("ratio", show=".3f", bar=True),
-        *(Column(f"peak {_short_name(kind)}", "%", _percentages) for kind in limited),
-        Column("∫tau²", "(N m)² s", _significant),
-        Column("work", "J", _significant),
-        Column("certificate", left=True),
-        Column("solve", "s", _significant),
-    )
-    cells = [
-        (
-            row["title"],
-            row["duration"],
-            row["ratio"],
-            *(row["utilisation"].get(kind) for kind in limited),
-            row["torque_squared"],
-            row["work"],
-            _verdict(row),
-            row["solve_time"],
-        )
+    verdicts = [
+        f"not solved: {row['status']}"
+        if row["duration"] is None
+        else row["verdict_short"] or "not checked"
         for row in rows
     ]
-    marks = [_mark(row) for row in rows]
-    notes = list(_notes(comparison, rows))
+    pairs: list[tuple[Column, list[Any]]] = [
+        (Column("method", left=True), [row["title"] for row in rows]),
+        (Column("T", "s", ".3f"), [row["duration"] for row in rows]),
+        (Column("ratio", show=".3f", bar=True), [row["ratio"] for row in rows]),
+    ]
+    for kind in limited:
+        peaks = [row["utilisation"].get(kind) for row in rows]
+        pairs.append((Column(f"peak {_short_name(kind)}", "%", _percentages), peaks))
+    pairs += [
+        (Column("∫tau²", "(N m)² s", _significant), [row["torque_squared"] for row in rows]),
+        (Column("work", "J", _significant), [row["work"] for row in rows]),
+        (Column("certificate", left=True), verdicts),
+        (Column("solve", "s", _significant), [row["solve_time"] for row in rows]),
+    ]
+    marks = [
+        "missing" if row["duration"] is None else "bad" if row["certificate_ok"] is False else ""
+        for row in rows
+    ]
+    columns, values = zip(*pairs, strict=True)
+    cells, notes = list(zip(*values, strict=True)), list(_notes(comparison, rows))
     return Table(columns, cells, _title(comparison), notes, marks)
 
 
 def narrow_table(comparison: Comparison) -> Table:
-    """The table where there is room for the main columns only."""
+    """Return the table where there is room for the main columns only."""
     return comparison_table(comparison).without("∫tau²", "work")
-
-
-def _mark(row: Row) -> str:
-    if row["duration"] is None:
-        return "missing"
-    return "bad" if row["certificate_ok"] is False else ""
-
-
-def _verdict(row: Row) -> str:
-    if row["duration"] is None:
-        return f"not solved: {row['status']}"
-    return row["verdict_short"] or "not checked"
 
 
 def write_csv(comparison: Comparison, path: str | Path) -> Path:
     """Write the rows as CSV, one column a joint for every limited quantity; unknown is empty."""
-    rows = [_flat(row) for row in comparison_rows(comparison)]
+    rows = [dict(_flat(row)) for row in comparison_rows(comparison)]
     keys = list(dict.fromkeys(key for row in rows for key in row))
     cells = [[row.get(key) for key in keys] for row in rows]
     return Table([Column(key) for key in keys], cells).write_csv(path)
@@ -123,13 +107,11 @@ def write_json(comparison: Comparison, path: str | Path) -> Path:
     """Write task and rows as strict JSON: NaN and infinity become null."""
     robot = comparison.robot
     revolute = np.array(robot.joint_types) == "revolute"
+    pairs = zip(robot.joint_names, robot.joint_types, strict=True)
     document = {
-        "schema": SCHEMA,
+        "schema": 1,
         "robot": robot.name,
-        "joints": [
-            {"name": name, "type": kind}
-            for name, kind in zip(robot.joint_names, robot.joint_types, strict=True)
-        ],
+        "joints": [{"name": name, "type": kind} for name, kind in pairs],
         "via_q": comparison.via_q,
         "via_q_unit": [robot.unit("q", j) for j in range(robot.joint_count)],
         "via_q_deg": np.where(revolute, _shown_via(comparison), np.nan),
@@ -142,7 +124,7 @@ def write_json(comparison: Comparison, path: str | Path) -> Path:
 
 
 def _shown_via(comparison: Comparison) -> FloatArray:
-    """Via points [m,n] in degrees, of prismatic joints in m."""
+    """Return via points [m,n] in degrees, of prismatic joints in m."""
     robot = comparison.robot
     factors = [display_factor(robot, "q", joint) for joint in range(robot.joint_count)]
     return np.round(comparison.via_q * factors, 10)  # 30, not 29.999999999999996
@@ -151,16 +133,34 @@ def _shown_via(comparison: Comparison) -> FloatArray:
 def _row(comparison: Comparison, entry: Entry, reference: float) -> Row:
     motion, certificate = entry.motion, entry.certificate
     duration = motion.duration if motion is not None else math.nan
+    checks = certificate.limit_checks if certificate is not None else ()
+    proof: Row = dict.fromkeys((*JUDGED, *MEASURED))
+    if certificate is not None:
+        worst = max((c for c in checks if c.violation > 0), key=lambda c: c.violation, default=None)
+        place = worst and {key: getattr(worst, key) for key in PLACE}
+        proof = {
+            "certificate_ok": certificate.ok,
+            "verdict": certificate.verdict,
+            "verdict_short": _short_verdict(certificate, worst),
+            "unjudged": list(certificate.unjudged),
+            "worst_violation": worst and place and {**place, "relative": worst.violation},
+            **{key: getattr(certificate, key) for key in MEASURED},
+        }
     row = {
         "name": entry.name,
         "title": entry_title(entry),
         "status": entry.status,
         "duration": duration,
         "ratio": duration / reference,
-        "utilisation": _utilisation(comparison, certificate),
+        "utilisation": {
+            c.quantity: {
+                name or "arm": use for name, use in zip(c.labels, c.utilisation, strict=True)
+            }
+            for c in checks
+        },
         "torque_squared": entry.torque_squared,
         "work": entry.work,
-        **_proof(certificate),
+        **proof,
         "solve_time": entry.solve_time,
         "note": entry.note or (motion.note if motion is not None else ""),
         "marks": [{"time": m.time, "name": m.name} for m in (motion.marks if motion else ())],
@@ -168,61 +168,25 @@ def _row(comparison: Comparison, entry: Entry, reference: float) -> Row:
     return plain(row)
 
 
-def _utilisation(comparison: Comparison, certificate: Certificate | None) -> Row:
-    checks = certificate.limit_checks if certificate is not None else ()
-    return {
-        c.quantity: dict(
-            zip((name or WHOLE for name in c.labels), c.utilisation.tolist(), strict=True)
-        )
-        for c in checks
-    }
-
-
-def _proof(certificate: Certificate | None) -> Row:
-    if certificate is None:
-        return dict.fromkeys((*JUDGED, *MEASURED))
-    short, unjudged = _short_verdict(certificate), list(certificate.unjudged)
-    judged = certificate.ok, certificate.verdict, short, unjudged, _worst(certificate)
-    measured = {key: getattr(certificate, key) for key in MEASURED}
-    return dict(zip(JUDGED, judged, strict=True)) | measured
-
-
-def _worst_check(certificate: Certificate) -> LimitCheck | None:
-    broken = [check for check in certificate.limit_checks if check.violation > 0]
-    return max(broken, key=lambda check: check.violation, default=None)
-
-
-def _worst(certificate: Certificate) -> Row | None:
-    check = _worst_check(certificate)
-    if check is None:
-        return None
-    return {key: getattr(check, key) for key in PLACE} | {"relative": check.violation}
-
-
-def _short_verdict(certificate: Certificate) -> str:
+def _short_verdict(certificate: Certificate, worst: LimitCheck | None) -> str:
     if certificate.ok:
         return certificate.outcome.partition(":")[0]
-    worst = _worst_check(certificate)
     if not certificate.resimulation_status.solved:
         return "FAILED: re-simulation"
-    if worst is not None and worst.violation > 1e-6:
-        place = f"{_short_name(worst.quantity)} {worst.joint}".strip()
-        return f"FAILED: {place} +{_percent(worst.violation)}"
-    return "FAILED"
+    if worst is None or worst.violation <= 1e-6:
+        return "FAILED"
+    percent = 100 * worst.violation
+    place = f"{_short_name(worst.quantity)} {worst.joint}".strip()
+    return f"FAILED: {place} +{percent:{'.2g' if percent < 10 else '.0f'}} %"
 
 
 def _short_name(quantity: str) -> str:
-    """The symbol of a quantity of the joints, the name of any other."""
+    """Return the symbol of a quantity of the joints, the name of any other."""
     return quantity if quantity in JOINT_QUANTITIES else quantity_name(quantity)
 
 
-def _percent(share: float) -> str:
-    percent = 100 * share
-    return f"{percent:.2g} %" if percent < 10 else f"{percent:.0f} %"
-
-
 def _known(shares: Mapping[str, float | None] | None) -> dict[str, float]:
-    """Known shares by joint."""
+    """Return known shares by joint."""
     return {joint: share for joint, share in (shares or {}).items() if share is not None}
 
 
@@ -230,14 +194,14 @@ def _percentages(shares: Mapping[str, float | None]) -> str:
     known = _known(shares)
     if not known:
         return NOTHING
-    if len(shares) > SHOWN_JOINTS:
+    if len(shares) > STYLE.side_by_side:
         joint = max(known, key=known.__getitem__)
         return f"{100 * known[joint]:.0f} ({joint})"
     return "/".join(NOTHING if s is None else f"{100 * s:.0f}" for s in shares.values())
 
 
 def _significant(value: float) -> str:
-    """Three significant digits without an exponent for what tables usually hold."""
+    """Write three significant digits without an exponent for what tables usually hold."""
     if value == 0 or not 1e-3 <= abs(value) < 1e7:
         return f"{value:.3g}"
     digits = max(0, 2 - math.floor(math.log10(abs(value))))
@@ -258,7 +222,7 @@ def _title(comparison: Comparison) -> str:
 
 def _notes(comparison: Comparison, rows: list[Row]) -> Iterator[str]:
     joints = comparison.robot.joint_names
-    order = " / ".join(joints) if len(joints) <= SHOWN_JOINTS else "busiest joint only"
+    order = " / ".join(joints) if len(joints) <= STYLE.side_by_side else "busiest joint only"
     titles = {row["name"]: row["title"] for row in rows}
     reference = titles.get(comparison.reference, comparison.reference)
     yield f"Peaks: largest share of the limit ({order}). Ratio: to {reference}."
@@ -280,31 +244,24 @@ def _notes(comparison: Comparison, rows: list[Row]) -> Iterator[str]:
 def _violation_text(violation: Row | None, verdict: str) -> list[str]:
     if violation is None or (violation["joint"] or violation["quantity"]) in verdict:
         return []  # the verdict says so already
+    name, unit = _short_name(violation["quantity"]), violation["unit"]
     value, limit, time = (violation[key] for key in ("value", "limit", "time"))
     if value is None or limit is None or time is None:
         return []
     joint = f" of {violation['joint']}" if violation["joint"] else ""
-    return [
-        f"{_short_name(violation['quantity'])}{joint} reaches {value:.4g} {violation['unit']} "
-        f"at {time:.3f} s, limit {limit:.4g}"
-    ]
+    return [f"{name}{joint} reaches {value:.4g} {unit} at {time:.3f} s, limit {limit:.4g}"]
 
 
-def _flat(row: Row) -> Row:
-    """One level only: a column for each joint's utilisation and for what is worst violated."""
-    flat: Row = {}
+def _flat(row: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield one level only: a column for each joint's use and for what is worst violated."""
     for key, value in row.items():
-        if key == "utilisation":
-            for quantity, shares in value.items():
-                for joint, share in shares.items():
-                    flat[f"utilisation_{quantity}_{joint}"] = share
-        elif key == "worst_violation":
-            for part in (*PLACE, "relative"):
-                flat[f"worst_violation_{part}"] = value[part] if value else None
+        if key == "worst_violation" and value is None:
+            value = dict.fromkeys((*PLACE, "relative"))
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{prefix}{key}_")
         elif key == "unjudged":
-            flat[key] = "; ".join(value or ())
+            yield key, "; ".join(value or ())
         elif key == "marks":
-            flat[key] = "; ".join(f"{mark['time']:.6g} {mark['name']}" for mark in value)
+            yield key, "; ".join(f"{mark['time']:.6g} {mark['name']}" for mark in value)
         else:
-            flat[key] = value
-    return flat
+            yield prefix + key, value

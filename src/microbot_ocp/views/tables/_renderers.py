@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from html import escape
+from typing import Any
 
 from rich import box
 from rich.console import Group
@@ -10,32 +11,26 @@ from rich.table import Table as RichTable
 from rich.text import Text
 
 from microbot_ocp._base.table import Column, Table
+from microbot_ocp.views._style import STYLE
 
-BAR = 8.0  # em, of a value of 1
-SHORT = 8  # characters: columns of shorter cells are never broken
 STYLES = {"bad": "red", "missing": "dim"}
-COLORS = {"bad": "color:#B00020", "missing": "opacity:.6"}
+COLORS = {"bad": f"color:{STYLE.warning}", "missing": "opacity:.6"}
 LOOK = "color:inherit;font-size:inherit;border-collapse:collapse"
 
 
 def terminal(table: Table) -> Group:
-    """For a rich console; the notes are a list below."""
+    """Return a table for a rich console; the notes are a list below."""
     # Text, not str: rich would read "[s]" as markup
-    drawn = RichTable(
-        title=Text(table.title, style="bold") if table.title else None,
-        title_justify="left",
-        box=box.SIMPLE_HEAD,
-        show_edge=False,
-        pad_edge=False,
-        padding=(0, 1, 0, 0),
-    )
+    title = Text(table.title, style="bold") if table.title else None
+    style: dict[str, Any] = {"box": box.SIMPLE_HEAD, "show_edge": False, "pad_edge": False}
+    drawn = RichTable(title=title, title_justify="left", padding=(0, 1, 0, 0), **style)
     for place, column in enumerate(table.columns):
         longest = max((len(row[place]) for row in table.cells), default=0)
         drawn.add_column(
             Text(column.title),
             justify="left" if column.left else "right",
             overflow="fold",
-            no_wrap=not place or longest <= SHORT,
+            no_wrap=not place or longest <= 8,  # short cells are never broken
         )
     for row, mark in zip(table.cells, _marks(table), strict=True):
         drawn.add_row(*map(Text, row), style=STYLES.get(mark))
@@ -44,7 +39,7 @@ def terminal(table: Table) -> Group:
 
 
 def html(table: Table) -> str:
-    """For Jupyter."""
+    """Return a table for Jupyter; a bar of 8 em stands for 1."""
     head = "".join(f"<th {_style(column)}>{escape(column.title)}</th>" for column in table.columns)
     body = ""
     for row, mark in zip(table.rows, _marks(table), strict=True):
@@ -68,7 +63,6 @@ def _style(column: Column) -> str:
 def _cell(column: Column, value: object) -> str:
     text = escape(column.text(value))
     if column.bar and isinstance(value, int | float):
-        width = min(BAR * value, 4 * BAR)
-        look = f"width:{width:.2f}em;height:.7em;background:#D55E00;opacity:.75"
+        look = f"width:{8 * min(value, 4):.2f}em;height:.7em;background:#D55E00;opacity:.75"
         text += f' <span style="display:inline-block;{look}"></span>'
     return f"<td {_style(column)}>{text}</td>"

@@ -18,7 +18,7 @@ from microbot_ocp.views import _scene as scene
 
 
 def robot(robot: Robot) -> Table:
-    """DH table with masses and limits."""
+    """Return the DH table with masses and limits."""
     columns = [Column("joint", left=True), Column("type", left=True)]
     columns += [Column("alpha", "deg", ".4g"), Column("a", "m", ".4g"), Column("d", "m", ".4g")]
     columns.append(Column("offset", "deg", ".4g"))
@@ -42,7 +42,7 @@ def robot(robot: Robot) -> Table:
 
 
 def motion(motion: Motion) -> Table:
-    """Ends and peaks of every joint."""
+    """Return ends and peaks of every joint."""
     heads = ("q from", "q to", "peak |qd|", "peak |qdd|", "peak |tau|")
     columns = [Column("joint"), *(Column(head, show=".4g") for head in heads)]
     ends = np.round(motion.q[[0, -1]], 9) + 0.0  # no -0
@@ -53,7 +53,7 @@ def motion(motion: Motion) -> Table:
 
 
 def certificate(certificate: Certificate) -> Table:
-    """The verdict and the worst use of every kind of limit."""
+    """Return the verdict and the worst use of every kind of limit."""
     columns = (
         Column("limit", left=True),
         Column("worst use", "%", ".2f"),
@@ -83,7 +83,7 @@ def certificate(certificate: Certificate) -> Table:
 
 
 def solution(solution: Solution) -> Table:
-    """How every solver fared, and what is in every phase."""
+    """Return how every solver fared, and what is in every phase."""
     columns = (
         Column("solver", left=True),
         Column("status", left=True),
@@ -102,13 +102,13 @@ def solution(solution: Solution) -> Table:
 
 
 def refined(refined: Refined) -> Table:
-    """The history of the meshes."""
+    """Return the history of the meshes."""
     history = refined.history.table()
     return _table(refined, history.columns, history.rows, [refined.advice])
 
 
 def ocp_certificate(certificate: OCPCertificate) -> Table:
-    """The conditions of an optimum, re-simulations and Hamiltonians, and which limit acts when."""
+    """Return conditions of an optimum, re-simulations, Hamiltonians, and which limit acts when."""
     names = ("stationarity", "feasibility", "complementarity", "sign")
     residuals = [getattr(certificate.optimality, name) for name in names]
     gap = certificate.optimality.gap

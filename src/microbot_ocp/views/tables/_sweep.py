@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from microbot_ocp._base.table import Column, Table
-from microbot_ocp.comparison import METHODS
 from microbot_ocp.sweeps import Quartiles, Sweep, SweepSummary
-
-MOST = 4  # failures and limits that are named
+from microbot_ocp.views._style import method_title
 
 
 def sweep(results: Sweep) -> Table:
-    """Durations of every method and what the best one saves, as medians and quartiles."""
-    found = results.summary()
+    """Return durations of every method and what the best one saves: medians and quartiles."""
+    summary = results.summary()
     columns = (
         Column("method", left=True),
         Column("solved"),
@@ -24,45 +22,38 @@ def sweep(results: Sweep) -> Table:
     )
     rows = []
     for method in results.methods:
-        duration, saving = found.durations[method], found.savings.get(method)
-        rows.append(
-            (
-                METHODS[method].title if method in METHODS else method,
-                found.solved[method],
-                found.certified[method],
-                duration.median,
-                _span(duration, 1.0, ".3f"),
-                100 * saving.median if saving else None,
-                _span(saving, 100.0, ".1f") if saving else None,
-                saving.count if saving else None,
-            )
-        )
-    title = f"{found.done:,} of {found.count:,} cases on {results.about['robot']}"
-    return Table(columns, rows, title, _notes(results, found))
+        duration, saving = summary.durations[method], summary.savings.get(method)
+        saved = (None, None, None)
+        if saving:
+            saved = 100 * saving.median, _span(saving, 100.0, ".1f"), saving.count
+        times = duration.median, _span(duration, 1.0, ".3f")
+        counts = summary.solved[method], summary.certified[method]
+        rows.append((method_title(method), *counts, *times, *saved))
+    title = f"{summary.done:,} of {summary.count:,} cases on {results.about['robot']}"
+    return Table(columns, rows, title, _notes(results, summary))
 
 
-def _notes(results: Sweep, found: SweepSummary) -> list[str]:
-    best = METHODS[found.best].title if found.best in METHODS else found.best
-    notes = [f"Time saved by: {best}, where both are solved."]
-    decides = sorted(found.decides.items(), key=lambda pair: -pair[1])
+def _notes(results: Sweep, summary: SweepSummary) -> list[str]:
+    notes = [f"Time saved by: {method_title(summary.best)}, where both are solved."]
+    decides = sorted(summary.decides.items(), key=lambda pair: -pair[1])
     if decides:
         shares = ", ".join(
-            f"{name} {100 * share:.1f} % ({100 * found.at_limit[name]:.1f} %)"
+            f"{name} {100 * share:.1f} % ({100 * summary.at_limit[name]:.1f} %)"
             for name, share in decides
         )
         notes.append(
             "Limit that is at work longest, share of the solved cases (mean share of the time at "
             f"each): {shares}."
         )
-    if found.failures:
-        several = [f"{f.status} {f.count:,} (first: case {f.case})" for f in found.failures[:MOST]]
-        rest = sum(f.count for f in found.failures[MOST:])
+    if summary.failures:
+        several = [f"{f.status} {f.count:,} (first: case {f.case})" for f in summary.failures[:4]]
+        rest = sum(f.count for f in summary.failures[4:])
         notes.append(f"Not solved: {', '.join(several)}{f', others {rest:,}' if rest else ''}.")
-    time = found.case_time
+    time = summary.case_time
     if time.count:
         notes.append(f"Wall time of a case: median {time.median:.3g} s.")
-    if found.not_compiled and "time_optimal" in results.methods:
-        notes.append(f"Not compiled, on CasADi's virtual machine: {found.not_compiled:,} cases.")
+    if summary.not_compiled and "time_optimal" in results.methods:
+        notes.append(f"Not compiled, on CasADi's virtual machine: {summary.not_compiled:,} cases.")
     return notes
 
 
