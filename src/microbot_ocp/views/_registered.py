@@ -5,56 +5,25 @@ The package's ``__init__`` loads this table of names; a function is imported whe
 
 from microbot_ocp._base.showing import add_views
 
-PLOTS, TABLES, RECORDING, ANIMATION = (
-    f"{__package__}.{folder}" for folder in ("plots", "tables", "recording", "animation")
-)
+VIEWS = {  # public name of the class: kind of view = face or module of this folder: function
+    "Table": "terminal=tables._renderers:terminal html=tables._renderers:html",
+    "robot.Robot": "table=tables._results:robot",
+    "motion.Motion": "table=tables._results:motion plot=plots:motion rerun=recording:of_motion "
+    "animation=animation:animate_motion",
+    "simulation.Simulation": "plot=plots:simulation",
+    "simulation.Tracking": "plot=plots:tracking rerun=recording:of_tracking",
+    "ocp.solution.Solution": "table=tables._results:solution plot=plots:solution",
+    "ocp.refinement.Refined": "table=tables._results:refined",
+    "ocp.verification.OCPCertificate": "table=tables._results:ocp_certificate",
+    "comparison.Certificate": "table=tables._results:certificate",
+    "comparison.Front": "plot=plots:front",
+    "comparison.Cell": "rerun=recording:of_cell animation=animation:animate_cell",
+    "comparison.Comparison": "table=tables:comparison_table json=tables:write_json "
+    "csv=tables:write_csv plot=plots:comparison paths=plots:paths report=plots:report "
+    "rerun=recording:of_comparison animation=animation:animate_comparison",
+    "sweeps.Sweep": "table=tables._sweep:sweep plot=plots:sweep rerun=recording:of_sweep",
+}
 
-add_views(
-    {
-        "microbot_ocp.Table": {
-            "terminal": f"{TABLES}._renderers:terminal",
-            "html": f"{TABLES}._renderers:html",
-        },
-        "microbot_ocp.robot.Robot": {"table": f"{TABLES}._results:robot"},
-        "microbot_ocp.motion.Motion": {
-            "table": f"{TABLES}._results:motion",
-            "plot": f"{PLOTS}:motion",
-            "rerun": f"{RECORDING}:of_motion",
-            "animation": f"{ANIMATION}:animate_motion",
-        },
-        "microbot_ocp.simulation.Simulation": {"plot": f"{PLOTS}:simulation"},
-        "microbot_ocp.simulation.Tracking": {
-            "plot": f"{PLOTS}:tracking",
-            "rerun": f"{RECORDING}:of_tracking",
-        },
-        "microbot_ocp.ocp.solution.Solution": {
-            "table": f"{TABLES}._results:solution",
-            "plot": f"{PLOTS}:solution",
-        },
-        "microbot_ocp.ocp.refinement.Refined": {"table": f"{TABLES}._results:refined"},
-        "microbot_ocp.ocp.verification.OCPCertificate": {
-            "table": f"{TABLES}._results:ocp_certificate"
-        },
-        "microbot_ocp.comparison.Certificate": {"table": f"{TABLES}._results:certificate"},
-        "microbot_ocp.comparison.Front": {"plot": f"{PLOTS}:front"},
-        "microbot_ocp.comparison.Cell": {
-            "rerun": f"{RECORDING}:of_cell",
-            "animation": f"{ANIMATION}:animate_cell",
-        },
-        "microbot_ocp.comparison.Comparison": {
-            "table": f"{TABLES}:comparison_table",
-            "json": f"{TABLES}:write_json",
-            "csv": f"{TABLES}:write_csv",
-            "plot": f"{PLOTS}:comparison",
-            "paths": f"{PLOTS}:paths",
-            "report": f"{PLOTS}:report",
-            "rerun": f"{RECORDING}:of_comparison",
-            "animation": f"{ANIMATION}:animate_comparison",
-        },
-        "microbot_ocp.sweeps.Sweep": {
-            "table": f"{TABLES}._sweep:sweep",
-            "plot": f"{PLOTS}:sweep",
-            "rerun": f"{RECORDING}:of_sweep",
-        },
-    }
-)
+for name, views in VIEWS.items():
+    pairs = (view.split("=") for view in views.split())
+    add_views({f"microbot_ocp.{name}": {kind: f"{__package__}.{at}" for kind, at in pairs}})

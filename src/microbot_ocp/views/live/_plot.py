@@ -84,7 +84,7 @@ class LivePlot:
         self._background = self._canvas.copy_from_bbox(self.figure.bbox)
 
     def png(self, motion: Motion | None, limits: JointLimits, message: str = "") -> bytes:
-        """Return the picture of a motion and limits; without a motion, of a message that says why."""
+        """Return the picture of a motion and limits; without one, of a message why."""
         if motion is not None and motion.duration > self._axes.get_xlim()[1]:
             self._keep(1.25 * motion.duration)
         self._canvas.restore_region(self._background)

@@ -92,14 +92,13 @@ def _page(comparison: Comparison, axes: GivenAxes | None) -> Page:
             raise InputError("axes must begin with three-dimensional ones, projection='3d'")
         return page
     figure = new_page(STYLE.landscape, f"{comparison.robot.name}: tool paths")
-    layout = figure.add_gridspec(2, 2, width_ratios=(1.35, 1.0))
-    grid = np.empty((1, 3), dtype=object)
-    grid[0] = [
-        figure.add_subplot(layout[:, 0], axes_class=ShownAxes3D),
-        figure.add_subplot(layout[0, 1], axes_class=ShownAxes),
-        figure.add_subplot(layout[1, 1], axes_class=ShownAxes),
-    ]
-    return Page(grid.view(AxesGrid), own=True)
+    kinds = {"space": ShownAxes3D, "above": ShownAxes, "side": ShownAxes}
+    panels = figure.subplot_mosaic(
+        [["space", "above"], ["space", "side"]],
+        width_ratios=(1.35, 1.0),
+        per_subplot_kw={name: {"axes_class": kind} for name, kind in kinds.items()},
+    )
+    return Page(np.array([[panels[name] for name in kinds]]).view(AxesGrid), own=True)
 
 
 def has_vertical_waist(comparison: Comparison) -> bool:

@@ -6,6 +6,7 @@ import platform
 import shlex
 import sys
 import textwrap
+from dataclasses import replace
 from datetime import datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -68,12 +69,11 @@ def report_figure(comparison: Comparison, *, footer: str | None = None) -> Figur
     robot, chosen = comparison.robot, main_methods(comparison)
     table = narrow_table(comparison)
     task, closing = _task_text(comparison, table), _closing_text(comparison, table)
-    head_lines = max(head.count("\n") + 1 for head in _heads(table))
     lanes = len(chosen) * (robot.joint_count + 1) + 1
     heights = (
         0.3,
         0.17 * task.count("\n") + 0.35,
-        0.19 * (len(comparison.entries) + head_lines) + 0.1,
+        0.19 * (len(comparison.entries) + 1) + 0.1,
         2.9,
         2.35,
         max(1.0, min(2.6, 0.135 * lanes + 0.5)),
@@ -87,7 +87,7 @@ def report_figure(comparison: Comparison, *, footer: str | None = None) -> Figur
     heading = {"fontsize": 13, "fontweight": "bold", "ha": "center"}
     _write(figure.add_subplot(grid[0]), f"{robot.name}: the same task by every method", **heading)
     _write(figure.add_subplot(grid[1]), task)
-    _draw_table(figure.add_subplot(grid[2]), comparison, table)
+    _draw_table(figure.add_subplot(grid[2]), comparison, str(replace(table, title="", notes=())))
     _draw_curves(figure, grid[3], comparison, chosen)
     _draw_paths(figure, grid[4], comparison, chosen)
     panel = figure.add_subplot(grid[5])
@@ -95,6 +95,8 @@ def report_figure(comparison: Comparison, *, footer: str | None = None) -> Figur
     panel.set_title("a limit used to 99 % or more", loc="right", pad=3)
     if legend := panel.get_legend():
         legend.set_loc("lower right")
+        for text in legend.get_texts():
+            text.set_fontsize(SMALL)
     _write(figure.add_subplot(grid[6]), closing)
     figure.supxlabel(_footer() if footer is None else footer, fontsize=6.0, color="0.3", x=0.5)
     return figure
@@ -130,50 +132,25 @@ def _limits_text(robot: Robot, quantity: str) -> str:
     return f"Limits of {name}: {' / '.join(t.removesuffix(unit) or 'none' for t in texts)}{unit}"
 
 
-def _heads(table: Table) -> list[str]:
-    """Return heads of the table, in several lines where one line of all would not fit."""
-    if len("  ".join(table.heads)) <= 80:
-        return table.heads
-    return [textwrap.fill(head, 11, break_long_words=False) for head in table.heads]
-
-
-def _draw_table(axes: Axes, comparison: Comparison, table: Table) -> None:
+def _draw_table(axes: Axes, comparison: Comparison, text: str) -> None:
+    """Write the lines of a table, each after the line of its method."""
     axes.axis("off")
     axes.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0))
-    if not table.rows:
-        return
-    heads = ["", *_heads(table)]
-    tall = max(head.count("\n") + 1 for head in heads)
-    rows = [["", *(textwrap.shorten(c, 48, placeholder="…") for c in row)] for row in table.cells]
-    left = [1, table.heads.index("certificate") + 1]
-    columns = zip(*[[max(head.split("\n"), key=len) for head in heads], *rows], strict=True)
-    lengths = [max(map(len, column)) + 2.5 for column in columns]
-    lengths[0] = 5.0  # the line of the legend
-    for row in [heads, *rows]:
-        row[left[1]] = f"    {row[left[1]]}"  # apart from the numbers before it
-    widths = [length / sum(lengths) for length in lengths]
-    grid = axes.table(
-        rows, colLabels=heads, colWidths=widths, loc="upper center", edges="horizontal",
-        bbox=[0.0, 0.0, 1.0, 1.0],  # pyright: ignore[reportArgumentType]
-    )  # fmt: skip
-    grid.auto_set_font_size(False)
-    grid.set_fontsize((SMALL + 0.4) * min(1.0, 100 / sum(lengths)))  # so many characters fit
-    for (row, column), cell in grid.get_celld().items():
-        cell.set_linewidth(0.4)
-        cell.set_text_props(ha="left" if column in left else "right")
-        cell.PAD = 0.02
-        if row == 0:
-            cell.set_height(tall * cell.get_height())
-            cell.set_text_props(fontweight="bold")
-        elif comparison.entries[row - 1].motion is None:
-            cell.set_text_props(color=STYLE.warning)
-    for index, (entry, style) in enumerate(
-        zip(comparison.entries, entry_styles(comparison).values(), strict=True)
+    head, *rows = text.splitlines()
+    size = min(STYLE.tiny + 0.4, 780 / max(map(len, [head, *rows])))  # as much as fits the page
+    style: dict[str, Any] = {"family": "DejaVu Sans Mono", "fontsize": size, "va": "center"}
+    step = 1.0 / (len(rows) + 1)
+    axes.text(0.05, 1.0 - step / 2, head, fontweight="bold", **style)
+    for place, (row, entry, look) in enumerate(
+        zip(rows, comparison.entries, entry_styles(comparison).values(), strict=True), start=1
     ):
+        height = 1.0 - (place + 0.5) * step
+        axes.axhline(1.0 - place * step, color="0.8", linewidth=0.6)
+        color = "black" if entry.motion else STYLE.warning
+        axes.text(0.05, height, row, color=color, **style)
         if entry.motion is not None:
-            height = 1.0 - (index + tall + 0.5) / (len(rows) + tall)
-            line: dict[str, Any] = {"color": style.color, "linestyle": style.linestyle}
-            axes.plot([0.004, widths[0] - 0.004], [height] * 2, linewidth=STYLE.line, **line)
+            line: dict[str, Any] = {"color": look.color, "linestyle": look.linestyle}
+            axes.plot([0.0, 0.04], [height] * 2, linewidth=STYLE.line, **line)
 
 
 def _draw_curves(figure: Figure, place: Any, comparison: Comparison, chosen: list[str]) -> None:

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
-import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import InputError
 from microbot_ocp._base.showing import GivenAxes
-from microbot_ocp.ocp.problem import Variable
 from microbot_ocp.ocp.solution import Solution
 from microbot_ocp.views._scene import is_near
 from microbot_ocp.views._style import STYLE, look
+from microbot_ocp.views._variables import dense_times, variable_curves
 from microbot_ocp.views.plots._page import AxesGrid, axes_page, styled
 
 
@@ -55,8 +52,9 @@ def solution(
     solutions = {"": solution} if isinstance(solution, Solution) else dict(solution)
     if not solutions:
         raise InputError("solution must hold at least one solution")
-    variables = _variables(next(iter(solutions.values())))
-    chosen = [checks.one_of("name", name, variables) for name in names or variables]
+    every = [variable_curves(each.phases, dense_times) for each in solutions.values()]
+    units = {name: unit for name, _, unit in every[0]}
+    chosen = [checks.one_of("name", name, units) for name in names or units]
     columns, rows = min(3, len(chosen)), 1
     if axes is None:
         rows = -(-len(chosen) // columns)
@@ -68,15 +66,23 @@ def solution(
     for empty in page.axes.ravel()[len(chosen) :]:
         empty.remove()
     for name, panel in zip(chosen, panels, strict=True):
-        variable = variables[name]
-        for place, each in enumerate(solutions.values()):
-            _draw(panel, each, name, look(place))
+        shown = [
+            (place, curve)
+            for place, table in enumerate(every)
+            for key, curves in table.items()
+            for curve in (curves if key[0] == name else ())
+        ]
+        for place, curve in shown:
+            panel.plot(curve.t, curve.values, **look(place))
         low, high = panel.get_ylim()
-        for bound in {*variable.lower.tolist(), *variable.upper.tolist()}:
-            if is_near(bound, low, high):
-                panel.axhline(bound, zorder=2, **STYLE.limit_line)
+        for _, curve in shown:
+            for bound in (curve.lower, curve.upper):
+                if is_near(bound, low, high):
+                    panel.plot(curve.t[[0, -1]], [bound] * 2, zorder=2, **STYLE.limit_line)
+        for begin in sorted({curve.t[0] for place, curve in shown if place == 0})[1:]:
+            panel.axvline(begin, color="0.8", linewidth=0.8, zorder=1)
         panel.set_title(name, fontweight="bold")
-        panel.set_ylabel(f"[{variable.unit}]" if variable.unit else "")
+        panel.set_ylabel(f"[{units[name]}]" if units[name] else "")
         panel.margins(x=0.01)
     for panel in panels[-min(3, columns) :]:
         panel.set_xlabel("t [s]")
@@ -89,28 +95,3 @@ def solution(
     ]
     page.legend(handles, 4, failures)
     return panels
-
-
-def _variables(solution: Solution) -> dict[str, Variable]:
-    variables: dict[str, Variable] = {}
-    for part in solution.phases:
-        if part.layout is None:
-            raise InputError(f"phase {part.name!r} was not made by a solve: it cannot be drawn")
-        phase = part.layout.phase
-        for variable in (*phase.states, *phase.controls, *phase.algebraics):
-            variables.setdefault(variable.name, variable)
-    return variables
-
-
-def _draw(axes: Axes, solution: Solution, name: str, line: dict[str, Any]) -> None:
-    begin = 0.0
-    for part in solution.phases:
-        if name in part.values:
-            # even times and both sides of every mesh point, where controls may jump
-            edges, gap = part.t[1:-1], 1e-9 * part.duration
-            even = np.linspace(0.0, part.duration, STYLE.points)
-            t = np.unique(np.concatenate([even, edges - gap, edges + gap]))
-            axes.plot(begin + t, part.sample(t)[name], **line)
-        begin += part.duration
-        if part is not solution.phases[-1]:
-            axes.axvline(begin, color="0.8", linewidth=0.8, zorder=1)

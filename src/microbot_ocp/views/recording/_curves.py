@@ -6,18 +6,14 @@ it as a line in a box, with its limits and the ends of its axes.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
-
 import numpy as np
 import rerun as rr
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp.ocp.problem import Variable
-from microbot_ocp.ocp.solution import PhaseSolution
 from microbot_ocp.robot import Robot
 from microbot_ocp.views._scene import display_factor, is_near
 from microbot_ocp.views._style import STYLE
+from microbot_ocp.views._variables import BoundedCurve
 from microbot_ocp.views.recording._animated_arm import AnimatedArm
 from microbot_ocp.views.recording._writer import PROGRESS, TIME, Times, Writer, plot_path
 
@@ -49,31 +45,6 @@ def draw_progress(writer: Writer, arm: AnimatedArm) -> None:
     t, percent = arm.times[TIME], 0.1 * arm.times[PROGRESS]
     draw_curve(writer, arm, plot_path("progress"), percent, (TIME,))
     draw_curve(writer, arm, plot_path("elapsed"), t, (PROGRESS,))
-
-
-@dataclass(frozen=True, eq=False)
-class BoundedCurve:
-    """Values [M] over times t [M], s, in the unit in which they are drawn, and their limits."""
-
-    t: FloatArray
-    values: FloatArray
-    lower: float = -np.inf
-    upper: float = np.inf
-
-
-def variable_curves(
-    phase: PhaseSolution, t: FloatArray, start: float
-) -> Iterator[tuple[Variable, int, BoundedCurve]]:
-    """Yield every component (0-based) of every variable of a solved phase at its times t [M].
-
-    The phase begins ``start`` seconds after the first one.
-    """
-    assert phase.layout is not None
-    table, declared = phase.sample(t), phase.layout.phase
-    for variable in (*declared.states, *declared.controls, *declared.algebraics):
-        for k in range(variable.size):
-            bounds = float(variable.lower[k]), float(variable.upper[k])
-            yield variable, k, BoundedCurve(start + t, table[variable.name][:, k], *bounds)
 
 
 def prepare_panel(writer: Writer, path: str) -> None:

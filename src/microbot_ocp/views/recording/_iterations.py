@@ -20,29 +20,12 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.comparison import Step
 from microbot_ocp.ocp.solution import Iteration, PhaseSolution
 from microbot_ocp.planning import MotionIteration
+from microbot_ocp.views import _scene as scene
 from microbot_ocp.views._eye import find_eye
-from microbot_ocp.views._scene import (
-    display_factor,
-    display_unit,
-    drawn_bounds,
-    link_origins,
-    reach,
-    tool_places,
-)
 from microbot_ocp.views._style import STYLE
-from microbot_ocp.views.recording._blueprint import (
-    behind_cursor,
-    folded,
-    marks_view,
-    plot_view,
-    space_view,
-)
-from microbot_ocp.views.recording._curves import (
-    BoundedCurve,
-    draw_panel,
-    prepare_panel,
-    variable_curves,
-)
+from microbot_ocp.views._variables import BoundedCurve, variable_curves
+from microbot_ocp.views.recording import _blueprint as layout
+from microbot_ocp.views.recording._curves import draw_panel, prepare_panel
 from microbot_ocp.views.recording._space import draw_base
 from microbot_ocp.views.recording._writer import MARKS, WORLD, Writer, file_writer, plot_path
 
@@ -134,7 +117,7 @@ class IterationRecorder:
     def _draw_arm(self, iteration: MotionIteration) -> None:
         """Draw the arm at twelve instants, and the path of its tool."""
         t, state = iteration.motion()
-        origins = link_origins(iteration.robot, state.q).astype(np.float32)
+        origins = scene.link_origins(iteration.robot, state.q).astype(np.float32)
         nearest = np.abs(t[:, None] - np.linspace(0.0, t[-1], 12)).argmin(axis=0)
         poses = origins[np.unique(nearest)]
         arms = rr.LineStrips3D.columns(strips=poses).partition([len(poses)])
@@ -179,10 +162,10 @@ def motion_curves(iteration: MotionIteration) -> dict[str, BoundedCurve]:
     if robot.has_dynamics:
         values["tau"] = iteration.torque()
     return {
-        f"{quantity}/{name}/{display_unit(robot, quantity, joint)}": BoundedCurve(
+        f"{quantity}/{name}/{scene.display_unit(robot, quantity, joint)}": BoundedCurve(
             t,
-            display_factor(robot, quantity, joint) * table[:, joint],
-            *drawn_bounds(robot, robot.limits, quantity, joint),
+            scene.display_factor(robot, quantity, joint) * table[:, joint],
+            *scene.drawn_bounds(robot, robot.limits, quantity, joint),
         )
         for quantity, table in values.items()
         for joint, name in enumerate(robot.joint_names)
@@ -194,19 +177,15 @@ def phase_curves(phases: tuple[PhaseSolution, ...]) -> dict[str, BoundedCurve]:
 
     Each interval has five samples, the outer ones inside: a control may jump between two intervals.
     """
-    parts: dict[str, list[BoundedCurve]] = {}
-    start, inside = 0.0, np.linspace(1e-9, 1 - 1e-9, 5)
-    for phase in phases:
-        t = (phase.t[:-1, None] + np.diff(phase.t)[:, None] * inside).ravel()
-        for variable, k, curve in variable_curves(phase, t, start):
-            number = f" {k + 1}" if variable.size > 1 else ""
-            key = f"variables/{variable.name}{number}/{variable.unit}"
-            parts.setdefault(key, []).append(curve)
-        start += phase.duration
-    joined = {}
-    for key, curves in parts.items():
-        t, values = (np.concatenate([getattr(c, k) for c in curves]) for k in ("t", "values"))
-        joined[key] = BoundedCurve(t, values, curves[-1].lower, curves[-1].upper)
+    inside, joined = np.linspace(1e-9, 1 - 1e-9, 5), {}
+
+    def times(phase: PhaseSolution) -> FloatArray:
+        return (phase.t[:-1, None] + np.diff(phase.t)[:, None] * inside).ravel()
+
+    for (name, k, unit), curves in variable_curves(phases, times).items():
+        t, values = (np.concatenate([getattr(c, key) for c in curves]) for key in ("t", "values"))
+        path = f"variables/{name}{'' if k is None else f' {k + 1}'}/{unit}"
+        joined[path] = BoundedCurve(t, values, curves[-1].lower, curves[-1].upper)
     return joined
 
 
@@ -217,9 +196,9 @@ def _path(key: str) -> str:
 
 
 def _prepare_arm(writer: Writer, iteration: MotionIteration) -> None:
-    robot, size = iteration.robot, reach(iteration.robot)
+    robot, size = iteration.robot, scene.reach(iteration.robot)
     names = [f"via {i + 1}" for i in range(len(iteration.via_q))]
-    draw_base(writer, robot, tool_places(robot, iteration.via_q), names)
+    draw_base(writer, robot, scene.tool_places(robot, iteration.via_q), names)
     writer.strips(f"{ARM}/trail", 0.006 * size, STYLE.speed)
     writer.strips(f"{ARM}/earlier", 0.0015 * size, (*STYLE.speed[:3], 70))
     writer.strips(f"{ARM}/poses", 0.0025 * size, STYLE.neutral)
@@ -244,20 +223,22 @@ def _blueprint(iteration: Iteration, curves: Mapping[str, BoundedCurve]) -> rrb.
     else:
         shown = rrb.Tabs(*(rrb.Grid(*v, grid_columns=2, name=g) for g, v in views.items()))
     plots = [
-        plot_view(title, origin=f"convergence/{name}", **settings)
+        layout.plot_view(title, origin=f"convergence/{name}", **settings)
         for name, (title, settings) in CONVERGENCE.items()
     ]
     whole = rrb.Vertical(shown, rrb.Horizontal(*plots), row_shares=[2.4, 1.0])
     if isinstance(iteration, MotionIteration):
-        left = rrb.Vertical(_space(iteration), marks_view("solves"), row_shares=[2.6, 1.0])
+        left = rrb.Vertical(_space(iteration), layout.marks_view("solves"), row_shares=[2.6, 1.0])
         whole = rrb.Horizontal(left, whole, column_shares=[1.0, 1.15])
-    return folded(whole, timeline=ITERATION, play_state="following", fps=10.0)
+    return layout.folded(whole, timeline=ITERATION, play_state="following", fps=10.0)
 
 
 def _space(iteration: MotionIteration) -> rrb.Spatial3DView:
     """Return the arm in space; the tool's paths of eight earlier iterations stay, faintly."""
     robot = iteration.robot
     q = np.vstack([iteration.via_q, iteration.motion()[1].q])
-    eye = find_eye(robot, q, tool_places(robot, iteration.via_q), STYLE.label * reach(robot))
-    behind = rrb.VisibleTimeRanges([behind_cursor(ITERATION, 8)])
-    return space_view(robot, eye, {f"{ARM}/earlier": behind})
+    eye = find_eye(
+        robot, q, scene.tool_places(robot, iteration.via_q), STYLE.label * scene.reach(robot)
+    )
+    behind = rrb.VisibleTimeRanges([layout.behind_cursor(ITERATION, 8)])
+    return layout.space_view(robot, eye, {f"{ARM}/earlier": behind})

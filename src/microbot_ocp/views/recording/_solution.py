@@ -10,12 +10,11 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from microbot_ocp._base.checks import InputError
 from microbot_ocp._base.table import Table
 from microbot_ocp.ocp.solution import Solution
 from microbot_ocp.views._style import STYLE
+from microbot_ocp.views._variables import BoundedCurve, dense_times, variable_curves
 from microbot_ocp.views.recording._blueprint import playing, plot_view, text_view
-from microbot_ocp.views.recording._curves import BoundedCurve, variable_curves
 from microbot_ocp.views.recording._writer import APPLICATION, TIME, Writer, file_writer, plot_path
 
 
@@ -83,16 +82,11 @@ def of_solution(solution: Solution, name: str = "solution") -> SolutionRecording
         A solution that no solve made: it has no interpolation between its mesh points.
     """
     begins = list(accumulate((phase.duration for phase in solution.phases), initial=0.0))
-    variables: dict[tuple[str, str], list[BoundedCurve]] = {}
-    for begin, phase in zip(begins, solution.phases, strict=False):
-        if phase.layout is None:
-            raise InputError(
-                f"phase {phase.name!r} was not made by a solve: it has mesh values only"
-            )
-        t = np.union1d(np.linspace(0.0, phase.duration, STYLE.points), phase.t)
-        for variable, k, curve in variable_curves(phase, t, begin):
-            name_k = variable.name if variable.size == 1 else f"{variable.name}[{k}]"
-            variables.setdefault((name_k, variable.unit), []).append(curve)
+    curves = variable_curves(solution.phases, dense_times)
+    variables = {
+        (key if k is None else f"{key}[{k}]", unit): parts
+        for (key, k, unit), parts in curves.items()
+    }
     rows = [[phase.name, f"{phase.duration:.6g}"] for phase in solution.phases]
     attempts = [
         f"{a.solver}: {a.status} after {a.iterations} iterations." for a in solution.attempts

@@ -1,0 +1,57 @@
+"""Curves of the variables of any optimal-control problem, for figures and recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp.ocp.solution import PhaseSolution
+from microbot_ocp.views._style import STYLE
+
+Key = tuple[str, int | None, str]  # name, index of the component of several, unit
+
+
+@dataclass(frozen=True, eq=False)
+class BoundedCurve:
+    """Values [M] over times t [M], s, in the unit in which they are drawn, and their limits."""
+
+    t: FloatArray
+    values: FloatArray
+    lower: float = -np.inf
+    upper: float = np.inf
+
+
+def dense_times(phase: PhaseSolution) -> FloatArray:
+    """Return even times and both sides of every mesh point, where controls may jump, s."""
+    edges, gap = phase.t[1:-1], 1e-9 * phase.duration
+    even = np.linspace(0.0, phase.duration, STYLE.points)
+    return np.unique(np.concatenate([even, edges - gap, edges + gap]))
+
+
+def variable_curves(
+    phases: Sequence[PhaseSolution], times: Callable[[PhaseSolution], FloatArray]
+) -> dict[Key, list[BoundedCurve]]:
+    """Return every component of states, controls and algebraic variables, a curve a phase.
+
+    The phases follow each other on one time axis; ``times`` gives the times in each of them.
+    """
+    curves: dict[Key, list[BoundedCurve]] = {}
+    begin = 0.0
+    for phase in phases:
+        if phase.layout is None:
+            raise InputError(
+                f"phase {phase.name!r} was not made by a solve: it has mesh values only"
+            )
+        t, declared = times(phase), phase.layout.phase
+        table = phase.sample(t)
+        for variable in (*declared.states, *declared.controls, *declared.algebraics):
+            for k in range(variable.size):
+                bounds = float(variable.lower[k]), float(variable.upper[k])
+                curve = BoundedCurve(begin + t, table[variable.name][:, k], *bounds)
+                index = k if variable.size > 1 else None
+                curves.setdefault((variable.name, index, variable.unit), []).append(curve)
+        begin += phase.duration
+    return curves
