@@ -14,11 +14,12 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
+import make_commands
 import microbot_ocp as mo
 from microbot_ocp.cli import (
-    _commands as commands,
-    _interrupt as interrupt,
-    _recordings as recordings,
+    _process as process,
+    _program as commands,
+    _report as report,
     main,
 )
 
@@ -203,7 +204,7 @@ def test_a_limit_given_in_both_units(refused):
 
 
 def test_open_without_a_screen(refused, monkeypatch):
-    monkeypatch.setattr(recordings, "has_display", lambda: False)
+    monkeypatch.setattr(report, "has_display", lambda: False)
     assert "screen" in refused("show", "microbot", "--open")
 
 
@@ -214,7 +215,7 @@ def test_the_viewer_listens_on_loopback_only(call, monkeypatch, tmp_path):
         seen.append((command, Path(command[-1]).stat().st_size))
         return 0
 
-    monkeypatch.setattr(recordings, "has_display", lambda: True)
+    monkeypatch.setattr(report, "has_display", lambda: True)
     monkeypatch.setattr("microbot_ocp.views.live.find_viewer", lambda: "rerun")
     monkeypatch.setattr("microbot_ocp.views.live.wait_for_viewer", run)
     code, _, _ = call("show", "planar_2r", "--open")
@@ -511,7 +512,7 @@ def test_time_optimal(ask, call, tmp_path):
 def test_a_solver_that_does_not_converge_is_exit_code_1(call, monkeypatch):
     from dataclasses import replace
 
-    from microbot_ocp.cli import _tasks as tasks
+    from microbot_ocp.cli import _motions as tasks
 
     found = tasks.find_time_optimal
 
@@ -572,7 +573,7 @@ def test_doctor(call, ask, monkeypatch):
 
 
 def test_an_interrupt_that_a_solver_swallowed(call, monkeypatch):
-    monkeypatch.setattr(interrupt, "pressed", lambda: True)
+    monkeypatch.setattr(process, "pressed", lambda: True)
     code, out, err = call("robots")
     assert (code, out, err) == (130, "", "")
 
@@ -694,10 +695,10 @@ def test_a_signal_ends_a_solve_within_a_second(tmp_path, number, expected):
     if signal.getsignal(getattr(signal, number)) is signal.SIG_IGN:
         pytest.skip(f"{number} is ignored here, as below nohup, and by what is started")
     code = (
-        "import sys\nfrom microbot_ocp.cli import entry, _interrupt as interrupt\n"
-        "watch = interrupt.watch\n"
+        "import sys\nfrom microbot_ocp.cli import entry, _process as process\n"
+        "watch = process.watch\n"
         "def told():\n    watch()\n    print('ready', file=sys.stderr, flush=True)\n"
-        "interrupt.watch = told\nsys.exit(entry())"
+        "process.watch = told\nsys.exit(entry())"
     )
     arguments = ["compare", "microbot", "--via-deg", VIA_DEG, "--mesh", "400", "--out", "out"]
     process = subprocess.Popen(
@@ -734,10 +735,25 @@ def test_what_is_not_needed_is_not_loaded(words, unloaded):
 
 
 def test_the_list_of_commands_says_what_each_says_of_itself():
-    for name, entry in commands.COMMANDS.items():
-        command = commands.Command(name, entry)
+    for name in commands.COMMANDS:
+        command = commands.Command(name)
         assert command.get_short_help_str() == command.whole.get_short_help_str()
         assert command.whole.name == name
+
+
+def test_the_page_of_the_command_line_is_as_the_program_declares():
+    page = make_commands.PAGE.read_text("utf-8")
+    assert make_commands.updated(page) == page, "run docs/make_commands.py"
+    assert "| None |" not in page
+    assert "|  |" not in page  # every option has a help
+
+
+@pytest.mark.parametrize("name", ["mesh", "starts", "tries", "slack", "time_limit"])
+def test_defaults_and_help_of_settings_are_those_of_the_library(name):
+    kind = make_commands.declared()["time-optimal"].kinds[name]
+    assert kind.default == getattr(mo.TimeOptimalSettings, name)
+    first_words = " ".join(kind.text.split()[:6]).lower()
+    assert first_words in " ".join((mo.TimeOptimalSettings.__doc__ or "").lower().split())
 
 
 def test_export_takes_the_robot_that_the_motion_names(call, ask, tmp_path):

@@ -445,7 +445,7 @@ def test_a_kill_while_solving(tmp_path, monkeypatch, capsys):
 @pytest.mark.parametrize("name", SIGNALS if MANY else ["SIGTERM"])
 def test_a_signal_at_any_instant(tmp_path, capsys, name):
     script = (
-        "import sys\nfrom microbot_ocp.cli import _interrupt\n_interrupt.watch()\n"
+        "import sys\nfrom microbot_ocp.cli import _process\n_process.watch()\n"
         "print('ready', file=sys.stderr, flush=True)\n"
         "from microbot_ocp.cli import entry\nsys.exit(entry())"
     )

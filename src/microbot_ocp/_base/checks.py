@@ -206,5 +206,5 @@ def plain(value: Any) -> Any:
     if isinstance(value, bool | np.bool_):
         return bool(value)
     if isinstance(value, float | np.floating):
-        return float(value) if np.isfinite(value) else None
+        return float(value) + 0.0 if np.isfinite(value) else None  # no -0.0
     return int(value) if isinstance(value, np.integer) else value

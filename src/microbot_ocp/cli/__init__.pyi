@@ -1,8 +1,8 @@
 """Public names; loaded when they are first asked for."""
 
-from ._app import (
-    main as main,
-)
-from ._entry import (
+from ._process import (
     entry as entry,
+)
+from ._program import (
+    main as main,
 )

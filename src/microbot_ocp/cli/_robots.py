@@ -1,160 +1,230 @@
-"""``robots`` and ``show``: what there is, and what a robot is made of."""
+"""``robots``, ``show``, ``fk`` and ``ik``: what there is, what it is made of, where it is."""
 
 from __future__ import annotations
 
-import sys
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import numpy as np
-import typer
 
 import microbot_ocp as mo
-from microbot_ocp._base.checks import InputError
+from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.table import Table
-from microbot_ocp.cli._options import (
-    Json,
-    Open,
-    Recording,
-    RobotName,
-    Tip,
-    option,
-    writable,
-)
-from microbot_ocp.cli._output import (
-    Written,
-    answer,
-    joint_text,
-    number,
-    point_text,
-    span,
-)
-from microbot_ocp.cli._recordings import check_recording, open_recording
+from microbot_ocp.cli._declaration import ARM, JOINTS, SOURCE, TIP, Numbers, command
+from microbot_ocp.cli._report import Answer
 from microbot_ocp.limits import JOINT_QUANTITIES
-from microbot_ocp.robot import Robot, drive_advice, largest_reach, rest_pose
+from microbot_ocp.robot import Robot, fixed_angles, rotation_of
 from microbot_ocp.robot.files import load_robot, packaged_robots, robot_text, save_text
-from microbot_ocp.trajectories import joint_sweep
+from microbot_ocp.views import tables
 
-if TYPE_CHECKING:
-    from rich.console import Console
-
-EQUATION_ENDINGS = (".tex", ".py", ".c", ".m")  # of mo.ClosedForm.export
+EQUATIONS = (".tex", ".py", ".c", ".m")  # endings of mo.ClosedForm.export
 
 
-def robots(as_json: Json = False) -> int:
-    """List the packaged robots."""
-    every = [load_robot(name) for name in packaged_robots()]
-    document = [
-        {
-            "name": name,
-            "joints": robot.joint_count,
-            "has_dynamics": robot.has_dynamics,
-            "description": robot.description,
-        }
-        for name, robot in zip(packaged_robots(), every, strict=True)
-    ]
+@command()
+def robots() -> Answer:
+    """List the packaged robots.
 
-    def show_them(console: Console) -> None:
-        rows = [
-            [d["name"], _types(robot), "yes" if d["has_dynamics"] else "no", d["description"]]
-            for d, robot in zip(document, every, strict=True)
-        ]
-        console.print(Table.of_text(["name", "joints", "masses", "what it is"], rows, left=4))
-
-    return answer(as_json, {"robots": document}, show_them)
+    Examples
+    --------
+    $ microbot-ocp robots
+    """
+    entries, rows = [], []
+    for name in packaged_robots():
+        robot = load_robot(name)
+        joints, masses, about = robot.joint_count, robot.has_dynamics, robot.description
+        entries.append(
+            {"name": name, "joints": joints, "has_dynamics": masses, "description": about}
+        )
+        types = "".join("R" if kind == "revolute" else "P" for kind in robot.joint_types)
+        rows.append([name, types, "yes" if masses else "no", about])
+    heads = ["name", "joints", "masses", "what it is"]
+    return Answer({"robots": entries}, [Table.of_text(heads, rows, left=4)])
 
 
+@command(writes=(".toml", ".urdf", *EQUATIONS), recorded=True)
 def show(
-    robot_name: RobotName,
-    tip: Tip = None,
-    toml: Annotated[
-        bool, typer.Option("--toml", help="Print its TOML file instead: a start for your own.")
-    ] = False,
-    out: Annotated[
-        Path | None,
-        option(
-            "--out",
-            what="Write the robot to this .toml or .urdf file, or its equations in closed form to "
-            "a .tex, .py, .c or .m file.",
-            metavar="FILE",
-        ),
-    ] = None,
-    rerun: Recording = None,
-    open_viewer: Open = False,
-    as_json: Json = False,
-) -> int:
+    robot: Annotated[str, SOURCE],
+    tip: Annotated[str | None, TIP] = None,
+    toml: bool = False,
+    json: bool = False,
+) -> Answer:
     """Show a robot: DH rows, masses, limits, workspace.
 
     --toml and --out copy it. In Rerun every joint moves in turn.
+
+    Parameters
+    ----------
+    toml
+        Print its TOML file instead: a start for your own.
+    out : FILE
+        Write the robot to this .toml or .urdf file, or its equations in closed form to a .tex, .py,
+        .c or .m file.
+
+    Examples
+    --------
+    $ microbot-ocp show panda
     """
-    robot = load_robot(robot_name, tip)
-    if toml and as_json:
+    from microbot_ocp.robot import largest_reach, rest_pose  # with CasADi, unlike `robots`
+
+    arm = load_robot(robot, tip)
+    if toml and json:
         raise InputError("give --toml or --json, not both")
-    writable(out, (".toml", ".urdf", *EQUATION_ENDINGS), "--out")
-    check_recording(rerun, open_viewer)
-    written = Written()
-    written.add(out, lambda path: _write(robot_name, tip, robot, path))
+    rest = rest_pose(arm)
+    tool = np.array(mo.forward_kinematics(arm)(rest))[:3, 3]
+    reach, bound = largest_reach(arm)
 
-    def save(path: Path) -> Path:
-        return joint_sweep(robot).to_rerun(robot, path)
+    def save(path: Path) -> object:
+        if path.suffix in EQUATIONS:
+            return mo.closed_form(arm).export(path)
+        if path.suffix == ".urdf":
+            return mo.write_urdf(arm, path)
+        return save_text(robot_text(robot, tip), path, ".toml")
 
-    written.add(rerun, save)
-    rest = rest_pose(robot)
-    pose = np.array(mo.forward_kinematics(robot)(rest))
-    found, bound = largest_reach(robot)
+    def record(path: Path) -> object:
+        from microbot_ocp.trajectories import joint_sweep
+
+        return joint_sweep(arm).to_rerun(arm, path)
+
     document = {
-        "name": robot.name,
-        "description": robot.description,
-        "joints": [_joint_document(robot, joint) for joint in range(robot.joint_count)],
-        "tool": robot.tool,
-        "base": robot.base,
-        "gravity": robot.gravity,
-        "total_mass": sum(link.mass for link in robot.links) if robot.has_dynamics else None,
+        "name": arm.name,
+        "description": arm.description,
+        "joints": [_joint_document(arm, joint) for joint in range(arm.joint_count)],
+        "tool": arm.tool,
+        "base": arm.base,
+        "gravity": arm.gravity,
+        "total_mass": sum(link.mass for link in arm.links) if arm.has_dynamics else None,
         "workspace": {
             "pose": rest,
-            "tool_position": pose[:3, 3],
-            "reach_found": found,
+            "tool_position": tool,
+            "reach_found": reach,
             "reach_bound": bound,
         },
     }
+    if toml:
+        text = robot_text(robot, tip)
+        return Answer(document, save=save, record=record, verbatim=text)
+    at = f"{tables.pose_text(arm, rest)} (nearest to zero in limits)" if rest.any() else "zero"
+    farthest = f"; at most {tables.number(bound, 3)} m with every link stretched out"
+    blocks = [
+        *tables.robot_blocks(arm),
+        f"Tool at {at}: {tables.point_text(tool)} m",
+        f"Reach: {tables.number(reach, 3)} m from the base origin found within the limits"
+        f"{farthest if np.isfinite(bound) else ''}",
+    ]
+    return Answer(document, blocks, save=save, record=record)
 
-    def tables(console: Console) -> None:
-        _show_robot(console, robot)
-        at = "zero" if not rest.any() else f"{joint_text(robot, rest)} (nearest to zero in limits)"
-        console.print(f"Tool at {at}: {point_text(pose[:3, 3])} m")
-        reach = f"{number(found, 3)} m from the base origin found within the limits"
-        most = f"; at most {number(bound, 3)} m with every link stretched out"
-        console.print(f"Reach: {reach}{most if np.isfinite(bound) else ''}")
 
-    def file(console: Console) -> None:
-        console.file.write(robot_text(robot_name, tip))
+@command()
+def fk(
+    robot: Annotated[Robot, ARM], q: Annotated[FloatArray, JOINTS], frame: int | None = None
+) -> Answer:
+    """Forward kinematics: pose of the tool in the base frame.
 
-    if toml:  # and nothing else, so that it can be piped into a file
-        code = answer(as_json, document, file)
-        for missing in written.missing:
-            print(f"error: {missing['file']}: {missing['reason']}", file=sys.stderr)
-        code = 1 if written.missing else code
+    Parameters
+    ----------
+    q
+        Joint positions, rad (prismatic: m).
+    frame : K
+        Link frame 1 to n instead of the tool.
+
+    Examples
+    --------
+    $ microbot-ocp fk microbot --q-deg 0,45,30
+    """
+    if frame is not None and not 1 <= frame <= robot.joint_count:
+        raise InputError(f"--frame must be 1 to {robot.joint_count}, not {frame}")
+    pose = np.array(mo.forward_kinematics(robot, frame)(q))
+    outside = _outside(robot, q)
+    rpy = fixed_angles(pose[:3, :3])
+    rpy_deg = np.round(np.degrees(rpy), 10)
+    document = {
+        "robot": robot.name,
+        "q": q,
+        "frame": frame or "tool",
+        "position": pose[:3, 3],
+        "rotation": pose[:3, :3],
+        "rpy": rpy,
+        "rpy_deg": rpy_deg,
+        "within_limits": not outside,
+    }
+    what = "tool" if frame is None else f"link frame {frame}"
+    rows = [" ".join(f"{round(x, 6) + 0.0:10.6f}" for x in row) for row in pose]
+    lines = [
+        f"{robot.name}, {what} at {tables.pose_text(robot, q)}",
+        f"  position       {tables.point_text(pose[:3, 3])} m",
+        f"  roll,pitch,yaw {tables.point_text(rpy_deg)} deg, about the base axes",
+        *(f"  {head:14s} {row}" for head, row in zip(("transform", "", "", ""), rows, strict=True)),
+        *(f"Outside its limits: {sentence}." for sentence in outside),
+    ]
+    return Answer(document, lines=lines)
+
+
+@command({"solve_ik": "time_limit"}, recorded=True)
+def ik(
+    robot: Annotated[Robot, ARM],
+    position: Annotated[FloatArray, Numbers(labels=("x", "y", "z"))],
+    rpy: Annotated[
+        FloatArray | None, Numbers(labels=("roll", "pitch", "yaw"), degrees=True)
+    ] = None,
+    seed: Annotated[FloatArray | None, JOINTS] = None,
+    **settings: Any,
+) -> Answer:
+    """Inverse kinematics: joints that bring the tool to a pose.
+
+    Every branch within the limits, or the one nearest to a seed; in Rerun all of them at once. Exit
+    code 1 where the target is not reached; the nearest pose is printed then.
+
+    Parameters
+    ----------
+    rpy
+        Orientation as roll,pitch,yaw about the base axes, rad.
+
+    Examples
+    --------
+    $ microbot-ocp ik microbot --position 3,-1,4.5
+    """
+    rotation = None if rpy is None else rotation_of(rpy)
+    if seed is None:
+        solutions = mo.solve_ik_all(robot, position, rotation, **settings)
     else:
-        code = answer(as_json, document, tables, written=written)
-    if open_viewer:
-        open_recording(save, rerun)
-    return code
+        solutions = (mo.solve_ik(robot, position, rotation, seed, **settings),)
+    solved = all(solution.solved for solution in solutions)
+    keys = "status", "position_error", "orientation_error", "self_motion", "singular", "advice"
+    entries = [
+        {"q": s.q, "q_deg": tables.in_degrees(robot, s.q), **{key: getattr(s, key) for key in keys}}
+        for s in solutions
+    ]
+    document = {"robot": robot.name, "position": position, "rotation": rotation}
+    document |= {"solved": solved, "solutions": entries}
+
+    def record(path: Path) -> object:
+        from microbot_ocp.views.recording import of_branches
+
+        return of_branches(robot, solutions, position, rotation).save(path)
+
+    count = f"{len(solutions)} solution{'s' * (len(solutions) != 1)}"
+    blocks = [
+        f"{robot.name}, tool to {tables.point_text(position)} m: "
+        f"{count if solved else solutions[0].status}\n",
+        [
+            tables.solutions_table(robot, solutions, turned=rpy is not None, named=n)
+            for n in (True, False)
+        ],
+        *dict.fromkeys(s.advice for s in solutions if not s.solved or s.self_motion),
+    ]
+    return Answer(document, blocks, solved=solved, record=record)
 
 
-def _write(source: str, tip: str | None, robot: Robot, path: Path) -> Path:
-    """Write a robot, or its equations, in the format that the ending says."""
-    if path.suffix in EQUATION_ENDINGS:
-        return mo.closed_form(robot).export(path)
-    if path.suffix == ".urdf":
-        mo.write_urdf(robot, path)
-    else:
-        save_text(robot_text(source, tip), path, ".toml")
-    return path
-
-
-def _types(robot: Robot) -> str:
-    return "".join("R" if kind == "revolute" else "P" for kind in robot.joint_types)
+def _outside(robot: Robot, q: FloatArray) -> list[str]:
+    low, high = (tables.in_degrees(robot, bound) for bound in robot.limits.bounds("q"))
+    shown = tables.in_degrees(robot, q)
+    rows = zip(robot.joint_names, shown, low, high, tables.joint_units(robot), strict=True)
+    return [
+        f"{name} at {tables.number(value)} {unit}, allowed {tables.span(lower, upper)} {unit}"
+        for name, value, lower, upper, unit in rows
+        if not lower - 1e-9 <= value <= upper + 1e-9
+    ]
 
 
 def _joint_document(robot: Robot, joint: int) -> dict[str, Any]:
@@ -163,114 +233,13 @@ def _joint_document(robot: Robot, joint: int) -> dict[str, Any]:
         "type": robot.joint_types[joint],
         **{key: getattr(robot, key)[joint] for key in ("alpha", "a", "d", "theta_offset", "beta")},
         "limits": {
-            key: bound[joint]
+            f"{quantity}_{side}": bound[joint]
             for quantity in JOINT_QUANTITIES
-            for key, bound in zip(
-                (f"{quantity}_min", f"{quantity}_max"), robot.limits.bounds(quantity), strict=True
-            )
+            for side, bound in zip(("min", "max"), robot.limits.bounds(quantity), strict=True)
         },
     }
     if robot.has_dynamics:
-        link = robot.links[joint]
-        keys = ("mass", "center_of_mass", "inertia", "armature")
-        keys += ("viscous_friction", "coulomb_friction")
-        document["link"] = {key: getattr(link, key) for key in keys}
-        if link.rotor is not None:
-            document["link"]["rotor"] = asdict(link.rotor)
+        values = asdict(robot.links[joint]).items()
+        named = ("name", "allow_unphysical")
+        document["link"] = {k: v for k, v in values if k not in named and v is not None}
     return document
-
-
-def _show_robot(console: Console, robot: Robot) -> None:
-    about = f": {robot.description}" if robot.description else ""
-    console.print(f"{robot.name}{about}")
-    console.print("\nModified DH rows (Craig)")
-    heads = ["joint", "type", "alpha [deg]", "a [m]", "d [m]", "theta [deg]"]
-    rows = [_dh_row(robot, j) for j in range(robot.joint_count)]
-    if robot.beta.any():
-        heads.append("beta [deg]")
-        rows = [
-            [*row, number(np.degrees(beta))] for row, beta in zip(rows, robot.beta, strict=True)
-        ]
-    console.print(Table.of_text(heads, rows, left=2), "")
-    tool, base = robot.tool[:3, 3], robot.base[:3, 3]
-    console.print(f"Tool origin in the last link frame: {point_text(tool)} m")
-    if not np.array_equal(robot.base, np.eye(4)):
-        turned = "" if np.array_equal(robot.base[:3, :3], np.eye(3)) else ", turned"
-        console.print(f"Origin of frame 0 in the base frame: {point_text(base)} m{turned}")
-    console.print(f"Gravity: {point_text(robot.gravity)} m/s²\n")
-    joints = range(robot.joint_count)
-    if robot.has_dynamics:
-        total = number(sum(link.mass for link in robot.links))
-        console.print(f"Links, {total} kg in all; inertia about the centre of mass")
-        heads = ["link", "mass [kg]", "centre of mass [m]", "Ixx, Iyy, Izz [kg m²]"]
-        console.print(Table.of_text(heads, [_link_row(robot, j) for j in joints]), "")
-        if any(any(_drive(robot, j)) for j in joints):
-            console.print("Joints")
-            heads = ["joint", "rotor inertia", "viscous friction", "Coulomb friction"]
-            rows = [[robot.joint_names[j], *(f"{x:.4g}" for x in _drive(robot, j))] for j in joints]
-            console.print(Table.of_text(heads, rows), "")
-    else:
-        console.print("No masses: kinematics only.\n")
-    if advice := drive_advice(robot):
-        console.print(f"Note: {advice}.\n")
-    quantities = [q for q in JOINT_QUANTITIES if np.isfinite(robot.limits.bounds(q)).any()]
-    if not quantities:
-        console.print("Limits: none\n")
-        return
-    console.print("Limits")
-    alike = len(set(robot.joint_types)) == 1
-    heads = [f"{q} [{_shown_unit(robot, q, 0)}]" if alike else q for q in quantities]
-    rows = [
-        [robot.joint_names[j], *(_limit_cell(robot, q, j, alike) for q in quantities)]
-        for j in joints
-    ]
-    console.print(Table.of_text(["joint", *heads], rows), "")
-    from microbot_ocp.limits import LimitFamily, not_judged  # with CasADi, which lists do without
-
-    if left := not_judged(LimitFamily.of(robot).unjudged):
-        console.print(f"{left.capitalize()}.\n")
-
-
-def _dh_row(robot: Robot, joint: int) -> list[str]:
-    revolute = robot.joint_types[joint] == "revolute"
-    offset, d = number(np.degrees(robot.theta_offset[joint])), number(robot.d[joint])
-    theta = ("q" if offset == "0" else f"q + {offset}") if revolute else offset
-    return [
-        robot.joint_names[joint],
-        robot.joint_types[joint],
-        number(np.degrees(robot.alpha[joint])),
-        number(robot.a[joint]),
-        d if revolute else ("q" if d == "0" else f"q + {d}"),
-        theta.replace("+ -", "- "),
-    ]
-
-
-def _link_row(robot: Robot, joint: int) -> list[str]:
-    link = robot.links[joint]
-    return [
-        robot.joint_names[joint],
-        number(link.mass),
-        ", ".join(number(x) for x in link.center_of_mass),
-        ", ".join(f"{x:.3g}" for x in np.diag(link.inertia)),
-    ]
-
-
-def _drive(robot: Robot, joint: int) -> tuple[float, float, float]:
-    link = robot.links[joint]
-    rotor = link.rotor
-    reflected = rotor.inertia * rotor.gear_ratio**2 if rotor else 0.0
-    return link.armature + reflected, link.viscous_friction, link.coulomb_friction
-
-
-def _shown_unit(robot: Robot, quantity: str, joint: int) -> str:
-    unit = robot.unit(quantity, joint)
-    return "deg" if unit == "rad" else unit.replace("^2", "²")
-
-
-def _limit_cell(robot: Robot, quantity: str, joint: int, bare: bool) -> str:
-    lower, upper = (float(bound[joint]) for bound in robot.limits.bounds(quantity))
-    unit = _shown_unit(robot, quantity, joint)
-    if unit == "deg":
-        lower, upper = float(np.degrees(lower)), float(np.degrees(upper))
-    text = span(lower, upper, 2 if unit == "deg" else 4)
-    return text if bare or text == "–" else f"{text} {unit}"

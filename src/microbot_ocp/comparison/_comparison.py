@@ -543,8 +543,8 @@ def compare(
     limits : Limits, optional
         Default the robot's own.
     via_t : array_like [m], optional
-        Timing of the methods of given times, s. "cubic" and "lspb" share their time between the
-        segments as is best: :func:`best_split`.
+        Times at the via points for the methods of given times, s. "cubic" and "lspb" share their
+        time between the segments as is best: :func:`best_split`.
     via_qd : array_like [m,n], optional
         Via velocities of the textbook methods at ``via_t``, rad/s, slower where the whole motion
         is slower than that; default Craig's heuristic: the mean of the slopes on both sides, zero

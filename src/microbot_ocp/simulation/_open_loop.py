@@ -50,9 +50,9 @@ def simulate(
         the CasADi time that returns n expressions, values on the grid ``t`` (linear between), or
         constants; default none.
     q0 : array_like [n]
-        Start, rad (m); default that of the motion.
+        Joint positions at the start, rad (prismatic: m); default those of the motion.
     qd0 : array_like [n], optional
-        Velocities there, rad/s (m/s); default those of the motion, else zero.
+        Velocities at the start, rad/s (m/s); default those of the motion, else zero.
     t : array_like [N]
         Strictly increasing times of the result, s, the first being that of the start; default those
         of the motion.

@@ -1,0 +1,392 @@
+"""Commands by declaration: options follow from signatures and docstrings, also of the library.
+
+``@command(...)`` makes a command of a function that returns an :class:`Answer`. A parameter of it
+is one option, or several, by its annotation: a plain type is one word, a :class:`Kind` says more;
+one that has the name of an option of the :class:`Report` gets the value of that.
+The help of an option is its entry in the numpydoc docstring of the command, else the first sentence
+about it in the docstring of the library function that gets it; ``**settings`` are options of that
+function with its defaults.
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import cached_property, partial
+from pathlib import Path
+from typing import Any, get_args, get_type_hints
+
+import numpy as np
+import typer
+
+import microbot_ocp
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import InputError, naming
+from microbot_ocp.cli._report import Answer, Report
+from microbot_ocp.limits import JOINT_QUANTITIES, MEMBER_KEYS, MEMBERS, JointLimits, with_further
+from microbot_ocp.robot import Robot, joint_scale, load_robot, packaged_robots, per_joint
+
+Words = Mapping[str, Any]  # what was given, by the names of the options
+REQUIRED = inspect.Parameter.empty
+
+
+@dataclass(frozen=True)
+class Kind:
+    """How a parameter is given: here by one option of one word.
+
+    Attributes
+    ----------
+    of : type of the option, as typer knows it
+    metavar : what stands for the word in the help
+    convert : makes the value of the word
+    words : what the word must be, for a message
+    name : of the option
+    text : help
+    default : value where it is not given
+    choices : names to complete the last one of a list with
+    positional : whether it is an argument, not an option
+    """
+
+    of: Any = str
+    metavar: str | None = "NAME"
+    convert: Callable[[Any], Any] | None = None
+    words: str = ""
+    name: str = ""
+    text: str = ""
+    default: Any = None
+    choices: Callable[[], Sequence[str]] = tuple
+    positional: bool = False
+
+    def options(self) -> Iterator[inspect.Parameter]:
+        """Yield every option of the parameter."""
+        yield self.option()
+
+    def value(self, words: Words, robot: Any) -> Any:
+        """Return the value of the parameter; the robot, if any, is the parameter before it."""
+        return words[self.name]
+
+    def option(self) -> inspect.Parameter:
+        """Make the option, or the argument, for typer."""
+        declare: Any = typer.Argument if self.positional else typer.Option
+        declared = declare(
+            ... if self.default is REQUIRED else self.default,
+            *(() if self.positional else [_option(self.name)]),
+            help=self.text,
+            metavar=self.metavar,
+            show_default=self.default not in (REQUIRED, None, np.inf),
+            parser=self.convert and self._converted,
+            autocompletion=self._completions,
+        )
+        kind = inspect.Parameter.KEYWORD_ONLY
+        return inspect.Parameter(self.name, kind, default=declared, annotation=self.of)
+
+    def _converted(self, word: Any) -> Any:
+        assert self.convert is not None
+        try:
+            return self.convert(word)
+        except (ValueError, OverflowError):
+            raise typer.BadParameter(f"it must be {self.words}, not {word!r}") from None
+
+    def _completions(self, incomplete: str) -> list[str]:
+        *before, last = incomplete.split(",")
+        more = [name for name in self.choices() if name.startswith(last) and name not in before]
+        return [",".join([*before, name]) for name in more]
+
+
+@dataclass(frozen=True)
+class Numbers(Kind):
+    """Numbers with commas between.
+
+    Attributes
+    ----------
+    labels : what the numbers are; () the joints of the robot, None any number of them
+    degrees : whether an option with the ending ``-deg`` takes degrees, and the plain one radians
+    rows : whether it is a list of at least two, with blanks between or the option once each
+    example : of what to give, for a message
+    """
+
+    metavar: str | None = "LIST"
+    labels: tuple[str, ...] | None = ()
+    degrees: bool = False
+    rows: bool = False
+    example: str = "LIST"
+
+    def options(self) -> Iterator[inspect.Parameter]:
+        """Yield one option, or one in degrees and the same in radians."""
+        if not self.degrees:
+            yield self.option()
+            return
+        unit = re.findall(r"rad[^\s.]*(?: \([^)]*\))?", self.text)[0]
+        text = self.text.replace(unit, unit.replace("rad", "deg"))
+        either = replace(self, default=None)
+        yield replace(either, name=f"{self.name}_deg", text=text).option()
+        yield replace(either, text=f"The same in {unit}.").option()
+
+    def value(self, words: Words, robot: Any) -> Any:
+        """Return an array [n], or [m,n] of rows, in SI units; of any number of them a list."""
+        option, word = _chosen(self.name, words)
+        if not word and self.default is REQUIRED:
+            raise InputError(f"give {option}-deg {self.example}, or {option} in rad")
+        if not word:
+            return self.default
+        if self.labels is None:
+            return _floats(option, word)
+        texts = [word]
+        if self.rows:
+            points = " ".join(re.sub(r"\s*,\s*", ",", text) for text in word)
+            texts = [text for text in re.split(r"[\s;]+", points) if text]
+            if len(texts) < 2:
+                raise InputError(f"{option} must give at least 2 points, not {len(texts)}")
+        rows = [_floats(option, text, self.labels or robot.joint_names) for text in texts]
+        values = checks.array(option, rows if self.rows else rows[0], (None,) * (1 + self.rows))
+        if not option.endswith("-deg"):
+            return values
+        return values * (np.pi / 180.0 if self.labels else joint_scale(robot))
+
+
+class RobotFile(Kind):
+    """The robot and the end of its chain."""
+
+    def options(self) -> Iterator[inspect.Parameter]:
+        """Yield an argument and an option."""
+        yield SOURCE.option()
+        yield TIP.option()
+
+    def value(self, words: Words, robot: Any) -> Robot:
+        """Load the robot."""
+        return load_robot(words["robot"], words["tip"])
+
+
+class LimitChanges(Kind):
+    """An option for every limit: of the joints, of position first, then the further ones."""
+
+    def options(self) -> Iterator[inspect.Parameter]:
+        """Yield those of angles also in degrees."""
+        for limit in self.limits():
+            yield from limit.options()
+
+    def limits(self) -> Iterator[Numbers]:
+        """Yield every limit as numbers."""
+        rows = [
+            (f"{quantity.key}_{side}", quantity.name, quantity.either_unit)
+            for quantity in JOINT_QUANTITIES.values()
+            for side in (("min", "max") if quantity.key == "q" else ("max",))
+        ]
+        rows += [
+            (key, member.replace("_", " "), MEMBERS[member](1.0).unit)
+            for key, (member, _) in MEMBER_KEYS.items()
+        ]
+        for name, quantity, unit in rows:
+            text = f"{'Least' if name.endswith('_min') else 'Largest'} {quantity}, {unit}."
+            yield Numbers(name=name, text=text, labels=None, degrees=unit.startswith("rad"))
+
+    def value(self, words: Words, robot: Any) -> JointLimits:
+        """Return the robot's limits with those that were given in their place."""
+        changes: dict[str, Any] = {}
+        further: dict[str, Any] = {}
+        for limit in self.limits():
+            values = limit.value(words, robot)
+            if values is None:
+                continue
+            value = values if len(values) > 1 else values[0]
+            if limit.name in MEMBER_KEYS:
+                further[limit.name] = value
+                continue
+            option, _ = _chosen(limit.name, words)
+            scale = joint_scale(robot) if option.endswith("-deg") else 1.0
+            changes[limit.name] = per_joint(robot, option, value) * scale
+        with naming("limits: "):
+            changed = robot.with_limits(**changes)
+            return changed.with_limits(also=with_further(changed.limits.also, further)).limits
+
+
+def _option(name: str) -> str:
+    return f"--{name.replace('_', '-')}"
+
+
+def _chosen(name: str, words: Words) -> tuple[str, Any]:
+    """The option that was given, in radians or degrees but not both, and its word if any."""
+    given = {_option(key): words[key] for key in (name, f"{name}_deg") if words.get(key)}
+    if len(given) > 1:
+        raise InputError(f"give {' or '.join(given)}, not both")
+    return next(iter(given.items()), (_option(name), None))
+
+
+def _floats(option: str, word: str, labels: Sequence[str] = ()) -> list[float]:
+    """Numbers with commas between, one for each label if there are any."""
+    try:
+        values = [float(part) for part in word.split(",")]
+    except ValueError:
+        raise InputError(f"{option} must be numbers with commas between, not {word!r}") from None
+    if labels and len(values) != len(labels):
+        numbers = f"{len(labels)} number{'s' * (len(labels) != 1)} ({', '.join(labels)})"
+        raise InputError(f"{option} must be {numbers}, not {len(values)}: {word!r}")
+    return values
+
+
+def _path(word: str | Path) -> Path:
+    if not str(word):
+        raise ValueError
+    return Path(word)
+
+
+FILE = Kind(of=Path, metavar="FILE", positional=True)
+SOURCE = Kind(
+    metavar="ROBOT",
+    name="robot",
+    text="Packaged robot, or the path of a .toml or .urdf file.",
+    default=REQUIRED,
+    choices=packaged_robots,
+    positional=True,
+)
+TIP = Kind(metavar="LINK", name="tip", text="Last link of a URDF file's chain.")
+OTHER_ROBOT = Kind(
+    metavar="ROBOT", text="Robot of the motion, where the file names none.", choices=packaged_robots
+)
+ARM = RobotFile()
+LIMITS = LimitChanges()
+JOINTS = Numbers(degrees=True)
+VIA = Numbers(
+    of=list[str],
+    metavar="POINTS",
+    name="via",
+    text="Via points, rad (prismatic: m): '0,0,0 45,30,0', or the option once a point.",
+    degrees=True,
+    rows=True,
+    example="'0,0,0 -90,90,90'",
+)
+PLAIN: dict[str, Kind] = {  # by the type, or the name, of a parameter
+    "bool": Kind(of=bool, metavar=None),
+    "int": Kind(metavar="N", convert=int, words="a whole number"),
+    "float": Kind(metavar="NUMBER", convert=float, words="a number"),
+    "str": Kind(),
+    "Path": Kind(metavar="FILE", convert=_path, words="a path"),
+    "time_limit": Kind(
+        metavar="S", convert=lambda word: checks.time_limit(float(word)), words="a time above 0 s"
+    ),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Command:
+    """A command of the program.
+
+    Attributes
+    ----------
+    function : makes the answer
+    library : public functions that get its parameters, and the names of those in ``**settings``
+    writes : endings of what ``--out`` writes, "" for a folder; none where it writes nothing
+    recorded : whether its answer has a recording
+    solves : whether a solver is at work, which can be watched, and a certificate may be refused
+    """
+
+    function: Callable[..., Answer]
+    library: Mapping[str, str]
+    writes: tuple[str, ...] = ()
+    recorded: bool = False
+    solves: bool = False
+
+    @property
+    def help(self) -> str:
+        """What it says of itself, before the sections of its docstring."""
+        return _sections(self.function)[""]
+
+    @property
+    def example(self) -> str:
+        """A call of it."""
+        return _sections(self.function)["Examples"].removeprefix("$ ")
+
+    @cached_property
+    def shared(self) -> list[Any]:
+        """The options of its report."""
+        asked = {"out": bool(self.writes), "json": True}
+        asked |= dict.fromkeys(("rerun", "open"), self.recorded)
+        return [f for f in fields(Report) if f.init and asked.get(f.name, self.solves)]
+
+    @cached_property
+    def kinds(self) -> dict[str, Kind]:
+        """How each parameter is given: those of the function, of the library, of the report."""
+        hints = get_type_hints(self.function, include_extras=True)
+        parameters = inspect.signature(self.function).parameters
+        declared = {name: (hints[name], p.default) for name, p in parameters.items()}
+        sentences: dict[str, str] = {}
+        for public, names in self.library.items():
+            source = getattr(microbot_ocp, public)
+            sentences |= {name: _sentence(text) for name, (_, text) in documented(source).items()}
+            settings = inspect.signature(source).parameters
+            declared |= {n: (settings[n].annotation, settings[n].default) for n in names.split()}
+        declared |= {option.name: (option.type, option.default) for option in self.shared}
+        texts = documented(Report) | documented(self.function)
+        kinds = {}
+        for name, (hint, default) in declared.items():
+            if name not in ("progress", "settings"):
+                kind = _kind(name, hint)
+                metavar, text = texts.get(name, ("", kind.text or sentences.get(name, "")))
+                more = {"metavar": metavar or kind.metavar, "text": text, "default": default}
+                kinds[name] = replace(kind, name=kind.name or name, **more)
+        return kinds
+
+    @property
+    def callback(self) -> Callable[..., int]:
+        """What typer calls, with a signature of all options."""
+
+        def callback(**words: Any) -> int:
+            return self.run(words)
+
+        options = [option for kind in self.kinds.values() for option in kind.options()]
+        callback.__signature__ = inspect.Signature(options)  # type: ignore[attr-defined]
+        return callback
+
+    def run(self, words: Words) -> int:
+        """Run it and report its answer; return the exit code."""
+        report = Report(**{option.name: words[option.name] for option in self.shared})
+        wanted = inspect.signature(self.function).parameters
+        arguments: dict[str, Any] = {}
+        for name, kind in self.kinds.items():
+            if name in wanted or name not in vars(report):
+                arguments[name] = kind.value(words, arguments.get("robot"))
+        report.check(self.writes)
+        return report.give(partial(self.function, **arguments), long="progress" in wanted)
+
+
+def command(
+    library: Mapping[str, str] | None = None, **more: Any
+) -> Callable[[Callable[..., Answer]], Command]:
+    """Make a command of a function, by the attributes of :class:`Command`."""
+    return lambda function: Command(function, library or {}, **more)
+
+
+def documented(source: Any) -> dict[str, tuple[str, str]]:
+    """Metavar, if any, and text of every parameter in a numpydoc docstring."""
+    sections, texts = _sections(source), {}
+    listed = sections.get("Parameters") or sections.get("Attributes", "")
+    entry = re.compile(r"^(\w+(?:, \w+)*)(?: : ([^\n]*))?((?:\n +[^\n]*)*)", re.MULTILINE)
+    for names, kind, body in entry.findall(listed):
+        metavar = kind if re.fullmatch(r"[A-Z:]+", kind) else ""
+        typed = metavar or "Parameters" in sections
+        text = " ".join((body if typed else f"{kind} {body}").split())
+        texts |= dict.fromkeys(names.split(", "), (metavar, text))
+    return texts
+
+
+def _sections(source: Any) -> dict[str, str]:
+    """The sections of a numpydoc docstring by their heads, and what is before them."""
+    parts = re.split(r"\n\n(\w+)\n-+\n", inspect.getdoc(source) or "")
+    return {"": parts[0], **dict(zip(parts[1::2], parts[2::2], strict=True))}
+
+
+def _sentence(text: str) -> str:
+    """The first sentence of what the library says, without its markup."""
+    first = re.split(r"\.\s", text)[0].rstrip(".")
+    return re.sub(r"(?::\w+:)?`+~?([^`]*)`+", r"\1", first[:1].upper() + first[1:]) + "."
+
+
+def _kind(name: str, hint: Any) -> Kind:
+    """The kind in an annotated type, or that of a plain one."""
+    for extra in get_args(hint)[1:]:
+        if isinstance(extra, Kind):
+            return extra
+    types = re.findall(r"bool|int|float|Path|str", str(hint))
+    return PLAIN[name if name in PLAIN else types[0]]

@@ -1,0 +1,270 @@
+"""``sweep``, ``replay`` and ``export``: studies, and what was saved before."""
+
+from __future__ import annotations
+
+import sys
+import time
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import microbot_ocp as mo
+from microbot_ocp._base.checks import InputError, plain, shortened
+from microbot_ocp._base.reading import opened
+from microbot_ocp._base.writing import made_folder, write_whole
+from microbot_ocp.cli._declaration import FILE, OTHER_ROBOT, command
+from microbot_ocp.cli._process import NotDone
+from microbot_ocp.cli._report import Answer, Progress, Save, check_output, say
+from microbot_ocp.comparison import Step, named_robot, read_cell
+from microbot_ocp.motion import EXPORT_FORMATS, FILM_FORMATS, Motion
+from microbot_ocp.robot import Robot, packaged_robots
+
+if TYPE_CHECKING:
+    from microbot_ocp.sweeps import Study
+
+
+@command(writes=("",))
+def sweep(
+    progress: Progress,
+    study: Annotated[Path | None, FILE] = None,
+    out: Path | None = None,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    case: int | None = None,
+    summary: Path | None = None,
+) -> Answer:
+    """Do thousands of cases by several methods.
+
+    On all processors of this machine, or on a cluster. Results are Parquet files in FOLDER/cases,
+    one row a case. Whatever ends the command or its workers, the same command continues. Needs the
+    extra "scale".
+
+    Parameters
+    ----------
+    study : STUDY
+        Study file (.toml).
+    out : FOLDER
+        Folder of the results; the same again continues.
+    workers : N
+        Processes of this machine; default one a processor.
+    scheduler : ADDRESS
+        Scheduler of dask instead: tcp://HOST:PORT.
+    case : N
+        Do one case here and print its row; with --out its motions are written.
+    summary : FOLDER
+        Statistics and pictures of a folder of results.
+
+    Examples
+    --------
+    $ microbot-ocp sweep study.toml --out results --workers 2
+    """
+    from microbot_ocp.sweeps import SweepStopped, read_study, run_study
+
+    if (study is None) == (summary is None):
+        raise InputError("give a study file, or --summary FOLDER")
+    if summary is not None:
+        return _summary(mo.load_sweep(summary))
+    assert study is not None
+    cases = read_study(study)
+    if case is not None:
+        return _case(cases, case, out)
+    if out is None:
+        raise InputError("give --out FOLDER for the results")
+    if scheduler is not None and workers is not None:
+        raise InputError("give --scheduler or --workers, not both")
+    again = f"microbot-ocp sweep {study} --out {out}"
+    again += "" if scheduler is None else f" --scheduler {scheduler}"
+    shown = _shown(progress, again)
+    try:
+        results = run_study(cases, out, client=scheduler, workers=workers, progress=shown)
+    except SweepStopped as problem:
+        raise NotDone(str(problem)) from None
+    return Answer(plain(results.summary()), [results.table()])
+
+
+def _case(study: Study, case: int, out: Path | None) -> Answer:
+    from microbot_ocp.sweeps import repeat_case
+
+    row, motions = repeat_case(replace(study, motions=True) if out else study, case)
+    saves = {name: partial(write_whole, content=content) for name, content in motions.items()}
+    files = {made_folder(out) / f"{name}.npz": save for name, save in saves.items()} if out else {}
+    values = {k: f"{v:.6g}" if isinstance(v, float) else v for k, v in row.items()}
+    lines = [f"{name} = {value}" for name, value in values.items()]
+    return Answer(row, lines=lines, solved=row["status"] == "solved", files=files)
+
+
+def _summary(results: mo.Sweep) -> Answer:
+    """Statistics, failures with the commands that repeat them, pictures and a recording."""
+    files: dict[Path, Save] = {}
+    if results.done:
+        folder = made_folder(results.folder / "summary")
+        compared = ["atlas", "quantities"] if len(results.methods) > 1 else []
+        for kind in (*compared, "limits", "failures"):
+            files[folder / f"{kind}.png"] = partial(_draw, results, kind)
+        files[folder / "atlas.rrd"] = results.to_rerun
+    statistics = results.summary()
+    origin = results.about.get("origin") or "STUDY.toml"
+    lines = [
+        f"{failure.count:6,} {failure.status}: {failure.reason}\n"
+        f"       microbot-ocp sweep {origin} --case {failure.case}"
+        for failure in statistics.failures
+    ]
+    return Answer(plain(statistics), [results.table()], lines, files=files)
+
+
+def _draw(results: mo.Sweep, kind: str, path: Path) -> object:
+    return results.plot(kind=kind).savefig(path)
+
+
+def _shown(progress: Progress, again: str, period: float = 30.0) -> Progress:
+    """Progress that is a line every ``period`` s where there is no terminal for a bar."""
+    last = -period
+
+    def show(step: Step) -> None:
+        nonlocal last
+        if step.stage == "interrupted":
+            say(f"{step.done:,} of {step.total:,} cases are kept; continue with: {again}")
+            return
+        progress(step)
+        now = time.monotonic()
+        if not sys.stderr.isatty() and (step.stage == "done" or now - last >= period):
+            last = now
+            say(step.text)
+
+    return show
+
+
+@command(recorded=True)
+def replay(
+    file: Annotated[Path, FILE],
+    robot: Annotated[str | None, OTHER_ROBOT] = None,
+    rerun: Path | None = None,
+    open: bool = False,
+) -> Answer:
+    """Replay a saved motion or comparison in Rerun.
+
+    --rerun writes the recording, --open shows it.
+
+    Parameters
+    ----------
+    file : FILE
+        Motion (.npz), recording (.rrd), or the folder that a comparison was saved in.
+
+    Examples
+    --------
+    $ microbot-ocp replay best.npz --rerun best.rrd
+    """
+    if rerun is None and not open:
+        raise InputError("give --rerun FILE.rrd to write the recording, or --open to see it")
+    if file.suffix == ".rrd":
+        if rerun is not None or not file.is_file():
+            raise InputError(
+                f"{shortened(str(file), 150)} is a recording already, which replay can show only: "
+                f"microbot-ocp replay {shortened(file.name, 60)} --open"
+            )
+        _check_recording(file)
+        return Answer({"recording": str(file)}, record=file)
+    source = file.parent if file.name == "comparison.json" else file
+    if source.is_dir():
+        comparison = mo.load_comparison(source, robot)
+        name, motions = comparison.robot.name, comparison.motions
+        if not motions:
+            raise InputError(f"{source}: none of the saved methods has a motion")
+        record: Save = comparison.to_rerun
+    else:
+        motion = Motion.load(file)
+        arm = _robot_of(motion, str(file), robot)
+        name, motions = arm.name, {"motion": motion}
+        record = partial(motion.to_rerun, arm)
+    entries = {key: {"label": m.label, "duration": m.duration} for key, m in motions.items()}
+    lines = [f"{motion.label}: {motion.duration:.3f} s" for motion in motions.values()]
+    return Answer({"robot": name, "motions": entries}, lines=lines, record=record)
+
+
+def _check_recording(path: Path) -> None:
+    """Refuse a file that Rerun would not read."""
+    from rerun.chunk import RrdReader
+
+    try:
+        opened(path).close()  # refuses a pipe, on which it would wait
+        RrdReader(path)
+    except Exception as problem:  # it raises whatever happens to go wrong inside
+        reason = getattr(problem, "strerror", None) or " ".join(str(problem).split())
+        name = shortened(str(path), 130)
+        raise InputError(f"{name} is no recording: {shortened(reason, 120)}") from None
+
+
+def _robot_of(motion: Motion, origin: str, named: str | None) -> Robot:
+    """The robot of a motion; their joints fit."""
+    robot = named_robot(origin, motion.provenance.get("robot"), named)
+    if robot.joint_count != motion.joint_count:
+        raise InputError(
+            f"{origin} has {motion.joint_count} joints, but robot {robot.name!r} has "
+            f"{robot.joint_count}"
+        )
+    return robot
+
+
+@command()
+def export(
+    file: Annotated[Path, FILE],
+    target: Annotated[Path, FILE],
+    progress: Progress,
+    rate: float | None = None,
+    robot: Annotated[str | None, OTHER_ROBOT] = None,
+    task: Path | None = None,
+) -> Answer:
+    """Write a saved motion for another program, or as a film.
+
+    Parameters
+    ----------
+    file : FILE
+        Motion (.npz), or for a film the folder of a comparison.
+    target : TARGET
+        What to write: .csv, .json (ROS trajectory), .mat, .parquet, .xml (MuJoCo keyframes), or a
+        film, .gif or .mp4.
+    rate : HZ
+        Samples or frames a second, Hz.
+    task : FILE
+        Task of stops (.toml) whose obstacles, tool lines and parts a film shows.
+
+    Examples
+    --------
+    $ microbot-ocp export best.npz best.csv --rate 100
+    """
+    check_output("TARGET", target, (*EXPORT_FORMATS, *FILM_FORMATS))
+    film = target.suffix in FILM_FORMATS
+    options: dict[str, Any] = {"rate": rate, "progress": progress}
+    if file.is_dir() and film:
+        from microbot_ocp.views.animation import animate_comparison
+
+        comparison = mo.load_comparison(file, robot)
+        durations = {name: motion.duration for name, motion in comparison.motions.items()}
+        document = {"robot": comparison.robot.name, "motions": durations}
+        save = partial(animate_comparison, comparison, **options)
+        return Answer(document, files={target: save})
+    motion = Motion.load(file)
+    name = robot or motion.provenance.get("robot")
+    line = f"{motion.label}: {motion.duration:.3f} s"
+    if task is not None:
+        if not film:
+            films = " and ".join(FILM_FORMATS)
+            raise InputError(f"--task is for films, {films}, not {target.suffix}")
+        cell = read_cell(task).certified(motion)
+        document = {"robot": cell.robot.name, "certified": cell.certificate.ok}
+        save = partial(cell.export, **options)
+    elif film:
+        from microbot_ocp.views.animation import animate_motion
+
+        arm = _robot_of(motion, str(file), robot)
+        document = {"robot": name, "samples": motion.t.size}
+        save = partial(animate_motion, arm, motion, **options)
+    else:
+        named = robot is not None or name in packaged_robots()
+        arm = _robot_of(motion, str(file), robot) if named else None
+        sampled = motion if rate is None else motion.resample(rate, arm)
+        document = {"robot": name if named else None, "samples": sampled.t.size}
+        save = partial(sampled.export, robot=arm)
+        line += f", {sampled.t.size} samples"
+    return Answer(document, lines=[line], files={target: save})

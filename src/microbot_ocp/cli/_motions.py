@@ -1,0 +1,302 @@
+"""``simulate``, ``compare``, ``time-optimal`` and ``solve``: motions found, certified and shown."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+
+import microbot_ocp as mo
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.table import Column, Table
+from microbot_ocp.cli._declaration import ARM, FILE, JOINTS, LIMITS, VIA, Kind, Numbers, command
+from microbot_ocp.cli._report import Answer, Progress
+from microbot_ocp.comparison import METHODS, OUTPUTS, is_cell_file, read_cell, read_task
+from microbot_ocp.motion import SAMPLE_STEP, Motion
+from microbot_ocp.planning import time_optimal as find_time_optimal
+from microbot_ocp.robot import JointLimits, Robot
+from microbot_ocp.views import tables
+
+NAMES = Kind(
+    metavar="NAMES",
+    text=f"Some of {', '.join(METHODS)}; default all, those of given times with --time.",
+    choices=lambda: list(METHODS),
+    convert=lambda word: [name.strip() for name in word.split(",")],
+)
+
+
+@command({"simulate": "time_limit"}, writes=(".npz",), recorded=True)
+def simulate(
+    robot: Annotated[Robot, ARM],
+    tau: Annotated[FloatArray | None, Numbers()] = None,
+    motion: Path | None = None,
+    q0: Annotated[FloatArray | None, replace(JOINTS, name="q")] = None,
+    qd0: Annotated[FloatArray | None, replace(JOINTS, name="qd")] = None,
+    duration: float | None = None,
+    step: float = SAMPLE_STEP,
+    **settings: Any,
+) -> Answer:
+    """Simulate the arm: free fall, or given torques.
+
+    Torques are constants or those of a saved motion. Exit code 1 where the integrator fails.
+
+    Parameters
+    ----------
+    tau : LIST
+        Constant torques, N m (N); without torques the arm falls.
+    motion : FILE
+        Torques of this motion (.npz), from its start.
+    duration : S
+        How long, s; default 1, or that of the motion.
+    step : S
+        Time between the samples, s.
+
+    Examples
+    --------
+    $ microbot-ocp simulate microbot --q-deg 0,30,20 --out fall.npz
+    """
+    if not robot.has_dynamics:
+        raise InputError(f"robot {robot.name!r} has no masses: it cannot be simulated")
+    if tau is not None and motion is not None:
+        raise InputError("give --tau or --motion, not both")
+    if motion is None and q0 is None:
+        raise InputError("give the start: --q (rad) or --q-deg")
+    torques: Motion | FloatArray | None = tau
+    source = "free fall" if tau is None else "constant torques"
+    grid = _samples(1.0 if duration is None else duration, step)
+    if motion is not None:
+        torques = Motion.load(motion)
+        source = f"torques of {torques.label}"
+        grid = torques.t if duration is None else grid
+    result = mo.simulate(robot, torques, q0, qd0, grid, **settings)
+    peaks = np.abs(result.qd).max(axis=0)
+    document = {
+        "robot": robot.name,
+        "torques": source,
+        "status": result.status,
+        "advice": result.advice,
+        "duration": float(grid[-1]),
+        "q_start": result.q[0],
+        "q_end": result.q[-1],
+        "qd_end": result.qd[-1],
+        "qd_peak": peaks,
+        "condition_peak": result.condition_peak,
+        "wall_time": result.wall_time,
+    }
+    units = tables.joint_units(robot)
+    values = tables.in_degrees(robot, [result.q[0], result.q[-1], result.qd[-1], peaks])
+    rows = [
+        [name, unit, *(tables.number(float(value), 3) for value in column)]
+        for name, unit, column in zip(robot.joint_names, units, values.T, strict=True)
+    ]
+    heads = ["joint", "unit", "start", "end", "speed at the end [/s]", "peak speed [/s]"]
+    blocks = [
+        f"{robot.name}, {source}, {tables.number(float(grid[-1]))} s: {result.status}\n",
+        Table.of_text(heads, rows, left=2),
+        *_advice(result.advice),
+    ]
+    if not result.solved:
+        return Answer(document, blocks, solved=False, files={})
+    provenance = {"method": "simulation", "robot": robot.name, "torques": source}
+    simulated = replace(result.as_motion(f"simulation, {source}"), provenance=provenance)
+
+    def record(path: Path) -> object:
+        return simulated.to_rerun(robot, path)
+
+    return Answer(document, blocks, save=simulated.save, record=record)
+
+
+def _samples(duration: float, step: float) -> FloatArray:
+    """Times of the samples, s; by default farther apart where there would be too many."""
+    length = checks.number("--duration", duration, "s", above=0.0, at_most=checks.LONGEST)
+    if step == SAMPLE_STEP:
+        step = min(max(step, checks.longest_step(length, checks.MOST_SAMPLES)), length)
+    step = checks.number("--step", step, "s", above=0.0, at_most=length)
+    return np.linspace(0.0, length, checks.step_count(length, step) + 1)
+
+
+def _advice(text: str) -> list[str]:
+    return [f"Advice: {text}"] if text else []
+
+
+@command(
+    {"TimeOptimalSettings": "mesh", "compare": "time_limit"},
+    writes=("",), recorded=True, solves=True,
+)  # fmt: skip
+def compare(
+    robot: Annotated[Robot, ARM],
+    via_q: Annotated[FloatArray, VIA],
+    limits: Annotated[JointLimits, LIMITS],
+    progress: Progress,
+    methods: Annotated[Sequence[str] | None, NAMES] = None,
+    via_t: Annotated[Sequence[float] | None, Numbers(labels=None, name="time")] = None,
+    **settings: Any,
+) -> Answer:
+    """Compare several methods on one task, under the same limits.
+
+    Every motion is certified; in Rerun all run on one timeline. A limit is one number, or one a
+    joint with commas between; those not given are the robot's own. Exit code 1 where a method found
+    no certified solution.
+
+    Parameters
+    ----------
+    out : FOLDER
+        Folder for tables, figures, recording, motions.
+
+    Examples
+    --------
+    $ microbot-ocp compare microbot --via-deg '0,0,0 -8,45,30 -90,90,90' --out out
+    """
+    comparison = mo.compare(
+        robot, via_q, methods, limits, via_t=via_t, progress=progress, **settings
+    )
+    return _compared(comparison, OUTPUTS, progress)
+
+
+@command(
+    {"TimeOptimalSettings": "mesh starts tries slack time_limit"},
+    writes=(".npz",), recorded=True, solves=True,
+)  # fmt: skip
+def time_optimal(
+    robot: Annotated[Robot, ARM],
+    via_q: Annotated[FloatArray, VIA],
+    limits: Annotated[JointLimits, LIMITS],
+    progress: Progress,
+    **settings: Any,
+) -> Answer:
+    """Find and certify the fastest motion through via points.
+
+    It is at rest at both ends. A limit is one number, or one a joint with commas between; those not
+    given are the robot's own. Exit code 1 where the solver did not converge or the certificate is
+    refused.
+
+    Examples
+    --------
+    $ microbot-ocp time-optimal microbot --via-deg '0,0,0 -90,90,90' --qd-max 2
+    """
+    limited = robot.with_limits(limits)
+    motion = find_time_optimal(limited, via_q, progress=progress, **settings)
+    progress(f"certify: {motion.duration:.4f} s")
+    certificate = mo.certify(limited, motion, via_q=via_q)
+    motion = replace(motion, provenance={**motion.provenance, "robot": robot.name})
+    advice = motion.provenance.get("advice", "")
+
+    def record(path: Path) -> object:
+        from microbot_ocp.views.recording import of_motion
+
+        return of_motion(limited, motion, certificate).save(path)
+
+    document = {
+        "robot": robot.name,
+        "via_q": via_q,
+        "limits": limited.limits.as_dict(),
+        "solved": motion.solved,
+        "status": motion.status,
+        "advice": advice,
+        "duration": motion.duration,
+        "marks": [{"time": mark.time, "name": mark.name} for mark in motion.marks],
+        "certificate": certificate.as_dict(),
+    }
+    inner = [mark.time for mark in motion.marks if 0 < mark.time < motion.duration]
+    times = [0.0, *inner, motion.duration]
+    passages = [(t, tables.pose_text(robot, via)) for t, via in zip(times, via_q, strict=False)]
+    blocks = [
+        *_motion(robot, motion, passages, ""),
+        *tables.use_blocks(robot, certificate),
+        *_advice("" if motion.solved else advice),
+    ]
+    good = motion.solved, certificate.ok
+    return Answer(document, blocks, (), *good, save=motion.save, record=record)
+
+
+@command({"TimeOptimalSettings": ""}, writes=("",), solves=True)
+def solve(
+    file: Annotated[Path, FILE], progress: Progress, time_limit: float | None = None
+) -> Answer:
+    """Solve the task of a TOML file.
+
+    With [[stop]] tables it is a motion through stops, else a comparison of methods. --out says
+    where its outputs go. Exit code 1 where a method found no certified solution.
+
+    Parameters
+    ----------
+    file : FILE
+        Task in TOML; docs/task_file.md has the keys.
+    out : FOLDER
+        Folder for tables, figures, recording, motions.
+
+    Examples
+    --------
+    $ microbot-ocp solve task.toml --out out
+    """
+    if not is_cell_file(file):
+        task = read_task(file)
+        limit = np.inf if time_limit is None else time_limit
+        return _compared(task.compare(progress, limit), task.outputs, progress)
+    stops = read_cell(file)
+    if time_limit is not None:
+        stops = replace(stops, settings=replace(stops.settings, time_limit=time_limit))
+    cell = stops.solve(progress)
+    motion, front = cell.motion, cell.front
+    note = f"{motion.note.rstrip('.')}." if motion.note else ""
+    blocks = [
+        *_motion(cell.robot, motion, [(mark.time, mark.name) for mark in motion.marks], note),
+        *tables.use_blocks(cell.robot, cell.certificate),
+        *(tables.front_blocks(front) if front is not None else ()),
+    ]
+    points = (cell,) if front is None else front.points
+    solved = all(point.motion.solved for point in points)
+    certified = all(point.certificate.ok for point in points)
+
+    def save(path: Path) -> object:
+        return cell.save(path, stops.outputs)
+
+    return Answer(cell.as_dict(), blocks, (), solved, certified, save=save)
+
+
+def _compared(comparison: mo.Comparison, outputs: Sequence[str], progress: Progress) -> Answer:
+    """What is said of a comparison: its table, or a narrow one where there is less room."""
+    document = {
+        "robot": comparison.robot.name,
+        "via_q": comparison.via_q,
+        "limits": comparison.limits.as_dict(),
+        "reference": comparison.reference,
+        "solved": comparison.solved,
+        "certified": comparison.certified,
+        "entries": tables.comparison_rows(comparison),
+    }
+
+    def save(path: Path) -> object:
+        return comparison.save(path, outputs, progress=progress)
+
+    table = comparison.table()
+    good = comparison.solved, comparison.certified
+    return Answer(
+        document, [[table, _narrow(table)]], (), *good, save=save, record=comparison.to_rerun
+    )
+
+
+def _narrow(table: Table) -> Table:
+    """For 80 columns: without costs, and peaks under heads of several lines, without names."""
+
+    def narrow(column: Column) -> Column:
+        if not column.head.startswith("peak"):
+            return column
+        head = column.title.replace(" ", "\n")
+        return Column(head, show=lambda value: column.text(value).split(" (")[0])
+
+    main = table.without("∫tau²", "work", "solve")
+    return replace(main, columns=[narrow(column) for column in main.columns])
+
+
+def _motion(
+    robot: Robot, motion: Motion, passages: Iterable[tuple[float, str]], note: str
+) -> list[str]:
+    """What a motion is, and when it passes what."""
+    title = f"{robot.name}, {motion.label}: {motion.duration:.4f} s, {motion.status}"
+    lines = [title, *(f"  {time:8.4f} s  {where}" for time, where in passages)]
+    return ["\n".join([*lines, *[note] * bool(note)]) + "\n"]

@@ -1,0 +1,270 @@
+"""The program: its commands in order, and how an ending becomes an exit code.
+
+Each command is loaded when it is called. A list of them needs their names and first lines only,
+which are read from the source: so ``--help`` does not wait for CasADi.
+"""
+
+from __future__ import annotations
+
+import ast
+import contextlib
+import io
+import os
+import re
+import signal
+import sys
+import warnings
+from collections.abc import Sequence
+from difflib import get_close_matches
+from enum import IntEnum
+from functools import cache, cached_property
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import typer
+from typer.core import TyperCommand, TyperGroup
+
+from microbot_ocp._base.checks import InputError, shortened
+from microbot_ocp._base.writing import NotWritten
+from microbot_ocp.cli import _process as process
+
+PROGRAM = "microbot-ocp"
+COMMANDS = {  # and the module of each
+    name: module
+    for module, names in {
+        "_robots": ("robots", "show", "fk", "ik"),
+        "_motions": ("simulate", "compare", "time-optimal", "solve"),
+        "_files": ("sweep", "replay", "export"),
+        "_doctor": ("doctor",),
+    }.items()
+    for name in names
+}
+CONTROL = re.compile(r"\x1b(?!\[[0-9;]*m)|[\x00-\x08\x0b-\x1a\x1c-\x1f\x7f-\x9f]")
+TRACEBACK = "MICROBOT_OCP_TRACEBACK"  # environment variable that asks for Python's own report
+# Help is plain text: drawing it with rich would take as long as everything else together.
+SETTINGS: dict[str, Any] = {
+    "rich_markup_mode": None,
+    "pretty_exceptions_enable": False,
+    "context_settings": {"help_option_names": ["-h", "--help"]},
+}
+
+
+class ExitCode(IntEnum):
+    """What the program returns; after a signal 128 and its number (130 Ctrl-C)."""
+
+    DONE = 0
+    NOT_SOLVED = 1  # a task without a solution, or a result that was not written
+    BAD_INPUT = 2  # one line on standard error
+    FAULT = 70  # of this program
+
+
+class Commands(TyperGroup):
+    """All commands, in the order of the table."""
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(**settings)
+        self.commands = {name: Command(name) for name in COMMANDS}
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Find the command of the first word; refuse an unknown one with those that are allowed."""
+        if args and args[0] not in self.commands and not args[0].startswith("-"):
+            near = get_close_matches(args[0], self.commands, 1)
+            hint = f"did you mean {near[0]!r}? " if near else ""
+            raise InputError(f"no command {args[0]!r}; {hint}allowed: {', '.join(self.commands)}")
+        return super().resolve_command(ctx, args)
+
+
+class Command(TyperCommand):
+    """A command with its name and docstring; its module is loaded when it is called."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name)
+        self.module, self.function = COMMANDS[name], name.replace("-", "_")
+        del self.help  # for the property below: a call of one command needs none
+
+    @cached_property
+    def help(self) -> str:  # type: ignore[override]
+        """The docstring, which a list of the commands shows."""
+        return _docstrings(self.module)[self.function]
+
+    @cached_property
+    def whole(self) -> Any:
+        """The command with its options."""
+        module = import_module(f"microbot_ocp.cli.{self.module}")
+        declaration = getattr(module, self.function)
+        alone = typer.Typer(add_completion=False, **SETTINGS)
+        epilog = f"\b\nExample:\n  {declaration.example}"
+        alone.command(self.name, help=declaration.help, epilog=epilog)(declaration.callback)
+        return typer.main.get_command(alone)
+
+    def make_context(
+        self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any
+    ) -> Any:
+        """Make the context of the whole command: from here on it stands for this one."""
+        return self.whole.make_context(info_name, args, parent=parent, **extra)
+
+
+@cache
+def _docstrings(module: str) -> dict[str, str]:
+    """Docstrings of the functions of a module, which is not loaded."""
+    nodes = ast.parse((Path(__file__).parent / f"{module}.py").read_text("utf-8")).body
+    functions = [node for node in nodes if isinstance(node, ast.FunctionDef)]
+    return {node.name: ast.get_docstring(node) or "" for node in functions}
+
+
+app = typer.Typer(
+    cls=Commands,
+    epilog=f"\b\nExample:\n  {PROGRAM} compare microbot --via-deg '0,0,0 -8,45,30 -90,90,90'",
+    **SETTINGS,
+)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        typer.echo(f"{PROGRAM} {version('microbot_ocp')}")
+        raise typer.Exit
+
+
+@app.callback(invoke_without_command=True)
+def _top(
+    context: typer.Context,
+    _: bool = typer.Option(
+        False,
+        "--version",
+        callback=_print_version,
+        is_eager=True,
+        help="Print the version and exit.",
+    ),
+) -> None:
+    """Time-optimal and textbook motions of serial manipulators, compared under the same limits.
+
+    ROBOT is a name from `microbot-ocp robots` or the path of a .toml or .urdf file.
+    Every command takes --json. Exit codes: 0 done, 1 not solved, 2 bad input.
+    """
+    if context.invoked_subcommand is None:
+        typer.echo(context.get_help())
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        Default those of the process.
+
+    Returns
+    -------
+    int
+        Exit code.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(AttributeError, ValueError):  # a stream that was replaced
+            stream.reconfigure(errors="replace")  # type: ignore[union-attr]
+    words = None if arguments is None else list(arguments)
+    try:
+        code = typer.main.get_command(app).main(words, PROGRAM, standalone_mode=False)
+        sys.stdout.flush()
+    except SystemExit as ending:  # raised by the completion scripts
+        return ending.code if isinstance(ending.code, int) else ExitCode.DONE
+    except KeyboardInterrupt:
+        return process.exit_code()
+    except Exception as problem:
+        return _refuse(problem)
+    return process.exit_code() if process.pressed() else int(code or ExitCode.DONE)
+
+
+def run() -> int:
+    """Run the program as :func:`~microbot_ocp.cli.entry` does."""
+    warnings.showwarning = _print_warning
+    with contextlib.suppress(AttributeError, OSError, ValueError):  # a stream that was replaced
+        stream = io.BufferedWriter(_Output(sys.stdout.fileno(), "w", closefd=False))
+        sys.stdout = _Text(
+            stream, sys.stdout.encoding, line_buffering=bool(sys.stdout.line_buffering)
+        )
+    if hasattr(signal, "SIGPIPE"):
+        signal.signal(signal.SIGPIPE, signal.SIG_DFL)
+    if hasattr(signal, "SIGXFSZ"):
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)  # a file too large is an error like others
+    return main()
+
+
+class _Output(io.FileIO):
+    """Standard output, of which an error says that it is one of it."""
+
+    def write(self, data: Any) -> int:
+        try:
+            return super().write(data)
+        except OSError as problem:
+            reason = _lowered(problem.strerror or str(problem))
+            raise NotWritten("standard output", reason) from None
+
+
+class _Text(io.TextIOWrapper):
+    """Standard output without what names in files might make a terminal do."""
+
+    def write(self, text: str) -> int:
+        return super().write(printable(text))
+
+
+def printable(text: str) -> str:
+    r"""Text without control characters, but for ends of lines, tabulators and colours.
+
+    >>> printable("a\x1b[2Jb\x1b[31mc\a")
+    'a[2Jb\x1b[31mc'
+    """
+    return CONTROL.sub("", text)
+
+
+def _refuse(problem: Exception) -> int:
+    """Say on one line what went wrong; return the exit code."""
+    failed = isinstance(problem, NotWritten | process.NotDone)
+    code = ExitCode.NOT_SOLVED if failed else ExitCode.BAD_INPUT
+    if isinstance(problem, InputError | process.NotDone):
+        sentence = str(problem)
+    elif isinstance(problem, typer.TyperException):
+        sentence = _lowered(problem.format_message())
+    elif isinstance(problem, OSError):
+        reason = _lowered(problem.strerror or str(problem))
+        sentence = f"{problem.filename}: {reason}" if problem.filename else _no_folder() + reason
+    elif process.pressed():  # CasADi made another error of it
+        return process.exit_code()
+    elif os.environ.get(TRACEBACK):
+        raise problem
+    else:
+        what = f"{type(problem).__name__}: {problem}" if str(problem) else type(problem).__name__
+        if isinstance(problem, MemoryError | RecursionError):
+            sentence = f"the task is too large: {what}"
+        else:
+            code = ExitCode.FAULT
+            what = f"{shortened(what, 200)} ({TRACEBACK}=1 shows where)"
+            sentence = f"a fault of this program, please report it: {what}"
+    _print_error(f"error: {shortened(sentence, 290)}")
+    return code
+
+
+def _no_folder() -> str:
+    """What an error without the name of a file is about: the current folder, if it is gone."""
+    try:
+        os.getcwd()
+    except OSError:
+        return "the current folder: "
+    return ""
+
+
+def _print_warning(message: Warning | str, *_: object, **__: object) -> None:
+    """Print a warning on one line, without the place in the program that it comes from."""
+    _print_error(f"warning: {' '.join(str(message).split())}")
+
+
+def _print_error(line: str) -> None:
+    """Print on standard error, if anything can be: the exit code stays what it is."""
+    with contextlib.suppress(OSError, ValueError):
+        print(printable(line), file=sys.stderr, flush=True)
+
+
+def _lowered(sentence: str) -> str:
+    return sentence[:1].lower() + sentence[1:].rstrip(".")
