@@ -439,3 +439,24 @@ def test_random_starts_are_the_same_every_time_and_change_at_different_times():
     assert all(np.array_equal(a, b) for a, b in zip(*tables, strict=True))
     changes = {int(np.flatnonzero(np.diff(t[:, 0]))[0]) for t in tables[0]}
     assert len(changes) > 2
+
+
+def test_a_process_that_loops_in_silence_is_ended_by_its_own_time() -> None:
+    def loops(send):
+        for _ in range(3):
+            send("here")
+        while True:
+            pass
+
+    heard: list[str] = []
+    with pytest.raises(OutOfTime):
+        in_child(loops, np.inf, lambda what: not heard.append(what), silence=0.1)
+    assert heard == ["here"] * 3
+
+
+def test_a_process_that_waits_for_others_is_not_silent() -> None:
+    def waits(_):
+        time.sleep(0.5)
+        return "done"
+
+    assert in_child(waits, np.inf, silence=0.05) == "done"

@@ -21,6 +21,8 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
+import numpy as np
+
 PR_SET_PDEATHSIG = 1
 Send = Callable[[Any], None]
 
@@ -79,6 +81,7 @@ class Child:
 
     def __init__(self, work: Callable[[Send], Any]) -> None:
         with _forking:  # filters of warnings are for all threads, and no other child gets this pipe
+            self.begun = time.perf_counter()
             self.reading, writing = Pipe(duplex=False)
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", DeprecationWarning)  # of threads: only this forks
@@ -87,12 +90,23 @@ class Child:
                 _work(work, self.reading, writing)
             writing.close()
 
-    def answer(self, until: float, receive: Callable[[Any], bool] | None = None) -> Any:
-        """What the work returns, as :func:`in_child`."""
+    def answer(
+        self,
+        until: float,
+        receive: Callable[[Any], bool] | None = None,
+        silence: float = np.inf,
+    ) -> Any:
+        """Return what the work returns, as :func:`in_child`."""
+        heard = 0.0  # processor time of the process when it sent something last
         while True:
             left = min(until - time.perf_counter(), 1e6)
-            if left <= 0 or not self.reading.poll(left):
+            if left <= 0:
                 raise OutOfTime
+            if not self.reading.poll(min(left, silence)):
+                if self._processor_time() - heard > max(silence, heard):
+                    raise OutOfTime
+                continue
+            heard = self._processor_time() if np.isfinite(silence) else 0.0
             try:
                 done, what = self.reading.recv()
             except (EOFError, OSError):  # between messages, or within one
@@ -101,6 +115,13 @@ class Child:
                 return what
             if receive is not None and not receive(what):
                 raise KeyboardInterrupt
+
+    def _processor_time(self) -> float:
+        """Return what the process has used, s; wall time where the system does not tell."""
+        with contextlib.suppress(OSError):
+            fields = Path(f"/proc/{self.process}/stat").read_text().rpartition(")")[2].split()
+            return sum(map(int, fields[11:13])) / os.sysconf("SC_CLK_TCK")
+        return time.perf_counter() - self.begun
 
     def close(self) -> None:
         """End the process."""
@@ -115,6 +136,7 @@ def in_child(
     receive: Callable[[Any], bool] | None = None,
     *,
     most_bytes: int | None = None,
+    silence: float = np.inf,
 ) -> Any:
     """Do work in a copy of this process and return what it returns.
 
@@ -127,6 +149,10 @@ def in_child(
         Gets what was sent; False ends the process.
     most_bytes : int, optional
         Of memory beyond that of this process (on Linux); a request for more is a MemoryError.
+    silence : float
+        Processor time of the copy, s, in which it sends nothing, and which is more than all that it
+        used before, after which it counts as looping for ever. However busy the machine is, it is
+        the same.
 
     Raises
     ------
@@ -140,7 +166,7 @@ def in_child(
         return work(send)
 
     with contextlib.closing(Child(work if most_bytes is None else limited)) as child:
-        return child.answer(until, receive)
+        return child.answer(until, receive, silence)
 
 
 def _work(work: Callable[[Send], Any], reading: Connection, writing: Connection) -> None:
