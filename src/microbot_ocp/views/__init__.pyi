@@ -1,5 +1,3 @@
 """Public names; loaded when they are first asked for."""
 
-from . import (
-    plots as plots,
-)
+from . import plots as plots

@@ -21,7 +21,7 @@ VIEWS = {  # public name of the class: kind of view = face or module of this fol
     "comparison.Comparison": "table=tables:comparison_table json=tables:write_json "
     "csv=tables:write_csv plot=plots:comparison paths=plots:paths report=plots:report "
     "rerun=recording:of_comparison animation=animation:animate_comparison",
-    "sweeps.Sweep": "table=tables._sweep:sweep plot=plots:sweep rerun=recording:of_sweep",
+    "sweeps.Sweep": "table=tables._results:sweep plot=plots:sweep rerun=recording:of_sweep",
 }
 
 for name, views in VIEWS.items():

@@ -70,9 +70,9 @@ class Camera:
 def arm_faces(robot: Robot, q: FloatArray, link: Color, joint: Color) -> Faces:
     """Return an arm in the pose q [n]: its own geometry, or capsules and drums."""
     poses, size = link_poses(robot, q[None])[0], reach(robot)
-    own = _geometry(robot.shapes)
-    if own:
-        return joined([faces.placed(poses[frame]) for frame, faces in own])
+    geometry = _geometry(robot.shapes)
+    if geometry:
+        return joined([faces.placed(poses[frame]) for frame, faces in geometry])
     edge, radius = STYLE.patch * size, STYLE.link * size
     foot = Solid("cylinder", size * np.array([0.065, 0.02]), robot.base, joint)
     bodies = [solid_faces(foot, edge)]

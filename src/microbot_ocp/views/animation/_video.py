@@ -97,12 +97,12 @@ def animate_motion(
     scene: Scene | None = None,
     **options: Any,
 ) -> Path:
-    """:func:`write_animation` of one motion, with the obstacles of a scene."""
+    """Film one motion by :func:`write_animation`, with the obstacles of a scene."""
     return write_animation(of_motion(robot, motion, scene=scene), path, rate, **options)
 
 
 def animate_cell(cell: Cell, path: str | Path, rate: float | None = None, **options: Any) -> Path:
-    """:func:`write_animation` of a motion through stops, with tubes, parts and obstacles."""
+    """Film a motion through stops by :func:`write_animation`, with tubes, parts and obstacles."""
     return write_animation(of_cell(cell), path, rate, **options)
 
 
@@ -113,7 +113,7 @@ def animate_comparison(
     methods: Sequence[str] | None = None,
     **options: Any,
 ) -> Path:
-    """:func:`write_animation` of some methods, by default the fastest one and the reference."""
+    """Film some methods by :func:`write_animation`, by default the best and the reference."""
     methods = main_methods(comparison) if methods is None else methods
     for name in methods:
         checks.one_of("methods", name, comparison.motions)
@@ -141,7 +141,7 @@ def _write_gif(path: Path, frames: Iterator[np.ndarray], rate: float) -> None:
 
 
 def _with_exactly(reduced: Image.Image, picture: Image.Image) -> Image.Image:
-    """A palette whose colour of the paper, in the corner of the picture, is not an average."""
+    """Return a palette whose colour of the paper, in the picture's corner, is no average."""
     colors, corner = list(reduced.getpalette() or ()), (0, 0)
     place: Any = reduced.getpixel(corner)
     colors[3 * place : 3 * place + 3] = np.asarray(picture)[corner].tolist()

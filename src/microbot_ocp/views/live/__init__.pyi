@@ -1,14 +1,8 @@
 """Public names; loaded when they are first asked for."""
 
-from ._local_page import (
-    local_page as local_page,
-)
-from ._newest_only import (
-    NewestOnly as NewestOnly,
-)
-from ._plot import (
-    LivePlot as LivePlot,
-)
+from ._local_page import local_page as local_page
+from ._newest_only import NewestOnly as NewestOnly
+from ._plot import LivePlot as LivePlot
 from ._streams import (
     connected as connected,
     parse_address as parse_address,
@@ -16,10 +10,7 @@ from ._streams import (
     server as server,
     spawned as spawned,
 )
-from ._terminal import (
-    TimeLeft as TimeLeft,
-    show_progress as show_progress,
-)
+from ._terminal import TimeLeft as TimeLeft, show_progress as show_progress
 from ._viewer import (
     LOOPBACK as LOOPBACK,
     find_viewer as find_viewer,

@@ -23,7 +23,7 @@ PRECONNECT = re.compile(rb'<link rel="preconnect"[^>]*>')  # which no policy for
 
 @contextmanager
 def local_page(source: str, data: str) -> Iterator[str]:
-    """Address of a copy of the page at ``source``, as long as the block lasts.
+    """Yield the address of a copy of the page at ``source``, as long as the block lasts.
 
     Scripts and files come from the copy, data from ``data`` as well; nothing from elsewhere.
     Both are addresses such as "http://127.0.0.1:9090".

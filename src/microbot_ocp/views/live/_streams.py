@@ -29,7 +29,7 @@ LOCAL_NAMES = (LOOPBACK, "localhost", "::1")
 
 @contextmanager
 def connected(address: str, every: int = 1) -> Iterator[IterationRecorder]:
-    """A progress function that streams to a viewer that is open already.
+    """Yield a progress function that streams to a viewer that is open already.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def connected(address: str, every: int = 1) -> Iterator[IterationRecorder]:
 
 @contextmanager
 def spawned(every: int = 1) -> Iterator[IterationRecorder]:
-    """A progress function that streams to a viewer started for it.
+    """Yield a progress function that streams to a viewer started for it.
 
     The viewer stays open; it needs a screen. ``every`` is that of :func:`connected`.
     """
@@ -74,7 +74,7 @@ def spawned(every: int = 1) -> Iterator[IterationRecorder]:
 
 @contextmanager
 def served(announce: Callable[[str], object], every: int = 1) -> Iterator[IterationRecorder]:
-    """A progress function that streams to a browser on this machine.
+    """Yield a progress function that streams to a browser on this machine.
 
     The server runs until the block ends. ``announce`` gets the address to open; ``every`` is as in
     :func:`connected`.
@@ -102,17 +102,17 @@ def server(announce: Callable[[str], object]) -> Iterator[str]:
 
 
 def parse_address(address: str) -> tuple[str, int]:
-    """Host and port of an address on this machine.
+    """Return host and port of an address on this machine.
 
     Raises
     ------
     InputError
         It is malformed, or of another machine.
     """
-    known = urlsplit(address if "://" in address else f"rerun+http://{address}/proxy")
+    parts = urlsplit(address if "://" in address else f"rerun+http://{address}/proxy")
     with suppress(ValueError):
-        if known.hostname in LOCAL_NAMES and known.port is not None:
-            return known.hostname, known.port
+        if parts.hostname in LOCAL_NAMES and parts.port is not None:
+            return parts.hostname, parts.port
     raise InputError(
         f"the address of a viewer must be HOST:PORT with one of {', '.join(LOCAL_NAMES)}, "
         f"such as {LOOPBACK}:9876, not {address!r}"

@@ -24,15 +24,12 @@ from rich.text import Text
 from microbot_ocp.comparison import Step
 from microbot_ocp.ocp.solution import Iteration
 
-BAR_WIDTH = 30  # cells
-LEAST_KNOWN, LEAST_SHARE = 1.0, 0.1  # s and share of the work from which on a guess is made
-
 Event = Step | Iteration | str
 
 
 @contextmanager
 def show_progress(console: Console | None = None) -> Iterator[Callable[[Event], None]]:
-    """A callable for any ``progress=``; what it draws is gone when the block ends.
+    """Yield a callable for any ``progress=``; what it draws is gone when the block ends.
 
     Parameters
     ----------
@@ -60,7 +57,7 @@ def show_progress(console: Console | None = None) -> Iterator[Callable[[Event], 
     if not shown.is_terminal:
         yield lambda event: _print_step(shown, event)
         return
-    columns = (SpinnerColumn(), BarColumn(bar_width=BAR_WIDTH), TimeElapsedColumn(), TimeLeft())
+    columns = (SpinnerColumn(), BarColumn(bar_width=30), TimeElapsedColumn(), TimeLeft())
     with _BarAndText(*columns, console=shown, transient=True) as bar:
         task = bar.add_task("build", total=None)
 
@@ -84,15 +81,15 @@ class TimeLeft(ProgressColumn):
 
     def __init__(self) -> None:
         super().__init__()
-        self.known = (0.0, 0.0)  # work done, and when it was
+        self.last = (0.0, 0.0)  # work done, and when it was
 
     def render(self, task: Task) -> Text:
-        """Nothing as long as too little is done to tell, or when the guess has run out."""
+        """Return nothing in the first second and tenth, or when the guess has run out."""
         now, done = task.elapsed or 0.0, task.completed
-        if done != self.known[0]:
-            self.known = done, now
-        done, since = self.known
-        if not task.total or since < LEAST_KNOWN or done < LEAST_SHARE * task.total:
+        if done != self.last[0]:
+            self.last = done, now
+        done, since = self.last
+        if not task.total or since < 1.0 or done < 0.1 * task.total:
             return Text("")
         left = since * (task.total / done - 1.0) - (now - since)
         return Text(f"about {timedelta(seconds=round(left))} left" if left >= 1.0 else "")

@@ -21,16 +21,18 @@ _started: set[subprocess.Popen[bytes]] = set()
 
 
 def viewer_environment() -> dict[str, str]:
-    """Environment of a viewer: it reports its use to nobody.
+    """Return the environment of a viewer: it reports its use to nobody.
 
     Rerun sends nothing where ``CI`` is set, unless ``FORCE_RERUN_ANALYTICS`` is.
     """
-    kept = {key: value for key, value in os.environ.items() if key != "FORCE_RERUN_ANALYTICS"}
-    return {"RUST_LOG": "error", **kept, "CI": "1"}
+    environment = {
+        key: value for key, value in os.environ.items() if key != "FORCE_RERUN_ANALYTICS"
+    }
+    return {"RUST_LOG": "error", **environment, "CI": "1"}
 
 
 def find_viewer() -> str | None:
-    """Path of the Rerun viewer: of this Python's folder, or else on the PATH."""
+    """Return the path of the Rerun viewer: of this Python's folder, or else on the PATH."""
     return shutil.which("rerun", path=str(Path(sys.executable).parent)) or shutil.which("rerun")
 
 
@@ -117,7 +119,7 @@ def listens(host: str, port: int) -> bool:
 
 
 def free_port() -> int:
-    """A port that is free at the moment."""
+    """Return a port that is free at the moment."""
     with socket.socket() as probe:
         probe.bind((LOOPBACK, 0))
         return probe.getsockname()[1]

@@ -104,16 +104,16 @@ class _Assets(SimpleHTTPRequestHandler):
         super().end_headers()
 
     def log_message(self, format: str, *args: Any) -> None:
-        """Nothing: a notebook would show it."""
+        """Print nothing: a notebook would show it."""
 
 
 @lru_cache(maxsize=1)
 def _local_server() -> str:
-    """Address of a server of the viewer's files, on this machine only; it ends with the process."""
-    found = find_spec("rerun_notebook")
-    assert found is not None
-    assert found.origin is not None
-    folder = Path(found.origin).parent / "static"
+    """Return the address of a server of the viewer's files on this machine, up to its end."""
+    package = find_spec("rerun_notebook")
+    assert package is not None
+    assert package.origin is not None
+    folder = Path(package.origin).parent / "static"
     server = ThreadingHTTPServer(("127.0.0.1", 0), partial(_Assets, directory=str(folder)))
     threading.Thread(target=server.serve_forever, daemon=True).start()
     return f"http://127.0.0.1:{server.server_address[1]}"

@@ -30,7 +30,7 @@ class Setting:
     payload: float = 0.0
 
     def limits(self, robot: Robot) -> JointLimits:
-        """The robot's limits with torques and velocities scaled."""
+        """Return the robot's limits with torques and velocities scaled."""
         limits, speed, torque = robot.limits, self.speed, self.torque
         return replace(
             limits,
@@ -170,7 +170,7 @@ class TimeOptimalSliders:
 
 
 def _saturated(robot: Robot, motion: Motion) -> str:
-    """Which joints reach their torque limit, and for what share of the time."""
+    """Say which joints reach their torque limit, and for what share of the time."""
     shares = np.zeros(robot.joint_count)
     for spell in limit_history(robot, motion).spells("tau"):
         shares[spell.joint] += (spell.end - spell.start) / motion.duration

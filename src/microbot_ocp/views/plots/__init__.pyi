@@ -1,29 +1,10 @@
 """Public names; loaded when they are first asked for."""
 
-from ._arms import (
-    arms as arms,
-)
-from ._comparison import (
-    comparison as comparison,
-)
-from ._curve import (
-    Curve as Curve,
-)
-from ._curves import (
-    curves as curves,
-)
-from ._front import (
-    front as front,
-)
-from ._limits import (
-    limit_use as limit_use,
-    saturation as saturation,
-)
-from ._motion import (
-    motion as motion,
-    simulation as simulation,
-    tracking as tracking,
-)
+from ._comparison import comparison as comparison, front as front
+from ._curve import Curve as Curve
+from ._curves import curves as curves
+from ._limits import limit_use as limit_use, saturation as saturation
+from ._motion import motion as motion, simulation as simulation, tracking as tracking
 from ._page import (
     AxesGrid as AxesGrid,
     figure_of as figure_of,
@@ -31,19 +12,8 @@ from ._page import (
     styled as styled,
     write as write,
 )
-from ._paths import (
-    paths as paths,
-)
-from ._phase_plane import (
-    phase_plane as phase_plane,
-)
-from ._report import (
-    report as report,
-    report_figure as report_figure,
-)
-from ._solution import (
-    solution as solution,
-)
-from ._sweep import (
-    sweep as sweep,
-)
+from ._paths import arms as arms, paths as paths
+from ._phase_plane import phase_plane as phase_plane
+from ._report import report as report, report_figure as report_figure
+from ._solution import solution as solution
+from ._sweep import sweep as sweep

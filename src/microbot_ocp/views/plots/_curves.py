@@ -39,7 +39,7 @@ def curves(
     symbols: bool = False,
     warnings: Sequence[str] = (),
 ) -> AxesGrid:
-    """Quantities of joints against time.
+    """Draw quantities of joints against time.
 
     Parameters
     ----------

@@ -42,7 +42,7 @@ def limit_use(
     quantities: Sequence[str] | None = None,
     limits: Limits | JointLimits | None = None,
 ) -> AxesGrid:
-    """Use of every kind of limit over time: 100 % is the limit.
+    """Draw the use of every kind of limit over time: 100 % is the limit.
 
     Parameters
     ----------
@@ -75,8 +75,8 @@ def limit_use(
         raise InputError("limits must bound something: this robot has none")
     for quantity in shown:
         if quantity not in history.use:
-            known = ", ".join(history.use)
-            raise InputError(f"quantity must be one with a limit ({known}), not {quantity!r}")
+            keys = ", ".join(history.use)
+            raise InputError(f"quantity must be one with a limit ({keys}), not {quantity!r}")
     size = (STYLE.width, 0.9 * STYLE.row * len(shown) + 1.3)
     title = f"{robot.name}, {motion.label}: use of the limits"
     page = axes_page(axes, len(shown), 1, size=size, title=title, sharex=True)
@@ -145,7 +145,7 @@ def saturation(
     robot: Robot | None = None,
     methods: Sequence[str] | None = None,
 ) -> Axes:
-    """Which limit is used up when: a lane for each joint of each motion.
+    """Draw which limit is used up when: a lane for each joint of each motion.
 
     Limits of other quantities than the joints', such as the tool's speed, have lanes below them.
 

@@ -20,19 +20,19 @@ from microbot_ocp.views.plots._page import AxesGrid
 
 def motion(
     robot: Robot,
-    motion: Motion | Sequence[Motion],
+    motion: Motion | Simulation | Sequence[Motion],
     axes: GivenAxes | None = None,
     *,
     quantities: Sequence[str] = ("q", "qd", "tau"),
     joints: Sequence[int] | None = None,
     limits: Limits | JointLimits | None = None,
 ) -> AxesGrid:
-    """Position, velocity and torque of one motion, or of several over each other.
+    """Draw position, velocity and torque of one motion, or of several over each other.
 
     Parameters
     ----------
     robot : Robot
-    motion : Motion or sequence of Motion
+    motion : Motion, Simulation or sequence of Motion
     axes : array of Axes [quantities, joints], optional
         Default a new figure.
     quantities : sequence of str
@@ -53,18 +53,20 @@ def motion(
         A motion of another number of joints, a quantity or joint that is not there, axes of
         another shape.
     """
-    motions = [motion] if isinstance(motion, Motion) else list(motion)
-    for each in motions:
-        check_joints(robot, each.joint_count, "motion")
+    runs = [motion] if isinstance(motion, Motion | Simulation) else list(motion)
+    for each in runs:
+        name = "motion" if isinstance(each, Motion) else "simulation"
+        check_joints(robot, each.q.shape[1], name)
     robot = robot if limits is None else robot.with_limits(limits)
+    every = [Curve.of(each, robot=robot, quantities=quantities) for each in runs]
     return curves(
         robot,
-        [Curve.of(each, robot=robot, quantities=quantities) for each in motions],
+        every,
         quantities,
         axes,
         joints=joints,
         limits=robot.limits,
-        title=f"{robot.name}: {motions[0].label}" if len(motions) == 1 else robot.name,
+        title=f"{robot.name}: {every[0].label}" if len(every) == 1 else robot.name,
     )
 
 
@@ -76,20 +78,11 @@ def simulation(
     quantities: Sequence[str] = ("q", "qd", "tau"),
     joints: Sequence[int] | None = None,
 ) -> AxesGrid:
-    """What a simulated arm did, with the limits of the robot.
+    """Draw what a simulated arm did, with the limits of the robot.
 
     Parameters and result as :func:`motion`.
     """
-    check_joints(robot, simulation.q.shape[1], "simulation")
-    return curves(
-        robot,
-        [Curve.of(simulation, robot=robot, quantities=quantities)],
-        quantities,
-        axes,
-        joints=joints,
-        limits=robot.limits,
-        title=f"{robot.name}: {getattr(simulation, 'label', '') or 'simulation'}",
-    )
+    return motion(robot, simulation, axes, quantities=quantities, joints=joints)
 
 
 def tracking(
@@ -101,7 +94,7 @@ def tracking(
     joints: Sequence[int] | None = None,
     title: str = "",
 ) -> AxesGrid:
-    """Errors and torques of one controller, or of several over each other.
+    """Draw errors and torques of one controller, or of several over each other.
 
     Parameters
     ----------

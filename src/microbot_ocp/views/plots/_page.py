@@ -142,7 +142,7 @@ class Page:
         return figure_of(self.axes)
 
     def legend(self, handles: Sequence[Any], columns: int, warnings: Iterable[str] = ()) -> None:
-        """One legend: below the page, or in the first axes where the caller gave them.
+        """Draw one legend: below the page, or in the first axes where the caller gave them.
 
         Parameters
         ----------
@@ -317,9 +317,9 @@ def write(drawn: Drawn, path: str | Path, theme: str = "light", **options: Any) 
     checks.one_of("theme", theme, ("light", "dark"))
     figure, stream = figure_of(drawn), io.BytesIO()
     format = options.pop("format", target.suffix[1:].lower() or "png")
-    known = figure.canvas.get_supported_filetypes()
-    if format not in known:
-        raise InputError(f"path must end in one of {', '.join(known)}, not {target.suffix!r}")
+    formats = figure.canvas.get_supported_filetypes()
+    if format not in formats:
+        raise InputError(f"path must end in one of {', '.join(formats)}, not {target.suffix!r}")
     undated = {"CreationDate": None} if format == "pdf" else None  # same figure, same file
     settings = {"dpi": STYLE.dpi, "metadata": undated, **options}
     with styled(), darkened(figure) if theme == "dark" else nullcontext():

@@ -38,7 +38,7 @@ def phase_plane(
     unit: str = "",
     title: str = "",
 ) -> Axes:
-    """Speed of the path parameter over the path parameter, with all that bounds it.
+    """Draw the speed of the path parameter over the path parameter, with all that bounds it.
 
     Parameters
     ----------

@@ -24,7 +24,7 @@ def solution(
     names: Sequence[str] | None = None,
     title: str = "",
 ) -> AxesGrid:
-    """States and controls of one solution, or of several over each other.
+    """Draw states and controls of one solution, or of several over each other.
 
     Parameters
     ----------

@@ -23,7 +23,7 @@ POSES = ("start_", "goal_", "via")
 def sweep(
     results: Sweep, axes: GivenAxes | None = None, *, kind: str = "atlas", method: str | None = None
 ) -> DrawnAxes:
-    """One picture of a sweep.
+    """Draw one picture of a sweep.
 
     Parameters
     ----------
@@ -77,16 +77,16 @@ def _atlas(results: Sweep, axes: GivenAxes | None, method: str) -> Any:
     """Draw the median saving in hexagons, up to 24 across and fewer where cases are few."""
     saved = 100 * results.savings(method)
     page, panels = _maps(results, axes, f"Time saved against: {method_title(method)}")
-    known = np.isfinite(saved)
-    ends = np.quantile(saved[known], [0.02, 0.98]) if known.any() else (0.0, 1.0)
+    finite = np.isfinite(saved)
+    ends = np.quantile(saved[finite], [0.02, 0.98]) if finite.any() else (0.0, 1.0)
     low, top = min(0.0, ends[0]), max(0.0, ends[1])  # the other method may be the faster one
-    cells, drawn = int(np.clip(np.sqrt(known.sum()) / 1.5, 6, 24)), None
+    cells, drawn = int(np.clip(np.sqrt(finite.sum()) / 1.5, 6, 24)), None
     for panel, across, up in panels:
-        panel.plot(across[~known], up[~known], ".", color="0.8", markersize=2, zorder=0)
-        if known.any():
-            shape = np.ptp(up[known]) / (np.ptp(across[known]) or 1.0)
+        panel.plot(across[~finite], up[~finite], ".", color="0.8", markersize=2, zorder=0)
+        if finite.any():
+            shape = np.ptp(up[finite]) / (np.ptp(across[finite]) or 1.0)
             drawn = panel.hexbin(
-                across[known], up[known], saved[known], reduce_C_function=np.median,
+                across[finite], up[finite], saved[finite], reduce_C_function=np.median,
                 gridsize=(cells, max(4, round(cells * shape / np.sqrt(3)))), cmap="viridis",
                 vmin=low, vmax=top, linewidths=0.2,
             )  # fmt: skip
@@ -164,8 +164,8 @@ def _binned(across: FloatArray, values: FloatArray) -> FloatArray:
 
     They have as many cases each, or one value where there are few; with under five cases none.
     """
-    known = np.isfinite(values) & np.isfinite(across)
-    across, values = across[known], values[known]
+    finite = np.isfinite(values) & np.isfinite(across)
+    across, values = across[finite], values[finite]
     groups = [np.flatnonzero(across == x) for x in np.unique(across)]
     if len(groups) > 8:
         groups = np.array_split(np.argsort(across, kind="stable"), 8)

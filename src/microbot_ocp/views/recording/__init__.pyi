@@ -8,7 +8,6 @@ from ._builders import (
     of_motion as of_motion,
     of_tracking as of_tracking,
 )
-from ._curves import rounded as rounded
 from ._iterations import (
     APPLICATION as APPLICATION,
     ITERATION as ITERATION,
@@ -18,6 +17,7 @@ from ._iterations import (
 )
 from ._limits import signed_share as signed_share
 from ._loads import arcs as arcs
+from ._panels import rounded as rounded
 from ._recording import Recording as Recording
 from ._solution import SolutionRecording as SolutionRecording, of_solution as of_solution
 from ._sweep import of_sweep as of_sweep

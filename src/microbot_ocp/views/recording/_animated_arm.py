@@ -9,19 +9,19 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.limits import LimitFamily, LimitHistory
-from microbot_ocp.motion import (
-    Mark,
-    Motion,
-    State,
-    history_of,
-    jump_gaps,
-    mesh_of,
-    torque_along,
-)
+from microbot_ocp.motion import Mark, Motion, State, history_of, jump_gaps, mesh_of, torque_along
 from microbot_ocp.robot import Robot
-from microbot_ocp.views._scene import reach
+from microbot_ocp.views._scene import display_factor, reach
 from microbot_ocp.views._style import STYLE, Color, EntryStyle, rgb
-from microbot_ocp.views.recording._writer import BRANCH, PROGRESS, TIME, WORLD, Times
+from microbot_ocp.views.recording._writer import (
+    BRANCH,
+    PROGRESS,
+    TIME,
+    WORLD,
+    Times,
+    Writer,
+    plot_path,
+)
 
 
 @dataclass(frozen=True)
@@ -124,6 +124,26 @@ class AnimatedArm:
     def at(self, samples: np.ndarray) -> Times:
         """Return the values of every timeline at some samples."""
         return {key: values[samples] for key, values in self.times.items()}
+
+    def draw_curve(
+        self, writer: Writer, path: str, values: FloatArray, timelines: Sequence[str] = ()
+    ) -> None:
+        """Draw values [N] in its colour, over some timelines or all."""
+        times = {key: self.times[key] for key in timelines or self.times}
+        look, width = self.look, 2.5 if self.look.solid else 1.6
+        name = self.title or self.name
+        writer.curve(f"{path}/{self.name}", times, values, name, look.line_color, width)
+
+    def draw_curves(self, writer: Writer, robot: Robot) -> None:
+        """Draw every quantity of every joint; how far it is over the time, and the other way."""
+        for quantity, values in self.curves.items():
+            for joint, name in enumerate(robot.joint_names):
+                shown = values[:, joint] * display_factor(robot, quantity, joint)
+                self.draw_curve(writer, plot_path(quantity, name), shown)
+        if self.moves:
+            t, percent = self.times[TIME], 0.1 * self.times[PROGRESS]
+            self.draw_curve(writer, plot_path("progress"), percent, [TIME])
+            self.draw_curve(writer, plot_path("elapsed"), t, [PROGRESS])
 
 
 def moving_arm(

@@ -14,14 +14,7 @@ from microbot_ocp.views._scene import link_poses, reach, tool_places
 from microbot_ocp.views._solids import drawn_geometry, joint_solid
 from microbot_ocp.views._style import STYLE
 from microbot_ocp.views.recording._animated_arm import AnimatedArm, Look
-from microbot_ocp.views.recording._writer import (
-    PROGRESS,
-    TIME,
-    Times,
-    Writer,
-    along_z,
-    quaternions,
-)
+from microbot_ocp.views.recording._writer import PROGRESS, TIME, Times, Writer, along_z, quaternions
 
 
 def draw_arm(writer: Writer, robot: Robot, arm: AnimatedArm, end: Times) -> None:

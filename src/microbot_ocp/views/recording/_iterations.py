@@ -25,7 +25,7 @@ from microbot_ocp.views._eye import find_eye
 from microbot_ocp.views._style import STYLE
 from microbot_ocp.views._variables import BoundedCurve, variable_curves
 from microbot_ocp.views.recording import _blueprint as layout
-from microbot_ocp.views.recording._curves import draw_panel, prepare_panel
+from microbot_ocp.views.recording._panels import draw_panel, prepare_panel
 from microbot_ocp.views.recording._space import draw_base
 from microbot_ocp.views.recording._writer import MARKS, WORLD, Writer, file_writer, plot_path
 
@@ -42,7 +42,7 @@ CONVERGENCE: dict[str, tuple[str, dict[str, Any]]] = {  # title and settings of 
 
 
 class IterationRecorder:
-    """A progress function that writes the iterates of a solve.
+    """Yield a progress function that writes the iterates of a solve.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ class IterationRecorder:
         self._shown: tuple[str, ...] = ()
 
     def __call__(self, event: Iteration | Step | str) -> None:
-        """Progress of a solve, of several, or of a comparison."""
+        """Take progress of a solve, of several, or of a comparison."""
         iteration = event.iteration if isinstance(event, Step) else event
         if not isinstance(iteration, Iteration):
             self.finish()
@@ -129,7 +129,7 @@ class IterationRecorder:
 
 @contextmanager
 def record_iterations(path: str | Path, every: int = 1) -> Iterator[IterationRecorder]:
-    """A progress function that writes the iterates into an ``.rrd``, whole or not at all.
+    """Yield a progress function that writes the iterates into an ``.rrd``, whole or not at all.
 
     Parameters
     ----------
@@ -190,7 +190,7 @@ def phase_curves(phases: tuple[PhaseSolution, ...]) -> dict[str, BoundedCurve]:
 
 
 def _path(key: str) -> str:
-    """Where a panel is in the tree, from "group/name/unit"."""
+    """Return where a panel is in the tree, from "group/name/unit"."""
     group, variable, _ = key.split("/", 2)
     return plot_path(group, variable)
 

@@ -18,7 +18,6 @@ from microbot_ocp.views._eye import upward
 from microbot_ocp.views._scene import reach, tool_places
 from microbot_ocp.views._style import STYLE
 from microbot_ocp.views.recording._animated_arm import AnimatedArm
-from microbot_ocp.views.recording._curves import draw_curve
 from microbot_ocp.views.recording._writer import MARKS, TIME, Times, Writer, plot_path
 
 JOINT_CURVES = ("q", "qd", "qdd", "tau")  # have curves of their own
@@ -103,7 +102,7 @@ def limit_plots(arms: Sequence[AnimatedArm]) -> list[LimitPlot]:
 def draw_limit_curves(writer: Writer, arm: AnimatedArm, end: Times) -> None:
     """Draw values of the further limits along the motion; bounds beside those of the solid arm."""
     for plot, k, _, values in _further(arm):
-        draw_curve(writer, arm, plot.path, values.value[:, k])
+        arm.draw_curve(writer, plot.path, values.value[:, k])
         for side in ("lower", "upper") if arm.look.solid else ():
             bound = np.broadcast_to(getattr(values, side), values.value.shape)[:, k]
             path = f"{plot.path}/limit_{side}"

@@ -17,7 +17,6 @@ from microbot_ocp.robot import JointLimits, Robot, forward_kinematics, jacobian
 from microbot_ocp.views._scene import reach
 from microbot_ocp.views._style import STYLE, Color
 from microbot_ocp.views.recording._animated_arm import AnimatedArm
-from microbot_ocp.views.recording._curves import draw_curve
 from microbot_ocp.views.recording._limits import signed_share
 from microbot_ocp.views.recording._writer import Writer, plot_path
 
@@ -104,7 +103,7 @@ def arrows(robot: Robot, arms: Sequence[AnimatedArm]) -> list[Arrows]:
 def draw_arrows(writer: Writer, arms: Sequence[AnimatedArm], kind: Arrows) -> None:
     """Draw arrows at the tools, to scale, and their lengths as curves."""
     for arm, vectors in zip(arms, kind.vectors, strict=True):
-        draw_curve(writer, arm, plot_path(kind.quantity), np.linalg.norm(vectors, axis=1))
+        arm.draw_curve(writer, plot_path(kind.quantity), np.linalg.norm(vectors, axis=1))
         if kind.scale:
             color = kind.color if len(arms) == 1 else arm.look.line_color
             style = rr.Arrows3D.from_fields(radii=[0.35 * arm.look.radius], colors=[color])

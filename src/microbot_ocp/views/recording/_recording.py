@@ -23,7 +23,6 @@ from microbot_ocp.views._surroundings import Surroundings
 from microbot_ocp.views.recording import _arm, _limits, _loads, _space
 from microbot_ocp.views.recording._animated_arm import AnimatedArm
 from microbot_ocp.views.recording._blueprint import recording_blueprint
-from microbot_ocp.views.recording._curves import draw_curves, draw_progress
 from microbot_ocp.views.recording._writer import (
     APPLICATION,
     TIME,
@@ -76,14 +75,14 @@ class Recording:
     @cached_property
     def axis_limits(self) -> Mapping[tuple[str, int], AxisLimits]:
         """By quantity and joint: the limits that are drawn, and the range of the axis."""
-        found = {}
+        limits = {}
         for quantity in self.quantities:
             tables = [arm.curves[quantity] for arm in self.arms if quantity in arm.curves]
             values = np.concatenate([np.zeros((0, self.robot.joint_count)), *tables])
             for joint in range(self.robot.joint_count):
                 near = near_limits(self.robot, self.limits, quantity, joint, values[:, joint])
-                found[quantity, joint] = near
-        return found
+                limits[quantity, joint] = near
+        return limits
 
     @cached_property
     def spells(self) -> Mapping[str, list[_limits.LimitSpell]]:
@@ -147,14 +146,13 @@ class Recording:
         writer.summary(replace(self.summary, notes=notes))
         for arm in self.arms:
             _arm.draw_arm(writer, robot, arm, end)
-            draw_curves(writer, robot, arm)
+            arm.draw_curves(writer, robot)
         if self.moving:
             _space.draw_surroundings(writer, robot, self.around, self.moving[-1])
             _space.draw_nearest(writer, robot, self.around, self.moving[-1], end)
         _arm.draw_labels(writer, robot, self.moving, self.eye, self.places, self.place_names)
         for arm in self.moving:
             _limits.draw_spells(writer, robot, arm, self.spells[arm.name])
-            draw_progress(writer, arm)
             _limits.draw_limit_curves(writer, arm, end)
             if arm.look.solid and "tau" in arm.curves and robot.has_dynamics:
                 _loads.draw_torques(writer, robot, self.limits, arm)

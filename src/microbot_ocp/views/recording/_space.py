@@ -16,7 +16,6 @@ from microbot_ocp.views._solids import capsule_solid, part_solids
 from microbot_ocp.views._style import STYLE
 from microbot_ocp.views._surroundings import Surroundings
 from microbot_ocp.views.recording._animated_arm import AnimatedArm
-from microbot_ocp.views.recording._curves import draw_curve
 from microbot_ocp.views.recording._limits import LimitPlot
 from microbot_ocp.views.recording._writer import TIME, WORLD, Times, Writer, quaternions
 
@@ -111,5 +110,5 @@ def draw_nearest(
     writer.static(at_obstacle, rr.Points3D.from_fields(colors=[STYLE.near], radii=[radius]))
     points = rr.Points3D.columns(positions=ends[:, 1], labels=labels)
     writer.columns(at_obstacle, arm.times, points)
-    draw_curve(writer, arm, CLEARANCE.path, millimetres)
+    arm.draw_curve(writer, CLEARANCE.path, millimetres)
     writer.level(f"{CLEARANCE.path}/limit_lower", 1e3 * around.scene.clearance, end)

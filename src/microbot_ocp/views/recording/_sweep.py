@@ -15,7 +15,7 @@ from microbot_ocp.views._needed import need
 from microbot_ocp.views._style import STYLE, look, rgb
 from microbot_ocp.views.recording._blueprint import eye_controls, folded, text_view
 from microbot_ocp.views.recording._writer import WORLD, file_writer
-from microbot_ocp.views.tables._sweep import sweep as sweep_table
+from microbot_ocp.views.tables._results import sweep as sweep_table
 
 MOST_POINTS = 200_000  # what a viewer turns smoothly
 
@@ -29,10 +29,10 @@ def of_sweep(results: Sweep, path: str | Path) -> Path:
     names = ["goal_x", "goal_y", "goal_z", f"{best}_limit", f"{best}_status"]
     *goals, limit, status = (column[first] for column in results.read(names).values())
     places = np.column_stack(goals)
-    known = np.isfinite(places).all(axis=1)
+    placed = np.isfinite(places).all(axis=1)
     low, high = np.zeros(3), np.ones(3)
-    if known.any():
-        low, high = places[known].min(axis=0), places[known].max(axis=0)
+    if placed.any():
+        low, high = places[placed].min(axis=0), places[placed].max(axis=0)
     middle, width = (low + high) / 2, float(np.max(high - low)) or 1.0
     eye = Eye(middle + width * np.array([0.95, -1.25, 0.7]), middle, np.eye(3)[2])
     titles = {
@@ -52,17 +52,17 @@ def of_sweep(results: Sweep, path: str | Path) -> Path:
         writer.summary(sweep_table(results))
         for name in titles:
             saved = results.savings(name.removeprefix("saved_"))[first]
-            shown = known & np.isfinite(saved)
+            shown = placed & np.isfinite(saved)
             labels = [f"case {k}: {100 * saved[k]:.1f} %" for k in np.flatnonzero(shown)]
             colors = _viridis(saved[shown] / 0.6)
             points = rr.Points3D(
                 places[shown], colors=colors, radii=radius, labels=labels, show_labels=False
             )
             writer.static(f"{WORLD}/{name}/goals", points)
-            rest = rr.Points3D(places[known & ~shown], colors=[STYLE.dull], radii=0.4 * radius)
+            rest = rr.Points3D(places[placed & ~shown], colors=[STYLE.dull], radii=0.4 * radius)
             writer.static(f"{WORLD}/{name}/not_solved", rest)
         for place, name in enumerate(results.about["limits"]):
-            decided = known & (status == Status.SOLVED) & (limit == name)
+            decided = placed & (status == Status.SOLVED) & (limit == name)
             color = rgb(look(place, joints=True)["color"])
             points = rr.Points3D(places[decided], colors=[color], radii=radius)
             writer.static(f"{WORLD}/limits/{name}", points)

@@ -191,12 +191,12 @@ def _known(shares: Mapping[str, float | None] | None) -> dict[str, float]:
 
 
 def _percentages(shares: Mapping[str, float | None]) -> str:
-    known = _known(shares)
-    if not known:
+    finite = _known(shares)
+    if not finite:
         return NOTHING
     if len(shares) > STYLE.side_by_side:
-        joint = max(known, key=known.__getitem__)
-        return f"{100 * known[joint]:.0f} ({joint})"
+        joint = max(finite, key=finite.__getitem__)
+        return f"{100 * finite[joint]:.0f} ({joint})"
     return "/".join(NOTHING if s is None else f"{100 * s:.0f}" for s in shares.values())
 
 

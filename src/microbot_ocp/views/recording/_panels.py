@@ -1,7 +1,6 @@
-"""Curves over the timelines, and a whole curve of one iterate in a panel of its own.
+"""A whole curve of one iterate as a line in a box, with its limits and the ends of its axes.
 
-Rerun's plots show one value an instant. Where a whole curve belongs to one iteration, a panel draws
-it as a line in a box, with its limits and the ends of its axes.
+Rerun's plots show one value an instant.
 """
 
 from __future__ import annotations
@@ -10,41 +9,10 @@ import numpy as np
 import rerun as rr
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp.robot import Robot
-from microbot_ocp.views._scene import display_factor, is_near
+from microbot_ocp.views._scene import is_near
 from microbot_ocp.views._style import STYLE
 from microbot_ocp.views._variables import BoundedCurve
-from microbot_ocp.views.recording._animated_arm import AnimatedArm
-from microbot_ocp.views.recording._writer import PROGRESS, TIME, Times, Writer, plot_path
-
-
-def draw_curve(
-    writer: Writer,
-    arm: AnimatedArm,
-    path: str,
-    values: FloatArray,
-    timelines: tuple[str, ...] = (TIME, PROGRESS),
-) -> None:
-    """Draw values [N] of an arm in its colour."""
-    times = {key: arm.times[key] for key in timelines}
-    look, width = arm.look, 2.5 if arm.look.solid else 1.6
-    name = arm.title or arm.name
-    writer.curve(f"{path}/{arm.name}", times, values, name, look.line_color, width)
-
-
-def draw_curves(writer: Writer, robot: Robot, arm: AnimatedArm) -> None:
-    """Draw every quantity of every joint of an arm."""
-    for quantity, values in arm.curves.items():
-        for joint, name in enumerate(robot.joint_names):
-            shown = values[:, joint] * display_factor(robot, quantity, joint)
-            draw_curve(writer, arm, plot_path(quantity, name), shown)
-
-
-def draw_progress(writer: Writer, arm: AnimatedArm) -> None:
-    """Draw how far the arm is over the time, %, and the time over how far it is, s."""
-    t, percent = arm.times[TIME], 0.1 * arm.times[PROGRESS]
-    draw_curve(writer, arm, plot_path("progress"), percent, (TIME,))
-    draw_curve(writer, arm, plot_path("elapsed"), t, (PROGRESS,))
+from microbot_ocp.views.recording._writer import Times, Writer
 
 
 def prepare_panel(writer: Writer, path: str) -> None:
