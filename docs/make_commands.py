@@ -19,7 +19,7 @@ MARKS = "<!-- made by docs/make_commands.py -->\n", "<!-- end of what is made --
 
 
 def declared() -> dict[str, Command]:
-    """Every command of the program by its name."""
+    """Return every command of the program by its name."""
     return {
         name: getattr(import_module(f"microbot_ocp.cli.{module}"), name.replace("-", "_"))
         for name, module in COMMANDS.items()
@@ -27,7 +27,7 @@ def declared() -> dict[str, Command]:
 
 
 def rows(kinds: Iterable[Kind]) -> Iterator[str]:
-    """A row for every option of some parameters."""
+    """Yield a row for every option of some parameters."""
     for kind in kinds:
         for option in kind.options():
             name, text = f"--{option.name.replace('_', '-')}", str(option.default.help)
@@ -40,25 +40,25 @@ def rows(kinds: Iterable[Kind]) -> Iterator[str]:
 
 
 def table(kinds: Iterable[Kind]) -> str:
-    """The options of some parameters."""
+    """List the options of some parameters."""
     return "\n| option | |\n|---|---|\n" + "".join(rows(kinds))
 
 
 def section(name: str, command: Command) -> Iterator[str]:
-    """What a command says of itself, and its options but for the limits, which two share."""
+    """Say of a command what it says of itself, and its options but for the limits."""
     kinds = command.kinds
     words = [str(kind.metavar) for kind in kinds.values() if kind.positional]
     words = ["ROBOT", *words] if "robot" in kinds and not words else words
     yield f"\n### `{' '.join([name, *words])}`\n\n{command.help}\n\n"
     yield f"```console\n$ {command.example}\n```\n"
-    own = {key: kind for key, kind in kinds.items() if not isinstance(kind, type(LIMITS))}
-    yield table(own.values())
-    if len(own) < len(kinds):
+    listed = {key: kind for key, kind in kinds.items() if not isinstance(kind, type(LIMITS))}
+    yield table(listed.values())
+    if len(listed) < len(kinds):
         yield "\nAnd the [limits](#limits).\n"
 
 
-def made() -> str:
-    """Everything between the marks."""
+def commands_text() -> str:
+    """Write everything between the marks."""
     commands = declared()
     text = "".join(part for item in commands.items() for part in section(*item))
     intro = "Of `compare` and `time-optimal`; those not given are the robot's own."
@@ -66,10 +66,10 @@ def made() -> str:
 
 
 def updated(page: str) -> str:
-    """A page with the commands between its marks."""
+    """Return a page with the commands between its marks."""
     before, _, rest = page.partition(MARKS[0])
     after = rest.partition(MARKS[1])[2]
-    return "".join([before, MARKS[0], made(), MARKS[1], after])
+    return "".join([before, MARKS[0], commands_text(), MARKS[1], after])
 
 
 if __name__ == "__main__":

@@ -167,6 +167,8 @@ def test_completion(call, monkeypatch, words, offered, kept_back):
         (["fk", "microbot", "--q", "1,2,3", "--frame", "x"], ["--frame", "whole number", "'x'"]),
         (["ik", "microbot"], ["--position"]),
         (["ik", "microbot", "--position", "1,2"], ["x, y, z", "1,2"]),
+        (["ik", "microbot", "--position", "1,2,3", "--seed", ""], ["--seed", "not ''"]),
+        (["ik", "microbot", "--position", "1,2,3", "--time-limit", "0"], ["above 0 s", "'0'"]),
         (["ik", "microbot", "--position", "1,2,3", "--rpy", "1"], ["roll, pitch, yaw"]),
         (["simulate", "microbot"], ["--q-deg"]),
         (["simulate", "microbot", "--q", "0,0,0", "--duration", "-1"], ["--duration", "-1"]),

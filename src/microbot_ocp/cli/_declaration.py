@@ -127,9 +127,9 @@ class Numbers(Kind):
     def value(self, words: Words, robot: Any) -> Any:
         """Return an array [n], or [m,n] of rows, in SI units; of any number of them a list."""
         option, word = _chosen(self.name, words)
-        if not word and self.default is REQUIRED:
-            raise InputError(f"give {option}-deg {self.example}, or {option} in rad")
-        if not word:
+        if word is None:
+            if self.default is REQUIRED:
+                raise InputError(f"give {option}-deg {self.example}, or {option} in rad")
             return self.default
         if self.labels is None:
             return _floats(option, word)
@@ -207,15 +207,15 @@ def _option(name: str) -> str:
 
 
 def _chosen(name: str, words: Words) -> tuple[str, Any]:
-    """The option that was given, in radians or degrees but not both, and its word if any."""
-    given = {_option(key): words[key] for key in (name, f"{name}_deg") if words.get(key)}
+    """Return the option that was given, in radians or degrees but not both, and its word if any."""
+    given = {_option(k): words[k] for k in (name, f"{name}_deg") if words.get(k) not in (None, [])}
     if len(given) > 1:
         raise InputError(f"give {' or '.join(given)}, not both")
     return next(iter(given.items()), (_option(name), None))
 
 
 def _floats(option: str, word: str, labels: Sequence[str] = ()) -> list[float]:
-    """Numbers with commas between, one for each label if there are any."""
+    """Read numbers with commas between, one for each label if there are any."""
     try:
         values = [float(part) for part in word.split(",")]
     except ValueError:
@@ -359,7 +359,7 @@ def command(
 
 
 def documented(source: Any) -> dict[str, tuple[str, str]]:
-    """Metavar, if any, and text of every parameter in a numpydoc docstring."""
+    """Read metavar, if any, and text of every parameter from a numpydoc docstring."""
     sections, texts = _sections(source), {}
     listed = sections.get("Parameters") or sections.get("Attributes", "")
     entry = re.compile(r"^(\w+(?:, \w+)*)(?: : ([^\n]*))?((?:\n +[^\n]*)*)", re.MULTILINE)
@@ -372,19 +372,19 @@ def documented(source: Any) -> dict[str, tuple[str, str]]:
 
 
 def _sections(source: Any) -> dict[str, str]:
-    """The sections of a numpydoc docstring by their heads, and what is before them."""
+    """Split a numpydoc docstring into its sections by their heads, and what is before them."""
     parts = re.split(r"\n\n(\w+)\n-+\n", inspect.getdoc(source) or "")
     return {"": parts[0], **dict(zip(parts[1::2], parts[2::2], strict=True))}
 
 
 def _sentence(text: str) -> str:
-    """The first sentence of what the library says, without its markup."""
+    """Return the first sentence of what the library says, without its markup."""
     first = re.split(r"\.\s", text)[0].rstrip(".")
     return re.sub(r"(?::\w+:)?`+~?([^`]*)`+", r"\1", first[:1].upper() + first[1:]) + "."
 
 
 def _kind(name: str, hint: Any) -> Kind:
-    """The kind in an annotated type, or that of a plain one."""
+    """Return the kind in an annotated type, or that of a plain one."""
     for extra in get_args(hint)[1:]:
         if isinstance(extra, Kind):
             return extra

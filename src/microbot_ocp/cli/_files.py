@@ -95,7 +95,7 @@ def _case(study: Study, case: int, out: Path | None) -> Answer:
 
 
 def _summary(results: mo.Sweep) -> Answer:
-    """Statistics, failures with the commands that repeat them, pictures and a recording."""
+    """Collect statistics, failures with the commands that repeat them, pictures, a recording."""
     files: dict[Path, Save] = {}
     if results.done:
         folder = made_folder(results.folder / "summary")
@@ -118,7 +118,7 @@ def _draw(results: mo.Sweep, kind: str, path: Path) -> object:
 
 
 def _shown(progress: Progress, again: str, period: float = 30.0) -> Progress:
-    """Progress that is a line every ``period`` s where there is no terminal for a bar."""
+    """Show progress by a line every ``period`` s where there is no terminal for a bar."""
     last = -period
 
     def show(step: Step) -> None:
@@ -196,7 +196,7 @@ def _check_recording(path: Path) -> None:
 
 
 def _robot_of(motion: Motion, origin: str, named: str | None) -> Robot:
-    """The robot of a motion; their joints fit."""
+    """Load the robot of a motion; refuse one whose joints do not fit."""
     robot = named_robot(origin, motion.provenance.get("robot"), named)
     if robot.joint_count != motion.joint_count:
         raise InputError(

@@ -97,7 +97,7 @@ def simulate(
     blocks = [
         f"{robot.name}, {source}, {tables.number(float(grid[-1]))} s: {result.status}\n",
         Table.of_text(heads, rows, left=2),
-        *_advice(result.advice),
+        *[f"Advice: {result.advice}"] * bool(result.advice),
     ]
     if not result.solved:
         return Answer(document, blocks, solved=False, files={})
@@ -111,16 +111,12 @@ def simulate(
 
 
 def _samples(duration: float, step: float) -> FloatArray:
-    """Times of the samples, s; by default farther apart where there would be too many."""
+    """Choose the times of the samples, s; by default farther apart where they were too many."""
     length = checks.number("--duration", duration, "s", above=0.0, at_most=checks.LONGEST)
     if step == SAMPLE_STEP:
         step = min(max(step, checks.longest_step(length, checks.MOST_SAMPLES)), length)
     step = checks.number("--step", step, "s", above=0.0, at_most=length)
     return np.linspace(0.0, length, checks.step_count(length, step) + 1)
-
-
-def _advice(text: str) -> list[str]:
-    return [f"Advice: {text}"] if text else []
 
 
 @command(
@@ -207,7 +203,7 @@ def time_optimal(
     blocks = [
         *_motion(robot, motion, passages, ""),
         *tables.use_blocks(robot, certificate),
-        *_advice("" if motion.solved else advice),
+        *[f"Advice: {advice}"] * (bool(advice) and not motion.solved),
     ]
     good = motion.solved, certificate.ok
     return Answer(document, blocks, (), *good, save=motion.save, record=record)
@@ -259,7 +255,7 @@ def solve(
 
 
 def _compared(comparison: mo.Comparison, outputs: Sequence[str], progress: Progress) -> Answer:
-    """What is said of a comparison: its table, or a narrow one where there is less room."""
+    """Answer with the table of a comparison, or a narrow one where there is less room."""
     document = {
         "robot": comparison.robot.name,
         "via_q": comparison.via_q,
@@ -281,7 +277,7 @@ def _compared(comparison: mo.Comparison, outputs: Sequence[str], progress: Progr
 
 
 def _narrow(table: Table) -> Table:
-    """For 80 columns: without costs, and peaks under heads of several lines, without names."""
+    """Fit a table into 80 columns: no costs, peaks under heads of several lines, without names."""
 
     def narrow(column: Column) -> Column:
         if not column.head.startswith("peak"):
@@ -296,7 +292,7 @@ def _narrow(table: Table) -> Table:
 def _motion(
     robot: Robot, motion: Motion, passages: Iterable[tuple[float, str]], note: str
 ) -> list[str]:
-    """What a motion is, and when it passes what."""
+    """Say what a motion is, and when it passes what."""
     title = f"{robot.name}, {motion.label}: {motion.duration:.4f} s, {motion.status}"
     lines = [title, *(f"  {time:8.4f} s  {where}" for time, where in passages)]
     return ["\n".join([*lines, *[note] * bool(note)]) + "\n"]

@@ -115,12 +115,12 @@ def watch() -> None:
 
 
 def pressed() -> bool:
-    """Whether there was a signal."""
+    """Return whether there was a signal."""
     return _pressed.is_set()
 
 
 def exit_code() -> int:
-    """128 and the number of the signal."""
+    """Return 128 and the number of the signal."""
     return _code
 
 

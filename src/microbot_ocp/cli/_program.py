@@ -107,7 +107,7 @@ class Command(TyperCommand):
 
 @cache
 def _docstrings(module: str) -> dict[str, str]:
-    """Docstrings of the functions of a module, which is not loaded."""
+    """Read the docstrings of the functions of a module, which is not loaded."""
     nodes = ast.parse((Path(__file__).parent / f"{module}.py").read_text("utf-8")).body
     functions = [node for node in nodes if isinstance(node, ast.FunctionDef)]
     return {node.name: ast.get_docstring(node) or "" for node in functions}
@@ -211,7 +211,7 @@ class _Text(io.TextIOWrapper):
 
 
 def printable(text: str) -> str:
-    r"""Text without control characters, but for ends of lines, tabulators and colours.
+    r"""Return text without control characters, but for ends of lines, tabulators and colours.
 
     >>> printable("a\x1b[2Jb\x1b[31mc\a")
     'a[2Jb\x1b[31mc'
@@ -247,7 +247,7 @@ def _refuse(problem: Exception) -> int:
 
 
 def _no_folder() -> str:
-    """What an error without the name of a file is about: the current folder, if it is gone."""
+    """Name what an error without a file is about: the current folder, if it is gone."""
     try:
         os.getcwd()
     except OSError:

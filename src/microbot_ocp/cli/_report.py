@@ -200,7 +200,7 @@ class Report:
         return int(not good or bool(self.missing))
 
     def _files(self) -> Iterator[str]:
-        """What was written, several files in a folder as a count, and what was not."""
+        """Name what was written, several files in a folder as a count, and what was not."""
         inside = [p for p in self.written if self.out and Path(p).is_relative_to(self.out)]
         if len(inside) > 1:
             yield f"written: {len(inside)} files in {self.out}"
@@ -229,7 +229,7 @@ def _print_block(console: Console, block: Block, *, last: bool) -> None:
 
 
 def make_console(stream: Any) -> Console:
-    """Console on a stream; plain in a pipe or where ``NO_COLOR`` is set, a pipe of 120 columns."""
+    """Make a console on a stream; plain in a pipe, of 120 columns, or by ``NO_COLOR``."""
     from rich.console import Console
 
     sized = stream.isatty() or "COLUMNS" in os.environ
@@ -266,7 +266,7 @@ def check_output(option: str, path: Path | None, endings: Sequence[str]) -> None
 
 
 def nearest(path: Path) -> Path:
-    """The path itself, or the nearest folder above it that is there."""
+    """Find the path itself, or the nearest folder above it that is there."""
     return next(p for p in (path, *path.absolute().parents) if p.exists())
 
 
@@ -285,7 +285,7 @@ def _show_recording(record: Save | Path, rerun: Path | None) -> None:
 
 
 def has_display() -> bool:
-    """Whether there is a screen to open a window on."""
+    """Return whether there is a screen to open a window on."""
     if not sys.platform.startswith("linux"):
         return True
     return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import cycle
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from microbot_ocp.comparison import METHODS, Comparison, Entry
+if TYPE_CHECKING:
+    from microbot_ocp.comparison import Comparison, Entry
 
 Color = tuple[int, int, int, int]
 LineStyle = str | tuple[float, tuple[float, ...]]
@@ -266,6 +267,8 @@ def entry_title(entry: Entry) -> str:
 
 def method_title(method: str) -> str:
     """Return what people read of a method."""
+    from microbot_ocp.comparison import METHODS  # loads CasADi, which tables do without
+
     return METHODS[method].title if method in METHODS else method
 
 

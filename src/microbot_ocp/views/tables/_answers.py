@@ -17,7 +17,7 @@ from microbot_ocp.views.tables._texts import in_degrees, joint_units, number
 def solutions_table(
     robot: Robot, solutions: Sequence[IKSolution], *, turned: bool, named: bool
 ) -> Table:
-    """The solutions under the names of the joints, or shorter under q1, q2 and so on."""
+    """List solutions under the names of the joints, or shorter under q1, q2 and so on."""
     units = joint_units(robot)
     heads, title = [f"q{j + 1}" for j in range(robot.joint_count)], ""
     if named:
@@ -36,7 +36,7 @@ def solutions_table(
 
 
 def use_blocks(robot: Robot, certificate: Certificate) -> list[str | Table]:
-    """How much of every limit is used, by joint where it is one of the joints; the verdict."""
+    """Say how much of every limit is used, by joint where it is one of the joints; the verdict."""
     checks = [check for check in certificate.limit_checks if np.isfinite(check.utilisation).any()]
     by_joint = [check for check in checks if check.labels == robot.joint_names]
     heads = ["share of limit", *(f"{check.quantity} [%]" for check in by_joint)]
@@ -55,7 +55,7 @@ def use_blocks(robot: Robot, certificate: Certificate) -> list[str | Table]:
 
 
 def front_blocks(front: Front) -> list[str | Table]:
-    """Duration, effort and peak torque of every motion of a front; why it ends."""
+    """List duration, effort and peak torque of every motion of a front; say why it ends."""
     heads = ["duration [s]", "effort [s]", "peak torque [%]", "status", "certificate"]
     rows = [
         [

@@ -13,7 +13,7 @@ from microbot_ocp.views.tables._texts import number, point_text, span
 
 
 def robot_blocks(robot: Robot) -> Iterator[str | Table]:
-    """Tables that fit 80 columns, and sentences between them."""
+    """Yield tables that fit 80 columns, and sentences between them."""
     yield f"{robot.name}{f': {robot.description}' if robot.description else ''}"
     yield "\nModified DH rows (Craig)"
     heads = ["joint", "type", "alpha [deg]", "a [m]", "d [m]", "theta [deg]"]

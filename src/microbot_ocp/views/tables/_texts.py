@@ -14,14 +14,14 @@ from microbot_ocp.robot import Robot, joint_scale
 
 
 def number(value: float, digits: int = 4) -> str:
-    """A number with so many decimals, without those that say nothing; a dash for none."""
+    """Write a number with so many decimals, without those that say nothing; a dash for none."""
     if not math.isfinite(value):
         return NOTHING
     return f"{round(value, digits) + 0.0:.{digits}f}".rstrip("0").rstrip(".")
 
 
 def span(lower: float, upper: float, digits: int = 4) -> str:
-    """A range: ± where it is symmetric, a dash where there is none."""
+    """Write a range: ± where it is symmetric, a dash where there is none."""
     if math.isinf(lower) and math.isinf(upper):
         return NOTHING
     if math.isclose(lower, -upper):
@@ -30,18 +30,18 @@ def span(lower: float, upper: float, digits: int = 4) -> str:
 
 
 def point_text(point: Iterable[float]) -> str:
-    """A point as (x, y, z)."""
+    """Write a point as (x, y, z)."""
     return f"({', '.join(number(float(x)) for x in point)})"
 
 
 def pose_text(robot: Robot, q: ArrayLike) -> str:
-    """Joint positions with their unit: degrees, or degrees and metres."""
+    """Write joint positions with their unit: degrees, or degrees and metres."""
     unit = "deg" if "prismatic" not in robot.joint_types else "deg, prismatic m"
     return f"{point_text(in_degrees(robot, q))} {unit}"
 
 
 def joint_units(robot: Robot) -> list[str]:
-    """Unit in which people read the position of each joint."""
+    """Return the unit in which people read the position of each joint."""
     return ["deg" if kind == "revolute" else "m" for kind in robot.joint_types]
 
 
