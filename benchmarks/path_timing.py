@@ -3,8 +3,8 @@
 toppra runs as it comes: Seidel's solver, collocation of the torque limits at the grid points,
 equal steps of the path parameter, and its cheaper output, constant path acceleration. Ours is the
 reachability analysis on as many points, limits at both ends of every interval. For the record:
-``time_optimal_path`` as it comes, which goes on to refine that timing as an optimal-control
-problem until limits hold between grid points, and samples the motion with its torques. By how much
+``time_optimal_path`` as it comes, which goes on to refine the grid until limits hold between its
+points, and samples the motion with its torques. By how much
 limits are exceeded between the grid points is printed last: of the whole motion, and without its
 first and last 2 %, as this path starts and ends at q'(s) = 0, where toppra's grid says little.
 """

@@ -107,7 +107,7 @@ def test_jerk_along_a_trajectory_that_starts_from_rest(shape):
 def test_jerk_is_kept_through_smooth_breaks():
     robot = mo.load_robot("planar_2r").with_limits(qddd_max=60.0)
     path = mo.spline([[0.0, 0.3], [0.8, -0.4], [1.2, 0.9]], [0.0, 1.0, 2.0])
-    motion = mo.time_optimal_path(robot, path, mesh=40)
+    motion = mo.time_optimal_path(robot, path)
     assert motion.solved
     assert motion.provenance["stops"] == []
     assert mo.certify(robot, motion).ok

@@ -250,12 +250,12 @@ def test_free_motions_keep_it_and_certificates_judge_it(kind, plain):
 def test_paths_are_timed_under_it(kind):
     robot = MICROBOT.with_limits(**FURTHER[kind])
     path = mo.straight_path(VIA_Q[[0, 2]])
-    motion = mo.time_optimal_path(robot, path, mesh=40)
+    motion = mo.time_optimal_path(robot, path)
     assert motion.solved
     assert mo.certify(robot, motion).ok
     kept = motion.provenance["limits_kept_by"]
     name = {"own": "motor torque", "zone": "tool speed"}.get(kind, kind)
-    home = "speed bound" if name == "tool speed" else "optimal-control problem"
+    home = "speed bound" if name == "tool speed" else "program on places"
     assert name in kept[home]
     assert "torque" in kept["reachability"]
 

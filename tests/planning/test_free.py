@@ -64,7 +64,7 @@ def test_in_one_joint_the_free_motion_is_the_timing_of_the_only_path(torque):
     robot = pendulum(tau_max=torque)
     via_q = [[0.0], [np.pi]]
     free = time_optimal(robot, via_q, mesh=80, starts=3)
-    path = mo.time_optimal_path(robot, mo.straight_path(via_q), mesh=80)
+    path = mo.time_optimal_path(robot, mo.straight_path(via_q))
     assert free.duration == pytest.approx(path.duration, rel=1e-3)
 
 
@@ -125,7 +125,7 @@ def test_the_report_task_is_solved_in_less_than_any_given_path(microbot, report)
     assert report.solved
     assert report.duration == pytest.approx(1.9236, abs=1e-3)
     cubic = mo.cubic(VIA_Q, VIA_T, VIA_QD)
-    assert report.duration < mo.time_optimal_path(microbot, cubic, mesh=100).duration
+    assert report.duration < mo.time_optimal_path(microbot, cubic).duration
     assert report.duration < mo.shortest_duration(microbot, cubic).duration
 
 

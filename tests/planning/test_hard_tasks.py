@@ -36,7 +36,7 @@ def test_a_locked_joint_stands_still_in_a_free_motion(locked):
 
 def test_a_locked_joint_stands_still_along_a_path(locked):
     path = mo.straight_path(LOCKED_VIA)
-    motion = mo.time_optimal_path(locked, path, mesh=30, compiled=False)
+    motion = mo.time_optimal_path(locked, path, compiled=False)
     assert motion.solved
     assert mo.certify(locked, motion).ok
     assert mo.time_path(locked, path).duration == pytest.approx(motion.duration, rel=1e-3)
@@ -155,7 +155,7 @@ def test_a_robot_without_masses_does_what_kinematics_allows(jerk):
     assert not bare.has_dynamics
     via = np.array([[0.0, 0.0], [1.0, 0.5], [0.2, 1.0]])
     free = mo.time_optimal(bare, via, mesh=30, compiled=False)
-    path = mo.time_optimal_path(bare, mo.straight_path(via), mesh=30, compiled=False)
+    path = mo.time_optimal_path(bare, mo.straight_path(via), compiled=False)
     for motion in (free, path):
         assert motion.solved
         certificate = mo.certify(bare, motion, via_q=via)

@@ -274,7 +274,7 @@ def test_friction_near_rest_needs_no_solver(path):
     """Where the tangent vanishes s' is free; at a stop dry friction is none, then all at once."""
     motion = mo.time_optimal_path(mo.load_robot("puma560"), path)
     assert motion.solved
-    assert motion.provenance["limits_kept_by"]["optimal-control problem"] == []
+    assert motion.provenance["limits_kept_by"]["program on places"] == []
     assert motion.provenance["method"].endswith("reachability")
     assert motion.provenance["excess"] <= 5e-4
 

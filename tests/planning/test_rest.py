@@ -77,7 +77,7 @@ def test_timed_paths_leave_and_stop_with_the_torques_that_hold_the_arm(path, sha
     robot = arm(tau_max=[60.0, 25.0], taud_max=share * np.array([400.0, 150.0]))
     motion = time_optimal_path(robot, path)
     assert motion.solved
-    assert "rates on its places" in motion.provenance["method"]
+    assert "one program on its places" in motion.provenance["method"]
     assert largest_step(robot, motion) < 1.005
 
 

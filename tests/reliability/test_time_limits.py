@@ -100,7 +100,7 @@ def test_a_search_that_there_is_no_time_to_prepare_returns_what_needs_none(monke
 def test_no_other_problem_is_made_where_there_was_no_time_for_torque_rates(monkeypatch):
     robot = ROBOT.with_limits(taud_max=1000.0)
     path = mo.spline(VIA, [0.0, 1.0, 2.0])
-    monkeypatch.setattr("microbot_ocp.planning._path_timing.derivatives_for", None)
+    monkeypatch.setattr("microbot_ocp.planning._places_timing.program_of", None)
     motion = mo.time_optimal_path(robot, path, time_limit=1e-3)
     assert motion.status is LATE
     assert "limits of torque rate" in motion.note

@@ -783,7 +783,7 @@ def test_show_and_the_note_of_a_motion_say_what_drives_lack(
     robot = mo.load_robot(path)
     for motion in (
         mo.time_optimal(robot, [[0, 0], [1, 1]], mesh=10, starts=1),
-        mo.time_optimal_path(robot, mo.cubic([[0, 0], [1, 1]], [0.0, 1.0]), mesh=20),
+        mo.time_optimal_path(robot, mo.cubic([[0, 0], [1, 1]], [0.0, 1.0])),
     ):
         peak = np.abs(motion.qdd).max()
         assert f"reaches {peak:.5g} rad/s^2: of any joint neither" in motion.note

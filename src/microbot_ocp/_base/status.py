@@ -35,7 +35,6 @@ class Status(StrEnum):
     SIZE_LIMIT = "size limit"
     # motions
     LIMITS_EXCEEDED = "limits exceeded"
-    SLOWER_THAN_REACHABILITY = "slower than reachability"
     NOT_POSSIBLE = "not possible"
     NOT_FOUND = "not found"
     # inverse kinematics
@@ -109,9 +108,6 @@ _SENTENCES = {
     Status.LIMITS_EXCEEDED: (
         "The solver converged on its mesh, but limits are exceeded between the mesh points: give "
         "a finer mesh."
-    ),
-    Status.SLOWER_THAN_REACHABILITY: (
-        "The solver converged, but reachability on a grid finds a faster timing: give a finer mesh."
     ),
     Status.NOT_POSSIBLE: "The method cannot do this task.",
     Status.NOT_FOUND: (

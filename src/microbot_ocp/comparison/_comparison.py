@@ -627,7 +627,7 @@ def _method_names(methods: Sequence[str] | None, timed: bool) -> list[str]:
 def _settings(given: Mapping[str, Any]) -> tuple[TimeOptimalSettings, PathTimingSettings]:
     """The given settings for the free motion and, as far as they have them, for path timing."""
     for_free = {f.name for f in fields(TimeOptimalSettings)} - {"time_limit"}
-    for_path = {f.name for f in fields(PathTimingSettings)} - {"solver", "time_limit"}
+    for_path = {f.name for f in fields(PathTimingSettings)} - {"time_limit"}
     for key in given:
         checks.one_of("setting of compare", key, sorted(for_free | for_path))
     free = TimeOptimalSettings(**{k: v for k, v in given.items() if k in for_free})

@@ -17,7 +17,6 @@ from dataclasses import dataclass, replace
 from math import comb
 from typing import Any
 
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
@@ -79,11 +78,6 @@ class CurvePiece:
             return 0.0, self.span
         margin = INSIDE * self.span
         return (0.0, self.span - margin) if self.bent_at_end else (margin, self.span)
-
-    @property
-    def constants(self) -> FloatArray:
-        """Everything that tells one piece from another, for kernels that all pieces share."""
-        return np.concatenate([self.coefficients.ravel(), [self.length, float(self.bent_at_end)]])
 
 
 def derivatives(
@@ -151,15 +145,6 @@ def _power_sum(table: Any, s: Any, order: int) -> Any:
     return total
 
 
-def symbolic_derivatives(
-    constants: ca.MX, degree: int, joints: int, powers: tuple[int, int], r: ca.MX
-) -> list[ca.MX]:
-    """Position, tangent, curvature and third derivative [n] from the constants of a piece."""
-    size = (degree + 1) * joints
-    table = [constants[k * joints : (k + 1) * joints] for k in range(degree + 1)]
-    return derivatives(table, constants[size], constants[size + 1], powers, r)
-
-
 def evaluate(piece: CurvePiece, r: FloatArray, *, highest: int = 2) -> list[FloatArray]:
     """Position and derivatives with respect to r, each [N,n], at parameters r [N]."""
     column = np.asarray(r, dtype=float)[:, None]
@@ -219,8 +204,10 @@ class Curve:
 
     def _at(self, index: IntArray, r: FloatArray, highest: int) -> tuple[FloatArray, ...]:
         """As :meth:`evaluate`, of parameters [N] in pieces ``index`` [N]."""
-        begins, ends = np.array([piece.limits for piece in self.pieces]).T
-        local = np.clip(r - self.breaks[index] + begins[index], begins[index], ends[index])
+        begins = np.array([piece.limits[0] for piece in self.pieces])
+        # a little beyond an inner break the piece goes on as it is: the next one follows smoothly
+        r = np.clip(r, self.breaks[0], self.breaks[-1])
+        local = r - self.breaks[index] + begins[index]
         coefficients = np.array([piece.coefficients for piece in self.pieces])
         table = [coefficients[index, power] for power in range(coefficients.shape[1])]
         tables = derivatives(table, 0.0, 0.0, (1, 1), local[:, None], highest=highest)

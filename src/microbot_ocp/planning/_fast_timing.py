@@ -45,7 +45,7 @@ class PathTiming:
         Path parameter from which the end cannot be reached; NaN where it can.
     limits_kept_by : dict
         Names of the limits that are kept as half planes ("reachability") or as bounds of ds/dt
-        ("speed bound"), and of those that are **not** kept ("optimal-control problem").
+        ("speed bound"), and of those that are **not** kept ("program on places").
     """
 
     robot: Robot

@@ -3,11 +3,12 @@
 Along a path q(s) the torque is affine in both: ``tau = M q' u + (M q'' + C(q, q') q') x + g``. The
 coefficients come from three batched calls of the inverse dynamics, and so do those of every other
 limit: its values are tried at a few (u, x), and it is a half plane where they lie on one. A limit
-of the velocity alone bounds s'. What is neither is left to the optimal-control problem in time.
+of the velocity alone bounds s'. What is neither is left to the program on places.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -27,7 +28,7 @@ BISECTIONS = 60
 STILL = 1e-12  # of the largest x, that counts as a stop
 
 
-LATER = "optimal-control problem"  # keeps what reachability cannot
+LATER = "program on places"  # keeps what reachability cannot
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,8 +73,8 @@ class PathLimits:
     speed : mapping from the key of a limit to array [N,k]
         Largest x = s'^2 that each component leaves.
     later : tuple of str
-        Keys of the limits that are neither, such as jerk or power: left to the optimal-control
-        problem.
+        Keys of the limits that are neither, such as jerk or power: left to the program
+        on places.
     """
 
     family: LimitFamily
@@ -84,35 +85,51 @@ class PathLimits:
     @classmethod
     def of(cls, family: LimitFamily, nodes: Nodes, fast: bool) -> PathLimits:
         """Classify the limits of a family along a path."""
-        half_planes, speed, later = {}, {}, []
+        half_planes, later = {}, []
         for member in family:
             key = member.key
             if key == "tau":
                 half_planes[key] = _torque(family, nodes, fast)
-            elif key == "qd":
-                speed[key] = _velocity_bound(family, nodes)
             elif key == "qdd":
                 bounds = (
                     np.broadcast_to(b, nodes.tangent.shape) for b in (member.lower, member.upper)
                 )
                 zero = np.zeros_like(nodes.tangent)
                 half_planes[key] = Coefficients(nodes.tangent, nodes.curvature, zero, *bounds)
-            elif member.order == 1:
-                speed[key] = _speed_bound(family, key, nodes)
             elif member.order == 2 and (found := _half_planes(family, key, nodes)) is not None:
                 half_planes[key] = found
-            elif member.order > 0:
+            elif member.order > 1:
                 later.append(key)
-        return cls(family, half_planes, speed, tuple(later))
+        return cls(family, half_planes, _speed_limits(family, nodes), tuple(later))
 
     def speed_limit(self, nodes: Nodes, count: int) -> FloatArray:
         """Largest x [N+1] that the limits of the velocity leave at the grid points."""
-        per_node = np.full(len(nodes.tangent), FAR)
-        for bound in self.speed.values():
-            per_node = np.minimum(per_node, bound.min(axis=1))
-        result = per_node[:count].copy()
-        np.minimum.at(result, np.arange(1, count), per_node[nodes.right])
-        return result
+        return least_bound(self.speed, nodes, count)
+
+
+def largest_speeds(family: LimitFamily, curve: Curve, s: FloatArray) -> FloatArray:
+    """Limits of s' [N] at places s; infinite where there is none."""
+    nodes = nodes_of(curve, s)
+    most = least_bound(_speed_limits(family, nodes), nodes, s.size)
+    return np.where(most < FAR, np.sqrt(most), np.inf)
+
+
+def least_bound(bounds: Mapping[str, FloatArray], nodes: Nodes, count: int) -> FloatArray:
+    """Least x [N+1] of all bounds at the grid points, from either side."""
+    per_node = np.full(len(nodes.tangent), FAR)
+    for bound in bounds.values():
+        per_node = np.minimum(per_node, bound.min(axis=1))
+    result = per_node[:count].copy()
+    np.minimum.at(result, np.arange(1, count), per_node[nodes.right])
+    return result
+
+
+def _speed_limits(family: LimitFamily, nodes: Nodes) -> dict[str, FloatArray]:
+    """Largest x = s'^2 [N,k] that limits of the velocity alone leave, by their keys."""
+    return {
+        key: _velocity_bound(family, nodes) if key == "qd" else speed_bound(family, key, nodes)
+        for key in family.of_order(1)
+    }
 
 
 def limits_kept_by(limits: PathLimits) -> dict[str, list[str]]:
@@ -142,11 +159,16 @@ def _torque(family: LimitFamily, nodes: Nodes, fast: bool) -> Coefficients:
     return Coefficients(per_u, per_x, at_rest, *bounds)
 
 
-def torque_coefficients(robot: Robot, nodes: Nodes, fast: bool) -> tuple[FloatArray, ...]:
-    """Torque per u, per x and at rest, each [N,n]; Coulomb friction counts as at rest."""
-    smooth = robot.with_links(
+def frictionless(robot: Robot) -> Robot:
+    """The same robot without friction."""
+    return robot.with_links(
         [replace(k, viscous_friction=0.0, coulomb_friction=0.0) for k in robot.links]
     )
+
+
+def torque_coefficients(robot: Robot, nodes: Nodes, fast: bool) -> tuple[FloatArray, ...]:
+    """Torque per u, per x and at rest, each [N,n]; Coulomb friction counts as at rest."""
+    smooth = frictionless(robot)
     tau = buffered_call(inverse_dynamics(smooth, compiled=fast).map(len(nodes.position)))
     q, tangent, curvature = nodes.position.T, nodes.tangent.T, nodes.curvature.T
     zero = np.zeros_like(q)
@@ -176,7 +198,7 @@ def _half_planes(family: LimitFamily, key: str, nodes: Nodes) -> Coefficients | 
     return Coefficients(per_u, per_x, rest.value, *bounds)
 
 
-def _speed_bound(family: LimitFamily, key: str, nodes: Nodes) -> FloatArray:
+def speed_bound(family: LimitFamily, key: str, nodes: Nodes) -> FloatArray:
     """Largest x [N,1] up to which every speed keeps a limit of the velocity, by bisection."""
 
     def kept(v: FloatArray) -> np.ndarray:

@@ -1,67 +1,54 @@
 """The best timing of a given joint path, from rest to rest.
 
 The path stays, only s(t) is found: by the reachability passes, to the global optimum on a grid,
-where they keep every limit. Rates of torques and accelerations are kept by a program on places of
-the path (``_rate_timing.py``), others by an optimal-control problem that starts from there. Each
-polynomial piece is a phase with the states s and s' and a continuous, piecewise linear s'' as
-the control; the torque is the inverse dynamics of ``q(s), q' s', q' s'' + q'' s'^2``. At a corner
-of the path, where its tangent jumps, the arm has to stop.
+where they keep every limit (``_reachability.py``); otherwise by one program on places of the path
+that starts from there (``_places_timing.py``). At a corner of the path, where its tangent jumps,
+the arm has to stop. Where no timing keeps the limits those that decide are named.
 """
 
 from __future__ import annotations
 
-import itertools
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp._base.codegen import compile_recipe, compiles
+from microbot_ocp._base.codegen import compiles
 from microbot_ocp._base.status import Status
-from microbot_ocp.limits import LIMIT_TOLERANCE, JointLimits, LimitFamily, Limits, MotionSamples
+from microbot_ocp.limits import JointLimits, LimitFamily, Limits
 from microbot_ocp.motion import (
-    JUMP_GAP,
     SAMPLE_STEP,
     Mark,
     Motion,
     PiecewisePolynomial,
     State,
-    dense_times,
     sample_times,
-    samples_at,
 )
-from microbot_ocp.ocp.problem import OptimalControlProblem, Phase
-from microbot_ocp.ocp.refinement import Refiner
-from microbot_ocp.ocp.solution import Gap, PhaseSolution, Solution, StepProgress, quiet
-from microbot_ocp.ocp.solvers import SolverSettings
-from microbot_ocp.ocp.transcription import Guess, Transcription
+from microbot_ocp.ocp.solution import StepProgress, quiet
 from microbot_ocp.planning._blocked_path import blocking_limit
-from microbot_ocp.planning._curve import CurvePiece, evaluate, symbolic_derivatives
+from microbot_ocp.planning._curve import Curve
 from microbot_ocp.planning._fast_timing import sampled
-from microbot_ocp.planning._friction import dry_friction
 from microbot_ocp.planning._path_limits import LATER, limits_kept_by
 from microbot_ocp.planning._paths import check_path, corners, segments, stops
-from microbot_ocp.planning._progress import Samples, with_motion
-from microbot_ocp.planning._rate_timing import RATES, Profile, first_profile, with_rates
-from microbot_ocp.planning._reachability import MOST_GRIDS, Reached, settled
-from microbot_ocp.planning._scale import rates_alone
+from microbot_ocp.planning._places_program import PROGRAM
+from microbot_ocp.planning._places_timing import PLACES, Profile, excess_of, timed_on_places
+from microbot_ocp.planning._reachability import (
+    MOST_GRIDS,
+    CurveLimits,
+    Reached,
+    harmonic,
+    reach,
+    settled,
+)
+from microbot_ocp.planning._scale import TaskScale, rates_alone
 from microbot_ocp.planning._task import (
-    CHECKS_PER_INTERVAL,
-    GAP,
-    ROUGH_TOLERANCE,
     TIME_LIMIT,
     check_limits,
-    declare_limits,
-    derivatives_for,
-    jerk_switches,
-    provenance_of,
-    torques_of,
-    verdict,
     whole,
     with_changes,
     with_drives_noted,
@@ -69,20 +56,26 @@ from microbot_ocp.planning._task import (
 )
 from microbot_ocp.robot import Robot
 
-SMOOTHING = 1e-8  # weight of the squared rate of s'': picks one timing where many are equally fast
-# Intervals of a piece, and of all together, where nobody says how many
-FULL_MESH, FULL_MESH_SUM, LEAST_MESH = 100, 200, 20
 LATE = "The time was over before the grid was fine enough; a longer time_limit may find less time."
 TOO_LATE = "The time was over before a timing was found that keeps limits of {}: this one does not."
 BLOCKED = (
     "No timing of the path keeps the limits. On a grid, viscous friction left out, the least that "
     "has to give, all limits by the same share, is:"
 )
-RATE_EXCEEDED = (
-    "The dry friction of {} turns at {:.4g} s faster than its torque rate allows, by {:.2g} %: "
-    "raise taud_max, or give the path another curvature there."
+EXCEEDED = (
+    "limits are exceeded by {:.3g} % between mesh points, and refinement ended there: widen the "
+    "limit that is exceeded, or look for a place that cannot be passed"
 )
-SLOWER = 0.05  # share by which the timing may be slower than reachability, which is the optimum
+UNSOLVED = (
+    "The program on places of the path ended with {!r}: no timing was found that keeps {}. This "
+    "one exceeds limits by {:.3g} %"
+)
+# what found a motion, as its provenance says
+PASSES, PLACES_METHOD, WALK = (
+    "reachability",
+    "one program on its places",
+    "harmonic in its parameter",
+)
 
 
 @dataclass(frozen=True)
@@ -91,33 +84,23 @@ class PathTimingSettings:
 
     Attributes
     ----------
-    mesh : intervals of each polynomial piece in the optimal-control problem; default 100, fewer on
-        paths of more than two
     grid : points of the reachability passes on each smooth segment to begin with; they become more
         until the duration settles
     limit_tolerance : largest relative excess of a limit between grid or mesh points
-    solver : "ipopt" or "fatrop" (IPOPT steps in where it fails) of the optimal-control problem;
-        default None: where reachability keeps every limit there is none, otherwise IPOPT
     compiled : compile to C where there is a compiler
     time_limit : wall time, s, after which the best so far is returned with the status "time limit";
         infinite is none
     """
 
-    mesh: int | None = None
     grid: int = 1000
     limit_tolerance: float = 5e-4
-    solver: str | None = None
     compiled: bool = True
     time_limit: float = TIME_LIMIT
 
     def __post_init__(self) -> None:
         checks.time_limit(self.time_limit)
-        if self.mesh is not None:
-            whole("mesh", self.mesh, "intervals", at_least=4)
         whole("grid", self.grid, "points", at_least=10)
         checks.number("limit_tolerance", self.limit_tolerance, above=0.0)
-        if self.solver is not None:
-            checks.one_of("solver", self.solver, ("ipopt", "fatrop"))
 
 
 def time_optimal_path(
@@ -130,15 +113,14 @@ def time_optimal_path(
     progress: StepProgress | None = None,
     **changes: Any,
 ) -> Motion:
-    """The fastest motion along a path, at rest at both ends and at its corners.
+    """Find the fastest motion along a path, at rest at both ends and at its corners.
 
     Under limits of the torque rate or the jerk it rests wherever the curvature of the path jumps,
     too. Limits that are affine in s'' and s'^2 (torque, acceleration) and those of the velocity are
-    kept by reachability, on a grid that becomes finer until they hold between its points. Limits of
-    the torque rate and the jerk are kept by a program that starts from there, with places on the
-    path as mesh points, so that it evaluates no dynamics. Where there are others (power), or the
-    setting ``solver`` asks for it, it is an optimal-control problem in time; the provenance's
-    ``limits_kept_by`` says which is which.
+    kept by reachability, on a grid that becomes finer until they hold between its points. Where
+    there are others (torque rates, jerk, power, expressions of your own) all are kept by a program
+    that starts from there, with places on the path as mesh points, so that it evaluates no
+    dynamics; the provenance's ``limits_kept_by`` says which is which.
 
     Parameters
     ----------
@@ -150,8 +132,8 @@ def time_optimal_path(
     limits : Limits, optional
         Default the robot's own.
     settings : PathTimingSettings, optional
-        Single settings may be given as keywords: ``mesh``, ``grid``,
-        ``limit_tolerance``, ``solver``, ``compiled``, ``time_limit`` (by default 120 s).
+        Single settings may be given as keywords: ``grid``, ``limit_tolerance``, ``compiled``,
+        ``time_limit`` (by default 120 s).
 
     Returns
     -------
@@ -163,14 +145,14 @@ def time_optimal_path(
     ------
     InputError
         A path outside the position limits, an end or corner that cannot be held at rest, bad
-        limits: before any solver starts.
+        limits, an expression of a limit without derivatives: before any solver starts.
 
     Examples
     --------
     >>> import numpy as np
     >>> import microbot_ocp as mo
     >>> path = mo.straight_path(np.radians([[0, 0, 0], [-8, 45, 30], [-90, 90, 90]]))
-    >>> motion = mo.time_optimal_path(mo.load_robot("microbot"), path, mesh=40)
+    >>> motion = mo.time_optimal_path(mo.load_robot("microbot"), path)
     >>> motion.solved
     True
     """
@@ -187,37 +169,17 @@ def best_timing(
     label: str,
     progress: StepProgress,
 ) -> Motion:
-    """As :func:`time_optimal_path`, of a path that is checked."""
+    """Do as :func:`time_optimal_path` with a path that is checked."""
     with deadline.within(settings.time_limit):
         motion = _PathSearch(family, path, settings, label, progress).run()
     return with_drives_noted(family.robot, motion)
 
 
-@dataclass(frozen=True, eq=False)
-class _Piece:
-    """One piece of a curve between two stops: a phase."""
-
-    name: str
-    shape: CurvePiece
-    segment: int
-    offset: float  # parameter of the segment where the piece's own is zero
-    begins: bool  # whether the segment begins with it
-    ends: bool
-    start_free: bool  # the tangent vanishes there: at rest whatever the speed of the parameter
-    end_free: bool
-    via: bool  # whether it ends at a break of the path
-
-    @property
-    def stops_before(self) -> bool:
-        return self.begins and not self.start_free
-
-    @property
-    def stops_after(self) -> bool:
-        return self.ends and not self.end_free
-
-
 class _PathSearch:
-    """Reachability on every smooth segment, then all pieces as one optimal-control problem."""
+    """Reachability on every smooth segment, then, where it leaves a limit, the program on places.
+
+    docs/theory/path_timing.md, "Reachability" and "One program on places".
+    """
 
     def __init__(
         self,
@@ -229,213 +191,191 @@ class _PathSearch:
     ) -> None:
         self.family, self.path = with_locked_joints_held(family, None), path
         self.settings = settings
+        self.fast = compiles(settings.compiled)
         self.robot: Robot = family.robot
         self.label, self.progress = label, progress
         self.stops = stops(path, self.family)
         self.passed = segments(path, self.family)  # as the passes of reachability take them
         self.curves = segments(path, self.family, 3) if self.family.jerk_matters else self.passed
-        self.pieces = self._pieces()
-
-    def _pieces(self) -> list[_Piece]:
-        pieces: list[_Piece] = []
-        for index, curve in enumerate(self.curves):
-            for i, shape in enumerate(curve.pieces):
-                begins, ends = i == 0, i == len(curve.pieces) - 1
-                pieces.append(
-                    _Piece(
-                        name=f"piece {len(pieces) + 1}",
-                        shape=shape,
-                        segment=index,
-                        offset=float(curve.breaks[i]) - shape.limits[0],
-                        begins=begins,
-                        ends=ends,
-                        start_free=begins and curve.start_free,
-                        end_free=ends and curve.end_free,
-                        via=not shape.halved,
-                    )
-                )
-        return pieces
 
     def run(self) -> Motion:
-        begin = time.perf_counter()
-        timings, kept_by, excess = self._reach()
-        reached = sum(timing.duration for timing in timings)
-        for timing in timings:
-            if not timing.feasible:
-                self.progress(
-                    f"reachability: the end cannot be reached from s = {timing.blocked_at:g}"
-                )
-        if np.isfinite(reached):
-            self.progress(f"reachability on a grid: {reached:.6f} s")
-        settings, complete = self.settings, not kept_by[LATER]
-        passes = excess <= 2.0 * settings.limit_tolerance  # else the solver may come nearer
-        if settings.solver is None and complete and passes:
-            return self._reached_motion(timings, kept_by, excess, time.perf_counter() - begin)
-        if settings.solver is None and self._only_rates_are_left(kept_by) and np.isfinite(reached):
-            solution = self._with_rates(self._starts(timings))
-            if solution.status.solved:
-                wall = time.perf_counter() - begin
-                history = [attempt.as_dict() for attempt in solution.attempts]
-                found = self._motion(solution, history, timings, reached, kept_by, wall)
-                return self._with_rates_at_reversals(found)
-        solver = settings.solver or "ipopt"
-        guesses, scales = self._guesses(self._starts(timings))
+        """Time the path."""
+        self.begin = time.perf_counter()
+        timings, excess = self._reach()
+        self.reached = sum(timing.duration for timing in timings)  # NaN where one is blocked
+        self.blocked_at = [
+            self._place(i, timing.blocked_at)
+            for i, timing in enumerate(timings)
+            if not timing.feasible
+        ]
+        for at in self.blocked_at:
+            self.progress(f"reachability: the end cannot be reached from s = {at:g}")
+        if self.blocked_at:
+            outcome = self._blocking(timings)
+            timings = [self._walk(k, timing) for k, timing in enumerate(timings)]
+            if outcome:
+                excess = [
+                    CurveLimits.of(self.family, curve, timing.s, self.fast).excess(timing, curve)
+                    for curve, timing in zip(self.passed, timings, strict=True)
+                ]
+                outcome["excess"] = float(np.max(np.concatenate(excess)))
+                return self._reached_motion(timings, outcome, WALK)
+        else:
+            self.progress(f"reachability on a grid: {self.reached:.6f} s")
+            complete = not self.limits_kept_by[LATER] and excess <= self.settings.limit_tolerance
+            if complete or deadline.over():
+                return self._passes_motion(timings, excess)
         try:
-            with deadline.given_up(bool(np.isfinite(reached))):
-                transcription = self._transcription(scales)
+            with deadline.given_up(not self.blocked_at):
+                profiles = self._on_places(self._starts(timings))
         except deadline.Over:
-            return self._reached_motion(timings, kept_by, excess, time.perf_counter() - begin)
-        refiner = Refiner(
-            transcription,
-            self._guess_from,
-            self._excess,
-            self.settings.limit_tolerance,
-            solver=solver,
-            settings=SolverSettings(gap=GAP),
-            rough=ROUGH_TOLERANCE,
-            deep=True,
-            progress=with_motion(
-                self.progress, self.robot, self.path(self.path.breaks), self._at_mesh
-            ),
-        )
-        mesh = self._mesh
-        solution = refiner.solve(mesh, guesses)
-        if not (solution.status.solved or refiner.over) and self.settings.solver != "ipopt":
-            solution = refiner.solve(mesh, guesses, solver="ipopt")
-        self.progress(
-            f"mesh {' + '.join([str(mesh)] * len(self.pieces))}: "
-            f"{solution.duration:.6f} s, {solution.status}"
-        )
-        solution = refiner.refine(solution)
-        if "qddd" in self.family:
-            solution = refiner.refine(refiner.sharpen(solution, self._jerk_switches))
-        solution = refiner.finished(solution)
-        wall = time.perf_counter() - begin
-        return self._motion(solution, refiner.history, timings, reached, kept_by, wall)
+            return self._passes_motion(timings, excess)
+        return self._profile_motion(profiles)
 
-    def _transcription(self, scales: dict[str, float]) -> Transcription:
-        deadline.check()
-        compiled = compiles(self.settings.compiled)
-        return Transcription(
-            self._problem(scales),
-            scheme="shooting",
-            prepare=compile_recipe if compiled else None,
-            derivatives=derivatives_for(self.robot),
-        )
+    def _reach(self) -> tuple[list[Reached], float]:
+        """Time every segment, and tell the largest excess; who keeps which limit is noted.
 
-    def _with_rates_at_reversals(self, motion: Motion) -> Motion:
-        """The same, not solved where dry friction breaks a limit of the torque rate all the same.
-
-        Where a joint turns back that is a peak of some milliseconds, which may lie between the
-        places at which a mesh is looked at. A slower motion does not help: its torque jumps, too.
+        With rates the timing is a start alone: one grid is enough.
         """
-        if not motion.solved or "taud" not in self.family or not dry_friction(self.robot).any():
-            return motion
-        t = dense_times(motion)[0]
-        use = self.family.use(samples_at(motion, t), ["taud"])["taud"]
-        i, joint = np.unravel_index(int(use.argmax()), use.shape)
-        if use[i, joint] <= 1.0 + LIMIT_TOLERANCE:
-            return motion
-        advice = RATE_EXCEEDED.format(
-            self.robot.joint_names[joint], t[i], 100 * (use[i, joint] - 1.0)
-        )
-        more = {"status": str(Status.LIMITS_EXCEEDED), "advice": advice}
-        note = f"not solved: {advice}"
-        return replace(motion, provenance={**motion.provenance, **more}, note=note)
-
-    # torque rates and jerk ------------------------------------------------------------------
-
-    def _only_rates_are_left(self, kept_by: dict[str, list[str]]) -> bool:
-        rates, left = {self.family[key].name for key in RATES if key in self.family}, kept_by[LATER]
-        return bool(left) and set(left) <= rates
-
-    def _with_rates(self, timings: list[Reached]) -> Solution:
-        """All segments under limits of torque rates and the jerk, refined until they hold."""
-        fast = compiles(self.settings.compiled)
-        profiles: list[Profile] = []
-        for curve, timing in zip(self.curves, timings, strict=True):
-            start = first_profile(timing)
-            tolerance = self.settings.limit_tolerance
-            profiles.append(with_rates(self.family, curve, start, tolerance, fast, self.progress))
-            if not profiles[-1].solved:
-                break
-        return self._solution_of(profiles)
-
-    def _solution_of(self, profiles: list[Profile]) -> Solution:
-        """Profiles as the solution of an optimal-control problem with a phase a piece."""
-        phases = []
-        for piece in self.pieces if profiles[-1].solved else ():
-            profile = profiles[piece.segment]
-            ends = piece.offset + np.array(piece.shape.limits)
-            first, last = (int(np.argmin(np.abs(profile.s - at))) for at in ends)
-            own = slice(first, last + 1)
-            t = profile.t[own] - profile.t[first]
-            values = _without_gaps(profile, own, *piece.shape.limits)
-            phases.append(PhaseSolution(piece.name, float(t[-1]), t / t[-1], values))
-        attempts = [attempt for profile in profiles for attempt in profile.attempts]
-        return Solution(
-            status=attempts[-1].status,
-            cost=sum(profile.duration for profile in profiles),
-            phases=tuple(phases),
-            attempts=tuple(attempts),
-            row_multipliers=np.zeros(0),
-            build_time=0.0,
-            gap=Gap(sum(profile.gap for profile in profiles), 0.0),
-            advice=attempts[-1].status.sentence,
-        )
-
-    @property
-    def _mesh(self) -> int:
-        if self.settings.mesh is not None:
-            return self.settings.mesh
-        return max(min(FULL_MESH, FULL_MESH_SUM // len(self.pieces)), LEAST_MESH)
-
-    def _reach(self) -> tuple[list[Reached], dict[str, list[str]], float]:
-        """The timing of every segment, who keeps which limit, and the largest excess over them."""
-        fast = compiles(self.settings.compiled)
-        timings, kept_by, worst = [], {}, -1.0
+        grids = 1 if self.family.jerk_matters else MOST_GRIDS
+        timings, worst = [], -1.0
+        self.limits_kept_by: dict[str, list[str]] = {}
         for curve in self.passed:
             count, tolerance = self.settings.grid, self.settings.limit_tolerance
-            # with rates it is a start alone: as it is
-            meshes = 1 if self.family.jerk_matters else MOST_GRIDS
-            timing, along, excess = settled(self.family, curve, count, tolerance, fast, meshes)
+            timing, along, excess = settled(self.family, curve, count, tolerance, self.fast, grids)
             timings.append(timing)
             worst = max(worst, excess)
-            kept_by = kept_by or limits_kept_by(along.limits)
-        return timings, kept_by, worst
+            self.limits_kept_by = self.limits_kept_by or limits_kept_by(along.limits)
+        return timings, worst
+
+    def _walk(self, segment: int, timing: Reached) -> Reached:
+        """Give a slow timing where there is none, as long as its slowest joint takes."""
+        if timing.feasible:
+            return timing
+        curve = self.passed[segment]
+        shares = np.linspace(curve.breaks[0], curve.breaks[-1], 2 * len(curve.pieces) + 1)
+        lasts = float(TaskScale.of(self.family, curve.evaluate(shares)[0]).durations.sum())
+        return harmonic(timing.s, lasts)
 
     def _starts(self, timings: list[Reached]) -> list[Reached]:
-        """What solvers start from: with rates, of which reachability knows nothing, gentler ones.
+        """Give what the program starts from: timings on its mesh that know of all limits.
 
-        No joint is faster than it would be alone under rates only.
+        Further limits that the passes cannot keep bound the speed as if it did not change, and
+        under rates no joint is faster than it would be alone under rates only.
         """
-        if not self.family.jerk_matters:
-            return timings
-        starts, fast = [], compiles(self.settings.compiled)
+        starts = []
+        pieces = sum(len(curve.pieces) for curve in self.curves)
+        count = max(min(PLACES.mesh, PLACES.mesh_sum // pieces), PLACES.least_mesh)
         for passed, curve, timing in zip(self.passed, self.curves, timings, strict=True):
-            if timing.feasible:
-                jerk, more = rates_alone(self.family, passed.evaluate(timing.s)[0])
-                gentle = LimitFamily.of(self.robot, self.robot.limits.changed(more))
-                timing = settled(gentle, passed, self.settings.grid, np.inf, fast, 1)[0]
-                _, tangent, curvature = passed.evaluate(timing.s)
-                rises = np.append(timing.start, timing.end[-1])[:, None]
-                qdd = tangent * rises + curvature * timing.speed_squared[:, None]
-                rise = float((np.abs(qdd).max(axis=0) / jerk).max())
-                timing = timing.smoothed(passed, curve, min(rise, timing.duration), self._mesh)
-            starts.append(timing)
+            rise, gentle = 0.0, timing
+            if not self.blocked_at:
+                family, jerk = self.family, np.full(self.robot.joint_count, np.inf)
+                if family.jerk_matters:
+                    jerk, more = rates_alone(family, passed.evaluate(timing.s)[0])
+                    family = LimitFamily.of(self.robot, self.robot.limits.changed(more))
+                along = CurveLimits.of(family, passed, self.settings.grid, self.fast)
+                gentle = reach(
+                    along,
+                    start_free=passed.start_free,
+                    end_free=passed.end_free,
+                    fast=self.fast,
+                    fastest=along.steady_speed(),
+                )
+                _, tangent, curvature = passed.evaluate(gentle.s)
+                rises = np.append(gentle.start, gentle.end[-1])[:, None]
+                qdd = tangent * rises + curvature * gentle.speed_squared[:, None]
+                rise = min(float((np.abs(qdd).max(axis=0) / jerk).max()), gentle.duration)
+            starts.append(gentle.smoothed(passed, curve, rise, count))
         return starts
 
-    def _reached_motion(
-        self, timings: list[Reached], kept_by: dict[str, list[str]], excess: float, wall: float
+    def _on_places(self, starts: list[Reached]) -> list[Profile]:
+        """Time all segments under limits of any form, refined until they hold."""
+        profiles: list[Profile] = []
+        tolerance = self.settings.limit_tolerance
+        for curve, start in zip(self.curves, starts, strict=True):
+            profile = Profile.of(start)
+            if all(earlier.solved for earlier in profiles):
+                profile = timed_on_places(
+                    self.family, curve, profile, tolerance, self.fast, self.progress
+                )
+            profiles.append(profile)
+        return profiles
+
+    def _passes_motion(self, timings: list[Reached], excess: float) -> Motion:
+        outcome = {"status": str(Status.SOLVED), "advice": "", "excess": excess}
+        if deadline.over():
+            left = self.limits_kept_by[LATER]
+            advice = TOO_LATE.format(", ".join(left)) if left else LATE
+            outcome |= {"status": str(Status.TIME_LIMIT), "advice": advice}
+        return self._reached_motion(timings, outcome, PASSES)
+
+    def _reached_motion(self, timings: list[Reached], outcome: dict[str, Any], how: str) -> Motion:
+        samples = sampled(list(zip(self.passed, timings, strict=True)))
+        return self._with_provenance(samples, self.passed, timings, how, outcome)
+
+    def _profile_motion(self, profiles: list[Profile]) -> Motion:
+        """Give profiles of all segments as a motion, and judge them."""
+        attempts = [attempt for profile in profiles for attempt in profile.attempts]
+        excess = max(
+            float(excess_of(self.family, curve, profile).max())
+            for curve, profile in zip(self.curves, profiles, strict=True)
+        )
+        status = attempts[-1].status
+        names = ", ".join(self.limits_kept_by[LATER]) or "every limit"
+        advice = UNSOLVED.format(str(status), names, 100 * excess)
+        if deadline.over() and status is not Status.INTERRUPTED:
+            status, advice = Status.TIME_LIMIT, Status.TIME_LIMIT.sentence
+        elif status.solved:
+            advice = ""
+            if not excess <= self.settings.limit_tolerance:
+                status, advice = Status.LIMITS_EXCEEDED, EXCEEDED.format(100 * excess)
+        profiles = [profile.without_gaps() for profile in profiles]
+        return self._with_provenance(
+            self._samples(profiles),
+            self.curves,
+            profiles,
+            PLACES_METHOD,
+            {"status": str(status), "advice": advice, "excess": excess},
+            solver=attempts[-1].solver,
+            gap=sum(profile.gap for profile in profiles),  # s: from the local optimum, at most
+            smoothing=PROGRAM.smoothing,
+            solves=[attempt.as_dict() for attempt in attempts],
+        )
+
+    def _samples(self, profiles: list[Profile]) -> tuple[FloatArray, State, FloatArray]:
+        """Give times, states and breaks of profiles; s'' may jump at corners and breaks."""
+        begins = np.cumsum([0.0, *(profile.duration for profile in profiles)])
+        breaks = [np.zeros(1)]
+        jumps = [begins[1:-1]]
+        for begin, profile in zip(begins, profiles, strict=False):
+            breaks.append(begin + profile.t[1:])
+            if not self.family.jerk_matters:
+                jumps.append(begin + profile.t[1:-1][profile.a_end[:-1] != profile.a[1:]])
+        edges = np.concatenate(breaks)
+        t = sample_times(edges, np.concatenate(jumps), SAMPLE_STEP, least=5)
+        i = np.clip(np.searchsorted(edges, t, side="right") - 1, 0, edges.size - 2)
+        states, first = [], 0
+        for curve, profile in zip(self.curves, profiles, strict=True):
+            here = (i >= first) & (i < first + profile.a.size)
+            states.append(profile.samples(curve, i[here] - first, t[here] - edges[i[here]])[:3])
+            first += profile.a.size
+        return t, State(*(np.concatenate(parts) for parts in zip(*states, strict=True))), edges
+
+    def _with_provenance(
+        self,
+        samples: tuple[FloatArray, State, FloatArray],
+        curves: Sequence[Curve],
+        parts: Sequence[Reached | Profile],
+        how: str,
+        outcome: dict[str, Any],
+        **more: Any,
     ) -> Motion:
-        late, left = deadline.over(), kept_by[LATER]
-        advice = TOO_LATE.format(", ".join(left)) if left else LATE
-        stopping = _stops_said(self.stops, corners(self.path).size)
-        t, state, breaks = sampled(list(zip(self.passed, timings, strict=True)))
-        begins = np.cumsum([0.0, *(timing.duration for timing in timings)])
+        """Give samples as a motion that says how it was found."""
+        t, state, breaks = samples
+        durations = [part.duration for part in parts]
         passed = [0.0]
-        for begin, curve, timing in zip(begins, self.passed, timings, strict=False):
-            ends = begin + np.interp(curve.breaks[1:], timing.s, timing.t)
+        for begin, curve, part in zip(np.cumsum([0.0, *durations]), curves, parts, strict=False):
+            ends = begin + np.interp(curve.breaks[1:], part.s, part.t)
             passed += [at for at, k in zip(ends, curve.pieces, strict=True) if not k.halved]
         return Motion.from_state(
             self.robot,
@@ -445,138 +385,34 @@ class _PathSearch:
             breaks=breaks,
             marks=[Mark(float(at), f"via {i + 1}") for i, at in enumerate(passed)],
             provenance={
-                "method": "time-optimal timing of a given path, reachability",
-                "status": str(Status.TIME_LIMIT if late else Status.SOLVED),
-                "advice": advice if late else "",
-                "excess": excess,
-                "intervals": [timing.t.size - 1 for timing in timings],
-                "phase_durations": [timing.duration for timing in timings],
-                "reachability_duration": float(t[-1]),
-                "limits_kept_by": kept_by,
-                "blocked_at": [],
+                "method": f"time-optimal timing of a given path, {how}",
+                **outcome,
+                "intervals": [part.t.size - 1 for part in parts],
+                "phase_durations": durations,
+                "reachability_duration": self.reached if np.isfinite(self.reached) else None,
+                "limits_kept_by": self.limits_kept_by,
+                "blocked_at": self.blocked_at,
                 "stops": [float(s) for s in self.stops],
-                "wall_time": wall,
+                "wall_time": time.perf_counter() - self.begin,
+                "casadi": ca.CasadiMeta.version(),
+                **more,
             },
-            note=f"not solved: {advice}" if late else stopping,
+            note=self._note(outcome, how),
         )
 
-    def _guesses(self, timings: list[Reached]) -> tuple[dict[str, Guess], dict[str, float]]:
-        """Guess for every piece from the reachability profile; where it failed a slow walk."""
-        guesses: dict[str, Guess] = {}
-        speeds, accelerations = [], []
-        for piece in self.pieces:
-            guess, speed, acceleration = _piece_guess(piece, timings[piece.segment])
-            guesses[piece.name] = guess
-            speeds.append(speed)
-            accelerations.append(acceleration)
-        return guesses, {"v": max(speeds), "a": max(accelerations)}
-
-    def _problem(self, scales: dict[str, float]) -> OptimalControlProblem:
-        problem = OptimalControlProblem(f"timing of a path of {self.robot.name}")
-        longest = max(piece.shape.span for piece in self.pieces)
-        phases = [_declare(problem, self.family, piece, longest, scales) for piece in self.pieces]
-        for before, after in itertools.pairwise(zip(phases, self.pieces, strict=True)):
-            kept = ("v", "a") if self.family.jerk_matters else ("v",)
-            problem.link(before[0], after[0], names=() if after[1].begins else kept)
-        return problem
-
-    def _at_mesh(self, phases: Sequence[PhaseSolution]) -> Samples:
-        starts = np.cumsum([0.0, *(phase.duration for phase in phases)])
-        states = [
-            State(*_samples(phase_polynomial(phase), piece, phase.t)[:3])
-            for phase, piece in zip(phases, self.pieces, strict=True)
-        ]
-        t = [start + phase.t for start, phase in zip(starts, phases, strict=False)]
-        joined = (np.concatenate(parts) for parts in zip(*states, strict=True))
-        return np.concatenate(t), State(*joined)
-
-    def _guess_from(self, solution: Solution) -> dict[str, Guess]:
-        """Guesses for another mesh from a solution."""
-        guesses = {}
-        for phase, piece in zip(solution.phases, self.pieces, strict=True):
-            curve = phase_polynomial(phase)
-            slope = curve.derivative()
-            curves = {"s": curve, "v": slope, "a": slope.derivative()}
-            # Beyond its ends a bent piece is no number.
-            ends = {"s": piece.shape.limits}
-            values = {
-                name: partial(_along, c, phase.duration, ends.get(name, (-np.inf, np.inf)))
-                for name, c in curves.items()
-            }
-            guesses[phase.name] = Guess(phase.duration, values)
-        return guesses
-
-    def _jerk_switches(self, solution: Solution) -> list[np.ndarray]:
-        found = []
-        for phase, piece in zip(solution.phases, self.pieces, strict=True):
-            middle = 0.5 * (phase.t[:-1] + phase.t[1:])
-            jerk = _samples(phase_polynomial(phase), piece, middle).qddd
-            found.append(jerk_switches(jerk, self.family["qddd"]))
-        return found
-
-    def _excess(self, solution: Solution) -> list[FloatArray]:
-        result = []
-        for phase, piece in zip(solution.phases, self.pieces, strict=True):
-            inside = np.linspace(0, 1, CHECKS_PER_INTERVAL + 1)
-            t = (phase.t[:-1, None] + inside * np.diff(phase.t)[:, None]).ravel()
-            excess = self.family.excess(_samples(phase_polynomial(phase), piece, t))
-            result.append(excess.reshape(-1, inside.size))
-        return result
-
-    def _motion(
-        self,
-        solution: Solution,
-        history: list[dict[str, Any]],
-        timings: list[Reached],
-        reached: float,
-        kept_by: dict[str, list[str]],
-        wall: float,
-    ) -> Motion:
-        edges = np.cumsum([0.0, *(phase.duration for phase in solution.phases)])
-        t_parts, states = [], []
-        breaks = [np.zeros(1)]
-        for index, (phase, piece) in enumerate(zip(solution.phases, self.pieces, strict=True)):
-            last = index + 1 == len(self.pieces)
-            local = sample_times(phase.t, np.zeros(0), SAMPLE_STEP, least=5)
-            if not last:  # the acceleration may jump where the next piece begins
-                local[-1] -= min(JUMP_GAP, 0.01 * (local[-1] - local[-2]))
-            t_parts.append(edges[index] + local)
-            states.append(State(*_samples(phase_polynomial(phase), piece, local)[:3]))
-            breaks.append(edges[index] + phase.t[1:])
-        t = np.concatenate(t_parts)
-        state = State(*(np.concatenate(parts) for parts in zip(*states, strict=True)))
-        passed = [0.0, *(at for at, k in zip(edges[1:], self.pieces, strict=True) if k.via)]
-        outcome = verdict(
-            self.family, solution, self._excess(solution), self.settings.limit_tolerance
-        )
-        # the passes know nothing of what is left to the optimal-control problem
-        if not (kept_by[LATER] or deadline.over()) and solution.duration > (1 + SLOWER) * reached:
-            outcome |= _too_slow(outcome, solution.duration, reached)
-        blocked = [self._place(i, t.blocked_at) for i, t in enumerate(timings) if not t.feasible]
-        if blocked and not (outcome["status"] == "solved" or deadline.over()):
-            outcome |= self._blocking(timings)
-        how = "rates on its places" if solution.variables is None else "multiple shooting"
-        return Motion.from_state(
-            self.robot,
-            t,
-            state,
-            label=self.label,
-            breaks=np.concatenate(breaks),
-            marks=[Mark(float(at), f"via {i + 1}") for i, at in enumerate(passed)],
-            provenance=provenance_of(
-                f"time-optimal timing of a given path, {how}",
-                outcome,
-                solution,
-                wall,
-                SMOOTHING,
-                reachability_duration=reached if np.isfinite(reached) else None,
-                limits_kept_by=kept_by,
-                blocked_at=blocked,
-                stops=[float(s) for s in self.stops],
-                solves=history,
-            ),
-            note=_note(outcome, self.stops, corners(self.path).size, blocked, reached),
-        )
+    def _note(self, outcome: dict[str, Any], how: str) -> str:
+        if outcome["status"] != Status.SOLVED:
+            at = self.blocked_at
+            where = f"; the end cannot be reached from s = {at[0]:g}" if at else ""
+            return f"not solved: {outcome['advice']}{where}"
+        count = self.stops.size
+        what = "corner" if count == corners(self.path).size else "jump of the curvature or corner"
+        rests = f"stops at {count} {what}{'s' if count != 1 else ''}" if count else "no stop"
+        if how == PASSES:
+            return rests
+        if not np.isfinite(self.reached):
+            return f"{rests}; reachability on a grid found no timing"
+        return f"{rests}; reachability on a grid gives {self.reached:.4f} s"
 
     def _place(self, segment: int, at: float) -> float:
         """The path's parameter at a parameter of one of its curves."""
@@ -585,32 +421,31 @@ class _PathSearch:
 
     def _blocking(self, timings: list[Reached]) -> dict[str, Any]:
         """Status and advice that name the limits that keep the path from being travelled."""
-        fast = compiles(self.settings.compiled)
         lines, entries = [], []
         for index, (curve, timing) in enumerate(zip(self.passed, timings, strict=True)):
-            found = None if timing.feasible else blocking_limit(self.family, curve, fast)
-            if found is None:
+            limit = None if timing.feasible else blocking_limit(self.family, curve, self.fast)
+            if limit is None:
                 continue
-            member = self.family[found.key]
-            name, unit = member.title(found.component), member.units[found.component]
-            s = self._place(index, found.at)
-            beyond = found.share * abs(found.limit)
-            joints = enumerate(found.q)
+            member = self.family[limit.key]
+            name, unit = member.title(limit.component), member.units[limit.component]
+            s = self._place(index, limit.at)
+            beyond = limit.share * abs(limit.limit)
+            joints = enumerate(limit.q)
             at = ", ".join(
                 self.robot.position_text(j, float(f"{value:.4g}")) for j, value in joints
             )
             lines.append(
-                f"  {name}, {beyond:.4g} {unit} beyond its limit of {found.limit:.6g} {unit}, at "
-                f"s = {s:.4g}, q = ({at}), with every limit {100 * found.share:.3g} % larger"
+                f"  {name}, {beyond:.4g} {unit} beyond its limit of {limit.limit:.6g} {unit}, at "
+                f"s = {s:.4g}, q = ({at}), with every limit {100 * limit.share:.3g} % larger"
             )
             entries.append(
                 {
                     "limit": name,
-                    "value": found.limit,
+                    "value": limit.limit,
                     "exceeded_by": beyond,
                     "unit": unit,
                     "s": s,
-                    "q": found.q.tolist(),
+                    "q": limit.q.tolist(),
                 }
             )
         if not lines:
@@ -620,177 +455,3 @@ class _PathSearch:
             "advice": "\n".join([BLOCKED, *lines]),
             "least_violation": entries,
         }
-
-
-def _without_gaps(profile: Profile, own: slice, begin: float, end: float) -> dict[str, FloatArray]:
-    """Values of a profile from one place to another, integrated from s'' anew.
-
-    Divided by the third power of a short step a gap of 1e-11 in s would be a jerk.
-    """
-    h, a, d = np.diff(profile.t[own]), profile.a[own], profile.d[own.start : own.stop - 1]
-    rise = 0.5 * h * (a[:-1] + a[1:]) - h**2 * d / 12.0
-    v = profile.v[own.start] + np.append(0.0, np.cumsum(rise))
-    step = h * v[:-1] + h**2 * (2.0 * a[:-1] + a[1:]) / 6.0 - h**3 * d / 24.0
-    way = np.append(0.0, np.cumsum(step))
-    ratio = (end - begin) / way[-1]
-    values = {"s": begin + ratio * way, "v": ratio * v, "a": ratio * a, "d": ratio * d}
-    return {name: value[:, None] for name, value in values.items()}
-
-
-def _too_slow(outcome: dict[str, Any], duration: float, reached: float) -> dict[str, Any]:
-    if outcome["status"] != "solved":
-        return {}
-    return {
-        "status": str(Status.SLOWER_THAN_REACHABILITY),
-        "advice": (
-            f"the solver converged at {duration:.4g} s, but reachability on a grid finds "
-            f"{reached:.4g} s: give a finer mesh"
-        ),
-    }
-
-
-def _note(
-    outcome: dict[str, Any],
-    at: FloatArray,
-    corner_count: int,
-    blocked: list[float],
-    reached: float,
-) -> str:
-    if outcome["status"] != "solved":
-        where = f"; the end cannot be reached from s = {blocked[0]:g}" if blocked else ""
-        return f"not solved: {outcome['advice']}{where}"
-    said = _stops_said(at, corner_count)
-    if not np.isfinite(reached):
-        return f"{said}; reachability on a grid found no timing"
-    return f"{said}; reachability on a grid gives {reached:.4f} s"
-
-
-def _stops_said(at: FloatArray, corner_count: int) -> str:
-    what = "corner" if at.size == corner_count else "jump of the curvature or corner"
-    return f"stops at {at.size} {what}{'s' if at.size != 1 else ''}" if at.size else "no stop"
-
-
-def _declare(
-    problem: OptimalControlProblem,
-    family: LimitFamily,
-    piece: _Piece,
-    longest: float,
-    scales: dict[str, float],
-) -> Phase:
-    robot = family.robot
-    phase = problem.phase(piece.name, duration=(1e-4, 1e4))
-    begin, end = piece.shape.limits
-    # Beyond a bent end there is no path.
-    most = end if piece.shape.bent and piece.shape.bent_at_end else np.inf
-    s = phase.state("s", lower=begin, upper=most, initial=begin, final=end, scale=longest)
-    v = phase.state(
-        "v",
-        lower=0.0,
-        initial=0.0 if piece.stops_before else None,
-        final=0.0 if piece.stops_after else None,
-        scale=scales["v"],
-        unit="1/s",
-    )
-    rated = family.jerk_matters  # then the acceleration is zero at rest
-    a = phase.control(
-        "a",
-        initial=0.0 if rated and piece.stops_before else None,
-        final=0.0 if rated and piece.stops_after else None,
-        scale=scales["a"],
-        unit="1/s^2",
-        shape="linear",
-    )
-    phase.derivative(s, v)
-    phase.derivative(v, a)
-    constants = phase.parameter("piece", piece.shape.constants)
-    degree = piece.shape.coefficients.shape[0] - 1
-    q, tangent, curvature, bend = symbolic_derivatives(
-        constants, degree, robot.joint_count, piece.shape.powers, s
-    )
-    qd = tangent * v
-    qdd = tangent * a + curvature * v**2
-    jerk = tangent * phase.rate(a) + 3 * curvature * v * a + bend * v**3
-    keys = [key for key in family.keys if key != "q"]
-    usual = evaluate(piece.shape, np.array([0.5 * (begin + end)]))[0][0]
-    torques = torques_of(robot, keys)
-    declare_limits(phase, family, keys, (q, qd, qdd, jerk), usual, torques)
-    phase.end_cost(phase.duration)
-    phase.running_cost(SMOOTHING * (phase.rate(a) / (10.0 * scales["a"])) ** 2)
-    return phase
-
-
-def _piece_guess(piece: _Piece, timing: Reached) -> tuple[Guess, float, float]:
-    begin, end = piece.shape.limits
-    if not timing.feasible:
-        duration = 10.0
-        speed = 2 * (end - begin) / duration
-        values = {"s": lambda f: begin + (end - begin) * f[:, None], "v": speed, "a": 0.0}
-        return Guess(duration, values), speed, speed / duration
-    own = timing.s - piece.offset
-    slack = 1e-9 * piece.shape.span
-    inside = (own >= begin - slack) & (own <= end + slack)
-    s, x, t = own[inside], timing.speed_squared[inside], timing.t[inside]
-    t = t - t[0]
-    v = np.sqrt(x)
-    a = np.append(np.diff(x) / (2 * np.diff(s)), 0.0)
-    a[-1] = a[-2]
-    even = a[np.searchsorted(s, np.linspace(s[0], s[-1], s.size))]  # the grid is finer at breaks
-    typical = max(float(np.percentile(np.abs(even), 90)), _where_speed_changes(a, t), 1e-6)
-    # near a vanishing tangent s'' hardly matters and the grid makes it jump
-    a = np.clip(a, -3 * typical, 3 * typical)
-
-    def at(values: FloatArray, f: FloatArray) -> FloatArray:
-        return np.interp(f * t[-1], t, values)[:, None]
-
-    values = {
-        "s": partial(at, s),
-        "v": partial(at, v),
-        "a": partial(at, a),
-    }
-    return Guess(float(t[-1]), values), float(v.max()), typical
-
-
-def _where_speed_changes(a: FloatArray, t: FloatArray) -> float:
-    """Magnitude of s'' below which half of the change of s' happens.
-
-    On a path that runs at a velocity limit but for its ends hardly any grid point accelerates.
-    """
-    size, change = np.abs(a[:-1]), np.abs(a[:-1]) * np.diff(t)
-    order = np.argsort(size)
-    half = np.searchsorted(np.cumsum(change[order]), 0.5 * change.sum())
-    return float(size[order][min(half, size.size - 1)])
-
-
-def _along(
-    curve: PiecewisePolynomial, duration: float, ends: tuple[float, float], f: FloatArray
-) -> FloatArray:
-    return np.clip(curve(f * duration), *ends)
-
-
-def phase_polynomial(phase: Any) -> PiecewisePolynomial:
-    """s(t) of a phase [1 column] from s, s' and s'' at its mesh points.
-
-    Cubic between them, or of degree four where s''' changes by d within each interval.
-    """
-    h = np.diff(phase.t)[:, None]
-    s, v, a = phase["s"], phase["v"], phase["a"]
-    d = phase["d"] if "d" in phase.values else np.zeros_like(h)
-    jerk = np.diff(a, axis=0) / h - 0.5 * d
-    table = np.stack([s[:-1], v[:-1], a[:-1] / 2, jerk / 6, d / (24 * h)], axis=1)
-    return PiecewisePolynomial(phase.t, table)
-
-
-def _samples(curve: PiecewisePolynomial, piece: _Piece, t: FloatArray) -> MotionSamples:
-    """q, qd, qdd and the jerk of a piece at times t since its start."""
-    slope = curve.derivative()
-    s = np.clip(curve(t, from_left=True), *piece.shape.limits)
-    v = slope(t, from_left=True)
-    a = slope.derivative()(t, from_left=True)
-    jerk = slope.derivative().derivative()(t, from_left=True)
-    q, tangent, curvature, bend = evaluate(piece.shape, s.ravel(), highest=3)
-    return MotionSamples(
-        q,
-        tangent * v,
-        tangent * a + curvature * v**2,
-        tangent * jerk + 3 * curvature * v * a + bend * v**3,
-    )

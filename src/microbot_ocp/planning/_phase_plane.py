@@ -217,7 +217,7 @@ def _segment(family: LimitFamily, curve: Curve, begin: float, grid: int) -> Phas
     own, slope = curve.parameter(timing.s)
     scale = np.abs(slope)
     profile = np.sqrt(timing.speed_squared) if timing.feasible else np.full(size, np.nan)
-    if timing.feasible and along.rubs:
+    if timing.feasible and along.has_friction:
         rows = rows.with_friction(nodes, family.robot, timing.speed_squared)
     s = begin + own
     return PhasePlane(

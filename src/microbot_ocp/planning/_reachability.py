@@ -28,7 +28,15 @@ from microbot_ocp._base.codegen import maybe_compiled
 from microbot_ocp._base.fast_calls import FastCall, buffered_call
 from microbot_ocp.limits import LimitFamily, MotionSamples
 from microbot_ocp.planning._curve import Curve
-from microbot_ocp.planning._path_limits import FAR, LimitRows, Nodes, PathLimits, nodes_of
+from microbot_ocp.planning._path_limits import (
+    FAR,
+    LimitRows,
+    Nodes,
+    PathLimits,
+    least_bound,
+    nodes_of,
+    speed_bound,
+)
 
 PENALTY = 1e6  # of leaving the feasible set, in the search for its best point
 CUTS = 14  # cutting planes of each linear program
@@ -121,6 +129,16 @@ class Reached:
         return self.s[i] + way, v * cosh + a * time * whole, a + k * way
 
 
+def harmonic(s: FloatArray, lasts: float) -> Reached:
+    """Give a timing without regard to limits, ``1 - cos(pi t / T)`` in the parameter, on a grid."""
+    way = (s - s[0]) / (s[-1] - s[0])
+    unit = (np.pi / lasts) ** 2 * (s[-1] - s[0])
+    rise = unit * (0.5 - way)
+    t = lasts / np.pi * np.arccos(1.0 - 2.0 * way)
+    x = unit * (s[-1] - s[0]) * way * (1.0 - way)
+    return Reached(s, x, rise[:-1], rise[1:], t, True, float("nan"))
+
+
 def _sinh_over(z: FloatArray) -> FloatArray:
     """sinh(r)/r of r = sqrt(z); sin where z is negative."""
     r = np.sqrt(np.abs(z))
@@ -137,7 +155,7 @@ class CurveLimits:
     nodes: Nodes
     limits: PathLimits
     rows: LimitRows
-    rubs: bool  # whether a torque that is limited has friction in it
+    has_friction: bool  # whether a torque that is limited has friction in it
 
     @classmethod
     def of(
@@ -147,10 +165,20 @@ class CurveLimits:
         s = path_grid(curve, grid) if isinstance(grid, int) else grid
         nodes = nodes_of(curve, s)
         limits = PathLimits.of(family, nodes, fast)
-        rubs = "tau" in limits.half_planes and any(
+        has_friction = "tau" in limits.half_planes and any(
             link.viscous_friction or link.coulomb_friction for link in family.robot.links
         )
-        return cls(s, nodes, limits, LimitRows.of(nodes, limits), rubs)
+        return cls(s, nodes, limits, LimitRows.of(nodes, limits), has_friction)
+
+    def steady_speed(self) -> FloatArray:
+        """Give the speed s' [N+1] up to which further limits are kept without s'' and s'''.
+
+        Those that the passes cannot keep, limits of the joints aside.
+        """
+        family = self.limits.family
+        keys = [key for key in self.limits.later if family[key].limit is not None]
+        bounds = {key: speed_bound(family, key, self.nodes) for key in keys}
+        return np.sqrt(least_bound(bounds, self.nodes, self.s.size))
 
     def excess(self, timing: Reached, curve: Curve) -> FloatArray:
         """Largest relative excess [N] over any of these limits inside every interval."""
@@ -174,9 +202,9 @@ def reach(
     start_free: bool,
     end_free: bool,
     fast: bool,
-    fastest: float = np.inf,
+    fastest: float | FloatArray = np.inf,
 ) -> Reached:
-    """Best timing of a curve on its grid, from rest to rest, with ds/dt at most ``fastest``.
+    """Best timing of a curve on its grid, from rest to rest, with ds/dt at most ``fastest`` [N+1].
 
     ``start_free`` and ``end_free`` leave ds/dt free at an end where the tangent vanishes, as the
     arm rests there all the same. Friction goes with the root of x and is linearised around the
@@ -185,14 +213,18 @@ def reach(
     free = (start_free, end_free)
     speed_limit = np.minimum(along.limits.speed_limit(along.nodes, along.s.size), fastest**2)
     timing = _passes(along.s, along.rows, speed_limit, free, fast)
-    for _ in range(FRICTION_PASSES if along.rubs else 0):
-        if not timing.feasible or deadline.over():
+    x, before = timing.speed_squared, timing.duration
+    for _ in range(FRICTION_PASSES if along.has_friction and timing.feasible else 0):
+        if deadline.over():
             break
-        robot = along.limits.family.robot
-        bent = along.rows.with_friction(along.nodes, robot, timing.speed_squared)
-        before, timing = timing, _passes(along.s, bent, speed_limit, free, fast)
-        if abs(timing.duration - before.duration) < 0.01 * SETTLED * timing.duration:
+        bent = along.rows.with_friction(along.nodes, along.limits.family.robot, x)
+        timing = _passes(along.s, bent, speed_limit, free, fast)
+        if not timing.feasible:  # at a speed at which friction alone takes more than the limits
+            x = 0.25 * x
+            continue
+        if abs(timing.duration - before) < 0.01 * SETTLED * timing.duration:
             break
+        x, before = timing.speed_squared, timing.duration
     return timing
 
 
