@@ -22,7 +22,7 @@ from microbot_ocp._base.growth import growth_said
 from microbot_ocp._base.showing import view_for
 from microbot_ocp._base.status import Status
 from microbot_ocp.comparison._resimulation import (
-    NEAR_SINGULAR,
+    RESIMULATION,
     Resimulation,
     resimulate,
     torque_sizes,
@@ -49,12 +49,30 @@ from microbot_ocp.scene import Clearance, Scene, clearance_along, has_coal, with
 if TYPE_CHECKING:
     from microbot_ocp.comparison._task_certificate import SegmentCheck
 
-ROUNDING = 1e-7  # relative excess over a limit that is put down to the solver's tolerance
-SAYS_NOTHING = 0.1  # rad: beyond it an error to first order is no figure
-PART = 0.3  # of the largest component of a direction: what is worth naming
-CONDITION_POINTS = 10_000  # at which the mass matrix is looked at first
-BETWEEN_SAMPLES = 0.05  # of the largest torque: how far it may stray between two samples
-ALL_ALONG = 1.0 - 1e-9  # share of the time: no torque determines the motion at any instant
+
+@dataclass(frozen=True)
+class CertificateSettings:
+    """Settings of what a certificate counts and names.
+
+    Attributes
+    ----------
+    rounding : relative excess over a limit that is put down to the solver's tolerance
+    linear_error : rad; beyond it an error to first order is no figure
+    named_part : of the largest component of a direction: what is worth naming
+    condition_points : samples at which the mass matrix is looked at first
+    between_samples : of the largest torque: how far it may stray between two samples
+    all_along : share of the time from which no torque determines the motion at any instant
+    """
+
+    rounding: float = 1e-7
+    linear_error: float = 0.1
+    named_part: float = 0.3
+    condition_points: int = 10_000
+    between_samples: float = 0.05
+    all_along: float = 1.0 - 1e-9
+
+
+SETTINGS = CertificateSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -426,7 +444,7 @@ def certificate_of(
         vias = () if via is None else _check_vias(motion, via, t, state)
         problems = _beyond_limits(tolerances, limit_checks) + _missed(tolerances, vias)
         stray, stray_time = _between_samples(motion, lambda state: state.qdd, start)
-        if stray > BETWEEN_SAMPLES:
+        if stray > SETTINGS.between_samples:
             problems.append(_strays("acceleration", stray, stray_time))
         verdict = "; ".join(problems) if problems else _tightest(limit_checks, family.unjudged)
         return Certificate(
@@ -466,10 +484,10 @@ def certificate_of(
             f"stored torque of {robot.joint_names[torque_joint]} at {torque_time:.4g} s is not "
             f"that of inverse dynamics: it differs by {torque_error:.3g} of its largest torque"
         )
-    if stray > BETWEEN_SAMPLES:
+    if stray > SETTINGS.between_samples:
         problems.append(_strays("torque", stray, stray_time))
     verdict = "; ".join(problems) if problems else _summary(limit_checks, again)
-    if condition > NEAR_SINGULAR:
+    if condition > RESIMULATION.near_singular:
         verdict += (
             f"; mass matrix near singular at {condition_time:.4g} s (condition number "
             f"{condition:.2g} at q = {_pose(robot, state.q[at])})"
@@ -551,7 +569,7 @@ def _check_limits(
 
 def _condition(robot: Robot, t: FloatArray, state: State) -> tuple[float, int]:
     """Largest condition number of the mass matrix and where: among some points, then near it."""
-    function, apart = mass_matrix_condition(robot), -(-t.size // CONDITION_POINTS)
+    function, apart = mass_matrix_condition(robot), -(-t.size // SETTINGS.condition_points)
     at = apart * int(np.array(function(state.q[::apart].T)).argmax())
     first = max(0, at - apart)
     values = np.array(function(state.q[first : at + apart].T)).ravel()
@@ -663,7 +681,7 @@ def _tightest(limit_checks: tuple[LimitCheck, ...], unjudged: Sequence[str] = ()
         return f"there is no limit{but}"
     tightest = max(used, key=lambda check: np.nanmax(check.utilisation))
     worst = max(check.violation for check in limit_checks)
-    kept = "is kept" if worst <= ROUNDING else f"is kept to within {100 * worst:.2g} %"
+    kept = "is kept" if worst <= SETTINGS.rounding else f"is kept to within {100 * worst:.2g} %"
     return (
         f"every limit{but} {kept}, the tightest being {tightest.title} "
         f"with {100 * np.nanmax(tightest.utilisation):.4g} % at "
@@ -681,7 +699,7 @@ def summary(certificate: Certificate) -> str:
 
 def _agreement(found: Certificate | Resimulation) -> list[str]:
     """That the torques lead along the motion; nothing where they never determine it."""
-    if found.undetermined_fraction > ALL_ALONG:
+    if found.undetermined_fraction > SETTINGS.all_along:
         return []
     to = f" to {found.defect:.1g} of the torques" if found.defect > 1e-12 else ""
     return [f"re-simulation of {found.segments} segments agrees{to}"]
@@ -690,7 +708,7 @@ def _agreement(found: Certificate | Resimulation) -> list[str]:
 def _summary(limit_checks: tuple[LimitCheck, ...], again: Resimulation) -> str:
     parts = [_tightest(limit_checks)] if limit_checks else []
     parts += _agreement(again)
-    if again.final_position_error < SAYS_NOTHING:
+    if again.final_position_error < SETTINGS.linear_error:
         parts.append(
             f"open loop it ends within {again.final_position_error:.2g} rad, errors growing up to "
             f"{growth_said(again.amplification)}"
@@ -705,7 +723,7 @@ def _summary(limit_checks: tuple[LimitCheck, ...], again: Resimulation) -> str:
 
 def _direction(robot: Robot, direction: FloatArray) -> str:
     """Names of the joints that make up a direction, with their shares where they are several."""
-    parts = np.abs(direction) >= PART * np.abs(direction).max()
+    parts = np.abs(direction) >= SETTINGS.named_part * np.abs(direction).max()
     if parts.sum() == 1:
         return robot.joint_names[int(np.abs(direction).argmax())]
     chosen = zip(direction[parts], np.array(robot.joint_names)[parts], strict=True)

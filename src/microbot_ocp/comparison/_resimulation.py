@@ -11,6 +11,7 @@ acceleration, so the motion's own is integrated there and inverse dynamics say w
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,28 +25,59 @@ from microbot_ocp.motion import Motion, State, jump_gaps, mesh_of, nearest_sampl
 from microbot_ocp.robot import Robot, forward_dynamics, mass_matrix
 from microbot_ocp.simulation import interpolated
 
-NODES = 9  # of a segment
-LONGEST, SHORTEST = 0.1, 2e-3  # s, of a segment; shorter ones only between breaks
-SHORTEST_STIFF = 1e-5  # s, the same where the iteration does not converge
-MOST_SEGMENTS = 5_000  # at first: those of motions beyond 500 s are longer
-MOST_TRIED = 200_000  # segments in all, halved ones among them: some 20 s of work
-ROUNDS = 16  # of the iteration, before a segment is halved
-STIFF = 0.5  # damping times the length of a segment, beyond which Picard's iteration is slow
-CONVERGED = 1e-13  # relative change of the state
-RESOLVED = 0.03  # of the torque that is judged: what may be left of the last Legendre coefficients
-NEIGHBOURS = (-2, -1, 1, 2)
-WRONG = 100.0  # times what is allowed: no finer segments will mend that
-KNOWN = 1e-8  # rad (m) and rad/s (m/s): how well a motion's states are taken to be known
-NEAR_SINGULAR = 1e6  # condition number of the mass matrix
-UNDETERMINED = 0.02  # s, the longest segment that is judged by inverse dynamics alone
-SMALL_TORQUE = 1e-3  # of the largest: what the torque of a joint counts as, at least
-STEP = 1e-6  # of the differences that linearise the dynamics, rad (m) and rad/s (m/s)
+
+@dataclass(frozen=True)
+class ResimulationSettings:
+    """Settings of the simulation of a motion, segment by segment.
+
+    Attributes
+    ----------
+    nodes : of a segment
+    longest_segment : s
+    shortest_segment : s; shorter ones only between breaks
+    shortest_stiff : s, the same where the iteration does not converge
+    most_segments : at first: those of motions beyond 500 s are longer
+    most_tried : segments in all, halved ones among them: some 20 s of work
+    rounds : of the iteration, before a segment is halved
+    stiff : damping times the length of a segment, beyond which Picard's iteration is slow
+    converged : relative change of the state
+    resolved : of the torque that is judged: what may be left of the last Legendre coefficients
+    neighbours : segments beside one that is divided
+    wrong : times what is allowed: no finer segments will mend that
+    known_state : rad (m) and rad/s (m/s): how well a motion's states are taken to be known
+    near_singular : condition number of the mass matrix
+    undetermined : s, the longest segment that is judged by inverse dynamics alone
+    small_torque : of the largest: what the torque of a joint counts as, at least
+    difference : of the differences that linearise the dynamics, rad (m) and rad/s (m/s)
+    """
+
+    nodes: int = 9
+    longest_segment: float = 0.1
+    shortest_segment: float = 2e-3
+    shortest_stiff: float = 1e-5
+    most_segments: int = 5_000
+    most_tried: int = 200_000
+    rounds: int = 16
+    stiff: float = 0.5
+    converged: float = 1e-13
+    resolved: float = 0.03
+    neighbours: tuple[int, ...] = (-2, -1, 1, 2)
+    wrong: float = 100.0
+    known_state: float = 1e-8
+    near_singular: float = 1e6
+    undetermined: float = 0.02
+    small_torque: float = 1e-3
+    difference: float = 1e-6
+
+
+RESIMULATION = ResimulationSettings()
+
 
 IntArray = NDArray[np.intp]
 BoolArray = NDArray[np.bool_]
 
-_points, _weights = np.polynomial.legendre.leggauss(NODES)
-_to_coefficients = np.linalg.inv(np.polynomial.legendre.legvander(_points, NODES - 1))
+_points, _weights = np.polynomial.legendre.leggauss(RESIMULATION.nodes)
+_to_coefficients = np.linalg.inv(np.polynomial.legendre.legvander(_points, RESIMULATION.nodes - 1))
 PLACES, WEIGHTS = 0.5 * (_points + 1.0), 0.5 * _weights
 # Integrals from the start to each place, of the polynomial through the values at all of them.
 INTEGRALS = 0.5 * np.column_stack(
@@ -141,9 +173,9 @@ def _missed(motion: Motion, first: IntArray) -> FloatArray:
         return missed
     middle = np.arange(2, count - 2)
     guess = np.zeros((middle.size, motion.joint_count))
-    for k in NEIGHBOURS:
+    for k in RESIMULATION.neighbours:
         weight = np.ones(middle.size)
-        for other in NEIGHBOURS:
+        for other in RESIMULATION.neighbours:
             if other != k:
                 weight *= (t[middle] - t[middle + other]) / (t[middle + k] - t[middle + other])
         guess += weight[:, None] * motion.qdd[middle + k]
@@ -160,7 +192,9 @@ def resimulate(robot: Robot, motion: Motion, tolerance: float) -> Resimulation:
     """Simulate a motion again; ``tolerance`` of the torque, relative, is what will be judged."""
     mesh, drive = mesh_of(motion), _Drive(robot, motion)
     size = torque_sizes(robot, motion)
-    count = min(int(np.ceil(motion.duration / LONGEST)), MOST_SEGMENTS)
+    count = min(
+        int(np.ceil(motion.duration / RESIMULATION.longest_segment)), RESIMULATION.most_segments
+    )
     edges = np.linspace(0.0, motion.duration, count + 1)
     nearest = mesh[nearest_samples(mesh, edges)]
     near = np.abs(nearest - edges) < 0.5 * edges[1]
@@ -172,7 +206,10 @@ def resimulate(robot: Robot, motion: Motion, tolerance: float) -> Resimulation:
         low = np.searchsorted(mesh, todo[:, 0] + 1e-9, side="right")
         inner = low < np.searchsorted(mesh, todo[:, 1] - 1e-9, side="left")
         found, good, converged = _integrated(drive, size * tolerance, todo, inner)
-        small = ~inner & (np.diff(todo)[:, 0] <= np.where(converged, SHORTEST, SHORTEST_STIFF))
+        small = ~inner & (
+            np.diff(todo)[:, 0]
+            <= np.where(converged, RESIMULATION.shortest_segment, RESIMULATION.shortest_stiff)
+        )
         stuck += int((small & ~good & ~converged).sum())
         done.append(found.where(good | small))
         todo = todo[~(good | small)]
@@ -182,7 +219,7 @@ def resimulate(robot: Robot, motion: Motion, tolerance: float) -> Resimulation:
             cut[k] = own[np.abs(own - cut[k]).argmin()]
         todo = np.vstack([np.column_stack([todo[:, 0], cut]), np.column_stack([cut, todo[:, 1]])])
         tried += good.size
-        if deadline.over() or tried + len(todo) > MOST_TRIED:
+        if deadline.over() or tried + len(todo) > RESIMULATION.most_tried:
             left = int((~(good | small)).sum())
             done.append(found.where(~(good | small)))
     every = _Segments(*(np.concatenate(column) for column in zip(*done, strict=True)))
@@ -206,7 +243,7 @@ def torque_sizes(robot: Robot, motion: Motion) -> FloatArray:
     some = np.linspace(0, motion.t.size - 1, min(100, motion.t.size)).astype(int)
     momentum = np.abs(_times_mass(robot, motion.q[some], motion.qd[some])).max(axis=0)
     peaks = np.maximum(peaks, momentum / motion.duration)
-    return np.maximum(peaks, max(SMALL_TORQUE * float(peaks.max()), 1e-9))
+    return np.maximum(peaks, max(RESIMULATION.small_torque * float(peaks.max()), 1e-9))
 
 
 def _integrated(
@@ -224,22 +261,24 @@ def _integrated(
     count, begin, h = robot.joint_count, spans[:, 0], np.diff(spans)[:, 0]
     h1 = h[:, None, None]
     t = (begin[:, None] + h[:, None] * PLACES).ravel()
-    shape = (h.size, NODES, count)
+    shape = (h.size, RESIMULATION.nodes, count)
     flat = motion.sample(t)
     qdd, tau, added = (part.reshape(shape) for part in drive(t, flat))
     own = flat.q.reshape(shape), flat.qd.reshape(shape), qdd
     q, qd, qdd = (part.copy() for part in own)
     wrong = (np.abs(added) > allowed).any(axis=(1, 2))
     matrices = _mass_matrices(robot, flat.q)
-    regular: BoolArray = np.less(_condition(matrices), NEAR_SINGULAR).reshape(shape[:2])
+    regular: BoolArray = np.less(_condition(matrices), RESIMULATION.near_singular).reshape(
+        shape[:2]
+    )
     determined: BoolArray = np.logical_and.reduce(regular, axis=1)
     first, last = motion.sample(begin), motion.sample(spans[:, 1])
     q0, qd0 = first.q[:, None], first.qd[:, None]
     converged = ~determined
-    inertia = matrices.reshape(h.size, NODES, count, count)[:, NODES // 2]
+    inertia = matrices.reshape(h.size, RESIMULATION.nodes, count, count)[:, RESIMULATION.nodes // 2]
     open_ = determined & ~(inner & _rough(inertia, qdd, allowed))
     stiff, modes = _stiff_modes(robot, flat, tau, h)
-    for _ in range(ROUNDS):
+    for _ in range(RESIMULATION.rounds):
         if not open_.any() or deadline.over():
             break
         qdd[open_] = _accelerations(robot, q[open_], qd[open_], tau[open_])
@@ -256,16 +295,16 @@ def _integrated(
             size = 1.0 + np.abs(place).max(axis=(1, 2))
         q[open_], qd[open_] = place, speed
         which = np.flatnonzero(open_)
-        converged[which[change <= CONVERGED * size]] = True
-        open_[which[~(change > CONVERGED * size) | ~np.isfinite(change)]] = False
-    good = converged & (determined | (h < UNDETERMINED))
+        converged[which[change <= RESIMULATION.converged * size]] = True
+        open_[which[~(change > RESIMULATION.converged * size) | ~np.isfinite(change)]] = False
+    good = converged & (determined | (h < RESIMULATION.undetermined))
     q[~converged], qd[~converged], qdd[~converged] = (part[~converged] for part in own)
     with np.errstate(over="ignore", invalid="ignore"):
         # Elsewhere the motion's own velocity and acceleration are integrated.
         end_speed = qd0[:, 0] + h[:, None] * (WEIGHTS @ qdd)
         end_place = q0[:, 0] + h[:, None] * (WEIGHTS @ qd)
         defects = np.hstack([end_place - last.q, end_speed - last.qd])
-        beyond = np.sign(defects) * np.maximum(0.0, np.abs(defects) - KNOWN)
+        beyond = np.sign(defects) * np.maximum(0.0, np.abs(defects) - RESIMULATION.known_state)
         by_place = np.abs(np.einsum("kij,kj->ki", inertia, beyond[:, :count]))
         by_speed = np.abs(np.einsum("kij,kj->ki", inertia, beyond[:, count:]))
         torques = np.maximum(2.0 * by_place / h[:, None] ** 2, by_speed / h[:, None])
@@ -274,7 +313,7 @@ def _integrated(
         torques[alone] = np.abs(added[alone]).max(axis=1)
         unknown = np.einsum("kij,kj->ki", np.abs(inertia), drive.unknown(begin, spans[:, 1]))
         resolved = ~_rough(inertia, qdd, allowed)
-        far = (torques > WRONG * (allowed + unknown)).any(axis=1)
+        far = (torques > RESIMULATION.wrong * (allowed + unknown)).any(axis=1)
         good &= resolved | far
         good &= ~(inner & (torques > allowed).any(axis=1))
         good |= wrong | (far & resolved & ~inner)
@@ -285,7 +324,7 @@ def _rough(inertia: FloatArray, qdd: FloatArray, allowed: FloatArray) -> BoolArr
     """In which segments [K] the nodes do not resolve the accelerations [K,NODES,n]."""
     tail = np.abs(np.einsum("an,knj->kaj", TAIL, qdd)).max(axis=1)
     torque = np.abs(np.einsum("kij,kj->ki", inertia, tail))
-    return np.logical_or.reduce(torque > RESOLVED * allowed, axis=1)
+    return np.logical_or.reduce(torque > RESIMULATION.resolved * allowed, axis=1)
 
 
 def _stiff_modes(
@@ -297,16 +336,18 @@ def _stiff_modes(
     [stiff, NODES, n, n] are for the eigenvectors of the collocation's integrals.
     """
     count = robot.joint_count
-    middle = slice(NODES // 2, None, NODES)
-    q, qd, torque = state.q[middle], state.qd[middle], tau[:, NODES // 2]
+    middle = slice(RESIMULATION.nodes // 2, None, RESIMULATION.nodes)
+    q, qd, torque = state.q[middle], state.qd[middle], tau[:, RESIMULATION.nodes // 2]
     slopes = np.zeros((h.size, count, count))
     base = _accelerations(robot, q, qd, torque)
     with np.errstate(over="ignore", invalid="ignore"):  # of singular mass matrices they are no use
         for j in range(count):
-            step = STEP * np.eye(count)[j]
-            slopes[:, :, j] = (_accelerations(robot, q, qd + step, torque) - base) / STEP
+            step = RESIMULATION.difference * np.eye(count)[j]
+            slopes[:, :, j] = (
+                _accelerations(robot, q, qd + step, torque) - base
+            ) / RESIMULATION.difference
     slopes = np.nan_to_num(slopes) * h[:, None, None]
-    stiff: BoolArray = np.abs(slopes).max(axis=(1, 2)) > STIFF
+    stiff: BoolArray = np.abs(slopes).max(axis=(1, 2)) > RESIMULATION.stiff
     return stiff, np.linalg.inv(np.eye(count) - MODES[:, None, None] * slopes[stiff, None])
 
 
@@ -332,7 +373,7 @@ def _judged(
         least = int(ratio.argmin())
         direction = vectors[least, :, 0]
         direction = direction * np.sign(direction[np.abs(direction).argmax()])
-        besides = int((values[least, 1:] * NEAR_SINGULAR <= values[least, -1]).sum())
+        besides = int((values[least, 1:] * RESIMULATION.near_singular <= values[least, -1]).sum())
     message = f"it did not converge on {stuck} of {lengths.size} segments" if stuck else ""
     return Resimulation(
         status=Status.INTEGRATION_FAILED if stuck else Status.SOLVED,
@@ -361,11 +402,11 @@ def _linearised(robot: Robot, state: State) -> FloatArray:
     base = _accelerations(robot, state.q, state.qd, tau)
     with np.errstate(over="ignore", invalid="ignore"):
         for j in range(count):
-            step = STEP * np.eye(count)[j]
+            step = RESIMULATION.difference * np.eye(count)[j]
             moved = _accelerations(robot, state.q + step, state.qd, tau)
             faster = _accelerations(robot, state.q, state.qd + step, tau)
-            slopes[:, count:, j] = (moved - base) / STEP
-            slopes[:, count:, count + j] = (faster - base) / STEP
+            slopes[:, count:, j] = (moved - base) / RESIMULATION.difference
+            slopes[:, count:, count + j] = (faster - base) / RESIMULATION.difference
     return np.nan_to_num(slopes)
 
 

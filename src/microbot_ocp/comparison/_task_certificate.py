@@ -28,9 +28,24 @@ from microbot_ocp.motion import JUMP_GAP, Motion, State, jump_gaps, torque_along
 from microbot_ocp.planning import Circle, JointLine, Line, Stop, Task, stretches, tool_poses
 from microbot_ocp.robot import Robot, forward_kinematics, jacobian
 
-POINTS = 2001  # of a curve to which distances are measured
-CONTINUOUS = 1e-6  # rad (m): largest step between two segments
-STILL = 1e-4  # rad/s (m/s): largest velocity at rest, largest error of one that is asked for
+
+@dataclass(frozen=True)
+class SegmentTolerances:
+    """Settings of the checks of segments.
+
+    Attributes
+    ----------
+    points : of a curve to which distances are measured
+    continuous : rad (m), largest step between two segments
+    still : rad/s (m/s), largest velocity at rest, largest error of one that is asked for
+    """
+
+    points: int = 2001
+    continuous: float = 1e-6
+    still: float = 1e-4
+
+
+SEGMENT_TOLERANCES = SegmentTolerances()
 
 
 @dataclass(frozen=True)
@@ -139,7 +154,11 @@ def _steps(motion: Motion, times: Sequence[float]) -> list[str]:
         before, after = (motion.sample([time + k * 2 * JUMP_GAP]) for k in (-1, 1))
         moved = after.q - before.q - 2 * JUMP_GAP * (before.qd + after.qd)
         for what, step in (("position", moved), ("velocity", after.qd - before.qd)):
-            allowed = CONTINUOUS if what == "position" else STILL + 4 * JUMP_GAP * 1e4
+            allowed = (
+                SEGMENT_TOLERANCES.continuous
+                if what == "position"
+                else SEGMENT_TOLERANCES.still + 4 * JUMP_GAP * 1e4
+            )
             if np.abs(step).max() > allowed:
                 found.append(f"the {what} jumps by {np.abs(step).max():.3g} at {time:.4g} s")
     return found
@@ -155,10 +174,12 @@ def _check_stops(task: Task, motion: Motion) -> tuple[tuple[ViaCheck, ...], list
         misses = stop_misses(task.robot, stop, state.q[0])
         qd = state.qd[0]
         if task.at_rest(k):
-            misses["velocity", "rad/s"] = float(np.abs(qd).max()) - STILL
+            misses["velocity", "rad/s"] = float(np.abs(qd).max()) - SEGMENT_TOLERANCES.still
         elif not isinstance(stop.velocity, str | None):
             own = qd if stop.q is not None else _velocity(task.robot, state.q[0], qd)
-            misses["velocity", "m/s"] = float(np.abs(own - stop.velocity).max()) - STILL
+            misses["velocity", "m/s"] = (
+                float(np.abs(own - stop.velocity).max()) - SEGMENT_TOLERANCES.still
+            )
         vias.append(ViaCheck(stop.name, mark.time, max(0.0, *misses.values())))
         problems += [
             f"stop {stop.name!r} is missed in its {what} by {miss:.3g} {unit}"
@@ -168,7 +189,7 @@ def _check_stops(task: Task, motion: Motion) -> tuple[tuple[ViaCheck, ...], list
     if task.cycle:
         first, last = motion.sample([0.0]), motion.sample([motion.duration])
         for what, a, b in (("position", first.q, last.q), ("velocity", first.qd, last.qd)):
-            if np.abs(a - b).max() > STILL:
+            if np.abs(a - b).max() > SEGMENT_TOLERANCES.still:
                 problems.append(f"the cycle ends {np.abs(a - b).max():.3g} off in its {what}")
     return tuple(vias), problems
 
@@ -221,7 +242,7 @@ def _check_segments(task: Task, motion: Motion) -> tuple[SegmentCheck, ...]:
         q = samples.q[here]
         if isinstance(kind, JointLine):
             ends = [np.array(task.stops[i].q) for i in (k, k + 1)]
-            shares = np.linspace(0.0, 1.0, POINTS)[:, None]
+            shares = np.linspace(0.0, 1.0, SEGMENT_TOLERANCES.points)[:, None]
             distance = _to_polyline(q, ends[0] + shares * (ends[1] - ends[0]))[0].max()
             found.append(SegmentCheck(task.name_of(k), float(distance), kind.tolerance))
         elif isinstance(kind, Line | Circle):
@@ -234,7 +255,9 @@ def _check_curve(task: Task, k: int, kind: Line | Circle, q: FloatArray) -> Segm
     assert told is not None
     curve, turning = told
     poses = tool_poses(task.robot, q)
-    distance, share = _to_polyline(poses[:, :3, 3], curve.points(np.linspace(0.0, 1.0, POINTS)))
+    distance, share = _to_polyline(
+        poses[:, :3, 3], curve.points(np.linspace(0.0, 1.0, SEGMENT_TOLERANCES.points))
+    )
     name = task.name_of(k)
     if turning is None:
         return SegmentCheck(name, float(distance.max()), kind.tolerance)

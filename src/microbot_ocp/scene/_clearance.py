@@ -22,10 +22,26 @@ from microbot_ocp.robot import Capsule, Robot, dh_transform
 from microbot_ocp.scene._contact import ACCURACY, ContactModel, contact_model
 from microbot_ocp.scene._scene import Pair, Scene, with_arm_capsules
 
-FIRST_STRETCHES = 64
-MOST_DISTANCES = 2_000_000  # before the proof gives up
-SHORTEST = 1e-7  # s: a stretch that is not halved any further
-SHARE = 0.5  # of what is left beyond the clearance, that the proof may leave open
+
+@dataclass(frozen=True)
+class ClearanceProof:
+    """Settings of the proof that an arm keeps clear.
+
+    Attributes
+    ----------
+    first_intervals : into which a motion is divided at first
+    most_distances : before the proof gives up
+    shortest : s: an interval that is not halved any further
+    slack_ratio : of what is left beyond the clearance, that the proof may leave open
+    """
+
+    first_intervals: int = 64
+    most_distances: int = 2_000_000
+    shortest: float = 1e-7
+    slack_ratio: float = 0.5
+
+
+PROOF = ClearanceProof()
 
 
 @dataclass(frozen=True)
@@ -166,11 +182,11 @@ class _Search:
         self.at_least, self.open_stretches, self.count = np.inf, 0, 0
 
     def run(self, begin: float, finish: float) -> None:
-        edges = np.linspace(begin, finish, FIRST_STRETCHES + 1)
+        edges = np.linspace(begin, finish, PROOF.first_intervals + 1)
         pairs = len(self.model.pairs)
         start: FloatArray = np.repeat(edges[:-1], pairs)
         end: FloatArray = np.repeat(edges[1:], pairs)
-        pair = np.tile(np.arange(pairs), FIRST_STRETCHES)
+        pair = np.tile(np.arange(pairs), PROOF.first_intervals)
         while start.size:
             middle: FloatArray = 0.5 * (start + end)
             apart = self._distances(middle, pair)
@@ -180,15 +196,17 @@ class _Search:
                 self.minimum, self.time = float(apart[nearest]), float(middle[nearest])
                 self.pair = int(pair[nearest])
             sure = apart - self._reach(start, end, pair) - ACCURACY
-            enough = self.wanted + SHARE * max(self.minimum - ACCURACY - self.wanted, 0.0)
+            enough = self.wanted + PROOF.slack_ratio * max(
+                self.minimum - ACCURACY - self.wanted, 0.0
+            )
             closed = (sure > self.wanted) & (sure >= enough)
             if closed.any():
                 self.at_least = min(self.at_least, float(sure[closed].min()))
             left = ~closed
-            if self.minimum <= self.wanted or self.count > MOST_DISTANCES:
+            if self.minimum <= self.wanted or self.count > PROOF.most_distances:
                 self.open_stretches = int(left.sum())
                 return
-            short = left & (end - start < SHORTEST)
+            short = left & (end - start < PROOF.shortest)
             self.open_stretches += int(short.sum())
             left &= ~short
             start, middle, end = start[left], middle[left], end[left]

@@ -24,9 +24,29 @@ from microbot_ocp.robot import Robot
 from microbot_ocp.sweeps._cases import Cases, CaseSource
 from microbot_ocp.sweeps._quantities import NoTask, robot_with, task_of
 
-TIME_LIMIT = 60.0  # s, of one case
-MOST_TRIED = 200  # cases, to find one that the solver can be made ready with
-SMALL, LARGE, CHUNKS = 1, 200, 500  # cases of a chunk, and how many chunks a study has at best
+
+@dataclass(frozen=True)
+class StudySettings:
+    """Settings of how a study is divided.
+
+    Attributes
+    ----------
+    time_limit : s, of one case
+    most_tried : cases, to find one that the solver can be made ready with
+    least_chunk : cases of a chunk
+    largest_chunk : cases of a chunk
+    chunks : of a study at best
+    """
+
+    time_limit: float = 60.0
+    most_tried: int = 200
+    least_chunk: int = 1
+    largest_chunk: int = 200
+    chunks: int = 500
+
+
+STUDY = StudySettings()
+
 POINTS = ("start", "goal")
 AXES = ("x", "y", "z")
 BY_SOLVER = "time_optimal"
@@ -80,7 +100,7 @@ class Study:
         "time_optimal",
     )
     settings: Mapping[str, Any] = field(default_factory=dict)
-    time_limit: float = TIME_LIMIT
+    time_limit: float = STUDY.time_limit
     motions: bool = False
     origin: str = ""
 
@@ -137,7 +157,7 @@ class Study:
     @property
     def chunk(self) -> int:
         """Cases a chunk, which is done by one worker and written as one file."""
-        return min(max(self.source.count // CHUNKS, SMALL), LARGE)
+        return min(max(self.source.count // STUDY.chunks, STUDY.least_chunk), STUDY.largest_chunk)
 
     @cached_property
     def digest(self) -> str:
@@ -182,7 +202,7 @@ class Study:
     def _holdable(self, robot: Robot) -> FloatArray | None:
         """Via points of the first case that a robot can hold at rest; None where none is found."""
         family = LimitFamily.of(robot)
-        for row in self.source.rows(0, min(MOST_TRIED, self.source.count)):
+        for row in self.source.rows(0, min(STUDY.most_tried, self.source.count)):
             with contextlib.suppress(InputError, NoTask):
                 via = task_of(self.robot, self.source.poses, self.source.values(row)).via_q
                 return check_via(family, via)
