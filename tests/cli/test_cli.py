@@ -227,6 +227,9 @@ def test_the_viewer_listens_on_loopback_only(call, monkeypatch, tmp_path):
     assert size > 10_000
     assert not Path(command[-1]).exists()  # it was for the viewer only
     assert list(tmp_path.iterdir()) == []
+    assert call("show", "planar_2r", "--rerun", "kept.rrd")[0] == 0
+    assert call("replay", "kept.rrd", "--open")[0] == 0
+    assert seen[1][0][-1] == "kept.rrd"
 
 
 # --- robots and poses --------------------------------------------------------------------------

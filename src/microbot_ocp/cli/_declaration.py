@@ -77,7 +77,7 @@ class Kind:
             metavar=self.metavar,
             show_default=self.default not in (REQUIRED, None, np.inf),
             parser=self.convert and self._converted,
-            autocompletion=self._completions,
+            autocompletion=None if self.choices is tuple else self._completions,
         )
         kind = inspect.Parameter.KEYWORD_ONLY
         return inspect.Parameter(self.name, kind, default=declared, annotation=self.of)

@@ -46,5 +46,5 @@ def joint_units(robot: Robot) -> list[str]:
 
 
 def in_degrees(robot: Robot, q: ArrayLike) -> FloatArray:
-    """Joint values [..., n] in degrees; those of prismatic joints stay as they are."""
+    """Turn joint values [..., n] into degrees; those of prismatic joints stay as they are."""
     return np.round(np.asarray(q, dtype=float) / joint_scale(robot), 10)
