@@ -146,7 +146,7 @@ def test_dynamics_with_the_duration_of_their_phase_are_not_cut():
 
 
 def test_an_interruption_is_not_taken_for_a_failure(monkeypatch):
-    from microbot_ocp.ocp.arcs import _cutter as arcs
+    from microbot_ocp.ocp.arcs import _mesh_points as arcs
 
     def interrupted(*arguments, **options):
         return replace(solve(*arguments, **options), status=Status.INTERRUPTED)

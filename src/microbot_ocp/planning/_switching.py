@@ -55,19 +55,19 @@ def in_arcs(
     """
     marks = motion.marks
     via = motion.sample([mark.time for mark in marks]).q
-    found = _solved(held, via, guesses, progress)
-    said = {**found.as_dict(), "duration": found.cost}
-    if not found.solved or found.cost > motion.duration * (1 + WORSE):
-        return replace(motion, provenance={**motion.provenance, "switching_times": said})
-    shape = _polynomial_of(found)
+    exact = _solved(held, via, guesses, progress)
+    record = {**exact.as_dict(), "duration": exact.cost}
+    if not exact.solved or exact.cost > motion.duration * (1 + WORSE):
+        return replace(motion, provenance={**motion.provenance, "switching_times": record})
+    shape = _polynomial_of(exact)
     excess = float(excess_along(family, shape).max())
-    said["excess"] = excess
+    record["excess"] = excess
     if excess > LIMIT_TOLERANCE:
-        said["advice"] = (
-            f"A limit is exceeded by {100 * excess:.2g} % between the points. {found.advice}"
+        record["advice"] = (
+            f"A limit is exceeded by {100 * excess:.2g} % between the points. {exact.advice}"
         )
-        return replace(motion, provenance={**motion.provenance, "switching_times": said})
-    ends = np.cumsum([0.0, *map(found.duration, found.pieces)]).tolist()
+        return replace(motion, provenance={**motion.provenance, "switching_times": record})
+    ends = np.cumsum([0.0, *map(exact.duration, exact.pieces)]).tolist()
     return Motion.from_polynomial(
         family.robot,
         shape,
@@ -77,14 +77,14 @@ def in_arcs(
             **motion.provenance,
             "method": "free time-optimal motion, one phase an arc",
             "excess": excess,
-            "gap": found.gap.total,
-            "intervals": [len(names) for names in found.pieces.values()],
-            "phase_durations": list(map(found.duration, found.pieces)),
+            "gap": exact.gap.total,
+            "intervals": [len(names) for names in exact.pieces.values()],
+            "phase_durations": list(map(exact.duration, exact.pieces)),
             "smoothing": 0.0,
-            "switching_times": said,
+            "switching_times": record,
             "on_a_mesh": motion.duration,
         },
-        note=f"{len(found.junctions)} switching times are unknowns; {motion.note}",
+        note=f"{len(exact.junctions)} switching times are unknowns; {motion.note}",
     )
 
 
@@ -111,22 +111,22 @@ def _with_jerk(guess: Guess) -> Guess:
     return Guess(guess.duration, {**guess.values, "jerk": jerk})
 
 
-def _polynomial_of(found: SwitchingTimes) -> PiecewisePolynomial:
+def _polynomial_of(exact: SwitchingTimes) -> PiecewisePolynomial:
     """The motion as quintics that meet its positions, velocities and accelerations."""
     breaks, pieces, start = [np.zeros(1)], [], 0.0
-    shares = np.linspace(0.0, 1.0, PIECES + 1)
-    for names in found.pieces.values():
+    places = np.linspace(0.0, 1.0, PIECES + 1)
+    for names in exact.pieces.values():
         for name in names:
-            phase = found.solution[name]
+            phase = exact.solution[name]
             layout = phase.layout
             assert layout is not None
             assert phase.stages is not None
             count = phase.mesh.size - 1
-            k = np.repeat(np.arange(count), shares.size)
-            known = layout.interpolated(phase.stages, k, np.tile(shares, count))
-            state = [known[key].reshape(count, shares.size, -1) for key in State._fields]
+            k = np.repeat(np.arange(count), places.size)
+            values = layout.interpolated(phase.stages, k, np.tile(places, count))
+            state = [values[key].reshape(count, places.size, -1) for key in State._fields]
             ends = [
-                State(*(values[:, part].reshape(count * PIECES, -1) for values in state))
+                State(*(table[:, part].reshape(count * PIECES, -1) for table in state))
                 for part in (slice(None, -1), slice(1, None))
             ]
             steps = np.repeat(np.diff(phase.t) / PIECES, PIECES)

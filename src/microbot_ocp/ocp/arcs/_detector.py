@@ -1,42 +1,402 @@
-"""Which limits act when, read from a solution on a mesh: every control and limit by itself.
+"""Which controls and limits are active when, read from a solution on a mesh: switches and arcs.
 
-Two controls may switch within an interval of one another, so the arcs of all together say little
-where they are short. Along the time every single one is at its upper side, at its lower side or at
-neither. Where it passes from one side to the other within a few intervals, its mean over them says
-when; where one limit ceases to act another begins. The arcs are what lies between these events.
+Every component of a control or limit is looked at by itself (:class:`Activity`): in an interval it
+is at its upper side, at its lower one or at neither. Two controls may switch within an interval of
+one another, so that the intervals in which all sides are decided say little of short arcs; each by
+itself is decided. Where it passes from one side to the other within a few intervals, its mean over
+them says when (:func:`find_switches`). Where a limit ceases to be active another takes over. The
+arcs are what lies between these events (:func:`plan_of`).
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
+import casadi as ca
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp.ocp.arcs._cutter import Limit, Stretch, controls_at_bounds, limits_of
+from microbot_ocp.ocp.arcs._settings import DETECTOR
+from microbot_ocp.ocp.problem import PathConstraint, Phase, Variable
 from microbot_ocp.ocp.solution import PhaseSolution
-from microbot_ocp.ocp.verification import phase_layout
+from microbot_ocp.ocp.transcription.schemes import Collocation
+from microbot_ocp.ocp.verification import phase_layout, point_values
 
-LONGEST_SWITCH = 3  # intervals between two sides that count as a switch, not as an arc of its own
-TAKING_OVER = 3  # intervals between the end of one limit and the begin of another that replaces it
-UNDECIDED = 3  # intervals in which less acts than on both sides: the smeared end of two arcs
-LEAST_SHARE = 0.05  # of an interval: less at the other side is none
-TOGETHER = 0.02  # of an interval: what is nearer happens at once
+Sample = Callable[[FloatArray], dict[str, FloatArray]]  # of the times since the start of a phase
+Signature = tuple[int, ...]  # sides of all control components, then of all limits
 
 
 @dataclass(frozen=True)
-class _Span:
-    """What acts between two places, in intervals."""
+class Switch:
+    """A jump of a control from one of its bounds to the other.
+
+    Attributes
+    ----------
+    control, component : which
+    place : where it would be if the control were exactly at its bounds on both sides, as a fraction
+        of the phase: the time integral of the control over the ramp is kept
+    begin, end : fractions between which the control is at neither bound
+    rising : from the lower bound to the upper one
+    continuous : whether the control cannot jump, but has a ramp
+    offset : how far the mesh is from holding the switch, as a fraction of the phase: half of a
+        ramp, or the distance to the nearest mesh point
+    """
+
+    control: str
+    component: int
+    place: float
+    begin: float
+    end: float
+    rising: bool
+    continuous: bool
+    offset: float
+
+
+@dataclass(frozen=True, eq=False)
+class ActiveLimit:
+    """A component of a limit of the states, or of a ``mixed`` one that depends on controls, too."""
+
+    constraint: PathConstraint
+    component: int
+    mixed: bool
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """The limit, lower and upper."""
+        return (
+            float(self.constraint.lower[self.component]),
+            float(self.constraint.upper[self.component]),
+        )
+
+    @property
+    def range(self) -> float:
+        """Between both sides, or its scale where there is only one."""
+        low, high = self.bounds
+        return (
+            high - low if np.isfinite(high - low) else float(self.constraint.scale[self.component])
+        )
+
+    def met(self, side: int) -> PathConstraint:
+        """The limit as an equation."""
+        limit, i = self.constraint, self.component
+        value = (limit.lower if side < 0 else limit.upper)[i : i + 1]
+        name, scale = f"{limit.name}[{i}] met", limit.scale[i : i + 1]
+        return PathConstraint(name, limit.expression[i], value, value, scale, limit.unit)
+
+    def along(self, values: Mapping[str, FloatArray], states: Sequence[Variable]) -> FloatArray:
+        """A limit of the states by tables of these."""
+        run = ca.Function("value", [s.symbol for s in states], [self.constraint.expression])
+        return np.array(run(*(values[s.name].T for s in states)))[self.component]
+
+    def sides(self, values: FloatArray, near: float) -> np.ndarray:
+        """Sides to which values come so near, at every one."""
+        low, high = self.bounds
+        return (values >= high - near).astype(int) - (values <= low + near).astype(int)
+
+
+@dataclass(frozen=True, eq=False)
+class Activity:
+    """A component of a control or limit, and at which of its sides it is along a mesh.
+
+    Attributes
+    ----------
+    name, component : which
+    sides : of the intervals [N], all along which it is at its upper side, 1, or lower side, -1
+    means : in the intervals [N], scaled to -1 at the lower and 1 at the upper side; None where a
+        side is missing, and of limits of states, which a control makes act
+    limit : None for a control
+    touched : of limits of states: whether they are met at an end of the interval [N] at least
+    """
+
+    name: str
+    component: int
+    sides: np.ndarray
+    means: FloatArray | None = None
+    limit: ActiveLimit | None = None
+    touched: np.ndarray | None = None
+
+    @property
+    def of_states(self) -> bool:
+        """Whether it is a limit of the states alone."""
+        return self.limit is not None and not self.limit.mixed
+
+
+@dataclass(frozen=True, eq=False)
+class PlannedArc:
+    """An arc as it is guessed: fractions of its phase, what is active, intervals of its mesh."""
 
     begin: float
     end: float
-    signature: tuple[int, ...]
+    signature: Signature
+    intervals: int
+
+
+@dataclass(frozen=True, eq=False)
+class ArcPlan:
+    """The arcs of one phase as they are guessed, and what the guess is made of.
+
+    Attributes
+    ----------
+    declared, duration, sample : the phase, and the values that guesses are made of
+    arcs : in turn
+    columns : what the signatures of the arcs say: all control components that may jump, then limits
+    """
+
+    declared: Phase
+    duration: float
+    sample: Sample
+    arcs: tuple[PlannedArc, ...]
+    columns: tuple[Activity, ...]
 
     @property
-    def acting(self) -> int:
-        return sum(map(abs, self.signature))
+    def signatures(self) -> tuple[Signature, ...]:
+        return tuple(arc.signature for arc in self.arcs)
+
+    @property
+    def controls(self) -> int:
+        """Number of columns that are control components."""
+        return sum(column.limit is None for column in self.columns)
+
+    def is_undetermined(self, arc: PlannedArc) -> bool:
+        """Whether fewer limits are active than there are controls."""
+        return sum(map(abs, arc.signature)) < self.controls
+
+
+def joined(samples: Sequence[Sample], lengths: Sequence[float] | FloatArray) -> Sample:
+    """Values of one arc after the other, at times since the start of the first.
+
+    At a junction they are those of the arc that begins there.
+    """
+    ends = np.cumsum(lengths)
+
+    def sample(t: FloatArray) -> dict[str, FloatArray]:
+        arcs = np.minimum(np.searchsorted(ends, t, side="right"), ends.size - 1)
+        values: dict[str, FloatArray] = {}
+        for index in np.unique(arcs).tolist():
+            chosen = arcs == index
+            begin = float(ends[index] - lengths[index])
+            for name, rows in samples[index](t[chosen] - begin).items():
+                values.setdefault(name, np.zeros((t.size, rows.shape[1])))[chosen] = rows
+        return values
+
+    return sample
+
+
+def jumping(phase: Phase) -> list[Variable]:
+    """Controls that may jump at a mesh point."""
+    return [c for c in phase.controls if c.shape != "linear"]
+
+
+# activities ---------------------------------------------------------------------------------------
+
+
+def control_activities(phase: PhaseSolution, controls: Sequence[Variable]) -> list[Activity]:
+    """Sides and means of every component of some controls."""
+    activities: list[Activity] = []
+    for control in controls:
+        least, largest, mean = _interval_values(phase, control)
+        range_ = control.upper - control.lower
+        near = DETECTOR.at_end_of_ramp if control.shape == "linear" else DETECTOR.at_bound
+        near = near * np.where(np.isfinite(range_), range_, control.scale)
+        upper = (least >= control.upper - near) & (range_ != 0.0)
+        lower = (largest <= control.lower + near) & (range_ != 0.0)
+        sides = upper.astype(int) - lower.astype(int)
+        for i in range(control.size):
+            means = _scaled(mean[:, i], float(control.lower[i]), float(control.upper[i]))
+            activities.append(Activity(control.name, i, sides[:, i], means))
+    return activities
+
+
+def _interval_values(phase: PhaseSolution, control: Variable) -> tuple[FloatArray, ...]:
+    """Least, largest and mean value [N, size] of a control in every interval."""
+    if control.shape == "linear":
+        nodes = phase.values[control.name]
+        values = np.stack([nodes[:-1], nodes[1:]])
+        return values.min(axis=0), values.max(axis=0), values.mean(axis=0)
+    layout = phase_layout(phase)
+    least, largest, mean = (np.zeros((layout.intervals, control.size)) for _ in range(3))
+    for group in layout.groups:
+        values, rows = point_values(phase, group, control), group.intervals
+        least[rows], largest[rows] = values.min(axis=1), values.max(axis=1)
+        scheme = group.kind.scheme
+        if control.shape == "polynomial" and isinstance(scheme, Collocation):
+            mean[rows] = np.einsum("j,kji->ki", scheme.weights, values)
+        else:
+            mean[rows] = values[:, 0]
+    return least, largest, mean
+
+
+def _scaled(mean: FloatArray, low: float, high: float) -> FloatArray | None:
+    if not (np.isfinite(high - low) and low < high):
+        return None
+    return (2 * mean - high - low) / (high - low)
+
+
+def _state_limits(phase: PhaseSolution, declared: Phase) -> list[Activity]:
+    """Limits of the states alone: active in an interval where they are met at both of its ends."""
+    others = [v.symbol for v in declared.variables if v not in declared.states]
+    others += [c.rate for c in declared.controls if c.rate is not None]
+    others += [declared.time, declared.duration, *(p.symbol for p in declared.parameters)]
+    constraints = [
+        PathConstraint(s.name, s.symbol, s.lower, s.upper, s.scale, s.unit) for s in declared.states
+    ]
+    constraints += [c for c in declared.constraints if not _depends(c, others)]
+    states = [s for s in declared.states if s.name in phase.values]
+    activities = []
+    for constraint in constraints:
+        for i in range(constraint.lower.size):
+            limit = ActiveLimit(constraint, i, mixed=False)
+            values = limit.along(phase.values, states)
+            near = DETECTOR.at_state_limit * float(np.ptp(values))
+            sides = limit.sides(values, near)
+            if near > 0 and limit.bounds[0] < limit.bounds[1] and np.any(sides):
+                both = np.where(sides[:-1] == sides[1:], sides[1:], 0)
+                touched = (sides[:-1] != 0) | (sides[1:] != 0)
+                activities.append(Activity(constraint.name, i, both, None, limit, touched))
+    return activities
+
+
+def _depends(constraint: PathConstraint, symbols: Sequence[ca.MX]) -> bool:
+    return any(ca.depends_on(constraint.expression, symbol) for symbol in symbols)
+
+
+def mixed_limits(phase: PhaseSolution, declared: Phase) -> list[Activity]:
+    """Limits that depend on controls that may jump: active where they are met at all points."""
+    variables = [*declared.states, *declared.controls]
+    others = [c.rate for c in declared.controls if c.rate is not None]
+    others += [v.symbol for v in declared.variables if v not in variables]
+    chosen = [
+        c
+        for c in declared.constraints
+        if _depends(c, [u.symbol for u in jumping(declared)]) and not _depends(c, others)
+    ]
+    if not chosen:
+        return []
+    steps = np.diff(phase.mesh)
+    kinds = phase_layout(phase).kinds
+    scheme = kinds[0].scheme
+    if len(kinds) > 1 or not isinstance(scheme, Collocation):
+        scheme = Collocation("gauss", 3)
+    points = np.array(scheme.points)
+    # just before the end of an interval its own polynomial counts
+    t = (phase.mesh[:-1, None] + (1 - 1e-9) * points * steps[:, None]).ravel() * phase.duration
+    sampled = phase.sample(t)
+    parameters = declared.parameters
+    symbols = [*(v.symbol for v in variables), declared.time, declared.duration]
+    symbols += [p.symbol for p in parameters]
+    tables = [*(sampled[v.name].T for v in variables), t[None, :]]
+    tables += [np.full((1, t.size), phase.duration)]
+    tables += [np.tile(p.value[:, None], (1, t.size)) for p in parameters]
+    activities = []
+    for constraint in chosen:
+        run = ca.Function("value", symbols, [ca.densify(constraint.expression)]).map(t.size)
+        for i, values in enumerate(np.array(run(*tables))):
+            limit = ActiveLimit(constraint, i, mixed=True)
+            low, high = limit.bounds
+            range_ = high - low if np.isfinite(high - low) else float(np.ptp(values))
+            near = DETECTOR.at_mixed_limit * range_
+            table = limit.sides(values, near).reshape(steps.size, points.size)
+            sides = np.where(np.all(table == table[:, :1], axis=1), table[:, 0], 0)
+            if near > 0 and low < high and np.any(sides):
+                mean = values.reshape(steps.size, points.size) @ scheme.weights
+                means = _scaled(mean, low, high)
+                activities.append(Activity(constraint.name, i, sides, means, limit))
+    return activities
+
+
+# switches -----------------------------------------------------------------------------------------
+
+
+class Run(NamedTuple):
+    """Intervals from ``begin`` until before ``after`` with one side."""
+
+    begin: int
+    after: int
+    side: int
+
+
+def runs(sides: np.ndarray) -> list[Run]:
+    """Neighbouring intervals that have a side in common; of rows [N, K], all sides."""
+    table = sides.reshape(len(sides), -1)
+    edges = np.flatnonzero(np.any(np.diff(table, axis=0) != 0, axis=1)) + 1
+    pairs = itertools.pairwise([0, *edges.tolist(), len(table)])
+    return [Run(a, b, int(table[a, 0])) for a, b in pairs]
+
+
+def find_switches(phase: PhaseSolution) -> tuple[Switch, ...]:
+    """Jumps of controls between their bounds."""
+    switches = []
+    for control in phase_layout(phase).phase.controls:
+        for activity in control_activities(phase, [control]):
+            switches += _switches_of(activity, phase.mesh, control.shape == "linear")
+    return tuple(switches)
+
+
+def _switches_of(activity: Activity, mesh: FloatArray, continuous: bool) -> list[Switch]:
+    if activity.means is None:
+        return []
+    switches = []
+    decided = [run for run in runs(activity.sides) if run.side]
+    for one, other in itertools.pairwise(decided):
+        if one.side == other.side or other.begin - one.after > DETECTOR.smeared:
+            continue
+        ramp = slice(one.after, other.begin)
+        begin, end = float(mesh[one.after]), float(mesh[other.begin])
+        place = begin + _crossing(one.side, activity.means[ramp], np.diff(mesh)[ramp])
+        offset = (end - begin) / 2 if continuous else float(np.abs(mesh - place).min())
+        rising = other.side > 0
+        switches.append(
+            Switch(activity.name, activity.component, place, begin, end, rising, continuous, offset)
+        )
+    return switches
+
+
+def _crossing(before: int, means: FloatArray, steps: FloatArray) -> float:
+    """How far into a ramp a control would jump from one side to the other, with the same integral.
+
+    At A up to a, and at B from b on, ``A (tau - a) + B (b - tau) = integral of u from a to b``.
+    """
+    length = float(steps.sum())
+    return float(np.clip((length + before * float(means @ steps)) / 2, 0.0, length))
+
+
+# arcs ---------------------------------------------------------------------------------------------
+
+
+def plan_of(phase: PhaseSolution, *, mixed: bool = True) -> ArcPlan:
+    """The arcs of a phase, be they ever so short."""
+    declared = phase_layout(phase).phase
+    columns = control_activities(phase, jumping(declared))
+    columns += _state_limits(phase, declared)
+    columns += mixed_limits(phase, declared) if mixed else []
+    arcs = _arcs_between_events(columns, phase.mesh) if columns else []
+    arcs = arcs or [PlannedArc(0.0, 1.0, (), phase.mesh.size - 1)]  # nothing may jump
+    arcs = merged([replace(arc, signature=_effective(arc.signature, columns)) for arc in arcs])
+    return ArcPlan(declared, phase.duration, phase.sample, tuple(arcs), tuple(columns))
+
+
+def _effective(signature: Signature, columns: Sequence[Activity]) -> Signature:
+    """Without limits of states that are met where no control is left to keep them."""
+    pairs = list(zip(signature, columns, strict=True))
+    controls = [side for side, column in pairs if column.limit is None]
+    if not controls or not all(controls):
+        return signature
+    return tuple(0 if column.of_states else side for side, column in pairs)
+
+
+def merged(arcs: Sequence[PlannedArc]) -> list[PlannedArc]:
+    """Arcs of which neighbours that have everything in common are one."""
+    joined: list[PlannedArc] = []
+    for arc in arcs:
+        if joined and joined[-1].signature == arc.signature:
+            intervals = joined[-1].intervals + arc.intervals
+            joined[-1] = replace(joined[-1], end=arc.end, intervals=intervals)
+        else:
+            joined.append(arc)
+    return joined
 
 
 @dataclass
@@ -48,177 +408,86 @@ class _Event:
     side: int
 
 
-def arcs_between_events(phase: PhaseSolution) -> tuple[list[Stretch], list[Limit]]:
-    """Arcs of a phase, be they ever so short, and the limits that act somewhere.
+def _arcs_between_events(columns: Sequence[Activity], mesh: FloatArray) -> list[PlannedArc]:
+    events = [event for column in range(len(columns)) for event in _events(column, columns)]
+    _take_over(events, columns)
+    arcs: list[PlannedArc] = []
+    active, begin = np.zeros(len(columns), dtype=int), 0.0
+    count = mesh.size - 1
 
-    The signature of an arc is the sides of all control components, then of all limits.
-    """
-    declared = phase_layout(phase).phase
-    limits = limits_of(phase, declared, mixed=True)
-    sides, shares = controls_at_bounds(phase, declared)
-    controls = len(sides)
-    sides += [limit.sides for limit in limits]
-    shares += [limit.shares for limit in limits]
-    if not sides:
-        return [Stretch(0.0, 1.0, (), phase.mesh.size - 1)], limits
-    table = np.array(sides).T
-    passive = np.array([share is None for share in shares])
-    events: list[_Event] = []
-    for column, (own, share) in enumerate(zip(sides, shares, strict=True)):
-        others = passive & (np.arange(len(sides)) != column)
-        events += _events(column, own, share, table[:, others])
-    _taken_over(events, passive)
-    spans = _decided(_between(events, len(sides), len(table)), controls, shares)
-    places = np.arange(len(table) + 1.0)
-    found = []
-    for span in spans:
-        begin, end = np.interp([span.begin, span.end], places, phase.mesh).tolist()
-        found.append(Stretch(begin, end, span.signature, round(np.ceil(span.end - span.begin))))
-    return found, limits
+    def close(end: float) -> None:
+        a, b = np.interp([begin, end], np.arange(count + 1.0), mesh).tolist()
+        arcs.append(PlannedArc(a, b, tuple(active.tolist()), round(np.ceil(end - begin))))
+
+    for event in sorted(events, key=lambda e: e.place):
+        if event.place - begin > DETECTOR.negligible:
+            close(event.place)
+            begin = event.place
+        active[event.column] = event.side
+    close(float(count))
+    return arcs
 
 
-def _events(
-    column: int, sides: np.ndarray, shares: FloatArray | None, others: np.ndarray
-) -> list[_Event]:
-    """When one column changes.
-
-    ``shares`` [N] is the mean of its value in every interval, 1 at the upper and -1 at the lower
-    limit; ``others`` [N, K] are the sides of limits that may determine it where it is at none.
-    """
-    edges = [0, *(np.flatnonzero(np.diff(sides)) + 1).tolist(), sides.size]
-    runs = [(a, b, int(sides[a])) for a, b in itertools.pairwise(edges)]
-    found = [_Event(0.0, column, runs[0][2])]
-    for index, (begin, after, side) in enumerate(runs):
-        before = runs[index - 1][2] if index else 0
-        following = runs[index + 1][2] if index + 1 < len(runs) else 0
-        if side != 0:
-            if not before:  # what was undecided has told already when it begins
-                found += [_Event(float(begin), column, side)] * (found[-1].side != side)
-            elif before != side:
-                found.append(_Event(float(begin), column, side))
-            continue
-        replaced = others.size and np.any(others[begin:after] != _around(others, begin, after))
-        if (
-            shares is None
-            or replaced
-            or after - begin > LONGEST_SWITCH
-            or not (before or following)
-        ):
-            found.append(_Event(float(begin), column, 0))
-            continue
-        found += _within(column, begin, after, before, following, float(shares[begin:after].sum()))
-    return [one for k, one in enumerate(found) if k == 0 or one.side != found[k - 1].side]
+def _events(column: int, columns: Sequence[Activity]) -> list[_Event]:
+    """When one component changes its side."""
+    activity = columns[column]
+    stretches = runs(activity.sides)
+    events = [_Event(0.0, column, stretches[0].side)]
+    for index, (begin, after, side) in enumerate(stretches):
+        before = stretches[index - 1].side if index else 0
+        following = stretches[index + 1].side if index + 1 < len(stretches) else 0
+        short = after - begin <= DETECTOR.smeared and (before or following)
+        if side or activity.means is None or not short or _is_followed(columns, begin, after):
+            events.append(_Event(float(begin), column, side))
+        else:
+            places = _sides_within(before, following, activity.means[begin:after])
+            events += [_Event(begin + place, column, other) for place, other in places]
+    return [e for k, e in enumerate(events) if k == 0 or e.side != events[k - 1].side]
 
 
-def _around(others: np.ndarray, begin: int, after: int) -> np.ndarray:
-    """Sides [K] that act on both sides of some intervals."""
-    before, following = others[max(begin - 1, 0)], others[min(after, len(others) - 1)]
-    return np.where(before == following, before, 0)
+def _is_followed(columns: Sequence[Activity], begin: int, after: int) -> bool:
+    """Whether controls may follow a limit of the states in some intervals, met there alone."""
+    return any(
+        column.touched is not None
+        and bool(column.touched[begin:after].any())
+        and not column.sides[max(begin - 1, 0) : after + 1].all()
+        for column in columns
+    )
 
 
-def _within(
-    column: int, begin: int, after: int, before: int, following: int, area: float
-) -> list[_Event]:
-    """Switches inside a few intervals, so that the integral over them stays."""
-    length = float(after - begin)
+def _sides_within(before: int, following: int, means: FloatArray) -> list[tuple[float, int]]:
+    """Sides that begin in a few intervals, so that the integral over them stays, and where."""
+    length = float(means.size)
     if before and following and before != following:
-        own = np.clip((area - following * length) / (before - following), 0.0, length)
-        return [_Event(begin + float(own), column, following)]
+        return [(_crossing(before, means, np.ones(means.size)), following)]
     side = before or following
-    other = float(np.clip((length - side * area) / 2, 0.0, length))
-    if other < LEAST_SHARE:
-        return [] if before else [_Event(float(begin), column, side)]
+    other = float(np.clip((length - side * means.sum()) / 2, 0.0, length))
+    if other < DETECTOR.negligible:
+        return [(0.0, side)]
     if not before:  # at the start
-        return [_Event(float(begin), column, -side), _Event(begin + other, column, side)]
+        return [(0.0, -side), (other, side)]
     if not following:  # at the end
-        return [_Event(after - other, column, -side)]
-    middle = (begin + after) / 2
-    return [
-        _Event(middle - other / 2, column, -side),
-        _Event(middle + other / 2, column, side),
-    ]
+        return [(length - other, -side)]
+    return [((length - other) / 2, -side), ((length + other) / 2, side)]
 
 
-def _taken_over(events: Sequence[_Event], passive: np.ndarray) -> None:
-    """What ends and what begins in its place do so at once.
+def _take_over(events: Sequence[_Event], columns: Sequence[Activity]) -> None:
+    """Let what ends and what begins in its place do so at once.
 
     Not so two limits of states: only a control at its bound leads from one to the other.
     """
-    pairs_of = [(last, e) for last, e in itertools.pairwise(events) if last.column == e.column]
-    ends = [e for last, e in pairs_of if last.side != 0 and e.side == 0]
-    begins = [e for last, e in pairs_of if last.side == 0 and e.side != 0]
-    pairs = sorted(
+    pairs = [(last, e) for last, e in itertools.pairwise(events) if last.column == e.column]
+    ends = [e for last, e in pairs if last.side and not e.side]
+    begins = [e for last, e in pairs if e.side and not last.side]
+    gaps = sorted(
         (abs(one.place - other.place), i, j)
         for i, one in enumerate(ends)
         for j, other in enumerate(begins)
-        if one.column != other.column and not (passive[one.column] and passive[other.column])
+        if one.column != other.column
+        and not (columns[one.column].means is None and columns[other.column].means is None)
     )
-    done_ends: set[int] = set()
-    done_begins: set[int] = set()
-    for gap, i, j in pairs:
-        if gap > TAKING_OVER:
-            break
-        if i in done_ends or j in done_begins:
-            continue
-        done_ends.add(i)
-        done_begins.add(j)
-        ends[i].place = begins[j].place = (ends[i].place + begins[j].place) / 2
-
-
-def _between(events: Sequence[_Event], columns: int, intervals: int) -> list[_Span]:
-    """What acts from one event to the next."""
-    now = np.zeros(columns, dtype=int)
-    spans: list[_Span] = []
-    begin = 0.0
-    for event in sorted(events, key=lambda e: e.place):
-        if event.place - begin > TOGETHER:
-            spans.append(_Span(begin, event.place, tuple(now.tolist())))
-            begin = event.place
-        now[event.column] = event.side
-    spans.append(_Span(begin, float(intervals), tuple(now.tolist())))
-    return spans
-
-
-def _decided(
-    spans: Sequence[_Span], controls: int, shares: Sequence[FloatArray | None]
-) -> list[_Span]:
-    """Without short ones on which less acts than there are controls: the smeared ends of others.
-
-    Where one leads to a limit of the states that begins after it, the control that is nearest to a
-    bound is at it: only so can the limit be met.
-    """
-    passive = np.array([share is None for share in shares])
-    kept: list[_Span] = []
-    groups = [
-        (few, list(own)) for few, own in itertools.groupby(spans, lambda s: s.acting < controls)
-    ]
-    for index, (few, own) in enumerate(groups):
-        begin, end = own[0].begin, own[-1].end
-        if not few or end - begin > UNDECIDED or len(groups) == 1:
-            kept += own
-            continue
-        before = np.array(kept[-1].signature if kept else own[0].signature)
-        after = np.array(groups[min(index + 1, len(groups) - 1)][1][0].signature)
-        entered = passive & (after != 0) & (before != after)
-        left = ~passive & (before != 0) & (before != after)
-        if np.sum(entered) > np.sum(left):
-            kept.append(_Span(begin, end, _filled(own[0].signature, begin, end, shares)))
-    edges = [(one.end + other.begin) / 2 for one, other in itertools.pairwise(kept)]
-    ends = [spans[0].begin, *edges, spans[-1].end]
-    return [
-        _Span(a, b, span.signature)
-        for span, (a, b) in zip(kept, itertools.pairwise(ends), strict=True)
-    ]
-
-
-def _filled(
-    signature: tuple[int, ...], begin: float, end: float, shares: Sequence[FloatArray | None]
-) -> tuple[int, ...]:
-    """With the control that is nearest to a bound at it."""
-    rows = slice(int(begin), int(np.ceil(end)))
-    means = [
-        0.0 if share is None or side else float(share[rows].mean())
-        for side, share in zip(signature, shares, strict=True)
-    ]
-    nearest = int(np.argmax(np.abs(means)))
-    return (*signature[:nearest], int(np.sign(means[nearest])), *signature[nearest + 1 :])
+    moved: set[int] = set()
+    for gap, i, j in gaps:
+        if gap <= DETECTOR.smeared and not {id(ends[i]), id(begins[j])} & moved:
+            moved |= {id(ends[i]), id(begins[j])}
+            ends[i].place = begins[j].place = (ends[i].place + begins[j].place) / 2

@@ -26,25 +26,16 @@ import numpy as np
 from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.status import Status
-from microbot_ocp.ocp.arcs._cutter import Limit, Sample, Stretch
+from microbot_ocp.ocp.arcs._detector import ArcPlan, PlannedArc, Sample, joined
+from microbot_ocp.ocp.arcs._settings import HIGH_ORDER, SINGULAR
 from microbot_ocp.ocp.mesh import divide, state_errors
-from microbot_ocp.ocp.problem import OptimalControlProblem, Phase, Variable
-from microbot_ocp.ocp.solution import PhaseSolution, Solution, guess_from, scaled
+from microbot_ocp.ocp.problem import OptimalControlProblem, PathConstraint, Phase, Variable
+from microbot_ocp.ocp.solution import PhaseSolution, Solution, cost_size, guess_from, scaled
 from microbot_ocp.ocp.solvers import SolverSettings, solve
 from microbot_ocp.ocp.transcription import Guess, Mesh, Transcription
-from microbot_ocp.ocp.transcription.schemes import Collocation
 from microbot_ocp.ocp.verification import costates_of, differentiate
 
-SCHEME = Collocation("radau", 5)
 SETTINGS = SolverSettings("ipopt", tolerance=1e-12, gap=np.inf, max_iterations=60)
-LEAST_INTERVALS = 4  # of an arc at first
-ROUNDS = 6  # of solves on finer meshes
-CHECKED = 200  # times an arc at which signs and limits are looked at
-MET = 1e-9  # of its largest value: switching functions vanish where they must
-KEPT = 1e-6  # of their range or largest value: limits and signs
-NEAR_END = 1e-6  # of its range: a condition that is an inequality is met at the end
-AGREES, TELLS = 1e-4, 1e-2  # of the cost: by more, and the error of what is near, it may not differ
-SHORTEST = 1e-6  # of the phase, that an arc may come to
 COST, CLOCK, COSTATE = "cost so far", "elapsed time", "costate of "
 
 
@@ -79,15 +70,7 @@ class SingularArcs:
 
     def sample(self, t: FloatArray) -> dict[str, FloatArray]:
         """All variables at times since the start; at a junction of the arc that begins there."""
-        ends = np.cumsum(self.lengths)
-        arcs = np.minimum(np.searchsorted(ends, t, side="right"), ends.size - 1)
-        found: dict[str, FloatArray] = {}
-        for index in np.unique(arcs).tolist():
-            own = arcs == index
-            known = self.samples[index](t[own] - (ends[index] - self.lengths[index]))
-            for name, values in known.items():
-                found.setdefault(name, np.zeros((t.size, values.shape[1])))[own] = values
-        return found
+        return joined(self.samples, self.lengths)(t)
 
 
 class NotPossibleError(Exception):
@@ -96,59 +79,32 @@ class NotPossibleError(Exception):
 
 def costate_sample(phases: Sequence[PhaseSolution], solution: Solution) -> Sample:
     """Costates at times since the start, by the multipliers of the rows of the dynamics."""
-    found: dict[str, list[FloatArray]] = {}
+    tables: dict[str, list[FloatArray]] = {}
     times, start = [], 0.0
+    multipliers = np.asarray(solution.row_multipliers, dtype=float)
     for phase in phases:
-        part = differentiate(phase, np.asarray(solution.row_multipliers, dtype=float))
-        own = costates_of(phase, part, np.asarray(solution.row_multipliers, dtype=float))
-        at_points = own.point_t.size > 0
-        times.append(start + (own.point_t if at_points else own.t))
-        for name, values in (own.point_values if at_points else own.values).items():
-            found.setdefault(name, []).append(values)
+        costates = costates_of(phase, differentiate(phase, multipliers), multipliers)
+        at_points = costates.point_t.size > 0
+        times.append(start + (costates.point_t if at_points else costates.t))
+        for name, values in (costates.point_values if at_points else costates.values).items():
+            tables.setdefault(name, []).append(values)
         start += phase.duration
     t = np.concatenate(times)
-    tables = {name: np.vstack(values) for name, values in found.items()}
-    return lambda at: {
-        name: np.stack([np.interp(at, t, column) for column in table.T], axis=1)
-        for name, table in tables.items()
-    }
+    joint = {name: np.vstack(values) for name, values in tables.items()}
+    return lambda at: {name: _along(t, table)(at) for name, table in joint.items()}
 
 
-@dataclass(frozen=True, eq=False)
-class Near:
-    """A solution in arcs that the conditions are solved from.
-
-    Attributes
-    ----------
-    declared : the phase
-    arcs, limits : of it, and what the signatures of the arcs say after all controls
-    duration : of the solution, s
-    cost, cost_size, error : its cost, a size of it, and the relative error of its dynamics
-    sample, costates : its values, and the costates, at times since its start
-    """
-
-    declared: Phase
-    arcs: Sequence[Stretch]
-    limits: Sequence[Limit]
-    duration: float
-    cost: float
-    cost_size: float
-    error: float
-    sample: Sample
-    costates: Sample
-
-    def times(self, arc: Stretch) -> FloatArray:
-        """Times at which the arc is looked at."""
-        return self.duration * np.linspace(arc.begin, arc.end, CHECKED)
-
-
-def solve_conditions(problem: OptimalControlProblem, near: Near, accuracy: float) -> SingularArcs:
-    """Solve the conditions of first order from a solution that is near.
+def solve_conditions(
+    problem: OptimalControlProblem, plan: ArcPlan, solution: Solution, accuracy: float
+) -> SingularArcs:
+    """Solve the conditions of first order from a solution in arcs that is near.
 
     Parameters
     ----------
     problem : OptimalControlProblem
-    near : Near
+    plan : ArcPlan
+        Of its phase, with the arcs where the solution has them.
+    solution : Solution
     accuracy : float
         Relative error of the canonical equations that is accepted in any interval.
 
@@ -157,24 +113,24 @@ def solve_conditions(problem: OptimalControlProblem, near: Near, accuracy: float
     NotPossibleError
         The problem is none of those that this is for, or the answer is not accepted.
     """
-    _refuse(problem, near)
-    return _Conditions(near).solved(accuracy)
+    _refuse(problem, plan)
+    return _Conditions(plan, solution).solved(accuracy)
 
 
-def _refuse(problem: OptimalControlProblem, near: Near) -> None:
+def _refuse(problem: OptimalControlProblem, plan: ArcPlan) -> None:
     """Say what the conditions would have to know more of."""
-    own = near.declared
+    phase = plan.declared
     reasons = {
         "the problem has several phases": len(problem.phases) > 1,
-        "the problem has free parameters": bool(own.free_parameters),
-        "the problem has algebraic equations": bool(own.algebraics),
-        "a control is continuous": any(c.shape == "linear" for c in own.controls),
+        "the problem has free parameters": bool(phase.free_parameters),
+        "the problem has algebraic equations": bool(phase.algebraics),
+        "a control is continuous": any(c.shape == "linear" for c in phase.controls),
         "something is demanded or costs at points of the phase": bool(
-            own.point_constraints or own.point_costs
+            phase.point_constraints or phase.point_costs
         ),
     }
-    controls = sum(c.size for c in own.controls)
-    if any(any(arc.signature[controls:]) for arc in near.arcs):
+    controls = sum(c.size for c in phase.controls)
+    if any(any(arc.signature[controls:]) for arc in plan.arcs):
         reasons["limits of states or path constraints act on an arc"] = True
     for reason, holds in reasons.items():
         if holds:
@@ -206,16 +162,19 @@ class _Law:
 class _Conditions:
     """The canonical equations of a phase, and what holds where its arcs meet."""
 
-    def __init__(self, near: Near) -> None:
-        self.near, own = near, near.declared
-        self.size = sum(s.size for s in own.states)
-        self.lower = np.concatenate([c.lower for c in own.controls])
-        self.upper = np.concatenate([c.upper for c in own.controls])
+    def __init__(self, plan: ArcPlan, solution: Solution) -> None:
+        self.plan, phase = plan, plan.declared
+        self.solution = solution
+        self.costates = costate_sample(solution.phases, solution)
+        self.size = sum(s.size for s in phase.states)
+        self.state_parts, self.control_parts = _parts(phase.states), _parts(phase.controls)
+        self.lower = np.concatenate([c.lower for c in phase.controls])
+        self.upper = np.concatenate([c.upper for c in phase.controls])
         x, costate = ca.MX.sym("x", self.size), ca.MX.sym("costate", self.size)
         u, time = ca.MX.sym("u", self.lower.size), ca.MX.sym("time")
         self.arguments = [x, costate, u, time]
-        slopes = ca.vertcat(*(own.derivatives[s.name] for s in own.states))
-        running = sum(own.running_costs, ca.MX(0.0))
+        slopes = ca.vertcat(*(phase.derivatives[s.name] for s in phase.states))
+        running = sum(phase.running_costs, ca.MX(0.0))
         f, running = self.declared([slopes, running], x, u, time)
         hamiltonian = running + ca.dot(costate, f)
         if not ca.is_linear(hamiltonian, u):
@@ -224,27 +183,31 @@ class _Conditions:
         self.switching = ca.gradient(hamiltonian, u)
         along = [f, self.slope, running, hamiltonian, ca.densify(self.switching)]
         self.along = ca.Function("along", self.arguments, along)
-        self.laws = [self._law(arc) for arc in near.arcs]
+        self.laws = [self._law(arc) for arc in plan.arcs]
         # of what switching functions are compared with, [m]
-        self.sizes = np.maximum.reduce([np.abs(own).max(axis=1) for own in self._switching_near()])
+        self.sizes = np.maximum.reduce(
+            [np.abs(values).max(axis=1) for values in self._switching_near()]
+        )
         self._refuse_higher_order()
 
     def declared(
         self, expressions: Sequence[ca.MX], x: ca.MX, u: ca.MX, time: ca.MX
     ) -> list[ca.MX]:
         """Declared expressions of other symbols."""
-        own = self.near.declared
-        symbols = [*(v.symbol for v in (*own.states, *own.controls)), own.time, own.duration]
-        symbols += [p.symbol for p in own.parameters]
+        phase = self.plan.declared
+        symbols = [
+            *(v.symbol for v in (*phase.states, *phase.controls)),
+            phase.time,
+            phase.duration,
+        ]
+        symbols += [p.symbol for p in phase.parameters]
         run = ca.Function("declared", symbols, list(expressions))
-        edges = np.cumsum([0, *(s.size for s in own.states)]).tolist()
-        values: list[Any] = [x[a:b] for a, b in itertools.pairwise(edges)]
-        edges = np.cumsum([0, *(c.size for c in own.controls)]).tolist()
-        values += [u[a:b] for a, b in itertools.pairwise(edges)]
+        values = [x[part] for part in self.state_parts.values()]
+        values += [u[part] for part in self.control_parts.values()]
         # a duration is looked at where it is over
-        return run.call([*values, time, time, *(p.value for p in own.parameters)], True, False)
+        return run.call([*values, time, time, *(p.value for p in phase.parameters)], True, False)
 
-    def _law(self, arc: Stretch) -> _Law:
+    def _law(self, arc: PlannedArc) -> _Law:
         x, costate, u, time = self.arguments
         sides = np.array(arc.signature[: self.lower.size])
         held = np.where(sides > 0, self.upper, self.lower)
@@ -253,50 +216,45 @@ class _Conditions:
             return _Law(held, None, ca.Function("none", self.arguments, [ca.MX(0.0)] * 3))
         if len(free) > 1:
             raise NotPossibleError("more than one control is singular at a time")
-        own = free[0]
-        held[own] = 0.0
+        singular = free[0]
+        held[singular] = 0.0
         # what multiplies the control in the first derivative cancels, but not in the expression
         rest = ca.DM(held)
 
         def rate(e: ca.MX) -> ca.MX:
-            found = ca.jtimes(e, x, self.f) + ca.jtimes(e, costate, self.slope)
-            return found + ca.jtimes(e, time, ca.MX(1.0))
+            along = ca.jtimes(e, x, self.f) + ca.jtimes(e, costate, self.slope)
+            return along + ca.jtimes(e, time, ca.MX(1.0))
 
-        first = ca.substitute(rate(self.switching[own]), u, rest)
+        first = ca.substitute(rate(self.switching[singular]), u, rest)
         second = rate(first)
-        share = ca.jacobian(second, u)[own]
-        terms = [ca.substitute(e, u, rest) for e in (first, second, share)]
-        return _Law(held, own, ca.Function("terms", self.arguments, terms))
+        factor = ca.jacobian(second, u)[singular]
+        terms = [ca.substitute(e, u, rest) for e in (first, second, factor)]
+        return _Law(held, singular, ca.Function("terms", self.arguments, terms))
 
     def _switching_near(self) -> list[FloatArray]:
         """Switching functions [m, M] along the arcs of the solution that is near."""
-        return [self._values(self.along, *self._known(arc))[-1] for arc in self.near.arcs]
+        return [_values(self.along, *self._nearby(arc))[-1] for arc in self.plan.arcs]
 
-    def _known(self, arc: Stretch) -> list[FloatArray]:
+    def _times(self, arc: PlannedArc) -> FloatArray:
+        """Times at which an arc is looked at."""
+        return self.plan.duration * np.linspace(arc.begin, arc.end, SINGULAR.checked)
+
+    def _nearby(self, arc: PlannedArc) -> list[FloatArray]:
         """States, costates, controls and times along an arc of the solution that is near."""
-        near, own = self.near, self.near.declared
-        t = near.times(arc)
-        known, costates = near.sample(t), near.costates(t)
-        return [
-            np.hstack([known[s.name] for s in own.states]).T,
-            np.hstack([costates[s.name] for s in own.states]).T,
-            np.hstack([known[c.name] for c in own.controls]).T,
-            t[None, :],
-        ]
-
-    @staticmethod
-    def _values(run: ca.Function, *tables: FloatArray) -> list[FloatArray]:
-        found = run.map(tables[0].shape[1]).call(list(tables))
-        return [np.array(value) for value in found]
+        t = self._times(arc)
+        values, costates = self.plan.sample(t), self.costates(t)
+        tables = ((values, self.state_parts), (costates, self.state_parts))
+        tables = (*tables, (values, self.control_parts))
+        return [*(np.hstack([v[name] for name in parts]).T for v, parts in tables), t[None, :]]
 
     def _refuse_higher_order(self) -> None:
         """The singular control must appear in the second derivative of its switching function."""
-        for arc, law in zip(self.near.arcs, self.laws, strict=True):
+        for arc, law in zip(self.plan.arcs, self.laws, strict=True):
             if law.free is None:
                 continue
-            terms = self._values(law.terms, *self._known(arc))
-            size = self.sizes[law.free] / self.near.duration**2
-            if not np.abs(terms[-1]).max() > MET * size:
+            terms = _values(law.terms, *self._nearby(arc))
+            size = self.sizes[law.free] / self.plan.duration**2
+            if not np.abs(terms[-1]).max() > SINGULAR.vanishing * size:
                 raise NotPossibleError(
                     "a singular control does not appear in the second time derivative of its "
                     "switching function"
@@ -305,33 +263,33 @@ class _Conditions:
     # the problem ----------------------------------------------------------------------------------
 
     def _problem(self) -> OptimalControlProblem:
-        made = OptimalControlProblem("conditions of first order")
+        conditions = OptimalControlProblem("conditions of first order")
         before: Phase | None = None
-        for index, (arc, law) in enumerate(zip(self.near.arcs, self.laws, strict=True)):
+        for index, (arc, law) in enumerate(zip(self.plan.arcs, self.laws, strict=True)):
             first, last = index == 0, index == len(self.laws) - 1
-            name = f"{self.near.declared.name} {index + 1}"
-            reach = self.near.duration
-            phase = made.phase(name, (SHORTEST * reach, 3.0 * reach))
+            name = f"{self.plan.declared.name} {index + 1}"
+            reach = self.plan.duration
+            phase = conditions.phase(name, (SINGULAR.shortest * reach, 3.0 * reach))
             x, costate = self._moving(phase, first, last)
             clock = phase.state(CLOCK, initial=0.0 if first else None)
             cost = phase.state(COST, initial=0.0 if first else None)
             u = law.controls(x, costate, clock)
             slopes = self.along.call([x, costate, u, clock], True, False)
             self._follow(phase, [*slopes[:3], ca.MX(1.0)], cost, clock)
-            after = None if last else self.near.arcs[index + 1]
+            after = None if last else self.plan.arcs[index + 1]
             self._switch(phase, law, arc, after, [x, costate, u, clock], slopes[-1])
             if last:
                 self._end(phase, x, costate, clock, slopes[3])
             if before is not None:
                 names = [s.name for s in before.states]
-                made.link(before, phase, names)
+                conditions.link(before, phase, names)
             before = phase
-        return made
+        return conditions
 
     def _moving(self, phase: Phase, first: bool, last: bool) -> tuple[ca.MX, ca.MX]:
         """Declare states and costates."""
         x, costates = [], []
-        for s in self.near.declared.states:
+        for s in self.plan.declared.states:
             scale = s.scale if s.scaled else None
             x.append(phase.state(s.name, s.size, scale=scale, unit=s.unit))
             costates.append(phase.state(COSTATE + s.name, s.size))
@@ -341,7 +299,7 @@ class _Conditions:
                     here = x[-1][i] - values[i] if fixed[i] else costates[-1][i]
                     phase.point_constraint(f"start of {s.name}[{i}]", here, 0.0, 0.0, at=0.0)
             if last:
-                fixed, values = self._at_end(s, s.final, self.near.duration)
+                fixed, values = self._at_end(s, s.final, self.plan.duration)
                 for i in np.flatnonzero(fixed).tolist():
                     phase.end_constraint(f"end of {s.name}[{i}]", x[-1][i] - values[i], 0.0, 0.0)
         return ca.vertcat(*x), ca.vertcat(*costates)
@@ -350,19 +308,16 @@ class _Conditions:
         """Which components are fixed at an end, and their values."""
         if given is None:
             return np.zeros(state.size, dtype=bool), np.zeros(state.size)
-        value = self.near.sample(np.array([time]))[state.name][0]
+        value = self.plan.sample(np.array([time]))[state.name][0]
         low, high = given
         return _met(value, low, high, state.scale)
 
     def _follow(self, phase: Phase, slopes: list[ca.MX], cost: ca.MX, clock: ca.MX) -> None:
         f, slope, running, one = slopes
-        offset = 0
-        for s in self.near.declared.states:
-            part = slice(offset, offset + s.size)
-            own = {v.name: v.symbol for v in phase.states}
-            phase.derivative(own[s.name], f[part])
-            phase.derivative(own[COSTATE + s.name], slope[part])
-            offset += s.size
+        symbols = {v.name: v.symbol for v in phase.states}
+        for name, part in self.state_parts.items():
+            phase.derivative(symbols[name], f[part])
+            phase.derivative(symbols[COSTATE + name], slope[part])
         phase.derivative(cost, running)
         phase.derivative(clock, one)
 
@@ -370,8 +325,8 @@ class _Conditions:
         self,
         phase: Phase,
         law: _Law,
-        arc: Stretch,
-        after: Stretch | None,
+        arc: PlannedArc,
+        after: PlannedArc | None,
         values: list[ca.MX],
         switching: ca.MX,
     ) -> None:
@@ -380,7 +335,7 @@ class _Conditions:
         Where a singular arc begins or ends the motion, one of these follows from what holds there:
         as equations they would be one too many.
         """
-        reach = self.near.duration
+        reach = self.plan.duration
         if law.free is not None:
             size = float(self.sizes[law.free])
             phase.end_cost((switching[law.free] / size) ** 2)
@@ -397,34 +352,36 @@ class _Conditions:
         self, phase: Phase, x: ca.MX, costate: ca.MX, clock: ca.MX, hamiltonian: ca.MX
     ) -> None:
         """Transversality: costates and Hamiltonian by the prices of what holds at the end."""
-        near, own = self.near, self.near.declared
+        near, declared = self.plan, self.plan.declared
         there, time = ca.MX.sym("there", self.size), ca.MX.sym("time")
         none = ca.MX.zeros(self.lower.size)
-        known = np.concatenate([self._at_end(s, s.final, near.duration)[0] for s in own.states])
+        fixed_states = np.concatenate(
+            [self._at_end(s, s.final, near.duration)[0] for s in declared.states]
+        )
         rows: list[ca.MX] = []
         at_end = near.sample(np.array([near.duration]))
-        value = np.concatenate([at_end[s.name][0] for s in own.states])
-        for constraint in own.end_constraints:
+        value = np.concatenate([at_end[s.name][0] for s in declared.states])
+        for constraint in declared.end_constraints:
             expression = self.declared([constraint.expression], there, none, time)[0]
             run = ca.Function("end", [there, time], [expression])
             reached = np.array(run(value, near.duration)).ravel()
             fixed, values = _met(reached, constraint.lower, constraint.upper, constraint.scale)
             rows += [expression[i] - values[i] for i in np.flatnonzero(fixed).tolist()]
         prices = ca.MX.sym("prices", len(rows))
-        worth = self.declared([sum(own.end_costs, ca.MX(0.0))], there, none, time)[0]
+        worth = self.declared([sum(declared.end_costs, ca.MX(0.0))], there, none, time)[0]
         whole = worth + ca.dot(prices, ca.vertcat(*rows)) if rows else worth
         self.worth = ca.Function("worth", [there, time], [worth])
         slopes = [ca.gradient(whole, there), ca.gradient(whole, time), ca.vertcat(*rows)]
         run = ca.Function("end", [there, time, prices], slopes)
-        own_prices = phase.state("prices of the end", len(rows)) if rows else ca.MX(0, 1)
-        by_state, by_time, missed = run.call([x, clock, own_prices], True, False)
+        end_prices = phase.state("prices of the end", len(rows)) if rows else ca.MX(0, 1)
+        by_state, by_time, missed = run.call([x, clock, end_prices], True, False)
         if rows:
-            phase.derivative(own_prices, ca.MX.zeros(len(rows)))
+            phase.derivative(end_prices, ca.MX.zeros(len(rows)))
             phase.end_constraint("end", missed, 0.0, 0.0)
         price = costate - by_state
-        for i in np.flatnonzero(~known).tolist():
+        for i in np.flatnonzero(~fixed_states).tolist():
             phase.end_constraint(f"transversality {i}", price[i], 0.0, 0.0)
-        low, high = own.duration_bounds
+        low, high = declared.duration_bounds
         bounds = np.array([low]), np.array([high])
         fixed, values = _met(np.array([near.duration]), *bounds, np.array([near.duration]))
         if fixed[0]:
@@ -433,38 +390,35 @@ class _Conditions:
             phase.end_constraint("transversality of time", hamiltonian + by_time, 0.0, 0.0)
 
     def _guesses(self) -> dict[str, Guess]:
-        found, cost = {}, 0.0
-        for index, arc in enumerate(self.near.arcs):
-            t = self.near.times(arc)
-            x, costate, u, _ = self._known(arc)
+        guesses, cost = {}, 0.0
+        for index, arc in enumerate(self.plan.arcs):
+            t = self._times(arc)
+            x, costate, u, _ = self._nearby(arc)
             values = {CLOCK: t[:, None]}
-            offset = 0
-            for s in self.near.declared.states:
-                part = slice(offset, offset + s.size)
-                values[s.name], values[COSTATE + s.name] = x[part].T, costate[part].T
-                offset += s.size
-            running = self._values(self.along, x, costate, u, t[None, :])[2][0]
+            for name, part in self.state_parts.items():
+                values[name], values[COSTATE + name] = x[part].T, costate[part].T
+            running = _values(self.along, x, costate, u, t[None, :])[2][0]
             steps = (running[1:] + running[:-1]) / 2 * np.diff(t)
             values[COST] = np.append(cost, cost + np.cumsum(steps))[:, None]
             cost = float(values[COST][-1, 0])
-            name = f"{self.near.declared.name} {index + 1}"
+            name = f"{self.plan.declared.name} {index + 1}"
             reach = t[-1] - t[0]
-            shares = np.linspace(0.0, 1.0, t.size)
-            own = {key: _along(shares, table) for key, table in values.items()}
-            found[name] = Guess(float(reach), own)
-        return found
+            places = np.linspace(0.0, 1.0, t.size)
+            curves = {key: _along(places, table) for key, table in values.items()}
+            guesses[name] = Guess(float(reach), curves)
+        return guesses
 
     # its solution ---------------------------------------------------------------------------------
 
     def solved(self, accuracy: float) -> SingularArcs:
         problem, guesses = self._problem(), self._guesses()
-        made = Transcription(scaled(problem, guesses), scheme=SCHEME)
-        meshes = [Mesh(max(arc.intervals, LEAST_INTERVALS)) for arc in self.near.arcs]
+        transcription = Transcription(scaled(problem, guesses), scheme=HIGH_ORDER)
+        meshes = [Mesh(max(arc.intervals, SINGULAR.least_intervals)) for arc in self.plan.arcs]
         start: dict[str, Guess] = guesses
-        for _ in range(ROUNDS):
+        for _ in range(SINGULAR.rounds):
             if deadline.over():
                 raise NotPossibleError("there is no time left for them")
-            solution = solve(made, meshes, start, SETTINGS)
+            solution = solve(transcription, meshes, start, SETTINGS)
             if solution.status not in (Status.SOLVED, Status.GAP_LEFT, Status.TOO_COARSE):
                 raise NotPossibleError(f"their solve ended so: {solution.status}")
             errors = state_errors(solution)
@@ -472,16 +426,16 @@ class _Conditions:
             if error <= accuracy:
                 return self._accepted(solution, error)
             meshes = [
-                Mesh(divide(phase.mesh, own, accuracy, SCHEME.order))
-                for phase, own in zip(solution.phases, errors, strict=True)
+                Mesh(divide(phase.mesh, error, accuracy, HIGH_ORDER.order))
+                for phase, error in zip(solution.phases, errors, strict=True)
             ]
             start = guess_from(problem, solution)
         raise NotPossibleError(f"the canonical equations hold to {error:.1e} only")
 
     def _accepted(self, solution: Solution, error: float) -> SingularArcs:
-        near = self.near
+        near = self.plan
         lengths = np.array([phase.duration for phase in solution.phases])
-        if lengths.min() <= 2 * SHORTEST * near.duration:
+        if lengths.min() <= 2 * SINGULAR.shortest * near.duration:
             raise NotPossibleError("an arc has no length")
         tables = [self._along_arc(*pair) for pair in zip(solution.phases, self.laws, strict=True)]
         largest = np.maximum.reduce([np.abs(switching).max(axis=1) for _, switching, _ in tables])
@@ -493,8 +447,10 @@ class _Conditions:
         ):
             sides = np.array(arc.signature[: self.lower.size])
             against = (sides[:, None] * switching).max(axis=1) / largest
-            if against.max() > KEPT:
-                raise NotPossibleError("a control at a bound would rather leave it")
+            if against.max() > SINGULAR.kept:
+                raise NotPossibleError(
+                    "a switching function of a control at a bound has the wrong sign"
+                )
             if law.free is not None:
                 vanishing = max(vanishing, np.abs(switching[law.free]).max() / largest[law.free])
                 kelley = max(kelley, float(terms[-1].max()))
@@ -502,7 +458,7 @@ class _Conditions:
                 after = np.array(near.arcs[index + 1].signature[: self.lower.size])
                 jumps = np.abs(switching[:, -1]) / largest
                 vanishing = max(vanishing, float(jumps[sides * after < 0].max(initial=0.0)))
-        if vanishing > MET:
+        if vanishing > SINGULAR.vanishing:
             raise NotPossibleError(
                 f"a switching function comes to {vanishing:.1e} of its largest value where it must "
                 "vanish"
@@ -513,8 +469,9 @@ class _Conditions:
         states = np.concatenate([last.values[s.name][-1] for s in near.declared.states])
         worth = float(self.worth(states, last.values[CLOCK][-1, 0]))
         cost = float(last.values[COST][-1, 0]) + worth
-        if not abs(cost - near.cost) <= min(AGREES + near.error, TELLS) * near.cost_size:
-            raise NotPossibleError(f"their cost is {cost:.10g}, not {near.cost:.10g}")
+        other = self.solution
+        if not abs(cost - other.cost) <= SINGULAR.agrees * cost_size(other.cost, other.cost_scale):
+            raise NotPossibleError(f"their cost is {cost:.10g}, not {other.cost:.10g}")
         samples = tuple(
             self._sample(phase, law) for phase, law in zip(solution.phases, self.laws, strict=True)
         )
@@ -524,66 +481,61 @@ class _Conditions:
         self, phase: PhaseSolution, law: _Law
     ) -> tuple[list[FloatArray], FloatArray, list[FloatArray]]:
         """Values, switching functions and terms of the law along an arc."""
-        known = self._of(phase.sample(np.linspace(0.0, phase.duration, CHECKED)), law)
-        return known, self._values(self.along, *known)[-1], self._values(law.terms, *known)
+        tables = self._of(phase.sample(np.linspace(0.0, phase.duration, SINGULAR.checked)), law)
+        return tables, _values(self.along, *tables)[-1], _values(law.terms, *tables)
 
-    def _of(self, known: dict[str, FloatArray], law: _Law) -> list[FloatArray]:
+    def _of(self, values: dict[str, FloatArray], law: _Law) -> list[FloatArray]:
         """States, costates, controls and times [*, M] of sampled values."""
-        states = self.near.declared.states
-        x = np.hstack([known[s.name] for s in states]).T
-        costate = np.hstack([known[COSTATE + s.name] for s in states]).T
-        time = known[CLOCK].T
+        x = np.hstack([values[name] for name in self.state_parts]).T
+        costate = np.hstack([values[COSTATE + name] for name in self.state_parts]).T
+        time = values[CLOCK].T
         u = np.tile(law.held[:, None], (1, time.size))
         if law.free is not None:
-            _, rest, share = self._values(law.terms, x, costate, u, time)
+            _, rest, share = _values(law.terms, x, costate, u, time)
             u[law.free] = -rest[0] / share[0]
         return [x, costate, u, time]
 
     def _sample(self, phase: PhaseSolution, law: _Law) -> Sample:
-        controls = self.near.declared.controls
-        edges = np.cumsum([0, *(c.size for c in controls)])
-
         def sample(t: FloatArray) -> dict[str, FloatArray]:
-            known = phase.sample(t)
-            u = self._of(known, law)[2].T
-            return known | {
-                c.name: u[:, a : a + c.size] for c, a in zip(controls, edges, strict=False)
-            }
+            values = phase.sample(t)
+            u = self._of(values, law)[2].T
+            return values | {name: u[:, part] for name, part in self.control_parts.items()}
 
         return sample
 
     def _check_limits(self, tables: Sequence[Any]) -> None:
         """No limit of states, path constraint or bound of a control is exceeded."""
-        own = self.near.declared
+        phase = self.plan.declared
+        limits = [*phase.states, *phase.controls, *phase.constraints]
         x, _, u, time = self.arguments
-        expressions = self.declared([c.expression for c in own.constraints], x, u, time)
-        edges = np.cumsum([0, *(s.size for s in own.states)]).tolist()
-        limited = [
-            *(
-                (s.name, x[a:b], s)
-                for s, (a, b) in zip(own.states, itertools.pairwise(edges), strict=True)
-            ),
-            *((c.name, e, c) for c, e in zip(own.constraints, expressions, strict=True)),
-        ]
-        edges = np.cumsum([0, *(c.size for c in own.controls)]).tolist()
-        limited += [
-            (c.name, u[a:b], c)
-            for c, (a, b) in zip(own.controls, itertools.pairwise(edges), strict=True)
-        ]
-        for name, expression, limit in limited:
-            run = ca.Function("limited", [x, u, time], [ca.densify(expression)])
-            values = np.hstack(
-                [self._values(run, known[0], known[2], known[3])[0] for known, *_ in tables]
-            )
+        expressions = [k.expression if isinstance(k, PathConstraint) else k.symbol for k in limits]
+        expressions = [ca.densify(e) for e in self.declared(expressions, x, u, time)]
+        run = ca.Function("limited", self.arguments, expressions)
+        for limit, *arcs in zip(
+            limits, *(_values(run, *table) for table, *_ in tables), strict=True
+        ):
+            values = np.hstack(arcs)
             reach = limit.upper - limit.lower
             reach = np.where(np.isfinite(reach), reach, np.ptp(values, axis=1) + limit.scale)
             excess = np.maximum(values.max(axis=1) - limit.upper, limit.lower - values.min(axis=1))
-            if np.any(excess > KEPT * np.maximum(reach, KEPT * limit.scale)):
-                raise NotPossibleError(f"{name!r} is beyond its limit along an arc")
+            if np.any(excess > SINGULAR.kept * np.maximum(reach, SINGULAR.kept * limit.scale)):
+                raise NotPossibleError(f"{limit.name!r} is beyond its limit along an arc")
 
 
-def _along(shares: FloatArray, table: FloatArray) -> Callable[[FloatArray], FloatArray]:
-    return lambda s: np.stack([np.interp(s, shares, column) for column in table.T], axis=1)
+def _values(run: ca.Function, *tables: FloatArray) -> list[FloatArray]:
+    return [np.array(value) for value in run.map(tables[0].shape[1]).call(list(tables))]
+
+
+def _parts(variables: Sequence[Variable]) -> dict[str, slice]:
+    """Rows of every variable, one below the other."""
+    edges = np.cumsum([0, *(v.size for v in variables)]).tolist()
+    return {
+        v.name: slice(a, b) for v, (a, b) in zip(variables, itertools.pairwise(edges), strict=True)
+    }
+
+
+def _along(places: FloatArray, table: FloatArray) -> Callable[[FloatArray], FloatArray]:
+    return lambda s: np.stack([np.interp(s, places, column) for column in table.T], axis=1)
 
 
 def _met(
@@ -591,6 +543,6 @@ def _met(
 ) -> tuple[np.ndarray, FloatArray]:
     """Which of some values are at a bound, and the bounds that they are at."""
     reach = upper - lower
-    near = NEAR_END * np.where(np.isfinite(reach), reach, scale)
+    near = SINGULAR.at_end * np.where(np.isfinite(reach), reach, scale)
     at_lower, at_upper = values <= lower + near, values >= upper - near
     return at_lower | at_upper, np.where(at_lower, lower, np.where(at_upper, upper, values))

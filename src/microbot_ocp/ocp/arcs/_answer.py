@@ -1,0 +1,146 @@
+"""A solution in arcs: when controls switch and limits begin or cease to be active."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.status import Status
+from microbot_ocp._base.table import Column, Table
+from microbot_ocp.ocp.arcs._detector import ArcPlan, joined
+from microbot_ocp.ocp.arcs._singular import SingularArcs
+from microbot_ocp.ocp.solution import UNKNOWN, Gap, Solution
+
+NAMES = {-1: "lower limit", 0: "free", 1: "upper limit"}
+SINGULAR = "singular, by its own conditions"
+COLUMNS = (
+    Column("phase", left=True),
+    Column("time", "s", ".12g"),
+    Column("what", left=True),
+    Column("before", left=True),
+    Column("after", left=True),
+)
+
+
+@dataclass(frozen=True)
+class Junction:
+    """Where one arc ends and another begins, and one thing that changes there.
+
+    Attributes
+    ----------
+    phase : str
+    time : s since the start of the phase
+    name, component : the control or limit that changes
+    before, after : "lower limit", "upper limit", "free", or "singular, by its own conditions"
+    """
+
+    phase: str
+    time: float
+    name: str
+    component: int
+    before: str
+    after: str
+
+
+def junctions_of(
+    plan: ArcPlan, lengths: Sequence[float] | FloatArray, *, singular: bool = False
+) -> Iterator[Junction]:
+    """What changes from arc to arc; ``singular`` controls are named so where they are free."""
+    ends = np.cumsum(lengths)[:-1].tolist()
+    for end, pair in zip(ends, itertools.pairwise(plan.signatures), strict=True):
+        for column, *sides in zip(plan.columns, *pair, strict=True):
+            if sides[0] != sides[1]:
+                free = SINGULAR if singular and column.limit is None else NAMES[0]
+                before, after = (NAMES[side] if side else free for side in sides)
+                yield Junction(
+                    plan.declared.name, end, column.name, column.component, before, after
+                )
+
+
+@dataclass(frozen=True, eq=False)
+class SwitchingTimes:
+    """A solution in arcs.
+
+    Attributes
+    ----------
+    status : Status
+    advice : str
+    junctions : in the order of time
+    solution : of the problem with one phase an arc; its gap is that of the times
+    pieces : names of its phases by the phase that they are arcs of
+    state_error : largest relative error of the dynamics in any interval
+    singular : where singular arcs follow from their own conditions, these; then times, cost and
+        samples are theirs, and ``solution`` is what they were read from
+    """
+
+    status: Status
+    advice: str
+    junctions: tuple[Junction, ...]
+    solution: Solution
+    pieces: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    state_error: float = np.inf
+    singular: SingularArcs | None = None
+
+    @property
+    def solved(self) -> bool:
+        """Whether the arcs are those of a local optimum, and followed to the accuracy."""
+        return self.status.solved
+
+    @property
+    def cost(self) -> float:
+        """Cost of the whole."""
+        return self.solution.cost if self.singular is None else self.singular.cost
+
+    @property
+    def gap(self) -> Gap:
+        """How much the cost may be above that of the local optimum; unknown of singular arcs."""
+        return self.solution.gap if self.singular is None else UNKNOWN
+
+    def duration(self, phase: str) -> float:
+        """Duration of a phase, s."""
+        if self.singular is not None:
+            return float(self.singular.lengths.sum())
+        return float(sum(self.solution[name].duration for name in self.pieces[phase]))
+
+    def sample(self, phase: str, t: ArrayLike) -> dict[str, FloatArray]:
+        """Every variable [M, size] of a phase at times t [M] since its start.
+
+        At a junction it is the arc that begins there.
+        """
+        times = checks.array("t", np.atleast_1d(np.asarray(t, dtype=float)), (None,), "s")
+        if self.singular is not None:
+            return self.singular.sample(times)
+        pieces = [self.solution[name] for name in self.pieces[phase]]
+        return joined([p.sample for p in pieces], [p.duration for p in pieces])(times)
+
+    def table(self) -> Table:
+        """One row a junction."""
+        rows = [
+            (j.phase, j.time, f"{j.name}[{j.component}]", j.before, j.after) for j in self.junctions
+        ]
+        return Table(COLUMNS, rows)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        return {
+            "status": str(self.status),
+            "advice": self.advice,
+            "cost": self.cost,
+            "gap": self.gap.total if self.singular is None else None,
+            "state_error": self.state_error,
+            "junctions": [vars(junction) for junction in self.junctions],
+        }
+
+    def __str__(self) -> str:
+        return f"{self.table()}\ncost {self.cost:.15g}{self.gap}\n{self.advice}"
+
+    def __repr__(self) -> str:
+        count = len(self.junctions)
+        return f"<SwitchingTimes: {self.status}, {count} switches, cost {self.cost:.12g}{self.gap}>"

@@ -1,0 +1,252 @@
+"""Other arcs, where a solution in arcs asks for them.
+
+An arc that shrank to nothing is left out. Where the multiplier of what is held has the wrong sign a
+switch is missing: there the control leaves its limit, and where a limit of the states is met this
+takes its place. A free control that lies at a limit all along some intervals is held there.
+"""
+
+from __future__ import annotations
+
+import copy
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray
+from microbot_ocp.ocp.arcs._detector import (
+    ArcPlan,
+    PlannedArc,
+    control_activities,
+    joined,
+    jumping,
+    merged,
+    mixed_limits,
+    runs,
+)
+from microbot_ocp.ocp.arcs._settings import CUTTER, SWITCHING
+from microbot_ocp.ocp.problem import Phase
+from microbot_ocp.ocp.solution import PhaseSolution, Solution
+from microbot_ocp.ocp.transcription import row_labels, variable_labels
+from microbot_ocp.ocp.transcription.schemes import Collocation
+from microbot_ocp.ocp.verification import phase_layout
+
+
+@dataclass(frozen=True, eq=False)
+class ArcSolution:
+    """A solution with one phase an arc, and the plans that it was made by."""
+
+    plans: tuple[ArcPlan, ...]
+    groups: tuple[tuple[Phase, ...], ...]
+    solution: Solution
+
+    def pieces(self, index: int) -> list[PhaseSolution]:
+        """The arcs of a phase."""
+        return [self.solution[piece.name] for piece in self.groups[index]]
+
+    def as_solved(self) -> list[ArcPlan]:
+        """The plans with the arcs where the solution has them."""
+        plans = []
+        for index, plan in enumerate(self.plans):
+            pieces = self.pieces(index)
+            lengths = [piece.duration for piece in pieces]
+            arcs = _laid_out(plan.arcs, lengths)
+            sample = joined([piece.sample for piece in pieces], lengths)
+            plans.append(replace(plan, arcs=arcs, duration=float(sum(lengths)), sample=sample))
+        return plans
+
+    def has_lost_arcs(self) -> bool:
+        """Whether an arc shrank to nothing."""
+        return any(
+            _is_gone(plan, piece)
+            for index, plan in enumerate(self.plans)
+            for piece in self.pieces(index)
+        )
+
+    def revised(self) -> list[ArcPlan]:
+        """Plans with the arcs that the solution asks for; first without those that are none."""
+        wrong = {} if self.has_lost_arcs() else wrong_signs(self)
+        plans = []
+        for index, (plan, solved) in enumerate(zip(self.plans, self.as_solved(), strict=True)):
+            arcs: list[PlannedArc] = []
+            signatures = [(), *plan.signatures, ()]
+            for k, (arc, piece) in enumerate(zip(solved.arcs, self.pieces(index), strict=True)):
+                if _is_gone(plan, piece):
+                    continue
+                if plan.is_undetermined(arc):
+                    arcs += _held_at_limits(plan, arc, piece)
+                else:
+                    beside = signatures[k : k + 3]
+                    arcs += _freed_where_wrong(plan, arc, piece, wrong.get(piece.name, ()), beside)
+            arcs = merged(arcs)
+            # what was left out leaves no hole, and what is new takes its time from its neighbours
+            lengths = [max(arc.end - arc.begin, CUTTER.shortest) for arc in arcs]
+            plans.append(replace(solved, arcs=_laid_out(arcs, lengths)))
+        return plans
+
+
+def _laid_out(arcs: Sequence[PlannedArc], lengths: Sequence[float]) -> tuple[PlannedArc, ...]:
+    """Arcs one after the other, in proportion to their lengths."""
+    ends = np.cumsum([0.0, *lengths])
+    pairs = itertools.pairwise((ends / ends[-1]).tolist())
+    return tuple(replace(arc, begin=a, end=b) for arc, (a, b) in zip(arcs, pairs, strict=True))
+
+
+def _is_gone(plan: ArcPlan, piece: PhaseSolution) -> bool:
+    return piece.duration <= CUTTER.gone * plan.duration and len(plan.arcs) > 1
+
+
+def _held_at_limits(plan: ArcPlan, arc: PlannedArc, piece: PhaseSolution) -> list[PlannedArc]:
+    """A free arc, divided where what nothing held is at a limit all along some intervals."""
+    own = copy.copy(phase_layout(piece).phase)
+    declared = plan.declared
+    pairs = zip(own.controls, declared.controls, strict=True)
+    own.controls = [replace(c, lower=d.lower, upper=d.upper) for c, d in pairs]
+    pairs = zip(own.constraints, declared.constraints, strict=False)
+    own.constraints = [replace(c, lower=d.lower, upper=d.upper) for c, d in pairs]
+    sides = {(a.name, a.component, True): a.sides for a in control_activities(piece, jumping(own))}
+    sides |= {(a.name, a.component, False): a.sides for a in mixed_limits(piece, own)}
+    table = np.tile(arc.signature, (piece.mesh.size - 1, 1))
+    for k, column in enumerate(plan.columns):
+        if not arc.signature[k]:
+            table[:, k] = sides.get((column.name, column.component, column.limit is None), 0)
+    length = arc.end - arc.begin
+    arcs = []
+    for first, after, _ in runs(table):
+        begin, end = (arc.begin + piece.mesh[[first, after]] * length).tolist()
+        signature = tuple(int(side) for side in table[first])
+        arcs.append(
+            PlannedArc(begin, end, signature, max(after - first, SWITCHING.least_intervals))
+        )
+    return arcs
+
+
+@dataclass(frozen=True)
+class WrongSign:
+    """Where on an arc, as fractions of it, the multiplier of a column has the wrong sign."""
+
+    column: int
+    begin: float
+    end: float
+
+
+def _freed_where_wrong(
+    plan: ArcPlan,
+    arc: PlannedArc,
+    piece: PhaseSolution,
+    wrong: Sequence[WrongSign],
+    beside: Sequence[tuple[int, ...]],
+) -> list[PlannedArc]:
+    """An arc, divided where what is held leaves its limit."""
+    places = sorted({0.0, 1.0, *(w.begin for w in wrong), *(w.end for w in wrong)})
+    length = arc.end - arc.begin
+    arcs = []
+    for a, b in itertools.pairwise(places):
+        signature = list(arc.signature)
+        for column in (w.column for w in wrong if w.begin <= a and b <= w.end):
+            signature[column] = 0
+            for other, side in _met_on(plan, piece, a, b):
+                instead = (*signature[:other], side, *signature[other + 1 :])
+                if not signature[other] and instead not in beside:
+                    signature = list(instead)
+                    break
+        intervals = max(round((b - a) * arc.intervals), SWITCHING.least_intervals)
+        begin, end = arc.begin + a * length, arc.begin + b * length
+        arcs.append(PlannedArc(begin, end, tuple(signature), intervals))
+    return arcs
+
+
+def _met_on(plan: ArcPlan, piece: PhaseSolution, begin: float, end: float) -> list[tuple[int, int]]:
+    """Columns and sides of limits of the states that are met on a part of an arc."""
+    first = max(int(np.searchsorted(piece.mesh, begin, side="right")) - 1, 0)
+    last = int(np.searchsorted(piece.mesh, end - 1e-9))
+    met = []
+    for k, column in enumerate(plan.columns):
+        if column.limit is None or column.limit.mixed:
+            continue
+        values = column.limit.along(piece.values, plan.declared.states)[first : last + 1]
+        sides = column.limit.sides(values, SWITCHING.met * column.limit.range)
+        if np.any(sides):
+            met.append((k, int(sides[sides != 0][0])))
+    return met
+
+
+def wrong_signs(solved: ArcSolution) -> dict[str, list[WrongSign]]:
+    """By the name of an arc, where multipliers of what is held have the sign of the other limit."""
+    multipliers = _multipliers(solved.solution)
+    wrong: dict[str, list[WrongSign]] = {}
+    for index, plan in enumerate(solved.plans):
+        pieces = solved.pieces(index)
+        for place, column in enumerate(plan.columns):
+            if column.of_states:
+                continue
+            key = ("control", column.name, column.component)
+            if column.limit is not None:
+                key = ("constraint", f"{column.name}[{column.component}] met", 0)
+            densities = [
+                _density(piece, multipliers[piece.name, *key])
+                if (piece.name, *key) in multipliers
+                else (np.zeros(0), np.zeros(0))
+                for piece in pieces
+            ]
+            largest = max(float(np.abs(d).max(initial=0.0)) for _, d in densities)
+            for piece, arc, (at, density) in zip(pieces, plan.arcs, densities, strict=True):
+                side = arc.signature[place]
+                if side and at.size:
+                    spans = _negative(at, side * density, SWITCHING.wrong_sign * largest)
+                    wrong.setdefault(piece.name, []).extend(WrongSign(place, *s) for s in spans)
+    return {name: places for name, places in wrong.items() if places}
+
+
+def _multipliers(solution: Solution) -> dict[tuple[str, str, str, int], list[float]]:
+    """Multipliers of controls and constraints, by phase, kind, name and component."""
+    layouts = [phase_layout(phase) for phase in solution.phases]
+    labels = [*variable_labels(layouts), *row_labels(layouts)]
+    values = [*np.asarray(solution.variable_multipliers), *np.asarray(solution.row_multipliers)]
+    gathered: dict[tuple[str, str, str, int], list[float]] = {}
+    for label, value in zip(labels, values, strict=True):
+        key = (label.phase, label.kind, label.name, label.component)
+        gathered.setdefault(key, []).append(float(value))
+    return gathered
+
+
+def _density(piece: PhaseSolution, multipliers: Sequence[float]) -> tuple[FloatArray, FloatArray]:
+    """Fractions of an arc, and a multiplier there by its weight in time."""
+    count = piece.mesh.size - 1
+    table = np.array(multipliers[: len(multipliers) // count * count]).reshape(count, -1)
+    scheme = Collocation("radau", table.shape[1])
+    points = np.array(scheme.points) if table.shape[1] > 1 else np.array([0.5])
+    steps = np.diff(piece.mesh)[:, None]
+    at = piece.mesh[:-1, None] + points * steps
+    return at.ravel(), (table / (scheme.weights * steps * piece.duration)).ravel()
+
+
+def _negative(at: FloatArray, values: FloatArray, least: float) -> list[tuple[float, float]]:
+    """Where values are negative, in spans on which they come below ``-least`` somewhere."""
+
+    def edge(k: int) -> float:
+        if k in (0, values.size):
+            return float(k > 0)
+        (a, b), (x, y) = values[k - 1 : k + 1], at[k - 1 : k + 1]
+        return float(x + (y - x) * a / (a - b))
+
+    return [
+        (edge(first), edge(after))
+        for first, after, side in runs((values < 0).astype(int))
+        if side and values[first:after].min() < -least
+    ]
+
+
+def with_finer_meshes(solved: ArcSolution, intervals: Mapping[str, int]) -> list[ArcPlan]:
+    """Plans with the same arcs where the solution has them, with more intervals."""
+    return [
+        replace(
+            plan,
+            arcs=tuple(
+                replace(arc, intervals=intervals[piece.name])
+                for arc, piece in zip(plan.arcs, solved.groups[index], strict=True)
+            ),
+        )
+        for index, plan in enumerate(solved.as_solved())
+    ]

@@ -1,0 +1,142 @@
+"""What counts as a switch, as an arc, and as solved."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from microbot_ocp.ocp.transcription.schemes import Collocation
+
+
+@dataclass(frozen=True)
+class DetectorSettings:
+    """When a control or limit counts as active, and what happens within a few intervals.
+
+    Attributes
+    ----------
+    at_bound : of a control's range: nearer to a bound it is at it
+    at_end_of_ramp : the same of a continuous control, whose ramp ends where it is worth so little
+        that a barrier keeps it farther away
+    at_state_limit : of a state's range along the phase: nearer to a limit at both ends of an
+        interval, it is active there
+    at_mixed_limit : of its range: nearer to a limit that depends on controls it is active
+    smeared : intervals over which a mesh may smear what happens at once
+    negligible : of an interval: what is shorter is none
+    """
+
+    at_bound: float = 1e-3
+    at_end_of_ramp: float = 1e-2
+    at_state_limit: float = 3e-3
+    at_mixed_limit: float = 2e-3
+    smeared: int = 3
+    negligible: float = 0.05
+
+
+@dataclass(frozen=True)
+class CutterSettings:
+    """Phases that are made of arcs.
+
+    Attributes
+    ----------
+    most_arcs : of a phase: a solution that chatters is not cut into pieces
+    shortest : of the phase, that an arc may shrink to
+    looser : of its range: a bound is by so much wider beside an arc on which an equation keeps it
+    highest_order : of a limit of the states, whose derivative determines a control
+    longest : times the duration of the whole phase that an arc may take
+    """
+
+    most_arcs: int = 12
+    shortest: float = 1e-4
+    looser: float = 1e-6
+    highest_order: int = 3
+    longest: float = 3.0
+
+    @property
+    def gone(self) -> float:
+        """Of the phase: an arc that is no longer has shrunk to nothing."""
+        return 2 * self.shortest
+
+
+@dataclass(frozen=True)
+class MeshPointSettings:
+    """Mesh points at junctions and switches.
+
+    Attributes
+    ----------
+    bracket : of the interval next to a switch: how near to it points are added
+    ramp : of a ramp's length, that is left to each side of the switch
+    least_intervals : of an arc
+    costlier : ratio by which arcs may cost more than the solution that they are read from
+    """
+
+    bracket: float = 0.1
+    ramp: float = 0.125
+    least_intervals: int = 4
+    costlier: float = 1e-6
+
+
+@dataclass(frozen=True)
+class SwitchingTimeSettings:
+    """The solves for switching times.
+
+    Attributes
+    ----------
+    degree : of Radau collocation on an arc on which everything is determined
+    free_degree : where a control is free: more would let it swing where it is singular
+    coarser : intervals of the mesh that an arc is read from, for one of its own
+    least_intervals, most_intervals : of an arc at first: the order is high
+    least_free_intervals : where a control is free: fewer hide what it does
+    finest : intervals of an arc that is divided to keep a limit between its points
+    costlier : ratio by which arcs may cost more than the solution that they are read from
+    wrong_sign : of its largest: a multiplier of the wrong sign that is larger says that a switch is
+        missing
+    met : of its range: nearer to its limit a state is at it
+    kept, exceeded : of a limit: by more than the first it is exceeded between mesh points only
+        where an arc gets no more intervals, by more than the second nowhere
+    """
+
+    degree: int = 5
+    free_degree: int = 3
+    coarser: int = 3
+    least_intervals: int = 2
+    most_intervals: int = 8
+    least_free_intervals: int = 6
+    finest: int = 64
+    costlier: float = 1e-3
+    wrong_sign: float = 1e-3
+    met: float = 1e-5
+    kept: float = 1e-8
+    exceeded: float = 1e-4
+
+
+@dataclass(frozen=True)
+class SingularSettings:
+    """Singular arcs by their own conditions.
+
+    Attributes
+    ----------
+    least_intervals : of an arc at first
+    rounds : of solves on finer meshes
+    checked : times an arc at which signs and limits are looked at
+    shortest : of the phase, that an arc may come to
+    vanishing : of its largest value, that a switching function is where it must vanish
+    kept : of their range or largest value: limits and signs
+    at_end : of its range: a condition that is an inequality is met at the end
+    agrees : of the cost, that it may differ by from that of the solution that is near
+    """
+
+    least_intervals: int = 4
+    rounds: int = 6
+    checked: int = 200
+    shortest: float = 1e-6
+    vanishing: float = 1e-9
+    kept: float = 1e-6
+    at_end: float = 1e-6
+    agrees: float = 1e-2
+
+
+DETECTOR = DetectorSettings()
+CUTTER = CutterSettings()
+MESH_POINTS = MeshPointSettings()
+SWITCHING = SwitchingTimeSettings()
+SINGULAR = SingularSettings()
+HIGH_ORDER = Collocation("radau", SWITCHING.degree)
