@@ -39,7 +39,9 @@ class Blocked(NamedTuple):
 
 
 def blocking_limit(family: LimitFamily, curve: Curve, fast: bool) -> Blocked | None:
-    """The limit that keeps a curve from being travelled; None where none is found to.
+    """Find the limit that keeps a curve from being travelled; None where there is none.
+
+    docs/theory/path_timing.md, "One program on places", end.
 
     Parameters
     ----------
@@ -75,7 +77,7 @@ def blocking_limit(family: LimitFamily, curve: Curve, fast: bool) -> Blocked | N
     # unknowns: x at the points, u at the start and at the end of every interval, the share
     columns = 3 * count + 2
     entries: list[tuple[Any, Any, Any]] = []
-    row_lower, row_upper, told = [], [], []
+    row_lower, row_upper, rows_by_number = [], [], []
     first = 0
     for ends, x_at, u_at in (
         (rows.left, np.arange(count), count + 1 + np.arange(count)),
@@ -84,17 +86,17 @@ def blocking_limit(family: LimitFamily, curve: Curve, fast: bool) -> Blocked | N
         for k in range(width):
             scale = np.maximum(size[ends, k], 1e-12)
             for sign, bound in ((1.0, rows.upper[ends, k]), (-1.0, -rows.lower[ends, k])):
-                kept = np.flatnonzero(np.isfinite(bound))
-                at = first + np.arange(kept.size)
+                bounded = np.flatnonzero(np.isfinite(bound))
+                at = first + np.arange(bounded.size)
                 entries += [
-                    (at, x_at[kept], sign * (rows.per_x[ends, k] / scale)[kept] * unit_x),
-                    (at, u_at[kept], sign * (rows.per_u[ends, k] / scale)[kept] * unit_u),
-                    (at, np.full(kept.size, columns - 1), np.full(kept.size, -1.0)),
+                    (at, x_at[bounded], sign * (rows.per_x[ends, k] / scale)[bounded] * unit_x),
+                    (at, u_at[bounded], sign * (rows.per_u[ends, k] / scale)[bounded] * unit_u),
+                    (at, np.full(bounded.size, columns - 1), np.full(bounded.size, -1.0)),
                 ]
-                row_lower.append(np.full(kept.size, -np.inf))
-                row_upper.append((bound / scale)[kept])
-                told += [(k, int(ends[i]), sign) for i in kept]
-                first += kept.size
+                row_lower.append(np.full(bounded.size, -np.inf))
+                row_upper.append((bound / scale)[bounded])
+                rows_by_number += [(k, int(ends[i]), sign) for i in bounded]
+                first += bounded.size
     # x at the end of an interval is that at its start and the mean of u times twice its length
     at = first + np.arange(count)
     share = step * unit_u / unit_x
@@ -121,7 +123,7 @@ def blocking_limit(family: LimitFamily, curve: Curve, fast: bool) -> Blocked | N
         {"h": ca.Sparsity(columns, columns), "a": matrix.sparsity()},
         {"error_on_fail": False, "highs": {"output_flag": False}},
     )
-    found = solver(
+    answer = solver(
         g=objective,
         a=matrix,
         lba=np.concatenate(row_lower),
@@ -129,11 +131,11 @@ def blocking_limit(family: LimitFamily, curve: Curve, fast: bool) -> Blocked | N
         lbx=below,
         ubx=above,
     )
-    gives = float(found["x"][-1])
+    gives = float(answer["x"][-1])
     if not solver.stats()["success"] or gives <= NOTHING:
         return None
-    decides = int(np.abs(np.array(found["lam_a"]).ravel()[:first]).argmax())
-    k, node, sign = told[decides]
+    decides = int(np.abs(np.array(answer["lam_a"]).ravel()[:first]).argmax())
+    k, node, sign = rows_by_number[decides]
     key, component = rows.names[k]
     point = node if node <= count else int(np.flatnonzero(rows.right == node)[0]) + 1
     return Blocked(

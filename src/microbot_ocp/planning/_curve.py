@@ -25,8 +25,22 @@ from microbot_ocp.motion import PiecewisePolynomial
 
 IntArray = NDArray[np.intp]
 
-VANISHING = 1e-9  # relative size of a derivative that counts as zero
-INSIDE = 1e-10  # share of a bent piece by which it starts inside, where powers of r are finite
+
+@dataclass(frozen=True)
+class CurveSettings:
+    """Settings of curves.
+
+    Attributes
+    ----------
+    vanishing : relative size of a derivative that counts as zero
+    margin : ratio of a bent piece by which it starts inside, where powers of r are finite
+    """
+
+    vanishing: float = 1e-9
+    margin: float = 1e-10
+
+
+CURVE = CurveSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,14 +90,16 @@ class CurvePiece:
         """First and last r that are used."""
         if not self.bent:
             return 0.0, self.span
-        margin = INSIDE * self.span
+        margin = CURVE.margin * self.span
         return (0.0, self.span - margin) if self.bent_at_end else (margin, self.span)
 
 
 def derivatives(
     table: Any, length: Any, at_end: Any, powers: tuple[int, int], r: Any, *, highest: int = 3
 ) -> list[Any]:
-    """Position and its derivatives with respect to r, up to ``highest`` <= 3.
+    """Give position and its derivatives with respect to r, up to ``highest`` <= 3.
+
+    docs/theory/path_timing.md, "Ends at rest".
 
     Parameters
     ----------
@@ -106,20 +122,20 @@ def derivatives(
 
 
 def _span(powers: tuple[int, int]) -> float:
-    """R / L."""
+    """Give R / L."""
     return 0.5 * (1.0 + powers[0] / powers[1])
 
 
 def _from_the_bent_end(
     length: Any, at_end: Any, powers: tuple[int, int], r: Any
 ) -> tuple[Any, Any]:
-    """Share x of the way from the bent end, 0 to 1, and its derivative with respect to r."""
+    """Give the share x of the way from the bent end, 0 to 1, and its derivative by r."""
     span, sign = length * _span(powers), 1.0 - 2.0 * at_end
     return (at_end * span + sign * r) / span, sign / span
 
 
 def _bent_power(x: Any, powers: tuple[int, int], k: int, order: int) -> Any:
-    """A derivative with respect to x of the way from the bent end, as a share of L, to the k."""
+    """Give a derivative by x of the way from the bent end, as a share of L, to the k."""
     low = _span(powers)
     rest, power = 1.0 - low, k * powers[0] / powers[1]
     total: Any = 0.0
@@ -132,12 +148,12 @@ def _bent_power(x: Any, powers: tuple[int, int], k: int, order: int) -> Any:
 
 
 def _falling(power: float, count: int) -> float:
-    """Factor of a derivative of a power."""
+    """Give the factor of a derivative of a power."""
     return float(np.prod([power - k for k in range(count)]))
 
 
 def _power_sum(table: Any, s: Any, order: int) -> Any:
-    """Derivative of the polynomial by Horner's rule."""
+    """Differentiate the polynomial by Horner's rule."""
     degree = len(table) - 1
     total = 0.0 * table[0]
     for power in range(degree, order - 1, -1):
@@ -146,12 +162,12 @@ def _power_sum(table: Any, s: Any, order: int) -> Any:
 
 
 def evaluate(piece: CurvePiece, r: FloatArray, *, highest: int = 2) -> list[FloatArray]:
-    """Position and derivatives with respect to r, each [N,n], at parameters r [N]."""
+    """Give position and derivatives with respect to r, each [N,n], at parameters r [N]."""
     column = np.asarray(r, dtype=float)[:, None]
     table = [row[None, :] for row in piece.coefficients]
     at_end = float(piece.bent_at_end)
-    found = derivatives(table, piece.length, at_end, piece.powers, column, highest=highest)
-    return [values * np.ones_like(column) for values in found]
+    tables = derivatives(table, piece.length, at_end, piece.powers, column, highest=highest)
+    return [values * np.ones_like(column) for values in tables]
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,7 +187,7 @@ class Curve:
 
     @classmethod
     def of(cls, path: PiecewisePolynomial, leaves_like: int = 2) -> Curve:
-        """A path between two stops with a regular parameter.
+        """Give a path between two stops with a regular parameter.
 
         ``leaves_like`` is the power of it with which the path leaves an end at rest: 2, or 3 where
         rates are limited.
@@ -189,13 +205,13 @@ class Curve:
     def evaluate(
         self, r: FloatArray, *, from_left: bool = False, highest: int = 2
     ) -> tuple[FloatArray, ...]:
-        """Position and derivatives [N,n]; at a break of the later piece, or the earlier."""
+        """Give position and derivatives [N,n]; at a break of the later piece, or the earlier."""
         return self._at(self._piece_of(r, from_left), r, highest)
 
     def inside(
         self, r: FloatArray, i: IntArray, grid: FloatArray, *, highest: int = 2
     ) -> tuple[FloatArray, ...]:
-        """As :meth:`evaluate`, of parameters in the intervals i of a grid that holds the breaks."""
+        """Do as :meth:`evaluate` in the intervals i of a grid that holds the breaks."""
         return self._at(self._piece_of(0.5 * (grid[1:] + grid[:-1]), False)[i], r, highest)
 
     def _piece_of(self, r: FloatArray, from_left: bool) -> IntArray:
@@ -203,7 +219,7 @@ class Curve:
         return np.clip(np.searchsorted(self.breaks, r, side=side) - 1, 0, len(self.pieces) - 1)
 
     def _at(self, index: IntArray, r: FloatArray, highest: int) -> tuple[FloatArray, ...]:
-        """As :meth:`evaluate`, of parameters [N] in pieces ``index`` [N]."""
+        """Do as :meth:`evaluate` at parameters [N] in pieces ``index`` [N]."""
         begins = np.array([piece.limits[0] for piece in self.pieces])
         # a little beyond an inner break the piece goes on as it is: the next one follows smoothly
         r = np.clip(r, self.breaks[0], self.breaks[-1])
@@ -214,30 +230,30 @@ class Curve:
         for k in (0, len(self.pieces) - 1):
             if self.pieces[k].bent:
                 here = index == k
-                own = evaluate(self.pieces[k], local[here], highest=highest)
-                for whole, values in zip(tables, own, strict=True):
+                local_tables = evaluate(self.pieces[k], local[here], highest=highest)
+                for whole, values in zip(tables, local_tables, strict=True):
                     whole[here] = values
         return tuple(tables)
 
     def parameter(self, r: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The path's own parameter s since the start of the curve, and ds/dr, both [N]."""
+        """Give the path's own parameter s since the start of the curve, and ds/dr, both [N]."""
         s, slope, begin = np.zeros_like(r), np.zeros_like(r), 0.0
         for piece, here, local in self._by_piece(r, False):
-            own, slopes = local, 1.0
+            place, slopes = local, 1.0
             if piece.bent:
                 at_end = float(piece.bent_at_end)
                 x, per_r = _from_the_bent_end(piece.length, at_end, piece.powers, local)
                 way, rise = (piece.length * _bent_power(x, piece.powers, 1, k) for k in (0, 1))
-                own, slopes = (
+                place, slopes = (
                     at_end * piece.length + (1.0 - 2.0 * at_end) * way,
                     np.abs(rise * per_r),
                 )
-            s[here], slope[here] = begin + own, slopes
+            s[here], slope[here] = begin + place, slopes
             begin += piece.length
         return s, slope
 
     def _by_piece(self, r: FloatArray, from_left: bool) -> Iterator[tuple[CurvePiece, Any, Any]]:
-        """Every piece with the places of its parameters and their values within it."""
+        """Give every piece with the places of its parameters and their values within it."""
         breaks = self.breaks
         side = "left" if from_left else "right"
         index = np.clip(np.searchsorted(breaks, r, side=side) - 1, 0, len(self.pieces) - 1)
@@ -249,7 +265,10 @@ class Curve:
 def _bent_pieces(
     path: PiecewisePolynomial, start: int, end: int, leaves_like: int
 ) -> list[CurvePiece]:
-    """Pieces of a path with its ends bent where more derivatives vanish there than they may."""
+    """Bend the ends of a path where more derivatives vanish than they may.
+
+    docs/theory/path_timing.md, "Ends at rest".
+    """
     pieces = [
         CurvePiece(table, float(length), leaves_like=leaves_like)
         for table, length in zip(path.coefficients, np.diff(path.breaks), strict=True)
@@ -269,19 +288,19 @@ def _bent_pieces(
 
 
 def vanishing_order(path: PiecewisePolynomial, s: float, *, from_left: bool) -> int:
-    """How many derivatives of the path vanish on one side of s, up to its degree - 1."""
+    """Tell how many derivatives of the path vanish on one side of s, up to its degree - 1."""
     sizes = np.linspace(path.breaks[0], path.breaks[-1], 21)
     curve = path
     for order in range(path.coefficients.shape[1] - 1):
         curve = curve.derivative()
         size = float(np.abs(curve(sizes)).max())
-        if float(np.abs(curve(s, from_left=from_left)).max()) > VANISHING * max(size, 1e-300):
+        if float(np.abs(curve(s, from_left=from_left)).max()) > CURVE.vanishing * max(size, 1e-300):
             return order
     return path.coefficients.shape[1] - 2
 
 
 def _halves(piece: CurvePiece) -> list[CurvePiece]:
-    """The same piece in two."""
+    """Divide a piece in two."""
     half = piece.length / 2
     second = _shifted(piece.coefficients, half)
     first = replace(piece, length=half, halved=True)
@@ -289,7 +308,7 @@ def _halves(piece: CurvePiece) -> list[CurvePiece]:
 
 
 def _shifted(table: FloatArray, by: float) -> FloatArray:
-    """Coefficients of the same polynomial in powers since another place."""
+    """Give coefficients of the same polynomial in powers since another place."""
     shifted = np.zeros_like(table)
     for k in range(len(table)):
         for j in range(k + 1):

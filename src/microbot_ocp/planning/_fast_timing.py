@@ -21,10 +21,26 @@ from microbot_ocp.planning._reachability import CurveLimits, Reached, reach
 from microbot_ocp.planning._task import check_limits, whole, with_locked_joints_held
 from microbot_ocp.robot import Robot
 
-SAMPLES = 4  # of an interval, so that they tell how the acceleration curves
-SAMPLES_OF_BENT = 12  # of an interval where four do not tell it, and of those next to stops
-TOGETHER = 1e-14  # of the duration: samples so near to one another are one
-CUBIC = 1e-5  # of a joint's largest acceleration: fourth differences that four samples may miss
+
+@dataclass(frozen=True)
+class SampleSettings:
+    """Settings of the samples of a timing.
+
+    Attributes
+    ----------
+    least : samples of an interval, so that they tell how the acceleration curves
+    bent : the same where these do not tell it, and of intervals next to stops
+    together : ratio of the duration: samples so near to one another are one
+    cubic : ratio of a joint's largest acceleration: fourth differences that ``least`` may miss
+    """
+
+    least: int = 4
+    bent: int = 12
+    together: float = 1e-14
+    cubic: float = 1e-5
+
+
+SAMPLES = SampleSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +84,7 @@ class PathTiming:
         return float("nan") if self.status is Status.TIME_LIMIT else float(self.t[-1])
 
     def motion(self, label: str = "path, reachability") -> Motion:
-        """The timing as a motion: the acceleration of the parameter is linear between points.
+        """Give the timing as a motion: the acceleration of the parameter is linear between points.
 
         Raises
         ------
@@ -109,7 +125,7 @@ def time_path(
     compiled: bool = True,
     time_limit: float = np.inf,
 ) -> PathTiming:
-    """The best timing of a path on a grid, from rest to rest, by two passes of linear programs.
+    """Find the best timing of a path on a grid, from rest to rest, by two passes.
 
     Takes milliseconds and starts no solver. Limits are kept at both ends of every grid interval,
     the acceleration of the parameter is linear in it: between grid points limits may be exceeded
@@ -191,8 +207,8 @@ def _timed(
         )
         kept_by = kept_by or limits_kept_by(along.limits)
         parts.append((curve, reached))
-        own, slope = curve.parameter(reached.s)
-        s.append(begin + own)
+        place, slope = curve.parameter(reached.s)
+        s.append(begin + place)
         unknown = np.full(reached.s.size, np.nan)
         speed.append(
             np.sqrt(reached.speed_squared) * np.abs(slope) if reached.feasible else unknown
@@ -221,7 +237,7 @@ def _timed(
 def sampled(
     parts: Sequence[tuple[Curve, Reached]], finer: int = 1
 ) -> tuple[FloatArray, State, FloatArray]:
-    """Times, states and breaks of a motion; at every grid point s'' from both sides.
+    """Give times, states and breaks of a motion; at every grid point s'' from both sides.
 
     ``finer`` times as many samples as the shape asks for.
     """
@@ -233,7 +249,7 @@ def sampled(
         bent = _bent(curve, reached, lengths)
         # powers of the parameter at ends where the tangent vanishes are not those of a polynomial
         bent[[0, -1]] = True
-        least = np.where(bent, SAMPLES_OF_BENT, SAMPLES - 1)
+        least = np.where(bent, SAMPLES.bent, SAMPLES.least - 1)
         count = finer * np.maximum(least, np.ceil(lengths / step - 1e-9)).astype(int)
         i = np.repeat(np.arange(count.size), count + 1)
         k = np.arange(i.size) - np.repeat(np.cumsum(count + 1) - count - 1, count + 1)
@@ -246,23 +262,23 @@ def sampled(
         breaks.append(begin + reached.t[1:])
         begin += reached.duration
     t = np.concatenate(times)
-    keep = np.append(True, np.diff(t) > TOGETHER * t[-1])
+    keep = np.append(True, np.diff(t) > SAMPLES.together * t[-1])
     keep[-1] = True
     joined = (np.concatenate(parts)[keep] for parts in zip(*states, strict=True))
     return t[keep], State(*joined), np.concatenate(breaks)
 
 
 def _state(curve: Curve, reached: Reached, i: np.ndarray, local: FloatArray) -> State:
-    """State [K,n] at times since the start of intervals i."""
+    """Give the state [K,n] at times since the start of intervals i."""
     r, v, u = (values[:, None] for values in reached.after(i, local))
     q, tangent, curvature = curve.inside(r.ravel(), i, reached.s)
     return State(q, tangent * v, tangent * u + curvature * v**2)
 
 
 def _bent(curve: Curve, reached: Reached, lengths: FloatArray) -> NDArray[np.bool_]:
-    """In which intervals [N] the acceleration is far from a cubic of the time."""
+    """Tell in which intervals [N] the acceleration is far from a cubic of the time."""
     i = np.repeat(np.arange(lengths.size), 5)
     local = np.linspace(0.0, 1.0, 5) * lengths[:, None]
     qdd = _state(curve, reached, i, local.ravel()).qdd.reshape(lengths.size, 5, -1)
     largest = np.abs(qdd).max(axis=(0, 1))
-    return (np.abs(np.diff(qdd, 4, axis=1)[:, 0]) > CUBIC * largest).any(axis=1)
+    return (np.abs(np.diff(qdd, 4, axis=1)[:, 0]) > SAMPLES.cubic * largest).any(axis=1)

@@ -21,13 +21,29 @@ from microbot_ocp.planning._curve import Curve
 from microbot_ocp.robot import COULOMB_SMOOTHING, Robot, inverse_dynamics
 
 FAR = 1e12  # stands for "no such limit"
-TRIED = ((-3.0, 0.7), (2.0, 1.9), (50.0, 4.0))  # s'' and s' at which a half plane is tested
-AFFINE = 1e-9  # relative distance from the half plane that is rounding
-SPEEDS_TRIED = 50  # on the way up to the first that breaks a limit
-BISECTIONS = 60
-STILL = 1e-12  # of the largest x, that counts as a stop
 
 
+@dataclass(frozen=True)
+class PathLimitSettings:
+    """Settings by which limits are told apart.
+
+    Attributes
+    ----------
+    tried : s'' and s' at which a half plane is tested
+    affine : relative distance from the half plane that is rounding
+    speeds, bisections : speeds that are tried on the way up to the first that breaks a limit, and
+        halvings of the step in which it lies
+    still : ratio of the largest x that counts as a stop
+    """
+
+    tried: tuple[tuple[float, float], ...] = ((-3.0, 0.7), (2.0, 1.9), (50.0, 4.0))
+    affine: float = 1e-9
+    speeds: int = 50
+    bisections: int = 60
+    still: float = 1e-12
+
+
+PATH_LIMITS = PathLimitSettings()
 LATER = "program on places"  # keeps what reachability cannot
 
 
@@ -43,7 +59,7 @@ class Nodes:
 
 
 def nodes_of(path: Curve, s: FloatArray) -> Nodes:
-    """Position, tangent and curvature at grid points s [N+1], among them every break."""
+    """Give position, tangent and curvature at grid points s [N+1], among them every break."""
     inner = np.flatnonzero(np.isin(s, path.breaks[1:-1]))
     # the left side of every inner break follows behind the regular nodes
     sides = path.evaluate(s), path.evaluate(s[inner], from_left=True)
@@ -96,26 +112,26 @@ class PathLimits:
                 )
                 zero = np.zeros_like(nodes.tangent)
                 half_planes[key] = Coefficients(nodes.tangent, nodes.curvature, zero, *bounds)
-            elif member.order == 2 and (found := _half_planes(family, key, nodes)) is not None:
-                half_planes[key] = found
+            elif member.order == 2 and (planes := _half_planes(family, key, nodes)) is not None:
+                half_planes[key] = planes
             elif member.order > 1:
                 later.append(key)
         return cls(family, half_planes, _speed_limits(family, nodes), tuple(later))
 
     def speed_limit(self, nodes: Nodes, count: int) -> FloatArray:
-        """Largest x [N+1] that the limits of the velocity leave at the grid points."""
+        """Give the largest x [N+1] that the limits of the velocity leave at the grid points."""
         return least_bound(self.speed, nodes, count)
 
 
 def largest_speeds(family: LimitFamily, curve: Curve, s: FloatArray) -> FloatArray:
-    """Limits of s' [N] at places s; infinite where there is none."""
+    """Give limits of s' [N] at places s; infinite where there is none."""
     nodes = nodes_of(curve, s)
     most = least_bound(_speed_limits(family, nodes), nodes, s.size)
     return np.where(most < FAR, np.sqrt(most), np.inf)
 
 
 def least_bound(bounds: Mapping[str, FloatArray], nodes: Nodes, count: int) -> FloatArray:
-    """Least x [N+1] of all bounds at the grid points, from either side."""
+    """Give the least x [N+1] of all bounds at the grid points, from either side."""
     per_node = np.full(len(nodes.tangent), FAR)
     for bound in bounds.values():
         per_node = np.minimum(per_node, bound.min(axis=1))
@@ -125,7 +141,7 @@ def least_bound(bounds: Mapping[str, FloatArray], nodes: Nodes, count: int) -> F
 
 
 def _speed_limits(family: LimitFamily, nodes: Nodes) -> dict[str, FloatArray]:
-    """Largest x = s'^2 [N,k] that limits of the velocity alone leave, by their keys."""
+    """Give the largest x = s'^2 [N,k] that limits of the velocity alone leave, by their keys."""
     return {
         key: _velocity_bound(family, nodes) if key == "qd" else speed_bound(family, key, nodes)
         for key in family.of_order(1)
@@ -133,7 +149,7 @@ def _speed_limits(family: LimitFamily, nodes: Nodes) -> dict[str, FloatArray]:
 
 
 def limits_kept_by(limits: PathLimits) -> dict[str, list[str]]:
-    """Names of limits by what keeps them first."""
+    """Name limits by what keeps them first."""
     names = {
         "reachability": list(limits.half_planes),
         "speed bound": list(limits.speed),
@@ -143,7 +159,7 @@ def limits_kept_by(limits: PathLimits) -> dict[str, list[str]]:
 
 
 def _along(family: LimitFamily, nodes: Nodes, key: str, u: Any, v: Any) -> LimitValues:
-    """Values of a limit at the nodes for s'' = u and s' = v, numbers or [N]."""
+    """Give values of a limit at the nodes for s'' = u and s' = v, numbers or [N]."""
     u, v = (np.reshape(number, (-1, 1)) for number in (u, v))
     qd = nodes.tangent * v
     qdd = nodes.tangent * u + nodes.curvature * v**2
@@ -152,7 +168,7 @@ def _along(family: LimitFamily, nodes: Nodes, key: str, u: Any, v: Any) -> Limit
 
 
 def _torque(family: LimitFamily, nodes: Nodes, fast: bool) -> Coefficients:
-    """Torque per u, per x and at rest; Coulomb friction counts as at rest."""
+    """Give the torque as half planes."""
     robot, member = family.robot, family["tau"]
     per_u, per_x, at_rest = torque_coefficients(robot, nodes, fast)
     bounds = (np.broadcast_to(b, per_u.shape) for b in (member.lower, member.upper))
@@ -160,14 +176,17 @@ def _torque(family: LimitFamily, nodes: Nodes, fast: bool) -> Coefficients:
 
 
 def frictionless(robot: Robot) -> Robot:
-    """The same robot without friction."""
+    """Leave out the friction of a robot."""
     return robot.with_links(
         [replace(k, viscous_friction=0.0, coulomb_friction=0.0) for k in robot.links]
     )
 
 
 def torque_coefficients(robot: Robot, nodes: Nodes, fast: bool) -> tuple[FloatArray, ...]:
-    """Torque per u, per x and at rest, each [N,n]; Coulomb friction counts as at rest."""
+    """Give the torque per u, per x and at rest, each [N,n]; dry friction counts as at rest.
+
+    docs/theory/path_timing.md, "Along a path".
+    """
     smooth = frictionless(robot)
     tau = buffered_call(inverse_dynamics(smooth, compiled=fast).map(len(nodes.position)))
     q, tangent, curvature = nodes.position.T, nodes.tangent.T, nodes.curvature.T
@@ -180,16 +199,16 @@ def torque_coefficients(robot: Robot, nodes: Nodes, fast: bool) -> tuple[FloatAr
 
 
 def _half_planes(family: LimitFamily, key: str, nodes: Nodes) -> Coefficients | None:
-    """The limit as half planes, or None where it is not affine in u and x."""
+    """Give the limit as half planes, or None where it is not affine in u and x."""
     rest = _along(family, nodes, key, 0.0, 0.0)
     with_u = _along(family, nodes, key, 1.0, 0.0)
     with_x = _along(family, nodes, key, 0.0, 1.0)
     per_u, per_x = with_u.value - rest.value, with_x.value - rest.value
     size = 1.0 + np.abs(rest.value) + np.abs(per_u) + np.abs(per_x)
-    for u, v in TRIED:
+    for u, v in PATH_LIMITS.tried:
         tried = _along(family, nodes, key, u, v)
         line = rest.value + u * per_u + v**2 * per_x
-        if np.any(np.abs(tried.value - line) > AFFINE * size * (1 + abs(u) + v**2)):
+        if np.any(np.abs(tried.value - line) > PATH_LIMITS.affine * size * (1 + abs(u) + v**2)):
             return None
         for bound, usual in ((tried.lower, rest.lower), (tried.upper, rest.upper)):
             if not np.array_equal(bound, usual):
@@ -199,28 +218,28 @@ def _half_planes(family: LimitFamily, key: str, nodes: Nodes) -> Coefficients | 
 
 
 def speed_bound(family: LimitFamily, key: str, nodes: Nodes) -> FloatArray:
-    """Largest x [N,1] up to which every speed keeps a limit of the velocity, by bisection."""
+    """Find the largest x [N,1] up to which every speed keeps a limit, by bisection."""
 
-    def kept(v: FloatArray) -> np.ndarray:
+    def within(v: FloatArray) -> np.ndarray:
         use = family[key].use(_along(family, nodes, key, 0.0, v)).max(axis=1)
         return use <= 1.0 + ROUNDING
 
     count = len(nodes.position)
     low, high = np.zeros(count), np.full(count, np.inf)
-    for v in np.geomspace(1e-6, np.sqrt(FAR), SPEEDS_TRIED):
-        good, unknown = kept(np.full(count, v)), np.isinf(high)
+    for v in np.geomspace(1e-6, np.sqrt(FAR), PATH_LIMITS.speeds):
+        good, unknown = within(np.full(count, v)), np.isinf(high)
         low, high = np.where(unknown & good, v, low), np.where(unknown & ~good, v, high)
     free = np.isinf(high)
     high = np.where(free, low, high)
-    for _ in range(BISECTIONS):
+    for _ in range(PATH_LIMITS.bisections):
         middle = 0.5 * (low + high)
-        good = kept(middle)
+        good = within(middle)
         low, high = np.where(good, middle, low), np.where(good, high, middle)
     return np.where(free, FAR, low**2)[:, None]
 
 
 def _velocity_bound(family: LimitFamily, nodes: Nodes) -> FloatArray:
-    """Largest x [N,n] that the joints' velocity limits leave."""
+    """Give the largest x [N,n] that the joints' velocity limits leave."""
     member, tangent = family["qd"], nodes.tangent
     with np.errstate(divide="ignore", invalid="ignore"):
         limit = np.where(tangent > 0, member.upper, member.lower) / tangent
@@ -242,12 +261,12 @@ class LimitRows:
     @classmethod
     def of(cls, nodes: Nodes, limits: PathLimits) -> LimitRows:
         parts, names = [], []
-        for key, found in limits.half_planes.items():
+        for key, planes in limits.half_planes.items():
             bounded = np.flatnonzero(
-                (np.isfinite(found.lower) | np.isfinite(found.upper)).any(axis=0)
+                (np.isfinite(planes.lower) | np.isfinite(planes.upper)).any(axis=0)
             )
-            lower, upper = found.lower - found.constant, found.upper - found.constant
-            parts.append([a[:, bounded] for a in (found.per_u, found.per_x, lower, upper)])
+            lower, upper = planes.lower - planes.constant, planes.upper - planes.constant
+            parts.append([a[:, bounded] for a in (planes.per_u, planes.per_x, lower, upper)])
             names += [(key, int(j)) for j in bounded]
         empty = np.zeros((len(nodes.position), 0))
         tables = [np.hstack([empty, *columns]) for columns in zip(*parts, strict=True)] or [
@@ -260,12 +279,15 @@ class LimitRows:
     @property
     def torques(self) -> tuple[np.ndarray, np.ndarray]:
         """Columns that are of torques, and their joints."""
-        found = [(i, j) for i, (key, j) in enumerate(self.names) if key == "tau"]
-        table = np.array(found, dtype=int).reshape(-1, 2)
+        columns = [(i, j) for i, (key, j) in enumerate(self.names) if key == "tau"]
+        table = np.array(columns, dtype=int).reshape(-1, 2)
         return table[:, 0], table[:, 1]
 
     def with_friction(self, nodes: Nodes, robot: Robot, x: FloatArray) -> LimitRows:
-        """Friction goes with s', the root of x: linear in x around the timing found last."""
+        """Add friction, which goes with the root of x: linear around the timing found last.
+
+        docs/theory/path_timing.md, "Reachability".
+        """
         at_nodes = self._spread(x)
         v = np.sqrt(np.maximum(at_nodes, 1e-9 * max(float(x.max()), 1e-12)))[:, None]
         columns, joints = self.torques
@@ -279,7 +301,7 @@ class LimitRows:
         # what the coefficients hold already, the whole of dry friction, is taken out
         constant = viscous * tangent * v + dry * (share - np.sign(tangent)) - slope * v**2
         # right after a stop the whole of it acts, right at it nothing: there both must do
-        still = at_nodes[:, None] <= STILL * float(x.max())
+        still = at_nodes[:, None] <= PATH_LIMITS.still * float(x.max())
         least, most = np.minimum(constant, 0.0), np.maximum(constant, 0.0)
         per_x, lower, upper = self.per_x.copy(), self.lower.copy(), self.upper.copy()
         per_x[:, columns] += np.where(still, 0.0, slope)
@@ -288,7 +310,7 @@ class LimitRows:
         return replace(self, per_x=per_x, lower=lower, upper=upper)
 
     def _spread(self, x: FloatArray) -> FloatArray:
-        """Values at grid points, repeated for the left sides of breaks."""
+        """Give values at grid points, repeated for the left sides of breaks."""
         full = np.zeros(self.per_u.shape[0])
         full[: x.size] = x
         full[self.right] = x[1:]

@@ -38,7 +38,7 @@ from microbot_ocp.planning._paths import check_path, corners, segments, stops
 from microbot_ocp.planning._places_program import PROGRAM
 from microbot_ocp.planning._places_timing import PLACES, Profile, excess_of, timed_on_places
 from microbot_ocp.planning._reachability import (
-    MOST_GRIDS,
+    REACHABILITY,
     CurveLimits,
     Reached,
     harmonic,
@@ -237,7 +237,7 @@ class _PathSearch:
 
         With rates the timing is a start alone: one grid is enough.
         """
-        grids = 1 if self.family.jerk_matters else MOST_GRIDS
+        grids = 1 if self.family.jerk_matters else REACHABILITY.most_grids
         timings, worst = [], -1.0
         self.limits_kept_by: dict[str, list[str]] = {}
         for curve in self.passed:
@@ -415,12 +415,12 @@ class _PathSearch:
         return f"{rests}; reachability on a grid gives {self.reached:.4f} s"
 
     def _place(self, segment: int, at: float) -> float:
-        """The path's parameter at a parameter of one of its curves."""
+        """Give the path's parameter at a parameter of one of its curves."""
         begin = [float(self.path.breaks[0]), *map(float, self.stops)][segment]
         return begin + float(self.passed[segment].parameter(np.array([at]))[0][0])
 
     def _blocking(self, timings: list[Reached]) -> dict[str, Any]:
-        """Status and advice that name the limits that keep the path from being travelled."""
+        """Give status and advice that name the limits that keep the path from being travelled."""
         lines, entries = [], []
         for index, (curve, timing) in enumerate(zip(self.passed, timings, strict=True)):
             limit = None if timing.feasible else blocking_limit(self.family, curve, self.fast)

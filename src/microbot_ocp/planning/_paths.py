@@ -18,7 +18,7 @@ CORNER = 1e-6  # relative jump of the tangent that counts as a corner
 
 
 def straight_path(via_q: ArrayLike) -> PiecewisePolynomial:
-    """Straight lines in joint space through via points [m,n]; s is the distance travelled, rad."""
+    """Draw straight lines in joint space through via points [m,n]; s is the distance, rad."""
     via = checks.array("via_q", via_q, (None, None), "rad")
     if via.shape[0] < 2:
         raise InputError(f"via_q must have at least 2 points, not {via.shape[0]}")
@@ -26,7 +26,7 @@ def straight_path(via_q: ArrayLike) -> PiecewisePolynomial:
 
 
 def straight_through(via: FloatArray) -> PiecewisePolynomial:
-    """As :func:`straight_path`, through via points [m,n] that are checked."""
+    """Do as :func:`straight_path` with via points [m,n] that are checked."""
     steps = np.diff(via, axis=0)
     lengths = np.linalg.norm(steps, axis=1)
     if np.any(lengths == 0):
@@ -63,25 +63,25 @@ def check_path(family: LimitFamily, path: PiecewisePolynomial) -> None:
 
 
 def corners(path: PiecewisePolynomial) -> FloatArray:
-    """Breaks at which the tangent jumps, or vanishes while its direction jumps."""
+    """Find the breaks at which the tangent jumps, or vanishes while its direction jumps."""
     turns = [s for s in path.breaks[1:-1] if _turns(path, float(s))]
     return np.union1d(_jumps(path, path.derivative()), turns)
 
 
 def stops(path: PiecewisePolynomial, family: LimitFamily) -> FloatArray:
-    """Breaks at which the arm has to stop.
+    """Find the breaks at which the arm has to stop.
 
     At corners, and under limits of the jerk or the torque rate wherever the curvature jumps, too:
     in motion the acceleration would jump with it.
     """
-    found = corners(path)
+    turns = corners(path)
     if not family.jerk_matters:
-        return found
-    return np.union1d(found, _jumps(path, path.derivative().derivative()))
+        return turns
+    return np.union1d(turns, _jumps(path, path.derivative().derivative()))
 
 
 def segments(path: PiecewisePolynomial, family: LimitFamily, leaves_like: int = 2) -> list[Curve]:
-    """What lies between two stops, with a parameter of which an end at rest is this power."""
+    """Give what lies between two stops, with a parameter of which an end at rest is this power."""
     ends = [path.breaks[0], *stops(path, family), path.breaks[-1]]
     curves = []
     for before, after in itertools.pairwise(ends):
@@ -92,7 +92,7 @@ def segments(path: PiecewisePolynomial, family: LimitFamily, leaves_like: int = 
 
 
 def _turns(path: PiecewisePolynomial, s: float) -> bool:
-    """Whether the path comes to rest by itself at a break and goes on in another direction."""
+    """Tell whether the path comes to rest by itself at a break and goes on in another direction."""
     directions = []
     for from_left, sign in ((False, 1.0), (True, -1.0)):
         order = vanishing_order(path, s, from_left=from_left)
@@ -107,7 +107,7 @@ def _turns(path: PiecewisePolynomial, s: float) -> bool:
 
 
 def _jumps(path: PiecewisePolynomial, curve: PiecewisePolynomial) -> FloatArray:
-    """Breaks of the path at which a derivative of it jumps."""
+    """Find the breaks of the path at which a derivative of it jumps."""
     inner = path.breaks[1:-1]
     jump = np.abs(curve(inner) - curve(inner, from_left=True)).max(axis=1, initial=0.0)
     size = np.abs(curve(np.linspace(path.breaks[0], path.breaks[-1], 101))).max()

@@ -29,8 +29,22 @@ from microbot_ocp.planning._reachability import CurveLimits, Reached, reach
 from microbot_ocp.planning._task import check_limits, whole
 from microbot_ocp.robot import Robot
 
-ACTIVE = 0.005  # room below a limit, as a share of its range, that counts as on the limit
-FEWEST = 3  # an arc on fewer grid intervals is a touch between two others, not an arc
+
+@dataclass(frozen=True)
+class ArcSettings:
+    """Settings by which arcs are told.
+
+    Attributes
+    ----------
+    active : room below a limit, as a ratio of its range, that counts as on the limit
+    fewest : grid intervals of an arc; on fewer it is a touch between two others
+    """
+
+    active: float = 0.005
+    fewest: int = 3
+
+
+ARCS = ArcSettings()
 
 
 class PathLimit(NamedTuple):
@@ -51,7 +65,7 @@ class PathLimit(NamedTuple):
     side: int
 
 
-class Arc(NamedTuple):
+class LimitArc(NamedTuple):
     """A part of the best profile that rides on one limit: path parameters, and the limit.
 
     ``limit`` is None where the profile rides on none.
@@ -82,7 +96,7 @@ class PhasePlane:
     velocity_joint : array [N]
         Index of the joint whose velocity limit leaves the least ds/dt; -1 where a limit that is not
         one of the joints, such as of the tool's speed, leaves less.
-    arcs : tuple of Arc
+    arcs : tuple of LimitArc
         Parts of the profile by the limit that it rides on, in order.
     duration : float
         s; NaN where the path cannot be travelled or the time was over.
@@ -98,7 +112,7 @@ class PhasePlane:
     velocity_bound: FloatArray
     least: FloatArray
     velocity_joint: np.ndarray
-    arcs: tuple[Arc, ...]
+    arcs: tuple[LimitArc, ...]
     duration: float
     blocked_at: float
     status: Status = Status.SOLVED
@@ -132,7 +146,7 @@ def phase_plane(
     grid: int = 1000,
     time_limit: float = np.inf,
 ) -> PhasePlane:
-    """The phase plane of a path from rest to rest.
+    """Compute the phase plane of a path from rest to rest.
 
     Limits that are neither of the velocity nor affine in s'' and s'^2 (torque rates, jerk, power)
     have no place in it and are left out, but for the stops that they enforce.
@@ -198,7 +212,7 @@ def phase_plane(
 
 
 def _segment(family: LimitFamily, curve: Curve, begin: float, grid: int) -> PhasePlane:
-    """The phase plane between two stops, first in the regular parameter of the curve."""
+    """Compute the phase plane between two stops, first in the regular parameter of the curve."""
     fast = compiles()
     along = CurveLimits.of(family, curve, grid, fast)
     timing = reach(along, start_free=curve.start_free, end_free=curve.end_free, fast=fast)
@@ -214,12 +228,12 @@ def _segment(family: LimitFamily, curve: Curve, begin: float, grid: int) -> Phas
         _at_points(nodes, size, most, np.minimum),
     )
     fastest = np.sqrt(along.limits.speed_limit(nodes, size))
-    own, slope = curve.parameter(timing.s)
+    place, slope = curve.parameter(timing.s)
     scale = np.abs(slope)
     profile = np.sqrt(timing.speed_squared) if timing.feasible else np.full(size, np.nan)
     if timing.feasible and along.has_friction:
         rows = rows.with_friction(nodes, family.robot, timing.speed_squared)
-    s = begin + own
+    s = begin + place
     return PhasePlane(
         s=s,
         speed=profile * scale,
@@ -236,7 +250,9 @@ def _segment(family: LimitFamily, curve: Curve, begin: float, grid: int) -> Phas
 
 
 def speed_range(rows: LimitRows, per_v: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Smallest and largest v = s' [nodes] that leave an s'' within all rows.
+    """Give the smallest and largest v = s' [nodes] that leave an s'' within all rows.
+
+    docs/theory/path_timing.md, "The phase plane".
 
     Parameters
     ----------
@@ -280,7 +296,7 @@ def speed_range(rows: LimitRows, per_v: FloatArray) -> tuple[FloatArray, FloatAr
 
 
 def _refused(b: FloatArray, f: FloatArray, h: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Open intervals of v >= 0 in which ``f v + b v^2 > h``, two columns for each constraint.
+    """Give open intervals of v >= 0 in which ``f v + b v^2 > h``, two columns for each constraint.
 
     A start below zero means that zero itself is refused; an empty interval is (inf, inf).
     """
@@ -307,51 +323,51 @@ def _refused(b: FloatArray, f: FloatArray, h: FloatArray) -> tuple[FloatArray, F
 
 
 def _at_points(nodes: Nodes, size: int, values: FloatArray, choose: np.ufunc) -> FloatArray:
-    """Values at grid points from those at nodes: at a break the tighter of its two sides."""
+    """Give values at grid points from those at nodes: at a break the tighter of its two sides."""
     result = values[:size].copy()
     choose.at(result, np.arange(1, size), values[nodes.right])
     return result
 
 
 def _fastest_joint(limits: PathLimits) -> np.ndarray:
-    """Index of the joint whose velocity limit leaves the least speed, at every node, or -1."""
+    """Give the joint whose velocity limit leaves the least speed, at every node, or -1."""
     joints = limits.speed.get("qd")
     if joints is None:
         some = next(iter(limits.half_planes.values()), None)
         count = len(some.per_u) if some else len(next(iter(limits.speed.values())))
         return np.full(count, -1)
-    found, least = joints.argmin(axis=1), joints.min(axis=1)
+    nearest, least = joints.argmin(axis=1), joints.min(axis=1)
     for key, bound in limits.speed.items():
         if key != "qd":
-            found = np.where(bound.min(axis=1) < least, -1, found)
-    return found
+            nearest = np.where(bound.min(axis=1) < least, -1, nearest)
+    return nearest
 
 
 def _arcs(
     s: FloatArray, timing: Reached, rows: LimitRows, nodes: Nodes, limits: PathLimits
-) -> list[Arc]:
-    """Runs of grid intervals on the same limit."""
+) -> list[LimitArc]:
+    """Find the runs of grid intervals on the same limit."""
     names, room = _room(timing, rows, nodes, limits)
     nearest = room.argmin(axis=1)
-    on = np.where(room[np.arange(len(room)), nearest] <= ACTIVE, nearest, -1)
+    on = np.where(room[np.arange(len(room)), nearest] <= ARCS.active, nearest, -1)
     runs = [(key, len(list(group))) for key, group in groupby(on.tolist())]
-    kept: list[tuple[int, int]] = []
+    merged: list[tuple[int, int]] = []
     for key, length in runs:
-        if kept and (length < FEWEST or kept[-1][0] == key):
-            kept[-1] = (kept[-1][0], kept[-1][1] + length)
+        if merged and (length < ARCS.fewest or merged[-1][0] == key):
+            merged[-1] = (merged[-1][0], merged[-1][1] + length)
         else:
-            kept.append((key, length))
-    edges = np.cumsum([0, *(length for _, length in kept)])
+            merged.append((key, length))
+    edges = np.cumsum([0, *(length for _, length in merged)])
     return [
-        Arc(float(s[a]), float(s[b]), None if key < 0 else names[key])
-        for (key, _), (a, b) in zip(kept, pairwise(edges), strict=True)
+        LimitArc(float(s[a]), float(s[b]), None if key < 0 else names[key])
+        for (key, _), (a, b) in zip(merged, pairwise(edges), strict=True)
     ]
 
 
 def _room(
     timing: Reached, rows: LimitRows, nodes: Nodes, limits: PathLimits
 ) -> tuple[list[PathLimit], FloatArray]:
-    """Every limit by name, and the room [N, limits] that the profile leaves below it.
+    """Give every limit by name, and the room [N, limits] that the profile leaves below it.
 
     As a share of its range, the lesser of both ends of every grid interval.
     """

@@ -104,7 +104,7 @@ class LimitBounds:
 
     @classmethod
     def of(cls, family: LimitFamily, keys: Sequence[str], usual: dict[str, Any]) -> LimitBounds:
-        """Bounds of the rows of these limits, ``usual`` values telling the size of varying ones."""
+        """Give the bounds of the rows of limits; ``usual`` tells the size of varying ones."""
         parts: list[tuple[FloatArray, FloatArray, FloatArray]] = []
         for key in keys:
             member = family[key]
@@ -129,7 +129,7 @@ def _sides(member: Member) -> tuple[str, ...]:
 
 
 def _finite_size(bounds: FloatArray) -> FloatArray:
-    """Largest finite magnitude [k] of bounds [m,k]; 1 where there is none."""
+    """Give the largest finite magnitude [k] of bounds [m,k]; 1 where there is none."""
     size = np.where(np.isfinite(bounds), np.abs(bounds), 0.0).max(axis=0)
     return np.where(size > 0.0, size, 1.0)
 
@@ -247,7 +247,7 @@ def _kernels_of(symbol: Any, kinds: LimitKinds, fast: bool) -> tuple[_Kernel, _K
 
 
 def common_size(kinds: LimitKinds) -> int:
-    """Count of the numbers that all places share."""
+    """Count the numbers that all places share."""
     family = kinds.family
     sizes = 0
     for key in (*kinds.of_acceleration, *kinds.of_rates):
@@ -260,7 +260,7 @@ def common_size(kinds: LimitKinds) -> int:
 def _limit_rows(
     kinds: LimitKinds, keys: Sequence[str], numbers: Any, common: Any, motion: tuple[Any, Any, Any]
 ) -> Any:
-    """Values of the limits of these keys at a place, by the unit of their bounds.
+    """Give the values of limits at a place, by the sizes of their bounds.
 
     ``motion`` is s', s'' and s''' in the program's unit of time, the first common number.
     """
@@ -419,10 +419,10 @@ def program_of(kinds: LimitKinds, n: int, breaks: tuple[int, ...], fast: bool) -
     heights = [kernel.values.size1_out(0) for kernel in (point, interval)]
     lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", heights[0] * count + heights[1] * n)
     first = 0
-    for (kernel, places), height, own in zip(groups, heights, numbers, strict=True):
+    for (kernel, places), height, constants in zip(groups, heights, numbers, strict=True):
         width = places.shape[1]
         w = ca.reshape(x[places.ravel("F").tolist()], places.shape[0], width)
-        given = [w, ca.reshape(own, kernel.used.size, width), common]
+        given = [w, ca.reshape(constants, kernel.used.size, width), common]
         lines = first + np.arange(height)[:, None] + height * np.arange(width)
         value, added = _mapped(kernel.values, width)(*given)
         values.append(ca.vec(value))

@@ -197,6 +197,8 @@ def timed_on_places(
 ) -> Profile:
     """Find the fastest profile of a curve, on a mesh that is refined until all limits hold inside.
 
+    docs/theory/path_timing.md, "One program on places".
+
     Parameters
     ----------
     family : LimitFamily
@@ -465,7 +467,7 @@ class _Timing:
         )
 
     def _bounds(self, n: int, count: int) -> tuple[FloatArray, FloatArray]:
-        """Bounds of all rows, in the order of the program."""
+        """Give the bounds of all rows, in the order of the program."""
         sides = []
         for side, speed in (("lower", np.full(2 * n, -np.inf)), ("upper", self.inner_speed)):
             of_point, of_rate = (
@@ -542,7 +544,7 @@ def _rates(robot: Robot, count: int, fast: bool) -> Any:
 
 
 def _friction(robot: Robot, name: str) -> FloatArray:
-    """Sizes [n] of one kind of friction; zero without masses."""
+    """Give the sizes [n] of one kind of friction; zero without masses."""
     if not robot.has_dynamics:
         return np.zeros(robot.joint_count)
     return np.array([getattr(link, name) for link in robot.links])

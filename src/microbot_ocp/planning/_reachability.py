@@ -38,22 +38,52 @@ from microbot_ocp.planning._path_limits import (
     speed_bound,
 )
 
-PENALTY = 1e6  # of leaving the feasible set, in the search for its best point
-CUTS = 14  # cutting planes of each linear program
-ROUNDING = 1e-9
-FRICTION_PASSES = 6  # linearisations of friction, which goes with the root of x
-SETTLED = 1e-4  # relative change of a duration that ends the doubling of the grid
-MOST_GRIDS, MOST_SETTLING, MOST_POINTS = 9, 8000, 40_000
-SHORTEST = 2e-5  # s, of an interval that is cut in two
-SHARE = 1e-4  # of the duration of a short motion: the same
-LOOKED_AT = (1e-6, 0.25, 0.5, 0.75, 1.0 - 1e-6)  # shares of an interval
-ALIKE = 0.1  # relative change of an inertia along an interval up to which one end stands for it
-STEEP = 1e-8  # least share of a coefficient that is divided by
-FLAT = 1e-12  # relative size of a coefficient that counts as zero
+
+@dataclass(frozen=True)
+class ReachabilitySettings:
+    """Settings of the passes.
+
+    Attributes
+    ----------
+    penalty : of leaving the feasible set, in the search for its best point
+    cuts : cutting planes of each linear program
+    rounding : relative violation of a limit that is none
+    friction_passes : linearisations of friction, which goes with the root of x, at most
+    settled : relative change of a duration that ends the doubling of the grid
+    most_grids, most_points : grids at most, and points above which there is no finer one
+    most_settling : points above which the duration alone asks for no finer grid
+    shortest, shortest_ratio : s, and ratio to the duration: the least interval that is halved
+    places : shares of an interval at which limits are looked at
+    alike : relative change of an inertia along an interval up to which one end stands for it
+    steep : least relative size of a coefficient that is divided by
+    flat : relative size of a coefficient that counts as zero
+    starts, starts_over : free starts that are compared, and intervals over which they are
+    tiny : of a speed: what is divided by in the place of zero
+    short : of k t^2, below which a series replaces sinh and sin
+    """
+
+    penalty: float = 1e6
+    cuts: int = 14
+    rounding: float = 1e-9
+    friction_passes: int = 6
+    settled: float = 1e-4
+    most_grids: int = 9
+    most_points: int = 40_000
+    most_settling: int = 8000
+    shortest: float = 2e-5
+    shortest_ratio: float = 1e-4
+    places: tuple[float, ...] = (1e-6, 0.25, 0.5, 0.75, 1.0 - 1e-6)
+    alike: float = 0.1
+    steep: float = 1e-8
+    flat: float = 1e-12
+    starts: int = 1001
+    starts_over: int = 8
+    tiny: float = 1e-30
+    short: float = 1e-4
+
+
+REACHABILITY = ReachabilitySettings()
 NESTED = {"base": 4}  # a chain of 1000 is made in 5 ms, with CasADi's 10 in 50 ms
-FIRST, STARTS_TRIED = 8, 1001  # intervals whose time chooses a free start, and starts looked at
-TINY = 1e-30
-SHORT = 1e-4  # of k t^2, below which a series replaces sinh and sin
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +114,7 @@ class Reached:
         return float(self.t[-1])
 
     def smoothed(self, curve: Curve, other: Curve, rise: float, count: int) -> Reached:
-        """The same with accelerations reached within ``rise`` s, for another parameter of the path.
+        """Smooth the accelerations over ``rise`` s, for another parameter of the path.
 
         The way travelled is the mean of those within that time, so that the arm leaves like t^3
         where it did like t^2; at so many times on each piece, but no finer than these.
@@ -113,14 +143,14 @@ class Reached:
         return replace(self, s=s, speed_squared=x, start=change, end=change, t=t - t[0])
 
     def inside(self, i: np.ndarray, share: FloatArray) -> tuple[FloatArray, ...]:
-        """s, ds/dt and d2s/dt2 a share of the way through intervals i."""
+        """Give s, ds/dt and d2s/dt2 a share of the way through intervals i."""
         d = np.diff(self.s)[i]
         way, rise = share * d, self.end[i] - self.start[i]
         x = self.speed_squared[i] + way * (2.0 * self.start[i] + rise * share)
         return self.s[i] + way, np.sqrt(np.maximum(x, 0.0)), self.start[i] + rise * share
 
     def after(self, i: np.ndarray, time: FloatArray) -> tuple[FloatArray, ...]:
-        """s, ds/dt and d2s/dt2 at times since the start of intervals i: s'' = a + k (s - s_i)."""
+        """Give s, ds/dt, d2s/dt2 at times since the start of intervals i: s'' = a + k (s - s_i)."""
         a, v = self.start[i], np.sqrt(self.speed_squared[i])
         k = (self.end[i] - a) / np.diff(self.s)[i]
         whole, half = (_sinh_over(k * (f * time) ** 2) for f in (1.0, 0.5))
@@ -140,11 +170,11 @@ def harmonic(s: FloatArray, lasts: float) -> Reached:
 
 
 def _sinh_over(z: FloatArray) -> FloatArray:
-    """sinh(r)/r of r = sqrt(z); sin where z is negative."""
+    """Give sinh(r)/r of r = sqrt(z); sin where z is negative."""
     r = np.sqrt(np.abs(z))
     with np.errstate(divide="ignore", invalid="ignore"):
         far = np.where(z > 0, np.sinh(r), np.sin(r)) / r
-    return np.where(r**2 < SHORT, 1.0 + z / 6.0 * (1.0 + z / 20.0), far)
+    return np.where(r**2 < REACHABILITY.short, 1.0 + z / 6.0 * (1.0 + z / 20.0), far)
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,7 +191,7 @@ class CurveLimits:
     def of(
         cls, family: LimitFamily, curve: Curve, grid: int | FloatArray, fast: bool
     ) -> CurveLimits:
-        """Limits of a curve on a grid of about so many intervals, or on given points."""
+        """Give limits of a curve on a grid of about so many intervals, or on given points."""
         s = path_grid(curve, grid) if isinstance(grid, int) else grid
         nodes = nodes_of(curve, s)
         limits = PathLimits.of(family, nodes, fast)
@@ -181,10 +211,10 @@ class CurveLimits:
         return np.sqrt(least_bound(bounds, self.nodes, self.s.size))
 
     def excess(self, timing: Reached, curve: Curve) -> FloatArray:
-        """Largest relative excess [N] over any of these limits inside every interval."""
+        """Give the largest relative excess [N] over any of these limits inside every interval."""
         family, worst = self.limits.family, np.full(self.s.size - 1, -1.0)
         i = np.arange(worst.size)
-        for share in LOOKED_AT:
+        for share in REACHABILITY.places:
             r, v, u = timing.inside(i, np.full(i.size, share))
             q, tangent, curvature = curve.evaluate(r)
             v, u = v[:, None], u[:, None]
@@ -204,7 +234,9 @@ def reach(
     fast: bool,
     fastest: float | FloatArray = np.inf,
 ) -> Reached:
-    """Best timing of a curve on its grid, from rest to rest, with ds/dt at most ``fastest`` [N+1].
+    """Find the best timing of a curve on its grid, from rest to rest.
+
+    With ds/dt at most ``fastest`` [N+1]; docs/theory/path_timing.md, "Reachability".
 
     ``start_free`` and ``end_free`` leave ds/dt free at an end where the tangent vanishes, as the
     arm rests there all the same. Friction goes with the root of x and is linearised around the
@@ -214,7 +246,7 @@ def reach(
     speed_limit = np.minimum(along.limits.speed_limit(along.nodes, along.s.size), fastest**2)
     timing = _passes(along.s, along.rows, speed_limit, free, fast)
     x, before = timing.speed_squared, timing.duration
-    for _ in range(FRICTION_PASSES if along.has_friction and timing.feasible else 0):
+    for _ in range(REACHABILITY.friction_passes if along.has_friction and timing.feasible else 0):
         if deadline.over():
             break
         bent = along.rows.with_friction(along.nodes, along.limits.family.robot, x)
@@ -222,7 +254,7 @@ def reach(
         if not timing.feasible:  # at a speed at which friction alone takes more than the limits
             x = 0.25 * x
             continue
-        if abs(timing.duration - before) < 0.01 * SETTLED * timing.duration:
+        if abs(timing.duration - before) < 0.01 * REACHABILITY.settled * timing.duration:
             break
         x, before = timing.speed_squared, timing.duration
     return timing
@@ -234,9 +266,9 @@ def settled(
     grid: int,
     tolerance: float,
     fast: bool,
-    most: int = MOST_GRIDS,
+    most: int = REACHABILITY.most_grids,
 ) -> tuple[Reached, CurveLimits, float]:
-    """Best timing on a grid made finer until the duration settles and limits hold in between.
+    """Refine the grid of a timing until its duration settles and limits hold in between.
 
     ``grid`` is the number of intervals to begin with, ``tolerance`` the largest relative excess
     over a limit inside an interval, ``most`` the number of grids. The last number returned is what
@@ -250,10 +282,12 @@ def settled(
         if not timing.feasible:
             return timing, along, np.inf
         excess = along.excess(timing, curve)
-        apart = abs(timing.duration - duration) > SETTLED * timing.duration
-        cut = (excess > tolerance) | (apart and s.size <= MOST_SETTLING)
-        cut &= np.diff(timing.t) > min(SHORTEST, SHARE * timing.duration)
-        if not cut.any() or not last or s.size > MOST_POINTS or deadline.over():
+        apart = abs(timing.duration - duration) > REACHABILITY.settled * timing.duration
+        cut = (excess > tolerance) | (apart and s.size <= REACHABILITY.most_settling)
+        cut &= np.diff(timing.t) > min(
+            REACHABILITY.shortest, REACHABILITY.shortest_ratio * timing.duration
+        )
+        if not cut.any() or not last or s.size > REACHABILITY.most_points or deadline.over():
             break
         duration = timing.duration
         s = np.sort(np.concatenate([s, (0.5 * (s[1:] + s[:-1]))[cut]]))
@@ -261,7 +295,7 @@ def settled(
 
 
 def path_grid(path: Curve, count: int) -> FloatArray:
-    """Grid [N+1] of about ``count`` intervals with the breaks of the path among its points.
+    """Make a grid [N+1] of about ``count`` intervals with the breaks of the path among its points.
 
     Near them it is finer: inertias vanish there often, and the curvature jumps.
     """
@@ -286,7 +320,7 @@ class _Ends:
 
     @classmethod
     def of(cls, rows: LimitRows, at: np.ndarray, other: np.ndarray, step: FloatArray) -> _Ends:
-        """Limits at one end; where the inertia changes much to the other end, those of it, too.
+        """Give limits at one end; where the inertia changes much, those at the other, too.
 
         There the product of inertia and u, both linear, is far from linear between the ends, and
         an inertia that vanishes at one of them would leave u free.
@@ -295,31 +329,31 @@ class _Ends:
             np.hstack([a[at], a[other]]) for a in (rows.per_u, rows.per_x, rows.lower, rows.upper)
         )
         here, there = np.hsplit(m, 2)
-        alike = np.abs(there - here) <= ALIKE * np.maximum(np.abs(here), np.abs(there))
-        own = np.zeros_like(alike)
-        left_out = np.hstack([own, alike])
+        alike = np.abs(there - here) <= REACHABILITY.alike * np.maximum(np.abs(here), np.abs(there))
+        none = np.zeros_like(alike)
+        left_out = np.hstack([none, alike])
         low, high = np.where(left_out, -np.inf, low), np.where(left_out, np.inf, high)
         turned = m < 0
         low, high = np.where(turned, -high, low), np.where(turned, -low, high)
         return cls(np.abs(m), np.where(turned, -c, c), low, high, step[:, None])
 
     def speeds(self) -> tuple[FloatArray, FloatArray]:
-        """Smallest and largest x [N] that leave a u within all limits."""
+        """Give the smallest and largest x [N] that leave a u within all limits."""
         half = self.m.shape[1] // 2
         least, most = _speeds(*(a[:, :half] for a in (self.m, self.c, self.low, self.high)))
         which = np.flatnonzero(np.isfinite(self.high[:, half:]).any(axis=1))
         if which.size:
-            found = _speeds(*(a[which] for a in (self.m, self.c, self.low, self.high)))
-            least[which] = np.maximum(least[which], found[0])
-            most[which] = np.minimum(most[which], found[1])
+            speeds = _speeds(*(a[which] for a in (self.m, self.c, self.low, self.high)))
+            least[which] = np.maximum(least[which], speeds[0])
+            most[which] = np.minimum(most[which], speeds[1])
         return least, most
 
     @property
     def flat(self) -> np.ndarray:
-        return self.m <= FLAT * (self.m + self.step * np.abs(self.c))
+        return self.m <= REACHABILITY.flat * (self.m + self.step * np.abs(self.c))
 
     def lines(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Slope in x, and the largest and smallest u at x = 0 [N,R]."""
+        """Give the slope in x, and the largest and smallest u at x = 0 [N,R]."""
         m = np.where(self.flat, 1.0, self.m)
         slope = np.where(self.flat, 0.0, -self.c / m)
         sides = ((FAR, self.high), (-FAR, self.low))
@@ -327,7 +361,7 @@ class _Ends:
         return slope, np.clip(most, -FAR, FAR), np.clip(least, -FAR, FAR)
 
     def moved(self, way: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """The same limits as bounds of x given ``w = x + way d u``: ratio of w, and intercepts.
+        """Bound x by the same limits given ``w = x + way d u``: ratio of w, and intercepts.
 
         With ``e = m - way d c``, ``e x`` lies between ``m w - way d high`` and ``m w - way d low``:
         where the ratio m/e is positive x is at most ``ratio w + top``, with the w at most that the
@@ -337,7 +371,7 @@ class _Ends:
         moved = way * self.step
         e = self.m - moved * self.c
         # not so small that intercepts reach FAR: there they say that there is no limit
-        tiny = STEEP * (self.m + np.abs(moved * self.c))
+        tiny = REACHABILITY.steep * (self.m + np.abs(moved * self.c))
         none = tiny == 0.0
         e = np.where(np.abs(e) <= tiny, np.where(none, 1.0, tiny), e)
         one, other = -moved * self.low / e, -moved * self.high / e
@@ -349,11 +383,11 @@ class _Ends:
 def _speeds(
     m: FloatArray, c: FloatArray, low: FloatArray, high: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Smallest and largest x that leave a u: at most (high - c x)/m, at least that of another."""
+    """Give the least and largest x with a u of at most (high - c x)/m, at least that of another."""
     with np.errstate(divide="ignore", invalid="ignore"):
         slope = m[:, None, :] * c[:, :, None] - m[:, :, None] * c[:, None, :]
         bound = m[:, None, :] * high[:, :, None] - m[:, :, None] * low[:, None, :]
-        flat = m <= FLAT * (m + np.abs(c))
+        flat = m <= REACHABILITY.flat * (m + np.abs(c))
         alone = [np.where(flat, values, np.inf) for values in (high, -low)]
         slope = np.hstack([slope.reshape(len(m), -1), c, -c])
         bound = np.hstack([bound.reshape(len(m), -1), *alone])
@@ -364,7 +398,7 @@ def _speeds(
 
 
 def _reached_from(ends: _Ends, way: float) -> FloatArray:
-    """Lines of the extremes of ``w = x + way d u`` in x, as columns [N,3R]: slope, top, bottom."""
+    """Give lines of the extremes of ``w = x + way d u`` in x [N,3R]: slope, top, bottom."""
     slope, most, least = ends.lines()
     step = way * ends.step
     sides = (most, least) if way > 0 else (least, most)
@@ -410,11 +444,13 @@ def _passes(
     forward = _forward(width, n, fast)
     first = high[0]
     if free[0]:  # the largest x_0 may bar larger ones soon after, a small one loses time at once
-        tried, onward = [np.linspace(low[0], high[0], STARTS_TRIED)], _onward(width, fast)
-        for column in columns.T[:FIRST]:
+        tried, onward = [np.linspace(low[0], high[0], REACHABILITY.starts)], _onward(width, fast)
+        for column in columns.T[: REACHABILITY.starts_over]:
             tried.append(onward(tried[-1][None], column).ravel())
         v = np.sqrt(np.maximum(tried, 0.0))
-        spent = (step[: len(v) - 1, None] / np.maximum(v[1:] + v[:-1], TINY)).sum(axis=0)
+        spent = (step[: len(v) - 1, None] / np.maximum(v[1:] + v[:-1], REACHABILITY.tiny)).sum(
+            axis=0
+        )
         first = tried[0][np.argmin(spent)]
     x = np.maximum(np.append(first, forward(first, columns).ravel()), 0.0)
     start, finish = _accelerations(x, step, left, right)
@@ -428,11 +464,11 @@ def _passes(
 def _accelerations(
     x: FloatArray, step: FloatArray, left: _Ends, right: _Ends
 ) -> tuple[FloatArray, FloatArray]:
-    """u at both ends of the intervals: their mean where limits allow it, else at a limit."""
+    """Give u at both ends of the intervals: their mean where limits allow it, else at a limit."""
     bounds = []
     for ends, at in ((left, x[:-1, None]), (right, x[1:, None])):
         slope, most, least = ends.lines()
-        slack = ROUNDING * (1.0 + np.abs(slope * at))
+        slack = REACHABILITY.rounding * (1.0 + np.abs(slope * at))
         bounds.append(
             (
                 (least + slope * at - slack).max(axis=1, initial=-FAR),
@@ -451,7 +487,7 @@ def _accelerations(
 
 
 def _durations(x: FloatArray, step: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
-    """Times [N] of the intervals, s'' = a + k (s - s_i); infinite where x stays zero."""
+    """Give the times [N] of the intervals, s'' = a + k (s - s_i); infinite where x stays zero."""
     k, v0, v1 = (end - start) / step, np.sqrt(x[:-1]), np.sqrt(x[1:])
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         usual = 2.0 * step / (v0 + v1)
@@ -463,12 +499,15 @@ def _durations(x: FloatArray, step: FloatArray, start: FloatArray, end: FloatArr
         circular = np.arctan2(start * w * v1 * -1.0 + end * w * v0, start * end + w * v0 * w * v1)
         exact = np.where(k > 0, hyperbolic, np.abs(circular)) / w
         series = usual * (1.0 + k * usual**2 / 12.0)
-        return np.where(np.abs(k) * usual**2 < SHORT, series, exact)
+        return np.where(np.abs(k) * usual**2 < REACHABILITY.short, series, exact)
 
 
 @lru_cache(maxsize=32)
 def _backward(width: int, count: int, fast: bool) -> FastCall:
-    """Backward pass over ``count`` intervals: sets of x_i from which the end can be reached."""
+    """Make the backward pass: sets of x_i from which the end can be reached.
+
+    docs/theory/path_timing.md, "Reachability".
+    """
     target = ca.MX.sym("target", 2)
     column = ca.MX.sym("column", 6 * width + 2)
     lines, (v_low, v_high) = column[: 6 * width], ca.vertsplit(column[6 * width :])
@@ -478,8 +517,8 @@ def _backward(width: int, count: int, fast: bool) -> FastCall:
     mirrored = ca.vertcat(after, -ratio, -bottom, -top, -v_high, -v_low)
     smallest, _ = _best(width, mirrored, target)
     # an empty set is passed on as one with its ends crossed
-    crossed = target[1] < target[0] - ROUNDING * (1.0 + ca.fabs(target[0]))
-    empty = ca.logic_or(crossed, room < -ROUNDING * (1.0 + ca.fabs(largest)))
+    crossed = target[1] < target[0] - REACHABILITY.rounding * (1.0 + ca.fabs(target[0]))
+    empty = ca.logic_or(crossed, room < -REACHABILITY.rounding * (1.0 + ca.fabs(largest)))
     result = ca.vertcat(
         ca.if_else(empty, 1.0, ca.fmax(-smallest, 0.0)), ca.if_else(empty, -1.0, largest)
     )
@@ -489,18 +528,18 @@ def _backward(width: int, count: int, fast: bool) -> FastCall:
 
 @lru_cache(maxsize=32)
 def _forward(width: int, count: int, fast: bool) -> FastCall:
-    """Forward pass over ``count`` intervals: every x from the first one and the columns."""
+    """Make the forward pass: every x from the first one and the columns."""
     return buffered_call(_step(width, fast).mapaccum(count, NESTED))
 
 
 @lru_cache(maxsize=32)
 def _onward(width: int, fast: bool) -> FastCall:
-    """One interval of the forward pass from all starts that are tried, and its column."""
-    return buffered_call(_step(width, fast).map("onward", "serial", STARTS_TRIED, [1], []))
+    """Make one interval of the forward pass from all starts that are tried, and its column."""
+    return buffered_call(_step(width, fast).map("onward", "serial", REACHABILITY.starts, [1], []))
 
 
 def _step(width: int, fast: bool) -> ca.Function:
-    """The largest x_{i+1} in its set that x_i allows."""
+    """Give the largest x_{i+1} in its set that x_i allows."""
     x = ca.SX.sym("x")
     column = ca.SX.sym("column", 5 * width + 2)
     slope, high, low, ratio, top = (column[k * width : (k + 1) * width] for k in range(5))
@@ -513,7 +552,7 @@ def _step(width: int, fast: bool) -> ca.Function:
 
 
 def _best(width: int, lines: ca.MX, target: ca.MX) -> tuple[ca.MX, ca.MX]:
-    """Largest v that some y in the target allows, and the room that is left to it.
+    """Give the largest v that some y in the target allows, and the room that is left to it.
 
     The penalised upper envelope is concave and piecewise linear in y: its maximum is enclosed by
     the tangents at two points and found in finitely many cuts.
@@ -521,7 +560,7 @@ def _best(width: int, lines: ca.MX, target: ca.MX) -> tuple[ca.MX, ca.MX]:
     envelope, cut = _cutting_plane(width)
     left = envelope(target[0], lines)
     right = envelope(ca.fmax(target[1], target[0]), lines)
-    for _ in range(CUTS):
+    for _ in range(REACHABILITY.cuts):
         left, right = cut(left, right, lines)
     left_wins = left[1] > right[1]
     return ca.if_else(left_wins, left[3], right[3]), ca.if_else(left_wins, left[4], right[4])
@@ -529,12 +568,12 @@ def _best(width: int, lines: ca.MX, target: ca.MX) -> tuple[ca.MX, ca.MX]:
 
 @lru_cache(maxsize=32)
 def _cutting_plane(width: int) -> tuple[ca.Function, ca.Function]:
-    """Envelope at a point, one cut of the bracket; a point is (y, value, slope, top, room)."""
+    """Make the envelope at a point, a cut of the bracket; a point: y, value, slope, top, room."""
     lines, y = ca.SX.sym("lines", 6 * width + 2), ca.SX.sym("y")
     parts = [ca.vertsplit(lines[k * width : (k + 1) * width]) if width else [] for k in range(6)]
 
     def extreme(sign: float, values: list[tuple[ca.SX, ca.SX]]) -> tuple[ca.SX, ca.SX]:
-        """The least (the largest, where sign is -1) of values with their slopes in y."""
+        """Give the least (the largest, where sign is -1) of values with their slopes in y."""
         best, slope = values[0]
         for value, other in values[1:]:
             slope = ca.if_else(sign * value < sign * best, other, slope)
@@ -556,7 +595,7 @@ def _cutting_plane(width: int) -> tuple[ca.Function, ca.Function]:
     highest, slope_there = extreme(1.0, above)
     lowest, slope_below = extreme(-1.0, below)
     room = highest - lowest
-    penalty = ca.if_else(room < 0, PENALTY, 0.0)
+    penalty = ca.if_else(room < 0, REACHABILITY.penalty, 0.0)
     point = ca.vertcat(
         y,
         highest + penalty * room,
