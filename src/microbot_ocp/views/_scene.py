@@ -22,13 +22,6 @@ QUANTITIES = ("q", "qd", "tau")
 POSITIONS = ("q", "error")  # drawn in degrees for revolute joints
 
 
-class Passage(NamedTuple):
-    """A via point (index from 0) and when a motion passes it, s."""
-
-    via: int
-    time: float
-
-
 def solved_entries(comparison: Comparison) -> list[tuple[Entry, Motion]]:
     """Return the entries that have a motion, in their order."""
     return [(e, e.motion) for e in comparison.entries if e.motion is not None]
@@ -71,19 +64,17 @@ def reach(robot: Robot) -> float:
     return reach_of(robot)
 
 
-def via_passages(comparison: Comparison, motion: Motion) -> list[Passage]:
-    """Return when the motion passes each via point: its ends, and the marks at a via point.
+def via_passages(comparison: Comparison, motion: Motion) -> list[float]:
+    """Return when the motion passes via points, s: its ends, and marks at inner via points.
 
     A via point without a mark near it (0.02 rad or m) is left out.
     """
-    last = len(comparison.via_q) - 1
-    inner = []
-    times = np.clip([mark.time for mark in motion.marks], 0.0, motion.duration)
-    for via in range(1, last) if times.size else ():
-        distance = np.abs(motion.sample(times).q - comparison.via_q[via]).max(axis=1)
+    inner, times = [], np.clip([mark.time for mark in motion.marks], 0.0, motion.duration)
+    for via in comparison.via_q[1:-1] if times.size else ():
+        distance = np.abs(motion.sample(times).q - via).max(axis=1)
         if distance.min() < 0.02:
-            inner.append(Passage(via, float(times[distance.argmin()])))
-    return [Passage(0, 0.0), *inner, Passage(last, motion.duration)]
+            inner.append(float(times[distance.argmin()]))
+    return [0.0, *inner, motion.duration]
 
 
 def display_factor(robot: Robot, quantity: str, joint: int) -> float:

@@ -77,7 +77,7 @@ def entry_curves(
             Curve.of(motion, legend_title(entry, motion), robot=robot, quantities=quantities),
             color=styles[entry.name].color,
             linestyle=styles[entry.name].linestyle,
-            passages=[passage.time for passage in scene.via_passages(comparison, motion)],
+            passages=scene.via_passages(comparison, motion),
             prominent=styles[entry.name].highlighted,
             warning="",  # the label says so
         )

@@ -42,7 +42,7 @@ CONVERGENCE: dict[str, tuple[str, dict[str, Any]]] = {  # title and settings of 
 
 
 class IterationRecorder:
-    """Yield a progress function that writes the iterates of a solve.
+    """A progress function that writes the iterates of a solve.
 
     Parameters
     ----------
