@@ -83,7 +83,8 @@ def write_animation(
     frames = drawn()
     with whole_file(target) as partial:
         if target.suffix == ".gif":
-            _write_gif(partial, frames, rate)
+            around = film.still is not None or bool(film.around.parts)
+            _write_gif(partial, frames, rate, 256 if around else 128)  # colours
         else:
             _write_mp4(partial, frames, rate)
     return target
@@ -123,12 +124,12 @@ def animate_comparison(
     return write_animation(recording, path, rate, title=title, **options)
 
 
-def _write_gif(path: Path, frames: Iterator[np.ndarray], rate: float) -> None:
+def _write_gif(path: Path, frames: Iterator[np.ndarray], rate: float, colors: int) -> None:
     pictures = [Image.fromarray(frame) for frame in frames]
     # one palette for all frames, from some of them: colours do not flicker, and changes are small
     some = pictures[:: max(1, len(pictures) // 6)]
     strip = Image.fromarray(np.vstack([np.asarray(picture) for picture in [*some, pictures[-1]]]))
-    palette = _with_exactly(strip.quantize(256, method=Image.Quantize.MEDIANCUT), strip)
+    palette = _with_exactly(strip.quantize(colors, method=Image.Quantize.MEDIANCUT), strip)
     reduced = [p.quantize(palette=palette, dither=Image.Dither.NONE) for p in pictures]
     ends = np.rint(100.0 * np.arange(1, len(reduced) + 1) / rate).astype(int)
     durations = 10 * np.diff(ends, prepend=0)

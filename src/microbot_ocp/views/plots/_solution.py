@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from microbot_ocp._base import checks
@@ -12,7 +13,7 @@ from microbot_ocp._base.showing import GivenAxes
 from microbot_ocp.ocp.solution import Solution
 from microbot_ocp.views._scene import is_near
 from microbot_ocp.views._style import STYLE, look
-from microbot_ocp.views._variables import dense_times, variable_curves
+from microbot_ocp.views._variables import BoundedCurve, Key, dense_times, variable_curves
 from microbot_ocp.views.plots._page import AxesGrid, axes_page, styled
 
 
@@ -66,21 +67,7 @@ def solution(
     for empty in page.axes.ravel()[len(chosen) :]:
         empty.remove()
     for name, panel in zip(chosen, panels, strict=True):
-        shown = [
-            (place, curve)
-            for place, table in enumerate(every)
-            for key, curves in table.items()
-            for curve in (curves if key[0] == name else ())
-        ]
-        for place, curve in shown:
-            panel.plot(curve.t, curve.values, **look(place))
-        low, high = panel.get_ylim()
-        for _, curve in shown:
-            for bound in (curve.lower, curve.upper):
-                if is_near(bound, low, high):
-                    panel.plot(curve.t[[0, -1]], [bound] * 2, zorder=2, **STYLE.limit_line)
-        for begin in sorted({curve.t[0] for place, curve in shown if place == 0})[1:]:
-            panel.axvline(begin, color="0.8", linewidth=0.8, zorder=1)
+        _draw(panel, every, name)
         panel.set_title(name, fontweight="bold")
         panel.set_ylabel(f"[{units[name]}]" if units[name] else "")
         panel.margins(x=0.01)
@@ -95,3 +82,22 @@ def solution(
     ]
     page.legend(handles, 4, failures)
     return panels
+
+
+def _draw(panel: Axes, every: Sequence[Mapping[Key, Sequence[BoundedCurve]]], name: str) -> None:
+    """Draw a variable of every solution, its bounds where they are near, and ends of phases."""
+    shown = [
+        (place, curve)
+        for place, table in enumerate(every)
+        for key, curves in table.items()
+        for curve in (curves if key[0] == name else ())
+    ]
+    for place, curve in shown:
+        panel.plot(curve.t, curve.values, **look(place))
+    low, high = panel.get_ylim()
+    for _, curve in shown:
+        for bound in (curve.lower, curve.upper):
+            if is_near(bound, low, high):
+                panel.plot(curve.t[[0, -1]], [bound] * 2, zorder=2, **STYLE.limit_line)
+    for begin in sorted({curve.t[0] for place, curve in shown if place == 0})[1:]:
+        panel.axvline(begin, color="0.8", linewidth=0.8, zorder=1)

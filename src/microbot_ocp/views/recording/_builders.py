@@ -29,7 +29,7 @@ from microbot_ocp.views.recording._animated_arm import drawn_rate, looks, moving
 from microbot_ocp.views.recording._limits import peak_table
 from microbot_ocp.views.recording._recording import Recording
 from microbot_ocp.views.recording._writer import BRANCH, TIME
-from microbot_ocp.views.tables import narrow_table
+from microbot_ocp.views.tables import in_degrees, joint_units, narrow_table
 
 
 def of_comparison(comparison: Comparison, rate: float | None = None) -> Recording:
@@ -181,19 +181,24 @@ def of_branches(
     if not solutions:
         raise InputError("solutions must hold at least one IKSolution, not none")
     check_joints(robot, len(solutions[0].q), "solutions")
-    q, joints = np.array([solution.q for solution in solutions]), range(robot.joint_count)
+    q = np.array([solution.q for solution in solutions])
     styles = [_ghost(f"branch_{k}", "") for k in range(1, len(q) + 1)]
     shown = looks(robot, [*styles, _solid("solution", "")])
     ghosts = [standing_arm(q[k : k + 1], look) for k, look in enumerate(shown[:-1])]
     target = None
     if orientation is not None:
         target = np.vstack([np.column_stack([orientation, position]), [0.0, 0.0, 0.0, 1.0]])
-    factors = [display_factor(robot, "q", joint) for joint in joints]
     few = robot.joint_count <= STYLE.side_by_side
-    names = robot.joint_names if few else [f"q{joint + 1}" for joint in joints]
-    heads = [f"{names[joint]} [{display_unit(robot, 'q', joint)}]" for joint in joints]
+    names = robot.joint_names if few else [f"q{k + 1}" for k in range(robot.joint_count)]
+    units = joint_units(robot)
+    heads = [f"{name} [{unit}]" for name, unit in zip(names, units, strict=True)]
     rows = [
-        [str(k), *(f"{value:.2f}" for value in factors * s.q), f"{s.position_error:.1e}", s.status]
+        [
+            str(k),
+            *(f"{value:.2f}" for value in in_degrees(robot, s.q)),
+            f"{s.position_error:.1e}",
+            s.status,
+        ]
         for k, s in enumerate(solutions, start=1)
     ]
     place = ", ".join(f"{value:.4g}" for value in position)

@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from microbot_ocp._base.checks import FloatArray, plain
+from microbot_ocp._base.checks import plain
 from microbot_ocp._base.table import NOTHING, Column, Table
 from microbot_ocp._base.writing import write_whole
 from microbot_ocp.comparison import Certificate, Comparison, Entry, LimitCheck
 from microbot_ocp.limits import JOINT_QUANTITIES, LimitFamily, not_judged, quantity_name
-from microbot_ocp.views._scene import display_factor, display_unit
 from microbot_ocp.views._style import STYLE, entry_title
+from microbot_ocp.views.tables._texts import in_degrees, joint_units
 
 JUDGED = ("certificate_ok", "verdict", "verdict_short", "unjudged", "worst_violation")
 MEASURED = (
@@ -114,20 +114,13 @@ def write_json(comparison: Comparison, path: str | Path) -> Path:
         "joints": [{"name": name, "type": kind} for name, kind in pairs],
         "via_q": comparison.via_q,
         "via_q_unit": [robot.unit("q", j) for j in range(robot.joint_count)],
-        "via_q_deg": np.where(revolute, _shown_via(comparison), np.nan),
+        "via_q_deg": np.where(revolute, in_degrees(robot, comparison.via_q), np.nan),
         "limits": comparison.limits.as_dict(),
         "reference": comparison.reference,
         "entries": comparison_rows(comparison),
     }
     text = json.dumps(plain(document), indent=2, ensure_ascii=False, allow_nan=False)
     return write_whole(path, text + "\n")
-
-
-def _shown_via(comparison: Comparison) -> FloatArray:
-    """Return via points [m,n] in degrees, of prismatic joints in m."""
-    robot = comparison.robot
-    factors = [display_factor(robot, "q", joint) for joint in range(robot.joint_count)]
-    return np.round(comparison.via_q * factors, 10)  # 30, not 29.999999999999996
 
 
 def _row(comparison: Comparison, entry: Entry, reference: float) -> Row:
@@ -211,11 +204,12 @@ def _significant(value: float) -> str:
 def _title(comparison: Comparison) -> str:
     robot = comparison.robot
     points = [
-        ", ".join(f"{round(value, 6) + 0.0:.4g}" for value in via) for via in _shown_via(comparison)
+        ", ".join(f"{round(value, 6) + 0.0:.4g}" for value in via)
+        for via in in_degrees(robot, comparison.via_q)
     ]
     shown = ", ".join(f"({point})" for point in points[:4])
     more = ", ..." if len(comparison.via_q) > 4 else ""
-    units = {display_unit(robot, "q", j) for j in range(robot.joint_count)}
+    units = set(joint_units(robot))
     unit = next(iter(units)) if len(units) == 1 else "deg or m"
     return f"{robot.name} through {shown}{more} {unit}"
 
