@@ -2,14 +2,16 @@
 
     python -m benchmarks baseline --out FILE [--only GROUP ...] [--count N] [--jobs 2]
     python -m benchmarks baseline --out FILE --against EARLIER
+    python -m benchmarks baseline --ledger FILE
 
-Groups: the demo's methods, the suite of published problems by ``solve`` and by ``solve_refined``,
-random tasks by seed, scenes with obstacles, cells, switching times, and the arms of the table of
-speeds. Every case is solved in a process of its own; a line of JSON each goes to FILE (cost or
-duration, status, whether its certificate holds, processor time, a digest of the answer's bits). A
-run that was ended goes on where FILE ends. ``--against`` prints what changed and ends with 1 where
-an answer got worse by more than 1e-4, a certificate was lost, or the processor time of a group grew
-by more than a tenth.
+Groups: the demo's methods, the suite of published problems by ``solve`` without and with an
+accuracy, random tasks by seed, scenes with obstacles, cells, switching times, and the arms of the
+table of speeds. Every case is solved in a process of its own; a line of JSON each goes to FILE
+(cost or duration, status, whether its certificate holds, processor time, a digest of the answer's
+bits). A run that was ended goes on where FILE ends. ``--against`` prints what changed and ends with
+1 where an answer got worse by more than 1e-4, a certificate was lost, or the processor time of a
+group grew by more than a tenth. ``--ledger`` prints how often each strategy was run in a file, how
+often the answer came from it, and the time that it took.
 """
 
 from __future__ import annotations
@@ -33,12 +35,24 @@ from benchmarks import arms, cell, scenes, switching_times, torture
 from benchmarks.suite import child
 from benchmarks.suite.table import PROBLEMS
 from microbot_ocp import ocp
+from microbot_ocp._base.table import Column, Table
 
 WORSE = 1e-4  # relative growth of a cost or duration that is reported
 SLOWER = 0.1  # relative growth of a group's processor time that is reported
+AIM = 1e-6  # accuracy of the group "refined"
 LIMIT = 600  # s of processor time of a case
 TASKS, SCENES = 300, 60
 SEEDS = 3  # of each class of switching times and each arm
+
+LEDGER = (
+    Column("group", left=True),
+    Column("strategy", left=True),
+    Column("cases"),
+    Column("run"),
+    Column("decided"),
+    Column("iterations"),
+    Column("time", "s", ".1f"),
+)
 
 Row = dict[str, Any]
 
@@ -68,20 +82,15 @@ def of_problem(name: str, way: str) -> Row:
     """Return what became of a problem of the suite, and whether ``verify`` agrees."""
     problem = next(p for p in PROBLEMS if p.name == name)
     built, guess = problem.build(), None if problem.guess is None else problem.guess()
-    if way == "solve":
-        solution = ocp.solve(built, guess=guess)
-        status = solution.status
-    else:
-        refined = ocp.solve_refined(built, guess=guess)
-        solution, status = refined.solution, refined.status
+    solution = ocp.solve(built, guess=guess, accuracy=AIM if way == "refined" else None)
     bits = digest(*(phase[v] for phase in solution.phases for v in phase.values))
     return {
         "cost": float(solution.cost),
-        "status": str(status),
-        "solved": bool(status.solved),
+        "status": str(solution.status),
+        "solved": solution.solved,
         "certified": bool(ocp.verify(built, solution).ok),
         "error": problem.error(solution.cost),
-        "ledger": solution.settings.get("ledger"),
+        "ledger": solution.ledger.as_dicts(),
         "bits": bits,
     }
 
@@ -251,6 +260,18 @@ def changes(now: Mapping[Any, Row], before: Mapping[Any, Row]) -> Iterator[tuple
         )
 
 
+def ledger(path: Path) -> Table:
+    """Return what every strategy did in all cases of a file, the dearest first."""
+    sums: dict[tuple[str, str], list[float]] = {}
+    for (group, _), row in read(path).items():
+        for entry in row.get("ledger") or ():
+            own = sums.setdefault((group, entry["strategy"]), [0, 0, 0, 0, 0.0])
+            solves = entry["run"], entry["decided"], entry["iterations"], entry["seconds"]
+            own[:] = [a + b for a, b in zip(own, (1, *solves), strict=True)]
+    rows = sorted(((*key, *own) for key, own in sums.items()), key=lambda row: -row[-1])
+    return Table(LEDGER, rows)
+
+
 def main(arguments: Sequence[str]) -> None:
     """Solve what FILE does not hold yet, then compare."""
     parser = argparse.ArgumentParser(
@@ -265,7 +286,11 @@ def main(arguments: Sequence[str]) -> None:
     parser.add_argument("--jobs", type=int, default=2, help="processes at once")
     parser.add_argument("--against", type=Path, metavar="EARLIER")
     parser.add_argument("--case", nargs=2, help=argparse.SUPPRESS)
+    parser.add_argument("--ledger", type=Path, metavar="FILE", help="print what FILE tells")
     options = parser.parse_args(arguments)
+    if options.ledger:
+        print(ledger(options.ledger))
+        return
     if options.case:
         resource.setrlimit(resource.RLIMIT_CPU, (LIMIT, LIMIT + 5))
         print(json.dumps(solved_here(*options.case)))

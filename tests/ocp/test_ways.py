@@ -12,7 +12,7 @@ from benchmarks.suite.table import BY_NAME
 from external.published_problems import cart_pole_slopes
 from microbot_ocp import InputError, Status
 from microbot_ocp._base.child_process import Died, OutOfTime, in_child
-from microbot_ocp.ocp import Refined, solve_refined, verify
+from microbot_ocp.ocp import verify
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.solution import Rollouts, completed, default_guess, scaled
 from microbot_ocp.ocp.solvers import (
@@ -20,7 +20,6 @@ from microbot_ocp.ocp.solvers import (
     _other_starts,
     _run,
     _solve,
-    solutions,
     solve,
 )
 from microbot_ocp.ocp.transcription import Guess
@@ -60,17 +59,17 @@ def test_a_mesh_that_is_too_coarse_for_the_dynamics_is_no_success():
 
 
 def test_what_never_returned_is_solved_by_default():
-    for found in (solve(hypersensitive()), solve_refined(hypersensitive())):
-        assert found.status.solved
-        cost = found.solution.cost if isinstance(found, Refined) else found.cost
-        assert cost == pytest.approx(1.3308069, rel=1e-4)
+    for accuracy in (None, 1e-6):
+        solution = solve(hypersensitive(), accuracy=accuracy)
+        assert solution.status.solved
+        assert solution.cost == pytest.approx(1.3308069, rel=1e-4)
 
 
 def test_a_solve_in_progress_is_stopped():
     began = time.perf_counter()
     solution = solve(hypersensitive(), 4000, time_limit=0.3)
     assert solution.status is Status.TIME_LIMIT
-    refined = solve_refined(hypersensitive(), 1e-9, 4000, time_limit=0.3)
+    refined = solve(hypersensitive(), 4000, accuracy=1e-9, time_limit=0.3)
     assert refined.status is Status.TIME_LIMIT
     assert time.perf_counter() - began < 20.0  # most of it builds the program
     with pytest.raises(InputError, match="time_limit must be above 0 s"):
@@ -369,9 +368,9 @@ def test_the_least_of_several_optima_beside_which_others_may_be_is_no_solution(
     assert found.status is Status.LOCAL_OPTIMUM
     assert found.cost == pytest.approx(2.0, rel=1e-6)
     assert "other starts ended in 1 more" in found.advice
-    refined = solve_refined(double_integrator())
+    refined = solve(double_integrator(), accuracy=1e-6)
     assert refined.status is Status.LOCAL_OPTIMUM
-    assert refined.solution.cost == pytest.approx(2.0, rel=1e-6)
+    assert refined.cost == pytest.approx(2.0, rel=1e-6)
     assert "There may well be a cheaper one".lower() in refined.advice.lower()
 
 
@@ -392,7 +391,8 @@ def test_scales_of_states_behind_fast_ones_are_those_of_a_simulation():
 def test_where_optima_are_near_the_best_of_several_is_kept_and_it_is_said():
     """Newton's body of least resistance: its slopes have two valleys, and a solve ends in any."""
     newton = BY_NAME["newton"].build()
-    solution = next(solutions(newton, 20, None, SolverSettings(), "radau", np.inf, None))[0]
+    how = None, SolverSettings(), "radau", np.inf, None
+    solution = next(_solve._Task(newton, 20, *how).answers())[0]
     assert solution.cost == pytest.approx(1.49926395, rel=1e-3)  # 1.50668 from the guess
     assert len(solution.rivals) > 1
     assert solution.rivals[0] == 0.0

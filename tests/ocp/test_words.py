@@ -16,7 +16,6 @@ from microbot_ocp.ocp import (
     repeat,
     save_solution,
     solve,
-    solve_refined,
     verify,
 )
 
@@ -119,10 +118,10 @@ def test_what_is_new_is_kept_in_files(tmp_path):
 
 
 def test_refinement_keeps_the_times_and_the_parameters():
-    refined = solve_refined(decay(), 1e-8, mesh=5)
+    refined = solve(decay(), 5, accuracy=1e-8)
     assert refined.status.solved
-    assert refined.solution.parameters["rate"] == pytest.approx([2.0], abs=1e-6)
-    assert solve_refined(chain(), 1e-7, mesh=5).status.solved
+    assert refined.parameters["rate"] == pytest.approx([2.0], abs=1e-6)
+    assert solve(chain(), 5, accuracy=1e-7).status.solved
 
 
 def test_a_period_of_a_linear_system_is_the_closed_form():

@@ -2,10 +2,30 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import casadi as ca
 import numpy as np
 
+from microbot_ocp.ocp import Accuracy, Solution, solve
 from microbot_ocp.ocp.problem import OptimalControlProblem, Phase
+
+
+def solved_to(
+    problem: Any,
+    states: float = 1e-6,
+    mesh: Any = 20,
+    scheme: Any = "radau",
+    guess: Any = None,
+    settings: Any = None,
+    *,
+    time_limit: float = 60.0,
+    progress: Any = None,
+    **asked: Any,
+) -> Solution:
+    """A solution of an accuracy, the fields of which may be given by name."""
+    how = {"scheme": scheme, "time_limit": time_limit, "progress": progress}
+    return solve(problem, mesh, guess, settings, accuracy=Accuracy(states, **asked), **how)
 
 
 def mass(

@@ -156,7 +156,7 @@ def explained(k: int) -> Any:
 
 
 def refined(k: int) -> Any:
-    return ocp.solve_refined(double_integrator(drag=0.1 * k)).solution.variables
+    return ocp.solve(double_integrator(drag=0.1 * k), 20, accuracy=1e-6).variables
 
 
 def split(k: int) -> Any:
@@ -235,7 +235,7 @@ SLOW: dict[str, Callable[[int], Any]] = {
     "ocp.solve": problem_of,
     "ocp.verify": verified,
     "ocp.explain": explained,
-    "ocp.solve_refined": refined,
+    "ocp.solve to an accuracy": refined,
     "ocp.solve_switching_times": switching,
     "time_optimal": lambda k: mo.time_optimal(robot(), ends(k), mesh=12, starts=2),
     "time_optimal, stops": lambda k: mo.time_optimal(

@@ -74,7 +74,7 @@ def test_what_is_no_time_is_refused(value):
 
 def test_every_solver_call_takes_one():
     solving = [mo.certify, mo.TimeOptimalSolver.__call__, mo.solve_ik, mo.solve_ik_all]
-    solving += [mo.ocp.solve, mo.ocp.solve_refined, mo.ocp.solve_switching_times]
+    solving += [mo.ocp.solve, mo.ocp.solve_switching_times]
     elsewhere = ("time_optimal", "compare", "phase_plane")
     solving += [getattr(mo, name) for name in CALLS if name not in elsewhere]
     for call in solving:

@@ -11,7 +11,7 @@ from ocp.textbook import bryson_denham
 
 @pytest.fixture(scope="module")
 def refined():
-    return ocp.solve_refined(bryson_denham(1 / 9, "polynomial"), mesh=10, scheme="radau")
+    return ocp.solve(bryson_denham(1 / 9, "polynomial"), 10, accuracy=1e-6)
 
 
 def cells(html, tag="td"):
@@ -19,7 +19,7 @@ def cells(html, tag="td"):
 
 
 def test_a_solution_is_one_line_and_a_table_of_its_attempts(refined):
-    solution = refined.solution
+    solution = refined
     assert re.fullmatch(r"<Solution: solved, cost [\d.]+ \(at most .*\), 1 s, \w+>", repr(solution))
     assert re.fullmatch(
         r"<PhaseSolution '.*': 1 s, \d+ intervals; x, v, u>", repr(solution.phases[0])
@@ -30,15 +30,14 @@ def test_a_solution_is_one_line_and_a_table_of_its_attempts(refined):
     assert float(found[-3]) == pytest.approx(solution.cost, rel=1e-7)
 
 
-def test_a_refinement_shows_a_row_a_mesh(refined):
-    html = refined._repr_html_()
-    assert len(repr(refined).splitlines()) == 1
+def test_a_history_shows_a_row_a_mesh(refined):
+    html = refined.history._repr_html_()
     assert html.count("<tr>") == 1 + len(refined.history)
     assert len(cells(html)) == len(cells(html, "th")) * len(refined.history)
 
 
 def test_a_certificate_shows_its_verdict_and_its_arcs(refined):
-    certificate = ocp.verify(bryson_denham(1 / 9, "polynomial"), refined.solution)
+    certificate = ocp.verify(bryson_denham(1 / 9, "polynomial"), refined)
     html = certificate._repr_html_()
     assert repr(certificate).endswith("passed>" if certificate.ok else "FAILED>")
     assert "complementarity" in html

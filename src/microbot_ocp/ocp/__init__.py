@@ -14,7 +14,7 @@ transcribe                            :class:`Transcription` with one of the :da
 solve                                 :func:`solve` with :class:`SolverSettings` from a
                                       :class:`Guess` a phase or from an earlier :class:`Solution`;
                                       :class:`Iteration` is what a progress function gets
-solve to an accuracy                  :func:`solve_refined` on meshes that it chooses
+solve to an accuracy                  the same with ``accuracy``, a number or an :class:`Accuracy`
 solve for switching times             :func:`solve_switching_times`: one phase of free length an arc
 solve again with other data           :class:`ParametricSolver`: limits, conditions, parameters
 the result                            :class:`Solution` with its :class:`Status`, every

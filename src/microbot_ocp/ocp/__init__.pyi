@@ -17,8 +17,7 @@ from .problem import (
     numeric_function as numeric_function,
 )
 from .refinement import (
-    Refined as Refined,
-    solve_refined as solve_refined,
+    Accuracy as Accuracy,
 )
 from .solution import (
     Attempt as Attempt,

@@ -13,7 +13,6 @@ VIEWS = {  # public name of the class: kind of view = face or module of this fol
     "simulation.Simulation": "plot=plots:simulation",
     "simulation.Tracking": "plot=plots:tracking rerun=recording:of_tracking",
     "ocp.solution.Solution": "table=tables._results:solution plot=plots:solution",
-    "ocp.refinement.Refined": "table=tables._results:refined",
     "ocp.verification.OCPCertificate": "table=tables._results:ocp_certificate",
     "comparison.Certificate": "table=tables._results:certificate",
     "comparison.Front": "plot=plots:front",

@@ -1,7 +1,8 @@
-"""Errors of a solution on its mesh, interval by interval, and where to divide it.
+"""Errors of a solution on its mesh, where to divide it, and the loop of every refinement.
 
 Comes in: a solution. Goes out: relative errors of its states, how far limits are exceeded between
-mesh points, finer meshes. Begin with :func:`state_errors` and :func:`divide`.
+mesh points, finer meshes. Begin with :func:`state_errors` and :func:`divide`;
+:func:`refined` is the loop.
 """
 
 from microbot_ocp._base import border

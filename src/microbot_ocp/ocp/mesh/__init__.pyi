@@ -7,3 +7,8 @@ from ._mesh_error import (
     excess_of_limits as excess_of_limits,
     state_errors as state_errors,
 )
+from ._refined import (
+    Refinement as Refinement,
+    Round as Round,
+    refined as refined,
+)

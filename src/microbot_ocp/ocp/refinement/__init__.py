@@ -1,9 +1,9 @@
-"""Meshes chosen for a wanted accuracy.
+"""Meshes chosen until a solution passes, or has a wanted accuracy.
 
-Comes in: a problem, an accuracy and a first mesh. Goes out: :class:`Refined`, the last accepted
-solution with the history of its meshes. Begin with :func:`solve_refined` in ``_adaptive.py``;
-``_cost_error.py`` estimates the error of the cost, ``_degrees.py`` raises degrees, ``_refiner.py``
-solves from mesh to mesh.
+Comes in: a converged solution and its transcription. Goes out: the solution that passes, with the
+history of its meshes. Begin with :func:`judged`; ``_accuracy.py`` has what an accuracy asks for and
+the next mesh, ``_cost_error.py`` estimates the error of the cost, ``_degrees.py`` raises degrees,
+``_refiner.py`` solves from mesh to mesh for motions.
 """
 
 from microbot_ocp._base import border

@@ -1,10 +1,7 @@
 """Public names; loaded when they are first asked for."""
 
-from ._adaptive import (
-    Refined as Refined,
-    divide as divide,
-    resampled as resampled,
-    solve_refined as solve_refined,
+from ._accuracy import (
+    Accuracy as Accuracy,
 )
 from ._degrees import (
     Degrees as Degrees,
@@ -13,7 +10,12 @@ from ._degrees import (
     refine_hp as refine_hp,
 )
 from ._history import (
+    History as History,
     RefinementStep as RefinementStep,
+)
+from ._judged import (
+    PASSING as PASSING,
+    judged as judged,
 )
 from ._refiner import (
     WORSE as WORSE,

@@ -1,25 +1,26 @@
-"""The result of a refinement: its meshes, printed as a table, and its status."""
+"""The meshes of a solve, printed as a table."""
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from microbot_ocp._base.checks import FloatArray
-from microbot_ocp._base.showing import view_for
 from microbot_ocp._base.status import Status
 from microbot_ocp._base.table import Column, Table
 from microbot_ocp.ocp.arcs import Switch, find_switches
 from microbot_ocp.ocp.solution import Solution
 from microbot_ocp.ocp.transcription import Mesh
 from microbot_ocp.ocp.transcription.schemes import Collocation
-from microbot_ocp.ocp.verification import OCPLimitUse, phase_layout
+from microbot_ocp.ocp.verification import (
+    ALONG,
+    Judgement,
+    OCPLimitUse,
+    phase_layout,
+    relative_excess,
+)
 
-DEARER = 1e-6  # share of the cost: by more a finer mesh may not cost more without a reason
 COLUMNS = (
     Column("round"),
     Column("intervals"),
@@ -38,18 +39,18 @@ COLUMNS = (
 
 @dataclass(frozen=True, eq=False)
 class RefinementStep:
-    """One mesh of a refinement.
+    """One mesh of a solve.
 
     Attributes
     ----------
     meshes : of every phase
     degrees : least and most degree of collocation, None for other schemes
     variables : of the program
-    state_error : largest relative state error of any interval; infinite where nothing was solved
+    state_error : largest relative state error of any interval; infinite where it was not accepted
     switch_offset : largest distance of a switch from the mesh, as a fraction of its phase
     limit_excess : largest excess of a state, algebraic variable or path constraint between mesh
         points, relative to half the range of its limits, or to the limit where there is only one;
-        infinite where nothing was solved
+        infinite where it was not accepted
     worst_limit : where that is; None where all limits are kept
     cost_error : relative, found by a solve with finer controls or a higher degree once all else is
         good enough; infinite where it was not looked for
@@ -74,6 +75,13 @@ class RefinementStep:
     wall_time: float
     cost_error: float = np.inf
 
+    def __str__(self) -> str:
+        """One line of text."""
+        return (
+            f"mesh {' + '.join(map(str, self.intervals))}: state error {self.state_error:.2g}, "
+            f"limits exceeded by {self.limit_excess:.2g}, cost {self.cost:.8g}"
+        )
+
     @property
     def intervals(self) -> tuple[int, ...]:
         """Number of intervals of every phase."""
@@ -91,7 +99,7 @@ class RefinementStep:
 
 
 class History(tuple[RefinementStep, ...]):
-    """Meshes of a refinement one after the other; printed as a table."""
+    """Meshes of a solve one after the other; printed as a table."""
 
     __slots__ = ()
 
@@ -101,6 +109,9 @@ class History(tuple[RefinementStep, ...]):
 
     def __str__(self) -> str:
         return str(self.table())
+
+    def _repr_html_(self) -> str:
+        return self.table()._repr_html_()
 
 
 def _cells(step: RefinementStep) -> tuple[Any, ...]:
@@ -120,86 +131,8 @@ def _cells(step: RefinementStep) -> tuple[Any, ...]:
     )
 
 
-@dataclass(frozen=True, eq=False)
-class Refined:
-    """A solution, the meshes that led to it, and whether its accuracy is the one asked for.
-
-    Attributes
-    ----------
-    solution : the last accepted one
-    history : of every mesh
-    status : Status
-        Why it ended. Where the first mesh was not solved it is the status of that solve.
-    exceeded : the limit that the solution exceeds most between mesh points, if by more than asked
-        for
-    missed : what was asked for and is not reached, in words
-    way : in which other way it was found, where the declared one led to nothing
-    """
-
-    solution: Solution
-    history: History
-    status: Status
-    exceeded: OCPLimitUse | None = None
-    missed: tuple[str, ...] = ()
-    way: str = ""
-
-    @property
-    def advice(self) -> str:
-        """What the status means, what is missed, and why a finer mesh costs more where it does.
-
-        Where the first mesh was not solved it is the advice of that solve.
-        """
-        if not self.solution.status.solved:
-            return self.solution.advice
-        said = [self.status.sentence]
-        if self.missed and self.status.solved:
-            said = [f"Good enough: finer meshes come no nearer to {'; '.join(self.missed)}."]
-        elif self.missed:
-            said.append(f"Missed: {'; '.join(self.missed)}.")
-        if self.way:
-            said.append(f"With other values at every point no finer mesh was accepted: {self.way}.")
-        use = self.exceeded
-        if use is not None:
-            name = f"{use.name}[{use.component}]" if use.component else use.name
-            said.append(
-                f"Between mesh points {use.kind} {name} of phase {use.phase!r} is still "
-                f"{use.excess:.2g} {use.unit} beyond its limit of {use.limit:.6g} at "
-                f"{use.time:.4g} s."
-            )
-        several = self.solution.several
-        return " ".join([*said, *([several] if several else ()), *self._rises()])
-
-    def _rises(self) -> Iterator[str]:
-        """Why a finer mesh costs more than a coarser one; nothing where none does."""
-        kept = [(number, step) for number, step in enumerate(self.history) if step.accepted]
-        for (one, coarse), (other, fine) in itertools.pairwise(kept):
-            if fine.cost - coarse.cost > DEARER * abs(coarse.cost):
-                yield (
-                    f"The cost rises from {coarse.cost:.8g} on mesh {one} to {fine.cost:.8g} on "
-                    f"mesh {other}: mesh {one} has a state error of {coarse.state_error:.1e} and "
-                    f"exceeds limits by {coarse.limit_excess:.1e} between its points."
-                )
-
-    def __str__(self) -> str:
-        return f"{self.history}\n{self.advice}"
-
-    def __repr__(self) -> str:
-        return (
-            f"<Refined: {self.status} in {len(self.history)} meshes, cost {self.solution.cost:.8g}>"
-        )
-
-    def _repr_html_(self) -> str:
-        return view_for(self, "table")(self)._repr_html_()
-
-
-def step_of(
-    solution: Solution,
-    errors: Sequence[FloatArray],
-    excess: Sequence[FloatArray],
-    worst_limit: OCPLimitUse | None,
-    accepted: bool,
-    wall_time: float,
-) -> RefinementStep:
+def step_of(solution: Solution, judgement: Judgement | None, wall_time: float) -> RefinementStep:
+    """What a mesh led to, as its judgement says; without one it was not accepted."""
     layouts = [phase_layout(phase) for phase in solution.phases]
     switches = tuple(find_switches(phase) for phase in solution.phases)
     used = [
@@ -208,19 +141,24 @@ def step_of(
         for kind in layout.kinds
         if isinstance(kind.scheme, Collocation)
     ]
+    errors, excess, uses = [np.inf], [np.inf], []
+    if judgement is not None:
+        errors = [float(own.max()) for own in judgement.state_errors]
+        excess = [float(relative_excess(dense).max()) for dense in judgement.dense]
+        uses = [use for use in judgement.limits if use.kind in ALONG and use.excess > 0]
     return RefinementStep(
         meshes=tuple(layout.chosen for layout in layouts),
         degrees=(min(used), max(used)) if used else None,
         variables=sum(layout.variable_count for layout in layouts),
-        state_error=max(float(own.max()) for own in errors),
+        state_error=max(errors),
         switch_offset=max((s.offset for own in switches for s in own), default=0.0),
-        limit_excess=max(float(own.max()) for own in excess),
-        worst_limit=worst_limit,
+        limit_excess=max(excess),
+        worst_limit=max(uses, key=lambda use: use.relative, default=None),
         switches=switches,
         cost=solution.cost,
         duration=solution.duration,
         status=solution.status,
-        accepted=accepted,
-        iterations=sum(attempt.iterations for attempt in solution.attempts),
+        accepted=judgement is not None,
+        iterations=sum(max(attempt.iterations, 0) for attempt in solution.attempts),
         wall_time=wall_time,
     )

@@ -17,6 +17,7 @@ import numpy as np
 from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.status import Status
+from microbot_ocp.ocp.mesh import Round, refined
 from microbot_ocp.ocp.solution import Solution, StepProgress, quiet
 from microbot_ocp.ocp.solvers import SolverSettings, solve_on
 from microbot_ocp.ocp.transcription import Guess, Meshes, MeshLike, Transcription, mesh_of
@@ -26,20 +27,41 @@ Excess = Callable[[Solution], Sequence[FloatArray]]
 Fitted = Callable[[Transcription, Meshes, Mapping[str, Guess] | Solution], Transcription]
 Switching = Callable[[Solution], Sequence[np.ndarray]]
 
-WORSE = 1e-3  # of the cost
-# Intervals from which IPOPT comes first: what fatrop takes to be made grows with their square
-# (0.4 s for 500 intervals of Radau collocation, 6 s for 2000)
-MANY = 500
-SHARP = 1e-6  # share of the cost: less is not worth another mesh
-# Barrier parameter of warm starts; with the usual start at 0.1 IPOPT leaves the good guess and
-# comes back late or elsewhere (146 against 35 iterations on one task with four via points).
-WARM_BARRIER = 1e-4
-MOST_STUBBORN = 6  # meshes that do not halve the least excess so far: finer ones will not, either
-WILD = 1.0  # excess from which an answer was found by the tolerance of its equations, not by them
-FAR_ABOVE = 3.0  # times the accepted excess; halving an interval divides it by about four
-POLISHED = 0.1  # share of the wanted gap that needs no polish
-MOST_POLISHING = 60  # iterations
-MOST_FINISHING = 2  # meshes after that
+WORSE = 1e-3  # share of the cost that a finer mesh may cost more
+
+
+@dataclass(frozen=True)
+class RefinerSettings:
+    """When a finer mesh is worth it, and how it is solved.
+
+    Attributes
+    ----------
+    many : intervals from which IPOPT comes first: what fatrop takes to be made grows with their
+        square (0.4 s for 500 intervals of Radau collocation, 6 s for 2000)
+    sharp : share of the cost: less is not worth another mesh
+    warm_barrier : barrier parameter of warm starts; with the usual start at 0.1 IPOPT leaves the
+        good guess and comes back late or elsewhere (146 against 35 iterations on one task with
+        four via points)
+    stubborn : meshes that do not halve the least excess so far: finer ones will not, either
+    wild : excess from which an answer was found by the tolerance of its equations, not by them
+    far_above : times the accepted excess; halving an interval divides it by about four
+    polished : share of the wanted gap that needs no polish
+    polishing : iterations for the last digits
+    finishing : meshes after that
+    """
+
+    many: int = 500
+    sharp: float = 1e-6
+    warm_barrier: float = 1e-4
+    stubborn: int = 6
+    wild: float = 1.0
+    far_above: float = 3.0
+    polished: float = 0.1
+    polishing: int = 60
+    finishing: int = 2
+
+
+SETTINGS = RefinerSettings()
 
 
 @dataclass(eq=False)
@@ -101,7 +123,7 @@ class Refiner:
     until: float = np.inf
     rough: float | None = None
     deep: bool = False
-    polishing: int = MOST_POLISHING
+    polishing: int = SETTINGS.polishing
     foresight: float = 1.0
     fitted: Fitted | None = None
     once: bool = False
@@ -145,7 +167,7 @@ class Refiner:
             return solution
         wanted = self.settings.gap
         known = cast("float", solution.settings.get("gap", np.inf)) <= wanted  # it was solved so
-        if known or solution.gap.total <= POLISHED * wanted * abs(solution.cost):
+        if known or solution.gap.total <= SETTINGS.polished * wanted * abs(solution.cost):
             return solution
         settings = replace(
             self.settings,
@@ -159,7 +181,7 @@ class Refiner:
         self.progress(f"the last digits: {finer.duration:.6f} s, {finer.status}")
         if not accepted:
             return solution
-        self.rough, rounds, self.rounds = None, self.rounds, MOST_FINISHING
+        self.rough, rounds, self.rounds = None, self.rounds, SETTINGS.finishing
         finer = self.refine(finer)
         self.rounds = rounds
         kept = self._worst(finer) <= max(self.limit_tolerance, self._worst(solution))
@@ -203,9 +225,9 @@ class Refiner:
             return before
         guesses = self.guess_from(before)
         first: tuple[str | tuple[str, ...], float | None, Mapping[str, Guess] | Solution]
-        many = sum(mesh_of(mesh).intervals for mesh in meshes) > MANY
+        many = sum(mesh_of(mesh).intervals for mesh in meshes) > SETTINGS.many
         own = "ipopt" if self.solver == "auto" and many else self.solver
-        first = (own, WARM_BARRIER, guesses)
+        first = (own, SETTINGS.warm_barrier, guesses)
         if own == "ipopt" and before.status.solved and before.variable_multipliers is not None:
             # with multipliers: 20 against 30 iterations on the Microbot task from 20 to 100
             first = ("ipopt", None, before)
@@ -251,7 +273,7 @@ class Refiner:
 
     def _wild(self, before: Solution, after: Solution) -> bool:
         """Whether what came of a mesh exceeds limits as what was known before does not."""
-        return self._worst(after) > max(WILD, self._worst(before))
+        return self._worst(after) > max(SETTINGS.wild, self._worst(before))
 
     def _accepts(self, before: Solution, after: Solution) -> bool:
         if not after.status.solved or not before.status.solved:
@@ -266,71 +288,128 @@ class Refiner:
 
         Those inside which a control switches are split along with them, while that lowers the cost.
         """
-        gained, least, stubborn = np.inf, np.inf, 0
-        for _ in range(self.rounds):
-            if not solution.status.solved or self.over:
-                break
-            excess = self.excess(solution)
-            worst = max(float(e.max()) for e in excess)
-            least, stubborn = (worst, 0) if worst < 0.5 * least else (least, stubborn + 1)
-            self.history[-1]["excess"] = worst
-            self.progress(f"largest excess of a limit between mesh points: {100 * worst:.3g} %")
-            marked = [e > self.foresight * self.limit_tolerance for e in excess]
-            switches = False
-            if switching is not None and gained > SHARP * abs(solution.cost):
-                places = switching(solution)
-                switches = any(own.any() for own in places)
-                tables = [own.reshape(own.shape[0], -1) for own in marked]
-                pairs = zip(tables, places, strict=True)
-                marked = [own | switch.reshape(-1, 1) for own, switch in pairs]
-            if worst <= self.limit_tolerance and not switches:
-                break
-            if self._is_enough(solution):
-                break
-            if worst > self.limit_tolerance and stubborn == MOST_STUBBORN:
-                break
-            meshes = [
-                split(phase.mesh, own) for phase, own in zip(solution.phases, marked, strict=True)
-            ]
-            if self.deep:
-                meshes = [
-                    halved_within(mesh, phase.mesh, e > FAR_ABOVE * self.limit_tolerance)
-                    for mesh, phase, e in zip(meshes, solution.phases, excess, strict=True)
-                ]
-            refined = self.finer(solution, meshes)
-            if refined is solution:  # nothing accepted: another round would only repeat it
-                break
-            gained = solution.cost - refined.cost
-            solution = refined
-        return solution
-
-    def _is_enough(self, solution: Solution) -> bool:
-        return self.enough is not None and self.enough(solution)
+        return self._refined(
+            solution,
+            lambda rounds, answer: self._exceeded(rounds, answer, switching),
+            self._split_where_exceeded,
+            lambda before, after: after is not before,
+            self._keeps_limits,
+        )
 
     def sharpen(
-        self, solution: Solution, switching: Switching, *, worth: float = SHARP
+        self, solution: Solution, switching: Switching, *, worth: float = SETTINGS.sharp
     ) -> Solution:
         """Split the intervals inside which a control switches, while that lowers the cost.
 
         What is constant over an interval is a mean of its two values there, which costs in
         proportion to the square of the interval's length.
         """
-        for _ in range(self.rounds):
-            marked = switching(solution)
-            if self.over or not solution.status.solved or not any(p.any() for p in marked):
-                break
-            meshes = [
-                split(phase.mesh, places)
-                for phase, places in zip(solution.phases, marked, strict=True)
-            ]
-            finer = self.finer(solution, meshes)
-            gained = solution.cost - finer.cost
-            if finer is solution or gained <= 0.0:
-                break
-            solution = finer
-            if gained < worth * abs(solution.cost):
-                break
-        return solution
+        return self._refined(
+            solution,
+            lambda _, answer: _Exceeded([], switching(answer)),
+            lambda rounds: _split_all(rounds[-1].solution, rounds[-1].measure.switches),
+            lambda before, after: after.cost < before.cost,
+            lambda rounds, _: (
+                Status.SOLVED
+                if not rounds[-1].measure.switched
+                or _gained(rounds) < worth * abs(rounds[-1].solution.cost)
+                else None
+            ),
+        )
+
+    def _refined(
+        self,
+        solution: Solution,
+        measure: Callable[[_Rounds, Solution], _Exceeded],
+        split: Callable[[_Rounds], list[FloatArray]],
+        accept: Callable[[Solution, Solution], bool],
+        done: Callable[[_Rounds, list[FloatArray]], Status | None],
+    ) -> Solution:
+        """The last answer of the one loop, which ends where it must or where it is done."""
+
+        def ended(rounds: _Rounds, meshes: list[FloatArray]) -> Status | None:
+            if self.over or not rounds[-1].solution.status.solved:
+                return Status.TIME_LIMIT
+            return Status.ROUND_LIMIT if len(rounds) > self.rounds else done(rounds, meshes)
+
+        if self.over or not solution.status.solved:
+            return solution
+        *_, last = refined(solution, self.finer, measure, split, accept, ended)
+        return last.solution
+
+    def _exceeded(
+        self, rounds: _Rounds, solution: Solution, switching: Switching | None
+    ) -> _Exceeded:
+        excess = self.excess(solution)
+        worst = max(float(e.max()) for e in excess)
+        self.history[-1]["excess"] = worst
+        self.progress(f"largest excess of a limit between mesh points: {100 * worst:.3g} %")
+        gained = rounds[-1].solution.cost - solution.cost if rounds else np.inf
+        if switching is None or not gained > SETTINGS.sharp * abs(solution.cost):
+            return _Exceeded(excess, [], worst)
+        return _Exceeded(excess, switching(solution), worst)
+
+    def _split_where_exceeded(self, rounds: _Rounds) -> list[FloatArray]:
+        solution, seen = rounds[-1].solution, rounds[-1].measure
+        marked = [e > self.foresight * self.limit_tolerance for e in seen.excess]
+        if seen.switches:
+            tables = [own.reshape(own.shape[0], -1) for own in marked]
+            pairs = zip(tables, seen.switches, strict=True)
+            marked = [own | switch.reshape(-1, 1) for own, switch in pairs]
+        meshes = _split_all(solution, marked)
+        if not self.deep:
+            return meshes
+        far = SETTINGS.far_above * self.limit_tolerance
+        return [
+            halved_within(mesh, phase.mesh, e > far)
+            for mesh, phase, e in zip(meshes, solution.phases, seen.excess, strict=True)
+        ]
+
+    def _keeps_limits(self, rounds: _Rounds, _: list[FloatArray]) -> Status | None:
+        """Why no more is split: limits are kept, or enough, or finer meshes come no nearer."""
+        solution, seen = rounds[-1].solution, rounds[-1].measure
+        kept = seen.worst <= self.limit_tolerance
+        if (kept and not seen.switched) or self._is_enough(solution):
+            return Status.SOLVED
+        stubborn = _stubborn([own.measure.worst for own in rounds]) >= SETTINGS.stubborn
+        return Status.NO_PROGRESS if stubborn and not kept else None
+
+    def _is_enough(self, solution: Solution) -> bool:
+        return self.enough is not None and self.enough(solution)
+
+
+@dataclass(frozen=True, eq=False)
+class _Exceeded:
+    """By what intervals exceed limits, and inside which of them a control switches."""
+
+    excess: Sequence[FloatArray]
+    switches: Sequence[np.ndarray]
+    worst: float = 0.0
+
+    @property
+    def switched(self) -> bool:
+        return any(own.any() for own in self.switches)
+
+
+_Rounds = tuple[Round[Solution, _Exceeded], ...]
+
+
+def _gained(rounds: _Rounds) -> float:
+    """What the last mesh saved; infinite of the first one."""
+    return rounds[-2].solution.cost - rounds[-1].solution.cost if len(rounds) > 1 else np.inf
+
+
+def _stubborn(excess: Sequence[float]) -> int:
+    """Meshes since the least excess was halved last."""
+    least, last = np.inf, 0
+    for number, worst in enumerate(excess):
+        if worst < 0.5 * least:
+            least, last = worst, number
+    return len(excess) - 1 - last
+
+
+def _split_all(solution: Solution, marked: Sequence[np.ndarray]) -> list[FloatArray]:
+    return [split(phase.mesh, own) for phase, own in zip(solution.phases, marked, strict=True)]
 
 
 def halved_within(mesh: FloatArray, coarse: FloatArray, bad: np.ndarray) -> FloatArray:

@@ -42,6 +42,7 @@ from ._solution import (
     Solution as Solution,
     StartingPoint as StartingPoint,
     Status as Status,
+    entry as entry,
     pack as pack,
     unpack as unpack,
 )

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.outcome import Ledger, LedgerRow
 from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.problem import Phase, Variable, node_variables
@@ -24,6 +25,9 @@ from microbot_ocp.ocp.transcription import (
     fill_values,
     guess_table,
 )
+
+if TYPE_CHECKING:
+    from microbot_ocp.ocp.refinement import RefinementStep
 
 AGREED = 2  # starts that lead to the least of several optima for it to be taken for the least
 RARE = 0.05  # share of the starts: where fewer led to the least there may be others as rare
@@ -148,6 +152,8 @@ class Solution:
         and this one is above the least on a coarse mesh, relative to the cost, in order
     agreed : how many starts led to the least of them; 0 where no other optima were seen
     compared : how many starts ended in any of them, likewise
+    history : the meshes that led to it, with their errors; printed as a table
+    ledger : the strategies that led to it, and whether they decided; printed as a table
     """
 
     status: Status
@@ -167,6 +173,8 @@ class Solution:
     rivals: tuple[float, ...] = ()
     agreed: int = 0
     compared: int = 0
+    history: Sequence[RefinementStep] = field(default=(), repr=False)
+    ledger: Ledger = field(default=Ledger(), repr=False)
 
     def __repr__(self) -> str:
         last = f", {self.attempts[-1].solver}" if self.attempts else ""
@@ -227,6 +235,26 @@ class Solution:
     def duration(self) -> float:
         """Sum of the durations of the phases, s."""
         return float(sum(phase.duration for phase in self.phases))
+
+
+def entry(
+    strategy: str,
+    before: Solution | None,
+    after: Solution | None,
+    attempts: Sequence[Attempt],
+    seconds: float,
+) -> LedgerRow:
+    """A row of the ledger for a strategy that led from one solution to another, or to none."""
+    last = before if after is None else after
+    return LedgerRow(
+        strategy=strategy,
+        run=1,
+        decided=after is not None,
+        cost_before=None if before is None else before.cost,
+        cost_after=None if last is None else last.cost,
+        iterations=sum(max(attempt.iterations, 0) for attempt in attempts),
+        seconds=seconds,
+    )
 
 
 def unpack(layouts: Sequence[PhaseLayout], x: FloatArray) -> tuple[PhaseSolution, ...]:

@@ -11,6 +11,7 @@ from ._chain import (
 )
 from ._improvement import (
     improvable as improvable,
+    improved as improved,
 )
 from ._ldl import (
     as_ipopt_knows as as_ipopt_knows,
@@ -33,7 +34,6 @@ from ._settings import (
 )
 from ._solve import (
     STEADY as STEADY,
-    solutions as solutions,
     solve as solve,
     swings as swings,
 )

@@ -19,6 +19,7 @@ import numpy as np
 from microbot_ocp._base import checks
 from microbot_ocp._base.archive import no_archive, read_archive, write_archive
 from microbot_ocp._base.checks import FloatArray, InputError, shortened
+from microbot_ocp._base.outcome import Ledger
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.solution import (
@@ -109,6 +110,7 @@ def save_solution(solution: Solution, path: str | Path) -> Path:
         "build_time": solution.build_time,
         "advice": solution.advice,
         "attempts": [{**vars(a), "status": a.status.name} for a in solution.attempts],
+        "ledger": solution.ledger.as_dicts(),
         "settings": dict(solution.settings),
         "phases": phases,
         "versions": versions(),
@@ -227,6 +229,7 @@ def _restored(
         build_time=float(metadata["build_time"]),
         variable_multipliers=arrays.get("variable_multipliers"),
         variables=arrays.get("variables"),
+        ledger=Ledger.read(metadata.get("ledger", ())),
         settings=metadata["settings"],
         cost_scale=float(metadata.get("cost_scale", 1.0)),
         maximize=bool(metadata.get("maximize", False)),

@@ -12,26 +12,31 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
 from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.outcome import Ledger, LedgerRow
 from microbot_ocp._base.status import Status
-from microbot_ocp.ocp import refinement, verification
-from microbot_ocp.ocp.diagnosis import BESIDE, POOR, NotFinite, falls_for_ever
-from microbot_ocp.ocp.problem import OptimalControlProblem, with_shapes
+from microbot_ocp.ocp import refinement
+from microbot_ocp.ocp.diagnosis import POOR, NotFinite
+from microbot_ocp.ocp.problem import OptimalControlProblem, node_variables, with_shapes
 from microbot_ocp.ocp.solution import (
     Attempt,
+    PhaseSolution,
     Progress,
     Rollouts,
     Solution,
+    StepProgress,
     cost_size,
     default_guess,
+    entry,
     rollouts,
 )
 from microbot_ocp.ocp.solvers._chain import solve_on, transcribed
-from microbot_ocp.ocp.solvers._improvement import improvable, improved
+from microbot_ocp.ocp.solvers._improvement import WAY, improvable, improved
 from microbot_ocp.ocp.solvers._other_starts import (
     cheaper_elsewhere,
     cheapest_of_starts,
@@ -40,27 +45,50 @@ from microbot_ocp.ocp.solvers._other_starts import (
 from microbot_ocp.ocp.solvers._settings import SolverSettings
 from microbot_ocp.ocp.transcription import Guess, Meshes, Transcription
 from microbot_ocp.ocp.transcription.schemes import Scheme
-from microbot_ocp.ocp.verification import Judgement, Thresholds, judge
+from microbot_ocp.ocp.verification import phase_layout
+
+if TYPE_CHECKING:
+    from microbot_ocp.ocp.refinement import Accuracy
 
 Given = Mapping[str, Guess] | Solution | str | None
 
-INTERVALS = 50  # of a problem of one or two phases
-FEWEST = 10  # of every phase of a problem of many
-COARSER = 0.4  # of these intervals, from which a solve may converge sooner
-SIMULATIONS = 2  # of each kind that a problem is solved from
-FIRST = 400  # iterations of a try: what takes more converges sooner by another strategy
-COMPARED = (12, 4)  # other starts that an answer is compared with, on any mesh and on a given one
 CONVERGED = (Status.SOLVED, Status.GAP_LEFT)
 ENDED = (*CONVERGED, Status.INTERRUPTED)
+UNSETTLED = (Status.NO_PROGRESS, Status.NOT_ACCEPTED)  # other shapes of controls may help
 
+GIVEN = "as given"
+OWN_SCALES = "with the scales of the first answer"
 STEADY = "with controls that are constant over every interval"
-CHATTERS = "the optimum may be approached by controls that jump to and fro ever faster."
 NOT_ALL = "Not every strategy was tried for want of time."
-ACCURACY = 1e-4  # relative: change of the cost from mesh to mesh
-SETTLED = 5.0  # times the accuracy: what is left of the cost's change at which it has settled
-UNMET = 1e-2  # share of the cost: where no solve saves it what is more is missed, less is said
-ROUNDS = 14
-MOST_INTERVALS = 1000
+
+
+@dataclass(frozen=True)
+class Search:
+    """How a problem is tried.
+
+    Attributes
+    ----------
+    intervals : of the mesh of a problem of one or two phases
+    fewest : of every phase of a problem of many
+    coarser : share of these intervals, from which a solve may converge sooner
+    simulations : of each kind that a problem is solved from
+    iterations : of a try: what takes more converges sooner by another strategy
+    compared : other starts that an answer is compared with, on any mesh
+    compared_there : the same on a mesh that was given
+    least_tolerance : of solvers, that an accuracy may ask for
+    """
+
+    intervals: int = 50
+    fewest: int = 10
+    coarser: float = 0.4
+    simulations: int = 2
+    iterations: int = 400
+    compared: int = 12
+    compared_there: int = 4
+    least_tolerance: float = 1e-10
+
+
+SEARCH = Search()
 
 
 def solve(
@@ -70,10 +98,11 @@ def solve(
     settings: SolverSettings | None = None,
     *,
     scheme: str | Scheme = "radau",
+    accuracy: float | Accuracy | None = None,
     time_limit: float = 60.0,
-    progress: Progress | None = None,
+    progress: Progress | StepProgress | None = None,
 ) -> Solution:
-    """Transcribe a problem on a mesh and solve it.
+    """Transcribe a problem and solve it until it passes, or has an accuracy.
 
     Parameters
     ----------
@@ -83,7 +112,8 @@ def solve(
         Default: 50 intervals, shared by the phases where there are more than two, and finer until
         :func:`~microbot_ocp.ocp.verify` passes the answer and the cost changes by less than 1e-4 of
         itself; what does not settle is not solved. On a mesh that is given, an answer whose states,
-        cost or limits do not pass between the mesh points has the status TOO_COARSE.
+        cost or limits do not pass between the mesh points has the status TOO_COARSE; with an
+        accuracy it is the first mesh.
     guess : mapping from phase name to Guess, Solution or "rollout", optional
         What is left out of it starts from :func:`~microbot_ocp.ocp.solution.default_guess`. A
         solution may be of another mesh or of other phases; with the same phases its multipliers are
@@ -95,48 +125,74 @@ def solve(
     scheme : str or Scheme
         Of a problem that is not transcribed yet: "shooting", "radau", "gauss", "trapezoidal",
         "hermite_simpson", or one with settings.
+    accuracy : float or Accuracy, optional
+        Relative state error of any interval that is accepted, or what is asked of limits, switches
+        and cost as well: see :class:`~microbot_ocp.ocp.Accuracy`. Meshes are made finer until it is
+        met; where it is not ``status`` and ``advice`` tell why and what is missing. The solver's
+        tolerance becomes a tenth of it if it is more.
     time_limit : float
         Wall time after which it is stopped, s. Strategies are limited by iterations, starts and
         meshes, so the answer is the same on a busy machine unless this limit is met, which is said.
     progress : callable, optional
-        Called with an :class:`~microbot_ocp.ocp.solution.Iteration` at every iteration. It may
-        raise KeyboardInterrupt to stop the solve.
+        Called with an :class:`~microbot_ocp.ocp.solution.Iteration` at every iteration, and with
+        a line of text for every mesh where there is an accuracy. It may raise KeyboardInterrupt to
+        stop the solve.
 
     Returns
     -------
     Solution
         Also where no solver converged: look at ``status``, which is SOLVED where ``verify`` passes
-        it. Its ``attempts`` are all that was tried,
-        but for other starts with which it was compared and that led to nothing cheaper. After
-        Ctrl-C it is the last iterate, with the status INTERRUPTED.
+        it. Its ``attempts`` are all that was tried, but for other starts with which it was compared
+        and that led to nothing cheaper; ``history`` has its meshes, ``ledger`` the strategies that
+        led to it. After Ctrl-C it is the last accepted one, with the status INTERRUPTED.
 
     Raises
     ------
     InputError
         The declaration, mesh or guess is not complete or not finite, or the dynamics, constraints
-        or costs are not finite at the guess.
+        or costs are not finite at the guess; an accuracy that is no positive number, degrees for a
+        scheme that has none.
+
+    Examples
+    --------
+    >>> problem = OptimalControlProblem("double integrator")
+    >>> phase = problem.phase("move", duration=(0.1, 10.0))
+    >>> x = phase.state("x", initial=0.0, final=1.0)
+    >>> v = phase.state("v", initial=0.0, final=0.0)
+    >>> u = phase.control("u", lower=-1.0, upper=1.0)
+    >>> phase.derivative(x, v)
+    >>> phase.derivative(v, u)
+    >>> phase.end_cost(phase.duration)
+    >>> solution = solve(problem, 5, accuracy=1e-6)  # the switch is in the middle of an interval
+    >>> str(solution.status), round(solution.cost, 4)
+    ('solved', 2.0)
     """
     settings = settings or SolverSettings()
+    goal = _goal(accuracy)
+    if goal is not None:
+        tolerance = max(goal.states / 10, SEARCH.least_tolerance)
+        settings = replace(settings, tolerance=min(settings.tolerance, tolerance))
     own = min(checks.time_limit(time_limit), settings.time_limit)
     until = min(time.perf_counter() + own, deadline.until())
-    chosen = default_mesh(problem) if mesh is None else mesh
+    compared = SEARCH.compared_there if mesh is not None and goal is None else SEARCH.compared
+    how = mesh, guess, settings, scheme, until, cast("Progress | None", progress)
+    task = _Task(problem, *how, goal, compared)
     best: Solution | None = None
     attempts: list[Attempt] = []
-    most = COMPARED[0 if mesh is None else 1]
-    answers = solutions(problem, chosen, guess, settings, scheme, until, progress, most)
-    for solution, transcription in answers:
-        solution = _judged(solution, transcription, settings, until, progress, finer=mesh is None)
-        if solution.status is Status.NO_PROGRESS and swings(problem, solution):
-            solution = _with_steady_controls(problem, solution, settings, scheme, until, progress)
+    ledger: list[LedgerRow] = []
+    for answer, transcription in task.answers():
+        solution, final = task.judged(answer, transcription)
+        if solution.status in UNSETTLED and swings(problem, solution):
+            solution, final = task.with_steady_controls(solution)
         attempts += solution.attempts
-        unbounded = falls_for_ever(solution.cost, solution.cost_scale)
-        if best is None or solution.status in ENDED or unbounded:
-            best = solution
-        chatters = solution.advice.endswith(CHATTERS)  # no other start would change that
-        if solution.status in (*ENDED, Status.TOO_COARSE) or chatters or unbounded:
+        if best is None or final:
+            best, ledger = solution, [*Ledger(ledger).discarded(), *solution.ledger]
+        else:
+            ledger += solution.ledger.discarded()
+        if final:
             break
     assert best is not None
-    best = replace(best, attempts=tuple(attempts))
+    best = replace(best, attempts=tuple(attempts), ledger=Ledger.of(ledger))
     if best.status not in ENDED and time.perf_counter() >= until:
         best = replace(best, advice=f"{best.advice} {NOT_ALL}")
     if best.status.solved and best.unsettled:
@@ -145,10 +201,16 @@ def solve(
     return best
 
 
+def _goal(accuracy: float | Accuracy | None) -> Accuracy | None:
+    if accuracy is None or isinstance(accuracy, refinement.Accuracy):
+        return accuracy
+    return refinement.Accuracy(checks.number("accuracy", accuracy, above=0.0))
+
+
 def default_mesh(problem: OptimalControlProblem | Transcription) -> int:
     """Intervals of every phase: fewer where there are many."""
     phases = (problem.problem if isinstance(problem, Transcription) else problem).phases
-    return max(FEWEST, round(2 * INTERVALS / max(len(phases), 2)))
+    return max(SEARCH.fewest, round(2 * SEARCH.intervals / max(len(phases), 2)))
 
 
 # strategies ---------------------------------------------------------------------------------------
@@ -156,16 +218,27 @@ def default_mesh(problem: OptimalControlProblem | Transcription) -> int:
 
 @dataclass(frozen=True, eq=False)
 class _Task:
-    """What is to be solved, and the attempts so far."""
+    """What is to be solved, and the attempts and the ledger so far."""
 
     problem: OptimalControlProblem | Transcription
-    mesh: Meshes
+    given: Meshes | None
     guess: Given
     settings: SolverSettings
     scheme: str | Scheme
     until: float
     progress: Progress | None
+    accuracy: Accuracy | None = None
+    compared: int = SEARCH.compared
     attempts: list[Attempt] = field(default_factory=list)
+    ledger: list[LedgerRow] = field(default_factory=list)
+
+    @property
+    def mesh(self) -> Meshes:
+        return default_mesh(self.problem) if self.given is None else self.given
+
+    @property
+    def over(self) -> bool:
+        return time.perf_counter() >= self.until
 
     @property
     def alone(self) -> bool:
@@ -173,16 +246,190 @@ class _Task:
         return isinstance(self.problem, Transcription) or self.settings.solver != "auto"
 
     @property
-    def few(self) -> SolverSettings:
+    def short(self) -> SolverSettings:
         """Settings of a try that may be followed by another."""
-        own = self.settings
-        if self.alone:
-            return own
-        return replace(own, solver="ipopt", max_iterations=min(FIRST, own.max_iterations))
+        most = min(SEARCH.iterations, self.settings.max_iterations)
+        return replace(self.settings, max_iterations=most)
+
+    @property
+    def few(self) -> SolverSettings:
+        """The same by IPOPT, where no solver was chosen."""
+        return self.settings if self.alone else replace(self.short, solver="ipopt")
 
     def transcribed(self, scaling: str) -> Transcription:
         settings = replace(self.settings, scaling=scaling)
         return transcribed(self.problem, settings, scheme=self.scheme, guess=self.guess)
+
+    def solve(
+        self, transcription: Transcription, guess: Given, settings: SolverSettings, uneven: bool
+    ) -> Solution:
+        """A solve on the mesh of the task."""
+        mesh = self.mesh
+        if self.accuracy is not None:
+            mesh = self.accuracy.first_mesh(transcription, mesh)
+        how = settings, self.until, self.progress
+        return solve_on(transcription, mesh, guess, *how, uneven=uneven)
+
+    def enter(
+        self,
+        strategy: str,
+        began: float,
+        before: Solution | None,
+        after: Solution | None,
+        attempts: Sequence[Attempt],
+    ) -> None:
+        """Enter what a strategy led to, or that it led to nothing, in the ledger."""
+        seconds = time.perf_counter() - began
+        self.ledger.append(entry(strategy, before, after, attempts, seconds))
+
+    def judged(self, solution: Solution, transcription: Transcription) -> tuple[Solution, bool]:
+        """The solution on its way to one that passes, and whether that is final."""
+        finer = self.given is None or self.accuracy is not None
+        how = self.short, self.until, self.progress
+        return refinement.judged(solution, transcription, *how, finer=finer, accuracy=self.accuracy)
+
+    def with_steady_controls(self, before: Solution) -> tuple[Solution, bool]:
+        """The solution with controls that are constant over every interval, where that passes.
+
+        On a singular arc a control that is free at every collocation point may go to and fro
+        between them, and owe a part of its cost to what the scheme does not see; where it jumps it
+        exceeds limits between them.
+        """
+        began = time.perf_counter()
+        assert isinstance(self.problem, OptimalControlProblem)
+        task = replace(
+            self,
+            problem=with_shapes(self.problem, "constant"),
+            guess=resampled(before),
+            given=None,
+            attempts=[],
+            ledger=[],
+        )
+        own = self.settings
+        own = replace(own, solver="ipopt") if own.solver == "auto" else own
+        transcription = task.transcribed(own.scaling)
+        first = task.solve(transcription, task.guess, own, uneven=False)
+        answer, final = task.judged(first, transcription)
+        tries = tuple(replace(a, way=a.way or STEADY) for a in answer.attempts)
+        solved = answer if answer.status.solved else None
+        row = entry(STEADY, before, solved, tries, time.perf_counter() - began)
+        ledger = Ledger.of([*before.ledger, row])
+        attempts = (*before.attempts, *tries)
+        if solved is None:
+            return replace(before, attempts=attempts, ledger=ledger), False
+        advice = (
+            f"{answer.advice} With other values at every point the cost does not settle: {STEADY}."
+        )
+        answer = replace(answer, attempts=attempts, advice=advice, ledger=ledger)
+        return answer.with_rivals_of(before), final
+
+    def answers(self) -> Iterator[tuple[Solution, Transcription]]:
+        """Solutions of all strategies that converge, each with its program; else of the first.
+
+        Each is compared with what a number of other starts lead to.
+        """
+        first: tuple[Solution, Transcription] | None = None
+        refused: InputError | None = None
+        converged = False
+        for strategy in STRATEGIES[: 1 if self.alone else None]:
+            if first is not None and self.over:
+                break
+            began, before = time.perf_counter(), len(self.attempts)
+            try:
+                solution, start = _first_that_ends(self, strategy) or (None, None)
+            except NotFinite as problem_met:
+                if self.alone or self.guess is not None:
+                    raise
+                refused = refused or problem_met
+                continue
+            if solution is None or start is None:
+                continue
+            transcription, _, settings = start
+            first = first or (solution, transcription)
+            ended = solution if solution.status in ENDED else None
+            self.enter(strategy.name or GIVEN, began, None, ended, self.attempts[before:])
+            if ended is None:
+                continue
+            converged = True
+            if not self.alone and solution.status in CONVERGED:
+                solution, transcription = self._best_beside(solution, transcription, settings)
+            yield self._answer(solution, strategy.name), transcription
+            if solution.status is Status.INTERRUPTED:
+                return
+        if converged:
+            return
+        if first is None:
+            assert refused is not None
+            raise refused
+        yield self._answer(first[0], ""), first[1]
+
+    def _best_beside(
+        self, solution: Solution, transcription: Transcription, settings: SolverSettings
+    ) -> tuple[Solution, Transcription]:
+        """The cheapest of an answer and of what other starts and better controls lead to."""
+        how = settings, self.until, self.progress
+        if not isinstance(self.guess, Solution):  # what was compared when it was found
+            began, before = time.perf_counter(), solution
+            more = self.compared, self.until, self.progress, self.guess
+            solution, tried = cheaper_elsewhere(solution, transcription, settings, *more)
+            self._decide("from other starts", began, before, solution if tried else None, tried)
+            if tried:  # another valley, of other sizes
+                solution, transcription = self.in_own_scales(solution, transcription, settings)
+        began, before = time.perf_counter(), solution
+        solution, tried = improved(solution, transcription, *how)
+        self._decide(WAY, began, before, None if solution is before else solution, tried)
+        return solution, transcription
+
+    def _decide(
+        self,
+        strategy: str,
+        began: float,
+        before: Solution,
+        after: Solution | None,
+        tried: Sequence[Attempt],
+    ) -> None:
+        self.attempts.extend(tried)
+        self.enter(strategy, began, before, after, tried)
+
+    def in_own_scales(
+        self, solution: Solution, before: Transcription, settings: SolverSettings
+    ) -> tuple[Solution, Transcription]:
+        """The solution, solved again with scales of its own where these are far from the guessed.
+
+        What is small beside its scale is not accurate, and a cost of such a scale seems to be
+        settled; what is far larger may be on its way to a slope at infinity.
+        """
+        if self.alone or settings.scaling != "auto" or solution.status not in CONVERGED:
+            return solution, before
+        began = time.perf_counter()
+        after = replace(self, guess=solution).transcribed("auto")
+        if not any(
+            np.any(np.abs(np.log(np.asarray(old.scale) / new.scale)) >= np.log(POOR))
+            for k, own in enumerate(before.problem.phases)
+            for kind in ("states", "controls")
+            for old, new in zip(
+                getattr(own, kind), getattr(after.problem.phases[k], kind), strict=True
+            )
+        ):
+            return solution, before
+        again = self.solve(after, solution, settings, uneven=False)
+        tried = [replace(a, way=OWN_SCALES) for a in again.attempts]
+        most = solution.cost + refinement.PASSING.unmet * cost_size(again.cost, solution.cost_scale)
+        better = again.status in CONVERGED and again.cost <= most
+        self._decide(OWN_SCALES, began, solution, again if better else None, tried)
+        return (again.with_rivals_of(solution), after) if better else (solution, before)
+
+    def _answer(self, solution: Solution, strategy: str) -> Solution:
+        """A solution with all attempts that led to it, and the strategy that found it."""
+        advice = solution.advice
+        if solution.status.solved and strategy:
+            advice = f"{advice} The first try failed; this was found {strategy}."
+        if solution.status.solved and solution.rivals:
+            advice = f"{advice} {solution.several}"
+        attempts, ledger = tuple(self.attempts), Ledger.of(self.ledger)
+        self.attempts.clear()
+        self.ledger.clear()
+        return replace(solution, attempts=attempts, advice=advice, ledger=ledger)
 
 
 Start = tuple[Transcription, Given, SolverSettings]
@@ -209,7 +456,7 @@ def _as_given(task: _Task) -> Iterator[Start]:
 
 
 def _from_a_coarser_mesh(task: _Task) -> Iterator[Start]:
-    coarser = round(COARSER * default_mesh(task.problem))
+    coarser = round(SEARCH.coarser * default_mesh(task.problem))
     if isinstance(task.mesh, int) and task.mesh <= coarser:
         return
     transcription = task.transcribed(task.settings.scaling)
@@ -223,7 +470,7 @@ def _from_a_coarser_mesh(task: _Task) -> Iterator[Start]:
 
 def _from_many_starts(task: _Task) -> Iterator[Start]:
     transcription = task.transcribed(task.settings.scaling)
-    how = task.few, COMPARED[0], task.until, task.progress
+    how = task.few, SEARCH.compared, task.until, task.progress
     cheapest, tried = cheapest_of_starts(transcription, *how)
     task.attempts.extend(tried)
     if cheapest is not None:
@@ -251,7 +498,7 @@ def _of_any_duration(task: _Task) -> Iterator[Start]:
 
 def _from_the_best(task: _Task, guesses: Sequence[Mapping[str, Guess]]) -> Iterator[Start]:
     """Start from the first of guesses that are in the order of how near they end."""
-    for guess in guesses[:SIMULATIONS]:
+    for guess in guesses[: SEARCH.simulations]:
         yield replace(task, guess=guess).transcribed(task.settings.scaling), guess, task.few
 
 
@@ -304,291 +551,30 @@ STRATEGIES = (
 )
 
 
-def solutions(
-    problem: OptimalControlProblem | Transcription,
-    mesh: Meshes,
-    guess: Given,
-    settings: SolverSettings,
-    scheme: str | Scheme,
-    until: float,
-    progress: Progress | None,
-    compared: int = COMPARED[0],
-) -> Iterator[tuple[Solution, Transcription]]:
-    """Solutions of all strategies that converge, each with its program; of the first if none does.
-
-    Each is compared with what a number of other starts lead to.
-    """
-    task = _Task(problem, mesh, guess, settings, scheme, until, progress)
-    alone, converged = task.alone, False
-    first: tuple[Solution, Transcription] | None = None
-    refused: InputError | None = None
-    for strategy in STRATEGIES[: 1 if alone else None]:
-        if first is not None and time.perf_counter() >= until:
-            break
-        try:
-            found = _first_that_ends(task, strategy)
-        except NotFinite as problem_met:
-            if alone or guess is not None:
-                raise
-            refused = refused or problem_met
-            continue
-        if found is None:
-            continue
-        made, (transcription, _, own) = found
-        first = first or (made, transcription)
-        if made.status not in ENDED:
-            continue
-        if not alone and made.status in CONVERGED:
-            if not isinstance(guess, Solution):  # what was compared when it was found
-                how = own, compared, until, progress, guess
-                made, tried = cheaper_elsewhere(made, transcription, *how)
-                task.attempts.extend(tried)
-                if tried:  # another valley, of other sizes
-                    made, transcription, tried = _in_own_scales(made, task, transcription, own)
-                    task.attempts.extend(tried)
-            made, tried = improved(made, transcription, own, until, progress)
-            task.attempts.extend(tried)
-        converged = True
-        yield _told(made, transcription, task.attempts, strategy.name)
-        task.attempts.clear()
-        if made.status is Status.INTERRUPTED:
-            return
-    if converged:
-        return
-    if first is None:
-        assert refused is not None
-        raise refused
-    yield _told(*first, task.attempts, "")
-
-
 def _first_that_ends(task: _Task, strategy: Strategy) -> tuple[Solution, Start] | None:
     """The first solution of a strategy that converges, or its last; None where there is none."""
-    found: tuple[Solution, Start] | None = None
+    last: tuple[Solution, Start] | None = None
     before = len(task.attempts)
     for transcription, guess, settings in strategy.propose(task):
         name = f"{strategy.name}, first"
         task.attempts[before:] = [replace(a, way=name) for a in task.attempts[before:]]
-        how = settings, task.until, task.progress
-        uneven = not (
-            task.alone or strategy.name
-        )  # where scales are wrong it is far from the guess
-        made = solve_on(transcription, task.mesh, guess, *how, uneven=uneven)
-        tried, more = made.attempts, []
-        if not task.alone:
-            made, transcription, more = _in_own_scales(made, task, transcription, settings)
-        task.attempts.extend(replace(a, way=a.way or strategy.name) for a in (*tried, *more))
+        # where scales are wrong what is uneven is far from the guess
+        uneven = not (task.alone or strategy.name)
+        solution = task.solve(transcription, guess, settings, uneven)
         before = len(task.attempts)
-        found = made, (transcription, guess, settings)
-        if made.status in ENDED:
+        task.attempts.extend(solution.attempts)
+        solution, transcription = task.in_own_scales(solution, transcription, settings)
+        task.attempts[before:] = [
+            replace(a, way=a.way or strategy.name) for a in task.attempts[before:]
+        ]
+        before = len(task.attempts)
+        last = solution, (transcription, guess, settings)
+        if solution.status in ENDED:
             break
-    return found
+    return last
 
 
-def _in_own_scales(
-    solution: Solution, task: _Task, before: Transcription, settings: SolverSettings
-) -> tuple[Solution, Transcription, list[Attempt]]:
-    """The solution, solved again with scales of its own where these are far from what was guessed.
-
-    With what was tried. What is small beside its scale is not accurate, and a cost of such a scale
-    seems to be settled; what is far larger may be on its way to a slope at infinity.
-    """
-    if settings.scaling != "auto" or solution.status not in CONVERGED:
-        return solution, before, []
-    after = replace(task, guess=solution).transcribed("auto")
-    if not any(
-        np.any(np.abs(np.log(np.asarray(old.scale) / new.scale)) >= np.log(POOR))
-        for k, own in enumerate(before.problem.phases)
-        for kind in ("states", "controls")
-        for old, new in zip(getattr(own, kind), getattr(after.problem.phases[k], kind), strict=True)
-    ):
-        return solution, before, []
-    again = solve_on(after, task.mesh, solution, settings, task.until, task.progress)
-    tried = [replace(a, way="with the scales of the first answer") for a in again.attempts]
-    dearer = again.cost - solution.cost > UNMET * cost_size(again.cost, solution.cost_scale)
-    if again.status not in CONVERGED or dearer:
-        return solution, before, tried
-    return again.with_rivals_of(solution), after, tried
-
-
-def _told(
-    solution: Solution, transcription: Transcription, attempts: list[Attempt], said: str
-) -> tuple[Solution, Transcription]:
-    """A solution with all attempts that led to it, and the way that it was found in."""
-    advice = solution.advice
-    if solution.status.solved and said:
-        advice = f"{advice} The first try failed; this was found {said}."
-    if solution.status.solved and solution.rivals:
-        advice = f"{advice} {solution.several}"
-    return replace(solution, attempts=tuple(attempts), advice=advice), transcription
-
-
-# acceptance ---------------------------------------------------------------------------------------
-
-
-def _judged(
-    solution: Solution,
-    transcription: Transcription,
-    settings: SolverSettings,
-    until: float,
-    progress: Progress | None,
-    *,
-    finer: bool,
-) -> Solution:
-    """The solution with the status that its judgement gives it.
-
-    With ``finer`` on meshes so fine that it passes and its cost does not change any more. Where it
-    is at a saddle the solve goes on below it.
-    """
-    if solution.status not in CONVERGED:
-        return solution
-    alone = settings.solver != "auto"
-    own = settings if alone else replace(settings, solver="ipopt")
-    own = replace(own, max_iterations=min(FIRST, own.max_iterations))
-    way = _ToSolved(solution, judge(transcription, solution), transcription, own, until, progress)
-    for _ in range(ROUNDS):
-        over = time.perf_counter() >= until
-        saddle = way.judgement.status is Status.SADDLE and not (alone or over)
-        if not (way.below() if saddle else finer and not over and way.finer()):
-            break
-    if way.solution.status not in CONVERGED:
-        return replace(way.solution, attempts=tuple(way.attempts))
-    more = improvable(way.solution) if finer else 0.0
-    if not alone and more > ACCURACY:
-        more = way.improve(settings)
-    solution = replace(way.solution, attempts=tuple(way.attempts))
-    return _with_status(solution, way.judgement, way.left, more, until, finer=finer)
-
-
-class _ToSolved:
-    """A solution on its way to one that passes, with its judgement and all that was tried."""
-
-    def __init__(
-        self,
-        solution: Solution,
-        judgement: Judgement,
-        transcription: Transcription,
-        settings: SolverSettings,
-        until: float,
-        progress: Progress | None,
-    ) -> None:
-        self.solution, self.judgement, self.transcription = solution, judgement, transcription
-        self.how = settings, until, progress
-        self.attempts, self.left = list(solution.attempts), _Left()
-
-    def below(self) -> bool:
-        """Go on below a saddle; False where nothing is there, or where the cost falls for ever."""
-        found, tried = _below(self.solution, self.judgement, self.transcription, *self.how)
-        self.attempts += tried
-        if found is None:
-            return False
-        self.solution, self.left = found.with_rivals_of(self.solution), _Left()
-        if found.status not in CONVERGED:
-            return False
-        self.judgement = judge(self.transcription, self.solution)
-        return True
-
-    def finer(self) -> bool:
-        """Go on on a finer mesh; False where none is needed or there is none."""
-        before = self.solution
-        coarse = any(k.status is Status.TOO_COARSE for k in self.judgement.failures)
-        settled = self.left.estimate <= ACCURACY
-        if settled and not coarse:
-            return False
-        meshes = _finer(before, self.judgement, whole=not settled)
-        if _intervals(meshes) > MOST_INTERVALS:
-            meshes = _finer(before, self.judgement, whole=False)
-        fewest = _intervals([phase.mesh for phase in before.phases])
-        if not fewest < _intervals(meshes) <= MOST_INTERVALS:
-            return False
-        made = solve_on(self.transcription, meshes, before, *self.how)
-        self.attempts += [replace(a, way="on a finer mesh") for a in made.attempts]
-        if made.status not in CONVERGED:
-            return False
-        size = max(cost_size(k.cost, made.cost_scale) for k in (made, before))
-        self.left.enter(abs(made.cost - before.cost) / size)
-        advice = made.advice if made.status is Status.GAP_LEFT else before.advice
-        self.solution = replace(made, advice=advice).with_rivals_of(before)
-        self.judgement = judge(self.transcription, self.solution)
-        return True
-
-    def improve(self, settings: SolverSettings) -> float:
-        """Go on with better controls, and return what others would save still."""
-        _, until, progress = self.how
-        better, tried = improved(self.solution, self.transcription, settings, until, progress)
-        self.attempts += tried
-        if better is not self.solution:
-            self.solution, self.judgement = better, judge(self.transcription, better)
-        return improvable(better)
-
-
-def _intervals(meshes: Sequence[FloatArray]) -> int:
-    return sum(mesh.size - 1 for mesh in meshes)
-
-
-def _with_status(
-    solution: Solution,
-    judgement: Judgement,
-    left: _Left,
-    more: float,
-    until: float,
-    *,
-    finer: bool,
-) -> Solution:
-    """The solution with a status, and advice that says what is missing."""
-    missing = [failure.sentence for failure in judgement.failures]
-    settled = not finer or left.estimate <= SETTLED * ACCURACY
-    if not settled:
-        change = f"by {left.change:.1g} of itself" if np.isfinite(left.change) else "unknown"
-        missing.append(f"what the cost changes from mesh to mesh: {change}")
-    if not missing and more > SETTLED * ACCURACY:
-        said = (
-            f"Other controls would save {more:.1g} of the cost, but no solve from there does: "
-            f"{CHATTERS}"
-        )
-        if more <= UNMET:
-            return replace(solution, advice=f"{solution.advice} {said}")
-        said = f"{Status.NO_PROGRESS.sentence} {said}"
-        return replace(solution, status=Status.NO_PROGRESS, advice=said)
-    status = judgement.status
-    if not missing or (status is solution.status and settled):
-        return solution
-    if finer and status in (Status.SOLVED, Status.TOO_COARSE):
-        over = time.perf_counter() >= until
-        status = Status.TIME_LIMIT if over else Status.NO_PROGRESS
-    return replace(solution, status=status, advice=f"{status.sentence} Missing: {missing[0]}.")
-
-
-def _below(
-    solution: Solution,
-    judgement: Judgement,
-    transcription: Transcription,
-    settings: SolverSettings,
-    until: float,
-    progress: Progress | None,
-) -> tuple[Solution | None, list[Attempt]]:
-    """The cheaper of what solves lead to on both sides of a saddle; None where none is below it.
-
-    Where the cost falls for ever on one side that is what it is, though it did not converge.
-    """
-    assert judgement.curvature is not None
-    direction, x = judgement.curvature.direction, solution.variables
-    assert direction is not None
-    assert x is not None
-    step = BESIDE / np.abs(direction).max() * direction
-    worth = Thresholds().gap * cost_size(solution.cost, solution.cost_scale)
-    best: Solution | None = None
-    attempts: list[Attempt] = []
-    meshes = [phase.mesh for phase in solution.phases]
-    for start in (x + step, x - step):
-        beside = replace(solution, variables=start, variable_multipliers=None)
-        made = solve_on(transcription, meshes, beside, settings, until, progress)
-        attempts += [replace(a, way="from beside a saddle") for a in made.attempts]
-        if falls_for_ever(made.cost, made.cost_scale):
-            return made, attempts
-        least = solution.cost - worth if best is None else best.cost
-        if made.status in CONVERGED and made.cost < least:
-            best = made
-    return best, attempts
+# controls -----------------------------------------------------------------------------------------
 
 
 def swings(problem: OptimalControlProblem | Transcription, solution: Solution) -> bool:
@@ -596,80 +582,29 @@ def swings(problem: OptimalControlProblem | Transcription, solution: Solution) -
 
     Not where others are known to be better, which is not looked for where controls are constant.
     """
-    if isinstance(problem, Transcription) or improvable(solution) > SETTLED * ACCURACY:
+    if isinstance(problem, Transcription) or improvable(solution) > refinement.PASSING.most_left:
         return False
     asked = {(p.name, c.name) for p in problem.phases for c in p.controls if c.shape != "auto"}
     return any(
         control.shape == "polynomial" and (phase.name, control.name) not in asked
         for phase in solution.phases
-        for control in verification.phase_layout(phase).phase.controls
+        for control in phase_layout(phase).phase.controls
     )
 
 
-def _with_steady_controls(
-    problem: OptimalControlProblem | Transcription,
-    before: Solution,
-    settings: SolverSettings,
-    scheme: str | Scheme,
-    until: float,
-    progress: Progress | None,
-) -> Solution:
-    """The solution with controls that are constant over every interval, where that passes.
-
-    On a singular arc a control that is free at every collocation point may go to and fro between
-    them, and owe a part of its cost to what the scheme does not see; where it jumps it exceeds
-    limits between them.
-    """
-    assert isinstance(problem, OptimalControlProblem)
-    other = with_shapes(problem, "constant")
-    guess = refinement.resampled(before)
-    transcription = transcribed(other, settings, scheme=scheme, guess=guess)
-    own = replace(settings, solver="ipopt") if settings.solver == "auto" else settings
-    first = solve_on(transcription, default_mesh(problem), guess, own, until, progress)
-    made = _judged(first, transcription, settings, until, progress, finer=True)
-    attempts = tuple(replace(a, way=a.way or STEADY) for a in made.attempts)
-    attempts = (*before.attempts, *attempts)
-    if not made.status.solved:
-        return replace(before, attempts=attempts)
-    advice = f"{made.advice} With other values at every point the cost does not settle: {STEADY}."
-    return replace(made, attempts=attempts, advice=advice).with_rivals_of(before)
+def resampled(solution: Solution) -> dict[str, Guess]:
+    """Guess for another mesh by the scheme's own interpolation."""
+    guesses = {}
+    for phase in solution.phases:
+        declared = phase_layout(phase).phase
+        names = [v.name for v in (*node_variables(declared), *declared.controls)]
+        names += [v.name for v in declared.algebraics]
+        guesses[phase.name] = Guess(
+            phase.duration, {name: _sampler(phase, name) for name in dict.fromkeys(names)}
+        )
+    return guesses
 
 
-class _Left:
-    """What the cost would still change by, seen from what it changed by from mesh to mesh."""
-
-    def __init__(self) -> None:
-        self.change, self.ratios = np.inf, (0.5, 0.0)
-
-    def enter(self, change: float) -> None:
-        if 0 < self.change < np.inf:
-            ratio = float(np.clip(change / self.change, 0.1, 0.9))
-            self.ratios = (ratio, self.ratios[0] if self.ratios[1] else 0.1)
-        self.change = change
-
-    @property
-    def estimate(self) -> float:
-        """The sum of all further changes, if they go on shrinking as they did."""
-        ratio = max(self.ratios)  # one that happens to be small proves nothing
-        return self.change * ratio / (1 - ratio)
-
-
-def _finer(solution: Solution, judgement: Judgement, *, whole: bool) -> list[FloatArray]:
-    """Intervals divided as their errors ask for; with ``whole`` every one in two, if that will do.
-
-    Where limits are exceeded in between they are divided further: where a control jumps a state
-    leaves its limit by the step times the jump, whatever the order of the scheme.
-    """
-    pairs = list(zip(solution.phases, judgement.errors, judgement.excess, strict=True))
-    divided = []
-    for phase, errors, _ in pairs:
-        layout = verification.phase_layout(phase)
-        orders = np.array([kind.scheme.order for kind in layout.kinds])[layout.kind_of]
-        divided.append(refinement.divide(phase.mesh, errors, 1.0, orders))
-        whole &= int(np.histogram(divided[-1][:-1], phase.mesh)[0].max()) <= 2
-    if whole:
-        divided = [np.union1d(p.mesh, (p.mesh[:-1] + p.mesh[1:]) / 2) for p, *_ in pairs]
-    return [
-        np.union1d(mesh, refinement.divide(phase.mesh, excess, 1.0, 0))
-        for mesh, (phase, _, excess) in zip(divided, pairs, strict=True)
-    ]
+def _sampler(phase: PhaseSolution, name: str) -> Callable[[FloatArray], FloatArray]:
+    # just before the point: the points of Radau collocation are those of the interval on the left
+    return lambda places: phase.sample((places - 1e-10) * phase.duration)[name]

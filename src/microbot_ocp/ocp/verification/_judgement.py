@@ -74,6 +74,7 @@ class Judgement:
     errors : of every interval of a phase [N], by what it misses the next mesh state or the integral
         of the cost, as a share of what passes if all intervals miss as much
     excess : likewise by what it exceeds limits between its points, as a share of what passes
+    passes : the thresholds
     phases, layouts, labels, derivatives, multipliers, dense : what they were made of
     """
 
@@ -85,12 +86,18 @@ class Judgement:
     curvature: Curvature | None
     errors: tuple[FloatArray, ...]
     excess: tuple[FloatArray, ...]
+    passes: Thresholds
     phases: tuple[PhaseSolution, ...]
     layouts: tuple[PhaseLayout, ...]
     labels: tuple[Label, ...]
     derivatives: tuple[Derivatives, ...]
     multipliers: tuple[FloatArray, FloatArray]
     dense: tuple[DensePhase, ...]
+
+    @property
+    def state_errors(self) -> list[FloatArray]:
+        """Relative errors of every interval of a phase [N]."""
+        return [own * (self.passes.state_error / own.size) for own in self.errors]
 
     @property
     def status(self) -> Status:
@@ -161,6 +168,7 @@ def judge(
         curvature=curvature,
         errors=tuple(errors),
         excess=tuple(relative_excess(d).max(axis=1) / passes.excess for d in dense),
+        passes=passes,
         phases=phases,
         layouts=tuple(layouts),
         labels=tuple(labels),

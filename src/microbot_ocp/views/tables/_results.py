@@ -12,7 +12,7 @@ from microbot_ocp._base.table import Column, Table
 from microbot_ocp.comparison import Certificate
 from microbot_ocp.limits import LimitFamily
 from microbot_ocp.motion import Motion
-from microbot_ocp.ocp import OCPCertificate, Refined, Solution
+from microbot_ocp.ocp import OCPCertificate, Solution
 from microbot_ocp.robot import Robot
 from microbot_ocp.sweeps import Quartiles, Sweep, SweepSummary
 from microbot_ocp.views import _scene as scene
@@ -101,12 +101,6 @@ def solution(solution: Solution) -> Table:
     advice = [] if solution.status.solved else solution.advice.splitlines()
     phases = [repr(phase).strip("<>") for phase in solution.phases]
     return _table(solution, columns, rows, [*advice, *phases])
-
-
-def refined(refined: Refined) -> Table:
-    """Return the history of the meshes."""
-    history = refined.history.table()
-    return _table(refined, history.columns, history.rows, [refined.advice])
 
 
 def ocp_certificate(certificate: OCPCertificate) -> Table:

@@ -1,0 +1,510 @@
+"""A converged solution, taken on until it passes: one loop, whatever is asked for.
+
+What passes is told by the judgement that a certificate is made of. Where nothing else is asked for
+meshes are made finer until it passes and the cost does not change any more; with an accuracy until
+that is met, too. From a saddle the solve goes on below it.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from functools import partial
+from itertools import pairwise
+from typing import NamedTuple, cast
+
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.outcome import Ledger
+from microbot_ocp._base.status import Status
+from microbot_ocp.ocp.arcs import distance, place_junctions
+from microbot_ocp.ocp.diagnosis import BESIDE, falls_for_ever
+from microbot_ocp.ocp.mesh import Refinement, Round, divide, refined
+from microbot_ocp.ocp.refinement._accuracy import Accuracy
+from microbot_ocp.ocp.refinement._cost_error import cost_error, shares, with_more_freedom
+from microbot_ocp.ocp.refinement._history import History, RefinementStep, step_of
+from microbot_ocp.ocp.solution import (
+    Attempt,
+    Progress,
+    Solution,
+    StepProgress,
+    cost_size,
+    entry,
+)
+from microbot_ocp.ocp.solvers import SolverSettings, improvable, improved, solve_on
+from microbot_ocp.ocp.transcription import Mesh, Transcription, mesh_of
+from microbot_ocp.ocp.verification import (
+    Judgement,
+    Thresholds,
+    judge,
+    phase_layout,
+    relative_excess,
+)
+
+CONVERGED = (Status.SOLVED, Status.GAP_LEFT)
+FINAL = (*CONVERGED, Status.INTERRUPTED, Status.TOO_COARSE)  # no other strategy would change it
+CHATTERS = "the optimum may be approached by controls that jump to and fro ever faster."
+
+
+@dataclass(frozen=True)
+class Passing:
+    """When a solution is good enough where no accuracy is asked for.
+
+    Attributes
+    ----------
+    change : relative change of the cost from mesh to mesh, seen to the end, that is aimed at
+    settled : times this change, at which the cost still counts as settled
+    unmet : share of the cost: where no solve saves it what is more is missed, less is said
+    rounds : most solves
+    most_intervals : of all phases together
+    """
+
+    change: float = 1e-4
+    settled: float = 5.0
+    unmet: float = 1e-2
+    rounds: int = 14
+    most_intervals: int = 1000
+
+    @property
+    def most_left(self) -> float:
+        """Change of the cost at which it still counts as settled."""
+        return self.settled * self.change
+
+
+PASSING = Passing()
+
+
+@dataclass(frozen=True)
+class Left:
+    """What the cost would still change by, seen from what it changed by from mesh to mesh."""
+
+    change: float = np.inf
+    ratios: tuple[float, float] = (0.5, 0.0)
+
+    def entered(self, change: float) -> Left:
+        """With one change more."""
+        ratios = self.ratios
+        if 0 < self.change < np.inf:
+            ratio = float(np.clip(change / self.change, 0.1, 0.9))
+            ratios = (ratio, ratios[0] if ratios[1] else 0.1)
+        return Left(change, ratios)
+
+    @property
+    def known(self) -> bool:
+        """Whether it changed from one mesh to another."""
+        return bool(np.isfinite(self.change))
+
+    @property
+    def estimate(self) -> float:
+        """The sum of all further changes, if they go on shrinking as they did."""
+        ratio = max(self.ratios)  # one that happens to be small proves nothing
+        return self.change * ratio / (1 - ratio)
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """What is known of a solution on its mesh.
+
+    Attributes
+    ----------
+    judgement, step, left : of all that is asked, of the mesh, of the cost
+    places : where arcs meet, as fractions of every phase, once it is known
+    vain : solves with one phase an arc that found nothing
+    freer : solution with finer controls or a higher degree, where the cost is all that is missing
+    cost_errors : of the intervals, found with it
+    at : when it was known, by ``time.perf_counter``
+    """
+
+    judgement: Judgement
+    step: RefinementStep
+    left: Left
+    places: list[FloatArray] | None = None
+    vain: int = 0
+    freer: Solution | None = None
+    cost_errors: list[FloatArray] | None = None
+    at: float = field(default_factory=time.perf_counter)
+
+    @property
+    def settled(self) -> bool:
+        """Whether the mesh is fine enough and the cost does not change any more."""
+        coarse = any(k.status is Status.TOO_COARSE for k in self.judgement.failures)
+        return self.left.estimate <= PASSING.change and not coarse
+
+
+class Beside(NamedTuple):
+    """Starts on both sides of a saddle."""
+
+    above: Solution
+    below: Solution
+
+
+Course = Refinement[Solution, Seen]
+Rounds = tuple[Round[Solution, Seen], ...]
+Next = Beside | Solution | Sequence[Mesh | FloatArray]
+
+
+def judged(
+    solution: Solution,
+    transcription: Transcription,
+    settings: SolverSettings,
+    until: float,
+    progress: Progress | None = None,
+    *,
+    finer: bool,
+    accuracy: Accuracy | None = None,
+) -> tuple[Solution, bool]:
+    """The solution with the status that its judgement gives it, and whether that is final.
+
+    With ``finer`` on meshes so fine that it passes and its cost does not change any more; with an
+    accuracy until that is met. It is final where no other strategy would do better.
+    """
+    if solution.status not in CONVERGED:
+        return _alone(solution), solution.status is Status.INTERRUPTED
+    return _Work(transcription, settings, until, progress, finer, accuracy).run(solution)
+
+
+@dataclass(frozen=True, eq=False)
+class _Work:
+    """How a solution is taken on: what is solved, split, measured, and when it ends."""
+
+    transcription: Transcription
+    settings: SolverSettings
+    until: float
+    progress: Progress | None
+    finer: bool
+    accuracy: Accuracy | None
+
+    @property
+    def _over(self) -> bool:
+        return time.perf_counter() >= self.until
+
+    @property
+    def _alone(self) -> bool:
+        """Whether a solver was chosen: what others would save is not looked for."""
+        return self.settings.solver != "auto"
+
+    def run(self, first: Solution) -> tuple[Solution, bool]:
+        began, state = time.perf_counter(), None
+        measure = partial(self._measured, began)
+        with suppress(KeyboardInterrupt):
+            for state in refined(first, self._solved, measure, self._split, _accepted, self._ended):
+                self._report(state)
+        if state is None:
+            return _interrupted(_alone(first)), True
+        last, saved, tried = state.refused, 0.0, []
+        if last is not None and last.status is Status.INTERRUPTED:
+            return _interrupted(self._recorded(state)), True
+        if last is not None and self._at_saddle(state.measure) and _endless(last):
+            return replace(last, attempts=self._recorded(state).attempts), True
+        if state.ended in (None, Status.INTERRUPTED):
+            return _interrupted(self._recorded(state)), True
+        if self.finer:
+            state, saved, tried = self._improved(state)
+        solution = self._recorded(state)
+        solution = replace(solution, attempts=(*solution.attempts, *tried))
+        return self._judged(solution, state, saved)
+
+    # the parts of a round --------------------------------------------------------------------
+
+    def _solved(self, best: Solution, proposal: Next) -> Solution:
+        if isinstance(proposal, Solution):
+            return proposal
+        if isinstance(proposal, Beside):
+            return self._below(best, proposal).with_rivals_of(best)
+        answer = _by("on a finer mesh", self._solve(proposal, best))
+        advice = answer.advice if answer.status is Status.GAP_LEFT else best.advice
+        return replace(answer, advice=advice).with_rivals_of(best)
+
+    def _solve(self, meshes: Sequence[Mesh | FloatArray], start: Solution) -> Solution:
+        own = self.settings if self._alone else replace(self.settings, solver="ipopt")
+        return solve_on(self.transcription, meshes, start, own, self.until, self.progress)
+
+    def _below(self, saddle: Solution, starts: Beside) -> Solution:
+        """The cheaper of what solves lead to on both sides of a saddle.
+
+        Where the cost falls for ever on one side that is what it is, though it did not converge.
+        """
+        answers: list[Solution] = []
+        for start in starts:
+            answers.append(self._solve([phase.mesh for phase in saddle.phases], start))
+            if _endless(answers[-1]):
+                break
+        lowest = answers[-1]
+        if not _endless(lowest):
+            lowest = min(answers, key=lambda own: (own.status not in CONVERGED, own.cost))
+            worth = Thresholds().gap * cost_size(saddle.cost, saddle.cost_scale)
+            if not lowest.cost < saddle.cost - worth:
+                lowest = replace(lowest, status=Status.NOT_ACCEPTED)
+        attempts = tuple(a for own in answers for a in own.attempts)
+        return _by("from beside a saddle", replace(lowest, attempts=attempts))
+
+    def _measured(self, began: float, rounds: Rounds, solution: Solution) -> Seen:
+        judgement = judge(self.transcription, solution)
+        before = rounds[-1].measure if rounds else None
+        step = step_of(solution, judgement, time.perf_counter() - (before.at if before else began))
+        if before is None:
+            seen = Seen(judgement, step, Left())
+        elif self._at_saddle(before):
+            seen = Seen(judgement, step, Left(), before.places, before.vain)
+        else:
+            costs = solution.cost, rounds[-1].solution.cost
+            size = max(cost_size(cost, solution.cost_scale) for cost in costs)
+            left = before.left.entered(abs(costs[0] - costs[1]) / size)
+            seen = Seen(judgement, step, left, before.places, before.vain)
+        if self.accuracy is None or self._over:
+            return seen
+        seen = self._placed(solution, seen, before, self.accuracy)
+        return self._with_cost_error(solution, seen, self.accuracy)
+
+    def _placed(
+        self, solution: Solution, seen: Seen, before: Seen | None, accuracy: Accuracy
+    ) -> Seen:
+        """With the distance of the mesh from where arcs meet, by a solve with one phase an arc."""
+        places = None
+        if accuracy.arcs and seen.vain < accuracy.vain:
+            problem, scheme = self.transcription.problem, self.transcription.scheme
+            places = place_junctions(problem, solution, scheme, self.settings)
+        offset = seen.step.switch_offset
+        if places is not None:
+            offset = max(map(distance, [mesh.fractions for mesh in seen.step.meshes], places))
+        elif seen.places is not None and before is not None:
+            # what was not confirmed is as far away as it was
+            offset = max(offset, before.step.switch_offset)
+        return replace(
+            seen,
+            step=replace(seen.step, switch_offset=offset),
+            places=places or seen.places,
+            vain=seen.vain + (places is None),
+        )
+
+    def _with_cost_error(self, solution: Solution, seen: Seen, accuracy: Accuracy) -> Seen:
+        """With the error of the cost, where all else is good enough, by a solve more."""
+        if not accuracy.met(seen.step):
+            return seen
+        if accuracy.cost == np.inf:
+            return replace(seen, step=replace(seen.step, cost_error=0.0))
+        freer = self._solved(solution, with_more_freedom(solution))
+        if freer.status not in CONVERGED:
+            return replace(seen, freer=freer)
+        error = cost_error(solution, freer)
+        parts = shares(solution, freer)
+        count = sum(part.size for part in parts)
+        return replace(
+            seen,
+            step=replace(seen.step, cost_error=error),
+            freer=freer,
+            cost_errors=[error * count * part for part in parts],
+        )
+
+    def _split(self, rounds: Rounds) -> Next:
+        solution, seen = rounds[-1].solution, rounds[-1].measure
+        if self._at_saddle(seen):
+            return _beside(solution, seen.judgement)
+        if self.accuracy is None:
+            whole = seen.left.estimate > PASSING.change
+            meshes = _divided(solution, seen.judgement, whole=whole)
+            if _intervals(meshes) <= PASSING.most_intervals:
+                return meshes
+            return _divided(solution, seen.judgement, whole=False)
+        history = [own.measure.step for own in rounds]
+        if seen.cost_errors is not None and self.accuracy.cost_stalls(history):
+            assert seen.freer is not None
+            return seen.freer
+        nothing = [None] * len(solution.phases)
+        return [
+            self.accuracy.finer(*phase)
+            for phase in zip(
+                solution.phases,
+                seen.judgement.state_errors,
+                [relative_excess(dense) for dense in seen.judgement.dense],
+                seen.step.switches,
+                seen.places or nothing,
+                seen.cost_errors or nothing,
+                strict=True,
+            )
+        ]
+
+    def _ended(self, rounds: Rounds, proposal: Next) -> Status | None:
+        seen, goal = rounds[-1].measure, self.accuracy
+        saddle = self._at_saddle(seen)
+        if not saddle:
+            if goal is None and (not self.finer or seen.settled):
+                return Status.SOLVED
+            if goal is not None and goal.met(seen.step) and seen.step.cost_error <= goal.cost:
+                return Status.SOLVED
+        if self._over:
+            return Status.TIME_LIMIT
+        if len(rounds) > (PASSING if goal is None else goal).rounds:
+            return Status.ROUND_LIMIT
+        if saddle:
+            return None
+        if goal is not None:
+            if seen.freer is not None and seen.cost_errors is None:
+                stopped = seen.freer.status is Status.INTERRUPTED
+                return Status.INTERRUPTED if stopped else Status.NOT_ACCEPTED
+            if goal.stalled([own.measure.step for own in rounds]):
+                return Status.NO_PROGRESS
+        if isinstance(proposal, Solution | Beside):
+            return None
+        count, most = _intervals(proposal), (PASSING if goal is None else goal).most_intervals
+        same = goal is None and count <= sum(seen.step.intervals)
+        return Status.SIZE_LIMIT if same or count > most else None
+
+    def _at_saddle(self, seen: Seen) -> bool:
+        return seen.judgement.status is Status.SADDLE and not self._alone
+
+    # what comes of it ------------------------------------------------------------------------
+
+    def _improved(self, state: Course) -> tuple[Course, float, list[Attempt]]:
+        """With better controls, what others would save still, and what was tried."""
+        saved = improvable(state.solution)
+        if self._alone or not saved > PASSING.change:
+            return state, saved, []
+        began, before = time.perf_counter(), state.measure
+        how = self.settings, self.until, self.progress
+        better, tried = improved(state.solution, self.transcription, *how)
+        if better is state.solution:
+            return state, saved, tried
+        seen = self._measured(began, state.rounds, better)
+        better = replace(better, attempts=tuple(tried))
+        entry = Round(better, replace(seen, left=before.left))
+        return replace(state, rounds=(*state.rounds, entry)), improvable(better), []
+
+    def _recorded(self, state: Course) -> Solution:
+        """The solution with all that was tried, its meshes and its part of the ledger."""
+        solutions = [own.solution for own in state.rounds]
+        history = [own.measure.step for own in state.rounds]
+        times = [own.measure.at for own in state.rounds]
+        if state.refused is not None:
+            times.append(time.perf_counter())
+            solutions.append(state.refused)
+            history.append(step_of(state.refused, None, times[-1] - times[-2]))
+        rows = [
+            entry(after.attempts[-1].way, before, after, after.attempts, later - earlier)
+            if after is not state.refused
+            else entry(after.attempts[-1].way, before, None, after.attempts, later - earlier)
+            for (before, after), (earlier, later) in zip(
+                pairwise(solutions), pairwise(times), strict=True
+            )
+        ]
+        return replace(
+            state.solution,
+            attempts=tuple(a for own in solutions for a in own.attempts),
+            history=History(history),
+            ledger=Ledger.of([*solutions[0].ledger, *rows]),
+        )
+
+    def _report(self, state: Course) -> None:
+        if self.accuracy is not None and self.progress is not None and state.ended is None:
+            cast("StepProgress", self.progress)(str(state.measure.step))
+
+    def _judged(self, solution: Solution, state: Course, saved: float) -> tuple[Solution, bool]:
+        """The solution with a status and advice that says what is missing, and whether it is final.
+
+        That is so, too, where only the mesh or the kind of control is missing.
+        """
+        seen, goal = state.measure, self.accuracy
+        status, failures = seen.judgement.status, seen.judgement.failures
+        missing = [failure.sentence for failure in failures]
+        settled = goal is not None or not self.finer or seen.left.estimate <= PASSING.most_left
+        if not settled:
+            change = f"by {seen.left.change:.1g} of itself" if seen.left.known else "unknown"
+            missing.append(f"what the cost changes from mesh to mesh: {change}")
+        if goal is not None:
+            missing = [*goal.missing(seen.step), *missing]
+            status = _of_accuracy(status, state.ended, missing)
+            rises = " ".join(goal.rises(solution.history))
+            solution = replace(solution, advice=f"{solution.advice} {rises}".strip())
+        if not missing and saved > PASSING.most_left:
+            lost = (
+                f"Other controls would save {saved:.1g} of the cost, but no solve from there does: "
+                f"{CHATTERS}"
+            )
+            if saved <= PASSING.unmet:
+                return replace(solution, advice=f"{solution.advice} {lost}"), True
+            status = Status.NO_PROGRESS
+            return replace(solution, status=status, advice=f"{status.sentence} {lost}"), True
+        if (status is solution.status and settled) or (not missing and status.solved):
+            return solution, True
+        if goal is None and self.finer and status in (Status.SOLVED, Status.TOO_COARSE):
+            status = Status.TIME_LIMIT if self._over else Status.NO_PROGRESS
+        parts = missing if goal is not None else missing[:1]
+        advice = f"{status.sentence} Missing: {'; '.join(parts)}." if parts else status.sentence
+        if goal is not None and rises:
+            advice = f"{advice} {rises}"
+        final = status in FINAL or (goal is not None and not failures)
+        return replace(solution, status=status, advice=advice), final
+
+
+def _of_accuracy(judged: Status, ended: Status | None, missing: Sequence[str]) -> Status:
+    """The status of what was refined to an accuracy."""
+    if ended is not Status.SOLVED:
+        return ended or Status.INTERRUPTED
+    return (
+        Status.NO_PROGRESS if missing and judged in (Status.SOLVED, Status.TOO_COARSE) else judged
+    )
+
+
+def _accepted(before: Solution, after: Solution) -> bool:
+    return after.status in CONVERGED
+
+
+def _endless(solution: Solution) -> bool:
+    return falls_for_ever(solution.cost, solution.cost_scale)
+
+
+def _alone(solution: Solution) -> Solution:
+    """A solution of which nothing else is known, as the only one of its history."""
+    spent = sum(attempt.wall_time for attempt in solution.attempts)
+    return replace(solution, history=History([step_of(solution, None, spent)]))
+
+
+def _interrupted(solution: Solution) -> Solution:
+    status = Status.INTERRUPTED
+    return replace(solution, status=status, advice=status.sentence)
+
+
+def _by(way: str, solution: Solution) -> Solution:
+    """The solution, whose attempts say what they were for."""
+    return replace(solution, attempts=tuple(replace(a, way=way) for a in solution.attempts))
+
+
+def _intervals(meshes: Sequence[Mesh | FloatArray]) -> int:
+    return sum(mesh_of(mesh).intervals for mesh in meshes)
+
+
+def _beside(solution: Solution, judgement: Judgement) -> Beside:
+    """Starts on both sides of a saddle."""
+    assert judgement.curvature is not None
+    direction, x = judgement.curvature.direction, solution.variables
+    assert direction is not None
+    assert x is not None
+    step = BESIDE / np.abs(direction).max() * direction
+    starts = (
+        replace(solution, variables=at, variable_multipliers=None) for at in (x + step, x - step)
+    )
+    return Beside(*starts)
+
+
+def _divided(solution: Solution, judgement: Judgement, *, whole: bool) -> list[FloatArray]:
+    """Intervals divided as their errors ask for; with ``whole`` every one in two, if that will do.
+
+    Where limits are exceeded in between they are divided further: where a control jumps a state
+    leaves its limit by the step times the jump, whatever the order of the scheme.
+    """
+    pairs = list(zip(solution.phases, judgement.errors, judgement.excess, strict=True))
+    divided = []
+    for phase, errors, _ in pairs:
+        layout = phase_layout(phase)
+        orders = np.array([kind.scheme.order for kind in layout.kinds])[layout.kind_of]
+        divided.append(divide(phase.mesh, errors, 1.0, orders))
+        whole &= int(np.histogram(divided[-1][:-1], phase.mesh)[0].max()) <= 2
+    if whole:
+        divided = [np.union1d(p.mesh, (p.mesh[:-1] + p.mesh[1:]) / 2) for p, *_ in pairs]
+    return [
+        np.union1d(mesh, divide(phase.mesh, excess, 1.0, 0))
+        for mesh, (phase, _, excess) in zip(divided, pairs, strict=True)
+    ]
