@@ -35,7 +35,6 @@ from benchmarks import arms, cell, scenes, switching_times, torture
 from benchmarks.suite import child
 from benchmarks.suite.table import PROBLEMS
 from microbot_ocp import ocp
-from microbot_ocp._base.table import Column, Table
 
 WORSE = 1e-4  # relative growth of a cost or duration that is reported
 SLOWER = 0.1  # relative growth of a group's processor time that is reported
@@ -43,16 +42,6 @@ AIM = 1e-6  # accuracy of the group "refined"
 LIMIT = 600  # s of processor time of a case
 TASKS, SCENES = 300, 60
 SEEDS = 3  # of each class of switching times and each arm
-
-LEDGER = (
-    Column("group", left=True),
-    Column("strategy", left=True),
-    Column("cases"),
-    Column("run"),
-    Column("decided"),
-    Column("iterations"),
-    Column("time", "s", ".1f"),
-)
 
 Row = dict[str, Any]
 
@@ -260,7 +249,7 @@ def changes(now: Mapping[Any, Row], before: Mapping[Any, Row]) -> Iterator[tuple
         )
 
 
-def ledger(path: Path) -> Table:
+def ledger(path: Path) -> mo.Table:
     """Return what every strategy did in all cases of a file, the dearest first."""
     sums: dict[tuple[str, str], list[float]] = {}
     for (group, _), row in read(path).items():
@@ -268,8 +257,11 @@ def ledger(path: Path) -> Table:
             own = sums.setdefault((group, entry["strategy"]), [0, 0, 0, 0, 0.0])
             solves = entry["run"], entry["decided"], entry["iterations"], entry["seconds"]
             own[:] = [a + b for a, b in zip(own, (1, *solves), strict=True)]
+    heads = (mo.Column(head, left=True) for head in ("group", "strategy"))
+    counts = (mo.Column(head) for head in ("cases", "run", "decided", "iterations"))
+    columns = [*heads, *counts, mo.Column("time", "s", ".1f")]
     rows = sorted(((*key, *own) for key, own in sums.items()), key=lambda row: -row[-1])
-    return Table(LEDGER, rows)
+    return mo.Table(columns, rows)
 
 
 def main(arguments: Sequence[str]) -> None:
