@@ -8,7 +8,7 @@ import pytest
 
 import microbot_ocp as mo
 from microbot_ocp.ocp import OptimalControlProblem
-from microbot_ocp.planning._friction import REACH, WINDOW, kept_torques, reversals
+from microbot_ocp.planning._friction import FRICTION_WINDOWS, WINDOW, kept_torques, reversals
 from microbot_ocp.robot import COULOMB_SMOOTHING
 
 INERTIA, FRICTION, TORQUE = 2.0, 6.0, 20.0
@@ -50,7 +50,7 @@ def test_what_is_kept_is_kept_anywhere_within_the_window(turning):
         allowed += 1
         # half of the way to the next point is 0.25 / REACH of the window; at its very ends the
         # smoothing lets a part of the friction pass
-        inside = qd + qdd * np.linspace(-window, window, 41) * 0.25 / REACH
+        inside = qd + qdd * np.linspace(-window, window, 41) * 0.25 / FRICTION_WINDOWS.reach
         assert np.abs(tau + friction(inside)).max() <= TORQUE + 0.25 * FRICTION
     assert allowed > 500
 

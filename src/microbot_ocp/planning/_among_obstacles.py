@@ -65,14 +65,35 @@ from microbot_ocp.scene import (
 )
 from microbot_ocp.trajectories import quintic, shortest_duration
 
-MOST_GUESSES = 3  # timed paths that the search starts from
-DIFFERENT = 0.02  # share of the duration by which timed paths must differ to count as two
-NEAR = 0.1  # of the arm's reach: pairs that come so near on a timed path are in the problem
-MESH = 60  # intervals a phase of the first full solve where nobody says how many
-AGAIN = 3  # times that pairs may be put in
-MOST_ITERATIONS = 300  # of a solve; from a timed path 20 to 60 are usual
-NEAR_PATH = 1e-3  # barrier parameter of a solve that stays near the path that it starts from
-SAMPLES = 200  # poses along a motion at which pairs are looked at
+
+@dataclass(frozen=True)
+class AmongObstacles:
+    """Settings of the search among obstacles.
+
+    Attributes
+    ----------
+    most_guesses : timed paths that the search starts from
+    different : share of the duration by which timed paths must differ to count as two
+    near : of the arm's reach: pairs that come so near on a timed path are in the problem
+    mesh : intervals a phase of the first full solve where nobody says how many
+    again : times that pairs may be put in
+    most_iterations : of a solve; from a timed path 20 to 60 are usual
+    near_path_barrier : barrier parameter of a solve that stays near the path that it starts
+        from
+    samples : poses along a motion at which pairs are looked at
+    """
+
+    most_guesses: int = 3
+    different: float = 0.02
+    near: float = 0.1
+    mesh: int = 60
+    again: int = 3
+    most_iterations: int = 300
+    near_path_barrier: float = 1e-3
+    samples: int = 200
+
+
+AMONG_OBSTACLES = AmongObstacles()
 
 
 @dataclass(frozen=True, eq=False)
@@ -241,7 +262,7 @@ def choices_of(legs: Sequence[Leg]) -> range:
 
 def differs(duration: float, others: Iterable[float]) -> bool:
     """Whether a timed path is another one than those of other durations, s."""
-    return all(abs(duration - other) > DIFFERENT * other for other in others)
+    return all(abs(duration - other) > AMONG_OBSTACLES.different * other for other in others)
 
 
 class _GuidedSearch(FreeSearch):
@@ -261,14 +282,16 @@ class _GuidedSearch(FreeSearch):
         super().__init__(family, via, settings, progress)
         self.guided = guided
         self.refiner.rough, self.refiner.tolerance = None, ROUGH_TOLERANCE
-        own = replace(self.refiner.settings, gap=np.inf, max_iterations=MOST_ITERATIONS)
+        own = replace(
+            self.refiner.settings, gap=np.inf, max_iterations=AMONG_OBSTACLES.most_iterations
+        )
         self.refiner.settings = own
         self.known: float = min(map(_duration, guided))
 
     @property
     def _mesh(self) -> int:
         usual = super()._mesh
-        return usual if self.settings.mesh is not None else min(usual, MESH)
+        return usual if self.settings.mesh is not None else min(usual, AMONG_OBSTACLES.mesh)
 
     def _trials(self) -> Iterator[Trial]:
         usual = super()._trials()
@@ -285,9 +308,11 @@ class _GuidedSearch(FreeSearch):
         best = min(self.guided, key=_duration)
         meshes, start = [self._mesh] * len(self.names), best.guesses
         if self.refiner.fitted is not None:  # dry friction rounded off at first
-            solution = self._coarse_refiner.solve(meshes, start, barrier=NEAR_PATH)
+            solution = self._coarse_refiner.solve(
+                meshes, start, barrier=AMONG_OBSTACLES.near_path_barrier
+            )
             start = solution if solution.status.solved else start
-        solution = self.refiner.solve(meshes, start, barrier=NEAR_PATH)
+        solution = self.refiner.solve(meshes, start, barrier=AMONG_OBSTACLES.near_path_barrier)
         if not solution.status.solved and any(s.status.solved for s in found):
             return super()._finish(found)
         return self.refiner.finished(self.refiner.refine(solution))
@@ -414,7 +439,7 @@ def timed_paths(
     """
     kept: list[TimedPath] = []
     for choice in sorted(choices_of(legs), key=lambda k: sum(leg.bound(k) for leg in legs)):
-        if kept and (deadline.over() or len(kept) == MOST_GUESSES):
+        if kept and (deadline.over() or len(kept) == AMONG_OBSTACLES.most_guesses):
             break
         timed = _timed(around, legs, choice)
         if timed is None:
@@ -468,11 +493,11 @@ def _solved(
     pairs = facing(robot, scene.pairs(robot), np.concatenate(poses))
     names = phase_names(len(via) - 1)
     apart = np.array([_apart(robot, pairs, path.motion).min(axis=0) for path in paths])
-    near = apart.min(axis=0) < NEAR * reach_of(robot)
+    near = apart.min(axis=0) < AMONG_OBSTACLES.near * reach_of(robot)
     room = max(apart, key=min) - scene.clearance  # of the way that keeps farthest away
     guesses = [InitialGuess(p.name, _along(names, p.motion, p.via_times)) for p in paths]
     motion: Motion | None = None
-    for _ in range(AGAIN + 1):
+    for _ in range(AMONG_OBSTACLES.again + 1):
         limit = scene.limit(
             robot,
             [p for p, is_near in zip(pairs, near, strict=True) if is_near],
@@ -510,7 +535,7 @@ def _apart(robot: Robot, pairs: Sequence[Pair], motion: Motion) -> FloatArray:
 
 
 def _evenly(motion: Motion) -> FloatArray:
-    return np.linspace(0.0, motion.duration, SAMPLES)
+    return np.linspace(0.0, motion.duration, AMONG_OBSTACLES.samples)
 
 
 def as_plain(found: Clearance) -> dict[str, Any]:

@@ -17,21 +17,40 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.status import Status
 from microbot_ocp.inverse_kinematics import IKPath, IKSolution, solve_ik_all, solve_ik_path
-from microbot_ocp.planning._scale import USUAL_SPEED
+from microbot_ocp.planning._scale import TYPICAL
 from microbot_ocp.planning._segments import Circle, Line
 from microbot_ocp.planning._stop_task import Task, check_held
-from microbot_ocp.planning._stops import EXACT, Stop
+from microbot_ocp.planning._stops import STOP_SIZES, Stop
 from microbot_ocp.planning._task import fastest_tool, length_text, reach_of
 from microbot_ocp.robot import Robot, forward_kinematics, jacobian
 
-TURNS = 8  # of a free turn, from which branches are looked for
-ROWS = 33  # places along a tool line at which the arm is followed
-SAME_BRANCH = 0.05  # rad (m): poses that are nearer are one
-_even = np.linspace(0.0, 1.0, ROWS)
+
+@dataclass(frozen=True)
+class BranchSettings:
+    """Settings by which branches of the inverse kinematics are told apart.
+
+    Attributes
+    ----------
+    turns : of a free turn, from which branches are looked for
+    rows : places along a tool line at which the arm is followed
+    same_branch : rad (m): poses that are nearer are one
+    apart : rad (m): ways that are nearer at every stop lead to the same optimum
+    most_ways : through the branches of all stops
+    redundant : of the reach: smallest slope of the tool by the joints that counts
+    """
+
+    turns: int = 8
+    rows: int = 33
+    same_branch: float = 0.05
+    apart: float = 0.9
+    most_ways: int = 12
+    redundant: float = 1e-4
+
+
+BRANCHES = BranchSettings()
+
+_even = np.linspace(0.0, 1.0, BRANCHES.rows)
 EASED = _even**3 * (10.0 - 15.0 * _even + 6.0 * _even**2)  # shares of a way at even times
-APART = 0.9  # rad (m): ways that are nearer at every stop lead to the same optimum
-MOST_WAYS = 12
-REDUNDANT = 1e-4  # of the reach: smallest slope of the tool by the joints that counts
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,9 +107,9 @@ def ways_through(task: Task) -> list[Way]:
         )
     chosen: list[Way] = []
     for way in ways:
-        if all(np.abs(way.via - other.via).max() > APART for other in chosen):
+        if all(np.abs(way.via - other.via).max() > BRANCHES.apart for other in chosen):
             chosen.append(way)
-    return chosen[:MOST_WAYS]
+    return chosen[: BRANCHES.most_ways]
 
 
 # branches of a stop -------------------------------------------------------------------------------
@@ -113,7 +132,10 @@ def few_poses(robot: Robot, stop: Stop) -> FloatArray | None:
     for q in found:
         slopes = np.array(jacobian(robot)(q))[:rows]
         slopes[3:] *= reach_of(robot)
-        if np.linalg.matrix_rank(slopes, tol=REDUNDANT * reach_of(robot)) < robot.joint_count:
+        if (
+            np.linalg.matrix_rank(slopes, tol=BRANCHES.redundant * reach_of(robot))
+            < robot.joint_count
+        ):
             return None
     return found
 
@@ -130,7 +152,7 @@ def _branches(robot: Robot, stop: Stop) -> tuple[FloatArray, ...]:
         for solution in solve_ik_all(robot, place, orientation):
             if not solution.solved and not _within(stop, solution):
                 missed.append(solution)
-            elif all(np.abs(solution.q - other).max() > SAME_BRANCH for other in found):
+            elif all(np.abs(solution.q - other).max() > BRANCHES.same_branch for other in found):
                 found.append(solution.q)
     if not found:
         raise InputError(_out_of_reach(robot, stop, missed))
@@ -168,7 +190,7 @@ def _turned(turned: FloatArray | None, axis: int | None) -> list[FloatArray | No
     if turned is None or axis is None:
         return [turned]
     made: list[FloatArray | None] = []
-    for angle in 2 * np.pi * np.arange(TURNS) / TURNS:
+    for angle in 2 * np.pi * np.arange(BRANCHES.turns) / BRANCHES.turns:
         turn = np.eye(3)
         i, j = (axis + 1) % 3, (axis + 2) % 3
         turn[[i, j], [i, j]] = np.cos(angle)
@@ -181,7 +203,7 @@ def _within(stop: Stop, solution: IKSolution) -> bool:
     """Whether a pose that misses the middle of a stop is within its tolerance."""
     reach = float(np.min(stop.tolerance))
     return (
-        solution.position_error <= reach + EXACT
+        solution.position_error <= reach + STOP_SIZES.exact
         and solution.orientation_error <= stop.orientation_tolerance + 1e-9
     )
 
@@ -189,7 +211,7 @@ def _within(stop: Stop, solution: IKSolution) -> bool:
 def _out_of_reach(robot: Robot, stop: Stop, missed: Sequence[IKSolution]) -> str:
     best = min(missed, key=lambda s: (s.position_error, s.orientation_error))
     beyond = best.position_error - float(np.min(stop.tolerance))
-    far = length_text(beyond) if beyond > EXACT else ""
+    far = length_text(beyond) if beyond > STOP_SIZES.exact else ""
     turned = best.orientation_error - stop.orientation_tolerance
     turn = f"{np.degrees(turned):.3g} deg" if turned > 1e-6 else ""
     by = far or turn
@@ -230,7 +252,7 @@ def _followed(
             continue
         final = path[0] if backwards else path[-1]
         near = [_apart(task.robot, final, other) for other in target]
-        if near and min(near) < SAME_BRANCH:
+        if near and min(near) < BRANCHES.same_branch:
             b = int(np.argmin(near))
         elif task.stops[index if backwards else index + 1].q is None:
             target.append(final)
@@ -324,7 +346,7 @@ def _apart(robot: Robot, q: FloatArray, other: FloatArray) -> float:
 
 def _speeds(robot: Robot) -> FloatArray:
     size = np.minimum(-robot.limits.qd_min, robot.limits.qd_max)
-    return np.where(np.isfinite(size) & (size > 0), size, USUAL_SPEED)
+    return np.where(np.isfinite(size) & (size > 0), size, TYPICAL.speed)
 
 
 def _near(robot: Robot, q: FloatArray, other: FloatArray) -> FloatArray:
@@ -406,7 +428,7 @@ def _realised(
         q[k] = _near(robot, q[k], q[k + 1])
     for k in range(origin + 1, len(q)):
         q[k] = q[k] if task.stops[k].q is not None else _near(robot, q[k], q[k - 1])
-    if task.cycle and np.abs(q[-1] - q[0]).max() > SAME_BRANCH:
+    if task.cycle and np.abs(q[-1] - q[0]).max() > BRANCHES.same_branch:
         return None
     if task.cycle:
         q[-1] = q[0]
@@ -419,7 +441,7 @@ def _realised(
             path = path + np.round((q[k] - path[0]) / (2 * np.pi)) * 2 * np.pi * (
                 np.abs(q[k] - path[0]) > np.pi
             )
-            if np.abs(path[-1] - q[k + 1]).max() > 10 * SAME_BRANCH:
+            if np.abs(path[-1] - q[k + 1]).max() > 10 * BRANCHES.same_branch:
                 return None
         paths.append(path)
     return Way(np.array(q), tuple(paths), tuple(pick + 1 for pick in picks))

@@ -71,49 +71,111 @@ from microbot_ocp.planning._task import (
 from microbot_ocp.planning._within_limits import Slowed, known_ways, largest_excess, within_limits
 from microbot_ocp.robot import Robot
 
-EXPLORE_MESH = 20  # intervals a phase for the first look: of other meshes optima are others
-EXPLORE_TOLERANCE = 1e-5
-PATIENCE, LEAST_ITERATIONS = 4, 100  # times the iterations of a start that was solved
-SAME = 1e-3  # share of the duration by which two solves of the same optimum may differ
-ALIKE = 3e-4  # the same on coarse meshes of one size: the same optimum for sure
+
+@dataclass(frozen=True)
+class SearchSettings:
+    """Settings of the search for a free motion.
+
+    Attributes
+    ----------
+    explore_mesh : intervals a phase for the first look: of other meshes optima are others
+    explore_tolerance : of its solves
+    explore_sum : intervals of its phases together
+    least_explore_mesh : intervals of each of them
+    patience : times the iterations of a start that was solved: what takes more is given up
+    least_iterations : that a start has in any case
+    same : share of the duration by which two solves of the same optimum may differ
+    worth : share of the duration: less is not worth another mesh where joints turn back
+    polishing : iterations for the last digits: 8 to 10 are usual. None with dry friction, where
+        50 to 80 gain 7e-5 of the duration
+    most_polished : phases of a motion whose last digits are looked for: 29 of the Microbot need
+        more iterations
+    most_refined : of the optima on the coarse mesh
+    full_mesh : intervals a phase of the first full mesh where accelerations jump
+    full_mesh_even : the same elsewhere
+    full_mesh_sum : intervals of all phases together where nobody says how many: 30 via points
+        need no 3000
+    least_mesh : intervals a phase in any case
+    graded : share of a mesh's intervals that are where the accelerations change
+    far_barrier : barrier parameter from the coarse mesh to the full one, with multipliers: 17,
+        14, 14 and 62 iterations on four tasks of the Microbot with 1e-5; 22, 14, 15 and 109
+        with 1e-7
+    foresight : of the accepted excess: intervals near it are split along with the others
+    many_phases : more take over 40 iterations to the full tolerance on a refined mesh
+    most_exact : iterations of a refined mesh to the full tolerance, before roughly
+    calmer_mesh : even intervals a phase of the solve for less effort, at most
+    calmer_barrier : barrier parameter of it, from the fastest motion slowed down
+    spared : share of the time limit that is kept for a motion within the limits when the search
+        is over
+    most_spared : s, at most
+    least_time : s, of the search in any case
+    large : intervals times joints from which a mesh is refined no further where a motion that
+        is slowed down at limits by no more than enough keeps them: meshes that large take 5 to
+        30 s each
+    enough : share of the duration
+    near_way_barrier : barrier parameter of a solve that stays near the way that it starts from
+    missed : of the way and the velocity, by which a motion may miss or jump at a via point
+    first_iterations : of the first full mesh: 14 to 43 where coarse meshes tell what happens
+    tells_nothing : excess of limits between its points from which a coarse mesh does not tell
+    smoother : times the usual smoothing of the jerk, in turn, where coarse meshes do not tell
+        what happens: four of five chains of seven and eight joints, which took minutes before,
+        get to the full mesh in 5 to 14 s so
+    smoothest : the same before these, where they lead nowhere
+    worth_less : share of the duration: where less smoothing is worth less it ends
+    smoother_iterations : of each of these solves
+    smoother_barrier : barrier parameter of the first of them
+    smoothing_told : share of the duration: where the smoothing costs more it is weaker, and
+        what it costs all the same is said. On the UR5e durations are 1.8e-3, 7e-4 and 1.3e-3
+        shorter for 1.6 times the work
+    less_smoothing : times the usual smoothing, then
+    less_smoothing_barrier : barrier parameter of that solve
+    """
+
+    explore_mesh: int = 20
+    explore_tolerance: float = 1e-5
+    explore_sum: int = 160
+    least_explore_mesh: int = 6
+    patience: int = 4
+    least_iterations: int = 100
+    same: float = 1e-3
+    worth: float = 1e-4
+    polishing: int = 15
+    most_polished: int = 15
+    most_refined: int = 3
+    full_mesh: int = 80
+    full_mesh_even: int = 100
+    full_mesh_sum: int = 400
+    least_mesh: int = 25
+    graded: float = 0.5
+    far_barrier: float = 3e-5
+    foresight: float = 0.5
+    many_phases: int = 5
+    most_exact: int = 40
+    calmer_mesh: int = 60
+    calmer_barrier: float = 1e-3
+    spared: float = 0.2
+    most_spared: float = 1.0
+    least_time: float = 1e-3
+    large: int = 5000
+    enough: float = 5e-4
+    near_way_barrier: float = 1e-3
+    missed: float = 1e-7
+    first_iterations: int = 100
+    tells_nothing: float = 0.5
+    smoother: tuple[float, ...] = (1e4, 1e3, 1e2, 10.0, 1.0)
+    smoothest: tuple[float, ...] = (1e6, 1e5)
+    worth_less: float = 1e-3
+    smoother_iterations: int = 200
+    smoother_barrier: float = 1e-2
+    smoothing_told: float = 2e-4
+    less_smoothing: float = 1e-2
+    less_smoothing_barrier: float = 1e-6
+
+
+SEARCH = SearchSettings()
+
 TINY = 1e-12
 KEEPS_LIMITS = "Returned is {}: it keeps every limit, but others may be faster."
-WORTH = 1e-4  # share of the duration: less is not worth another mesh where joints turn back
-# Iterations for the last digits: 8 to 10 are usual. None with dry friction, where 50 to 80 gain
-# 7e-5 of the duration, and none with many phases: 29 of the Microbot need more than 15
-POLISHING, MOST_POLISHED = 15, 15
-MOST_REFINED = 3  # of the optima found on the coarse mesh
-# Intervals of all phases together where nobody says how many: 30 via points need no 3000
-FULL_MESH, FULL_MESH_EVEN, FULL_MESH_SUM, LEAST_MESH = 80, 100, 400, 25
-GRADED = 0.5  # share of a mesh's intervals that are where the accelerations change
-# Barrier parameter from the coarse mesh to the full one, with multipliers: 17, 14, 14 and 62
-# iterations on four tasks of the Microbot with 1e-5; 22, 14, 15 and 109 with 1e-7
-FAR_BARRIER = 3e-5
-FORESIGHT = 0.5  # of the accepted excess: intervals near it are split along with the others
-MANY_PHASES = 5  # more take over 40 iterations to the full tolerance on a refined mesh
-MOST_EXACT = 40  # iterations of a refined mesh to the full tolerance, before roughly
-CALMER_MESH = 60  # even intervals a phase of that solve, at most
-CALMER_BARRIER = 1e-3  # of the solve for less effort, from the fastest motion slowed down
-EXPLORE_SUM, LEAST_EXPLORE_MESH = 160, 6
-# Of the time limit, and at most s: kept for a motion within the limits when the search is over
-SPARED, MOST_SPARED, SHORTEST = 0.2, 1.0, 1e-3
-# Intervals times joints from which a mesh is refined no further where a motion that is slowed down
-# at limits by this share keeps them: meshes that large take 5 to 30 s each
-LARGE, ENOUGH = 5000, 5e-4
-NEAR_WAY = 1e-3  # barrier parameter of a solve that stays near the way that it starts from
-MISSED = 1e-7  # of the way and the velocity, by which a motion may miss or jump at a via point
-# Iterations of the first full mesh: 14 to 43 where coarse meshes tell what happens. Where they do
-# not, or exceed limits by more than TELLS_NOTHING between their points, motions are smoother at
-# first: by how much in turn, until that is worth less of the duration, the iterations of each, and
-# the barrier parameter of the first. Four of five chains of seven and eight joints, which took
-# minutes before, get to the full mesh in 5 to 14 s so
-PATIENT, TELLS_NOTHING = 100, 0.5
-SMOOTHER, SMOOTHEST, WORTH_LESS = (1e4, 1e3, 1e2, 10.0, 1.0), (1e6, 1e5), 1e-3
-STEPWISE, NEAR_SMOOTH = 200, 1e-2
-# Of the duration: where the smoothing costs more it is so much weaker, as far as it can be, and
-# what it costs all the same is said. On the UR5e, seeds 0 to 2 of benchmarks/arms.py, durations are
-# 1.8e-3, 7e-4 and 1.3e-3 shorter for 1.6 times the work; a weight of 1e-4 gains another 1e-4
-TOLD, LESS_SMOOTHING, LESS_SMOOTHING_BARRIER = 2e-4, 1e-2, 1e-6
 
 Trial = tuple[InitialGuess, int, str | tuple[str, ...]]  # with intervals a phase and the solver
 Tried = tuple[str, Solution]  # name of the start, and what it led to
@@ -196,7 +258,9 @@ class TimeOptimalSettings:
 def sparing() -> Iterator[None]:
     """Inside some of the time is kept for a motion within the limits."""
     left = deadline.left()
-    with deadline.within(max(left - min(SPARED * left, MOST_SPARED), SHORTEST)):
+    with deadline.within(
+        max(left - min(SEARCH.spared * left, SEARCH.most_spared), SEARCH.least_time)
+    ):
         yield
 
 
@@ -244,7 +308,9 @@ class FreeSearch:
             progress=with_motion(progress, self.robot, via, motion_at_mesh),
             settings=SolverSettings(gap=GAP, options=LDL),
             rough=ROUGH_TOLERANCE,
-            polishing=0 if has_windows(family) or len(self.names) > MOST_POLISHED else POLISHING,
+            polishing=0
+            if has_windows(family) or len(self.names) > SEARCH.most_polished
+            else SEARCH.polishing,
             fitted=partial(with_windows, self.dry) if has_windows(family) else None,
             enough=self._is_enough if self.slows_down else None,
         )
@@ -370,12 +436,12 @@ class FreeSearch:
         for guess, mesh, solver in trials:
             solved = [s for _, s in found if s.status.solved]
             if solved or lone:  # what takes so much longer than another start is given up
-                allowed = [PATIENCE * s.attempts[-1].iterations for s in solved]
-                most = max(LEAST_ITERATIONS, *(allowed if len(found) > 1 else ()), 0)
+                allowed = [SEARCH.patience * s.attempts[-1].iterations for s in solved]
+                most = max(SEARCH.least_iterations, *(allowed if len(found) > 1 else ()), 0)
                 refiner = replace(refiner, settings=replace(own, max_iterations=most))
                 solver = solver if isinstance(solver, str) else solver[0]
             solution = refiner.solve(
-                mesh, guess.guesses, tolerance=EXPLORE_TOLERANCE, solver=solver
+                mesh, guess.guesses, tolerance=SEARCH.explore_tolerance, solver=solver
             )
             found.append((guess.name, solution))
             self.progress(
@@ -408,7 +474,7 @@ class FreeSearch:
         different = list[Solution]()
         for coarse in found:
             if coarse.status.solved and not any(
-                abs(coarse.duration - other.duration) <= SAME * other.duration
+                abs(coarse.duration - other.duration) <= SEARCH.same * other.duration
                 for other in different
             ):
                 different.append(coarse)
@@ -418,13 +484,15 @@ class FreeSearch:
         """Guesses with the intervals a phase and the solver for each."""
         solver, seed = self.settings.solver, self.settings.seed
         task = self.family, self.via, self.names
-        coarse = min(self._mesh, max(EXPLORE_SUM // len(self.names), LEAST_EXPLORE_MESH))
+        coarse = min(
+            self._mesh, max(SEARCH.explore_sum // len(self.names), SEARCH.least_explore_mesh)
+        )
         most = max(self.settings.starts, self.settings.tries)
         for index, guess in enumerate(initial_guesses(*task, most, seed)):
             both: str | tuple[str, ...] = ("fatrop", "ipopt")
             if index >= self.settings.starts:  # what one misses the other may find
                 both = "ipopt" if index % 3 == 2 else "fatrop"
-            yield guess, min(coarse, EXPLORE_MESH), both if solver == "auto" else solver
+            yield guess, min(coarse, SEARCH.explore_mesh), both if solver == "auto" else solver
 
     @property
     def _accelerations_jump(self) -> bool:
@@ -438,8 +506,8 @@ class FreeSearch:
     def _mesh(self) -> int:
         if self.settings.mesh is not None:
             return self.settings.mesh
-        most = FULL_MESH if self._accelerations_jump else FULL_MESH_EVEN
-        return max(min(most, FULL_MESH_SUM // len(self.names)), LEAST_MESH)
+        most = SEARCH.full_mesh if self._accelerations_jump else SEARCH.full_mesh_even
+        return max(min(most, SEARCH.full_mesh_sum // len(self.names)), SEARCH.least_mesh)
 
     # refinement -----------------------------------------------------------------------------
 
@@ -462,7 +530,7 @@ class FreeSearch:
         for count, coarse in enumerate(self._by_promise(solved)):
             if best is not None and (
                 deadline.over()
-                or count == MOST_REFINED
+                or count == SEARCH.most_refined
                 or self._rank(best.solution) <= (False, coarse.duration)
             ):
                 break
@@ -493,7 +561,7 @@ class FreeSearch:
         guesses = self._guess_along(motion)
         meshes = [phase.mesh for phase in nearest.phases]
         found = self._coarse_refiner.solve(
-            meshes, guesses, tolerance=EXPLORE_TOLERANCE, barrier=NEAR_WAY
+            meshes, guesses, tolerance=SEARCH.explore_tolerance, barrier=SEARCH.near_way_barrier
         )
         self.progress(f"start {name}: {found.duration:.4f} s, {found.status}")
         return found if found.status.solved else nearest
@@ -513,7 +581,7 @@ class FreeSearch:
         if not (self.relaxed.conclusive and self.relaxed.feasible):
             return nearest
         guesses = guesses_from(self.relaxed)
-        found = self._coarse_refiner.solve(meshes, guesses, tolerance=EXPLORE_TOLERANCE)
+        found = self._coarse_refiner.solve(meshes, guesses, tolerance=SEARCH.explore_tolerance)
         return found if found.status.solved else nearest
 
     @property
@@ -530,7 +598,7 @@ class FreeSearch:
             return self._refined_where_they_jump(coarse)
         best = refiner.finer(coarse, [self._mesh] * len(self.names))
         if refiner.fitted is not None:
-            best = refiner.sharpen(best, self._reversals, worth=WORTH)
+            best = refiner.sharpen(best, self._reversals, worth=SEARCH.worth)
         best = refiner.refine(best)
         if any(places.any() for places in self._velocity_switches(best)):
             best = refiner.refine(refiner.sharpen(best, self._velocity_switches))
@@ -541,13 +609,13 @@ class FreeSearch:
     def _refined_where_they_jump(self, coarse: Solution) -> Solution:
         """As :meth:`_refined`, with a mesh that is finer where the coarse accelerations change."""
         best = self._first_full_mesh(coarse)
-        refiner, own = replace(self.refiner, foresight=FORESIGHT), self.refiner.settings
+        refiner, own = replace(self.refiner, foresight=SEARCH.foresight), self.refiner.settings
         if best is coarse:  # nothing leads on from here: what is tried yet is not tried for long
-            own = replace(own, max_iterations=min(own.max_iterations, STEPWISE))
+            own = replace(own, max_iterations=min(own.max_iterations, SEARCH.smoother_iterations))
         refiner = replace(refiner, settings=own)
-        if len(self.names) <= MANY_PHASES:
+        if len(self.names) <= SEARCH.many_phases:
             # a refined mesh is seldom refined again: to the last digits at once
-            least = replace(own, max_iterations=min(own.max_iterations, MOST_EXACT))
+            least = replace(own, max_iterations=min(own.max_iterations, SEARCH.most_exact))
             exact = replace(refiner, settings=least, rough=None, once=True)
             best = exact.refine(best, self._velocity_switches)
         return refiner.refine(best, self._velocity_switches)
@@ -556,16 +624,18 @@ class FreeSearch:
         """A mesh that is finer where the coarse accelerations change; ``coarse`` where none is."""
         own = self.refiner.settings
         meshes = [graded(phase, self._mesh) for phase in coarse.phases]
-        options = {"ipopt": {**LDL["ipopt"], "mu_init": FAR_BARRIER}}
+        options = {"ipopt": {**LDL["ipopt"], "mu_init": SEARCH.far_barrier}}
         farther = replace(own, options=options)
-        if len(self.names) > MANY_PHASES:
+        if len(self.names) > SEARCH.many_phases:
             # multipliers of so coarse a mesh mislead: 87 iterations, 65 without
             best = self.refiner.solve(meshes, self._guess_from(coarse))
             if best.status.solved and best.cost <= (1 + WORSE) * coarse.cost:
                 return self._smoothed_less(best)
         else:
-            if not self._largest_excess(coarse) > TELLS_NOTHING:  # nor where it is not known
-                patient = replace(farther, max_iterations=min(own.max_iterations, PATIENT))
+            if not self._largest_excess(coarse) > SEARCH.tells_nothing:  # nor where it is not known
+                patient = replace(
+                    farther, max_iterations=min(own.max_iterations, SEARCH.first_iterations)
+                )
                 refiner = replace(self.refiner, settings=patient, once=True)
                 best = refiner.finer(coarse, meshes)
                 if best is not coarse:
@@ -592,7 +662,7 @@ class FreeSearch:
             return None
         if known.duration not in self._smoothed_from:
             last, reached = None, False
-            for steps in (SMOOTHER, (*SMOOTHEST, *SMOOTHER)):
+            for steps in (SEARCH.smoother, (*SEARCH.smoothest, *SEARCH.smoother)):
                 if last is None and not self._stopped:
                     last, reached = self._step_by_step(self._guess_along(known), steps)
             made = last, reached, self.refiner.transcription, self.smoothing
@@ -616,8 +686,8 @@ class FreeSearch:
 
         Where it is, what follows is smoothed as much.
         """
-        settings = replace(self.refiner.settings, max_iterations=STEPWISE)
-        usual, last, barrier = self.refiner.transcription, None, NEAR_SMOOTH
+        settings = replace(self.refiner.settings, max_iterations=SEARCH.smoother_iterations)
+        usual, last, barrier = self.refiner.transcription, None, SEARCH.smoother_barrier
         for step in steps:
             weight = {name: {JERK_WEIGHT: step * SMOOTHING} for name in self.names}
             kernels = usual.with_parameters(weight)
@@ -628,7 +698,7 @@ class FreeSearch:
                 break
             worth = np.inf if last is None else last.duration / found.duration - 1.0
             start, last, barrier, self.smoothing = found, found, None, step * SMOOTHING
-            if step == SMOOTHER[-1] or worth < WORTH_LESS:
+            if step == SEARCH.smoother[-1] or worth < SEARCH.worth_less:
                 self.refiner.transcription = kernels
                 return last, True
             if deadline.over():
@@ -653,20 +723,20 @@ class FreeSearch:
     def _smoothed_less(self, best: Solution) -> Solution:
         """The same mesh, and all that follow, with less smoothing where that costs much."""
         share = self._smoothed(best) / best.duration
-        if not best.status.solved or share <= TOLD or deadline.over():
+        if not best.status.solved or share <= SEARCH.smoothing_told or deadline.over():
             return best
-        lower = {JERK_WEIGHT: LESS_SMOOTHING * SMOOTHING}
+        lower = {JERK_WEIGHT: SEARCH.less_smoothing * SMOOTHING}
         kernels = self.refiner.transcription.with_parameters(dict.fromkeys(self.names, lower))
         # without pivots so little curvature is lost in rounding: 40 iterations in place of 21
         usual = replace(self.refiner.settings, options={})
-        options = {"ipopt": {"mu_init": LESS_SMOOTHING_BARRIER}}
-        settings = replace(usual, options=options, max_iterations=MOST_EXACT)
+        options = {"ipopt": {"mu_init": SEARCH.less_smoothing_barrier}}
+        settings = replace(usual, options=options, max_iterations=SEARCH.most_exact)
         refiner = replace(self.refiner, transcription=kernels, settings=settings)
         found = refiner.solve([phase.mesh for phase in best.phases], best)
         self.progress(f"smoothed less: {found.duration:.6f} s, {found.status}")
         if not found.status.solved or found.duration >= best.duration:
             return best
-        self.refiner.transcription, self.smoothing = kernels, LESS_SMOOTHING * SMOOTHING
+        self.refiner.transcription, self.smoothing = kernels, SEARCH.less_smoothing * SMOOTHING
         self.refiner.settings = usual
         return found
 
@@ -681,12 +751,12 @@ class FreeSearch:
     def _is_enough(self, solution: Solution) -> bool:
         """Whether a motion on a large mesh is slowed down, by next to nothing, not refined."""
         size = sum(phase.mesh.size - 1 for phase in solution.phases) * self.robot.joint_count
-        if size < LARGE or not solution.status.solved or self.settings.slack:
+        if size < SEARCH.large or not solution.status.solved or self.settings.slack:
             return False
         if self._largest_excess(solution) <= self.settings.limit_tolerance:
             return False
         slower = self._slowed(solution)
-        return slower is not None and slower.duration <= (1.0 + ENOUGH) * solution.duration
+        return slower is not None and slower.duration <= (1.0 + SEARCH.enough) * solution.duration
 
     def _largest_excess(self, solution: Solution) -> float:
         return max(float(e.max()) for e in self._excess(solution))
@@ -700,9 +770,11 @@ class FreeSearch:
             self.refiner, transcription=kernels, guess_from=self._with_clock, rough=None
         )
         # what is smooth needs no mesh that was made for jumps
-        meshes: list[Any] = [min(CALMER_MESH, phase.mesh.size - 1) for phase in fastest.phases]
+        meshes: list[Any] = [
+            min(SEARCH.calmer_mesh, phase.mesh.size - 1) for phase in fastest.phases
+        ]
         guesses = self._with_clock(fastest, slower)
-        calmer = refiner.refine(refiner.solve(meshes, guesses, barrier=CALMER_BARRIER))
+        calmer = refiner.refine(refiner.solve(meshes, guesses, barrier=SEARCH.calmer_barrier))
         self.progress(f"least effort: {calmer.duration:.6f} s, {calmer.status}")
         solved = self._rank(calmer)[0] is False
         self.calmed = {
@@ -832,11 +904,13 @@ class FreeSearch:
             return None
         shape, times = polynomial(solution), via_times(solution)
         missed = np.abs(shape(times) - self.via).max()
-        if not missed <= MISSED * np.abs(np.diff(self.via, axis=0)).max():
+        if not missed <= SEARCH.missed * np.abs(np.diff(self.via, axis=0)).max():
             return None
         velocity, inner = shape.derivative(), times[1:-1]
         jump = np.abs(velocity(inner) - velocity(inner, from_left=True)).max(initial=0.0)
-        if not jump <= MISSED * np.abs(velocity(shape.breaks)).max():  # where a solve was stopped
+        if (
+            not jump <= SEARCH.missed * np.abs(velocity(shape.breaks)).max()
+        ):  # where a solve was stopped
             return None
         return within_limits(self.family, shape, times, self.settings.limit_tolerance, self._fast)
 
@@ -883,7 +957,7 @@ class FreeSearch:
 
     def _smoothing_note(self, solution: Solution) -> str:
         share = self._smoothed(solution) / solution.duration
-        if not solution.status.solved or share < TOLD:
+        if not solution.status.solved or share < SEARCH.smoothing_told:
             return ""
         return f"; without smoothing of the jerk it could be about {100 * share:.1g} % faster"
 
@@ -938,7 +1012,7 @@ def graded(phase: PhaseSolution, count: int) -> FloatArray:
     slope = np.pad(change / steps, 1)
     # a change may be anywhere in the interval, or begin in the one beside it
     weight = steps * np.maximum(slope[1:-1], 0.5 * np.maximum(slope[:-2], slope[2:]))
-    density = (1.0 - GRADED) * steps + GRADED * weight / max(weight.sum(), TINY)
+    density = (1.0 - SEARCH.graded) * steps + SEARCH.graded * weight / max(weight.sum(), TINY)
     reached = np.concatenate([[0.0], np.cumsum(density)])
     mesh = np.interp(np.linspace(0.0, reached[-1], count + 1), reached, phase.mesh)
     mesh[[0, -1]] = 0.0, 1.0

@@ -10,7 +10,7 @@ Newton's method, and let a part of the friction pass; the certificate sees to th
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence, Sized
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -24,13 +24,30 @@ from microbot_ocp.ocp.transcription import Guess, Meshes, Transcription, mesh_of
 from microbot_ocp.robot import COULOMB_SMOOTHING, Robot
 
 WINDOW, SMOOTHING = "friction window", "friction smoothing"  # parameters of a phase
-# Share of an interval from one of its points to half of the way to the next, and some more
-REACH = 0.3
-SPREAD = 0.5  # of the reach by which the jump is smoothed over: Newton's method needs it
+
+
+@dataclass(frozen=True)
+class FrictionWindows:
+    """Settings of the windows in which dry friction turns over.
+
+    Attributes
+    ----------
+    reach : of a window, as a share of the interval
+    spread : of the reach by which the jump is smoothed over: Newton's method needs it
+    most : share of a torque limit that friction may take for its limits to be drawn in
+    rounded : of the typical velocity: smoothing on coarse meshes
+    """
+
+    reach: float = 0.3
+    spread: float = 0.5
+    most: float = 0.9
+    rounded: float = 0.2
+
+
+FRICTION_WINDOWS = FrictionWindows()
+
 LEAST_REACH = 0.1 * COULOMB_SMOOTHING  # rad/s
-MOST = 0.9  # share of a torque limit that friction may take for its limits to be drawn in
 MOVES = 2.0 * COULOMB_SMOOTHING  # change of a velocity within an interval that is a reversal
-ROUNDED = 0.2  # of the typical velocity: smoothing on coarse meshes
 
 
 def dry_friction(robot: Robot) -> FloatArray:
@@ -80,11 +97,16 @@ def kept_torques(
     _, qd, qdd, _ = state
     window, smoothing = phase.parameter(WINDOW, 0.0), phase.parameter(SMOOTHING, COULOMB_SMOOTHING)
     near = ca.sqrt((qdd * window * phase.duration) ** 2 + LEAST_REACH**2)
-    width, far = smoothing + SPREAD * near, (1.0 + SPREAD**2) * near
+    width, far = (
+        smoothing + FRICTION_WINDOWS.spread * near,
+        (1.0 + FRICTION_WINDOWS.spread**2) * near,
+    )
     ahead, behind = ca.tanh((qd + far) / width), ca.tanh((qd - far) / width)
     tau, taud = torques(*state, *held)
     bounds = robot.limits.bounds("tau")
-    drawn = np.isfinite(bounds).all(axis=0) & (size < MOST * 0.5 * (bounds[1] - bounds[0]))
+    drawn = np.isfinite(bounds).all(axis=0) & (
+        size < FRICTION_WINDOWS.most * 0.5 * (bounds[1] - bounds[0])
+    )
     low, high = (np.where(drawn, bound, sign) for bound, sign in zip(bounds, (-1, 1), strict=True))
     middle, range_ = ca.DM(0.5 * (low + high)), ca.DM(0.5 * (high - low))
     mean = tau + ca.DM(np.where(drawn, 0.5 * size, 0.0)) * (ahead + behind)
@@ -159,7 +181,9 @@ def with_windows(
             velocity = np.asarray(guess(mesh)) if callable(guess) else np.asarray(guess)
         steps = np.diff(mesh)
         found = steps[reversals(velocity, joints)]
-        values[name] = {WINDOW: REACH * float(found.max() if found.size else steps.min())}
+        values[name] = {
+            WINDOW: FRICTION_WINDOWS.reach * float(found.max() if found.size else steps.min())
+        }
     return transcription.with_parameters(values)
 
 
@@ -171,7 +195,7 @@ def _window_of(phase: PhaseSolution) -> float:
 
 def rounded(transcription: Transcription, velocity: FloatArray) -> Transcription:
     """Kernels with friction rounded off as coarse meshes need it, for typical velocities [n]."""
-    smoothing = max(COULOMB_SMOOTHING, ROUNDED * float(velocity.min()))
+    smoothing = max(COULOMB_SMOOTHING, FRICTION_WINDOWS.rounded * float(velocity.min()))
     names = [phase.name for phase in transcription.problem.phases]
     return transcription.with_parameters({name: {SMOOTHING: smoothing} for name in names})
 

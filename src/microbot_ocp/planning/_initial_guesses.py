@@ -18,14 +18,30 @@ from microbot_ocp.planning._task import locked_joints
 from microbot_ocp.robot import Robot
 from microbot_ocp.trajectories import ViaPoints, cubic_through, shortest_duration, via_velocities
 
-LARGEST_BOW = 1.5  # rad (m), sideways in the middle of a segment
-BOW_SHARE = 0.7  # of the way of all segments: a bow is not larger either
-# Swings, for tasks that a straight way does not solve: as far as these, rad (m), in so many
-# harmonics, and as slow as so many times the typical duration
-SWINGS = (0.5, 2.5)
-SWING_DURATIONS = (1.0, 4.0)
-SPREAD = 2.0  # of the durations of single segments
-HARMONICS = 5
+
+@dataclass(frozen=True)
+class GuessSettings:
+    """Settings of motions to start from.
+
+    Attributes
+    ----------
+    largest_bow : rad (m), sideways in the middle of a segment
+    bow_ratio : of the way of all segments: a bow is not larger either
+    swings : rad (m), the least and the largest swing to and fro
+    swing_durations : times the typical durations, the least and the largest of a swing
+    spread : of the durations of single segments
+    harmonics : of a swing
+    """
+
+    largest_bow: float = 1.5
+    bow_ratio: float = 0.7
+    swings: tuple[float, float] = (0.5, 2.5)
+    swing_durations: tuple[float, float] = (1.0, 4.0)
+    spread: float = 2.0
+    harmonics: int = 5
+
+
+GUESSES = GuessSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +73,7 @@ def initial_guesses(
     bows, waves = np.random.default_rng(seed), np.random.default_rng(seed + 1)
     durations = TaskScale.of(family, via).durations
     way = float(np.abs(np.diff(via, axis=0)).sum(axis=0).max())
-    largest = min(LARGEST_BOW, BOW_SHARE * way) * _moving(family)
+    largest = min(GUESSES.largest_bow, GUESSES.bow_ratio * way) * _moving(family)
     for index in range(count):
         number = index // 2
         if index == 0:
@@ -79,11 +95,11 @@ def _swing(
     random: np.random.Generator,
 ) -> InitialGuess:
     """Segments that swing to and fro at random."""
-    size = _between(random, SWINGS) * _moving(family)
-    waves = random.normal(size=(len(names), HARMONICS, via.shape[1]))
-    waves *= size / np.arange(1, HARMONICS + 1)[:, None]
-    slower = _between(random, SWING_DURATIONS)
-    own = slower * SPREAD ** random.uniform(-1.0, 1.0, len(names))
+    size = _between(random, GUESSES.swings) * _moving(family)
+    waves = random.normal(size=(len(names), GUESSES.harmonics, via.shape[1]))
+    waves *= size / np.arange(1, GUESSES.harmonics + 1)[:, None]
+    slower = _between(random, GUESSES.swing_durations)
+    own = slower * GUESSES.spread ** random.uniform(-1.0, 1.0, len(names))
     durations = own * TaskScale.of(family, via).durations
     return _swung(family, via, names, f"swing {number}", waves, durations)
 

@@ -22,7 +22,7 @@ from microbot_ocp.limits import JointLimits, Limits
 from microbot_ocp.motion import Motion
 from microbot_ocp.ocp.solution import StepProgress
 from microbot_ocp.planning._branches import Way, least_duration, ways_through
-from microbot_ocp.planning._free_search import EXPLORE_MESH, TimeOptimalSettings
+from microbot_ocp.planning._free_search import SEARCH, TimeOptimalSettings
 from microbot_ocp.planning._segments import Segment
 from microbot_ocp.planning._stop_search import (
     LEFT_OUT,
@@ -189,7 +189,9 @@ def best_order(
         raise refused
     ranked = sorted(there, key=lambda p: (there[p].rested, told[p]["bound"], p))
     coarse: dict[Places, float] = {}
-    accurate = 1.0 + ACCURACY * max(1.0, EXPLORE_MESH / (settings.mesh or EXPLORE_MESH)) ** 2
+    accurate = (
+        1.0 + ACCURACY * max(1.0, SEARCH.explore_mesh / (settings.mesh or SEARCH.explore_mesh)) ** 2
+    )
     for places in ranked:
         best = min(coarse.values(), default=np.inf)
         most = best if duration is None else duration

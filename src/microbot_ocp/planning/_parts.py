@@ -22,8 +22,22 @@ from microbot_ocp.planning._stops import Payload
 from microbot_ocp.robot import Capsule, Robot, forward_kinematics
 from microbot_ocp.scene import Scene
 
-SAME_PLACE = 0.5  # of the smallest radius: so near to where a part lies it is that part
-SAME_POINT = 0.01  # m, of a part without a shape
+
+@dataclass(frozen=True)
+class SamePart:
+    """When what is picked up is a part that was put down.
+
+    Attributes
+    ----------
+    place : of the smallest radius: so near to where a part lies it is that part
+    point : m, of a part without a shape
+    """
+
+    place: float = 0.5
+    point: float = 0.01
+
+
+SAME_PART = SamePart()
 
 
 @dataclass(frozen=True)
@@ -102,7 +116,9 @@ def _same_place(payload: Payload, before: FloatArray, after: FloatArray) -> bool
     points = [p for capsule in payload.shape for p in (capsule.start, capsule.end)]
     known = np.array(points or [payload.center_of_mass])
     apart = [known @ pose[:3, :3].T + pose[:3, 3] for pose in (before, after)]
-    least = min((SAME_PLACE * capsule.radius for capsule in payload.shape), default=SAME_POINT)
+    least = min(
+        (SAME_PART.place * capsule.radius for capsule in payload.shape), default=SAME_PART.point
+    )
     return float(np.linalg.norm(apart[1] - apart[0], axis=1).max()) < least
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,9 +30,9 @@ from microbot_ocp.planning._free_problem import (
     transcription,
     via_times,
 )
-from microbot_ocp.planning._free_search import FULL_MESH, FreeSearch, TimeOptimalSettings, as_motion
+from microbot_ocp.planning._free_search import SEARCH, FreeSearch, TimeOptimalSettings, as_motion
 from microbot_ocp.planning._friction import (
-    ROUNDED,
+    FRICTION_WINDOWS,
     SMOOTHING as FRICTION_SMOOTHING,
     dry_friction,
     with_windows,
@@ -54,8 +54,31 @@ from microbot_ocp.planning._task import (
 from microbot_ocp.planning._within_limits import largest_excess, within_limits
 from microbot_ocp.robot import Robot
 
-# Share of the duration, and of the typical ones, up to which a prepared motion leads to the best
-NEAR, NEAR_TYPICAL = 0.1, 0.1
+
+@dataclass(frozen=True)
+class PreparedSettings:
+    """Settings by which prepared solves start from the motion under the robot's own limits.
+
+    Attributes
+    ----------
+    near : share of the duration up to which a prepared motion leads to the best
+    near_typical : the same of typical durations
+    close : share by which typical durations may differ for the usual barrier parameter
+    far_barrier : barrier parameter where they differ by more: 43 and 22 iterations with the
+        usual one and with this on a task of the Microbot with a payload
+    reference_tolerance : largest relative excess of a limit of the reference between mesh
+        points
+    """
+
+    near: float = 0.1
+    near_typical: float = 0.1
+    close: float = 0.005
+    far_barrier: float = 1e-5
+    reference_tolerance: float = 2e-3
+
+
+NEARNESS = PreparedSettings()
+
 # of a prepared solver: somebody waits. Without a limit of time it would solve in another process
 PREPARED = SolverSettings(
     "ipopt",
@@ -65,14 +88,7 @@ PREPARED = SolverSettings(
     options=LDL,
     time_limit=TIME_LIMIT,
 )
-# Barrier parameter from the reference where typical durations differ by more than this share. With
-# the usual 1e-7 and with this: 43 and 22 iterations on a task of the Microbot with a payload of
-# 0.1 kg, but 6 and 17 on one of the UR5e
-CLOSE, FAR_BARRIER = 0.005, 1e-5
-FAR = replace(PREPARED, options={**LDL, "ipopt warm": {"mu_init": FAR_BARRIER}})
-# Excess up to which the motion is refined that all solves start from: half of the intervals that
-# 5e-4 takes, where a certificate lets 5e-3 pass
-REFERENCE_TOLERANCE = 2e-3
+FAR = replace(PREPARED, options={**LDL, "ipopt warm": {"mu_init": NEARNESS.far_barrier}})
 
 
 def _solved_near(
@@ -82,7 +98,10 @@ def _solved_near(
     parameters = changes["parameters"]
     declared = {p.name for p in solver.transcription.problem.phases[0].parameters}
     if not isinstance(start, Solution) and FRICTION_SMOOTHING in declared:
-        rounded = {phase: {**own, FRICTION_SMOOTHING: ROUNDED} for phase, own in parameters.items()}
+        rounded = {
+            phase: {**own, FRICTION_SMOOTHING: FRICTION_WINDOWS.rounded}
+            for phase, own in parameters.items()
+        }
         near = solver.solve(guess=start, **{**changes, "parameters": rounded})
         start = near if near.status.solved else start
     return solver.solve(guess=start, **changes)
@@ -166,7 +185,7 @@ class TimeOptimalSolver:
         self._settings = TimeOptimalSettings(
             mesh=mesh,
             starts=starts,
-            limit_tolerance=REFERENCE_TOLERANCE,
+            limit_tolerance=NEARNESS.reference_tolerance,
             compiled=compiled,
             seed=seed,
         )
@@ -239,16 +258,16 @@ class TimeOptimalSolver:
         slower = self._slower(family)
         if via_q is None:
             own = self._own or self._under_own_limits()
-            solver = self._near(own, slower <= CLOSE)
+            solver = self._near(own, slower <= NEARNESS.close)
         else:
             own, solver = None, self._for_any_via()
-        near = own if slower <= NEAR_TYPICAL else None
+        near = own if slower <= NEARNESS.near_typical else None
         tried: list[tuple[str, Solution]] = []
         for name, start in self._starts(family, via, near):
             solution = _solved_near(solver, start, changes)
             tried.append((name, solution))
             led_there = not isinstance(start, Solution) or (
-                abs(solution.duration - start.duration) <= NEAR * start.duration
+                abs(solution.duration - start.duration) <= NEARNESS.near * start.duration
             )
             if (solution.status.solved and led_there and not search) or deadline.over():
                 break
@@ -297,7 +316,7 @@ class TimeOptimalSolver:
     def _for_any_via(self) -> ParametricSolver:
         """The solver on an even mesh, its cost scaled at the solver's own via points."""
         if self._anywhere is None:
-            mesh = [int(self._settings.mesh or FULL_MESH)] * len(self._phases)
+            mesh = [int(self._settings.mesh or SEARCH.full_mesh)] * len(self._phases)
             solver = ParametricSolver(self._kernels, mesh, PREPARED)
             family = LimitFamily.of(self.robot)
             own = initial_guesses(family, self.via_q, self._phases, 1, self._settings.seed)

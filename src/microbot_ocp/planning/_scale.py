@@ -16,16 +16,36 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.limits import LimitFamily, MotionSamples
 from microbot_ocp.robot import inverse_dynamics
 
-USUAL_SPEED = 2.0  # rad/s (m/s) of joints that nothing bounds directly
-USUAL_ACCELERATION = 10.0  # rad/s^2 (m/s^2), ten times what is typical
-POSES = 5  # along every segment, at which inertias are looked at
-LONGEST = 1e3  # times the sum of the typical durations: no segment takes longer
-SHORTEST = 1e-2  # of the time at the highest speed that a joint might reach
+
+@dataclass(frozen=True)
+class TypicalSettings:
+    """Settings of the typical sizes of a task.
+
+    Attributes
+    ----------
+    speed : rad/s (m/s) of joints that nothing bounds directly
+    acceleration : rad/s^2 (m/s^2), ten times what is typical
+    poses : along every segment, at which inertias are looked at
+    longest : times the sum of the typical durations: no segment takes longer
+    shortest : of the time at the highest speed that a joint might reach
+    least_rise : share of the duration in which a highest velocity may always be reached
+    at_bound : relative distance at which a duration stands on a bound
+    """
+
+    speed: float = 2.0
+    acceleration: float = 10.0
+    poses: int = 5
+    longest: float = 1e3
+    shortest: float = 1e-2
+    least_rise: float = 5e-3
+    at_bound: float = 1e-2
+
+
+TYPICAL = TypicalSettings()
+
 # The smoothing of the jerk lets a velocity v be reached in so many times sqrt(v / jerk): the time
 # (36 weight v^2 / jerk^2)^(1/4) costs least, of an acceleration that falls evenly to zero
 SMOOTHED_RISE = (36 * 1e-6) ** 0.25
-LEAST_RISE = 5e-3  # share of the duration in which a highest velocity may always be reached
-AT_BOUND = 1e-2  # relative distance at which a duration stands on a bound
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +84,7 @@ class TaskScale:
         limits = family.robot.limits
         steps = np.abs(np.diff(via, axis=0))
         speed = _larger(limits.bounds("qd"))
-        share = np.linspace(0.0, 1.0, POSES)[:, None, None]
+        share = np.linspace(0.0, 1.0, TYPICAL.poses)[:, None, None]
         accelerated, jerk_limit, holding = _alone(family, via[:-1] + share * np.diff(via, axis=0))
         with np.errstate(divide="ignore", invalid="ignore"):
             times = np.nan_to_num(
@@ -77,7 +97,7 @@ class TaskScale:
                 posinf=0.0,
             )
             durations = times.max(axis=(0, 2))
-            durations = np.where(durations > 0, durations, steps.max(axis=1) / USUAL_SPEED)
+            durations = np.where(durations > 0, durations, steps.max(axis=1) / TYPICAL.speed)
             durations = durations * _stretch(family, via, durations)
             highest = np.minimum(speed, np.sqrt(2.0 * accelerated * steps.sum(axis=0)))
             fastest = np.nan_to_num(steps / highest, posinf=0.0).max(axis=1)
@@ -87,21 +107,23 @@ class TaskScale:
             np.maximum(size.max(axis=0), 0.1 * size.max()) for size in (reached, gained)
         )
         time = float(_power(durations.max()))
-        unit = USUAL_ACCELERATION * _power(acceleration)
+        unit = TYPICAL.acceleration * _power(acceleration)
         limited = _larger(limits.bounds("qdd"))
         hardest = np.where(np.isfinite(limited), limited, unit)
         if time != 1.0:  # slow motions may start and stop as hard as others
             possible = np.where(np.isfinite(accelerated), accelerated, 0.0)
-            hardest = np.maximum(hardest, USUAL_ACCELERATION * _power(possible))
+            hardest = np.maximum(hardest, TYPICAL.acceleration * _power(possible))
         jerk = 10.0 * hardest / time
         # Where a velocity is reached sooner than the smoothing lets it, that must not cost much.
         with np.errstate(divide="ignore", invalid="ignore"):
-            rise = np.maximum(np.nan_to_num(highest / accelerated), LEAST_RISE * durations.sum())
+            rise = np.maximum(
+                np.nan_to_num(highest / accelerated), TYPICAL.least_rise * durations.sum()
+            )
             needed = SMOOTHED_RISE**2 * np.where(np.isfinite(highest), highest, 0.0) / rise**2
         return cls(
             durations=durations,
-            shortest=SHORTEST * np.where(fastest > 0, fastest, 0.1 * durations),
-            longest=np.full(durations.size, LONGEST * durations.sum()),
+            shortest=TYPICAL.shortest * np.where(fastest > 0, fastest, 0.1 * durations),
+            longest=np.full(durations.size, TYPICAL.longest * durations.sum()),
             time=time,
             position=float(_power(steps.max())),
             velocity=_power(velocity),
@@ -114,9 +136,9 @@ class TaskScale:
         said = ""
         for k, duration in enumerate(durations):
             between = f"between via points {k + 1} and {k + 2}"
-            if duration <= self.shortest[k] * (1 + AT_BOUND):
+            if duration <= self.shortest[k] * (1 + TYPICAL.at_bound):
                 said += f"\nThe time {between} could not be shorter than {duration:.3g} s"
-            elif duration >= self.longest[k] * (1 - AT_BOUND):
+            elif duration >= self.longest[k] * (1 - TYPICAL.at_bound):
                 said += f"\nThe time {between} could not be longer than {duration:.3g} s"
         return said and f"{said}: bounds of the search, which no limit asks for."
 
@@ -129,7 +151,7 @@ def _stretch(family: LimitFamily, via: FloatArray, durations: FloatArray) -> flo
     keys = [member.key for member in family if member.limit is not None and member.order > 0]
     if not keys:
         return 1.0
-    s, ways = np.linspace(0.0, 1.0, 2 * POSES + 1)[1:-1, None, None], np.diff(via, axis=0)
+    s, ways = np.linspace(0.0, 1.0, 2 * TYPICAL.poses + 1)[1:-1, None, None], np.diff(via, axis=0)
     q = via[:-1] + s**3 * (10 - 15 * s + 6 * s**2) * ways
     slopes = (30 * s**2 * (1 - s) ** 2, 60 * s * (1 - s) * (1 - 2 * s), 60 * (1 - 6 * s * (1 - s)))
 

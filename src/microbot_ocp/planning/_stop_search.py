@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
@@ -28,15 +28,8 @@ from microbot_ocp.planning._conditions import Conditions
 from microbot_ocp.planning._fast_timing import time_path
 from microbot_ocp.planning._free_problem import excess_along, polynomial, transcription
 from microbot_ocp.planning._free_search import (
-    CALMER_BARRIER,
-    EXPLORE_MESH,
-    EXPLORE_SUM,
-    EXPLORE_TOLERANCE,
     KEEPS_LIMITS,
-    LEAST_EXPLORE_MESH,
-    LEAST_ITERATIONS,
-    PATIENCE,
-    SAME,
+    SEARCH,
     FreeSearch,
     TimeOptimalSettings,
     sparing,
@@ -49,16 +42,36 @@ from microbot_ocp.planning._within_limits import known_ways
 from microbot_ocp.robot import Robot, jacobian
 from microbot_ocp.trajectories import spline
 
-MOST_ORDERED = 7  # stops of which every order is looked at
-SLOWEST = 20.0  # times the shortest duration: no longer time is given for less effort
-MOST_EXPLORING = 300  # iterations
+
+@dataclass(frozen=True)
+class StopSearchSettings:
+    """Settings of the search through stops.
+
+    Attributes
+    ----------
+    slowest : times the shortest duration: no longer time is given for less effort
+    most_iterations : of a start on the coarse mesh
+    bows : further guesses from the best way
+    spare : a way is left out whose poses are so many times the best duration apart at the
+        highest velocities, where the arm has joints or tolerances to spare: its poses might
+        move. Without, it is never better
+    slowed : times the duration of a first guess, until it keeps its limits
+    most_slowed : times that it is slowed down
+    timed : intervals of the timing of a first guess
+    """
+
+    slowest: float = 20.0
+    most_iterations: int = 300
+    bows: int = 2
+    spare: float = 1.25
+    slowed: float = 1.3
+    most_slowed: int = 20
+    timed: int = 100
+
+
+STOPS = StopSearchSettings()
+
 LEFT_OUT = "left out"  # status of a way that was not tried
-BOWS = 2  # further guesses from the best way
-# A way is left out whose poses are so many times the best duration apart at the highest velocities,
-# where the arm has joints or tolerances to spare: its poses might move. Without, it is never better
-SPARE = 1.25
-SLOWED, MOST_SLOWED = 1.3, 20  # of a first guess, until it keeps its limits
-TIMED = 100  # intervals of the timing of a first guess
 
 
 def fastest_through(
@@ -127,15 +140,17 @@ class StopSearch(FreeSearch):
 
     def _explore(self) -> tuple[list[dict[str, Any]], list[Solution]]:
         """What every way led to on a coarse mesh, and some others beside the best of them."""
-        mesh = min(self._mesh, max(EXPLORE_SUM // len(self.names), LEAST_EXPLORE_MESH))
+        mesh = min(
+            self._mesh, max(SEARCH.explore_sum // len(self.names), SEARCH.least_explore_mesh)
+        )
         solver = ("fatrop", "ipopt") if self.settings.solver == "auto" else self.settings.solver
         coarse = self._coarse_refiner
         brief = replace(
             self.refiner.settings,
-            max_iterations=MOST_EXPLORING,
+            max_iterations=STOPS.most_iterations,
             options={
                 **LDL,
-                "fatrop": {"max_iter": LEAST_ITERATIONS},
+                "fatrop": {"max_iter": SEARCH.least_iterations},
             },  # IPOPT solves what takes it more
         )
         tried, found = self.tried, self.found
@@ -143,12 +158,19 @@ class StopSearch(FreeSearch):
             if any(guess.name == said["start"] for said in tried):
                 continue  # when orders were compared
             solved = [s for s in found if s.status.solved]
-            most = max((PATIENCE * s.attempts[-1].iterations for s in solved), default=0)
-            most = min(max(LEAST_ITERATIONS, most), MOST_EXPLORING) if solved else MOST_EXPLORING
+            most = max((SEARCH.patience * s.attempts[-1].iterations for s in solved), default=0)
+            most = (
+                min(max(SEARCH.least_iterations, most), STOPS.most_iterations)
+                if solved
+                else STOPS.most_iterations
+            )
             explorer = replace(coarse, settings=replace(brief, max_iterations=most))
             guesses = {name: self._with_closed(name, g) for name, g in guess.guesses.items()}
             solution = explorer.solve(
-                min(mesh, EXPLORE_MESH), guesses, tolerance=EXPLORE_TOLERANCE, solver=solver
+                min(mesh, SEARCH.explore_mesh),
+                guesses,
+                tolerance=SEARCH.explore_tolerance,
+                solver=solver,
             )
             said = {
                 "start": guess.name,
@@ -190,7 +212,7 @@ class StopSearch(FreeSearch):
         )[0]
         if self.briefly or any(kind is not None for kind in self.task.segments):
             return
-        further = min(BOWS, self.settings.starts - 1) + 1
+        further = min(STOPS.bows, self.settings.starts - 1) + 1
         others = initial_guesses(self.family, best.via, self.names, further, self.settings.seed)
         if self.settings.starts > 1:
             yield from ((best, replace(g, name=f"{best.name}, {g.name}")) for g in others)
@@ -200,7 +222,7 @@ class StopSearch(FreeSearch):
         durations = [led.duration for _, _, led in self.led_to if led.status.solved]
         exact = all(few_poses(self.robot, stop) is not None for stop in self.task.stops)
         least = least_time(self.task, way)
-        if least <= (1.0 if exact else SPARE) * min([*durations, self.beaten]):
+        if least <= (1.0 if exact else STOPS.spare) * min([*durations, self.beaten]):
             return False
         self.left_out[way.name] = way, least
         return True
@@ -238,7 +260,7 @@ class StopSearch(FreeSearch):
         if self.allowed is not None and fastest.status.solved:
             slack = (self.allowed - rested) / fastest.duration - 1.0
             if slack > 0.0:
-                self.settings = replace(self.settings, slack=min(slack, SLOWEST))
+                self.settings = replace(self.settings, slack=min(slack, STOPS.slowest))
         return fastest
 
     def _excess(self, solution: Solution) -> list[FloatArray]:
@@ -304,7 +326,7 @@ class StopSearch(FreeSearch):
             for name, shape in shapes
         }
         meshes = [phase.mesh for phase in solution.phases]
-        found = self.refiner.solve(meshes, guesses, barrier=CALMER_BARRIER)
+        found = self.refiner.solve(meshes, guesses, barrier=SEARCH.calmer_barrier)
         found = self.refiner.finished(self.refiner.refine(found))
         self.progress(f"slowed down: {found.duration:.6f} s, {found.status}")
         if self._rank(found)[0] is False:
@@ -347,7 +369,7 @@ class StopSearch(FreeSearch):
         told["method"] = "time-optimal motion through stops"
         told["branches"] = self._branches(solution)
         told["segments"] = [type(kind).__name__ if kind else "free" for kind in self.task.segments]
-        late = self.allowed is not None and self.allowed < self.shortest * (1 - SAME)
+        late = self.allowed is not None and self.allowed < self.shortest * (1 - SEARCH.same)
         if motion.solved and late:
             told["status"] = str(Status.INFEASIBLE)
             told["advice"] = (
@@ -451,7 +473,7 @@ def _best_timing(
     """As :func:`segment_timings`, of one path [count,n]; other orders of stops have it, too."""
     shape = spline(np.frombuffer(path_bytes).reshape(count, -1), np.linspace(0.0, 1.0, count))
     with contextlib.suppress(InputError):
-        timing = time_path(robot, shape, grid=TIMED, compiled=compiled)
+        timing = time_path(robot, shape, grid=STOPS.timed, compiled=compiled)
         if timing.solved:
             motion = timing.motion()
             return PiecewisePolynomial(motion.t, pieces_of(motion))
@@ -462,14 +484,14 @@ def _slowed(robot: Robot, shape: PiecewisePolynomial) -> PiecewisePolynomial:
     """A shape slowed down until it keeps the limits of velocities, accelerations and torques."""
     family = LimitFamily.of(robot)
     keys = [key for key in family.of_order(1, 2, 3) if key != "taud"]
-    for _ in range(MOST_SLOWED):
+    for _ in range(STOPS.most_slowed):
         t, curves = np.linspace(0.0, shape.duration, 50), [shape]
         for _ in range(3):
             curves.append(curves[-1].derivative())
         use = family.use(MotionSamples(*(curve(t) for curve in curves)), keys)
         if all(float(share.max()) <= 1.0 for share in use.values()):
             break
-        shape = shape.stretched(SLOWED)
+        shape = shape.stretched(STOPS.slowed)
     return shape
 
 

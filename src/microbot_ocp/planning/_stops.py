@@ -14,9 +14,26 @@ from microbot_ocp.robot import Capsule, Link, Robot, forward_kinematics
 
 AXES = ("x", "y", "z")
 SHAPE = ("start", "end", "radius", "name")  # of a part
-POSE_JOINTS = 6  # that give any orientation at a position
-LONGEST_DWELL = 86_400.0  # s, a day
-EXACT = 1e-6  # rad (m): a smaller tolerance is none
+
+
+@dataclass(frozen=True)
+class StopSizes:
+    """Sizes of what a stop may state.
+
+    Attributes
+    ----------
+    pose_joints : that give any orientation at a position
+    longest_dwell : s, a day
+    exact : rad (m): a smaller tolerance is none
+    """
+
+    pose_joints: int = 6
+    longest_dwell: float = 86_400.0
+    exact: float = 1e-6
+
+
+STOP_SIZES = StopSizes()
+
 Numbers = tuple[float, ...]
 
 
@@ -149,7 +166,9 @@ class Stop:
         put(self, "tolerance", self._checked_tolerance(where))
         turn = self.orientation_tolerance
         checks.number(f"orientation_tolerance of {where}", turn, "rad", at_least=0.0, at_most=1.5)
-        checks.number(f"dwell of {where}", self.dwell, "s", at_least=0.0, at_most=LONGEST_DWELL)
+        checks.number(
+            f"dwell of {where}", self.dwell, "s", at_least=0.0, at_most=STOP_SIZES.longest_dwell
+        )
         checks.number(f"blend of {where}", self.blend, "m", at_least=0.0)
         if self.payload is not None and not isinstance(self.payload, Payload):
             with naming(f"{where}: "):
@@ -192,7 +211,7 @@ class Stop:
         if isinstance(self.tolerance, tuple):
             return np.array(self.tolerance)
         size = 3 if self.q is None else len(self.q)
-        return np.zeros(size) if self.tolerance <= EXACT else None
+        return np.zeros(size) if self.tolerance <= STOP_SIZES.exact else None
 
     @property
     def slack(self) -> FloatArray:
@@ -206,7 +225,9 @@ class Stop:
         """
         if self.q is not None:
             tool = np.array(forward_kinematics(robot)(np.array(self.q)))
-            return tool[:3, 3], tool[:3, :3] if robot.joint_count >= POSE_JOINTS else None
+            return tool[:3, 3], tool[
+                :3, :3
+            ] if robot.joint_count >= STOP_SIZES.pose_joints else None
         turned = None if self.orientation is None else np.array(self.orientation)
         return np.array(self.position), turned
 

@@ -21,9 +21,7 @@ from microbot_ocp.limits import LIMIT_TOLERANCE, JointLimits, LimitFamily, Limit
 from microbot_ocp.motion import Motion, PiecewisePolynomial, pieces_of
 from microbot_ocp.ocp.solution import StepProgress
 from microbot_ocp.planning._among_obstacles import (
-    AGAIN,
-    NEAR,
-    SAMPLES,
+    AMONG_OBSTACLES,
     Leg,
     TimedPath,
     as_plain,
@@ -243,7 +241,7 @@ class _Among:
     ) -> None:
         self.task, self._scene, self._legs = task, legs.scene, legs
         self._given = settings, progress, duration
-        self._near = NEAR * reach_of(task.robot)
+        self._near = AMONG_OBSTACLES.near * reach_of(task.robot)
         self._guided = legs.guides(task, progress)
         times = [guide.durations for guide in self._guided]
         self.rested = min((rested_of(task, own) for own in times), default=np.inf)
@@ -278,7 +276,11 @@ class _Among:
         for guide in guided:
             for k, (name, path) in enumerate(zip(names, guide.way.paths, strict=True)):
                 shape = guide.shapes.get(name)
-                q = path if shape is None else shape(np.linspace(0.0, shape.duration, SAMPLES))
+                q = (
+                    path
+                    if shape is None
+                    else shape(np.linspace(0.0, shape.duration, AMONG_OBSTACLES.samples))
+                )
                 around.add(task.robots[k], around.scenes[k], q, self._near)
         return around
 
@@ -326,7 +328,7 @@ class _Among:
         task, scene, around, progress = self.task, self._scene, self._around, self._given[1]
         made: Made = [], ""
         proofs: list[Clearance | None] = []
-        for again in range(AGAIN):
+        for again in range(AMONG_OBSTACLES.again):
             try:
                 with deadline.given_up(known is not None or bool(again)):
                     search = None if again else self._search
@@ -381,7 +383,7 @@ def _with(motion: Motion, **more: Any) -> Motion:
 
 
 def _between(motion: Motion, place: Place) -> FloatArray:
-    return motion.sample(np.linspace(place.start, place.end, SAMPLES)).q
+    return motion.sample(np.linspace(place.start, place.end, AMONG_OBSTACLES.samples)).q
 
 
 def _joined(task: Task, way: Way, shapes: Sequence[PiecewisePolynomial]) -> Motion:

@@ -9,7 +9,7 @@ that is slowed down evenly. Where nothing is found at all there are ways that ne
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -33,13 +33,35 @@ from microbot_ocp.planning._reachability import CurveLimits, Reached, reach
 from microbot_ocp.planning._scale import TaskScale
 from microbot_ocp.trajectories import cubic, quintic, shortest_duration, spline
 
-GRID = 1000  # intervals at least, to begin with
-LEAST_ROUNDS, ROUNDS = 2, 6  # grids, each with the intervals cut in which a limit is exceeded
-FINER = (1, 2, 4, 8)  # times the usual samples, until torques between them are no surprise
-CLOSE = 1e-5  # share by which a motion that is slowed down evenly might be faster
-DECIDING = 500  # places of a motion that say first by how much it is slowed down evenly
-SEEN = 1000  # places of a spline at which it may leave the position limits
-EVENLY = 1.5  # times the duration: a motion that must be slowed down more is none to go on from
+
+@dataclass(frozen=True)
+class SlowingDown:
+    """Settings by which a motion is slowed down until limits hold.
+
+    Attributes
+    ----------
+    grid : intervals at least, to begin with
+    least_rounds : grids that are looked at though the time is over
+    rounds : grids, each with the intervals cut in which a limit is exceeded
+    finer : times the usual samples, until torques between them are no surprise
+    close : share by which a motion that is slowed down evenly might be faster
+    deciding : places of a motion that say first by how much it is slowed down evenly
+    seen : places of a spline at which it may leave the position limits
+    most_evenly : times the duration: a motion that must be slowed down more is none to go on
+        from
+    """
+
+    grid: int = 1000
+    least_rounds: int = 2
+    rounds: int = 6
+    finer: tuple[int, ...] = (1, 2, 4, 8)
+    close: float = 1e-5
+    deciding: int = 500
+    seen: int = 1000
+    most_evenly: float = 1.5
+
+
+SLOWING = SlowingDown()
 
 
 class Slowed(NamedTuple):
@@ -80,11 +102,11 @@ def within_limits(
         return _slowed_evenly(family, as_it_is(), tolerance)
     pieces = zip(shape.coefficients, np.diff(shape.breaks), strict=True)
     curve = Curve(tuple(CurvePiece(table, float(length)) for table, length in pieces), True, True)
-    parts = max(2, -(-GRID // len(curve.pieces)))
+    parts = max(2, -(-SLOWING.grid // len(curve.pieces)))
     count = parts * len(curve.pieces)
     s = np.interp(np.arange(count + 1) / parts, np.arange(shape.breaks.size), shape.breaks)
     s[::parts] = shape.breaks
-    for number in range(ROUNDS):
+    for number in range(SLOWING.rounds):
         along = CurveLimits.of(family, curve, s, fast)
         if along.limits.later:
             return _slowed_evenly(family, as_it_is(), tolerance)
@@ -94,11 +116,11 @@ def within_limits(
         timing = _with_steady_ends(timing)
         excess = along.excess(timing, curve)
         cut = excess > tolerance
-        if not cut.any() or (deadline.over() and number >= LEAST_ROUNDS):
+        if not cut.any() or (deadline.over() and number >= SLOWING.least_rounds):
             break
         s = np.sort(np.concatenate([s, (0.5 * (s[1:] + s[:-1]))[cut]]))
     marks = _marks(np.interp(via_times, timing.s, timing.t))
-    for finer in FINER:
+    for finer in SLOWING.finer:
         t, state, breaks = sampled([(curve, timing)], finer)
         motion = Motion.from_state(
             family.robot, t, state, label="time-optimal", breaks=breaks, marks=marks
@@ -175,7 +197,7 @@ def _sums(steps: FloatArray) -> FloatArray:
 def _smooth(family: LimitFamily, via: FloatArray, times: FloatArray) -> PiecewisePolynomial:
     """A spline, or cubic segments, which swing out less, where it leaves the position limits."""
     shape, limits = spline(via, times), family.robot.limits
-    q = shape(np.linspace(times[0], times[-1], SEEN))
+    q = shape(np.linspace(times[0], times[-1], SLOWING.seen))
     out = ((q < limits.q_min) | (q > limits.q_max)).any()
     return cubic(via, times) if out else shape
 
@@ -196,7 +218,10 @@ def largest_excess(family: LimitFamily, motion: Motion) -> float:
 def _slowed_evenly(family: LimitFamily, motion: Motion, tolerance: float) -> Motion | None:
     """A motion slowed down until its limits hold to the tolerance, where that helps."""
     _, samples, _, jumps = motion.history()
-    dense, most = MotionSamples(*map(np.concatenate, zip(samples, jumps, strict=True))), EVENLY
+    dense, most = (
+        MotionSamples(*map(np.concatenate, zip(samples, jumps, strict=True))),
+        SLOWING.most_evenly,
+    )
     if not _kept(family, dense, tolerance, 0):  # slower is no other place
         return None
     slowed = family.of_order(1, 2, 3)
@@ -215,11 +240,11 @@ def _slowed_evenly(family: LimitFamily, motion: Motion, tolerance: float) -> Mot
         broken = ~(found <= 1.0 + tolerance)
         if not broken.any():
             break
-        worst = np.argsort(-found)[: min(DECIDING, int(broken.sum()))]
+        worst = np.argsort(-found)[: min(SLOWING.deciding, int(broken.sum()))]
         if np.isin(worst, deciding).all():
             return None
         deciding, low, high = np.union1d(deciding, worst), high, most
-        while high - low > CLOSE:
+        while high - low > SLOWING.close:
             middle = 0.5 * (low + high)
             fits = use(middle, deciding).max() <= 1.0 + tolerance
             low, high = (low, middle) if fits else (middle, high)
