@@ -52,7 +52,7 @@ class Junction:
 def junctions_of(
     plan: ArcPlan, lengths: Sequence[float] | FloatArray, *, singular: bool = False
 ) -> Iterator[Junction]:
-    """What changes from arc to arc; ``singular`` controls are named so where they are free."""
+    """Yield what changes from arc to arc; free controls are called singular if asked for."""
     ends = np.cumsum(lengths)[:-1].tolist()
     for end, pair in zip(ends, itertools.pairwise(plan.signatures), strict=True):
         for column, *sides in zip(plan.columns, *pair, strict=True):
@@ -104,13 +104,13 @@ class SwitchingTimes:
         return self.solution.gap if self.singular is None else UNKNOWN
 
     def duration(self, phase: str) -> float:
-        """Duration of a phase, s."""
+        """Return the duration of a phase, s."""
         if self.singular is not None:
             return float(self.singular.lengths.sum())
         return float(sum(self.solution[name].duration for name in self.pieces[phase]))
 
     def sample(self, phase: str, t: ArrayLike) -> dict[str, FloatArray]:
-        """Every variable [M, size] of a phase at times t [M] since its start.
+        """Sample every variable [M, size] of a phase at times t [M] since its start.
 
         At a junction it is the arc that begins there.
         """
@@ -121,14 +121,14 @@ class SwitchingTimes:
         return joined([p.sample for p in pieces], [p.duration for p in pieces])(times)
 
     def table(self) -> Table:
-        """One row a junction."""
+        """Show one row a junction."""
         rows = [
             (j.phase, j.time, f"{j.name}[{j.component}]", j.before, j.after) for j in self.junctions
         ]
         return Table(COLUMNS, rows)
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
+        """Return plain values for JSON."""
         return {
             "status": str(self.status),
             "advice": self.advice,

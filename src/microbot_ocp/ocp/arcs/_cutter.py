@@ -59,7 +59,7 @@ class ArcConditions:
         return frozenset(self.entry)
 
     def entered(self, before: ArcConditions) -> list[PathConstraint]:
-        """Equations where the arc begins, but for what is met as it was active before."""
+        """List equations where the arc begins, but for what is met as it was active before."""
         return [c for key, entry in self.entry.items() if key not in before.replaced for c in entry]
 
 
@@ -74,7 +74,7 @@ class CutProblem:
 
 
 def is_cuttable(declared: Phase) -> bool:
-    """Whether nothing along a phase depends on its duration, or is demanded at points within it."""
+    """Tell whether nothing along a phase depends on its duration, or is demanded within it."""
     points = [*declared.point_constraints, *declared.point_costs]
     if any(len(k.fractions) > 1 for k in points) or declared.point_fractions:
         return False
@@ -133,15 +133,15 @@ class _Cutter:
         self.clock = _clock(plan.declared, plan.duration)
 
     def timed(self, expression: ca.MX) -> ca.MX:
-        """What was written with the time of the phase, with that of the clock."""
+        """Put the clock in the place of the time of the phase."""
         return ca.substitute(expression, self.declared.time, self.clock.symbol)
 
     def final(self, expression: ca.MX) -> ca.MX:
-        """The same at the end of the phase, where the clock shows its duration."""
+        """Put the clock in the place of the duration, too, which it shows at the end."""
         return ca.substitute(self.timed(expression), self.declared.duration, self.clock.symbol)
 
     def piece(self, index: int) -> tuple[Phase, Guess]:
-        """The phase of an arc, and its guess."""
+        """Make the phase of an arc, and its guess."""
         declared, timed, final = self.declared, self.timed, self.final
         arc, (before, here, after) = self.plan.arcs[index], self.conditions[index : index + 3]
         first, last = index == 0, index + 1 == len(self.plan.arcs)
@@ -183,7 +183,7 @@ class _Cutter:
         return piece, self._guess(arc)
 
     def _controls(self, arc: PlannedArc, first: bool, last: bool) -> list[Variable]:
-        """Controls that may jump held where they are at a bound; exact ones else polynomial."""
+        """Hold controls that may jump where they are at a bound; exact ones are else polynomial."""
         controls, offset = [], 0
         for control in self.declared.controls:
             if control.shape == "linear":
@@ -199,7 +199,7 @@ class _Cutter:
         return controls
 
     def _met(self, index: int) -> list[PathConstraint]:
-        """Limits of states that change after an arc, as equations, if nothing else keeps them."""
+        """Meet limits of states that change after an arc, if no equations keep them."""
         keeping = self.conditions[index + 1].replaced | self.conditions[index + 2].replaced
         pair = self.plan.arcs[index].signature, self.plan.arcs[index + 1].signature
         return [
@@ -225,7 +225,7 @@ class _Cutter:
 
 
 def _mapped(change: Callable[[ca.MX], ca.MX], items: Sequence[Any]) -> list[Any]:
-    """Constraints or costs with changed expressions."""
+    """Change the expressions of constraints or costs."""
     return [replace(item, expression=change(item.expression)) for item in items]
 
 
@@ -234,7 +234,7 @@ def _at_start(constraint: PathConstraint) -> PointConstraint:
 
 
 def _freed(limited: Any, keeping: frozenset[Key], beside: frozenset[Key]) -> Any:
-    """A state or path constraint without the bounds that equations keep on an arc.
+    """Free a state or path constraint of the bounds that equations keep on an arc.
 
     Beside such an arc they are met at one end, and a little looser: a bound and an equation of the
     same value would have no multipliers of their own.
@@ -250,7 +250,7 @@ def _freed(limited: Any, keeping: frozenset[Key], beside: frozenset[Key]) -> Any
 
 
 def _conditions_on(plan: ArcPlan, arc: PlannedArc, *, start: bool) -> ArcConditions:
-    """Equations of the limits that are active on an arc, as many as it has free controls."""
+    """Collect equations of the limits active on an arc, as many as it has free controls."""
     sides = dict(zip(plan.columns, arc.signature, strict=True))
     free = plan.controls - sum(side != 0 for column, side in sides.items() if column.limit is None)
     along: list[PathConstraint] = []
@@ -268,7 +268,7 @@ def _conditions_on(plan: ArcPlan, arc: PlannedArc, *, start: bool) -> ArcConditi
 
 
 def _derivatives(declared: Phase, activity: Activity, side: int) -> list[PathConstraint]:
-    """A limit that is met, and its time derivatives up to one with a control that may jump.
+    """Derive a limit that is met in time, up to where a control that may jump appears.
 
     Nothing where that is of a higher order than is differentiated.
     """
@@ -298,6 +298,6 @@ def _clock(phase: Phase, duration: float) -> Variable:
 
 
 def _inside(variable: Variable, first: bool, last: bool) -> Variable:
-    """A state or continuous control with its end conditions at the ends of the phase only."""
+    """Keep the end conditions of a state or continuous control at the ends of the phase only."""
     initial, final = variable.initial if first else None, variable.final if last else None
     return replace(variable, initial=initial, final=final)

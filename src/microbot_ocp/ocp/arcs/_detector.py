@@ -80,19 +80,19 @@ class ActiveLimit:
         )
 
     def met(self, side: int) -> PathConstraint:
-        """The limit as an equation."""
+        """Return the limit as an equation."""
         limit, i = self.constraint, self.component
         value = (limit.lower if side < 0 else limit.upper)[i : i + 1]
         name, scale = f"{limit.name}[{i}] met", limit.scale[i : i + 1]
         return PathConstraint(name, limit.expression[i], value, value, scale, limit.unit)
 
     def along(self, values: Mapping[str, FloatArray], states: Sequence[Variable]) -> FloatArray:
-        """A limit of the states by tables of these."""
+        """Evaluate a limit of the states by tables of these."""
         run = ca.Function("value", [s.symbol for s in states], [self.constraint.expression])
         return np.array(run(*(values[s.name].T for s in states)))[self.component]
 
     def sides(self, values: FloatArray, near: float) -> np.ndarray:
-        """Sides to which values come so near, at every one."""
+        """Return the sides to which values come so near, at every one."""
         low, high = self.bounds
         return (values >= high - near).astype(int) - (values <= low + near).astype(int)
 
@@ -161,12 +161,12 @@ class ArcPlan:
         return sum(column.limit is None for column in self.columns)
 
     def is_undetermined(self, arc: PlannedArc) -> bool:
-        """Whether fewer limits are active than there are controls."""
+        """Tell whether fewer limits are active than there are controls."""
         return sum(map(abs, arc.signature)) < self.controls
 
 
 def joined(samples: Sequence[Sample], lengths: Sequence[float] | FloatArray) -> Sample:
-    """Values of one arc after the other, at times since the start of the first.
+    """Sample one arc after the other, at times since the start of the first.
 
     At a junction they are those of the arc that begins there.
     """
@@ -186,7 +186,7 @@ def joined(samples: Sequence[Sample], lengths: Sequence[float] | FloatArray) -> 
 
 
 def jumping(phase: Phase) -> list[Variable]:
-    """Controls that may jump at a mesh point."""
+    """List controls that may jump at a mesh point."""
     return [c for c in phase.controls if c.shape != "linear"]
 
 
@@ -194,7 +194,7 @@ def jumping(phase: Phase) -> list[Variable]:
 
 
 def control_activities(phase: PhaseSolution, controls: Sequence[Variable]) -> list[Activity]:
-    """Sides and means of every component of some controls."""
+    """Read sides and means of every component of some controls."""
     activities: list[Activity] = []
     for control in controls:
         least, largest, mean = _interval_values(phase, control)
@@ -211,7 +211,7 @@ def control_activities(phase: PhaseSolution, controls: Sequence[Variable]) -> li
 
 
 def _interval_values(phase: PhaseSolution, control: Variable) -> tuple[FloatArray, ...]:
-    """Least, largest and mean value [N, size] of a control in every interval."""
+    """Return least, largest and mean value [N, size] of a control in every interval."""
     if control.shape == "linear":
         nodes = phase.values[control.name]
         values = np.stack([nodes[:-1], nodes[1:]])
@@ -236,7 +236,7 @@ def _scaled(mean: FloatArray, low: float, high: float) -> FloatArray | None:
 
 
 def _state_limits(phase: PhaseSolution, declared: Phase) -> list[Activity]:
-    """Limits of the states alone: active in an interval where they are met at both of its ends."""
+    """Read limits of the states alone, active in an interval where both ends meet them."""
     others = [v.symbol for v in declared.variables if v not in declared.states]
     others += [c.rate for c in declared.controls if c.rate is not None]
     others += [declared.time, declared.duration, *(p.symbol for p in declared.parameters)]
@@ -264,7 +264,7 @@ def _depends(constraint: PathConstraint, symbols: Sequence[ca.MX]) -> bool:
 
 
 def mixed_limits(phase: PhaseSolution, declared: Phase) -> list[Activity]:
-    """Limits that depend on controls that may jump: active where they are met at all points."""
+    """Read limits that depend on controls that may jump, active where all points meet them."""
     variables = [*declared.states, *declared.controls]
     others = [c.rate for c in declared.controls if c.rate is not None]
     others += [v.symbol for v in declared.variables if v not in variables]
@@ -319,7 +319,7 @@ class Run(NamedTuple):
 
 
 def runs(sides: np.ndarray) -> list[Run]:
-    """Neighbouring intervals that have a side in common; of rows [N, K], all sides."""
+    """Join neighbouring intervals that have a side in common; of rows [N, K], all sides."""
     table = sides.reshape(len(sides), -1)
     edges = np.flatnonzero(np.any(np.diff(table, axis=0) != 0, axis=1)) + 1
     pairs = itertools.pairwise([0, *edges.tolist(), len(table)])
@@ -327,7 +327,7 @@ def runs(sides: np.ndarray) -> list[Run]:
 
 
 def find_switches(phase: PhaseSolution) -> tuple[Switch, ...]:
-    """Jumps of controls between their bounds."""
+    """Find jumps of controls between their bounds."""
     switches = []
     for control in phase_layout(phase).phase.controls:
         for activity in control_activities(phase, [control]):
@@ -355,7 +355,7 @@ def _switches_of(activity: Activity, mesh: FloatArray, continuous: bool) -> list
 
 
 def _crossing(before: int, means: FloatArray, steps: FloatArray) -> float:
-    """How far into a ramp a control would jump from one side to the other, with the same integral.
+    """Return how far into a ramp a control would jump to the other side, with the same integral.
 
     At A up to a, and at B from b on, ``A (tau - a) + B (b - tau) = integral of u from a to b``.
     """
@@ -367,7 +367,7 @@ def _crossing(before: int, means: FloatArray, steps: FloatArray) -> float:
 
 
 def plan_of(phase: PhaseSolution, *, mixed: bool = True) -> ArcPlan:
-    """The arcs of a phase, be they ever so short."""
+    """Read the arcs of a phase, be they ever so short."""
     declared = phase_layout(phase).phase
     columns = control_activities(phase, jumping(declared))
     columns += _state_limits(phase, declared)
@@ -379,7 +379,7 @@ def plan_of(phase: PhaseSolution, *, mixed: bool = True) -> ArcPlan:
 
 
 def _effective(signature: Signature, columns: Sequence[Activity]) -> Signature:
-    """Without limits of states that are met where no control is left to keep them."""
+    """Drop limits of states that are met where no control is left to keep them."""
     pairs = list(zip(signature, columns, strict=True))
     controls = [side for side, column in pairs if column.limit is None]
     if not controls or not all(controls):
@@ -388,7 +388,7 @@ def _effective(signature: Signature, columns: Sequence[Activity]) -> Signature:
 
 
 def merged(arcs: Sequence[PlannedArc]) -> list[PlannedArc]:
-    """Arcs of which neighbours that have everything in common are one."""
+    """Make one arc of neighbours that have everything in common."""
     joined: list[PlannedArc] = []
     for arc in arcs:
         if joined and joined[-1].signature == arc.signature:
@@ -429,7 +429,7 @@ def _arcs_between_events(columns: Sequence[Activity], mesh: FloatArray) -> list[
 
 
 def _events(column: int, columns: Sequence[Activity]) -> list[_Event]:
-    """When one component changes its side."""
+    """Find where one component changes its side."""
     activity = columns[column]
     stretches = runs(activity.sides)
     events = [_Event(0.0, column, stretches[0].side)]
@@ -446,7 +446,7 @@ def _events(column: int, columns: Sequence[Activity]) -> list[_Event]:
 
 
 def _is_followed(columns: Sequence[Activity], begin: int, after: int) -> bool:
-    """Whether controls may follow a limit of the states in some intervals, met there alone."""
+    """Tell whether controls may follow a limit of the states that is met in some intervals."""
     return any(
         column.touched is not None
         and bool(column.touched[begin:after].any())
@@ -456,7 +456,7 @@ def _is_followed(columns: Sequence[Activity], begin: int, after: int) -> bool:
 
 
 def _sides_within(before: int, following: int, means: FloatArray) -> list[tuple[float, int]]:
-    """Sides that begin in a few intervals, so that the integral over them stays, and where."""
+    """Choose sides that begin in a few intervals, so that the integral over them stays."""
     length = float(means.size)
     if before and following and before != following:
         return [(_crossing(before, means, np.ones(means.size)), following)]

@@ -25,7 +25,7 @@ def place_junctions(
     scheme: Scheme,
     settings: SolverSettings,
 ) -> list[FloatArray] | None:
-    """Where arcs meet, as fractions of every phase, by a solve with one phase an arc.
+    """Find where arcs meet, as fractions of every phase, by a solve with one phase an arc.
 
     None where there is nothing to place, where the problem cannot be cut (dynamics that depend on
     the duration of their phase), or where the solve fails or does not come as low. Limits that
@@ -65,7 +65,7 @@ def place_junctions(
 
 
 def _ends(declared: Phase, pieces: Sequence[PhaseSolution]) -> FloatArray:
-    """Where the arcs of a phase end, and where controls change within them.
+    """Find where the arcs of a phase end, and where controls change within them.
 
     Where a control was free to be at a bound, its arc may have taken a part of another one.
     """
@@ -121,7 +121,7 @@ def move_to_switches(mesh: FloatArray, switches: Sequence[Switch], accuracy: flo
 def _with_point(
     points: FloatArray, place: float, held: Sequence[float], accuracy: float
 ) -> FloatArray:
-    """A mesh with a point at a place: the nearest one, unless it is an end or holds another place.
+    """Put a point at a place: the nearest one, unless it is an end or holds another place.
 
     Where that is news, points on both sides keep the intervals at the place short: a rest of the
     other arc, be it ever so small, takes the multipliers of one of them.
@@ -138,6 +138,6 @@ def _with_point(
 
 
 def distance(mesh: FloatArray, places: FloatArray) -> float:
-    """Largest distance of a place from the mesh."""
+    """Return the largest distance of a place from the mesh."""
     gaps = np.abs(mesh[:, None] - places[None, :]).min(axis=0)
     return float(gaps.max(initial=0.0))

@@ -42,11 +42,11 @@ class ArcSolution:
     solution: Solution
 
     def pieces(self, index: int) -> list[PhaseSolution]:
-        """The arcs of a phase."""
+        """Return the arcs of a phase."""
         return [self.solution[piece.name] for piece in self.groups[index]]
 
     def as_solved(self) -> list[ArcPlan]:
-        """The plans with the arcs where the solution has them."""
+        """Return the plans with the arcs where the solution has them."""
         plans = []
         for index, plan in enumerate(self.plans):
             pieces = self.pieces(index)
@@ -57,7 +57,7 @@ class ArcSolution:
         return plans
 
     def has_lost_arcs(self) -> bool:
-        """Whether an arc shrank to nothing."""
+        """Tell whether an arc shrank to nothing."""
         return any(
             _is_gone(plan, piece)
             for index, plan in enumerate(self.plans)
@@ -65,7 +65,7 @@ class ArcSolution:
         )
 
     def revised(self) -> list[ArcPlan]:
-        """Plans with the arcs that the solution asks for; first without those that are none."""
+        """Plan the arcs that the solution asks for; first without those that are none."""
         wrong = {} if self.has_lost_arcs() else wrong_signs(self)
         plans = []
         for index, (plan, solved) in enumerate(zip(self.plans, self.as_solved(), strict=True)):
@@ -87,7 +87,7 @@ class ArcSolution:
 
 
 def _laid_out(arcs: Sequence[PlannedArc], lengths: Sequence[float]) -> tuple[PlannedArc, ...]:
-    """Arcs one after the other, in proportion to their lengths."""
+    """Put arcs one after the other, in proportion to their lengths."""
     ends = np.cumsum([0.0, *lengths])
     pairs = itertools.pairwise((ends / ends[-1]).tolist())
     return tuple(replace(arc, begin=a, end=b) for arc, (a, b) in zip(arcs, pairs, strict=True))
@@ -98,15 +98,13 @@ def _is_gone(plan: ArcPlan, piece: PhaseSolution) -> bool:
 
 
 def _held_at_limits(plan: ArcPlan, arc: PlannedArc, piece: PhaseSolution) -> list[PlannedArc]:
-    """A free arc, divided where what nothing held is at a limit all along some intervals."""
-    own = copy.copy(phase_layout(piece).phase)
-    declared = plan.declared
-    pairs = zip(own.controls, declared.controls, strict=True)
-    own.controls = [replace(c, lower=d.lower, upper=d.upper) for c, d in pairs]
-    pairs = zip(own.constraints, declared.constraints, strict=False)
-    own.constraints = [replace(c, lower=d.lower, upper=d.upper) for c, d in pairs]
-    sides = {(a.name, a.component, True): a.sides for a in control_activities(piece, jumping(own))}
-    sides |= {(a.name, a.component, False): a.sides for a in mixed_limits(piece, own)}
+    """Divide a free arc where what nothing held is at a limit all along some intervals."""
+    phase = copy.copy(phase_layout(piece).phase)
+    for kind, strict in (("controls", True), ("constraints", False)):  # with the declared limits
+        pairs = zip(getattr(phase, kind), getattr(plan.declared, kind), strict=strict)
+        setattr(phase, kind, [replace(k, lower=d.lower, upper=d.upper) for k, d in pairs])
+    activities = [*control_activities(piece, jumping(phase)), *mixed_limits(piece, phase)]
+    sides = {(a.name, a.component, a.limit is None): a.sides for a in activities}
     table = np.tile(arc.signature, (piece.mesh.size - 1, 1))
     for k, column in enumerate(plan.columns):
         if not arc.signature[k]:
@@ -138,7 +136,7 @@ def _freed_where_wrong(
     wrong: Sequence[WrongSign],
     beside: Sequence[tuple[int, ...]],
 ) -> list[PlannedArc]:
-    """An arc, divided where what is held leaves its limit."""
+    """Divide an arc where what is held leaves its limit."""
     places = sorted({0.0, 1.0, *(w.begin for w in wrong), *(w.end for w in wrong)})
     length = arc.end - arc.begin
     arcs = []
@@ -158,7 +156,7 @@ def _freed_where_wrong(
 
 
 def _met_on(plan: ArcPlan, piece: PhaseSolution, begin: float, end: float) -> list[tuple[int, int]]:
-    """Columns and sides of limits of the states that are met on a part of an arc."""
+    """List columns and sides of limits of the states that are met on a part of an arc."""
     first = max(int(np.searchsorted(piece.mesh, begin, side="right")) - 1, 0)
     last = int(np.searchsorted(piece.mesh, end - 1e-9))
     met = []
@@ -173,7 +171,7 @@ def _met_on(plan: ArcPlan, piece: PhaseSolution, begin: float, end: float) -> li
 
 
 def wrong_signs(solved: ArcSolution) -> dict[str, list[WrongSign]]:
-    """By the name of an arc, where multipliers of what is held have the sign of the other limit."""
+    """Find, by the name of an arc, where multipliers of what is held have the wrong sign."""
     multipliers = _multipliers(solved.solution)
     wrong: dict[str, list[WrongSign]] = {}
     for index, plan in enumerate(solved.plans):
@@ -200,7 +198,7 @@ def wrong_signs(solved: ArcSolution) -> dict[str, list[WrongSign]]:
 
 
 def _multipliers(solution: Solution) -> dict[tuple[str, str, str, int], list[float]]:
-    """Multipliers of controls and constraints, by phase, kind, name and component."""
+    """Gather multipliers by phase, kind, name and component."""
     layouts = [phase_layout(phase) for phase in solution.phases]
     labels = [*variable_labels(layouts), *row_labels(layouts)]
     values = [*np.asarray(solution.variable_multipliers), *np.asarray(solution.row_multipliers)]
@@ -212,7 +210,7 @@ def _multipliers(solution: Solution) -> dict[tuple[str, str, str, int], list[flo
 
 
 def _density(piece: PhaseSolution, multipliers: Sequence[float]) -> tuple[FloatArray, FloatArray]:
-    """Fractions of an arc, and a multiplier there by its weight in time."""
+    """Return fractions of an arc, and a multiplier there by its weight in time."""
     count = piece.mesh.size - 1
     table = np.array(multipliers[: len(multipliers) // count * count]).reshape(count, -1)
     scheme = Collocation("radau", table.shape[1])
@@ -223,7 +221,7 @@ def _density(piece: PhaseSolution, multipliers: Sequence[float]) -> tuple[FloatA
 
 
 def _negative(at: FloatArray, values: FloatArray, least: float) -> list[tuple[float, float]]:
-    """Where values are negative, in spans on which they come below ``-least`` somewhere."""
+    """Find spans of negative values that come below ``-least`` somewhere."""
 
     def edge(k: int) -> float:
         if k in (0, values.size):
@@ -239,7 +237,7 @@ def _negative(at: FloatArray, values: FloatArray, least: float) -> list[tuple[fl
 
 
 def with_finer_meshes(solved: ArcSolution, intervals: Mapping[str, int]) -> list[ArcPlan]:
-    """Plans with the same arcs where the solution has them, with more intervals."""
+    """Plan the same arcs where the solution has them, with more intervals."""
     return [
         replace(
             plan,

@@ -80,11 +80,9 @@ class SwitchingTimeSettings:
 
     Attributes
     ----------
-    degree : of Radau collocation on an arc on which everything is determined
-    free_degree : where a control is free: more would let it swing where it is singular
+    degree : of Radau collocation
     coarser : intervals of the mesh that an arc is read from, for one of its own
     least_intervals, most_intervals : of an arc at first: the order is high
-    least_free_intervals : where a control is free: fewer hide what it does
     finest : intervals of an arc that is divided to keep a limit between its points
     costlier : ratio by which arcs may cost more than the solution that they are read from
     wrong_sign : of its largest: a multiplier of the wrong sign that is larger says that a switch is
@@ -95,11 +93,9 @@ class SwitchingTimeSettings:
     """
 
     degree: int = 5
-    free_degree: int = 3
     coarser: int = 3
     least_intervals: int = 2
     most_intervals: int = 8
-    least_free_intervals: int = 6
     finest: int = 64
     costlier: float = 1e-3
     wrong_sign: float = 1e-3

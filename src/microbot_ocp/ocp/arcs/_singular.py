@@ -69,7 +69,7 @@ class SingularArcs:
     samples: tuple[Sample, ...]
 
     def sample(self, t: FloatArray) -> dict[str, FloatArray]:
-        """All variables at times since the start; at a junction of the arc that begins there."""
+        """Sample all variables at times since the start."""
         return joined(self.samples, self.lengths)(t)
 
 
@@ -78,7 +78,7 @@ class NotPossibleError(Exception):
 
 
 def costate_sample(phases: Sequence[PhaseSolution], solution: Solution) -> Sample:
-    """Costates at times since the start, by the multipliers of the rows of the dynamics."""
+    """Sample costates at times since the start, by the multipliers of the rows of the dynamics."""
     tables: dict[str, list[FloatArray]] = {}
     times, start = [], 0.0
     multipliers = np.asarray(solution.row_multipliers, dtype=float)
@@ -118,7 +118,7 @@ def solve_conditions(
 
 
 def _refuse(problem: OptimalControlProblem, plan: ArcPlan) -> None:
-    """Say what the conditions would have to know more of."""
+    """Refuse what the conditions would have to know more of."""
     phase = plan.declared
     reasons = {
         "the problem has several phases": len(problem.phases) > 1,
@@ -150,7 +150,7 @@ class _Law:
     terms: ca.Function
 
     def controls(self, *values: ca.MX) -> ca.MX:
-        """Of symbols of states, costates and time."""
+        """Return the controls by symbols of states, costates and time."""
         parts = [ca.MX(float(value)) for value in self.held]
         if self.free is not None:
             x, costate, time = values
@@ -193,7 +193,7 @@ class _Conditions:
     def declared(
         self, expressions: Sequence[ca.MX], x: ca.MX, u: ca.MX, time: ca.MX
     ) -> list[ca.MX]:
-        """Declared expressions of other symbols."""
+        """Write declared expressions with other symbols."""
         phase = self.plan.declared
         symbols = [
             *(v.symbol for v in (*phase.states, *phase.controls)),
@@ -232,15 +232,15 @@ class _Conditions:
         return _Law(held, singular, ca.Function("terms", self.arguments, terms))
 
     def _switching_near(self) -> list[FloatArray]:
-        """Switching functions [m, M] along the arcs of the solution that is near."""
+        """Evaluate switching functions [m, M] along the arcs of the solution that is near."""
         return [_values(self.along, *self._nearby(arc))[-1] for arc in self.plan.arcs]
 
     def _times(self, arc: PlannedArc) -> FloatArray:
-        """Times at which an arc is looked at."""
+        """Return times at which an arc is looked at."""
         return self.plan.duration * np.linspace(arc.begin, arc.end, SINGULAR.checked)
 
     def _nearby(self, arc: PlannedArc) -> list[FloatArray]:
-        """States, costates, controls and times along an arc of the solution that is near."""
+        """Sample states, costates, controls and times along an arc of the solution that is near."""
         t = self._times(arc)
         values, costates = self.plan.sample(t), self.costates(t)
         tables = ((values, self.state_parts), (costates, self.state_parts))
@@ -248,7 +248,7 @@ class _Conditions:
         return [*(np.hstack([v[name] for name in parts]).T for v, parts in tables), t[None, :]]
 
     def _refuse_higher_order(self) -> None:
-        """The singular control must appear in the second derivative of its switching function."""
+        """Demand the singular control in the second derivative of its switching function."""
         for arc, law in zip(self.plan.arcs, self.laws, strict=True):
             if law.free is None:
                 continue
@@ -305,7 +305,7 @@ class _Conditions:
         return ca.vertcat(*x), ca.vertcat(*costates)
 
     def _at_end(self, state: Variable, given: Any, time: float) -> tuple[np.ndarray, FloatArray]:
-        """Which components are fixed at an end, and their values."""
+        """Tell which components are fixed at an end, and their values."""
         if given is None:
             return np.zeros(state.size, dtype=bool), np.zeros(state.size)
         value = self.plan.sample(np.array([time]))[state.name][0]
@@ -330,7 +330,7 @@ class _Conditions:
         values: list[ca.MX],
         switching: ca.MX,
     ) -> None:
-        """What vanishes where an arc ends, as squares.
+        """Declare what vanishes where an arc ends, as squares.
 
         Where a singular arc begins or ends the motion, one of these follows from what holds there:
         as equations they would be one too many.
@@ -351,7 +351,7 @@ class _Conditions:
     def _end(
         self, phase: Phase, x: ca.MX, costate: ca.MX, clock: ca.MX, hamiltonian: ca.MX
     ) -> None:
-        """Transversality: costates and Hamiltonian by the prices of what holds at the end."""
+        """Declare transversality: costates and Hamiltonian by the prices of end conditions."""
         near, declared = self.plan, self.plan.declared
         there, time = ca.MX.sym("there", self.size), ca.MX.sym("time")
         none = ca.MX.zeros(self.lower.size)
@@ -480,12 +480,12 @@ class _Conditions:
     def _along_arc(
         self, phase: PhaseSolution, law: _Law
     ) -> tuple[list[FloatArray], FloatArray, list[FloatArray]]:
-        """Values, switching functions and terms of the law along an arc."""
+        """Evaluate values, switching functions and terms of the law along an arc."""
         tables = self._of(phase.sample(np.linspace(0.0, phase.duration, SINGULAR.checked)), law)
         return tables, _values(self.along, *tables)[-1], _values(law.terms, *tables)
 
     def _of(self, values: dict[str, FloatArray], law: _Law) -> list[FloatArray]:
-        """States, costates, controls and times [*, M] of sampled values."""
+        """Stack states, costates, controls and times [*, M] of sampled values."""
         x = np.hstack([values[name] for name in self.state_parts]).T
         costate = np.hstack([values[COSTATE + name] for name in self.state_parts]).T
         time = values[CLOCK].T
@@ -504,7 +504,7 @@ class _Conditions:
         return sample
 
     def _check_limits(self, tables: Sequence[Any]) -> None:
-        """No limit of states, path constraint or bound of a control is exceeded."""
+        """Demand that no limit of states, path constraint or bound of a control is exceeded."""
         phase = self.plan.declared
         limits = [*phase.states, *phase.controls, *phase.constraints]
         x, _, u, time = self.arguments
@@ -527,7 +527,7 @@ def _values(run: ca.Function, *tables: FloatArray) -> list[FloatArray]:
 
 
 def _parts(variables: Sequence[Variable]) -> dict[str, slice]:
-    """Rows of every variable, one below the other."""
+    """Return the rows of every variable, one below the other."""
     edges = np.cumsum([0, *(v.size for v in variables)]).tolist()
     return {
         v.name: slice(a, b) for v, (a, b) in zip(variables, itertools.pairwise(edges), strict=True)
@@ -541,7 +541,7 @@ def _along(places: FloatArray, table: FloatArray) -> Callable[[FloatArray], Floa
 def _met(
     values: FloatArray, lower: FloatArray, upper: FloatArray, scale: FloatArray
 ) -> tuple[np.ndarray, FloatArray]:
-    """Which of some values are at a bound, and the bounds that they are at."""
+    """Tell which of some values are at a bound, and the bounds that they are at."""
     reach = upper - lower
     near = SINGULAR.at_end * np.where(np.isfinite(reach), reach, scale)
     at_lower, at_upper = values <= lower + near, values >= upper - near

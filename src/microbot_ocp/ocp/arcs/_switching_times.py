@@ -39,7 +39,7 @@ from microbot_ocp.ocp.arcs._revision import ArcSolution, with_finer_meshes, wron
 from microbot_ocp.ocp.arcs._settings import CUTTER, HIGH_ORDER, SWITCHING
 from microbot_ocp.ocp.arcs._singular import NotPossibleError, solve_conditions
 from microbot_ocp.ocp.mesh import divide, excess_of_limits, state_errors
-from microbot_ocp.ocp.problem import OptimalControlProblem, Phase
+from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.solution import (
     PhaseSolution,
     Solution,
@@ -49,8 +49,7 @@ from microbot_ocp.ocp.solution import (
     scaled,
 )
 from microbot_ocp.ocp.solvers import SolverSettings, solve
-from microbot_ocp.ocp.transcription import Mesh, Transcription
-from microbot_ocp.ocp.verification import phase_layout
+from microbot_ocp.ocp.transcription import Transcription
 
 SETTINGS = SolverSettings(
     "ipopt", tolerance=1e-10, gap=1e-7, initial_barrier=1e-4, max_iterations=300
@@ -137,7 +136,7 @@ def solve_switching_times(
 
 
 def _planned(phase: PhaseSolution) -> ArcPlan:
-    """The arcs that a solution shows, with meshes that suit a scheme of high order."""
+    """Plan the arcs that a solution shows, with meshes that suit a scheme of high order."""
     plan = plan_of(phase)
     least, most = SWITCHING.least_intervals, SWITCHING.most_intervals
     arcs = [
@@ -178,7 +177,7 @@ class _Search:
     def run(self, rounds: int) -> SwitchingTimes:
         """Go round the steps of the header."""
         solved: ArcSolution | None = None
-        error = np.inf
+        measured, error = solved, np.inf
         verdict = None
         until = deadline.until()
         for done in range(rounds):
@@ -198,14 +197,14 @@ class _Search:
             if singular is not None:
                 return singular
             errors = state_errors(solved.solution)
-            error = max(float(e.max()) for e in errors)
+            measured, error = solved, max(float(e.max()) for e in errors)
             finer = self._finer(solved, errors)
             unkept = any(finer[p.name] > p.mesh.size - 1 for p in solved.solution.phases)
             if error <= self.accuracy and not (unkept and done < rounds - 1):
                 verdict = self._judged(solved)
                 break
             self.plans = with_finer_meshes(solved, finer)
-        return self._answer(solved, error, verdict)
+        return self._answer(measured, error, verdict)
 
     def _stopped(self, until: float) -> _Verdict | None:
         most = 2 * CUTTER.most_arcs  # short ones may turn out to be none
@@ -222,10 +221,8 @@ class _Search:
         if self.transcribed is None or self.transcribed[0] != signatures:
             scaled_problem = scaled(in_arcs.problem, in_arcs.guesses)
             self.transcribed = signatures, self.transcribe(scaled_problem, scheme=HIGH_ORDER)
-        pairs = zip(in_arcs.problem.phases, in_arcs.meshes, strict=True)
-        meshes = [_with_degree(piece, mesh) for piece, mesh in pairs]
-        solution = solve(self.transcribed[1], meshes, in_arcs.guesses, self.settings)
-        self.progress(f"{len(meshes)} arcs: cost {solution.cost:.12g}, {solution.status}")
+        solution = solve(self.transcribed[1], in_arcs.meshes, in_arcs.guesses, self.settings)
+        self.progress(f"{len(in_arcs.meshes)} arcs: cost {solution.cost:.12g}, {solution.status}")
         return ArcSolution(tuple(self.plans), in_arcs.groups, solution)
 
     def _revise(self, solved: ArcSolution) -> bool:
@@ -237,7 +234,7 @@ class _Search:
         return True
 
     def _determine(self, solved: ArcSolution) -> SwitchingTimes | None:
-        """The answer with its singular arcs by their own conditions, where these can be solved."""
+        """Answer with singular arcs by their own conditions, where these can be solved."""
         # dynamics with derivatives of their own have no higher ones
         possible = self.transcribe is Transcription and bool(_undetermined(solved.plans))
         if self.why_not_singular or not possible:
@@ -259,13 +256,13 @@ class _Search:
         )
 
     def _finer(self, solved: ArcSolution, errors: Sequence[np.ndarray]) -> dict[str, int]:
-        """Intervals that every arc gets: for its dynamics, and for limits between its points."""
+        """Count intervals of every arc: for its dynamics, and for limits between points."""
         intervals = {}
         rows = excess_of_limits(solved.solution)[0]
         for piece, error, excess in zip(solved.solution.phases, errors, rows, strict=True):
             count = piece.mesh.size - 1
-            order = int(phase_layout(piece).kinds[0].scheme.order)
-            intervals[piece.name] = divide(piece.mesh, error, self.accuracy, order).size - 1
+            divided = divide(piece.mesh, error, self.accuracy, HIGH_ORDER.order)
+            intervals[piece.name] = divided.size - 1
             ratio = excess.max(initial=0.0) / SWITCHING.kept
             if ratio > 1.0 and count < SWITCHING.finest:
                 parts = int(np.clip(np.ceil(ratio ** (1 / SWITCHING.degree)), 2, 4))
@@ -273,7 +270,7 @@ class _Search:
         return intervals
 
     def _judged(self, solved: ArcSolution) -> _Verdict:
-        """Whether the arcs are those of a local optimum, and why not."""
+        """Judge whether the arcs are those of a local optimum, and why not."""
         solution, first = solved.solution, self.first
         if solution.cost > first.cost + SWITCHING.costlier * abs(first.cost):
             return _Verdict(
@@ -315,13 +312,13 @@ class _Search:
             advice += _undetermined(self.plans)
             if self.why_not_singular:
                 advice += f" Its own conditions do not determine it: {self.why_not_singular}."
-        if solved is None or not np.isfinite(error):
+        if solved is None:
             return SwitchingTimes(status, advice, (), self.first)
         junctions, pieces = [], {}
         for index, plan in enumerate(solved.plans):
-            own = solved.pieces(index)
-            junctions += junctions_of(plan, [piece.duration for piece in own])
-            pieces[plan.declared.name] = tuple(piece.name for piece in own)
+            phases = solved.pieces(index)
+            junctions += junctions_of(plan, [phase.duration for phase in phases])
+            pieces[plan.declared.name] = tuple(phase.name for phase in phases)
         return SwitchingTimes(status, advice, tuple(junctions), solved.solution, pieces, error)
 
 
@@ -340,7 +337,7 @@ def _not_solved(attempt: ArcSolution) -> _Verdict:
 
 
 def _undetermined(plans: Sequence[ArcPlan]) -> str:
-    """What is said of the time in which fewer limits act than there are controls."""
+    """Describe the time in which fewer limits act than there are controls."""
     shares = {
         plan.declared.name: sum(
             arc.end - arc.begin for arc in plan.arcs if plan.is_undetermined(arc)
@@ -352,12 +349,3 @@ def _undetermined(plans: Sequence[ArcPlan]) -> str:
         f" Along {where} fewer limits act than there are controls: a control is singular there, or "
         "other solutions are as good, and it has no switching times of its own."
     )
-
-
-def _with_degree(piece: Phase, mesh: Mesh) -> Mesh:
-    """The mesh of an arc, of a lower degree where something is free on it."""
-    equations = sum(int(np.sum(c.lower == c.upper)) for c in piece.constraints)
-    free = sum(int(np.sum(c.lower < c.upper)) for c in piece.controls if c.shape == "polynomial")
-    if free <= equations:
-        return Mesh(mesh.fractions, SWITCHING.degree)
-    return Mesh(max(mesh.intervals, SWITCHING.least_free_intervals), SWITCHING.free_degree)
