@@ -170,6 +170,14 @@ def test_what_does_not_work_is_said():
     phase.derivative(phase.states[0].symbol, phase.states[1].symbol * phase.duration)
     with pytest.raises(InputError, match="cannot be cut into arcs"):
         solve_switching_times(scaled, solve(scaled, 20))
+    halfway = OptimalControlProblem("halfway")
+    phase = halfway.phase("only", 2.0)
+    x, u = phase.state("x", initial=1.0), phase.control("u", lower=-1.0, upper=1.0)
+    phase.derivative(x, u)
+    phase.running_cost(x**2)
+    phase.point_constraint("halfway", x, 0.0, 0.6, at=1.0)
+    with pytest.raises(InputError, match="demanded at points within it"):
+        solve_switching_times(halfway, solve(halfway, 20))
 
 
 def another():

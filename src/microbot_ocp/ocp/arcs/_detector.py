@@ -310,7 +310,7 @@ def mixed_limits(phase: PhaseSolution, declared: Phase) -> list[Activity]:
 # switches -----------------------------------------------------------------------------------------
 
 
-class Run(NamedTuple):
+class SideRun(NamedTuple):
     """Intervals from ``begin`` until before ``after`` with one side."""
 
     begin: int
@@ -318,12 +318,12 @@ class Run(NamedTuple):
     side: int
 
 
-def runs(sides: np.ndarray) -> list[Run]:
+def runs(sides: np.ndarray) -> list[SideRun]:
     """Join neighbouring intervals that have a side in common; of rows [N, K], all sides."""
     table = sides.reshape(len(sides), -1)
     edges = np.flatnonzero(np.any(np.diff(table, axis=0) != 0, axis=1)) + 1
     pairs = itertools.pairwise([0, *edges.tolist(), len(table)])
-    return [Run(a, b, int(table[a, 0])) for a, b in pairs]
+    return [SideRun(a, b, int(table[a, 0])) for a, b in pairs]
 
 
 def find_switches(phase: PhaseSolution) -> tuple[Switch, ...]:

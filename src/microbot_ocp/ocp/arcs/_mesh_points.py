@@ -11,7 +11,14 @@ from numpy.typing import ArrayLike
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.arcs._cutter import cut, is_cuttable
-from microbot_ocp.ocp.arcs._detector import Run, Switch, control_activities, jumping, plan_of, runs
+from microbot_ocp.ocp.arcs._detector import (
+    SideRun,
+    Switch,
+    control_activities,
+    jumping,
+    plan_of,
+    runs,
+)
 from microbot_ocp.ocp.arcs._settings import CUTTER, MESH_POINTS
 from microbot_ocp.ocp.problem import OptimalControlProblem, Phase
 from microbot_ocp.ocp.solution import PhaseSolution, Solution
@@ -84,7 +91,7 @@ def _ends(declared: Phase, pieces: Sequence[PhaseSolution]) -> FloatArray:
     return places[apart & (places > CUTTER.gone)]
 
 
-def _control_runs(piece: PhaseSolution, declared: Phase) -> list[Run]:
+def _control_runs(piece: PhaseSolution, declared: Phase) -> list[SideRun]:
     activities = control_activities(piece, jumping(declared))
     return runs(np.stack([a.sides for a in activities], axis=1)) if activities else []
 

@@ -27,7 +27,7 @@ from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.arcs._detector import ArcPlan, PlannedArc, Sample, joined
-from microbot_ocp.ocp.arcs._settings import HIGH_ORDER, SINGULAR
+from microbot_ocp.ocp.arcs._settings import CUTTER, HIGH_ORDER, SINGULAR
 from microbot_ocp.ocp.mesh import divide, state_errors
 from microbot_ocp.ocp.problem import OptimalControlProblem, PathConstraint, Phase, Variable
 from microbot_ocp.ocp.solution import PhaseSolution, Solution, cost_size, guess_from, scaled
@@ -114,7 +114,7 @@ def solve_conditions(
         The problem is none of those that this is for, or the answer is not accepted.
     """
     _refuse(problem, plan)
-    return _Conditions(plan, solution).solved(accuracy)
+    return _FirstOrderConditions(plan, solution).solved(accuracy)
 
 
 def _refuse(problem: OptimalControlProblem, plan: ArcPlan) -> None:
@@ -154,12 +154,12 @@ class _Law:
         parts = [ca.MX(float(value)) for value in self.held]
         if self.free is not None:
             x, costate, time = values
-            _, rest, share = self.terms(x, costate, self.held, time)
-            parts[self.free] = -rest / share
+            _, rest, factor = self.terms(x, costate, self.held, time)
+            parts[self.free] = -rest / factor
         return ca.vertcat(*parts)
 
 
-class _Conditions:
+class _FirstOrderConditions:
     """The canonical equations of a phase, and what holds where its arcs meet."""
 
     def __init__(self, plan: ArcPlan, solution: Solution) -> None:
@@ -269,7 +269,7 @@ class _Conditions:
             first, last = index == 0, index == len(self.laws) - 1
             name = f"{self.plan.declared.name} {index + 1}"
             reach = self.plan.duration
-            phase = conditions.phase(name, (SINGULAR.shortest * reach, 3.0 * reach))
+            phase = conditions.phase(name, (SINGULAR.shortest * reach, CUTTER.longest * reach))
             x, costate = self._moving(phase, first, last)
             clock = phase.state(CLOCK, initial=0.0 if first else None)
             cost = phase.state(COST, initial=0.0 if first else None)
@@ -491,8 +491,8 @@ class _Conditions:
         time = values[CLOCK].T
         u = np.tile(law.held[:, None], (1, time.size))
         if law.free is not None:
-            _, rest, share = _values(law.terms, x, costate, u, time)
-            u[law.free] = -rest[0] / share[0]
+            _, rest, factor = _values(law.terms, x, costate, u, time)
+            u[law.free] = -rest[0] / factor[0]
         return [x, costate, u, time]
 
     def _sample(self, phase: PhaseSolution, law: _Law) -> Sample:

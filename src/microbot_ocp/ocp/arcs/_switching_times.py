@@ -6,7 +6,7 @@ to a wanted accuracy. A bang-bang problem becomes a handful of equations for its
 Source: C. Y. Kaya and J. L. Noakes, *Computational method for time-optimal switching control*,
 J. Optim. Theory Appl. 117 (2003) 69-92.
 
-The loop (:meth:`_Search.run`) goes round with these steps, one solve each round:
+The loop (:meth:`_SwitchingSearch.run`) goes round with these steps, one solve each round:
 
 1. *solve* for the lengths of the arcs as they are planned. Where that fails the plan is dropped,
    and what follows is done with the arcs that were solved for last; without any the search ends.
@@ -131,7 +131,9 @@ def solve_switching_times(
                     f"phase {phase.name!r} cannot be cut into arcs: what holds along it depends on "
                     "its duration, or is demanded at points within it"
                 )
-        search = _Search(declared, first, accuracy, settings or SETTINGS, progress, transcribe)
+        search = _SwitchingSearch(
+            declared, first, accuracy, settings or SETTINGS, progress, transcribe
+        )
         return search.run(rounds)
 
 
@@ -154,7 +156,7 @@ class _Verdict:
     advice: str = ""
 
 
-class _Search:
+class _SwitchingSearch:
     """Solves with one phase an arc, and what changes between them."""
 
     def __init__(
