@@ -236,7 +236,7 @@ def timed_on_places(
             parts = np.maximum(parts, 1 + _switching(profile))
         parents = np.repeat(worst_in, parts)
         finer = profile.at_times(_with_parts(profile.t, parts))
-        finer = _Timing(family, curve, finer, fast).solved(PLACES.barriers[1])
+        finer = _Timing(family, curve, finer, fast).solved(PLACES.barriers[1], bent=True)
         if within and not finer.solved:
             break
         before = profile.duration
@@ -409,8 +409,11 @@ class _Timing:
         )
         self.fast = fast
 
-    def solved(self, barrier: float) -> Profile:
-        """Solve; with another linear solver from the start where the first one fails."""
+    def solved(self, barrier: float, bent: bool = False) -> Profile:
+        """Solve; with another linear solver from the start where the first one fails.
+
+        Without limits of rates s'' is linear in every interval unless it may be ``bent``.
+        """
         begin = time.perf_counter()
         n, start = self.start.a.size, self.start
         # s, and its derivatives, in the units of the program
@@ -420,8 +423,9 @@ class _Timing:
         h = np.maximum(np.diff(start.t), 1e-12 * self.time) / self.time
         x = np.concatenate([start.v / v, points / a, h, start.d / j])
         free, none = np.full(count, np.inf), np.full(n, np.inf)
-        # without rates s'' is linear: bent it would pass beside the few places where limits hold
-        bend = none if self.family.jerk_matters else 0.0 * h
+        # from a start that breaks limits a bent s'' would leap over them, between the few places at
+        # which they hold
+        bend = none if bent or self.family.jerk_matters else 0.0 * h
         low = np.concatenate([np.zeros(n + 1), -free, np.full(n, 1e-12), -bend])
         high = np.concatenate([self.speed, free, none, bend])
         for at, is_free in zip((0, n), self.free, strict=True):
