@@ -1,8 +1,7 @@
 """Public names; loaded when they are first asked for."""
 
 from ._mesh_error import (
-    MOST_PIECES as MOST_PIECES,
-    SAFETY as SAFETY,
+    DIVISION as DIVISION,
     divide as divide,
     excess_of_limits as excess_of_limits,
     state_errors as state_errors,

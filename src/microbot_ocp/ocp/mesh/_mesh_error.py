@@ -9,6 +9,8 @@ the error there is a quadrature of the residual over the interval).
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -27,8 +29,22 @@ from microbot_ocp.ocp.verification import (
     state_weights,
 )
 
-MOST_PIECES = 6  # into which an interval is divided at once: its error may be estimated badly
-SAFETY = 0.5  # share of the accuracy that the divided intervals aim at
+
+@dataclass(frozen=True)
+class Division:
+    """Into how many pieces an interval is divided.
+
+    Attributes
+    ----------
+    most_pieces : at once: an error may be estimated badly
+    safety : share of the accuracy that the divided intervals aim at
+    """
+
+    most_pieces: int = 6
+    safety: float = 0.5
+
+
+DIVISION = Division()
 
 
 def state_errors(solution: Solution) -> list[FloatArray]:
@@ -71,8 +87,8 @@ def divide(mesh: FloatArray, errors: FloatArray, accuracy: float, order: ArrayLi
     """
     if errors.max() <= accuracy:
         return mesh.copy()
-    wanted = np.ceil((errors / (SAFETY * accuracy)) ** (1.0 / (np.asarray(order) + 1)))
-    pieces = np.clip(wanted, 1, MOST_PIECES).astype(int)
+    wanted = np.ceil((errors / (DIVISION.safety * accuracy)) ** (1.0 / (np.asarray(order) + 1)))
+    pieces = np.clip(wanted, 1, DIVISION.most_pieces).astype(int)
     parts = [
         np.linspace(a, b, n, endpoint=False)
         for a, b, n in zip(mesh[:-1], mesh[1:], pieces, strict=True)

@@ -7,6 +7,8 @@ with more freedom gains is the error; where its controls differ most it arose.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
@@ -15,9 +17,23 @@ from microbot_ocp.ocp.transcription import Mesh, PhaseLayout
 from microbot_ocp.ocp.transcription.schemes import Collocation
 from microbot_ocp.ocp.verification import phase_layout, state_weights
 
-HIGHEST = 9  # degree of collocation
-# Of what halving gains of a second-order error, the whole is this many.
-HALVED = 4 / 3
+
+@dataclass(frozen=True)
+class CostErrorSettings:
+    """How the error of a cost is estimated.
+
+    Attributes
+    ----------
+    highest : degree of collocation
+    halved : times what halving gains of a second-order error is the whole
+    """
+
+    highest: int = 9
+    halved: float = 4 / 3
+
+
+SETTINGS = CostErrorSettings()
+
 PLACES = np.array([0.1, 0.3, 0.5, 0.7, 0.9])  # of an interval at which controls are compared
 
 
@@ -38,7 +54,7 @@ def _freer(layout: PhaseLayout) -> Mesh:
 def _raises(layout: PhaseLayout) -> bool:
     """Whether a degree more frees the controls of a phase, too."""
     return all(c.shape == "polynomial" for c in layout.phase.controls) and all(
-        isinstance(kind.scheme, Collocation) and kind.scheme.degree < HIGHEST
+        isinstance(kind.scheme, Collocation) and kind.scheme.degree < SETTINGS.highest
         for kind in layout.kinds
     )
 
@@ -46,7 +62,7 @@ def _raises(layout: PhaseLayout) -> bool:
 def cost_error(solution: Solution, freer: Solution) -> float:
     """Error of the cost, relative, from a solve with more freedom."""
     raised = all(_raises(phase_layout(phase)) for phase in solution.phases)
-    gained = abs(solution.cost - freer.cost) * (1.0 if raised else HALVED)
+    gained = abs(solution.cost - freer.cost) * (1.0 if raised else SETTINGS.halved)
     return gained / cost_size(solution.cost, solution.cost_scale)
 
 

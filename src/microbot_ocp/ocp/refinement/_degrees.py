@@ -15,16 +15,32 @@ from dataclasses import dataclass
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError
-from microbot_ocp.ocp.mesh import MOST_PIECES, SAFETY
+from microbot_ocp.ocp.mesh import DIVISION
 from microbot_ocp.ocp.solution import PhaseSolution
 from microbot_ocp.ocp.transcription import IntArray, Mesh
 from microbot_ocp.ocp.transcription.schemes import Collocation
 from microbot_ocp.ocp.verification import phase_layout, state_weights
 
-SMOOTH = 0.5  # rate from which a degree more is worth it: each coefficient a third of the last one
-ROUNDING = 1e-9  # coefficients below, relative to the size of their variable, say nothing
-MOST_RAISED = 3  # degrees at once: the rate may be estimated badly
-SPARE = 1e-3  # share of the accuracy below which an interval may do with a degree less
+
+@dataclass(frozen=True)
+class DegreeSettings:
+    """When a degree is raised or lowered.
+
+    Attributes
+    ----------
+    smooth : rate from which a degree more is worth it: each coefficient a third of the last one
+    rounding : coefficients below, relative to the size of their variable, say nothing
+    most_raised : degrees at once: the rate may be estimated badly
+    spare : share of the accuracy below which an interval may do with a degree less
+    """
+
+    smooth: float = 0.5
+    rounding: float = 1e-9
+    most_raised: int = 3
+    spare: float = 1e-3
+
+
+SETTINGS = DegreeSettings()
 
 
 @dataclass(frozen=True)
@@ -79,9 +95,9 @@ def _slowest(coefficients: FloatArray) -> FloatArray:
     envelope = np.maximum.accumulate(coefficients[..., ::-1], axis=-1)[..., ::-1][..., 1:]
     rates = np.full(envelope.shape[:2], np.inf)
     for place in np.ndindex(*rates.shape):
-        seen = np.flatnonzero(envelope[place] > ROUNDING)
+        seen = np.flatnonzero(envelope[place] > SETTINGS.rounding)
         if seen.size == 1 and envelope[place].size > 1:
-            rates[place] = -np.log10(ROUNDING / envelope[place][0])
+            rates[place] = -np.log10(SETTINGS.rounding / envelope[place][0])
         elif seen.size > 1:
             rates[place] = -np.polyfit(seen, np.log10(envelope[place][seen]), 1)[0]
     return rates.min(axis=0)
@@ -111,7 +127,7 @@ def refine_hp(
     assert mesh.degrees is not None
     points: list[float] = []
     chosen: list[int] = []
-    goal = SAFETY * accuracy
+    goal = DIVISION.safety * accuracy
     for k, degree in enumerate(mesh.degrees.tolist()):
         begin, end = mesh.fractions[k : k + 2]
         pieces, wanted = _choice(int(degree), float(errors[k]), float(rates[k]), goal, degrees)
@@ -124,16 +140,18 @@ def _choice(
     degree: int, error: float, rate: float, goal: float, degrees: Degrees
 ) -> tuple[int, int]:
     """Pieces of an interval and their degree."""
-    if error <= goal / SAFETY:
-        spare = error <= SPARE * goal and rate >= SMOOTH and degree > degrees.least
+    if error <= goal / DIVISION.safety:
+        spare = (
+            error <= SETTINGS.spare * goal and rate >= SETTINGS.smooth and degree > degrees.least
+        )
         return 1, degree - spare
     missing = np.log10(max(error / goal, 1.0)) if np.isfinite(error) else np.inf
-    if rate >= SMOOTH and np.isfinite(missing):
-        raised = int(np.clip(np.ceil(missing / (2 * rate)), 1, MOST_RAISED))
+    if rate >= SETTINGS.smooth and np.isfinite(missing):
+        raised = int(np.clip(np.ceil(missing / (2 * rate)), 1, SETTINGS.most_raised))
         if degree + raised <= degrees.most:
             return 1, degree + raised
     pieces = np.ceil(10 ** min(missing / (2 * degree), 1.0))
-    return int(np.clip(pieces, 2, MOST_PIECES)), degree
+    return int(np.clip(pieces, 2, DIVISION.most_pieces)), degree
 
 
 def degrees_on(fractions: FloatArray, mesh: Mesh) -> IntArray:

@@ -36,7 +36,7 @@ from ._scaling import (
     scaled as scaled,
 )
 from ._solution import (
-    AGREED as AGREED,
+    RIVALS as RIVALS,
     Attempt as Attempt,
     PhaseSolution as PhaseSolution,
     Solution as Solution,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from functools import cached_property, partial
 
 import casadi as ca
@@ -12,18 +13,37 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp.problem import OptimalControlProblem, Phase, Variable
 from microbot_ocp.ocp.transcription import Guess, GuessValue, guess_table
 
-SHARES = (0.5, 0.2, 0.1, 0.8, 0.0, 1.0)  # of the range of all controls that are tried
-STEPS = ((0.2, 1.0), (0.8, 0.0), (0.0, 1.0), (1.0, 0.0))  # shares of both halves of every phase
-MIDDLE = 50  # the point at which controls change, and as many are integrated at once
+
+@dataclass(frozen=True)
+class RolloutSettings:
+    """Which controls are simulated, and how.
+
+    Attributes
+    ----------
+    levels : of the range of all controls that are tried, as shares of it
+    steps : the same in both halves of every phase
+    middle : the point at which controls change, and as many are integrated at once
+    tolerance : of the integrator, relative
+    small : the same, absolute
+    explodes : times the size of the usual guess: what grows so is no start, nor gives scales
+    """
+
+    levels: tuple[float, ...] = (0.5, 0.2, 0.1, 0.8, 0.0, 1.0)
+    steps: tuple[tuple[float, float], ...] = ((0.2, 1.0), (0.8, 0.0), (0.0, 1.0), (1.0, 0.0))
+    middle: int = 50
+    tolerance: float = 1e-6
+    small: float = 1e-10
+    explodes: float = 1e4
+
+
+SETTINGS = RolloutSettings()
+
 FACTORS = 10.0 ** np.arange(-6.0, 9.5, 0.5)  # times the usual durations
-POINTS = 2 * MIDDLE + 1  # of every phase
+POINTS = 2 * SETTINGS.middle + 1  # of every phase
 GRID = np.linspace(0.0, 1.0, POINTS)
 Range = tuple[FloatArray, FloatArray]
 Ranges = Mapping[str, Mapping[str, Range]]
 Share = float | np.random.Generator  # of the range of a control; at random
-
-TOLERANCE, SMALL = 1e-6, 1e-10  # relative, absolute
-EXPLODES = 1e4  # times the size of the usual guess: what grows so is no start, nor gives scales
 
 
 def rollout(
@@ -127,7 +147,9 @@ class Rollouts:
         self, durations: Mapping[str, float], *, steps: bool
     ) -> list[tuple[dict[str, Guess], float]]:
         """Guesses with how far they are, the nearest first."""
-        pairs = [(share, share) for share in SHARES] + list(STEPS if steps else ())
+        pairs = [(share, share) for share in SETTINGS.levels] + list(
+            SETTINGS.steps if steps else ()
+        )
         tried = [
             self._simulated(durations, share) for share in (pairs if self.bounded else pairs[:1])
         ]
@@ -138,13 +160,16 @@ class Rollouts:
         time; always the same."""
         draw = np.random.default_rng(0)
         for _ in range(count):
-            change = int(draw.integers(MIDDLE // 5, POINTS - MIDDLE // 5))
+            change = int(draw.integers(SETTINGS.middle // 5, POINTS - SETTINGS.middle // 5))
             guess, miss = self._simulated({}, (draw, draw), change)
             if np.isfinite(miss):
                 yield guess
 
     def _simulated(
-        self, durations: Mapping[str, float], shares: tuple[Share, Share], change: int = MIDDLE
+        self,
+        durations: Mapping[str, float],
+        shares: tuple[Share, Share],
+        change: int = SETTINGS.middle,
     ) -> tuple[dict[str, Guess], float]:
         """Guesses, and how far they are from bounds and conditions, relative to their sizes."""
         guesses, miss = {}, 0.0
@@ -177,7 +202,7 @@ class Rollouts:
                 last[state.name] = kept[-1]
                 size = np.maximum(np.abs(kept).max(axis=0), 1e-6)
                 usual = np.abs(_values(own, state, np.array([0.0, 1.0]))).max(axis=0)
-                if np.any(size > EXPLODES * np.maximum(usual, 1.0)):
+                if np.any(size > SETTINGS.explodes * np.maximum(usual, 1.0)):
                     miss = np.inf
                 miss += float((np.abs(part - kept).max(axis=0) / size).sum())
                 if state.final is not None:
@@ -253,7 +278,7 @@ class _Integrators:
         self.z = np.concatenate(
             [*(_values(own, a, np.zeros(1))[0] for a in phase.algebraics), np.zeros(0)]
         )
-        self.half = self._made(GRID[1 : MIDDLE + 1])
+        self.half = self._made(GRID[1 : SETTINGS.middle + 1])
 
     @cached_property
     def step(self) -> ca.Function:
@@ -261,7 +286,7 @@ class _Integrators:
         return self._made(GRID[1:2])
 
     def _made(self, until: FloatArray) -> ca.Function:
-        options = {"abstol": SMALL, "reltol": TOLERANCE, "max_num_steps": 500}
+        options = {"abstol": SETTINGS.small, "reltol": SETTINGS.tolerance, "max_num_steps": 500}
         options |= {"show_eval_warnings": False, "disable_internal_warnings": True}
         kind = "idas" if self.phase.algebraics else "cvodes"
         return ca.integrator("rollout", kind, self.dae, 0.0, until, options)
@@ -280,7 +305,7 @@ class _Integrators:
         while first < POINTS - 1:
             held = [c[int(first >= change)] for c in controls.values()]
             given = np.concatenate([[GRID[first], duration], *held])
-            count = min(MIDDLE, (change if first < change else POINTS - 1) - first)
+            count = min(SETTINGS.middle, (change if first < change else POINTS - 1) - first)
             try:
                 found = self.half(x0=x, z0=z, p=given)
                 xs, zs = np.array(found["xf"]).T[:count], np.array(found["zf"]).T[:count]

@@ -28,13 +28,35 @@ from microbot_ocp.ocp.solution._rollout import rollouts
 from microbot_ocp.ocp.solution._solution import Solution
 from microbot_ocp.ocp.transcription import Guess, GuessValue, Program, guess_table
 
-POINTS = 40  # at which expressions are looked at
-ROUNDS = 10  # of sizes that follow from other sizes
-LOOSE = 1e3  # bounds that are wider, compared with the guess, say nothing of a control's size
-TINY = 1e-9  # share of its bounds, or of one, below which a guess says nothing of a size
-MISSED = 1e-6  # of the size that rates tell: less is a peak that the points of a simulation miss
-BAND = 10.0  # sizes within this factor of one are left alone
-COST, COST_BAND = 10.0, 100.0  # of the cost: change that is aimed at, and the same
+
+@dataclass(frozen=True)
+class ScalingSettings:
+    """How the sizes of variables and costs are found.
+
+    Attributes
+    ----------
+    points : along a guess, at which expressions are looked at
+    rounds : of sizes that follow from other sizes
+    loose : bounds that are so many times wider than the guess say nothing of a control's size
+    tiny : share of its bounds, or of one, below which a guess says nothing of a size
+    missed : share of the size that rates tell: less is a peak that the points of a simulation
+        miss
+    band : sizes within this factor of one are left alone
+    cost : change of the cost that is aimed at
+    cost_band : changes of the cost within this factor of one are left alone
+    """
+
+    points: int = 40
+    rounds: int = 10
+    loose: float = 1e3
+    tiny: float = 1e-9
+    missed: float = 1e-6
+    band: float = 10.0
+    cost: float = 10.0
+    cost_band: float = 100.0
+
+
+SETTINGS = ScalingSettings()
 
 
 def scaled(
@@ -103,7 +125,7 @@ def cost_scale(program: Program, x: FloatArray) -> float:
     A barrier of the size of the tolerance at every limit is then still small, compared with the
     cost.
     """
-    return float(_rounded(np.array(cost_change(program, x) / COST), COST_BAND))
+    return float(_rounded(np.array(cost_change(program, x) / SETTINGS.cost), SETTINGS.cost_band))
 
 
 def cost_change(program: Program, x: FloatArray) -> float:
@@ -116,7 +138,7 @@ def cost_change(program: Program, x: FloatArray) -> float:
     for point in (x, beside):
         slope = np.array(program.functions["gradient"](point, program.parameters)[1])
         sizes.append(float(np.abs(slope).sum()))
-    return max((size for size in sizes if np.isfinite(size)), default=COST)
+    return max((size for size in sizes if np.isfinite(size)), default=SETTINGS.cost)
 
 
 def _with_phases(problem: OptimalControlProblem, phases: Sequence[Phase]) -> OptimalControlProblem:
@@ -142,7 +164,7 @@ def _with_scales(
     return made
 
 
-def _rounded(size: FloatArray, band: float = BAND) -> FloatArray:
+def _rounded(size: FloatArray, band: float = SETTINGS.band) -> FloatArray:
     """Powers of ten; one where a size is near it, or unknown."""
     known = np.isfinite(size) & (size > 0)
     size = np.where(known, size, 1.0)
@@ -170,7 +192,7 @@ class _Look:
         if not (np.isfinite(guessed) and guessed > 0):
             guessed = float(ordinary.duration or 1.0)
         self.duration = guessed
-        self.share = np.linspace(0.0, 1.0, POINTS)
+        self.share = np.linspace(0.0, 1.0, SETTINGS.points)
         values = {} if given is None else given.values
         self.tables = {
             v.name: _samples(values.get(v.name, ordinary.values.get(v.name, 0.0)), v, self.share)
@@ -213,7 +235,7 @@ class _Look:
         reached = [self.reached.get(s.name, np.zeros(s.size)) for s in self.phase.states]
         most = np.concatenate(reached)
         most[most == 0] = np.inf
-        for _ in range(ROUNDS):
+        for _ in range(SETTINGS.rounds):
             sizes = self._stacked(self.variables)
             if np.isfinite(sizes).all():
                 return
@@ -221,7 +243,7 @@ class _Look:
             states = sum(s.size for s in self.phase.states)
             with np.errstate(all="ignore"):
                 forward = self.duration * _typical(np.abs(found.values))
-                forward = np.fmax(np.fmin(forward, most), MISSED * forward)
+                forward = np.fmax(np.fmin(forward, most), SETTINGS.missed * forward)
                 # what would move a state by its size during the phase
                 drive = sizes[:states, None] / (self.duration * _typical(np.abs(found.slopes)))
             drive[~np.isfinite(drive)] = np.inf
@@ -273,8 +295,10 @@ class _Look:
         symbols, points = [], []
         for v in self.variables:
             size = np.nan_to_num(self.sizes[v.name])
-            around = self.tables[v.name] + size * random.uniform(-1.0, 1.0, (POINTS, v.size))
-            around[: POINTS // 4] = self.tables[v.name][: POINTS // 4]
+            around = self.tables[v.name] + size * random.uniform(
+                -1.0, 1.0, (SETTINGS.points, v.size)
+            )
+            around[: SETTINGS.points // 4] = self.tables[v.name][: SETTINGS.points // 4]
             symbols.append(v.symbol)
             points.append(np.clip(around, v.lower, v.upper).T)
         moving = ca.vertcat(*symbols)
@@ -282,23 +306,28 @@ class _Look:
             assert control.rate is not None
             size = np.nan_to_num(self.sizes[control.name]) / self.duration
             symbols.append(control.rate)
-            points.append(size[:, None] * random.uniform(-1.0, 1.0, (control.size, POINTS)))
+            points.append(
+                size[:, None] * random.uniform(-1.0, 1.0, (control.size, SETTINGS.points))
+            )
             if rates:
                 moving = ca.vertcat(moving, control.rate)
         for parameter in self.phase.parameters:
             symbols.append(parameter.symbol)
-            points.append(np.tile(parameter.value[:, None], (1, POINTS)))
+            points.append(np.tile(parameter.value[:, None], (1, SETTINGS.points)))
         for data in self.phase.measurements:
             symbols.append(data.symbol)
-            points.append(data.value[np.arange(POINTS) % len(data.value)].T)
+            points.append(data.value[np.arange(SETTINGS.points) % len(data.value)].T)
         symbols += [self.phase.time, self.phase.duration]
-        points += [self.duration * self.share[None, :], np.full((1, POINTS), self.duration)]
+        points += [
+            self.duration * self.share[None, :],
+            np.full((1, SETTINGS.points), self.duration),
+        ]
         slopes = ca.densify(ca.jacobian(expression, moving))
         function = ca.Function("look", symbols, [ca.densify(expression), slopes])
         rows, columns = slopes.shape
-        values, table = (np.array(out) for out in function.map(POINTS)(*points))
+        values, table = (np.array(out) for out in function.map(SETTINGS.points)(*points))
         # every point is a block of columns
-        blocks = table.reshape(rows, POINTS, columns).transpose(1, 0, 2)
+        blocks = table.reshape(rows, SETTINGS.points, columns).transpose(1, 0, 2)
         return _Slopes(values.T, blocks)
 
 
@@ -320,13 +349,13 @@ def _size(variable: Variable, guess: FloatArray | None) -> FloatArray:
     if guess is not None:
         size = np.abs(guess).max(axis=0)
         # what a computation left instead of zero is no size
-        sizes.append(np.where(size > TINY * np.where(bounded, bounds, 1.0), size, 0.0))
+        sizes.append(np.where(size > SETTINGS.tiny * np.where(bounded, bounds, 1.0), size, 0.0))
     for condition in (variable.initial, variable.final):
         if condition is not None:
             sizes += [np.where(np.isfinite(side), np.abs(side), 0.0) for side in condition]
     typical = np.max(sizes, axis=0)
     if variable.shape not in ("state", "parameter"):  # controls go to their bounds
-        near = bounded & ((typical == 0) | (bounds <= LOOSE * typical))
+        near = bounded & ((typical == 0) | (bounds <= SETTINGS.loose * typical))
         typical = np.where(near, bounds, typical)
     typical = np.where(typical > 0, typical, bounds)
     return np.where(typical > 0, np.fmin(typical, np.where(bounded, bounds, np.inf)), np.nan)

@@ -29,8 +29,22 @@ from microbot_ocp.ocp.transcription import (
 if TYPE_CHECKING:
     from microbot_ocp.ocp.refinement import RefinementStep
 
-AGREED = 2  # starts that lead to the least of several optima for it to be taken for the least
-RARE = 0.05  # share of the starts: where fewer led to the least there may be others as rare
+
+@dataclass(frozen=True)
+class Rivals:
+    """When the least of several optima is taken for the least of all.
+
+    Attributes
+    ----------
+    agreed : starts that have to lead to it
+    rare : share of the starts: where fewer led to it there may be others as rare
+    """
+
+    agreed: int = 2
+    rare: float = 0.05
+
+
+RIVALS = Rivals()
 
 
 @dataclass(frozen=True)
@@ -209,7 +223,7 @@ class Solution:
     @property
     def unsettled(self) -> bool:
         """Whether it is one of several local optima, the least of which few starts led to."""
-        return bool(self.rivals) and self.agreed < max(AGREED, RARE * self.compared)
+        return bool(self.rivals) and self.agreed < max(RIVALS.agreed, RIVALS.rare * self.compared)
 
     def with_rivals_of(self, other: Solution) -> Solution:
         """The same with what is known of the optima beside another solution."""

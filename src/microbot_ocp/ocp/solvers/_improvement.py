@@ -8,7 +8,7 @@ to stay, is kept where it costs less.
 from __future__ import annotations
 
 import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from microbot_ocp.ocp import verification
 from microbot_ocp.ocp.solution import Attempt, Progress, Solution, cost_size, guess_from
@@ -16,11 +16,30 @@ from microbot_ocp.ocp.solvers._chain import solve_on
 from microbot_ocp.ocp.solvers._settings import SolverSettings
 from microbot_ocp.ocp.transcription import Guess, Transcription
 
-WORTH = 1e-5  # of the cost: less than this is not looked for
-LESS = 0.2  # of what is to be saved, that has to be: where controls chatter little of it is
-MOST = 6  # solves
-BARRIER = 1e-6
-ITERATIONS = 200
+
+@dataclass(frozen=True)
+class Improvement:
+    """When controls with a smaller Hamiltonian are worth a solve.
+
+    Attributes
+    ----------
+    worth : share of the cost: less than this is not looked for
+    least_gain : share of what is to be saved that has to be: where controls chatter little of
+        it is
+    solves : most solves
+    barrier : parameter at which they begin: near the bounds, so as to stay
+    iterations : of a solve
+    """
+
+    worth: float = 1e-5
+    least_gain: float = 0.2
+    solves: int = 6
+    barrier: float = 1e-6
+    iterations: int = 200
+
+
+IMPROVEMENT = Improvement()
+
 WAY = "from controls with a smaller Hamiltonian"
 
 
@@ -42,13 +61,13 @@ def improved(
     own = replace(
         settings,
         solver="ipopt",
-        initial_barrier=BARRIER,
-        max_iterations=min(settings.max_iterations, ITERATIONS),
+        initial_barrier=IMPROVEMENT.barrier,
+        max_iterations=min(settings.max_iterations, IMPROVEMENT.iterations),
     )
-    for _ in range(MOST):
+    for _ in range(IMPROVEMENT.solves):
         gain, controls = verification.better_controls(solution)
         size = cost_size(solution.cost, solution.cost_scale)
-        if not gain > WORTH * size or time.perf_counter() >= until:
+        if not gain > IMPROVEMENT.worth * size or time.perf_counter() >= until:
             break
         guess = {
             name: Guess(old.duration, {**old.values, **controls.get(name, {})})
@@ -57,7 +76,7 @@ def improved(
         meshes = [phase.mesh for phase in solution.phases]
         tried = solve_on(transcription, meshes, guess, own, until, progress)
         attempts += [replace(a, way=WAY) for a in tried.attempts]
-        if not (tried.status.solved and tried.cost < solution.cost - LESS * gain):
+        if not (tried.status.solved and tried.cost < solution.cost - IMPROVEMENT.least_gain * gain):
             break
         solution = tried.with_rivals_of(solution)
     return solution, attempts

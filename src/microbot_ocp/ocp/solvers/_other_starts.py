@@ -15,7 +15,7 @@ from __future__ import annotations
 import contextlib
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain, cycle, islice
 
@@ -25,7 +25,7 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp.diagnosis import NotFinite, finite_start
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.solution import (
-    AGREED,
+    RIVALS,
     Attempt,
     Progress,
     Ranges,
@@ -48,27 +48,63 @@ from microbot_ocp.ocp.transcription import (
 )
 from microbot_ocp.ocp.verification import phase_layout
 
-COARSE = (10, 20, 40)  # intervals a phase; the first on which the answer costs about the same
-ABOUT = 0.05  # of the cost
-MESHES = (5, 15)  # others on which the guess is solved: it may end in another valley there
-WORTH = 1e-4  # of the cost: less is not looked for
-NEAR = 1e-2  # of the cost: optima as near on a coarse mesh may change places on a fine one
-FINALISTS = 3  # of these that are solved on the mesh of the answer
-RANDOM = 24  # starts more where there are different optima
-WAVES = 3  # half waves of a random curve, at most
-HEIGHTS = (0.6, 0.1)  # of them, in turn, times what a state ranges over: standard deviation
-PUSH = 0.2  # share of the way from the usual controls to random ones on such a curve
-STRETCH = 0.3  # standard deviation of the logarithm of a random duration
-ITERATIONS = 100  # of one solve
-ENOUGH = 500  # iterations of all solves that an answer is compared with
-ENOUGH_DIFFERENT = 2000  # the same where there are different optima
-ENOUGH_ALONE = 3000  # the same where only one start led to the least, or to any
-AGREE = 8  # starts that led to the least cost: where as many did no more are tried
-SIMULATED = 5  # simulations that are tried before that counts: curves are near what is known
-SAME = 1e-3  # of the cost
-DURATIONS = (0.6, 2.0, 0.3, 4.0)  # times the usual ones, where they are free
-LEAST = 1.0  # s, that a kept solver is given
-EACH = 3  # simulations of these
+
+@dataclass(frozen=True)
+class Comparison:
+    """How an answer is compared with what other starts lead to.
+
+    Attributes
+    ----------
+    coarse : intervals a phase of meshes of comparison; the first on which the answer costs
+        about the same is used
+    about : share of the cost that is about the same
+    meshes : intervals of others on which the guess is solved: it may end in another valley
+        there
+    worth : share of the cost: less is not looked for
+    near : share of the cost: optima as near on a coarse mesh may change places on a fine one
+    finalists : of these that are solved on the mesh of the answer
+    random : starts more where there are different optima
+    waves : half waves of a random curve, at most
+    heights : standard deviations of them, in turn, times what a state ranges over
+    push : share of the way from the usual controls to random ones on such a curve
+    stretch : standard deviation of the logarithm of a random duration
+    iterations : of one solve
+    enough : iterations of all solves that an answer is compared with
+    enough_different : the same where there are different optima
+    enough_alone : the same where only one start led to the least, or to any
+    agree : starts that led to the least cost: where as many did no more are tried
+    simulated : simulations that are tried before that counts: curves are near what is known
+    same : share of the cost that is no difference
+    durations : times the usual ones, where they are free
+    least_time : s, that a kept solver is given
+    each : simulations of each of these durations
+    """
+
+    coarse: tuple[int, ...] = (10, 20, 40)
+    about: float = 0.05
+    meshes: tuple[int, ...] = (5, 15)
+    worth: float = 1e-4
+    near: float = 1e-2
+    finalists: int = 3
+    random: int = 24
+    waves: int = 3
+    heights: tuple[float, ...] = (0.6, 0.1)
+    push: float = 0.2
+    stretch: float = 0.3
+    iterations: int = 100
+    enough: int = 500
+    enough_different: int = 2000
+    enough_alone: int = 3000
+    agree: int = 8
+    simulated: int = 5
+    same: float = 1e-3
+    durations: tuple[float, ...] = (0.6, 2.0, 0.3, 4.0)
+    least_time: float = 1.0
+    each: int = 3
+
+
+COMPARISON = Comparison()
+
 WAY = "from another start"
 CUT_SHORT = "It was not compared with all other starts for want of time."
 ALONE = "It was compared with nothing: no other start led to an answer."
@@ -93,23 +129,23 @@ def cheaper_elsewhere(
     coarse, known = _comparable(solution, transcription, settings, until, progress)
     here = known if known.status.solved else solution
     found = [k for k in _until_they_agree(coarse, most, here, guess) if k.status.solved]
-    others = _distinct(found, here, WORTH * size)
-    near = [k for k in others if abs(k.cost - here.cost) <= NEAR * size]
-    finalists = [k for k in others if k.cost < here.cost - WORTH * size]
+    others = _distinct(found, here, COMPARISON.worth * size)
+    near = [k for k in others if abs(k.cost - here.cost) <= COMPARISON.near * size]
+    finalists = [k for k in others if k.cost < here.cost - COMPARISON.worth * size]
     finalists += [k for k in near if k not in finalists]
     best, attempts = solution, []
     own = replace(settings, solver="ipopt")
     meshes = [phase.mesh for phase in solution.phases]
-    for start in finalists[:FINALISTS]:
+    for start in finalists[: COMPARISON.finalists]:
         if time.perf_counter() >= until:
             break
         finer = solve_on(transcription, meshes, start, own, until, progress)
-        if finer.status.solved and finer.cost < best.cost - WORTH * size:
+        if finer.status.solved and finer.cost < best.cost - COMPARISON.worth * size:
             best = finer
             attempts = [replace(a, way=WAY) for k in (start, finer) for a in k.attempts]
     least = min([here.cost, *(k.cost for k in others)])
-    met = sum(k.cost - least <= SAME * size for k in (here, *found))
-    told = here is known and (near or (others and met <= AGREE))
+    met = sum(k.cost - least <= COMPARISON.same * size for k in (here, *found))
+    told = here is known and (near or (others and met <= COMPARISON.agree))
     rivals = sorted((k.cost - least) / size for k in (here, *others)) if told else ()
     if told:
         best = replace(best, agreed=met, compared=len(found) + 1)
@@ -182,19 +218,22 @@ def _answers(
     problem = coarse.transcription.problem
     starts = _starts(problem, most, _ranges(here), coarse.cost)
     simulated = _solved(coarse, islice(starts, most))
-    if most <= EACH + 1:
+    if most <= COMPARISON.each + 1:
         yield from ((found, True) for found in simulated)
         return
     own, guess = coarse.settings, on_any_mesh(guess, problem)
-    for intervals in MESHES:
+    for intervals in COMPARISON.meshes:
         with contextlib.suppress(NotFinite):
             made = solve_on(
                 coarse.transcription, intervals, guess, own, coarse.until, coarse.progress
             )
             yield (coarse.solved(made) if made.status.solved else made), False
-    further = Rollouts(problem, *_usual(coarse, here)).random(RANDOM)
+    further = Rollouts(problem, *_usual(coarse, here)).random(COMPARISON.random)
     curves = _curves(problem, here, np.random.default_rng(0))
-    kinds = [chain(simulated, _solved(coarse, further)), _solved(coarse, islice(curves, RANDOM))]
+    kinds = [
+        chain(simulated, _solved(coarse, further)),
+        _solved(coarse, islice(curves, COMPARISON.random)),
+    ]
     simulates = [True, False]
     solved, tried = np.zeros(2), np.zeros(2)
     while kinds:
@@ -226,10 +265,12 @@ def _until_they_agree(
         simulations += simulated
         costs += [found.cost] if found.status.solved else []
         off = (np.array(costs) - min(costs)) / size
-        met = int(np.sum(off <= SAME))
-        enough = ENOUGH_DIFFERENT if np.any(off > WORTH) else ENOUGH
-        enough = ENOUGH_ALONE if met < AGREED else enough
-        if (met > AGREE and simulations >= SIMULATED) or spent > enough:
+        met = int(np.sum(off <= COMPARISON.same))
+        enough = (
+            COMPARISON.enough_different if np.any(off > COMPARISON.worth) else COMPARISON.enough
+        )
+        enough = COMPARISON.enough_alone if met < RIVALS.agreed else enough
+        if (met > COMPARISON.agree and simulations >= COMPARISON.simulated) or spent > enough:
             return
 
 
@@ -239,22 +280,24 @@ def _curves(
     """Smooth random curves of the states between the ends that an answer has."""
     usual, ranges = default_guess(problem), _ranges(here)
     parameters = _parameters(problem)
-    for share in cycle(HEIGHTS):
+    for share in cycle(COMPARISON.heights):
         guesses = {}
         drawn = next(parameters)
         for phase, solved in zip(problem.phases, here.phases, strict=True):
             own = usual[phase.name]
-            duration = solved.duration * float(np.exp(STRETCH * draw.standard_normal()))
+            duration = solved.duration * float(np.exp(COMPARISON.stretch * draw.standard_normal()))
             values: dict[str, GuessValue] = dict(own.values)
             for state in phase.states:
                 table = solved.values[state.name].reshape(-1, state.size)
                 height = share * np.ptp(table, axis=0)
-                waves = height * draw.standard_normal((WAVES, state.size))
+                waves = height * draw.standard_normal((COMPARISON.waves, state.size))
                 bounds = state.lower, state.upper
                 values[state.name] = partial(_curve, table[0], table[-1], waves, bounds)
             for name, (low, high) in ranges[phase.name].items():
                 pushed = low + (high - low) * draw.random(low.size)
-                values[name] = (1 - PUSH) * np.clip(0.0, low, high) + PUSH * pushed
+                values[name] = (1 - COMPARISON.push) * np.clip(
+                    0.0, low, high
+                ) + COMPARISON.push * pushed
             values |= {v.name: drawn[v.name] for v in phase.free_parameters if v.name in drawn}
             guesses[phase.name] = Guess(float(np.clip(duration, *phase.duration_bounds)), values)
         yield guesses
@@ -265,11 +308,12 @@ def _parameters(problem: OptimalControlProblem) -> Iterator[dict[str, FloatArray
     bounded = [p for p in problem.free_parameters if np.isfinite(p.upper - p.lower).all()]
     draw = np.random.default_rng(0)
     while True:
-        strata = {p.name: np.tile(np.arange(RANDOM), (p.size, 1)) for p in bounded}
+        strata = {p.name: np.tile(np.arange(COMPARISON.random), (p.size, 1)) for p in bounded}
         strata = {name: draw.permuted(own, axis=1) for name, own in strata.items()}
-        for k in range(RANDOM):
+        for k in range(COMPARISON.random):
             shares = {
-                p.name: (strata[p.name][:, k] + draw.random(p.size)) / RANDOM for p in bounded
+                p.name: (strata[p.name][:, k] + draw.random(p.size)) / COMPARISON.random
+                for p in bounded
             }
             yield {p.name: p.lower + shares[p.name] * (p.upper - p.lower) for p in bounded}
 
@@ -283,7 +327,7 @@ def _curve(
 ) -> FloatArray:
     """A line with sines on it, within bounds [N, size]."""
     share = np.asarray(s)[:, None]
-    sines = np.sin(np.pi * share * np.arange(1, WAVES + 1))
+    sines = np.sin(np.pi * share * np.arange(1, COMPARISON.waves + 1))
     return np.clip(first + (last - first) * share + sines @ waves, *bounds)
 
 
@@ -326,17 +370,17 @@ def _starts(
 ) -> Iterator[dict[str, Guess]]:
     ordinary = default_guess(problem)
     simulations = Rollouts(problem, ordinary, ranges)
-    found = simulations.nearest_first(steps=most > EACH, cost=cost) or [ordinary]
+    found = simulations.nearest_first(steps=most > COMPARISON.each, cost=cost) or [ordinary]
     if all(low == high for low, high in (p.duration_bounds for p in problem.phases)):
         yield from found
         return
     yield from found[: max(1, most // 2)]
-    for factor in DURATIONS:
+    for factor in COMPARISON.durations:
         durations = {
             p.name: float(np.clip(factor * (ordinary[p.name].duration or 1.0), *p.duration_bounds))
             for p in problem.phases
         }
-        yield from simulations.nearest_first(durations, steps=True)[:EACH]
+        yield from simulations.nearest_first(durations, steps=True)[: COMPARISON.each]
 
 
 def _comparable(
@@ -349,10 +393,10 @@ def _comparable(
     """The coarsest program on which the answer costs about the same, and its answer there."""
     size = cost_size(solution.cost, solution.cost_scale)
     fewest = min(phase.mesh.size - 1 for phase in solution.phases)
-    for intervals in COARSE:
+    for intervals in COMPARISON.coarse:
         coarse = _Coarse(transcription, settings, until, progress, intervals)
         known = coarse.solved(solution)
-        about = abs(known.cost - solution.cost) <= ABOUT * size
+        about = abs(known.cost - solution.cost) <= COMPARISON.about * size
         if (known.status.solved and about) or 2 * intervals > fewest:
             break
     return coarse, known
@@ -367,7 +411,7 @@ class _Coarse:
         settings: SolverSettings,
         until: float,
         progress: Progress | None,
-        intervals: int = COARSE[0],
+        intervals: int = COMPARISON.coarse[0],
     ) -> None:
         if not isinstance(transcription.scheme, Collocation):
             # a simple rule has optima of its own where intervals are as long
@@ -380,8 +424,8 @@ class _Coarse:
             settings,
             solver="ipopt",
             gap=np.inf,
-            max_iterations=min(settings.max_iterations, ITERATIONS),
-            time_limit=max(until - time.perf_counter(), LEAST),
+            max_iterations=min(settings.max_iterations, COMPARISON.iterations),
+            time_limit=max(until - time.perf_counter(), COMPARISON.least_time),
         )
 
     def cost(self, guess: dict[str, Guess]) -> float:

@@ -7,6 +7,7 @@ program, which would cost more time than the solve; fatrop gets the stages, too.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -19,8 +20,27 @@ from microbot_ocp.ocp.solvers._settings import SolverSettings
 from microbot_ocp.ocp.transcription import Program
 from microbot_ocp.ocp.transcription._assembly import MadeOnDemand
 
-FAR = 1e10  # value and violation that fatrop gets where they are not finite
-LARGEST = 1e300
+
+@dataclass(frozen=True)
+class PluginSettings:
+    """What solvers are given in the place of numbers that are none, and how they start warm.
+
+    Attributes
+    ----------
+    far : value and violation that fatrop gets where they are not finite
+    largest : number that counts as finite
+    warm_barrier : barrier parameter of a start with multipliers
+    warm_push : distance from the bounds of such a start, relative
+    """
+
+    far: float = 1e10
+    largest: float = 1e300
+    warm_barrier: float = 1e-7
+    warm_push: float = 1e-4
+
+
+SETTINGS = PluginSettings()
+
 # Barrier parameters lowered gently: with the default jumps fatrop stalls on the flat minima that
 # time-optimal problems have.
 FATROP_OPTIONS = {
@@ -42,10 +62,6 @@ IPOPT_OPTIONS = {
     "mumps_mem_percent": 100,
     "acceptable_iter": 0,  # an acceptable level is no optimum
 }
-# From a neighbouring solution: little is lost of what is known (15 to 21 iterations against 51 to
-# 62 on the Microbot task with its torque limits changed by 5 %; a barrier of 1e-5 ends too early).
-WARM_BARRIER = 1e-7
-WARM_PUSH = 1e-4
 WARM_PUSHES = tuple(
     f"warm_start_{what}"
     for what in (
@@ -96,7 +112,7 @@ def create(
         options, cache = {**options, **hook.options}, {**cache, **hook.cache}
     nlp = {**program.nlp, "f": program.nlp["f"] / program.cost_scale}
     if name == "fatrop":  # which would try steps for ever where values are not finite
-        nlp = {**nlp, "f": ca.fmin(nlp["f"], FAR), "g": ca.fmin(nlp["g"], FAR)}
+        nlp = {**nlp, "f": ca.fmin(nlp["f"], SETTINGS.far), "g": ca.fmin(nlp["g"], SETTINGS.far)}
     return ca.nlpsol(name, plugin, nlp, {**common, **options, "cache": cache})
 
 
@@ -170,8 +186,8 @@ def _finite(function: ca.Function) -> ca.Function:
     for value in function.call(inputs):
         entries = value.nz[:]
         # the smaller of a number and what is none is the number
-        kept = ca.fmax(ca.fmin(entries, LARGEST), -LARGEST)
-        kept = ca.if_else(ca.fabs(kept) < LARGEST, kept, 0)
+        kept = ca.fmax(ca.fmin(entries, SETTINGS.largest), -SETTINGS.largest)
+        kept = ca.if_else(ca.fabs(kept) < SETTINGS.largest, kept, 0)
         outputs.append(ca.MX(value.sparsity(), kept))
     return ca.Function(function.name(), inputs, outputs)
 
@@ -201,8 +217,8 @@ def _warm_ipopt(program: Program, settings: SolverSettings) -> Plugin:
     plugin, options, cache = _ipopt(program, settings)
     warm = {
         "warm_start_init_point": "yes",
-        "mu_init": WARM_BARRIER,
-        **dict.fromkeys(WARM_PUSHES, WARM_PUSH),
+        "mu_init": SETTINGS.warm_barrier,
+        **dict.fromkeys(WARM_PUSHES, SETTINGS.warm_push),
     }
     own = settings.options.get("ipopt warm", {})
     return plugin, {"ipopt": as_ipopt_knows({**warm, **options["ipopt"], **own})}, cache

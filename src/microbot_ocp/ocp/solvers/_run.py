@@ -21,12 +21,30 @@ from microbot_ocp.ocp.solvers._settings import SolverSettings
 from microbot_ocp.ocp.solvers._status import checked, first_cause, stats_of, status_of
 from microbot_ocp.ocp.transcription import Program
 
-LARGE = 2000  # variables: IPOPT on more may spend longer than a limit in one factorisation
-EARLIER, LEAST_EARLIER = 0.02, 0.1  # share of its time, s: how much earlier it stops itself
-# Processor time, s, without an evaluation: fatrop loops where no regularisation makes its matrix
-# definite. Iterations take far less, and it counts from what all before took on
-SILENCE = 10.0
-MOST = 600.0  # s, of a solver that is not trusted to end, where there is no limit
+
+@dataclass(frozen=True)
+class RunSettings:
+    """How a solver is kept to its time.
+
+    Attributes
+    ----------
+    large : variables: IPOPT on more may spend longer than a limit in one factorisation
+    earlier : share of its time by which a solver stops itself earlier than its process is ended
+    least_earlier : the same, s, at least
+    silence : processor time, s, without an evaluation: fatrop loops where no regularisation
+        makes its matrix definite. Iterations take far less, and it counts from what all before
+        took on
+    most : s, of a solver that is not trusted to end, where there is no limit
+    """
+
+    large: int = 2000
+    earlier: float = 0.02
+    least_earlier: float = 0.1
+    silence: float = 10.0
+    most: float = 600.0
+
+
+SETTINGS = RunSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,22 +92,61 @@ def run(
     )
     forks = not trusted and can_fork()
     watch = None if progress is None else Watch(program, name, progress)
-    if forks and made is None and watch is None:
-        watch = Watch(program, name, quiet)  # what it had is known when its process is ended
-    key = (name, variant, program.cost_scale, get_ident())
-    solver = None if made is None or watch is not None else made.get(key)
-    broken = ""
-    if solver is None:
-        left = until - begin if made is None else settings.time_limit
-        if forks and made is None:
-            left -= max(EARLIER * left, LEAST_EARLIER)  # it answers before its process is ended
-        try:
-            solver = create(program, name, settings, variant=variant, watch=watch, seconds=left)
-        except RuntimeError as problem:
-            broken = first_cause(problem)
-        if made is not None and watch is None and solver is not None:
-            made[key] = solver
+    left = settings.time_limit
+    if made is None:
+        left = until - begin
+        if forks:  # it answers before its process is ended, and what it had is known then
+            left -= max(SETTINGS.earlier * left, SETTINGS.least_earlier)
+            watch = watch or Watch(program, name, quiet)
+    solver, broken = _solver(program, name, settings, variant, watch, made, left)
     created = time.perf_counter()
+    arguments = _arguments(program, start)
+    if solver is None:
+        answer, interrupted = _Answer(broken=broken), False
+    elif forks:
+        answer, interrupted = _answered_by_child(solver, name, arguments, watch, until)
+    else:
+        answer, interrupted = _answered(solver, name, arguments, watch)
+    if answer.broken and settings.options.get(name) and "option" in answer.broken.lower():
+        raise InputError(f"options of {name} were refused: {answer.broken}")
+    done = time.perf_counter()
+    if watch is not None and watch.failure is not None:
+        raise watch.failure
+    stopped = interrupted or (watch is not None and watch.stopped)
+    outcome = _outcome(program, name, settings, start, answer, watch, stopped)
+    timed = replace(outcome.attempt, wall_time=done - created, create_time=created - begin)
+    return _accepted(
+        program, replace(outcome, attempt=timed), settings, answered=bool(answer.values)
+    )
+
+
+def _solver(
+    program: Program,
+    name: str,
+    settings: SolverSettings,
+    variant: bool,
+    watch: Watch | None,
+    made: Made | None,
+    seconds: float,
+) -> tuple[ca.Function | None, str]:
+    """A solver, the one that is kept where there is one; or why it could not be made.
+
+    One that is watched is not kept.
+    """
+    key = (name, variant, program.cost_scale, get_ident())
+    kept = made if made is not None and watch is None else {}
+    if key in kept:
+        return kept[key], ""
+    try:
+        solver = create(program, name, settings, variant=variant, watch=watch, seconds=seconds)
+    except RuntimeError as problem:
+        return None, first_cause(problem)
+    kept[key] = solver
+    return solver, ""
+
+
+def _arguments(program: Program, start: StartingPoint) -> dict[str, Any]:
+    """What a solver is called with."""
     arguments: dict[str, Any] = {
         "x0": start.x,
         "p": program.parameters,
@@ -99,24 +156,21 @@ def run(
         "ubg": program.row_upper,
     }
     if start.warm:
-        for key, value in (
-            ("lam_x0", start.variable_multipliers),
-            ("lam_g0", start.row_multipliers),
-        ):
-            arguments[key] = np.asarray(value) / program.cost_scale
-    answer, interrupted = _Answer(broken=broken), False
-    if solver is not None:
-        if forks:
-            silence = SILENCE if name == "fatrop" and watch is not None else np.inf
-            answer, interrupted = _answered_by_child(solver, arguments, watch, until, silence)
-        else:
-            answer, interrupted = _answered(solver, name, arguments, watch)
-    if answer.broken and settings.options.get(name) and "option" in answer.broken.lower():
-        raise InputError(f"options of {name} were refused: {answer.broken}")
-    done = time.perf_counter()
-    stopped = interrupted or (watch is not None and watch.stopped)
-    if watch is not None and watch.failure is not None:
-        raise watch.failure
+        arguments["lam_x0"] = np.asarray(start.variable_multipliers) / program.cost_scale
+        arguments["lam_g0"] = np.asarray(start.row_multipliers) / program.cost_scale
+    return arguments
+
+
+def _outcome(
+    program: Program,
+    name: str,
+    settings: SolverSettings,
+    start: StartingPoint,
+    answer: _Answer,
+    watch: Watch | None,
+    stopped: bool,
+) -> Outcome:
+    """What a call left, measured again; its times are not in it yet."""
     stats, result = answer.stats, answer.values
     last = start.x if watch is None or watch.x is None else watch.x
     x = last if not result or (stopped and watch is not None) else result["x"]
@@ -126,16 +180,17 @@ def run(
     if answer.out_of_time:
         status, message = Status.TIME_LIMIT, "did not return and was ended"
     count = stats.get("iter_count", -1) if not answer.broken else -1
+    if count < 0:  # a solver that broke down has not counted
+        count = max(0 if watch is None else watch.count, 0)
     attempt = Attempt(
         solver=name,
         status=Status.INTERRUPTED if stopped else status,
         message=message,
-        # a solver that broke down has not counted
-        iterations=int(count) if count >= 0 else max(0 if watch is None else watch.count, 0),
+        iterations=int(count),
         cost=cost,
         infeasibility=infeasibility,
-        wall_time=done - created,
-        create_time=created - begin,
+        wall_time=0.0,
+        create_time=0.0,
         function_time=sum(v for k, v in stats.items() if k.startswith("t_wall_nlp_")),
         broke_down=bool(answer.broken),
     )
@@ -144,20 +199,31 @@ def run(
         result[key] * program.cost_scale if result else np.zeros(size)
         for key, size in (("lam_g", program.row_lower.size), ("lam_x", x.size))
     )
-    if attempt.status in (Status.ITERATION_LIMIT, Status.FAILED) and result and name != "sqp":
-        passed = accepted(program, x, rows, variables, settings.tolerance)
-        if passed is not None:
-            said = f"stopped, but its point is an optimum to {passed.error:.1e}"
-            attempt = replace(attempt, status=Status.SOLVED, message=said)
-            rows, variables = passed.row_multipliers, passed.variable_multipliers
     return Outcome(attempt, x, rows, variables)
+
+
+def _accepted(
+    program: Program, outcome: Outcome, settings: SolverSettings, *, answered: bool
+) -> Outcome:
+    """The outcome, as solved where a solver stopped at what is an optimum all the same."""
+    attempt = outcome.attempt
+    stopped = attempt.status in (Status.ITERATION_LIMIT, Status.FAILED)
+    if not (stopped and answered) or attempt.solver == "sqp":
+        return outcome
+    point = outcome.x, outcome.row_multipliers, outcome.variable_multipliers
+    passed = accepted(program, *point, settings.tolerance)
+    if passed is None:
+        return outcome
+    message = f"stopped, but its point is an optimum to {passed.error:.1e}"
+    attempt = replace(attempt, status=Status.SOLVED, message=message)
+    return Outcome(attempt, outcome.x, passed.row_multipliers, passed.variable_multipliers)
 
 
 def _trusted(name: str, size: int, settings: SolverSettings, until: float, *, kept: bool) -> bool:
     """Whether a solver ends by itself in time, or has all the time there is."""
     # one that is kept was made with the limit of the settings in place of that of this call
     endless = kept and not np.isfinite(settings.time_limit)
-    return name == "ipopt" and ((size <= LARGE and not endless) or not np.isfinite(until))
+    return name == "ipopt" and ((size <= SETTINGS.large and not endless) or not np.isfinite(until))
 
 
 def _answered(
@@ -189,11 +255,13 @@ def _plain(stats: Mapping[str, Any]) -> dict[str, Any]:
 
 def _answered_by_child(
     solver: ca.Function,
+    name: str,
     arguments: Mapping[str, Any],
     watch: Watch | None,
     until: float,
-    silence: float,
 ) -> tuple[_Answer, bool]:
+    silence = SETTINGS.silence if name == "fatrop" and watch is not None else np.inf
+
     def work(send: Send) -> _Answer:
         if watch is not None:
             watch.progress = lambda iteration: send((iteration.x, iteration.cost))
@@ -209,7 +277,7 @@ def _answered_by_child(
             return True
         return watch.report(what[0], watch.program.row_values(what[0]), what[1])
 
-    until = min(until, time.perf_counter() + MOST)
+    until = min(until, time.perf_counter() + SETTINGS.most)
     try:
         return in_child(work, until, receive, silence=silence), False
     except OutOfTime:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import casadi as ca
@@ -33,8 +33,23 @@ from microbot_ocp.ocp.solvers._settings import SolverSettings
 from microbot_ocp.ocp.transcription import Program
 from microbot_ocp.ocp.verification import Thresholds
 
-SHARE = 0.5  # of the wanted gap that the barrier may take
-LEAST_BARRIER = 1e-15
+
+@dataclass(frozen=True)
+class Tightening:
+    """How far a barrier is lowered for a small gap.
+
+    Attributes
+    ----------
+    ratio : of the wanted gap that the barrier may take
+    least_barrier : parameter below which no solver gets
+    """
+
+    ratio: float = 0.5
+    least_barrier: float = 1e-15
+
+
+TIGHTENING = Tightening()
+
 # Tolerance of every further solve and its options. The second moves what the first cannot: IPOPT
 # exceeds bounds by 1e-8 of their size unless it is told not to, which takes a larger barrier.
 FURTHER: tuple[tuple[float, dict[str, float]], ...] = (
@@ -126,7 +141,9 @@ def _further(
             (program.row_lower, program.row_upper),
         )
     )
-    barrier = max(SHARE * slack / program.cost_scale / max(count, 1), LEAST_BARRIER)
+    barrier = max(
+        TIGHTENING.ratio * slack / program.cost_scale / max(count, 1), TIGHTENING.least_barrier
+    )
     own: dict[str, Any] = {
         "compl_inf_tol": barrier,
         "constr_viol_tol": settings.tolerance,

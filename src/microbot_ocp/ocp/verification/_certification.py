@@ -14,7 +14,7 @@ from microbot_ocp.ocp.verification._costates import costates_of
 from microbot_ocp.ocp.verification._hamiltonian import hamiltonian_of
 from microbot_ocp.ocp.verification._judgement import judge
 from microbot_ocp.ocp.verification._messages import summary_of
-from microbot_ocp.ocp.verification._switching import WORTHLESS, Prices, arcs_of
+from microbot_ocp.ocp.verification._switching import THRESHOLDS, Prices, arcs_of
 
 
 def verify(
@@ -76,7 +76,7 @@ def verify(
         for phase, part in zip(own.phases, own.derivatives, strict=True)
     )
     prices = Prices(own.layouts, own.labels, np.concatenate([lam_x, lam_g]))
-    worth = WORTHLESS * max(abs(solution.cost), 1e-6)
+    worth = THRESHOLDS.worthless * max(abs(solution.cost), 1e-6)
     arcs = tuple(arc for dense in own.dense for arc in arcs_of(dense, prices, worth))
     checks = own.resimulations, own.limits, own.optimality
     failures = [failure.sentence for failure in own.failures]

@@ -9,6 +9,8 @@ control on a short interval changes the cost by the difference of the Hamiltonia
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
@@ -18,8 +20,22 @@ from microbot_ocp.ocp.transcription.schemes import Collocation
 from microbot_ocp.ocp.verification._recomputation import Recomputation
 from microbot_ocp.ocp.verification._reintegration import phase_layout
 
-TRIED = 9  # values of a control from bound to bound, and as many that it takes elsewhere
-KEEPS = 1e-6  # relative: excess of a constraint above which a control is none to compare with
+
+@dataclass(frozen=True)
+class MinimumSettings:
+    """Which controls a Hamiltonian is compared at.
+
+    Attributes
+    ----------
+    tried : values of a control from bound to bound, and as many that it takes elsewhere
+    keeps : relative excess of a constraint above which a control is none to compare with
+    """
+
+    tried: int = 9
+    keeps: float = 1e-6
+
+
+SETTINGS = MinimumSettings()
 
 
 def better_controls(solution: Solution) -> tuple[float, dict[str, dict[str, FloatArray]]]:
@@ -71,7 +87,7 @@ def _of_phase(phase: PhaseSolution, multipliers: FloatArray) -> tuple[float, dic
         found = slopes[-1] + np.einsum("ki,ik->k", costates, slopes[:-1])
         for limit in declared.constraints:
             own = at.expressions.function([limit.expression])(table).full()
-            room = KEEPS * limit.scale[:, None]
+            room = SETTINGS.keeps * limit.scale[:, None]
             broken = (own < limit.lower[:, None] - room) | (own > limit.upper[:, None] + room)
             found = np.where(broken.any(axis=0), np.inf, found)
         return np.where(np.isfinite(found), found, np.inf)
@@ -80,8 +96,10 @@ def _of_phase(phase: PhaseSolution, multipliers: FloatArray) -> tuple[float, dic
     best, values = before.copy(), {c.name: known[c.name].copy() for c in looked_at}
     for control in looked_at:
         for component in np.flatnonzero(_bounded(control)).tolist():
-            even = np.linspace(control.lower[component], control.upper[component], TRIED)
-            own = np.quantile(known[control.name][:, component], np.linspace(0.0, 1.0, TRIED))
+            even = np.linspace(control.lower[component], control.upper[component], SETTINGS.tried)
+            own = np.quantile(
+                known[control.name][:, component], np.linspace(0.0, 1.0, SETTINGS.tried)
+            )
             for value in np.union1d(even, own):
                 tried = values[control.name].copy()
                 tried[:, component] = value

@@ -23,9 +23,24 @@ from microbot_ocp.ocp.solution import PhaseSolution
 from microbot_ocp.ocp.transcription import PhaseLayout, StageGroup, StageKind
 from microbot_ocp.ocp.transcription.schemes import within_bounds
 
-INTEGRATOR_TOLERANCE = 1e-11  # absolute (of the scaled states) and relative
-MOST_STEPS = 20_000  # of the integrator on one interval
-SMALLEST_WEIGHT = 1e-2  # of a state's scale: below this its error counts as absolute
+
+@dataclass(frozen=True)
+class Reintegration:
+    """How the dynamics are integrated again.
+
+    Attributes
+    ----------
+    tolerance : absolute (of the scaled states) and relative
+    most_steps : of the integrator on one interval
+    smallest_weight : share of a state's scale: below this its error counts as absolute
+    """
+
+    tolerance: float = 1e-11
+    most_steps: int = 20_000
+    smallest_weight: float = 1e-2
+
+
+REINTEGRATION = Reintegration()
 
 
 def phase_layout(phase: PhaseSolution) -> PhaseLayout:
@@ -48,7 +63,7 @@ def state_weights(phase: PhaseSolution) -> FloatArray:
     state that stays at zero has no relative error.
     """
     scale = np.concatenate([state.scale for state in phase_layout(phase).phase.states])
-    return np.maximum(np.abs(mesh_states(phase)).max(axis=0), SMALLEST_WEIGHT * scale)
+    return np.maximum(np.abs(mesh_states(phase)).max(axis=0), REINTEGRATION.smallest_weight * scale)
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +84,7 @@ class Integrated:
 
 def each_interval(
     phase: PhaseSolution,
-    tolerance: float = INTEGRATOR_TOLERANCE,
+    tolerance: float = REINTEGRATION.tolerance,
     *,
     until: float = 1.0,
     cost: bool = False,
@@ -272,7 +287,7 @@ def _integrator(
     options: dict[str, Any] = {
         "abstol": tolerance,
         "reltol": tolerance,
-        "max_num_steps": MOST_STEPS,
+        "max_num_steps": REINTEGRATION.most_steps,
         "quad_err_con": True,  # else the steps suit the states alone
         "disable_internal_warnings": True,
         "show_eval_warnings": False,

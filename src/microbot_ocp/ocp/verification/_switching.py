@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,9 +12,24 @@ from microbot_ocp.ocp.transcription import Label, PhaseLayout
 from microbot_ocp.ocp.verification._certificate import Arc
 from microbot_ocp.ocp.verification._limits import POINTS, DensePhase
 
-ACTIVE = 1e-4  # of the size of a limit: nearer it is active
-NEARLY_ACTIVE = 1e-2  # nearer it is active if its multiplier is large enough
-WORTHLESS = 1e-4  # of the cost: a limit that is worth less over an arc does not act there
+
+@dataclass(frozen=True)
+class ArcThresholds:
+    """When a limit counts as active.
+
+    Attributes
+    ----------
+    active : share of the size of a limit: nearer it is active
+    nearly_active : the same where its multiplier is large enough
+    worthless : share of the cost: a limit that is worth less over an arc does not act there
+    """
+
+    active: float = 1e-4
+    nearly_active: float = 1e-2
+    worthless: float = 1e-4
+
+
+THRESHOLDS = ArcThresholds()
 
 
 class Prices:
@@ -53,8 +69,8 @@ def arcs_of(dense: DensePhase, prices: Prices, worth: float) -> list[Arc]:
                 push = np.maximum(sign * own[:, 2], 0.0)
                 strength = np.zeros(phase.mesh.size)
                 np.maximum.at(strength, own[:, 1].astype(int), push * size)
-                active = slack <= ACTIVE
-                active |= (slack <= NEARLY_ACTIVE) & (strength[dense.interval] > slack)
+                active = slack <= THRESHOLDS.active
+                active |= (slack <= THRESHOLDS.nearly_active) & (strength[dense.interval] > slack)
                 for first, last in _joined_runs(dense, active):
                     start, end = float(dense.t[first]), float(dense.t[last])
                     # to the nearest dense point, as the multipliers stand at points of the mesh
