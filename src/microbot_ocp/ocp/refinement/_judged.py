@@ -278,6 +278,7 @@ class _Work:
             step=replace(seen.step, switch_offset=offset),
             places=places or seen.places,
             vain=seen.vain + (places is None),
+            at=time.perf_counter(),
         )
 
     def _with_cost_error(self, solution: Solution, seen: Seen, accuracy: Accuracy) -> Seen:
@@ -295,6 +296,7 @@ class _Work:
         return replace(
             seen,
             step=replace(seen.step, cost_error=error),
+            at=time.perf_counter(),
             freer=freer,
             cost_errors=[error * count * part for part in parts],
         )
@@ -370,31 +372,34 @@ class _Work:
             return state, saved, tried
         seen = self._measured(began, state.rounds, better)
         better = replace(better, attempts=tuple(tried))
-        entry = Round(better, replace(seen, left=before.left))
-        return replace(state, rounds=(*state.rounds, entry)), improvable(better), []
+        last = Round(better, replace(seen, left=before.left))
+        return replace(state, rounds=(*state.rounds, last)), improvable(better), []
 
     def _recorded(self, state: Course) -> Solution:
         """The solution with all that was tried, its meshes and its part of the ledger."""
-        solutions = [own.solution for own in state.rounds]
+        first, last = state.rounds[0].solution, state.refused
+        answers = [own.solution for own in state.rounds]
         history = [own.measure.step for own in state.rounds]
-        times = [own.measure.at for own in state.rounds]
-        if state.refused is not None:
-            times.append(time.perf_counter())
-            solutions.append(state.refused)
-            history.append(step_of(state.refused, None, times[-1] - times[-2]))
         rows = [
-            entry(after.attempts[-1].way, before, after, after.attempts, later - earlier)
-            if after is not state.refused
-            else entry(after.attempts[-1].way, before, None, after.attempts, later - earlier)
-            for (before, after), (earlier, later) in zip(
-                pairwise(solutions), pairwise(times), strict=True
+            entry(
+                new.solution.attempts[-1].way,
+                old.solution,
+                new.solution,
+                new.solution.attempts,
+                new.measure.at - old.measure.at,
             )
+            for old, new in pairwise(state.rounds)
         ]
+        if last is not None:
+            spent = sum(attempt.wall_time for attempt in last.attempts)
+            answers.append(last)
+            history.append(step_of(last, None, spent))
+            rows.append(entry(last.attempts[-1].way, answers[-2], None, last.attempts, spent))
         return replace(
             state.solution,
-            attempts=tuple(a for own in solutions for a in own.attempts),
+            attempts=tuple(a for own in answers for a in own.attempts),
             history=History(history),
-            ledger=Ledger.of([*solutions[0].ledger, *rows]),
+            ledger=Ledger.of([*first.ledger, *rows]),
         )
 
     def _report(self, state: Course) -> None:
