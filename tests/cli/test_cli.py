@@ -741,7 +741,7 @@ def test_what_is_not_needed_is_not_loaded(words, unloaded):
 
 def test_the_list_of_commands_says_what_each_says_of_itself():
     for name in commands.COMMANDS:
-        command = commands.Command(name)
+        command = commands.ProgramCommand(name)
         assert command.get_short_help_str() == command.whole.get_short_help_str()
         assert command.whole.name == name
 

@@ -10,7 +10,7 @@ import microbot_ocp as mo
 from microbot_ocp._base import deadline
 from microbot_ocp.ocp.solution import quiet
 from microbot_ocp.planning import least_duration, task_of
-from microbot_ocp.planning._segments import Arc, Straight, curve_limits
+from microbot_ocp.planning._segments import CircleArc, Straight, curve_limits
 from microbot_ocp.planning._stop_search import StopSearch, motion_of
 from planning.shared import arm, pendulum, slider
 
@@ -422,7 +422,7 @@ def test_a_front_of_torque_takes_the_closed_form_until_the_arm_cannot_be_held(ra
         (mo.Line(tolerance=0.02), Straight((0.0, 0.0, 0.0), (0.3, 0.0, 0.1))),
         (
             mo.Circle(through=[0.2, 0.1, 0.0], tolerance=0.02),
-            Arc.through(np.zeros(3), np.array([0.2, 0.1, 0.0]), np.array([0.3, 0.3, 0.0])),
+            CircleArc.through(np.zeros(3), np.array([0.2, 0.1, 0.0]), np.array([0.3, 0.3, 0.0])),
         ),
     ],
 )

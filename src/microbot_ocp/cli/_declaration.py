@@ -159,7 +159,7 @@ class RobotFile(Kind):
         return load_robot(words["robot"], words["tip"])
 
 
-class LimitChanges(Kind):
+class LimitOptions(Kind):
     """An option for every limit: of the joints, of position first, then the further ones."""
 
     def options(self) -> Iterator[inspect.Parameter]:
@@ -246,7 +246,7 @@ OTHER_ROBOT = Kind(
     metavar="ROBOT", text="Robot of the motion, where the file names none.", choices=packaged_robots
 )
 ARM = RobotFile()
-LIMITS = LimitChanges()
+LIMITS = LimitOptions()
 JOINTS = Numbers(degrees=True)
 VIA = Numbers(
     of=list[str],

@@ -64,7 +64,7 @@ class Commands(TyperGroup):
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
-        self.commands = {name: Command(name) for name in COMMANDS}
+        self.commands = {name: ProgramCommand(name) for name in COMMANDS}
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Find the command of the first word; refuse an unknown one with those that are allowed."""
@@ -75,7 +75,7 @@ class Commands(TyperGroup):
         return super().resolve_command(ctx, args)
 
 
-class Command(TyperCommand):
+class ProgramCommand(TyperCommand):
     """A command with its name and docstring; its module is loaded when it is called."""
 
     def __init__(self, name: str) -> None:

@@ -79,7 +79,7 @@ Progress = Callable[[Step], None]
 
 
 @dataclass(frozen=True, eq=False)
-class Task:
+class ComparedTask:
     """Via points, with what is given of the textbook methods.
 
     Attributes
@@ -147,11 +147,11 @@ class Method:
     """One way to do a task."""
 
     title: str
-    solve: Callable[[Task], Motion]
+    solve: Callable[[ComparedTask], Motion]
     timed: bool = False  # needs the times of the task
 
 
-def _as_given(task: Task) -> Motion:
+def _as_given(task: ComparedTask) -> Motion:
     return Motion.from_polynomial(
         task.robot,
         task.cubic(task.given),
@@ -163,7 +163,7 @@ def _as_given(task: Task) -> Motion:
 
 
 def _scaled_motion(
-    task: Task, scaled: Scaled, durations: FloatArray, label: str, method: str, note: str
+    task: ComparedTask, scaled: Scaled, durations: FloatArray, label: str, method: str, note: str
 ) -> Motion:
     """The motion of a shape scaled to the limits, with the durations of its segments."""
     of = f" of {scaled.joint}" if scaled.joint else ""
@@ -193,7 +193,7 @@ def _work(method: str) -> int:
     return WORK.get(method, 1) + 1
 
 
-def _scaled_cubic(task: Task) -> Motion:
+def _scaled_cubic(task: ComparedTask) -> Motion:
     scaled = shortest_duration(task.robot, task.cubic(task.given))
     return _scaled_motion(
         task,
@@ -205,7 +205,7 @@ def _scaled_cubic(task: Task) -> Motion:
     )
 
 
-def _best_cubic(task: Task) -> Motion:
+def _best_cubic(task: ComparedTask) -> Motion:
     scaled = best_split(task.robot, task.cubic, task.first)
     assert scaled.split is not None
     return _scaled_motion(
@@ -218,7 +218,7 @@ def _best_cubic(task: Task) -> Motion:
     )
 
 
-def _scaled_lspb(task: Task) -> Motion:
+def _scaled_lspb(task: ComparedTask) -> Motion:
     share = BLEND if task.blend is None else task.blend
     scaled = shortest_duration(task.robot, task.lspb(task.given, share * task.given))
     motion = _scaled_motion(
@@ -232,7 +232,7 @@ def _scaled_lspb(task: Task) -> Motion:
     return _with_passages(task, motion, scaled.polynomial)
 
 
-def _best_lspb(task: Task) -> Motion:
+def _best_lspb(task: ComparedTask) -> Motion:
     """Best durations of the segments and, where no share is given, of their blends."""
     share, count = task.blend, len(task.via_q) - 1
 
@@ -266,7 +266,7 @@ def _seconds(of: str, durations: FloatArray) -> str:
     return f"{of} of {', '.join(f'{duration:.3f}' for duration in durations)} s"
 
 
-def _with_passages(task: Task, motion: Motion, polynomial: PiecewisePolynomial) -> Motion:
+def _with_passages(task: ComparedTask, motion: Motion, polynomial: PiecewisePolynomial) -> Motion:
     """With a note of how LSPB passes the via points."""
     times = np.array([mark.time for mark in motion.marks[1:-1]])
     state = polynomial(times), polynomial.derivative()(times)
@@ -282,22 +282,22 @@ def _passage(via: FloatArray, q: FloatArray, qd: FloatArray) -> str:
     return f"does not pass the via point: misses it by {miss:.4f} rad, qd = ({speeds}) rad/s"
 
 
-def _straight_path(task: Task) -> Motion:
+def _straight_path(task: ComparedTask) -> Motion:
     return _timed(task, straight_through(task.via_q), "straight path, best timing")
 
 
-def _cubic_path(task: Task) -> Motion:
+def _cubic_path(task: ComparedTask) -> Motion:
     """Along the path of the best split, which is not refused for a torque rate, as its cubic is."""
     durations = best_durations(task.robot, task.cubic, task.first)
     return _timed(task, task.cubic(durations), "cubic's path, best timing")
 
 
-def _timed(task: Task, path: PiecewisePolynomial, label: str) -> Motion:
+def _timed(task: ComparedTask, path: PiecewisePolynomial, label: str) -> Motion:
     check_path(task.family, path)
     return best_timing(task.family, path, task.path_settings, label, task.tell)
 
 
-def _free(task: Task) -> Motion:
+def _free(task: ComparedTask) -> Motion:
     return fastest_motion(task.family, task.via_q, task.free_settings, task.tell)
 
 
@@ -603,7 +603,7 @@ def compare(
                 progress(Step(done, total, stage, text, iteration))
 
         told = quiet if progress is None else tell
-        task = Task(family, via, times, velocities, blend, free, path, told)
+        task = ComparedTask(family, via, times, velocities, blend, free, path, told)
         tell("solving")
         share = (until - time.perf_counter()) / (len(names) - index)
         entries.append(_entry(name, task, tell, max(share, LEAST_TIME)))
@@ -652,7 +652,7 @@ def _timing(
     return times, checks.array("via_qd", via_qd, via.shape, "rad/s")
 
 
-def _entry(name: str, task: Task, tell: Callable[..., None], seconds: float) -> Entry:
+def _entry(name: str, task: ComparedTask, tell: Callable[..., None], seconds: float) -> Entry:
     begin = time.perf_counter()
     method = METHODS[name]
     try:

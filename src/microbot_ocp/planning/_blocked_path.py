@@ -15,7 +15,7 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.limits import LimitFamily
-from microbot_ocp.planning._curve import Curve
+from microbot_ocp.planning._curve import PathCurve
 from microbot_ocp.planning._path_limits import FAR
 from microbot_ocp.planning._reachability import CurveLimits
 
@@ -38,7 +38,7 @@ class Blocked(NamedTuple):
     q: FloatArray
 
 
-def blocking_limit(family: LimitFamily, curve: Curve, fast: bool) -> Blocked | None:
+def blocking_limit(family: LimitFamily, curve: PathCurve, fast: bool) -> Blocked | None:
     """Find the limit that keeps a curve from being travelled; None where there is none.
 
     docs/theory/path_timing.md, "One program on places", end.

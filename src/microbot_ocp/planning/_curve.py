@@ -171,7 +171,7 @@ def evaluate(piece: CurvePiece, r: FloatArray, *, highest: int = 2) -> list[Floa
 
 
 @dataclass(frozen=True, eq=False)
-class Curve:
+class PathCurve:
     """Pieces in a row, over one parameter r that runs through all of them.
 
     Attributes
@@ -186,7 +186,7 @@ class Curve:
     end_free: bool
 
     @classmethod
-    def of(cls, path: PiecewisePolynomial, leaves_like: int = 2) -> Curve:
+    def of(cls, path: PiecewisePolynomial, leaves_like: int = 2) -> PathCurve:
         """Give a path between two stops with a regular parameter.
 
         ``leaves_like`` is the power of it with which the path leaves an end at rest: 2, or 3 where

@@ -14,7 +14,7 @@ from microbot_ocp._base.codegen import compiles
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import JointLimits, LimitFamily, Limits
 from microbot_ocp.motion import JUMP_GAP, SAMPLE_STEP, Motion, PiecewisePolynomial, State
-from microbot_ocp.planning._curve import Curve
+from microbot_ocp.planning._curve import PathCurve
 from microbot_ocp.planning._path_limits import LATER, limits_kept_by
 from microbot_ocp.planning._paths import check_path, segments
 from microbot_ocp.planning._reachability import CurveLimits, Reached, reach
@@ -71,7 +71,7 @@ class PathTiming:
     t: FloatArray
     blocked_at: float
     limits_kept_by: dict[str, list[str]]
-    _parts: tuple[tuple[Curve, Reached], ...]
+    _parts: tuple[tuple[PathCurve, Reached], ...]
 
     @property
     def solved(self) -> bool:
@@ -235,7 +235,7 @@ def _timed(
 
 
 def sampled(
-    parts: Sequence[tuple[Curve, Reached]], finer: int = 1
+    parts: Sequence[tuple[PathCurve, Reached]], finer: int = 1
 ) -> tuple[FloatArray, State, FloatArray]:
     """Give times, states and breaks of a motion; at every grid point s'' from both sides.
 
@@ -268,14 +268,14 @@ def sampled(
     return t[keep], State(*joined), np.concatenate(breaks)
 
 
-def _state(curve: Curve, reached: Reached, i: np.ndarray, local: FloatArray) -> State:
+def _state(curve: PathCurve, reached: Reached, i: np.ndarray, local: FloatArray) -> State:
     """Give the state [K,n] at times since the start of intervals i."""
     r, v, u = (values[:, None] for values in reached.after(i, local))
     q, tangent, curvature = curve.inside(r.ravel(), i, reached.s)
     return State(q, tangent * v, tangent * u + curvature * v**2)
 
 
-def _bent(curve: Curve, reached: Reached, lengths: FloatArray) -> NDArray[np.bool_]:
+def _bent(curve: PathCurve, reached: Reached, lengths: FloatArray) -> NDArray[np.bool_]:
     """Tell in which intervals [N] the acceleration is far from a cubic of the time."""
     i = np.repeat(np.arange(lengths.size), 5)
     local = np.linspace(0.0, 1.0, 5) * lengths[:, None]

@@ -17,7 +17,7 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.fast_calls import buffered_call
 from microbot_ocp.limits import ROUNDING, LimitFamily, LimitValues, MotionSamples
-from microbot_ocp.planning._curve import Curve
+from microbot_ocp.planning._curve import PathCurve
 from microbot_ocp.robot import COULOMB_SMOOTHING, Robot, inverse_dynamics
 
 FAR = 1e12  # stands for "no such limit"
@@ -58,7 +58,7 @@ class Nodes:
     right: np.ndarray  # index of its end
 
 
-def nodes_of(path: Curve, s: FloatArray) -> Nodes:
+def nodes_of(path: PathCurve, s: FloatArray) -> Nodes:
     """Give position, tangent and curvature at grid points s [N+1], among them every break."""
     inner = np.flatnonzero(np.isin(s, path.breaks[1:-1]))
     # the left side of every inner break follows behind the regular nodes
@@ -123,7 +123,7 @@ class PathLimits:
         return least_bound(self.speed, nodes, count)
 
 
-def largest_speeds(family: LimitFamily, curve: Curve, s: FloatArray) -> FloatArray:
+def largest_speeds(family: LimitFamily, curve: PathCurve, s: FloatArray) -> FloatArray:
     """Give limits of s' [N] at places s; infinite where there is none."""
     nodes = nodes_of(curve, s)
     most = least_bound(_speed_limits(family, nodes), nodes, s.size)

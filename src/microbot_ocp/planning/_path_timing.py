@@ -31,7 +31,7 @@ from microbot_ocp.motion import (
 )
 from microbot_ocp.ocp.solution import StepProgress, quiet
 from microbot_ocp.planning._blocked_path import blocking_limit
-from microbot_ocp.planning._curve import Curve
+from microbot_ocp.planning._curve import PathCurve
 from microbot_ocp.planning._fast_timing import sampled
 from microbot_ocp.planning._path_limits import LATER, limits_kept_by
 from microbot_ocp.planning._paths import check_path, corners, segments, stops
@@ -364,7 +364,7 @@ class _PathSearch:
     def _with_provenance(
         self,
         samples: tuple[FloatArray, State, FloatArray],
-        curves: Sequence[Curve],
+        curves: Sequence[PathCurve],
         parts: Sequence[Reached | Profile],
         how: str,
         outcome: dict[str, Any],

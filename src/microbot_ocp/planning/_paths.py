@@ -11,7 +11,7 @@ from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.limits import LimitFamily
 from microbot_ocp.motion import PiecewisePolynomial
-from microbot_ocp.planning._curve import Curve, vanishing_order
+from microbot_ocp.planning._curve import PathCurve, vanishing_order
 from microbot_ocp.planning._task import check_pace, check_positions, check_rest, locked_joints
 
 CORNER = 1e-6  # relative jump of the tangent that counts as a corner
@@ -80,14 +80,18 @@ def stops(path: PiecewisePolynomial, family: LimitFamily) -> FloatArray:
     return np.union1d(turns, _jumps(path, path.derivative().derivative()))
 
 
-def segments(path: PiecewisePolynomial, family: LimitFamily, leaves_like: int = 2) -> list[Curve]:
+def segments(
+    path: PiecewisePolynomial, family: LimitFamily, leaves_like: int = 2
+) -> list[PathCurve]:
     """Give what lies between two stops, with a parameter of which an end at rest is this power."""
     ends = [path.breaks[0], *stops(path, family), path.breaks[-1]]
     curves = []
     for before, after in itertools.pairwise(ends):
         keep = (path.breaks[:-1] >= before) & (path.breaks[:-1] < after)
         breaks = np.append(path.breaks[:-1][keep], after)
-        curves.append(Curve.of(PiecewisePolynomial(breaks, path.coefficients[keep]), leaves_like))
+        curves.append(
+            PathCurve.of(PiecewisePolynomial(breaks, path.coefficients[keep]), leaves_like)
+        )
     return curves
 
 

@@ -22,7 +22,7 @@ from microbot_ocp._base.codegen import compiles
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import JointLimits, LimitFamily, Limits
 from microbot_ocp.motion import PiecewisePolynomial
-from microbot_ocp.planning._curve import Curve
+from microbot_ocp.planning._curve import PathCurve
 from microbot_ocp.planning._path_limits import FAR, LimitRows, Nodes, PathLimits
 from microbot_ocp.planning._paths import segments
 from microbot_ocp.planning._reachability import CurveLimits, Reached, reach
@@ -211,7 +211,7 @@ def phase_plane(
     )
 
 
-def _segment(family: LimitFamily, curve: Curve, begin: float, grid: int) -> PhasePlane:
+def _segment(family: LimitFamily, curve: PathCurve, begin: float, grid: int) -> PhasePlane:
     """Compute the phase plane between two stops, first in the regular parameter of the curve."""
     fast = compiles()
     along = CurveLimits.of(family, curve, grid, fast)

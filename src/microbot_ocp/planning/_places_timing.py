@@ -31,7 +31,7 @@ from microbot_ocp.limits import LimitFamily, MotionSamples
 from microbot_ocp.ocp.solution import Attempt, StepProgress, gap_of
 from microbot_ocp.ocp.solvers import SolverSettings, status_of
 from microbot_ocp.ocp.transcription import Bounds
-from microbot_ocp.planning._curve import Curve
+from microbot_ocp.planning._curve import PathCurve
 from microbot_ocp.planning._friction import dry_friction
 from microbot_ocp.planning._path_limits import frictionless, largest_speeds
 from microbot_ocp.planning._places_program import (
@@ -150,7 +150,7 @@ class Profile:
         s = self.s[i] + after * (self.v[i] + after * (a / 2.0 + after * (j / 6.0 + k / 24.0)))
         return s, v, a + after * (j + k / 2.0), j + k
 
-    def samples(self, curve: Curve, i: np.ndarray, after: FloatArray) -> MotionSamples:
+    def samples(self, curve: PathCurve, i: np.ndarray, after: FloatArray) -> MotionSamples:
         """Give the motion of the joints at times since the start of intervals i."""
         s, *rates = self.inside(i, after)
         v, a, j = (rate[:, None] for rate in rates)
@@ -189,7 +189,7 @@ class Profile:
 
 def timed_on_places(
     family: LimitFamily,
-    curve: Curve,
+    curve: PathCurve,
     start: Profile,
     tolerance: float,
     fast: bool,
@@ -287,7 +287,7 @@ def _with_parts(t: FloatArray, parts: np.ndarray) -> FloatArray:
 
 
 def _with_friction(
-    family: LimitFamily, curve: Curve, start: Profile, fast: bool, smoothing: float
+    family: LimitFamily, curve: PathCurve, start: Profile, fast: bool, smoothing: float
 ) -> Profile:
     """Find a profile for dry friction of its own suddenness, by way of gentler ones."""
     first, _, gentler = PLACES.barriers
@@ -308,7 +308,7 @@ def _with_friction(
         smoothing = max(wider, COULOMB_SMOOTHING)
 
 
-def _first_smoothing(family: LimitFamily, curve: Curve, start: Profile) -> float:
+def _first_smoothing(family: LimitFamily, curve: PathCurve, start: Profile) -> float:
     """Give a velocity, rad/s (m/s), within which dry friction may turn for the start to be good.
 
     There the friction alone all but keeps the limits of the torque rate. Not less than the robot's.
@@ -325,7 +325,7 @@ def _first_smoothing(family: LimitFamily, curve: Curve, start: Profile) -> float
 
 
 def _closer_at_reversals(
-    family: LimitFamily, curve: Curve, profile: Profile, smoothing: float
+    family: LimitFamily, curve: PathCurve, profile: Profile, smoothing: float
 ) -> Profile:
     """Give the same motion more mesh points where the dry friction of a joint turns."""
     dry = dry_friction(family.robot) > 0
@@ -340,7 +340,7 @@ def _closer_at_reversals(
     return profile.at_times(_with_parts(profile.t, parts.astype(int)))
 
 
-def excess_of(family: LimitFamily, curve: Curve, profile: Profile) -> FloatArray:
+def excess_of(family: LimitFamily, curve: PathCurve, profile: Profile) -> FloatArray:
     """Give the largest relative excess [N,K] of any limit at K places of every interval."""
     shares = np.linspace(0.0, 1.0, CHECKS_PER_INTERVAL + 1)
     steps = np.diff(profile.t)
@@ -359,7 +359,7 @@ class _Timing:
     def __init__(
         self,
         family: LimitFamily,
-        curve: Curve,
+        curve: PathCurve,
         start: Profile,
         fast: bool,
         smoothing: float = COULOMB_SMOOTHING,
@@ -503,7 +503,7 @@ class _Timing:
 def _numbers(
     kinds: LimitKinds,
     robot: Robot,
-    curve: Curve,
+    curve: PathCurve,
     s: FloatArray,
     unit: float,
     fast: bool,

@@ -27,7 +27,7 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.codegen import maybe_compiled
 from microbot_ocp._base.fast_calls import FastCall, buffered_call
 from microbot_ocp.limits import LimitFamily, MotionSamples
-from microbot_ocp.planning._curve import Curve
+from microbot_ocp.planning._curve import PathCurve
 from microbot_ocp.planning._path_limits import (
     FAR,
     LimitRows,
@@ -113,7 +113,7 @@ class Reached:
         """Time from end to end, s."""
         return float(self.t[-1])
 
-    def smoothed(self, curve: Curve, other: Curve, rise: float, count: int) -> Reached:
+    def smoothed(self, curve: PathCurve, other: PathCurve, rise: float, count: int) -> Reached:
         """Smooth the accelerations over ``rise`` s, for another parameter of the path.
 
         The way travelled is the mean of those within that time, so that the arm leaves like t^3
@@ -189,7 +189,7 @@ class CurveLimits:
 
     @classmethod
     def of(
-        cls, family: LimitFamily, curve: Curve, grid: int | FloatArray, fast: bool
+        cls, family: LimitFamily, curve: PathCurve, grid: int | FloatArray, fast: bool
     ) -> CurveLimits:
         """Give limits of a curve on a grid of about so many intervals, or on given points."""
         s = path_grid(curve, grid) if isinstance(grid, int) else grid
@@ -210,7 +210,7 @@ class CurveLimits:
         bounds = {key: speed_bound(family, key, self.nodes) for key in keys}
         return np.sqrt(least_bound(bounds, self.nodes, self.s.size))
 
-    def excess(self, timing: Reached, curve: Curve) -> FloatArray:
+    def excess(self, timing: Reached, curve: PathCurve) -> FloatArray:
         """Give the largest relative excess [N] over any of these limits inside every interval."""
         family, worst = self.limits.family, np.full(self.s.size - 1, -1.0)
         i = np.arange(worst.size)
@@ -262,7 +262,7 @@ def reach(
 
 def settled(
     family: LimitFamily,
-    curve: Curve,
+    curve: PathCurve,
     grid: int,
     tolerance: float,
     fast: bool,
@@ -294,7 +294,7 @@ def settled(
     return timing, along, float(excess.max())
 
 
-def path_grid(path: Curve, count: int) -> FloatArray:
+def path_grid(path: PathCurve, count: int) -> FloatArray:
     """Make a grid [N+1] of about ``count`` intervals with the breaks of the path among its points.
 
     Near them it is finer: inertias vanish there often, and the curvature jumps.

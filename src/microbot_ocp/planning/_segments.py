@@ -177,7 +177,7 @@ class Straight:
 
 
 @dataclass(frozen=True)
-class Arc:
+class CircleArc:
     """An arc about a centre, from the direction ``x`` through ``y`` by an angle, rad."""
 
     center: Numbers
@@ -187,7 +187,7 @@ class Arc:
     angle: float
 
     @classmethod
-    def through(cls, start: FloatArray, middle: FloatArray, end: FloatArray) -> Arc:
+    def through(cls, start: FloatArray, middle: FloatArray, end: FloatArray) -> CircleArc:
         """The arc from start to end on which middle lies."""
         a, b = middle - start, end - start
         normal = np.cross(a, b)
@@ -205,7 +205,7 @@ class Arc:
         parts = (tuple(part.tolist()) for part in (center, x, y))
         return cls(*parts, radius=radius, angle=angle)
 
-    def turned(self, turns: int) -> Arc:
+    def turned(self, turns: int) -> CircleArc:
         """The same with so many whole turns more."""
         return replace(self, angle=self.angle + 2 * np.pi * turns)
 
@@ -241,7 +241,7 @@ class Arc:
         return ca.dot(offset, ca.DM(self.x)), ca.dot(offset, ca.DM(self.y))
 
 
-Curve = Straight | Arc
+Curve = Straight | CircleArc
 
 
 @dataclass(frozen=True)
@@ -388,14 +388,14 @@ def curve_between(kind: Curved, start: FloatArray, end: FloatArray) -> Curve:
         said = "two points, as both ends are" if closed else "one point, as the ends are not"
         raise InputError(f"through must be {said} at one place, not {through.tolist()}")
     if closed:
-        full = Arc.through(start, *through)
+        full = CircleArc.through(start, *through)
         return replace(full, angle=2 * np.pi).turned(kind.turns)
-    return Arc.through(start, through, end).turned(kind.turns)
+    return CircleArc.through(start, through, end).turned(kind.turns)
 
 
 def parts_of(kind: Curved, curve: Curve) -> list[tuple[float, Curved]]:
     """A curve in parts beside which a place on it is unique: the share at the end of each."""
-    if not isinstance(curve, Arc) or curve.angle <= SEGMENTS.largest_arc:
+    if not isinstance(curve, CircleArc) or curve.angle <= SEGMENTS.largest_arc:
         return [(1.0, kind)]
     count = int(np.ceil(curve.angle / SEGMENTS.largest_arc))
     middles = curve.points((np.arange(count) + 0.5) / count)

@@ -131,7 +131,7 @@ class Guide(NamedTuple):
     name: str
 
 
-class _GuidedSearch(StopSearch):
+class _GuidedStopSearch(StopSearch):
     """The search from ways that lead around obstacles, with what else there is after them."""
 
     def __init__(
@@ -146,7 +146,7 @@ class _GuidedSearch(StopSearch):
         self.guided = guided
 
     def _again(self, task: Task) -> StopSearch:
-        return _GuidedSearch(task, self.settings, self.progress, None, self.guided)
+        return _GuidedStopSearch(task, self.settings, self.progress, None, self.guided)
 
     def _all_guesses(self) -> Iterator[tuple[Way, InitialGuess]]:
         taken: list[Way] = []
@@ -285,7 +285,7 @@ class _Among:
         return around
 
     def _searching(self, around: Around) -> StopSearch:
-        return _GuidedSearch(replace(self.task, around=around), *self._given, self._guided)
+        return _GuidedStopSearch(replace(self.task, around=around), *self._given, self._guided)
 
     def coarse_duration(self, beaten: float) -> float:
         if not self._guided:

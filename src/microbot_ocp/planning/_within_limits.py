@@ -25,7 +25,7 @@ from microbot_ocp.motion import (
     dense_times,
     unresolved,
 )
-from microbot_ocp.planning._curve import Curve, CurvePiece
+from microbot_ocp.planning._curve import CurvePiece, PathCurve
 from microbot_ocp.planning._fast_timing import sampled, time_path
 from microbot_ocp.planning._path_limits import LATER
 from microbot_ocp.planning._paths import straight_through
@@ -101,7 +101,9 @@ def within_limits(
     if family.jerk_matters:
         return _slowed_evenly(family, as_it_is(), tolerance)
     pieces = zip(shape.coefficients, np.diff(shape.breaks), strict=True)
-    curve = Curve(tuple(CurvePiece(table, float(length)) for table, length in pieces), True, True)
+    curve = PathCurve(
+        tuple(CurvePiece(table, float(length)) for table, length in pieces), True, True
+    )
     parts = max(2, -(-SLOWING.grid // len(curve.pieces)))
     count = parts * len(curve.pieces)
     s = np.interp(np.arange(count + 1) / parts, np.arange(shape.breaks.size), shape.breaks)

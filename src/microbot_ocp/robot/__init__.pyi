@@ -57,8 +57,8 @@ from ._reach import (
 )
 from ._shapes import (
     Capsule as Capsule,
-    Mesh as Mesh,
     Shape as Shape,
+    TriangleMesh as TriangleMesh,
     read_mesh as read_mesh,
 )
 from ._torque_derivatives import (

@@ -134,7 +134,7 @@ def capsule_volume(radius: float, length: float) -> float:
     return np.pi * radius**2 * (length + 4 / 3 * radius)
 
 
-class Mesh(NamedTuple):
+class TriangleMesh(NamedTuple):
     """Triangles of a mesh file, in the frame of its shape.
 
     Attributes
@@ -149,7 +149,7 @@ class Mesh(NamedTuple):
     colors: np.ndarray | None
 
 
-def read_mesh(shape: Shape) -> Mesh:
+def read_mesh(shape: Shape) -> TriangleMesh:
     """The mesh of a shape, at its scale; needs the extra ``urdf``.
 
     Raises
@@ -162,7 +162,7 @@ def read_mesh(shape: Shape) -> Mesh:
 
 
 @lru_cache(maxsize=64)
-def _mesh_file(path: str, link: str) -> Mesh:
+def _mesh_file(path: str, link: str) -> TriangleMesh:
     try:
         import trimesh
     except ImportError:
@@ -186,4 +186,4 @@ def _mesh_file(path: str, link: str) -> Mesh:
         raise InputError(f"mesh {path!r} of link {link!r} has no vertices to go by")
     if colors is not None and colors.shape != (len(vertices), 4):
         colors = None
-    return Mesh(vertices, triangles, colors)
+    return TriangleMesh(vertices, triangles, colors)

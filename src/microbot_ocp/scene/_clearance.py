@@ -149,7 +149,7 @@ def clearance_along(
     for start, end, robot, scene in places:
         model = contact_model(robot, scene.without_parts_of(robot))
         levers = levers_of(with_arm_capsules(robot), model.pairs, farthest)
-        found.append(_Search(model, motion, speeds, levers, scene.clearance))
+        found.append(_ClearanceSearch(model, motion, speeds, levers, scene.clearance))
         found[-1].run(start, end)
     least = min(found, key=lambda search: search.minimum)
     closed = not any(search.open_stretches for search in found)
@@ -165,7 +165,7 @@ def clearance_along(
     )
 
 
-class _Search:
+class _ClearanceSearch:
     """Stretches of time and pairs, halved until all are sure."""
 
     def __init__(

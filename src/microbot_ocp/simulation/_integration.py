@@ -140,7 +140,7 @@ class IntegratorSettings(NamedTuple):
     max_steps: int
 
 
-class Run(NamedTuple):
+class IntegrationRun(NamedTuple):
     """What an integrator found.
 
     ``message`` says what is wrong unless the status is solved. ``states`` [N, states] are those at
@@ -234,7 +234,7 @@ def formula_signal(expression: ca.SX, t: ca.SX) -> Signal:
 
 def integrate(
     forced: ForcedEquation, start: FloatArray, grid: FloatArray, settings: IntegratorSettings
-) -> Run:
+) -> IntegrationRun:
     """States [N, states] at the times of the grid, in one integrator call."""
     equation, edges, inputs = forced.equation(float(grid[0]), float(grid[-1]))
     s = _stretched(grid, edges)
@@ -304,19 +304,21 @@ def in_time(
         return otherwise(Status.INTEGRATION_FAILED, "the process of the integrator ended")
 
 
-def missing(status: Status, message: str) -> Run:
+def missing(status: Status, message: str) -> IntegrationRun:
     """A run without states."""
-    return Run(status, np.zeros((0, 0)), message=message)
+    return IntegrationRun(status, np.zeros((0, 0)), message=message)
 
 
-def settled(states: Callable[[int], FloatArray], settings: IntegratorSettings, steps: int) -> Run:
+def settled(
+    states: Callable[[int], FloatArray], settings: IntegratorSettings, steps: int
+) -> IntegrationRun:
     """The result of an integrator; a fixed step is halved until two results agree."""
     most = max(settings.max_steps, 4 * steps)
     try:
         found = states(steps)
         if settings.integrator in ("cvodes", "idas"):
             finite = np.isfinite(found).all()
-            return Run(Status.SOLVED, found) if finite else _failed(NOT_FINITE, found)
+            return IntegrationRun(Status.SOLVED, found) if finite else _failed(NOT_FINITE, found)
         change, reason = np.inf, ""
         while not reason:
             steps *= 2
@@ -326,7 +328,7 @@ def settled(states: Callable[[int], FloatArray], settings: IntegratorSettings, s
                 size = 1.0 + float(np.abs(finer).max())
             found = finer
             if change <= settings.tolerance * size:
-                return Run(Status.SOLVED, found, steps)
+                return IntegrationRun(Status.SOLVED, found, steps)
             if change < INTEGRATION.rounding * size and change > 0.5 * before:
                 reason = "rounding errors are larger"
             elif 2 * steps > most:  # a coarse step may fail where a finer one does not
@@ -339,7 +341,7 @@ def settled(states: Callable[[int], FloatArray], settings: IntegratorSettings, s
         f"tolerance of {settings.tolerance:.0e} not met: {reason} (the last two results differ by "
         f"{change:.1e})"
     )
-    return Run(Status.TOLERANCE_NOT_MET, found, steps, message)
+    return IntegrationRun(Status.TOLERANCE_NOT_MET, found, steps, message)
 
 
 def plugin(
@@ -394,10 +396,12 @@ def _stretched(t: FloatArray, edges: FloatArray) -> FloatArray:
     return piece.astype(float) + inside
 
 
-def _failed(message: str, states: FloatArray) -> Run:
+def _failed(message: str, states: FloatArray) -> IntegrationRun:
     """The run that an integrator ended with an error message."""
     code = re.search(r"(?:CV|IDA)_([A-Z_]+)", message)
     reason = message.strip().split("\n")[-1]
     if code:
         reason = FAILURES.get(code.group(1), code.group())
-    return Run(Status.INTEGRATION_FAILED, states, message=f"the integrator failed: {reason}")
+    return IntegrationRun(
+        Status.INTEGRATION_FAILED, states, message=f"the integrator failed: {reason}"
+    )

@@ -12,7 +12,7 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.status import Status
 from microbot_ocp.robot import Robot, forward_dynamics, mass_matrix_condition
 from microbot_ocp.simulation._inputs import ARMATURE, SINGULAR
-from microbot_ocp.simulation._integration import IntegratorSettings, Run
+from microbot_ocp.simulation._integration import IntegrationRun, IntegratorSettings
 
 NEAR_SINGULAR = 1e6  # condition number of the mass matrix from which on the advice mentions it
 UNBOUNDED = 1e4  # rad and rad/s: no arm goes there
@@ -23,7 +23,7 @@ CLOSED_LOOP = "the loop is unstable: raise sample_rate, or lower the gains"
 def result_fields(
     robot: Robot,
     grid: FloatArray,
-    run: Run,
+    run: IntegrationRun,
     tau: FloatArray,
     disturbance: ca.Function | None,
     settings: IntegratorSettings,

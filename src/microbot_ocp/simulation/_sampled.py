@@ -13,8 +13,8 @@ from microbot_ocp._base.child_process import Send
 from microbot_ocp.motion import SAMPLE_STEP
 from microbot_ocp.robot import Robot, forward_dynamics
 from microbot_ocp.simulation._integration import (
+    IntegrationRun,
     IntegratorSettings,
-    Run,
     Signal,
     in_time,
     missing,
@@ -54,7 +54,7 @@ class SampledLoop(NamedTuple):
 
     def run(
         self, samples: Samples, start: FloatArray, settings: IntegratorSettings
-    ) -> tuple[FloatArray, Run, FloatArray]:
+    ) -> tuple[FloatArray, IntegrationRun, FloatArray]:
         """Times [N], states and held torques [N,n].
 
         One step of the accumulated map measures, computes the torque and integrates the arm with
@@ -75,7 +75,7 @@ class SampledLoop(NamedTuple):
         each = settings._replace(max_steps=max(settings.max_steps // samples.t.size, FINEST))
         first = max(inner, int(np.ceil(samples.within[-1] / SAMPLE_STEP)))
 
-        def work(_: Send) -> tuple[Run, list[FloatArray]]:
+        def work(_: Send) -> tuple[IntegrationRun, list[FloatArray]]:
             return settled(states, each, first), held
 
         run, held = in_time(work, lambda status, said: (missing(status, said), []))

@@ -25,7 +25,7 @@ from ._study_file import (
     read_study as read_study,
 )
 from ._summary import (
-    Failure as Failure,
+    CaseFailure as CaseFailure,
     Quartiles as Quartiles,
     SweepSummary as SweepSummary,
 )

@@ -245,7 +245,7 @@ def _processors() -> int:
 
 
 @dataclass(eq=False)
-class _Task:
+class _SubmittedTask:
     """Cases that are asked of a worker together."""
 
     chunk: int
@@ -288,8 +288,8 @@ class _Run:
         )  # fmt: skip
         self._packed = needed("cloudpickle").dumps(plan)
         self._answers: queue.SimpleQueue[Any] = queue.SimpleQueue()
-        self._flying: dict[Any, _Task] = {}
-        self._waiting: list[_Task] = []  # cases that are asked for one by one
+        self._flying: dict[Any, _SubmittedTask] = {}
+        self._waiting: list[_SubmittedTask] = []  # cases that are asked for one by one
         self._found: dict[int, dict[int, Done]] = {}  # of chunks that are done case by case
         self._sent = 0
         self._last_worker = time.monotonic()
@@ -323,7 +323,7 @@ class _Run:
             following = next(todo, None)
             if following is None:
                 return False
-            self._send(_Task(*following))
+            self._send(_SubmittedTask(*following))
         return True
 
     def _threads(self) -> int:
@@ -333,7 +333,7 @@ class _Run:
         info = known or self.client.scheduler_info(-1)
         return sum(worker["nthreads"] for worker in info["workers"].values())
 
-    def _send(self, task: _Task) -> None:
+    def _send(self, task: _SubmittedTask) -> None:
         self._sent += 1
         key = f"microbot_ocp-sweep-{self.study.digest[:12]}-{os.getpid()}-{self._sent}"
         future = self.client.submit(
@@ -365,11 +365,11 @@ class _Run:
         told = shortened(f"{type(problem).__name__}: {problem}", 200)
         raise SweepStopped(f"a worker could not do its cases: {told}; {self._how_to_continue()}")
 
-    def _again(self, task: _Task) -> None:
+    def _again(self, task: _SubmittedTask) -> None:
         """Workers ended under these cases again and again: find which one it is."""
         if len(task.rows) > 1:
             self._waiting += [
-                _Task(task.chunk, task.first + k, task.rows[k : k + 1])
+                _SubmittedTask(task.chunk, task.first + k, task.rows[k : k + 1])
                 for k in range(len(task.rows))
             ]
             return
@@ -381,7 +381,7 @@ class _Run:
         row = inputs(self.plan, task.first, task.rows[0])
         self._keep(task, [(row | ended(self.plan, Status.KILLED_WORKER, reason), {})])
 
-    def _keep(self, task: _Task, done: list[Done]) -> None:
+    def _keep(self, task: _SubmittedTask, done: list[Done]) -> None:
         size = int(self.results.about["chunk"])
         whole = min(size, self.results.count - task.chunk * size)
         if len(done) < whole:

@@ -29,7 +29,7 @@ BY_TIMING = ("cubic_path", "straight_path")
 Row = dict[str, Any]
 
 
-class Outcome(NamedTuple):
+class CaseOutcome(NamedTuple):
     """What became of one method."""
 
     status: Status
@@ -84,7 +84,7 @@ class CaseSolver:
     def _methods(self, task: CaseTask, values: Row, motions: dict[str, bytes]) -> Row:
         row: Row = {}
         moving = task.robot.with_payload(task.payload) if task.payload else task.robot
-        first: Outcome | None = None
+        first: CaseOutcome | None = None
         for name in self.plan.methods:
             started = time.perf_counter()
             try:
@@ -93,7 +93,7 @@ class CaseSolver:
                 known = isinstance(problem, InputError)
                 status = Status.NOT_POSSIBLE if known else Status.FAILED
                 reason = str(problem) if known else f"{type(problem).__name__}: {problem}"
-                outcome = Outcome(status, reason)
+                outcome = CaseOutcome(status, reason)
             row |= self._entry(name, moving, outcome, time.perf_counter() - started)
             if not outcome.status.solved and first is None:
                 first = outcome
@@ -103,7 +103,7 @@ class CaseSolver:
         row["reason"] = " ".join(first.reason.split()) if first else ""
         return row
 
-    def _outcome(self, name: str, task: CaseTask, moving: Robot, values: Row) -> Outcome:
+    def _outcome(self, name: str, task: CaseTask, moving: Robot, values: Row) -> CaseOutcome:
         own = self.plan.methods[name]
         if own is not None:
             motion = own(moving, task.via_q)
@@ -116,10 +116,10 @@ class CaseSolver:
         settings = {k: self.plan.settings[k] for k in ("mesh", "starts", "seed", "grid")}
         entry = compare(moving, task.via_q, [name], **settings).entries[0]
         reason = "" if entry.status.solved else entry.note
-        thorough = Outcome(entry.status, reason, entry.motion, entry.certificate)
+        thorough = CaseOutcome(entry.status, reason, entry.motion, entry.certificate)
         return quick if quick is not None and not thorough.kept else thorough
 
-    def _quick(self, name: str, task: CaseTask, moving: Robot, values: Row) -> Outcome | None:
+    def _quick(self, name: str, task: CaseTask, moving: Robot, values: Row) -> CaseOutcome | None:
         """By what is prepared; None where nothing is."""
         if name == BY_SOLVER and self.plan.prepares:
             solver = self._solvers.get(_key(values))
@@ -133,7 +133,7 @@ class CaseSolver:
             return self._timed(name, moving, task.via_q)
         return None
 
-    def _timed(self, name: str, robot: Robot, via: FloatArray) -> Outcome:
+    def _timed(self, name: str, robot: Robot, via: FloatArray) -> CaseOutcome:
         if name == "straight_path":
             path = straight_path(via)
         else:
@@ -144,11 +144,11 @@ class CaseSolver:
             path = path_of(best_durations(robot, path_of, first_splits(via)))
         timing = time_path(robot, path, grid=self.plan.settings["grid"], compiled=False)
         if not timing.solved:
-            return Outcome(timing.status, f"path blocked beyond s = {timing.blocked_at:.3g}")
+            return CaseOutcome(timing.status, f"path blocked beyond s = {timing.blocked_at:.3g}")
         motion = timing.motion()
-        return Outcome(timing.status, "", motion, certify(robot, motion, via_q=via))
+        return CaseOutcome(timing.status, "", motion, certify(robot, motion, via_q=via))
 
-    def _entry(self, name: str, robot: Robot, outcome: Outcome, spent: float) -> Row:
+    def _entry(self, name: str, robot: Robot, outcome: CaseOutcome, spent: float) -> Row:
         row: Row = {
             f"{name}_status": str(outcome.status),
             f"{name}_solve_time": spent,
@@ -176,9 +176,9 @@ class CaseSolver:
         return TimeOptimalSolver(robot, via, compiled=compiled, **settings)
 
 
-def _judged(robot: Robot, task: CaseTask, motion: Motion) -> Outcome:
+def _judged(robot: Robot, task: CaseTask, motion: Motion) -> CaseOutcome:
     reason = "" if motion.solved else str(motion.provenance.get("advice", motion.note))
-    return Outcome(motion.status, reason, motion, certify(robot, motion, via_q=task.via_q))
+    return CaseOutcome(motion.status, reason, motion, certify(robot, motion, via_q=task.via_q))
 
 
 def _key(values: Mapping[str, FloatArray]) -> tuple[tuple[str, bytes], ...]:

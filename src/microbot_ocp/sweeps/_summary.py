@@ -35,7 +35,7 @@ class Quartiles(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Failure:
+class CaseFailure:
     """Cases that ended alike.
 
     Attributes
@@ -91,7 +91,7 @@ class SweepSummary:
     best: str
     decides: Mapping[str, float]
     at_limit: Mapping[str, float]
-    failures: tuple[Failure, ...]
+    failures: tuple[CaseFailure, ...]
     case_time: Quartiles
     not_compiled: int = 0
 
@@ -130,7 +130,7 @@ def summary_of(sweep: Sweep) -> SweepSummary:
     )
 
 
-def _failures(read: Mapping[str, np.ndarray]) -> tuple[Failure, ...]:
+def _failures(read: Mapping[str, np.ndarray]) -> tuple[CaseFailure, ...]:
     """Failures that differ in their numbers only count as one."""
     found: dict[tuple[str, str], list[int]] = {}
     for k in np.flatnonzero(read["status"] != Status.SOLVED):
@@ -140,5 +140,5 @@ def _failures(read: Mapping[str, np.ndarray]) -> tuple[Failure, ...]:
     for (status, _), places in found.items():
         case = int(read["case"][places[0]])
         checks.one_of(f"status of case {case}", status, Status)
-        made.append(Failure(Status(status), len(places), case, read["reason"][places[0]]))
+        made.append(CaseFailure(Status(status), len(places), case, read["reason"][places[0]]))
     return tuple(sorted(made, key=lambda failure: -failure.count))

@@ -86,7 +86,7 @@ def best_split(
     """
     started = time.perf_counter()
     with deadline.within(time_limit):
-        search = _Search(robot, make_motion, limits, tolerance)
+        search = _SplitSearch(robot, make_motion, limits, tolerance)
         durations = search.best(first_durations)
         ended = deadline.over()
         scaled = shortest_duration(robot, make_motion(durations), limits)
@@ -110,7 +110,7 @@ def best_durations(
 
     For the timing of a path, whose shape depends on their ratios.
     """
-    return _Search(robot, make_motion, limits).best(first_durations)
+    return _SplitSearch(robot, make_motion, limits).best(first_durations)
 
 
 def first_splits(via_q: ArrayLike) -> FloatArray:
@@ -178,7 +178,7 @@ class _Split:
     log_duration: float
 
 
-class _Search:
+class _SplitSearch:
     """Searches for the best split from first ones; counts the shapes that are tried."""
 
     def __init__(

@@ -156,11 +156,11 @@ def shortest_duration(
     """
     started = time.perf_counter()
     with deadline.within(time_limit):
-        search = _Search(robot, make_motion, limits, first_duration, tolerance)
+        search = _DurationSearch(robot, make_motion, limits, first_duration, tolerance)
         return search.run(started)
 
 
-class _Search:
+class _DurationSearch:
     """One search for the shortest duration; counts the durations that were tried."""
 
     def __init__(

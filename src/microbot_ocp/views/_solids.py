@@ -14,7 +14,7 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.planning import Payload
-from microbot_ocp.robot import Capsule, Mesh, Robot, Shape, read_mesh
+from microbot_ocp.robot import Capsule, Robot, Shape, TriangleMesh, read_mesh
 from microbot_ocp.scene import Box, ConvexMesh, Cylinder, HalfSpace, Sphere
 from microbot_ocp.views._scene import reach
 from microbot_ocp.views._style import STYLE, Color
@@ -40,7 +40,7 @@ class Solid(NamedTuple):
     size: FloatArray
     pose: FloatArray
     color: Color
-    mesh: Mesh | None = None
+    mesh: TriangleMesh | None = None
 
 
 class Geometry(NamedTuple):
@@ -115,7 +115,7 @@ def obstacle_solid(obstacle: Any, robot: Robot) -> Solid:
     outward = corners.mean(axis=1) - obstacle.vertices.mean(axis=0)
     inside_out = np.einsum("ni,ni->n", normals, outward) < 0.0  # a hull's faces go round either way
     triangles = np.where(inside_out[:, None], obstacle.triangles[:, ::-1], obstacle.triangles)
-    mesh = Mesh(obstacle.vertices, triangles, None)
+    mesh = TriangleMesh(obstacle.vertices, triangles, None)
     return Solid("mesh", np.ones(3), obstacle.pose, color, mesh)
 
 

@@ -15,7 +15,7 @@ from microbot_ocp.scene import Nearest, Scene, contact_model, has_coal
 from microbot_ocp.views._solids import Solid, obstacle_solid
 
 
-class Carried(NamedTuple):
+class CarriedPart(NamedTuple):
     """A part and the pose [N,4,4] of the tool frame that it is rigid in, at the arm's samples."""
 
     payload: Payload
@@ -30,7 +30,7 @@ class Tube(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Surroundings:
+class DrawnSurroundings:
     """What is around an arm in motion.
 
     Attributes
@@ -49,15 +49,15 @@ class Surroundings:
     stretches: tuple[Place, ...] = ()
     tubes: tuple[Tube, ...] = ()
     stops: tuple[FloatArray, ...] = ()
-    parts: tuple[Carried, ...] = ()
+    parts: tuple[CarriedPart, ...] = ()
 
     @classmethod
-    def of_scene(cls, robot: Robot, scene: Scene | None) -> Surroundings:
+    def of_scene(cls, robot: Robot, scene: Scene | None) -> DrawnSurroundings:
         """Return the obstacles of a scene, the same at all times."""
         return cls(scene, () if scene is None else (Place(0.0, np.inf, robot, scene),))
 
     @classmethod
-    def of_cell(cls, cell: Cell, t: FloatArray, q: FloatArray) -> Surroundings:
+    def of_cell(cls, cell: Cell, t: FloatArray, q: FloatArray) -> DrawnSurroundings:
         """Return what is around an arm at q [N,n] at times t [N] that does the task of a cell."""
         task, marks = cell.task, cell.motion.marks
         if len(marks) != len(task.stops):
@@ -70,7 +70,7 @@ class Surroundings:
             for first, end in part.carries:
                 poses[at[first] : at[end]] = tool[at[first] : at[end]]
                 poses[at[end] :] = tool[at[end]]
-            parts.append(Carried(part.payload, poses))
+            parts.append(CarriedPart(part.payload, poses))
         stops = []
         for place, rotation in (stop.pose(cell.robot) for stop in task.stops):
             if rotation is not None:

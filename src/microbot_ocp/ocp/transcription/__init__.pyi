@@ -36,8 +36,8 @@ from ._table import (
     DURATION as DURATION,
     EQUATIONS as EQUATIONS,
     Block as Block,
-    Entry as Entry,
     Label as Label,
+    TableEntry as TableEntry,
     limits_of as limits_of,
 )
 from ._transcription import (

@@ -31,7 +31,7 @@ from microbot_ocp.ocp.transcription._composition import (
     composed_derivatives,
     divided,
 )
-from microbot_ocp.ocp.transcription._table import Entry, entries_of
+from microbot_ocp.ocp.transcription._table import TableEntry, entries_of
 from microbot_ocp.ocp.transcription.schemes import (
     Interval,
     IntervalStep,
@@ -57,7 +57,7 @@ class PointKernel:
     point: ca.Function
     jacobian: ca.Function
     hessian: ca.Function
-    rows: tuple[Entry, ...]
+    rows: tuple[TableEntry, ...]
     fractions: tuple[float, ...]
     data: tuple[str, ...] = ()
 
@@ -76,7 +76,7 @@ class Kernels:
     stage_jacobian: ca.Function
     stage_hessian: ca.Function
     dense: ca.Function
-    stage_rows: tuple[Entry, ...]
+    stage_rows: tuple[TableEntry, ...]
     points: tuple[PointKernel, ...]
 
 
@@ -172,7 +172,7 @@ class _Rows:
     def __init__(self, phase: Phase) -> None:
         self.phase = phase
         self.values: list[ca.MX] = []
-        self.entries: list[Entry] = []
+        self.entries: list[TableEntry] = []
 
     def add(
         self,
@@ -191,7 +191,7 @@ class _Rows:
         self.values.append(residual)
         size = residual.shape[0]
         self.entries += [
-            Entry("equation", None, "", i, size, fraction, "", 1.0) for i in range(size)
+            TableEntry("equation", None, "", i, size, fraction, "", 1.0) for i in range(size)
         ]
 
     def stacked(self) -> ca.MX:

@@ -28,8 +28,8 @@ from microbot_ocp.ocp.transcription._mesh import IntArray, Mesh
 from microbot_ocp.ocp.transcription._table import (
     DURATION,
     Block,
-    Entry,
     Label,
+    TableEntry,
     conditions_of,
     entries_of,
     limits_of,
@@ -53,13 +53,13 @@ class StageKind:
 
     scheme: Scheme
     inner: tuple[StageVariable, ...]
-    variables: tuple[Entry, ...]
-    rows: tuple[Entry, ...]
+    variables: tuple[TableEntry, ...]
+    rows: tuple[TableEntry, ...]
     kernels: Kernels
     node_size: int
 
     @property
-    def node(self) -> tuple[Entry, ...]:
+    def node(self) -> tuple[TableEntry, ...]:
         """Entries of z: states, linear controls, free parameters, duration."""
         return self.variables[: self.node_size]
 
@@ -77,11 +77,11 @@ def stage_kind(
     duration_scale: float,
 ) -> StageKind:
     """Stages of a phase by one scheme, with what their kernels hold."""
-    node: list[Entry] = []
+    node: list[TableEntry] = []
     for variable in node_variables(phase):
         node += entries_of(phase, _kind(variable), variable)
-    node.append(Entry("duration", None, DURATION, 0, 1, 0.0, "s", duration_scale))
-    control: list[Entry] = []
+    node.append(TableEntry("duration", None, DURATION, 0, 1, 0.0, "s", duration_scale))
+    control: list[TableEntry] = []
     for own in inner:
         kind = "arrival" if own.source.shape == "linear" else _kind(own.source)
         control += entries_of(phase, kind, own.source, own.fraction)
@@ -355,7 +355,7 @@ def lay_out(
     kinds: Sequence[StageKind],
     kind_of: IntArray,
     *,
-    following: Sequence[Entry] = (),
+    following: Sequence[TableEntry] = (),
     linked: Sequence[str] = (),
     variable_offset: int = 0,
     row_offset: int = 0,
@@ -385,7 +385,7 @@ def lay_out(
     heights += extra[:-1]
     first = row_offset + np.concatenate([[0], np.cumsum(heights)])
 
-    def block(entries: Sequence[Entry], begin: int, interval: int = mesh.intervals) -> Block:
+    def block(entries: Sequence[TableEntry], begin: int, interval: int = mesh.intervals) -> Block:
         places = np.arange(begin, begin + len(entries))[None, :]
         return Block(tuple(entries), np.array([interval]), places)
 

@@ -52,7 +52,7 @@ _DESCRIPTIONS = {
 
 
 @dataclass(frozen=True)
-class Entry:
+class TableEntry:
     """What one row or variable of a stage is.
 
     Attributes
@@ -100,7 +100,7 @@ class Entry:
 
 
 @dataclass(frozen=True)
-class Label(Entry):
+class Label(TableEntry):
     """What one row or variable of a program is, and of which phase and interval.
 
     Attributes
@@ -128,26 +128,26 @@ class Block:
     places : where they stand in the program [M, K]
     """
 
-    entries: tuple[Entry, ...]
+    entries: tuple[TableEntry, ...]
     intervals: IntArray
     places: IntArray
 
 
 def entries_of(
     phase: Phase, kind: str, item: Variable | PathConstraint, fraction: float = 0.0
-) -> list[Entry]:
+) -> list[TableEntry]:
     """An entry for every component of a variable or constraint of a phase."""
     source = next(
         (name, own.index(item)) for name in _LISTS if item in (own := getattr(phase, name))
     )
     size = item.scale.size
     return [
-        Entry(kind, source, item.name, i, size, fraction, item.unit, float(item.scale[i]))
+        TableEntry(kind, source, item.name, i, size, fraction, item.unit, float(item.scale[i]))
         for i in range(size)
     ]
 
 
-def conditions_of(phase: Phase, which: str, node: Sequence[Entry]) -> tuple[Entry, ...]:
+def conditions_of(phase: Phase, which: str, node: Sequence[TableEntry]) -> tuple[TableEntry, ...]:
     """Entries of what has a condition at the start ("initial") or end ("final") of a phase."""
     conditions = [replace(entry, kind=which) for entry in node if _item(phase, entry) is not None]
     return tuple(
@@ -158,21 +158,21 @@ def conditions_of(phase: Phase, which: str, node: Sequence[Entry]) -> tuple[Entr
     )
 
 
-def limits_of(phase: Phase, entries: Sequence[Entry]) -> tuple[FloatArray, FloatArray]:
+def limits_of(phase: Phase, entries: Sequence[TableEntry]) -> tuple[FloatArray, FloatArray]:
     """Lower and upper limits of entries as a phase declares them, divided by their scales."""
     pairs = np.array([_pair(phase, entry) for entry in entries]).reshape(-1, 2)
     low, high = pairs.T / np.array([entry.scale for entry in entries])
     return low, high
 
 
-def _item(phase: Phase, entry: Entry) -> Variable | PathConstraint | None:
+def _item(phase: Phase, entry: TableEntry) -> Variable | PathConstraint | None:
     if entry.source is None:
         return None
     name, position = entry.source
     return getattr(phase, name)[position]
 
 
-def _pair(phase: Phase, entry: Entry) -> tuple[float, float]:
+def _pair(phase: Phase, entry: TableEntry) -> tuple[float, float]:
     if entry.kind in EQUATIONS:
         return 0.0, 0.0
     if entry.kind in _FREE:

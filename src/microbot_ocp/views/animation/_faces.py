@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp.robot import Capsule, Mesh, Robot, Shape
+from microbot_ocp.robot import Capsule, Robot, Shape, TriangleMesh
 from microbot_ocp.views._eye import Eye
 from microbot_ocp.views._scene import link_poses, reach
 from microbot_ocp.views._solids import Solid, capsule_solid, drawn_geometry, joint_solid
@@ -113,7 +113,7 @@ def solid_faces(solid: Solid, edge: float, cell: float = 0.0) -> Faces:
     return Faces(corners, np.broadcast_to(color, (len(corners), 3))).placed(solid.pose)
 
 
-def _mesh_faces(mesh: Mesh, color: FloatArray, cell: float) -> Faces:
+def _mesh_faces(mesh: TriangleMesh, color: FloatArray, cell: float) -> Faces:
     vertices, triangles = mesh.vertices, mesh.triangles
     colors = np.broadcast_to(color, (len(triangles), 3))
     if mesh.colors is not None:

@@ -24,7 +24,7 @@ from microbot_ocp.views._scene import (
     tool_places,
 )
 from microbot_ocp.views._style import FIXED, PREFERRED, STYLE, EntryStyle, entry_styles
-from microbot_ocp.views._surroundings import Surroundings
+from microbot_ocp.views._surroundings import DrawnSurroundings
 from microbot_ocp.views.recording._animated_arm import drawn_rate, looks, moving_arm, standing_arm
 from microbot_ocp.views.recording._limits import peak_table
 from microbot_ocp.views.recording._recording import Recording
@@ -96,7 +96,7 @@ def of_motion(
         arms=(arm,),
         places=tool_places(robot, via_q),
         place_names=_via_names(len(via_q)) if inner else ("start", "end"),
-        around=Surroundings.of_scene(robot, scene),
+        around=DrawnSurroundings.of_scene(robot, scene),
         summary=replace(table, title=f"{title}, {motion.duration:.3f} s", notes=sentences),
     )
 
@@ -113,7 +113,7 @@ def of_cell(cell: Cell, rate: float | None = None) -> Recording:
     (arm,), stops = plain.arms, cell.task.stops
     return replace(
         plain,
-        around=Surroundings.of_cell(cell, arm.times[TIME], arm.q),
+        around=DrawnSurroundings.of_cell(cell, arm.times[TIME], arm.q),
         places=np.array([stop.pose(cell.robot)[0] for stop in stops]),
         place_names=tuple(stop.name for stop in stops),
     )

@@ -157,7 +157,7 @@ def peak_table(arm: AnimatedArm) -> tuple[list[str], list[list[str]]]:
     return ["joint", *(f"peak {key} [%]" for key in use)], rows
 
 
-class Switch(NamedTuple):
+class LimitSwitch(NamedTuple):
     """A sample at which a spell begins or ends, and such as "elbow torque max begins"."""
 
     sample: int
@@ -165,15 +165,15 @@ class Switch(NamedTuple):
     begins: bool
 
 
-def _switches(robot: Robot, spells: Sequence[LimitSpell], count: int) -> list[Switch]:
+def _switches(robot: Robot, spells: Sequence[LimitSpell], count: int) -> list[LimitSwitch]:
     """Return where spells begin and end within a motion of ``count`` samples, in order of time."""
     every = []
     for spell in spells:
         owner = "" if spell.joint is None else f"{robot.joint_names[spell.joint]} "
         if spell.first > 0:
-            every.append(Switch(spell.first, f"{owner}{spell.text} begins", True))
+            every.append(LimitSwitch(spell.first, f"{owner}{spell.text} begins", True))
         if spell.last < count - 1:
-            every.append(Switch(spell.last, f"{owner}{spell.text} ends", False))
+            every.append(LimitSwitch(spell.last, f"{owner}{spell.text} ends", False))
     return sorted(every, key=lambda switch: switch.sample)
 
 
@@ -220,7 +220,7 @@ def _draw_lanes(
 
 
 def _draw_switches(
-    writer: Writer, robot: Robot, arm: AnimatedArm, switches: Sequence[Switch]
+    writer: Writer, robot: Robot, arm: AnimatedArm, switches: Sequence[LimitSwitch]
 ) -> None:
     """Draw a point on the trail wherever a limit is reached or left."""
     if not switches:
@@ -246,7 +246,7 @@ def _draw_switches(
         writer.columns(f"{path}/latest", arm.at(gone), empty)
 
 
-def _draw_marks(writer: Writer, arm: AnimatedArm, switches: Sequence[Switch]) -> None:
+def _draw_marks(writer: Writer, arm: AnimatedArm, switches: Sequence[LimitSwitch]) -> None:
     """Write a line of text for every mark and every switch; whose it is, if there are several."""
     clock = arm.times[TIME]
     lines = [(mark.time, mark.name) for mark in arm.marks]

@@ -19,7 +19,7 @@ from microbot_ocp.views._eye import Eye, find_eye
 from microbot_ocp.views._scene import QUANTITIES, AxisLimits, near_limits, reach
 from microbot_ocp.views._solids import drawn_geometry
 from microbot_ocp.views._style import STYLE
-from microbot_ocp.views._surroundings import Surroundings
+from microbot_ocp.views._surroundings import DrawnSurroundings
 from microbot_ocp.views.recording import _arm, _limits, _loads, _space
 from microbot_ocp.views.recording._animated_arm import AnimatedArm
 from microbot_ocp.views.recording._blueprint import recording_blueprint
@@ -68,7 +68,7 @@ class Recording:
     place_names: tuple[str, ...]
     summary: Table
     target: FloatArray | None = None
-    around: Surroundings = field(default_factory=Surroundings)
+    around: DrawnSurroundings = field(default_factory=DrawnSurroundings)
     quantities: tuple[str, ...] = QUANTITIES
     timeline: str = TIME
 

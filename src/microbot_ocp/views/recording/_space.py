@@ -14,7 +14,7 @@ from microbot_ocp.views._eye import grid_spacing, upward
 from microbot_ocp.views._scene import reach
 from microbot_ocp.views._solids import capsule_solid, part_solids
 from microbot_ocp.views._style import STYLE
-from microbot_ocp.views._surroundings import Surroundings
+from microbot_ocp.views._surroundings import DrawnSurroundings
 from microbot_ocp.views.recording._animated_arm import AnimatedArm
 from microbot_ocp.views.recording._limits import LimitPlot
 from microbot_ocp.views.recording._writer import TIME, WORLD, Times, Writer, quaternions
@@ -66,7 +66,9 @@ def _label(place: FloatArray, places: FloatArray, names: Sequence[str]) -> str:
     return ", ".join(name for name, same in zip(names, here, strict=True) if same)
 
 
-def draw_surroundings(writer: Writer, robot: Robot, around: Surroundings, arm: AnimatedArm) -> None:
+def draw_surroundings(
+    writer: Writer, robot: Robot, around: DrawnSurroundings, arm: AnimatedArm
+) -> None:
     """Draw obstacles and capsules of the arm, tubes and frames of its task, and its parts."""
     for name, solid in around.obstacles(robot):
         writer.solid(rr.new_entity_path([WORLD, "scene", name]), solid)
@@ -94,7 +96,7 @@ def draw_surroundings(writer: Writer, robot: Robot, around: Surroundings, arm: A
 
 
 def draw_nearest(
-    writer: Writer, robot: Robot, around: Surroundings, arm: AnimatedArm, end: Times
+    writer: Writer, robot: Robot, around: DrawnSurroundings, arm: AnimatedArm, end: Times
 ) -> None:
     """Draw the line between the nearest points with its length, which is a curve, too."""
     nearest = around.nearest(arm.times[TIME], arm.q)

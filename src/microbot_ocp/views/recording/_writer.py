@@ -18,7 +18,7 @@ import rerun.blueprint as rrb
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.table import Table
 from microbot_ocp._base.writing import check_writable, write_whole
-from microbot_ocp.robot import Mesh
+from microbot_ocp.robot import TriangleMesh
 from microbot_ocp.views._solids import Solid
 from microbot_ocp.views._style import STYLE, Color
 
@@ -145,7 +145,7 @@ def _shape(solid: Solid) -> Any:
     return rr.Boxes3D(half_sizes=[size / 2], centers=middle, **style)
 
 
-def _normals(mesh: Mesh) -> FloatArray:
+def _normals(mesh: TriangleMesh) -> FloatArray:
     """Return unit normals [N,3] of the vertices: without them the viewer does not shade."""
     corners = mesh.vertices[mesh.triangles]
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
