@@ -190,7 +190,9 @@ class _Work:
         began, state = time.perf_counter(), None
         measure = partial(self._measured, began)
         with suppress(KeyboardInterrupt):
-            for state in refined(first, self._solved, measure, self._split, _accepted, self._ended):
+            for state in refined(
+                first, self._solved, measure, self._split, self._accepts, self._ended
+            ):
                 self._report(state)
         if state is None:
             return _interrupted(_alone(first)), True
@@ -240,6 +242,11 @@ class _Work:
                 lowest = replace(lowest, status=Status.NOT_ACCEPTED)
         attempts = tuple(a for own in answers for a in own.attempts)
         return _by("from beside a saddle", replace(lowest, attempts=attempts))
+
+    def _accepts(self, before: Solution, after: Solution) -> bool:
+        """Whether a solve converged; to an accuracy no gap takes the place of what has none."""
+        worse = after.status is Status.GAP_LEFT and before.solved and self.accuracy is not None
+        return after.status in CONVERGED and not worse
 
     def _measured(self, began: float, rounds: Rounds, solution: Solution) -> Seen:
         judgement = judge(self.transcription, solution)
@@ -451,10 +458,6 @@ def _of_accuracy(judged: Status, ended: Status | None, missing: Sequence[str]) -
     return (
         Status.NO_PROGRESS if missing and judged in (Status.SOLVED, Status.TOO_COARSE) else judged
     )
-
-
-def _accepted(before: Solution, after: Solution) -> bool:
-    return after.status in CONVERGED
 
 
 def _endless(solution: Solution) -> bool:
