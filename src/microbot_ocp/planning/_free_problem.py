@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Sequence
-from functools import lru_cache, partial
+from dataclasses import dataclass
+from functools import cached_property, lru_cache, partial
 from math import factorial
 from typing import Any
 
@@ -15,7 +16,7 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.codegen import compile_recipe, compiles
 from microbot_ocp.limits import LimitFamily, MotionSamples
 from microbot_ocp.motion import PiecewisePolynomial, State, quintic_between
-from microbot_ocp.ocp import OptimalControlProblem, PhaseSolution, Solution, Transcription
+from microbot_ocp.ocp import OptimalControlProblem, Phase, PhaseSolution, Solution, Transcription
 from microbot_ocp.planning._conditions import Bounds, Conditions, passing
 from microbot_ocp.planning._friction import has_windows, kept_torques, without_dry_friction
 from microbot_ocp.planning._progress import Samples
@@ -93,116 +94,171 @@ def free_problem(
     holds at the via points and which robot moves between them; by default the arm is at rest at
     both ends and passes the others.
     """
-    count, limits, family = robot.joint_count, robot.limits, LimitFamily.of(robot)
-    told = conditions or passing(robot, via)
-    size = TaskScale.of(family, via)
-    velocity_scale = _scale(limits.bounds("qd"), size.velocity)
-    acceleration_scale = _scale(limits.bounds("qdd"), size.acceleration)
-    held = (limits.qdd_min == 0.0) & (limits.qdd_max == 0.0)  # they stay where they start
-    still = np.zeros(count)
-    rated = family.jerk_matters
+    family = LimitFamily.of(robot)
+    form = _Form(
+        family,
+        TaskScale.of(family, via),
+        conditions or passing(robot, via),
+        payload=payload,
+        budgeted=budgeted,
+        jumps=jumps,
+    )
     problem = OptimalControlProblem(f"time-optimal motion of {robot.name}")
-    for index, (name, start) in enumerate(zip(phase_names(len(via) - 1), via[:-1], strict=True)):
-        first, last = index == 0, index == len(via) - 2
-        at_start, at_end = told.ends[index], told.ends[index + 1]
-        own_family = LimitFamily.of(told.robots[index])
-        constraints = [key for key in own_family.keys if key not in OF_VARIABLES]
-        moving = told.robots[index]
-        # with jumps the mesh points are where the friction jumps
-        windowed = has_windows(own_family) and not jumps
-        made = partial(torques_of, keys=constraints, payload=payload)
-        torques: Callable[..., Any] = made(moving)
-        phase = problem.phase(
-            name,
-            duration=(size.shortest[index], size.longest[index]),
-            scale=None if size.time == 1.0 else size.time,
-        )
-        q = phase.state(
-            "q",
-            count,
-            lower=limits.q_min,
-            upper=limits.q_max,
-            initial=at_start.q if first else _unless(held, at_start.q),
-            final=_unless(held, at_end.q) if last else None,
-            scale=size.position,
-            unit="rad",
-        )
-        qd = phase.state(
-            "qd",
-            count,
-            lower=limits.qd_min,
-            upper=limits.qd_max,
-            initial=at_start.qd if first else _unless(held, at_start.qd),
-            final=_unless(held, at_end.qd) if last else None,
-            scale=velocity_scale,
-            unit="rad/s",
-            interior_points=bool(np.isfinite(limits.qd_max).any()),
-        )
-        own: dict[str, Any] = {
-            "lower": limits.qdd_min,
-            "upper": limits.qdd_max,
-            "scale": acceleration_scale,
-            "unit": "rad/s^2",
-        }
-        ends: dict[str, Any] = {
-            "initial": _unless(held, (still, still)) if at_start.still else None,
-            "final": _unless(held, (still, still)) if at_end.still else None,
-        }
-        if not jumps:
-            qdd = phase.control("qdd", count, **own, **ends, shape="linear")
-            jerk = phase.rate(qdd)
-        elif rated:
-            qdd = phase.state("qdd", count, **own, **ends)
-            jerk = phase.control("jerk", count, unit="rad/s^3", shape="polynomial")
-            phase.derivative(qdd, jerk)
-        else:
-            qdd = phase.control("qdd", count, **own, shape="polynomial")
-            jerk = ca.MX.zeros(count)
-        phase.derivative(q, qd)
-        phase.derivative(qd, qdd)
-        mass = [phase.parameter("payload", 0.0)] if payload else []
-        state, kept, tau = (q, qd, qdd, jerk), None, None
-        if windowed:
-            light = made(without_dry_friction(moving))
-            kept, tau = kept_torques(phase, moving, state, light, mass)
-        declare_limits(phase, own_family, constraints, state, start, torques, mass, kept)
-        for row in at_start.rows:
-            phase.point_constraint(row.name, row.expression(q, qd), *row.bounds, at=0.0)
-        for row in at_end.rows if last else ():
-            phase.end_constraint(row.name, row.expression(q, qd), *row.bounds)
-        if not budgeted:
-            phase.end_cost(phase.duration)
-        else:
-            clock = phase.state(
-                "clock",
-                initial=0.0 if first else None,
-                scale=size.time,
-                unit="s",
-            )
-            phase.derivative(clock, ca.MX(1.0))
-            late = clock - phase.parameter(BUDGET, 1.0)  # of all phases, which share kernels so
-            if last:
-                phase.end_constraint("time allowed", late, upper=0.0, scale=size.time, unit="s")
-            if tau is None and robot.has_dynamics:
-                tau = torques(*state, *mass)[0]
-            moved = qdd if tau is None else tau
-            phase.running_cost(ca.sumsqr(moved / effort_scale(family, acceleration_scale)))
-        if not jumps:
-            weight = phase.parameter(JERK_WEIGHT, SMOOTHING)
-            phase.running_cost(weight * ca.sumsqr(jerk / size.jerk))
+    for index, start in enumerate(via[:-1]):
+        _declare_segment(problem, form, index, start)
+    _link_segments(problem, form)
+    return problem
+
+
+@dataclass(frozen=True, eq=False)
+class _Form:
+    """The arguments of :func:`free_problem`, and what all of its segments share."""
+
+    family: LimitFamily
+    size: TaskScale
+    conditions: Conditions
+    payload: bool
+    budgeted: bool
+    jumps: bool
+
+    @property
+    def rated(self) -> bool:
+        """Whether the acceleration is a state: the jerk, or what follows from it, is limited."""
+        return self.family.jerk_matters
+
+    @cached_property
+    def scales(self) -> tuple[FloatArray, FloatArray]:
+        """Scales [n] of velocities and accelerations."""
+        limits: Any = self.family.robot.limits
+        velocity = _scale(limits.bounds("qd"), self.size.velocity)
+        return velocity, _scale(limits.bounds("qdd"), self.size.acceleration)
+
+    @property
+    def held(self) -> np.ndarray:
+        """Which joints [n] stay where they start."""
+        limits = self.family.robot.limits
+        return (limits.qdd_min == 0.0) & (limits.qdd_max == 0.0)
+
+
+def _declare_segment(
+    problem: OptimalControlProblem, form: _Form, index: int, start: FloatArray
+) -> None:
+    """Declare the phase from a via point [n] to the next."""
+    size, moving = form.size, form.conditions.robots[index]
+    first, last = index == 0, index == len(form.conditions.ends) - 2
+    family = LimitFamily.of(moving)
+    constraints = [key for key in family.keys if key not in OF_VARIABLES]
+    made = partial(torques_of, keys=constraints, payload=form.payload)
+    torques: Callable[..., Any] = made(moving)
+    phase = problem.phase(
+        phase_names(index + 1)[-1],
+        duration=(size.shortest[index], size.longest[index]),
+        scale=None if size.time == 1.0 else size.time,
+    )
+    state = _declare_state(phase, form, index)
+    q, qd, qdd, jerk = state
+    mass = [phase.parameter("payload", 0.0)] if form.payload else []
+    kept = tau = None
+    # with jumps the mesh points are where the friction jumps
+    if has_windows(family) and not form.jumps:
+        light = made(without_dry_friction(moving))
+        kept, tau = kept_torques(phase, moving, state, light, mass)
+    declare_limits(phase, family, constraints, state, start, torques, mass, kept)
+    at_start, at_end = form.conditions.ends[index : index + 2]
+    for row in at_start.rows:
+        phase.point_constraint(row.name, row.expression(q, qd), *row.bounds, at=0.0)
+    for row in at_end.rows if last else ():
+        phase.end_constraint(row.name, row.expression(q, qd), *row.bounds)
+    if not form.budgeted:
+        phase.end_cost(phase.duration)
+    else:
+        _declare_clock(phase, form, first=first, last=last)
+        if tau is None and form.family.robot.has_dynamics:
+            tau = torques(*state, *mass)[0]
+        moved = qdd if tau is None else tau
+        phase.running_cost(ca.sumsqr(moved / effort_scale(form.family, form.scales[1])))
+    if not form.jumps:
+        weight = phase.parameter(JERK_WEIGHT, SMOOTHING)
+        phase.running_cost(weight * ca.sumsqr(jerk / size.jerk))
+
+
+def _declare_state(phase: Phase, form: _Form, index: int) -> tuple[Any, Any, Any, Any]:
+    """Declare position, velocity, acceleration and jerk of a phase with what holds at its ends."""
+    limits, held = form.family.robot.limits, form.held
+    count, still = limits.q_min.size, np.zeros(limits.q_min.size)
+    at_start, at_end = form.conditions.ends[index : index + 2]
+    first, last = index == 0, index == len(form.conditions.ends) - 2
+    q = phase.state(
+        "q",
+        count,
+        lower=limits.q_min,
+        upper=limits.q_max,
+        initial=at_start.q if first else _unless(held, at_start.q),
+        final=_unless(held, at_end.q) if last else None,
+        scale=form.size.position,
+        unit="rad",
+    )
+    qd = phase.state(
+        "qd",
+        count,
+        lower=limits.qd_min,
+        upper=limits.qd_max,
+        initial=at_start.qd if first else _unless(held, at_start.qd),
+        final=_unless(held, at_end.qd) if last else None,
+        scale=form.scales[0],
+        unit="rad/s",
+        interior_points=bool(np.isfinite(limits.qd_max).any()),
+    )
+    own: dict[str, Any] = {
+        "lower": limits.qdd_min,
+        "upper": limits.qdd_max,
+        "scale": form.scales[1],
+        "unit": "rad/s^2",
+    }
+    ends: dict[str, Any] = {
+        "initial": _unless(held, (still, still)) if at_start.still else None,
+        "final": _unless(held, (still, still)) if at_end.still else None,
+    }
+    if not form.jumps:
+        qdd = phase.control("qdd", count, **own, **ends, shape="linear")
+        jerk = phase.rate(qdd)
+    elif form.rated:
+        qdd = phase.state("qdd", count, **own, **ends)
+        jerk = phase.control("jerk", count, unit="rad/s^3", shape="polynomial")
+        phase.derivative(qdd, jerk)
+    else:
+        qdd = phase.control("qdd", count, **own, shape="polynomial")
+        jerk = ca.MX.zeros(count)
+    phase.derivative(q, qd)
+    phase.derivative(qd, qdd)
+    return q, qd, qdd, jerk
+
+
+def _declare_clock(phase: Phase, form: _Form, *, first: bool, last: bool) -> None:
+    """Declare the time that has passed, and at the end of the last phase what is allowed of it."""
+    size = form.size
+    clock = phase.state("clock", initial=0.0 if first else None, scale=size.time, unit="s")
+    phase.derivative(clock, ca.MX(1.0))
+    late = clock - phase.parameter(BUDGET, 1.0)  # of all phases, which share kernels so
+    if last:
+        phase.end_constraint("time allowed", late, upper=0.0, scale=size.time, unit="s")
+
+
+def _link_segments(problem: OptimalControlProblem, form: _Form) -> None:
+    """Let every phase begin as the one before it ends, and a cycle end as it began."""
     for index, (before, after) in enumerate(itertools.pairwise(problem.phases)):
-        names = ["q", "qd", *(["clock"] if budgeted else [])]
-        end = told.ends[index + 1]
-        apart = end.still or end.leaps or (jumps and not rated)  # still: zero on both sides
+        names = ["q", "qd", *(["clock"] if form.budgeted else [])]
+        end = form.conditions.ends[index + 1]
+        # still: zero on both sides
+        apart = end.still or end.leaps or (form.jumps and not form.rated)
         problem.link(before, after, names=[*names, *([] if apart else ["qdd"])])
-    for name in told.closed:
+    for name in form.conditions.closed:
         begun, ended = (
             next(v.symbol for v in (*phase.states, *phase.controls) if v.name == name)
             for phase in (problem.phases[0], problem.phases[-1])
         )
         back = ended - problem.phases[0].initial(begun)
         problem.phases[-1].end_constraint(f"{name} of the cycle", back, 0.0, 0.0)
-    return problem
 
 
 def effort_scale(family: LimitFamily, acceleration: FloatArray) -> FloatArray:
