@@ -316,7 +316,7 @@ def without_search(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(place, lambda *_: (([], ""), []))
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.usefixtures("without_search")
 def test_through_stops_a_timed_way_that_keeps_rates_is_there_before_the_search() -> None:
     arm = ARM.with_limits(taud_max=400.0)
@@ -338,7 +338,7 @@ def test_a_way_that_is_not_found_through_stops_ends_at_them() -> None:
     assert blind.ok, blind.verdict
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.usefixtures("without_search")
 def test_a_timed_cycle_among_obstacles_keeps_lines_dwells_and_payloads() -> None:
     robot, line = mo.load_robot("ur5e"), mo.Line(tolerance=0.002)
