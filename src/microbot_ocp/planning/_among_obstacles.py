@@ -296,8 +296,8 @@ class _GuidedSearch(FreeSearch):
     def _trials(self) -> Iterator[Trial]:
         usual = super()._trials()
         for guess in self.guided:
-            _, mesh, solver = next(usual)
-            yield guess, mesh, solver
+            _, solver = next(usual)
+            yield guess, solver
 
     def _finish(self, found: list[Solution]) -> Solution:
         """Refine the best coarse answers; from the best path itself where none is faster."""

@@ -46,7 +46,7 @@ def blocking_limit(family: LimitFamily, curve: PathCurve, fast: bool) -> Blocked
     Parameters
     ----------
     family : LimitFamily
-    curve : Curve
+    curve : PathCurve
         Between two stops.
     fast : bool
         Use compiled functions.

@@ -177,7 +177,7 @@ SEARCH = SearchSettings()
 TINY = 1e-12
 KEEPS_LIMITS = "Returned is {}: it keeps every limit, but others may be faster."
 
-Trial = tuple[InitialGuess, int, str | tuple[str, ...]]  # with intervals a phase and the solver
+Trial = tuple[InitialGuess, str | tuple[str, ...]]  # with the solver
 Tried = tuple[str, Solution]  # name of the start, and what it led to
 
 
@@ -433,7 +433,8 @@ class FreeSearch:
         A ``lone`` one is the second, beside the first.
         """
         own, refiner = self.refiner.settings, self._coarse_refiner
-        for guess, mesh, solver in trials:
+        mesh = self._explore_mesh
+        for guess, solver in trials:
             solved = [s for _, s in found if s.status.solved]
             if solved or lone:  # what takes so much longer than another start is given up
                 allowed = [SEARCH.patience * s.attempts[-1].iterations for s in solved]
@@ -481,18 +482,21 @@ class FreeSearch:
         return sorted(different, key=lambda coarse: coarse.duration)
 
     def _trials(self) -> Iterator[Trial]:
-        """Guesses with the intervals a phase and the solver for each."""
+        """Guesses with the solver for each."""
         solver, seed = self.settings.solver, self.settings.seed
         task = self.family, self.via, self.names
-        coarse = min(
-            self._mesh, max(SEARCH.explore_sum // len(self.names), SEARCH.least_explore_mesh)
-        )
         most = max(self.settings.starts, self.settings.tries)
         for index, guess in enumerate(initial_guesses(*task, most, seed)):
             both: str | tuple[str, ...] = ("fatrop", "ipopt")
             if index >= self.settings.starts:  # what one misses the other may find
                 both = "ipopt" if index % 3 == 2 else "fatrop"
-            yield guess, min(coarse, SEARCH.explore_mesh), both if solver == "auto" else solver
+            yield guess, both if solver == "auto" else solver
+
+    @property
+    def _explore_mesh(self) -> int:
+        """Intervals a phase of the first look."""
+        fewest = max(SEARCH.explore_sum // len(self.names), SEARCH.least_explore_mesh)
+        return min(self._mesh, fewest, SEARCH.explore_mesh)
 
     @property
     def _accelerations_jump(self) -> bool:

@@ -202,7 +202,7 @@ def timed_on_places(
     Parameters
     ----------
     family : LimitFamily
-    curve : Curve
+    curve : PathCurve
     start : Profile
     tolerance : float
         Largest relative excess of a limit between mesh points.

@@ -140,34 +140,27 @@ class StopSearch(FreeSearch):
 
     def _explore(self) -> tuple[list[dict[str, Any]], list[Solution]]:
         """What every way led to on a coarse mesh, and some others beside the best of them."""
-        mesh = min(
-            self._mesh, max(SEARCH.explore_sum // len(self.names), SEARCH.least_explore_mesh)
-        )
         solver = ("fatrop", "ipopt") if self.settings.solver == "auto" else self.settings.solver
         coarse = self._coarse_refiner
         brief = replace(
             self.refiner.settings,
             max_iterations=STOPS.most_iterations,
-            options={
-                **LDL,
-                "fatrop": {"max_iter": SEARCH.least_iterations},
-            },  # IPOPT solves what takes it more
+            # IPOPT solves what takes it more
+            options={**LDL, "fatrop": {"max_iter": SEARCH.least_iterations}},
         )
         tried, found = self.tried, self.found
         for way, guess in self._all_guesses():
             if any(guess.name == said["start"] for said in tried):
                 continue  # when orders were compared
             solved = [s for s in found if s.status.solved]
-            most = max((SEARCH.patience * s.attempts[-1].iterations for s in solved), default=0)
-            most = (
-                min(max(SEARCH.least_iterations, most), STOPS.most_iterations)
-                if solved
-                else STOPS.most_iterations
-            )
+            most = STOPS.most_iterations
+            if solved:
+                allowed = SEARCH.patience * max(s.attempts[-1].iterations for s in solved)
+                most = min(max(SEARCH.least_iterations, allowed), most)
             explorer = replace(coarse, settings=replace(brief, max_iterations=most))
             guesses = {name: self._with_closed(name, g) for name, g in guess.guesses.items()}
             solution = explorer.solve(
-                min(mesh, SEARCH.explore_mesh),
+                self._explore_mesh,
                 guesses,
                 tolerance=SEARCH.explore_tolerance,
                 solver=solver,
