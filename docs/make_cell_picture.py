@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from microbot_ocp.comparison import read_cell
+from microbot_ocp.tasks import read_cell
 from microbot_ocp.views.animation import Film
 from microbot_ocp.views.recording import of_cell
 

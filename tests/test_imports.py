@@ -33,11 +33,28 @@ ORDER = (
     "simulation",
     "ocp",
     "planning",
-    "comparison",
+    "certificate",
+    "tasks",
     "sweeps",
     "views",
     "cli",
 )
+# The rooms inside of a folder, in their order.
+INSIDE = {
+    "ocp": (
+        "problem",
+        "transcription",
+        "solution",
+        "starts",
+        "diagnosis",
+        "verification",
+        "mesh",
+        "solvers",
+        "arcs",
+        "refinement",
+    ),
+    "planning": ("task", "path", "timing", "free", "search"),
+}
 # These know fewer than all before them.
 ONLY = {"ocp": {"_base"}}  # any CasADi dynamics, no robot
 RIM = {"views", "cli"}  # imported by no other module: results find their views by a registry
@@ -137,6 +154,26 @@ def test_imports_go_down_the_order_only() -> None:
     assert not wrong
 
 
+def goes_up(found: Import) -> bool:
+    """Whether a room inside of a folder imports one that comes after it."""
+    order, parts = INSIDE.get(found.family, ()), Path(found.origin).parts
+    target = found.target.split(".")
+    if found.when == "typing" or target[:2] != ["microbot_ocp", found.family]:
+        return False
+    if len(parts) < 3 or len(target) < 3 or target[2] == parts[1] or target[2] not in order:
+        return False
+    return order.index(target[2]) > order.index(parts[1])
+
+
+@pytest.mark.parametrize("folder", INSIDE)
+def test_rooms_inside_of_a_folder_have_their_order(folder: str) -> None:
+    rooms = {path.parent.name for path in (PACKAGE / folder).glob("*/*.py")}
+    assert rooms - {"schemes"} == set(INSIDE[folder])
+    wrong = {f"{found.origin} imports {found.target}" for found in imports() if goes_up(found)}
+    # a solve to an accuracy is a refinement, which solves
+    assert wrong <= {"ocp/solvers/_solve.py imports microbot_ocp.ocp.refinement"}
+
+
 def test_views_and_cli_are_named_by_nobody_else() -> None:
     outside = [
         path
@@ -173,10 +210,10 @@ def test_drawing_libraries_are_imported_by_the_rim_only() -> None:
         ("ocp/solution/_solution.py", "from microbot_ocp.robot import Robot", True),
         ("ocp/solution/_solution.py", "from ...robot import energy", True),
         ("ocp/solution/_solution.py", "from ..problem import Phase", False),
-        ("motion/_motion.py", "import microbot_ocp.comparison", True),
+        ("motion/_motion.py", "import microbot_ocp.tasks", True),
         ("motion/_motion.py", "from microbot_ocp import Motion", True),
-        ("comparison/_comparison.py", "import microbot_ocp.views.plots", True),
-        ("comparison/_comparison.py", "def f():\n    from microbot_ocp.views import plots", True),
+        ("tasks/_comparison.py", "import microbot_ocp.views.plots", True),
+        ("tasks/_comparison.py", "def f():\n    from microbot_ocp.views import plots", True),
         ("trajectories/_cubic.py", "if True:\n    from microbot_ocp.ocp import problem", True),
         ("cli/_app.py", "from microbot_ocp.views import tables", False),
         ("views/plots/_page.py", "from microbot_ocp import cli", True),
@@ -190,10 +227,10 @@ def test_the_rule_itself(origin: str, text: str, refused: bool) -> None:
 @pytest.mark.parametrize(
     ("origin", "text", "refused"),
     [
-        ("comparison/_comparison.py", "import matplotlib.figure", True),
-        ("comparison/_comparison.py", "def f():\n    from rich.table import Table", True),
-        ("comparison/_comparison.py", "if TYPE_CHECKING:\n    from rich.table import Table", False),
-        ("comparison/_comparison.py", "if TYPE_CHECKING:\n    pass\nelse:\n    import rerun", True),
+        ("tasks/_comparison.py", "import matplotlib.figure", True),
+        ("tasks/_comparison.py", "def f():\n    from rich.table import Table", True),
+        ("tasks/_comparison.py", "if TYPE_CHECKING:\n    from rich.table import Table", False),
+        ("tasks/_comparison.py", "if TYPE_CHECKING:\n    pass\nelse:\n    import rerun", True),
         ("views/plots/_page.py", "import matplotlib", False),
     ],
 )
@@ -242,9 +279,9 @@ def test_the_stub_holds_nothing_but_public_names() -> None:
 
 def test_a_function_comes_before_the_folder_of_its_name() -> None:
     code = (
-        "import microbot_ocp.planning._path_timing, microbot_ocp as mo\n"
+        "import microbot_ocp.planning.timing._path_timing, microbot_ocp as mo\n"
         "assert callable(mo.time_optimal)\n"
-        "import microbot_ocp.planning._free\n"
+        "import microbot_ocp.planning.search._time_optimal\n"
         "assert callable(mo.time_optimal)"
     )
     subprocess.run([sys.executable, "-c", code], check=True)

@@ -26,7 +26,7 @@ import numpy as np
 
 from benchmarks.suite.table import BY_NAME
 from microbot_ocp.ocp import Guess, OptimalControlProblem, Phase
-from microbot_ocp.ocp.solution import completed
+from microbot_ocp.ocp.starts import completed
 
 Array = np.ndarray
 

@@ -28,16 +28,9 @@ from ._base.table import (
 from ._base.writing import (
     NotWritten as NotWritten,
 )
-from .comparison import (
-    METHODS as METHODS,
+from .certificate import (
     Certificate as Certificate,
-    Comparison as Comparison,
-    Entry as Entry,
     certify as certify,
-    compare as compare,
-    load_comparison as load_comparison,
-    time_effort_front as time_effort_front,
-    time_torque_front as time_torque_front,
 )
 from .inverse_kinematics import (
     IKPath as IKPath,
@@ -137,6 +130,15 @@ from .sweeps import (
     Sweep as Sweep,
     load_sweep as load_sweep,
     sweep as sweep,
+)
+from .tasks import (
+    METHODS as METHODS,
+    Comparison as Comparison,
+    Entry as Entry,
+    compare as compare,
+    load_comparison as load_comparison,
+    time_effort_front as time_effort_front,
+    time_torque_front as time_torque_front,
 )
 from .trajectories import (
     Scaled as Scaled,

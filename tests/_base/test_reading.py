@@ -7,9 +7,9 @@ import pytest
 
 import microbot_ocp as mo
 from microbot_ocp._base import reading
-from microbot_ocp.comparison import read_task
 from microbot_ocp.scene import read_scene
 from microbot_ocp.sweeps import load_sweep, read_study
+from microbot_ocp.tasks import read_task
 
 READERS = {
     "robot.toml": mo.load_robot,

@@ -483,7 +483,7 @@ def test_compare_saves_what_replay_reads(ask, refused, tmp_path):
 
 
 def test_a_method_that_cannot_do_the_task_is_exit_code_1(call, monkeypatch):
-    import microbot_ocp.comparison._comparison as comparison
+    import microbot_ocp.tasks._comparison as comparison
 
     def fail(_):
         raise mo.InputError("it cannot be done")

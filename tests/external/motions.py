@@ -15,7 +15,7 @@ import microbot_ocp as mo
 from microbot_ocp.limits import LimitFamily
 from microbot_ocp.motion import Motion, PiecewisePolynomial, State, torque_along
 from microbot_ocp.planning import time_optimal, time_optimal_path
-from microbot_ocp.planning._within_limits import within_limits
+from microbot_ocp.planning.free import within_limits
 from microbot_ocp.robot import forward_kinematics
 from microbot_ocp.scene import with_arm_capsules
 from microbot_ocp.trajectories import cubic, lspb, quintic, shortest_duration, spline

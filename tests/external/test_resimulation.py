@@ -13,7 +13,7 @@ import microbot_ocp as mo
 from external.motions import FREE, among_obstacles, mutations, others, planned, shapes, via
 from external.pinocchio_model import pinocchio_model
 from external.test_mujoco import mjcf
-from microbot_ocp.comparison._task_certificate import _part
+from microbot_ocp.certificate._task_certificate import _part
 from microbot_ocp.motion import Motion, mesh_of
 from microbot_ocp.planning import stretches, task_of
 from microbot_ocp.simulation import interpolated

@@ -17,7 +17,7 @@ from microbot_ocp.ocp import (
     solve,
     verify,
 )
-from microbot_ocp.ocp.solution import scaled
+from microbot_ocp.ocp.starts import scaled
 from ocp.odd_units import EARTH, GODDARD, goddard_in_si, robot_arm
 
 

@@ -12,8 +12,9 @@ import pytest
 
 from microbot_ocp import InputError
 from microbot_ocp.ocp.problem import OptimalControlProblem
-from microbot_ocp.ocp.solution import Status, guess_from, starting_point
+from microbot_ocp.ocp.solution import Status
 from microbot_ocp.ocp.solvers import SolverSettings, solve
+from microbot_ocp.ocp.starts import guess_from, starting_point
 from microbot_ocp.ocp.transcription import Guess, Transcription, assemble
 from ocp.textbook import (
     bryson_denham,

@@ -14,7 +14,6 @@ from microbot_ocp import InputError, Status
 from microbot_ocp._base.child_process import Died, OutOfTime, in_child
 from microbot_ocp.ocp import verify
 from microbot_ocp.ocp.problem import OptimalControlProblem
-from microbot_ocp.ocp.solution import Rollouts, completed, default_guess, scaled
 from microbot_ocp.ocp.solvers import (
     SolverSettings,
     _other_starts,
@@ -22,6 +21,7 @@ from microbot_ocp.ocp.solvers import (
     _solve,
     solve,
 )
+from microbot_ocp.ocp.starts import Rollouts, completed, default_guess, scaled
 from microbot_ocp.ocp.transcription import Guess
 from microbot_ocp.ocp.transcription.schemes import within_bounds
 from microbot_ocp.ocp.verification import better_controls

@@ -7,8 +7,8 @@ import sys
 import casadi as ca
 import pytest
 
-import microbot_ocp.planning._free
-import microbot_ocp.planning._path_timing  # noqa: F401
+import microbot_ocp.planning.search._time_optimal
+import microbot_ocp.planning.timing._path_timing  # noqa: F401
 
 
 @pytest.fixture
@@ -19,5 +19,8 @@ def no_solver(monkeypatch: pytest.MonkeyPatch) -> None:
         pytest.fail("a solver was started")
 
     monkeypatch.setattr(ca, "nlpsol", refuse)
-    for module, name in (("_free", "FreeSearch"), ("_path_timing", "_PathSearch")):
+    for module, name in (
+        ("search._time_optimal", "FreeSearch"),
+        ("timing._path_timing", "_PathSearch"),
+    ):
         monkeypatch.setattr(sys.modules[f"microbot_ocp.planning.{module}"], name, refuse)

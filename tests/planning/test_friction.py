@@ -8,7 +8,8 @@ import pytest
 
 import microbot_ocp as mo
 from microbot_ocp.ocp import OptimalControlProblem
-from microbot_ocp.planning._friction import FRICTION_WINDOWS, WINDOW, kept_torques, reversals
+from microbot_ocp.planning.task import FRICTION_WINDOWS, kept_torques, reversals
+from microbot_ocp.planning.task._friction import WINDOW
 from microbot_ocp.robot import COULOMB_SMOOTHING
 
 INERTIA, FRICTION, TORQUE = 2.0, 6.0, 20.0

@@ -13,8 +13,8 @@ import microbot_ocp as mo
 from microbot_ocp.limits import LimitFamily
 from microbot_ocp.ocp.solution import quiet
 from microbot_ocp.planning import TimeOptimalSettings
-from microbot_ocp.planning._free_search import FreeSearch
-from microbot_ocp.planning._within_limits import known_ways
+from microbot_ocp.planning.free import known_ways
+from microbot_ocp.planning.search._free_search import FreeSearch
 from planning.shared import arm, pendulum, slider
 
 LOCKED_VIA = np.array([[0.0, 0.3], [1.0, 0.3], [0.5, 0.3]])
@@ -198,7 +198,7 @@ def test_a_robot_without_masses_does_what_kinematics_allows(jerk):
 )
 def test_advice_speaks_of_via_points_joints_and_limits(advice, said):
     from microbot_ocp.limits import LimitFamily
-    from microbot_ocp.planning._task import in_words_of_the_task
+    from microbot_ocp.planning.task import in_words_of_the_task
 
     assert in_words_of_the_task(advice, LimitFamily.of(arm())) == said
 

@@ -13,8 +13,8 @@ import microbot_ocp as mo
 from helpers import two_link_arm
 from microbot_ocp.motion import PiecewisePolynomial
 from microbot_ocp.planning import straight_path, time_path
-from microbot_ocp.planning._path_limits import LimitRows
-from microbot_ocp.planning._reachability import _backward, _Ends, _reached_from, path_grid
+from microbot_ocp.planning.path._limits import LimitRows
+from microbot_ocp.planning.path._reachability import _backward, _Ends, _reached_from, path_grid
 
 ARM = two_link_arm(1.0, 0.8).with_limits(mo.Limits(tau_max=[60.0, 25.0], qd_max=3.0))
 CURVE = mo.cubic([[0.0, 0.3], [1.2, -0.6]], [0.0, 1.0], [[0.9, 0.4], [1.1, -0.8]])

@@ -10,8 +10,8 @@ import microbot_ocp as mo
 from microbot_ocp._base import deadline
 from microbot_ocp.ocp.solution import quiet
 from microbot_ocp.planning import least_duration, task_of
-from microbot_ocp.planning._segments import CircleArc, Straight, curve_limits
-from microbot_ocp.planning._stop_search import StopSearch, motion_of
+from microbot_ocp.planning.search._stop_search import StopSearch, motion_of
+from microbot_ocp.planning.task._segments import CircleArc, Straight, curve_limits
 from planning.shared import arm, pendulum, slider
 
 Stop = mo.Stop

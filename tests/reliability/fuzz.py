@@ -40,12 +40,12 @@ from scipy.io import loadmat
 import microbot_ocp as mo
 from microbot_ocp._base import deadline
 from microbot_ocp.cli import main as program
-from microbot_ocp.comparison import is_cell_file, read_cell, read_task
 from microbot_ocp.motion import EXPORT_FORMATS
 from microbot_ocp.robot.files import robot_text
 from microbot_ocp.scene import read_scene
 from microbot_ocp.sweeps import load_sweep, read_study
 from microbot_ocp.sweeps._study import outcome_columns
+from microbot_ocp.tasks import is_cell_file, read_cell, read_task
 
 SLOW = 10.0  # s of processor time
 MOST_MEMORY = 1_000_000  # kB that one case may add to the most that was ever taken

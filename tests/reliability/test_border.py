@@ -83,7 +83,7 @@ def test_names_stay_what_they_are():
     import pickle
 
     assert pickle.loads(pickle.dumps(mo.time_optimal)) is mo.time_optimal
-    assert mo.certify.__module__ == "microbot_ocp.comparison._certificate"
+    assert mo.certify.__module__ == "microbot_ocp.certificate._certificate"
     assert mo.fast_call.cache_info().maxsize
 
 

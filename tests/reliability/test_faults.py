@@ -30,9 +30,9 @@ from microbot_ocp._base import codegen
 from microbot_ocp._base.child_process import in_child
 from microbot_ocp._base.codegen import compile_function
 from microbot_ocp.cli import main
-from microbot_ocp.comparison import Cell
 from microbot_ocp.sweeps import load_sweep, parse_study, repeat_case
 from microbot_ocp.sweeps._sweep import opened
+from microbot_ocp.tasks import Cell
 
 KILLS = int(os.environ.get("MICROBOT_OCP_KILLS", "3"))
 MANY = KILLS >= 100  # else a glance at the quick ones

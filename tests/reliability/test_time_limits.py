@@ -10,7 +10,7 @@ import pytest
 
 import microbot_ocp as mo
 from microbot_ocp._base import deadline
-from microbot_ocp.planning._free_problem import transcription
+from microbot_ocp.planning.free import transcription
 
 ROBOT = mo.load_robot("microbot")
 VIA = np.radians([[0, 0, 0], [-8, 45, 30], [-90, 90, 90]])
@@ -87,7 +87,7 @@ def test_a_search_that_there_is_no_time_to_prepare_returns_what_needs_none(monke
     """The kernels of seven joints take seconds, and a limit may be over before they are made."""
     robot = mo.load_robot("panda")
     via = np.array([[0.0, -0.5, 0.0, -2.0, 0.0, 1.5, 0.0], [0.5, 0.2, 0.3, -1.5, 0.4, 1.8, 0.6]])
-    monkeypatch.setattr("microbot_ocp.planning._free_search.FreeSearch.run", None)
+    monkeypatch.setattr("microbot_ocp.planning.search._free_search.FreeSearch.run", None)
     transcription.cache_clear()
     motion = mo.time_optimal(robot, via, compiled=False, time_limit=0.5)
     assert motion.status is LATE
@@ -100,7 +100,7 @@ def test_a_search_that_there_is_no_time_to_prepare_returns_what_needs_none(monke
 def test_no_other_problem_is_made_where_there_was_no_time_for_torque_rates(monkeypatch):
     robot = ROBOT.with_limits(taud_max=1000.0)
     path = mo.spline(VIA, [0.0, 1.0, 2.0])
-    monkeypatch.setattr("microbot_ocp.planning._places_timing.program_of", None)
+    monkeypatch.setattr("microbot_ocp.planning.timing._places_timing.program_of", None)
     motion = mo.time_optimal_path(robot, path, time_limit=1e-3)
     assert motion.status is LATE
     assert "limits of torque rate" in motion.note

@@ -312,7 +312,7 @@ def test_what_is_returned_in_a_short_time_keeps_rates_and_is_clear(limits) -> No
 @pytest.fixture
 def without_search(monkeypatch: pytest.MonkeyPatch) -> None:
     """The time is over when the search through stops begins, on a busy machine as on a fast one."""
-    place = "microbot_ocp.planning._stops_among._Among._found"
+    place = "microbot_ocp.planning.search._stops_among._Among._found"
     monkeypatch.setattr(place, lambda *_: (([], ""), []))
 
 
@@ -381,7 +381,7 @@ def test_a_part_keeps_clear_from_the_stop_on_at_which_it_is_picked(around: mo.Mo
 
 
 def test_a_blocked_stop_is_said_before_any_order_is_solved(monkeypatch) -> None:
-    monkeypatch.setattr("microbot_ocp.planning._stops_among.best_order", None)
+    monkeypatch.setattr("microbot_ocp.planning.search._stops_among.best_order", None)
     stops = [ENDS[0], mo.Stop(q=[0.2, 0.0, 0.0], name="through"), ENDS[1]]
     with pytest.raises(InputError, match="stop 'through' in collision with 'post' by"):
         mo.time_optimal(ARM, stops, scene=POST, order="free")

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from microbot_ocp import Status
-from microbot_ocp.comparison import Certificate, Comparison, Entry, LimitCheck
+from microbot_ocp.certificate import Certificate, LimitCheck
 from microbot_ocp.limits import quantity_name
 from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial
 from microbot_ocp.robot.files import load_robot
+from microbot_ocp.tasks import Comparison, Entry
 
 VIA_Q = np.radians([[0.0, 0.0, 0.0], [-8.0, 45.0, 30.0], [-90.0, 90.0, 90.0]])
 

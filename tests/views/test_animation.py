@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 import microbot_ocp as mo
-from microbot_ocp.comparison import Cell
+from microbot_ocp.tasks import Cell
 from microbot_ocp.views._style import STYLE
 from microbot_ocp.views.animation import Film, write_animation
 from microbot_ocp.views.recording import of_branches, of_cell, of_motion

@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 import microbot_ocp as mo
 from limits.test_limit_history import bang_cruise_bang
 from microbot_ocp import ocp
-from microbot_ocp.comparison import Comparison
+from microbot_ocp.tasks import Comparison
 from planning.shared import slider
 
 MADE_WITH = "3.11"  # 3.10 sets text and layout otherwise: 21 to 39 grey levels RMS away

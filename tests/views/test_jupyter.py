@@ -5,7 +5,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from microbot_ocp.comparison import Comparison
+from microbot_ocp.tasks import Comparison
 
 
 @pytest.fixture(params=["robot", "motion", "comparison", "certificate"])

@@ -6,7 +6,7 @@ import re
 from rich.console import Console
 from rich.progress import Progress
 
-from microbot_ocp.comparison import Step
+from microbot_ocp.tasks import Step
 from microbot_ocp.views.live import TimeLeft, show_progress
 
 LONG = "cubic's path, best timing: ipopt 5: cost 2.02256, infeasibility 1.0e-08, and much more"

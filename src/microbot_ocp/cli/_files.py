@@ -16,9 +16,9 @@ from microbot_ocp._base.writing import made_folder, write_whole
 from microbot_ocp.cli._declaration import FILE, OTHER_ROBOT, command
 from microbot_ocp.cli._process import NotDone
 from microbot_ocp.cli._report import Answer, Progress, Save, check_output, say
-from microbot_ocp.comparison import Step, named_robot, read_cell
 from microbot_ocp.motion import EXPORT_FORMATS, FILM_FORMATS, Motion
 from microbot_ocp.robot import Robot, packaged_robots
+from microbot_ocp.tasks import Step, named_robot, read_cell
 
 if TYPE_CHECKING:
     from microbot_ocp.sweeps import Study

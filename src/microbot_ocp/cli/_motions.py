@@ -15,10 +15,10 @@ from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.table import Column, Table
 from microbot_ocp.cli._declaration import ARM, FILE, JOINTS, LIMITS, VIA, Kind, Numbers, command
 from microbot_ocp.cli._report import Answer, Progress
-from microbot_ocp.comparison import METHODS, OUTPUTS, is_cell_file, read_cell, read_task
 from microbot_ocp.motion import SAMPLE_STEP, Motion
 from microbot_ocp.planning import time_optimal as find_time_optimal
 from microbot_ocp.robot import JointLimits, Robot
+from microbot_ocp.tasks import METHODS, OUTPUTS, is_cell_file, read_cell, read_task
 from microbot_ocp.views import tables
 
 NAMES = Kind(

@@ -25,8 +25,6 @@ from .solution import (
     PhaseSolution as PhaseSolution,
     Solution as Solution,
     Status as Status,
-    default_guess as default_guess,
-    guess_from as guess_from,
 )
 from .solvers import (
     SOLVERS as SOLVERS,
@@ -37,6 +35,10 @@ from .solvers import (
     save_solution as save_solution,
     saved_with as saved_with,
     solve as solve,
+)
+from .starts import (
+    default_guess as default_guess,
+    guess_from as guess_from,
 )
 from .transcription import (
     SCHEMES as SCHEMES,

@@ -11,10 +11,10 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.status import Status
-from microbot_ocp.comparison import KEYS
 from microbot_ocp.inverse_kinematics import solve_ik
 from microbot_ocp.limits import MEMBER_KEYS, with_further
 from microbot_ocp.robot import Robot, joint_scale
+from microbot_ocp.tasks import KEYS
 
 POSE = re.compile(r"(start|goal|via[1-9]\d*)_(q|position)")
 DYNAMICS = ("masses", "viscous_friction", "coulomb_friction", "gravity")

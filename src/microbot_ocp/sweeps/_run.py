@@ -24,7 +24,6 @@ import numpy as np
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError, shortened
 from microbot_ocp._base.status import Status
-from microbot_ocp.comparison import Step
 from microbot_ocp.robot import Robot
 from microbot_ocp.sweeps._cases import Cases
 from microbot_ocp.sweeps._extra import needed
@@ -32,6 +31,7 @@ from microbot_ocp.sweeps._process import LIVES, Done, do_cases
 from microbot_ocp.sweeps._solve import ended, inputs
 from microbot_ocp.sweeps._study import OwnMethod, Plan, Study
 from microbot_ocp.sweeps._sweep import Sweep, opened
+from microbot_ocp.tasks import Step
 
 
 @dataclass(frozen=True)

@@ -16,13 +16,14 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.codegen import NotCompiled, compiler, interpreted, usable_folder
 from microbot_ocp._base.status import Status
-from microbot_ocp.comparison import Certificate, certify, compare
+from microbot_ocp.certificate import Certificate, certify
 from microbot_ocp.limits import AT_LIMIT, limit_history
 from microbot_ocp.motion import Motion, PiecewisePolynomial
 from microbot_ocp.planning import TimeOptimalSolver, straight_path, time_path
 from microbot_ocp.robot import Robot, forward_kinematics
 from microbot_ocp.sweeps._quantities import DYNAMICS, CaseTask, NoTask, robot_with, task_of
 from microbot_ocp.sweeps._study import AXES, BY_SOLVER, Plan, Study
+from microbot_ocp.tasks import compare
 from microbot_ocp.trajectories import best_durations, cubic, first_splits
 
 BY_TIMING = ("cubic_path", "straight_path")

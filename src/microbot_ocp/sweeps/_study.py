@@ -16,13 +16,13 @@ import numpy as np
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.digest import digest_of
-from microbot_ocp.comparison import METHODS
 from microbot_ocp.limits import LimitFamily
 from microbot_ocp.motion import Motion
 from microbot_ocp.planning import TimeOptimalSettings, check_limits, check_via
 from microbot_ocp.robot import Robot
 from microbot_ocp.sweeps._cases import Cases, CaseSource
 from microbot_ocp.sweeps._quantities import NoTask, robot_with, task_of
+from microbot_ocp.tasks import METHODS
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class Study:
     robot : Robot
     cases : Cases
     methods : sequence of str, or mapping from a name to a function, optional
-        Keys of :data:`~microbot_ocp.comparison.METHODS` but those of given times; by default
+        Keys of :data:`~microbot_ocp.tasks.METHODS` but those of given times; by default
         "cubic", "cubic_path" and "time_optimal". A function takes the robot of the case (with its
         payload) and the via points [m,n] and returns a motion.
     settings : mapping

@@ -14,10 +14,10 @@ VIEWS = {  # public name of the class: kind of view = face or module of this fol
     "simulation.Tracking": "plot=plots:tracking rerun=recording:of_tracking",
     "ocp.solution.Solution": "table=tables._results:solution plot=plots:solution",
     "ocp.verification.OCPCertificate": "table=tables._results:ocp_certificate",
-    "comparison.Certificate": "table=tables._results:certificate",
-    "comparison.Front": "plot=plots:front",
-    "comparison.Cell": "rerun=recording:of_cell animation=animation:animate_cell",
-    "comparison.Comparison": "table=tables:comparison_table json=tables:write_json "
+    "certificate.Certificate": "table=tables._results:certificate",
+    "tasks.Front": "plot=plots:front",
+    "tasks.Cell": "rerun=recording:of_cell animation=animation:animate_cell",
+    "tasks.Comparison": "table=tables:comparison_table json=tables:write_json "
     "csv=tables:write_csv plot=plots:comparison paths=plots:paths report=plots:report "
     "rerun=recording:of_comparison animation=animation:animate_comparison",
     "sweeps.Sweep": "table=tables._results:sweep plot=plots:sweep rerun=recording:of_sweep",

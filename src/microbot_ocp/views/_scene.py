@@ -11,11 +11,11 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.fast_calls import buffered_call
-from microbot_ocp.comparison import Comparison, Entry
 from microbot_ocp.limits import JOINT_QUANTITIES, LimitFamily
 from microbot_ocp.motion import Motion
 from microbot_ocp.planning import reach_of
 from microbot_ocp.robot import JointLimits, Robot, forward_kinematics, frame_origins
+from microbot_ocp.tasks import Comparison, Entry
 from microbot_ocp.views._style import STYLE
 
 QUANTITIES = ("q", "qd", "tau")

@@ -8,7 +8,7 @@ from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from microbot_ocp.comparison import Comparison, Entry
+    from microbot_ocp.tasks import Comparison, Entry
 
 Color = tuple[int, int, int, int]
 LineStyle = str | tuple[float, tuple[float, ...]]
@@ -267,7 +267,7 @@ def entry_title(entry: Entry) -> str:
 
 def method_title(method: str) -> str:
     """Return what people read of a method."""
-    from microbot_ocp.comparison import METHODS  # loads CasADi, which tables do without
+    from microbot_ocp.tasks import METHODS
 
     return METHODS[method].title if method in METHODS else method
 

@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError
-from microbot_ocp.comparison import Cell
 from microbot_ocp.planning import Payload, Place, parts_of, places_along, tool_poses
 from microbot_ocp.robot import Robot
 from microbot_ocp.scene import Nearest, Scene, contact_model, has_coal
+from microbot_ocp.tasks import Cell
 from microbot_ocp.views._solids import Solid, obstacle_solid
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from reading import poses, read, scalars
 
-from microbot_ocp.comparison import Comparison
 from microbot_ocp.motion import Motion
+from microbot_ocp.tasks import Comparison
 from microbot_ocp.views.recording import of_comparison
 from microbot_ocp.views.recording._animated_arm import drawn_rate, drawn_times, progress
 

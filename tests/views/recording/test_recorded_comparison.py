@@ -9,9 +9,9 @@ import pytest
 from reading import FLOAT32, poses, read, rotations, scalars, static
 from rerun.chunk import RrdReader
 
-from microbot_ocp.comparison import Comparison
 from microbot_ocp.motion import Motion, State
 from microbot_ocp.robot import Limits, Link, Robot, forward_kinematics
+from microbot_ocp.tasks import Comparison
 from microbot_ocp.views import _scene as scene
 from microbot_ocp.views._style import STYLE
 from microbot_ocp.views.recording import of_comparison

@@ -30,8 +30,9 @@ from microbot_ocp.ocp.arcs._detector import ArcPlan, PlannedArc, Sample, joined
 from microbot_ocp.ocp.arcs._settings import CUTTER, HIGH_ORDER, SINGULAR
 from microbot_ocp.ocp.mesh import divide, state_errors
 from microbot_ocp.ocp.problem import OptimalControlProblem, PathConstraint, Phase, Variable
-from microbot_ocp.ocp.solution import PhaseSolution, Solution, cost_size, guess_from, scaled
+from microbot_ocp.ocp.solution import PhaseSolution, Solution, cost_size
 from microbot_ocp.ocp.solvers import SolverSettings, solve
+from microbot_ocp.ocp.starts import guess_from, scaled
 from microbot_ocp.ocp.transcription import Guess, Mesh, Transcription
 from microbot_ocp.ocp.verification import costates_of, differentiate
 

@@ -40,15 +40,9 @@ from microbot_ocp.ocp.arcs._settings import CUTTER, HIGH_ORDER, SWITCHING
 from microbot_ocp.ocp.arcs._singular import NotPossibleError, solve_conditions
 from microbot_ocp.ocp.mesh import divide, excess_of_limits, state_errors
 from microbot_ocp.ocp.problem import OptimalControlProblem
-from microbot_ocp.ocp.solution import (
-    PhaseSolution,
-    Solution,
-    StepProgress,
-    cost_size,
-    quiet,
-    scaled,
-)
+from microbot_ocp.ocp.solution import PhaseSolution, Solution, StepProgress, cost_size, quiet
 from microbot_ocp.ocp.solvers import SolverSettings, solve
+from microbot_ocp.ocp.starts import scaled
 from microbot_ocp.ocp.transcription import Transcription
 
 SETTINGS = SolverSettings(

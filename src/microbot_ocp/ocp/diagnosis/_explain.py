@@ -20,14 +20,8 @@ from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp.diagnosis._finiteness import finite_start
 from microbot_ocp.ocp.problem import OptimalControlProblem
-from microbot_ocp.ocp.solution import (
-    Solution,
-    default_guess,
-    rollouts,
-    scaled,
-    starting_point,
-    unpack,
-)
+from microbot_ocp.ocp.solution import Solution, unpack
+from microbot_ocp.ocp.starts import default_guess, rollouts, scaled, starting_point
 from microbot_ocp.ocp.transcription import (
     EQUATIONS,
     Guess,

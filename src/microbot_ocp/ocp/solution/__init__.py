@@ -1,9 +1,8 @@
-"""What a solve starts from and what it returns.
+"""What a solve returns.
 
-Comes in: guesses or an earlier solution, and scaled variables. Goes out: a starting point, and a
-:class:`Solution` with values by phase and name. Begin with ``_solution.py``; ``_initial_guess.py``
-makes starting points, ``_scaling.py`` finds the scales that were not declared, ``_progress.py``
-reports iterations, ``_problem_data.py`` holds limits and parameters as plain values.
+Comes in: the variables of a program. Goes out: a :class:`Solution` with values by phase and name.
+Begin with ``_solution.py``; ``_gap.py`` says by how much the cost may be lower, ``_progress.py``
+reports iterations.
 """
 
 from microbot_ocp._base import border

@@ -6,16 +6,6 @@ from ._gap import (
     cost_size as cost_size,
     gap_of as gap_of,
 )
-from ._initial_guess import (
-    completed as completed,
-    default_guess as default_guess,
-    guess_from as guess_from,
-    starting_point as starting_point,
-)
-from ._problem_data import (
-    problem_data as problem_data,
-    with_problem_data as with_problem_data,
-)
 from ._progress import (
     Iteration as Iteration,
     Progress as Progress,
@@ -23,17 +13,6 @@ from ._progress import (
     Watch as Watch,
     quiet as quiet,
     watching as watching,
-)
-from ._rollout import (
-    Ranges as Ranges,
-    Rollouts as Rollouts,
-    rollout as rollout,
-    rollouts as rollouts,
-)
-from ._scaling import (
-    cost_change as cost_change,
-    cost_scale as cost_scale,
-    scaled as scaled,
 )
 from ._solution import (
     RIVALS as RIVALS,

@@ -18,20 +18,12 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.diagnosis import advice, finite_start
 from microbot_ocp.ocp.problem import OptimalControlProblem
-from microbot_ocp.ocp.solution import (
-    Attempt,
-    Progress,
-    Solution,
-    StartingPoint,
-    cost_scale,
-    scaled,
-    starting_point,
-    unpack,
-)
+from microbot_ocp.ocp.solution import Attempt, Progress, Solution, StartingPoint, unpack
 from microbot_ocp.ocp.solvers._ldl import asks_for_ldl, without_ldl
 from microbot_ocp.ocp.solvers._run import Made, Outcome, run
 from microbot_ocp.ocp.solvers._settings import SolverSettings
 from microbot_ocp.ocp.solvers._tightening import tightened
+from microbot_ocp.ocp.starts import cost_scale, scaled, starting_point
 from microbot_ocp.ocp.transcription import Guess, Meshes, Program, Transcription, assemble
 from microbot_ocp.ocp.transcription.schemes import Scheme
 

@@ -11,9 +11,10 @@ import time
 from dataclasses import dataclass, replace
 
 from microbot_ocp.ocp import verification
-from microbot_ocp.ocp.solution import Attempt, Progress, Solution, cost_size, guess_from
+from microbot_ocp.ocp.solution import Attempt, Progress, Solution, cost_size
 from microbot_ocp.ocp.solvers._chain import solve_on
 from microbot_ocp.ocp.solvers._settings import SolverSettings
+from microbot_ocp.ocp.starts import guess_from
 from microbot_ocp.ocp.transcription import Guess, Transcription
 
 

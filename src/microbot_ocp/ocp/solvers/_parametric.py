@@ -21,7 +21,7 @@ from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.ocp.diagnosis import finite_start
 from microbot_ocp.ocp.problem import OptimalControlProblem, Phase, node_variables
-from microbot_ocp.ocp.solution import Progress, Solution, starting_point
+from microbot_ocp.ocp.solution import Progress, Solution
 from microbot_ocp.ocp.solvers import (
     Made,
     SolverSettings,
@@ -29,6 +29,7 @@ from microbot_ocp.ocp.solvers import (
     transcribed,
     with_cost_scale,
 )
+from microbot_ocp.ocp.starts import starting_point
 from microbot_ocp.ocp.transcription import (
     Guess,
     Meshes,

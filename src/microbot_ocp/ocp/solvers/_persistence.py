@@ -22,17 +22,9 @@ from microbot_ocp._base.checks import FloatArray, InputError, shortened
 from microbot_ocp._base.outcome import Ledger
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.problem import OptimalControlProblem
-from microbot_ocp.ocp.solution import (
-    UNKNOWN,
-    Attempt,
-    Gap,
-    PhaseSolution,
-    Solution,
-    StartingPoint,
-    problem_data,
-    with_problem_data,
-)
+from microbot_ocp.ocp.solution import UNKNOWN, Attempt, Gap, PhaseSolution, Solution, StartingPoint
 from microbot_ocp.ocp.solvers import SolverSettings, run_chain
+from microbot_ocp.ocp.starts import problem_data, with_problem_data
 from microbot_ocp.ocp.transcription import Mesh, PhaseLayout, Transcription, assemble, bounds_of
 from microbot_ocp.ocp.transcription.schemes import (
     Collocation,

@@ -27,13 +27,10 @@ from microbot_ocp.ocp.solution import (
     Attempt,
     PhaseSolution,
     Progress,
-    Rollouts,
     Solution,
     StepProgress,
     cost_size,
-    default_guess,
     entry,
-    rollouts,
 )
 from microbot_ocp.ocp.solvers._chain import solve_on, transcribed
 from microbot_ocp.ocp.solvers._improvement import WAY, improvable, improved
@@ -43,6 +40,7 @@ from microbot_ocp.ocp.solvers._other_starts import (
     on_any_mesh,
 )
 from microbot_ocp.ocp.solvers._settings import SolverSettings
+from microbot_ocp.ocp.starts import Rollouts, default_guess, rollouts
 from microbot_ocp.ocp.transcription import Guess, Meshes, Transcription
 from microbot_ocp.ocp.transcription.schemes import Scheme
 from microbot_ocp.ocp.verification import phase_layout

@@ -10,7 +10,8 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.ocp.problem import OptimalControlProblem, Phase, node_variables
-from microbot_ocp.ocp.solution import PhaseSolution, Solution, problem_data, with_problem_data
+from microbot_ocp.ocp.solution import PhaseSolution, Solution
+from microbot_ocp.ocp.starts import problem_data, with_problem_data
 from microbot_ocp.ocp.transcription import (
     PhaseLayout,
     PointGroup,

@@ -13,10 +13,10 @@ from PIL import Image
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import InputError
 from microbot_ocp._base.writing import whole_file
-from microbot_ocp.comparison import Cell, Comparison, Progress, Step
 from microbot_ocp.motion import Motion
 from microbot_ocp.robot import Robot
 from microbot_ocp.scene import Scene
+from microbot_ocp.tasks import Cell, Comparison, Progress, Step
 from microbot_ocp.views._style import STYLE, main_methods
 from microbot_ocp.views.animation._film import Film
 from microbot_ocp.views.recording import Recording, of_cell, of_comparison, of_motion
@@ -50,7 +50,7 @@ def write_animation(
     title : str, optional
         Default the recording's.
     progress : callable, optional
-        Called with a :class:`microbot_ocp.comparison.Step` before each frame.
+        Called with a :class:`microbot_ocp.tasks.Step` before each frame.
 
     Returns
     -------

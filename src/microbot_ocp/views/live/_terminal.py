@@ -21,8 +21,8 @@ from rich.progress import (
 )
 from rich.text import Text
 
-from microbot_ocp.comparison import Step
 from microbot_ocp.ocp.solution import Iteration
+from microbot_ocp.tasks import Step
 
 Event = Step | Iteration | str
 

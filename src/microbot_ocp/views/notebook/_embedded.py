@@ -18,9 +18,9 @@ from pathlib import Path
 from typing import Any
 
 from microbot_ocp._base.checks import InputError
-from microbot_ocp.comparison import Comparison
 from microbot_ocp.motion import Motion
 from microbot_ocp.robot import Robot
+from microbot_ocp.tasks import Comparison
 
 ASSET = "RERUN_NOTEBOOK_ASSET"
 MISSING = (

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from microbot_ocp._base.showing import GivenAxes
-from microbot_ocp.comparison import Comparison, Entry, Front
 from microbot_ocp.motion import Motion
+from microbot_ocp.tasks import Comparison, Entry, Front
 from microbot_ocp.views import _scene as scene
 from microbot_ocp.views._style import STYLE, entry_styles, entry_title, failures
 from microbot_ocp.views.plots._curve import Curve

@@ -14,10 +14,10 @@ from matplotlib.patches import Patch
 
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.showing import GivenAxes
-from microbot_ocp.comparison import Comparison
 from microbot_ocp.limits import LimitFamily, LimitHistory, Spell, limit_history
 from microbot_ocp.motion import Motion
 from microbot_ocp.robot import JointLimits, Limits, Robot
+from microbot_ocp.tasks import Comparison
 from microbot_ocp.views import _scene as scene
 from microbot_ocp.views._style import STYLE, entry_title, failures, look
 from microbot_ocp.views.plots._curves import limit_handle

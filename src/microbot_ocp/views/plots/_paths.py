@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.showing import GivenAxes
-from microbot_ocp.comparison import Comparison
 from microbot_ocp.robot import Robot
+from microbot_ocp.tasks import Comparison
 from microbot_ocp.views import _scene as scene
 from microbot_ocp.views._style import STYLE, EntryStyle, entry_styles, failures, look
 from microbot_ocp.views.plots._comparison import legend_title

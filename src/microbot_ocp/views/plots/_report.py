@@ -17,9 +17,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from microbot_ocp._base.table import Table
-from microbot_ocp.comparison import Comparison
 from microbot_ocp.limits import JOINT_QUANTITIES, LimitFamily, limit_history, quantity_name
 from microbot_ocp.robot import Robot
+from microbot_ocp.tasks import Comparison
 from microbot_ocp.views import _scene as scene
 from microbot_ocp.views._style import (
     STYLE,

@@ -9,13 +9,14 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.table import Table
-from microbot_ocp.comparison import Cell, Certificate, Comparison
+from microbot_ocp.certificate import Certificate
 from microbot_ocp.inverse_kinematics import IKSolution
 from microbot_ocp.limits import LimitFamily
 from microbot_ocp.motion import Motion
 from microbot_ocp.robot import JointLimits, Limits, Robot
 from microbot_ocp.scene import Scene, clearance, has_coal
 from microbot_ocp.simulation import Tracking
+from microbot_ocp.tasks import Cell, Comparison
 from microbot_ocp.views._scene import (
     check_joints,
     display_factor,

@@ -17,9 +17,9 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp.comparison import Step
 from microbot_ocp.ocp.solution import Iteration, PhaseSolution
 from microbot_ocp.planning import MotionIteration
+from microbot_ocp.tasks import Step
 from microbot_ocp.views import _scene as scene
 from microbot_ocp.views._eye import find_eye
 from microbot_ocp.views._style import STYLE

@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from microbot_ocp._base.table import NOTHING, Table
-from microbot_ocp.comparison import Certificate, Front
+from microbot_ocp.certificate import Certificate
 from microbot_ocp.inverse_kinematics import IKSolution
 from microbot_ocp.robot import Robot
+from microbot_ocp.tasks import Front
 from microbot_ocp.views.tables._texts import in_degrees, joint_units, number
 
 

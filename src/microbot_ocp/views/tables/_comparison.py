@@ -13,8 +13,9 @@ import numpy as np
 from microbot_ocp._base.checks import plain
 from microbot_ocp._base.table import NOTHING, Column, Table
 from microbot_ocp._base.writing import write_whole
-from microbot_ocp.comparison import Certificate, Comparison, Entry, LimitCheck
+from microbot_ocp.certificate import Certificate, LimitCheck
 from microbot_ocp.limits import JOINT_QUANTITIES, LimitFamily, not_judged, quantity_name
+from microbot_ocp.tasks import Comparison, Entry
 from microbot_ocp.views._style import STYLE, entry_title
 from microbot_ocp.views.tables._texts import in_degrees, joint_units
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from microbot_ocp._base.growth import growth_said
 from microbot_ocp._base.table import Column, Table
-from microbot_ocp.comparison import Certificate
+from microbot_ocp.certificate import Certificate
 from microbot_ocp.limits import LimitFamily
 from microbot_ocp.motion import Motion
 from microbot_ocp.ocp import OCPCertificate, Solution

@@ -1,0 +1,10 @@
+"""The independent check of a motion: re-simulation, every limit on a dense grid, clearance.
+
+Comes in: a motion and what it was asked for. Goes out: a :class:`Certificate`. Begin with
+:func:`certify` in ``_certificate.py``; ``_resimulation.py`` integrates the motion from its own
+torque, ``_task_certificate.py`` checks stops, segments and payloads.
+"""
+
+from microbot_ocp._base import border
+
+__getattr__, __dir__, __all__ = border.attach_stub(__name__, __file__)

@@ -1,0 +1,354 @@
+"""Proof of a motion through stops: every segment under its own limits and with its own payload.
+
+The stops and tool lines are measured again by formulas that the solver did not use: angles from the
+trace of a rotation, distances to a line of many points.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.status import Status
+from microbot_ocp.certificate._certificate import (
+    Certificate,
+    LimitCheck,
+    Tolerances,
+    ViaCheck,
+    certificate_of,
+    summary,
+)
+from microbot_ocp.limits import LimitFamily
+from microbot_ocp.motion import JUMP_GAP, Motion, State, jump_gaps, torque_along
+from microbot_ocp.planning import Circle, JointLine, Line, Stop, Task, stretches, tool_poses
+from microbot_ocp.robot import Robot, forward_kinematics, jacobian
+
+
+@dataclass(frozen=True)
+class SegmentTolerances:
+    """Settings of the checks of segments.
+
+    Attributes
+    ----------
+    points : of a curve to which distances are measured
+    continuous : rad (m), largest step between two segments
+    still : rad/s (m/s), largest velocity at rest, largest error of one that is asked for
+    """
+
+    points: int = 2001
+    continuous: float = 1e-6
+    still: float = 1e-4
+
+
+SEGMENT_TOLERANCES = SegmentTolerances()
+
+
+@dataclass(frozen=True)
+class SegmentCheck:
+    """How near a motion stays to a tool line, a circle or a joint line.
+
+    Attributes
+    ----------
+    name : str
+        "tool line from stop 'a' to stop 'b'".
+    distance, tolerance : float
+        Largest distance and what is allowed, m (rad for a joint line).
+    angle, orientation_tolerance : float
+        Largest angle to the orientation along the way and what is allowed, rad; NaN where the
+        orientation is free.
+    """
+
+    name: str
+    distance: float
+    tolerance: float
+    angle: float = np.nan
+    orientation_tolerance: float = np.nan
+
+    @property
+    def kept(self) -> bool:
+        """Whether the motion stays within the tolerances, as closely as limits are kept."""
+        slack = 1.0 + 1e-3
+        near = self.distance <= slack * self.tolerance
+        return near and not self.angle > slack * self.orientation_tolerance
+
+    def __str__(self) -> str:
+        unit = "rad" if self.name.startswith("joint") else "m"
+        said = f"{self.name}: distance {self.distance:.3g} of {self.tolerance:.3g} {unit}"
+        if np.isfinite(self.angle):
+            said += f", angle {self.angle:.3g} of {self.orientation_tolerance:.3g} rad"
+        return said
+
+
+def certificate_of_task(task: Task, motion: Motion, tolerances: Tolerances) -> Certificate:
+    """Certificate of a motion whose marks are when the stops of a task are reached."""
+    parts, problems = [], []
+    history = motion.history(cycle=task.cycle)
+    places = stretches(task, motion)
+    for start, end, robot, _ in places:
+        part, states = _part(motion, robot, start, end), history.between(start, end)
+        found = certificate_of(LimitFamily.of(robot), part, None, tolerances, states, start)
+        parts.append((end - start, found))
+        if not found.ok:
+            said = found.verdict.removeprefix("Failed: ").rstrip(".")
+            problems.append(f"between {start:.4g} s and {end:.4g} s: {said}")
+    problems += _steps(motion, [start for start, *_ in places[1:]])
+    vias, missed = _check_stops(task, motion)
+    segments = _check_segments(task, motion)
+    problems += missed
+    problems += [f"{check} is left" for check in segments if not check.kept]
+    whole = _merged(motion, parts)
+    said = "; ".join(problems) if problems else summary(whole)
+    if not problems and segments:
+        said += "; " + "; ".join(map(str, segments))
+    return replace(
+        whole,
+        ok=not problems,
+        verdict=("Failed: " if problems else "Passed: ") + said + ".",
+        via_checks=vias,
+        segment_checks=segments,
+    )
+
+
+def _part(motion: Motion, robot: Robot, start: float, end: float) -> Motion:
+    """The motion from one time to another, both of them samples, with what the robot holds there.
+
+    One more sample stands in its first interval: breaks that are all the samples would look as if
+    nothing had been said of them.
+    """
+    t = motion.t
+    here = (t >= start - 1e-12) & (t <= end + 1e-12)
+    last = np.flatnonzero(here)[-1]
+    if t[last] < motion.duration and jump_gaps(t)[last - 1]:
+        here[last] = False  # of the next one: the torque or the acceleration jumps there
+    own = t[here] - t[here][0]
+    q, qd, qdd, tau = (column[here] for column in (motion.q, motion.qd, motion.qdd, motion.tau))
+    between = motion.sample([t[here][:2].mean()])
+    excess = (tau[:2] - torque_along(robot, State(q[:2], qd[:2], qdd[:2]))).mean(axis=0)
+    added = (*between, torque_along(robot, between) + excess)
+    assert motion.breaks is not None
+    inner = motion.breaks[(motion.breaks > start) & (motion.breaks < end - 2 * JUMP_GAP)] - start
+    q, qd, qdd, tau = (
+        np.insert(column, 1, row, axis=0)
+        for column, row in zip((q, qd, qdd, tau), added, strict=True)
+    )
+    return Motion(
+        np.insert(own, 1, own[:2].mean()),
+        q,
+        qd,
+        qdd,
+        tau,
+        motion.label,
+        np.concatenate([[0.0], inner, [own[-1]]]),
+    )
+
+
+def _steps(motion: Motion, times: Sequence[float]) -> list[str]:
+    """Where position or velocity are not continuous from one segment to the next."""
+    found = []
+    for time in times:
+        before, after = (motion.sample([time + k * 2 * JUMP_GAP]) for k in (-1, 1))
+        moved = after.q - before.q - 2 * JUMP_GAP * (before.qd + after.qd)
+        for what, step in (("position", moved), ("velocity", after.qd - before.qd)):
+            allowed = (
+                SEGMENT_TOLERANCES.continuous
+                if what == "position"
+                else SEGMENT_TOLERANCES.still + 4 * JUMP_GAP * 1e4
+            )
+            if np.abs(step).max() > allowed:
+                found.append(f"the {what} jumps by {np.abs(step).max():.3g} at {time:.4g} s")
+    return found
+
+
+# stops --------------------------------------------------------------------------------------------
+
+
+def _check_stops(task: Task, motion: Motion) -> tuple[tuple[ViaCheck, ...], list[str]]:
+    vias, problems = [], []
+    for k, (stop, mark) in enumerate(zip(task.stops, motion.marks, strict=True)):
+        state = motion.sample([mark.time])
+        misses = stop_misses(task.robot, stop, state.q[0])
+        qd = state.qd[0]
+        if task.at_rest(k):
+            misses["velocity", "rad/s"] = float(np.abs(qd).max()) - SEGMENT_TOLERANCES.still
+        elif not isinstance(stop.velocity, str | None):
+            own = qd if stop.q is not None else _velocity(task.robot, state.q[0], qd)
+            misses["velocity", "m/s"] = (
+                float(np.abs(own - stop.velocity).max()) - SEGMENT_TOLERANCES.still
+            )
+        vias.append(ViaCheck(stop.name, mark.time, max(0.0, *misses.values())))
+        problems += [
+            f"stop {stop.name!r} is missed in its {what} by {miss:.3g} {unit}"
+            for (what, unit), miss in misses.items()
+            if miss > 0.0
+        ]
+    if task.cycle:
+        first, last = motion.sample([0.0]), motion.sample([motion.duration])
+        for what, a, b in (("position", first.q, last.q), ("velocity", first.qd, last.qd)):
+            if np.abs(a - b).max() > SEGMENT_TOLERANCES.still:
+                problems.append(f"the cycle ends {np.abs(a - b).max():.3g} off in its {what}")
+    return tuple(vias), problems
+
+
+def _velocity(robot: Robot, q: FloatArray, qd: FloatArray) -> FloatArray:
+    return (np.array(jacobian(robot)(q)) @ qd)[:3]
+
+
+def stop_misses(robot: Robot, stop: Stop, q: FloatArray) -> dict[tuple[str, str], float]:
+    """By how much a pose [n] is beyond the tolerance of a stop, by what and unit; below 0 within.
+
+    A millionth of a metre or radian is let pass.
+    """
+    slack = 1e-6
+    if stop.q is not None:
+        return {("joint pose", "rad"): _beyond(stop, q - np.array(stop.q)) - slack}
+    tool = np.array(forward_kinematics(robot)(q))
+    found = {("position", "m"): _beyond(stop, tool[:3, 3] - np.array(stop.position)) - slack}
+    if stop.orientation is not None:
+        wanted = np.array(stop.orientation)
+        angle = angle_between(wanted, tool[:3, :3], stop.free_axis)
+        found["orientation", "rad"] = angle - stop.orientation_tolerance - slack
+    return found
+
+
+def _beyond(stop: Stop, offset: FloatArray) -> float:
+    if stop.box is not None:
+        return float((np.abs(offset) - stop.box).max())
+    return float(np.linalg.norm(offset)) - float(stop.tolerance)
+
+
+def angle_between(wanted: FloatArray, found: FloatArray, free: int | None) -> float:
+    """Angle between two rotations [3,3], or between two of their axes, rad."""
+    if free is not None:
+        a, b = wanted[:, free], found[:, free]
+        return float(2 * np.arctan2(np.linalg.norm(a - b), np.linalg.norm(a + b)))
+    difference = np.linalg.norm(wanted - found)  # 2 sqrt(2) sin(angle / 2)
+    return float(2 * np.arcsin(min(1.0, difference / np.sqrt(8.0))))
+
+
+# segments -----------------------------------------------------------------------------------------
+
+
+def _check_segments(task: Task, motion: Motion) -> tuple[SegmentCheck, ...]:
+    found = []
+    t, samples = motion.dense_samples()
+    for k, kind in enumerate(task.segments):
+        start = motion.marks[k].time + float(task.dwells[k])
+        here = (t >= start) & (t <= motion.marks[k + 1].time)
+        q = samples.q[here]
+        if isinstance(kind, JointLine):
+            ends = [np.array(task.stops[i].q) for i in (k, k + 1)]
+            shares = np.linspace(0.0, 1.0, SEGMENT_TOLERANCES.points)[:, None]
+            distance = _to_polyline(q, ends[0] + shares * (ends[1] - ends[0]))[0].max()
+            found.append(SegmentCheck(task.name_of(k), float(distance), kind.tolerance))
+        elif isinstance(kind, Line | Circle):
+            found.append(_check_curve(task, k, kind, q))
+    return tuple(found)
+
+
+def _check_curve(task: Task, k: int, kind: Line | Circle, q: FloatArray) -> SegmentCheck:
+    told = task.curves[k]
+    assert told is not None
+    curve, turning = told
+    poses = tool_poses(task.robot, q)
+    distance, share = _to_polyline(
+        poses[:, :3, 3], curve.points(np.linspace(0.0, 1.0, SEGMENT_TOLERANCES.points))
+    )
+    name = task.name_of(k)
+    if turning is None:
+        return SegmentCheck(name, float(distance.max()), kind.tolerance)
+    angles = [
+        angle_between(np.array(ca.DM(turning.rotation(s))), pose[:3, :3], turning.free)
+        for s, pose in zip(share, poses, strict=True)
+    ]
+    return SegmentCheck(
+        name, float(distance.max()), kind.tolerance, max(angles), kind.orientation_tolerance
+    )
+
+
+def _to_polyline(points: FloatArray, line: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Distances [N] to a polyline [M,d] with even steps, and shares [N] of it that are nearest."""
+    distance, share = np.empty(len(points)), np.empty(len(points))
+    for row, point in enumerate(points):
+        nearest = int(((line - point) ** 2).sum(axis=1).argmin())
+        best = np.inf
+        for i in {max(nearest - 1, 0), min(nearest, len(line) - 2)}:
+            way = line[i + 1] - line[i]
+            s = float(np.clip((point - line[i]) @ way / (way @ way), 0.0, 1.0))
+            off = float(np.linalg.norm(point - line[i] - s * way))
+            if off < best:
+                best, share[row] = off, (i + s) / (len(line) - 1)
+        distance[row] = best
+    return distance, share
+
+
+# the whole ----------------------------------------------------------------------------------------
+
+
+def _merged(motion: Motion, parts: Sequence[tuple[float, Certificate]]) -> Certificate:
+    """One certificate of several in a row: the worst of each figure, with its time."""
+    lengths, found = zip(*parts, strict=True)
+
+    def worst(key: str, least: bool = False) -> tuple[float, Certificate]:
+        values = np.array([getattr(certificate, key) for certificate in found], dtype=float)
+        if not np.isfinite(values).any():
+            return float(values[0]), found[0]
+        at = int(np.nanargmin(values) if least else np.nanargmax(values))
+        return float(values[at]), found[at]
+
+    def mean(key: str) -> float:
+        return float(np.average([getattr(c, key) for c in found], weights=lengths))
+
+    defect, by_defect = worst("defect")
+    condition, by_condition = worst("condition_peak")
+    path, by_path = worst("path_position_error")
+    torque, by_torque = worst("stored_torque_error")
+    stray, by_stray = worst("between_samples_error")
+    statuses = [c.resimulation_status for c in found if not c.resimulation_status.solved]
+    _, by_undetermined = worst("undetermined_fraction")
+    return Certificate(
+        label=motion.label,
+        ok=all(c.ok for c in found),
+        verdict="",
+        limit_checks=_merged_limits(parts),
+        final_position_error=worst("final_position_error")[0],
+        final_velocity_error=worst("final_velocity_error")[0],
+        resimulation_status=statuses[0] if statuses else Status.SOLVED,
+        grid_step=worst("grid_step")[0],
+        grid_ratio=worst("grid_ratio", least=True)[0],
+        condition_peak=condition,
+        condition_time=by_condition.condition_time,
+        saturated_fraction=mean("saturated_fraction"),
+        condition_pose=by_condition.condition_pose,
+        path_position_error=path,
+        path_error_time=by_path.path_error_time,
+        segments=sum(c.segments for c in found),
+        defect=defect,
+        defect_joint=by_defect.defect_joint,
+        defect_time=by_defect.defect_time,
+        position_defect=worst("position_defect")[0],
+        amplification=worst("amplification")[0],
+        undetermined_fraction=mean("undetermined_fraction"),
+        undetermined_direction=by_undetermined.undetermined_direction,
+        stored_torque_error=torque,
+        stored_torque_joint=by_torque.stored_torque_joint,
+        stored_torque_time=by_torque.stored_torque_time,
+        between_samples_error=stray,
+        between_samples_time=by_stray.between_samples_time,
+        unjudged=found[0].unjudged,
+        wall_time=sum(c.wall_time for c in found),
+    )
+
+
+def _merged_limits(parts: Sequence[tuple[float, Certificate]]) -> tuple[LimitCheck, ...]:
+    checks: dict[str, LimitCheck] = {}
+    for check in (check for _, certificate in parts for check in certificate.limit_checks):
+        known = checks.setdefault(check.quantity, check)
+        both = np.fmax(known.utilisation, check.utilisation)
+        higher: Any = np.nanmax(check.utilisation) > np.nanmax(known.utilisation)
+        checks[check.quantity] = replace(check if higher else known, utilisation=both)
+    return tuple(checks.values())

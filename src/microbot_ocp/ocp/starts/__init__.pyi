@@ -1,0 +1,21 @@
+"""Public names; loaded when they are first asked for."""
+
+from ._initial_guess import (
+    completed as completed,
+    default_guess as default_guess,
+    guess_from as guess_from,
+    starting_point as starting_point,
+)
+from ._problem_data import (
+    problem_data as problem_data,
+    with_problem_data as with_problem_data,
+)
+from ._rollout import (
+    Ranges as Ranges,
+    Rollouts as Rollouts,
+    rollouts as rollouts,
+)
+from ._scaling import (
+    cost_scale as cost_scale,
+    scaled as scaled,
+)

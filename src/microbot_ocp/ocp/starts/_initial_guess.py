@@ -1,0 +1,330 @@
+"""Starting points of a solver: default guesses and guesses from earlier solutions.
+
+An earlier solution may have another mesh or other phases. Where only the mesh differs its
+multipliers go along: those of the dynamics are values of the costate and are interpolated as they
+are, those of path constraints and bounds stand for an interval and are interpolated per length.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp.ocp.problem import OptimalControlProblem, Variable, node_variables
+from microbot_ocp.ocp.solution import PhaseSolution, Solution, StartingPoint, pack
+from microbot_ocp.ocp.starts._measured_guess import with_measurements
+from microbot_ocp.ocp.starts._rollout import rollout
+from microbot_ocp.ocp.transcription import Block, Guess, GuessValue, PhaseLayout, Program
+from microbot_ocp.ocp.transcription.schemes import Collocation
+
+
+def starting_point(
+    program: Program,
+    problem: OptimalControlProblem,
+    guess: Mapping[str, Guess] | Solution | str | None,
+) -> StartingPoint:
+    """Starting point from guesses, from an earlier solution, or from nothing."""
+    if not isinstance(guess, Solution):
+        return StartingPoint(pack(program, completed(problem, guess)))
+    layouts = [phase.layout for phase in guess.phases]
+    old = [layout for layout in layouts if layout is not None]
+    comparable = len(old) == len(program.layouts) == len(layouts) and all(
+        _alike(a, b) for a, b in zip(old, program.layouts, strict=True)
+    )
+    if not comparable or guess.variables is None:
+        missing = tuple(missing_from(problem, guess))
+        return StartingPoint(pack(program, guess_from(problem, guess)), missing=missing)
+    same = all(_same_mesh(a, b) for a, b in zip(old, program.layouts, strict=True))
+    x = guess.variables if same else pack(program, guess_from(problem, guess))
+    rows, variables = guess.row_multipliers, guess.variable_multipliers
+    if not guess.status.solved or variables is None:
+        return StartingPoint(x)
+    if not same:
+        rows, variables = _moved_multipliers(program, old, rows, variables)
+    return StartingPoint(x, rows, variables)
+
+
+def _alike(a: PhaseLayout, b: PhaseLayout) -> bool:
+    """Whether two layouts differ in their meshes and degrees only."""
+    return type(a.scheme) is type(b.scheme) and _content(a) == _content(b)
+
+
+def _content(layout: PhaseLayout) -> set[tuple[str, str, int, float]]:
+    """Kind, name, component and scale of everything that a phase holds."""
+    return {
+        (entry.kind, entry.name, entry.component, entry.scale)
+        for block in (*layout.rows, *layout.variables)
+        for entry in block.entries
+    }
+
+
+def _same_mesh(a: PhaseLayout, b: PhaseLayout) -> bool:
+    schemes = [[k.groups[i].kind.scheme for i in k.kind_of] for k in (a, b)]
+    sizes = [(k.variable_count, k.row_count) for k in (a, b)]
+    return np.array_equal(a.mesh, b.mesh) and sizes[0] == sizes[1] and schemes[0] == schemes[1]
+
+
+# guesses ------------------------------------------------------------------------------------------
+
+
+def completed(
+    problem: OptimalControlProblem, guess: Mapping[str, Guess] | str | None
+) -> dict[str, Guess]:
+    """A guess for every phase: what is not given is the default.
+
+    Parameters
+    ----------
+    problem : OptimalControlProblem
+    guess : mapping from phase name to Guess, "rollout" or None
+        "rollout" simulates the problem: :func:`rollout`.
+
+    Raises
+    ------
+    InputError
+        A phase that the problem does not have, or another word.
+    """
+    if guess == "rollout":
+        return rollout(problem, default_guess(problem))
+    if isinstance(guess, str):
+        raise InputError(f"guess must be a mapping, a Solution or 'rollout', not {guess!r}")
+    ordinary, given = default_guess(problem), guess or {}
+    free = {v.name for phase in problem.phases for v in phase.free_parameters}
+    shared = {k: v for g in given.values() for k, v in g.values.items() if k in free}
+    for phase in problem.phases:  # a free parameter is the same in all phases that have it
+        own = {v.name: shared[v.name] for v in phase.free_parameters if v.name in shared}
+        old = ordinary[phase.name]
+        ordinary[phase.name] = Guess(old.duration, {**old.values, **own})
+    for name, value in given.items():
+        if name not in ordinary:
+            raise InputError(f"guess has phase {name!r}; the problem has {list(ordinary)}")
+        own = ordinary[name]
+        duration = own.duration if value.duration is None else value.duration
+        ordinary[name] = Guess(duration, {**own.values, **value.values})
+    return ordinary
+
+
+def default_guess(problem: OptimalControlProblem) -> dict[str, Guess]:
+    """Straight lines between the end conditions.
+
+    What has a condition at one end keeps that value; what has none is in the middle of its bounds,
+    or zero. What measurements see goes through them, and free parameters suit it.
+    """
+    guesses = {}
+    links = {link.after: link.names for link in problem.links}
+    last: dict[str, FloatArray] = {}
+    for phase in problem.phases:
+        values = {}
+        for variable in node_variables(phase):
+            name = variable.name
+            linked = name in last and name in links.get(phase.name, ())
+            before = last[name] if linked else _middle(variable.lower, variable.upper)
+            start = _at_end(variable, "initial", before)
+            end = last[name] = _at_end(variable, "final", start)
+            if not linked:
+                start = _at_end(variable, "initial", end)
+            values[name] = partial(_line, start, end)
+        low, high = phase.duration_bounds
+        guesses[phase.name] = Guess(float(np.sqrt(low * min(high, 1e3 * low))), values)
+    return with_measurements(problem, guesses)
+
+
+def _at_end(variable: Variable, which: str, otherwise: FloatArray) -> FloatArray:
+    """The middle of the condition at one end, or what else is within it and the bounds."""
+    low, high = variable.lower, variable.upper
+    condition = getattr(variable, which)
+    if condition is None:
+        return np.clip(otherwise, low, high)
+    known = np.isfinite(condition[0]) & np.isfinite(condition[1])
+    low, high = np.maximum(low, condition[0]), np.minimum(high, condition[1])
+    return np.where(known, _middle(low, high), np.clip(otherwise, low, high))
+
+
+def _middle(low: FloatArray, high: FloatArray) -> FloatArray:
+    both = np.isfinite(low) & np.isfinite(high)
+    with np.errstate(invalid="ignore"):
+        return np.where(both, (low + high) / 2, np.clip(0.0, low, high))
+
+
+def _line(start: FloatArray, end: FloatArray, s: FloatArray) -> FloatArray:
+    return start + s[:, None] * (end - start)
+
+
+def guess_from(problem: OptimalControlProblem, solution: Solution) -> dict[str, Guess]:
+    """Guesses for the phases of a problem from a solution of it or of a similar one.
+
+    Phases of the same names take over each other's values. Where the names differ, the whole
+    solution is cut into as many pieces of equal duration as the problem has phases. What the
+    solution does not have starts from the default guess.
+    """
+    known = {phase.name: phase for phase in solution.phases}
+    ordinary = default_guess(problem)
+    guesses = {}
+    matched = all(phase.name in known for phase in problem.phases)
+    for index, phase in enumerate(problem.phases):
+        if matched:
+            pieces: tuple[PhaseSolution, ...] = (known[phase.name],)
+            share = (0.0, 1.0)
+        else:
+            pieces = solution.phases
+            share = (index / len(problem.phases), (index + 1) / len(problem.phases))
+        whole = sum(piece.duration for piece in pieces)
+        values: dict[str, GuessValue] = dict(ordinary[phase.name].values)
+        for variable in phase.variables:
+            if all(_has(piece, variable) for piece in pieces):
+                values[variable.name] = partial(_along, pieces, variable.name, share)
+        duration = float(np.clip(whole * (share[1] - share[0]), *phase.duration_bounds))
+        guesses[phase.name] = Guess(duration, values)
+    return guesses
+
+
+def missing_from(problem: OptimalControlProblem, solution: Solution) -> Iterator[str]:
+    """What of a problem starts from the default guess, as a solution does not have it."""
+    known = {phase.name: phase for phase in solution.phases}
+    matched = all(phase.name in known for phase in problem.phases)
+    for phase in problem.phases:
+        pieces = (known[phase.name],) if matched else solution.phases
+        for variable in phase.variables:
+            if not all(_has(piece, variable) for piece in pieces):
+                yield f"{variable.name} of phase {phase.name!r}"
+
+
+def _has(piece: PhaseSolution, variable: Variable) -> bool:
+    return variable.name in piece.values and piece[variable.name].shape[-1] == variable.size
+
+
+def _along(
+    pieces: Sequence[PhaseSolution], name: str, share: tuple[float, float], s: FloatArray
+) -> FloatArray:
+    """Values [M, size] of a variable at fractions [M] of a share of the pieces."""
+    edges = np.cumsum([0.0, *(piece.duration for piece in pieces)])
+    t = (share[0] + s * (share[1] - share[0])) * edges[-1]
+    which = np.clip(np.searchsorted(edges, t, side="right") - 1, 0, len(pieces) - 1)
+    result = np.zeros((t.size, pieces[0][name].shape[-1]))
+    for index, piece in enumerate(pieces):
+        own = which == index
+        if own.any():
+            result[own] = _values(piece, name, t[own] - edges[index])
+    return result
+
+
+def _values(piece: PhaseSolution, name: str, t: FloatArray) -> FloatArray:
+    if piece.layout is not None:
+        return piece.sample(t)[name]
+    table, share = piece[name], np.clip(t / piece.duration, 0.0, 1.0)
+    if table.ndim == 2 and table.shape[0] == piece.mesh.size:
+        return np.column_stack([np.interp(share, piece.mesh, column) for column in table.T])
+    k = np.searchsorted(piece.mesh, share, side="right") - 1
+    if piece.degrees is not None and table.shape[0] == piece.degrees.sum():
+        first = np.cumsum(piece.degrees) - piece.degrees
+        flat = np.add.reduceat(table, first) / piece.degrees[:, None]
+    else:
+        flat = table if table.ndim == 2 else table.mean(axis=1)  # of the points of every interval
+    return flat[np.clip(k, 0, flat.shape[0] - 1)]
+
+
+# multipliers on another mesh ----------------------------------------------------------------------
+
+
+def _moved_multipliers(
+    program: Program, old: Sequence[PhaseLayout], rows: FloatArray, variables: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Multipliers for a program from those of the same problem on another mesh."""
+    new_rows = np.zeros(program.row_lower.size)
+    new_variables = np.zeros(program.variable_lower.size)
+    for before, after in zip(old, program.layouts, strict=True):
+        ends = zip(before.rows[len(before.groups) :], after.rows[len(after.groups) :], strict=True)
+        for old_block, new_block in ends:
+            new_rows[new_block.places] = rows[old_block.places]
+        _move(_row_series(before), _row_series(after), rows, new_rows)
+        _move(_variable_series(before), _variable_series(after), variables, new_variables)
+        _move_nodes(before, after, variables, new_variables)
+    return new_rows, new_variables
+
+
+@dataclass(frozen=True, eq=False)
+class _Series:
+    """Multipliers of one kind along a phase: where they stand, and what they weigh.
+
+    Attributes
+    ----------
+    places : fractions of the phase [M], increasing
+    indices : in the program [M]
+    weights : of a multiplier against its density along the phase [M]
+    """
+
+    places: FloatArray
+    indices: np.ndarray
+    weights: FloatArray
+
+
+Key = tuple[str, str, int, float]
+
+
+def _row_series(layout: PhaseLayout) -> dict[Key, _Series]:
+    return _series(layout, [Block(g.kind.rows, g.intervals, g.rows) for g in layout.groups])
+
+
+def _variable_series(layout: PhaseLayout) -> dict[Key, _Series]:
+    nz = layout.node_size
+    return _series(
+        layout,
+        [Block(g.kind.variables[nz:], g.intervals, g.variables[:, nz:]) for g in layout.groups],
+    )
+
+
+def _series(layout: PhaseLayout, blocks: Sequence[Block]) -> dict[Key, _Series]:
+    """Everything that has the same name and stands at the same kind of point."""
+    found: dict[Key, list[FloatArray]] = {}
+    for group, block in zip(layout.groups, blocks, strict=True):
+        start, h = layout.mesh[block.intervals], np.diff(layout.mesh)[block.intervals]
+        scheme = group.kind.scheme
+        shares = (
+            dict(zip(scheme.points, scheme.weights, strict=True))
+            if isinstance(scheme, Collocation)
+            else {}
+        )
+        for entry, places in zip(block.entries, block.places.T, strict=True):
+            # at points of collocation all belongs together, whatever the degree
+            point = np.inf if entry.fraction in shares else entry.fraction
+            share = 1.0 if entry.kind == "step" else shares.get(entry.fraction, 1.0)
+            weight = np.full(h.size, share)
+            if entry.kind not in ("step", "defect"):  # those are values of the costate
+                weight = weight * h
+            part = np.vstack([start + entry.fraction * h, places, weight])
+            found.setdefault((entry.kind, entry.name, entry.component, point), []).append(part)
+    series = {}
+    for key, parts in found.items():
+        places, indices, weights = np.hstack(parts)
+        order = np.argsort(places, kind="stable")
+        series[key] = _Series(places[order], indices[order].astype(int), weights[order])
+    return series
+
+
+def _move(
+    before: Mapping[Key, _Series],
+    after: Mapping[Key, _Series],
+    values: FloatArray,
+    new_values: FloatArray,
+) -> None:
+    for key, new in after.items():
+        if key in before:
+            old = before[key]
+            density = values[old.indices] / old.weights
+            moved = np.interp(new.places, old.places, density)
+            new_values[new.indices] = moved * new.weights
+
+
+def _move_nodes(
+    before: PhaseLayout, after: PhaseLayout, variables: FloatArray, new_variables: FloatArray
+) -> None:
+    old_around, new_around = (
+        (np.append(h, 0.0) + np.insert(h, 0, 0.0)) / 2
+        for h in (np.diff(before.mesh), np.diff(after.mesh))
+    )
+    for old, new in zip(before.nodes.T, after.nodes.T, strict=True):
+        density = variables[old] / old_around
+        new_variables[new] = np.interp(after.mesh, before.mesh, density) * new_around

@@ -1,0 +1,373 @@
+"""Automatic scales: a typical size for everything that was declared without one.
+
+Solvers compare everything with one. The size of a state or control is read from its guess and end
+conditions or its bounds; where these say nothing it follows from the dynamics: of a state from the
+size of its derivative, but no more than simulations with constant controls reach, of what drives a
+state from what would move that state by its size during the phase. A constraint is divided by what
+it changes when the variables change by their sizes, the cost likewise. Dynamics are scaled with
+their states.
+
+Scales are powers of ten, and what is within a factor of ten of one stays as it is, so that a
+problem in good units is solved as it was written.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray
+from microbot_ocp.ocp.problem import OptimalControlProblem, PathConstraint, Phase, Variable
+from microbot_ocp.ocp.solution import Solution
+from microbot_ocp.ocp.starts._initial_guess import completed, default_guess, guess_from
+from microbot_ocp.ocp.starts._problem_data import KINDS, LIMITS
+from microbot_ocp.ocp.starts._rollout import rollouts
+from microbot_ocp.ocp.transcription import Guess, GuessValue, Program, guess_table
+
+
+@dataclass(frozen=True)
+class ScalingSettings:
+    """How the sizes of variables and costs are found.
+
+    Attributes
+    ----------
+    points : along a guess, at which expressions are looked at
+    rounds : of sizes that follow from other sizes
+    loose : bounds that are so many times wider than the guess say nothing of a control's size
+    tiny : share of its bounds, or of one, below which a guess says nothing of a size
+    missed : share of the size that rates tell: less is a peak that the points of a simulation
+        miss
+    band : sizes within this factor of one are left alone
+    cost : change of the cost that is aimed at
+    cost_band : changes of the cost within this factor of one are left alone
+    """
+
+    points: int = 40
+    rounds: int = 10
+    loose: float = 1e3
+    tiny: float = 1e-9
+    missed: float = 1e-6
+    band: float = 10.0
+    cost: float = 10.0
+    cost_band: float = 100.0
+
+
+SETTINGS = ScalingSettings()
+
+
+def scaled(
+    problem: OptimalControlProblem, guess: Mapping[str, Guess] | Solution | str | None = None
+) -> OptimalControlProblem:
+    """The problem with a scale for everything that was declared without.
+
+    Parameters
+    ----------
+    problem : OptimalControlProblem
+    guess : guesses or Solution, optional
+        Where the solve will start: a guess of the right size is worth most.
+
+    Returns
+    -------
+    OptimalControlProblem
+        With the same symbols and expressions; scales that were declared stay.
+
+    Examples
+    --------
+    >>> problem = OptimalControlProblem("a satellite")
+    >>> phase = problem.phase("climb", duration=(10.0, 1e4))
+    >>> height = phase.state("height", initial=3e5, final=8e5, unit="m")
+    >>> thrust = phase.control("thrust", lower=0.0, upper=0.02, unit="N")
+    >>> phase.derivative(height, 1e4 * thrust)
+    >>> phase.end_cost(phase.duration)
+    >>> [(v.name, float(v.scale[0])) for p in scaled(problem).phases for v in p.states + p.controls]
+    [('height', 1000000.0), ('thrust', 0.01)]
+    """
+    problem.check()
+    given: Mapping[str, Guess] = {}
+    if isinstance(guess, Solution):
+        given = guess_from(problem, guess)
+    elif guess is not None:
+        given = completed(problem, guess) if isinstance(guess, str) else guess
+    ordinary = default_guess(problem)
+    looks = [_Look(phase, given.get(phase.name), ordinary[phase.name]) for phase in problem.phases]
+    if any(np.isnan(look.sizes[s.name]).any() for look in looks for s in look.phase.states):
+        for simulated in rollouts(problem, {k: given.get(k, g) for k, g in ordinary.items()}):
+            for look in looks:
+                look.see(simulated[look.phase.name])
+    for look in looks:
+        look.find_sizes()
+    together: dict[tuple[str, int, str], FloatArray] = {}
+    for look in looks:  # phases with the same physics share kernels only if their scales agree
+        for variable in look.unscaled:
+            key = (variable.name, variable.size, variable.unit)
+            size = look.sizes[variable.name]
+            together[key] = np.fmax(together.get(key, size), size)
+    phases = []
+    for look in looks:
+        scales = {
+            v.name: _rounded(together[v.name, v.size, v.unit])
+            if v in look.unscaled
+            else np.asarray(v.scale)
+            for v in look.variables
+        }
+        limits = look.limit_scales(scales)
+        phases.append(_with_scales(look.phase, scales, limits, look.duration_scale))
+    return _with_phases(problem, phases)
+
+
+def cost_scale(program: Program, x: FloatArray) -> float:
+    """What to divide the cost by, so that it changes by ten when all scaled variables do by one.
+
+    A barrier of the size of the tolerance at every limit is then still small, compared with the
+    cost.
+    """
+    return float(_rounded(np.array(cost_change(program, x) / SETTINGS.cost), SETTINGS.cost_band))
+
+
+def cost_change(program: Program, x: FloatArray) -> float:
+    """How far the cost changes when all scaled variables change by one.
+
+    Looked at at the start and a little beside it, where a quadratic cost has a slope.
+    """
+    beside = np.clip(x + 0.5, program.variable_lower, program.variable_upper)
+    sizes = []
+    for point in (x, beside):
+        slope = np.array(program.functions["gradient"](point, program.parameters)[1])
+        sizes.append(float(np.abs(slope).sum()))
+    return max((size for size in sizes if np.isfinite(size)), default=SETTINGS.cost)
+
+
+def _with_phases(problem: OptimalControlProblem, phases: Sequence[Phase]) -> OptimalControlProblem:
+    made = copy.copy(problem)
+    made.phases = list(phases)
+    return made
+
+
+def _with_scales(
+    phase: Phase,
+    scales: Mapping[str, FloatArray],
+    limits: Sequence[FloatArray],
+    duration_scale: float | None,
+) -> Phase:
+    made = copy.copy(phase)
+    for kind in KINDS:
+        own = [replace(v, scale=scales.get(v.name, v.scale)) for v in getattr(phase, kind)]
+        setattr(made, kind, own)
+    found = iter(limits)
+    for kind in LIMITS:
+        setattr(made, kind, [replace(c, scale=next(found)) for c in getattr(phase, kind)])
+    made.duration_scale = duration_scale
+    return made
+
+
+def _rounded(size: FloatArray, band: float = SETTINGS.band) -> FloatArray:
+    """Powers of ten; one where a size is near it, or unknown."""
+    known = np.isfinite(size) & (size > 0)
+    size = np.where(known, size, 1.0)
+    near = (size >= 1 / band) & (size <= band)
+    return np.where(near, 1.0, 10.0 ** np.round(np.log10(size)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Slopes:
+    """Values [M, rows] of expressions of a phase and their slopes [M, rows, columns]."""
+
+    values: FloatArray
+    slopes: FloatArray
+
+
+class _Look:
+    """What is known of the sizes in one phase; unknown ones are not numbers."""
+
+    def __init__(self, phase: Phase, given: Guess | None, ordinary: Guess) -> None:
+        self.phase = phase
+        self.variables = phase.variables
+        self.unscaled = [v for v in self.variables if not v.scaled]
+        guessed = np.nan if given is None or given.duration is None else float(given.duration)
+        # a wrong duration is refused where the guess is used
+        if not (np.isfinite(guessed) and guessed > 0):
+            guessed = float(ordinary.duration or 1.0)
+        self.duration = guessed
+        self.share = np.linspace(0.0, 1.0, SETTINGS.points)
+        values = {} if given is None else given.values
+        self.tables = {
+            v.name: _samples(values.get(v.name, ordinary.values.get(v.name, 0.0)), v, self.share)
+            for v in self.variables
+        }
+        told = {*values, *(v.name for v in phase.free_parameters)}  # also by measurements
+        tables = {v.name: self.tables[v.name] for v in self.variables if v.name in told}
+        self.sizes = {
+            v.name: v.scale if v.scaled else _size(v, tables.get(v.name)) for v in self.variables
+        }
+        self.rates = [c for c in phase.controls if c.rate is not None]
+        self.reached: dict[str, FloatArray] = {}  # by states, in simulations
+
+    def see(self, simulated: Guess) -> None:
+        """Remember how large states become in a simulation."""
+        for state in self.phase.states:
+            table = _samples(simulated.values[state.name], state, self.share)
+            old = self.reached.get(state.name, np.zeros(state.size))
+            self.reached[state.name] = np.fmax(old, np.abs(table).max(axis=0))
+
+    @property
+    def duration_scale(self) -> float | None:
+        if self.phase.duration_scale is not None:
+            return self.phase.duration_scale
+        size = float(_rounded(np.array(self.duration)))
+        return None if size == 1.0 else size
+
+    def find_sizes(self) -> None:
+        """Sizes that are not known from those that are."""
+        self._follow_dynamics()
+        for limit in self.phase.point_constraints:
+            if limit.defines and np.isnan(self.sizes[limit.defines]).any():
+                found = self._evaluated(limit.expression)
+                span = np.nan_to_num(self._stacked(self.variables))
+                size = _typical((np.abs(found.slopes) * span).max(axis=2))
+                self.sizes[limit.defines] = np.where(size > 0, size, _typical(np.abs(found.values)))
+
+    def _follow_dynamics(self) -> None:
+        slope = ca.vertcat(*(self.phase.derivatives[s.name] for s in self.phase.states))
+        reached = [self.reached.get(s.name, np.zeros(s.size)) for s in self.phase.states]
+        most = np.concatenate(reached)
+        most[most == 0] = np.inf
+        for _ in range(SETTINGS.rounds):
+            sizes = self._stacked(self.variables)
+            if np.isfinite(sizes).all():
+                return
+            found = self._evaluated(slope)
+            states = sum(s.size for s in self.phase.states)
+            with np.errstate(all="ignore"):
+                forward = self.duration * _typical(np.abs(found.values))
+                forward = np.fmax(np.fmin(forward, most), SETTINGS.missed * forward)
+                # what would move a state by its size during the phase
+                drive = sizes[:states, None] / (self.duration * _typical(np.abs(found.slopes)))
+            drive[~np.isfinite(drive)] = np.inf
+            np.fill_diagonal(drive, np.inf)
+            backward = drive.min(axis=0)
+            unknown = np.isnan(sizes)
+            new = np.full(sizes.size, np.nan)
+            new[:states] = np.where(forward > 0, forward, np.nan)
+            if not np.isfinite(new[unknown]).any():
+                new = np.where(np.isfinite(backward) & (backward > 0), backward, np.nan)
+            if not np.isfinite(new[unknown]).any():
+                return
+            self._take(np.where(unknown, new, sizes))
+
+    def limit_scales(self, scales: Mapping[str, FloatArray]) -> list[FloatArray]:
+        """How far constraints change when the variables change by their scales."""
+        self.sizes = dict(scales)
+        limits = [limit for kind in LIMITS for limit in getattr(self.phase, kind)]
+        found = []
+        for limit in limits:
+            if getattr(limit, "defines", ""):
+                found.append(scales[limit.defines])
+                continue
+            if limit.scaled:
+                found.append(limit.scale)
+                continue
+            slopes = self._evaluated(limit.expression, rates=True).slopes
+            span = np.concatenate([self._stacked(self.variables), self._rate_sizes()])
+            size = _typical((np.abs(slopes) * span).max(axis=2))
+            found.append(_rounded(np.where(size > 0, size, _magnitude(limit))))
+        return found
+
+    def _stacked(self, variables: Sequence[Variable]) -> FloatArray:
+        return np.concatenate([self.sizes[v.name] for v in variables])
+
+    def _rate_sizes(self) -> FloatArray:
+        own = [self.sizes[c.name] / self.duration for c in self.rates]
+        return np.concatenate([*own, np.zeros(0)])
+
+    def _take(self, sizes: FloatArray) -> None:
+        offset = 0
+        for v in self.variables:
+            self.sizes[v.name] = sizes[offset : offset + v.size]
+            offset += v.size
+
+    def _evaluated(self, expression: ca.MX, *, rates: bool = False) -> _Slopes:
+        """An expression at the guess and around it, as far as the known sizes go."""
+        random = np.random.default_rng(0)
+        symbols, points = [], []
+        for v in self.variables:
+            size = np.nan_to_num(self.sizes[v.name])
+            around = self.tables[v.name] + size * random.uniform(
+                -1.0, 1.0, (SETTINGS.points, v.size)
+            )
+            around[: SETTINGS.points // 4] = self.tables[v.name][: SETTINGS.points // 4]
+            symbols.append(v.symbol)
+            points.append(np.clip(around, v.lower, v.upper).T)
+        moving = ca.vertcat(*symbols)
+        for control in self.rates:
+            assert control.rate is not None
+            size = np.nan_to_num(self.sizes[control.name]) / self.duration
+            symbols.append(control.rate)
+            points.append(
+                size[:, None] * random.uniform(-1.0, 1.0, (control.size, SETTINGS.points))
+            )
+            if rates:
+                moving = ca.vertcat(moving, control.rate)
+        for parameter in self.phase.parameters:
+            symbols.append(parameter.symbol)
+            points.append(np.tile(parameter.value[:, None], (1, SETTINGS.points)))
+        for data in self.phase.measurements:
+            symbols.append(data.symbol)
+            points.append(data.value[np.arange(SETTINGS.points) % len(data.value)].T)
+        symbols += [self.phase.time, self.phase.duration]
+        points += [
+            self.duration * self.share[None, :],
+            np.full((1, SETTINGS.points), self.duration),
+        ]
+        slopes = ca.densify(ca.jacobian(expression, moving))
+        function = ca.Function("look", symbols, [ca.densify(expression), slopes])
+        rows, columns = slopes.shape
+        values, table = (np.array(out) for out in function.map(SETTINGS.points)(*points))
+        # every point is a block of columns
+        blocks = table.reshape(rows, SETTINGS.points, columns).transpose(1, 0, 2)
+        return _Slopes(values.T, blocks)
+
+
+def _samples(value: GuessValue, variable: Variable, share: FloatArray) -> FloatArray:
+    """A guess [M, size] at fractions of the phase; zeros where its shape is wrong."""
+    table = guess_table(value, variable.size, share)
+    table = table[:, 0] if table.ndim == 3 else table
+    if table.ndim != 2 or table.shape[1] != variable.size:
+        return np.zeros((share.size, variable.size))  # refused where the guess is used
+    own = np.linspace(0.0, 1.0, table.shape[0])
+    return np.column_stack([np.interp(share, own, column) for column in table.T])
+
+
+def _size(variable: Variable, guess: FloatArray | None) -> FloatArray:
+    """Size of a variable by what was declared and guessed; NaN where neither gives one."""
+    sizes = [np.zeros(variable.size)]
+    bounded = np.isfinite(variable.lower) & np.isfinite(variable.upper)
+    bounds = np.where(bounded, np.fmax(np.abs(variable.lower), np.abs(variable.upper)), np.nan)
+    if guess is not None:
+        size = np.abs(guess).max(axis=0)
+        # what a computation left instead of zero is no size
+        sizes.append(np.where(size > SETTINGS.tiny * np.where(bounded, bounds, 1.0), size, 0.0))
+    for condition in (variable.initial, variable.final):
+        if condition is not None:
+            sizes += [np.where(np.isfinite(side), np.abs(side), 0.0) for side in condition]
+    typical = np.max(sizes, axis=0)
+    if variable.shape not in ("state", "parameter"):  # controls go to their bounds
+        near = bounded & ((typical == 0) | (bounds <= SETTINGS.loose * typical))
+        typical = np.where(near, bounds, typical)
+    typical = np.where(typical > 0, typical, bounds)
+    return np.where(typical > 0, np.fmin(typical, np.where(bounded, bounds, np.inf)), np.nan)
+
+
+def _typical(table: FloatArray) -> FloatArray:
+    """Upper quartile over the points of what is finite: half of them may stand on a bound at 0."""
+    known = np.isfinite(table)
+    filled = np.where(known, table, np.where(known.any(axis=0), np.nan, 0.0))
+    return np.nanpercentile(filled, 75, axis=0)
+
+
+def _magnitude(limit: PathConstraint) -> FloatArray:
+    sides = [np.where(np.isfinite(s), np.abs(s), 0.0) for s in (limit.lower, limit.upper)]
+    return np.maximum(*sides)

@@ -1,0 +1,11 @@
+"""The free motion as a problem in time, and what a search for it starts from.
+
+Comes in: a family of limits and via points. Goes out: the problem, initial guesses, and motions
+that keep every limit without a search. Begin with ``_problem.py``; ``_initial_guesses.py`` and
+``_within_limits.py`` are the two kinds of starts, ``_least_violation.py`` says what has to give,
+``_switching.py`` solves for switching times.
+"""
+
+from microbot_ocp._base import border
+
+__getattr__, __dir__, __all__ = border.attach_stub(__name__, __file__)

@@ -1,0 +1,39 @@
+"""Public names; loaded when they are first asked for."""
+
+from ._initial_guesses import (
+    InitialGuess as InitialGuess,
+    guesses_along as guesses_along,
+    initial_guesses as initial_guesses,
+)
+from ._least_violation import (
+    guesses_from as guesses_from,
+    judged as judged,
+    least_violation as least_violation,
+)
+from ._problem import (
+    BUDGET as BUDGET,
+    JERK_WEIGHT as JERK_WEIGHT,
+    OF_VARIABLES as OF_VARIABLES,
+    SMOOTHING as SMOOTHING,
+    effort_scale as effort_scale,
+    excess_along as excess_along,
+    excess_between as excess_between,
+    motion_at_mesh as motion_at_mesh,
+    phase_names as phase_names,
+    polynomial as polynomial,
+    transcription as transcription,
+    via_times as via_times,
+)
+from ._progress import (
+    MotionIteration as MotionIteration,
+    with_motion as with_motion,
+)
+from ._switching import (
+    in_arcs as in_arcs,
+)
+from ._within_limits import (
+    Slowed as Slowed,
+    known_ways as known_ways,
+    largest_excess as largest_excess,
+    within_limits as within_limits,
+)

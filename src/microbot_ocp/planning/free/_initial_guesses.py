@@ -1,0 +1,171 @@
+"""Motions from which the search for a free time-optimal motion starts."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp.limits import LimitFamily
+from microbot_ocp.motion import PiecewisePolynomial
+from microbot_ocp.ocp.transcription import Guess
+from microbot_ocp.planning.task import TaskScale, locked_joints
+from microbot_ocp.robot import Robot
+from microbot_ocp.trajectories import ViaPoints, cubic_through, shortest_duration, via_velocities
+
+
+@dataclass(frozen=True)
+class GuessSettings:
+    """Settings of motions to start from.
+
+    Attributes
+    ----------
+    largest_bow : rad (m), sideways in the middle of a segment
+    bow_ratio : of the way of all segments: a bow is not larger either
+    swings : rad (m), the least and the largest swing to and fro
+    swing_durations : times the typical durations, the least and the largest of a swing
+    spread : of the durations of single segments
+    harmonics : of a swing
+    """
+
+    largest_bow: float = 1.5
+    bow_ratio: float = 0.7
+    swings: tuple[float, float] = (0.5, 2.5)
+    swing_durations: tuple[float, float] = (1.0, 4.0)
+    spread: float = 2.0
+    harmonics: int = 5
+
+
+GUESSES = GuessSettings()
+
+
+@dataclass(frozen=True, eq=False)
+class InitialGuess:
+    """A motion to start from: its name, and a guess for every phase."""
+
+    name: str
+    guesses: Mapping[str, Guess]
+
+
+def initial_guesses(
+    family: LimitFamily, via: FloatArray, names: Sequence[str], count: int, seed: int
+) -> Iterator[InitialGuess]:
+    """The first ``count`` of: the scaled cubic, straight segments, bows and swings in turn.
+
+    Segments are bowed, or swing to and fro, at random. Where torques are too small to lift the arm
+    it gathers speed first: the solver finds how if it starts from a motion that swings at all.
+
+    Parameters
+    ----------
+    family : LimitFamily
+    via : array [m,n], rad (m)
+    names : sequence of str
+        Of the phases, one a segment between via points.
+    count : int
+    seed : int
+        Of the random segments.
+    """
+    bows, waves = np.random.default_rng(seed), np.random.default_rng(seed + 1)
+    durations = TaskScale.of(family, via).durations
+    way = float(np.abs(np.diff(via, axis=0)).sum(axis=0).max())
+    largest = min(GUESSES.largest_bow, GUESSES.bow_ratio * way) * _moving(family)
+    for index in range(count):
+        number = index // 2
+        if index == 0:
+            yield _cubic(family.robot, via, names)
+        elif index % 2 and index > 1:
+            yield _swing(family, via, names, number, waves)
+        else:
+            bow = bows.uniform(-largest, largest) if index > 1 else 0.0 * largest
+            own = np.broadcast_to(bow, (len(names), 1, bow.size))
+            name = f"bow {number}" if index > 1 else "straight"
+            yield _swung(family, via, names, name, own, durations)
+
+
+def _swing(
+    family: LimitFamily,
+    via: FloatArray,
+    names: Sequence[str],
+    number: int,
+    random: np.random.Generator,
+) -> InitialGuess:
+    """Segments that swing to and fro at random."""
+    size = _between(random, GUESSES.swings) * _moving(family)
+    waves = random.normal(size=(len(names), GUESSES.harmonics, via.shape[1]))
+    waves *= size / np.arange(1, GUESSES.harmonics + 1)[:, None]
+    slower = _between(random, GUESSES.swing_durations)
+    own = slower * GUESSES.spread ** random.uniform(-1.0, 1.0, len(names))
+    durations = own * TaskScale.of(family, via).durations
+    return _swung(family, via, names, f"swing {number}", waves, durations)
+
+
+def guesses_along(
+    names: Sequence[str], shape: PiecewisePolynomial, times: FloatArray
+) -> dict[str, Guess]:
+    """A guess for every phase from a motion that passes the via points at ``times`` [m]."""
+    velocity = shape.derivative()
+    acceleration = velocity.derivative()
+    curves = {"q": shape, "qd": velocity, "qdd": acceleration}
+    guesses = {}
+    for phase, start, end in zip(names, times[:-1], times[1:], strict=True):
+
+        def along(
+            curve: PiecewisePolynomial, s: FloatArray, start: float = start, end: float = end
+        ) -> FloatArray:
+            return curve(start + s * (end - start))
+
+        values = {name: partial(along, curve) for name, curve in curves.items()}
+        guesses[phase] = Guess(float(end - start), values)
+    return guesses
+
+
+def _cubic(robot: Robot, via: FloatArray, names: Sequence[str]) -> InitialGuess:
+    """The cubic through the via points at the shortest duration that keeps the limits."""
+    steps = np.abs(np.diff(via, axis=0)).max(axis=1)
+    timed = ViaPoints(via, np.concatenate([[0.0], np.cumsum(steps)]))
+    shape = cubic_through(timed, via_velocities(timed))
+    # where gravity forbids rest on the way it is a start all the same, only not a feasible one
+    with contextlib.suppress(InputError):
+        shape = shortest_duration(robot, shape).polynomial
+    return InitialGuess("cubic", guesses_along(names, shape, shape.breaks))
+
+
+def _swung(
+    family: LimitFamily,
+    via: FloatArray,
+    names: Sequence[str],
+    name: str,
+    waves: FloatArray,
+    durations: FloatArray,
+) -> InitialGuess:
+    """Straight segments with waves [m-1,K,n] on them: the amplitudes of sines of 1 to K arcs."""
+    limits = family.robot.limits
+    turns = np.pi * np.arange(1, waves.shape[1] + 1)
+    guesses = {}
+    rows = zip(names, via[:-1], np.diff(via, axis=0), waves, durations, strict=True)
+    for phase, start, step, wave, duration in rows:
+
+        def position(s: FloatArray, start=start, step=step, wave=wave) -> FloatArray:
+            q = start + s[:, None] * step + np.sin(np.outer(s, turns)) @ wave
+            return np.clip(q, limits.q_min, limits.q_max)
+
+        def velocity(s: FloatArray, step=step, wave=wave, duration=duration) -> FloatArray:
+            slope = step + (np.cos(np.outer(s, turns)) * turns) @ wave
+            return np.clip(slope / duration, limits.qd_min, limits.qd_max)
+
+        guesses[phase] = Guess(float(duration), {"q": position, "qd": velocity, "qdd": 0.0})
+    return InitialGuess(name, guesses)
+
+
+def _moving(family: LimitFamily) -> FloatArray:
+    """One [n] for joints that may move, zero for locked ones."""
+    return np.where(locked_joints(family), 0.0, 1.0)
+
+
+def _between(random: np.random.Generator, ends: tuple[float, float]) -> float:
+    """A random number, its logarithm evenly spread."""
+    return float(np.exp(random.uniform(*np.log(ends))))

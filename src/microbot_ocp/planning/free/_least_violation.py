@@ -1,0 +1,104 @@
+"""What a task that nothing solves asks too much: its limits may give, and as little as possible.
+
+The relaxed problem keeps via points and dynamics; every limit may give by one amount over a
+segment, and the sum of these amounts, relative to the limits, is made as small as possible. Where
+none has to give there is a motion, and the search goes on from it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from microbot_ocp._base.status import Status
+from microbot_ocp.limits import LimitFamily
+from microbot_ocp.ocp import Explanation, PhaseSolution, Relaxation, Solution, explain
+from microbot_ocp.ocp.transcription import Guess, Meshes, Transcription
+from microbot_ocp.planning.task import in_words_of_the_task
+
+MOST_ITERATIONS = 200  # of each relaxed solve
+UNCONFIRMED = (
+    "\nNot confirmed: the relaxed problem, in which limits may give, did not converge either, so "
+    "there may be a motion: try more starts, or another seed."
+)
+
+CONFIRMED = (
+    "No motion within the limits was found. The relaxed problem, in which limits may give, confirms"
+    " it: of the motions near those tried the one that breaks the limits least exceeds"
+)
+
+
+def least_violation(
+    kernels: Transcription, starts: Sequence[Mapping[str, Guess] | Solution], mesh: Meshes
+) -> Explanation:
+    """The least that limits have to give, of what several starts lead to."""
+    best: Explanation | None = None
+    for start in starts:
+        found = explain(kernels, mesh, start, limits_only=True, max_iterations=MOST_ITERATIONS)
+        if found.conclusive and found.feasible:
+            return found
+        if best is None or _total(found) < _total(best):
+            best = found
+    assert best is not None
+    return best
+
+
+def _total(explanation: Explanation) -> float:
+    """What limits give together, relative to each; infinite where that is not known."""
+    if not explanation.conclusive:
+        return float("inf")
+    return sum((g.amount or 0.0) / max(abs(g.limit), 1e-9) for g in explanation.gives)
+
+
+def guesses_from(explanation: Explanation) -> dict[str, Guess]:
+    """The motion of a relaxed problem as a start."""
+    names = ("q", "qd", "qdd")
+    return {
+        phase.name: Guess(phase.duration, {name: phase[name] for name in names})
+        for phase in explanation.phases
+    }
+
+
+def judged(explanation: Explanation, family: LimitFamily, advice: str) -> dict[str, Any]:
+    """Entries of the provenance: status and advice where limits have to give, and by how much."""
+    if not explanation.conclusive:
+        return {"advice": advice + UNCONFIRMED}
+    if explanation.feasible:
+        return {}
+    found = sorted(explanation.gives, key=lambda g: -(g.amount or 0.0) / abs(g.limit or 1.0))
+    poses = [_pose(gives, explanation) for gives in found]
+    lines = [CONFIRMED]
+    for gives, pose in zip(found, poses, strict=True):
+        joints = enumerate(pose)
+        at = ", ".join(family.robot.position_text(j, float(f"{value:.4g}")) for j, value in joints)
+        unit = f" {gives.unit}".rstrip()
+        lines.append(
+            f"  {_what(gives, family)} by {gives.amount:.4g}{unit}, the limit being "
+            f"{gives.limit:.6g}{unit}, most at q = ({at})"
+        )
+    return {
+        "status": str(Status.INFEASIBLE),
+        "advice": "\n".join(lines),
+        "least_violation": [
+            {
+                "limit": _what(gives, family),
+                "value": gives.limit,
+                "exceeded_by": gives.amount,
+                "unit": gives.unit,
+                "q": pose,
+            }
+            for gives, pose in zip(found, poses, strict=True)
+        ],
+    }
+
+
+def _what(gives: Relaxation, family: LimitFamily) -> str:
+    row = f"{gives.name} in phase {gives.phase!r} at t = {gives.time:.4g} s"
+    return in_words_of_the_task(row, family).rpartition(", ")[0]  # a pose says more than a time
+
+
+def _pose(gives: Relaxation, explanation: Explanation) -> list[float]:
+    phase: PhaseSolution = next(p for p in explanation.phases if p.name == gives.phase)
+    return [float(np.interp(gives.time, phase.t, column)) for column in phase["q"].T]

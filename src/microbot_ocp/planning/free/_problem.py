@@ -1,0 +1,375 @@
+"""The optimal-control problem of a free motion through via points, and its solution as a motion."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache, partial
+from math import factorial
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.codegen import compile_recipe, compiles
+from microbot_ocp.limits import LimitFamily, MotionSamples
+from microbot_ocp.motion import PiecewisePolynomial, State, quintic_between
+from microbot_ocp.ocp import OptimalControlProblem, Phase, PhaseSolution, Solution, Transcription
+from microbot_ocp.planning.free._progress import Samples
+from microbot_ocp.planning.task import (
+    CHECKS_PER_INTERVAL,
+    Bounds,
+    Conditions,
+    TaskScale,
+    declare_limits,
+    derivatives_for,
+    has_windows,
+    kept_torques,
+    knows_derivatives,
+    passing,
+    torques_of,
+    without_dry_friction,
+)
+from microbot_ocp.robot import Robot
+
+# Weight of the squared jerk: picks one motion where many are equally fast. It costs 1.3e-5 of the
+# duration of the Microbot task and halves the swing of the torques that are not at a limit.
+SMOOTHING = 1e-6
+JERK_WEIGHT = "jerk weight"  # the parameter of a phase
+CLOSED = 1e-5  # share of the way, or of the change of velocity, that gaps add up to
+BUDGET = "budget"  # a parameter of every phase
+OF_VARIABLES = ("q", "qd", "qdd")  # limits that are bounds of states and of the control
+
+
+def phase_names(count: int) -> list[str]:
+    """The phases of a motion in their order, one from each stop to the next."""
+    return [f"phase {index + 1}" for index in range(count)]
+
+
+@lru_cache(maxsize=16)
+def transcription(
+    robot: Robot,
+    via_bytes: bytes,
+    count: int,
+    compiled: bool,
+    *,
+    payload: bool = False,
+    budgeted: bool = False,
+    conditions: Conditions | None = None,
+) -> Transcription:
+    """Kernels for a robot (its own limits) and via points, built once."""
+    via = np.frombuffer(via_bytes).reshape(count, -1)
+    robots, prepare = conditions.robots if conditions else (robot,), None
+    compiled = compiles(compiled)
+    # among obstacles a stage is met once: only what other scenes share is compiled
+    shared = compiled and any(
+        knows_derivatives(limit) for own in robots for limit in own.limits.also
+    )
+    if compiled and not shared:
+        prepare = compile_recipe
+    return Transcription(
+        free_problem(robot, via, payload=payload, budgeted=budgeted, conditions=conditions),
+        scheme="shooting",
+        prepare=prepare,
+        derivatives=derivatives_for(*robots, *map(without_dry_friction, robots), compiled=shared),
+    )
+
+
+def free_problem(
+    robot: Robot,
+    via: FloatArray,
+    *,
+    payload: bool = False,
+    budgeted: bool = False,
+    jumps: bool = False,
+    conditions: Conditions | None = None,
+) -> OptimalControlProblem:
+    """The optimal-control problem of a robot (with its limits) through via points [m,n].
+
+    Each segment between two via points is a phase of free duration with the states q, qd and a
+    continuous, piecewise linear acceleration as the control. With ``payload`` every phase has the
+    parameter "payload": a mass at the tool, kg, zero at first. Where it is
+    ``budgeted`` every phase has the parameter "budget", that of the last one being the time, s, in
+    which all are passed, and the effort is minimised in the place of the time. With ``jumps``
+    the acceleration may jump, as it does in the fastest motion, and nothing is smoothed; where a
+    limit is one of the jerk or the torque rate it is the jerk that may. ``conditions`` say what
+    holds at the via points and which robot moves between them; by default the arm is at rest at
+    both ends and passes the others.
+    """
+    family = LimitFamily.of(robot)
+    form = _Form(
+        family,
+        TaskScale.of(family, via),
+        conditions or passing(robot, via),
+        payload=payload,
+        budgeted=budgeted,
+        jumps=jumps,
+    )
+    problem = OptimalControlProblem(f"time-optimal motion of {robot.name}")
+    for index, start in enumerate(via[:-1]):
+        _declare_segment(problem, form, index, start)
+    _link_segments(problem, form)
+    return problem
+
+
+@dataclass(frozen=True, eq=False)
+class _Form:
+    """The arguments of :func:`free_problem`, and what all of its segments share."""
+
+    family: LimitFamily
+    size: TaskScale
+    conditions: Conditions
+    payload: bool
+    budgeted: bool
+    jumps: bool
+
+    @property
+    def rated(self) -> bool:
+        """Whether the acceleration is a state: the jerk, or what follows from it, is limited."""
+        return self.family.jerk_matters
+
+    @cached_property
+    def scales(self) -> tuple[FloatArray, FloatArray]:
+        """Scales [n] of velocities and accelerations."""
+        limits: Any = self.family.robot.limits
+        velocity = _scale(limits.bounds("qd"), self.size.velocity)
+        return velocity, _scale(limits.bounds("qdd"), self.size.acceleration)
+
+    @property
+    def held(self) -> np.ndarray:
+        """Which joints [n] stay where they start."""
+        limits = self.family.robot.limits
+        return (limits.qdd_min == 0.0) & (limits.qdd_max == 0.0)
+
+
+def _declare_segment(
+    problem: OptimalControlProblem, form: _Form, index: int, start: FloatArray
+) -> None:
+    """Declare the phase from a via point [n] to the next."""
+    size, moving = form.size, form.conditions.robots[index]
+    first, last = index == 0, index == len(form.conditions.ends) - 2
+    family = LimitFamily.of(moving)
+    constraints = [key for key in family.keys if key not in OF_VARIABLES]
+    made = partial(torques_of, keys=constraints, payload=form.payload)
+    torques: Callable[..., Any] = made(moving)
+    phase = problem.phase(
+        phase_names(index + 1)[-1],
+        duration=(size.shortest[index], size.longest[index]),
+        scale=None if size.time == 1.0 else size.time,
+    )
+    state = _declare_state(phase, form, index)
+    q, qd, qdd, jerk = state
+    mass = [phase.parameter("payload", 0.0)] if form.payload else []
+    kept = tau = None
+    # with jumps the mesh points are where the friction jumps
+    if has_windows(family) and not form.jumps:
+        light = made(without_dry_friction(moving))
+        kept, tau = kept_torques(phase, moving, state, light, mass)
+    declare_limits(phase, family, constraints, state, start, torques, mass, kept)
+    at_start, at_end = form.conditions.ends[index : index + 2]
+    for row in at_start.rows:
+        phase.point_constraint(row.name, row.expression(q, qd), *row.bounds, at=0.0)
+    for row in at_end.rows if last else ():
+        phase.end_constraint(row.name, row.expression(q, qd), *row.bounds)
+    if not form.budgeted:
+        phase.end_cost(phase.duration)
+    else:
+        _declare_clock(phase, form, first=first, last=last)
+        if tau is None and form.family.robot.has_dynamics:
+            tau = torques(*state, *mass)[0]
+        moved = qdd if tau is None else tau
+        phase.running_cost(ca.sumsqr(moved / effort_scale(form.family, form.scales[1])))
+    if not form.jumps:
+        weight = phase.parameter(JERK_WEIGHT, SMOOTHING)
+        phase.running_cost(weight * ca.sumsqr(jerk / size.jerk))
+
+
+def _declare_state(phase: Phase, form: _Form, index: int) -> tuple[Any, Any, Any, Any]:
+    """Declare position, velocity, acceleration and jerk of a phase with what holds at its ends."""
+    limits, held = form.family.robot.limits, form.held
+    count, still = limits.q_min.size, np.zeros(limits.q_min.size)
+    at_start, at_end = form.conditions.ends[index : index + 2]
+    first, last = index == 0, index == len(form.conditions.ends) - 2
+    q = phase.state(
+        "q",
+        count,
+        lower=limits.q_min,
+        upper=limits.q_max,
+        initial=at_start.q if first else _unless(held, at_start.q),
+        final=_unless(held, at_end.q) if last else None,
+        scale=form.size.position,
+        unit="rad",
+    )
+    qd = phase.state(
+        "qd",
+        count,
+        lower=limits.qd_min,
+        upper=limits.qd_max,
+        initial=at_start.qd if first else _unless(held, at_start.qd),
+        final=_unless(held, at_end.qd) if last else None,
+        scale=form.scales[0],
+        unit="rad/s",
+        interior_points=bool(np.isfinite(limits.qd_max).any()),
+    )
+    own: dict[str, Any] = {
+        "lower": limits.qdd_min,
+        "upper": limits.qdd_max,
+        "scale": form.scales[1],
+        "unit": "rad/s^2",
+    }
+    ends: dict[str, Any] = {
+        "initial": _unless(held, (still, still)) if at_start.still else None,
+        "final": _unless(held, (still, still)) if at_end.still else None,
+    }
+    if not form.jumps:
+        qdd = phase.control("qdd", count, **own, **ends, shape="linear")
+        jerk = phase.rate(qdd)
+    elif form.rated:
+        qdd = phase.state("qdd", count, **own, **ends)
+        jerk = phase.control("jerk", count, unit="rad/s^3", shape="polynomial")
+        phase.derivative(qdd, jerk)
+    else:
+        qdd = phase.control("qdd", count, **own, shape="polynomial")
+        jerk = ca.MX.zeros(count)
+    phase.derivative(q, qd)
+    phase.derivative(qd, qdd)
+    return q, qd, qdd, jerk
+
+
+def _declare_clock(phase: Phase, form: _Form, *, first: bool, last: bool) -> None:
+    """Declare the time that has passed, and at the end of the last phase what is allowed of it."""
+    size = form.size
+    clock = phase.state("clock", initial=0.0 if first else None, scale=size.time, unit="s")
+    phase.derivative(clock, ca.MX(1.0))
+    late = clock - phase.parameter(BUDGET, 1.0)  # of all phases, which share kernels so
+    if last:
+        phase.end_constraint("time allowed", late, upper=0.0, scale=size.time, unit="s")
+
+
+def _link_segments(problem: OptimalControlProblem, form: _Form) -> None:
+    """Let every phase begin as the one before it ends, and a cycle end as it began."""
+    for index, (before, after) in enumerate(itertools.pairwise(problem.phases)):
+        names = ["q", "qd", *(["clock"] if form.budgeted else [])]
+        end = form.conditions.ends[index + 1]
+        # still: zero on both sides
+        apart = end.still or end.leaps or (form.jumps and not form.rated)
+        problem.link(before, after, names=[*names, *([] if apart else ["qdd"])])
+    for name in form.conditions.closed:
+        begun, ended = (
+            next(v.symbol for v in (*phase.states, *phase.controls) if v.name == name)
+            for phase in (problem.phases[0], problem.phases[-1])
+        )
+        back = ended - problem.phases[0].initial(begun)
+        problem.phases[-1].end_constraint(f"{name} of the cycle", back, 0.0, 0.0)
+
+
+def effort_scale(family: LimitFamily, acceleration: FloatArray) -> FloatArray:
+    """What torques [n], or accelerations without masses, are divided by before they are squared.
+
+    Their limits, so that the effort is what the motors lose as heat, each in proportion to its
+    own; the largest limit where a joint has none.
+    """
+    limits = family.robot.limits
+    if not family.robot.has_dynamics:
+        return acceleration
+    size = np.maximum(-limits.tau_min, limits.tau_max)
+    known = np.isfinite(size) & (size > 0)
+    return np.where(known, size, size[known].max() if known.any() else 1.0)
+
+
+def _scale(bounds: tuple[FloatArray, FloatArray], typical: FloatArray) -> FloatArray:
+    """The limits [n], where given, else typical values."""
+    size = np.maximum(-bounds[0], bounds[1])
+    return np.where(np.isfinite(size) & (size > 0), size, typical)
+
+
+def _unless(held: np.ndarray, bounds: Bounds) -> Bounds | None:
+    """A condition [n] for joints that are not held; None where there is none."""
+    lower, upper = np.where(held, -np.inf, bounds[0]), np.where(held, np.inf, bounds[1])
+    return (lower, upper) if np.isfinite([lower, upper]).any() else None
+
+
+def excess_between(family: LimitFamily, solution: Solution) -> list[FloatArray]:
+    """Largest relative excess of any limit along every interval: an array [N, K] a phase."""
+    excess = excess_along(family, polynomial(solution))
+    return np.split(excess, np.cumsum([p.mesh.size - 1 for p in solution.phases])[:-1])
+
+
+def excess_along(family: LimitFamily, shape: PiecewisePolynomial) -> FloatArray:
+    """Largest relative excess of any limit at K places of every piece [N, K]."""
+    velocity = shape.derivative()
+    acceleration = velocity.derivative()
+    inside = np.linspace(0, 1, CHECKS_PER_INTERVAL + 1)
+    t = (shape.breaks[:-1, None] + inside * np.diff(shape.breaks)[:, None]).ravel()
+    orders = (shape, velocity, acceleration, acceleration.derivative())
+    excess = family.excess(MotionSamples(*(order(t) for order in orders)))
+    return excess.reshape(-1, inside.size)
+
+
+def motion_at_mesh(phases: Sequence[PhaseSolution]) -> Samples:
+    """Times and states at the mesh points of all phases."""
+    starts = np.cumsum([0.0, *(phase.duration for phase in phases)])
+    # where a phase ends the next begins
+    last = len(phases) - 1
+    kept = [slice(None) if k == last else slice(-1) for k in range(len(phases))]
+    parts = list(zip(phases, kept, strict=True))
+    t = [start + phase.t[part] for start, (phase, part) in zip(starts, parts, strict=False)]
+    states = (
+        np.concatenate([phase[name][part] for phase, part in parts]) for name in State._fields
+    )
+    return np.concatenate(t), State(*states)
+
+
+def via_times(solution: Solution) -> FloatArray:
+    """Times [m] at which the via points are passed, s."""
+    return np.concatenate([[0.0], np.cumsum([phase.duration for phase in solution.phases])])
+
+
+def polynomial(solution: Solution) -> PiecewisePolynomial:
+    """The motion between the mesh points: cubics, integrals of the linear acceleration.
+
+    What the solver left open between the intervals is spread along the whole phase by one quintic:
+    divided by the third power of a short interval a gap of 1e-8 would be a large jerk. Where the
+    gaps are large every interval has the quintic that meets q, qd and qdd at both of its ends.
+    """
+    breaks, pieces = [np.zeros(1)], []
+    start = 0.0
+    for phase in solution.phases:
+        pieces.append(_integrated(phase))
+        breaks.append(start + phase.t[1:])
+        start += phase.duration
+    return PiecewisePolynomial(np.concatenate(breaks), np.concatenate(pieces))
+
+
+def _integrated(phase: PhaseSolution) -> FloatArray:
+    """Coefficients [N,6,n] of the intervals of a phase."""
+    q, qd, qdd, t = phase["q"], phase["qd"], phase["qdd"], phase.t
+    h = np.diff(t)[:, None]
+    jerk = np.diff(qdd, axis=0) / h
+    velocity = qd[0] + _summed(h * (qdd[:-1] + 0.5 * h * jerk))
+    steps = h * (velocity[:-1] + h * (0.5 * qdd[:-1] + h * jerk / 6.0))
+    position = q[0] + _summed(steps)
+    apart = [np.abs(found - at) for found, at in ((position, q), (velocity, qd))]
+    sizes = [np.ptp(at, axis=0).max() for at in (q, qd)]
+    if any(gap.max() > CLOSED * size for gap, size in zip(apart, sizes, strict=True)):
+        return quintic_between(
+            State(q[:-1], qd[:-1], qdd[:-1]), State(q[1:], qd[1:], qdd[1:]), h[:, 0]
+        )
+    still = np.zeros((1, q.shape[1]))
+    left = State((q[-1:] - position[-1:]), qd[-1:] - velocity[-1:], still)
+    spread = PiecewisePolynomial(
+        t[[0, -1]], quintic_between(State(still, still, still), left, t[-1:])
+    )
+    pieces = np.zeros((t.size - 1, 6, q.shape[1]))
+    pieces[:, :4] = np.stack([position[:-1], velocity[:-1], 0.5 * qdd[:-1], jerk / 6.0], axis=1)
+    for order in range(6):  # the same quintic from where each interval begins
+        pieces[:, order] += spread(t[:-1]) / factorial(order)
+        spread = spread.derivative()
+    return pieces
+
+
+def _summed(steps: FloatArray) -> FloatArray:
+    """Sums [N+1,n] of the first steps [N,n]."""
+    return np.vstack([np.zeros_like(steps[:1]), np.cumsum(steps, axis=0)])

@@ -1,0 +1,284 @@
+"""The best timing of a path in milliseconds: by reachability alone, without a solver."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from microbot_ocp._base import checks, deadline
+from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.codegen import compiles
+from microbot_ocp._base.status import Status
+from microbot_ocp.limits import JointLimits, LimitFamily, Limits
+from microbot_ocp.motion import JUMP_GAP, SAMPLE_STEP, Motion, PiecewisePolynomial, State
+from microbot_ocp.planning.path._curve import PathCurve
+from microbot_ocp.planning.path._limits import LATER, limits_kept_by
+from microbot_ocp.planning.path._paths import check_path, segments
+from microbot_ocp.planning.path._reachability import CurveLimits, Reached, reach
+from microbot_ocp.planning.task import check_limits, whole, with_locked_joints_held
+from microbot_ocp.robot import Robot
+
+
+@dataclass(frozen=True)
+class SampleSettings:
+    """Settings of the samples of a timing.
+
+    Attributes
+    ----------
+    least : samples of an interval, so that they tell how the acceleration curves
+    bent : the same where these do not tell it, and of intervals next to stops
+    together : ratio of the duration: samples so near to one another are one
+    cubic : ratio of a joint's largest acceleration: fourth differences that ``least`` may miss
+    """
+
+    least: int = 4
+    bent: int = 12
+    together: float = 1e-14
+    cubic: float = 1e-5
+
+
+SAMPLES = SampleSettings()
+
+
+@dataclass(frozen=True, eq=False)
+class PathTiming:
+    """Timing of a path on a grid.
+
+    Attributes
+    ----------
+    status : Status
+        Solved, infeasible where the end cannot be reached within the limits, or "time limit".
+    s : array [N+1]
+        Path parameter of the grid points; a stop on the way stands there twice. At the time limit
+        these are of the segments that were done.
+    speed : array [N+1]
+        ds/dt; NaN where the path cannot be travelled.
+    t : array [N+1], s
+    blocked_at : float
+        Path parameter from which the end cannot be reached; NaN where it can.
+    limits_kept_by : dict
+        Names of the limits that are kept as half planes ("reachability") or as bounds of ds/dt
+        ("speed bound"), and of those that are **not** kept ("program on places").
+    """
+
+    robot: Robot
+    status: Status
+    s: FloatArray
+    speed: FloatArray
+    t: FloatArray
+    blocked_at: float
+    limits_kept_by: dict[str, list[str]]
+    _parts: tuple[tuple[PathCurve, Reached], ...]
+
+    @property
+    def solved(self) -> bool:
+        """Whether the path can be travelled within the limits."""
+        return self.status.solved
+
+    @property
+    def duration(self) -> float:
+        """Time from end to end, s; NaN where the path cannot be travelled or time was over."""
+        return float("nan") if self.status is Status.TIME_LIMIT else float(self.t[-1])
+
+    def motion(self, label: str = "path, reachability") -> Motion:
+        """Give the timing as a motion: the acceleration of the parameter is linear between points.
+
+        Raises
+        ------
+        InputError
+            The path cannot be travelled, or the time limit was over.
+        """
+        if self.status is Status.TIME_LIMIT:
+            raise checks.InputError(f"the time limit was over at s = {self.s[-1]:g} of the path")
+        if not self.solved:
+            raise checks.InputError(
+                f"the path cannot be travelled within the limits beyond s = {self.blocked_at:g}"
+            )
+        t, state, breaks = sampled(self._parts)
+        unkept = ", ".join(self.limits_kept_by[LATER])
+        return Motion.from_state(
+            self.robot,
+            t,
+            state,
+            label=label,
+            breaks=breaks,
+            provenance={
+                "method": "timing of a path by reachability on a grid",
+                "status": str(self.status),
+                "limits_kept_by": self.limits_kept_by,
+            },
+            note=f"not kept: {unkept}" if unkept else "",
+        )
+
+
+def time_path(
+    robot: Robot,
+    path: PiecewisePolynomial,
+    limits: Limits | JointLimits | None = None,
+    *,
+    grid: int = 1000,
+    start_free: bool | None = None,
+    end_free: bool | None = None,
+    compiled: bool = True,
+    time_limit: float = np.inf,
+) -> PathTiming:
+    """Find the best timing of a path on a grid, from rest to rest, by two passes.
+
+    Takes milliseconds and starts no solver. Limits are kept at both ends of every grid interval,
+    the acceleration of the parameter is linear in it: between grid points limits may be exceeded
+    slightly. :func:`time_optimal_path` makes the grid finer until they are not, and keeps limits of
+    any other form, too.
+
+    Parameters
+    ----------
+    robot : Robot
+        With masses where torques are limited.
+    path : PiecewisePolynomial
+        Joint positions over any path parameter; the arm stops at its corners.
+    limits : Limits, optional
+        Default the robot's own.
+    grid : int
+        Intervals of each segment between two stops; every break of the path is a grid point.
+    start_free, end_free : bool, optional
+        Whether ds/dt is free at an end of the path; default where the tangent vanishes, as the arm
+        rests there all the same.
+    compiled : bool
+        Use compiled functions where there is a compiler.
+    time_limit : float
+        Wall time, s, after which no further segment is begun.
+
+    Returns
+    -------
+    PathTiming
+
+    Raises
+    ------
+    InputError
+        A path outside the position limits, an end or corner that cannot be held at rest, limits
+        that leave the time free.
+
+    Notes
+    -----
+    Pham and Pham, "A new approach to time-optimal path parameterization based on reachability
+    analysis", IEEE T-RO 34(3), 2018.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import microbot_ocp as mo
+    >>> path = mo.straight_path(np.radians([[0, 0, 0], [-8, 45, 30], [-90, 90, 90]]))
+    >>> timing = mo.time_path(mo.load_robot("microbot"), path)
+    >>> timing.solved, round(timing.duration, 3), timing.limits_kept_by["speed bound"]
+    (True, 2.575, ['velocity'])
+    """
+    whole("grid", grid, "points", at_least=10)
+    family = check_limits(robot, limits)
+    check_path(family, path)
+    with deadline.within(time_limit):
+        return _timed(family, path, grid, (start_free, end_free), compiled)
+
+
+def _timed(
+    family: LimitFamily,
+    path: PiecewisePolynomial,
+    grid: int,
+    free: tuple[bool | None, bool | None],
+    compiled: bool,
+) -> PathTiming:
+    moving = with_locked_joints_held(family, None)
+    fast = compiles(compiled)
+    parts, s, speed, t, kept_by = [], [], [], [], {}
+    begin, start = float(path.breaks[0]), 0.0
+    start_free, end_free = free
+    curves = segments(path, moving)
+    for index, curve in enumerate(curves):
+        if index and deadline.over():
+            break
+        along = CurveLimits.of(moving, curve, grid, fast)
+        first, last = index == 0, index == len(curves) - 1
+        reached = reach(
+            along,
+            start_free=curve.start_free if start_free is None or not first else start_free,
+            end_free=curve.end_free if end_free is None or not last else end_free,
+            fast=fast,
+        )
+        kept_by = kept_by or limits_kept_by(along.limits)
+        parts.append((curve, reached))
+        place, slope = curve.parameter(reached.s)
+        s.append(begin + place)
+        unknown = np.full(reached.s.size, np.nan)
+        speed.append(
+            np.sqrt(reached.speed_squared) * np.abs(slope) if reached.feasible else unknown
+        )
+        t.append(start + (reached.t if reached.feasible else unknown))
+        begin, start = float(s[-1][-1]), float(t[-1][-1])
+    blocked = [
+        float(np.interp(reached.blocked_at, reached.s, place))
+        for (_, reached), place in zip(parts, s, strict=True)
+        if not reached.feasible
+    ]
+    status = Status.SOLVED if len(parts) == len(curves) else Status.TIME_LIMIT
+    status = Status.INFEASIBLE if blocked else status
+    return PathTiming(
+        robot=family.robot,
+        status=status,
+        s=np.concatenate(s),
+        speed=np.concatenate(speed),
+        t=np.concatenate(t),
+        blocked_at=blocked[0] if blocked else float("nan"),
+        limits_kept_by=kept_by,
+        _parts=tuple(parts),
+    )
+
+
+def sampled(
+    parts: Sequence[tuple[PathCurve, Reached]], finer: int = 1
+) -> tuple[FloatArray, State, FloatArray]:
+    """Give times, states and breaks of a motion; at every grid point s'' from both sides.
+
+    ``finer`` times as many samples as the shape asks for.
+    """
+    times, states, breaks, begin = [], [], [np.zeros(1)], 0.0
+    lasts = sum(reached.duration for _, reached in parts)
+    step = max(SAMPLE_STEP, checks.longest_step(lasts, checks.MOST_SAMPLES))
+    for curve, reached in parts:
+        lengths = np.diff(reached.t)
+        bent = _bent(curve, reached, lengths)
+        # powers of the parameter at ends where the tangent vanishes are not those of a polynomial
+        bent[[0, -1]] = True
+        least = np.where(bent, SAMPLES.bent, SAMPLES.least - 1)
+        count = finer * np.maximum(least, np.ceil(lengths / step - 1e-9)).astype(int)
+        i = np.repeat(np.arange(count.size), count + 1)
+        k = np.arange(i.size) - np.repeat(np.cumsum(count + 1) - count - 1, count + 1)
+        early = np.minimum(JUMP_GAP, 0.01 * lengths / count)[i]
+        local = k / count[i] * lengths[i] - np.where(k == count[i], early, 0.0)
+        if len(times) == len(parts) - 1:
+            local[-1] = lengths[-1]
+        times.append(begin + reached.t[i] + local)
+        states.append(_state(curve, reached, i, local))
+        breaks.append(begin + reached.t[1:])
+        begin += reached.duration
+    t = np.concatenate(times)
+    keep = np.append(True, np.diff(t) > SAMPLES.together * t[-1])
+    keep[-1] = True
+    joined = (np.concatenate(parts)[keep] for parts in zip(*states, strict=True))
+    return t[keep], State(*joined), np.concatenate(breaks)
+
+
+def _state(curve: PathCurve, reached: Reached, i: np.ndarray, local: FloatArray) -> State:
+    """Give the state [K,n] at times since the start of intervals i."""
+    r, v, u = (values[:, None] for values in reached.after(i, local))
+    q, tangent, curvature = curve.inside(r.ravel(), i, reached.s)
+    return State(q, tangent * v, tangent * u + curvature * v**2)
+
+
+def _bent(curve: PathCurve, reached: Reached, lengths: FloatArray) -> NDArray[np.bool_]:
+    """Tell in which intervals [N] the acceleration is far from a cubic of the time."""
+    i = np.repeat(np.arange(lengths.size), 5)
+    local = np.linspace(0.0, 1.0, 5) * lengths[:, None]
+    qdd = _state(curve, reached, i, local.ravel()).qdd.reshape(lengths.size, 5, -1)
+    largest = np.abs(qdd).max(axis=(0, 1))
+    return (np.abs(np.diff(qdd, 4, axis=1)[:, 0]) > SAMPLES.cubic * largest).any(axis=1)

@@ -1,0 +1,317 @@
+"""Limits along a given path as half planes in u = s'' and x = s'^2.
+
+Along a path q(s) the torque is affine in both: ``tau = M q' u + (M q'' + C(q, q') q') x + g``. The
+coefficients come from three batched calls of the inverse dynamics, and so do those of every other
+limit: its values are tried at a few (u, x), and it is a half plane where they lie on one. A limit
+of the velocity alone bounds s'. What is neither is left to the program on places.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.fast_calls import buffered_call
+from microbot_ocp.limits import ROUNDING, LimitFamily, LimitValues, MotionSamples
+from microbot_ocp.planning.path._curve import PathCurve
+from microbot_ocp.robot import COULOMB_SMOOTHING, Robot, inverse_dynamics
+
+FAR = 1e12  # stands for "no such limit"
+
+
+@dataclass(frozen=True)
+class PathLimitSettings:
+    """Settings by which limits are told apart.
+
+    Attributes
+    ----------
+    tried : s'' and s' at which a half plane is tested
+    affine : relative distance from the half plane that is rounding
+    speeds, bisections : speeds that are tried on the way up to the first that breaks a limit, and
+        halvings of the step in which it lies
+    still : ratio of the largest x that counts as a stop
+    """
+
+    tried: tuple[tuple[float, float], ...] = ((-3.0, 0.7), (2.0, 1.9), (50.0, 4.0))
+    affine: float = 1e-9
+    speeds: int = 50
+    bisections: int = 60
+    still: float = 1e-12
+
+
+PATH_LIMITS = PathLimitSettings()
+LATER = "program on places"  # keeps what reachability cannot
+
+
+@dataclass(frozen=True, eq=False)
+class Nodes:
+    """Path derivatives and torque coefficients at grid points; breaks stand there twice."""
+
+    position: FloatArray
+    tangent: FloatArray
+    curvature: FloatArray
+    left: np.ndarray  # index of the start of every interval
+    right: np.ndarray  # index of its end
+
+
+def nodes_of(path: PathCurve, s: FloatArray) -> Nodes:
+    """Give position, tangent and curvature at grid points s [N+1], among them every break."""
+    inner = np.flatnonzero(np.isin(s, path.breaks[1:-1]))
+    # the left side of every inner break follows behind the regular nodes
+    sides = path.evaluate(s), path.evaluate(s[inner], from_left=True)
+    tables = [np.vstack(pair) for pair in zip(*sides, strict=True)]
+    right = np.arange(1, s.size)
+    right[inner - 1] = s.size + np.arange(inner.size)
+    return Nodes(*tables, left=np.arange(s.size - 1), right=right)
+
+
+class Coefficients(NamedTuple):
+    """A limited quantity ``per_u u + per_x x + constant``, each [N,k], and its bounds [N,k]."""
+
+    per_u: FloatArray
+    per_x: FloatArray
+    constant: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class PathLimits:
+    """The limits of a robot at the nodes of a path, by how they can be kept.
+
+    Attributes
+    ----------
+    half_planes : mapping from the key of a limit to Coefficients
+    speed : mapping from the key of a limit to array [N,k]
+        Largest x = s'^2 that each component leaves.
+    later : tuple of str
+        Keys of the limits that are neither, such as jerk or power: left to the program
+        on places.
+    """
+
+    family: LimitFamily
+    half_planes: dict[str, Coefficients]
+    speed: dict[str, FloatArray]
+    later: tuple[str, ...]
+
+    @classmethod
+    def of(cls, family: LimitFamily, nodes: Nodes, fast: bool) -> PathLimits:
+        """Classify the limits of a family along a path."""
+        half_planes, later = {}, []
+        for member in family:
+            key = member.key
+            if key == "tau":
+                half_planes[key] = _torque(family, nodes, fast)
+            elif key == "qdd":
+                bounds = (
+                    np.broadcast_to(b, nodes.tangent.shape) for b in (member.lower, member.upper)
+                )
+                zero = np.zeros_like(nodes.tangent)
+                half_planes[key] = Coefficients(nodes.tangent, nodes.curvature, zero, *bounds)
+            elif member.order == 2 and (planes := _half_planes(family, key, nodes)) is not None:
+                half_planes[key] = planes
+            elif member.order > 1:
+                later.append(key)
+        return cls(family, half_planes, _speed_limits(family, nodes), tuple(later))
+
+    def speed_limit(self, nodes: Nodes, count: int) -> FloatArray:
+        """Give the largest x [N+1] that the limits of the velocity leave at the grid points."""
+        return least_bound(self.speed, nodes, count)
+
+
+def largest_speeds(family: LimitFamily, curve: PathCurve, s: FloatArray) -> FloatArray:
+    """Give limits of s' [N] at places s; infinite where there is none."""
+    nodes = nodes_of(curve, s)
+    most = least_bound(_speed_limits(family, nodes), nodes, s.size)
+    return np.where(most < FAR, np.sqrt(most), np.inf)
+
+
+def least_bound(bounds: Mapping[str, FloatArray], nodes: Nodes, count: int) -> FloatArray:
+    """Give the least x [N+1] of all bounds at the grid points, from either side."""
+    per_node = np.full(len(nodes.tangent), FAR)
+    for bound in bounds.values():
+        per_node = np.minimum(per_node, bound.min(axis=1))
+    result = per_node[:count].copy()
+    np.minimum.at(result, np.arange(1, count), per_node[nodes.right])
+    return result
+
+
+def _speed_limits(family: LimitFamily, nodes: Nodes) -> dict[str, FloatArray]:
+    """Give the largest x = s'^2 [N,k] that limits of the velocity alone leave, by their keys."""
+    return {
+        key: _velocity_bound(family, nodes) if key == "qd" else speed_bound(family, key, nodes)
+        for key in family.of_order(1)
+    }
+
+
+def limits_kept_by(limits: PathLimits) -> dict[str, list[str]]:
+    """Name limits by what keeps them first."""
+    names = {
+        "reachability": list(limits.half_planes),
+        "speed bound": list(limits.speed),
+        LATER: list(limits.later),
+    }
+    return {how: [limits.family[key].name for key in keys] for how, keys in names.items()}
+
+
+def _along(family: LimitFamily, nodes: Nodes, key: str, u: Any, v: Any) -> LimitValues:
+    """Give values of a limit at the nodes for s'' = u and s' = v, numbers or [N]."""
+    u, v = (np.reshape(number, (-1, 1)) for number in (u, v))
+    qd = nodes.tangent * v
+    qdd = nodes.tangent * u + nodes.curvature * v**2
+    samples = MotionSamples(nodes.position, qd, qdd, np.zeros_like(qd))
+    return family.values(samples, [key])[key]
+
+
+def _torque(family: LimitFamily, nodes: Nodes, fast: bool) -> Coefficients:
+    """Give the torque as half planes."""
+    robot, member = family.robot, family["tau"]
+    per_u, per_x, at_rest = torque_coefficients(robot, nodes, fast)
+    bounds = (np.broadcast_to(b, per_u.shape) for b in (member.lower, member.upper))
+    return Coefficients(per_u, per_x, at_rest, *bounds)
+
+
+def frictionless(robot: Robot) -> Robot:
+    """Leave out the friction of a robot."""
+    return robot.with_links(
+        [replace(k, viscous_friction=0.0, coulomb_friction=0.0) for k in robot.links]
+    )
+
+
+def torque_coefficients(robot: Robot, nodes: Nodes, fast: bool) -> tuple[FloatArray, ...]:
+    """Give the torque per u, per x and at rest, each [N,n]; dry friction counts as at rest.
+
+    docs/theory/path_timing.md, "Along a path".
+    """
+    smooth = frictionless(robot)
+    tau = buffered_call(inverse_dynamics(smooth, compiled=fast).map(len(nodes.position)))
+    q, tangent, curvature = nodes.position.T, nodes.tangent.T, nodes.curvature.T
+    zero = np.zeros_like(q)
+    at_rest = tau(q, zero, zero).T
+    per_u = tau(q, zero, tangent).T - at_rest
+    per_x = tau(q, tangent, curvature).T - at_rest
+    coulomb = np.array([link.coulomb_friction for link in robot.links])
+    return per_u, per_x, at_rest + coulomb * np.sign(nodes.tangent)
+
+
+def _half_planes(family: LimitFamily, key: str, nodes: Nodes) -> Coefficients | None:
+    """Give the limit as half planes, or None where it is not affine in u and x."""
+    rest = _along(family, nodes, key, 0.0, 0.0)
+    with_u = _along(family, nodes, key, 1.0, 0.0)
+    with_x = _along(family, nodes, key, 0.0, 1.0)
+    per_u, per_x = with_u.value - rest.value, with_x.value - rest.value
+    size = 1.0 + np.abs(rest.value) + np.abs(per_u) + np.abs(per_x)
+    for u, v in PATH_LIMITS.tried:
+        tried = _along(family, nodes, key, u, v)
+        line = rest.value + u * per_u + v**2 * per_x
+        if np.any(np.abs(tried.value - line) > PATH_LIMITS.affine * size * (1 + abs(u) + v**2)):
+            return None
+        for bound, usual in ((tried.lower, rest.lower), (tried.upper, rest.upper)):
+            if not np.array_equal(bound, usual):
+                return None
+    bounds = (np.broadcast_to(b, rest.value.shape) for b in (rest.lower, rest.upper))
+    return Coefficients(per_u, per_x, rest.value, *bounds)
+
+
+def speed_bound(family: LimitFamily, key: str, nodes: Nodes) -> FloatArray:
+    """Find the largest x [N,1] up to which every speed keeps a limit, by bisection."""
+
+    def within(v: FloatArray) -> np.ndarray:
+        use = family[key].use(_along(family, nodes, key, 0.0, v)).max(axis=1)
+        return use <= 1.0 + ROUNDING
+
+    count = len(nodes.position)
+    low, high = np.zeros(count), np.full(count, np.inf)
+    for v in np.geomspace(1e-6, np.sqrt(FAR), PATH_LIMITS.speeds):
+        good, unknown = within(np.full(count, v)), np.isinf(high)
+        low, high = np.where(unknown & good, v, low), np.where(unknown & ~good, v, high)
+    free = np.isinf(high)
+    high = np.where(free, low, high)
+    for _ in range(PATH_LIMITS.bisections):
+        middle = 0.5 * (low + high)
+        good = within(middle)
+        low, high = np.where(good, middle, low), np.where(good, high, middle)
+    return np.where(free, FAR, low**2)[:, None]
+
+
+def _velocity_bound(family: LimitFamily, nodes: Nodes) -> FloatArray:
+    """Give the largest x [N,n] that the joints' velocity limits leave."""
+    member, tangent = family["qd"], nodes.tangent
+    with np.errstate(divide="ignore", invalid="ignore"):
+        limit = np.where(tangent > 0, member.upper, member.lower) / tangent
+        return np.minimum(np.where(np.abs(tangent) > 0, np.square(limit), np.inf), FAR)
+
+
+@dataclass(frozen=True, eq=False)
+class LimitRows:
+    """Limits ``lower <= per_u u + per_x x <= upper`` at nodes, one column a limit."""
+
+    per_u: FloatArray
+    per_x: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+    left: np.ndarray
+    right: np.ndarray
+    names: tuple[tuple[str, int], ...]  # key of the limit and component, a row each
+
+    @classmethod
+    def of(cls, nodes: Nodes, limits: PathLimits) -> LimitRows:
+        parts, names = [], []
+        for key, planes in limits.half_planes.items():
+            bounded = np.flatnonzero(
+                (np.isfinite(planes.lower) | np.isfinite(planes.upper)).any(axis=0)
+            )
+            lower, upper = planes.lower - planes.constant, planes.upper - planes.constant
+            parts.append([a[:, bounded] for a in (planes.per_u, planes.per_x, lower, upper)])
+            names += [(key, int(j)) for j in bounded]
+        empty = np.zeros((len(nodes.position), 0))
+        tables = [np.hstack([empty, *columns]) for columns in zip(*parts, strict=True)] or [
+            empty
+        ] * 4
+        per_u = np.abs(tables[0])
+        tables[0] = np.where(per_u < 1e-12 * per_u.max(axis=0, initial=0.0), 0.0, tables[0])
+        return cls(*tables, left=nodes.left, right=nodes.right, names=tuple(names))
+
+    @property
+    def torques(self) -> tuple[np.ndarray, np.ndarray]:
+        """Columns that are of torques, and their joints."""
+        columns = [(i, j) for i, (key, j) in enumerate(self.names) if key == "tau"]
+        table = np.array(columns, dtype=int).reshape(-1, 2)
+        return table[:, 0], table[:, 1]
+
+    def with_friction(self, nodes: Nodes, robot: Robot, x: FloatArray) -> LimitRows:
+        """Add friction, which goes with the root of x: linear around the timing found last.
+
+        docs/theory/path_timing.md, "Reachability".
+        """
+        at_nodes = self._spread(x)
+        v = np.sqrt(np.maximum(at_nodes, 1e-9 * max(float(x.max()), 1e-12)))[:, None]
+        columns, joints = self.torques
+        tangent = nodes.tangent[:, joints]
+        viscous, dry = (
+            np.array([getattr(link, name) for link in robot.links])[joints]
+            for name in ("viscous_friction", "coulomb_friction")
+        )
+        share = np.tanh(tangent * v / COULOMB_SMOOTHING)
+        slope = tangent * (viscous + dry * (1.0 - share**2) / COULOMB_SMOOTHING) / (2.0 * v)
+        # what the coefficients hold already, the whole of dry friction, is taken out
+        constant = viscous * tangent * v + dry * (share - np.sign(tangent)) - slope * v**2
+        # right after a stop the whole of it acts, right at it nothing: there both must do
+        still = at_nodes[:, None] <= PATH_LIMITS.still * float(x.max())
+        least, most = np.minimum(constant, 0.0), np.maximum(constant, 0.0)
+        per_x, lower, upper = self.per_x.copy(), self.lower.copy(), self.upper.copy()
+        per_x[:, columns] += np.where(still, 0.0, slope)
+        lower[:, columns] -= np.where(still, least, constant)
+        upper[:, columns] -= np.where(still, most, constant)
+        return replace(self, per_x=per_x, lower=lower, upper=upper)
+
+    def _spread(self, x: FloatArray) -> FloatArray:
+        """Give values at grid points, repeated for the left sides of breaks."""
+        full = np.zeros(self.per_u.shape[0])
+        full[: x.size] = x
+        full[self.right] = x[1:]
+        return full

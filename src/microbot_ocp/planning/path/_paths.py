@@ -1,0 +1,118 @@
+"""Joint paths to be timed: straight lines, checks, and the segments between stops."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp.limits import LimitFamily
+from microbot_ocp.motion import PiecewisePolynomial
+from microbot_ocp.planning.path._curve import PathCurve, vanishing_order
+from microbot_ocp.planning.task import check_pace, check_positions, check_rest, locked_joints
+
+CORNER = 1e-6  # relative jump of the tangent that counts as a corner
+
+
+def straight_path(via_q: ArrayLike) -> PiecewisePolynomial:
+    """Draw straight lines in joint space through via points [m,n]; s is the distance, rad."""
+    via = checks.array("via_q", via_q, (None, None), "rad")
+    if via.shape[0] < 2:
+        raise InputError(f"via_q must have at least 2 points, not {via.shape[0]}")
+    return straight_through(via)
+
+
+def straight_through(via: FloatArray) -> PiecewisePolynomial:
+    """Do as :func:`straight_path` with via points [m,n] that are checked."""
+    steps = np.diff(via, axis=0)
+    lengths = np.linalg.norm(steps, axis=1)
+    if np.any(lengths == 0):
+        i = int(np.argmax(lengths == 0)) + 1
+        raise InputError(f"via points {i} and {i + 1} are the same: no path between them")
+    breaks = np.concatenate([[0.0], np.cumsum(lengths)])
+    return PiecewisePolynomial(breaks, np.stack([via[:-1], steps / lengths[:, None]], axis=1))
+
+
+def check_path(family: LimitFamily, path: PiecewisePolynomial) -> None:
+    """Raise InputError where a path cannot be timed, whatever the timing."""
+    robot = family.robot
+    if not isinstance(path, PiecewisePolynomial):
+        raise InputError(f"path must be a PiecewisePolynomial, not {type(path).__name__}")
+    if path.coefficients.shape[2] != robot.joint_count:
+        raise InputError(
+            f"path must have {robot.joint_count} joints, not {path.coefficients.shape[2]}"
+        )
+    if not np.isfinite(path.coefficients).all():
+        raise InputError("path must be finite")
+    places = path(np.linspace(path.breaks[0], path.breaks[-1], 101))
+    check_pace(family, places)
+    for joint in np.flatnonzero(locked_joints(family) & (np.ptp(places, axis=0) > 0)):
+        raise InputError(
+            f"path moves joint {robot.joint_names[joint]!r}, which cannot move: a limit of its "
+            "velocity, acceleration or jerk is 0"
+        )
+    for before, after in itertools.pairwise(path.breaks):
+        s = np.linspace(before, after, 51)
+        what = [f"path at s = {at:g}" for at in s]
+        check_positions(family, what, path(s, from_left=True))
+    for at in [path.breaks[0], *stops(path, family), path.breaks[-1]]:
+        check_rest(family, f"path at s = {at:g}", path(at)[0])
+
+
+def corners(path: PiecewisePolynomial) -> FloatArray:
+    """Find the breaks at which the tangent jumps, or vanishes while its direction jumps."""
+    turns = [s for s in path.breaks[1:-1] if _turns(path, float(s))]
+    return np.union1d(_jumps(path, path.derivative()), turns)
+
+
+def stops(path: PiecewisePolynomial, family: LimitFamily) -> FloatArray:
+    """Find the breaks at which the arm has to stop.
+
+    At corners, and under limits of the jerk or the torque rate wherever the curvature jumps, too:
+    in motion the acceleration would jump with it.
+    """
+    turns = corners(path)
+    if not family.jerk_matters:
+        return turns
+    return np.union1d(turns, _jumps(path, path.derivative().derivative()))
+
+
+def segments(
+    path: PiecewisePolynomial, family: LimitFamily, leaves_like: int = 2
+) -> list[PathCurve]:
+    """Give what lies between two stops, with a parameter of which an end at rest is this power."""
+    ends = [path.breaks[0], *stops(path, family), path.breaks[-1]]
+    curves = []
+    for before, after in itertools.pairwise(ends):
+        keep = (path.breaks[:-1] >= before) & (path.breaks[:-1] < after)
+        breaks = np.append(path.breaks[:-1][keep], after)
+        curves.append(
+            PathCurve.of(PiecewisePolynomial(breaks, path.coefficients[keep]), leaves_like)
+        )
+    return curves
+
+
+def _turns(path: PiecewisePolynomial, s: float) -> bool:
+    """Tell whether the path comes to rest by itself at a break and goes on in another direction."""
+    directions = []
+    for from_left, sign in ((False, 1.0), (True, -1.0)):
+        order = vanishing_order(path, s, from_left=from_left)
+        if order == 0:
+            return False
+        curve = path
+        for _ in range(order + 1):
+            curve = curve.derivative()
+        direction = sign**order * curve(s, from_left=from_left)[0]
+        directions.append(direction / np.linalg.norm(direction))
+    return bool(np.abs(directions[0] - directions[1]).max() > CORNER)
+
+
+def _jumps(path: PiecewisePolynomial, curve: PiecewisePolynomial) -> FloatArray:
+    """Find the breaks of the path at which a derivative of it jumps."""
+    inner = path.breaks[1:-1]
+    jump = np.abs(curve(inner) - curve(inner, from_left=True)).max(axis=1, initial=0.0)
+    size = np.abs(curve(np.linspace(path.breaks[0], path.breaks[-1], 101))).max()
+    return inner[jump > CORNER * size]

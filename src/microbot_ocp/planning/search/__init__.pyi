@@ -1,0 +1,35 @@
+"""Public names; loaded when they are first asked for."""
+
+from ._among_obstacles import (
+    TimedPath as TimedPath,
+    legs_between as legs_between,
+    timed_paths as timed_paths,
+)
+from ._branches import (
+    least_duration as least_duration,
+)
+from ._free_search import (
+    TimeOptimalSettings as TimeOptimalSettings,
+)
+from ._orders import (
+    in_order as in_order,
+)
+from ._parts import (
+    Part as Part,
+    Place as Place,
+    parts_of as parts_of,
+    places_along as places_along,
+    scenes_of as scenes_of,
+    tool_poses as tool_poses,
+)
+from ._prepared import (
+    TimeOptimalSolver as TimeOptimalSolver,
+)
+from ._stop_search import (
+    stretches as stretches,
+)
+from ._time_optimal import (
+    fastest_motion as fastest_motion,
+    motions_of_front as motions_of_front,
+    time_optimal as time_optimal,
+)

@@ -1,0 +1,567 @@
+"""Free time-optimal motions among obstacles.
+
+Ways around the obstacles come from planners of joint paths; each, with its best timing, is a motion
+that keeps every limit and is proved to keep clear, from which the search for the fastest motion
+starts. Only pairs that can come close are in the problem; one that was left out and is too near
+afterwards is put in, and the problem is solved again. What is returned is never slower than the
+best of the timed paths, and it is one of them where the search found nothing or the time was over.
+"""
+
+from __future__ import annotations
+
+import itertools
+import time
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from microbot_ocp._base import deadline
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.codegen import compiles
+from microbot_ocp._base.status import Status
+from microbot_ocp.limits import LIMIT_TOLERANCE, LimitFamily
+from microbot_ocp.motion import (
+    Mark,
+    Motion,
+    PiecewisePolynomial,
+    dense_times,
+    pieces_of,
+    samples_at,
+)
+from microbot_ocp.ocp import Solution
+from microbot_ocp.ocp.solution import StepProgress, quiet
+from microbot_ocp.planning.free import InitialGuess, guesses_along, known_ways, phase_names
+from microbot_ocp.planning.path import LATER, PathTiming, check_path, time_path
+from microbot_ocp.planning.search._free_search import (
+    KEEPS_LIMITS,
+    FreeSearch,
+    TimeOptimalSettings,
+    Trial,
+    sparing,
+)
+from microbot_ocp.planning.task import ROUGH_TOLERANCE, TaskScale, length_text, reach_of
+from microbot_ocp.planning.timing import PathTimingSettings, best_timing
+from microbot_ocp.robot import Robot
+from microbot_ocp.scene import (
+    FIRST_SEARCHES,
+    Clearance,
+    Detour,
+    Pair,
+    Scene,
+    Surroundings,
+    clearance,
+    clearances,
+    detour,
+    facing,
+    with_arm_capsules,
+)
+from microbot_ocp.trajectories import quintic, shortest_duration
+
+
+@dataclass(frozen=True)
+class AmongObstacles:
+    """Settings of the search among obstacles.
+
+    Attributes
+    ----------
+    most_guesses : timed paths that the search starts from
+    different : share of the duration by which timed paths must differ to count as two
+    near : of the arm's reach: pairs that come so near on a timed path are in the problem
+    mesh : intervals a phase of the first full solve where nobody says how many
+    again : times that pairs may be put in
+    most_iterations : of a solve; from a timed path 20 to 60 are usual
+    near_path_barrier : barrier parameter of a solve that stays near the path that it starts
+        from
+    samples : poses along a motion at which pairs are looked at
+    """
+
+    most_guesses: int = 3
+    different: float = 0.02
+    near: float = 0.1
+    mesh: int = 60
+    again: int = 3
+    most_iterations: int = 300
+    near_path_barrier: float = 1e-3
+    samples: int = 200
+
+
+AMONG_OBSTACLES = AmongObstacles()
+
+
+@dataclass(frozen=True, eq=False)
+class TimedPath:
+    """A path around the obstacles with a timing that keeps all limits.
+
+    Attributes
+    ----------
+    name : str
+    motion : Motion
+        Marked where it passes the via points.
+    clearance : Clearance
+        Proved.
+    """
+
+    name: str
+    motion: Motion
+    clearance: Clearance
+
+    @property
+    def via_times(self) -> FloatArray:
+        """When it passes the via points [m], s."""
+        return np.array([mark.time for mark in self.motion.marks])
+
+
+class Leg:
+    """The ways from one pose to another that searches lead to, and their timings.
+
+    Attributes
+    ----------
+    ways : list of Detour
+        The first of them can be travelled.
+    failed : list of Detour
+        Searches that led to no way.
+    known : Motion or None
+        The first way with a timing that keeps all limits, there from the moment on at which the
+        way is: its best one, or where that takes long one that rests at every corner.
+    """
+
+    def __init__(
+        self,
+        around: Surroundings,
+        start: FloatArray,
+        goal: FloatArray,
+        settings: TimeOptimalSettings,
+    ) -> None:
+        self.around, self.start, self.goal, self.settings = around, start, goal, settings
+        self.family = LimitFamily.of(around.robot)
+        self.ways: list[Detour] = []
+        self.failed: list[Detour] = []
+        self.known: Motion | None = None
+        self.refused = False  # whether there was a way that cannot be travelled
+        self._reached: dict[int, PathTiming | None] = {}
+        self._motions: dict[int, Motion | None] = {}
+        self._searches = 0
+
+    def search(self, number: int, progress: StepProgress) -> None:
+        """Make the search of a number, unless it was made or there is no need of it."""
+        straight = any(way.name == "straight" for way in (*self.ways, *self.failed))
+        if number < self._searches or straight or (number >= FIRST_SEARCHES and self.known):
+            return
+        self._searches = number + 1
+        found = detour(self.around, self.start, self.goal, self.settings.seed, number)
+        if found.path is None:
+            self.failed.append(found)
+            progress(f"search {number}: no path in {found.checks} poses")
+            return
+        self.ways.append(found)
+        if self.known is None:
+            timing = self._timing(0)
+            self.known = timing or _resting_at_corners(self.family, found)
+        if self.known is None:
+            self.refused = True
+            self.failed.append(self.ways.pop())
+            self._reached.clear()
+
+    def bound(self, choice: int) -> float:
+        """What a way takes without limits of rates and others that reachability cannot keep, s."""
+        reached = self._reach(choice)
+        return np.inf if reached is None else reached.duration
+
+    def motion(self, choice: int) -> Motion | None:
+        """A way with its best timing that keeps all limits; None where none is found in time."""
+        choice = min(choice, len(self.ways) - 1)
+        if choice not in self._motions:
+            self._motions[choice] = self._timing(choice) or self._timing_with_rates(choice)
+        return self._motions[choice] or (self.known if choice == 0 else None)
+
+    def _reach(self, choice: int) -> PathTiming | None:
+        choice = min(choice, len(self.ways) - 1)
+        if choice not in self._reached:
+            path, self._reached[choice] = self.ways[choice].path, None
+            with suppress(InputError):  # it leaves the position limits, or cannot be held somewhere
+                assert path is not None
+                timing = time_path(self.around.robot, path, compiled=self.settings.compiled)
+                self._reached[choice] = timing if timing.solved else None
+        return self._reached[choice]
+
+    def _timing(self, choice: int) -> Motion | None:
+        """The best timing where reachability keeps every limit."""
+        timing = self._reach(choice)
+        if timing is None or self.family.jerk_matters or timing.limits_kept_by[LATER]:
+            return None
+        return timing.motion("timed path")
+
+    def _timing_with_rates(self, choice: int) -> Motion | None:
+        path = self.ways[choice].path
+        assert path is not None
+        if deadline.over():
+            return None
+        with suppress(InputError):
+            check_path(self.family, path)
+            own = PathTimingSettings(
+                limit_tolerance=self.settings.limit_tolerance, compiled=self.settings.compiled
+            )
+            motion = best_timing(self.family, path, own, "timed path", quiet)
+            if motion.solved and _keeps_limits(self.family, motion):
+                return motion
+        return None if deadline.over() else _resting_at_corners(self.family, self.ways[choice])
+
+
+def _resting_at_corners(family: LimitFamily, way: Detour) -> Motion | None:
+    """A motion along a polyline that rests at its corners; None where limits allow none."""
+    robot: Robot = family.robot
+    assert way.corners is not None
+    ends = itertools.pairwise(way.corners)
+    shapes = [quintic(pair, [0.0, 1.0], np.zeros((2, robot.joint_count))) for pair in ends]
+    try:  # as short as tells: it only has to be there
+        scaled = [shortest_duration(robot, own, tolerance=1e-3).polynomial for own in shapes]
+    except InputError:  # it leaves the position limits, or cannot be held somewhere
+        return None
+    breaks = np.cumsum([0.0, *(shape.duration for shape in scaled)])
+    shape = PiecewisePolynomial(breaks, np.concatenate([s.coefficients for s in scaled]))
+    how = {"method": "path around obstacles, at rest at its corners"}
+    motion = Motion.from_polynomial(robot, shape, label="timed path", provenance=how)
+    return motion if _keeps_limits(family, motion) else None
+
+
+def _keeps_limits(family: LimitFamily, motion: Motion) -> bool:
+    dense = samples_at(motion, dense_times(motion)[0])
+    return bool(family.excess(dense).max() <= LIMIT_TOLERANCE)
+
+
+def search_legs(ways: Sequence[Sequence[Leg]], progress: StepProgress) -> None:
+    """Search for paths on the legs of several ways, each a path for all of its legs.
+
+    Where the first searches lead to none that can be travelled all along, further ones follow until
+    one does or the time is over.
+    """
+    with sparing():
+        for number in itertools.count():
+            for leg in itertools.chain(*ways):
+                leg.search(number, progress)
+                if deadline.over():
+                    return
+            is_there = any(all(leg.known for leg in legs) for legs in ways)
+            if is_there and number + 1 >= FIRST_SEARCHES:
+                return
+
+
+def choices_of(legs: Sequence[Leg]) -> range:
+    """Numbers of the ways that there are along legs; none where a leg has no way."""
+    there = all(leg.known for leg in legs)
+    return range(max((len(leg.ways) for leg in legs), default=1) if there else 0)
+
+
+def differs(duration: float, others: Iterable[float]) -> bool:
+    """Whether a timed path is another one than those of other durations, s."""
+    return all(abs(duration - other) > AMONG_OBSTACLES.different * other for other in others)
+
+
+class _GuidedSearch(FreeSearch):
+    """The usual search, from guesses that are given, without a polish of the last digits."""
+
+    tries_beside = False  # what is no faster than the best path is not refined
+    slows_down = False  # the best path is there for that
+
+    def __init__(
+        self,
+        family: LimitFamily,
+        via: FloatArray,
+        settings: TimeOptimalSettings,
+        progress: StepProgress,
+        guided: Sequence[InitialGuess],
+    ) -> None:
+        super().__init__(family, via, settings, progress)
+        self.guided = guided
+        self.refiner.rough, self.refiner.tolerance = None, ROUGH_TOLERANCE
+        own = replace(
+            self.refiner.settings, gap=np.inf, max_iterations=AMONG_OBSTACLES.most_iterations
+        )
+        self.refiner.settings = own
+        self.known: float = min(map(_duration, guided))
+
+    @property
+    def _mesh(self) -> int:
+        usual = super()._mesh
+        return usual if self.settings.mesh is not None else min(usual, AMONG_OBSTACLES.mesh)
+
+    def _trials(self) -> Iterator[Trial]:
+        usual = super()._trials()
+        for guess in self.guided:
+            _, solver = next(usual)
+            yield guess, solver
+
+    def _finish(self, found: list[Solution]) -> Solution:
+        """Refine the best coarse answers; from the best path itself where none is faster."""
+        faster = [s for s in found if s.status.solved and s.duration < self.known]
+        if faster or deadline.over():
+            return super()._finish(faster or found)
+        self.progress("no coarse answer is faster than the best path: solved from there")
+        best = min(self.guided, key=_duration)
+        meshes, start = [self._mesh] * len(self.names), best.guesses
+        if self.refiner.fitted is not None:  # dry friction rounded off at first
+            solution = self._coarse_refiner.solve(
+                meshes, start, barrier=AMONG_OBSTACLES.near_path_barrier
+            )
+            start = solution if solution.status.solved else start
+        solution = self.refiner.solve(meshes, start, barrier=AMONG_OBSTACLES.near_path_barrier)
+        if not solution.status.solved and any(s.status.solved for s in found):
+            return super()._finish(found)
+        return self.refiner.finished(self.refiner.refine(solution))
+
+
+def _duration(guess: InitialGuess) -> float:
+    return sum(float(own.duration or 0.0) for own in guess.guesses.values())
+
+
+def fastest_among(
+    family: LimitFamily,
+    via: FloatArray,
+    scene: Scene,
+    settings: TimeOptimalSettings,
+    progress: StepProgress,
+) -> Motion:
+    """The fastest motion through via points [m,n] that keeps clear of a scene.
+
+    Raises
+    ------
+    InputError
+        A via point in collision; OMPL or coal is not installed.
+    """
+    begin = time.perf_counter()
+    robot: Robot = with_arm_capsules(family.robot)
+    family = LimitFamily.of(robot)
+    around = Surroundings(robot, scene)
+    check_apart(around, via)
+    legs = legs_between(around, via, settings, progress)
+    paths = timed_paths(around, legs, progress)
+    more: dict[str, Any] = {
+        "scene": list(scene.names),
+        "paths": [{"start": p.name, "duration": p.motion.duration} for p in paths],
+        "planning_time": time.perf_counter() - begin,
+    }
+    if not paths:
+        names = ["start", *(f"via point {k}" for k in range(2, len(via))), "goal"]
+        motion = _ignoring(family, via, settings)
+        proof = clearance(robot, motion, scene)
+        found = not_found(motion, nothing_found(legs, names), proof)
+    else:
+        search = _solved(family, via, scene, settings, progress, paths)
+        proof = clearance(robot, search, scene) if search is not None and search.solved else None
+        found = at_least(paths[0], search, proof)
+    more["wall_time"] = time.perf_counter() - begin
+    return replace(found, provenance={**found.provenance, **more})
+
+
+def at_least(known: TimedPath, found: Motion | None, proof: Clearance | None) -> Motion:
+    """What a search found; a timed path where that is not solved, not proved clear or slower."""
+    status, advice = Status.TIME_LIMIT, Status.TIME_LIMIT.sentence
+    if found is not None:
+        status, advice = found.status, found.provenance["advice"]
+        faster = found.duration < known.motion.duration or "least_effort" in found.provenance
+        if proof is not None and proof.proved and (faster or not found.solved):
+            told = {**found.provenance, "clearance": as_plain(proof)}
+            return replace(found, provenance=told)
+    if proof is not None and proof.proved:
+        advice = "the search found nothing faster"
+        if deadline.over():
+            status, advice = Status.TIME_LIMIT, Status.TIME_LIMIT.sentence
+    elif proof is not None:
+        status, advice = Status.NOT_ACCEPTED, proof.sentence
+    elif status in (Status.INFEASIBLE, Status.LIMITS_EXCEEDED):  # there is a motion
+        status, advice = Status.FAILED, "The search found no motion within the limits."
+    made_from = "the best timing of a path around the obstacles"
+    note = f"{made_from}: {advice}"
+    if not status.solved:
+        advice += "\n" + KEEPS_LIMITS.format(made_from)
+        note = f"not solved: {advice}"
+    told = {**known.motion.provenance, "advice": advice, "status": str(status)}
+    told |= {"made_from": made_from, "clearance": as_plain(known.clearance)}
+    return replace(known.motion, label="time-optimal", provenance=told, note=note)
+
+
+def not_found(motion: Motion, why: str, hit: Clearance) -> Motion:
+    """What is returned where no way was found: a motion as without obstacles, and what it hits."""
+    advice = f"{why}. {Status.NOT_FOUND.sentence}\nReturned is a motion that ignores the obstacles."
+    told = {
+        "method": "free time-optimal motion among obstacles",
+        **motion.provenance,
+        "status": str(Status.NOT_FOUND),
+        "advice": advice,
+        "clearance": as_plain(hit),
+    }
+    note = f"not solved: {advice} {hit.sentence}"
+    return replace(motion, label="time-optimal", provenance=told, note=note)
+
+
+def check_apart(around: Surroundings, via: FloatArray) -> None:
+    """Raise InputError where the arm touches something at a via point [m,n]."""
+    for number, q in enumerate(via, start=1):
+        found = around.collision(q)
+        if found is not None:
+            name = {1: "start", len(via): "goal"}.get(number, f"via point {number}")
+            raise InputError(f"{name} {touching(found, around.scene.clearance)}")
+
+
+def touching(found: Any, wanted: float) -> str:
+    other, link = found.pair.other.name, found.pair.capsule.name
+    if found.distance <= 0.0:
+        return f"in collision with {other!r} by {length_text(-found.distance)} at link {link!r}"
+    return (
+        f"too near to {other!r}: {length_text(found.distance)} at link {link!r}, not more than the "
+        f"clearance of {length_text(wanted)}"
+    )
+
+
+def legs_between(
+    around: Surroundings, via: FloatArray, settings: TimeOptimalSettings, progress: StepProgress
+) -> list[Leg]:
+    """The legs from each via point [m,n] to the next, with the ways that searches lead to."""
+    legs = [Leg(around, start, end, settings) for start, end in itertools.pairwise(via)]
+    search_legs([legs], progress)
+    return legs
+
+
+def timed_paths(
+    around: Surroundings, legs: Sequence[Leg], progress: StepProgress
+) -> list[TimedPath]:
+    """Different ways through via points with a timing that keeps all limits, fastest first.
+
+    At the time limit one alone.
+    """
+    kept: list[TimedPath] = []
+    for choice in sorted(choices_of(legs), key=lambda k: sum(leg.bound(k) for leg in legs)):
+        if kept and (deadline.over() or len(kept) == AMONG_OBSTACLES.most_guesses):
+            break
+        timed = _timed(around, legs, choice)
+        if timed is None:
+            continue
+        progress(f"path {timed.name}: {timed.motion.duration:.4f} s with its best timing")
+        if differs(timed.motion.duration, (path.motion.duration for path in kept)):
+            kept.append(timed)
+    return sorted(kept, key=lambda path: path.motion.duration)
+
+
+def _timed(around: Surroundings, legs: Sequence[Leg], choice: int) -> TimedPath | None:
+    """A way with its timing, at rest at every via point; None where none is found in time."""
+    robot, motions = around.robot, []
+    for leg in legs:
+        motion = leg.motion(choice)
+        if motion is None:
+            return None
+        motions.append(motion)
+    names = [leg.ways[min(choice, len(leg.ways) - 1)].name for leg in legs]
+    times = np.cumsum([0.0, *(m.duration for m in motions)])
+    if len(motions) == 1:
+        whole = motions[0]
+    else:
+        later = (t + m.t[1:] for t, m in zip(times, motions, strict=False))
+        shape = PiecewisePolynomial(
+            np.concatenate([np.zeros(1), *later]), np.concatenate([pieces_of(m) for m in motions])
+        )
+        how = motions[0].provenance
+        whole = Motion.from_polynomial(robot, shape, label="timed path", provenance=how)
+    marks = tuple(Mark(float(t), f"via {i + 1}") for i, t in enumerate(times))
+    proof = clearance(robot, whole, around.scene)
+    if not proof.proved:
+        return None
+    return TimedPath("path " + ", ".join(names), replace(whole, marks=marks), proof)
+
+
+def _solved(
+    family: LimitFamily,
+    via: FloatArray,
+    scene: Scene,
+    settings: TimeOptimalSettings,
+    progress: StepProgress,
+    paths: Sequence[TimedPath],
+) -> Motion | None:
+    """The fastest motion found from timed paths, with all pairs that matter in the problem.
+
+    None where the time was over before the search began.
+    """
+    robot: Robot = family.robot
+    poses = [path.motion.sample(_evenly(path.motion)).q for path in paths]
+    pairs = facing(robot, scene.pairs(robot), np.concatenate(poses))
+    names = phase_names(len(via) - 1)
+    apart = np.array([_apart(robot, pairs, path.motion).min(axis=0) for path in paths])
+    near = apart.min(axis=0) < AMONG_OBSTACLES.near * reach_of(robot)
+    room = max(apart, key=min) - scene.clearance  # of the way that keeps farthest away
+    guesses = [InitialGuess(p.name, _along(names, p.motion, p.via_times)) for p in paths]
+    motion: Motion | None = None
+    for _ in range(AMONG_OBSTACLES.again + 1):
+        limit = scene.limit(
+            robot,
+            [p for p, is_near in zip(pairs, near, strict=True) if is_near],
+            tolerance=settings.limit_tolerance,
+            room=room[near],
+        )
+        also = [*family.robot.limits.also, limit] if near.any() else family.robot.limits.also
+        bounded = LimitFamily.of(robot.with_limits(also=also))
+        try:
+            with deadline.given_up():
+                search = _GuidedSearch(bounded, via, settings, progress, guesses)
+        except deadline.Over:
+            return motion
+        motion = search.run()
+        if not motion.solved:
+            return motion
+        bounds = np.array([scene.clearance for _ in pairs])
+        missed = (_apart(robot, pairs, motion).min(axis=0) < bounds) & ~near
+        if not missed.any():
+            return motion
+        progress(f"{missed.sum()} more pairs come too near: solved again")
+        near |= missed
+        times = np.array([mark.time for mark in motion.marks])
+        guesses = [InitialGuess("the motion before", _along(names, motion, times)), *guesses]
+    return motion
+
+
+def _along(names: Sequence[str], motion: Motion, times: FloatArray) -> dict[str, Any]:
+    return guesses_along(names, PiecewisePolynomial(motion.t, pieces_of(motion)), times)
+
+
+def _apart(robot: Robot, pairs: Sequence[Pair], motion: Motion) -> FloatArray:
+    """Distances [N,k] of pairs along a motion, m, by the functions that solvers see."""
+    return clearances(robot, pairs, motion.sample(_evenly(motion)).q)
+
+
+def _evenly(motion: Motion) -> FloatArray:
+    return np.linspace(0.0, motion.duration, AMONG_OBSTACLES.samples)
+
+
+def as_plain(found: Clearance) -> dict[str, Any]:
+    return {
+        "minimum": found.minimum,
+        "time": found.time,
+        "pair": found.pair,
+        "proved": found.proved,
+        "at_least": found.at_least,
+    }
+
+
+def nothing_found(legs: Sequence[Leg | None], names: Sequence[str]) -> str:
+    """Why there is no timed path along legs, where they are free, between poses of these names."""
+    missing = next((k for k, leg in enumerate(legs) if leg and leg.known is None), 0)
+    leg = legs[missing]
+    if leg is None or leg.known is not None or leg.refused:
+        return "no path around the obstacles that was found can be travelled within the limits"
+    failed, start, end = leg.failed, names[missing], names[missing + 1]
+    poses = sum(own.checks for own in failed)
+    said = f"no path from the {start} to the {end} was found in {poses} poses"
+    if not failed:
+        return said
+    left = np.degrees(min(own.left for own in failed))
+    return f"{said}; the search came within {left:.3g} deg (in joint space) of the {end}"
+
+
+def _ignoring(family: LimitFamily, via: FloatArray, settings: TimeOptimalSettings) -> Motion:
+    known = known_ways(family, via, settings.limit_tolerance, compiles(settings.compiled))
+    if known is not None:
+        return known.motion
+    times = np.cumsum([0.0, *TaskScale.of(family, via).durations])
+    shape = quintic(via, times, np.zeros_like(via))
+    return Motion.from_polynomial(family.robot, shape, label="time-optimal")

@@ -1,0 +1,513 @@
+"""Which branches of the inverse kinematics a task may go through: joint poses to start from.
+
+Every stop has the branches that reach it, every tool line and circle joins a branch at its start to
+the one that it leads to. The ways through them are put in order by a rough estimate of their time;
+the solver is started from the best way through each branch.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.status import Status
+from microbot_ocp.inverse_kinematics import IKPath, IKSolution, solve_ik_all, solve_ik_path
+from microbot_ocp.planning.task import (
+    STOP_SIZES,
+    TYPICAL,
+    Circle,
+    Line,
+    Stop,
+    Task,
+    check_held,
+    fastest_tool,
+    length_text,
+    reach_of,
+)
+from microbot_ocp.robot import Robot, forward_kinematics, jacobian
+
+
+@dataclass(frozen=True)
+class BranchSettings:
+    """Settings by which branches of the inverse kinematics are told apart.
+
+    Attributes
+    ----------
+    turns : of a free turn, from which branches are looked for
+    rows : places along a tool line at which the arm is followed
+    same_branch : rad (m): poses that are nearer are one
+    apart : rad (m): ways that are nearer at every stop lead to the same optimum
+    most_ways : through the branches of all stops
+    redundant : of the reach: smallest slope of the tool by the joints that counts
+    """
+
+    turns: int = 8
+    rows: int = 33
+    same_branch: float = 0.05
+    apart: float = 0.9
+    most_ways: int = 12
+    redundant: float = 1e-4
+
+
+BRANCHES = BranchSettings()
+
+_even = np.linspace(0.0, 1.0, BRANCHES.rows)
+EASED = _even**3 * (10.0 - 15.0 * _even + 6.0 * _even**2)  # shares of a way at even times
+
+
+@dataclass(frozen=True, eq=False)
+class Way:
+    """One branch a stop, and the joint paths of the tool lines between them.
+
+    Attributes
+    ----------
+    via : array [m,n], rad (m)
+    paths : tuple of array [N,n]
+        Joint positions along every segment from rest to rest, at even times.
+    branches : tuple of int
+        Number of the branch at each stop, from 1; 1 where the joint pose is given.
+    """
+
+    via: FloatArray
+    paths: tuple[FloatArray, ...]
+    branches: tuple[int, ...]
+
+    @property
+    def name(self) -> str:
+        """Such as "branches 1-3-3-1"."""
+        return "branches " + "-".join(map(str, self.branches))
+
+
+def ways_through(task: Task) -> list[Way]:
+    """Ways through every branch of every stop, the most promising first.
+
+    Raises
+    ------
+    InputError
+        A stop out of reach, a tool line that no branch follows.
+    """
+    nodes = [list(_branches(task.robot, stop)) for stop in task.stops]
+    nodes = [_held_at_rest(task, index, found) for index, found in enumerate(nodes)]
+    if task.cycle:
+        nodes[-1] = nodes[0] = _held_at_rest(task, len(nodes) - 1, nodes[0])
+    edges: list[dict[tuple[int, int], FloatArray | None]] = []
+    for index, kind in enumerate(task.segments):
+        if isinstance(kind, Line | Circle):
+            nodes[index], nodes[index + 1], found = _followed(task, index, nodes)
+            edges.append(found)
+        else:
+            pairs = [(a, b) for a in range(len(nodes[index])) for b in range(len(nodes[index + 1]))]
+            edges.append(dict.fromkeys(pairs))
+    if task.cycle and len(nodes[-1]) != len(nodes[0]):
+        nodes[0] = nodes[-1]  # a line may have led to further branches of the first stop
+    found_ways = [_realised(task, nodes, edges, picks) for picks in _picks(task, nodes, edges)]
+    ways = sorted((w for w in found_ways if w is not None), key=lambda way: _estimate(task, way))
+    if not ways:
+        raise InputError(
+            "no branch of the arm leads through all stops: the tool lines end on other branches "
+            "than the next ones begin"
+        )
+    chosen: list[Way] = []
+    for way in ways:
+        if all(np.abs(way.via - other.via).max() > BRANCHES.apart for other in chosen):
+            chosen.append(way)
+    return chosen[: BRANCHES.most_ways]
+
+
+# branches of a stop -------------------------------------------------------------------------------
+
+
+def few_poses(robot: Robot, stop: Stop) -> FloatArray | None:
+    """The joint poses [k,n] of a stop, or the middles of their tolerance; None of infinitely many.
+
+    Of a tool position these are the branches, where the arm has no joint to spare for it.
+    """
+    if stop.q is not None:
+        return np.array([stop.q])
+    if np.any(stop.slack) or stop.orientation_tolerance or stop.free_turn:
+        return None
+    try:
+        found = np.array(_branches(robot, stop))
+    except InputError:
+        return None
+    rows = 3 if stop.orientation is None else 6
+    for q in found:
+        slopes = np.array(jacobian(robot)(q))[:rows]
+        slopes[3:] *= reach_of(robot)
+        if (
+            np.linalg.matrix_rank(slopes, tol=BRANCHES.redundant * reach_of(robot))
+            < robot.joint_count
+        ):
+            return None
+    return found
+
+
+@lru_cache(maxsize=256)
+def _branches(robot: Robot, stop: Stop) -> tuple[FloatArray, ...]:
+    if stop.q is not None:
+        return (np.array(stop.q),)
+    assert stop.position is not None
+    place, turned = stop.pose(robot)
+    found: list[FloatArray] = []
+    missed: list[IKSolution] = []
+    for orientation in _turned(turned, stop.free_axis):
+        for solution in solve_ik_all(robot, place, orientation):
+            if not solution.solved and not _within(stop, solution):
+                missed.append(solution)
+            elif all(np.abs(solution.q - other).max() > BRANCHES.same_branch for other in found):
+                found.append(solution.q)
+    if not found:
+        raise InputError(_out_of_reach(robot, stop, missed))
+    return tuple(found)
+
+
+def _held_at_rest(task: Task, index: int, found: list[FloatArray]) -> list[FloatArray]:
+    """Those of all poses of a stop in which the torques hold the arm; all where there are more.
+
+    Raises
+    ------
+    InputError
+        There is none.
+    """
+    stop = task.stops[index]
+    given = 3 if stop.orientation is None else 6 - (stop.free_turn is not None)
+    exact = np.all(np.array(stop.tolerance) == 0.0) and stop.orientation_tolerance == 0.0
+    if stop.q is not None or not exact or task.robot.joint_count > given:
+        return found
+    held, refused = [], None
+    for q in found:
+        try:
+            check_held(task, index, q)
+            held.append(q)
+        except InputError as problem:
+            refused = refused or problem
+    if not held:
+        assert refused is not None
+        raise refused
+    return held
+
+
+def _turned(turned: FloatArray | None, axis: int | None) -> list[FloatArray | None]:
+    """An orientation, or several where a turn about an axis of the tool is free."""
+    if turned is None or axis is None:
+        return [turned]
+    made: list[FloatArray | None] = []
+    for angle in 2 * np.pi * np.arange(BRANCHES.turns) / BRANCHES.turns:
+        turn = np.eye(3)
+        i, j = (axis + 1) % 3, (axis + 2) % 3
+        turn[[i, j], [i, j]] = np.cos(angle)
+        turn[i, j], turn[j, i] = -np.sin(angle), np.sin(angle)
+        made.append(turned @ turn)
+    return made
+
+
+def _within(stop: Stop, solution: IKSolution) -> bool:
+    """Whether a pose that misses the middle of a stop is within its tolerance."""
+    reach = float(np.min(stop.tolerance))
+    return (
+        solution.position_error <= reach + STOP_SIZES.exact
+        and solution.orientation_error <= stop.orientation_tolerance + 1e-9
+    )
+
+
+def _out_of_reach(robot: Robot, stop: Stop, missed: Sequence[IKSolution]) -> str:
+    best = min(missed, key=lambda s: (s.position_error, s.orientation_error))
+    beyond = best.position_error - float(np.min(stop.tolerance))
+    far = length_text(beyond) if beyond > STOP_SIZES.exact else ""
+    turned = best.orientation_error - stop.orientation_tolerance
+    turn = f"{np.degrees(turned):.3g} deg" if turned > 1e-6 else ""
+    by = far or turn
+    if best.status is Status.LIMITS:
+        names = _held(robot, best.q)
+        at = f": {', '.join(names)} at {'its limit' if len(names) == 1 else 'their limits'}"
+        return f"stop {stop.name!r} is out of reach by {by}{at if names else ''}"
+    if best.status is Status.ORIENTATION_MISSED:
+        return f"stop {stop.name!r} is reached, but not in its orientation: missed by {turn}"
+    return f"stop {stop.name!r} is out of reach by {by}"
+
+
+def _held(robot: Robot, q: FloatArray) -> list[str]:
+    limits = robot.limits
+    at = np.minimum(np.abs(q - limits.q_min), np.abs(q - limits.q_max)) < 1e-3
+    return [name for name, held in zip(robot.joint_names, at, strict=True) if held]
+
+
+# tool lines ---------------------------------------------------------------------------------------
+
+
+def _followed(
+    task: Task, index: int, nodes: list[list[FloatArray]]
+) -> tuple[list[FloatArray], list[FloatArray], dict[tuple[int, int], FloatArray | None]]:
+    """Branches at both ends of a tool line, and the joint paths that join them.
+
+    Followed from its start, or from its end where only that is a joint pose.
+    """
+    starts, ends = list(nodes[index]), list(nodes[index + 1])
+    backwards = task.stops[index + 1].q is not None and task.stops[index].q is None
+    origin, target = (ends, starts) if backwards else (starts, ends)
+    found: dict[tuple[int, int], FloatArray | None] = {}
+    failures: list[tuple[float, str]] = []
+    for a, q in enumerate(list(origin)):
+        path, failure = _follow(task, index, q, backwards)
+        if path is None:
+            failures.append(failure)
+            continue
+        final = path[0] if backwards else path[-1]
+        near = [_apart(task.robot, final, other) for other in target]
+        if near and min(near) < BRANCHES.same_branch:
+            b = int(np.argmin(near))
+        elif task.stops[index if backwards else index + 1].q is None:
+            target.append(final)
+            b = len(target) - 1
+        else:
+            failures.append((1.0, "it ends on another branch than that of the joint pose there"))
+            continue
+        found[(b, a) if backwards else (a, b)] = path
+    if not found and not _loose(task, index):
+        share, reason = max(failures)
+        raise InputError(
+            f"{task.name_of(index)} not reachable from {share:.2f} of its length: {reason}"
+        )
+    if not found:  # a turn is free on the way: the solver may find one
+        found = {(a, b): None for a in range(len(starts)) for b in range(len(ends))}
+    return starts, ends, found
+
+
+def _loose(task: Task, index: int) -> bool:
+    curve = task.curves[index]
+    return curve is not None and curve[1] is not None and curve[1].free is not None
+
+
+def _follow(
+    task: Task, index: int, q: FloatArray, backwards: bool
+) -> tuple[FloatArray | None, tuple[float, str]]:
+    """Joint path [N,n] along a tool line from a branch at its start (or end), or why there is none.
+
+    The share of the length at which it ends comes with the reason.
+    """
+    curve = task.curves[index]
+    assert curve is not None
+    way, turning = curve
+    shares = EASED
+    positions = way.points(shares)
+    orientations = None
+    if turning is not None:
+        orientations = np.array([np.array(turning.rotation(s)) for s in shares])
+        if turning.free is not None:  # as the arm turns the tool at the end that it starts from
+            tool = np.array(forward_kinematics(task.robot)(q))[:3, :3]
+            own = orientations[-1 if backwards else 0].T @ tool
+            orientations = orientations @ _about(own, turning.free)
+    if backwards:
+        positions = positions[::-1]
+        orientations = None if orientations is None else orientations[::-1]
+    found = solve_ik_path(task.robot, positions, orientations, seed=q)
+    if found.solved:
+        return (found.q[::-1] if backwards else found.q), (1.0, "")
+    share, reason = _why(task.robot, found)
+    return None, (1.0 - share if backwards else share, reason)
+
+
+def _about(turn: FloatArray, axis: int) -> FloatArray:
+    """The part of a rotation that is a turn about a coordinate axis."""
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    angle = np.arctan2(turn[j, i] - turn[i, j], turn[i, i] + turn[j, j])
+    made = np.eye(3)
+    made[[i, j], [i, j]] = np.cos(angle)
+    made[i, j], made[j, i] = -np.sin(angle), np.sin(angle)
+    return made
+
+
+def _why(robot: Robot, found: IKPath) -> tuple[float, str]:
+    missed = [k for k, status in enumerate(found.statuses) if not status.solved]
+    row = min([*missed, *found.jumps])
+    share = float(EASED[max(row - 1, 0)])
+    status = found.statuses[row]
+    before = _held(robot, found.q[row])
+    if status is Status.OUT_OF_REACH:
+        return share, f"out of reach by {1000 * found.position_error[row]:.3g} mm"
+    if before or status is Status.LIMITS:
+        return share, f"limit of {', '.join(before)}" if before else "a position limit"
+    if status.solved:
+        near = _held(robot, found.q[max(row - 1, 0)])
+        if near:
+            return share, f"limit of {', '.join(near)}"
+        return share, "the branch ends there, at a limit or a singular pose"
+    return share, f"the orientation is missed by {np.degrees(found.orientation_error[row]):.3g} deg"
+
+
+def _apart(robot: Robot, q: FloatArray, other: FloatArray) -> float:
+    """Largest difference of two poses, whole turns aside."""
+    step = q - other
+    revolute = np.array([kind == "revolute" for kind in robot.joint_types])
+    step = np.where(revolute, (step + np.pi) % (2 * np.pi) - np.pi, step)
+    return float(np.abs(step).max())
+
+
+# ways through all stops ---------------------------------------------------------------------------
+
+
+def _speeds(robot: Robot) -> FloatArray:
+    size = np.minimum(-robot.limits.qd_min, robot.limits.qd_max)
+    return np.where(np.isfinite(size) & (size > 0), size, TYPICAL.speed)
+
+
+def _near(robot: Robot, q: FloatArray, other: FloatArray) -> FloatArray:
+    """A pose [n] moved by whole turns to where it is nearest to another, within the limits."""
+    turn = 2 * np.pi * np.array([kind == "revolute" for kind in robot.joint_types])
+    best = q + turn * np.round((other - q) / (2 * np.pi))
+    for shifted in (best - turn, best + turn):
+        outside = (best < robot.limits.q_min - 1e-9) | (best > robot.limits.q_max + 1e-9)
+        best = np.where(outside, shifted, best)
+    outside = (best < robot.limits.q_min - 1e-9) | (best > robot.limits.q_max + 1e-9)
+    return np.where(outside, q, best)
+
+
+def _cost(task: Task, a: FloatArray, b: FloatArray) -> float:
+    return float((np.abs(_near(task.robot, b, a) - a) / _speeds(task.robot)).max())
+
+
+def _picks(
+    task: Task,
+    nodes: list[list[FloatArray]],
+    edges: list[dict[tuple[int, int], FloatArray | None]],
+) -> list[tuple[int, ...]]:
+    """The cheapest way through every branch of every stop: the number of the branch at each."""
+    costs = [
+        {pair: _cost(task, nodes[k][pair[0]], nodes[k + 1][pair[1]]) for pair in found}
+        for k, found in enumerate(edges)
+    ]
+    if task.cycle:
+        picks = set()
+        for first in range(len(nodes[0])):
+            picks |= set(_through(nodes, costs, first))
+        return sorted(picks)
+    return sorted(set(_through(nodes, costs, None)))
+
+
+def _through(
+    nodes: list[list[FloatArray]], costs: list[dict[tuple[int, int], float]], only: int | None
+) -> list[tuple[int, ...]]:
+    """As :func:`_picks`, of ways that begin and end at one branch where it is given."""
+    ends = range(len(nodes[0])) if only is None else (only,)
+    forward: list[dict[int, tuple[float, tuple[int, ...]]]] = [{a: (0.0, (a,)) for a in ends}]
+    for found in costs:
+        best: dict[int, tuple[float, tuple[int, ...]]] = {}
+        for (a, b), cost in found.items():
+            if a in forward[-1]:
+                total = forward[-1][a][0] + cost, (*forward[-1][a][1], b)
+                best[b] = min(best.get(b, total), total)
+        forward.append(best)
+    ends = range(len(nodes[-1])) if only is None else (only,)
+    backward: list[dict[int, tuple[float, tuple[int, ...]]]] = [{b: (0.0, (b,)) for b in ends}]
+    for found in reversed(costs):
+        best = {}
+        for (a, b), cost in found.items():
+            if b in backward[-1]:
+                total = backward[-1][b][0] + cost, (a, *backward[-1][b][1])
+                best[a] = min(best.get(a, total), total)
+        backward.append(best)
+    backward.reverse()
+    return [
+        (*forward[k][b][1], *backward[k][b][1][1:])
+        for k in range(len(nodes))
+        for b in forward[k]
+        if b in backward[k]
+    ]
+
+
+def _realised(
+    task: Task,
+    nodes: list[list[FloatArray]],
+    edges: list[dict[tuple[int, int], FloatArray | None]],
+    picks: tuple[int, ...],
+) -> Way | None:
+    """Joint poses of a way, each moved by whole turns to be near to the one before."""
+    robot = task.robot
+    q = [nodes[k][pick] for k, pick in enumerate(picks)]
+    fixed = [k for k, stop in enumerate(task.stops) if stop.q is not None]
+    origin = fixed[0] if fixed else 0
+    for k in range(origin - 1, -1, -1):
+        q[k] = _near(robot, q[k], q[k + 1])
+    for k in range(origin + 1, len(q)):
+        q[k] = q[k] if task.stops[k].q is not None else _near(robot, q[k], q[k - 1])
+    if task.cycle and np.abs(q[-1] - q[0]).max() > BRANCHES.same_branch:
+        return None
+    if task.cycle:
+        q[-1] = q[0]
+    paths: list[FloatArray] = []
+    for k, found in enumerate(edges):
+        path = found[picks[k], picks[k + 1]]
+        if path is None:
+            path = q[k] + EASED[:, None] * (q[k + 1] - q[k])
+        else:
+            path = path + np.round((q[k] - path[0]) / (2 * np.pi)) * 2 * np.pi * (
+                np.abs(q[k] - path[0]) > np.pi
+            )
+            if np.abs(path[-1] - q[k + 1]).max() > 10 * BRANCHES.same_branch:
+                return None
+        paths.append(path)
+    return Way(np.array(q), tuple(paths), tuple(pick + 1 for pick in picks))
+
+
+def least_time(task: Task, way: Way) -> float:
+    """Time between the poses of a way by the velocity limits alone, s, dwells not included."""
+    return _time(way, np.maximum(-task.robot.limits.qd_min, task.robot.limits.qd_max))
+
+
+def _estimate(task: Task, way: Way) -> float:
+    return _time(way, _speeds(task.robot))
+
+
+def _time(way: Way, speeds: FloatArray) -> float:
+    steps = np.abs(np.diff(way.via, axis=0))
+    times = np.divide(steps, speeds, out=np.zeros_like(steps), where=steps > 0.0)
+    return float(times.max(axis=1).sum())
+
+
+def least_duration(task: Task) -> float:
+    """What no motion of the task can fall below by the velocity limits, s.
+
+    Between poses of the joints the slowest joint at its highest velocity, by the branches that take
+    least; of a stop whose poses are not a few, the way of the tool at a speed that the joints
+    cannot exceed together.
+    """
+    robot = task.robot
+    speeds = np.maximum(-robot.limits.qd_min, robot.limits.qd_max)
+    fastest = fastest_tool(robot)
+    known = [few_poses(robot, stop) for stop in task.stops]
+    least = np.zeros(1)  # by the branch at a stop, or one number where there are many
+    for k, (a, b) in enumerate(itertools.pairwise(task.stops)):
+        before, after = known[k], known[k + 1]
+        if before is None or after is None:
+            way = _tool_distance(robot, a, b) / fastest
+            least = np.full(1 if after is None else len(after), least.min() + way)
+            continue
+        slack = sum(stop.slack for stop in (a, b) if stop.q is not None)
+        room = np.maximum(_joint_distances(robot, before, after) - slack, 0.0)
+        times = np.divide(room, speeds, out=np.zeros_like(room), where=room > 0.0)
+        least = (least[:, None] + times.max(axis=2)).min(axis=0)
+    return float(least.min() + task.dwells.sum())
+
+
+def _joint_distances(robot: Robot, before: FloatArray, after: FloatArray) -> FloatArray:
+    """Distances [k,l,n] of joint poses [k,n] from others [l,n], whole turns aside where allowed."""
+    apart = np.abs(after[None] - before[:, None])
+    turns = (robot.limits.q_max - robot.limits.q_min >= 2 * np.pi) & [
+        kind == "revolute" for kind in robot.joint_types
+    ]
+    return np.where(turns, np.abs((apart + np.pi) % (2 * np.pi) - np.pi), apart)
+
+
+def _tool_distance(robot: Robot, before: Stop, after: Stop) -> float:
+    """What the tool has to travel at least from one stop to another, m; 0 where that is open."""
+    if any(stop.q is not None and np.any(stop.slack) for stop in (before, after)):
+        return 0.0
+    apart = np.abs(before.pose(robot)[0] - after.pose(robot)[0])
+    for stop in (before, after):
+        apart = apart if stop.q is not None else np.maximum(apart - stop.slack, 0.0)
+    return float(np.linalg.norm(apart))

@@ -1,0 +1,308 @@
+"""The best of all orders of a few stops, decided by coarse answers.
+
+Every order is timed from rest to rest first, along the straight joint paths between its stops or
+those around the obstacles. From the fastest of these on, orders are solved on a coarse mesh, unless
+a bound or what their timed paths could save at most says that they are slower. Only orders
+whose coarse answers differ from the best by less than coarse answers are off are refined.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import cached_property
+from typing import Any, Protocol
+
+import numpy as np
+
+from microbot_ocp._base import deadline
+from microbot_ocp._base.checks import InputError
+from microbot_ocp.limits import JointLimits, Limits
+from microbot_ocp.motion import Motion
+from microbot_ocp.ocp.solution import StepProgress
+from microbot_ocp.planning.search._branches import Way, least_duration, ways_through
+from microbot_ocp.planning.search._free_search import SEARCH, TimeOptimalSettings
+from microbot_ocp.planning.search._stop_search import (
+    LEFT_OUT,
+    StopSearch,
+    fastest_through,
+    segment_timings,
+)
+from microbot_ocp.planning.task import CELL_TIME_LIMIT, Segment, Stop, Task, task_of
+
+MOST_ORDERED = 7  # stops of which every order is looked at
+# Coarse answers of one task differ from the refined ones by much the same share (0.9 to 1.3 % for
+# six orders of a Puma among obstacles, 0.2 to 0.5 % for six of a Microbot): orders farther apart
+# than this are told apart by them
+ACCURACY = 0.01  # of the usual coarse mesh
+FASTER = 0.5  # of timed paths, what the fastest motion from rest to rest is hoped to take at least
+
+Places = tuple[int, ...]
+
+
+class Candidate(Protocol):
+    """One order of the stops, with what it takes to better and better accuracy, s.
+
+    Attributes
+    ----------
+    task : Task
+    rested, hoped : float
+        The best timing from rest to rest, and what it is hoped that a motion takes at least;
+        infinite where no way was found.
+    """
+
+    task: Task
+
+    @property
+    def rested(self) -> float: ...
+
+    @property
+    def hoped(self) -> float: ...
+
+    def coarse_duration(self, beaten: float) -> float:
+        """Of the best coarse answer; ways that cannot be faster than ``beaten`` are left out."""
+        ...
+
+    def motion(self) -> Motion:
+        """Refined."""
+        ...
+
+
+def solve_stops(
+    robot: Any,
+    limits: Limits | JointLimits | None,
+    stops: Sequence[Any],
+    segments: Sequence[Segment] | None,
+    cycle: bool,
+    order: str,
+    duration: float | None,
+    settings: TimeOptimalSettings,
+    progress: StepProgress,
+) -> Motion:
+    """As :func:`microbot_ocp.time_optimal`, of stops."""
+    if order == "given":
+        task = task_of(robot, stops, limits, segments=segments, cycle=cycle)
+        return fastest_through(task, settings, progress, duration)
+    tasks = tasks_in_orders(robot, limits, stops, segments, cycle)
+    with settings.within(CELL_TIME_LIMIT):
+        return best_order(
+            tasks,
+            lambda task: _Alone(task, settings, progress, duration),
+            settings,
+            progress,
+            duration,
+        )
+
+
+def tasks_in_orders(
+    robot: Any,
+    limits: Limits | JointLimits | None,
+    stops: Sequence[Any],
+    segments: Sequence[Segment] | None,
+    cycle: bool,
+) -> dict[Places, Task]:
+    """The tasks of all orders of some stops, by the places that stops had.
+
+    Raises
+    ------
+    InputError
+        As of :func:`task_of`; more stops than all orders are looked at of.
+    """
+    task_of(robot, stops, limits, segments=segments, cycle=cycle)
+    named = [s if isinstance(s, Stop) else Stop(q=s) for s in stops]
+    named = [stop.named(f"stop {k + 1}") for k, stop in enumerate(named)]
+    return {
+        places: task_of(
+            robot,
+            [named[k] for k in places],
+            limits,
+            segments=in_order(segments, places),
+            cycle=cycle,
+        )
+        for places in _orders(len(named), cycle, segments)
+    }
+
+
+def in_order(
+    segments: Sequence[Segment] | None, order: Sequence[int]
+) -> tuple[Segment, ...] | None:
+    """The segments between stops in another order: each stays with the stop where it begins."""
+    if segments is None:
+        return None
+    return tuple(segments[k] if k < len(segments) else None for k in order)[: len(segments)]
+
+
+def _orders(count: int, cycle: bool, segments: Sequence[Segment] | None) -> list[Places]:
+    """Orders of stops: a cycle begins with its first, another task keeps its first and last.
+
+    Two stops with a line, circle or joint line between them follow one another in every order.
+
+    Raises
+    ------
+    InputError
+        More stops than all orders are looked at of.
+    """
+    if count > MOST_ORDERED:
+        raise InputError(f"order is free for at most {MOST_ORDERED} stops, not {count}")
+    tied = {(k, (k + 1) % count) for k, kind in enumerate(segments or ()) if kind is not None}
+    between = itertools.permutations(range(1, count if cycle else count - 1))
+    orders = [(0, *p) if cycle else (0, *p, count - 1) for p in between]
+    return [order for order in orders if tied <= set(itertools.pairwise((*order, 0)))]
+
+
+def best_order(
+    tasks: Mapping[Places, Task],
+    candidate: Callable[[Task], Candidate],
+    settings: TimeOptimalSettings,
+    progress: StepProgress,
+    duration: float | None,
+) -> Motion:
+    """The best of several orders of the stops.
+
+    Where a ``duration``, s, is given the orders that can be done in it are all refined: the best is
+    the one of least effort. An order that no branch of the arm can follow is not one of them.
+
+    Raises
+    ------
+    InputError
+        No order can be done.
+    """
+    told: dict[Places, dict[str, Any]] = {}
+    there: dict[Places, Candidate] = {}
+    refused: InputError | None = None
+    for places, task in tasks.items():
+        row = told[places] = {"order": list(places), "bound": least_duration(task)}
+        row |= {"coarse": None, "duration": None, "status": LEFT_OUT}
+        if there and deadline.over():
+            continue
+        try:
+            there[places] = candidate(task)
+            row["rested"] = there[places].rested
+        except InputError as problem:
+            refused, row["status"] = problem, str(problem)
+    if not there:
+        assert refused is not None
+        raise refused
+    ranked = sorted(there, key=lambda p: (there[p].rested, told[p]["bound"], p))
+    coarse: dict[Places, float] = {}
+    accurate = (
+        1.0 + ACCURACY * max(1.0, SEARCH.explore_mesh / (settings.mesh or SEARCH.explore_mesh)) ** 2
+    )
+    for places in ranked:
+        best = min(coarse.values(), default=np.inf)
+        most = best if duration is None else duration
+        least = max(told[places]["bound"], there[places].hoped if np.isfinite(best) else 0.0)
+        if coarse and (least >= accurate * most or deadline.over()):
+            continue
+        try:
+            coarse[places] = there[places].coarse_duration(accurate * most)
+        except InputError as problem:
+            refused, told[places]["status"] = problem, str(problem)
+            continue
+        if np.isfinite(coarse[places]):
+            told[places] |= {"coarse": coarse[places], "status": "coarse"}
+        progress(f"order {_named(places)}: {coarse[places]:.4f} s on the coarse mesh")
+    if not coarse:
+        assert refused is not None
+        raise refused
+    most = accurate * (min(coarse.values()) if duration is None else duration)
+    return _refined(told, there, coarse, most, progress, duration)
+
+
+def _refined(
+    told: dict[Places, dict[str, Any]],
+    there: Mapping[Places, Candidate],
+    coarse: Mapping[Places, float],
+    most: float,
+    progress: StepProgress,
+    duration: float | None,
+) -> Motion:
+    """The best of the orders whose coarse answers take at most so long, s."""
+    near = sorted(coarse, key=lambda p: (coarse[p], there[p].rested, p))
+    near = [places for places in near if coarse[places] <= most] or near[:1]
+    best: Motion | None = None
+
+    def rank(motion: Motion) -> tuple[bool, float, float]:
+        calmed = {} if duration is None else motion.provenance.get("least_effort", {})
+        return not motion.solved, calmed.get("effort", np.inf), motion.duration
+
+    for places in near:
+        if best is not None and deadline.over():
+            break
+        motion = there[places].motion()
+        told[places] |= {"duration": motion.duration, "status": str(motion.status)}
+        progress(f"order {_named(places)}: {motion.duration:.4f} s, {motion.status}")
+        if best is None or rank(motion) < rank(best):
+            best = replace(motion, provenance={**motion.provenance, "order": list(places)})
+    assert best is not None
+    refined = [row for row in told.values() if row["duration"] is not None]
+    counts = f"{len(coarse)} solved on a coarse mesh, {len(refined)} of them refined"
+    rows = [row for row in told.values() if row["status"] != LEFT_OUT]
+    rows.sort(key=lambda row: (row["duration"] or np.inf, row["coarse"] or np.inf))
+    return replace(
+        best,
+        provenance={
+            **best.provenance,
+            "orders": rows,
+            "orders_left_out": len(told) - len(rows),
+        },
+        note=f"order {_named(best.provenance['order'])} of {len(told)}, {counts}; {best.note}",
+    )
+
+
+def _named(places: Sequence[int]) -> str:
+    return "-".join(str(k + 1) for k in places)
+
+
+def rested_of(task: Task, durations: Sequence[float | None]) -> float:
+    """What segments take from rest to rest together, s; those that are not known take nothing."""
+    return sum(own or 0.0 for own in durations) + float(task.dwells.sum())
+
+
+def hoped_of(task: Task, durations: Sequence[float | None]) -> float:
+    """What a motion may take at least, s, whose segments take so long from rest to rest.
+
+    Where the arm does not rest between segments it takes at least the root of the sum of their
+    squares, as at constant accelerations along one straight line.
+    """
+    runs: list[list[float]] = [[]]
+    for k, own in enumerate(durations):
+        runs[-1].append(FASTER * (own or 0.0))
+        if task.at_rest(k + 1):
+            runs.append([])
+    if task.cycle and not task.at_rest(0) and len(runs) > 1:
+        runs[0] = [*runs.pop(), *runs[0]]
+    return sum(float(np.linalg.norm(run)) for run in runs) + float(task.dwells.sum())
+
+
+class _Alone:
+    """An order of stops without obstacles."""
+
+    def __init__(
+        self,
+        task: Task,
+        settings: TimeOptimalSettings,
+        progress: StepProgress,
+        duration: float | None,
+    ) -> None:
+        self.task = task
+        self._given = settings, progress, duration
+        found: list[tuple[float, float, Way]] = []
+        for way in ways_through(task):
+            timings = segment_timings(task, way, settings.compiled)
+            times = [None if shape is None else shape.duration for shape in timings]
+            found.append((rested_of(task, times), hoped_of(task, times), way))
+        found.sort(key=lambda entry: entry[0])
+        self._ways = [way for _, _, way in found]
+        self.rested, self.hoped = found[0][0], min(hoped for _, hoped, _ in found)
+
+    @cached_property
+    def _search(self) -> StopSearch:
+        return StopSearch(self.task, *self._given, self._ways)
+
+    def coarse_duration(self, beaten: float) -> float:
+        return self._search.coarse_duration(beaten)
+
+    def motion(self) -> Motion:
+        return self._search.run()

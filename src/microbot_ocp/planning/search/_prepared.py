@@ -1,0 +1,507 @@
+"""One task made ready and solved again and again, with limits and payload as numbers in it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from microbot_ocp._base import deadline
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.codegen import compiles, interpreted
+from microbot_ocp._base.status import Status
+from microbot_ocp.limits import LIMIT_TOLERANCE, JointLimits, LimitFamily, Limits
+from microbot_ocp.motion import Motion
+from microbot_ocp.ocp import ParametricSolver, Solution, SolverSettings
+from microbot_ocp.ocp.refinement import WORSE, split
+from microbot_ocp.ocp.solution import quiet, unpack
+from microbot_ocp.ocp.transcription import Guess, Transcription
+from microbot_ocp.planning.free import (
+    OF_VARIABLES,
+    SMOOTHING,
+    excess_between,
+    initial_guesses,
+    largest_excess,
+    phase_names,
+    polynomial,
+    transcription,
+    via_times,
+    within_limits,
+)
+from microbot_ocp.planning.search._free_search import (
+    SEARCH,
+    FreeSearch,
+    TimeOptimalSettings,
+    as_motion,
+)
+from microbot_ocp.planning.task import (
+    FRICTION_WINDOWS,
+    LDL,
+    SMOOTHING as FRICTION_SMOOTHING,
+    TIME_LIMIT,
+    TaskScale,
+    check_limits,
+    check_via,
+    dry_friction,
+    locked_joints,
+    provenance_of,
+    verdict,
+    whole,
+    with_drives_noted,
+    with_locked_joints_held,
+    with_windows,
+)
+from microbot_ocp.robot import Robot
+
+
+@dataclass(frozen=True)
+class PreparedSettings:
+    """Settings by which prepared solves start from the motion under the robot's own limits.
+
+    Attributes
+    ----------
+    near : share of the duration up to which a prepared motion leads to the best
+    near_typical : the same of typical durations
+    close : share by which typical durations may differ for the usual barrier parameter
+    far_barrier : barrier parameter where they differ by more: 43 and 22 iterations with the
+        usual one and with this on a task of the Microbot with a payload
+    reference_tolerance : largest relative excess of a limit of the reference between mesh
+        points
+    """
+
+    near: float = 0.1
+    near_typical: float = 0.1
+    close: float = 0.005
+    far_barrier: float = 1e-5
+    reference_tolerance: float = 2e-3
+
+
+NEARNESS = PreparedSettings()
+
+# of a prepared solver: somebody waits. Without a limit of time it would solve in another process
+PREPARED = SolverSettings(
+    "ipopt",
+    tolerance=1e-6,
+    gap=np.inf,
+    max_iterations=150,
+    options=LDL,
+    time_limit=TIME_LIMIT,
+)
+FAR = replace(PREPARED, options={**LDL, "ipopt warm": {"mu_init": NEARNESS.far_barrier}})
+
+
+def _solved_near(
+    solver: ParametricSolver, start: Solution | Mapping[str, Guess], changes: Mapping[str, Any]
+) -> Solution:
+    """A solve with other numbers; from afar with friction rounded off at first."""
+    parameters = changes["parameters"]
+    declared = {p.name for p in solver.transcription.problem.phases[0].parameters}
+    if not isinstance(start, Solution) and FRICTION_SMOOTHING in declared:
+        rounded = {
+            phase: {**own, FRICTION_SMOOTHING: FRICTION_WINDOWS.rounded}
+            for phase, own in parameters.items()
+        }
+        near = solver.solve(guess=start, **{**changes, "parameters": rounded})
+        start = near if near.status.solved else start
+    return solver.solve(guess=start, **changes)
+
+
+class _Prepared(NamedTuple):
+    """What the motion under the robot's own limits leaves for other solves."""
+
+    reference: Solution
+    kernels: Transcription
+    smoothing: float
+
+
+class TimeOptimalSolver:
+    """The fastest motion through via points, for one set of limits and payload after another.
+
+    The program, its compiled kernels and the solver are made once; limits and the payload are
+    numbers in it. The first call solves the task with the robot's own limits as
+    :func:`microbot_ocp.time_optimal` does, but refines less. Every solve starts from that
+    motion with its multipliers, not from the solution before, so the answer does not depend on
+    what was asked before; from the scaled cubic where the numbers are far from the robot's own. It
+    is refined where a limit is exceeded between mesh points by more than a certificate lets pass,
+    and slowed down where it is by more than :class:`TimeOptimalSettings` tolerate by default.
+    Other via points are numbers, too: such a solve starts from their own scaled cubic.
+
+    Several threads may call it at once. It can be copied and pickled, for other processes, with the
+    motion that it has found; what is not plain data is made again there.
+
+    Parameters
+    ----------
+    robot : Robot
+        With masses and limits. A kind of limit that it does not have at all (say, torque rates)
+        cannot be added later.
+    via_q : array_like [m,n]
+        Via points, rad (prismatic: m).
+    mesh : int
+        Intervals of each phase, before they are refined.
+    starts : int
+        How many starting motions a search tries.
+    rounds : int
+        Largest number of refinements.
+    compiled : bool
+        Compile the kernels to C where there is a compiler.
+    seed : int
+        Of the random starts.
+
+    Raises
+    ------
+    InputError
+        As :func:`microbot_ocp.time_optimal`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import microbot_ocp as mo
+    >>> via_q = np.radians([[0, 0, 0], [-8, 45, 30], [-90, 90, 90]])
+    >>> solver = mo.TimeOptimalSolver(mo.load_robot("microbot"), via_q)
+    >>> round(solver().duration, 2), round(solver(payload=1.0).duration, 2)
+    (1.92, 2.54)
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        via_q: ArrayLike,
+        *,
+        mesh: int = 60,
+        starts: int = 5,
+        rounds: int = 3,
+        compiled: bool = True,
+        seed: int = 0,
+    ) -> None:
+        whole("mesh", mesh, "intervals", at_least=4)
+        whole("starts", starts, at_least=1)
+        whole("rounds", rounds, at_least=0)
+        whole("seed", seed, at_least=0, at_most=2**63)
+        self._given = robot, np.array(via_q, float), mesh, starts, rounds, compiled, seed
+        self.robot = robot
+        self.via_q = check_via(check_limits(robot, None), via_q)
+        self._rounds = rounds
+        self._settings = TimeOptimalSettings(
+            mesh=mesh,
+            starts=starts,
+            limit_tolerance=NEARNESS.reference_tolerance,
+            compiled=compiled,
+            seed=seed,
+        )
+        self._own: _Prepared | None = None
+        self._phases = phase_names(len(self.via_q) - 1)
+        held: Robot = with_locked_joints_held(LimitFamily.of(robot)).robot
+        self._kernels = transcription(
+            held, self.via_q.tobytes(), len(self.via_q), compiled, payload=True
+        )
+        self._solvers: dict[bool, ParametricSolver] = {}  # for numbers that are close, or not
+        self._anywhere: ParametricSolver | None = None  # for other via points
+
+    def __call__(
+        self,
+        limits: Limits | JointLimits | None = None,
+        payload: float = 0.0,
+        *,
+        via_q: ArrayLike | None = None,
+        search: bool = False,
+        time_limit: float = TIME_LIMIT,
+    ) -> Motion:
+        """Solve once more.
+
+        Parameters
+        ----------
+        limits : Limits, optional
+            Default the robot's own.
+        payload : float
+            Point mass at the tool, kg; the motion is one of ``robot.with_payload(payload)``.
+        via_q : array_like [m,n], optional
+            Other via points, as many as the solver was made with, rad (prismatic: m).
+        search : bool
+            Try every start, not only the motion under the robot's own limits: local optima are
+            real. The others are tried anyway where that one leads nowhere.
+        time_limit : float
+            Wall time, s, after which the best so far is returned with the status "time limit";
+            infinite is none.
+
+        Returns
+        -------
+        Motion
+            ``motion.solved`` tells whether the solver converged, ``motion.provenance`` how it
+            went.
+
+        Raises
+        ------
+        InputError
+            Bad limits or payload, a via point that cannot be held: before any solver starts.
+        """
+        with deadline.within(time_limit):
+            return self._solved(limits, payload, via_q, search)
+
+    def _solved(
+        self,
+        limits: Limits | JointLimits | None,
+        payload: float,
+        via_q: ArrayLike | None,
+        search: bool,
+    ) -> Motion:
+        begin = time.perf_counter()
+        family = check_limits(self.robot.with_payload(payload), limits)
+        self._check_kinds(family)
+        via = check_via(family, self.via_q if via_q is None else via_q)
+        if len(via) != len(self.via_q):
+            raise InputError(
+                f"via_q must have {len(self.via_q)} points, as the solver was made with, "
+                f"not {len(via)}"
+            )
+        changes = self._changes(family, via, float(payload))
+        slower = self._slower(family)
+        if via_q is None:
+            own = self._own or self._under_own_limits()
+            solver = self._near(own, slower <= NEARNESS.close)
+        else:
+            own, solver = None, self._for_any_via()
+        near = own if slower <= NEARNESS.near_typical else None
+        tried: list[tuple[str, Solution]] = []
+        for name, start in self._starts(family, via, near):
+            solution = _solved_near(solver, start, changes)
+            tried.append((name, solution))
+            led_there = not isinstance(start, Solution) or (
+                abs(solution.duration - start.duration) <= NEARNESS.near * start.duration
+            )
+            if (solution.status.solved and led_there and not search) or deadline.over():
+                break
+        name, best = min(tried, key=lambda pair: (not pair[1].status.solved, pair[1].duration))
+        kernels, smoothing = (own.kernels, own.smoothing) if own else (self._kernels, SMOOTHING)
+        solution, excess = self._refined(family, best, changes, kernels)
+        # an arm with a payload is met once: nothing is compiled for it
+        with interpreted() if payload else nullcontext():
+            motion = self._motion(family, solution, excess, tried, name, payload, begin, smoothing)
+        return with_drives_noted(family.robot, motion)
+
+    def _slower(self, family: LimitFamily) -> float:
+        """Share by which the typical durations differ from those under the robot's own limits."""
+        own, asked = (
+            TaskScale.of(known, self.via_q).durations.sum()
+            for known in (LimitFamily.of(self.robot), family)
+        )
+        return abs(asked - own) / own
+
+    # Threads that come first at the same time make the same, each for itself, and any of it stays:
+    # so none waits for the work of another beyond its own time.
+
+    def _near(self, own: _Prepared, close: bool) -> ParametricSolver:
+        """A solver on the mesh of the motion under the robot's own limits, made once."""
+        if close in self._solvers:
+            return self._solvers[close]
+        found, settings = own.reference, PREPARED if close else FAR
+        solver = self._on(own.kernels, [phase.mesh for phase in found.phases], found, settings)
+        solver.scale_cost(found)
+        if not deadline.over():
+            self._solvers[close] = solver
+        return solver
+
+    def _under_own_limits(self) -> _Prepared:
+        family = LimitFamily.of(self.robot)
+        search = FreeSearch(family, self.via_q, self._settings, quiet, self._kernels)
+        # as near the optimum as every later solve: to the barrier parameter that it starts with
+        search.refiner.settings = replace(search.refiner.settings, gap=np.inf)
+        found = search.search()[1]
+        # what follows is smoothed as the motion that it starts from
+        own = _Prepared(found, search.refiner.transcription, search.smoothing)
+        if found.status.solved and not deadline.over():
+            self._own = own
+        return own
+
+    def _for_any_via(self) -> ParametricSolver:
+        """The solver on an even mesh, its cost scaled at the solver's own via points."""
+        if self._anywhere is None:
+            mesh = [int(self._settings.mesh or SEARCH.full_mesh)] * len(self._phases)
+            solver = ParametricSolver(self._kernels, mesh, PREPARED)
+            family = LimitFamily.of(self.robot)
+            own = initial_guesses(family, self.via_q, self._phases, 1, self._settings.seed)
+            solver.scale_cost(next(own).guesses)
+            self._anywhere = solver
+        return self._anywhere
+
+    def _starts(
+        self, family: LimitFamily, via: FloatArray, near: _Prepared | None
+    ) -> Iterator[tuple[str, Solution | Mapping[str, Guess]]]:
+        if near is not None and near.reference.status.solved:
+            yield "prepared", near.reference
+        task = via, self._phases, self._settings.starts, self._settings.seed
+        for start in initial_guesses(family, *task):
+            yield start.name, start.guesses
+
+    def _on(
+        self,
+        kernels: Transcription,
+        meshes: Sequence[FloatArray],
+        near: Solution,
+        settings: SolverSettings = PREPARED,
+    ) -> ParametricSolver:
+        dry = dry_friction(self.robot) > 0.0
+        kernels = with_windows(dry, kernels, meshes, near) if dry.any() else kernels
+        return ParametricSolver(kernels, meshes, settings)
+
+    def _refined(
+        self,
+        family: LimitFamily,
+        solution: Solution,
+        changes: dict[str, Any],
+        kernels: Transcription,
+    ) -> tuple[Solution, list[FloatArray]]:
+        """Split intervals inside which a limit is exceeded; keep what is no worse.
+
+        With the excess of limits along every interval.
+        """
+        excess = excess_between(family, solution)
+        for _ in range(self._rounds if solution.status.solved else 0):
+            if max(float(e.max()) for e in excess) <= LIMIT_TOLERANCE or deadline.over():
+                break
+            pairs = zip(solution.phases, excess, strict=True)
+            meshes = [split(phase.mesh, e > LIMIT_TOLERANCE) for phase, e in pairs]
+            finer = self._on(kernels, meshes, solution).solve(guess=solution, **changes)
+            if not finer.status.solved or finer.cost > solution.cost * (1 + WORSE):
+                break
+            solution, excess = finer, excess_between(family, finer)
+        return solution, excess
+
+    def _changes(self, family: LimitFamily, via: FloatArray, payload: float) -> dict[str, Any]:
+        size = TaskScale.of(family, via)
+        family = with_locked_joints_held(family)
+        declared = {c.name for c in self._kernels.problem.phases[0].constraints}
+        pairs = {key: family.robot.limits.bounds(key) for key in OF_VARIABLES}
+        for member in family:
+            if member.name in declared:
+                pairs[member.name] = (member.lower, member.upper)
+        # a locked joint stays where it starts: the program has no other condition for it
+        free = np.where(locked_joints(LimitFamily.of(self.robot)), np.inf, 0.0)
+
+        def at(point: FloatArray) -> dict[str, Any]:
+            return {"q": (point - free, point + free)} if not free.all() else {}
+
+        initial = dict(zip(self._phases, map(at, via[:-1]), strict=True))
+        initial[self._phases[0]] = {"q": via[0]}
+        return {
+            "initial": initial,
+            "final": {self._phases[-1]: at(via[-1])},
+            "bounds": dict.fromkeys(self._phases, pairs),
+            "parameters": {phase: {"payload": payload} for phase in self._phases},
+            "durations": {
+                phase: (float(shortest), float(longest))
+                for phase, shortest, longest in zip(
+                    self._phases, size.shortest, size.longest, strict=True
+                )
+            },
+        }
+
+    def _check_kinds(self, family: LimitFamily) -> None:
+        """Only the numbers of limits may change: their expressions are built in."""
+        own = LimitFamily.of(self.robot)
+        freed = np.flatnonzero(locked_joints(own) & ~locked_joints(family))
+        if freed.size:
+            raise InputError(
+                f"limits let joint {self.robot.joint_names[freed[0]]!r} move, but the solver was "
+                "made for a robot that locks it"
+            )
+        for member in family:
+            if member.key in ("q", "qdd"):  # bounds of variables, which are always there
+                continue
+            if member.key not in own:
+                raise InputError(
+                    f"limits bound {member.key}, but the solver was made for a robot without any "
+                    f"limit of {member.key}: make it with robot.with_limits(...)"
+                )
+            before = own[member.key].limit
+            if member.limit is not None and before is not None:
+                built, asked = (
+                    (m.expression, *(b for b in (m.lower, m.upper) if callable(b)))
+                    for m in (before, member.limit)
+                )
+                if built != asked:
+                    raise InputError(
+                        f"limit {member.name!r} has another expression than the one that the "
+                        "solver was made with: only its numbers may change"
+                    )
+
+    def _motion(
+        self,
+        family: LimitFamily,
+        solution: Solution,
+        excess: list[FloatArray],
+        tried: list[tuple[str, Solution]],
+        start: str,
+        payload: float,
+        begin: float,
+        smoothing: float,
+    ) -> Motion:
+        tolerance = TimeOptimalSettings.limit_tolerance
+        outcome = verdict(family, solution, excess, tolerance)
+        slowed = None
+        if outcome["status"] == Status.LIMITS_EXCEEDED:
+            shape, fast = polynomial(solution), compiles(self._settings.compiled)
+            slowed = within_limits(family, shape, via_times(solution), tolerance, fast)
+        if slowed is not None and slowed.duration <= (1.0 + WORSE) * solution.duration:
+            outcome |= {"status": str(Status.SOLVED), "advice": Status.SOLVED.sentence}
+            outcome["excess"] = largest_excess(family, slowed)
+        else:
+            slowed = None
+        starts = [
+            {
+                "start": name,
+                "status": str(tries.status),
+                "duration": tries.duration,
+                "iterations": sum(a.iterations for a in tries.attempts),
+            }
+            for name, tries in tried
+        ]
+        motion = as_motion(
+            family.robot,
+            solution,
+            provenance_of(
+                "free time-optimal motion, solved again with other numbers",
+                outcome,
+                solution,
+                time.perf_counter() - begin,
+                smoothing,
+                start=start,
+                starts=starts,
+                payload=float(payload),
+            ),
+            "" if outcome["status"] == "solved" else f"not solved: {outcome['advice']}",
+        )
+        if slowed is None:
+            return motion
+        return replace(slowed, provenance=motion.provenance, note="slowed down at limits")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        if self._own is None:
+            return _restored, (self._given, None)
+        reference, kernels, smoothing = self._own
+        meshes = [phase.mesh for phase in reference.phases]
+        parameters = {
+            phase.name: {p.name: p.value for p in phase.parameters}
+            for phase in kernels.problem.phases
+        }
+        plain = replace(reference, phases=())
+        return _restored, (self._given, (plain, meshes, parameters, smoothing))
+
+
+def _restored(given: tuple[Any, ...], own: tuple[Any, ...] | None) -> TimeOptimalSolver:
+    robot, via_q, mesh, starts, rounds, compiled, seed = given
+    made = TimeOptimalSolver(
+        robot, via_q, mesh=mesh, starts=starts, rounds=rounds, compiled=compiled, seed=seed
+    )
+    if own is not None:
+        plain, meshes, parameters, smoothing = own
+        kernels = made._kernels
+        if any(parameters.values()):
+            kernels = kernels.with_parameters(parameters)
+        phases = unpack(kernels.layouts(meshes), plain.variables)
+        made._own = _Prepared(replace(plain, phases=phases), kernels, smoothing)
+    return made

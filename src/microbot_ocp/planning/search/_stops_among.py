@@ -1,0 +1,562 @@
+"""Motions through stops among obstacles, with the parts that the arm carries from a stop on.
+
+Every way through the branches is led around the obstacles by the planner where its free segments
+are blocked; the fastest of these, each timed, are what the search starts from. Every segment keeps
+the distances of the arm with what it carries there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from microbot_ocp._base import checks, deadline
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.status import Status
+from microbot_ocp.limits import LIMIT_TOLERANCE, JointLimits, LimitFamily, Limits
+from microbot_ocp.motion import Motion, PiecewisePolynomial, pieces_of
+from microbot_ocp.ocp.solution import StepProgress
+from microbot_ocp.planning.free import InitialGuess, excess_along, phase_names
+from microbot_ocp.planning.search._among_obstacles import (
+    AMONG_OBSTACLES,
+    Leg,
+    TimedPath,
+    as_plain,
+    at_least,
+    choices_of,
+    differs,
+    not_found,
+    nothing_found,
+    search_legs,
+    touching,
+)
+from microbot_ocp.planning.search._branches import Way, ways_through
+from microbot_ocp.planning.search._free_search import TimeOptimalSettings
+from microbot_ocp.planning.search._orders import best_order, hoped_of, rested_of, tasks_in_orders
+from microbot_ocp.planning.search._parts import (
+    Place,
+    places_along,
+    poses_at_stops,
+    scenes_of,
+    tool_poses,
+)
+from microbot_ocp.planning.search._stop_search import (
+    StopSearch,
+    guess_along,
+    motion_of,
+    segment_timings,
+)
+from microbot_ocp.planning.task import Stop, Task, TaskScale, reach_of, task_of
+from microbot_ocp.robot import Capsule, Robot
+from microbot_ocp.scene import (
+    Clearance,
+    Pair,
+    Scene,
+    Surroundings,
+    clearance_along,
+    clearances,
+    facing,
+    with_arm_capsules,
+)
+from microbot_ocp.trajectories import quintic, shortest_duration
+
+MOST_GUESSES = 4  # ways that the search starts from
+
+
+@dataclass(frozen=True, eq=False)
+class Around:
+    """The scenes on the segments of a task as limits, of those pairs that come near."""
+
+    scenes: tuple[Scene, ...]
+    tolerance: float  # of limits
+    near: set[str] = field(default_factory=set)
+    rooms: dict[str, float] = field(default_factory=dict)  # of pairs on known ways, m
+    poses: list[FloatArray] = field(default_factory=list)  # of known ways
+
+    def limits(self, robot: Robot, index: int) -> tuple[Any, ...]:
+        """The distances of the pairs that come near on a segment."""
+        scene = self.scenes[index]
+        chosen = [pair for pair in _pairs(scene, robot) if pair.label in self.near]
+        rooms = [self.rooms.get(pair.label, np.inf) for pair in chosen]
+        if not chosen:
+            return ()
+        chosen = facing(robot, chosen, np.concatenate(self.poses))
+        return (scene.limit(robot, chosen, tolerance=self.tolerance, room=rooms),)
+
+    def add(self, robot: Robot, scene: Scene, q: FloatArray, distance: float) -> bool:
+        """Take in the pairs that are nearer than a distance, m, in some pose [N,n]; whether new."""
+        pairs = facing(robot, _pairs(scene, robot), q)
+        if not pairs:
+            return False
+        self.poses.append(q)
+        apart = clearances(robot, pairs, q).min(axis=0)
+        found = {p.label for p, least in zip(pairs, apart, strict=True) if least < distance}
+        for pair, least in zip(pairs, apart - scene.clearance, strict=True):
+            if least > 0.0:
+                self.rooms[pair.label] = min(least, self.rooms.get(pair.label, np.inf))
+        new = not found <= self.near
+        self.near.update(found)
+        return new
+
+
+def _pairs(scene: Scene, robot: Robot) -> tuple[Pair, ...]:
+    """What may touch where the arm carries what this robot has."""
+    return scene.without_parts_of(robot).pairs(robot)
+
+
+class Guide(NamedTuple):
+    """A way whose free segments lead around the obstacles.
+
+    Attributes
+    ----------
+    way : Way
+    shapes : dict of str to PiecewisePolynomial
+        The timed path of every free segment, from rest to rest.
+    durations : list of float or None
+        What every segment takes so, s; None of one that could not be timed.
+    name : str
+    """
+
+    way: Way
+    shapes: dict[str, PiecewisePolynomial]
+    durations: list[float | None]
+    name: str
+
+
+class _GuidedStopSearch(StopSearch):
+    """The search from ways that lead around obstacles, with what else there is after them."""
+
+    def __init__(
+        self,
+        task: Task,
+        settings: TimeOptimalSettings,
+        progress: StepProgress,
+        duration: float | None,
+        guided: Sequence[Guide],
+    ) -> None:
+        super().__init__(task, settings, progress, duration, [guide.way for guide in guided])
+        self.guided = guided
+
+    def _again(self, task: Task) -> StopSearch:
+        return _GuidedStopSearch(task, self.settings, self.progress, None, self.guided)
+
+    def _all_guesses(self) -> Iterator[tuple[Way, InitialGuess]]:
+        taken: list[Way] = []
+        for guide in self.guided:
+            way = guide.way
+            again = any(way is other for other in taken)
+            if (self.briefly and again) or self._leaves_out(way):
+                continue
+            taken.append(way)
+            usual = self._rest_to_rest(way)
+            led = {name: guess_along(shape) for name, shape in guide.shapes.items()}
+            yield way, InitialGuess(guide.name, {**usual.guesses, **led})
+
+
+Plan = tuple[list[Any], Any, bool, str, float | None]
+Made = tuple[list[tuple[float, Motion]], str]  # effort and motion of each, why there are no more
+
+
+def stops_among(
+    robot: Robot,
+    limits: Limits | JointLimits | None,
+    plan: Plan,
+    scene: Scene,
+    settings: TimeOptimalSettings,
+    progress: StepProgress,
+) -> Motion:
+    """The fastest motion through stops that keeps clear of a scene.
+
+    Of a free order of the stops all orders are compared among the obstacles.
+
+    Raises
+    ------
+    InputError
+        A stop at which every branch of the arm touches something.
+    """
+    stops, segments, cycle, order, duration = plan
+    if order == "given":
+        (found, *_), _ = motions_among(robot, limits, plan, scene, settings, progress, _fastest)
+        return found[1]
+    robot = with_arm_capsules(robot)
+    legs = Legs(scene, settings)
+    bare = [replace(s, payload=None) if isinstance(s, Stop) else s for s in stops]
+    legs.clear_ways(task_of(robot, bare, limits, segments=segments, cycle=cycle))
+    tasks = tasks_in_orders(robot, limits, stops, segments, cycle)
+    legs.search(list(tasks.values()), progress)
+    return best_order(
+        tasks,
+        lambda task: _Among(task, legs, settings, progress, duration),
+        settings,
+        progress,
+        duration,
+    )
+
+
+def motions_among(
+    robot: Robot,
+    limits: Limits | JointLimits | None,
+    plan: Plan,
+    scene: Scene,
+    settings: TimeOptimalSettings,
+    progress: StepProgress,
+    ask: Callable[[StopSearch], Made],
+) -> Made:
+    """The motions that a search is asked for, in a scene.
+
+    Raises
+    ------
+    InputError
+        As :func:`stops_among`.
+    """
+    stops, segments, cycle, _, duration = plan
+    task = task_of(with_arm_capsules(robot), stops, limits, segments=segments, cycle=cycle)
+    legs = Legs(scene, settings)
+    legs.search([task], progress)
+    return _Among(task, legs, settings, progress, duration).motions(ask)
+
+
+def _fastest(search: StopSearch) -> Made:
+    return [(0.0, search.run())], ""
+
+
+class _Among:
+    """Stops in one order among obstacles."""
+
+    def __init__(
+        self,
+        task: Task,
+        legs: Legs,
+        settings: TimeOptimalSettings,
+        progress: StepProgress,
+        duration: float | None,
+    ) -> None:
+        self.task, self._scene, self._legs = task, legs.scene, legs
+        self._given = settings, progress, duration
+        self._near = AMONG_OBSTACLES.near * reach_of(task.robot)
+        self._guided = legs.guides(task, progress)
+        times = [guide.durations for guide in self._guided]
+        self.rested = min((rested_of(task, own) for own in times), default=np.inf)
+        self.hoped = min((hoped_of(task, own) for own in times), default=np.inf)
+        self._search: StopSearch | None = None
+
+    @cached_property
+    def _known(self) -> TimedPath | None:
+        """The fastest way that rests at every stop, keeps all limits and is proved to keep clear;
+        None where there is none.
+        """
+        task = self.task
+        if not all(map(_may_rest, task.stops)):
+            return None
+        for guide in self._guided:
+            shapes = self._legs.at_rest(task, guide)
+            rows = zip(task.robots, shapes, strict=True)
+            if not all(_keeps_limits(robot, shape) for robot, shape in rows):
+                continue
+            motion = _joined(task, guide.way, shapes)
+            proof = clearance_along(places_along(task, motion, self._scene), motion)
+            if proof.proved:
+                return TimedPath(guide.name, motion, proof)
+        return None
+
+    @cached_property
+    def _around(self) -> Around:
+        task, guided = self.task, self._guided
+        scenes = scenes_of(task, self._scene, tool_poses(task.robot, guided[0].way.via))
+        around = Around(scenes, self._given[0].limit_tolerance)
+        names = phase_names(len(task.segments))
+        for guide in guided:
+            for k, (name, path) in enumerate(zip(names, guide.way.paths, strict=True)):
+                shape = guide.shapes.get(name)
+                q = (
+                    path
+                    if shape is None
+                    else shape(np.linspace(0.0, shape.duration, AMONG_OBSTACLES.samples))
+                )
+                around.add(task.robots[k], around.scenes[k], q, self._near)
+        return around
+
+    def _searching(self, around: Around) -> StopSearch:
+        return _GuidedStopSearch(replace(self.task, around=around), *self._given, self._guided)
+
+    def coarse_duration(self, beaten: float) -> float:
+        if not self._guided:
+            return np.inf
+        self._search = self._searching(self._around)
+        return self._search.coarse_duration(beaten)
+
+    def motion(self) -> Motion:
+        return self.motions(_fastest)[0][0][1]
+
+    def motions(self, ask: Callable[[StopSearch], Made]) -> Made:
+        """The motions that a search is asked for, what is known at least in the place of the first.
+
+        Where one that was found misses some pair's distance the search is made again.
+        """
+        names, known = {"scene": list(self._scene.names)}, self._known if self._guided else None
+        made: Made = [], ""
+        proofs: list[Clearance | None] = []
+        if self._guided:
+            made, proofs = self._found(ask, known)
+        judged: list[tuple[float, Motion]] = []
+        for place, ((effort, motion), proof) in enumerate(zip(made[0], proofs, strict=True)):
+            if place == 0 and known is not None:
+                motion = at_least(known, motion, proof)
+                effort = np.nan if "made_from" in motion.provenance else effort
+            elif proof is None or not proof.proved:
+                motion = self._not_found(motion, proof)
+            else:
+                motion = _with(motion, clearance=as_plain(proof))
+            judged.append((effort, _with(motion, **names)))
+        if not judged:
+            motion = self._not_found(None, None) if known is None else at_least(known, None, None)
+            judged = [(np.nan, _with(motion, **names))]
+        return judged, made[1]
+
+    def _found(
+        self, ask: Callable[[StopSearch], Made], known: TimedPath | None
+    ) -> tuple[Made, list[Clearance | None]]:
+        """The motions that a search is asked for, with the proofs of those that are solved."""
+        task, scene, around, progress = self.task, self._scene, self._around, self._given[1]
+        made: Made = [], ""
+        proofs: list[Clearance | None] = []
+        for again in range(AMONG_OBSTACLES.again):
+            try:
+                with deadline.given_up(known is not None or bool(again)):
+                    search = None if again else self._search
+                    search = search or self._searching(around)
+            except deadline.Over:
+                break
+            made = ask(search)
+            solved = [motion for _, motion in made[0] if self._is_whole(motion)]
+            along = [places_along(task, motion, scene) for motion in solved]
+            found = [clearance_along(*pair) for pair in zip(along, solved, strict=True)]
+            each = iter(found)
+            proofs = [next(each) if self._is_whole(motion) else None for _, motion in made[0]]
+            if all(proof.proved for proof in found):
+                break
+            scenes = scenes_of(task, scene, poses_at_stops(task, solved[0]))
+            around = replace(around, scenes=scenes)
+            more = [
+                around.add(p.robot, p.scene, _between(motion, p), self._near)
+                for places, motion in zip(along, solved, strict=True)
+                for p in places
+            ]
+            if not any(more) and around.scenes == (scene,) * len(around.scenes):
+                break
+            progress("more pairs come too near, or a part lies elsewhere: solved again")
+        return made, proofs
+
+    def _is_whole(self, motion: Motion) -> bool:
+        """Whether a motion is solved, or would be if it were allowed to last so long."""
+        settings, _, allowed = self._given
+        slow = allowed is not None and motion.duration > allowed
+        kept = motion.provenance["excess"] <= settings.limit_tolerance
+        return motion.solved or (slow and kept and motion.status is Status.INFEASIBLE)
+
+    def _not_found(self, found: Motion | None, proof: Clearance | None) -> Motion:
+        """What is returned where nothing is known: a motion that ignores the obstacles."""
+        task, legs = self.task, self._legs
+        way, own = legs.ways(task)[0]
+        if found is None:
+            names = [f"stop {stop.name!r}" for stop in task.stops]
+            free = [None if kind else leg for kind, leg in zip(task.segments, own, strict=True)]
+            why = nothing_found(free, names)
+        else:
+            why = found.provenance["advice"] if proof is None else proof.sentence
+        shapes = [_unhindered(task, way, k) for k in range(len(task.segments))]
+        motion = _joined(task, way, shapes)
+        hit = clearance_along(places_along(task, motion, self._scene), motion)
+        return not_found(motion, why, hit)
+
+
+def _with(motion: Motion, **more: Any) -> Motion:
+    return replace(motion, provenance={**motion.provenance, **more})
+
+
+def _between(motion: Motion, place: Place) -> FloatArray:
+    return motion.sample(np.linspace(place.start, place.end, AMONG_OBSTACLES.samples)).q
+
+
+def _joined(task: Task, way: Way, shapes: Sequence[PiecewisePolynomial]) -> Motion:
+    """Segments one after the other, as a motion through the stops."""
+    told = {
+        "method": "path through stops, at rest at each of them",
+        "branches": [{"branches": list(way.branches), "q": way.via.tolist(), "taken": True}],
+        "segments": [type(kind).__name__ if kind else "free" for kind in task.segments],
+    }
+    return motion_of(task, shapes, told, "")
+
+
+def _may_rest(stop: Stop) -> bool:
+    """Whether the arm may be at rest at a stop."""
+    return stop.velocity is None or isinstance(stop.velocity, str) or not np.any(stop.velocity)
+
+
+def _keeps_limits(robot: Robot, shape: PiecewisePolynomial) -> bool:
+    return bool(excess_along(LimitFamily.of(robot), shape).max() <= LIMIT_TOLERANCE)
+
+
+def _unhindered(task: Task, way: Way, index: int) -> PiecewisePolynomial:
+    """A segment from rest to rest along its own path, as slow as its limits ask for if they do."""
+    path = way.paths[index]
+    shape = quintic(path, np.linspace(0.0, 1.0, len(path)))
+    try:
+        return shortest_duration(task.robots[index], shape, tolerance=1e-3).polynomial
+    except InputError:  # no duration keeps all limits
+        typical = TaskScale.of(LimitFamily.of(task.payloads[index].on(task.robot)), path)
+        return shape.stretched(float(typical.durations.sum()))
+
+
+class Legs:
+    """What was planned around the obstacles of a scene between two poses, for all orders of stops.
+
+    Attributes
+    ----------
+    scene : Scene
+    settings : TimeOptimalSettings
+    """
+
+    def __init__(self, scene: Scene, settings: TimeOptimalSettings) -> None:
+        self.scene, self.settings = scene, settings
+        self._surroundings: dict[Any, Surroundings] = {}
+        self._legs: dict[Any, Leg] = {}
+        self._ways: dict[Task, list[tuple[Way, list[Leg | None]]]] = {}
+
+    def search(self, tasks: Sequence[Task], progress: StepProgress) -> None:
+        """Search for paths between the stops of several tasks until one has a way through."""
+        for task in tasks:
+            carried = [capsule.name for own in task.robots for _, capsule in own.capsules]
+            for name in sum(self.scene.ignore, ()):
+                checks.one_of("name in ignore", name, sorted({*carried, *self.scene.names}))
+        ways, refused = [], None
+        for task in tasks:
+            try:
+                ways += [list(filter(None, legs)) for _, legs in self.ways(task)]
+            except InputError as problem:  # other orders may do
+                refused = refused or problem
+        if refused is not None and not ways:
+            raise refused
+        search_legs(ways, progress)
+
+    def ways(self, task: Task) -> list[tuple[Way, list[Leg | None]]]:
+        """Ways whose poses at the stops touch nothing, with the legs of their free segments.
+
+        Raises
+        ------
+        InputError
+            There is none.
+        """
+        if task not in self._ways:
+            self._ways[task] = [
+                (way, self._legs_of(task, way, places)) for way, places in self.clear_ways(task)
+            ]
+        return self._ways[task]
+
+    def clear_ways(self, task: Task) -> list[tuple[Way, list[tuple[Any, Surroundings]]]]:
+        """The same, with what is around each segment."""
+        clear, refused = [], []
+        for way in ways_through(task):
+            places = self._places(task, way)
+            blocked = _blocked(task, [around for _, around in places], way)
+            if blocked:
+                refused.append(blocked)
+            else:
+                clear.append((way, places))
+        if not clear:
+            raise InputError(refused[0])
+        return clear
+
+    def _places(self, task: Task, way: Way) -> list[tuple[Any, Surroundings]]:
+        """What is around the arm on every segment of a way, each with its key."""
+        found = []
+        scenes = scenes_of(task, self.scene, tool_poses(task.robot, way.via))
+        for payload, own in zip(task.payloads, scenes, strict=True):
+            robot = payload.on(task.robot)
+            lying = [c for c in own.obstacles[len(self.scene.obstacles) :] if type(c) is Capsule]
+            parts = tuple((c.name, c.start.tobytes(), c.end.tobytes(), c.radius) for c in lying)
+            key = robot, parts, own.ignore
+            if key not in self._surroundings:
+                self._surroundings[key] = Surroundings(robot, own.without_parts_of(robot))
+            found.append((key, self._surroundings[key]))
+        return found
+
+    def _legs_of(
+        self, task: Task, way: Way, places: Sequence[tuple[Any, Surroundings]]
+    ) -> list[Leg | None]:
+        found: list[Leg | None] = []
+        for k, (kind, (own, around)) in enumerate(zip(task.segments, places, strict=True)):
+            start, goal = way.via[k], way.via[k + 1]
+            key = own, start.tobytes(), goal.tobytes()
+            if kind is None and key not in self._legs:
+                self._legs[key] = Leg(around, start, goal, self.settings)
+            found.append(None if kind is not None else self._legs[key])
+        return found
+
+    def guides(self, task: Task, progress: StepProgress) -> list[Guide]:
+        """Ways with their free segments around the obstacles, the fastest first.
+
+        None where the searches led to no way between the poses at the stops.
+        """
+        names = phase_names(len(task.segments))
+        choices: list[tuple[float, int, Way, list[Leg | None], int]] = []
+        for number, (way, legs) in enumerate(self.ways(task)):
+            usual = self._usual(task, way)
+            for choice in choices_of(list(filter(None, legs))):
+                rows = zip(legs, usual, strict=True)
+                bounds = [leg.bound(choice) if leg else s and s.duration for leg, s in rows]
+                choices.append((rested_of(task, bounds), number, way, legs, choice))
+        kept: list[Guide] = []
+        for _, _, way, legs, choice in sorted(choices, key=lambda entry: entry[:2]):
+            if kept and (deadline.over() or len(kept) == MOST_GUESSES):
+                break
+            usual = self._usual(task, way)
+            motions = [leg and leg.motion(choice) for leg in legs]
+            if any(leg and not motion for leg, motion in zip(legs, motions, strict=True)):
+                continue
+            shapes = {
+                name: PiecewisePolynomial(motion.t, pieces_of(motion))
+                for name, motion in zip(names, motions, strict=True)
+                if motion
+            }
+            own = [shapes.get(name, line) for name, line in zip(names, usual, strict=True)]
+            durations = [None if shape is None else shape.duration for shape in own]
+            took = rested_of(task, durations)
+            if differs(took, (rested_of(task, g.durations) for g in kept if g.way is way)):
+                name = f"{way.name}, around {len(kept) + 1}"
+                kept.append(Guide(way, shapes, durations, name))
+                progress(f"{way.name}: {took:.4f} s around the obstacles from rest to rest")
+        return sorted(kept, key=lambda guide: rested_of(task, guide.durations))
+
+    def _usual(self, task: Task, way: Way) -> tuple[PiecewisePolynomial | None, ...]:
+        """The best timing of every segment along its own path; of free ones it may be None."""
+        if not any(task.segments):
+            return (None,) * len(task.segments)
+        return segment_timings(task, way, self.settings.compiled)
+
+    def at_rest(self, task: Task, guide: Guide) -> list[PiecewisePolynomial]:
+        """Every segment of a guide from rest to rest, those that are not free along their paths."""
+        shapes = []
+        for k, name in enumerate(phase_names(len(task.segments))):
+            if name in guide.shapes:
+                shapes.append(guide.shapes[name])
+                continue
+            usual = self._usual(task, guide.way)[k]
+            kept = usual is not None and _keeps_limits(task.robots[k], usual)
+            shapes.append(usual if kept else _unhindered(task, guide.way, k))
+        return shapes
+
+
+def _blocked(task: Task, places: Sequence[Surroundings], way: Way) -> str:
+    """Which stop of a way touches what; empty where none does."""
+    for k, q in enumerate(way.via):
+        for place in {max(k - 1, 0), min(k, len(places) - 1)}:
+            found = places[place].collision(q)
+            if found is not None:
+                said = touching(found, places[place].scene.clearance)
+                return f"stop {task.stops[k].name!r} {said}"
+    return ""

@@ -1,0 +1,221 @@
+"""Free time-optimal motions through via points: path and timing are both found."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from microbot_ocp._base import checks, deadline
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.codegen import compiles
+from microbot_ocp._base.status import Status
+from microbot_ocp.limits import JointLimits, LimitFamily, Limits
+from microbot_ocp.motion import Motion
+from microbot_ocp.ocp.solution import StepProgress, quiet
+from microbot_ocp.planning.free import Slowed, known_ways
+from microbot_ocp.planning.search._free_search import (
+    KEEPS_LIMITS,
+    FreeSearch,
+    TimeOptimalSettings,
+    sparing,
+)
+from microbot_ocp.planning.task import (
+    CELL_TIME_LIMIT,
+    TIME_LIMIT,
+    Segment,
+    Stop,
+    check_limits,
+    check_via,
+    is_task,
+    task_of,
+    too_near,
+    with_changes,
+    with_drives_noted,
+)
+from microbot_ocp.robot import Robot
+from microbot_ocp.scene import Scene
+
+LEAST_WAY = 1e-6  # rad (m) between via points: shorter ones are near the tolerance of the solvers
+
+
+def time_optimal(
+    robot: Robot,
+    via_q: ArrayLike | Sequence[Stop],
+    limits: Limits | JointLimits | None = None,
+    *,
+    segments: Sequence[Segment] | None = None,
+    cycle: bool = False,
+    order: str = "given",
+    duration: float | None = None,
+    scene: Scene | None = None,
+    settings: TimeOptimalSettings | None = None,
+    progress: StepProgress | None = None,
+    **changes: Any,
+) -> Motion:
+    """The fastest motion through via points: at rest at both ends, passing the others at any speed.
+
+    Minimises the sum of the phase durations subject to every limit: of positions, velocities,
+    accelerations, jerk, torques, their rates, and those of ``limits.also``.
+
+    Parameters
+    ----------
+    robot : Robot
+        Without masses only limits of its motion count, none of torques.
+    via_q : array_like [m,n], or sequence of Stop
+        Via points, rad (m for prismatic joints). Among them may be stops: tool poses, tolerances,
+        velocities, dwells and payloads (:class:`~microbot_ocp.Stop`).
+    limits : Limits, optional
+        Default the robot's own.
+    segments : sequence, optional
+        What lies between two stops: a :class:`~microbot_ocp.Line`, :class:`~microbot_ocp.Circle` or
+        :class:`~microbot_ocp.JointLine`, or None where the way is free.
+    cycle : bool
+        Whether the motion returns to its first stop, with the velocity that it has there: the
+        shortest period. ``segments`` has one more then.
+    order : str
+        "free" looks at every order of the stops (of at most 7; the first, and the last unless it is
+        a cycle, keep their places). Orders are compared by coarse answers, with the ``scene``
+        where one is given, and those within 1 % of the best are refined; others are left out by
+        bounds, and by what their timed paths could save at most. Two stops with a segment between
+        them follow one another in every order. ``orders`` in the provenance says what each led to.
+    duration : float, optional
+        Time that may be taken, s: of all motions that take no longer the one of least effort, as
+        with ``slack``.
+    scene : Scene, optional
+        Obstacles that the arm keeps clear of, its links among each other besides; needs the extra
+        ``cell``. The provenance holds the proved clearance and the timed paths that it started
+        from.
+    settings : TimeOptimalSettings, optional
+        Single settings may be given as keywords instead: ``mesh``, ``starts``, ``tries``,
+        ``slack``, ``limit_tolerance``, ``switching_times``, ``solver``, ``compiled``, ``seed``,
+        ``time_limit``: by default 120 s, and 600 s with stops, a free order or a scene.
+    progress : callable, optional
+        Called with a line of text at every step, and at every iteration of a solver with a
+        :class:`~microbot_ocp.planning.MotionIteration`.
+
+    Returns
+    -------
+    Motion
+        ``motion.solved`` tells whether the solver converged, ``motion.provenance`` how it went:
+        status, advice, every start with its duration, every mesh.
+
+    Raises
+    ------
+    InputError
+        Bad via points or limits, before any solver starts.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import microbot_ocp as mo
+    >>> via_q = np.radians([[0, 0, 0], [-8, 45, 30], [-90, 90, 90]])
+    >>> motion = mo.time_optimal(mo.load_robot("microbot"), via_q, mesh=40, starts=1)
+    >>> motion.solved, round(motion.duration, 2)
+    (True, 1.92)
+    """
+    chosen = with_changes(settings or TimeOptimalSettings(), changes)
+    checks.one_of("order", order, ("given", "free"))
+    if is_task(via_q) or segments is not None or cycle or order != "given" or duration is not None:
+        from microbot_ocp.planning.search._orders import solve_stops
+
+        if not isinstance(via_q, Sequence) and np.ndim(cast("Any", via_q)) == 0:
+            raise InputError(f"via_q must be stops or poses, not {checks.shown(via_q)}")
+        stops = list(cast("Sequence[Any]", via_q))
+        plan = stops, segments, cycle, order, duration
+        if scene is not None:
+            from microbot_ocp.planning.search._stops_among import stops_among
+
+            with chosen.within(CELL_TIME_LIMIT):
+                motion = stops_among(robot, limits, plan, scene, chosen, progress or quiet)
+            return with_drives_noted(robot, motion, limits)
+        motion = solve_stops(robot, limits, *plan, chosen, progress or quiet)
+        return with_drives_noted(robot, motion, limits)
+    family = check_limits(robot, limits)
+    via = check_via(family, cast("ArrayLike", via_q))
+    if scene is not None:
+        from microbot_ocp.planning.search._among_obstacles import fastest_among
+
+        with chosen.within(CELL_TIME_LIMIT):
+            motion = fastest_among(family, via, scene, chosen, progress or quiet)
+            return with_drives_noted(robot, motion, limits)
+    return fastest_motion(family, via, chosen, progress or quiet)
+
+
+def fastest_motion(
+    family: LimitFamily, via: FloatArray, settings: TimeOptimalSettings, progress: StepProgress
+) -> Motion:
+    """As :func:`time_optimal`, of via points that are checked.
+
+    Raises
+    ------
+    InputError
+        Ways too short for a solver.
+    """
+    ways = np.abs(np.diff(via, axis=0)).max(axis=1)
+    if ways.min() < LEAST_WAY:
+        near = int(np.argmin(ways))
+        why = f"free motions are looked for from {LEAST_WAY:g} on"
+        raise too_near(near + 1, ways[near], why)
+    begin = time.perf_counter()
+    fast, known = compiles(settings.compiled), None
+    given = min(TIME_LIMIT if settings.time_limit is None else settings.time_limit, deadline.left())
+    with settings.within(TIME_LIMIT):
+        if given < TIME_LIMIT:  # later there may be no time for what needs no search
+            known = known_ways(family, via, settings.limit_tolerance, fast)
+        try:
+            with sparing(), deadline.given_up(known is not None):
+                search = FreeSearch(family, via, settings, progress, known=known)
+        except deadline.Over:
+            assert known is not None
+            return _without_search(known, time.perf_counter() - begin)
+        return with_drives_noted(family.robot, search.run())
+
+
+def _without_search(known: Slowed, wall: float) -> Motion:
+    """What needs no search, where there was no time to prepare one."""
+    advice = f"{Status.TIME_LIMIT.sentence}\n{KEEPS_LIMITS.format(known.made_from)}"
+    told = {
+        "method": "free motion without a search",
+        "status": str(Status.TIME_LIMIT),
+        "advice": advice,
+        "made_from": known.made_from,
+        "wall_time": wall,
+    }
+    return replace(known.motion, provenance=told, note=f"not solved: {advice}")
+
+
+def motions_of_front(
+    robot: Robot,
+    limits: Limits | JointLimits | None,
+    stops: Sequence[Any],
+    segments: Sequence[Segment] | None,
+    cycle: bool,
+    scene: Scene | None,
+    settings: TimeOptimalSettings,
+    progress: StepProgress,
+    *,
+    slacks: Sequence[float] = (),
+    shares: Sequence[float] = (),
+) -> tuple[list[tuple[float, Motion]], str]:
+    """Effort and motion of the fastest, and of calmer ones; why there are no more.
+
+    By ``slacks`` of the duration those of least effort, else the fastest by ``shares`` of the
+    torques.
+    """
+    from microbot_ocp.planning.search._stop_search import StopSearch
+    from microbot_ocp.planning.search._stops_among import motions_among
+
+    def ask(search: StopSearch) -> tuple[list[tuple[float, Motion]], str]:
+        return search.effort_front(slacks) if slacks else search.torque_front(shares)
+
+    with settings.within(CELL_TIME_LIMIT):
+        if scene is None:
+            task = task_of(robot, stops, limits, segments=segments, cycle=cycle)
+            return ask(StopSearch(task, settings, progress, None))
+        plan = list(stops), segments, cycle, "given", None
+        return motions_among(robot, limits, plan, scene, settings, progress, ask)

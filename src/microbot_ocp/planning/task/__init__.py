@@ -1,0 +1,11 @@
+"""What a motion is asked for: stops, what lies between them, payloads, checks at the border.
+
+Comes in: via points or stops with their limits. Goes out: a :class:`Task`, checked, with typical
+durations. Begin with ``_task.py``; ``_stops.py`` and ``_segments.py`` are what a user writes,
+``_checks.py`` refuses what no solver should see, ``_scale.py`` estimates durations, and
+``_friction.py`` rounds dry friction off for programs.
+"""
+
+from microbot_ocp._base import border
+
+__getattr__, __dir__, __all__ = border.attach_stub(__name__, __file__)

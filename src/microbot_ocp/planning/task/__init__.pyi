@@ -1,0 +1,73 @@
+"""Public names; loaded when they are first asked for."""
+
+from ._checks import (
+    CELL_TIME_LIMIT as CELL_TIME_LIMIT,
+    CHECKS_PER_INTERVAL as CHECKS_PER_INTERVAL,
+    GAP as GAP,
+    LDL as LDL,
+    ROUGH_TOLERANCE as ROUGH_TOLERANCE,
+    TIME_LIMIT as TIME_LIMIT,
+    check_limits as check_limits,
+    check_pace as check_pace,
+    check_positions as check_positions,
+    check_rest as check_rest,
+    check_via as check_via,
+    declare_limits as declare_limits,
+    derivatives_for as derivatives_for,
+    fastest_tool as fastest_tool,
+    in_words_of_the_task as in_words_of_the_task,
+    jerk_switches as jerk_switches,
+    knows_derivatives as knows_derivatives,
+    length_text as length_text,
+    locked_joints as locked_joints,
+    provenance_of as provenance_of,
+    reach_of as reach_of,
+    too_near as too_near,
+    torques_of as torques_of,
+    verdict as verdict,
+    whole as whole,
+    with_changes as with_changes,
+    with_drives_noted as with_drives_noted,
+    with_locked_joints_held as with_locked_joints_held,
+)
+from ._conditions import (
+    Bounds as Bounds,
+    Conditions as Conditions,
+    passing as passing,
+)
+from ._friction import (
+    FRICTION_WINDOWS as FRICTION_WINDOWS,
+    SMOOTHING as SMOOTHING,
+    dry_friction as dry_friction,
+    has_windows as has_windows,
+    kept_torques as kept_torques,
+    rates_at_reversals as rates_at_reversals,
+    reversals as reversals,
+    rounded as rounded,
+    with_windows as with_windows,
+    without_dry_friction as without_dry_friction,
+)
+from ._scale import (
+    TYPICAL as TYPICAL,
+    TaskScale as TaskScale,
+    rates_alone as rates_alone,
+)
+from ._segments import (
+    Circle as Circle,
+    JointLine as JointLine,
+    Line as Line,
+    Segment as Segment,
+)
+from ._stops import (
+    STOP_SIZES as STOP_SIZES,
+    Payload as Payload,
+    Stop as Stop,
+)
+from ._task import (
+    EMPTY as EMPTY,
+    Task as Task,
+    check_held as check_held,
+    is_task as is_task,
+    task_of as task_of,
+    with_torques as with_torques,
+)

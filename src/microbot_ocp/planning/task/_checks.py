@@ -1,0 +1,544 @@
+"""What every time-optimal solve checks of its task before a solver starts, and how it ends."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields, replace
+from functools import lru_cache
+from typing import Any, TypeVar
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from microbot_ocp._base import checks, deadline
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.codegen import compile_recipe
+from microbot_ocp._base.status import Status
+from microbot_ocp.limits import (
+    ROUNDING,
+    JointLimits,
+    Limit,
+    LimitFamily,
+    Limits,
+    Member,
+    MotionSamples,
+    not_judged,
+)
+from microbot_ocp.motion import Motion
+from microbot_ocp.ocp import Phase, Solution
+from microbot_ocp.planning.task._scale import TaskScale
+from microbot_ocp.robot import (
+    Robot,
+    drive_advice,
+    inverse_dynamics,
+    torque_and_rate,
+    torque_derivatives,
+)
+
+STATE: tuple[str, ...] = ("q", "qd", "qdd", "qddd")
+GAP = 1e-5  # relative, of a duration above its local optimum
+ROUGH_TOLERANCE = 1e-6  # of solves on all meshes but the last one
+LDL = {"ipopt": {"linear_solver": "ldl"}}  # options by solver: see ocp/solvers/_ldl.py
+# A joint alone takes (factor way / limit)^(1 / order) from rest to rest under one limit.
+REST_TO_REST = {"qd": (1, 1), "qdd": (4, 2), "qddd": (32, 3), "taud": (1, 1)}
+MOST_VIA = 500
+# s, of wall time, where nobody says: of a motion through via points or along a path; of stops,
+# orders of them and scenes
+TIME_LIMIT, CELL_TIME_LIMIT = 120.0, 600.0
+NEAREST = 1e-8  # rad (m): how well a certificate takes states to be known
+CHECKS_PER_INTERVAL = 20  # places inside every mesh interval at which limits are looked at
+
+Settings = TypeVar("Settings")
+
+
+def with_changes(settings: Settings, changes: Mapping[str, Any]) -> Settings:
+    """Settings with some fields replaced.
+
+    Raises
+    ------
+    TypeError
+        There is no such setting.
+    """
+    known = [f.name for f in fields(settings)]  # type: ignore[arg-type]
+    for name in changes:
+        if name not in known:
+            close = difflib.get_close_matches(name, known, n=1)
+            hint = f"; did you mean {close[0]!r}?" if close else ""
+            raise TypeError(f"there is no setting {name!r}{hint} (settings: {', '.join(known)})")
+    return replace(settings, **changes)  # type: ignore[type-var]
+
+
+def with_drives_noted(
+    robot: Robot, motion: Motion, limits: Limits | JointLimits | None = None
+) -> Motion:
+    """The motion, whose note says what of the drives nothing is known of.
+
+    These are limits of torques without masses, and torques on light links that alone decide how
+    fast it begins.
+    """
+    family = LimitFamily.of(robot, limits)
+    advice = drive_advice(family.robot, motion.qdd)
+    sentences = [motion.note, advice, not_judged(family.unjudged)]
+    note = "; ".join(s for k, s in enumerate(sentences) if s and (k == 0 or s not in motion.note))
+    return motion if note == motion.note else replace(motion, note=note)
+
+
+def verdict(
+    family: LimitFamily,
+    solution: Solution,
+    excess: Sequence[FloatArray],
+    limit_tolerance: float,
+) -> dict[str, Any]:
+    """Status, advice and largest excess of a limit between mesh points, for the provenance.
+
+    A solver that converged on the mesh points is not believed where limits are exceeded in between
+    by more than was asked for.
+    """
+    worst = max(float(e.max()) for e in excess)
+    advice = in_words_of_the_task(solution.advice, family)
+    found = {"status": str(solution.status), "advice": advice, "excess": worst}
+    if deadline.over() and solution.status is not Status.INTERRUPTED:
+        found["status"], found["advice"] = str(Status.TIME_LIMIT), Status.TIME_LIMIT.sentence
+        return found
+    if solution.status.solved and not worst <= limit_tolerance:
+        found["status"] = str(Status.LIMITS_EXCEEDED)
+        found["advice"] = (
+            f"limits are exceeded by {100 * worst:.3g} % between mesh points, and refinement ended "
+            "there: give a finer mesh, or look for a place that cannot be passed"
+        )
+    return found
+
+
+def in_words_of_the_task(advice: str, family: LimitFamily) -> str:
+    """Advice on a program as advice on a task: via points, joints and limits, not its variables."""
+    lines = advice.replace("; explain names them", "").splitlines()
+    kept = [line for line in lines if not any(word in line for word in _OF_THE_PROGRAM)]
+    return "\n".join(_ROW.sub(lambda found: _named(found, family), line) for line in kept)
+
+
+# lines that only who declared the program can follow
+_OF_THE_PROGRAM = ("declare ", "explain(", "no trajectory", "Not in the solution", "leave some out")
+_ROW = re.compile(
+    r"(?:(?P<kind>start condition of|end condition of|step of|dynamics of|bound of|constraint|"
+    r"state|control|link of) )?(?P<name>\w[\w ,]*?)(\[(?P<index>\d+)\])?"
+    r"(?P<rest> at the end of the interval| to the next phase| in the next phase)?"
+    r" in phase '(?P<phase>phase|piece) (?P<number>\d+)' at t = (?P<t>\S+) s"
+)
+_QUANTITIES = {
+    "q": "position",
+    "qd": "velocity",
+    "qdd": "acceleration",
+    "s": "place on the path",
+    "v": "speed along the path",
+    "a": "acceleration along the path",
+}
+
+
+def _named(found: re.Match[str], family: LimitFamily) -> str:
+    name, index, number = found["name"].strip(), int(found["index"] or 0), int(found["number"])
+    members = {member.name: member for member in family}
+    if name in members:
+        what = members[name].title(index)
+    elif name in ("q", "qd", "qdd"):
+        what = f"{_QUANTITIES[name]} of {family.robot.joint_names[index]}"
+    else:
+        what = _QUANTITIES.get(name, name)
+    if found["phase"] == "piece":
+        return f"{what}, {found['t']} s after the start of piece {number} of the path"
+    if found["kind"] in ("start condition of", "end condition of"):
+        return f"{what} at via point {number + (found['kind'][0] == 'e')}"
+    where = f"between via points {number} and {number + 1}"
+    return f"{what} {where}, {found['t']} s after the first of them"
+
+
+def provenance_of(
+    method: str,
+    outcome: Mapping[str, Any],
+    solution: Solution,
+    wall_time: float,
+    smoothing: float,
+    **more: Any,
+) -> dict[str, Any]:
+    """How a motion was made: what every time-optimal motion says, and ``more``."""
+    return {
+        "method": method,
+        **outcome,
+        "solver": solution.attempts[-1].solver,
+        "gap": solution.gap.total,  # s: from the local optimum of the smoothed task, at most
+        "intervals": [phase.mesh.size - 1 for phase in solution.phases],
+        "phase_durations": [phase.duration for phase in solution.phases],
+        **more,
+        "wall_time": wall_time,
+        "smoothing": smoothing,
+        "casadi": ca.CasadiMeta.version(),
+    }
+
+
+MOST_WHOLE = 20_000  # intervals, starts, tries: far more than any computer does in a day
+
+
+def whole(
+    name: str, value: Any, unit: str = "", *, at_least: int, at_most: int = MOST_WHOLE
+) -> None:
+    """Raise InputError where a setting is not a whole number within bounds."""
+    checks.number(name, value, unit, at_least=at_least, at_most=at_most)
+    if not isinstance(value, int | np.integer):
+        raise InputError(f"{name} must be a whole number, not {value}")
+
+
+def reach_of(robot: Robot) -> float:
+    """Sum of the lengths of a robot's rows and tool, m; 1 where all are zero, as of a gantry."""
+    rows = np.hypot(robot.a, robot.d)
+    return float(rows.sum() + np.linalg.norm(robot.tool[:3, 3])) or 1.0
+
+
+def _slides(robot: Robot) -> FloatArray:
+    """Farthest place [n] of every prismatic joint, m; zero of the others."""
+    low, high = robot.limits.bounds("q")
+    prismatic = np.array([kind == "prismatic" for kind in robot.joint_types])
+    return np.where(prismatic, np.maximum(np.abs(low), np.abs(high)), 0.0)
+
+
+def farthest_tool(robot: Robot) -> float:
+    """A distance from the base beyond which the tool's origin cannot be, m."""
+    return reach_of(robot) + float(_slides(robot).sum())
+
+
+def fastest_tool(robot: Robot) -> float:
+    """A speed of the tool's origin that all joints at their limits cannot exceed, m/s."""
+    speeds = np.maximum(-robot.limits.qd_min, robot.limits.qd_max)
+    prismatic = np.array([kind == "prismatic" for kind in robot.joint_types])
+    rows = np.hypot(robot.a, np.abs(robot.d) + _slides(robot))
+    beyond = np.append(np.cumsum(rows[:0:-1])[::-1], 0.0) + np.linalg.norm(robot.tool[:3, 3])
+    levers = np.where(prismatic, 1.0, beyond)
+    return float((speeds[levers > 0] * levers[levers > 0]).sum())
+
+
+def length_text(value: float) -> str:
+    """A length in words for a sentence: millimetres below one metre."""
+    return f"{1e3 * value:.3g} mm" if value < 1.0 else f"{value:.4g} m"
+
+
+def check_limits(robot: Robot, limits: Limits | JointLimits | None) -> LimitFamily:
+    """The family of limits of a task; some of them must bound the motion of every joint."""
+    family = LimitFamily.of(robot, limits)
+    for joint, name in enumerate(robot.joint_names):
+        if not family.bounds_motion_of(joint):
+            raise InputError(
+                f"limits leave joint {name!r} without any bound on its "
+                "velocity, acceleration or torque: its shortest time would be zero"
+                + ("" if robot.has_dynamics else "; without masses torques bound nothing")
+            )
+    return family
+
+
+def check_via(family: LimitFamily, via_q: ArrayLike) -> FloatArray:
+    """Via points [m,n], m >= 2, within the limits of the pose, the first and last one holdable.
+
+    Raises
+    ------
+    InputError
+        Wrong width, not finite, a point outside the position limits, two equal points in a row, a
+        pose of rest that gravity alone makes impossible, limits that make it last for days.
+    """
+    via = checks.array("via_q", via_q, (None, family.robot.joint_count), "rad")
+    if via.shape[0] < 2:
+        raise InputError(f"via_q must have at least 2 points, not {via.shape[0]}")
+    if via.shape[0] > MOST_VIA:
+        raise InputError(f"via_q must have at most {MOST_VIA} points, not {via.shape[0]:,}")
+    for index, point in enumerate(via):
+        check_position(family, f"via point {index + 1}", point)
+        apart = float(np.abs(point - via[index - 1]).max()) if index else np.inf
+        if 0.0 < apart < NEAREST:
+            raise too_near(index, apart, f"below {NEAREST:g} no certificate could tell them apart")
+        if apart == 0.0:
+            raise InputError(
+                f"via points {index} and {index + 1} are the same: the time between them would "
+                "be a duration of zero"
+            )
+    for joint in np.flatnonzero(locked_joints(family)).tolist():
+        moved = np.flatnonzero(np.diff(via[:, joint]))
+        if moved.size:
+            raise InputError(_cannot_move(family.robot, joint, via, int(moved[0])))
+    check_pace(family, via)
+    for index in (0, via.shape[0] - 1):
+        check_rest(family, f"via point {index + 1}", via[index])
+    return via
+
+
+def too_near(number: int, apart: float, why: str) -> InputError:
+    """The error of a via point, numbered from 1, and the next one, by how far they are apart."""
+    return InputError(
+        f"via points {number} and {number + 1} are {apart:.2g} rad (m) apart in every joint or "
+        f"less: {why}"
+    )
+
+
+def check_pace(family: LimitFamily, places: FloatArray, at_rest: bool = True) -> None:
+    """Raise InputError where limits make joints take ages from one of places [m,n] to another.
+
+    A limit of the torque rate makes them where torques hold the arm ``at_rest`` in the first and
+    the last place.
+    """
+    robot = family.robot
+    ways = {key: np.ptp(places, axis=0) for key in STATE[1:]}
+    if at_rest and "taud" in family:
+        held = robot.torques_along(*_at_rest(places[[0, -1]])[:3])["tau"]
+        ways["taud"] = np.ptp(held, axis=0)
+    for key, way in ways.items():
+        low, high = robot.limits.bounds(key)
+        most, (factor, order) = np.maximum(-low, high), REST_TO_REST[key]
+        share = np.divide(factor * way, most, out=np.zeros_like(way), where=most > 0)
+        lasts = share ** (1 / order)
+        j = int(lasts.argmax())
+        if lasts[j] > checks.LONGEST:
+            unit = family[key].units[j]
+            raise InputError(
+                f"{key}_max of joint {robot.joint_names[j]!r} is {most[j]:g} {unit}, so the motion "
+                f"would last more than {lasts[j]:.3g} s: those of at most {checks.LONGEST:g} s are "
+                "looked for"
+            )
+    further = ", ".join(m.name for m in family if m.limit is not None and m.order)
+    moving = np.append(True, np.diff(places, axis=0).any(axis=1))
+    if not further or not moving[1:].any():
+        return
+    lasts = float(TaskScale.of(family, places[moving]).durations.sum())
+    if lasts > 10.0 * checks.LONGEST:
+        raise InputError(
+            f"a limit ({further}) lets a straight motion last some {lasts:.1g} s: those of at most "
+            f"{checks.LONGEST:g} s are looked for"
+        )
+
+
+def locked_joints(family: LimitFamily) -> np.ndarray:
+    """Which joints [n] stand still: a limit of their velocity, acceleration or jerk is zero."""
+    bounds = [np.array(family.robot.limits.bounds(key)) for key in STATE[1:]]
+    return np.any([(pair == 0.0).all(axis=0) for pair in bounds], axis=0)
+
+
+def with_locked_joints_held(family: LimitFamily, bounded: str | None = "qdd") -> LimitFamily:
+    """The same family, locked joints bounded in one way only: others would repeat the equation.
+
+    ``bounded`` is the quantity that stays zero; None where nothing could move these joints.
+    """
+    locked = locked_joints(family)
+    if not locked.any():
+        return family
+    changes = {}
+    for key in STATE:
+        low, high = family.robot.limits.bounds(key)
+        size = 0.0 if key == bounded else np.inf
+        changes[f"{key}_min"] = np.where(locked, -size, low)
+        changes[f"{key}_max"] = np.where(locked, size, high)
+    return LimitFamily.of(family.robot, family.robot.limits.changed(changes))
+
+
+def _cannot_move(robot: Robot, joint: int, via: FloatArray, index: int) -> str:
+    start, end = (robot.position_text(joint, via[k, joint]) for k in (index, index + 1))
+    return (
+        f"joint {robot.joint_names[joint]!r} cannot move, as a limit of its velocity, acceleration "
+        f"or jerk is 0, but is at {start} at via point {index + 1} and at {end} at the next"
+    )
+
+
+def check_position(family: LimitFamily, what: str, q: FloatArray) -> None:
+    """Raise InputError where a pose is outside the limits of the pose."""
+    check_positions(family, [what], q[None])
+
+
+def check_positions(family: LimitFamily, what: Sequence[str], q: FloatArray) -> None:
+    """Raise InputError where one of several poses [N,n] is outside the limits of the pose."""
+    robot, keys = family.robot, family.of_order(0)
+    for key, values in family.values(_at_rest(q), keys).items():
+        member = family[key]
+        value, low, high = (np.broadcast_to(v, values.value.shape) for v in values)
+        slack = 1e-9
+        for i, j in np.argwhere((value < low - slack) | (value > high + slack)):
+            if key == "q":
+                raise InputError(
+                    f"{what[i]} is outside the position limits: joint {robot.joint_names[j]!r} at "
+                    f"{robot.position_text(j, value[i, j])}, allowed "
+                    f"{robot.position_text(j, low[i, j])} to {robot.position_text(j, high[i, j])}"
+                )
+            broken = _broken(member, j, value[i], low[i], high[i])
+            raise InputError(f"{what[i]} breaks a limit: {broken}")
+
+
+def check_rest(family: LimitFamily, what: str, q: FloatArray) -> None:
+    """Raise InputError where the arm cannot rest: gravity asks for more torque than a joint has."""
+    for key, values in family.values(_at_rest(q), family.of_order(1, 2, 3)).items():
+        member = family[key]
+        value, low, high = (np.broadcast_to(v, values.value.shape)[0] for v in values)
+        use = member.use(values)[0]
+        for j in np.flatnonzero(use > 1.0 + ROUNDING):
+            if key == "tau":
+                raise InputError(
+                    f"{what} cannot be held at rest: joint {member.labels[j]!r} needs "
+                    f"{value[j]:.6g} {member.units[j]} against gravity, allowed {low[j]:.6g} to "
+                    f"{high[j]:.6g} {member.units[j]}"
+                )
+            told = _broken(member, j, value, low, high)
+            raise InputError(f"{what} cannot be held at rest: {told}")
+
+
+def _at_rest(q: FloatArray) -> MotionSamples:
+    rows = np.atleast_2d(q)
+    zero = np.zeros_like(rows)
+    return MotionSamples(rows, zero, zero, zero)
+
+
+def _broken(member: Member, j: Any, value: FloatArray, low: FloatArray, high: FloatArray) -> str:
+    unit = member.units[j]
+    return (
+        f"{member.title(j)} is {value[j]:.6g} {unit}, allowed {low[j]:.6g} to {high[j]:.6g} {unit}"
+    )
+
+
+def jerk_switches(jerk: FloatArray, member: Member) -> np.ndarray:
+    """Intervals [N] inside which a limited jerk [N,n], constant in each, goes from one value on.
+
+    Between its neighbours' values, which differ by more than a quarter of its range.
+    """
+    size = np.where(np.isfinite(member.upper), 0.5 * (member.upper - member.lower), np.inf)
+    found = np.zeros(len(jerk), dtype=bool)
+    before, here, after = jerk[:-2] / size, jerk[1:-1] / size, jerk[2:] / size
+    apart = np.minimum(np.abs(here - before), np.abs(after - here)) > 0.02
+    found[1:-1] = (apart & (np.abs(after - before) > 0.5)).any(axis=1)
+    return found
+
+
+def torques_of(robot: Robot, keys: Sequence[str], payload: bool = False) -> Callable[..., Any]:
+    """Torque and torque rate of q, qd, qdd and qddd (and the mass of a payload at the tool, kg).
+
+    The rate is None where no key asks for it.
+    """
+    if "taud" in keys:
+        return torque_and_rate_with_payload(robot) if payload else torque_and_rate(robot)
+    make = torque_with_payload if payload else inverse_dynamics
+    return lambda q, qd, qdd, _, *held: (make(robot)(q, qd, qdd, *held), None)
+
+
+@lru_cache(maxsize=64)
+def torque_with_payload(robot: Robot) -> ca.Function:
+    """As :func:`inverse_dynamics`, with the mass of a payload as the last argument."""
+    return _with_payload(inverse_dynamics(robot), inverse_dynamics(robot.with_payload(1.0)))
+
+
+@lru_cache(maxsize=64)
+def torque_and_rate_with_payload(robot: Robot) -> ca.Function:
+    """As :func:`torque_and_rate`, with the mass of a payload as the last argument."""
+    return _with_payload(torque_and_rate(robot), torque_and_rate(robot.with_payload(1.0)))
+
+
+def _with_payload(empty: ca.Function, holding_one: ca.Function) -> ca.Function:
+    """Torques are linear in the mass."""
+    state = [ca.SX.sym(empty.name_in(k), empty.size1_in(k)) for k in range(empty.n_in())]
+    payload = ca.SX.sym("payload")
+    pairs = zip(*(function.call(state) for function in (empty, holding_one)), strict=True)
+    values = [own + payload * (other - own) for own, other in pairs]
+    names = [*empty.name_in(), "payload"]
+    return ca.Function(empty.name(), [*state, payload], values, names, empty.name_out())
+
+
+def derivatives_for(*robots: Robot, compiled: bool = False) -> Callable[[ca.Function], Any]:
+    """What a transcription is told: the derivatives of those functions that have some.
+
+    They are ``compiled`` where the stages that call them are not.
+    """
+    kinds = (
+        (inverse_dynamics, False, False),
+        (torque_and_rate, True, False),
+        (torque_with_payload, False, True),
+        (torque_and_rate_with_payload, True, True),
+    )
+
+    def find(function: ca.Function) -> Any:
+        held = "payload" in function.name_in()
+        for robot in robots:
+            for make, rates, payload in kinds if robot.has_dynamics else ():
+                if payload == held and make(robot).__hash__() == function.__hash__():
+                    made = torque_derivatives(robot, rates=rates, payload=payload)
+                    if made is None or not compiled:
+                        return made
+                    parts = (*made, function)
+                    return compile_recipe(f"parts of {function.serialize()}", lambda p=parts: p)
+            found = LimitFamily.of(robot).derivatives(function, compiled)
+            if found is not None:
+                return found
+        return None
+
+    return find
+
+
+def declare_limits(
+    phase: Phase,
+    family: LimitFamily,
+    keys: Sequence[str],
+    state: tuple[ca.MX, ca.MX, ca.MX, ca.MX],
+    reference: FloatArray,
+    torques: Callable[..., Any],
+    held: Sequence[ca.MX] = (),
+    kept: Mapping[str, ca.MX] | None = None,
+) -> None:
+    """Declare limits of these keys as constraints of a phase.
+
+    Parameters
+    ----------
+    phase : Phase
+    family : LimitFamily
+    keys : sequence of str
+    state : q, qd, qdd and qddd as expressions [n]
+    reference : array [n]
+        A pose at which bounds that vary are of their usual size.
+    torques : callable
+        Torque and torque rate of the state (and of ``held``).
+    held : further arguments of ``torques``
+    kept : mapping, optional
+        What is limited in the place of the torque and its rate, by key.
+    """
+    joint_values: dict[str, ca.MX] = {**dict(zip(STATE, state, strict=True)), **(kept or {})}
+    if {"tau", "taud"} & set(keys) and kept is None:
+        joint_values["tau"], joint_values["taud"] = torques(*state, *held)
+    further = [key for key in keys if family[key].limit is not None]
+    payload = torque_and_rate_with_payload(family.robot) if held and further else None
+    alone = [key for key in further if knows_derivatives(family[key].limit)]
+    expressions = family.expressions(
+        [key for key in further if key not in alone], (*state, *held), payload
+    )
+    for key in alone:  # a function of its own, whose derivatives it knows
+        expressions |= family.expressions([key], state)
+    usual = family.values(_at_rest(reference), further)
+    for key in keys:
+        member = family[key]
+        unit = member.units[0]
+        if member.limit is None or not member.varies:
+            value = joint_values[key] if member.limit is None else expressions[key][0]
+            scale = finite_scale(member.lower, member.upper)
+            phase.constraint(member.name, value, member.lower, member.upper, scale=scale, unit=unit)
+            continue
+        value, lower, upper = expressions[key]
+        for side, sign, bound, size in (
+            ("lower", -1.0, lower, usual[key].lower),
+            ("upper", 1.0, upper, usual[key].upper),
+        ):
+            constant = not isinstance(bound, ca.MX)
+            if constant and not np.isfinite(bound).any():
+                continue
+            room = sign * (value - (ca.DM(bound) if constant else bound))
+            scale = finite_scale(np.ravel(size), np.ravel(size))
+            name = f"{member.name}, {side} limit"
+            phase.constraint(name, room, upper=0.0, scale=scale, unit=unit)
+
+
+def knows_derivatives(limit: Limit | None) -> bool:
+    """Whether the expression of a limit has derivatives of its own."""
+    return limit is not None and hasattr(limit.expression, "derivatives")
+
+
+def finite_scale(lower: FloatArray, upper: FloatArray) -> FloatArray:
+    """Sizes [n] of limits, 1 where there is none."""
+    size = np.maximum(np.abs(lower), np.abs(upper))
+    return np.where(np.isfinite(size) & (size > 0), size, 1.0)

@@ -1,0 +1,458 @@
+"""Ways from one stop to the next: straight and round tool paths, straight joint paths, corners.
+
+What a segment asks for is a member of the family of limits that holds on it alone: the distance of
+the tool from its curve, and the angle to the orientation that belongs to the place on it. So the
+solver, the certificate, figures and tables treat it as they treat a torque. A norm has no slope at
+zero, and solvers are slow with it: a tube is a prism of eight sides whose edges are a tolerance
+away from the curve, and an angle is kept by its parts about three axes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp.limits import Limit
+from microbot_ocp.planning.task._checks import whole
+
+DIRECTIONS = np.array([0.0, 0.25, 0.5, 0.75]) * np.pi  # across a tube
+SIDE = float(np.cos(np.pi / 8))  # of a tolerance: distance of the eight sides
+
+
+@dataclass(frozen=True)
+class SegmentSettings:
+    """Largest values of segments.
+
+    Attributes
+    ----------
+    largest_turn : rad, of a tolerance of the orientation
+    most_turns : of one circle
+    largest_arc : rad: beside more of a circle a place on it is not unique
+    """
+
+    largest_turn: float = 1.0
+    most_turns: int = 20
+    largest_arc: float = 0.75 * 2 * np.pi
+
+
+SEGMENTS = SegmentSettings()
+
+Numbers = tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Line:
+    """The tool goes straight from one stop to the next, its orientation about a fixed axis.
+
+    The orientation is held where both stops have one (a joint pose has, of an arm with six joints
+    or more); a turn that a stop leaves free is free on the way, too.
+
+    Parameters
+    ----------
+    tolerance : float
+        Radius of the tube in which the tool's origin stays, m; at most a tenth of the reach.
+    orientation_tolerance : float
+        Largest angle to the orientation that belongs to the place on the line, rad.
+
+    Raises
+    ------
+    InputError
+        A tolerance that is not above zero.
+    """
+
+    tolerance: float = 1e-3
+    orientation_tolerance: float = 0.01
+
+    def __post_init__(self) -> None:
+        checks.number("tolerance of a line", self.tolerance, "m", above=0.0)
+        _check_turn(self.orientation_tolerance)
+
+
+@dataclass(frozen=True)
+class Circle:
+    """The tool goes from one stop to the next on the arc of a circle through a third point.
+
+    Parameters
+    ----------
+    through : array_like [3] or [2,3]
+        A point of the arc between its ends, in the base frame, m. A full circle, whose ends are one
+        place, needs two points, in the order in which they are reached.
+    tolerance, orientation_tolerance : float
+        As of :class:`Line`.
+    turns : int
+        Whole turns besides.
+
+    Raises
+    ------
+    InputError
+        Not a point, a tolerance that is not above zero, turns that are no whole number.
+    """
+
+    through: Any
+    tolerance: float = 1e-3
+    orientation_tolerance: float = 0.01
+    turns: int = 0
+
+    def __post_init__(self) -> None:
+        two = checks.numbers("through", self.through).ndim > 1
+        point = checks.array("through", self.through, (2, 3) if two else (3,), "m")
+        found = tuple(map(tuple, point.tolist())) if two else tuple(point.tolist())
+        object.__setattr__(self, "through", found)
+        whole("turns of a circle", self.turns, at_least=0, at_most=SEGMENTS.most_turns)
+        checks.number("tolerance of a circle", self.tolerance, "m", above=0.0)
+        _check_turn(self.orientation_tolerance)
+
+
+@dataclass(frozen=True)
+class JointLine:
+    """All joints go straight from one stop to the next, each in proportion.
+
+    Parameters
+    ----------
+    tolerance : float
+        Largest Euclidean distance from the straight line in joint space, rad (m).
+
+    Raises
+    ------
+    InputError
+        A tolerance that is not above zero.
+    """
+
+    tolerance: float = 1e-3
+
+    def __post_init__(self) -> None:
+        checks.number("tolerance of a joint line", self.tolerance, "rad", above=0.0)
+
+
+@dataclass(frozen=True)
+class Corner:
+    """The tool stays within a ball: how a blended corner is passed."""
+
+    center: Numbers
+    radius: float
+
+
+Segment = Line | Circle | JointLine | Corner | None
+Curved = Line | Circle
+
+
+def _check_turn(value: float) -> None:
+    checks.number("orientation_tolerance", value, "rad", above=0.0, at_most=SEGMENTS.largest_turn)
+
+
+# curves -------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Straight:
+    """A straight line between two points [d], of the tool or of the joints."""
+
+    start: Numbers
+    end: Numbers
+
+    @property
+    def length(self) -> float:
+        return float(np.linalg.norm(np.subtract(self.end, self.start)))
+
+    def points(self, shares: FloatArray) -> FloatArray:
+        """Points [N,d] at shares [N] of the length."""
+        return np.array(self.start) + shares[:, None] * np.subtract(self.end, self.start)
+
+    def share(self, point: Any) -> Any:
+        """Share of the length at which a point (an expression) is beside the line."""
+        along = ca.DM(np.subtract(self.end, self.start))
+        return ca.dot(point - ca.DM(self.start), along) / self.length**2
+
+    def across(self, point: Any) -> list[Any]:
+        """Offsets from the line in the directions across it, expressions."""
+        way = np.subtract(self.end, self.start) / self.length
+        normals = np.linalg.svd(way[None, :])[2][1:]
+        offset = point - ca.DM(self.start)
+        return [ca.dot(offset, ca.DM(normal)) for normal in normals]
+
+
+@dataclass(frozen=True)
+class CircleArc:
+    """An arc about a centre, from the direction ``x`` through ``y`` by an angle, rad."""
+
+    center: Numbers
+    x: Numbers
+    y: Numbers
+    radius: float
+    angle: float
+
+    @classmethod
+    def through(cls, start: FloatArray, middle: FloatArray, end: FloatArray) -> CircleArc:
+        """The arc from start to end on which middle lies."""
+        a, b = middle - start, end - start
+        normal = np.cross(a, b)
+        size = float(normal @ normal)
+        if size <= 1e-12 * float(a @ a) * float(b @ b):
+            raise InputError(
+                "its three points must be apart and not on a straight line: "
+                f"{start.tolist()}, {middle.tolist()}, {end.tolist()}"
+            )
+        to_center = ((b @ b) * np.cross(normal, a) - (a @ a) * np.cross(normal, b)) / (2 * size)
+        center, radius = start + to_center, float(np.linalg.norm(to_center))
+        x = (start - center) / radius
+        y = np.cross(normal / np.sqrt(size), x)
+        angle = float(np.arctan2((end - center) @ y, (end - center) @ x)) % (2 * np.pi)
+        parts = (tuple(part.tolist()) for part in (center, x, y))
+        return cls(*parts, radius=radius, angle=angle)
+
+    def turned(self, turns: int) -> CircleArc:
+        """The same with so many whole turns more."""
+        return replace(self, angle=self.angle + 2 * np.pi * turns)
+
+    @property
+    def length(self) -> float:
+        return self.radius * self.angle
+
+    def points(self, shares: FloatArray) -> FloatArray:
+        """Points [N,3] at shares [N] of the length."""
+        turn = self.angle * shares[:, None]
+        around = np.cos(turn) * np.array(self.x) + np.sin(turn) * np.array(self.y)
+        return np.array(self.center) + self.radius * around
+
+    def share(self, point: Any) -> Any:
+        """Share of the length at which a point (an expression) is beside the arc."""
+        across, up = self._in_plane(point)
+        # measured from the middle of the arc: the jump of atan2 is far from both ends
+        middle = 0.5 * self.angle
+        turned = ca.atan2(
+            np.cos(middle) * up - np.sin(middle) * across,
+            np.cos(middle) * across + np.sin(middle) * up,
+        )
+        return 0.5 + turned / self.angle
+
+    def across(self, point: Any) -> list[Any]:
+        """Offsets from the arc: outwards and out of its plane, expressions."""
+        across, up = self._in_plane(point)
+        out_of_plane = ca.dot(point - ca.DM(self.center), ca.DM(np.cross(self.x, self.y)))
+        return [ca.sqrt(across**2 + up**2) - self.radius, out_of_plane]
+
+    def _in_plane(self, point: Any) -> tuple[Any, Any]:
+        offset = point - ca.DM(self.center)
+        return ca.dot(offset, ca.DM(self.x)), ca.dot(offset, ca.DM(self.y))
+
+
+Curve = Straight | CircleArc
+
+
+@dataclass(frozen=True)
+class Turning:
+    """Orientation along a curve: about a fixed axis in the tool frame of its start.
+
+    Attributes
+    ----------
+    start : rotation of the tool at the start, by rows
+    axis : of the turn, in the base frame
+    angle : of the turn, rad
+    free : 0, 1 or 2 for the tool's axis about which any turn is allowed; None where none is
+    """
+
+    start: tuple[Numbers, ...]
+    axis: Numbers
+    angle: float
+    free: int | None = None
+
+    @classmethod
+    def between(cls, start: FloatArray, end: FloatArray, free: int | None) -> Turning:
+        """From one rotation [3,3] to another, or from the free axis of one to that of the other."""
+        if free is None:
+            change = end @ start.T
+            sine = 0.5 * np.array(
+                [
+                    change[2, 1] - change[1, 2],
+                    change[0, 2] - change[2, 0],
+                    change[1, 0] - change[0, 1],
+                ]
+            )
+            cosine = 0.5 * (np.trace(change) - 1.0)
+        else:
+            sine = np.cross(start[:, free], end[:, free])
+            cosine = float(start[:, free] @ end[:, free])
+        size = float(np.linalg.norm(sine))
+        angle = float(np.arctan2(size, cosine))
+        if np.pi - angle < 1e-3:
+            raise InputError(
+                "the orientations at its two ends are half a turn apart: the way from one to the "
+                "other is not unique, give a stop in between"
+            )
+        axis = sine / size if size > 1e-12 else np.array([0.0, 0.0, 1.0])
+        rows = tuple(tuple(row) for row in start.tolist())
+        return cls(rows, tuple(axis.tolist()), angle if size > 1e-12 else 0.0, free)
+
+    def rotation(self, share: Any) -> Any:
+        """Rotation [3,3] at a share of the way, a number or an expression."""
+        k = ca.DM(ca.skew(ca.DM(self.axis)))
+        turn = self.angle * share
+        change = ca.DM.eye(3) + ca.sin(turn) * k + (1.0 - ca.cos(turn)) * (k @ k)
+        return change @ ca.DM(np.array(self.start))
+
+
+# limits -------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Across:
+    """Offsets of the tool's origin across a curve in four directions, m."""
+
+    curve: Curve
+
+    def __call__(self, state: Any) -> Any:
+        u, v = self.curve.across(state.tool[:3, 3])
+        return ca.vertcat(*(np.cos(a) * u + np.sin(a) * v for a in DIRECTIONS))
+
+
+@dataclass(frozen=True)
+class _JointsAcross:
+    """Offsets of the joints across a straight line in joint space, rad."""
+
+    curve: Straight
+
+    def __call__(self, state: Any) -> Any:
+        return ca.vertcat(*self.curve.across(state.q))
+
+
+@dataclass(frozen=True)
+class _Beyond:
+    """How far the tool's origin, or the joints, are beyond an end of a curve, m (rad).
+
+    Between the ends it is below zero, and smooth: to first order the distance to the nearer one.
+    What is off to a side is the less beyond: the tube ends within a ball of its tolerance.
+    """
+
+    curve: Curve
+    tolerance: float
+    of_joints: bool = False
+
+    def __call__(self, state: Any) -> Any:
+        point = state.q if self.of_joints else state.tool[:3, 3]
+        share = self.curve.share(point)
+        aside = ca.sumsqr(ca.vertcat(*self.curve.across(point)))
+        return self.curve.length * share * (share - 1.0) + aside / self.tolerance
+
+
+@dataclass(frozen=True)
+class _SquaredDistance:
+    """Squared distance of the tool's origin from a point, m^2: smooth at the point, too."""
+
+    center: Numbers
+
+    def __call__(self, state: Any) -> Any:
+        return ca.sumsqr(state.tool[:3, 3] - ca.DM(self.center))
+
+
+@dataclass(frozen=True)
+class _Angle:
+    """Sine of the angle to the orientation that belongs to the place on a curve, by its parts."""
+
+    curve: Curve
+    turning: Turning
+
+    def __call__(self, state: Any) -> Any:
+        share = self.curve.share(state.tool[:3, 3])
+        wanted, found = self.turning.rotation(share), state.tool[:3, :3]
+        return orientation_error(wanted, found, self.turning.free)
+
+
+def orientation_error(wanted: Any, found: Any, free: int | None) -> Any:
+    """Sine of the angle between two rotations, along its axis: [3], or [2] without the free turn.
+
+    Expressions in CasADi; the axis is in the wanted frame.
+    """
+    change = wanted.T @ found
+    if free is not None:
+        others = [k for k in range(3) if k != free]
+        return ca.vertcat(*(change[k, free] for k in others))
+    return 0.5 * ca.vertcat(
+        change[2, 1] - change[1, 2], change[0, 2] - change[2, 0], change[1, 0] - change[0, 1]
+    )
+
+
+def curve_between(kind: Curved, start: FloatArray, end: FloatArray) -> Curve:
+    """The curve of the tool's origin from one point [3] to another."""
+    closed = bool(np.allclose(start, end))
+    if isinstance(kind, Line):
+        if closed:
+            raise InputError("both ends are at one place; where the tool only turns, leave it out")
+        return Straight(tuple(start.tolist()), tuple(end.tolist()))
+    through = np.array(kind.through)
+    if closed != (through.ndim == 2):
+        said = "two points, as both ends are" if closed else "one point, as the ends are not"
+        raise InputError(f"through must be {said} at one place, not {through.tolist()}")
+    if closed:
+        full = CircleArc.through(start, *through)
+        return replace(full, angle=2 * np.pi).turned(kind.turns)
+    return CircleArc.through(start, through, end).turned(kind.turns)
+
+
+def parts_of(kind: Curved, curve: Curve) -> list[tuple[float, Curved]]:
+    """A curve in parts beside which a place on it is unique: the share at the end of each."""
+    if not isinstance(curve, CircleArc) or curve.angle <= SEGMENTS.largest_arc:
+        return [(1.0, kind)]
+    count = int(np.ceil(curve.angle / SEGMENTS.largest_arc))
+    middles = curve.points((np.arange(count) + 0.5) / count)
+    assert isinstance(kind, Circle)
+    return [
+        ((k + 1) / count, replace(kind, through=middle, turns=0))
+        for k, middle in enumerate(middles)
+    ]
+
+
+def curve_limits(kind: Curved, curve: Curve, turning: Turning | None) -> tuple[Limit, ...]:
+    """What a tool line or circle asks for, as limits."""
+    name = "tool line" if isinstance(kind, Line) else "tool circle"
+    side = SIDE * kind.tolerance
+    degrees = tuple(f"{np.degrees(a):.0f} deg across" for a in DIRECTIONS)
+    made = [
+        Limit(name, _Across(curve), lower=-side, upper=side, unit="m", labels=degrees),
+        Limit(
+            f"{name} beyond its ends",
+            _Beyond(curve, kind.tolerance),
+            upper=kind.tolerance,
+            unit="m",
+        ),
+    ]
+    if turning is not None:
+        axes = ["xyz"[k] for k in range(3) if k != turning.free]
+        size = float(np.sin(kind.orientation_tolerance) / np.sqrt(len(axes)))
+        angle = _Angle(curve, turning)
+        labels = tuple(f"tool {axis}" for axis in axes)
+        made.append(
+            Limit("tool orientation", angle, lower=-size, upper=size, unit="rad", labels=labels)
+        )
+    return tuple(made)
+
+
+def joint_line_limits(kind: JointLine, start: FloatArray, end: FloatArray) -> tuple[Limit, ...]:
+    """What a straight joint path asks for, as limits."""
+    curve = Straight(tuple(start.tolist()), tuple(end.tolist()))
+    beyond = _Beyond(curve, kind.tolerance, of_joints=True)
+    made = [Limit("joint line beyond its ends", beyond, upper=kind.tolerance, unit="rad")]
+    if start.size > 1:
+        size = kind.tolerance / np.sqrt(start.size - 1)
+        labels = tuple(f"{k + 1} across" for k in range(start.size - 1))
+        made.append(
+            Limit(
+                "joint line",
+                _JointsAcross(curve),
+                lower=-size,
+                upper=size,
+                unit="rad",
+                labels=labels,
+            )
+        )
+    return tuple(made)
+
+
+def corner_limit(kind: Corner) -> Limit:
+    """What a blended corner asks for, as a limit."""
+    distance = _SquaredDistance(kind.center)
+    return Limit("squared distance from the corner", distance, upper=kind.radius**2, unit="m^2")

@@ -1,0 +1,621 @@
+"""A task of stops and segments, checked: its limits, payloads and conditions segment by segment."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import FloatArray, InputError, naming
+from microbot_ocp.limits import JointLimits, LimitFamily, Limits
+from microbot_ocp.planning.task._checks import (
+    check_limits,
+    check_pace,
+    check_position,
+    check_rest,
+    farthest_tool,
+    fastest_tool,
+)
+from microbot_ocp.planning.task._conditions import Bounds, Conditions, EndConditions, Row
+from microbot_ocp.planning.task._segments import (
+    Circle,
+    Corner,
+    Curve,
+    JointLine,
+    Line,
+    Segment,
+    Turning,
+    corner_limit,
+    curve_between,
+    curve_limits,
+    joint_line_limits,
+    orientation_error,
+    parts_of,
+)
+from microbot_ocp.planning.task._stops import AXES, Payload, Stop
+from microbot_ocp.robot import Robot, forward_kinematics, jacobian
+
+
+@dataclass(frozen=True)
+class TaskSizes:
+    """Largest values of a task of stops, and what counts as none.
+
+    Attributes
+    ----------
+    stops : at most
+    loosest : of the reach, for the radius of a ball or a tube
+    heaviest : times the arm's own mass
+    states : at which slopes are looked at
+    flat : relative size of a slope that is none
+    apart : m (m/s, rad): what is farther off is not met
+    """
+
+    stops: int = 200
+    loosest: float = 0.1
+    heaviest: float = 1000.0
+    states: int = 3
+    flat: float = 1e-9
+    apart: float = 1e-6
+
+
+TASK_SIZES = TaskSizes()
+
+TURN = 2 * np.pi
+EMPTY = Payload(0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """Stops and what lies between them, checked.
+
+    Make one with :func:`task_of`. A cycle ends with its first stop again.
+
+    Attributes
+    ----------
+    family : LimitFamily
+        Of the robot with an empty tool, under the limits that hold everywhere.
+    stops : tuple of Stop, m
+        With names; corners that are blended are two stops each.
+    segments : tuple of Segment, m - 1
+        None where the way is free.
+    cycle : bool
+    around : optional
+        What the arm keeps clear of: ``limits(robot, index)`` are further limits of a segment.
+    """
+
+    family: LimitFamily
+    stops: tuple[Stop, ...]
+    segments: tuple[Segment, ...]
+    cycle: bool = False
+    around: Any = None
+
+    @property
+    def robot(self) -> Robot:
+        """With an empty tool."""
+        return self.family.robot
+
+    @property
+    def dwells(self) -> FloatArray:
+        """How long the arm rests [m] at each stop, s; in a cycle at the first, not at the last."""
+        found = np.array([stop.dwell for stop in self.stops])
+        if self.cycle:
+            found[-1] = 0.0
+        return found
+
+    @cached_property
+    def payloads(self) -> tuple[Payload, ...]:
+        """What the tool holds on every segment."""
+        held, found = EMPTY, []
+        if self.cycle:
+            held = next((s.payload for s in reversed(self.stops) if s.payload is not None), EMPTY)
+        for stop in self.stops[:-1]:
+            held = held if stop.payload is None else stop.payload
+            found.append(held)
+        return tuple(found)
+
+    @cached_property
+    def curves(self) -> tuple[tuple[Curve, Turning | None] | None, ...]:
+        """The curve of every tool line and circle with the orientation along it; else None."""
+        return tuple(map(self._curve, range(len(self.segments))))
+
+    def _curve(self, index: int) -> tuple[Curve, Turning | None] | None:
+        kind = self.segments[index]
+        if not isinstance(kind, Line | Circle):
+            return None
+        before, after = self.stops[index], self.stops[index + 1]
+        (start, turned), (end, turned_after) = (s.pose(self.robot) for s in (before, after))
+        for stop in (before, after):
+            if stop.q is None and np.any(np.isinf(np.array(stop.tolerance))):
+                raise InputError(
+                    f"{self.name_of(index)}: it needs both ends, but a coordinate of stop "
+                    f"{stop.name!r} is free"
+                )
+        with naming(f"{self.name_of(index)}: "):
+            curve = curve_between(kind, start, end)
+            if turned is None or turned_after is None:
+                return curve, None
+            free = [s.free_axis for s in (before, after) if s.free_axis is not None]
+            return curve, Turning.between(turned, turned_after, free[0] if free else None)
+
+    @cached_property
+    def robots(self) -> tuple[Robot, ...]:
+        """The robot on every segment: with its payload, and the limits of that segment."""
+        return tuple(map(self._robot, range(len(self.segments))))
+
+    def _robot(self, index: int) -> Robot:
+        kind, robot = self.segments[index], self.payloads[index].on(self.robot)
+        curve = self.curves[index]
+        own: tuple[Any, ...] = ()
+        if curve is not None and isinstance(kind, Line | Circle):
+            own = curve_limits(kind, *curve)
+        elif isinstance(kind, Corner):
+            own = (corner_limit(kind),)
+        elif isinstance(kind, JointLine):
+            ends = [self.stops[k].q for k in (index, index + 1)]
+            own = joint_line_limits(kind, *map(np.array, ends))
+        if self.around is not None:
+            own = (*own, *self.around.limits(robot, index))
+        return robot.with_limits(also=(*robot.limits.also, *own)) if own else robot
+
+    @cached_property
+    def families(self) -> tuple[LimitFamily, ...]:
+        """Limits of every segment."""
+        return tuple(map(LimitFamily.of, self.robots))
+
+    def name_of(self, index: int) -> str:
+        """Name of a segment, such as "tool line from stop 'pick' to stop 'place'"."""
+        return segment_name(self.segments[index], *self.stops[index : index + 2])
+
+    def at_rest(self, index: int) -> bool:
+        """Whether the arm rests at a stop."""
+        stop, last = self.stops[index], len(self.stops) - 1
+        if stop.velocity is not None:
+            return stop.velocity == "rest" or (
+                not isinstance(stop.velocity, str) and not np.any(stop.velocity)
+            )
+        ends = index in (0, last) and not self.cycle
+        return ends or bool(stop.dwell) or stop.payload is not None
+
+    @cached_property
+    def conditions(self) -> Conditions:
+        """What the optimal-control problem has to keep."""
+        last = len(self.stops) - 1
+        ends = [self._end(k) for k in range(last + 1)]
+        closed: tuple[str, ...] = ()
+        if self.cycle:
+            first = self.stops[0]
+            fixed = first.q is not None and first.box is not None and not first.box.any()
+            moves = not self.at_rest(0)
+            closed = (*(() if fixed else ("q",)), *(("qd",) if moves else ()))
+            closed = (*closed, "qdd") if moves and self.family.jerk_matters else closed
+            # what is closed is demanded once
+            given = ends[0]
+            free = np.full(self.robot.joint_count, np.inf)
+            qd = given.qd if "qd" not in closed else (-free, free)
+            q = given.q if "q" not in closed else (-free, free)
+            ends[-1] = replace(given, q=q, qd=qd, rows=())
+        return Conditions(self.robots, tuple(ends), closed)
+
+    def _end(self, index: int) -> EndConditions:
+        stop, robot = self.stops[index], self.robot
+        free = np.full(robot.joint_count, np.inf)
+        q: Bounds = (-free, free)
+        qd: Bounds = (-free, free)
+        rows: list[Row] = []
+        if stop.q is not None and stop.box is not None:
+            limits, target = robot.limits, np.array(stop.q)
+            q = (
+                np.maximum(target - stop.box, np.minimum(limits.q_min, target)),
+                np.minimum(target + stop.box, np.maximum(limits.q_max, target)),
+            )
+        else:
+            rows += pose_rows(robot, stop)
+        rest = self.at_rest(index)
+        if rest:
+            qd = (np.zeros(robot.joint_count), np.zeros(robot.joint_count))
+        elif not isinstance(stop.velocity, str | None):
+            given = np.array(stop.velocity)
+            if stop.q is not None:
+                qd = (given, given)
+            else:
+                speed = partial(_tool_velocity, robot)
+                rows.append(Row("velocity of the tool", speed, (given, given)))
+        rated = self.family.jerk_matters
+        stated = rest or not isinstance(stop.velocity, str | None)
+        felt = (_felt(robot, stop, row) for row in rows)
+        return EndConditions(
+            q, qd, tuple(filter(None, felt)), still=rest and rated, leaps=stated and not rated
+        )
+
+
+def segment_name(kind: Segment, before: Stop, after: Stop) -> str:
+    """Such as "tool line from stop 'pick' to stop 'place'"."""
+    names = {Line: "tool line", Circle: "tool circle", JointLine: "joint line"}
+    what = names.get(type(kind), "way")
+    return f"{what} from stop {before.name!r} to stop {after.name!r}"
+
+
+def _tool_velocity(robot: Robot, q: Any, qd: Any) -> Any:
+    return (jacobian(robot)(q) @ qd)[:3]
+
+
+def pose_rows(robot: Robot, stop: Stop) -> list[Row]:
+    """Conditions on the pose at a stop that are not bounds of joints."""
+    rows = []
+    if stop.q is not None:
+        target, size = np.array(stop.q), float(stop.tolerance)
+        ball = lambda q, _: ca.sumsqr((q - target) / size)  # noqa: E731
+        return [Row("distance from the joint pose", ball, _upper(1.0))]
+    place, turned = stop.pose(robot)
+    box = stop.box
+    if box is None:
+        radius = float(stop.tolerance)
+
+        def distance(q: Any, _: Any) -> Any:
+            return ca.sumsqr((forward_kinematics(robot)(q)[:3, 3] - place) / radius)
+
+        rows.append(Row("distance of the tool", distance, _upper(1.0)))
+    elif (kept := np.flatnonzero(np.isfinite(box))).size:
+
+        def offset(q: Any, _: Any) -> Any:
+            found = forward_kinematics(robot)(q)[:3, 3] - place
+            return ca.vertcat(*(found[int(k)] for k in kept))
+
+        rows.append(Row("position of the tool", offset, (-box[kept], box[kept])))
+    if turned is not None:
+        wanted = ca.DM(turned)
+
+        def error(q: Any, _: Any) -> Any:
+            tool = forward_kinematics(robot)(q)[:3, :3]
+            return orientation_error(wanted, tool, stop.free_axis)
+
+        if stop.orientation_tolerance:
+            largest = np.sin(stop.orientation_tolerance)
+            ball = lambda q, qd: ca.sumsqr(error(q, qd) / largest)  # noqa: E731
+            rows.append(Row("orientation of the tool", ball, _upper(1.0)))
+        else:
+            zero = np.zeros(3 if stop.free_axis is None else 2)
+            rows.append(Row("orientation of the tool", error, (zero, zero)))
+    return rows
+
+
+def _felt(robot: Robot, stop: Stop, row: Row) -> Row | None:
+    """A condition without those equations that no joint changes, as of the height of a planar arm.
+
+    Solvers that drop fixed variables refuse them.
+
+    Raises
+    ------
+    InputError
+        One of these equations does not hold.
+    """
+    low, high = row.bounds
+    q, qd = (ca.SX.sym(name, robot.joint_count) for name in ("q", "qd"))
+    value, state = row.expression(q, qd), ca.vertcat(q, qd)
+    along = ca.Function("along", [state], [value, ca.jacobian(value, state)])
+    states = np.random.default_rng(0).uniform(-1.0, 1.0, (TASK_SIZES.states, 2 * robot.joint_count))
+    values, slopes = zip(*(map(np.array, along(x)) for x in states), strict=True)
+    size = np.max([np.abs(slope).max(axis=1) for slope in slopes], axis=0)
+    fixed = (size <= TASK_SIZES.flat * max(1.0, size.max())) & (low == high)
+    off = np.abs(values[0][:, 0] - low)[fixed]
+    if off.size and off.max() > TASK_SIZES.apart:
+        raise InputError(
+            f"{row.name} of stop {stop.name!r} is off by {off.max():.3g} whatever the joints do"
+        )
+    kept = np.flatnonzero(~fixed)
+    chosen = partial(_chosen, row.expression, kept.tolist())
+    return replace(row, expression=chosen, bounds=(low[kept], high[kept])) if kept.size else None
+
+
+def _chosen(expression: Callable[..., Any], rows: list[int], q: Any, qd: Any) -> Any:
+    return expression(q, qd)[rows]
+
+
+def _upper(bound: float) -> Bounds:
+    return np.array([-np.inf]), np.array([bound])
+
+
+# checks -------------------------------------------------------------------------------------------
+
+
+def is_task(via: Any) -> bool:
+    """Whether some of the via points are stops."""
+    return isinstance(via, list | tuple) and any(isinstance(point, Stop) for point in via)
+
+
+def task_of(
+    robot: Robot,
+    stops: Sequence[Any],
+    limits: Limits | JointLimits | None = None,
+    *,
+    segments: Sequence[Segment] | None = None,
+    cycle: bool = False,
+) -> Task:
+    """A task of stops, or joint poses [n], and of segments between them.
+
+    Raises
+    ------
+    InputError
+        Fewer than two stops, a joint pose outside its limits or that cannot be held at rest, a
+        segment that does not fit its stops, a blend that is longer than its lines.
+    """
+    family = check_limits(robot, limits)
+    given = [stop if isinstance(stop, Stop) else Stop(q=stop) for stop in stops]
+    given = [stop.named(f"stop {k + 1}") for k, stop in enumerate(given)]
+    names = [stop.name for stop in given]
+    if len(set(names)) < len(names):
+        raise InputError(f"the names of stops must differ: {', '.join(names)}")
+    least = 1 if cycle else 2
+    if not least <= len(given) <= TASK_SIZES.stops:
+        raise InputError(f"a task must have {least} to {TASK_SIZES.stops} stops, not {len(given)}")
+    if cycle:
+        given.append(replace(given[0], name=f"{given[0].name} again"))
+    kinds = list(segments) if segments is not None else [None] * (len(given) - 1)
+    if len(kinds) != len(given) - 1:
+        raise InputError(
+            f"segments must be {len(given) - 1}, one between two stops"
+            + (" and one back to the first" if cycle else "")
+            + f", not {len(kinds)}"
+        )
+    for k, kind in enumerate(kinds):
+        if kind is not None and not isinstance(kind, Line | Circle | JointLine):
+            raise InputError(
+                f"segment {k + 1} must be a Line, Circle or JointLine, or None where the way is "
+                f"free, not {kind!r}"
+            )
+        if isinstance(kind, JointLine) and any(s.q is None for s in given[k : k + 2]):
+            raise InputError(
+                f"{segment_name(kind, *given[k : k + 2])}: it needs a joint pose, q, at both ends"
+            )
+    _check_stops(family, given, kinds, cycle)
+    for kind, (before, after) in zip(kinds, itertools.pairwise(given), strict=True):
+        if isinstance(kind, Line | Circle | JointLine):
+            name = f"the {segment_name(kind, before, after)}"
+            _check_tolerance(robot, name, kind.tolerance, isinstance(kind, JointLine))
+    task = Task(family, *_expanded(robot, given, kinds), cycle=cycle)
+    if cycle:
+        _check_put_down(task)
+    _check_rests(task)
+    return task
+
+
+def _check_tolerance(robot: Robot, where: str, tolerance: Any, of_joints: bool) -> None:
+    """Raise InputError where a finite tolerance leaves everything free that the arm can do."""
+    finite = np.array(tolerance)[np.isfinite(tolerance)]
+    largest = float(np.max(finite, initial=0.0))
+    if of_joints and largest > TURN and set(robot.joint_types) == {"revolute"}:
+        raise InputError(f"tolerance of {where} is {largest:g} rad, more than a whole turn")
+    is_box = np.ndim(tolerance) > 0
+    reach = farthest_tool(robot)
+    if not of_joints and largest > (reach if is_box else TASK_SIZES.loosest * reach):
+        share = "" if is_box else "a tenth of what "
+        free = "; inf, in a tolerance of three numbers, leaves a coordinate free"
+        raise InputError(
+            f"tolerance of {where} is {largest:g} m, more than {share}the arm reaches "
+            f"({reach:.3g} m)" + (free if where.startswith("stop") else "")
+        )
+
+
+def _check_payload(robot: Robot, stop: Stop) -> None:
+    """Raise InputError for a payload that no arm of these masses is meant to hold."""
+    assert stop.payload is not None
+    if not robot.has_dynamics:
+        raise InputError(
+            f"stop {stop.name!r} has a payload, but robot {robot.name!r} has no masses"
+        )
+    own = sum(link.mass for link in robot.links)
+    if stop.payload.mass > TASK_SIZES.heaviest * own > 0.0:
+        raise InputError(
+            f"payload of stop {stop.name!r} is {stop.payload.mass:g} kg, more than "
+            f"{TASK_SIZES.heaviest:g} times what the arm weighs itself ({own:.3g} kg)"
+        )
+
+
+def _check_velocity(robot: Robot, stop: Stop) -> None:
+    low, high = robot.limits.qd_min, robot.limits.qd_max
+    given = np.array(stop.velocity)
+    for j in np.flatnonzero((given < low) | (given > high)).tolist():
+        raise InputError(
+            f"velocity of stop {stop.name!r} is outside the limits: joint "
+            f"{robot.joint_names[j]!r} at {given[j]:.6g}, allowed {low[j]:.6g} to {high[j]:.6g} "
+            f"{'rad/s' if robot.joint_types[j] == 'revolute' else 'm/s'}"
+        )
+
+
+def _check_tool_velocity(robot: Robot, stop: Stop) -> None:
+    most, asked = fastest_tool(robot), float(np.linalg.norm(stop.velocity))
+    if asked > most:
+        raise InputError(
+            f"velocity of stop {stop.name!r} is {asked:.4g} m/s, more than all joints at their "
+            f"limits can give the tool: {most:.4g} m/s"
+        )
+
+
+def _check_put_down(task: Task) -> None:
+    picks = [stop for stop in task.stops[:-1] if stop.payload is not None]
+    if picks and picks[0].payload != EMPTY and len(set(task.payloads)) == 1:
+        raise InputError(
+            f"stop {picks[0].name!r} picks {picks[0].payload.mass:g} kg in every cycle, but no "
+            "stop puts them down: give a stop with payload 0, or the robot what it always holds"
+        )
+
+
+def _check_stops(
+    family: LimitFamily, stops: Sequence[Stop], kinds: Sequence[Segment], cycle: bool
+) -> None:
+    count = family.robot.joint_count
+    for (before, after), kind in zip(itertools.pairwise(stops), kinds, strict=True):
+        if not isinstance(kind, Circle) and (before.q, before.position, before.orientation) == (
+            after.q,
+            after.position,
+            after.orientation,
+        ):
+            if cycle and len(stops) == 2:
+                raise InputError("a cycle needs at least two stops, not one")
+            advice = ": a cycle returns to its first stop by itself" if cycle else ""
+            raise InputError(
+                f"stops {before.name!r} and {after.name!r} are at the same place{advice}"
+            )
+    for stop in stops:
+        _check_tolerance(family.robot, f"stop {stop.name!r}", stop.tolerance, stop.q is not None)
+        if stop.q is not None:
+            checks.array(f"q of stop {stop.name!r}", stop.q, (count,), "rad")
+            check_position(family, f"stop {stop.name!r}", np.array(stop.q))
+            if isinstance(stop.velocity, tuple):
+                _check_velocity(family.robot, stop)
+        elif isinstance(stop.velocity, tuple):
+            _check_tool_velocity(family.robot, stop)
+        if stop.payload is not None and stop.payload.mass > 0:
+            _check_payload(family.robot, stop)
+    if poses := [stop.q for stop in stops if stop.q is not None]:
+        check_pace(family, np.array(poses), at_rest=False)
+
+
+def with_torques(task: Task, share: float) -> Task:
+    """The same task with a share of the torque limits.
+
+    Raises
+    ------
+    InputError
+        A stop that cannot be held at rest with them.
+    """
+    limits = task.robot.limits
+    bounds = {key: share * getattr(limits, key) for key in ("tau_min", "tau_max")}
+    weaker = replace(task, family=LimitFamily.of(task.robot, limits.changed(bounds)))
+    _check_rests(weaker)
+    return weaker
+
+
+def _check_rests(task: Task) -> None:
+    for index, stop in enumerate(task.stops):
+        if stop.q is not None and stop.box is not None and not stop.box.any():
+            check_held(task, index, np.array(stop.q))
+
+
+def check_held(task: Task, index: int, q: FloatArray) -> None:
+    """Raise InputError where torques do not hold the arm in a pose [n] at rest at a stop.
+
+    With what it holds before and after.
+    """
+    stop = task.stops[index]
+    if not task.at_rest(index):
+        return
+    for segment in {max(index - 1, 0), min(index, len(task.segments) - 1)}:
+        payload = task.payloads[segment]
+        held = f" with {payload.mass:g} kg" if payload.mass else ""
+        family = LimitFamily.of(payload.on(task.robot))
+        check_rest(family, f"stop {stop.name!r}{held}", q)
+
+
+def _expanded(
+    robot: Robot, stops: Sequence[Stop], kinds: Sequence[Segment]
+) -> tuple[tuple[Stop, ...], tuple[Segment, ...]]:
+    """Stops and segments with blended corners as two stops each, and long arcs in parts."""
+    if stops[0].blend or stops[-1].blend:
+        raise InputError("the first stop and the last cannot be blended corners")
+    places: list[Stop] = [stops[0]]
+    made: list[Segment] = []
+    for index in range(1, len(stops)):
+        stop, kind = stops[index], kinds[index - 1]
+        if isinstance(kind, Circle):
+            between, parts = _in_parts(robot, kind, stops[index - 1], stop)
+            places += between
+            made += parts
+        else:
+            made.append(kind)
+        if not stop.blend:
+            places.append(stop)
+            continue
+        lines = kinds[index - 1], kinds[index]
+        if not all(isinstance(kind, Line) for kind in lines):
+            raise InputError(
+                f"stop {stop.name!r} is a blended corner: it needs lines on both sides"
+            )
+        before, after = (line for line in lines if isinstance(line, Line))
+        cut = [_on_the_way(robot, stop, stops[k]) for k in (index - 1, index + 1)]
+        if np.allclose(cut[0].position, cut[1].position):
+            raise InputError(
+                f"the lines at corner {stop.name!r} go there and back: leave its blend"
+            )
+        if _is_straight(stop, cut, min(before.tolerance, after.tolerance)):
+            passed = replace(stop, blend=0.0, velocity="any")
+            places.append(_within(passed, before, stop.name))
+            continue
+        for place, line, word in zip(cut, (before, after), ("before", "after"), strict=True):
+            places.append(_within(place, line, f"{stop.name}, {word} the corner"))
+        assert stop.position is not None
+        made.append(Corner(stop.position, stop.blend + before.tolerance))
+    return tuple(places), tuple(made)
+
+
+def _is_straight(corner: Stop, cut: Sequence[Stop], tolerance: float) -> bool:
+    """Whether the straight way between the two ends of a blend is within the tubes of its lines."""
+    start, end = (np.array(place.position) for place in cut)
+    way, offset = end - start, np.array(corner.position) - start
+    share = float(offset @ way) / float(way @ way)
+    turned = [place.orientation for place in cut]
+    held = None in turned or np.allclose(turned[0], turned[1])
+    return held and float(np.linalg.norm(offset - share * way)) <= tolerance
+
+
+def _in_parts(
+    robot: Robot, kind: Circle, before: Stop, after: Stop
+) -> tuple[list[Stop], list[Segment]]:
+    """Stops on a long arc, and the parts of it between them."""
+    (start, turned), (end, turned_after) = before.pose(robot), after.pose(robot)
+    with naming(f"{segment_name(kind, before, after)}: "):
+        curve = curve_between(kind, start, end)
+        parts = parts_of(kind, curve)
+        free = before.free_axis if before.free_axis is not None else after.free_axis
+        turning = None
+        if turned is not None and turned_after is not None:
+            turning = Turning.between(turned, turned_after, free)
+    places = []
+    for number, (share, _) in enumerate(parts[:-1], 1):
+        held = None if turning is None else np.array(turning.rotation(share))
+        point = curve.points(np.array([share]))[0]
+        place = _passed(point, held, free)
+        places.append(_within(place, kind, f"{before.name}, {number}/{len(parts)} of the circle"))
+    return places, [part for _, part in parts]
+
+
+def _passed(point: FloatArray, orientation: FloatArray | None, free: int | None) -> Stop:
+    """A place on a tool line or circle that the arm passes at any velocity."""
+    turn = None if orientation is None or free is None else AXES[free]
+    return Stop(position=point, orientation=orientation, free_turn=turn, velocity="any")
+
+
+def _within(place: Stop, kind: Line | Circle, name: str) -> Stop:
+    """A place on a tool line or circle with the tolerance of its orientation.
+
+    The position is exact: within the tube it would be anywhere along the way at no cost, and
+    solvers take ten times the iterations.
+    """
+    turn = kind.orientation_tolerance if place.orientation is not None else 0.0
+    return replace(place, name=name, orientation_tolerance=turn)
+
+
+def _on_the_way(robot: Robot, corner: Stop, other: Stop) -> Stop:
+    """The stop on the line from a corner to its neighbour where the blend begins."""
+    (place, turned), (far, turned_far) = corner.pose(robot), other.pose(robot)
+    if corner.position is None:
+        raise InputError(f"stop {corner.name!r} is a blended corner: it needs a tool position")
+    length = float(np.linalg.norm(far - place))
+    if corner.blend >= 0.5 * length:
+        raise InputError(
+            f"blend of stop {corner.name!r} must be less than half of the line to stop "
+            f"{other.name!r}, {500 * length:.4g} mm, not {1000 * corner.blend:.4g} mm"
+        )
+    share = corner.blend / length
+    point = place + share * (far - place)
+    orientation = None
+    if turned is not None and turned_far is not None:
+        turning = Turning.between(turned, turned_far, corner.free_axis)
+        orientation = np.array(turning.rotation(share))
+    return _passed(point, orientation, corner.free_axis)

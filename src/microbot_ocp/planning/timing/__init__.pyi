@@ -1,0 +1,7 @@
+"""Public names; loaded when they are first asked for."""
+
+from ._path_timing import (
+    PathTimingSettings as PathTimingSettings,
+    best_timing as best_timing,
+    time_optimal_path as time_optimal_path,
+)

@@ -1,0 +1,462 @@
+"""The best timing of a given joint path, from rest to rest.
+
+The path stays, only s(t) is found: by the reachability passes, to the global optimum on a grid,
+where they keep every limit (``_reachability.py``); otherwise by one program on places of the path
+that starts from there (``_places_timing.py``). At a corner of the path, where its tangent jumps,
+the arm has to stop. Where no timing keeps the limits those that decide are named.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from microbot_ocp._base import checks, deadline
+from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.codegen import compiles
+from microbot_ocp._base.status import Status
+from microbot_ocp.limits import JointLimits, LimitFamily, Limits
+from microbot_ocp.motion import (
+    SAMPLE_STEP,
+    Mark,
+    Motion,
+    PiecewisePolynomial,
+    State,
+    sample_times,
+)
+from microbot_ocp.ocp.solution import StepProgress, quiet
+from microbot_ocp.planning.path import (
+    LATER,
+    REACHABILITY,
+    CurveLimits,
+    PathCurve,
+    Reached,
+    blocking_limit,
+    check_path,
+    corners,
+    harmonic,
+    limits_kept_by,
+    reach,
+    sampled,
+    segments,
+    settled,
+    stops,
+)
+from microbot_ocp.planning.task import (
+    TIME_LIMIT,
+    TaskScale,
+    check_limits,
+    rates_alone,
+    whole,
+    with_changes,
+    with_drives_noted,
+    with_locked_joints_held,
+)
+from microbot_ocp.planning.timing._places_program import PROGRAM
+from microbot_ocp.planning.timing._places_timing import PLACES, Profile, excess_of, timed_on_places
+from microbot_ocp.robot import Robot
+
+LATE = "The time was over before the grid was fine enough; a longer time_limit may find less time."
+TOO_LATE = "The time was over before a timing was found that keeps limits of {}: this one does not."
+BLOCKED = (
+    "No timing of the path keeps the limits. On a grid, viscous friction left out, the least that "
+    "has to give, all limits by the same share, is:"
+)
+EXCEEDED = (
+    "limits are exceeded by {:.3g} % between mesh points, and refinement ended there: widen the "
+    "limit that is exceeded, or look for a place that cannot be passed"
+)
+UNSOLVED = (
+    "The program on places of the path ended with {!r}: no timing was found that keeps {}. This "
+    "one exceeds limits by {:.3g} %"
+)
+# what found a motion, as its provenance says
+PASSES, PLACES_METHOD, WALK = (
+    "reachability",
+    "one program on its places",
+    "harmonic in its parameter",
+)
+
+
+@dataclass(frozen=True)
+class PathTimingSettings:
+    """Settings of path timing.
+
+    Attributes
+    ----------
+    grid : points of the reachability passes on each smooth segment to begin with; they become more
+        until the duration settles
+    limit_tolerance : largest relative excess of a limit between grid or mesh points
+    compiled : compile to C where there is a compiler
+    time_limit : wall time, s, after which the best so far is returned with the status "time limit";
+        infinite is none
+    """
+
+    grid: int = 1000
+    limit_tolerance: float = 5e-4
+    compiled: bool = True
+    time_limit: float = TIME_LIMIT
+
+    def __post_init__(self) -> None:
+        checks.time_limit(self.time_limit)
+        whole("grid", self.grid, "points", at_least=10)
+        checks.number("limit_tolerance", self.limit_tolerance, above=0.0)
+
+
+def time_optimal_path(
+    robot: Robot,
+    path: PiecewisePolynomial,
+    limits: Limits | JointLimits | None = None,
+    *,
+    settings: PathTimingSettings | None = None,
+    label: str = "path, best timing",
+    progress: StepProgress | None = None,
+    **changes: Any,
+) -> Motion:
+    """Find the fastest motion along a path, at rest at both ends and at its corners.
+
+    Under limits of the torque rate or the jerk it rests wherever the curvature of the path jumps,
+    too. Limits that are affine in s'' and s'^2 (torque, acceleration) and those of the velocity are
+    kept by reachability, on a grid that becomes finer until they hold between its points. Where
+    there are others (torque rates, jerk, power, expressions of your own) all are kept by a program
+    that starts from there, with places on the path as mesh points, so that it evaluates no
+    dynamics; the provenance's ``limits_kept_by`` says which is which.
+
+    Parameters
+    ----------
+    robot : Robot
+        Without masses only limits of its motion count, none of torques.
+    path : PiecewisePolynomial
+        Joint positions over any path parameter: a trajectory (its timing is replaced), or
+        :func:`straight_path`.
+    limits : Limits, optional
+        Default the robot's own.
+    settings : PathTimingSettings, optional
+        Single settings may be given as keywords: ``grid``, ``limit_tolerance``, ``compiled``,
+        ``time_limit`` (by default 120 s).
+
+    Returns
+    -------
+    Motion
+        ``motion.solved`` tells whether the solver converged; the provenance holds the duration
+        found by reachability, too.
+
+    Raises
+    ------
+    InputError
+        A path outside the position limits, an end or corner that cannot be held at rest, bad
+        limits, an expression of a limit without derivatives: before any solver starts.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import microbot_ocp as mo
+    >>> path = mo.straight_path(np.radians([[0, 0, 0], [-8, 45, 30], [-90, 90, 90]]))
+    >>> motion = mo.time_optimal_path(mo.load_robot("microbot"), path)
+    >>> motion.solved
+    True
+    """
+    chosen = with_changes(settings or PathTimingSettings(), changes)
+    family = check_limits(robot, limits)
+    check_path(family, path)
+    return best_timing(family, path, chosen, label, progress or quiet)
+
+
+def best_timing(
+    family: LimitFamily,
+    path: PiecewisePolynomial,
+    settings: PathTimingSettings,
+    label: str,
+    progress: StepProgress,
+) -> Motion:
+    """Do as :func:`time_optimal_path` with a path that is checked."""
+    with deadline.within(settings.time_limit):
+        motion = _PathSearch(family, path, settings, label, progress).run()
+    return with_drives_noted(family.robot, motion)
+
+
+class _PathSearch:
+    """Reachability on every smooth segment, then, where it leaves a limit, the program on places.
+
+    docs/theory/path_timing.md, "Reachability" and "One program on places".
+    """
+
+    def __init__(
+        self,
+        family: LimitFamily,
+        path: PiecewisePolynomial,
+        settings: PathTimingSettings,
+        label: str,
+        progress: StepProgress,
+    ) -> None:
+        self.family, self.path = with_locked_joints_held(family, None), path
+        self.settings = settings
+        self.fast = compiles(settings.compiled)
+        self.robot: Robot = family.robot
+        self.label, self.progress = label, progress
+        self.stops = stops(path, self.family)
+        self.passed = segments(path, self.family)  # as the passes of reachability take them
+        self.curves = segments(path, self.family, 3) if self.family.jerk_matters else self.passed
+
+    def run(self) -> Motion:
+        """Time the path."""
+        self.begin = time.perf_counter()
+        timings, excess = self._reach()
+        self.reached = sum(timing.duration for timing in timings)  # NaN where one is blocked
+        self.blocked_at = [
+            self._place(i, timing.blocked_at)
+            for i, timing in enumerate(timings)
+            if not timing.feasible
+        ]
+        for at in self.blocked_at:
+            self.progress(f"reachability: the end cannot be reached from s = {at:g}")
+        if self.blocked_at:
+            outcome = self._blocking(timings)
+            timings = [self._walk(k, timing) for k, timing in enumerate(timings)]
+            if outcome:
+                excess = [
+                    CurveLimits.of(self.family, curve, timing.s, self.fast).excess(timing, curve)
+                    for curve, timing in zip(self.passed, timings, strict=True)
+                ]
+                outcome["excess"] = float(np.max(np.concatenate(excess)))
+                return self._reached_motion(timings, outcome, WALK)
+        else:
+            self.progress(f"reachability on a grid: {self.reached:.6f} s")
+            complete = not self.limits_kept_by[LATER] and excess <= self.settings.limit_tolerance
+            if complete or deadline.over():
+                return self._passes_motion(timings, excess)
+        try:
+            with deadline.given_up(not self.blocked_at):
+                profiles = self._on_places(self._starts(timings))
+        except deadline.Over:
+            return self._passes_motion(timings, excess)
+        return self._profile_motion(profiles)
+
+    def _reach(self) -> tuple[list[Reached], float]:
+        """Time every segment, and tell the largest excess; who keeps which limit is noted.
+
+        With rates the timing is a start alone: one grid is enough.
+        """
+        grids = 1 if self.family.jerk_matters else REACHABILITY.most_grids
+        timings, worst = [], -1.0
+        self.limits_kept_by: dict[str, list[str]] = {}
+        for curve in self.passed:
+            count, tolerance = self.settings.grid, self.settings.limit_tolerance
+            timing, along, excess = settled(self.family, curve, count, tolerance, self.fast, grids)
+            timings.append(timing)
+            worst = max(worst, excess)
+            self.limits_kept_by = self.limits_kept_by or limits_kept_by(along.limits)
+        return timings, worst
+
+    def _walk(self, segment: int, timing: Reached) -> Reached:
+        """Give a slow timing where there is none, as long as its slowest joint takes."""
+        if timing.feasible:
+            return timing
+        curve = self.passed[segment]
+        shares = np.linspace(curve.breaks[0], curve.breaks[-1], 2 * len(curve.pieces) + 1)
+        lasts = float(TaskScale.of(self.family, curve.evaluate(shares)[0]).durations.sum())
+        return harmonic(timing.s, lasts)
+
+    def _starts(self, timings: list[Reached]) -> list[Reached]:
+        """Give what the program starts from: timings on its mesh that know of all limits.
+
+        Further limits that the passes cannot keep bound the speed as if it did not change, and
+        under rates no joint is faster than it would be alone under rates only.
+        """
+        starts = []
+        pieces = sum(len(curve.pieces) for curve in self.curves)
+        count = max(min(PLACES.mesh, PLACES.mesh_sum // pieces), PLACES.least_mesh)
+        for passed, curve, timing in zip(self.passed, self.curves, timings, strict=True):
+            rise, gentle = 0.0, timing
+            if not self.blocked_at:
+                family, jerk = self.family, np.full(self.robot.joint_count, np.inf)
+                if family.jerk_matters:
+                    jerk, more = rates_alone(family, passed.evaluate(timing.s)[0])
+                    family = LimitFamily.of(self.robot, self.robot.limits.changed(more))
+                along = CurveLimits.of(family, passed, self.settings.grid, self.fast)
+                gentle = reach(
+                    along,
+                    start_free=passed.start_free,
+                    end_free=passed.end_free,
+                    fast=self.fast,
+                    fastest=along.steady_speed(),
+                )
+                _, tangent, curvature = passed.evaluate(gentle.s)
+                rises = np.append(gentle.start, gentle.end[-1])[:, None]
+                qdd = tangent * rises + curvature * gentle.speed_squared[:, None]
+                rise = min(float((np.abs(qdd).max(axis=0) / jerk).max()), gentle.duration)
+            starts.append(gentle.smoothed(passed, curve, rise, count))
+        return starts
+
+    def _on_places(self, starts: list[Reached]) -> list[Profile]:
+        """Time all segments under limits of any form, refined until they hold."""
+        profiles: list[Profile] = []
+        tolerance = self.settings.limit_tolerance
+        for curve, start in zip(self.curves, starts, strict=True):
+            profile = Profile.of(start)
+            if all(earlier.solved for earlier in profiles):
+                profile = timed_on_places(
+                    self.family, curve, profile, tolerance, self.fast, self.progress
+                )
+            profiles.append(profile)
+        return profiles
+
+    def _passes_motion(self, timings: list[Reached], excess: float) -> Motion:
+        outcome = {"status": str(Status.SOLVED), "advice": "", "excess": excess}
+        if deadline.over():
+            left = self.limits_kept_by[LATER]
+            advice = TOO_LATE.format(", ".join(left)) if left else LATE
+            outcome |= {"status": str(Status.TIME_LIMIT), "advice": advice}
+        return self._reached_motion(timings, outcome, PASSES)
+
+    def _reached_motion(self, timings: list[Reached], outcome: dict[str, Any], how: str) -> Motion:
+        samples = sampled(list(zip(self.passed, timings, strict=True)))
+        return self._with_provenance(samples, self.passed, timings, how, outcome)
+
+    def _profile_motion(self, profiles: list[Profile]) -> Motion:
+        """Give profiles of all segments as a motion, and judge them."""
+        attempts = [attempt for profile in profiles for attempt in profile.attempts]
+        excess = max(
+            float(excess_of(self.family, curve, profile).max())
+            for curve, profile in zip(self.curves, profiles, strict=True)
+        )
+        status = attempts[-1].status
+        names = ", ".join(self.limits_kept_by[LATER]) or "every limit"
+        advice = UNSOLVED.format(str(status), names, 100 * excess)
+        if deadline.over() and status is not Status.INTERRUPTED:
+            status, advice = Status.TIME_LIMIT, Status.TIME_LIMIT.sentence
+        elif status.solved:
+            advice = ""
+            if not excess <= self.settings.limit_tolerance:
+                status, advice = Status.LIMITS_EXCEEDED, EXCEEDED.format(100 * excess)
+        profiles = [profile.without_gaps() for profile in profiles]
+        return self._with_provenance(
+            self._samples(profiles),
+            self.curves,
+            profiles,
+            PLACES_METHOD,
+            {"status": str(status), "advice": advice, "excess": excess},
+            solver=attempts[-1].solver,
+            gap=sum(profile.gap for profile in profiles),  # s: from the local optimum, at most
+            smoothing=PROGRAM.smoothing,
+            solves=[attempt.as_dict() for attempt in attempts],
+        )
+
+    def _samples(self, profiles: list[Profile]) -> tuple[FloatArray, State, FloatArray]:
+        """Give times, states and breaks of profiles; s'' may jump at corners and breaks."""
+        begins = np.cumsum([0.0, *(profile.duration for profile in profiles)])
+        breaks = [np.zeros(1)]
+        jumps = [begins[1:-1]]
+        for begin, profile in zip(begins, profiles, strict=False):
+            breaks.append(begin + profile.t[1:])
+            if not self.family.jerk_matters:
+                jumps.append(begin + profile.t[1:-1][profile.a_end[:-1] != profile.a[1:]])
+        edges = np.concatenate(breaks)
+        t = sample_times(edges, np.concatenate(jumps), SAMPLE_STEP, least=5)
+        i = np.clip(np.searchsorted(edges, t, side="right") - 1, 0, edges.size - 2)
+        states, first = [], 0
+        for curve, profile in zip(self.curves, profiles, strict=True):
+            here = (i >= first) & (i < first + profile.a.size)
+            states.append(profile.samples(curve, i[here] - first, t[here] - edges[i[here]])[:3])
+            first += profile.a.size
+        return t, State(*(np.concatenate(parts) for parts in zip(*states, strict=True))), edges
+
+    def _with_provenance(
+        self,
+        samples: tuple[FloatArray, State, FloatArray],
+        curves: Sequence[PathCurve],
+        parts: Sequence[Reached | Profile],
+        how: str,
+        outcome: dict[str, Any],
+        **more: Any,
+    ) -> Motion:
+        """Give samples as a motion that says how it was found."""
+        t, state, breaks = samples
+        durations = [part.duration for part in parts]
+        passed = [0.0]
+        for begin, curve, part in zip(np.cumsum([0.0, *durations]), curves, parts, strict=False):
+            ends = begin + np.interp(curve.breaks[1:], part.s, part.t)
+            passed += [at for at, k in zip(ends, curve.pieces, strict=True) if not k.halved]
+        return Motion.from_state(
+            self.robot,
+            t,
+            state,
+            label=self.label,
+            breaks=breaks,
+            marks=[Mark(float(at), f"via {i + 1}") for i, at in enumerate(passed)],
+            provenance={
+                "method": f"time-optimal timing of a given path, {how}",
+                **outcome,
+                "intervals": [part.t.size - 1 for part in parts],
+                "phase_durations": durations,
+                "reachability_duration": self.reached if np.isfinite(self.reached) else None,
+                "limits_kept_by": self.limits_kept_by,
+                "blocked_at": self.blocked_at,
+                "stops": [float(s) for s in self.stops],
+                "wall_time": time.perf_counter() - self.begin,
+                "casadi": ca.CasadiMeta.version(),
+                **more,
+            },
+            note=self._note(outcome, how),
+        )
+
+    def _note(self, outcome: dict[str, Any], how: str) -> str:
+        if outcome["status"] != Status.SOLVED:
+            at = self.blocked_at
+            where = f"; the end cannot be reached from s = {at[0]:g}" if at else ""
+            return f"not solved: {outcome['advice']}{where}"
+        count = self.stops.size
+        what = "corner" if count == corners(self.path).size else "jump of the curvature or corner"
+        rests = f"stops at {count} {what}{'s' if count != 1 else ''}" if count else "no stop"
+        if how == PASSES:
+            return rests
+        if not np.isfinite(self.reached):
+            return f"{rests}; reachability on a grid found no timing"
+        return f"{rests}; reachability on a grid gives {self.reached:.4f} s"
+
+    def _place(self, segment: int, at: float) -> float:
+        """Give the path's parameter at a parameter of one of its curves."""
+        begin = [float(self.path.breaks[0]), *map(float, self.stops)][segment]
+        return begin + float(self.passed[segment].parameter(np.array([at]))[0][0])
+
+    def _blocking(self, timings: list[Reached]) -> dict[str, Any]:
+        """Give status and advice that name the limits that keep the path from being travelled."""
+        lines, entries = [], []
+        for index, (curve, timing) in enumerate(zip(self.passed, timings, strict=True)):
+            limit = None if timing.feasible else blocking_limit(self.family, curve, self.fast)
+            if limit is None:
+                continue
+            member = self.family[limit.key]
+            name, unit = member.title(limit.component), member.units[limit.component]
+            s = self._place(index, limit.at)
+            beyond = limit.share * abs(limit.limit)
+            joints = enumerate(limit.q)
+            at = ", ".join(
+                self.robot.position_text(j, float(f"{value:.4g}")) for j, value in joints
+            )
+            lines.append(
+                f"  {name}, {beyond:.4g} {unit} beyond its limit of {limit.limit:.6g} {unit}, at "
+                f"s = {s:.4g}, q = ({at}), with every limit {100 * limit.share:.3g} % larger"
+            )
+            entries.append(
+                {
+                    "limit": name,
+                    "value": limit.limit,
+                    "exceeded_by": beyond,
+                    "unit": unit,
+                    "s": s,
+                    "q": limit.q.tolist(),
+                }
+            )
+        if not lines:
+            return {}
+        return {
+            "status": str(Status.INFEASIBLE),
+            "advice": "\n".join([BLOCKED, *lines]),
+            "least_violation": entries,
+        }

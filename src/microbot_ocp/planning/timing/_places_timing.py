@@ -1,0 +1,556 @@
+"""The best timing of a curve under limits of any form, from that of the reachability passes.
+
+The mesh points are places on the path, where every number that a limit follows from is known before
+the solver starts (docs/theory/path_timing.md, "One program on places"); the unknowns are s', s''
+and the time that each interval takes, in which s''' changes evenly. The mesh becomes finer until
+all limits hold between its points and the duration no longer changes. After Debrouwere et al.,
+"Time-optimal path following for robots with convex-concave constraints using sequential convex
+programming", IEEE T-RO 29(6), 2013, with the time of every interval as an unknown: near a stop s'
+is no smooth function of s.
+
+Dry friction turns over within 0.02 rad/s, and a tight limit of the torque rate may leave no start
+near that: where the program fails, or leaps over the place, friction turns more gently in a first
+one, and from program to program faster.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from microbot_ocp._base import deadline
+from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.codegen import maybe_compiled
+from microbot_ocp._base.fast_calls import buffered_call
+from microbot_ocp.limits import LimitFamily, MotionSamples
+from microbot_ocp.ocp.solution import Attempt, StepProgress, gap_of
+from microbot_ocp.ocp.solvers import SolverSettings, status_of
+from microbot_ocp.ocp.transcription import Bounds
+from microbot_ocp.planning.path import PathCurve, Reached, frictionless, largest_speeds
+from microbot_ocp.planning.task import CHECKS_PER_INTERVAL, dry_friction
+from microbot_ocp.planning.timing._places_program import (
+    PROGRAM,
+    LimitBounds,
+    LimitKinds,
+    program_of,
+)
+from microbot_ocp.robot import COULOMB_SMOOTHING, Robot, torque_and_rate
+
+
+@dataclass(frozen=True)
+class PlacesSettings:
+    """Settings of the timing on places.
+
+    Attributes
+    ----------
+    mesh, mesh_sum, least_mesh : intervals of each piece of a path to begin with, of all together,
+        and of each at least
+    barriers : of a first solve, of one from a coarser mesh, and of one from dry friction that
+        turns less suddenly
+    linear_solvers : in turn: without pivots factors are cheap, but their rounding may hide negative
+        curvature
+    most_meshes : solves on finer meshes at most
+    settled : change of the duration from mesh to mesh, relative, that ends the refinement
+    most_parts : parts of an interval from one mesh to the next at most
+    aimed : ratio of the accepted excess that the next mesh goes for; the excess falls with the
+        third power of the intervals
+    sudden : ratio of the excess of a part to that of the whole from which more parts are needed at
+        once
+    most_loss : ratio of the losses at jumps of s''' that the next mesh goes for: those of a tenth
+        of all intervals
+    leapt : excess of a limit from which a profile is taken to leap over a place where dry friction
+        turns
+    usual : percentile of the accelerations at which joints turn back, as the start has it
+    sharper, least_sharper : factor from one smoothing of dry friction to the next, and the least
+        that is tried where the solver fails
+    turned : smoothings: velocity at which the friction has all but turned
+    step : smoothings: change of velocity in an interval while the friction turns
+    """
+
+    mesh: int = 100
+    mesh_sum: int = 200
+    least_mesh: int = 20
+    barriers: tuple[float, float, float] = (1e-3, 1e-7, 1e-3)
+    linear_solvers: tuple[str, str] = ("ldl", "mumps")
+    most_meshes: int = 10
+    settled: float = 5e-5
+    most_parts: int = 8
+    aimed: float = 0.5
+    sudden: float = 0.5
+    most_loss: float = 0.8
+    leapt: float = 0.1
+    usual: float = 90.0
+    sharper: float = 2.0
+    least_sharper: float = 1.08
+    turned: float = 2.0
+    step: float = 0.7
+
+
+PLACES = PlacesSettings()
+
+
+@dataclass(frozen=True, eq=False)
+class Profile:
+    """How a curve is travelled: s' and s'' at places s; s''' is linear in time in between.
+
+    Attributes
+    ----------
+    s, v, t : arrays [N+1]
+        Places, s', and the times at which they are passed, s.
+    a, a_end : arrays [N]
+        s'' at the start and at the end of every interval; it jumps at breaks of the path at most.
+    d : array [N]
+        By how much s''' changes within each interval.
+    gap : float
+        How much longer it takes than the local optimum, at most, s.
+    attempts : tuple of Attempt
+        Solves that led to it.
+    """
+
+    s: FloatArray
+    v: FloatArray
+    t: FloatArray
+    a: FloatArray
+    a_end: FloatArray
+    d: FloatArray
+    gap: float = float("nan")
+    attempts: tuple[Attempt, ...] = ()
+
+    @classmethod
+    def of(cls, timing: Reached) -> Profile:
+        """Make the acceleration of the parameter of a timing continuous."""
+        rise = timing.start
+        a = 0.5 * (np.append(rise, rise[-1]) + np.append(rise[0], rise))
+        v = np.sqrt(timing.speed_squared)
+        return cls(timing.s, v, timing.t, a[:-1], a[1:], np.zeros_like(rise))
+
+    @property
+    def duration(self) -> float:
+        """Time from end to end, s."""
+        return float(self.t[-1])
+
+    @property
+    def solved(self) -> bool:
+        """Whether the last solve converged."""
+        return bool(self.attempts) and self.attempts[-1].status.solved
+
+    def inside(self, i: np.ndarray, after: FloatArray) -> tuple[FloatArray, ...]:
+        """Give the parameter and its three derivatives at times since the start of intervals i."""
+        h, a, d = np.diff(self.t)[i], self.a[i], self.d[i]
+        j, k = (self.a_end[i] - a) / h - 0.5 * d, after * d / h
+        v = self.v[i] + after * (a + after * (j / 2.0 + k / 6.0))
+        s = self.s[i] + after * (self.v[i] + after * (a / 2.0 + after * (j / 6.0 + k / 24.0)))
+        return s, v, a + after * (j + k / 2.0), j + k
+
+    def samples(self, curve: PathCurve, i: np.ndarray, after: FloatArray) -> MotionSamples:
+        """Give the motion of the joints at times since the start of intervals i."""
+        s, *rates = self.inside(i, after)
+        v, a, j = (rate[:, None] for rate in rates)
+        q, tangent, curvature, bend = curve.inside(s, i, self.s, highest=3)
+        return MotionSamples(
+            q,
+            tangent * v,
+            tangent * a + curvature * v**2,
+            tangent * j + 3 * curvature * v * a + bend * v**3,
+        )
+
+    def at_times(self, t: FloatArray) -> Profile:
+        """Give the same motion more mesh points, at times among which are those that it has."""
+        i = np.clip(np.searchsorted(self.t, t[:-1], side="right") - 1, 0, self.t.size - 2)
+        s, v, a, _ = self.inside(i, t[:-1] - self.t[i])
+        s = np.clip(s, self.s[i], self.s[i + 1])
+        a_end = self.inside(i, t[1:] - self.t[i])[2]
+        s, v, at = np.append(s, 0.0), np.append(v, 0.0), np.searchsorted(t, self.t)
+        s[at], v[at] = self.s, self.v
+        d = (self.d / np.diff(self.t))[i] * np.diff(t)
+        return replace(self, s=s, v=v, t=t, a=a, a_end=a_end, d=d)
+
+    def without_gaps(self) -> Profile:
+        """Integrate s'' anew from one end to the other.
+
+        Divided by the third power of a short step a gap of 1e-11 in s would be a jerk.
+        """
+        h, a, b, d = np.diff(self.t), self.a, self.a_end, self.d
+        v = self.v[0] + np.append(0.0, np.cumsum(0.5 * h * (a + b) - h**2 * d / 12.0))
+        step = h * v[:-1] + h**2 * (2.0 * a + b) / 6.0 - h**3 * d / 24.0
+        way = np.append(0.0, np.cumsum(step))
+        ratio = np.ptp(self.s) / way[-1]
+        s = self.s[0] + ratio * way
+        return replace(self, s=s, v=ratio * v, a=ratio * a, a_end=ratio * b, d=ratio * d)
+
+
+def timed_on_places(
+    family: LimitFamily,
+    curve: PathCurve,
+    start: Profile,
+    tolerance: float,
+    fast: bool,
+    progress: StepProgress,
+) -> Profile:
+    """Find the fastest profile of a curve, on a mesh that is refined until all limits hold inside.
+
+    docs/theory/path_timing.md, "One program on places".
+
+    Parameters
+    ----------
+    family : LimitFamily
+    curve : PathCurve
+    start : Profile
+    tolerance : float
+        Largest relative excess of a limit between mesh points.
+    fast : bool
+        Whether functions are compiled.
+    progress : callable
+    """
+    profile = _Timing(family, curve, start, fast).solved(PLACES.barriers[0])
+    excess = excess_of(family, curve, profile)
+    smoothing = _first_smoothing(family, curve, start)
+    leaps = not profile.solved or float(excess.max()) > PLACES.leapt
+    has_friction = smoothing > COULOMB_SMOOTHING and leaps
+    if has_friction and not deadline.over():
+        profile = _with_friction(family, curve, start, fast, smoothing)
+        excess = excess_of(family, curve, profile)
+    before, parents = np.inf, np.full(len(excess), np.inf)
+    for _ in range(PLACES.most_meshes):
+        if not profile.solved or deadline.over():
+            break
+        worst = float(excess.max())
+        progress(
+            f"mesh {profile.s.size - 1}: {profile.duration:.6f} s; largest excess of a limit "
+            f"between mesh points: {100 * worst:.3g} %"
+        )
+        within, settled = worst <= tolerance, has_friction or _alike(before, profile.duration)
+        if within and settled:
+            break
+        worst_in = excess.max(axis=1) / tolerance
+        parts = _parts_for(worst_in, parents)
+        if not settled:
+            parts = np.maximum(parts, 1 + _switching(profile))
+        parents = np.repeat(worst_in, parts)
+        finer = profile.at_times(_with_parts(profile.t, parts))
+        finer = _Timing(family, curve, finer, fast).solved(PLACES.barriers[1], bent=True)
+        if within and not finer.solved:
+            break
+        before = profile.duration
+        profile = finer if finer.solved else replace(profile, attempts=finer.attempts)
+        excess = excess_of(family, curve, profile)
+    return profile
+
+
+def _alike(before: float, after: float) -> bool:
+    return abs(after - before) <= PLACES.settled * after
+
+
+def _switching(profile: Profile) -> np.ndarray:
+    """Tell in which intervals [N] s''' jumps: where most of what the mesh costs is lost.
+
+    What a jump inside an interval costs grows with its size and the square of the interval.
+    """
+    h = np.diff(profile.t)
+    mean = (profile.a_end - profile.a) / h
+    jumps = np.abs(np.diff(mean) - 0.5 * (profile.d[1:] + profile.d[:-1]))
+    loss = (np.maximum(np.append(jumps, 0.0), np.append(0.0, jumps)) + np.abs(profile.d)) * h**2
+    order = np.argsort(-loss)
+    count = np.searchsorted(np.cumsum(loss[order]), PLACES.most_loss * loss.sum()) + 1
+    chosen = np.zeros(h.size, dtype=bool)
+    chosen[order[:count]] = True
+    return chosen
+
+
+def _parts_for(excess: FloatArray, parents: FloatArray) -> np.ndarray:
+    """Tell how many parts of each interval [N] keep a limit exceeded by so many tolerances.
+
+    Where the excess is hardly less than that of the interval that it is a part of, which is to say
+    where a torque goes to its limit faster than an interval lasts, as many as there may be.
+    """
+    parts = np.where(
+        (excess > 1.0) & (excess > PLACES.sudden * parents),
+        PLACES.most_parts,
+        np.cbrt(np.maximum(excess, 0.0) / PLACES.aimed),
+    )
+    return np.clip(np.ceil(parts), 1, PLACES.most_parts).astype(int)
+
+
+def _with_parts(t: FloatArray, parts: np.ndarray) -> FloatArray:
+    """Divide intervals between times [N+1] into so many parts [N] each."""
+    first = np.repeat(np.cumsum(parts) - parts, parts)
+    share = (np.arange(parts.sum()) - first) / np.repeat(parts, parts)
+    return np.append(np.repeat(t[:-1], parts) + share * np.repeat(np.diff(t), parts), t[-1])
+
+
+def _with_friction(
+    family: LimitFamily, curve: PathCurve, start: Profile, fast: bool, smoothing: float
+) -> Profile:
+    """Find a profile for dry friction of its own suddenness, by way of gentler ones."""
+    first, _, gentler = PLACES.barriers
+    profile, barrier, last, sharper = start, first, np.inf, PLACES.sharper
+    widest = float(np.abs(curve.evaluate(start.s)[1] * start.v[:, None]).max())
+    while True:
+        closer = _closer_at_reversals(family, curve, profile, smoothing)
+        closer = _Timing(family, curve, closer, fast, smoothing).solved(barrier)
+        profile = closer if closer.solved else replace(profile, attempts=closer.attempts)
+        if closer.solved:
+            last, barrier = smoothing, gentler
+        elif np.isfinite(last):
+            sharper = np.sqrt(sharper)  # less at a time
+        ended = last == COULOMB_SMOOTHING or smoothing > widest or sharper < PLACES.least_sharper
+        if ended or deadline.over():
+            return profile
+        wider = smoothing * sharper if np.isinf(last) else last / sharper
+        smoothing = max(wider, COULOMB_SMOOTHING)
+
+
+def _first_smoothing(family: LimitFamily, curve: PathCurve, start: Profile) -> float:
+    """Give a velocity, rad/s (m/s), within which dry friction may turn for the start to be good.
+
+    There the friction alone all but keeps the limits of the torque rate. Not less than the robot's.
+    """
+    limits, dry = family.robot.limits, dry_friction(family.robot)
+    limit = np.minimum(limits.taud_max, -limits.taud_min)
+    rated = (dry > 0) & np.isfinite(limit) & (limit > 0)
+    if "taud" not in family or not rated.any():
+        return COULOMB_SMOOTHING
+    _, tangent, curvature = curve.evaluate(start.s[:-1])
+    qdd = np.abs(tangent * start.a[:, None] + curvature * start.v[:-1, None] ** 2)
+    turned = dry[rated] * np.percentile(qdd[:, rated], PLACES.usual, axis=0) / limit[rated]
+    return max(float(turned.max()), COULOMB_SMOOTHING)
+
+
+def _closer_at_reversals(
+    family: LimitFamily, curve: PathCurve, profile: Profile, smoothing: float
+) -> Profile:
+    """Give the same motion more mesh points where the dry friction of a joint turns."""
+    dry = dry_friction(family.robot) > 0
+    if "taud" not in family or not dry.any():
+        return profile
+    velocity = (curve.evaluate(profile.s)[1] * profile.v[:, None])[:, dry]
+    before, after = velocity[:-1], velocity[1:]
+    slow = np.minimum(np.abs(before), np.abs(after)) < PLACES.turned * smoothing
+    slow |= before * after < 0
+    change = np.where(slow, np.abs(after - before), 0.0).max(axis=1)
+    parts = np.clip(np.ceil(change / (PLACES.step * smoothing)), 1, PLACES.most_parts)
+    return profile.at_times(_with_parts(profile.t, parts.astype(int)))
+
+
+def excess_of(family: LimitFamily, curve: PathCurve, profile: Profile) -> FloatArray:
+    """Give the largest relative excess [N,K] of any limit at K places of every interval."""
+    shares = np.linspace(0.0, 1.0, CHECKS_PER_INTERVAL + 1)
+    steps = np.diff(profile.t)
+    i = np.repeat(np.arange(steps.size), shares.size)
+    samples = profile.samples(curve, i, (steps[:, None] * shares).ravel())
+    return family.excess(samples).reshape(-1, shares.size)
+
+
+class _Timing:
+    """The nonlinear program of one curve on given places.
+
+    Its unit of time is that in which the start accelerates to its largest speed, its unit of s
+    what it travels at that speed in it.
+    """
+
+    def __init__(
+        self,
+        family: LimitFamily,
+        curve: PathCurve,
+        start: Profile,
+        fast: bool,
+        smoothing: float = COULOMB_SMOOTHING,
+    ) -> None:
+        self.start, self.family = start, family
+        self.free = curve.start_free, curve.end_free
+        speed = max(float(start.v.max()), 1e-12)
+        self.time = speed / max(float(np.percentile(np.abs(start.a), 90)), 1e-6 * speed)
+        self.unit = speed * self.time
+        self.kinds = LimitKinds.of(family)
+        n, robot = start.a.size, family.robot
+        self.breaks = np.zeros(0, dtype=int)
+        if not family.jerk_matters:  # there the curvature, and with it s'', may jump
+            self.breaks = np.flatnonzero(np.isin(start.s, curve.breaks[1:-1]))
+        i, h = np.arange(n), np.diff(start.t)
+        middle, *inner = (
+            np.clip(start.inside(i, x * h)[0], start.s[:-1], start.s[1:])
+            for x in (0.5, *PROGRAM.speed_places)
+        )
+        right, left, within = (
+            _numbers(self.kinds, robot, curve, s, self.unit, fast, from_left=side)
+            for s, side in ((start.s, False), (start.s, True), (middle, False))
+        )
+        self.program = program_of(self.kinds, n, tuple(self.breaks.tolist()), fast)
+        at_points = np.vstack([right, left[self.breaks]])
+        steps = np.diff(start.s)[:, None] / self.unit
+        in_intervals = np.hstack([right[:-1], left[1:], within, steps])
+        varying = [key for key in self.kinds.further if family[key].varies]
+        usual = family.values(_resting(curve.evaluate(middle[n // 2 : n // 2 + 1])[0]), varying)
+        self.of_acceleration, self.of_rates = (
+            LimitBounds.of(family, keys, usual)
+            for keys in (self.kinds.of_acceleration, self.kinds.of_rates)
+        )
+        self.numbers = np.concatenate(
+            [
+                [self.time, smoothing],
+                *(_friction(robot, name) for name in ("viscous_friction", "coulomb_friction")),
+                self.of_acceleration.size,
+                self.of_rates.size,
+                at_points[:, self.program.used[0]].ravel(),
+                in_intervals[:, self.program.used[1]].ravel(),
+            ]
+        )
+        v = self.unit / self.time
+        self.speed, self.inner_speed = (
+            largest_speeds(family, curve, s) / v for s in (start.s, np.stack(inner, axis=1).ravel())
+        )
+        self.fast = fast
+
+    def solved(self, barrier: float, bent: bool = False) -> Profile:
+        """Solve; with another linear solver from the start where the first one fails.
+
+        Without limits of rates s'' is linear in every interval unless it may be ``bent``.
+        """
+        begin = time.perf_counter()
+        n, start = self.start.a.size, self.start
+        # s, and its derivatives, in the units of the program
+        v, a, j = (self.unit / self.time**k for k in (1, 2, 3))
+        count = n + 1 + self.breaks.size
+        points = np.concatenate([start.a, start.a_end[-1:], start.a_end[self.breaks - 1]])
+        h = np.maximum(np.diff(start.t), 1e-12 * self.time) / self.time
+        x = np.concatenate([start.v / v, points / a, h, start.d / j])
+        free, none = np.full(count, np.inf), np.full(n, np.inf)
+        # from a start that breaks limits a bent s'' would leap over them, between the few places at
+        # which they hold
+        bend = none if bent or self.family.jerk_matters else 0.0 * h
+        low = np.concatenate([np.zeros(n + 1), -free, np.full(n, 1e-12), -bend])
+        high = np.concatenate([self.speed, free, none, bend])
+        for at, is_free in zip((0, n), self.free, strict=True):
+            if not is_free:  # else the arm rests there whatever s' and s'' are
+                low[at] = high[at] = 0.0
+                if self.family.jerk_matters:
+                    low[n + 1 + at] = high[n + 1 + at] = 0.0
+        lower, upper = self._bounds(n, count)
+        rows = np.flatnonzero(np.isfinite(lower) | np.isfinite(upper))
+        attempts, gap = list(start.attempts), float("nan")
+        guess = np.clip(x, low, high)
+        for linear_solver in PLACES.linear_solvers:
+            solver = self.program.solver(rows, barrier, linear_solver)
+            created = time.perf_counter()
+            answer = solver(
+                x0=guess, p=self.numbers, lbx=low, ubx=high, lbg=lower[rows], ubg=upper[rows]
+            )
+            x, values = (np.array(answer[key]).ravel() for key in ("x", "g"))
+            h = x[n + 1 + count : 2 * n + 1 + count]
+            attempts.append(self._attempt(solver.stats(), h.sum(), begin, created))
+            begin = time.perf_counter()
+            lam = [np.array(answer[key]).ravel() for key in ("lam_x", "lam_g")]
+            bounds = Bounds(low, high, lower[rows], upper[rows])
+            # by the solver's own multipliers: what is left of the slope is not counted
+            gap = gap_of(bounds, x, values, np.zeros(1), np.concatenate(lam)).total
+            if attempts[-1].status.solved or deadline.over():
+                break
+            barrier = PLACES.barriers[0]
+        if not attempts[-1].status.solved:
+            return replace(start, attempts=tuple(attempts))
+        points = x[n + 1 : n + 1 + count] * a
+        ends = points[1 : n + 1].copy()
+        ends[self.breaks - 1] = points[n + 1 :]
+        return replace(
+            start,
+            v=x[: n + 1] * v,
+            t=np.append(0.0, np.cumsum(h)) * self.time,
+            a=points[:n],
+            a_end=ends,
+            d=x[2 * n + 1 + count :] * j,
+            gap=gap * self.time,
+            attempts=tuple(attempts),
+        )
+
+    def _bounds(self, n: int, count: int) -> tuple[FloatArray, FloatArray]:
+        """Give the bounds of all rows, in the order of the program."""
+        sides = []
+        for side, speed in (("lower", np.full(2 * n, -np.inf)), ("upper", self.inner_speed)):
+            of_point, of_rate = (
+                getattr(bounds, side) for bounds in (self.of_acceleration, self.of_rates)
+            )
+            same = np.concatenate([[0.0, 0.0], of_rate, of_rate, of_rate, of_point])
+            of_intervals = np.hstack([np.tile(same, (n, 1)), speed.reshape(n, 2)])
+            sides.append(np.concatenate([np.tile(of_point, count), of_intervals.ravel()]))
+        return sides[0], sides[1]
+
+    def _attempt(self, stats: Any, cost: float, begin: float, created: float) -> Attempt:
+        infeasibility = float(stats["iterations"]["inf_pr"][-1])
+        return Attempt(
+            solver="ipopt",
+            status=status_of("ipopt", stats, SolverSettings("ipopt"), infeasibility),
+            message=str(stats["return_status"]),
+            iterations=int(stats["iter_count"]),
+            cost=float(cost) * self.time,
+            infeasibility=infeasibility,
+            wall_time=time.perf_counter() - created,
+            create_time=created - begin,
+            function_time=sum(v for k, v in stats.items() if k.startswith("t_wall_nlp_")),
+        )
+
+
+# numbers at places --------------------------------------------------------------------------
+
+
+def _numbers(
+    kinds: LimitKinds,
+    robot: Robot,
+    curve: PathCurve,
+    s: FloatArray,
+    unit: float,
+    fast: bool,
+    *,
+    from_left: bool,
+) -> FloatArray:
+    """Give the numbers [N,K] that limits at places s follow from, for s in this unit."""
+    shape = curve.evaluate(s, from_left=from_left, highest=3)
+    parts = [derivative * unit**k for k, derivative in enumerate(shape)]
+    if kinds.dynamics:
+        parts += _torques(robot, parts, fast)
+    return np.hstack(parts)
+
+
+def _torques(robot: Robot, shape: Sequence[FloatArray], fast: bool) -> tuple[FloatArray, ...]:
+    """Give the torque per s'', per s'^2 and at rest without friction, and their slopes along s.
+
+    ``shape`` is the pose and its three derivatives, each [N,n].
+    From states with (s', s'') of (1, 0), (2, 0) and (1, 1), without s''': of the torque
+    ``m s'' + c s'^2 + g`` and its rate ``(m' + 2 c) s' s'' + c' s'^3 + g' s'``.
+    """
+    q, tangent, curvature, bend = shape
+    call = _rates(robot, len(q), fast)
+
+    def at(v: float, a: float) -> tuple[FloatArray, FloatArray]:
+        qdd = a * tangent + v**2 * curvature
+        qddd = 3 * v * a * curvature + v**3 * bend
+        torque, rate = call(q.T, v * tangent.T, qdd.T, qddd.T)
+        return torque.T, rate.T
+
+    (once, once_rate), (twice, twice_rate) = at(1.0, 0.0), at(2.0, 0.0)
+    pushed, pushed_rate = at(1.0, 1.0)
+    c = (twice - once) / 3.0
+    c_rate = (twice_rate - 2.0 * once_rate) / 6.0
+    m_rate = pushed_rate - once_rate - 2.0 * c
+    return pushed - once, c, once - c, m_rate, c_rate, once_rate - c_rate
+
+
+@lru_cache(maxsize=16)
+def _rates(robot: Robot, count: int, fast: bool) -> Any:
+    return buffered_call(maybe_compiled(torque_and_rate(frictionless(robot)), fast).map(count))
+
+
+def _friction(robot: Robot, name: str) -> FloatArray:
+    """Give the sizes [n] of one kind of friction; zero without masses."""
+    if not robot.has_dynamics:
+        return np.zeros(robot.joint_count)
+    return np.array([getattr(link, name) for link in robot.links])
+
+
+def _resting(q: FloatArray) -> MotionSamples:
+    zero = np.zeros_like(q)
+    return MotionSamples(q, zero, zero, zero)

@@ -1,0 +1,33 @@
+"""Public names; loaded when they are first asked for."""
+
+from ._cell_file import (
+    Cell as Cell,
+    CellFile as CellFile,
+    is_cell_file as is_cell_file,
+    read_cell as read_cell,
+)
+from ._comparison import (
+    METHODS as METHODS,
+    OUTPUTS as OUTPUTS,
+    Comparison as Comparison,
+    Entry as Entry,
+    Progress as Progress,
+    Step as Step,
+    compare as compare,
+)
+from ._front import (
+    Front as Front,
+    FrontPoint as FrontPoint,
+    time_effort_front as time_effort_front,
+    time_torque_front as time_torque_front,
+)
+from ._saved import (
+    load_comparison as load_comparison,
+    named_robot as named_robot,
+)
+from ._task_file import (
+    KEYS as KEYS,
+    TaskFile as TaskFile,
+    parse_task as parse_task,
+    read_task as read_task,
+)

@@ -1,0 +1,702 @@
+"""The same task by every method under the same limits.
+
+A method is one line in :data:`METHODS`: a key, a title and a function from the task to a motion.
+"""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from microbot_ocp._base import checks, deadline
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
+from microbot_ocp._base.status import Status
+from microbot_ocp._base.writing import NotWritten, made_folder, temporary_path
+from microbot_ocp.certificate import Certificate, certificate_of
+from microbot_ocp.limits import LimitFamily
+from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial
+from microbot_ocp.ocp.solution import Iteration, StepProgress, quiet
+from microbot_ocp.planning import (
+    PathTimingSettings,
+    TimeOptimalSettings,
+    best_timing,
+    check_limits,
+    check_path,
+    check_via,
+    fastest_motion,
+    straight_through,
+)
+from microbot_ocp.robot import JointLimits, Limits, Robot
+from microbot_ocp.tasks._folder import swap_in
+from microbot_ocp.trajectories import (
+    Scaled,
+    ViaPoints,
+    best_durations,
+    best_split,
+    cubic_through,
+    first_splits,
+    lspb_through,
+    shortest_duration,
+    via_velocities,
+)
+
+if TYPE_CHECKING:
+    from microbot_ocp._base.table import Table
+
+REFERENCE = "cubic"
+BLEND = 0.25  # of each segment, where LSPB's times are as given; its best ones start from it
+LEAST_TIME = 1e-3  # s, of a method where the time is over
+SOLVING = 0.8  # share of a method's time; the rest is its certificate's
+# Work of a method and of an output where it is more than one unit, of about a second at most.
+WORK = {"straight_path": 8, "cubic_path": 8, "time_optimal": 20}
+WORK |= {"figures": 12, "report": 6, "recording": 4}
+OUTPUTS = ("json", "csv", "figures", "report", "recording", "motions")  # of a comparison
+
+
+@dataclass(frozen=True)
+class Step:
+    """Progress of a comparison: what is done, of how much, and what happens now.
+
+    Both are counted in units of work, of which a solve by a textbook method is one.
+    """
+
+    done: int
+    total: int
+    stage: str  # "solve", "certify", "write" or "done"
+    text: str
+    iteration: Iteration | None = None  # where a solver is at work
+
+
+Progress = Callable[[Step], None]
+
+
+@dataclass(frozen=True, eq=False)
+class ComparedTask:
+    """Via points, with what is given of the textbook methods.
+
+    Attributes
+    ----------
+    family : LimitFamily
+        The limits of the task.
+    via_q : array [m,n], rad
+    via_t : array [m], s, or None
+    via_qd : array [m,n], rad/s, or None
+        Via velocities of the textbook methods at ``via_t``; None for Craig's heuristic.
+    blend : float, or None
+        Blend time of LSPB as a share of each segment.
+    free_settings, path_settings
+        For the time-optimal solvers.
+    tell : callable
+        Takes a line of progress, or an iteration.
+    """
+
+    family: LimitFamily
+    via_q: FloatArray
+    via_t: FloatArray | None
+    via_qd: FloatArray | None
+    blend: float | None
+    free_settings: TimeOptimalSettings
+    path_settings: PathTimingSettings
+    tell: StepProgress
+
+    @property
+    def robot(self) -> Robot:
+        """With the limits of the task."""
+        return self.family.robot
+
+    @property
+    def given(self) -> FloatArray:
+        """Durations of the segments as given, s."""
+        assert self.via_t is not None
+        return np.diff(self.via_t)
+
+    @property
+    def first(self) -> FloatArray:
+        """Durations [s,m-1] of the segments that the search for the best split starts from."""
+        first = first_splits(self.via_q)
+        return first if self.via_t is None else np.vstack([self.given, first])
+
+    def cubic(self, durations: FloatArray) -> PiecewisePolynomial:
+        """Cubic segments of these durations."""
+        via, velocities = self._via(durations)
+        return cubic_through(via, velocities)
+
+    def lspb(self, durations: FloatArray, blends: FloatArray) -> PiecewisePolynomial:
+        """Linear segments of these durations with parabolic blends."""
+        via, velocities = self._via(durations)
+        return lspb_through(via, blends, velocities)
+
+    def _via(self, durations: FloatArray) -> tuple[ViaPoints, FloatArray]:
+        """Via points and velocities there; given ones are slower as the whole motion is."""
+        via = ViaPoints(self.via_q, np.concatenate([[0.0], np.cumsum(durations)]))
+        if self.via_qd is None or self.via_t is None:
+            return via, via_velocities(via)
+        return via, self.via_qd * (self.via_t[-1] / via.t[-1])
+
+
+@dataclass(frozen=True)
+class Method:
+    """One way to do a task."""
+
+    title: str
+    solve: Callable[[ComparedTask], Motion]
+    timed: bool = False  # needs the times of the task
+
+
+def _as_given(task: ComparedTask) -> Motion:
+    return Motion.from_polynomial(
+        task.robot,
+        task.cubic(task.given),
+        label="cubic as given",
+        marks=_via_marks(task.given),
+        provenance={"method": "cubic segments at the given timing", "status": Status.SOLVED},
+        note="not scaled to the limits",
+    )
+
+
+def _scaled_motion(
+    task: ComparedTask, scaled: Scaled, durations: FloatArray, label: str, method: str, note: str
+) -> Motion:
+    """The motion of a shape scaled to the limits, with the durations of its segments."""
+    of = f" of {scaled.joint}" if scaled.joint else ""
+    where = f"{scaled.quantity.replace('_', ' ')}{of} at {scaled.time:.3f} s"
+    velocities = "Craig's heuristic" if task.via_qd is None else "as given, slower as the motion is"
+    via = f"; via velocities: {velocities}" if len(durations) > 1 else ""
+    return Motion.from_polynomial(
+        task.robot,
+        scaled.polynomial,
+        label=label,
+        marks=_via_marks(durations),
+        provenance={
+            "method": method,
+            "status": scaled.status,
+            "factor": scaled.factor,
+            "segments": durations.tolist(),
+            "met": where,
+            "iterations": scaled.iterations,
+            "wall_time": scaled.wall_time,
+        },
+        note=f"{note}{via}; just meets the limit of {where}",
+    )
+
+
+def _work(method: str) -> int:
+    """Units of work to solve by a method and to certify what it finds."""
+    return WORK.get(method, 1) + 1
+
+
+def _scaled_cubic(task: ComparedTask) -> Motion:
+    scaled = shortest_duration(task.robot, task.cubic(task.given))
+    return _scaled_motion(
+        task,
+        scaled,
+        task.given * scaled.factor,
+        "cubic, as given, scaled",
+        "cubic segments, one time scale",
+        f"all times x {scaled.factor:.4f}",
+    )
+
+
+def _best_cubic(task: ComparedTask) -> Motion:
+    scaled = best_split(task.robot, task.cubic, task.first)
+    assert scaled.split is not None
+    return _scaled_motion(
+        task,
+        scaled,
+        scaled.split,
+        "cubic, best split",
+        "cubic segments, a time scale each",
+        _seconds("segments", scaled.split),
+    )
+
+
+def _scaled_lspb(task: ComparedTask) -> Motion:
+    share = BLEND if task.blend is None else task.blend
+    scaled = shortest_duration(task.robot, task.lspb(task.given, share * task.given))
+    motion = _scaled_motion(
+        task,
+        scaled,
+        task.given * scaled.factor,
+        "LSPB, as given, scaled",
+        "linear segments with parabolic blends, one time scale",
+        f"all times x {scaled.factor:.4f}, blends {share:g} of each segment",
+    )
+    return _with_passages(task, motion, scaled.polynomial)
+
+
+def _best_lspb(task: ComparedTask) -> Motion:
+    """Best durations of the segments and, where no share is given, of their blends."""
+    share, count = task.blend, len(task.via_q) - 1
+
+    def durations(parts: FloatArray) -> FloatArray:  # of blends, then of what is between them
+        return parts if share is not None else 2.0 * parts[:count] + parts[count:]
+
+    def blends(parts: FloatArray) -> FloatArray:
+        return parts[:count] if share is None else share * parts
+
+    first = task.first
+    if share is None:
+        first = np.hstack([BLEND * first, (1.0 - 2.0 * BLEND) * first])
+    scaled = best_split(task.robot, lambda p: task.lspb(durations(p), blends(p)), first)
+    assert scaled.split is not None
+    segments = durations(scaled.split)
+    chosen = f"blends {share:g} of each" if share else _seconds("blends", blends(scaled.split))
+    motion = _scaled_motion(
+        task,
+        scaled,
+        segments,
+        "LSPB, best split",
+        "linear segments with parabolic blends, a time scale each",
+        f"{_seconds('segments', segments)}, {chosen}",
+    )
+    return _with_passages(task, motion, scaled.polynomial)
+
+
+def _seconds(of: str, durations: FloatArray) -> str:
+    if len(durations) > 4:
+        return f"{of} of {durations.min():.3f} to {durations.max():.3f} s"
+    return f"{of} of {', '.join(f'{duration:.3f}' for duration in durations)} s"
+
+
+def _with_passages(task: ComparedTask, motion: Motion, polynomial: PiecewisePolynomial) -> Motion:
+    """With a note of how LSPB passes the via points."""
+    times = np.array([mark.time for mark in motion.marks[1:-1]])
+    state = polynomial(times), polynomial.derivative()(times)
+    passes = "; ".join(_passage(*point) for point in zip(task.via_q[1:-1], *state, strict=True))
+    return motion if not passes else _noted(motion, f"{motion.note}; {passes}")
+
+
+def _passage(via: FloatArray, q: FloatArray, qd: FloatArray) -> str:
+    miss = float(np.abs(q - via).max())
+    speeds = ", ".join(f"{v:.3f}" for v in qd)
+    if miss < 1e-9:
+        return f"passes the via point, at qd = ({speeds}) rad/s"
+    return f"does not pass the via point: misses it by {miss:.4f} rad, qd = ({speeds}) rad/s"
+
+
+def _straight_path(task: ComparedTask) -> Motion:
+    return _timed(task, straight_through(task.via_q), "straight path, best timing")
+
+
+def _cubic_path(task: ComparedTask) -> Motion:
+    """Along the path of the best split, which is not refused for a torque rate, as its cubic is."""
+    durations = best_durations(task.robot, task.cubic, task.first)
+    return _timed(task, task.cubic(durations), "cubic's path, best timing")
+
+
+def _timed(task: ComparedTask, path: PiecewisePolynomial, label: str) -> Motion:
+    check_path(task.family, path)
+    return best_timing(task.family, path, task.path_settings, label, task.tell)
+
+
+def _free(task: ComparedTask) -> Motion:
+    return fastest_motion(task.family, task.via_q, task.free_settings, task.tell)
+
+
+METHODS: dict[str, Method] = {
+    "cubic_report": Method("cubic, as given", _as_given, timed=True),
+    "cubic_scaled": Method("cubic, as given, scaled", _scaled_cubic, timed=True),
+    "cubic": Method("cubic, best split of times", _best_cubic),
+    "lspb_scaled": Method("LSPB, as given, scaled", _scaled_lspb, timed=True),
+    "lspb": Method("LSPB, best split of times", _best_lspb),
+    "straight_path": Method("straight path, best timing", _straight_path),
+    "cubic_path": Method("cubic's path, best timing", _cubic_path),
+    "time_optimal": Method("time-optimal, free", _free),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Entry:
+    """One method's motion with what it costs.
+
+    Attributes
+    ----------
+    name : str
+        Key of the method, also the file name of its motion.
+    title : str
+        What legends and tables print.
+    motion : Motion or None
+        None where the method has none; ``status`` and ``note`` then say why.
+    certificate : Certificate or None
+    status : Status
+    note : str
+    solve_time : float
+        Wall time, s.
+    torque_squared : float
+        Integral of tau' tau, (N m)^2 s; NaN without masses, like ``work``.
+    work : float
+        Mechanical work: integral of the sum over the joints of abs(tau qd), J.
+    details : mapping
+        What else is known, plain values.
+    """
+
+    name: str
+    title: str
+    motion: Motion | None
+    certificate: Certificate | None
+    status: Status
+    note: str
+    solve_time: float
+    torque_squared: float
+    work: float
+    details: Mapping[str, Any]
+
+    @property
+    def solved(self) -> bool:
+        """Whether the method has a motion that its solver stands by."""
+        return self.motion is not None and self.motion.solved
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Motions of one task by several methods, under the same limits."""
+
+    robot: Robot
+    via_q: FloatArray
+    limits: JointLimits
+    entries: tuple[Entry, ...]
+    reference: str  # name of the entry to which durations are compared
+    details: Mapping[str, Any] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        solved = sum(entry.solved for entry in self.entries)
+        count = len(self.entries)
+        return f"<Comparison of {count} methods on {self.robot.name!r}: {solved} solved>"
+
+    def _repr_html_(self) -> str:
+        return view_for(self, "table")(self)._repr_html_()
+
+    def __getitem__(self, name: str) -> Entry:
+        for entry in self.entries:
+            if entry.name == name:
+                return entry
+        raise KeyError(name)
+
+    @property
+    def motions(self) -> dict[str, Motion]:
+        """Motions by method name, of the methods that have one."""
+        return {e.name: e.motion for e in self.entries if e.motion is not None}
+
+    @property
+    def certificates(self) -> dict[str, Certificate]:
+        """Certificates by method name."""
+        return {e.name: e.certificate for e in self.entries if e.certificate is not None}
+
+    @property
+    def solved(self) -> bool:
+        """Whether every method was solved."""
+        return all(entry.solved for entry in self.entries)
+
+    @property
+    def certified(self) -> bool:
+        """Whether the certificate of every motion is ok."""
+        return all(certificate.ok for certificate in self.certificates.values())
+
+    def table(self) -> Table:
+        """One row a method: printed, in a rich console, in Jupyter, as Markdown or CSV."""
+        return view_for(self, "table")(self)
+
+    def plot(self, axes: GivenAxes | None = None, **options: Any) -> DrawnAxes:
+        """Position, velocity and torque of every method: :func:`microbot_ocp.plots.comparison`."""
+        return view_for(self, "plot")(self, axes, **options)
+
+    def plot_paths(self, axes: GivenAxes | None = None) -> DrawnAxes:
+        """The tool paths in space: :func:`microbot_ocp.plots.paths`."""
+        return view_for(self, "paths")(self, axes)
+
+    def report(self, path: str | Path) -> Path:
+        """Write one printed page (``.pdf``): :func:`microbot_ocp.plots.report`."""
+        return view_for(self, "report")(self, path)
+
+    def to_rerun(self, path: str | Path) -> Path:
+        """Write a Rerun recording with its blueprint inside."""
+        return view_for(self, "rerun")(self).save(path)
+
+    def export(
+        self,
+        path: str | Path,
+        rate: float | None = None,
+        methods: Sequence[str] | None = None,
+        theme: str = "light",
+    ) -> Path:
+        """Write a film of some motions: one arm solid, the others as ghosts.
+
+        Parameters
+        ----------
+        path, rate, theme
+            As of ``write_animation``, whose errors are raised.
+        methods : sequence of str, optional
+            Keys of motions; default the fastest method and the reference.
+
+        Returns
+        -------
+        Path
+            The file.
+        """
+        film = view_for(self, "animation")
+        return film(self, path, rate, methods=methods, theme=theme)
+
+    def save(
+        self,
+        folder: str | Path,
+        outputs: Sequence[str] = OUTPUTS,
+        *,
+        progress: Progress | None = None,
+    ) -> list[Path]:
+        """Write some of :data:`OUTPUTS` into a folder, by default all.
+
+        They are made in a hidden folder inside and moved when all are whole; what an earlier run
+        left in the folder is replaced. ``comparison.json`` is moved last and holds digests of the
+        others, so that :func:`load_comparison` refuses files of two runs.
+
+        Parameters
+        ----------
+        folder : str or Path
+        outputs : sequence of str
+        progress : callable, optional
+            Called with a :class:`Step` before each output.
+
+        Returns
+        -------
+        list of Path
+            ``comparison.json``, ``.csv``, ``.rrd``, ``.png``, ``.pdf``, ``paths.png``, ``.pdf``,
+            ``report.pdf``, ``motions/NAME.npz``.
+
+        Raises
+        ------
+        InputError
+            An output that is not known.
+        NotWritten
+            An ``InputError`` and ``OSError``: the folder or disk does not allow it. Unless files
+            could not be moved, those of the earlier run are all there.
+        """
+        for output in outputs:
+            checks.one_of("outputs", output, OUTPUTS)
+        target = Path(folder)
+        try:
+            made_folder(target)
+            with temporary_path(target / "run") as stage:
+                (stage / "motions").mkdir(parents=True)
+                total, done = sum(WORK.get(output, 1) for output in outputs), 0
+                for output in outputs:
+                    if progress is not None:
+                        progress(Step(done, total, "write", f"{output} in {target}"))
+                    self._write(output, stage)
+                    done += WORK.get(output, 1)
+                for output in {"json", "motions"} - set(outputs):  # they tell which run it is
+                    self._write(output, stage)
+                return swap_in(stage, target, "json" in outputs, "motions" in outputs)
+        except NotWritten as problem:  # names the file in its place, not the temporary one
+            place = re.sub(r"\.run\.[^/\\]*\.part[/\\]", "", problem.path)
+            raise NotWritten(place, problem.reason) from None
+        except OSError as problem:
+            raise NotWritten(target, problem.strerror or str(problem)) from None
+
+    def _write(self, output: str, folder: Path) -> None:
+        if output == "motions":
+            for name, motion in self.motions.items():
+                motion.save(folder / "motions" / f"{name}.npz")
+        elif output == "figures":
+            for name, axes in (("comparison", self.plot()), ("paths", self.plot_paths())):
+                for kind in ("png", "pdf"):
+                    axes.savefig(folder / f"{name}.{kind}")
+        elif output == "report":
+            self.report(folder / "report.pdf")
+        elif output == "recording":
+            self.to_rerun(folder / "comparison.rrd")
+        else:
+            view_for(self, output)(self, folder / f"comparison.{output}")
+
+
+def compare(
+    robot: Robot,
+    via_q: ArrayLike,
+    methods: Sequence[str] | None = None,
+    limits: Limits | JointLimits | None = None,
+    *,
+    via_t: ArrayLike | None = None,
+    via_qd: ArrayLike | None = None,
+    blend: float | None = None,
+    time_limit: float = np.inf,
+    progress: Progress | None = None,
+    **settings: Any,
+) -> Comparison:
+    """Do one task by several methods under the same limits, and certify every motion.
+
+    Parameters
+    ----------
+    robot : Robot
+        With masses.
+    via_q : array_like [m,n]
+        Via points, rad (m); at rest at both ends.
+    methods : sequence of str, optional
+        Keys of :data:`METHODS`; default all, without those of given times ("cubic_report",
+        "cubic_scaled", "lspb_scaled") where no ``via_t`` is given.
+    limits : Limits, optional
+        Default the robot's own.
+    via_t : array_like [m], optional
+        Times at the via points for the methods of given times, s. "cubic" and "lspb" share their
+        time between the segments as is best: :func:`best_split`.
+    via_qd : array_like [m,n], optional
+        Via velocities of the textbook methods at ``via_t``, rad/s, slower where the whole motion
+        is slower than that; default Craig's heuristic: the mean of the slopes on both sides, zero
+        where their sign changes.
+    blend : float, optional
+        Blend time of LSPB as a share of each segment, up to 0.5. By default a quarter at given
+        times, else what is best for each segment.
+    time_limit : float
+        Wall time of all methods and certificates, s; by default a free motion and the timing of a
+        path take 120 s each at most. What one leaves is shared by those after it;
+        one whose share is over has the best so far and the status "time limit". A fifth of each
+        share is kept for the certificate, which is refused where that is not enough.
+    progress : callable, optional
+        Called with a :class:`Step`.
+    **settings
+        Fields of :class:`TimeOptimalSettings` and :class:`PathTimingSettings`.
+
+    Returns
+    -------
+    Comparison
+        A method without a motion is an entry whose ``status`` and ``note`` say why.
+
+    Raises
+    ------
+    InputError
+        Bad via points, timing, limits or method names, before any solver starts.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import microbot_ocp as mo
+    >>> via_q = np.radians([[0, 0, 0], [-8, 45, 30], [-90, 90, 90]])
+    >>> result = mo.compare(mo.load_robot("microbot"), via_q, ["cubic", "lspb"])
+    >>> [str(entry.status) for entry in result.entries]
+    ['solved', 'solved']
+    """
+    family = check_limits(robot, limits)
+    via = check_via(family, via_q)
+    names = _method_names(methods, via_t is not None)
+    if blend is not None:
+        blend = checks.number("blend", blend, "of a segment", above=0.0, at_most=0.5)
+    free, path = _settings(settings)
+    times, velocities = _timing(via, via_t, via_qd)
+    total = sum(map(_work, names))
+    entries: list[Entry] = []
+    until = time.perf_counter() + min(checks.time_limit(time_limit), deadline.left())
+    for index, name in enumerate(names):
+
+        def tell(
+            event: Iteration | str, stage: str = "solve", index: int = index, name: str = name
+        ) -> None:
+            if progress is not None:
+                done = sum(map(_work, names[:index])) + (_work(name) - 1) * (stage == "certify")
+                iteration = event if isinstance(event, Iteration) else None
+                text = f"{METHODS[name].title}: {event}"
+                progress(Step(done, total, stage, text, iteration))
+
+        told = quiet if progress is None else tell
+        task = ComparedTask(family, via, times, velocities, blend, free, path, told)
+        tell("solving")
+        share = (until - time.perf_counter()) / (len(names) - index)
+        entries.append(_entry(name, task, tell, max(share, LEAST_TIME)))
+    if progress is not None:
+        progress(Step(total, total, "done", f"{len(names)} methods done"))
+    return Comparison(robot, via, family.robot.limits, tuple(entries), REFERENCE)
+
+
+def _method_names(methods: Sequence[str] | None, timed: bool) -> list[str]:
+    if methods is None:
+        return [name for name, method in METHODS.items() if timed or not method.timed]
+    names = [checks.one_of("method", name, METHODS) for name in methods]
+    if not names or len(set(names)) != len(names):
+        raise InputError(f"methods must be different names, not {list(methods)}")
+    for name in names:
+        if METHODS[name].timed and not timed:
+            raise InputError(f"method {name!r} needs via_t, the times at the via points, s")
+    return names
+
+
+def _settings(given: Mapping[str, Any]) -> tuple[TimeOptimalSettings, PathTimingSettings]:
+    """The given settings for the free motion and, as far as they have them, for path timing."""
+    for_free = {f.name for f in fields(TimeOptimalSettings)} - {"time_limit"}
+    for_path = {f.name for f in fields(PathTimingSettings)} - {"time_limit"}
+    for key in given:
+        checks.one_of("setting of compare", key, sorted(for_free | for_path))
+    free = TimeOptimalSettings(**{k: v for k, v in given.items() if k in for_free})
+    return free, PathTimingSettings(**{k: v for k, v in given.items() if k in for_path})
+
+
+def _timing(
+    via: FloatArray, via_t: ArrayLike | None, via_qd: ArrayLike | None
+) -> tuple[FloatArray | None, FloatArray | None]:
+    if via_t is None:
+        if via_qd is not None:
+            raise InputError("via_qd needs via_t, the times at which the via velocities are meant")
+        return None, None
+    times = checks.array("via_t", via_t, (len(via),), "s")
+    checks.number("the last of via_t", times[-1], "s", at_most=checks.LONGEST)
+    if times[0] != 0.0 or np.any(np.diff(times) <= 0):
+        raise InputError(
+            f"via_t must increase from 0 s without a duration of zero, not {times.tolist()}"
+        )
+    if via_qd is None:
+        return times, None
+    return times, checks.array("via_qd", via_qd, via.shape, "rad/s")
+
+
+def _entry(name: str, task: ComparedTask, tell: Callable[..., None], seconds: float) -> Entry:
+    begin = time.perf_counter()
+    method = METHODS[name]
+    try:
+        with deadline.within(SOLVING * seconds):
+            motion = method.solve(task)
+    except InputError as problem:  # this method cannot do the task; the others may
+        wall = time.perf_counter() - begin
+        nothing = float("nan")
+        return Entry(
+            name=name,
+            title=method.title,
+            motion=None,
+            certificate=None,
+            status=Status.NOT_POSSIBLE,
+            note=str(problem),
+            solve_time=wall,
+            torque_squared=nothing,
+            work=nothing,
+            details={},
+        )
+    wall = time.perf_counter() - begin
+    tau = motion.tau if task.robot.has_dynamics else np.full_like(motion.tau, np.nan)
+    motion = replace(motion, provenance={**motion.provenance, "robot": task.robot.name})
+    tell(f"{motion.duration:.4f} s, certifying", stage="certify")
+    with deadline.within(max(seconds - wall, LEAST_TIME)):
+        certificate = certificate_of(task.family, motion, task.via_q)
+    return Entry(
+        name=name,
+        title=method.title,
+        motion=motion,
+        certificate=certificate,
+        status=motion.status,
+        note=motion.note,
+        solve_time=wall,
+        torque_squared=float(np.trapezoid(np.sum(tau**2, axis=1), motion.t)),
+        work=float(np.trapezoid(np.sum(np.abs(tau * motion.qd), axis=1), motion.t)),
+        details={"certify_time": certificate.wall_time},
+    )
+
+
+def _via_marks(durations: FloatArray) -> list[Mark]:
+    times = [0.0, *np.cumsum(durations).tolist()]
+    return [Mark(time, f"via {i + 1}") for i, time in enumerate(times)]
+
+
+def _noted(motion: Motion, note: str) -> Motion:
+    return Motion(**{**vars(motion), "note": note})

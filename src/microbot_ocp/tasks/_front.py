@@ -1,0 +1,199 @@
+"""Time against effort or torque: the fastest motion, and what a little more time saves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import InputError
+from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
+from microbot_ocp.certificate import Certificate, certify
+from microbot_ocp.motion import Motion
+from microbot_ocp.ocp.solution import StepProgress, quiet
+from microbot_ocp.planning import (
+    Segment,
+    Stop,
+    TimeOptimalSettings,
+    motions_of_front,
+    with_changes,
+)
+from microbot_ocp.robot import JointLimits, Limits, Robot
+from microbot_ocp.scene import Scene
+
+SLACKS = (0.01, 0.03, 0.1, 0.3, 1.0)
+SHARES = (0.9, 0.8, 0.7, 0.6, 0.5)
+
+
+@dataclass(frozen=True, eq=False)
+class FrontPoint:
+    """One motion of a front.
+
+    Attributes
+    ----------
+    duration : float, s
+    effort : float
+        Time integral of the squared torques, each relative to its limit, s.
+    peak_torque : float
+        Largest share of a torque limit that is used.
+    motion : Motion
+    certificate : Certificate
+    """
+
+    duration: float
+    effort: float
+    peak_torque: float
+    motion: Motion
+    certificate: Certificate
+
+
+@dataclass(frozen=True, eq=False)
+class Front:
+    """Motions of one task from the fastest to the calmest.
+
+    Attributes
+    ----------
+    points : tuple of FrontPoint
+    ended : str
+        Why there is no motion further on; empty where all that were asked for were found.
+    """
+
+    points: tuple[FrontPoint, ...]
+    ended: str = ""
+
+    @property
+    def certified(self) -> bool:
+        """Whether every motion is solved and certified."""
+        return all(point.motion.solved and point.certificate.ok for point in self.points)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        points = [
+            {
+                "duration": point.duration,
+                "effort": point.effort,
+                "peak_torque": point.peak_torque,
+                "status": str(point.motion.status),
+                "certified": point.certificate.ok,
+            }
+            for point in self.points
+        ]
+        return {"points": points, "ended": self.ended}
+
+    def plot(self, axes: GivenAxes | None = None) -> DrawnAxes:
+        """Effort and peak torque over the duration."""
+        return view_for(self, "plot")(self, axes)
+
+
+def time_effort_front(
+    robot: Robot,
+    via_q: ArrayLike | Sequence[Stop],
+    limits: Limits | JointLimits | None = None,
+    *,
+    slacks: Sequence[float] = SLACKS,
+    segments: Sequence[Segment] | None = None,
+    cycle: bool = False,
+    scene: Scene | None = None,
+    progress: StepProgress | None = None,
+    **changes: Any,
+) -> Front:
+    """The front of time against effort: each motion of least effort in its time, certified.
+
+    Parameters
+    ----------
+    robot, via_q, limits, segments, cycle, scene, progress, **changes
+        As of :func:`microbot_ocp.time_optimal`.
+    slacks : sequence of float
+        By which shares of the shortest duration the motions may be slower. Each starts from the one
+        before.
+
+    Returns
+    -------
+    Front
+
+    Raises
+    ------
+    InputError
+        As of :func:`microbot_ocp.time_optimal`; no slack, or one that is not above zero.
+    """
+    for slack in _some("slacks", slacks):
+        checks.number("slacks", slack, above=0.0)
+    task = robot, via_q, limits, segments, cycle, scene
+    return _front(task, progress, changes, slacks=tuple(slacks))
+
+
+def time_torque_front(
+    robot: Robot,
+    via_q: ArrayLike | Sequence[Stop],
+    limits: Limits | JointLimits | None = None,
+    *,
+    shares: Sequence[float] = SHARES,
+    segments: Sequence[Segment] | None = None,
+    cycle: bool = False,
+    scene: Scene | None = None,
+    progress: StepProgress | None = None,
+    **changes: Any,
+) -> Front:
+    """The front of time against peak torque: the fastest motion with a share of every torque limit.
+
+    Parameters
+    ----------
+    robot, via_q, limits, segments, cycle, scene, progress, **changes
+        As of :func:`microbot_ocp.time_optimal`.
+    shares : sequence of float
+        Of the torque limits that may be used, above 0 and at most 1. Each motion starts from the
+        one before; the front ends where the torques no longer suffice, and ``ended`` says why.
+
+    Returns
+    -------
+    Front
+        Certified under the whole limits; ``peak_torque`` of a point is the share that it uses.
+
+    Raises
+    ------
+    InputError
+        As of :func:`microbot_ocp.time_optimal`; no share, or one that is not above 0 and at most 1;
+        a robot without masses.
+    """
+    for share in _some("shares", shares):
+        checks.number("shares", share, above=0.0, at_most=1.0)
+    if not robot.has_dynamics:
+        raise InputError(f"robot {robot.name!r} has no masses, so its motions have no torques")
+    task = robot, via_q, limits, segments, cycle, scene
+    return _front(task, progress, changes, shares=tuple(shares))
+
+
+def _some(name: str, values: Sequence[float]) -> Sequence[float]:
+    if not len(values):
+        raise InputError(f"{name} must have at least one number")
+    return values
+
+
+def _front(
+    task: Any, progress: StepProgress | None, changes: dict[str, Any], **asked: tuple[float, ...]
+) -> Front:
+    """The motions of a front, each certified."""
+    robot, via_q, limits, segments, cycle, scene = task
+    try:
+        stops = list(via_q)
+    except TypeError:
+        said = f"via_q must be stops or joint positions, not {checks.shown(via_q)}"
+        raise InputError(said) from None
+    stops = [stop if isinstance(stop, Stop) else Stop(q=stop) for stop in stops]
+    settings = with_changes(changes.pop("settings", None) or TimeOptimalSettings(), changes)
+    found, ended = motions_of_front(
+        robot, limits, stops, segments, cycle, scene, settings, progress or quiet, **asked
+    )
+    points = []
+    for effort, motion in found:
+        certificate = certify(
+            robot, motion, limits, via_q=stops, segments=segments, cycle=cycle, scene=scene
+        )
+        torque = [c for c in certificate.limit_checks if c.quantity == "tau"]
+        peak = float(np.nanmax(torque[0].utilisation)) if torque else np.nan
+        points.append(FrontPoint(motion.duration, effort, peak, motion, certificate))
+    return Front(tuple(points), ended)

@@ -1,0 +1,124 @@
+"""A comparison read from the folder that it was saved in."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import FloatArray, InputError, shortened, shown
+from microbot_ocp._base.reading import content_of
+from microbot_ocp._base.status import Status
+from microbot_ocp._base.toml_file import check_schema
+from microbot_ocp.certificate import certify
+from microbot_ocp.limits import JOINT_QUANTITIES
+from microbot_ocp.motion import Motion
+from microbot_ocp.planning import check_limits, check_via
+from microbot_ocp.robot import Limits, Robot, load_robot, packaged_robots
+from microbot_ocp.tasks._comparison import Comparison, Entry
+from microbot_ocp.tasks._folder import INDEX, NAME, check_run, check_unchanged
+
+SCHEMA = 1
+LIMIT_KEYS = [f"{key}_{side}" for key in JOINT_QUANTITIES for side in ("min", "max")]
+
+
+def load_comparison(folder: str | Path, robot: Robot | str | None = None) -> Comparison:
+    """A comparison from the folder that :meth:`Comparison.save` wrote; motions are certified anew.
+
+    Parameters
+    ----------
+    folder : path
+    robot : Robot or str, optional
+        In the place of the packaged robot that the file names: a robot, or what
+        :func:`microbot_ocp.load_robot` takes.
+
+    Raises
+    ------
+    InputError
+        The folder holds no comparison, its files are damaged or of two runs, or it names a robot
+        that is not known.
+    """
+    folder = Path(folder)
+    origin = str(folder / INDEX)
+    try:
+        saved = json.loads(content_of(origin))
+        check_schema(saved, SCHEMA)
+        via_q = saved["via_q"]
+        name, reference = str(saved["robot"]), str(saved["reference"])
+        rows = [(str(row["name"]), dict(row)) for row in saved["entries"]]
+        bounds = {str(key): list(values) for key, values in saved["limits"].items()}
+    except OSError as problem:
+        raise InputError(f"{shortened(origin, 150)} cannot be read: {problem.strerror}") from None
+    except InputError as problem:
+        raise InputError(f"{shortened(origin, 150)}: {problem}") from None
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as problem:
+        raise InputError(
+            f"{shortened(origin, 100)} is not a saved comparison: {shortened(str(problem), 100)}"
+        ) from None
+    check_unchanged(origin, saved)
+    names = [key for key, _ in rows]
+    if not all(map(NAME.fullmatch, names)) or len(set(names)) < len(names):
+        raise InputError(f"entries of {origin} must have different names, not {shown(names)}")
+    arm = named_robot(origin, name, robot)
+    arm = arm.with_limits(_stored_limits(origin, bounds))
+    via = checks.array(f"via_q of {origin}", via_q, (None, arm.joint_count))
+    check_via(check_limits(arm, None), via)
+    made = tuple(_entry(arm, via, folder, key, row) for key, row in rows)
+    check_run(folder, saved)  # after reading: what is read is then known to be of this run
+    return Comparison(arm, via, arm.limits, made, reference)
+
+
+def named_robot(origin: str, named: str | None, given: Robot | str | None) -> Robot:
+    """The robot that was given, or the packaged one that the file ``origin`` names."""
+    if given is not None:
+        return given if isinstance(given, Robot) else load_robot(given)
+    if named is None:
+        raise InputError(f"{origin} does not name its robot: name one with robot (--robot)")
+    if named not in packaged_robots():
+        raise InputError(
+            f"{origin} names robot {named!r}, which is not packaged: name one with robot (--robot)"
+        )
+    return load_robot(named)
+
+
+def _stored_limits(origin: str, saved: Mapping[str, list[Any]]) -> Limits:
+    """Limits from JSON, where what is infinite is null."""
+    arrays = {}
+    for key, values in saved.items():
+        checks.one_of(f"limits of {origin}", key, LIMIT_KEYS)
+        none = -np.inf if key.endswith("_min") else np.inf
+        arrays[key] = [none if value is None else value for value in values]
+    return Limits(**arrays)
+
+
+def _entry(robot: Robot, via: FloatArray, folder: Path, name: str, row: Mapping[str, Any]) -> Entry:
+    path = folder / "motions" / f"{name}.npz"
+    motion = Motion.load(path) if path.exists() else None
+    if motion is not None and motion.joint_count != robot.joint_count:
+        raise InputError(f"{path} has {motion.joint_count} joints, the robot {robot.joint_count}")
+    return Entry(
+        name=name,
+        title=str(row.get("title", name)),
+        motion=motion,
+        certificate=None if motion is None else certify(robot, motion, via_q=via),
+        status=_status(row.get("status")),
+        note=str(row.get("note", "")),
+        **{key: _float(row.get(key)) for key in ("solve_time", "torque_squared", "work")},
+        details={},
+    )
+
+
+def _status(value: Any) -> Status:
+    try:
+        return Status(value)
+    except ValueError:
+        raise InputError(f"status must be a known word, not {shown(value)}") from None
+
+
+def _float(value: Any) -> float:
+    known = isinstance(value, int | float) and abs(value) < 1e300
+    return float(value) if known else float("nan")

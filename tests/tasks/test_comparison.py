@@ -1,0 +1,316 @@
+"""One task by every method: the order that theory demands, certificates, files, what cannot be."""
+
+import json
+import re
+from html import unescape
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import microbot_ocp as mo
+from microbot_ocp.tasks import METHODS, Step
+
+pytestmark = pytest.mark.slow
+
+VIA_Q = np.radians([[0, 0, 0], [-8, 45, 30], [-90, 90, 90]])  # report, part 5
+VIA_T = [0.0, 2.0, 4.0]
+VIA_QD = np.radians([[0, 0, 0], [10, 40, 20], [0, 0, 0]])
+
+
+@pytest.fixture(scope="module")
+def steps():
+    return []
+
+
+@pytest.fixture(scope="module")
+def comparison(microbot, steps):
+    return mo.compare(
+        microbot, VIA_Q, via_t=VIA_T, via_qd=VIA_QD, mesh=50, starts=2, progress=steps.append
+    )
+
+
+@pytest.fixture(scope="module")
+def saved(comparison, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("saved")
+    return folder, comparison.save(folder)
+
+
+def test_a_notebook_shows_its_table(comparison):
+    shown = unescape(re.sub("<[^>]*>", "|", comparison._repr_html_()))
+    for entry in comparison.entries:
+        assert f"|{entry.title}||{entry.motion.duration:.3f}|" in shown
+
+
+# durations ----------------------------------------------------------------------------------------
+
+
+def test_every_method_is_there_and_solved(comparison):
+    assert [entry.name for entry in comparison.entries] == list(METHODS)
+    assert comparison.solved
+    assert {entry.status for entry in comparison.entries} == {"solved"}
+    assert comparison["lspb"].title == "LSPB, best split of times"
+    with pytest.raises(KeyError):
+        comparison["spline"]
+
+
+@pytest.mark.parametrize(
+    ("fast", "slow"),
+    [
+        ("time_optimal", "cubic_path"),
+        ("time_optimal", "straight_path"),
+        ("time_optimal", "lspb"),
+        ("cubic_path", "cubic"),
+        ("cubic", "cubic_scaled"),
+        ("lspb", "lspb_scaled"),
+    ],
+)
+def test_more_freedom_is_never_slower(comparison, fast, slow):
+    motions = comparison.motions
+    assert motions[fast].duration < motions[slow].duration
+
+
+def test_durations_are_those_of_the_methods(microbot, comparison):
+    motions = comparison.motions
+    assert motions["cubic_report"].duration == 4.0
+    scaled = mo.shortest_duration(microbot, mo.cubic(VIA_Q, VIA_T, VIA_QD))
+    assert motions["cubic_scaled"].duration == pytest.approx(scaled.duration, rel=1e-12)
+    scaled = mo.shortest_duration(microbot, mo.lspb(VIA_Q, VIA_T, 0.5, VIA_QD))
+    assert motions["lspb_scaled"].duration == pytest.approx(scaled.duration, rel=1e-12)
+    assert motions["time_optimal"].duration == pytest.approx(1.9236, rel=1e-3)
+    for name in ("straight_path", "cubic_path"):
+        reached = motions[name].provenance["reachability_duration"]
+        assert motions[name].duration == pytest.approx(reached, rel=1e-3)
+
+
+def test_a_shape_that_is_scaled_meets_its_limit_and_does_not_pass_it(microbot, comparison):
+    for name in ("cubic", "cubic_scaled", "lspb", "lspb_scaled"):
+        motion = comparison.motions[name]
+        use = max(
+            np.abs(motion.qd / microbot.limits.qd_max).max(),
+            np.abs(motion.tau / microbot.limits.tau_max).max(),
+        )
+        assert 0.995 < use <= 1.0 + 1e-9
+
+
+# certificates -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", list(METHODS))
+def test_every_motion_is_certified(comparison, name):
+    certificate = comparison.certificates[name]
+    assert certificate.resimulation_status.solved
+    assert certificate.final_position_error < 1e-3
+    if name == "cubic_report":  # 4 s as given, whatever the limits
+        return
+    assert certificate.ok, certificate.verdict
+    assert certificate.worst_violation < 5e-3
+    for check in certificate.via_checks:
+        assert check.distance < 1e-3 or name.startswith("lspb")
+
+
+def test_effort_and_work_are_integrals_of_the_motion(comparison):
+    for entry in comparison.entries:
+        t, tau, qd = entry.motion.t, entry.motion.tau, entry.motion.qd
+        step = np.diff(t)[:, None]
+        middle_tau, middle_qd = (tau[1:] + tau[:-1]) / 2, (qd[1:] + qd[:-1]) / 2
+        assert entry.torque_squared == pytest.approx(np.sum(step * middle_tau**2), rel=2e-2)
+        assert entry.work == pytest.approx(np.sum(step * np.abs(middle_tau * middle_qd)), rel=2e-2)
+        assert entry.work > 100.0
+
+
+def test_progress_counts_the_work_of_every_method(steps, comparison):
+    assert all(isinstance(step, Step) for step in steps)
+    assert len({step.total for step in steps}) == 1
+    assert len({step.done for step in steps}) == 2 * len(METHODS) + 1
+    done = [step.done for step in steps]
+    assert done == sorted(done)
+    assert steps[-1].stage == "done"
+    assert steps[-1].done == steps[-1].total
+    assert {step.stage for step in steps} == {"solve", "certify", "done"}
+    assert all("\n" not in step.text for step in steps)
+
+
+# files --------------------------------------------------------------------------------------------
+
+
+def test_save_writes_these_files_and_no_others(saved):
+    folder, written = saved
+    expected = {f"motions/{name}.npz" for name in METHODS}
+    expected |= {"comparison.json", "comparison.csv", "comparison.rrd", "report.pdf"}
+    expected |= {f"{name}.{kind}" for name in ("comparison", "paths") for kind in ("png", "pdf")}
+    there = {str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file()}
+    assert there == expected
+    assert {str(p.relative_to(folder)) for p in written} == expected
+    assert len(written) == len(expected)
+    assert all(p.stat().st_size > 200 for p in written)
+
+
+def test_the_json_is_strict_and_tells_the_durations(saved, comparison):
+    def refuse(constant):
+        raise AssertionError(f"{constant} is not JSON")
+
+    text = (saved[0] / "comparison.json").read_text()
+    stored = json.loads(text, parse_constant=refuse)
+    for name, motion in comparison.motions.items():
+        assert f'"{name}"' in text
+        assert repr(motion.duration)[:8] in text
+    assert stored
+
+
+def test_motions_come_back_from_their_files(saved, comparison):
+    for name, motion in comparison.motions.items():
+        again = mo.Motion.load(saved[0] / "motions" / f"{name}.npz")
+        np.testing.assert_array_equal(again.q, motion.q)
+        np.testing.assert_array_equal(again.tau, motion.tau)
+        assert again.solved
+
+
+def test_a_stored_torque_drives_the_arm_to_its_end(microbot, saved):
+    """Nothing but the arrays of the file, an integrator of scipy and the arm's own equations."""
+    with np.load(saved[0] / "motions" / "time_optimal.npz", allow_pickle=False) as stored:
+        t, q, qd, tau = (stored[key] for key in ("t", "q", "qd", "tau"))
+    mass, bias = mo.mass_matrix(microbot), mo.bias_torque(microbot)
+
+    def slope(time, state):
+        torque = np.array([np.interp(time, t, column) for column in tau.T])
+        rest = torque - np.array(bias(state[:3], state[3:])).ravel()
+        return np.concatenate([state[3:], np.linalg.solve(np.array(mass(state[:3])), rest)])
+
+    end = solve_ivp(
+        slope, (0.0, t[-1]), np.concatenate([q[0], qd[0]]), rtol=1e-8, atol=1e-8, max_step=0.01
+    ).y[:, -1]
+    assert np.abs(end[:3] - q[-1]).max() < 5e-3
+    np.testing.assert_allclose(q[-1], VIA_Q[-1], atol=1e-9)
+
+
+# what cannot be -----------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def pendulum():
+    """It can stand upright but not hold the horizontal."""
+    return mo.Robot.from_dh(
+        alpha=[0.0],
+        a=[0.0],
+        d=[0.0],
+        links=[mo.Link(1.0, [1.0, 0.0, 0.0])],
+        gravity=(9.81, 0.0, 0.0),
+        limits=mo.Limits(tau_max=6.0, qd_max=10.0),
+        name="pendulum",
+    )
+
+
+def test_a_method_that_cannot_do_the_task_says_so_and_the_others_go_on(pendulum):
+    methods = ["cubic", "straight_path", "lspb", "time_optimal"]
+    result = mo.compare(pendulum, [[0.0], [np.pi]], methods, mesh=20, starts=3)
+    by_name = {entry.name: entry for entry in result.entries}
+    assert list(by_name) == methods
+    assert by_name["time_optimal"].solved  # by swinging
+    assert not result.solved
+    for name in ("cubic", "lspb"):
+        entry = by_name[name]
+        assert entry.status == "not possible"
+        assert entry.motion is None
+        assert entry.certificate is None
+        assert "limit" in entry.note
+    straight = by_name["straight_path"]
+    assert not straight.solved
+    assert straight.status in ("infeasible", "limits exceeded")
+    assert "the end cannot be reached from s = " in straight.note
+    assert len(result.table().rows) == 4
+    assert set(result.motions) == set(result.certificates) == {"straight_path", "time_optimal"}
+
+
+def test_a_corner_that_cannot_be_held_is_an_entry_without_motion(pendulum):
+    via_q = [[0.0], [np.pi / 2], [0.3]]
+    result = mo.compare(pendulum, via_q, ["straight_path", "time_optimal"], mesh=20, starts=3)
+    straight, free = result.entries
+    assert straight.status == "not possible"
+    assert "cannot be held at rest: joint 'joint 1' needs 9.81 N m" in straight.note
+    assert free.name == "time_optimal"
+    assert free.motion is not None
+
+
+# input --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"methods": ["spline"]}, "method must be one of cubic_report, cubic_scaled, cubic, lspb"),
+        ({"methods": []}, "methods must be different names, not []"),
+        ({"methods": ["cubic", "cubic"]}, "methods must be different names"),
+        ({"methods": ["cubic_report"]}, "method 'cubic_report' needs via_t"),
+        ({"methods": ["lspb_scaled"]}, "method 'lspb_scaled' needs via_t"),
+        ({"meshes": 40}, "setting of compare must be one of compiled, grid, limit_tolerance, mesh"),
+        ({"mesh": 2}, "mesh must be at least 4 intervals, not 2"),
+        ({"blend": 0.6}, "blend must be at most 0.5 of a segment, not 0.6"),
+        ({"blend": 0.0}, "blend must be above 0 of a segment, not 0.0"),
+        ({"via_t": [0.0, 1.0]}, "via_t must have shape [3], not [2]"),
+        ({"via_t": [0.0, 1.0, 1.0]}, "via_t must increase from 0 s without a duration of zero"),
+        ({"via_t": [0.0, 2.0, 1.0]}, "via_t must increase from 0 s"),
+        ({"via_t": [1.0, 2.0, 3.0]}, "via_t must increase from 0 s"),
+        ({"via_t": [0.0, 1.0, np.nan]}, "via_t must be finite, but entry [2] is nan s"),
+        ({"via_qd": VIA_QD[:2], "via_t": VIA_T}, "via_qd must have shape [3, 3], not [2, 3]"),
+        ({"via_qd": VIA_QD}, "via_qd needs via_t, the times at which"),
+        ({"limits": mo.Limits(q_max=9.0)}, "without any bound on its velocity"),
+    ],
+)
+def test_bad_input_is_refused_before_any_method_runs(microbot, options, said):
+    ran = []
+    with pytest.raises(mo.InputError, match=re.escape(said)) as caught:
+        mo.compare(microbot, VIA_Q, progress=ran.append, **options)
+    assert not ran
+    assert "\n" not in str(caught.value)
+
+
+def test_methods_of_given_times_are_left_out_where_none_are_given(microbot):
+    result = mo.compare(microbot, VIA_Q, mesh=20, starts=1)
+    assert [name for name in METHODS if name not in result.motions] == [
+        *("cubic_report", "cubic_scaled", "lspb_scaled")
+    ]
+
+
+def test_the_baseline_has_the_best_split_of_its_times(microbot):
+    """Whatever times are given; what was assumed is said."""
+    result = mo.compare(microbot, VIA_Q, ["cubic", "lspb"])
+    for skewed in ([0, 1, 4], [0, 3, 4]):
+        again = mo.compare(microbot, VIA_Q, ["cubic", "cubic_scaled"], via_t=skewed)
+        found, given = again["cubic"].motion.duration, again["cubic_scaled"].motion.duration
+        assert found == pytest.approx(result["cubic"].motion.duration, rel=2e-4)
+        assert found < 0.9 * given
+    grid = [[0, x, 4] for x in np.linspace(1.4, 2.6, 25)]
+    durations = [mo.shortest_duration(microbot, mo.cubic(VIA_Q, t)).duration for t in grid]
+    assert result["cubic"].motion.duration < min(durations) * (1 + 1e-4)
+    assert "segments of 1.37" in result["cubic"].note
+    assert "via velocities: Craig's heuristic" in result["cubic"].note
+    assert "blends of 0.60" in result["lspb"].note
+
+
+@pytest.mark.parametrize(
+    ("limits", "duration"),
+    [({"qdd_max": 2.0}, 2 * np.sqrt(3 / 2)), ({"qdd_max": 2.0, "qd_max": 1.0}, 3 / 1 + 1 / 2)],
+)
+def test_the_blends_of_lspb_are_the_best(limits, duration):
+    """From rest to rest over 3 m: as fast as any motion under these limits."""
+    slider = mo.Robot.from_dh(
+        *([0.0], [0.0], [0.0]),
+        joint_type=["prismatic"],
+        links=[mo.Link(1.0, [0.0, 0.0, 0.0])],
+        gravity=(0.0, 0.0, 0.0),
+        limits=mo.Limits(**limits),
+    )
+    found = mo.compare(slider, [[0.0], [3.0]], ["lspb"])["lspb"].motion.duration
+    assert found == pytest.approx(duration, rel=2e-4)
+    held = mo.compare(slider, [[0.0], [3.0]], ["lspb"], blend=0.1)["lspb"]
+    assert held.motion.duration > 1.05 * found
+    assert "blends 0.1 of each" in held.note
+
+
+def test_limits_of_the_task_replace_those_of_the_robot(microbot):
+    slow = mo.Limits(qd_max=0.5, tau_max=[400.0, 500.0, 200.0])
+    result = mo.compare(microbot, VIA_Q, ["cubic"], slow)
+    assert np.abs(result["cubic"].motion.qd).max() == pytest.approx(0.5, rel=1e-6)
+    assert result.limits.qd_max.tolist() == [0.5] * 3
+    assert result["cubic"].certificate.ok
