@@ -135,7 +135,7 @@ def test_without_a_search_even_shares_of_the_time_are_tried():
 
 @pytest.mark.slow
 def test_an_answer_on_a_bound_of_the_duration_says_so(monkeypatch):
-    from microbot_ocp.planning import _scale
+    from microbot_ocp.planning.task import _scale
 
     usual = _scale.TYPICAL
     monkeypatch.setattr(_scale, "TYPICAL", replace(usual, longest=0.3))
