@@ -51,6 +51,7 @@ def random_robot(name: str) -> mo.Robot:
         gravity=rng.uniform(-10.0, 10.0, 3),
         tool=dh_transform(*rng.uniform(-1.0, 1.0, 4)),
         name=name,
+        convention="modified",
     )
 
 

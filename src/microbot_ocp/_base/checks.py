@@ -6,6 +6,8 @@ A message names the argument, the value that was given, its unit and what is all
 from __future__ import annotations
 
 import reprlib
+import sys
+import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import fields
@@ -34,6 +36,14 @@ class InputError(ValueError):
     def __init__(self, *arguments: object) -> None:
         brief = (shortened(a, MOST_MESSAGE) if isinstance(a, str) else a for a in arguments)
         super().__init__(*brief)
+
+
+def warn_user(sentence: str, category: type[Warning] = UserWarning) -> None:
+    """Warn, at the line outside of this package that asked for what is doubtful."""
+    frame, level = sys._getframe(1), 2
+    while frame.f_back and frame.f_globals.get("__name__", "").startswith("microbot_ocp."):
+        frame, level = frame.f_back, level + 1
+    warnings.warn(sentence, category, stacklevel=level)
 
 
 @contextmanager

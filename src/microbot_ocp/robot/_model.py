@@ -21,9 +21,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
-from microbot_ocp._base.checks import FloatArray, InputError, shown
+from microbot_ocp._base.checks import FloatArray, InputError, shown, warn_user
 from microbot_ocp._base.showing import view_for
 from microbot_ocp.limits import JOINT_QUANTITIES, JointLimits, LimitChanges, Limits
+from microbot_ocp.robot._convention import (
+    Convention,
+    doubts,
+    far_end,
+    links_at_joints,
+    modified_rows,
+    shapes_at_joints,
+)
 from microbot_ocp.robot._links import Link, Rotor
 from microbot_ocp.robot._shapes import Capsule, Shape
 
@@ -103,13 +111,15 @@ class Robot:
         base: ArrayLike | None = None,
         beta: ArrayLike | None = None,
         shapes: Sequence[Shape] = (),
+        convention: Convention | None = None,
     ) -> Robot:
-        """Build a robot from Craig's modified-DH table.
+        """Build a robot from a Denavit-Hartenberg table, Craig's modified one by default.
 
         Parameters
         ----------
         alpha, a, d : array_like [n]
-            Twist alpha_{i-1} (rad), link length a_{i-1} (m) and offset d_i (m) of every row.
+            Twist alpha_{i-1} (rad), link length a_{i-1} (m) and offset d_i (m) of every row; in
+            the standard convention alpha_i and a_i.
         theta_offset : array_like [n], optional
             Added to the joint angle (for a prismatic joint: the constant angle), rad.
         joint_type : str or sequence of str
@@ -136,6 +146,11 @@ class Robot:
             Turn about Y of every row, rad: for axes that are almost but not quite parallel.
         shapes : sequence of Shape
             Visual and collision geometry. It plays no part in whether two robots are equal.
+        convention : {"modified", "standard"}, optional
+            "modified" (proximal): frames at the joints, as in Craig. "standard" (distal): frames
+            at the far ends of the links, as in Paul, Spong and Corke; what is given of ``links``,
+            ``shapes`` and ``tool`` is then in those frames. The robot itself has modified rows in
+            either case. Default "modified", with a warning where a table looks like the other.
 
         Returns
         -------
@@ -144,13 +159,22 @@ class Robot:
         Raises
         ------
         InputError
-            Rows of different length, wrong counts or shapes, anything not finite.
+            Rows of different length, wrong counts or shapes, anything not finite; ``beta`` in
+            the standard convention.
 
         Examples
         --------
         >>> robot = Robot.from_dh(alpha=[0.0, 0.0], a=[0.0, 1.0], d=[0.0, 0.0], name="planar")
         >>> robot.joint_count
         2
+
+        The same arm from the other convention:
+
+        >>> standard = Robot.from_dh(
+        ...     [0.0, 0.0], [1.0, 0.0], [0.0, 0.0], name="planar", convention="standard"
+        ... )
+        >>> standard == robot
+        True
         """
         rows = {"alpha": (alpha, "rad"), "a": (a, "m"), "d": (d, "m")}
         table = {k: checks.array(k, v, (None,), u) for k, (v, u) in rows.items()}
@@ -178,26 +202,46 @@ class Robot:
         for key, text in (("name", name), ("description", description)):
             if not isinstance(text, str):
                 raise InputError(f"{key} must be text, not {text!r}")
+        if convention is not None:
+            checks.one_of("convention", convention, ("modified", "standard"))
+        chain = _chain(links, count) if links else ()
+        tool_pose, geometry = _rigid_transform("tool", tool), _shapes(shapes, count)
+        alpha, a = table["alpha"], table["a"]
+        if convention != "modified":
+            odd = doubts(convention or "modified", alpha, a, types, has_base=base is not None)
+            if odd:
+                warn_user(f"{name}: {odd}")
+        if convention == "standard":
+            if beta is not None and np.any(beta):
+                raise InputError("beta is for modified rows: give it without convention='standard'")
+            ends = [far_end(*row) for row in zip(alpha, a, strict=True)]
+            tool_pose = _rigid_transform("tool", ends[-1] @ tool_pose)
+            chain = links_at_joints(chain, ends) if chain else ()
+            geometry = shapes_at_joints(geometry, ends)
+            alpha, a = modified_rows(alpha, a)
         return cls(
             name=name,
-            alpha=table["alpha"],
-            a=table["a"],
+            alpha=alpha,
+            a=a,
             d=table["d"],
             theta_offset=checks.array("theta_offset", offset, (count,), "rad"),
             beta=checks.array("beta", np.zeros(count) if beta is None else beta, (count,), "rad"),
             joint_types=types,  # type: ignore[arg-type]
             joint_names=names,
-            links=_chain(links, count) if links else (),
+            links=chain,
             limits=_joint_limits(Limits() if limits is None else limits, count),
             gravity=checks.array("gravity", gravity, (3,), "m/s^2"),
-            tool=_rigid_transform("tool", tool),
+            tool=tool_pose,
             description=description,
             base=_rigid_transform("base", base),
-            shapes=_shapes(shapes, count),
+            shapes=geometry,
         )
 
     def __repr__(self) -> str:
         return f"<Robot {self.name!r}: {self.joint_count} joints>"
+
+    def __str__(self) -> str:
+        return str(view_for(self, "table")(self))
 
     def _repr_html_(self) -> str:
         return view_for(self, "table")(self)._repr_html_()

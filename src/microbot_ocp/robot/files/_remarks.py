@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import sys
-import warnings
+from microbot_ocp._base.checks import warn_user
 
 SHOWN = 12  # examples in a warning; a file may have the same fault a hundred times
 
@@ -34,12 +33,4 @@ class Remarks:
             if len(items) > SHOWN:
                 shown.append(f"{len(items) - SHOWN} more")
             told = f"{kind}: {', '.join(shown)}" if shown else kind
-            warnings.warn(f"{origin}: {told}", RobotFileWarning, stacklevel=_caller())
-
-
-def _caller() -> int:
-    """Level of the first caller outside of this package, where the file was asked for."""
-    frame, level = sys._getframe(1), 1
-    while frame.f_back and frame.f_globals.get("__name__", "").startswith("microbot_ocp."):
-        frame, level = frame.f_back, level + 1
-    return level
+            warn_user(f"{origin}: {told}", RobotFileWarning)

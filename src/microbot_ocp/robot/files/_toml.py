@@ -1,6 +1,8 @@
-"""Robots from and to TOML files: one ``[[joint]]`` a row of the modified-DH table.
+"""Robots from and to TOML files: one ``[[joint]]`` a row of the DH table.
 
-Angles are in radians, or in degrees where the key ends in ``_deg``. Keys of a joint: ``name``,
+The key ``convention`` of the file, "modified" or "standard", is that of
+:meth:`~microbot_ocp.Robot.from_dh`. Angles are in radians, or in degrees where the key ends in
+``_deg``. Keys of a joint: ``name``,
 ``type``, ``alpha``, ``a``, ``d``, ``theta_offset``, ``beta``; ``mass``, ``center_of_mass``,
 ``inertia``, ``armature``, ``viscous_friction``, ``coulomb_friction``, ``allow_unphysical``; a table
 ``rotor`` with ``inertia``, ``gear_ratio``, ``axis``, ``carrier``;
@@ -51,6 +53,7 @@ SHAPE_KEYS = tuple(f.name for f in fields(Shape))
 ROBOT_KEYS = (
     "name",
     "description",
+    "convention",
     "gravity",
     "sources",
     "joint",
@@ -88,6 +91,7 @@ def parse_robot(text: str, origin: str = "robot") -> Robot:
             description=data.get("description", ""),
             beta=[row["beta"] for row in rows],
             shapes=_shapes(data.get("shape", []), origin),
+            convention=data.get("convention"),
         )
 
 
@@ -265,7 +269,7 @@ def robot_to_toml(robot: Robot) -> str:
     lines = [f"name = {_text(robot.name)}"]
     if robot.description:
         lines.append(f"description = {_text(robot.description)}")
-    lines.append(f"gravity = {robot.gravity.tolist()}")
+    lines += ['convention = "modified"', f"gravity = {robot.gravity.tolist()}"]
     for joint in range(robot.joint_count):
         lines += ["", "[[joint]]", f"name = {_text(robot.joint_names[joint])}"]
         lines.append(f"type = {_text(robot.joint_types[joint])}")

@@ -327,6 +327,7 @@ class _Tree:
             base=rows.base,
             beta=rows.beta,
             shapes=self._shapes(carriers, frames, [np.eye(4), *rows.frames]),
+            convention="modified",
         )
 
     def _remark_held(self, way: list[UrdfJoint], moving: list[UrdfJoint]) -> None:

@@ -32,7 +32,8 @@ def robot(robot: Robot) -> Table:
     if robot.has_dynamics:
         columns.append(Column("mass", "kg", ".4g"))
         cells.append([link.mass for link in robot.links])
-    notes = [robot.description, f"{scene.reach(robot):.4g} m stretched out"]
+    notes = ["Modified DH (Craig): alpha and a of a row come before its joint"]
+    notes += [robot.description, f"{scene.reach(robot):.4g} m stretched out"]
     for member in LimitFamily.of(robot):
         texts = scene.limit_texts(robot, member.key)
         if scene.of_joints(robot, member.key):

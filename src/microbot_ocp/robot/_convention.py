@@ -1,0 +1,101 @@
+"""The two conventions of Denavit and Hartenberg: tables of one as tables of the other.
+
+Standard (distal) rows put frame i at the far end of link i: ``T(i-1, i) = Rot_z(theta_i)
+Trans_z(d_i) Trans_x(a_i) Rot_x(alpha_i)`` (Denavit and Hartenberg, 1955; Paul; Spong). Modified
+(proximal) rows put it at joint i (Craig). Between two joints both have the same twist and length,
+which stand in row i of the one and in row i + 1 of the other; so frame i of the standard table is
+``Trans_x(a_i) Rot_x(alpha_i)`` after frame i of the modified one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray
+from microbot_ocp.robot._links import Link
+from microbot_ocp.robot._shapes import Shape
+
+Convention = Literal["modified", "standard"]
+NAMES = {"modified": "modified (Craig's, proximal)", "standard": "standard (distal)"}
+
+
+def modified_rows(alpha: FloatArray, a: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Twists and lengths [n] of the modified table of an arm with these standard ones [n]."""
+    shifted = np.zeros((2, alpha.size))
+    shifted[:, 1:] = alpha[:-1], a[:-1]
+    shifted.setflags(write=False)
+    return shifted[0], shifted[1]
+
+
+def far_end(alpha: float, a: float) -> FloatArray:
+    """Frame at the far end of a link [4,4] in the frame at its joint."""
+    ca, sa = np.cos(alpha), np.sin(alpha)
+    rows = [[1.0, 0.0, 0.0, a], [0.0, ca, -sa, 0.0], [0.0, sa, ca, 0.0], [0.0, 0.0, 0.0, 1.0]]
+    return np.array(rows)
+
+
+def links_at_joints(links: Sequence[Link], ends: Sequence[FloatArray]) -> tuple[Link, ...]:
+    """Links with their figures in the frames at the joints; given in those at the far ends."""
+    moved = []
+    for joint, (link, end) in enumerate(zip(links, ends, strict=True)):
+        turn = end[:3, :3]
+        rotor = link.rotor
+        carrier = joint if rotor is None or rotor.carrier is None else rotor.carrier
+        if rotor is not None and carrier:
+            rotor = replace(rotor, axis=ends[carrier - 1][:3, :3] @ rotor.axis)
+        inertia = turn @ link.inertia @ turn.T
+        center = turn @ link.center_of_mass + end[:3, 3]
+        inertia = (inertia + inertia.T) / 2
+        moved.append(replace(link, center_of_mass=center, inertia=inertia, rotor=rotor))
+    return tuple(moved)
+
+
+def shapes_at_joints(shapes: Sequence[Shape], ends: Sequence[FloatArray]) -> tuple[Shape, ...]:
+    """Shapes with their poses in the frames at the joints; given in those at the far ends."""
+    return tuple(
+        replace(shape, pose=ends[shape.frame - 1] @ shape.pose) if shape.frame else shape
+        for shape in shapes
+    )
+
+
+def doubts(
+    convention: Convention,
+    alpha: FloatArray,
+    a: FloatArray,
+    joint_types: Sequence[str],
+    *,
+    has_base: bool,
+) -> str:
+    """What is odd about a table and would not be in the other convention; empty if nothing."""
+    coincident = {
+        "modified": _coincident(alpha[1:], a[1:], joint_types),
+        "standard": _coincident(alpha[:-1], a[:-1], joint_types),
+    }
+    odd = coincident[convention]
+    other: Convention = "standard" if convention == "modified" else "modified"
+    first = convention == "modified" and alpha.size > 1 and not has_base
+    if first and joint_types[0] == "revolute" and (alpha[0] or a[0]):  # rails lie as they please
+        twist = np.degrees(alpha[0])
+        odd = [f"its first row is not zero (alpha {twist:.4g} deg, a {a[0]:.4g} m)", *odd]
+    if not odd or coincident[other]:
+        return ""
+    meant = ", or convention='modified' if it is meant" if convention == "modified" else ""
+    return (
+        f"the DH table looks like one of the {NAMES[other]} convention, but is read as "
+        f"{NAMES[convention]}: {', and '.join(odd)}. Give convention={other!r}{meant}"
+    )
+
+
+def _coincident(alpha: FloatArray, a: FloatArray, joint_types: Sequence[str]) -> list[str]:
+    """Revolute joints one after another about the same axis."""
+    same = [
+        f"joints {joint + 1} and {joint + 2} turn about the same axis"
+        for joint in range(alpha.size)
+        if joint_types[joint] == joint_types[joint + 1] == "revolute"
+        and alpha[joint] == a[joint] == 0.0
+    ]
+    return same[:1]
