@@ -45,6 +45,7 @@ def phase_of(*inner):
         (lambda: clearances(ROBOT, (), np.zeros((2, 3, 4))), "q must have shape [any, 3]"),
         (lambda: mo.ocp.explain(solvable(), 5, max_iterations=-1), "max_iterations must be at"),
         (lambda: mo.ocp.SolverSettings(max_iterations=10**12), "max_iterations must be at most"),
+        (lambda: mo.first_splits([0.0, 1.0]), "via_q must have shape [any, any]"),
         (lambda: mo.cubic(np.ma.masked_equal(VIA, 1), [0, 1]), "via_q must be an array of numbers"),
         (lambda: mo.compare(ROBOT, np.tile(VIA, (251, 1))), "via_q must have at most 500 points"),
         (lambda: mo.time_optimal(ROBOT, [[0, 0, 0], [0, 9e-7, 0]]), "9e-07 rad (m) apart"),
@@ -83,7 +84,7 @@ def test_names_stay_what_they_are():
     import pickle
 
     assert pickle.loads(pickle.dumps(mo.time_optimal)) is mo.time_optimal
-    assert mo.certify.__module__ == "microbot_ocp.certificate._certificate"
+    assert mo.certify.__module__ == "microbot_ocp.certificate"
     assert mo.fast_call.cache_info().maxsize
 
 

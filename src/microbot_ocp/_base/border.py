@@ -1,4 +1,4 @@
-"""The border: what a face (``__init__.py`` with its stub) offers checks its arguments."""
+"""The border: what a public face (``__init__.py`` with its stub) offers checks its arguments."""
 
 from __future__ import annotations
 
@@ -15,31 +15,28 @@ def attach_stub(name: str, file: str) -> tuple[Callable[[str], Any], Callable[[]
     seen: set[str] = set()
 
     def public(wanted: str) -> Any:
-        found = load(wanted)
+        value = load(wanted)
         from microbot_ocp._base.argument_types import checked  # with numpy, not before a name
 
-        for module, kind in _loaded_classes(name, seen):
-            if kind.__name__ in names and kind.__module__ == module:
-                checked(kind)
-        made = sys.modules[name].__dict__[wanted] = checked(found)
-        return made
+        # A user may get an object of a class whose name nobody has asked for.
+        for module in _loaded(name, seen):
+            for kind in vars(sys.modules[module]).values():
+                if isinstance(kind, type) and kind.__name__ in names and kind.__module__ == module:
+                    checked(kind, name)
+        value = sys.modules[name].__dict__[wanted] = checked(value, name)
+        return value
 
     return public, directory, names
 
 
-def _loaded_classes(face: str, seen: set[str]) -> list[tuple[str, type]]:
-    """Classes of the modules behind a face that were imported since this was asked before.
-
-    A user may get an object of a class whose name nobody has asked for.
-    """
+def _loaded(face: str, seen: set[str]) -> list[str]:
+    """Modules behind a face that were imported since this was asked before."""
     new = [
-        (name, module)
+        name
         for name, module in list(sys.modules.items())
-        if name.startswith(f"{face}.") and name not in seen and not _is_loading(module)
+        if name.startswith(f"{face}.")
+        and name not in seen
+        and not getattr(getattr(module, "__spec__", None), "_initializing", False)
     ]
-    seen.update(name for name, _ in new)
-    return [(name, x) for name, module in new for x in vars(module).values() if isinstance(x, type)]
-
-
-def _is_loading(module: Any) -> bool:
-    return getattr(getattr(module, "__spec__", None), "_initializing", False)
+    seen.update(new)
+    return new

@@ -121,7 +121,10 @@ def first_splits(via_q: ArrayLike) -> FloatArray:
     >>> first_splits([[0.0, 0.0], [1.0, 3.0], [1.5, 3.0]]).tolist()
     [[1.0, 1.0], [1.0, 0.16666666666666666]]
     """
-    steps = np.abs(np.diff(np.asarray(via_q, dtype=float), axis=0)).max(axis=1)
+    via = checks.array("via_q", via_q, (None, None))
+    if min(via.shape) == 0 or len(via) < 2:
+        raise InputError(f"via_q must have at least 2 rows and a column, not shape {via.shape}")
+    steps = np.abs(np.diff(via, axis=0)).max(axis=1)
     return np.stack([np.ones(steps.size), steps / steps.max()])
 
 

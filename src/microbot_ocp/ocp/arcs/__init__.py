@@ -6,6 +6,6 @@ Comes in: a solution on a mesh. Goes out: :class:`Switch` es, mesh points where 
 phase of each, ``_singular.py`` determines singular arcs by their own conditions.
 """
 
-from microbot_ocp._base import border
+import lazy_loader
 
-__getattr__, __dir__, __all__ = border.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -5,6 +5,6 @@ the advice of a failed solve, or an :class:`Explanation` of limits that conflict
 :func:`explain` in ``_explain.py``; ``_advice.py`` and ``_finiteness.py`` are called by every solve.
 """
 
-from microbot_ocp._base import border
+import lazy_loader
 
-__getattr__, __dir__, __all__ = border.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

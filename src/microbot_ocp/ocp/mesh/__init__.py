@@ -5,6 +5,6 @@ mesh points, finer meshes. Begin with :func:`state_errors` and :func:`divide`;
 :func:`refined` is the loop.
 """
 
-from microbot_ocp._base import border
+import lazy_loader
 
-__getattr__, __dir__, __all__ = border.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -6,6 +6,6 @@ Begin with ``_problem.py``; ``_phase.py`` has the words of a phase, ``_items.py`
 ``_numeric.py`` functions that are not symbolic. Nothing here knows how a problem is solved.
 """
 
-from microbot_ocp._base import border
+import lazy_loader
 
-__getattr__, __dir__, __all__ = border.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

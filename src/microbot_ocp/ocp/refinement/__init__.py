@@ -6,6 +6,6 @@ the next mesh, ``_cost_error.py`` estimates the error of the cost, ``_degrees.py
 ``_refiner.py`` solves from mesh to mesh for motions.
 """
 
-from microbot_ocp._base import border
+import lazy_loader
 
-__getattr__, __dir__, __all__ = border.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

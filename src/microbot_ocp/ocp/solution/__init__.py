@@ -5,6 +5,6 @@ Begin with ``_solution.py``; ``_gap.py`` says by how much the cost may be lower,
 reports iterations.
 """
 
-from microbot_ocp._base import border
+import lazy_loader
 
-__getattr__, __dir__, __all__ = border.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -7,6 +7,6 @@ Comes in: a problem or transcription, a mesh, a guess and :class:`SolverSettings
 ``_parametric.py`` solves with changed data, ``_persistence.py`` saves and loads.
 """
 
-from microbot_ocp._base import border
+import lazy_loader
 
-__getattr__, __dir__, __all__ = border.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

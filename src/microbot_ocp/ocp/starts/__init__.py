@@ -6,6 +6,6 @@ follows measurements, ``_scaling.py`` finds scales, ``_problem_data.py`` holds l
 as plain values.
 """
 
-from microbot_ocp._base import border
+import lazy_loader
 
-__getattr__, __dir__, __all__ = border.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

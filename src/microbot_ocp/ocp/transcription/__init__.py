@@ -6,6 +6,6 @@ Begin with ``_transcription.py``; ``_kernels.py`` builds one interval by the for
 ``_assembly.py`` puts the intervals together.
 """
 
-from microbot_ocp._base import border
+import lazy_loader
 
-__getattr__, __dir__, __all__ = border.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

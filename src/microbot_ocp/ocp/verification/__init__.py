@@ -6,6 +6,6 @@ again, ``_reintegration.py`` integrates the dynamics again, ``_limits.py`` looks
 points, ``_stationarity.py`` forms the conditions of Karush, Kuhn and Tucker anew.
 """
 
-from microbot_ocp._base import border
+import lazy_loader
 
-__getattr__, __dir__, __all__ = border.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

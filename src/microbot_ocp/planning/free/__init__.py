@@ -6,6 +6,6 @@ that keep every limit without a search. Begin with ``_problem.py``; ``_initial_g
 ``_switching.py`` solves for switching times.
 """
 
-from microbot_ocp._base import border
+import lazy_loader
 
-__getattr__, __dir__, __all__ = border.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -6,6 +6,6 @@ along it, ``_reachability.py`` the passes, ``_phase_plane.py`` has them as data,
 ``_blocked_path.py`` says why a path cannot be travelled.
 """
 
-from microbot_ocp._base import border
+import lazy_loader
 
-__getattr__, __dir__, __all__ = border.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -6,6 +6,6 @@ Comes in: a task. Goes out: a motion with what was tried. Begin with :func:`time
 compares orders of stops, ``_prepared.py`` solves again with other numbers.
 """
 
-from microbot_ocp._base import border
+import lazy_loader
 
-__getattr__, __dir__, __all__ = border.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -6,6 +6,6 @@ durations. Begin with ``_task.py``; ``_stops.py`` and ``_segments.py`` are what 
 ``_friction.py`` rounds dry friction off for programs.
 """
 
-from microbot_ocp._base import border
+import lazy_loader
 
-__getattr__, __dir__, __all__ = border.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -6,6 +6,6 @@ further limits, which the passes of ``planning.path`` cannot, by the program of
 ``_places_program.py``.
 """
 
-from microbot_ocp._base import border
+import lazy_loader
 
-__getattr__, __dir__, __all__ = border.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

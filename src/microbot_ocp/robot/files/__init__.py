@@ -1,5 +1,5 @@
 """Packaged robots, one TOML file each, and the readers and writers of robot files."""
 
-from microbot_ocp._base import border
+import lazy_loader
 
-__getattr__, __dir__, __all__ = border.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

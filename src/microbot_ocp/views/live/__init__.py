@@ -1,5 +1,5 @@
 """Solves watched while they run: progress lines, live plots, a live Rerun viewer."""
 
-from microbot_ocp._base import border
+import lazy_loader
 
-__getattr__, __dir__, __all__ = border.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -4,6 +4,6 @@ A table is data (:class:`microbot_ocp.Table`); the terminal, Jupyter, Markdown a
 writer each.
 """
 
-from microbot_ocp._base import border
+import lazy_loader
 
-__getattr__, __dir__, __all__ = border.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
