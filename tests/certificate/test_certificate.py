@@ -116,6 +116,9 @@ def test_a_violation_is_found_with_joint_time_and_amount(robot):
     assert "torque of shoulder is 276.11 N m at 0 s, 10.4 % beyond its limit of 250 N m" in (
         certificate.verdict
     )
+    (refused,) = (check for check in certificate.checks if not check.passed)
+    assert (refused.what, refused.where, refused.value) == ("torque", "shoulder", check.value)
+    assert certificate.verdict == f"Failed: {refused.problem}."
     # the same motion passes with the excess allowed
     limits = mo.Limits(tau_max=[400.0, 250.0, 200.0])
     assert certify(robot, report_cubic(robot), limits, limit_tolerance=0.11).ok
@@ -248,6 +251,9 @@ def test_what_is_wrong_in_a_later_part_is_told_in_the_time_of_the_whole():
     assert f"stored torque of joint 1 at {made.t[at]:.4g} s" in torque
     assert by_quantity(found)["qd"].time == pytest.approx(1.5, abs=1e-3)
     assert found.stored_torque_time == made.t[at]
+    refused = [(check.what, check.time) for check in found.checks if not check.passed]
+    assert ("stored torque", made.t[at]) in refused
+    assert {"step of the velocity", "joint pose"} <= {check.what for check in found.checks}
 
 
 def test_samples_within_microseconds_are_no_jump():

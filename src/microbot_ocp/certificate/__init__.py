@@ -1,8 +1,9 @@
 """The independent check of a motion: re-simulation, every limit on a dense grid, clearance.
 
-Comes in: a motion and what it was asked for. Goes out: a :class:`Certificate`. Begin with
-:func:`certify` in ``_certificate.py``; ``_resimulation.py`` integrates the motion from its own
-torque, ``_task_certificate.py`` checks stops, segments and payloads.
+Comes in: a motion and what it was asked for. Goes out: a :class:`Certificate`, a list of checks
+(``_certificate.py``). Begin with :func:`certify` in ``_certification.py``;
+``_resimulation.py`` integrates the motion from its own torque, ``_task_certificate.py`` checks
+stops, segments and payloads.
 """
 
 from microbot_ocp._base import border

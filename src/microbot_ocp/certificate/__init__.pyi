@@ -2,11 +2,12 @@
 
 from ._certificate import (
     Certificate as Certificate,
+    Check as Check,
     LimitCheck as LimitCheck,
+    SegmentCheck as SegmentCheck,
     ViaCheck as ViaCheck,
+)
+from ._certification import (
     certificate_of as certificate_of,
     certify as certify,
-)
-from ._task_certificate import (
-    SegmentCheck as SegmentCheck,
 )

@@ -1,78 +1,18 @@
-"""Independent proof of a motion: re-simulation, dense limits, consistency.
-
-Nothing here trusts what made the motion: the limits are checked between its mesh points, the
-torques are computed again, and the arm is simulated with them, segment by segment, by an
-integrator that knows the forward dynamics only.
-"""
+"""A certificate of a motion as data: everything that was checked, and the verdict."""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from microbot_ocp._base import checks, deadline
-from microbot_ocp._base.checks import FloatArray, InputError, plain
-from microbot_ocp._base.growth import growth_said
+from microbot_ocp._base.check import Check
+from microbot_ocp._base.checks import FloatArray, plain
 from microbot_ocp._base.showing import view_for
 from microbot_ocp._base.status import Status
-from microbot_ocp.certificate._resimulation import (
-    RESIMULATION,
-    Resimulation,
-    resimulate,
-    torque_sizes,
-)
-from microbot_ocp.limits import (
-    AT_LIMIT,
-    LIMIT_TOLERANCE,
-    LimitFamily,
-    LimitHistory,
-    StateHistory,
-    not_judged,
-)
-from microbot_ocp.motion import (
-    Motion,
-    State,
-    dense_times,
-    jump_gaps,
-    torque_along,
-)
-from microbot_ocp.planning import Segment, Stop, is_task, places_along, task_of
-from microbot_ocp.robot import JointLimits, Limits, Robot, mass_matrix_condition
-from microbot_ocp.scene import Clearance, Scene, clearance_along, has_coal, with_arm_capsules
-
-if TYPE_CHECKING:
-    from microbot_ocp.certificate._task_certificate import SegmentCheck
-
-
-@dataclass(frozen=True)
-class CertificateSettings:
-    """Settings of what a certificate counts and names.
-
-    Attributes
-    ----------
-    rounding : relative excess over a limit that is put down to the solver's tolerance
-    linear_error : rad; beyond it an error to first order is no figure
-    named_part : of the largest component of a direction: what is worth naming
-    condition_points : samples at which the mass matrix is looked at first
-    between_samples : of the largest torque: how far it may stray between two samples
-    all_along : share of the time from which no torque determines the motion at any instant
-    """
-
-    rounding: float = 1e-7
-    linear_error: float = 0.1
-    named_part: float = 0.3
-    condition_points: int = 10_000
-    between_samples: float = 0.05
-    all_along: float = 1.0 - 1e-9
-
-
-SETTINGS = CertificateSettings()
+from microbot_ocp.limits import not_judged
+from microbot_ocp.scene import Clearance
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,6 +75,51 @@ class ViaCheck:
     name: str
     time: float
     distance: float
+
+
+@dataclass(frozen=True)
+class SegmentCheck:
+    """How near a motion stays to a tool line, a circle or a joint line.
+
+    Attributes
+    ----------
+    name : str
+        "tool line from stop 'a' to stop 'b'".
+    distance, tolerance : float
+        Largest distance and what is allowed, m (rad for a joint line).
+    angle, orientation_tolerance : float
+        Largest angle to the orientation along the way and what is allowed, rad; NaN where the
+        orientation is free.
+    """
+
+    name: str
+    distance: float
+    tolerance: float
+    angle: float = np.nan
+    orientation_tolerance: float = np.nan
+
+    @property
+    def kept(self) -> bool:
+        """Whether the motion stays within the tolerances, as closely as limits are kept."""
+        slack = 1.0 + 1e-3
+        near = self.distance <= slack * self.tolerance
+        return near and not self.angle > slack * self.orientation_tolerance
+
+    @property
+    def unit(self) -> str:
+        """Of the distance."""
+        return "rad" if self.name.startswith("joint") else "m"
+
+    def as_check(self) -> Check:
+        """As one of the checks of a certificate."""
+        where = self.name, np.nan, self.distance, self.tolerance, self.unit
+        return Check("segment", self.kept, f"{self} is left", *where)
+
+    def __str__(self) -> str:
+        said = f"{self.name}: distance {self.distance:.3g} of {self.tolerance:.3g} {self.unit}"
+        if np.isfinite(self.angle):
+            said += f", angle {self.angle:.3g} of {self.orientation_tolerance:.3g} rad"
+        return said
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,20 +190,22 @@ class Certificate:
         Names of the limits that the robot brings but that it takes masses to judge.
     wall_time : float
         What the certificate took, s.
+    checks : tuple of Check
+        Everything that was checked, each with its own verdict.
     """
 
     label: str
     ok: bool
     verdict: str
     limit_checks: tuple[LimitCheck, ...]
-    final_position_error: float
-    final_velocity_error: float
-    resimulation_status: Status
-    grid_step: float
-    grid_ratio: float
-    condition_peak: float
-    condition_time: float
-    saturated_fraction: float
+    final_position_error: float = np.nan
+    final_velocity_error: float = np.nan
+    resimulation_status: Status = Status.NOT_POSSIBLE
+    grid_step: float = np.nan
+    grid_ratio: float = np.nan
+    condition_peak: float = np.nan
+    condition_time: float = np.nan
+    saturated_fraction: float = np.nan
     condition_pose: FloatArray | None = None
     path_position_error: float = np.nan
     path_error_time: float = np.nan
@@ -240,6 +227,7 @@ class Certificate:
     clearance: Clearance | None = None
     unjudged: tuple[str, ...] = ()
     wall_time: float = np.nan
+    checks: tuple[Check, ...] = ()
 
     def __repr__(self) -> str:
         return f"<Certificate of {self.label!r}: {'passed' if self.ok else 'FAILED'}>"
@@ -261,478 +249,3 @@ class Certificate:
     def as_dict(self) -> dict[str, Any]:
         """Plain values for JSON; what is not finite becomes None."""
         return plain(self)
-
-
-class Tolerances(NamedTuple):
-    """What still passes; see :func:`certify`."""
-
-    limit: float = LIMIT_TOLERANCE
-    position: float = 1e-3
-    torque: float = 1e-5
-    via: float = 1e-3
-
-
-def certify(
-    robot: Robot,
-    motion: Motion,
-    limits: Limits | JointLimits | None = None,
-    *,
-    via_q: ArrayLike | Sequence[Stop] | None = None,
-    segments: Sequence[Segment] | None = None,
-    cycle: bool = False,
-    scene: Scene | None = None,
-    limit_tolerance: float = LIMIT_TOLERANCE,
-    position_tolerance: float = 1e-3,
-    torque_tolerance: float = 1e-5,
-    via_tolerance: float = 1e-3,
-    time_limit: float = np.inf,
-) -> Certificate:
-    """Check a motion against the limits and against the arm's forward dynamics.
-
-    - Limits: on a dense grid (at least 20 points to each interval between ``motion.breaks``, 5
-      where there are thousands; steps of at most 0.25 ms, longer beyond 100 s) with torques from
-      inverse dynamics; the torque rate by exact differentiation. At a break both one-sided values
-      count. Limits of the torque rate or the jerk allow no jump of the acceleration: neither inside
-      nor where the motion begins or ends at rest, for there the arm is held at rest before and
-      after, with the torque of gravity. A start or end that moves goes on as it is. The weight of
-      what the tool picks up or puts down at a stop is no motion of the arm: the step of the torque
-      that it makes does not count as a rate.
-    - Stored torques: compared with inverse dynamics at every sample. Between samples the torque
-      must stay near those of its neighbours, or positions, velocities and accelerations do not
-      belong together.
-    - Re-simulation: the forward dynamics, driven by the motion's own torque as a function of time,
-      are integrated segment by segment (at most 0.1 s, never across a jump), each from the
-      motion's own state at its start, and compared with its state at the end. What is missed is
-      judged as the torque that would cause it. One simulation over the whole time would make much
-      of rounding where the arm is unstable; how much is reported, not judged.
-    - Conditioning of the mass matrix along the way: where it is all but singular torques do not
-      determine the acceleration. The certificate names the direction, and judges by inverse
-      dynamics there.
-
-    - Clearance, where a scene is given: proved between samples, too, by :func:`clearance`, with
-      distances by coal. Without coal it is not proved, and the certificate does not pass.
-
-    Of a robot without masses the limits of position, velocity, acceleration and jerk, the via
-    points and whether its samples belong together are checked, and the verdict says so; limits of
-    torques that its file states are named as not judged, others are refused.
-
-    Parameters
-    ----------
-    robot : Robot
-    motion : Motion
-    limits : Limits or JointLimits, optional
-        Default ``robot.limits``.
-    via_q : array_like [m,n] or sequence of Stop, optional
-        Via points, rad (m), that the motion must pass; its marks name them if there are as many.
-        With stops the marks say when each is reached, and every segment is checked with its payload
-        and within its tolerances.
-    segments, cycle
-        As of :func:`microbot_ocp.time_optimal`.
-    scene : Scene, optional
-        Obstacles that the motion must keep clear of.
-    limit_tolerance : float
-        Relative violation of a limit that still passes.
-    position_tolerance : float
-        Miss of a position at the end of a segment that still passes, rad (m).
-    torque_tolerance : float
-        Error of a torque, relative to the largest of its joint, that still passes: of the stored
-        ones, and of the one that would explain what a segment misses. Motions whose torques are
-        interpolated, as those of ``Motion.resample`` without the robot, or rounded need a larger
-        one, such as 1e-3.
-    via_tolerance : float
-        Distance to a via point that still passes, rad (m).
-    time_limit : float
-        Wall time, s, after which no further segments are simulated: the certificate is refused.
-
-    Returns
-    -------
-    Certificate
-
-    Raises
-    ------
-    InputError
-        A robot of another number of joints, a bad via point or tolerance, limits of torques for
-        a robot without masses.
-
-    Examples
-    --------
-    >>> import microbot_ocp as mo
-    >>> from microbot_ocp.trajectories import cubic
-    >>> robot = mo.load_robot("microbot")
-    >>> shape = cubic([[0.0, 0.0, 0.0], [0.5, 0.8, 0.4]], [0.0, 3.0])
-    >>> certificate = certify(robot, Motion.from_polynomial(robot, shape, label="cubic"))
-    >>> certificate.ok, certificate.resimulation_status.solved
-    (True, True)
-    """
-    count = robot.joint_count
-    if motion.joint_count != count:
-        raise InputError(f"motion is of {motion.joint_count} joints, but the robot has {count}")
-    tolerances = Tolerances(
-        limit=checks.number("limit_tolerance", limit_tolerance, at_least=0.0),
-        position=checks.number("position_tolerance", position_tolerance, at_least=0.0),
-        torque=checks.number("torque_tolerance", torque_tolerance, above=0.0),
-        via=checks.number("via_tolerance", via_tolerance, at_least=0.0),
-    )
-    if via_q is not None and (is_task(via_q) or segments is not None or cycle):
-        from microbot_ocp.certificate._task_certificate import certificate_of_task
-
-        stops = list(cast("Sequence[Any]", via_q))
-        arm = robot if scene is None else with_arm_capsules(robot)  # parts hang on capsules
-        task = task_of(arm, stops, limits, segments=segments, cycle=cycle)
-        made = certificate_of_task(task, motion, tolerances)
-        if scene is None:
-            return made
-        return with_clearance(made, places_along(task, motion, scene), motion)
-    via = None
-    if via_q is not None:
-        via = checks.array("via_q", cast("ArrayLike", via_q), (None, count), "rad")
-    with deadline.within(time_limit):
-        made = certificate_of(LimitFamily.of(robot, limits), motion, via, tolerances)
-        if scene is None:
-            return made
-        return with_clearance(made, [(0.0, motion.duration, robot, scene)], motion)
-
-
-def with_clearance(
-    certificate: Certificate,
-    places: Sequence[tuple[float, float, Robot, Scene]],
-    motion: Motion,
-) -> Certificate:
-    """A certificate with the clearance of a motion: passed only where it is proved."""
-    if not has_coal():
-        return replace(
-            certificate,
-            ok=False,
-            verdict=_with_sentence(certificate, "clearance is not proved: that needs coal", False),
-        )
-    found = clearance_along(places, motion)
-    return replace(
-        certificate,
-        ok=certificate.ok and found.proved,
-        verdict=_with_sentence(certificate, found.sentence, found.proved),
-        clearance=found,
-        wall_time=certificate.wall_time + found.wall_time,
-    )
-
-
-def _with_sentence(certificate: Certificate, sentence: str, kept: bool) -> str:
-    if certificate.ok and not kept:
-        return f"Failed: {sentence}."
-    return f"{certificate.verdict.removesuffix('.')}; {sentence}."
-
-
-def certificate_of(
-    family: LimitFamily,
-    motion: Motion,
-    via: FloatArray | None,
-    tolerances: Tolerances | None = None,
-    history: StateHistory | None = None,
-    start: float = 0.0,
-) -> Certificate:
-    """As :func:`certify`, of what is checked.
-
-    ``history`` is what limits are judged by where the motion is a part of one, which begins at
-    ``start``, s; all times are those of the whole then.
-    """
-    started = time.perf_counter()
-    robot: Robot = family.robot
-    tolerances = tolerances or Tolerances()
-    t, ratio = dense_times(motion)
-    state = motion.sample(t)
-    limit_checks, saturated = _check_limits(family, history or motion.history())
-    if not robot.has_dynamics:
-        vias = () if via is None else _check_vias(motion, via, t, state)
-        problems = _beyond_limits(tolerances, limit_checks) + _missed(tolerances, vias)
-        stray, stray_time = _between_samples(motion, lambda state: state.qdd, start)
-        if stray > SETTINGS.between_samples:
-            problems.append(_strays("acceleration", stray, stray_time))
-        verdict = "; ".join(problems) if problems else _tightest(limit_checks, family.unjudged)
-        return Certificate(
-            label=motion.label,
-            ok=not problems,
-            verdict=("Failed: " if problems else "Passed: ")
-            + f"{verdict}; kinematics only: {robot.name} has no masses, so nothing was simulated "
-            "and no torque looked at.",
-            limit_checks=limit_checks,
-            final_position_error=np.nan,
-            final_velocity_error=np.nan,
-            resimulation_status=Status.NOT_POSSIBLE,
-            grid_step=float(np.diff(t).max()),
-            grid_ratio=ratio,
-            condition_peak=np.nan,
-            condition_time=np.nan,
-            saturated_fraction=saturated,
-            between_samples_error=stray,
-            between_samples_time=stray_time,
-            via_checks=vias,
-            unjudged=family.unjudged,
-            wall_time=time.perf_counter() - started,
-        )
-    condition, at = _condition(robot, t, state)
-    torque_error, torque_sample, torque_joint = _stored_torque(robot, motion)
-    condition_time, torque_time = start + float(t[at]), start + float(motion.t[torque_sample])
-    stray, stray_time = _between_samples(motion, partial(torque_along, robot), start)
-    vias = () if via is None else _check_vias(motion, via, t, state)
-    again = resimulate(robot, motion, tolerances.torque)
-    again = again._replace(
-        defect_time=start + again.defect_time, path_error_time=start + again.path_error_time
-    )
-
-    problems = _problems(robot, tolerances, limit_checks, again, vias)
-    if torque_error > tolerances.torque:
-        problems.append(
-            f"stored torque of {robot.joint_names[torque_joint]} at {torque_time:.4g} s is not "
-            f"that of inverse dynamics: it differs by {torque_error:.3g} of its largest torque"
-        )
-    if stray > SETTINGS.between_samples:
-        problems.append(_strays("torque", stray, stray_time))
-    verdict = "; ".join(problems) if problems else _summary(limit_checks, again)
-    if condition > RESIMULATION.near_singular:
-        verdict += (
-            f"; mass matrix near singular at {condition_time:.4g} s (condition number "
-            f"{condition:.2g} at q = {_pose(robot, state.q[at])})"
-        )
-    if again.undetermined_fraction:
-        besides = again.undetermined_besides
-        more = f" and of {besides} more direction{'s' * (besides > 1)}" if besides else ""
-        verdict += (
-            f"; for {100 * again.undetermined_fraction:.3g} % of the time no torque determines the "
-            f"motion of {_direction(robot, again.undetermined)}{more}: judged by inverse dynamics "
-            "there"
-        )
-    return Certificate(
-        label=motion.label,
-        ok=not problems,
-        verdict=("Failed: " if problems else "Passed: ") + verdict + ".",
-        limit_checks=limit_checks,
-        final_position_error=again.final_position_error,
-        final_velocity_error=again.final_velocity_error,
-        resimulation_status=again.status,
-        grid_step=float(np.diff(t).max()),
-        grid_ratio=ratio,
-        condition_peak=condition,
-        condition_time=condition_time,
-        saturated_fraction=saturated,
-        condition_pose=state.q[at],
-        path_position_error=again.path_position_error,
-        path_error_time=again.path_error_time,
-        segments=again.segments,
-        defect=again.defect,
-        defect_joint=robot.joint_names[again.defect_joint],
-        defect_time=again.defect_time,
-        position_defect=again.position_defect,
-        amplification=again.amplification,
-        undetermined_fraction=again.undetermined_fraction,
-        undetermined_direction=again.undetermined if again.undetermined_fraction else None,
-        stored_torque_error=torque_error,
-        stored_torque_joint=robot.joint_names[torque_joint],
-        stored_torque_time=torque_time,
-        between_samples_error=stray,
-        between_samples_time=stray_time,
-        via_checks=vias,
-        wall_time=time.perf_counter() - started,
-    )
-
-
-def _check_limits(
-    family: LimitFamily, states: StateHistory
-) -> tuple[tuple[LimitCheck, ...], float]:
-    history = LimitHistory.of(family, states)
-    found = []
-    busy = np.zeros(history.t.size, dtype=bool)
-    for member in family:
-        if member.key != "q":
-            busy |= (history.use[member.key] >= AT_LIMIT).any(axis=1)
-        t, values, use = history.judged(member.key)
-        peaks = use.max(axis=0)
-        joint = int(peaks.argmax())
-        i = int(use[:, joint].argmax())
-        found.append(
-            LimitCheck(
-                quantity=member.key,
-                name=member.name,
-                labels=member.labels,
-                utilisation=np.where(member.limited, peaks, np.nan),
-                violation=max(0.0, float(peaks[joint]) - 1.0),
-                joint=member.labels[joint],
-                time=float(t[i]),
-                value=float(values.value[i, joint]),
-                limit=float(member.nearest_bound(values)[i, joint]),
-                unit=member.units[joint],
-                jump=i >= history.t.size,
-            )
-        )
-    spans = np.diff(history.t)
-    share_of_time = float((0.5 * (busy[:-1] + 0.0 + busy[1:]) * spans).sum() / spans.sum())
-    return tuple(found), share_of_time
-
-
-def _condition(robot: Robot, t: FloatArray, state: State) -> tuple[float, int]:
-    """Largest condition number of the mass matrix and where: among some points, then near it."""
-    function, apart = mass_matrix_condition(robot), -(-t.size // SETTINGS.condition_points)
-    at = apart * int(np.array(function(state.q[::apart].T)).argmax())
-    first = max(0, at - apart)
-    values = np.array(function(state.q[first : at + apart].T)).ravel()
-    return float(values.max()), first + int(values.argmax())
-
-
-def _stored_torque(robot: Robot, motion: Motion) -> tuple[float, int, int]:
-    """Largest difference to inverse dynamics (relative), its sample and joint."""
-    again = torque_along(robot, State(motion.q, motion.qd, motion.qdd))
-    share = np.abs(motion.tau - again) / torque_sizes(robot, motion)
-    i, joint = np.unravel_index(int(share.argmax()), share.shape)
-    return float(share[i, joint]), int(i), int(joint)
-
-
-def _strays(what: str, stray: float, stray_time: float) -> str:
-    return (
-        f"position, velocity and acceleration do not belong together: between the samples at "
-        f"{stray_time:.4g} s the {what} strays by {stray:.3g} of the largest"
-    )
-
-
-def _between_samples(
-    motion: Motion, moved: Callable[[State], FloatArray], first: float
-) -> tuple[float, float]:
-    """How far the torque half-way between samples lies outside theirs (relative), and when.
-
-    ``moved`` gives it, or the acceleration of a robot without masses, from states; ``first`` is
-    when the motion begins.
-    """
-    start, end = motion.t[:-1], motion.t[1:]
-    long = ~jump_gaps(motion.t)
-    middle = 0.5 * (start + end)[long]
-    tau = moved(motion.sample(middle))
-    ends = moved(State(motion.q, motion.qd, motion.qdd))
-    low, high = np.minimum(ends[:-1], ends[1:])[long], np.maximum(ends[:-1], ends[1:])[long]
-    # Interpolating over a jump between two samples overshoots by less than the jump.
-    outside = (np.maximum(tau - high, low - tau) - (high - low)).max(axis=1)
-    worst = int(outside.argmax())
-    size = max(float(np.abs(ends).max()), 1e-9)
-    return max(0.0, float(outside[worst] / size)), first + float(middle[worst])
-
-
-def _check_vias(
-    motion: Motion, via: FloatArray, t: FloatArray, state: State
-) -> tuple[ViaCheck, ...]:
-    names = [f"via point {k + 1}" for k in range(via.shape[0])]
-    if len(motion.marks) == via.shape[0]:
-        names = [mark.name for mark in motion.marks]
-    nearest = [int(((state.q - target) ** 2).sum(axis=1).argmin()) for target in via]
-    moment, reach = t[nearest], float(np.diff(t).max())
-    distance = np.zeros(via.shape[0])
-    each = np.arange(via.shape[0])
-    for _ in range(6):
-        around = moment[:, None] + reach * np.linspace(-1, 1, 17)
-        around = np.clip(around, 0.0, motion.duration)
-        q = motion.sample(around.ravel()).q.reshape(*around.shape, -1)
-        apart = np.sqrt(((q - via[:, None]) ** 2).sum(axis=2))
-        best = apart.argmin(axis=1)
-        moment, distance, reach = around[each, best], apart[each, best], reach / 8
-    return tuple(
-        ViaCheck(name, float(time), float(least))
-        for name, time, least in zip(names, moment, distance, strict=True)
-    )
-
-
-def _problems(
-    robot: Robot,
-    tolerances: Tolerances,
-    limit_checks: tuple[LimitCheck, ...],
-    again: Resimulation,
-    vias: tuple[ViaCheck, ...],
-) -> list[str]:
-    problems = _beyond_limits(tolerances, limit_checks)
-    if not again.status.solved:
-        problems.append(f"re-simulation stopped: {again.message}")
-    elif not (again.defect <= tolerances.torque and again.position_defect <= tolerances.position):
-        problems.append(
-            f"re-simulation misses the motion at {again.defect_time:.4g} s by what a torque of "
-            f"{again.defect:.2g} of the largest of {robot.joint_names[again.defect_joint]} would "
-            f"explain (of {again.segments} segments one ends up to {again.position_defect:.2g} rad "
-            "off)"
-        )
-    return problems + _missed(tolerances, vias)
-
-
-def _beyond_limits(tolerances: Tolerances, limit_checks: tuple[LimitCheck, ...]) -> list[str]:
-    return [
-        f"{check.title} is {check.value:.5g} {check.unit} at {check.time:.4g} s"
-        + (", where the acceleration jumps" if check.jump else "")
-        + f", {100 * check.violation:.3g} % beyond its limit of {check.limit:.5g} {check.unit}"
-        for check in limit_checks
-        if check.violation > tolerances.limit
-    ]
-
-
-def _missed(tolerances: Tolerances, vias: tuple[ViaCheck, ...]) -> list[str]:
-    return [
-        f"{via.name} is missed by {via.distance:.3g} rad (nearest at {via.time:.4g} s)"
-        for via in vias
-        if via.distance > tolerances.via
-    ]
-
-
-def _tightest(limit_checks: tuple[LimitCheck, ...], unjudged: Sequence[str] = ()) -> str:
-    # Every motion fills the position range that its path needs; the others say how hard it is.
-    used = [check for check in limit_checks if check.quantity != "q"] or list(limit_checks)
-    but = f" but that of {' and '.join(unjudged)}" if unjudged else ""
-    if not used:
-        return f"there is no limit{but}"
-    tightest = max(used, key=lambda check: np.nanmax(check.utilisation))
-    worst = max(check.violation for check in limit_checks)
-    kept = "is kept" if worst <= SETTINGS.rounding else f"is kept to within {100 * worst:.2g} %"
-    return (
-        f"every limit{but} {kept}, the tightest being {tightest.title} "
-        f"with {100 * np.nanmax(tightest.utilisation):.4g} % at "
-        f"{tightest.time:.4g} s"
-    )
-
-
-def summary(certificate: Certificate) -> str:
-    """What a certificate of several parts says when all of them passed."""
-    said = _tightest(certificate.limit_checks, certificate.unjudged)
-    if not np.isfinite(certificate.defect):
-        return f"{said}; kinematics only"
-    return "; ".join([said, *_agreement(certificate)])
-
-
-def _agreement(found: Certificate | Resimulation) -> list[str]:
-    """That the torques lead along the motion; nothing where they never determine it."""
-    if found.undetermined_fraction > SETTINGS.all_along:
-        return []
-    to = f" to {found.defect:.1g} of the torques" if found.defect > 1e-12 else ""
-    return [f"re-simulation of {found.segments} segments agrees{to}"]
-
-
-def _summary(limit_checks: tuple[LimitCheck, ...], again: Resimulation) -> str:
-    parts = [_tightest(limit_checks)] if limit_checks else []
-    parts += _agreement(again)
-    if again.final_position_error < SETTINGS.linear_error:
-        parts.append(
-            f"open loop it ends within {again.final_position_error:.2g} rad, errors growing up to "
-            f"{growth_said(again.amplification)}"
-        )
-    else:
-        parts.append(
-            f"one simulation over the whole time says nothing, for errors grow up to "
-            f"{growth_said(again.amplification)}"
-        )
-    return "; ".join(parts)
-
-
-def _direction(robot: Robot, direction: FloatArray) -> str:
-    """Names of the joints that make up a direction, with their shares where they are several."""
-    parts = np.abs(direction) >= SETTINGS.named_part * np.abs(direction).max()
-    if parts.sum() == 1:
-        return robot.joint_names[int(np.abs(direction).argmax())]
-    chosen = zip(direction[parts], np.array(robot.joint_names)[parts], strict=True)
-    return "(" + ", ".join(f"{value:.2g} {name}" for value, name in chosen) + ")"
-
-
-def _pose(robot: Robot, q: FloatArray) -> str:
-    entries = [
-        f"{value:.4g} m" if kind == "prismatic" else f"{np.degrees(value):.4g} deg"
-        for value, kind in zip(q, robot.joint_types, strict=True)
-    ]
-    return "(" + ", ".join(entries) + ")"

@@ -94,11 +94,11 @@ _to_modes = np.linalg.inv(_to_places)
 class Resimulation(NamedTuple):
     """What became of a motion; see the attributes of the same names of a certificate."""
 
-    status: Status
+    resimulation_status: Status
     message: str
     segments: int
     defect: float
-    defect_joint: int
+    defect_joint: str
     defect_time: float
     position_defect: float
     amplification: float
@@ -109,6 +109,15 @@ class Resimulation(NamedTuple):
     final_velocity_error: float
     path_position_error: float
     path_error_time: float
+
+    @property
+    def figures(self) -> dict[str, Any]:
+        """What a certificate has of them."""
+        figures = self._asdict()
+        direction = figures.pop("undetermined") if self.undetermined_fraction else None
+        inner = ("message", "undetermined", "undetermined_besides")
+        figures = {key: value for key, value in figures.items() if key not in inner}
+        return {**figures, "undetermined_direction": direction}
 
 
 class _Segments(NamedTuple):
@@ -188,8 +197,11 @@ def _missed(motion: Motion, first: IntArray) -> FloatArray:
     return missed
 
 
-def resimulate(robot: Robot, motion: Motion, tolerance: float) -> Resimulation:
-    """Simulate a motion again; ``tolerance`` of the torque, relative, is what will be judged."""
+def resimulate(robot: Robot, motion: Motion, tolerance: float, first: float = 0.0) -> Resimulation:
+    """Simulate a motion again; ``tolerance`` of the torque, relative, is what will be judged.
+
+    It begins at ``first``, s.
+    """
     mesh, drive = mesh_of(motion), _Drive(robot, motion)
     size = torque_sizes(robot, motion)
     count = min(
@@ -224,14 +236,14 @@ def resimulate(robot: Robot, motion: Motion, tolerance: float) -> Resimulation:
             done.append(found.where(~(good | small)))
     every = _Segments(*(np.concatenate(column) for column in zip(*done, strict=True)))
     every = every.where(np.argsort(every.start))
-    judged = _judged(robot, motion, every, size, tolerance, stuck)
+    judged = _judged(robot, motion, every, size, tolerance, stuck, first)
     if not left:
         return judged
     over = deadline.over()
     why = "the time limit was over" if over else f"{tried} segments were tried"
     status = Status.TIME_LIMIT if over else Status.INTEGRATION_FAILED
     said = f"{why}, {left} of {judged.segments} segments are not resolved"
-    return judged._replace(status=status, message=said)
+    return judged._replace(resimulation_status=status, message=said)
 
 
 def torque_sizes(robot: Robot, motion: Motion) -> FloatArray:
@@ -352,7 +364,13 @@ def _stiff_modes(
 
 
 def _judged(
-    robot: Robot, motion: Motion, every: _Segments, size: FloatArray, tolerance: float, stuck: int
+    robot: Robot,
+    motion: Motion,
+    every: _Segments,
+    size: FloatArray,
+    tolerance: float,
+    stuck: int,
+    first: float,
 ) -> Resimulation:
     count = robot.joint_count
     share = np.nan_to_num(every.torques / (size + every.unknown / tolerance), nan=np.inf)
@@ -376,12 +394,12 @@ def _judged(
         besides = int((values[least, 1:] * RESIMULATION.near_singular <= values[least, -1]).sum())
     message = f"it did not converge on {stuck} of {lengths.size} segments" if stuck else ""
     return Resimulation(
-        status=Status.INTEGRATION_FAILED if stuck else Status.SOLVED,
+        resimulation_status=Status.INTEGRATION_FAILED if stuck else Status.SOLVED,
         message=message,
         segments=lengths.size,
         defect=float(share[k, joint]),
-        defect_joint=int(joint),
-        defect_time=float(every.end[k]),
+        defect_joint=robot.joint_names[joint],
+        defect_time=first + float(every.end[k]),
         position_defect=float(np.nan_to_num(np.abs(every.defects[:, :count]), nan=np.inf).max()),
         amplification=carried.amplification,
         undetermined=direction,
@@ -390,7 +408,7 @@ def _judged(
         final_position_error=float(along[-1]),
         final_velocity_error=float(np.abs(carried.errors[-1, count:]).max()),
         path_position_error=float(along[worst]),
-        path_error_time=float(every.end[worst]),
+        path_error_time=first + float(every.end[worst]),
     )
 
 

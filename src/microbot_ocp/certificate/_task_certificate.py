@@ -13,16 +13,11 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from microbot_ocp._base.check import Check, problems_of
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.status import Status
-from microbot_ocp.certificate._certificate import (
-    Certificate,
-    LimitCheck,
-    Tolerances,
-    ViaCheck,
-    certificate_of,
-    summary,
-)
+from microbot_ocp.certificate._certificate import Certificate, LimitCheck, SegmentCheck, ViaCheck
+from microbot_ocp.certificate._certification import Tolerances, certificate_of, summary
 from microbot_ocp.limits import LimitFamily
 from microbot_ocp.motion import JUMP_GAP, Motion, State, jump_gaps, torque_along
 from microbot_ocp.planning import Circle, JointLine, Line, Stop, Task, stretches, tool_poses
@@ -48,42 +43,6 @@ class SegmentTolerances:
 SEGMENT_TOLERANCES = SegmentTolerances()
 
 
-@dataclass(frozen=True)
-class SegmentCheck:
-    """How near a motion stays to a tool line, a circle or a joint line.
-
-    Attributes
-    ----------
-    name : str
-        "tool line from stop 'a' to stop 'b'".
-    distance, tolerance : float
-        Largest distance and what is allowed, m (rad for a joint line).
-    angle, orientation_tolerance : float
-        Largest angle to the orientation along the way and what is allowed, rad; NaN where the
-        orientation is free.
-    """
-
-    name: str
-    distance: float
-    tolerance: float
-    angle: float = np.nan
-    orientation_tolerance: float = np.nan
-
-    @property
-    def kept(self) -> bool:
-        """Whether the motion stays within the tolerances, as closely as limits are kept."""
-        slack = 1.0 + 1e-3
-        near = self.distance <= slack * self.tolerance
-        return near and not self.angle > slack * self.orientation_tolerance
-
-    def __str__(self) -> str:
-        unit = "rad" if self.name.startswith("joint") else "m"
-        said = f"{self.name}: distance {self.distance:.3g} of {self.tolerance:.3g} {unit}"
-        if np.isfinite(self.angle):
-            said += f", angle {self.angle:.3g} of {self.orientation_tolerance:.3g} rad"
-        return said
-
-
 def certificate_of_task(task: Task, motion: Motion, tolerances: Tolerances) -> Certificate:
     """Certificate of a motion whose marks are when the stops of a task are reached."""
     parts, problems = [], []
@@ -96,21 +55,20 @@ def certificate_of_task(task: Task, motion: Motion, tolerances: Tolerances) -> C
         if not found.ok:
             said = found.verdict.removeprefix("Failed: ").rstrip(".")
             problems.append(f"between {start:.4g} s and {end:.4g} s: {said}")
-    problems += _steps(motion, [start for start, *_ in places[1:]])
-    vias, missed = _check_stops(task, motion)
+    vias, at_stops = _check_stops(task, motion)
     segments = _check_segments(task, motion)
-    problems += missed
-    problems += [f"{check} is left" for check in segments if not check.kept]
+    checks = [*_steps(motion, [start for start, *_ in places[1:]]), *at_stops]
+    checks += [check.as_check() for check in segments]
+    problems += problems_of(checks)
     whole = _merged(motion, parts)
-    said = "; ".join(problems) if problems else summary(whole)
-    if not problems and segments:
-        said += "; " + "; ".join(map(str, segments))
+    said = "; ".join(problems or [summary(whole), *map(str, segments)])
     return replace(
         whole,
         ok=not problems,
-        verdict=("Failed: " if problems else "Passed: ") + said + ".",
+        verdict=f"{'Failed' if problems else 'Passed'}: {said}.",
         via_checks=vias,
         segment_checks=segments,
+        checks=(*whole.checks, *checks),
     )
 
 
@@ -147,51 +105,54 @@ def _part(motion: Motion, robot: Robot, start: float, end: float) -> Motion:
     )
 
 
-def _steps(motion: Motion, times: Sequence[float]) -> list[str]:
-    """Where position or velocity are not continuous from one segment to the next."""
-    found = []
+def _steps(motion: Motion, times: Sequence[float]) -> list[Check]:
+    """Whether position and velocity are continuous from one segment to the next."""
+    checks = []
     for time in times:
         before, after = (motion.sample([time + k * 2 * JUMP_GAP]) for k in (-1, 1))
         moved = after.q - before.q - 2 * JUMP_GAP * (before.qd + after.qd)
-        for what, step in (("position", moved), ("velocity", after.qd - before.qd)):
-            allowed = (
-                SEGMENT_TOLERANCES.continuous
-                if what == "position"
-                else SEGMENT_TOLERANCES.still + 4 * JUMP_GAP * 1e4
+        still = SEGMENT_TOLERANCES.still + 4 * JUMP_GAP * 1e4
+        for what, unit, steps, allowed in (
+            ("position", "rad", moved, SEGMENT_TOLERANCES.continuous),
+            ("velocity", "rad/s", after.qd - before.qd, still),
+        ):
+            step = float(np.abs(steps).max())
+            problem = f"the {what} jumps by {step:.3g} at {time:.4g} s"
+            passed = not step > allowed
+            checks.append(
+                Check(f"step of the {what}", passed, problem, "", time, step, allowed, unit)
             )
-            if np.abs(step).max() > allowed:
-                found.append(f"the {what} jumps by {np.abs(step).max():.3g} at {time:.4g} s")
-    return found
+    return checks
 
 
 # stops --------------------------------------------------------------------------------------------
 
 
-def _check_stops(task: Task, motion: Motion) -> tuple[tuple[ViaCheck, ...], list[str]]:
-    vias, problems = [], []
+def _check_stops(task: Task, motion: Motion) -> tuple[tuple[ViaCheck, ...], list[Check]]:
+    vias, checks = [], []
+    still = SEGMENT_TOLERANCES.still
     for k, (stop, mark) in enumerate(zip(task.stops, motion.marks, strict=True)):
         state = motion.sample([mark.time])
         misses = stop_misses(task.robot, stop, state.q[0])
         qd = state.qd[0]
         if task.at_rest(k):
-            misses["velocity", "rad/s"] = float(np.abs(qd).max()) - SEGMENT_TOLERANCES.still
+            misses["velocity", "rad/s"] = float(np.abs(qd).max()) - still
         elif not isinstance(stop.velocity, str | None):
             own = qd if stop.q is not None else _velocity(task.robot, state.q[0], qd)
-            misses["velocity", "m/s"] = (
-                float(np.abs(own - stop.velocity).max()) - SEGMENT_TOLERANCES.still
-            )
+            misses["velocity", "m/s"] = float(np.abs(own - stop.velocity).max()) - still
         vias.append(ViaCheck(stop.name, mark.time, max(0.0, *misses.values())))
-        problems += [
-            f"stop {stop.name!r} is missed in its {what} by {miss:.3g} {unit}"
-            for (what, unit), miss in misses.items()
-            if miss > 0.0
-        ]
+        for (what, unit), miss in misses.items():
+            problem = f"stop {stop.name!r} is missed in its {what} by {miss:.3g} {unit}"
+            passed = not miss > 0.0
+            checks.append(Check(what, passed, problem, stop.name, mark.time, miss, 0.0, unit))
     if task.cycle:
         first, last = motion.sample([0.0]), motion.sample([motion.duration])
         for what, a, b in (("position", first.q, last.q), ("velocity", first.qd, last.qd)):
-            if np.abs(a - b).max() > SEGMENT_TOLERANCES.still:
-                problems.append(f"the cycle ends {np.abs(a - b).max():.3g} off in its {what}")
-    return tuple(vias), problems
+            off = float(np.abs(a - b).max())
+            problem = f"the cycle ends {off:.3g} off in its {what}"
+            end = motion.duration
+            checks.append(Check(f"{what} of the cycle", off <= still, problem, "", end, off, still))
+    return tuple(vias), checks
 
 
 def _velocity(robot: Robot, q: FloatArray, qd: FloatArray) -> FloatArray:
@@ -289,58 +250,41 @@ def _to_polyline(points: FloatArray, line: FloatArray) -> tuple[FloatArray, Floa
 # the whole ----------------------------------------------------------------------------------------
 
 
+# Of several parts in a row: the worst of a figure, and what is said of the same part with it.
+WORST = {
+    "defect": ("defect_joint", "defect_time"),
+    "condition_peak": ("condition_time", "condition_pose"),
+    "path_position_error": ("path_error_time",),
+    "stored_torque_error": ("stored_torque_joint", "stored_torque_time"),
+    "between_samples_error": ("between_samples_time",),
+    "undetermined_fraction": ("undetermined_direction",),
+    **dict.fromkeys(("final_position_error", "final_velocity_error", "grid_step"), ()),
+    **dict.fromkeys(("grid_ratio", "position_defect", "amplification"), ()),
+}
+
+
 def _merged(motion: Motion, parts: Sequence[tuple[float, Certificate]]) -> Certificate:
     """One certificate of several in a row: the worst of each figure, with its time."""
     lengths, found = zip(*parts, strict=True)
-
-    def worst(key: str, least: bool = False) -> tuple[float, Certificate]:
+    figures: dict[str, Any] = {}
+    for key, others in WORST.items():
         values = np.array([getattr(certificate, key) for certificate in found], dtype=float)
-        if not np.isfinite(values).any():
-            return float(values[0]), found[0]
-        at = int(np.nanargmin(values) if least else np.nanargmax(values))
-        return float(values[at]), found[at]
-
-    def mean(key: str) -> float:
-        return float(np.average([getattr(c, key) for c in found], weights=lengths))
-
-    defect, by_defect = worst("defect")
-    condition, by_condition = worst("condition_peak")
-    path, by_path = worst("path_position_error")
-    torque, by_torque = worst("stored_torque_error")
-    stray, by_stray = worst("between_samples_error")
+        worst = np.argmin(values) if key == "grid_ratio" else np.argmax(np.nan_to_num(values))
+        figures |= {name: getattr(found[worst], name) for name in (key, *others)}
+    for key in ("saturated_fraction", "undetermined_fraction"):
+        figures[key] = float(np.average([getattr(c, key) for c in found], weights=lengths))
     statuses = [c.resimulation_status for c in found if not c.resimulation_status.solved]
-    _, by_undetermined = worst("undetermined_fraction")
     return Certificate(
         label=motion.label,
         ok=all(c.ok for c in found),
         verdict="",
         limit_checks=_merged_limits(parts),
-        final_position_error=worst("final_position_error")[0],
-        final_velocity_error=worst("final_velocity_error")[0],
         resimulation_status=statuses[0] if statuses else Status.SOLVED,
-        grid_step=worst("grid_step")[0],
-        grid_ratio=worst("grid_ratio", least=True)[0],
-        condition_peak=condition,
-        condition_time=by_condition.condition_time,
-        saturated_fraction=mean("saturated_fraction"),
-        condition_pose=by_condition.condition_pose,
-        path_position_error=path,
-        path_error_time=by_path.path_error_time,
         segments=sum(c.segments for c in found),
-        defect=defect,
-        defect_joint=by_defect.defect_joint,
-        defect_time=by_defect.defect_time,
-        position_defect=worst("position_defect")[0],
-        amplification=worst("amplification")[0],
-        undetermined_fraction=mean("undetermined_fraction"),
-        undetermined_direction=by_undetermined.undetermined_direction,
-        stored_torque_error=torque,
-        stored_torque_joint=by_torque.stored_torque_joint,
-        stored_torque_time=by_torque.stored_torque_time,
-        between_samples_error=stray,
-        between_samples_time=by_stray.between_samples_time,
         unjudged=found[0].unjudged,
         wall_time=sum(c.wall_time for c in found),
+        checks=tuple(check for c in found for check in c.checks),
+        **figures,
     )
 
 
