@@ -329,5 +329,5 @@ def test_the_rule_for_public_names_itself() -> None:
 
 
 def test_a_name_that_is_not_there() -> None:
-    with pytest.raises(AttributeError, match="No microbot_ocp attribute nothing"):
+    with pytest.raises(AttributeError, match="microbot_ocp has no 'nothing'"):
         _ = microbot_ocp.nothing

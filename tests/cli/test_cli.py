@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+import tomllib
 from importlib import metadata
 from pathlib import Path
 
@@ -17,12 +18,14 @@ from rerun.chunk import RrdReader
 import make_commands
 import microbot_ocp as mo
 from microbot_ocp.cli import (
+    _doctor,
     _process as process,
     _program as commands,
     _report as report,
     main,
 )
 
+ROOT = Path(__file__).resolve().parents[2]
 COMMANDS = [
     "robots",
     "show",
@@ -575,6 +578,20 @@ def test_doctor(call, ask, monkeypatch):
     code, out, _ = call("doctor")
     assert code == 1
     assert "MISSING" in out
+
+
+FOR_DEVELOPERS = {"test", "docs", "fuzz", "release", "bench"}
+
+
+def test_doctor_names_every_extra_and_how_to_get_it(call, monkeypatch):
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    assert set(_doctor.EXTRAS) == set(project["optional-dependencies"]) - FOR_DEVELOPERS
+    monkeypatch.setenv("COLUMNS", "200")
+    version = _doctor._version
+    monkeypatch.setattr(_doctor, "_version", lambda name: "" if name == "coal" else version(name))
+    code, out, _ = call("doctor")
+    assert code == 0
+    assert "pip install 'microbot_ocp[cell]' for obstacles" in out
 
 
 def test_an_interrupt_that_a_solver_swallowed(call, monkeypatch):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import reduce
+from functools import partial, reduce
 
 import casadi as ca
 import numpy as np
@@ -235,7 +235,9 @@ def test_beta_turns_about_y_between_the_two_screws_of_a_row() -> None:
     rng = np.random.default_rng(11)
     alpha, a, d, theta, beta = rng.uniform(-1.0, 1.0, (5, 3))
     kinds = ("revolute", "prismatic", "revolute")
-    robot = mo.Robot.from_dh(alpha, a, d, theta, beta=beta, joint_type=kinds)
+    rows = (alpha, a, d, theta)
+    make = partial(mo.Robot.from_dh, *rows, joint_type=kinds, convention="modified")
+    robot = make(beta=beta)
     (q,), (qd,), _ = random_states(robot, 1)
     pose = np.eye(4)
     for j, kind in enumerate(kinds):
@@ -253,6 +255,6 @@ def test_beta_turns_about_y_between_the_two_screws_of_a_row() -> None:
     assert np.concatenate([pose[:3, :3] @ v[:, -1], pose[:3, :3] @ omega[:, -1]]) == pytest.approx(
         twist, abs=1e-14
     )
-    plain = mo.Robot.from_dh(alpha, a, d, theta, joint_type=kinds)
+    plain = make()
     assert robot != plain
-    assert mo.Robot.from_dh(alpha, a, d, theta, joint_type=kinds, beta=np.zeros(3)) == plain
+    assert make(beta=np.zeros(3)) == plain

@@ -15,7 +15,14 @@ def attach_stub(name: str, file: str) -> tuple[Callable[[str], Any], Callable[[]
     seen: set[str] = set()
 
     def public(wanted: str) -> Any:
-        value = load(wanted)
+        try:
+            value = load(wanted)
+        except AttributeError:
+            if wanted.startswith("_") or wanted in names:
+                raise
+            from microbot_ocp._base.checks import similar
+
+            raise AttributeError(f"{name} has no {wanted!r}{similar(wanted, names)}") from None
         from microbot_ocp._base.argument_types import checked  # with numpy, not before a name
 
         # A user may get an object of a class whose name nobody has asked for.

@@ -5,6 +5,7 @@ A message names the argument, the value that was given, its unit and what is all
 
 from __future__ import annotations
 
+import difflib
 import reprlib
 import sys
 import warnings
@@ -195,6 +196,48 @@ def step_count(duration: float, step: float) -> int:
     """How many steps of at most ``step`` s a duration takes; too many are refused."""
     size("the number of samples", duration / step, MOST_GIVEN)
     return max(1, int(np.ceil(duration / step - 1e-9)))
+
+
+MOST_DEGREES = 720.0  # two turns
+MOST_NAMES = 20  # that a message lists
+LONGEST_LINK = 20.0  # m: no arm has a longer one
+
+
+def degrees_hint(angles: ArrayLike) -> str:
+    """Words for angles given in rad that look like degrees: whole numbers beyond a turn.
+
+    >>> degrees_hint([0.0, 90.0]), degrees_hint([0.0, 1.5])
+    ('; that looks like degrees: np.radians makes rad of them', '')
+    """
+    values = np.asarray(angles, dtype=float)
+    values = np.abs(values[np.isfinite(values)])
+    largest = values.max(initial=0.0)
+    if not 2 * np.pi < largest <= MOST_DEGREES or np.any(values % 1.0):
+        return ""
+    return "; that looks like degrees: np.radians makes rad of them"
+
+
+class UnknownName(InputError, KeyError):
+    """A name that a result does not have; the message lists those that it has."""
+
+    __str__ = Exception.__str__  # a KeyError would show the repr
+
+
+def by_name(what: str, entries: Mapping[str, Any], name: object, hint: str = "") -> Any:
+    """The entry of that name; without one the names that there are, the most similar first."""
+    if isinstance(name, str) and name in entries:
+        return entries[name]
+    raise UnknownName(f"{what} has no {shown(name)}{similar(name, entries)}{hint}") from None
+
+
+def similar(name: object, names: Iterable[str]) -> str:
+    """What to say of a name that is none of these: which it may be, or which there are."""
+    there = list(names)
+    close = difflib.get_close_matches(str(name), there, 1)
+    if len(there) > MOST_NAMES:
+        return f": did you mean {close[0]!r}?" if close else ""
+    listed = ", ".join(map(repr, there)) or "nothing"
+    return f": did you mean {close[0]!r}? It has {listed}" if close else f", it has {listed}"
 
 
 def one_of(name: str, value: str, allowed: Iterable[str]) -> str:

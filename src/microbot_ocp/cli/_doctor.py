@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -14,12 +15,14 @@ from microbot_ocp._base.table import Table
 from microbot_ocp.cli._declaration import command
 from microbot_ocp.cli._report import Answer, has_display, nearest
 
-PACKAGES = {  # and what those are for that are not needed
-    **dict.fromkeys(
-        ("microbot_ocp", "casadi", "numpy", "matplotlib", "rerun-sdk", "rich", "typer"), ""
-    ),
-    "xacro": "xacro files",
-    "trimesh": "meshes of URDF files",
+PACKAGES = ("microbot_ocp", "casadi", "numpy", "matplotlib", "rerun-sdk", "rich", "typer")
+EXTRAS = {  # and what they are for
+    "urdf": "xacro files, meshes of URDF files",
+    "cell": "obstacles, orders of many stops",
+    "export": ".mat, .parquet, .mp4",
+    "fit": "models fitted to measurements",
+    "notebook": "Jupyter",
+    "scale": "studies on all processors",
 }
 
 
@@ -62,12 +65,28 @@ def doctor() -> Answer:
 def _versions() -> Iterator[Finding]:
     system = f"{platform.python_version()} on {platform.system()} {platform.machine()}"
     yield Finding("version", "Python", sys.version_info >= (3, 11), system, needed=True)
-    for name, use in PACKAGES.items():
-        try:
-            text, ok = metadata.version(name), True
-        except metadata.PackageNotFoundError:
-            text, ok = f"pip install {name}", False
-        yield Finding("version", name, ok, f"{text} ({use})" if use else text, needed=not use)
+    for name in PACKAGES:
+        version = _version(name)
+        yield Finding("version", name, bool(version), version or f"pip install {name}", needed=True)
+    lines = metadata.requires("microbot_ocp") or [] if _version("microbot_ocp") else []
+    for extra, use in EXTRAS.items():
+        wanted = [name for line in lines if (name := _name_in(line, extra))]
+        missing = [name for name in wanted if not _version(name)]
+        text = f"pip install 'microbot_ocp[{extra}]' for {use}" if missing else use
+        yield Finding("extra", extra, not missing, text)
+
+
+def _version(package: str) -> str:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return ""
+
+
+def _name_in(requirement: str, extra: str) -> str:
+    """The package that a line such as "coal>=3; extra == 'cell'" asks for; empty if another."""
+    named = re.fullmatch(rf"([\w.-]+).*;.*extra == ['\"]{extra}['\"]", requirement)
+    return named[1] if named else ""
 
 
 def _solvers() -> Iterator[Finding]:

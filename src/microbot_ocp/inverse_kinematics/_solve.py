@@ -31,7 +31,7 @@ from microbot_ocp.inverse_kinematics._search import (
     task_errors,
     within_limits,
 )
-from microbot_ocp.robot import Robot
+from microbot_ocp.robot import Robot, stretched_out
 
 REACHED = "The tool reaches the target within the joint limits."
 
@@ -313,6 +313,7 @@ def _nearer_members(
     return moved, motions
 
 
+FAR_OFF = 10.0  # times the stretched arm: a target that far off is in another unit
 FARTHEST = 1e6  # m; beyond, nothing is left of a reach in double precision
 
 
@@ -470,6 +471,8 @@ def _advice(
     elif status is not Status.SOLVED:
         turn = f" and {np.degrees(angle):.4g} deg" if angle else ""
         parts.append(f"The target is missed by {distance:.6g} m{turn}.")
+        if distance > FAR_OFF * stretched_out(robot):
+            parts.append("That looks like millimetres: positions are in m.")
     if status is Status.LIMITS:
         limits = robot.limits
         held = np.minimum(np.abs(q - limits.q_min), np.abs(q - limits.q_max)) < 1e-6

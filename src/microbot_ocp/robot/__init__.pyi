@@ -54,6 +54,7 @@ from ._orientation import (
 from ._reach import (
     largest_reach as largest_reach,
     rest_pose as rest_pose,
+    stretched_out as stretched_out,
 )
 from ._shapes import (
     Capsule as Capsule,

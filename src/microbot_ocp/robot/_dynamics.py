@@ -19,7 +19,7 @@ from functools import lru_cache
 import casadi as ca
 
 from microbot_ocp._base.checks import InputError
-from microbot_ocp._base.codegen import maybe_compiled
+from microbot_ocp.robot._function import function_maker, robot_function
 from microbot_ocp.robot._kinematics import base_transform, joint_transform
 from microbot_ocp.robot._model import Robot
 
@@ -171,6 +171,7 @@ def _state(robot: Robot) -> tuple[ca.SX, ca.SX, ca.SX]:
     return ca.SX.sym("q", count), ca.SX.sym("qd", count), ca.SX.sym("qdd", count)
 
 
+@function_maker
 @lru_cache(maxsize=64)
 def inverse_dynamics(robot: Robot, *, compiled: bool = False) -> ca.Function:
     """Joint torques of a motion, by recursive Newton-Euler (Craig, section 6.5).
@@ -190,17 +191,19 @@ def inverse_dynamics(robot: Robot, *, compiled: bool = False) -> ca.Function:
     q, qd, qdd = _state(robot)
     tau = ca.densify(_newton_euler(robot, q, qd, qdd))
     function = ca.Function("inverse_dynamics", [q, qd, qdd], [tau], ["q", "qd", "qdd"], ["tau"])
-    return maybe_compiled(function, compiled)
+    return robot_function(function, compiled)
 
 
+@function_maker
 @lru_cache(maxsize=64)
 def mass_matrix(robot: Robot, *, compiled: bool = False) -> ca.Function:
     """Mass matrix ``(q[n]) -> M[n,n]``, kg m^2, with rotor inertia on the diagonal."""
     q, _, _ = _state(robot)
     matrix = ca.densify(_mass_matrix(robot, q))
-    return maybe_compiled(ca.Function("mass_matrix", [q], [matrix], ["q"], ["M"]), compiled)
+    return robot_function(ca.Function("mass_matrix", [q], [matrix], ["q"], ["M"]), compiled)
 
 
+@function_maker
 @lru_cache(maxsize=64)
 def coriolis_matrix(robot: Robot, *, compiled: bool = False) -> ca.Function:
     """Coriolis and centrifugal matrix ``(q[n], qd[n]) -> C[n,n]`` from Christoffel symbols.
@@ -220,25 +223,27 @@ def coriolis_matrix(robot: Robot, *, compiled: bool = False) -> ca.Function:
         rows.append(ca.horzcat(*row))
     coriolis = ca.densify(ca.vertcat(*rows))
     function = ca.Function("coriolis_matrix", [q, qd], [coriolis], ["q", "qd"], ["C"])
-    return maybe_compiled(function, compiled)
+    return robot_function(function, compiled)
 
 
+@function_maker
 @lru_cache(maxsize=64)
 def gravity_torque(robot: Robot, *, compiled: bool = False) -> ca.Function:
     """Torque that holds the arm still: ``(q[n]) -> tau[n]``, N m."""
     q, _, _ = _state(robot)
     zero = ca.SX(robot.joint_count, 1)
     tau = ca.densify(_newton_euler(robot, q, zero, zero, friction=False))
-    return maybe_compiled(ca.Function("gravity_torque", [q], [tau], ["q"], ["tau"]), compiled)
+    return robot_function(ca.Function("gravity_torque", [q], [tau], ["q"], ["tau"]), compiled)
 
 
+@function_maker
 @lru_cache(maxsize=64)
 def bias_torque(robot: Robot, *, compiled: bool = False) -> ca.Function:
     """Torque at zero acceleration, ``C qd + g + friction``: ``(q[n], qd[n]) -> tau[n]``, N m."""
     q, qd, _ = _state(robot)
     tau = ca.densify(_newton_euler(robot, q, qd, ca.SX(robot.joint_count, 1)))
     function = ca.Function("bias_torque", [q, qd], [tau], ["q", "qd"], ["tau"])
-    return maybe_compiled(function, compiled)
+    return robot_function(function, compiled)
 
 
 def _solve_symmetric(matrix: ca.SX, right: ca.SX) -> ca.SX:
@@ -264,6 +269,7 @@ def _solve_symmetric(matrix: ca.SX, right: ca.SX) -> ca.SX:
     return ca.horzcat(*solution)
 
 
+@function_maker
 @lru_cache(maxsize=64)
 def forward_dynamics(robot: Robot, *, compiled: bool = False) -> ca.Function:
     """Accelerations that torques cause: ``(q[n], qd[n], tau[n]) -> qdd[n]``.
@@ -277,9 +283,10 @@ def forward_dynamics(robot: Robot, *, compiled: bool = False) -> ca.Function:
     bias = _newton_euler(robot, q, qd, ca.SX(robot.joint_count, 1))
     qdd = ca.densify(_solve_symmetric(ca.densify(_mass_matrix(robot, q)), tau - bias))
     function = ca.Function("forward_dynamics", [q, qd, tau], [qdd], ["q", "qd", "tau"], ["qdd"])
-    return maybe_compiled(function, compiled)
+    return robot_function(function, compiled)
 
 
+@function_maker
 @lru_cache(maxsize=64)
 def mass_matrix_condition(robot: Robot, *, compiled: bool = False) -> ca.Function:
     """Condition number of the mass matrix in the 1-norm: ``(q[n]) -> condition``, 1 to infinity."""
@@ -289,9 +296,10 @@ def mass_matrix_condition(robot: Robot, *, compiled: bool = False) -> ca.Functio
     condition = ca.norm_inf(ca.sum1(ca.fabs(matrix))) * ca.norm_inf(ca.sum1(ca.fabs(inverse)))
     condition = ca.if_else(condition > 0, condition, ca.inf)  # a zero pivot may give 0/0
     function = ca.Function("mass_matrix_condition", [q], [condition], ["q"], ["condition"])
-    return maybe_compiled(function, compiled)
+    return robot_function(function, compiled)
 
 
+@function_maker
 @lru_cache(maxsize=64)
 def energy(robot: Robot, *, compiled: bool = False) -> ca.Function:
     """Mechanical energy: ``(q[n], qd[n]) -> kinetic, potential``, J.
@@ -310,7 +318,7 @@ def energy(robot: Robot, *, compiled: bool = False) -> ca.Function:
     function = ca.Function(
         "energy", [q, qd], [kinetic, potential], ["q", "qd"], ["kinetic", "potential"]
     )
-    return maybe_compiled(function, compiled)
+    return robot_function(function, compiled)
 
 
 @lru_cache(maxsize=64)

@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError
-from microbot_ocp._base.codegen import maybe_compiled
+from microbot_ocp.robot._function import function_maker, robot_function
 from microbot_ocp.robot._model import Robot
 
 
@@ -98,6 +98,7 @@ def _homogeneous(rotation: ca.SX, origin: ca.SX) -> ca.SX:
     return ca.vertcat(top, ca.SX([[0, 0, 0, 1]]))
 
 
+@function_maker
 @lru_cache(maxsize=256, typed=True)
 def forward_kinematics(
     robot: Robot, frame: int | None = None, *, compiled: bool = False
@@ -134,27 +135,30 @@ def forward_kinematics(
     q = ca.SX.sym("q", robot.joint_count)
     pose = ca.SX.eye(4) if index == 0 else _homogeneous(*_frames(robot, q)[index - 1])
     function = ca.Function("forward_kinematics", [q], [ca.densify(pose)], ["q"], ["T"])
-    return maybe_compiled(function, compiled)
+    return robot_function(function, compiled)
 
 
+@function_maker
 @lru_cache(maxsize=64)
 def link_poses(robot: Robot, *, compiled: bool = False) -> ca.Function:
     """Poses of the base and link frames 1 to n side by side: ``(q[n]) -> poses[4, 4 (n+1)]``."""
     q = ca.SX.sym("q", robot.joint_count)
     poses = [ca.SX.eye(4), *(_homogeneous(*frame) for frame in _frames(robot, q)[:-1])]
     function = ca.Function("link_poses", [q], [ca.densify(ca.horzcat(*poses))], ["q"], ["poses"])
-    return maybe_compiled(function, compiled)
+    return robot_function(function, compiled)
 
 
+@function_maker
 @lru_cache(maxsize=64)
 def frame_origins(robot: Robot, *, compiled: bool = False) -> ca.Function:
     """Origins of the base, every link frame and the tool: ``(q[n]) -> origins[3, n+2]``, m."""
     q = ca.SX.sym("q", robot.joint_count)
     origins = [ca.SX.zeros(3), *(ca.densify(origin) for _, origin in _frames(robot, q))]
     function = ca.Function("frame_origins", [q], [ca.horzcat(*origins)], ["q"], ["origins"])
-    return maybe_compiled(function, compiled)
+    return robot_function(function, compiled)
 
 
+@function_maker
 @lru_cache(maxsize=64)
 def jacobian(robot: Robot, *, compiled: bool = False) -> ca.Function:
     """Geometric Jacobian at the tool origin in the base frame.
@@ -177,9 +181,10 @@ def jacobian(robot: Robot, *, compiled: bool = False) -> ca.Function:
         else:
             columns.append(ca.vertcat(axis, ca.SX.zeros(3)))
     function = ca.Function("jacobian", [q], [ca.horzcat(*columns)], ["q"], ["J"])
-    return maybe_compiled(function, compiled)
+    return robot_function(function, compiled)
 
 
+@function_maker
 @lru_cache(maxsize=64)
 def velocity_propagation(robot: Robot, *, compiled: bool = False) -> ca.Function:
     """Velocities of every link frame by outward propagation (Craig, equations 5.45 to 5.48).
@@ -214,4 +219,4 @@ def velocity_propagation(robot: Robot, *, compiled: bool = False) -> ca.Function
         ["q", "qd"],
         ["v", "omega"],
     )
-    return maybe_compiled(function, compiled)
+    return robot_function(function, compiled)

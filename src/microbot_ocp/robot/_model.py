@@ -13,7 +13,7 @@ positioning accuracy of robot manipulators*, Journal of Robotic Systems 2); else
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal, Unpack
 
@@ -188,6 +188,7 @@ class Robot:
                     f"{column.size}"
                 )
         offset = np.zeros(count) if theta_offset is None else theta_offset
+        offset = checks.array("theta_offset", offset, (count,), "rad")
         if not isinstance(joint_type, str | list | tuple):
             raise InputError(f"joint_type must be text or a list of text, not {joint_type!r}")
         types = (joint_type,) * count if isinstance(joint_type, str) else tuple(joint_type)
@@ -204,6 +205,9 @@ class Robot:
                 raise InputError(f"{key} must be text, not {text!r}")
         if convention is not None:
             checks.one_of("convention", convention, ("modified", "standard"))
+        _warn_of_units(name, table, offset)
+        joint_limits = _joint_limits(Limits() if limits is None else limits, count)
+        _warn_of_degrees(joint_limits, types, ("q_min", "q_max"))
         chain = _chain(links, count) if links else ()
         tool_pose, geometry = _rigid_transform("tool", tool), _shapes(shapes, count)
         alpha, a = table["alpha"], table["a"]
@@ -224,12 +228,12 @@ class Robot:
             alpha=alpha,
             a=a,
             d=table["d"],
-            theta_offset=checks.array("theta_offset", offset, (count,), "rad"),
+            theta_offset=offset,
             beta=checks.array("beta", np.zeros(count) if beta is None else beta, (count,), "rad"),
             joint_types=types,  # type: ignore[arg-type]
             joint_names=names,
             links=chain,
-            limits=_joint_limits(Limits() if limits is None else limits, count),
+            limits=joint_limits,
             gravity=checks.array("gravity", gravity, (3,), "m/s^2"),
             tool=tool_pose,
             description=description,
@@ -370,7 +374,9 @@ class Robot:
             limits = self.limits.changed(given)
         elif given:
             raise InputError(f"give limits or {', '.join(given)}, not both")
-        return replace(self, limits=_joint_limits(limits, self.joint_count))
+        joint_limits = _joint_limits(limits, self.joint_count)
+        _warn_of_degrees(joint_limits, self.joint_types, given)
+        return replace(self, limits=joint_limits)
 
     def with_links(self, links: Sequence[Link]) -> Robot:
         """Return the same robot with other links (payload, model mismatch, rotor inertia)."""
@@ -574,6 +580,25 @@ def _joint_limits(limits: Any, count: int) -> JointLimits:
     if not isinstance(limits, Limits | JointLimits):
         raise InputError(f"limits must be Limits, such as Limits(tau_max=100.0), not {limits!r}")
     return limits.for_joints(count)
+
+
+def _warn_of_degrees(limits: JointLimits, joint_types: Sequence[str], keys: Iterable[str]) -> None:
+    """Warn of limits of positions that look like degrees."""
+    turning = [kind == "revolute" for kind in joint_types]
+    for key in {"q_min", "q_max"}.intersection(keys):
+        angles = getattr(limits, key)[turning]
+        if hint := checks.degrees_hint(angles):
+            warn_user(f"{key} is {angles.tolist()} rad{hint}")
+
+
+def _warn_of_units(name: str, table: Mapping[str, FloatArray], offset: FloatArray) -> None:
+    """Warn of a table whose angles look like degrees, or its lengths like millimetres."""
+    for key, angles in (("alpha", table["alpha"]), ("theta_offset", offset)):
+        if hint := checks.degrees_hint(angles):
+            warn_user(f"{name}: {key} is {angles.tolist()} rad{hint}")
+    for key in ("a", "d"):
+        if np.abs(table[key]).max() > checks.LONGEST_LINK:
+            warn_user(f"{name}: {key} is {table[key].tolist()} m; that looks like millimetres")
 
 
 def _rigid_transform(name: str, value: ArrayLike | None) -> FloatArray:

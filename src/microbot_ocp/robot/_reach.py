@@ -14,6 +14,15 @@ def rest_pose(robot: Robot) -> FloatArray:
     return np.clip(np.zeros(robot.joint_count), *robot.limits.bounds("q"))
 
 
+def stretched_out(robot: Robot) -> float:
+    """Distance of the tool from the base origin that is never exceeded, m."""
+    revolute = np.array(robot.joint_types) == "revolute"
+    low, high = robot.limits.bounds("q")
+    slides = np.maximum(np.abs(robot.d + low), np.abs(robot.d + high))
+    rows = np.hypot(robot.a, np.where(revolute, robot.d, slides))
+    return float(rows.sum() + sum(np.linalg.norm(m[:3, 3]) for m in (robot.base, robot.tool)))
+
+
 def largest_reach(robot: Robot, *, poses: int = 4000, rounds: int = 12) -> tuple[float, float]:
     """Distance of the tool from the base origin, m: the largest found, and one never exceeded.
 
@@ -40,9 +49,7 @@ def largest_reach(robot: Robot, *, poses: int = 4000, rounds: int = 12) -> tuple
     """
     revolute = np.array(robot.joint_types) == "revolute"
     low, high = robot.limits.bounds("q")
-    slides = np.maximum(np.abs(robot.d + low), np.abs(robot.d + high))
-    rows = np.hypot(robot.a, np.where(revolute, robot.d, slides))
-    bound = float(rows.sum() + sum(np.linalg.norm(m[:3, 3]) for m in (robot.base, robot.tool)))
+    bound = stretched_out(robot)
     if not np.isfinite(bound):
         return float("inf"), float("inf")
     rest = rest_pose(robot)  # beyond half a turn from it poses recur

@@ -375,10 +375,7 @@ class Comparison:
         return view_for(self, "table")(self)._repr_html_()
 
     def __getitem__(self, name: str) -> Entry:
-        for entry in self.entries:
-            if entry.name == name:
-                return entry
-        raise KeyError(name)
+        return checks.by_name("the comparison", {e.name: e for e in self.entries}, name)
 
     @property
     def motions(self) -> dict[str, Motion]:

@@ -109,7 +109,7 @@ class PhaseSolution:
         return self.mesh * self.duration
 
     def __getitem__(self, name: str) -> FloatArray:
-        return self.values[name]
+        return checks.by_name(f"phase {self.name!r}", self.values, name)
 
     def sample(self, t: ArrayLike) -> dict[str, FloatArray]:
         """Every state, control and algebraic variable [M, size] at times t [M] since the start.
@@ -205,10 +205,10 @@ class Solution:
         return view_for(self, "plot")(self, axes, **options)
 
     def __getitem__(self, name: str) -> PhaseSolution:
-        for phase in self.phases:
-            if phase.name == name:
-                return phase
-        raise KeyError(name)
+        phases = {phase.name: phase for phase in self.phases}
+        inside = next((phase for phase in phases if name in phases[phase].values), None)
+        hint = f"; write solution[{inside!r}][{name!r}]" if inside else ""
+        return checks.by_name("the solution", phases, name, hint)
 
     @property
     def solved(self) -> bool:

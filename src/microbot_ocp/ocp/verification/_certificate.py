@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, plain
 from microbot_ocp._base.showing import view_for
 from microbot_ocp._base.status import Status
@@ -217,7 +218,7 @@ class Costates:
     point_values: Mapping[str, FloatArray]
 
     def __getitem__(self, name: str) -> FloatArray:
-        return self.values[name]
+        return checks.by_name("the costates", self.values, name)
 
 
 @dataclass(frozen=True, eq=False)

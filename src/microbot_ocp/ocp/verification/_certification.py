@@ -6,6 +6,7 @@ import time
 
 import numpy as np
 
+from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.solution import Solution
 from microbot_ocp.ocp.transcription import Transcription
@@ -80,6 +81,9 @@ def verify(
     arcs = tuple(arc for dense in own.dense for arc in arcs_of(dense, prices, worth))
     checks = own.resimulations, own.limits, own.optimality
     failures = [failure.sentence for failure in own.failures]
+    coarse = any(failure.status is Status.TOO_COARSE for failure in own.failures)
+    if coarse and (solution.solved or solution.status is Status.TOO_COARSE):
+        failures.append("the mesh is too coarse: solve(problem, accuracy=1e-6) refines it")
     declared = problem.problem if isinstance(problem, Transcription) else problem
     has_cost = any(phase.has_cost for phase in declared.phases)
     sentences = failures or summary_of(*checks, hamiltonians, arcs, has_cost)

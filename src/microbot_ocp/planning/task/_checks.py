@@ -362,6 +362,7 @@ def check_positions(family: LimitFamily, what: Sequence[str], q: FloatArray) -> 
                     f"{what[i]} is outside the position limits: joint {robot.joint_names[j]!r} at "
                     f"{robot.position_text(j, value[i, j])}, allowed "
                     f"{robot.position_text(j, low[i, j])} to {robot.position_text(j, high[i, j])}"
+                    f"{checks.degrees_hint(q[i, j]) if robot.joint_types[j] == 'revolute' else ''}"
                 )
             broken = _broken(member, j, value[i], low[i], high[i])
             raise InputError(f"{what[i]} breaks a limit: {broken}")

@@ -1,0 +1,84 @@
+"""What the functions of a robot say when they are called as they are not meant to be."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import update_wrapper
+from typing import Any, TypeVar
+
+import casadi as ca
+import numpy as np
+
+from microbot_ocp._base.checks import InputError
+from microbot_ocp._base.codegen import maybe_compiled
+
+SYMBOLS = (ca.DM, ca.SX, ca.MX)
+Maker = TypeVar("Maker", bound=Callable[..., Any])
+
+
+class RobotFunction(ca.Function):
+    """A CasADi function that names the argument of a wrong shape, and the shape it should have."""
+
+    def __call__(self, *arguments: Any, **named: Any) -> Any:
+        try:
+            return super().__call__(*arguments, **named)
+        except (RuntimeError, NotImplementedError) as problem:
+            self._explain(arguments, named, problem)
+            raise
+
+    def _explain(
+        self, arguments: tuple[Any, ...], named: dict[str, Any], problem: Exception
+    ) -> None:
+        names = self.name_in()
+        call = f"{self.name()}({', '.join(names)})"
+        if not named and len(arguments) != len(names):
+            raise InputError(
+                f"{call} takes {len(names)} arguments, not {len(arguments)}"
+            ) from problem
+        for name in named:
+            if name not in names:
+                raise InputError(f"{call} has no argument {name!r}") from problem
+        for name, value in [*zip(names, arguments, strict=False), *named.items()]:
+            count = self.size1_in(name)
+            shape = list(_shape(value))
+            if shape[:1] not in ([], [count], [1]):
+                turned = shape[1:] == [count]
+                hint = "; transpose it: configurations stand side by side" if turned else ""
+                raise InputError(
+                    f"{name} of {self.name()} must have shape [{count}] or [{count}, N], "
+                    f"not {shape}{hint}"
+                ) from problem
+
+
+def _is_value(value: Any) -> bool:
+    return isinstance(value, SYMBOLS) or np.ndim(value) > 0
+
+
+def _shape(value: Any) -> tuple[int, ...]:
+    if isinstance(value, SYMBOLS):
+        return value.shape
+    try:
+        return np.shape(value)
+    except ValueError:  # rows of different length
+        return (-1,)
+
+
+def robot_function(function: ca.Function, compiled: bool) -> RobotFunction:
+    """``function``, compiled if wanted, with messages of its own."""
+    return RobotFunction(maybe_compiled(function, compiled))
+
+
+def function_maker(cached: Maker) -> Maker:
+    """Have a maker of functions of a robot say so where it is given what the function takes."""
+
+    def maker(robot: Any, *arguments: Any, **settings: Any) -> Any:
+        if any(_is_value(value) for value in arguments):
+            name = cached.__name__
+            inputs = ", ".join(cached(robot).name_in())
+            raise InputError(f"{name} makes a function: write {name}(robot)({inputs})")
+        return cached(robot, *arguments, **settings)
+
+    update_wrapper(maker, cached.__wrapped__)  # type: ignore[attr-defined]
+    for name in ("cache_clear", "cache_info"):
+        setattr(maker, name, getattr(cached, name))
+    return maker  # type: ignore[return-value]

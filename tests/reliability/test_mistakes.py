@@ -1,0 +1,179 @@
+"""Mistakes that people make, and what each says."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+import warnings
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import microbot_ocp as mo
+from microbot_ocp import InputError, ocp
+
+VIA = np.radians([[0, 0, 0], [20, 60, -30], [-60, 30, 80]])
+DEGREES = [[0, 0, 0], [20, 60, -30], [-60, 30, 80]]
+SAYS_DEGREES = "looks like degrees: np.radians"
+
+
+@cache
+def arm(name: str = "microbot") -> mo.Robot:
+    return mo.load_robot(name)
+
+
+def cart(longest: float = 10.0) -> ocp.OptimalControlProblem:
+    """From rest to rest over 1 m by at most 1 m/s^2: 2 s."""
+    problem = ocp.OptimalControlProblem("cart")
+    phase = problem.phase("move", duration=(0.1, longest))
+    x = phase.state("position", initial=0.0, final=1.0, unit="m")
+    v = phase.state("velocity", initial=0.0, final=0.0, unit="m/s")
+    u = phase.control("force", lower=-1.0, upper=1.0)
+    phase.derivative(x, v)
+    phase.derivative(v, u)
+    phase.end_cost(phase.duration)
+    return problem
+
+
+@cache
+def solution() -> ocp.Solution:
+    return ocp.solve(cart(), mesh=10)
+
+
+def still(*rows: list[float]) -> Any:
+    return mo.inverse_dynamics(arm())(*rows)
+
+
+REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
+    "via points in degrees": (lambda: mo.time_optimal(arm(), DEGREES), SAYS_DEGREES),
+    "a comparison in degrees": (lambda: mo.compare(arm(), DEGREES), SAYS_DEGREES),
+    "values for what makes a function": (
+        lambda: mo.forward_kinematics(arm(), [0, 0, 0]),  # type: ignore[arg-type]
+        r"makes a function: write forward_kinematics\(robot\)\(q\)",
+    ),
+    "three of them": (
+        lambda: mo.inverse_dynamics(arm(), *np.zeros((3, 3))),  # type: ignore[call-arg]
+        r"write inverse_dynamics\(robot\)\(q, qd, qdd\)",
+    ),
+    "symbols for what makes a function": (
+        lambda: mo.jacobian(arm(), ca.SX.sym("q", 3)),  # type: ignore[call-arg]
+        r"write jacobian\(robot\)\(q\)",
+    ),
+    "a joint too few": (lambda: mo.forward_kinematics(arm())([0, 0]), r"shape \[3\].*not \[2\]"),
+    "poses in rows": (lambda: mo.forward_kinematics(arm())(np.zeros((5, 3))), "transpose it"),
+    "an argument too few": (lambda: still([0, 0, 0]), r"inverse_dynamics\(q, qd, qdd\) takes 3"),
+    "one of another length": (lambda: still([0] * 3, [0] * 2, [0] * 3), r"qd of .* not \[2\]"),
+    "an unknown argument": (lambda: mo.mass_matrix(arm())(x=[0, 0, 0]), "has no argument 'x'"),
+    "a state for a phase": (lambda: solution()["position"], r"solution\['move'\]\['position'\]"),
+    "a misspelt state": (
+        lambda: solution().phases[0]["velocty"],
+        "did you mean 'velocity'.*'position', 'velocity', 'force'",
+    ),
+    "no such state": (lambda: solution()["move"]["x"], "it has 'position', 'velocity', 'force'"),
+    "no such costate": (
+        lambda: ocp.verify(cart(), solution()).costates[0]["x"],
+        "it has 'position', 'velocity'",
+    ),
+    "via points of another arm": (lambda: mo.time_optimal(arm("ur5e"), VIA), r"\[any, 6\]"),
+    "one via point": (lambda: mo.time_optimal(arm(), VIA[:1]), "at least 2 points, not 1"),
+    "a limit by another name": (
+        lambda: arm().with_limits(v_max=1.0),  # type: ignore[call-arg]
+        "limit must be one of q_min.*not 'v_max'",
+    ),
+    "limits for two of three": (lambda: arm().with_limits(tau_max=[1, 2]), r"shape \[3\]"),
+    "too weak to hold itself": (
+        lambda: mo.time_optimal(arm().with_limits(tau_max=10.0), VIA),
+        "needs 196 N m against gravity",
+    ),
+    "no limits": (
+        lambda: mo.time_optimal(mo.Robot.from_dh([0, 0], [0, 1], [0, 0]), [[0, 0], [1, 1]]),
+        "without any bound on its velocity",
+    ),
+    "a misspelt robot": (lambda: mo.load_robot("microbt"), "must be one of.*microbot"),
+    "no such file": (lambda: mo.load_robot("mine.toml"), "mine.toml.*cannot be read"),
+    "a misspelt scheme": (lambda: ocp.solve(cart(), scheme="radua"), "one of shooting, radau"),  # type: ignore[arg-type]
+    "times between for times": (lambda: mo.cubic(VIA, [1.0, 1.0]), r"via_t must have shape \[3\]"),
+    "arrays for a motion": (lambda: mo.certify(arm(), VIA), "motion must be a Motion"),  # type: ignore[arg-type]
+}
+
+
+@pytest.mark.parametrize("mistake", REFUSED)
+def test_what_a_mistake_says(mistake: str) -> None:
+    make, says = REFUSED[mistake]
+    with pytest.raises(InputError, match=says) as caught:
+        make()
+    assert "\n" not in str(caught.value)
+
+
+DOUBTFUL: dict[str, tuple[Callable[[], Any], str]] = {
+    "twists in degrees": (lambda: mo.Robot.from_dh([0, 90, 0], [0, 0, 3], [2, 0, 0]), SAYS_DEGREES),
+    "lengths in millimetres": (
+        lambda: mo.Robot.from_dh([0, 1.5, 0], [0, 0, 425], [163, 0, 0]),
+        "looks like millimetres",
+    ),
+    "limits in degrees": (lambda: arm().with_limits(q_min=-170, q_max=170), SAYS_DEGREES),
+}
+
+
+@pytest.mark.parametrize("mistake", DOUBTFUL)
+def test_what_may_be_a_mistake_is_warned_of(mistake: str) -> None:
+    make, says = DOUBTFUL[mistake]
+    with pytest.warns(UserWarning, match=says) as caught:
+        make()
+    assert {warning.filename for warning in caught} == {__file__}
+
+
+def test_radians_and_metres_are_warned_of_by_nobody() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        mo.Robot.from_dh([0, np.pi / 2, 0], [0, 0, 3], [2, 0, 0])
+        arm().with_limits(q_min=-2 * np.pi, q_max=np.inf)
+
+
+def test_a_name_that_is_none_is_a_key_error_too() -> None:
+    with pytest.raises(KeyError):
+        solution()["x"]
+    with pytest.raises(AttributeError, match="did you mean 'time_optimal'"):
+        _ = mo.time_optimum  # type: ignore[attr-defined]
+
+
+def test_a_target_in_millimetres_says_so() -> None:
+    answer = mo.solve_ik(arm("ur5e"), [400, 200, 300])
+    assert not answer.solved
+    assert "looks like millimetres" in answer.advice
+    assert "millimetres" not in mo.solve_ik(arm("ur5e"), [2.0, 0.0, 0.5]).advice
+
+
+def test_what_cannot_be_solved_names_explain() -> None:
+    assert "explain(" in ocp.solve(cart(longest=1.0), mesh=10).advice
+
+
+def test_a_failed_verification_names_the_accuracy() -> None:
+    problem = ocp.OptimalControlProblem("pendulum")
+    phase = problem.phase("swing", duration=3.0)
+    angle = phase.state("angle", initial=0.0, final=1.0)
+    speed = phase.state("speed", initial=0.0, final=0.0)
+    torque = phase.control("torque")
+    phase.derivative(angle, speed)
+    phase.derivative(speed, torque - 10 * ca.sin(angle))
+    phase.running_cost(torque**2)
+    coarse = ocp.verify(problem, ocp.solve(problem, mesh=3, scheme="trapezoidal"))
+    assert not coarse.ok
+    assert "accuracy=1e-6" in coarse.verdict
+    fine = ocp.verify(problem, ocp.solve(problem, accuracy=1e-6))
+    assert "accuracy=" not in fine.verdict
+
+
+def test_functions_of_a_robot_are_casadi_functions(tmp_path: Path) -> None:
+    pose = mo.forward_kinematics(arm())
+    assert isinstance(pose, ca.Function)
+    assert pose is mo.forward_kinematics(arm())
+    for other in (pickle.loads(pickle.dumps(pose)), copy.copy(pose), pose.map(1), pose.expand()):
+        assert float(ca.norm_inf(other([1, 2, 3]) - pose([1, 2, 3]))) == 0.0
+    many = np.array(pose(np.zeros((3, 2))))
+    assert many.shape == (4, 8)
