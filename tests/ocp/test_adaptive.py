@@ -11,8 +11,9 @@ import pytest
 from microbot_ocp import InputError
 from microbot_ocp.ocp import OptimalControlProblem
 from microbot_ocp.ocp.mesh import state_errors
+from microbot_ocp.ocp.search import solve
 from microbot_ocp.ocp.solution import Status
-from microbot_ocp.ocp.solvers import SolverSettings, solve
+from microbot_ocp.ocp.solvers import SolverSettings
 from microbot_ocp.ocp.transcription import Mesh
 from microbot_ocp.ocp.transcription.schemes import SCHEMES, Collocation
 from microbot_ocp.ocp.verification import judge, verify
@@ -130,7 +131,8 @@ def test_a_finer_mesh_that_is_not_accepted_ends_the_refinement_and_is_shown(monk
 def test_an_interruption_returns_the_last_accepted_solution(monkeypatch, solves):
     """The solver's own answer to Ctrl-C, in the first solve or a later one."""
     from microbot_ocp.ocp.refinement import _judged
-    from microbot_ocp.ocp.solvers import _solve as first, solve_on
+    from microbot_ocp.ocp.search import _solve as first
+    from microbot_ocp.ocp.solvers import solve_on
 
     calls = []
 

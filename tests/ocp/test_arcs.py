@@ -12,8 +12,9 @@ from external.published_problems import PROBLEMS
 from microbot_ocp import ocp
 from microbot_ocp.ocp.arcs import distance, hold, place_junctions
 from microbot_ocp.ocp.problem import OptimalControlProblem, with_shapes
+from microbot_ocp.ocp.search import solve
 from microbot_ocp.ocp.solution import Status
-from microbot_ocp.ocp.solvers import SolverSettings, solve
+from microbot_ocp.ocp.solvers import SolverSettings, solve_on
 from microbot_ocp.ocp.transcription.schemes import SCHEMES
 from ocp.textbook import bryson_denham, double_integrator, oscillator, solved_to
 
@@ -148,9 +149,9 @@ def test_an_interruption_is_not_taken_for_a_failure(monkeypatch):
     from microbot_ocp.ocp.arcs import _mesh_points as arcs
 
     def interrupted(*arguments, **options):
-        return replace(solve(*arguments, **options), status=Status.INTERRUPTED)
+        return replace(solve_on(*arguments, **options), status=Status.INTERRUPTED)
 
-    monkeypatch.setattr(arcs, "solve", interrupted)
+    monkeypatch.setattr(arcs, "solve_on", interrupted)
     refined = solved_to(double_integrator(), 1e-8, 7, "radau", settings=FINE)
     assert refined.status is Status.INTERRUPTED
     assert refined.cost == pytest.approx(2.0, rel=0.02)

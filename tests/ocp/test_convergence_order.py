@@ -16,7 +16,8 @@ import pytest
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp.problem import OptimalControlProblem
-from microbot_ocp.ocp.solvers import SolverSettings, solve
+from microbot_ocp.ocp.search import solve
+from microbot_ocp.ocp.solvers import SolverSettings
 from microbot_ocp.ocp.transcription import Guess, Transcription
 from microbot_ocp.ocp.transcription.schemes import (
     Collocation,

@@ -5,7 +5,7 @@ import pytest
 
 from microbot_ocp.ocp.diagnosis import explain
 from microbot_ocp.ocp.problem import OptimalControlProblem
-from microbot_ocp.ocp.solvers import solve
+from microbot_ocp.ocp.search import solve
 from microbot_ocp.ocp.transcription import Transcription
 from ocp.textbook import double_integrator, mass
 

@@ -8,7 +8,8 @@ import pytest
 
 from microbot_ocp import InputError
 from microbot_ocp.ocp.problem import OptimalControlProblem, Phase
-from microbot_ocp.ocp.solvers import SolverSettings, solve
+from microbot_ocp.ocp.search import solve
+from microbot_ocp.ocp.solvers import SolverSettings
 from microbot_ocp.ocp.transcription import Guess, Transcription
 from microbot_ocp.ocp.transcription.schemes import SCHEMES
 

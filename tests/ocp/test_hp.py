@@ -6,7 +6,8 @@ import pytest
 
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.refinement import Degrees, decay_rates, degrees_on, refine_hp
-from microbot_ocp.ocp.solvers import SolverSettings, solve
+from microbot_ocp.ocp.search import solve
+from microbot_ocp.ocp.solvers import SolverSettings
 from microbot_ocp.ocp.transcription import Mesh
 from ocp.textbook import double_integrator
 

@@ -9,7 +9,7 @@ from benchmarks.suite.table import BY_NAME
 
 from microbot_ocp import Status
 from microbot_ocp.ocp import Guess, OptimalControlProblem, SolverSettings, solve, verify
-from microbot_ocp.ocp.solvers import _other_starts
+from microbot_ocp.ocp.search import _other_starts
 
 # what a symmetric guess never leaves --------------------------------------------------------------
 

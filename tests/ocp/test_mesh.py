@@ -6,13 +6,13 @@ import pytest
 
 from microbot_ocp import InputError
 from microbot_ocp.ocp.problem import OptimalControlProblem
+from microbot_ocp.ocp.search import solve
 from microbot_ocp.ocp.solution import pack, unpack
 from microbot_ocp.ocp.solvers import (
     ParametricSolver,
     SolverSettings,
     load_solution,
     save_solution,
-    solve,
 )
 from microbot_ocp.ocp.transcription import (
     Mesh,

@@ -6,7 +6,8 @@ import pytest
 
 from microbot_ocp.ocp.mesh import divide, state_errors
 from microbot_ocp.ocp.problem import OptimalControlProblem
-from microbot_ocp.ocp.solvers import SolverSettings, solve
+from microbot_ocp.ocp.search import solve
+from microbot_ocp.ocp.solvers import SolverSettings
 from microbot_ocp.ocp.transcription import Transcription
 from microbot_ocp.ocp.transcription.schemes import SCHEMES
 from microbot_ocp.ocp.verification import each_interval, mesh_states

@@ -11,7 +11,8 @@ import pytest
 
 from microbot_ocp import InputError
 from microbot_ocp.ocp.problem import OptimalControlProblem
-from microbot_ocp.ocp.solvers import ParametricSolver, SolverSettings, _run as run, solve
+from microbot_ocp.ocp.search import solve
+from microbot_ocp.ocp.solvers import ParametricSolver, SolverSettings, _run as run
 from microbot_ocp.ocp.transcription import Transcription
 from ocp.textbook import bryson_denham, everything, through_half_way
 

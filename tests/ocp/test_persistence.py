@@ -12,6 +12,7 @@ import pytest
 from microbot_ocp import InputError
 from microbot_ocp.ocp import Status
 from microbot_ocp.ocp.problem import OptimalControlProblem
+from microbot_ocp.ocp.search import solve
 from microbot_ocp.ocp.solvers import (
     ParametricSolver,
     SolverSettings,
@@ -19,7 +20,6 @@ from microbot_ocp.ocp.solvers import (
     repeat,
     save_solution,
     saved_with,
-    solve,
 )
 from microbot_ocp.ocp.transcription import Guess, Transcription
 from microbot_ocp.ocp.verification import verify

@@ -7,7 +7,8 @@ import pytest
 
 from microbot_ocp import InputError
 from microbot_ocp.ocp.problem import OptimalControlProblem
-from microbot_ocp.ocp.solvers import SolverSettings, solve
+from microbot_ocp.ocp.search import solve
+from microbot_ocp.ocp.solvers import SolverSettings
 from microbot_ocp.ocp.starts import completed, default_guess
 from microbot_ocp.ocp.transcription import Guess, Transcription
 from ocp.textbook import double_integrator, spline, through_half_way

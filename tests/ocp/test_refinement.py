@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from microbot_ocp.ocp.refinement import Refiner, _refiner as refinement, split
+from microbot_ocp.ocp.search import solve
 from microbot_ocp.ocp.solution import Attempt, PhaseSolution, Solution, Status
-from microbot_ocp.ocp.solvers import solve
 from microbot_ocp.ocp.transcription import Guess, Transcription
 from ocp.textbook import bryson_denham
 

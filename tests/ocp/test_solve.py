@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from microbot_ocp.ocp.problem import OptimalControlProblem
+from microbot_ocp.ocp.search import solve
 from microbot_ocp.ocp.solution import Status
-from microbot_ocp.ocp.solvers import SolverSettings, _chain, solve
+from microbot_ocp.ocp.solvers import SolverSettings, _chain
 from microbot_ocp.ocp.transcription import Guess
 from ocp.textbook import (
     bryson_denham,

@@ -12,8 +12,9 @@ import pytest
 
 from microbot_ocp import InputError
 from microbot_ocp.ocp.problem import OptimalControlProblem
+from microbot_ocp.ocp.search import solve
 from microbot_ocp.ocp.solution import Status
-from microbot_ocp.ocp.solvers import SolverSettings, solve
+from microbot_ocp.ocp.solvers import SolverSettings
 from microbot_ocp.ocp.starts import guess_from, starting_point
 from microbot_ocp.ocp.transcription import Guess, Transcription, assemble
 from ocp.textbook import (
@@ -186,7 +187,8 @@ def test_an_error_of_the_progress_function_is_raised(solver):
 
 SCRIPT = """
 import os, signal, sys, threading, time
-from microbot_ocp.ocp.solvers import SolverSettings, solve
+from microbot_ocp.ocp.search import solve
+from microbot_ocp.ocp.solvers import SolverSettings
 from ocp.textbook import double_integrator
 watched = sys.argv[2] == "watched"
 def look(iteration):

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from microbot_ocp.ocp.arcs import Switch, find_switches, move_to_switches
-from microbot_ocp.ocp.solvers import SolverSettings, solve
+from microbot_ocp.ocp.search import solve
+from microbot_ocp.ocp.solvers import SolverSettings
 from microbot_ocp.ocp.transcription.schemes import SCHEMES
 from ocp.textbook import double_integrator
 

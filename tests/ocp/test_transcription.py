@@ -6,8 +6,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from microbot_ocp.ocp.problem import OptimalControlProblem
+from microbot_ocp.ocp.search import solve
 from microbot_ocp.ocp.solution import pack, unpack
-from microbot_ocp.ocp.solvers import SolverSettings, solve
+from microbot_ocp.ocp.solvers import SolverSettings
 from microbot_ocp.ocp.transcription import Guess, Transcription, assemble
 from ocp.textbook import everything, spline
 

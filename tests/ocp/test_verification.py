@@ -11,8 +11,9 @@ from scipy.integrate import solve_ivp
 from microbot_ocp import InputError
 from microbot_ocp._base.growth import carry, transition_matrices
 from microbot_ocp.ocp.problem import OptimalControlProblem
+from microbot_ocp.ocp.search import solve
 from microbot_ocp.ocp.solution import PhaseSolution, Solution, Status, unpack
-from microbot_ocp.ocp.solvers import SolverSettings, solve
+from microbot_ocp.ocp.solvers import SolverSettings
 from microbot_ocp.ocp.transcription import Transcription, assemble
 from microbot_ocp.ocp.transcription.schemes import SCHEMES, Collocation, IntegratorShooting
 from microbot_ocp.ocp.verification import (

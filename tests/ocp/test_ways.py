@@ -14,13 +14,8 @@ from microbot_ocp import InputError, Status
 from microbot_ocp._base.child_process import Died, OutOfTime, in_child
 from microbot_ocp.ocp import verify
 from microbot_ocp.ocp.problem import OptimalControlProblem
-from microbot_ocp.ocp.solvers import (
-    SolverSettings,
-    _other_starts,
-    _run,
-    _solve,
-    solve,
-)
+from microbot_ocp.ocp.search import _other_starts, _solve, solve
+from microbot_ocp.ocp.solvers import SolverSettings, _run
 from microbot_ocp.ocp.starts import Rollouts, completed, default_guess, scaled
 from microbot_ocp.ocp.transcription import Guess
 from microbot_ocp.ocp.transcription.schemes import within_bounds

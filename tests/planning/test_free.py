@@ -12,8 +12,8 @@ import microbot_ocp as mo
 from microbot_ocp._base import deadline
 from microbot_ocp.motion import PiecewisePolynomial
 from microbot_ocp.ocp.refinement import _refiner as refinement
+from microbot_ocp.ocp.search import solve
 from microbot_ocp.ocp.solution import PhaseSolution, Solution
-from microbot_ocp.ocp.solvers import solve
 from microbot_ocp.planning import TimeOptimalSettings, time_optimal
 from microbot_ocp.planning.search import _free_search
 from microbot_ocp.planning.free import polynomial, within_limits

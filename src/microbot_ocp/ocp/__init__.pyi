@@ -1,10 +1,7 @@
 """Public names; loaded when they are first asked for."""
 
 from .arcs import (
-    Junction as Junction,
-    SwitchingTimes as SwitchingTimes,
     find_switches as find_switches,
-    solve_switching_times as solve_switching_times,
 )
 from .diagnosis import (
     Explanation as Explanation,
@@ -18,6 +15,9 @@ from .problem import (
 )
 from .refinement import (
     Accuracy as Accuracy,
+)
+from .search import (
+    solve as solve,
 )
 from .solution import (
     Attempt as Attempt,
@@ -34,11 +34,15 @@ from .solvers import (
     repeat as repeat,
     save_solution as save_solution,
     saved_with as saved_with,
-    solve as solve,
 )
 from .starts import (
     default_guess as default_guess,
     guess_from as guess_from,
+)
+from .switching import (
+    Junction as Junction,
+    SwitchingTimes as SwitchingTimes,
+    solve_switching_times as solve_switching_times,
 )
 from .transcription import (
     SCHEMES as SCHEMES,

@@ -10,7 +10,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 import microbot_ocp as mo
-from microbot_ocp.ocp.solvers import solve
+from microbot_ocp.ocp.search import solve
 from microbot_ocp.views.recording import (
     BRANCH,
     ITERATION,

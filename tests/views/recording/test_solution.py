@@ -8,7 +8,7 @@ from every_kind import solution
 from reading import read, scalars, static
 
 import microbot_ocp as mo
-from microbot_ocp.ocp.solvers import solve
+from microbot_ocp.ocp.search import solve
 from microbot_ocp.views.recording import of_solution
 
 

@@ -1,12 +1,23 @@
 """Public names; loaded when they are first asked for."""
 
-from ._answer import (
-    Junction as Junction,
-    SwitchingTimes as SwitchingTimes,
+from ._cutter import (
+    cut as cut,
+    is_cuttable as is_cuttable,
 )
 from ._detector import (
+    ArcPlan as ArcPlan,
+    PlannedArc as PlannedArc,
+    Sample as Sample,
+    Signature as Signature,
     Switch as Switch,
+    control_activities as control_activities,
     find_switches as find_switches,
+    joined as joined,
+    jumping as jumping,
+    merged as merged,
+    mixed_limits as mixed_limits,
+    plan_of as plan_of,
+    runs as runs,
 )
 from ._mesh_points import (
     distance as distance,
@@ -14,6 +25,6 @@ from ._mesh_points import (
     move_to_switches as move_to_switches,
     place_junctions as place_junctions,
 )
-from ._switching_times import (
-    solve_switching_times as solve_switching_times,
+from ._settings import (
+    CUTTER as CUTTER,
 )

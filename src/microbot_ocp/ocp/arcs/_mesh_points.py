@@ -22,7 +22,7 @@ from microbot_ocp.ocp.arcs._detector import (
 from microbot_ocp.ocp.arcs._settings import CUTTER, MESH_POINTS
 from microbot_ocp.ocp.problem import OptimalControlProblem, Phase
 from microbot_ocp.ocp.solution import PhaseSolution, Solution
-from microbot_ocp.ocp.solvers import SolverSettings, solve
+from microbot_ocp.ocp.solvers import SolverSettings, solve_on, transcribed
 from microbot_ocp.ocp.transcription.schemes import Scheme
 
 
@@ -53,17 +53,12 @@ def place_junctions(
         for plan in plans
     ]
     in_arcs = cut(problem, plans, exact=False)
-    solved = solve(
-        in_arcs.problem,
-        in_arcs.meshes,
-        in_arcs.guesses,
-        replace(settings, solver="ipopt"),
-        scheme=scheme,
-    )
+    transcription = transcribed(in_arcs.problem, settings, scheme=scheme, guess=in_arcs.guesses)
+    own = replace(settings, solver="ipopt")
+    solved = solve_on(transcription, in_arcs.meshes, in_arcs.guesses, own)
     if solved.status is Status.INTERRUPTED:
         raise KeyboardInterrupt  # the solver kept it to itself
-    converged = solved.status in (Status.SOLVED, Status.TOO_COARSE)  # it only places mesh points
-    if not converged or solved.cost > solution.cost + MESH_POINTS.costlier * abs(solution.cost):
+    if not solved.solved or solved.cost > solution.cost + MESH_POINTS.costlier * abs(solution.cost):
         return None
     return [
         _ends(plan.declared, [solved[piece.name] for piece in pieces])

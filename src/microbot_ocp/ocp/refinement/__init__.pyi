@@ -13,6 +13,10 @@ from ._history import (
     History as History,
     RefinementStep as RefinementStep,
 )
+from ._improvement import (
+    improvable as improvable,
+    improved as improved,
+)
 from ._judged import (
     PASSING as PASSING,
     judged as judged,

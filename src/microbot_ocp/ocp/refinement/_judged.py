@@ -26,8 +26,9 @@ from microbot_ocp.ocp.mesh import Refinement, Round, divide, refined
 from microbot_ocp.ocp.refinement._accuracy import Accuracy
 from microbot_ocp.ocp.refinement._cost_error import cost_error, shares, with_more_freedom
 from microbot_ocp.ocp.refinement._history import History, RefinementStep, step_of
+from microbot_ocp.ocp.refinement._improvement import improvable, improved
 from microbot_ocp.ocp.solution import Attempt, Progress, Solution, StepProgress, cost_size, entry
-from microbot_ocp.ocp.solvers import SolverSettings, improvable, improved, solve_on
+from microbot_ocp.ocp.solvers import SolverSettings, solve_on
 from microbot_ocp.ocp.transcription import Mesh, Transcription, mesh_of
 from microbot_ocp.ocp.verification import (
     Judgement,

@@ -1,8 +1,8 @@
-"""Solve a problem by a table of strategies, each by fatrop, IPOPT or the SQP method.
+"""Solve a program on a mesh by fatrop, IPOPT or the SQP method, in turn.
 
 Comes in: a problem or transcription, a mesh, a guess and :class:`SolverSettings`. Goes out: a
-:class:`Solution`, converged or not, with the ledger of what was tried. Begin with :func:`solve` in
-``_solve.py``, the table and its loop; ``_chain.py`` runs solvers in turn, ``_run.py`` one of them,
+:class:`Solution`, converged or not. Begin with :func:`solve_on` in ``_chain.py``, which runs
+solvers in turn; ``_run.py`` runs one of them,
 ``_plugins.py`` has their options, ``_status.py`` and ``_acceptance.py`` judge the point,
 ``_parametric.py`` solves with changed data, ``_persistence.py`` saves and loads.
 """

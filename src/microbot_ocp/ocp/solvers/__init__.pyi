@@ -9,10 +9,6 @@ from ._chain import (
     transcribed as transcribed,
     with_cost_scale as with_cost_scale,
 )
-from ._improvement import (
-    improvable as improvable,
-    improved as improved,
-)
 from ._ldl import (
     as_ipopt_knows as as_ipopt_knows,
 )
@@ -31,11 +27,6 @@ from ._run import (
 from ._settings import (
     SOLVERS as SOLVERS,
     SolverSettings as SolverSettings,
-)
-from ._solve import (
-    STEADY as STEADY,
-    solve as solve,
-    swings as swings,
 )
 from ._status import (
     status_of as status_of,

@@ -112,7 +112,7 @@ class ParametricSolver:
             Of what was declared with a condition there.
         durations : mapping from phase to duration or (lower, upper), s
         guess : guesses or Solution, optional
-            A solution of this solver, or of any other (see :func:`microbot_ocp.ocp.solvers.solve`).
+            A solution of this solver, or of any other (see :func:`microbot_ocp.ocp.solve`).
         progress : callable, optional
 
         Raises

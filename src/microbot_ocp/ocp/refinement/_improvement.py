@@ -12,8 +12,7 @@ from dataclasses import dataclass, replace
 
 from microbot_ocp.ocp import verification
 from microbot_ocp.ocp.solution import Attempt, Progress, Solution, cost_size
-from microbot_ocp.ocp.solvers._chain import solve_on
-from microbot_ocp.ocp.solvers._settings import SolverSettings
+from microbot_ocp.ocp.solvers import SolverSettings, solve_on
 from microbot_ocp.ocp.starts import guess_from
 from microbot_ocp.ocp.transcription import Guess, Transcription
 

@@ -25,9 +25,13 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp.diagnosis import NotFinite, finite_start
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.solution import RIVALS, Attempt, Progress, Solution, cost_size
-from microbot_ocp.ocp.solvers._chain import run_chain, solve_on, with_cost_scale
-from microbot_ocp.ocp.solvers._run import Made
-from microbot_ocp.ocp.solvers._settings import SolverSettings
+from microbot_ocp.ocp.solvers import (
+    Made,
+    SolverSettings,
+    run_chain,
+    solve_on,
+    with_cost_scale,
+)
 from microbot_ocp.ocp.starts import Ranges, Rollouts, default_guess, starting_point
 from microbot_ocp.ocp.transcription import (
     Collocation,

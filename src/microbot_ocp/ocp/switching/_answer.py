@@ -14,9 +14,9 @@ from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.status import Status
 from microbot_ocp._base.table import Column, Table
-from microbot_ocp.ocp.arcs._detector import ArcPlan, joined
-from microbot_ocp.ocp.arcs._singular import SingularArcs
+from microbot_ocp.ocp.arcs import ArcPlan, joined
 from microbot_ocp.ocp.solution import UNKNOWN, Gap, Solution
+from microbot_ocp.ocp.switching._singular import SingularArcs
 
 NAMES = {-1: "lower limit", 0: "free", 1: "upper limit"}
 SINGULAR = "singular, by its own conditions"

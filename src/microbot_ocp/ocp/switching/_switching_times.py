@@ -32,23 +32,23 @@ import numpy as np
 from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import InputError
 from microbot_ocp._base.status import Status
-from microbot_ocp.ocp.arcs._answer import SINGULAR, SwitchingTimes, junctions_of
-from microbot_ocp.ocp.arcs._cutter import cut, is_cuttable
-from microbot_ocp.ocp.arcs._detector import ArcPlan, Signature, plan_of
-from microbot_ocp.ocp.arcs._revision import ArcSolution, with_finer_meshes, wrong_signs
-from microbot_ocp.ocp.arcs._settings import CUTTER, HIGH_ORDER, SWITCHING
-from microbot_ocp.ocp.arcs._singular import NotPossibleError, solve_conditions
+from microbot_ocp.ocp.arcs import CUTTER, ArcPlan, Signature, cut, is_cuttable, plan_of
 from microbot_ocp.ocp.mesh import divide, excess_of_limits, state_errors
 from microbot_ocp.ocp.problem import OptimalControlProblem
+from microbot_ocp.ocp.search import solve
 from microbot_ocp.ocp.solution import PhaseSolution, Solution, StepProgress, cost_size, quiet
-from microbot_ocp.ocp.solvers import SolverSettings, solve
+from microbot_ocp.ocp.solvers import SolverSettings, solve_on
 from microbot_ocp.ocp.starts import scaled
+from microbot_ocp.ocp.switching._answer import SINGULAR, SwitchingTimes, junctions_of
+from microbot_ocp.ocp.switching._revision import ArcSolution, with_finer_meshes, wrong_signs
+from microbot_ocp.ocp.switching._settings import HIGH_ORDER, SWITCHING
+from microbot_ocp.ocp.switching._singular import NotPossibleError, solve_conditions
 from microbot_ocp.ocp.transcription import Transcription
 
 SETTINGS = SolverSettings(
     "ipopt", tolerance=1e-10, gap=1e-7, initial_barrier=1e-4, max_iterations=300
 )
-CONVERGED = (Status.SOLVED, Status.GAP_LEFT, Status.TOO_COARSE)
+CONVERGED = (Status.SOLVED, Status.GAP_LEFT)
 
 Transcribe = Callable[..., Transcription]
 
@@ -217,7 +217,7 @@ class _SwitchingSearch:
         if self.transcribed is None or self.transcribed[0] != signatures:
             scaled_problem = scaled(in_arcs.problem, in_arcs.guesses)
             self.transcribed = signatures, self.transcribe(scaled_problem, scheme=HIGH_ORDER)
-        solution = solve(self.transcribed[1], in_arcs.meshes, in_arcs.guesses, self.settings)
+        solution = solve_on(self.transcribed[1], in_arcs.meshes, in_arcs.guesses, self.settings)
         self.progress(f"{len(in_arcs.meshes)} arcs: cost {solution.cost:.12g}, {solution.status}")
         return ArcSolution(tuple(self.plans), in_arcs.groups, solution)
 

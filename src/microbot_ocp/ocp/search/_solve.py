@@ -23,6 +23,12 @@ from microbot_ocp._base.status import Status
 from microbot_ocp.ocp import refinement
 from microbot_ocp.ocp.diagnosis import POOR, NotFinite
 from microbot_ocp.ocp.problem import OptimalControlProblem, node_variables, with_shapes
+from microbot_ocp.ocp.refinement import improvable, improved
+from microbot_ocp.ocp.search._other_starts import (
+    cheaper_elsewhere,
+    cheapest_of_starts,
+    on_any_mesh,
+)
 from microbot_ocp.ocp.solution import (
     Attempt,
     PhaseSolution,
@@ -32,14 +38,7 @@ from microbot_ocp.ocp.solution import (
     cost_size,
     entry,
 )
-from microbot_ocp.ocp.solvers._chain import solve_on, transcribed
-from microbot_ocp.ocp.solvers._improvement import WAY, improvable, improved
-from microbot_ocp.ocp.solvers._other_starts import (
-    cheaper_elsewhere,
-    cheapest_of_starts,
-    on_any_mesh,
-)
-from microbot_ocp.ocp.solvers._settings import SolverSettings
+from microbot_ocp.ocp.solvers import SolverSettings, solve_on, transcribed
 from microbot_ocp.ocp.starts import Rollouts, default_guess, rollouts
 from microbot_ocp.ocp.transcription import Guess, Meshes, Transcription
 from microbot_ocp.ocp.transcription.schemes import Scheme
@@ -56,6 +55,7 @@ UNSETTLED = (Status.NO_PROGRESS, Status.NOT_ACCEPTED)  # other shapes of control
 
 GIVEN = "as given"
 OWN_SCALES = "with the scales of the first answer"
+BETTER_CONTROLS = "from controls with a smaller Hamiltonian"
 STEADY = "with controls that are constant over every interval"
 NOT_ALL = "Not every strategy was tried for want of time."
 
@@ -375,7 +375,9 @@ class _Task:
                 solution, transcription = self.in_own_scales(solution, transcription, settings)
         began, before = time.perf_counter(), solution
         solution, tried = improved(solution, transcription, *how)
-        self._decide(WAY, began, before, None if solution is before else solution, tried)
+        self._decide(
+            BETTER_CONTROLS, began, before, None if solution is before else solution, tried
+        )
         return solution, transcription
 
     def _decide(
