@@ -10,20 +10,19 @@ time is the limit only.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
 from microbot_ocp._base import checks, deadline
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.checks import InputError
 from microbot_ocp._base.outcome import Ledger, LedgerRow
 from microbot_ocp._base.status import Status
-from microbot_ocp.ocp import refinement
 from microbot_ocp.ocp.diagnosis import POOR, NotFinite
-from microbot_ocp.ocp.problem import OptimalControlProblem, node_variables, with_shapes
-from microbot_ocp.ocp.refinement import improvable, improved
+from microbot_ocp.ocp.problem import OptimalControlProblem, with_shapes
+from microbot_ocp.ocp.refinement import PASSING, Accuracy, improvable, improved, judged
 from microbot_ocp.ocp.search._other_starts import (
     cheaper_elsewhere,
     cheapest_of_starts,
@@ -31,7 +30,6 @@ from microbot_ocp.ocp.search._other_starts import (
 )
 from microbot_ocp.ocp.solution import (
     Attempt,
-    PhaseSolution,
     Progress,
     Solution,
     StepProgress,
@@ -39,13 +37,10 @@ from microbot_ocp.ocp.solution import (
     entry,
 )
 from microbot_ocp.ocp.solvers import SolverSettings, solve_on, transcribed
-from microbot_ocp.ocp.starts import Rollouts, default_guess, rollouts
+from microbot_ocp.ocp.starts import Rollouts, default_guess, guess_from, rollouts
 from microbot_ocp.ocp.transcription import Guess, Meshes, Transcription
 from microbot_ocp.ocp.transcription.schemes import Scheme
 from microbot_ocp.ocp.verification import phase_layout
-
-if TYPE_CHECKING:
-    from microbot_ocp.ocp.refinement import Accuracy
 
 Given = Mapping[str, Guess] | Solution | str | None
 
@@ -56,7 +51,9 @@ UNSETTLED = (Status.NO_PROGRESS, Status.NOT_ACCEPTED)  # other shapes of control
 GIVEN = "as given"
 OWN_SCALES = "with the scales of the first answer"
 BETTER_CONTROLS = "from controls with a smaller Hamiltonian"
-STEADY = "with controls that are constant over every interval"
+CONSTANT = "with controls that are constant over every interval"
+COARSER = "from a coarser mesh"
+OTHER_STARTS = "from other starts"
 NOT_ALL = "Not every strategy was tried for want of time."
 
 
@@ -170,18 +167,39 @@ def solve(
     if goal is not None:
         tolerance = max(goal.states / 10, SEARCH.least_tolerance)
         settings = replace(settings, tolerance=min(settings.tolerance, tolerance))
-    own = min(checks.time_limit(time_limit), settings.time_limit)
-    until = min(time.perf_counter() + own, deadline.until())
-    compared = SEARCH.compared_there if mesh is not None and goal is None else SEARCH.compared
-    how = mesh, guess, settings, scheme, until, cast("Progress | None", progress)
-    task = _Task(problem, *how, goal, compared)
+    seconds = min(checks.time_limit(time_limit), settings.time_limit)
+    until = min(time.perf_counter() + seconds, deadline.until())
+    how = mesh, guess, settings, scheme, until, cast("Progress | None", progress), goal
+    task, journal = Task(problem, *how), Journal()
     best: Solution | None = None
+    unconverged: tuple[Solution, Transcription] | None = None
+    refused: InputError | None = None
     attempts: list[Attempt] = []
     ledger: list[LedgerRow] = []
-    for answer, transcription in task.answers():
-        solution, final = task.judged(answer, transcription)
-        if solution.status in UNSETTLED and swings(problem, solution):
-            solution, final = task.with_steady_controls(solution)
+    for strategy in STRATEGIES[: 1 if task.alone else None]:
+        if (best or unconverged) and task.over:
+            break
+        began, tried, last = time.perf_counter(), len(journal.attempts), None
+        try:
+            for start in strategy.propose(task, journal):
+                solution = solve_on(*start[:4], until, task.progress, uneven=start.uneven)
+                journal.attempts.extend(named(strategy.name, solution.attempts))
+                last = solution, start
+                if solution.status in ENDED:
+                    break
+        except NotFinite as not_finite:
+            if task.alone or guess is not None:
+                raise
+            refused = refused or not_finite
+        if last is None:
+            continue
+        solution, start = last
+        ended = solution if solution.status in ENDED else None
+        journal.enter(strategy.name or GIVEN, began, None, ended, journal.attempts[tried:])
+        if ended is None:
+            unconverged = unconverged or (solution, start.transcription)
+            continue
+        solution, final = _finished(task, journal, strategy, solution, start)
         attempts += solution.attempts
         if best is None or final:
             best, ledger = solution, [*Ledger(ledger).discarded(), *solution.ledger]
@@ -189,9 +207,14 @@ def solve(
             ledger += solution.ledger.discarded()
         if final:
             break
-    assert best is not None
+    if best is None:
+        if unconverged is None:
+            assert refused is not None
+            raise refused
+        best, _ = task.judged(journal.closed(unconverged[0]), unconverged[1])
+        attempts, ledger = list(best.attempts), list(best.ledger)
     best = replace(best, attempts=tuple(attempts), ledger=Ledger.of(ledger))
-    if best.status not in ENDED and time.perf_counter() >= until:
+    if best.status not in ENDED and task.over:
         best = replace(best, advice=f"{best.advice} {NOT_ALL}")
     if best.status.solved and best.unsettled:
         status = Status.LOCAL_OPTIMUM
@@ -200,9 +223,9 @@ def solve(
 
 
 def _goal(accuracy: float | Accuracy | None) -> Accuracy | None:
-    if accuracy is None or isinstance(accuracy, refinement.Accuracy):
+    if accuracy is None or isinstance(accuracy, Accuracy):
         return accuracy
-    return refinement.Accuracy(checks.number("accuracy", accuracy, above=0.0))
+    return Accuracy(checks.number("accuracy", accuracy, above=0.0))
 
 
 def default_mesh(problem: OptimalControlProblem | Transcription) -> int:
@@ -211,12 +234,22 @@ def default_mesh(problem: OptimalControlProblem | Transcription) -> int:
     return max(SEARCH.fewest, round(2 * SEARCH.intervals / max(len(phases), 2)))
 
 
-# strategies ---------------------------------------------------------------------------------------
+# what is solved, and what was tried ---------------------------------------------------------------
+
+
+class Start(NamedTuple):
+    """A program on a mesh, with a guess and settings of its solve."""
+
+    transcription: Transcription
+    mesh: Meshes
+    guess: Given
+    settings: SolverSettings
+    uneven: bool = False  # whether the guess is moved off what is symmetric
 
 
 @dataclass(frozen=True, eq=False)
-class _Task:
-    """What is to be solved, and the attempts and the ledger so far."""
+class Task:
+    """What is to be solved."""
 
     problem: OptimalControlProblem | Transcription
     given: Meshes | None
@@ -225,10 +258,7 @@ class _Task:
     scheme: str | Scheme
     until: float
     progress: Progress | None
-    accuracy: Accuracy | None = None
-    compared: int = SEARCH.compared
-    attempts: list[Attempt] = field(default_factory=list)
-    ledger: list[LedgerRow] = field(default_factory=list)
+    accuracy: Accuracy | None
 
     @property
     def mesh(self) -> Meshes:
@@ -244,6 +274,12 @@ class _Task:
         return isinstance(self.problem, Transcription) or self.settings.solver != "auto"
 
     @property
+    def compared(self) -> int:
+        """Other starts that an answer is compared with."""
+        fixed = self.given is not None and self.accuracy is None
+        return SEARCH.compared_there if fixed else SEARCH.compared
+
+    @property
     def short(self) -> SolverSettings:
         """Settings of a try that may be followed by another."""
         most = min(SEARCH.iterations, self.settings.max_iterations)
@@ -254,19 +290,28 @@ class _Task:
         """The same by IPOPT, where no solver was chosen."""
         return self.settings if self.alone else replace(self.short, solver="ipopt")
 
-    def transcribed(self, scaling: str) -> Transcription:
-        settings = replace(self.settings, scaling=scaling)
-        return transcribed(self.problem, settings, scheme=self.scheme, guess=self.guess)
-
-    def solve(
-        self, transcription: Transcription, guess: Given, settings: SolverSettings, uneven: bool
-    ) -> Solution:
-        """A solve on the mesh of the task."""
+    def start(self, scaling: str = "", **changes: Any) -> Start:
+        """From the guess, by the few iterations of a try."""
+        scaled = replace(self.settings, scaling=scaling or self.settings.scaling)
+        program = transcribed(self.problem, scaled, scheme=self.scheme, guess=self.guess)
         mesh = self.mesh
         if self.accuracy is not None:
-            mesh = self.accuracy.first_mesh(transcription, mesh)
-        how = settings, self.until, self.progress
-        return solve_on(transcription, mesh, guess, *how, uneven=uneven)
+            mesh = self.accuracy.first_mesh(program, mesh)
+        return Start(program, mesh, self.guess, self.few)._replace(**changes)
+
+    def judged(self, solution: Solution, transcription: Transcription) -> tuple[Solution, bool]:
+        """The solution on its way to one that passes, and whether that is final."""
+        finer = self.given is None or self.accuracy is not None
+        how = self.short, self.until, self.progress
+        return judged(solution, transcription, *how, finer=finer, accuracy=self.accuracy)
+
+
+@dataclass(frozen=True, eq=False)
+class Journal:
+    """Attempts and rows of the ledger since the last answer."""
+
+    attempts: list[Attempt] = field(default_factory=list)
+    rows: list[LedgerRow] = field(default_factory=list)
 
     def enter(
         self,
@@ -276,163 +321,135 @@ class _Task:
         after: Solution | None,
         attempts: Sequence[Attempt],
     ) -> None:
-        """Enter what a strategy led to, or that it led to nothing, in the ledger."""
-        seconds = time.perf_counter() - began
-        self.ledger.append(entry(strategy, before, after, attempts, seconds))
+        """Enter what a strategy led to, or that it led to nothing."""
+        self.rows.append(entry(strategy, before, after, attempts, time.perf_counter() - began))
 
-    def judged(self, solution: Solution, transcription: Transcription) -> tuple[Solution, bool]:
-        """The solution on its way to one that passes, and whether that is final."""
-        finer = self.given is None or self.accuracy is not None
-        how = self.short, self.until, self.progress
-        return refinement.judged(solution, transcription, *how, finer=finer, accuracy=self.accuracy)
-
-    def with_steady_controls(self, before: Solution) -> tuple[Solution, bool]:
-        """The solution with controls that are constant over every interval, where that passes.
-
-        On a singular arc a control that is free at every collocation point may go to and fro
-        between them, and owe a part of its cost to what the scheme does not see; where it jumps it
-        exceeds limits between them.
-        """
-        began = time.perf_counter()
-        assert isinstance(self.problem, OptimalControlProblem)
-        task = replace(
-            self,
-            problem=with_shapes(self.problem, "constant"),
-            guess=resampled(before),
-            given=None,
-            attempts=[],
-            ledger=[],
-        )
-        own = self.settings
-        own = replace(own, solver="ipopt") if own.solver == "auto" else own
-        transcription = task.transcribed(own.scaling)
-        first = task.solve(transcription, task.guess, own, uneven=False)
-        answer, final = task.judged(first, transcription)
-        tries = tuple(replace(a, way=a.way or STEADY) for a in answer.attempts)
-        solved = answer if answer.status.solved else None
-        row = entry(STEADY, before, solved, tries, time.perf_counter() - began)
-        ledger = Ledger.of([*before.ledger, row])
-        attempts = (*before.attempts, *tries)
-        if solved is None:
-            return replace(before, attempts=attempts, ledger=ledger), False
-        advice = (
-            f"{answer.advice} With other values at every point the cost does not settle: {STEADY}."
-        )
-        answer = replace(answer, attempts=attempts, advice=advice, ledger=ledger)
-        return answer.with_rivals_of(before), final
-
-    def answers(self) -> Iterator[tuple[Solution, Transcription]]:
-        """Solutions of all strategies that converge, each with its program; else of the first.
-
-        Each is compared with what a number of other starts lead to.
-        """
-        first: tuple[Solution, Transcription] | None = None
-        refused: InputError | None = None
-        converged = False
-        for strategy in STRATEGIES[: 1 if self.alone else None]:
-            if first is not None and self.over:
-                break
-            began, before = time.perf_counter(), len(self.attempts)
-            try:
-                solution, start = _first_that_ends(self, strategy) or (None, None)
-            except NotFinite as problem_met:
-                if self.alone or self.guess is not None:
-                    raise
-                refused = refused or problem_met
-                continue
-            if solution is None or start is None:
-                continue
-            transcription, _, settings = start
-            first = first or (solution, transcription)
-            ended = solution if solution.status in ENDED else None
-            self.enter(strategy.name or GIVEN, began, None, ended, self.attempts[before:])
-            if ended is None:
-                continue
-            converged = True
-            if not self.alone and solution.status in CONVERGED:
-                solution, transcription = self._best_beside(solution, transcription, settings)
-            yield self._answer(solution, strategy.name), transcription
-            if solution.status is Status.INTERRUPTED:
-                return
-        if converged:
-            return
-        if first is None:
-            assert refused is not None
-            raise refused
-        yield self._answer(first[0], ""), first[1]
-
-    def _best_beside(
-        self, solution: Solution, transcription: Transcription, settings: SolverSettings
-    ) -> tuple[Solution, Transcription]:
-        """The cheapest of an answer and of what other starts and better controls lead to."""
-        how = settings, self.until, self.progress
-        if not isinstance(self.guess, Solution):  # what was compared when it was found
-            began, before = time.perf_counter(), solution
-            more = self.compared, self.until, self.progress, self.guess
-            solution, tried = cheaper_elsewhere(solution, transcription, settings, *more)
-            self._decide("from other starts", began, before, solution if tried else None, tried)
-            if tried:  # another valley, of other sizes
-                solution, transcription = self.in_own_scales(solution, transcription, settings)
-        began, before = time.perf_counter(), solution
-        solution, tried = improved(solution, transcription, *how)
-        self._decide(
-            BETTER_CONTROLS, began, before, None if solution is before else solution, tried
-        )
-        return solution, transcription
-
-    def _decide(
-        self,
-        strategy: str,
-        began: float,
-        before: Solution,
-        after: Solution | None,
-        tried: Sequence[Attempt],
-    ) -> None:
-        self.attempts.extend(tried)
-        self.enter(strategy, began, before, after, tried)
-
-    def in_own_scales(
-        self, solution: Solution, before: Transcription, settings: SolverSettings
-    ) -> tuple[Solution, Transcription]:
-        """The solution, solved again with scales of its own where these are far from the guessed.
-
-        What is small beside its scale is not accurate, and a cost of such a scale seems to be
-        settled; what is far larger may be on its way to a slope at infinity.
-        """
-        if self.alone or settings.scaling != "auto" or solution.status not in CONVERGED:
-            return solution, before
-        began = time.perf_counter()
-        after = replace(self, guess=solution).transcribed("auto")
-        if not any(
-            np.any(np.abs(np.log(np.asarray(old.scale) / new.scale)) >= np.log(POOR))
-            for k, own in enumerate(before.problem.phases)
-            for kind in ("states", "controls")
-            for old, new in zip(
-                getattr(own, kind), getattr(after.problem.phases[k], kind), strict=True
-            )
-        ):
-            return solution, before
-        again = self.solve(after, solution, settings, uneven=False)
-        tried = [replace(a, way=OWN_SCALES) for a in again.attempts]
-        most = solution.cost + refinement.PASSING.unmet * cost_size(again.cost, solution.cost_scale)
-        better = again.status in CONVERGED and again.cost <= most
-        self._decide(OWN_SCALES, began, solution, again if better else None, tried)
-        return (again.with_rivals_of(solution), after) if better else (solution, before)
-
-    def _answer(self, solution: Solution, strategy: str) -> Solution:
-        """A solution with all attempts that led to it, and the strategy that found it."""
-        advice = solution.advice
-        if solution.status.solved and strategy:
-            advice = f"{advice} The first try failed; this was found {strategy}."
-        if solution.status.solved and solution.rivals:
-            advice = f"{advice} {solution.several}"
-        attempts, ledger = tuple(self.attempts), Ledger.of(self.ledger)
+    def closed(self, solution: Solution) -> Solution:
+        """A solution with all that led to it; what follows leads to another."""
+        full = replace(solution, attempts=tuple(self.attempts), ledger=Ledger.of(self.rows))
         self.attempts.clear()
-        self.ledger.clear()
-        return replace(solution, attempts=attempts, advice=advice, ledger=ledger)
+        self.rows.clear()
+        return full
 
 
-Start = tuple[Transcription, Given, SolverSettings]
+def named(strategy: str, attempts: Sequence[Attempt]) -> list[Attempt]:
+    """Attempts that say what they were for."""
+    return [replace(attempt, way=attempt.way or strategy) for attempt in attempts]
+
+
+# from a first answer to a final one ---------------------------------------------------------------
+
+
+def _finished(
+    task: Task, journal: Journal, strategy: Strategy, solution: Solution, start: Start
+) -> tuple[Solution, bool]:
+    """The cheapest that an answer leads to, on meshes on which it passes, and whether it is final.
+
+    It is compared with what other starts and better controls lead to.
+    """
+    solution, start = _in_own_scales(task, journal, solution, start)
+    if not task.alone and solution.status in CONVERGED:
+        if not isinstance(task.guess, Solution):  # what was compared when it was found
+            began, before = time.perf_counter(), solution
+            how = start.settings, task.compared, task.until, task.progress, task.guess
+            solution, tried = cheaper_elsewhere(solution, start.transcription, *how)
+            journal.attempts.extend(tried)
+            journal.enter(OTHER_STARTS, began, before, solution if tried else None, tried)
+            if tried:  # another valley, of other sizes
+                solution, start = _in_own_scales(task, journal, solution, start)
+        began, before = time.perf_counter(), solution
+        how = start.settings, task.until, task.progress
+        solution, tried = improved(solution, start.transcription, *how)
+        journal.attempts.extend(tried)
+        better = None if solution is before else solution
+        journal.enter(BETTER_CONTROLS, began, before, better, tried)
+    advice = solution.advice
+    if solution.status.solved and strategy.name:
+        advice = f"{advice} The first try failed; this was found {strategy.name}."
+    if solution.status.solved and solution.rivals:
+        advice = f"{advice} {solution.several}"
+    solution = replace(journal.closed(solution), advice=advice)
+    solution, final = task.judged(solution, start.transcription)
+    if solution.status in UNSETTLED and _swings(task.problem, solution):
+        return _with_constant_controls(task, solution)
+    return solution, final
+
+
+def _in_own_scales(
+    task: Task, journal: Journal, solution: Solution, start: Start
+) -> tuple[Solution, Start]:
+    """The solution, solved again with scales of its own where these are far from the guessed.
+
+    What is small beside its scale is not accurate, and a cost of such a scale seems to be
+    settled; what is far larger may be on its way to a slope at infinity.
+    """
+    automatic = start.settings.scaling == "auto" and not task.alone
+    if not automatic or solution.status not in CONVERGED:
+        return solution, start
+    began = time.perf_counter()
+    again = replace(task, guess=solution).start("auto", settings=start.settings)
+    pairs = zip(start.transcription.problem.phases, again.transcription.problem.phases, strict=True)
+    ratios = [
+        np.abs(np.log(np.asarray(old.scale) / new.scale)).max()
+        for before, after in pairs
+        for kind in ("states", "controls")
+        for old, new in zip(getattr(before, kind), getattr(after, kind), strict=True)
+    ]
+    if max(ratios) < np.log(POOR):
+        return solution, start
+    answer = solve_on(*again[:4], task.until, task.progress)
+    tried = named(OWN_SCALES, answer.attempts)
+    most = solution.cost + PASSING.unmet * cost_size(answer.cost, solution.cost_scale)
+    better = answer.status in CONVERGED and answer.cost <= most
+    journal.attempts.extend(tried)
+    journal.enter(OWN_SCALES, began, solution, answer if better else None, tried)
+    return (answer.with_rivals_of(solution), again) if better else (solution, start)
+
+
+def _swings(problem: OptimalControlProblem | Transcription, solution: Solution) -> bool:
+    """Whether controls have a value at every collocation point that nobody asked for.
+
+    Not where others are known to be better, which is not looked for where controls are constant.
+    """
+    if isinstance(problem, Transcription) or improvable(solution) > PASSING.most_left:
+        return False
+    asked = {(p.name, c.name) for p in problem.phases for c in p.controls if c.shape != "auto"}
+    return any(
+        control.shape == "polynomial" and (phase.name, control.name) not in asked
+        for phase in solution.phases
+        for control in phase_layout(phase).phase.controls
+    )
+
+
+def _with_constant_controls(task: Task, before: Solution) -> tuple[Solution, bool]:
+    """The solution with controls that are constant over every interval, where that passes.
+
+    On a singular arc a control that is free at every collocation point may go to and fro
+    between them, and owe a part of its cost to what the scheme does not see; where it jumps it
+    exceeds limits between them.
+    """
+    began = time.perf_counter()
+    assert isinstance(task.problem, OptimalControlProblem)
+    problem = with_shapes(task.problem, "constant")
+    own = replace(task, problem=problem, guess=guess_from(problem, before), given=None)
+    settings = task.settings if task.alone else replace(task.settings, solver="ipopt")
+    start = own.start(settings=settings)
+    answer = solve_on(*start[:4], task.until, task.progress)
+    answer, final = own.judged(answer, start.transcription)
+    tried = named(CONSTANT, answer.attempts)
+    solved = answer if answer.status.solved else None
+    row = entry(CONSTANT, before, solved, tried, time.perf_counter() - began)
+    ledger, attempts = Ledger.of([*before.ledger, row]), (*before.attempts, *tried)
+    if solved is None:
+        return replace(before, attempts=attempts, ledger=ledger), False
+    advice = (
+        f"{answer.advice} With other values at every point the cost does not settle: {CONSTANT}."
+    )
+    answer = replace(answer, attempts=attempts, advice=advice, ledger=ledger)
+    return answer.with_rivals_of(before), final
+
+
+# strategies ---------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -442,86 +459,86 @@ class Strategy:
     Attributes
     ----------
     name : in words that follow "found"
-    propose : programs with a guess and settings of the solve; none where it does not apply
+    propose : starts of its solves; none where it does not apply
     why : the kind of problem that needs it
     """
 
     name: str
-    propose: Callable[[_Task], Iterator[Start]]
+    propose: Callable[[Task, Journal], Iterable[Start]]
     why: str
 
 
-def _as_given(task: _Task) -> Iterator[Start]:
-    yield task.transcribed(task.settings.scaling), task.guess, task.few
+def _moved(task: Task, _: Journal) -> Iterator[Start]:
+    # where scales are wrong what is uneven is far from the guess
+    yield task.start(uneven=not task.alone)
 
 
-def _from_a_coarser_mesh(task: _Task) -> Iterator[Start]:
+def _as_it_is(task: Task, _: Journal) -> Iterator[Start]:
+    yield task.start()
+
+
+def _from_a_coarser_mesh(task: Task, journal: Journal) -> Iterator[Start]:
     coarser = round(SEARCH.coarser * default_mesh(task.problem))
     if isinstance(task.mesh, int) and task.mesh <= coarser:
         return
-    transcription = task.transcribed(task.settings.scaling)
-    guess = on_any_mesh(task.guess, transcription.problem)
-    how = task.few, task.until, task.progress
-    coarse = solve_on(transcription, coarser, guess, *how)
-    task.attempts.extend(coarse.attempts)
+    start = task.start()
+    guess = on_any_mesh(task.guess, start.transcription.problem)
+    coarse = solve_on(start.transcription, coarser, guess, task.few, task.until, task.progress)
+    journal.attempts.extend(named(COARSER, coarse.attempts))
     if coarse.status in ENDED:
-        yield transcription, coarse, task.few
+        yield start._replace(guess=coarse)
 
 
-def _from_many_starts(task: _Task) -> Iterator[Start]:
-    transcription = task.transcribed(task.settings.scaling)
+def _from_many_starts(task: Task, journal: Journal) -> Iterator[Start]:
+    start = task.start()
     how = task.few, SEARCH.compared, task.until, task.progress
-    cheapest, tried = cheapest_of_starts(transcription, *how)
-    task.attempts.extend(tried)
+    cheapest, tried = cheapest_of_starts(start.transcription, *how)
+    journal.attempts.extend(tried)
     if cheapest is not None:
-        yield transcription, cheapest, task.few
+        yield start._replace(guess=cheapest)
 
 
-def _in_declared_scales(task: _Task) -> Iterator[Start]:
+def _in_declared_scales(task: Task, _: Journal) -> Iterator[Start]:
     if task.settings.scaling != "declared":
-        yield task.transcribed("declared"), task.guess, replace(task.few, scaling="declared")
+        yield task.start("declared", settings=replace(task.few, scaling="declared"))
 
 
-def _simulated(task: _Task) -> Iterator[Start]:
+def _simulated(task: Task, _: Journal) -> Iterator[Start]:
     assert isinstance(task.problem, OptimalControlProblem)
     if task.guess is None:
-        yield from _from_the_best(task, rollouts(task.problem, default_guess(task.problem)))
+        simulations = rollouts(task.problem, default_guess(task.problem))
+        for guess in simulations[: SEARCH.simulations]:
+            yield replace(task, guess=guess).start()
 
 
-def _of_any_duration(task: _Task) -> Iterator[Start]:
+def _of_any_duration(task: Task, _: Journal) -> Iterator[Start]:
     assert isinstance(task.problem, OptimalControlProblem)
     free = any(low < high for low, high in (p.duration_bounds for p in task.problem.phases))
     if free and task.guess is None:
-        simulations = Rollouts(task.problem, default_guess(task.problem))
-        yield from _from_the_best(task, simulations.of_any_duration())
+        simulations = Rollouts(task.problem, default_guess(task.problem)).of_any_duration()
+        for guess in simulations[: SEARCH.simulations]:
+            yield replace(task, guess=guess).start()
 
 
-def _from_the_best(task: _Task, guesses: Sequence[Mapping[str, Guess]]) -> Iterator[Start]:
-    """Start from the first of guesses that are in the order of how near they end."""
-    for guess in guesses[: SEARCH.simulations]:
-        yield replace(task, guess=guess).transcribed(task.settings.scaling), guess, task.few
+def _with_more_iterations(task: Task, _: Journal) -> Iterator[Start]:
+    most = task.settings.max_iterations
+    if most > task.few.max_iterations:
+        yield task.start(settings=replace(task.few, max_iterations=most))
 
 
-def _with_more_iterations(task: _Task) -> Iterator[Start]:
-    if task.settings.max_iterations > task.few.max_iterations:
-        settings = replace(task.few, max_iterations=task.settings.max_iterations)
-        yield task.transcribed(task.settings.scaling), task.guess, settings
-
-
-def _by_fatrop(task: _Task) -> Iterator[Start]:
-    settings = replace(task.few, solver="fatrop")
-    yield task.transcribed(task.settings.scaling), task.guess, settings
+def _by_fatrop(task: Task, _: Journal) -> Iterator[Start]:
+    yield task.start(settings=replace(task.few, solver="fatrop"))
 
 
 STRATEGIES = (
-    Strategy("", _as_given, "most problems; moved off what is symmetric"),
+    Strategy("", _moved, "most problems; moved off what is symmetric"),
     Strategy(
         "from the guess as it is",
-        _as_given,
+        _as_it_is,
         "scales that are far too large: a hundredth of them is far from the guess",
     ),
     Strategy(
-        "from a coarser mesh",
+        COARSER,
         _from_a_coarser_mesh,
         "stiff reactors and long horizons take hundreds of iterations on a fine mesh, few on a "
         "coarse one",
@@ -549,62 +566,3 @@ STRATEGIES = (
     Strategy("with more iterations", _with_more_iterations, "what is large or very nonlinear"),
     Strategy("by fatrop", _by_fatrop, "more equations than variables, which IPOPT refuses"),
 )
-
-
-def _first_that_ends(task: _Task, strategy: Strategy) -> tuple[Solution, Start] | None:
-    """The first solution of a strategy that converges, or its last; None where there is none."""
-    last: tuple[Solution, Start] | None = None
-    before = len(task.attempts)
-    for transcription, guess, settings in strategy.propose(task):
-        name = f"{strategy.name}, first"
-        task.attempts[before:] = [replace(a, way=name) for a in task.attempts[before:]]
-        # where scales are wrong what is uneven is far from the guess
-        uneven = not (task.alone or strategy.name)
-        solution = task.solve(transcription, guess, settings, uneven)
-        before = len(task.attempts)
-        task.attempts.extend(solution.attempts)
-        solution, transcription = task.in_own_scales(solution, transcription, settings)
-        task.attempts[before:] = [
-            replace(a, way=a.way or strategy.name) for a in task.attempts[before:]
-        ]
-        before = len(task.attempts)
-        last = solution, (transcription, guess, settings)
-        if solution.status in ENDED:
-            break
-    return last
-
-
-# controls -----------------------------------------------------------------------------------------
-
-
-def swings(problem: OptimalControlProblem | Transcription, solution: Solution) -> bool:
-    """Whether controls have a value at every collocation point that nobody asked for.
-
-    Not where others are known to be better, which is not looked for where controls are constant.
-    """
-    if isinstance(problem, Transcription) or improvable(solution) > refinement.PASSING.most_left:
-        return False
-    asked = {(p.name, c.name) for p in problem.phases for c in p.controls if c.shape != "auto"}
-    return any(
-        control.shape == "polynomial" and (phase.name, control.name) not in asked
-        for phase in solution.phases
-        for control in phase_layout(phase).phase.controls
-    )
-
-
-def resampled(solution: Solution) -> dict[str, Guess]:
-    """Guess for another mesh by the scheme's own interpolation."""
-    guesses = {}
-    for phase in solution.phases:
-        declared = phase_layout(phase).phase
-        names = [v.name for v in (*node_variables(declared), *declared.controls)]
-        names += [v.name for v in declared.algebraics]
-        guesses[phase.name] = Guess(
-            phase.duration, {name: _sampler(phase, name) for name in dict.fromkeys(names)}
-        )
-    return guesses
-
-
-def _sampler(phase: PhaseSolution, name: str) -> Callable[[FloatArray], FloatArray]:
-    # just before the point: the points of Radau collocation are those of the interval on the left
-    return lambda places: phase.sample((places - 1e-10) * phase.duration)[name]
