@@ -15,8 +15,8 @@ from microbot_ocp.ocp.refinement import _refiner as refinement
 from microbot_ocp.ocp.search import solve
 from microbot_ocp.ocp.solution import PhaseSolution, Solution
 from microbot_ocp.planning import TimeOptimalSettings, time_optimal
-from microbot_ocp.planning.search import _free_search
 from microbot_ocp.planning.free import polynomial, within_limits
+from microbot_ocp.planning.search import _free_search
 from microbot_ocp.planning.task import verdict
 from planning.shared import ARM_VIA, VIA_Q, VIA_QD, VIA_T, arm, dense_excess, pendulum, slider
 
