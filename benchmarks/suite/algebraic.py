@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from math import pi
 
 import casadi as ca
+import numpy as np
 
-from benchmarks.suite.problem import SuiteProblem, line
+from benchmarks.suite.problem import (
+    SuiteProblem,
+    line,
+)
 from microbot_ocp.ocp import Guess, OptimalControlProblem
 
 
@@ -106,6 +111,56 @@ def _kinetic_guess() -> dict[str, Guess]:
     return guesses
 
 
+def _heat_guess() -> dict[str, Guess]:
+    values = 2 + np.cos(pi * np.arange(10) / 9)
+    return {"only": Guess(0.5, {"y": values, "heating": 0.1, "left": 3.0, "right": 1.0})}
+
+
+def heat() -> OptimalControlProblem:
+    """A nonlinear heat equation by ten lines; the values beyond its ends are algebraic."""
+    count, a1, a2, a3, a4, rate = 10, 4.0, 1.0, 4.0, -1.0, -1.0
+    problem = OptimalControlProblem("heat")
+    phase = problem.phase("only", 0.5)
+    starts = 2 + np.cos(pi * np.arange(count) / (count - 1))
+    y = phase.state("y", count, initial=starts, lower=0.0, upper=3.0)
+    heating = phase.control("heating", lower=0.0, upper=0.1)
+    left = phase.algebraic("left", lower=0.0, upper=3.0)
+    right = phase.algebraic("right", lower=0.0, upper=3.0)
+    step = 1 / (count - 1)
+    shape = np.cos(pi * np.arange(count) * step)
+    slow, fast = ca.exp(rate * phase.time), ca.exp(2 * rate * phase.time)
+    made = (rate * (a1 + 2 * a2) + pi**2 * (a3 + 2 * a4)) * slow * shape - a4 * pi**2 * fast
+    made += (2 * a4 * pi**2 + rate * a2) * fast * shape**2
+    wide = ca.vertcat(left, y, right)
+    curvature = (wide[2:] - 2 * y + wide[:-2]) / step**2
+    slope = (wide[2:] - wide[:-2]) / (2 * step)
+    phase.derivative(y, (made + (a3 + a4 * y) * curvature + a4 * slope**2) / (a1 + a2 * y))
+    phase.algebraic_equation(y[0] - heating - (a3 + a4 * y[0]) * slope[0])
+    phase.algebraic_equation((a3 + a4 * y[-1]) * slope[-1])
+    wanted = 2 - slow
+    phase.running_cost(0.5 * ((y[-1] - wanted) ** 2 + 1e-3 * heating**2))
+    return problem
+
+
+def pendulum_of_index_1() -> OptimalControlProblem:
+    """A pendulum in Cartesian coordinates brought to rest; its tension is algebraic."""
+    problem = OptimalControlProblem("pendulum")
+    phase = problem.phase("only", 3.0)
+    x = phase.state("x", initial=1.0, final=0.0, lower=-5.0, upper=5.0)
+    y = phase.state("y", initial=0.0, lower=-5.0, upper=5.0)
+    vx = phase.state("vx", initial=0.0, final=0.0, lower=-5.0, upper=5.0)
+    vy = phase.state("vy", initial=0.0, lower=-5.0, upper=5.0)
+    tension = phase.algebraic("tension", lower=-1.0, upper=15.0)
+    u = phase.control("u")
+    phase.derivative(x, vx)
+    phase.derivative(y, vy)
+    phase.derivative(vx, -2 * tension * x + u * y)
+    phase.derivative(vy, -9.81 - 2 * tension * y - u * x)
+    phase.algebraic_equation(vx**2 + vy**2 - 2 * tension - 9.81 * y)
+    phase.running_cost(u**2)
+    return problem
+
+
 PROBLEMS = (
     SuiteProblem(
         complementarity,
@@ -127,5 +182,22 @@ PROBLEMS = (
         tolerance=2e-5,
         confirmed="fine mesh",
         guess=_kinetic_guess,
+    ),
+    SuiteProblem(
+        heat,
+        kind="algebraic, stiff",
+        source="Betts, Practical Methods (2010), example 4.11; PSOPT example heat: 4.372837e-5",
+        published=4.372837e-05,
+        tolerance=1e-05,
+        confirmed="fine mesh",
+        guess=_heat_guess,
+    ),
+    SuiteProblem(
+        pendulum_of_index_1,
+        kind="algebraic",
+        source="Betts, Practical Methods (2010), example 10.103: 12.8738850",
+        published=12.873885,
+        tolerance=1e-05,
+        confirmed="fine mesh",
     ),
 )

@@ -2,10 +2,19 @@
 
 from __future__ import annotations
 
+from math import log, pi
+
 import casadi as ca
 import numpy as np
 
-from benchmarks.suite.problem import SuiteProblem, line
+from benchmarks.suite.problem import (
+    LUUS_PROPT,
+    OPTI,
+    PROPT,
+    SuiteProblem,
+    along,
+    line,
+)
 from microbot_ocp.ocp import Guess, OptimalControlProblem
 
 
@@ -126,6 +135,170 @@ def marine_population() -> OptimalControlProblem:
     return problem
 
 
+def fishing_with_two_fleets() -> OptimalControlProblem:
+    """Lotka and Volterra, prey and predators fished by a fleet each."""
+    problem = OptimalControlProblem("two fleets")
+    phase = problem.phase("only", 12.0)
+    prey = phase.state("prey", initial=0.5)
+    predators = phase.state("predators", initial=0.7)
+    first = phase.control("first", lower=0.0, upper=1.0)
+    second = phase.control("second", lower=0.0, upper=1.0)
+    phase.derivative(prey, prey - prey * predators - 0.4 * prey * first)
+    phase.derivative(predators, prey * predators - predators - 0.2 * predators * second)
+    phase.running_cost((prey - 1) ** 2 + (predators - 1) ** 2)
+    return problem
+
+
+def hiv() -> OptimalControlProblem:
+    """Chemotherapy of HIV: most healthy cells with little medicine in 50 days."""
+    problem = OptimalControlProblem("HIV")
+    phase = problem.phase("treat", 50.0)
+    healthy = phase.state("healthy", initial=982.8, lower=0.0)
+    latent = phase.state("latent", initial=0.05155, lower=0.0)
+    active = phase.state("active", initial=6.175e-4, lower=0.0)
+    virus = phase.state("virus", initial=0.07306, lower=0.0)
+    u = phase.control("u", lower=0.0, upper=1.0)
+    infected = 2.4e-5 * virus * healthy
+    crowd = 1 - (healthy + latent + active) / 1500
+    phase.derivative(
+        healthy, 10 / (1 + virus) - 0.02 * healthy + 0.03 * healthy * crowd - infected * (1 - u)
+    )
+    phase.derivative(latent, infected * (1 - u) - 0.02 * latent - 3e-3 * latent)
+    phase.derivative(active, 3e-3 * latent - 0.24 * active)
+    phase.derivative(virus, 1200 * 0.24 * active - infected * (1 - u) - 2.4 * virus)
+    phase.running_cost(-(healthy - 50 * (1 - u) ** 2))
+    return problem
+
+
+def two_drugs() -> OptimalControlProblem:
+    """Warfarin and phenylbutazone in the blood are brought to their levels in least time."""
+    problem = OptimalControlProblem("two drugs")
+    phase = problem.phase("only", (1.0, 500.0))
+    x1 = phase.state("warfarin", initial=0.02, final=0.02)
+    x2 = phase.state("phenylbutazone", initial=0.0, final=2.0)
+    u = phase.control("u", lower=0.0, upper=8.0)
+    free = (1 + 0.2 * (x1 + x2)) ** 2
+    second, first = free + 232 + 46.4 * x2, free + 232 + 46.4 * x1
+    factor = free / (second * first - 2152.96 * x1 * x2)
+    phase.derivative(x1, factor * (first * (0.02 - x1) + 46.4 * x1 * (u - 2 * x2)))
+    phase.derivative(x2, factor * (second * (u - 2 * x2) + 46.4 * (0.02 - x1)))
+    phase.end_cost(phase.duration)
+    return problem
+
+
+CONTACT, RECOVERY, BEDS, INFECTED = 0.3, 0.1, 0.05, 1e-4
+
+
+def _epidemic_optimum() -> float:
+    """Nothing until the beds are full, then as many new ones as recover, until herd immunity."""
+    herd = RECOVERY / CONTACT
+    low, high = herd, 1 - INFECTED
+    for _ in range(200):  # s when the infected, 1 - s + herd log(s / s0), are as many as the beds
+        middle = (low + high) / 2
+        low, high = (
+            (middle, high)
+            if INFECTED + (1 - INFECTED) - middle + herd * log(middle / (1 - INFECTED)) > BEDS
+            else (low, middle)
+        )
+    return CONTACT * (low - herd) / (RECOVERY * BEDS) - log(low / herd) / BEDS
+
+
+def epidemic() -> OptimalControlProblem:
+    """The least distancing that keeps the infected within the beds."""
+    problem = OptimalControlProblem("epidemic")
+    phase = problem.phase("only", 300.0)
+    s = phase.state("susceptible", initial=1 - INFECTED, lower=0.0, upper=1.0)
+    i = phase.state("infected", initial=INFECTED, lower=0.0, upper=BEDS)
+    b = phase.control("contact", lower=0.0, upper=CONTACT)
+    phase.derivative(s, -b * s * i)
+    phase.derivative(i, b * s * i - RECOVERY * i)
+    phase.running_cost(CONTACT - b)
+    return problem
+
+
+def greenhouse() -> OptimalControlProblem:
+    """Heating of a greenhouse over two days whose sun and outside temperature are known."""
+    problem = OptimalControlProblem("greenhouse")
+    phase = problem.phase("days", 48.0)
+    crop = phase.state("crop", initial=0.0)
+    temperature = phase.state("temperature", initial=10.0)
+    spent = phase.state("spent", initial=0.0)
+    heat = phase.control("heat", lower=0.0, upper=10.0)
+    swing = ca.sin(4 * pi * phase.time / 48 - 0.65 * pi)
+    phase.derivative(crop, 3e-6 / 40 * 800 * swing * temperature)
+    phase.derivative(temperature, 15 + 10 * swing - temperature + 0.1 * heat)
+    phase.derivative(spent, 7.5e-2 / 220 * heat)
+    phase.end_cost(spent - 3e4 / 220 * crop)
+    return problem
+
+
+def metabolic_pathway() -> OptimalControlProblem:
+    """Four enzymes of a chain of reactions are made one after the other to reach a steady flux."""
+    rates, flux, decay = (1.0, 2.0, 4.0, 3.0), 0.2, 0.5
+    ends = (5.0, 0.65, 0.32, 0.27)
+    problem = OptimalControlProblem("metabolic pathway")
+    phase = problem.phase("start", (0.1, 50.0))
+    food = [ca.MX(5.0)]
+    for k in (1, 2, 3):
+        food.append(phase.state(f"s{k}", initial=0.0, final=ends[k], lower=0.0, upper=100.0))
+    enzymes = [
+        phase.state(f"e{k}", initial=0.0, final=flux * (1 + end) / (rate * end), lower=0.0, upper=1)
+        for k, (rate, end) in enumerate(zip(rates, ends, strict=True))
+    ]
+    speeds = [r * s * e / (1 + s) for r, s, e in zip(rates, food, enzymes, strict=True)]
+    for k in (1, 2, 3):
+        phase.derivative(food[k], speeds[k - 1] - speeds[k])
+    for k, enzyme in enumerate(enzymes):
+        made = phase.control(f"u{k}", lower=0.0, upper=1.0)
+        phase.derivative(enzyme, made - decay * enzyme)
+    phase.running_cost(1 + ca.sum1(ca.vertcat(*enzymes)))
+    return problem
+
+
+def _pathway_guess() -> dict[str, Guess]:
+    values = {"s1": 0.0, "s2": 0.0, "s3": 0.0, "u0": 1.0, "u1": 0.0, "u2": 0.0, "u3": 0.0}
+    starts = {"e0": 0.0, "e1": -0.1, "e2": -0.5, "e3": -0.6}
+    return {"start": Guess(2.0, {**values, **{k: line(s, s + 1) for k, s in starts.items()}})}
+
+
+def immune_response() -> OptimalControlProblem:
+    """Four treatments of an infection that would be lethal without them."""
+    problem = OptimalControlProblem("immune response")
+    phase = problem.phase("cure", 10.0)
+    pathogen = phase.state("pathogen", initial=3.0, lower=0.0)
+    plasma = phase.state("plasma", initial=2.0)
+    antibody = phase.state("antibody", initial=4 / 3)
+    damage = phase.state("damage", initial=0.0, lower=0.0)
+    u1, u2, u3, u4 = (phase.control(f"u{k}", lower=0.0) for k in (1, 2, 3, 4))
+    able = ca.if_else(damage < 0.5, ca.cos(pi * damage), 0.0)
+    phase.derivative(pathogen, (1 - antibody) * pathogen - u1)
+    phase.derivative(plasma, 3 * able * pathogen * antibody - (plasma - 2) + u2)
+    phase.derivative(antibody, plasma - (1.5 + 0.5 * pathogen) * antibody + u3)
+    phase.derivative(damage, 0.5 * pathogen - damage - u4)
+    phase.running_cost(0.5 * (pathogen**2 + damage**2 + u1**2 + u2**2 + u3**2 + u4**2))
+    phase.end_cost(0.5 * (pathogen**2 + damage**2))
+    return problem
+
+
+def vaccination() -> OptimalControlProblem:
+    """Vaccination against a disease with a limit of how many are vaccinated in a year."""
+    problem = OptimalControlProblem("vaccination")
+    phase = problem.phase("years", 20.0)
+    susceptible = phase.state("susceptible", initial=1000.0, lower=0.0)
+    exposed = phase.state("exposed", initial=100.0, lower=0.0)
+    ill = phase.state("ill", initial=50.0, lower=0.0)
+    people = phase.state("people", initial=1165.0, lower=0.0)
+    u = phase.control("u", lower=0.0, upper=1.0)
+    caught = 0.001 * susceptible * ill
+    phase.derivative(susceptible, 0.525 * people - 0.5 * susceptible - caught - u * susceptible)
+    phase.derivative(exposed, caught - (0.5 + 0.5) * exposed)
+    phase.derivative(ill, 0.5 * exposed - (0.1 + 0.2 + 0.5) * ill)
+    phase.derivative(people, (0.525 - 0.5) * people - 0.2 * ill)
+    phase.constraint("doses", u * susceptible, upper=125.0)
+    phase.running_cost(ill + 10 * u)
+    return problem
+
+
 PROBLEMS = (
     SuiteProblem(
         tuberculosis,
@@ -163,5 +336,62 @@ PROBLEMS = (
         published=1.97465e7,
         tolerance=1e-5,
         confirmed="fine mesh",
+    ),
+    SuiteProblem(
+        fishing_with_two_fleets,
+        kind="bang-singular",
+        source="PSOPT example lotka2, relaxed: 1.088024 (640 nodes)",
+        published=1.088024,
+        tolerance=2e-05,
+        reference=1.08801,
+        confirmed="fine mesh",
+    ),
+    SuiteProblem(
+        hiv,
+        kind="smooth, units",
+        source="Kirschner, Lenhart and Serbin (1997)",
+        published=-49117.1588,
+        tolerance=1e-05,
+        confirmed="fine mesh",
+    ),
+    SuiteProblem(
+        two_drugs,
+        "bang-bang",
+        LUUS_PROPT,
+        221.3334,
+        5e-4,
+        OPTI,
+        221.2430,
+        guess=lambda: {
+            "only": Guess(
+                300.0, {"phenylbutazone": line(0.0, 2.0), "u": along(lambda s: 8.0 - 8.0 * s)}
+            )
+        },
+    ),
+    SuiteProblem(
+        epidemic,
+        "state constraint, singular",
+        "Miclo, Spiro and Weibull 2020",
+        _epidemic_optimum(),
+        1e-6,
+        "closed form",
+    ),
+    SuiteProblem(greenhouse, "bang-bang", PROPT, 1.87099, 1e-5, OPTI, sign=-1.0),
+    SuiteProblem(metabolic_pathway, "bang-bang", PROPT, 6.0852, 1e-5, OPTI, guess=_pathway_guess),
+    SuiteProblem(
+        immune_response,
+        "smooth",
+        "Stengel et al. 2002",
+        2.803027,
+        1e-5,
+        "Opti on 150 intervals, without the branch that is not met",
+    ),
+    SuiteProblem(
+        vaccination,
+        "mixed constraint, bang-bang",
+        "Biswas, Paiva and de Pinho 2014, with other weights",
+        353.3593,
+        1e-6,
+        OPTI,
     ),
 )

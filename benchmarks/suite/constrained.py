@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import casadi as ca
 
-from benchmarks.suite.problem import SuiteProblem
+from benchmarks.suite.problem import (
+    OPTI,
+    PSOPT_EXAMPLE,
+    SuiteProblem,
+)
 from microbot_ocp.ocp import OptimalControlProblem
 
 
@@ -101,6 +105,111 @@ def two_obstacles() -> OptimalControlProblem:
     return problem
 
 
+def van_der_pol_with_limit() -> OptimalControlProblem:
+    """The Van der Pol oscillator of CasADi's examples, x1 >= -0.25."""
+    problem = OptimalControlProblem("Van der Pol")
+    phase = problem.phase("only", 10.0)
+    x1 = phase.state("x1", initial=0.0, lower=-0.25)
+    x2 = phase.state("x2", initial=1.0)
+    u = phase.control("u", lower=-1.0, upper=1.0)
+    phase.derivative(x1, (1 - x2**2) * x1 - x2 + u)
+    phase.derivative(x2, x1)
+    phase.running_cost(x1**2 + x2**2 + u**2)
+    return problem
+
+
+def limited_rate() -> OptimalControlProblem:
+    """Least effort from rest to rest with a force that changes by 4 a second at most."""
+    problem = OptimalControlProblem("limited rate")
+    phase = problem.phase("move", 2.0)
+    x = phase.state("x", initial=0.0, final=1.0)
+    v = phase.state("v", initial=0.0, final=0.0)
+    u = phase.state("u", initial=0.0, lower=-10.0, upper=10.0)
+    rate = phase.control("rate", lower=-4.0, upper=4.0)
+    phase.derivative(x, v)
+    phase.derivative(v, u)
+    phase.derivative(u, rate)
+    phase.running_cost(u**2)
+    return problem
+
+
+def egerstedt() -> OptimalControlProblem:
+    """Three modes that are mixed, and a state that has to stay above 0.4."""
+    problem = OptimalControlProblem("Egerstedt")
+    phase = problem.phase("only", 1.0)
+    x1 = phase.state("x1", initial=0.5)
+    x2 = phase.state("x2", initial=0.5, lower=0.4)
+    w = [phase.control(f"w{k}", lower=0.0, upper=1.0) for k in range(3)]
+    phase.derivative(x1, -x1 * w[0] + (x1 + x2) * w[1] + (x1 - x2) * w[2])
+    phase.derivative(x2, (x1 + 2 * x2) * w[0] + (x1 - 2 * x2) * w[1] + (x1 + x2) * w[2])
+    phase.constraint("one", w[0] + w[1] + w[2], 1.0, 1.0)
+    phase.running_cost(x1**2 + x2**2)
+    return problem
+
+
+def windowed_speed() -> OptimalControlProblem:
+    """From rest to rest with a speed limit that holds in the middle alone, by a steep gate."""
+    problem = OptimalControlProblem("windowed speed")
+    phase = problem.phase("only", 1.0)
+    x = phase.state("x", initial=0.0, final=1.0)
+    v = phase.state("v", initial=0.0, final=0.0)
+    u = phase.control("u", lower=-20.0, upper=20.0)
+    phase.derivative(x, v)
+    phase.derivative(v, u)
+    t = phase.time
+    gate = 1 / (1 + ca.exp(-200 * (t - 0.35))) / (1 + ca.exp(200 * (t - 0.65)))
+    phase.constraint("speed", v - 1.3 - 50 * (1 - gate), upper=0.0)
+    phase.running_cost(u**2)
+    return problem
+
+
+def walled_brachistochrone() -> OptimalControlProblem:
+    """The slide to x = 1 in least time above the wall y = x / 2 + 0.1, y downwards."""
+    problem = OptimalControlProblem("walled brachistochrone")
+    phase = problem.phase("slide", (0.1, 10.0))
+    x = phase.state("x", initial=0.0, final=1.0)
+    y = phase.state("y", initial=0.0)
+    v = phase.state("v", initial=0.0)
+    angle = phase.control("angle")
+    phase.derivative(x, v * ca.cos(angle))
+    phase.derivative(y, v * ca.sin(angle))
+    phase.derivative(v, ca.sin(angle))
+    phase.constraint("wall", y - x / 2 - 0.1, upper=0.0)
+    phase.end_cost(phase.duration)
+    return problem
+
+
+def beam() -> OptimalControlProblem:
+    """A beam under a limit of 0.1, as Bocop has it."""
+    problem = OptimalControlProblem("beam")
+    phase = problem.phase("only", 1.0)
+    x1 = phase.state("x1", initial=0.0, final=0.0, lower=0.0, upper=0.1)
+    x2 = phase.state("x2", initial=1.0, final=-1.0)
+    u = phase.control("u", lower=-10.0, upper=10.0)
+    phase.derivative(x1, x2)
+    phase.derivative(x2, u)
+    phase.running_cost(u**2)
+    return problem
+
+
+ROOF = 0.25
+
+
+def touching() -> OptimalControlProblem:
+    """A limit of order three is touched once by a motion of the least jerk."""
+    problem = OptimalControlProblem("touching")
+    phase = problem.phase("only", 1.0)
+    x = phase.state("x", initial=0.0, final=0.0, upper=ROOF)
+    v = phase.state("v", initial=1.0, final=-1.0)
+    a = phase.state("a", initial=2.0, final=2.0)
+    u = phase.control("u")
+    phase.derivative(x, v)
+    phase.derivative(v, a)
+    phase.derivative(a, u)
+    phase.running_cost(0.5 * u**2)
+    return problem
+
+
 PROBLEMS = (
     SuiteProblem(
         breakwell,
@@ -150,5 +259,51 @@ PROBLEMS = (
         published=4.571044,
         tolerance=1e-9,
         confirmed="closed form",
+    ),
+    SuiteProblem(
+        van_der_pol_with_limit,
+        kind="state constraint",
+        source="CasADi examples: direct collocation of Van der Pol, no figure",
+        published=3.61518,
+        tolerance=1e-05,
+        confirmed="fine mesh",
+    ),
+    SuiteProblem(
+        limited_rate,
+        kind="state constraint",
+        source="PSOPT example control_rate: 1.846315",
+        published=1.846315,
+        tolerance=0.0001,
+        reference=1.846154,
+        confirmed="fine mesh",
+    ),
+    SuiteProblem(
+        egerstedt,
+        kind="mixed constraint",
+        source="mintOC: Egerstedt, relaxed",
+        published=0.989124,
+        tolerance=1e-05,
+        confirmed="fine mesh",
+    ),
+    SuiteProblem(
+        windowed_speed, "state constraint", PSOPT_EXAMPLE, 12.97886, 2e-4, OPTI, 12.980094
+    ),
+    SuiteProblem(
+        walled_brachistochrone,
+        "state constraint",
+        "Bryson and Ho 1975, section 3.11",
+        1.834,
+        1e-4,
+        OPTI,
+        1.8340032,
+    ),
+    SuiteProblem(beam, "state constraint, order 2", "Bocop", 80 / 9, 1e-9, "closed form"),
+    SuiteProblem(
+        touching,
+        "state constraint, order 3",
+        "closed form",
+        256.0,
+        1e-12,
+        "the least norm with the value in the middle",
     ),
 )

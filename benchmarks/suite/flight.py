@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from math import cos, pi, radians, sin, sqrt
+from math import cos, log, pi, radians, sin, sqrt
 
 import casadi as ca
 import numpy as np
+from scipy.optimize import root_scalar
 
-from benchmarks.suite.problem import SuiteProblem, along, line
+from benchmarks.suite.problem import (
+    OPTI,
+    SOURCELESS,
+    SuiteProblem,
+    along,
+    line,
+)
 from microbot_ocp.ocp import Guess, OptimalControlProblem
 
 
@@ -459,6 +466,327 @@ def _climb_guess() -> dict[str, Guess]:
     return {"climb": Guess(300.0, values)}
 
 
+def _angles() -> tuple[tuple[float, float], tuple[float, float]]:
+    here = pi / 2 - radians(40.6413), 2 * pi - radians(73.7781)
+    there = pi / 2 - radians(51.4700), 2 * pi - radians(0.4543)
+    return here, there
+
+
+def _on_ground(theta, phi) -> np.ndarray:
+    return np.array(
+        [
+            6384.0 * np.sin(theta) * np.cos(phi),
+            6384.0 * np.sin(theta) * np.sin(phi),
+            6353.0 * np.cos(theta),
+        ]
+    )
+
+
+def _airports() -> tuple[np.ndarray, np.ndarray]:
+    here, there = _angles()
+    return _on_ground(*here), _on_ground(*there)
+
+
+def geodesic() -> OptimalControlProblem:
+    """The shortest way over a spheroid from New York to London: states tied by an equation."""
+    problem = OptimalControlProblem("geodesic")
+    phase = problem.phase("fly", (3.0, 10.0))
+    ends = _airports()
+    x, y, z = (
+        phase.state(name, initial=ends[0][k], final=ends[1][k], lower=-size, upper=size, unit="km")
+        for k, (name, size) in enumerate((("x", 6384.0), ("y", 6384.0), ("z", 6353.0)))
+    )
+    theta = phase.control("theta", lower=0.0, upper=pi)
+    phi = phase.control("phi", lower=0.0, upper=2 * pi)
+    speed = 900.0
+    phase.derivative(x, speed * ca.sin(theta) * ca.cos(phi))
+    phase.derivative(y, speed * ca.sin(theta) * ca.sin(phi))
+    phase.derivative(z, speed * ca.cos(theta))
+    phase.constraint("ground", (x**2 + y**2) / 6384.0**2 + z**2 / 6353.0**2 - 1, 0.0, 0.0)
+    phase.end_cost(speed * phase.duration)
+    return problem
+
+
+def _geodesic_guess() -> dict[str, Guess]:
+    s = np.linspace(0.0, 1.0, 101)
+    (t0, p0), (t1, p1) = _angles()
+    places = _on_ground(t0 + (t1 - t0) * s, p0 + (p1 - p0) * s)
+    steps = np.diff(places, axis=1)
+    lengths = np.linalg.norm(steps, axis=0)
+    theta = np.arccos(steps[2] / lengths)
+    phi = np.arctan2(steps[1], steps[0]) % (2 * pi)
+    tables = {**dict(zip("xyz", places, strict=True))}
+    tables |= {"theta": np.append(theta, theta[-1]), "phi": np.append(phi, phi[-1])}
+    values = {
+        name: along(lambda q, table=table: np.interp(q, s, table)) for name, table in tables.items()
+    }
+    return {"fly": Guess(lengths.sum() / 900.0, values)}
+
+
+def ducted_fan() -> OptimalControlProblem:
+    """A planar ducted fan sideways by 1 m: time and effort, tilt within 30 degrees."""
+    problem = OptimalControlProblem("ducted fan")
+    phase = problem.phase("move", (0.1, 100.0))
+    x1 = phase.state("x1", initial=0.0, final=1.0)
+    v1 = phase.state("v1", initial=0.0, final=0.0)
+    x2 = phase.state("x2", initial=0.0, final=0.0)
+    v2 = phase.state("v2", initial=0.0, final=0.0)
+    tilt = phase.state("tilt", initial=0.0, final=0.0, lower=-pi / 6, upper=pi / 6)
+    rate = phase.state("rate", initial=0.0, final=0.0)
+    u1 = phase.control("u1", lower=-5.0, upper=5.0)
+    u2 = phase.control("u2", lower=0.0, upper=17.0)
+    phase.derivative(x1, v1)
+    phase.derivative(v1, (u1 * ca.cos(tilt) - u2 * ca.sin(tilt)) / 2.2)
+    phase.derivative(x2, v2)
+    phase.derivative(v2, (-4 + u1 * ca.sin(tilt) + u2 * ca.cos(tilt)) / 2.2)
+    phase.derivative(tilt, rate)
+    phase.derivative(rate, 0.2 * u1 / 0.05)
+    phase.running_cost(2 * u1**2 + u2**2)
+    phase.end_cost(1000 * phase.duration)
+    return problem
+
+
+def quadrotor() -> OptimalControlProblem:
+    """A quadrotor from rest to rest in least time; tilts are limited in size and rate."""
+    problem = OptimalControlProblem("quadrotor")
+    phase = problem.phase("fly", (0.1, 100.0))
+    starts, ends = (0.0, 0.0, 2.5), (0.01, 5.0, 2.5)
+    place = phase.state("place", 3, initial=np.array(starts), final=np.array(ends))
+    velocity = phase.state("velocity", 3, initial=np.zeros(3), final=np.zeros(3))
+    roll = phase.state("roll", initial=0.0, lower=-pi / 2, upper=pi / 2)
+    pitch = phase.state("pitch", initial=0.0, lower=-pi / 2, upper=pi / 2)
+    thrust = phase.control("thrust", lower=0.0, upper=9.18 * 5)
+    roll_rate = phase.control("roll_rate", lower=-3.0, upper=3.0)
+    pitch_rate = phase.control("pitch_rate", lower=-3.0, upper=3.0)
+    phase.derivative(place, velocity)
+    axis = ca.vertcat(ca.sin(pitch) * ca.cos(roll), -ca.sin(roll), ca.cos(pitch) * ca.cos(roll))
+    phase.derivative(velocity, thrust * axis - ca.vertcat(0, 0, 9.81))
+    phase.derivative(roll, roll_rate)
+    phase.derivative(pitch, pitch_rate)
+    phase.constraint("tilt", ca.cos(roll) * ca.cos(pitch), lower=np.cos(0.55))
+    phase.end_cost(phase.duration)
+    return problem
+
+
+def _cruise_guess() -> dict[str, Guess]:
+    values = {
+        "x": along(lambda s: np.sin(2 * pi * s)),
+        "v": along(lambda s: np.cos(2 * pi * s)),
+        "u": along(lambda s: -np.sin(2 * pi * s)),
+    }
+    return {"cycle": Guess(2 * pi, values)}
+
+
+def periodic_cruise() -> OptimalControlProblem:
+    """Speyer's model of cruising on and off: the cycle with the least cost a second."""
+    problem = OptimalControlProblem("periodic cruise")
+    phase = problem.phase("cycle", (2.0, 20.0))
+    x, v = phase.state("x"), phase.state("v")
+    u = phase.control("u")
+    phase.derivative(x, v)
+    phase.derivative(v, u)
+    state = ca.vertcat(x, v)
+    phase.end_constraint("closed", state - phase.initial(state), 0.0, 0.0)
+    phase.point_constraint("phase", x, 0.0, 0.0, at=0.0)
+    phase.running_cost((x**2 / 2 + v**4 / 4 - v**2 / 2 + 0.1 * u**2 / 2) / phase.duration)
+    return problem
+
+
+def wind_shear() -> OptimalControlProblem:
+    """A landing is broken off in a downburst; the least height is to be as large as can be."""
+    problem = OptimalControlProblem("wind shear", maximize=True)
+    least = problem.free_parameter("least height", lower=300.0, upper=1000.0, unit="ft")
+    phase = problem.phase("abort", 40.0)
+    x = phase.state("x", initial=0.0, lower=0.0, upper=1e4, unit="ft")
+    h = phase.state("h", initial=600.0, lower=100.0, upper=1000.0, unit="ft")
+    v = phase.state("v", initial=239.7, lower=1.0, unit="ft/s")
+    path = phase.state("path", initial=-0.03925, final=0.12969)
+    alpha = phase.state("alpha", initial=0.1283, lower=-0.3002, upper=0.3002)
+    u = phase.control("u", lower=-0.05236, upper=0.05236)
+    a, b, c = 6e-8, -4e-11, -log(25 / 30.6) * 1e-12
+    d, e = -8.02881e-8, 6.28083e-11
+    back = 4600 - x
+    first = ca.if_else(x < 4100, (x - 2300) / 40, 50 - a * back**3 - b * back**4)
+    first = ca.if_else(x < 500, -50 + a * x**3 + b * x**4, ca.if_else(x < 4600, first, 50))
+    second = ca.if_else(x < 4100, -51 * ca.exp(-c * (x - 2300) ** 4), d * back**3 + e * back**4)
+    second = ca.if_else(x < 500, d * x**3 + e * x**4, ca.if_else(x < 4600, second, 0))
+    wind, down = first, second * h / 1000
+    mass, gravity, pressure = 150000 / 32.172, 32.172, 0.5 * 0.2203e-2 * 0.1560e4
+    thrust = ca.fmin(0.3825 + 0.2 * phase.time, 1) * (0.4456e5 - 23.98 * v + 0.01442 * v**2)
+    drag = (0.1552 + 0.12369 * alpha + 2.4203 * alpha**2) * pressure * v**2
+    lift = 0.7125 + 6.0877 * alpha - 9.0277 * ca.fmax(alpha - radians(12), 0) ** 2
+    lift = lift * pressure * v**2
+    sin, cos = ca.sin(path), ca.cos(path)
+    dx, dh = v * cos + wind, v * sin + down
+    d_wind = ca.jacobian(wind, x) * dx
+    d_down = ca.jacobian(down, x) * dx + ca.jacobian(down, h) * dh
+    push = alpha + radians(2)
+    phase.derivative(x, dx)
+    phase.derivative(h, dh)
+    forward = (thrust * ca.cos(push) - drag) / mass - gravity * sin
+    phase.derivative(v, forward - d_wind * cos - d_down * sin)
+    upward = (thrust * ca.sin(push) + lift) / mass - gravity * cos
+    phase.derivative(path, (upward + d_wind * sin - d_down * cos) / v)
+    phase.derivative(alpha, u)
+    phase.constraint("height", h - least, lower=0.0)
+    problem.cost(least)
+    return problem
+
+
+def _shear_guess() -> dict[str, Guess]:
+    values = {
+        "x": line(0.0, 9000.0),
+        "h": line(600.0, 850.0),
+        "v": 239.7,
+        "path": line(-0.03925, 0.12969),
+        "alpha": 0.1283,
+        "least height": 502.0,
+    }
+    return {"abort": Guess(40.0, values)}
+
+
+def _air(v: ca.MX, alpha: ca.MX, h: ca.MX | float = 0.0) -> tuple[ca.MX, ca.MX]:
+    """Lift and drag of the aircraft on or above the ground, N."""
+    part = 33 * ((h + 1.0) / 17.85) ** 1.5
+    factor = part / (1 + part) / (pi * 9.45 * 0.801)
+    lift = 0.5 + alpha / radians(10) * 1.5
+    pressure = 0.5 * 1.225 * v**2 * 124.7
+    return pressure * lift, pressure * (0.03 + factor * lift**2)
+
+
+def balanced_field() -> OptimalControlProblem:
+    """The shortest runway on which a take-off with a failed engine can be finished or rejected."""
+    mass, thrust, g = 174200 * 0.45359237, 27000 * 4.4482216152605, 9.80665
+    stall = float(np.sqrt(2 * mass * g / 1.225 / 124.7 / 2.0))
+    problem = OptimalControlProblem("balanced field")
+    data = (
+        ("roll", 2 * thrust, 0.03),
+        ("reject", 0.0, 0.3),
+        ("go on", thrust, 0.03),
+        ("rotate", thrust, 0.03),
+        ("climb", thrust, 0.0),
+    )
+    phases, places = {}, {}
+    for name, push, friction in data:
+        first, climbs = name == "roll", name == "climb"
+        branch = name in ("reject", "go on")
+        ends = [phases["roll"].final(k) for k in places["roll"]] if branch else [None, None]
+        phase = problem.phase(name, (1.0, 5.0 if name == "rotate" else 1000.0))
+        r = phase.state("r", initial=0.0 if first else ends[0], lower=0.0, unit="m")
+        v = phase.state(
+            "v",
+            initial=0.0 if first else ends[1],
+            final=0.0 if name == "reject" else None,
+            lower=0.0,
+            unit="m/s",
+        )
+        phases[name], places[name] = phase, (r, v)
+        alpha = ca.MX(0.0)
+        if name == "rotate":
+            alpha = phase.state("alpha", initial=0.0, lower=0.0, upper=radians(10))
+            rate = problem.free_parameter("rate", lower=0.0, upper=radians(10))
+            phase.derivative(alpha, rate)
+        if climbs:
+            alpha = phase.control("alpha", lower=radians(-10), upper=radians(15), shape="linear")
+            h = phase.state("h", initial=0.0, final=35 * 0.3048, lower=0.0, unit="m")
+            slope = phase.state("slope", initial=0.0, final=radians(5), lower=0.0, upper=radians(5))
+            lift, drag = _air(v, alpha, h)
+            phase.derivative(h, v * ca.sin(slope))
+            phase.derivative(r, v * ca.cos(slope))
+            phase.derivative(v, (push * ca.cos(alpha) - drag) / mass - g * ca.sin(slope))
+            turned = (push * ca.sin(alpha) + lift) / (mass * v) - g / v * ca.cos(slope)
+            phase.derivative(slope, turned)
+            phase.end_constraint("fast enough", v, lower=1.25 * stall)
+            continue
+        lift, drag = _air(v, alpha)
+        weight = mass * g - lift * ca.cos(alpha) - push * ca.sin(alpha)
+        phase.derivative(r, v)
+        phase.derivative(v, (push * ca.cos(alpha) - drag - friction * weight) / mass)
+        if name == "go on":
+            phase.end_constraint("fast enough", v, lower=1.2 * stall)
+        if name == "rotate":
+            phase.end_constraint("lifted", weight, 0.0, 0.0)
+    problem.link(phases["roll"], phases["reject"], ())
+    problem.link(phases["reject"], phases["go on"], ())
+    problem.link(phases["go on"], phases["rotate"], ("r", "v"))
+    problem.link(phases["rotate"], phases["climb"], ("r", "v", "alpha"))
+    stopped = phases["reject"].final(places["reject"][0])
+    problem.constraint("balance", phases["climb"].final(places["climb"][0]) - stopped, 0.0, 0.0)
+    problem.cost(stopped)
+    return problem
+
+
+def _field_guess() -> dict[str, Guess]:
+    return {
+        "roll": Guess(35.0, {"r": line(0.0, 2500.0), "v": line(0.0, 100.0)}),
+        "reject": Guess(35.0, {"r": line(2500.0, 5000.0), "v": line(110.0, 0.0)}),
+        "go on": Guess(2.0, {"r": line(2500.0, 2600.0), "v": line(100.0, 110.0)}),
+        "rotate": Guess(5.0, {"r": line(2600.0, 2700.0), "v": line(110.0, 115.0)}),
+        "climb": Guess(
+            15.0,
+            {
+                "r": line(2700.0, 3500.0),
+                "v": line(115.0, 120.0),
+                "h": line(0.0, 35 * 0.3048),
+                "slope": line(0.0, radians(5)),
+                "alpha": radians(5),
+            },
+        ),
+    }
+
+
+def _intercept_optimum() -> float:
+    return root_scalar(
+        lambda t: np.hypot(10 - t, 5 + 1.5 * t) - 0.25 * t**2, bracket=(0.1, 100.0)
+    ).root
+
+
+def intercept() -> OptimalControlProblem:
+    """A target that flies straight on is hit in least time by an acceleration of 0.5."""
+    problem = OptimalControlProblem("intercept")
+    phase = problem.phase("chase", (0.1, 100.0))
+    place = phase.state("place", 2, initial=[0.0, 0.0])
+    speed = phase.state("speed", 2, initial=[0.0, 0.0])
+    u = phase.control("u", 2)
+    phase.derivative(place, speed)
+    phase.derivative(speed, u)
+    phase.constraint("acceleration", ca.sumsqr(u), upper=0.25)
+    t = phase.duration
+    phase.end_constraint("hit", place - ca.vertcat(10 - t, 5 + 1.5 * t), 0.0, 0.0)
+    phase.end_cost(t)
+    return problem
+
+
+def cannonball() -> OptimalControlProblem:
+    """The size and the elevation of an iron ball that flies farthest with 400 kJ."""
+    problem = OptimalControlProblem("cannonball", maximize=True)
+    radius = problem.free_parameter("radius", lower=0.01, upper=0.1, unit="m")
+    mass = 4 / 3 * pi * radius**3 * 7870
+    phases = []
+    for name in ("rise", "fall"):
+        phase = problem.phase(name, (1.0, 100.0))
+        rises = name == "rise"
+        r = phase.state("r", initial=0.0 if rises else None, lower=0.0, unit="m")
+        h = phase.state(
+            "h", initial=0.0 if rises else None, final=None if rises else 0.0, lower=0.0, unit="m"
+        )
+        v = phase.state("v", lower=10.0, unit="m/s")
+        path = phase.state(
+            "path", lower=radians(-89), upper=radians(89), final=0.0 if rises else None
+        )
+        drag = 0.5 * 1.225 * ca.exp(-h / 8500) * v**2 * 0.5 * pi * radius**2
+        phase.derivative(r, v * ca.cos(path))
+        phase.derivative(h, v * ca.sin(path))
+        phase.derivative(v, -drag / mass - 9.80665 * ca.sin(path))
+        phase.derivative(path, -9.80665 * ca.cos(path) / v)
+        if rises:
+            phase.point_constraint("energy", 0.5 * mass * v**2, upper=4e5, at=0.0, unit="J")
+        phases.append(phase)
+    problem.link(*phases)
+    phases[1].end_cost(r)
+    return problem
+
+
 PROBLEMS = (
     SuiteProblem(
         missile,
@@ -544,5 +872,72 @@ PROBLEMS = (
         confirmed="fine mesh, the same splines",
         reference=319.8680,
         guess=_climb_guess,
+    ),
+    SuiteProblem(
+        geodesic,
+        kind="states tied by an equation, units",
+        source="PSOPT example geodesic: 5549.682 km",
+        published=5549.682,
+        tolerance=1e-05,
+        confirmed="fine mesh",
+        guess=_geodesic_guess,
+    ),
+    SuiteProblem(
+        ducted_fan,
+        kind="free time",
+        source="Graichen and Petit (2009); OptimalControlProblems.jl, no figure",
+        published=1909.30001,
+        tolerance=1e-05,
+        confirmed="fine mesh",
+    ),
+    SuiteProblem(
+        quadrotor,
+        kind="bang-bang, state constraint",
+        source="OptimalControlProblems.jl: quadrotor, without its small weights",
+        published=1.492136,
+        tolerance=1e-05,
+        confirmed="fine mesh",
+    ),
+    SuiteProblem(
+        periodic_cruise,
+        kind="periodic",
+        source="Speyer and Evans (1984)",
+        published=-0.0232710643,
+        tolerance=1e-05,
+        confirmed="fine mesh",
+        guess=_cruise_guess,
+    ),
+    SuiteProblem(
+        wind_shear,
+        "minimax, piecewise",
+        "Betts 2010, who smooths the wind; ICLOCS2",
+        491.85230,
+        3e-2,
+        OPTI,
+        502.2145,
+        sign=-1.0,
+        guess=_shear_guess,
+    ),
+    SuiteProblem(
+        balanced_field,
+        "phases, parameters, units",
+        "dymos",
+        2197.0,
+        1e-2,
+        "Opti on 50 intervals a phase",
+        2196.69612,
+        guess=_field_guess,
+    ),
+    SuiteProblem(
+        intercept, "mixed constraint", SOURCELESS, _intercept_optimum(), 1e-9, "closed form"
+    ),
+    SuiteProblem(
+        cannonball,
+        "phases, parameters, units",
+        "dymos, with an exponential atmosphere",
+        3212.184693,
+        1e-8,
+        "simplex search over another integrator",
+        sign=-1.0,
     ),
 )

@@ -8,7 +8,14 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from benchmarks.suite.problem import SuiteProblem, line
+from benchmarks.suite.problem import (
+    LUUS_PROPT,
+    OPTI,
+    PSOPT_EXAMPLE,
+    SOURCELESS,
+    SuiteProblem,
+    line,
+)
 from microbot_ocp.ocp import Guess, OptimalControlProblem, Phase
 from microbot_ocp.robot import forward_dynamics, load_robot
 
@@ -217,6 +224,180 @@ def manutec_effort() -> OptimalControlProblem:
     return problem
 
 
+def turbo_generator() -> OptimalControlProblem:
+    """A generator is held near a state that is no equilibrium."""
+    problem = OptimalControlProblem("turbo generator")
+    phase = problem.phase("only", 20.0)
+    s1, s2, s3, s4 = 0.60295, 0.0, 1.87243, 0.79778
+    x1, x2 = phase.state("x1", initial=s1), phase.state("x2", initial=s2)
+    x3, x4 = phase.state("x3", initial=s3), phase.state("x4", initial=s4)
+    u1, u2 = phase.control("u1"), phase.control("u2")
+    phase.derivative(x1, x2 * x4)
+    phase.derivative(x2, (u1 - 0.02535 * x2) / 0.04225)
+    phase.derivative(x3, u2 - 0.17 * x3)
+    phase.derivative(x4, -x1 * x2)
+    phase.running_cost(2.5 * ((x1 - s1) ** 2 + (x4 - s4) ** 2) + x2**2 + 0.1 * (x3 - s3) ** 2)
+    phase.running_cost((u1 - 0.80) ** 2 + (u2 - 0.73962) ** 2)
+    return problem
+
+
+def coulomb_friction() -> OptimalControlProblem:
+    """Two masses on springs with dry friction, moved in least time."""
+    problem = OptimalControlProblem("dry friction")
+    phase = problem.phase("only", (1.8, 4.0))
+    q1 = phase.state("q1", initial=0.0, final=1.0)
+    v1 = phase.state("v1", initial=-1.0, final=0.0)
+    q2 = phase.state("q2", initial=0.0, final=2.0)
+    v2 = phase.state("v2", initial=-2.0, final=0.0)
+    u1 = phase.control("u1", lower=-4.0, upper=4.0)
+    u2 = phase.control("u2", lower=-4.0, upper=4.0)
+    phase.derivative(q1, v1)
+    phase.derivative(v1, (-1.8 * q1 + 0.85 * q2 - ca.tanh(v1 / 0.01) + u1) / 1.1)
+    phase.derivative(q2, v2)
+    phase.derivative(v2, (0.85 * q1 - 0.85 * q2 - ca.tanh(v2 / 0.01) + u2) / 1.2)
+    phase.end_cost(phase.duration)
+    return problem
+
+
+def struck_oscillator() -> OptimalControlProblem:
+    """An oscillator that is struck between 0.5 s and 0.6 s: three phases."""
+    problem = OptimalControlProblem("struck oscillator")
+    phases: list[Phase] = []
+    for name, duration, force in (("calm", 0.5, 0.0), ("struck", 0.1, 100.0), ("after", 1.4, 0.0)):
+        phase = problem.phase(name, duration)
+        first = not phases
+        x1 = phase.state("x1", initial=0.0 if first else None)
+        x2 = phase.state("x2", initial=0.0 if first else None)
+        u = phase.control("u")
+        phase.derivative(x1, x2)
+        phase.derivative(x2, -x1 - x2 + u + force)
+        phase.running_cost(5 * x1**2 + 2.5 * x2**2 + 0.5 * u**2)
+        if phases:
+            problem.link(phases[-1], phase)
+        phases.append(phase)
+    return problem
+
+
+def cushioned_oscillation() -> OptimalControlProblem:
+    """An oscillating mass is brought to rest by a limited force in least time."""
+    problem = OptimalControlProblem("cushioned oscillation")
+    phase = problem.phase("only", (0.1, 100.0))
+    x = phase.state("x", initial=2.0, final=0.0)
+    v = phase.state("v", initial=5.0, final=0.0)
+    u = phase.control("u", lower=-5.0, upper=5.0)
+    phase.derivative(x, v)
+    phase.derivative(v, (u - 10 * x) / 5)
+    phase.end_cost(phase.duration)
+    return problem
+
+
+def bouncing_ball() -> OptimalControlProblem:
+    """A ball that loses speed at every bounce is brought back to its height by the least thrust."""
+    problem = OptimalControlProblem("bouncing ball")
+    before = None
+    for k in range(3):
+        phase = problem.phase(f"flight {k}", (0.05, 3.0))
+        last = k == 2
+        first = before is None
+        h = phase.state("h", initial=1.0 if first else 0.0, final=1.0 if last else 0.0, lower=0.0)
+        v = phase.state(
+            "v",
+            initial=0.0 if before is None else -0.8 * before[0].final(before[1]),
+            final=0.0 if last else None,
+        )
+        u = phase.control("u")
+        phase.derivative(h, v)
+        phase.derivative(v, u - 9.81)
+        phase.running_cost(u**2)
+        if before is not None:
+            problem.link(before[0], phase, ())
+        before = phase, v
+    return problem
+
+
+def hanging_load() -> OptimalControlProblem:
+    """A cart moves a hanging load from rest to rest; the force of the rope is algebraic."""
+    problem = OptimalControlProblem("hanging load")
+    phase = problem.phase("move", 2.5)
+    x = phase.state("x", initial=0.0, final=2.0)
+    v = phase.state("v", initial=0.0, final=0.0)
+    place = phase.state("place", 2, initial=[0.0, -1.0], final=[2.0, -1.0])
+    speed = phase.state("speed", 2, initial=[0.0, 0.0], final=[0.0, 0.0])
+    rope = phase.algebraic("rope")
+    u = phase.control("u")
+    arm = place - ca.vertcat(x, 0)
+    arm_rate = speed - ca.vertcat(v, 0)
+    pull = rope * arm
+    slope = (u + pull[0]) / 1.0
+    load = ca.vertcat(0, -9.81) - pull / 0.5
+    phase.derivative(x, v)
+    phase.derivative(v, slope)
+    phase.derivative(place, speed)
+    phase.derivative(speed, load)
+    phase.algebraic_equation(ca.dot(arm, load - ca.vertcat(slope, 0)) + ca.sumsqr(arm_rate))
+    phase.running_cost(u**2)
+    return problem
+
+
+def sideways() -> OptimalControlProblem:
+    """A car that turns on a radius of 1 at least is parked 1 sideways, forwards and backwards."""
+    problem = OptimalControlProblem("sideways")
+    phase = problem.phase("park", (0.1, 20.0))
+    x = phase.state("x", initial=0.0, final=0.0)
+    y = phase.state("y", initial=0.0, final=1.0)
+    heading = phase.state("heading", initial=0.0, final=0.0)
+    v = phase.control("v", lower=-1.0, upper=1.0)
+    bend = phase.control("bend", lower=-1.0, upper=1.0)
+    phase.derivative(x, v * ca.cos(heading))
+    phase.derivative(y, v * ca.sin(heading))
+    phase.derivative(heading, v * bend)
+    phase.end_cost(phase.duration)
+    return problem
+
+
+def weak_swing_up() -> OptimalControlProblem:
+    """A pendulum is swung up in least time by a torque of 0.3 of its weight."""
+    problem = OptimalControlProblem("weak swing-up")
+    phase = problem.phase("swing", (0.1, 50.0))
+    q = phase.state("q", initial=0.0, final=pi)
+    w = phase.state("w", initial=0.0, final=0.0)
+    u = phase.control("u", lower=-0.3, upper=0.3)
+    phase.derivative(q, w)
+    phase.derivative(w, u - ca.sin(q))
+    phase.end_cost(phase.duration)
+    return problem
+
+
+def lift() -> OptimalControlProblem:
+    """A lift goes 10 m in least time within limits of speed, acceleration and jerk."""
+    problem = OptimalControlProblem("lift")
+    phase = problem.phase("ride", (0.1, 100.0))
+    x = phase.state("x", initial=0.0, final=10.0, unit="m")
+    v = phase.state("v", initial=0.0, final=0.0, lower=-2.0, upper=2.0, unit="m/s")
+    a = phase.state("a", initial=0.0, final=0.0, lower=-1.0, upper=1.0, unit="m/s^2")
+    jerk = phase.control("jerk", lower=-1.0, upper=1.0, unit="m/s^3")
+    phase.derivative(x, v)
+    phase.derivative(v, a)
+    phase.derivative(a, jerk)
+    phase.end_cost(phase.duration)
+    return problem
+
+
+def eight_masses() -> OptimalControlProblem:
+    """Eight masses on hardening springs are calmed by a force on the last."""
+    problem = OptimalControlProblem("eight masses")
+    phase = problem.phase("calm", 12.0)
+    x = phase.state("x", 8, initial=np.linspace(0.25, 2.0, 8))
+    v = phase.state("v", 8, initial=np.zeros(8))
+    u = phase.control("u", lower=-1.0, upper=1.0)
+    stretch = x - ca.vertcat(0, x[:-1])
+    force = stretch + stretch**3
+    phase.derivative(x, v)
+    phase.derivative(v, ca.vertcat(force[1:], u) - force)
+    phase.running_cost(ca.sumsqr(x) + ca.sumsqr(v) + 0.1 * u**2)
+    return problem
+
+
 PROBLEMS = (
     SuiteProblem(
         luus_arm,
@@ -300,4 +481,45 @@ PROBLEMS = (
         tolerance=5e-8,
         confirmed="fine mesh",
     ),
+    SuiteProblem(turbo_generator, "smooth", "OCCAL; PROPT", 15.0198, 1e-5, OPTI, 15.01983),
+    SuiteProblem(
+        coulomb_friction, "bang-bang, stiff", PSOPT_EXAMPLE, 2.104992, 5e-3, OPTI, 2.11415
+    ),
+    SuiteProblem(struck_oscillator, "phases", LUUS_PROPT, 58.065, 1e-4, OPTI, 58.065029),
+    SuiteProblem(
+        cushioned_oscillation,
+        "bang-bang",
+        "mintOC",
+        8.99177,
+        1e-6,
+        "closed form: circles in the phase plane",
+        8.9917704583,
+    ),
+    SuiteProblem(bouncing_ball, "phases, jumps", SOURCELESS, 6.2714647539, 1e-9, OPTI),
+    SuiteProblem(
+        hanging_load,
+        "algebraic, redundant ends",
+        SOURCELESS,
+        7.0352894,
+        1e-8,
+        "Opti on 300 intervals, with the angle in place of the algebraic variable",
+    ),
+    SuiteProblem(
+        sideways,
+        "bang-bang, local optima",
+        "Reeds and Shepp 1990",
+        2.6362321,
+        1e-7,
+        "all words of four arcs",
+    ),
+    SuiteProblem(
+        weak_swing_up,
+        "bang-bang, local optima",
+        SOURCELESS,
+        12.567214,
+        1e-5,
+        "all numbers of switches up to seven",
+    ),
+    SuiteProblem(lift, "state constraint, order 1 and 2", "closed form", 8.0, 1e-12, "closed form"),
+    SuiteProblem(eight_masses, "bang-bang", SOURCELESS, 46.13947, 1e-5, OPTI),
 )

@@ -11,6 +11,11 @@ from microbot_ocp.ocp import Guess, OptimalControlProblem
 
 Array = np.ndarray
 
+# sources, and how figures were confirmed
+PROPT, ICLOCS, PSOPT_EXAMPLE = "PROPT", "ICLOCS2", "PSOPT"
+LUUS_PROPT = "Luus, Iterative Dynamic Programming; PROPT"
+OPTI, SOURCELESS = "Opti on 300 intervals", "no figure"
+
 
 @dataclass(frozen=True)
 class SuiteProblem:

@@ -5,7 +5,13 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from benchmarks.suite.problem import SuiteProblem, line
+from benchmarks.suite.problem import (
+    LUUS_PROPT,
+    OPTI,
+    PROPT,
+    SuiteProblem,
+    line,
+)
 from microbot_ocp.ocp import Guess, OptimalControlProblem
 
 
@@ -232,6 +238,178 @@ def bifunctional_catalyst() -> OptimalControlProblem:
 
 FINE = "fine mesh"
 
+
+def double_tank() -> OptimalControlProblem:
+    """The lower of two tanks is to follow a level; inflow from 1 to 2."""
+    problem = OptimalControlProblem("double tank")
+    phase = problem.phase("only", 10.0)
+    upper = phase.state("upper", initial=2.0, lower=1e-6)
+    lower = phase.state("lower", initial=2.0, lower=1e-6)
+    flow = phase.control("flow", lower=1.0, upper=2.0)
+    phase.derivative(upper, flow - ca.sqrt(upper))
+    phase.derivative(lower, ca.sqrt(upper) - ca.sqrt(lower))
+    phase.running_cost(2 * (lower - 3) ** 2)
+    return problem
+
+
+def oil_shale() -> OptimalControlProblem:
+    """Temperature and time of a pyrolysis for most bitumen."""
+    problem = OptimalControlProblem("oil shale", maximize=True)
+    phase = problem.phase("only", (9.1, 12.0))
+    kerogen = phase.state("kerogen", initial=1.0, lower=0.0, upper=1.0)
+    bitumen = phase.state("bitumen", initial=0.0, lower=0.0, upper=1.0)
+    temperature = phase.control("temperature", lower=698.15, upper=748.15, unit="K")
+    exponents = (8.86, 24.25, 23.67, 18.75, 20.70)
+    energies = np.array([20300.0, 37400.0, 33800.0, 28200.0, 31000.0]) / 1.9872
+    k = [ca.exp(a - b / temperature) for a, b in zip(exponents, energies, strict=True)]
+    phase.derivative(kerogen, -k[0] * kerogen - (k[2] + k[3] + k[4]) * kerogen * bitumen)
+    phase.derivative(bitumen, k[0] * kerogen - k[1] * bitumen + k[2] * kerogen * bitumen)
+    phase.end_cost(bitumen)
+    return problem
+
+
+def two_stage_reactor() -> OptimalControlProblem:
+    """Two stirred tanks are brought to their steady state in least time."""
+    problem = OptimalControlProblem("two-stage reactor")
+    phase = problem.phase("only", (0.1, 100.0))
+    starts = (0.1962, -0.0372, 0.0946, 0.0)
+    x1, x2, x3, x4 = (
+        phase.state(f"x{k}", initial=start, final=0.0) for k, start in enumerate(starts, start=1)
+    )
+    u1 = phase.control("u1", lower=-1.0, upper=1.0)
+    u2 = phase.control("u2", lower=-1.0, upper=1.0)
+    first = 1.5e7 * (0.5251 - x1) * ca.exp(-10 / (x2 + 0.6932)) - 1.4280
+    first -= 1.5e10 * (0.4748 + x1) * ca.exp(-15 / (x2 + 0.6932))
+    second = 1.5e7 * (0.4236 - x2) * ca.exp(-10 / (x4 + 0.6560)) - 0.5086
+    second -= 1.5e10 * (0.5764 + x3) * ca.exp(-15 / (x4 + 0.6560))
+    phase.derivative(x1, -3 * x1 + first)
+    phase.derivative(x2, -11.1558 * x2 + first - 8.1558 * (x2 + 0.1592) * u1)
+    phase.derivative(x3, 1.5 * (0.5 * x1 - x3) + second)
+    phase.derivative(x4, 0.75 * x2 - 4.9385 * x4 + second - 3.4385 * (x4 + 0.122) * u2)
+    phase.end_cost(phase.duration)
+    return problem
+
+
+def penicillin() -> OptimalControlProblem:
+    """The feed of a fermentation of 126 h for most penicillin."""
+    problem = OptimalControlProblem("penicillin", maximize=True)
+    phase = problem.phase("only", 126.0)
+    biomass = phase.state("biomass", initial=1.5, lower=0.0, upper=40.0)
+    product = phase.state("product", initial=0.0, lower=0.0, upper=50.0)
+    substrate = phase.state("substrate", initial=0.0, lower=0.0, upper=25.0)
+    volume = phase.state("volume", initial=7.0, lower=0.0, upper=10.0)
+    feed = phase.control("feed", lower=0.0, upper=50.0)
+    growth = 0.11 * substrate / (0.006 * biomass + substrate)
+    making = 0.0055 * substrate / (0.0001 + substrate * (1 + 10 * substrate))
+    upkeep = 0.029 * substrate / (0.0001 + substrate)
+    phase.derivative(biomass, growth * biomass - feed * biomass / 500 / volume)
+    phase.derivative(product, making * biomass - 0.01 * product - feed * product / 500 / volume)
+    phase.derivative(
+        substrate,
+        -(growth / 0.47 + making / 1.2 + upkeep) * biomass + feed / volume * (1 - substrate / 500),
+    )
+    phase.derivative(volume, feed / 500)
+    phase.end_cost(product * volume)
+    return problem
+
+
+def gas_absorber() -> OptimalControlProblem:
+    """Six plates of an absorber are brought to their steady state."""
+    problem = OptimalControlProblem("gas absorber")
+    phase = problem.phase("only", 15.0)
+    start = [-0.0342, -0.0619, -0.0837, -0.1004, -0.1131, -0.1224]
+    x = phase.state("x", 6, initial=start)
+    u1 = phase.control("u1", lower=0.0, upper=0.04)
+    u2 = phase.control("u2", lower=-0.4, upper=0.09)
+    matrix = -1.173113 * np.eye(6) + 0.634839 * np.eye(6, k=1) + 0.538273 * np.eye(6, k=-1)
+    entry = ca.vertcat(0.538273 * u1, 0, 0, 0, 0, 0.634839 * u2)
+    phase.derivative(x, ca.DM(matrix) @ x + entry)
+    phase.running_cost(ca.sumsqr(x) + u1**2 + u2**2)
+    return problem
+
+
+def food_sterilization() -> OptimalControlProblem:
+    """A can is heated until enough germs are dead, and cooled, with the least loss of quality."""
+    problem = OptimalControlProblem("sterilization")
+    phase = problem.phase("heat", 1500.0)
+    core = phase.state("core", initial=20.0)
+    outside = phase.state("outside", initial=20.0)
+    killed = phase.state("killed", initial=0.0)
+    lost = phase.state("lost", initial=0.0)
+    heat = phase.control("heat", lower=0.0, upper=50.0)
+    phase.derivative(core, 0.01 * (outside - core))
+    phase.derivative(outside, 0.005 * (20 - outside) + 0.01 * heat)
+    phase.derivative(killed, ca.exp(np.log(10) / 10 * (core - 121.11)))
+    phase.derivative(lost, ca.exp(np.log(10) / 25.56 * (core - 121.11)))
+    phase.end_cost(lost + (killed - 100) ** 2 + (core - 40) ** 2)
+    return problem
+
+
+def plug_flow() -> OptimalControlProblem:
+    """Most product of a tubular reactor whose temperature is limited."""
+    problem = OptimalControlProblem("plug flow", maximize=True)
+    phase = problem.phase("flow", 5.0)
+    product = phase.state("product", initial=0.0, lower=0.0, upper=10.0)
+    temperature = phase.state("temperature", initial=380.0, lower=100.0, upper=460.0, unit="K")
+    cooling = phase.control("cooling", lower=0.0, upper=0.5)
+    k1 = 1.7536e5 * ca.exp(-1.1374e4 / 1.9872 / temperature)
+    k2 = 2.4885e10 * ca.exp(-2.2748e4 / 1.9872 / temperature)
+    made = (1 - product) * k1 - product * k2
+    phase.derivative(product, made)
+    phase.derivative(temperature, 300 * made - cooling * (temperature - 290))
+    phase.end_cost(product)
+    return problem
+
+
+def crystalliser() -> OptimalControlProblem:
+    """Seeds of potassium sulphate grow by cooling, with the least volume of new crystals."""
+    problem = OptimalControlProblem("crystalliser")
+    phase = problem.phase("batch", 1800.0)
+    new = [phase.state(f"new {k}", initial=0.0) for k in range(4)]
+    seeds = 66.6667
+    starts = (seeds * 275.0, seeds * 75750.0, seeds * 20968750.0)
+    grown = [phase.state(f"grown {k + 1}", initial=start) for k, start in enumerate(starts)]
+    dissolved = phase.state("dissolved", initial=0.1742)
+    temperature = phase.state("temperature", initial=50.0, lower=30.0, upper=50.0, unit="C")
+    cooling = phase.control("cooling", lower=0.0, upper=0.05, unit="K/s")
+    soluble = 6.29e-2 + 2.46e-3 * temperature - 7.14e-6 * temperature**2
+    metastable = 7.76e-2 + 2.46e-3 * temperature - 8.10e-6 * temperature**2
+    above = ((dissolved - soluble) / soluble) ** 2 + 1e-8
+    kelvin = temperature + 273.15
+    growth = 1.44e8 * ca.exp(-4859 / kelvin) * above**0.75
+    birth = 285.0 * ca.exp(-7517 / kelvin) * above**0.725 * (new[3] + grown[2])
+    phase.derivative(new[0], birth)
+    for k in (1, 2, 3):
+        phase.derivative(new[k], k * growth * new[k - 1])
+    phase.derivative(grown[0], growth * seeds)
+    phase.derivative(grown[1], 2 * growth * grown[0])
+    phase.derivative(grown[2], 3 * growth * grown[1])
+    phase.derivative(dissolved, -3 * 2.66e-12 * 1.5 * growth * (new[2] + grown[1]))
+    phase.derivative(temperature, -cooling)
+    phase.constraint("not dissolving", dissolved - soluble, lower=0.0)
+    phase.constraint("metastable", metastable - dissolved, lower=0.0)
+    phase.end_constraint("large enough", grown[2], lower=8.3301e9)
+    phase.end_cost(new[3])
+    return problem
+
+
+def hicks_ray() -> OptimalControlProblem:
+    """A stirred tank is brought to a steady state that is unstable."""
+    problem = OptimalControlProblem("Hicks and Ray")
+    phase = problem.phase("change", 120.0)
+    c = phase.state("c", initial=0.98, final=0.2632, lower=0.0, upper=1.0)
+    temperature = phase.state("temperature", initial=0.39, final=0.6519, lower=0.0, upper=1.0)
+    u = phase.control("u", lower=0.0, upper=2.0)
+    reaction = 300 * c * ca.exp(-5 / temperature)
+    phase.derivative(c, (1 - c) / 20 - reaction)
+    phase.derivative(
+        temperature,
+        (0.3947 - temperature) / 20 + reaction - 600 * 1.95e-4 * u * (temperature - 0.38158),
+    )
+    phase.running_cost((c - 0.2632) ** 2 + (temperature - 0.6519) ** 2 + (u - 0.76) ** 2)
+    return problem
+
+
 PROBLEMS = (
     SuiteProblem(
         batch_reactor,
@@ -315,5 +493,65 @@ PROBLEMS = (
         "printed gives 10.09416e-3",
         reference=10.1037e-3,
         sign=-1.0,
+    ),
+    SuiteProblem(
+        double_tank,
+        kind="bang-singular",
+        source="mintOC: double tank, relaxed",
+        published=4.731306,
+        tolerance=1e-05,
+        confirmed="fine mesh",
+    ),
+    SuiteProblem(
+        oil_shale,
+        "bang-singular",
+        "Carrasco and Banga 1997; PROPT",
+        0.353,
+        3e-3,
+        OPTI,
+        0.353815,
+        sign=-1.0,
+        guess=lambda: {"only": Guess(9.3, {"temperature": 725.0})},
+    ),
+    SuiteProblem(
+        two_stage_reactor,
+        "bang-bang, stiff",
+        LUUS_PROPT,
+        0.3244,
+        3e-3,
+        "Opti on 100 intervals",
+        0.32365,
+        guess=lambda: {"only": Guess(0.3, {"x1": 0.1962, "x2": -0.0372, "x3": 0.0946, "x4": 0.0})},
+    ),
+    SuiteProblem(
+        penicillin,
+        "bang-singular, local optima",
+        "Cuthrell and Biegler 1989",
+        87.69,
+        2e-3,
+        OPTI,
+        87.832,
+        sign=-1.0,
+    ),
+    SuiteProblem(gas_absorber, "linear", LUUS_PROPT, 0.13375, 1e-4, OPTI, 0.13375113),
+    SuiteProblem(
+        food_sterilization,
+        "bang-bang, local optima, units",
+        PROPT,
+        273.629625,
+        1e-6,
+        "two switches and another integrator",
+    ),
+    SuiteProblem(plug_flow, "bang-singular, units", "Luus", 0.677289, 1e-5, OPTI, sign=-1.0),
+    SuiteProblem(
+        crystalliser,
+        "state constraint, units",
+        "Shi, El-Farra, Li, Mhaskar and Christofides 2006, with a limit of the rate",
+        7.712562e8,
+        1e-6,
+        "Opti on 480 intervals, in units of its own",
+    ),
+    SuiteProblem(
+        hicks_ray, "unstable, local optima", "ICLOCS2, in a fixed time", 106.86500, 1e-5, OPTI
     ),
 )

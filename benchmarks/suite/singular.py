@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
-from math import sqrt
+from math import pi, sqrt
 
 import casadi as ca
 import numpy as np
 
-from benchmarks.suite.problem import SuiteProblem, along, line
+from benchmarks.suite.problem import (
+    LUUS_PROPT,
+    OPTI,
+    PROPT,
+    SuiteProblem,
+    along,
+    line,
+)
 from microbot_ocp.ocp import Guess, OptimalControlProblem, Phase
 
 
@@ -276,6 +283,108 @@ LUUS = "Luus, Iterative Dynamic Programming (2000), section 10.2; PROPT guide: "
 PSOPT = "Becerra, PSOPT application examples (release 5), "
 CTDIRECT = "CTDirect.jl test problems (control-toolbox), "
 
+
+def rayleigh_in_least_time() -> OptimalControlProblem:
+    """Rayleigh's equation from (-5, -5) to rest, |u| <= 4."""
+    problem = OptimalControlProblem("Rayleigh in least time")
+    phase = problem.phase("only", (0.1, 100.0))
+    x1 = phase.state("x1", initial=-5.0, final=0.0)
+    x2 = phase.state("x2", initial=-5.0, final=0.0)
+    u = phase.control("u", lower=-1.0, upper=1.0)
+    phase.derivative(x1, x2)
+    phase.derivative(x2, -x1 + x2 * (1.4 - 0.14 * x2**2) + 4 * u)
+    phase.end_cost(phase.duration)
+    return problem
+
+
+def double_oscillator() -> OptimalControlProblem:
+    """Two masses on springs shaken by a sine; the damping is the control."""
+    problem = OptimalControlProblem("double oscillator")
+    phase = problem.phase("period", 2 * pi)
+    x1, x2 = phase.state("x1", initial=0.0), phase.state("x2", initial=0.0)
+    v1, v2 = phase.state("v1"), phase.state("v2")
+    u = phase.control("u", lower=-1.0, upper=1.0)
+    phase.derivative(x1, v1)
+    phase.derivative(x2, v2)
+    phase.derivative(v1, (-103 * x1 + 3 * x2 + ca.sin(phase.time)) / 100)
+    phase.derivative(v2, (3 * x1 - 3 * x2 - 0.5 * (1 - u) * v2) / 2)
+    phase.running_cost(0.5 * (x1**2 + x2**2 + u**2))
+    return problem
+
+
+def four_integrators() -> OptimalControlProblem:
+    """A chain of four integrators is brought to rest in least time."""
+    problem = OptimalControlProblem("four integrators")
+    phase = problem.phase("only", (0.1, 100.0))
+    chain = [
+        phase.state(f"x{k}", initial=start, final=0.0)
+        for k, start in enumerate((0.1, 0.2, 0.3, 0.0), start=1)
+    ]
+    u = phase.control("u", lower=-1.0, upper=1.0)
+    for state, slope in zip(chain, [*chain[1:], u], strict=True):
+        phase.derivative(state, slope)
+    phase.end_cost(phase.duration)
+    return problem
+
+
+def nishida() -> OptimalControlProblem:
+    """Two damped oscillators are calmed by one bounded control."""
+    problem = OptimalControlProblem("Nishida")
+    phase = problem.phase("only", 4.2)
+    x = phase.state("x", 4, initial=10.0)
+    u = phase.control("u", lower=-1.0, upper=1.0)
+    slopes = ca.vertcat(
+        -0.5 * x[0] + 5 * x[1],
+        -5 * x[0] - 0.5 * x[1] + u,
+        -0.6 * x[2] + 10 * x[3],
+        -10 * x[2] - 0.6 * x[3] + u,
+    )
+    phase.derivative(x, slopes)
+    phase.end_cost(ca.sumsqr(x))
+    return problem
+
+
+def third_order() -> OptimalControlProblem:
+    """A third-order system with drag and friction is brought to rest in least time."""
+    problem = OptimalControlProblem("third order")
+    phase = problem.phase("move", (0.1, 100.0))
+    x1 = phase.state("x1", initial=0.0, final=2.0)
+    x2 = phase.state("x2", initial=0.931, final=0.0)
+    x3 = phase.state("x3", initial=0.9, final=0.0)
+    u = phase.control("u", lower=-1.0, upper=1.0)
+    phase.derivative(x1, x2)
+    phase.derivative(x2, -x2 - 0.1 * x2**3 + x3)
+    phase.derivative(x3, -2 * x3 - 0.2 * x3 / ca.sqrt(x3**2 + 1e-4) + 2 * u)
+    phase.end_cost(phase.duration)
+    return problem
+
+
+def marchal() -> OptimalControlProblem:
+    """Chattering into a singular arc at rest and out of it again."""
+    problem = OptimalControlProblem("Marchal")
+    phase = problem.phase("only", 8.0)
+    x = phase.state("x", initial=2.0, final=2.0)
+    y = phase.state("y", initial=-2.0, final=2.0)
+    u = phase.control("u", lower=-1.0, upper=1.0)
+    phase.derivative(x, y)
+    phase.derivative(y, u)
+    phase.running_cost(0.5 * x**2)
+    return problem
+
+
+def van_der_pol_in_least_time() -> OptimalControlProblem:
+    """The Van der Pol oscillator from (-0.4, 0.6) to (0.6, 0.4) in least time, |u| <= 1."""
+    problem = OptimalControlProblem("Van der Pol in least time")
+    phase = problem.phase("only", (0.1, 10.0))
+    x1 = phase.state("x1", initial=-0.4, final=0.6)
+    x2 = phase.state("x2", initial=0.6, final=0.4)
+    u = phase.control("u", lower=-1.0, upper=1.0)
+    phase.derivative(x1, x2)
+    phase.derivative(x2, -x1 - (x1**2 - 1) * x2 + u)
+    phase.end_cost(phase.duration)
+    return problem
+
+
 PROBLEMS = (
     SuiteProblem(
         luus_singular_1,
@@ -422,5 +531,37 @@ PROBLEMS = (
         reference=4.21786651,
         tolerance=5e-5,
         confirmed="closed form of the arcs",
+    ),
+    SuiteProblem(
+        rayleigh_in_least_time,
+        kind="bang-bang",
+        source="Maurer and Augustin, in Online Optimization of Large Scale Systems (2001): 3.66817",
+        published=3.66817,
+        tolerance=1e-05,
+        confirmed="fine mesh",
+    ),
+    SuiteProblem(
+        double_oscillator,
+        kind="smooth",
+        source="Coudurier, Lepreux and Petit (2018); OptimalControlProblems.jl, no figure",
+        published=0.000911034863,
+        tolerance=1e-05,
+        confirmed="fine mesh",
+    ),
+    SuiteProblem(
+        four_integrators,
+        "bang-bang",
+        "the equations of three switches",
+        4.831895,
+        1e-6,
+        "solved for the arcs",
+    ),
+    SuiteProblem(
+        nishida, "bang-bang, linear", LUUS_PROPT, 1.0035, 1e-3, "Opti on 600 intervals", 1.0034994
+    ),
+    SuiteProblem(third_order, "bang-bang, stiff", PROPT, 2.94565, 1e-5, OPTI),
+    SuiteProblem(marchal, "chattering, singular", "Marchal 1973", 1.51523, 2e-5, OPTI),
+    SuiteProblem(
+        van_der_pol_in_least_time, "bang-bang", "Kaya and Noakes 2003", 1.2540747, 1e-6, OPTI
     ),
 )

@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 from cmath import exp, phase
-from math import cosh, pi, sinh, sqrt
+from math import cosh, pi, radians, sinh, sqrt
 
 import casadi as ca
 import numpy as np
+from scipy.optimize import root_scalar
 
-from benchmarks.suite.problem import SuiteProblem
+from benchmarks.suite.problem import (
+    PROPT,
+    PSOPT_EXAMPLE,
+    SOURCELESS,
+    SuiteProblem,
+)
 from microbot_ocp.ocp import Guess, OptimalControlProblem, Phase
 
 
@@ -335,6 +341,218 @@ CTDIRECT = "CTDirect.jl test problems (control-toolbox), "
 CLOSED = "closed form"
 FINE = "fine mesh"
 
+
+def target_line() -> OptimalControlProblem:
+    """Least energy to a line of end states."""
+    problem = OptimalControlProblem("target line")
+    phase = problem.phase("move", 1.0)
+    x1 = phase.state("x1", initial=0.0, lower=-5.0, upper=5.0)
+    x2 = phase.state("x2", initial=0.0, lower=-5.0, upper=5.0)
+    u = phase.control("u", lower=-50.0, upper=50.0)
+    phase.derivative(x1, x2)
+    phase.derivative(x2, u)
+    phase.end_constraint("line", x1 - 2 * x2, 1.0, 1.0)
+    phase.running_cost(0.5 * u**2)
+    return problem
+
+
+def delays() -> OptimalControlProblem:
+    """x' = x(t - 1) u(t - 2), six stretches of time side by side, tied at their ends."""
+    problem = OptimalControlProblem("delays")
+    phase = problem.phase("only", 1.0)
+    x = [phase.state(f"x{k}", initial=1.0 if k == 1 else None) for k in range(1, 7)]
+    u = [phase.control(f"u{k}") for k in range(1, 7)]
+    before, delayed = [ca.MX(1.0), *x[:-1]], [ca.MX(0.0), ca.MX(0.0), *u[:-2]]
+    for state, own, late in zip(x, before, delayed, strict=True):
+        phase.derivative(state, own * late)
+    for k in range(6):
+        phase.constraint(f"mixed {k}", u[k] + x[k], lower=0.3)
+        phase.running_cost(x[k] ** 2 + u[k] ** 2)
+    for k in range(5):
+        phase.end_constraint(f"tie {k}", x[k] - phase.initial(x[k + 1]), 0.0, 0.0)
+    return problem
+
+
+def integrator_chain() -> OptimalControlProblem:
+    """Nagurka's linear problem with ten states."""
+    problem = OptimalControlProblem("Nagurka")
+    count = 10
+    phase = problem.phase("only", 1.0)
+    x = phase.state("x", count, initial=np.arange(1.0, count + 1))
+    u = phase.control("u", count)
+    matrix = np.diag(np.ones(count - 1), 1)
+    matrix[-1] = [(k + 1) * (-1) ** k for k in range(count)]
+    phase.derivative(x, ca.DM(matrix) @ x + u)
+    phase.running_cost(ca.sumsqr(x) + ca.sumsqr(u))
+    phase.end_cost(10 * x[0] ** 2)
+    return problem
+
+
+def hull() -> OptimalControlProblem:
+    """x' = u with costs of the effort and of the end."""
+    problem = OptimalControlProblem("Hull")
+    phase = problem.phase("only", 10.0)
+    x = phase.state("x", initial=1.5)
+    u = phase.control("u")
+    phase.derivative(x, u)
+    phase.running_cost(0.5 * u**2)
+    phase.end_cost(2.5 * x**2)
+    return problem
+
+
+def newton() -> OptimalControlProblem:
+    """Newton's body of least resistance, as high as wide: a flat front and a curve."""
+    problem = OptimalControlProblem("Newton")
+    phase = problem.phase("only", 1.0)
+    height = phase.state("height", initial=1.0, final=0.0, lower=0.0, upper=1.0)
+    slope = phase.control("slope", lower=-100.0, upper=0.0)
+    phase.derivative(height, slope)
+    phase.running_cost(8 * phase.time / (1 + slope**2))
+    return problem
+
+
+def brachistochrone_of_given_length() -> OptimalControlProblem:
+    """The fastest wire of 11 m between two points."""
+    problem = OptimalControlProblem("wire of given length")
+    phase = problem.phase("slide", (0.5, 10.0))
+    x = phase.state("x", initial=0.0, final=10.0)
+    y = phase.state("y", initial=10.0, final=5.0)
+    v = phase.state("v", initial=0.0)
+    theta = phase.control("theta", lower=radians(0.01), upper=radians(179.9))
+    phase.derivative(x, v * ca.sin(theta))
+    phase.derivative(y, -v * ca.cos(theta))
+    phase.derivative(v, 9.80665 * ca.cos(theta))
+    phase.integral("length", v, upper=11.9)
+    phase.end_cost(phase.duration)
+    return problem
+
+
+def steps() -> OptimalControlProblem:
+    """Down from 1 to 0, along it, and up again: three phases of a second each."""
+    problem = OptimalControlProblem("steps")
+    phases = []
+    for k in range(3):
+        phase = problem.phase(f"p{k}", 1.0)
+        x = phase.state(
+            "x",
+            lower=0.0,
+            upper=5.0,
+            initial=1.0 if k == 0 else None,
+            final=1.0 if k == 2 else None,
+        )
+        u = phase.control("u", lower=-1.0, upper=1.0)
+        phase.derivative(x, u)
+        phase.running_cost(x)
+        if phases:
+            problem.link(phases[-1], phase)
+        phases.append(phase)
+    return problem
+
+
+def grusin() -> OptimalControlProblem:
+    """A shortest way in a plane where moving north costs the more the nearer to the axis."""
+    problem = OptimalControlProblem("Grusin")
+    phase = problem.phase("way", 1.0)
+    x = phase.state("x", initial=0.0, final=-0.01)
+    y = phase.state("y", initial=0.0, final=-1.0)
+    u1, u2 = phase.control("u1"), phase.control("u2")
+    phase.derivative(x, u1)
+    phase.derivative(y, u2 * x)
+    phase.running_cost(u1**2 + u2**2)
+    return problem
+
+
+def _grusin_optimum() -> float:
+    """Of the geodesics x = a sin(b t), y' = b x^2, the one that arrives with b below 2 pi."""
+
+    def off(b: float) -> float:
+        return (0.01 / np.sin(b)) ** 2 * (b / 2 - np.sin(2 * b) / 4) - 1
+
+    # The amplitude has the sign of x; past half a turn it is on the other side of the axis.
+    best = np.inf
+    grid = np.linspace(0.5, 2 * pi, 200001)[:-1]
+    values = np.array([off(b) for b in grid])
+    for k in np.flatnonzero(np.diff(np.sign(values)) != 0):
+        b = root_scalar(off, bracket=(grid[k], grid[k + 1])).root
+        if abs(off(b)) < 1e-6:
+            best = min(best, (0.01 / np.sin(b)) ** 2 * b**2)
+    return best
+
+
+def hanging_chain() -> OptimalControlProblem:
+    """The least potential energy of a chain of length 4 between heights of 1 and 3."""
+    problem = OptimalControlProblem("hanging chain")
+    phase = problem.phase("chain", 1.0)
+    y = phase.state("y", initial=1.0, final=3.0)
+    u = phase.control("u")
+    phase.derivative(y, u)
+    arc = ca.sqrt(1 + u**2)
+    phase.integral("length", arc, 4.0, 4.0)
+    phase.running_cost(y * arc)
+    return problem
+
+
+def _chain_optimum() -> float:
+    """The catenary y = c cosh((x - m) / c) + d."""
+    c = root_scalar(lambda c: 2 * c * np.sinh(0.5 / c) - np.sqrt(12.0), bracket=(0.05, 1.0)).root
+    m = 0.5 - c * np.arctanh(2.0 / 4.0)
+    d = 1 - c * np.cosh(-m / c)
+    x = np.array([0.0, 1.0])
+    lengths = c * np.sinh((x - m) / c)
+    squares = 0.5 * c * x + c**2 / 4 * np.sinh(2 * (x - m) / c)
+    return float(squares[1] - squares[0] + d * (lengths[1] - lengths[0]))
+
+
+def zermelo_in_shear() -> OptimalControlProblem:
+    """A boat in a current that grows with the distance from the bank, home in least time."""
+    problem = OptimalControlProblem("Zermelo")
+    phase = problem.phase("cross", (0.1, 100.0))
+    x = phase.state("x", initial=3.66, final=0.0)
+    y = phase.state("y", initial=-1.86, final=0.0)
+    heading = phase.control("heading")
+    phase.derivative(x, ca.cos(heading) - y)
+    phase.derivative(y, ca.sin(heading))
+    phase.end_cost(phase.duration)
+    return problem
+
+
+def _target_speed(t: ca.MX | float) -> ca.MX | float:
+    return 2 * ca.cos(t) - 2.2 * ca.sin(2.2 * t)
+
+
+def _target(t: ca.MX | float) -> ca.MX | float:
+    return 5 + 2 * ca.sin(t) + ca.cos(2.2 * t)
+
+
+def departure() -> OptimalControlProblem:
+    """When to leave for a moving target, which is met 2 s later with the least effort."""
+    problem = OptimalControlProblem("departure")
+    phase = problem.phase("meet", 2.0, start=(0.0, 20.0))
+    x, v = phase.state("x", initial=0.0), phase.state("v", initial=0.0)
+    u = phase.control("u")
+    phase.derivative(x, v)
+    phase.derivative(v, u)
+    phase.running_cost(u**2)
+    end = phase.start + 2.0
+    phase.end_constraint("place", x - _target(end), 0.0, 0.0)
+    phase.end_constraint("speed", v - _target_speed(end), 0.0, 0.0)
+    return problem
+
+
+def _departure_optimum() -> float:
+    """Of all departures, the least of the closed form."""
+
+    def effort(t: float) -> float:
+        d, v, duration = float(_target(t + 2)), float(_target_speed(t + 2)), 2.0
+        return 12 * d**2 / duration**3 - 12 * d * v / duration**2 + 4 * v**2 / duration
+
+    best, width = 10.0, 10.0
+    for _ in range(6):
+        grid = np.clip(best + width * np.linspace(-1.0, 1.0, 2001), 0.0, 20.0)
+        best, width = grid[np.argmin([effort(t) for t in grid])], width / 100
+    return effort(best)
+
+
 PROBLEMS = (
     SuiteProblem(
         oscillator_in_least_time,
@@ -474,5 +692,83 @@ PROBLEMS = (
         tolerance=7e-5,
         reference=_moon_landing_optimum(),
         confirmed=CLOSED,
+    ),
+    SuiteProblem(
+        target_line,
+        kind="smooth",
+        source="Locatelli, Optimal Control (2001); PSOPT example mineng_target_set: 3/14",
+        published=0.21428571428571427,
+        tolerance=1e-05,
+        confirmed="closed form",
+    ),
+    SuiteProblem(
+        delays,
+        kind="values of other ends",
+        source="Göllmann, Kern, Maurer; Betts, Practical Methods (2010), 10.50: 3.10812211",
+        published=3.10812211,
+        tolerance=1e-05,
+        confirmed="fine mesh",
+    ),
+    SuiteProblem(
+        integrator_chain,
+        kind="linear",
+        source="Nagurka (1990), ten states",
+        published=501.41822,
+        tolerance=1e-05,
+        confirmed="fine mesh",
+    ),
+    SuiteProblem(
+        hull,
+        kind="smooth",
+        source="Hull; dymos example hull_problem: closed form",
+        published=0.1102941176,
+        tolerance=1e-05,
+        confirmed="closed form",
+    ),
+    SuiteProblem(
+        newton,
+        kind="closed form",
+        source="Newton (1687), as high as its radius",
+        published=1.4992639505,
+        tolerance=1e-05,
+        confirmed="closed form",
+    ),
+    SuiteProblem(
+        brachistochrone_of_given_length,
+        kind="integral constraint",
+        source="dymos example length_constrained_brachistochrone, 11.9 m",
+        published=1.80767971,
+        tolerance=1e-05,
+        confirmed="fine mesh",
+    ),
+    SuiteProblem(steps, "phases, state constraint", PSOPT_EXAMPLE, 1.0, 1e-6, "closed form"),
+    SuiteProblem(
+        grusin, "local optima", PROPT, 6.333416559, 2e-2, "closed form", _grusin_optimum()
+    ),
+    SuiteProblem(
+        hanging_chain,
+        "integral constraint",
+        "COPS 3.0",
+        5.06891,
+        1e-4,
+        "closed form",
+        _chain_optimum(),
+    ),
+    SuiteProblem(
+        zermelo_in_shear,
+        "smooth",
+        "Bryson and Ho 1975, section 2.7",
+        5.46,
+        1e-3,
+        "shooting on the formula of the heading",
+        5.45786526,
+    ),
+    SuiteProblem(
+        departure,
+        "free start, local optima",
+        SOURCELESS,
+        _departure_optimum(),
+        1e-9,
+        "closed form over all starts",
     ),
 )
