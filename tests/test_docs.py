@@ -162,7 +162,7 @@ def test_files_that_a_page_names_exist(page: Path) -> None:
     """Those in backticks that end in .py, .pyi or a slash, from the root or from the package."""
     named = re.findall(r"`([\w./-]+(?:\.pyi?|/))`", page.read_text("utf-8"))
     package = ROOT / "src" / "microbot_ocp"
-    homes = [ROOT, DOCS, package, package / "ocp"]
+    homes = [ROOT, DOCS, package, package / "ocp", package / "planning"]
     assert [name for name in named if not any((home / name).exists() for home in homes)] == []
 
 

@@ -95,6 +95,7 @@ from .robot import (
     mass_matrix as mass_matrix,
     mass_matrix_condition as mass_matrix_condition,
     packaged_robots as packaged_robots,
+    read_mjcf as read_mjcf,
     read_urdf as read_urdf,
     velocity_propagation as velocity_propagation,
     write_toml as write_toml,

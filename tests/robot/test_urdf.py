@@ -569,7 +569,7 @@ def test_urdf_is_loaded_by_its_path(tmp_path: Path) -> None:
         mo.load_robot(path, tip="l")
     with pytest.raises(InputError, match=r"no joint moves between 'l0' and 'l0'; .*: 'l3' \(2\)$"):
         mo.load_robot(path, tip="l0")
-    with pytest.raises(InputError, match=r"tip is for URDF files, not for 'microbot'"):
+    with pytest.raises(InputError, match=r"tip is for URDF and MJCF files, not for 'microbot'"):
         mo.load_robot("microbot", tip="hand")
     with pytest.raises(InputError, match=r"robot file '.*none\.urdf' cannot be read: "):
         mo.load_robot(tmp_path / "none.urdf")

@@ -18,6 +18,8 @@ from microbot_ocp.cli._report import Answer, has_display, nearest
 PACKAGES = ("microbot_ocp", "casadi", "numpy", "matplotlib", "rerun-sdk", "rich", "typer")
 EXTRAS = {  # and what they are for
     "urdf": "xacro files, meshes of URDF files",
+    "mjcf": "MuJoCo's files",
+    "descriptions": "robots by the names of robot_descriptions",
     "cell": "obstacles, orders of many stops",
     "export": ".mat, .parquet, .mp4",
     "fit": "models fitted to measurements",

@@ -69,6 +69,7 @@ from .files import (
     RobotFileWarning as RobotFileWarning,
     load_robot as load_robot,
     packaged_robots as packaged_robots,
+    read_mjcf as read_mjcf,
     read_urdf as read_urdf,
     write_toml as write_toml,
     write_urdf as write_urdf,

@@ -5,6 +5,9 @@ from ._library import (
     packaged_robots as packaged_robots,
     robot_text as robot_text,
 )
+from ._mjcf import (
+    read_mjcf as read_mjcf,
+)
 from ._remarks import (
     RobotFileWarning as RobotFileWarning,
 )

@@ -1,16 +1,21 @@
-"""Robots by name or by file: the ones that come with the package, TOML files and URDF files."""
+"""Robots by name or by file: packaged ones, TOML, URDF and MJCF files, `robot_descriptions`."""
 
 from __future__ import annotations
 
-from importlib import resources
+from importlib import import_module, resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
+from pkgutil import iter_modules
 
-from microbot_ocp._base.checks import InputError
+from microbot_ocp._base.checks import InputError, shown, similar
 from microbot_ocp._base.reading import text_of
 from microbot_ocp.robot._model import Robot
+from microbot_ocp.robot.files._mjcf import read_mjcf
 from microbot_ocp.robot.files._toml import parse_robot, robot_to_toml
 from microbot_ocp.robot.files._urdf_reader import read_urdf
+
+DESCRIPTIONS = "robot_descriptions:"
+READERS = {".urdf": read_urdf, ".xacro": read_urdf, ".xml": read_mjcf}
 
 
 def _packaged() -> Traversable:
@@ -28,11 +33,13 @@ def load_robot(source: str | Path, tip: str | None = None) -> Robot:
     Parameters
     ----------
     source : str or Path
-        A name from :func:`packaged_robots`, or the path of a ``.toml``, ``.urdf`` or ``.xacro``
-        file.
+        A name from :func:`packaged_robots`, the path of a ``.toml``, ``.urdf``, ``.xacro`` or MJCF
+        ``.xml`` file, or ``robot_descriptions:NAME`` with a name of the package
+        `robot_descriptions <https://github.com/robot-descriptions/robot_descriptions.py>`_ (extra
+        ``descriptions``), which fetches the files when a name is first used.
     tip : str, optional
-        Of a URDF file: the link at the end of the chain, whose frame is the tool; needed where
-        the file has several arms (see :func:`~microbot_ocp.robot.files.read_urdf`).
+        Of a URDF or MJCF file: the link at the end of the chain, whose frame is the tool; needed
+        where the file has several arms (see :func:`~microbot_ocp.robot.files.read_urdf`).
 
     Returns
     -------
@@ -42,7 +49,7 @@ def load_robot(source: str | Path, tip: str | None = None) -> Robot:
     ------
     InputError
         Unknown name (lists what there is), missing file, malformed TOML or URDF, a key that is
-        unknown, missing or of the wrong kind; a xacro file without the extra ``urdf``.
+        unknown, missing or of the wrong kind; a file of a format whose extra is missing.
 
     Examples
     --------
@@ -50,18 +57,46 @@ def load_robot(source: str | Path, tip: str | None = None) -> Robot:
     ('waist', 'shoulder', 'elbow')
     """
     name = str(source)
-    if name not in packaged_robots() and _is_urdf(name):
-        return read_urdf(name, tip)
+    if name.startswith(DESCRIPTIONS):
+        return _described(name.removeprefix(DESCRIPTIONS), tip)
+    reader = None if name in packaged_robots() else READERS.get(Path(name).suffix.lower())
+    if reader is not None:
+        return reader(name, tip)
     if tip is not None:
-        raise InputError(f"tip is for URDF files, not for {name!r}")
+        raise InputError(f"tip is for URDF and MJCF files, not for {name!r}")
     return parse_robot(*_toml_file(name))
+
+
+def _described(name: str, tip: str | None) -> Robot:
+    """A robot by its name in the package ``robot_descriptions``."""
+    try:
+        package = import_module("robot_descriptions")
+    except ImportError:
+        raise InputError(
+            "robots by the names of robot_descriptions need the extra 'descriptions': "
+            "pip install 'microbot_ocp[descriptions]'"
+        ) from None
+    modules = {module.name for module in iter_modules(package.__path__)}
+    names = sorted(module for module in modules if module.endswith("_description"))
+    if name not in names:
+        raise InputError(f"robot_descriptions has no {shown(name)}{similar(name, names)}")
+    try:
+        files = import_module(f"robot_descriptions.{name}")
+    except Exception as problem:  # it clones a repository: whatever may go wrong with a network
+        said = " ".join(str(problem).split())
+        raise InputError(f"robot_descriptions cannot fetch {name!r}: {said}") from problem
+    if urdf := getattr(files, "URDF_PATH", None):
+        return read_urdf(urdf, tip)
+    if xacro := getattr(files, "XACRO_PATH", None):
+        return read_urdf(xacro, tip, xacro_arguments=getattr(files, "XACRO_ARGS", None))
+    return read_mjcf(files.MJCF_PATH, tip)
 
 
 def robot_text(source: str | Path, tip: str | None = None) -> str:
     """Text of a robot's TOML file, to be changed into another robot.
 
     Of a packaged robot and of a TOML file it is the file as it stands, with its comments and the
-    sources of its figures; of a URDF file, what :func:`microbot_ocp.write_toml` makes of it.
+    sources of its figures; of another file, what :func:`microbot_ocp.write_toml` makes of it.
 
     Parameters
     ----------
@@ -79,12 +114,9 @@ def robot_text(source: str | Path, tip: str | None = None) -> str:
     name = "microbot"
     """
     robot = load_robot(source, tip)
-    is_urdf = str(source) not in packaged_robots() and _is_urdf(str(source))
-    return robot_to_toml(robot) if is_urdf else _toml_file(str(source))[0]
-
-
-def _is_urdf(name: str) -> bool:
-    return Path(name).suffix.lower() in (".urdf", ".xacro")
+    name = str(source)
+    in_toml = name in packaged_robots() or name.lower().endswith(".toml")
+    return _toml_file(name)[0] if in_toml else robot_to_toml(robot)
 
 
 def _toml_file(name: str) -> tuple[str, str]:
@@ -95,7 +127,7 @@ def _toml_file(name: str) -> tuple[str, str]:
     path = Path(name)
     if path.suffix != ".toml":
         raise InputError(
-            f"robot must be one of {', '.join(packaged_robots())}, or the path of a .toml or "
-            f".urdf file, not {name!r}"
+            f"robot must be one of {', '.join(packaged_robots())}, or the path of a .toml, .urdf, "
+            f".xacro or .xml file, not {name!r}"
         )
     return text_of(path, "robot file"), path.name

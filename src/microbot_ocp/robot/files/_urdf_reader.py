@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from pathlib import Path
@@ -85,7 +85,11 @@ class _Body:
 
 
 def read_urdf(
-    path: str | Path, tip: str | None = None, *, parallel_tolerance: float = PARALLEL
+    path: str | Path,
+    tip: str | None = None,
+    *,
+    parallel_tolerance: float = PARALLEL,
+    xacro_arguments: Mapping[str, str] | None = None,
 ) -> Robot:
     """Read the chain from the root of a URDF file to one of its links.
 
@@ -108,6 +112,8 @@ def read_urdf(
     parallel_tolerance : float
         Axes of neighbouring joints whose angle is below this count as parallel, rad. Poses are
         then wrong by up to this angle; a larger one makes plain rows of angles rounded hard.
+    xacro_arguments : mapping of str to str, optional
+        Values of the arguments that a xacro file declares, such as ``{"ur_type": "ur10e"}``.
 
     Returns
     -------
@@ -128,7 +134,7 @@ def read_urdf(
         as they stand), joints without limits, missing meshes, joints held on the way.
     """
     name = str(path)
-    data = urdf_content(name, "robot file")
+    data = urdf_content(name, "robot file", xacro_arguments)
     short = Path(name).name
     folder = Path(name).absolute().parent
     return parse_urdf(data, short, tip, parallel_tolerance=parallel_tolerance, folder=folder)
@@ -150,10 +156,15 @@ def parse_urdf(
     remarks = Remarks()
     with naming(f"{origin}: "):
         file = urdf_file(read_xml(text, remarks), origin, folder, remarks)
-        with np.errstate(all="ignore"):  # what overflows is refused by name
-            robot = _Tree(file, remarks).robot(tip, parallel_tolerance)
+        robot = robot_of(file, remarks, tip, parallel_tolerance)
     remarks.warn(origin)
     return robot
+
+
+def robot_of(file: UrdfFile, remarks: Remarks, tip: str | None, parallel_tolerance: float) -> Robot:
+    """The arm of a file from its root to ``tip``."""
+    with np.errstate(all="ignore"):  # what overflows is refused by name
+        return _Tree(file, remarks).robot(tip, parallel_tolerance)
 
 
 class _Tree:
@@ -354,7 +365,7 @@ class _Tree:
             for joint in self.below[name]:
                 frame = frames[name] @ joint.frame
                 if joint.moves and joint.name not in chain:
-                    frame = frame @ _joint_motion(joint, self._leader(joint)[1])
+                    frame = frame @ joint_motion(joint, self._leader(joint)[1])
                 frames[joint.child] = frame
         return frames
 
@@ -463,7 +474,7 @@ def _cleaned(matrix: FloatArray) -> FloatArray:
     return np.where(np.abs(matrix) < 1e-15, 0.0, matrix)
 
 
-def _joint_motion(joint: UrdfJoint, position: float) -> FloatArray:
+def joint_motion(joint: UrdfJoint, position: float) -> FloatArray:
     """Transform [4,4] of a joint by ``position``, rad or m."""
     motion = np.eye(4)
     if joint.type == "prismatic":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,9 @@ from microbot_ocp.robot.files._mesh_files import package_folder
 EXPANSION_TIME = 10.0  # s, of wall time: expressions are programs, whose steps nothing counts
 
 
-def urdf_content(path: str | Path, what: str) -> str | bytes:
+def urdf_content(
+    path: str | Path, what: str, arguments: Mapping[str, str] | None = None
+) -> str | bytes:
     """What a URDF file holds, or a xacro file once it is expanded.
 
     Raises
@@ -23,10 +26,11 @@ def urdf_content(path: str | Path, what: str) -> str | bytes:
         As :func:`bytes_of` and :func:`expanded`.
     """
     data = bytes_of(path, what)
-    return expanded(Path(path)) if Path(path).suffix.lower() == ".xacro" else data
+    xacro = Path(path).suffix.lower() == ".xacro"
+    return expanded(Path(path), arguments) if xacro else data
 
 
-def expanded(path: Path) -> str:
+def expanded(path: Path, arguments: Mapping[str, str] | None = None) -> str:
     """URDF text of a xacro file.
 
     ``$(find package)`` looks around the file and on ROS_PACKAGE_PATH; a package that is in neither
@@ -56,7 +60,7 @@ def expanded(path: Path) -> str:
         """Whether it went well, and the text or what is wrong."""
         substitution_args._eval_find = find
         try:
-            document: Any = xacro.process_file(str(path))
+            document: Any = xacro.process_file(str(path), mappings=dict(arguments or {}))
             return True, document.toxml()
         except Exception as problem:  # it raises whatever happens to go wrong inside
             cause = problem
