@@ -34,6 +34,7 @@ ORDER = (
     "ocp",
     "planning",
     "certificate",
+    "execution",
     "tasks",
     "sweeps",
     "views",

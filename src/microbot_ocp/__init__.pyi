@@ -32,6 +32,15 @@ from .certificate import (
     Certificate as Certificate,
     certify as certify,
 )
+from .execution import (
+    Command as Command,
+    Profile as Profile,
+    check as check,
+    commanded as commanded,
+    controller_profile as controller_profile,
+    executed as executed,
+    packaged_profiles as packaged_profiles,
+)
 from .inverse_kinematics import (
     IKPath as IKPath,
     IKSolution as IKSolution,

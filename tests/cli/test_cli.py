@@ -35,6 +35,7 @@ COMMANDS = [
     "compare",
     "time-optimal",
     "solve",
+    "check",
     "sweep",
     "replay",
     "export",

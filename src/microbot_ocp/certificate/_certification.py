@@ -93,6 +93,7 @@ def certify(
     position_tolerance: float = 1e-3,
     torque_tolerance: float = 1e-5,
     via_tolerance: float = 1e-3,
+    simulated: bool = True,
     time_limit: float = np.inf,
 ) -> Certificate:
     """Check a motion against the limits and against the arm's forward dynamics.
@@ -149,6 +150,9 @@ def certify(
         one, such as 1e-3.
     via_tolerance : float
         Distance to a via point that still passes, rad (m).
+    simulated : bool
+        Whether the motion is simulated again; False judges limits, via points and clearance alone.
+        A motion through stops always is.
     time_limit : float
         Wall time, s, after which no further segments are simulated: the certificate is refused.
 
@@ -195,7 +199,8 @@ def certify(
     if via_q is not None:
         via = checks.array("via_q", cast("ArrayLike", via_q), (None, count), "rad")
     with deadline.within(time_limit):
-        made = certificate_of(LimitFamily.of(robot, limits), motion, via, tolerances)
+        family = LimitFamily.of(robot, limits)
+        made = certificate_of(family, motion, via, tolerances, simulated=simulated)
         if scene is None:
             return made
         return with_clearance(made, [(0.0, motion.duration, robot, scene)], motion)
@@ -242,6 +247,8 @@ def certificate_of(
     tolerances: Tolerances | None = None,
     history: StateHistory | None = None,
     start: float = 0.0,
+    *,
+    simulated: bool = True,
 ) -> Certificate:
     """As :func:`certify`, of what is checked.
 
@@ -258,7 +265,7 @@ def certificate_of(
     figures: dict[str, Any] = {}
     passed = [_limit_kept(check, tolerances.limit) for check in limit_checks]
     vias_passed = [_via_passed(check, tolerances.via) for check in vias]
-    if robot.has_dynamics:
+    if robot.has_dynamics and simulated:
         again = resimulate(robot, motion, tolerances.torque, start)
         stored = _stored_torque(robot, motion, tolerances.torque, start)
         strays = _between_samples(motion, partial(torque_along, robot), "torque", start)
@@ -278,10 +285,12 @@ def certificate_of(
     else:
         strays = _between_samples(motion, lambda state: state.qdd, "acceleration", start)
         passed += [*vias_passed, strays]
-        but = (
-            f"; kinematics only: {robot.name} has no masses, so nothing was simulated "
-            "and no torque looked at"
-        )
+        but = "; not simulated"
+        if not robot.has_dynamics:
+            but = (
+                f"; kinematics only: {robot.name} has no masses, so nothing was simulated "
+                "and no torque looked at"
+            )
         otherwise = _tightest(limit_checks, family.unjudged)
     problems = "; ".join(problems_of(passed))
     return Certificate(

@@ -13,7 +13,17 @@ import microbot_ocp as mo
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.table import Column, Table
-from microbot_ocp.cli._declaration import ARM, FILE, JOINTS, LIMITS, VIA, Kind, Numbers, command
+from microbot_ocp.cli._declaration import (
+    ARM,
+    FILE,
+    JOINTS,
+    LIMITS,
+    OTHER_ROBOT,
+    VIA,
+    Kind,
+    Numbers,
+    command,
+)
 from microbot_ocp.cli._report import Answer, Progress
 from microbot_ocp.motion import SAMPLE_STEP, Motion
 from microbot_ocp.planning import time_optimal as find_time_optimal
@@ -26,6 +36,13 @@ NAMES = Kind(
     text=f"Some of {', '.join(METHODS)}; default all, those of given times with --time.",
     choices=lambda: list(METHODS),
     convert=lambda word: [name.strip() for name in word.split(",")],
+)
+
+
+PROFILE = Kind(
+    metavar="PROFILE",
+    text="Profile of the controller, as hold@250 with its rate in Hz, or the path of a .toml file.",
+    choices=mo.packaged_profiles,
 )
 
 
@@ -252,6 +269,36 @@ def solve(
         return cell.save(path, stops.outputs)
 
     return Answer(cell.as_dict(), blocks, (), solved, certified, save=save)
+
+
+@command()
+def check(
+    file: Annotated[Path, FILE],
+    robot: Annotated[str, replace(OTHER_ROBOT, text="Robot whose trajectory it is.")],
+    profile: Annotated[str, PROFILE],
+    scene: Path | None = None,
+) -> Answer:
+    """Check anyone's trajectory as a controller plays it.
+
+    What the controller makes of the rows is certified under the limits of the robot and of the
+    profile. Exit code 1 where a limit is exceeded.
+
+    Parameters
+    ----------
+    file : FILE
+        Trajectory: .csv, .npz, or a JointTrajectory of ROS as .json or .yaml.
+    scene : FILE
+        Scene (.toml) whose obstacles it must keep clear of.
+
+    Examples
+    --------
+    $ microbot-ocp check best.csv --robot panda --profile panda
+    """
+    arm = mo.load_robot(robot)
+    surroundings = None if scene is None else mo.read_scene(scene)
+    certificate = mo.check(arm, file, profile, scene=surroundings)
+    document = {"robot": arm.name, "profile": profile, "certificate": certificate.as_dict()}
+    return Answer(document, tables.use_blocks(arm, certificate), certified=certificate.ok)
 
 
 def _compared(comparison: mo.Comparison, outputs: Sequence[str], progress: Progress) -> Answer:

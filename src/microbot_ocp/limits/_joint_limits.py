@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any, NamedTuple, TypedDict
 
 import numpy as np
@@ -205,6 +205,53 @@ class JointLimits:
             else:
                 given[high] = changes.get(high, (lower, upper))
         return Limits(**given)
+
+    def tightened(self, other: JointLimits) -> JointLimits:
+        """Of every bound the tighter of both, and the further limits of both.
+
+        Of two further limits of one name that of ``other`` counts.
+        """
+        bounds = {
+            f"{key}_{side}": choose(mine, theirs)
+            for key in JOINT_QUANTITIES
+            for side, choose, mine, theirs in zip(
+                ("min", "max"),
+                (np.maximum, np.minimum),
+                self.bounds(key),
+                other.bounds(key),
+                strict=True,
+            )
+        }
+        names = {limit.key for limit in other.also}
+        also = (*(limit for limit in self.also if limit.key not in names), *other.also)
+        return Limits(**bounds, also=also).for_joints(self.q_min.size)
+
+    def with_reserve(self, reserve: ArrayLike) -> JointLimits:
+        """Limits with a share of every torque kept back, for feedback.
+
+        Parameters
+        ----------
+        reserve : float or array_like [n]
+            Share of the torque limits, at least 0 and below 1.
+
+        Raises
+        ------
+        InputError
+            A share outside of that, or of another number of joints.
+
+        Examples
+        --------
+        >>> Limits(tau_max=100.0).for_joints(1).with_reserve(0.25).tau_max.tolist()
+        [75.0]
+        """
+        share = _per_joint("reserve", reserve, self.tau_max.size)
+        if np.any((share < 0.0) | (share >= 1.0)):
+            raise InputError(
+                f"reserve must be a share of the torque, at least 0 and below 1, not {reserve}"
+            )
+        return replace(
+            self, tau_min=(1.0 - share) * self.tau_min, tau_max=(1.0 - share) * self.tau_max
+        )
 
     def for_joints(self, count: int) -> JointLimits:
         """Return itself once all is checked, or arrays where values were replaced by numbers.

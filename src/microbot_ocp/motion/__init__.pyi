@@ -3,6 +3,8 @@
 from ._export import (
     EXPORT_FORMATS as EXPORT_FORMATS,
     FILM_FORMATS as FILM_FORMATS,
+    Columns as Columns,
+    write_columns as write_columns,
 )
 from ._motion import (
     SAMPLE_STEP as SAMPLE_STEP,

@@ -27,13 +27,17 @@ MOST_SECONDS = 2**31  # that a time of ROS holds
 
 
 class Columns(NamedTuple):
-    """What is written: times [N], values [N,n] by quantity, and the joints' names and units."""
+    """What is written: times [N], values [N,n] by quantity, and the joints' names and units.
+
+    ``marks`` are times, s, and names of what happens on the way; None for a file that has none.
+    """
 
     label: str
     t: FloatArray
     values: Mapping[str, FloatArray]
     joints: tuple[str, ...]
     units: Mapping[str, tuple[str, ...]]
+    marks: tuple[tuple[float, str], ...] | None = None
 
     @classmethod
     def of(cls, motion: Any, robot: Robot | None) -> Columns:
@@ -79,7 +83,13 @@ def export(
         return view_for(motion, "animation")(robot, motion, target, rate, theme=theme, scene=scene)
     _check_size(motion, rate, target.suffix)
     sampled = motion if rate is None else motion.resample(rate, robot)
-    columns = Columns.of(sampled, robot)
+    return write_columns(target, Columns.of(sampled, robot))
+
+
+def write_columns(path: str | Path, columns: Columns) -> Path:
+    """Write columns in the format that the ending of the path names."""
+    target = Path(path)
+    checks.one_of("ending of path", target.suffix, EXPORT_FORMATS)
     with whole_file(target) as partial:
         EXPORT_FORMATS[target.suffix](partial, columns)
     return target
@@ -100,13 +110,22 @@ def _write_csv(path: Path, columns: Columns) -> None:
     heads, values = columns.table()
     with path.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream)
+        rows = values.tolist()
+        if columns.marks is not None:
+            heads.append("mark")
+            marks = [""] * len(rows)
+            for time, name in columns.marks:  # at the first row that is not before it
+                row = min(int(np.searchsorted(columns.t, time - 1e-9)), len(rows) - 1)
+                marks[row] = "; ".join(filter(None, [marks[row], name]))
+            rows = [[*row, mark] for row, mark in zip(rows, marks, strict=True)]
         writer.writerow(heads)
-        writer.writerows(values.tolist())
+        writer.writerows(rows)
 
 
 def _write_trajectory(path: Path, columns: Columns) -> None:
     """A ``trajectory_msgs/JointTrajectory`` of ROS as JSON."""
-    names = {"positions": "q", "velocities": "qd", "accelerations": "qdd", "effort": "tau"}
+    every = {"positions": "q", "velocities": "qd", "accelerations": "qdd", "effort": "tau"}
+    names = {name: key for name, key in every.items() if key in columns.values}
     whole = np.rint(columns.t * NANOSECONDS).astype(np.int64)
     # A controller wants increasing times: of two samples at a jump it gets the later one.
     kept = np.append(np.diff(whole) > 10_000, True)
@@ -117,11 +136,16 @@ def _write_trajectory(path: Path, columns: Columns) -> None:
         }
         for i in np.flatnonzero(kept)
     ]
-    document = {
+    document: dict[str, Any] = {
         "header": {"stamp": _stamp(0), "frame_id": ""},
         "joint_names": list(columns.joints),
         "points": points,
     }
+    if columns.marks is not None:
+        document["marks"] = [
+            {"name": name, "time_from_start": _stamp(round(time * NANOSECONDS))}
+            for time, name in columns.marks
+        ]
     path.write_text(json.dumps(document) + "\n", "utf-8")
 
 
@@ -132,8 +156,10 @@ def _stamp(nanoseconds: int) -> dict[str, int]:
 
 def _write_matlab(path: Path, columns: Columns) -> None:
     savemat = _needed("scipy.io", "scipy").savemat
-    units = {f"{key}_unit": list(columns.units[key]) for key in QUANTITIES}
+    units = {f"{key}_unit": list(columns.units[key]) for key in columns.values}
     named = {"joint_names": list(columns.joints), "label": columns.label}
+    if columns.marks is not None:
+        named |= {"marks": json.dumps(columns.marks)}
     savemat(path, {"t": columns.t[:, None], **columns.values, **units, **named}, appendmat=False)
 
 
@@ -141,7 +167,10 @@ def _write_parquet(path: Path, columns: Columns) -> None:
     arrow, parquet = _needed("pyarrow", "pyarrow"), _needed("pyarrow.parquet", "pyarrow")
     heads, values = columns.table()
     table = arrow.table(dict(zip(heads, values.T, strict=True)))
-    parquet.write_table(table.replace_schema_metadata({"label": columns.label}), path)
+    metadata = {"label": columns.label}
+    if columns.marks is not None:
+        metadata["marks"] = json.dumps(columns.marks)
+    parquet.write_table(table.replace_schema_metadata(metadata), path)
 
 
 def _write_keyframes(path: Path, columns: Columns) -> None:
@@ -149,7 +178,8 @@ def _write_keyframes(path: Path, columns: Columns) -> None:
     root = ElementTree.Element("mujoco")
     frame = ElementTree.SubElement(root, "keyframe")
     for i, t in enumerate(columns.t.tolist()):
-        row = {"qpos": columns.values["q"][i], "qvel": columns.values["qd"][i]}
+        named = {"qpos": "q", "qvel": "qd"}
+        row = {k: columns.values[v][i] for k, v in named.items() if v in columns.values}
         texts = {key: " ".join(map(repr, values.tolist())) for key, values in row.items()}
         ElementTree.SubElement(frame, "key", {"name": str(i), "time": repr(t), **texts})
     ElementTree.indent(root)

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -307,6 +306,7 @@ class Motion:
         robot: Robot | None = None,
         theme: str = "light",
         scene: Any = None,
+        profile: Any = None,
     ) -> Path:
         """Write the motion for another program, or as a film: the ending of the path says which.
 
@@ -325,7 +325,12 @@ class Motion:
         theme : str
             Of a film.
         scene : Scene, optional
-            Obstacles that a film shows, with the line between the nearest points.
+            Obstacles that a film shows, with the line between the nearest points, or that the
+            executed motion keeps clear of.
+        profile : str or Profile, optional
+            Of the controller that plays the file: rows at its rate, from rest to rest, slowed down
+            until what it makes of them keeps every limit, as of :func:`microbot_ocp.commanded`;
+            with its quantities only, and with the marks. It needs ``robot``.
 
         Returns
         -------
@@ -336,7 +341,8 @@ class Motion:
         ------
         InputError
             Another ending, a rate that is not above 0, a robot with other joints, a package that is
-            missing, more than three million numbers in a text file or 20 million in another.
+            missing, more than three million numbers in a text file or 20 million in another; a
+            profile that does not accept the motion.
 
         Examples
         --------
@@ -350,6 +356,8 @@ class Motion:
         >>> text[:33]
         't [s],q waist [rad],q shoulder [r'
         """
+        if profile is not None:
+            return view_for(self, "execution")(self, path, profile, rate, robot, scene)
         return export(self, path, rate, robot, theme, scene)
 
     def save(self, path: str | Path) -> Path:
@@ -426,17 +434,20 @@ def sample_times(breaks: FloatArray, jumps: FloatArray, step: float, least: int 
     runs in it. Long motions have longer steps (:func:`checks.longest_step`). Every time in
     ``jumps`` is preceded by a sample 1 microsecond before it, or less in short intervals.
     """
-    pieces = []
+    breaks = np.asarray(breaks, dtype=float)
     step = max(step, checks.longest_step(float(breaks[-1] - breaks[0]), checks.MOST_SAMPLES))
-    jumping = set(np.asarray(jumps).tolist())
-    for start, end in pairwise(np.asarray(breaks, dtype=float)):
-        # One sample between the first breaks at least, where it cannot be taken for a side of a
-        # jump: breaks that are all the samples would look as if nothing had been said of them.
-        first = 2 if not pieces and end - start > 6 * JUMP_GAP else 1
-        count = max(first, least, int(np.ceil((end - start) / step - 1e-9)))
-        last = end - min(JUMP_GAP, 0.01 * (end - start) / count) if end in jumping else end
-        pieces.append(np.linspace(start, last, count + 1)[: count + (last < end)])
-    return np.append(np.concatenate(pieces), breaks[-1])
+    start, length = breaks[:-1], np.diff(breaks)
+    count = np.maximum(least, np.ceil(length / step - 1e-9)).astype(int)
+    # One sample between the first breaks at least, where it cannot be taken for a side of a
+    # jump: breaks that are all the samples would look as if nothing had been said of them.
+    count[0] = max(count[0], 2 if length[0] > 6 * JUMP_GAP else 1)
+    jumping = np.isin(breaks[1:], jumps)
+    last = breaks[1:] - np.where(jumping, np.minimum(JUMP_GAP, 0.01 * length / count), 0.0)
+    samples = count + jumping
+    first = np.repeat(np.cumsum(samples) - samples, samples)
+    share = (np.arange(samples.sum()) - first) / np.repeat(count, samples)
+    t = np.repeat(start, samples) + share * np.repeat(last - start, samples)
+    return np.append(t, breaks[-1])
 
 
 def pieces_of(motion: Motion, i: np.ndarray | None = None) -> FloatArray:

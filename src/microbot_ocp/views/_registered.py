@@ -26,3 +26,4 @@ VIEWS = {  # public name of the class: kind of view = face or module of this fol
 for name, views in VIEWS.items():
     pairs = (view.split("=") for view in views.split())
     add_views({f"microbot_ocp.{name}": {kind: f"{__package__}.{at}" for kind, at in pairs}})
+add_views({"microbot_ocp.motion.Motion": {"execution": "microbot_ocp.execution:exported"}})

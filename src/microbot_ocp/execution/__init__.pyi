@@ -1,0 +1,22 @@
+"""Public names; loaded when they are first asked for."""
+
+from ._check import (
+    check as check,
+)
+from ._command import (
+    Command as Command,
+    commanded as commanded,
+    exported as exported,
+)
+from ._curve import (
+    executed as executed,
+)
+from ._profile import (
+    Profile as Profile,
+    controller_profile as controller_profile,
+    packaged_profiles as packaged_profiles,
+)
+from ._rows import (
+    Rows as Rows,
+    read_rows as read_rows,
+)

@@ -1,0 +1,114 @@
+"""Anyone's trajectory judged: the certificate of what the controller makes of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from microbot_ocp._base.check import Check, problems_of
+from microbot_ocp.certificate import Certificate, certify
+from microbot_ocp.execution._curve import executed, rows_of
+from microbot_ocp.execution._profile import Profile, controller_profile
+from microbot_ocp.execution._rows import Rows, read_rows
+from microbot_ocp.limits import ROUNDING
+from microbot_ocp.motion import Motion
+from microbot_ocp.robot import Robot
+from microbot_ocp.scene import Scene
+
+AT_REST = float(np.finfo(np.float32).eps)  # rad/s: as joint_trajectory_controller compares
+
+
+def check(
+    robot: Robot,
+    trajectory: str | Path | Motion | Rows,
+    profile: str | Profile,
+    *,
+    scene: Scene | None = None,
+    limit_tolerance: float = ROUNDING,
+) -> Certificate:
+    """Judge anyone's trajectory as a controller would play it.
+
+    It is :func:`certify` of what :func:`executed` makes of the rows, under the limits of the robot
+    and of the profile, without the simulation: a file of positions has no torques to be simulated
+    with.
+
+    Parameters
+    ----------
+    robot : Robot
+    trajectory : path, Motion or Rows
+        A file as of :func:`~microbot_ocp.execution.read_rows`; a motion is sampled at the profile's
+        rate.
+    profile : str or Profile
+        As of :func:`controller_profile`.
+    scene : Scene, optional
+        Obstacles to keep clear of, proved between the rows, too.
+    limit_tolerance : float
+        Relative violation of a limit that still passes.
+
+    Returns
+    -------
+    Certificate
+        ``limit_checks`` has the worst use of every limit, with joint, time and amount.
+
+    Raises
+    ------
+    InputError
+        A file that cannot be read, other joints, a profile that does not fit.
+
+    Examples
+    --------
+    >>> import microbot_ocp as mo
+    >>> robot = mo.load_robot("microbot")
+    >>> shape = mo.quintic([[0.0, 0.0, 0.0], [0.5, 0.8, 0.4]], [0.0, 0.5])
+    >>> motion = mo.Motion.from_polynomial(robot, shape, label="quintic")
+    >>> mo.check(robot, motion, "hold@500").verdict[:42]
+    'Failed: velocity of shoulder is 2.9999 rad'
+    """
+    chosen = controller_profile(profile)
+    chosen.limits_of(robot)  # refuses another number of joints
+    rows = read_rows(trajectory, robot) if isinstance(trajectory, str | Path) else trajectory
+    if isinstance(rows, Motion):
+        rows = rows_of(rows, chosen)
+    curve = executed(robot, rows, chosen)
+    return judged(robot, rows, curve, chosen, scene, limit_tolerance, simulated=False)
+
+
+def judged(
+    robot: Robot,
+    rows: Rows,
+    curve: Motion,
+    profile: Profile,
+    scene: Scene | None,
+    limit_tolerance: float = ROUNDING,
+    *,
+    simulated: bool,
+) -> Certificate:
+    """The certificate of the curve that a controller makes of rows."""
+    limits = profile.limits_of(robot)
+    certificate = certify(
+        robot, curve, limits, scene=scene, limit_tolerance=limit_tolerance, simulated=simulated
+    )
+    if not profile.rests or rows.qd is None:
+        return certificate
+    rests = [
+        _at_rest(name, float(rows.t[k]), float(np.abs(rows.qd[k]).max()))
+        for name, k in (("first", 0), ("last", -1))
+    ]
+    verdict = certificate.verdict
+    if moving := "; ".join(problems_of(rests)):
+        others = verdict.removeprefix("Failed: ") if not certificate.ok else "limits are kept."
+        verdict = f"Failed: {moving}; {others}"
+    return replace(
+        certificate,
+        ok=certificate.ok and not moving,
+        verdict=verdict,
+        checks=(*certificate.checks, *rests),
+    )
+
+
+def _at_rest(name: str, time: float, speed: float) -> Check:
+    problem = f"the {name} row moves at {speed:.3g} rad/s"
+    passed = speed <= AT_REST
+    return Check("rest", passed, problem, f"{name} row", time, speed, AT_REST, "rad/s")

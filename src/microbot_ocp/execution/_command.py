@@ -1,0 +1,220 @@
+"""Rows that a controller accepts: a motion slowed down until its execution keeps all limits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp.certificate import Certificate
+from microbot_ocp.execution._check import judged
+from microbot_ocp.execution._curve import executed, rows_of
+from microbot_ocp.execution._profile import Profile, controller_profile
+from microbot_ocp.execution._rows import Rows
+from microbot_ocp.limits import ROUNDING, LimitFamily, LimitHistory
+from microbot_ocp.motion import (
+    Columns,
+    Mark,
+    Motion,
+    PiecewisePolynomial,
+    State,
+    pieces_of,
+    torque_along,
+    write_columns,
+)
+from microbot_ocp.planning.free import within_limits
+from microbot_ocp.robot import Robot, gravity_torque
+from microbot_ocp.scene import Scene
+
+
+@dataclass(frozen=True, eq=False)
+class Command:
+    """A motion as a controller gets it.
+
+    Attributes
+    ----------
+    profile : Profile
+    rows : Rows
+        One a step, from rest to rest, with efforts as the profile wants them.
+    executed : Motion
+        What the controller makes of them.
+    certificate : Certificate
+        Of ``executed``, under the limits of the robot and of the profile.
+    planned_duration, cost : float
+        Duration of the motion, s, and what the rows take longer.
+    """
+
+    profile: Profile
+    rows: Rows
+    executed: Motion
+    certificate: Certificate
+    planned_duration: float
+    cost: float
+
+    @property
+    def accepted(self) -> bool:
+        """Whether the certificate passed."""
+        return self.certificate.ok
+
+    def export(self, path: str | Path, robot: Robot) -> Path:
+        """Write the rows: the quantities that the controller wants, and the marks.
+
+        Formats are those of :meth:`~microbot_ocp.Motion.export`, without films.
+
+        Raises
+        ------
+        InputError
+            The certificate did not pass; another ending.
+        """
+        if not self.accepted:
+            raise InputError(
+                f"profile {self.profile.name!r} does not accept it: {self.certificate.verdict}"
+            )
+        count = range(robot.joint_count)
+        return write_columns(
+            path,
+            Columns(
+                self.rows.label,
+                self.rows.t,
+                {key: getattr(self.rows, key) for key in self.profile.columns},
+                robot.joint_names,
+                {key: tuple(robot.unit(key, j) for j in count) for key in self.profile.columns},
+                tuple((mark.time, mark.name) for mark in self.rows.marks),
+            ),
+        )
+
+
+def commanded(
+    robot: Robot, motion: Motion, profile: str | Profile, *, scene: Scene | None = None
+) -> Command:
+    """Make rows of a motion that a controller accepts.
+
+    The motion is sampled at the rate of the profile, to a whole number of steps. Where what the
+    controller makes of the rows exceeds a limit, of the robot or of the profile, the motion is
+    slowed down evenly, until it does not any more.
+
+    Parameters
+    ----------
+    robot : Robot
+    motion : Motion
+        At rest at both ends.
+    profile : str or Profile
+        As of :func:`controller_profile`.
+    scene : Scene, optional
+        Obstacles that the executed motion keeps clear of: proved, not mended.
+
+    Returns
+    -------
+    Command
+        ``accepted`` says whether the certificate passed, ``cost`` how many seconds the controller
+        costs.
+
+    Raises
+    ------
+    InputError
+        A motion that slowing down does not help much: it leaves the position limits, or jumps where
+        the profile allows no jump. Plan under ``profile.limits_of(robot)`` then.
+
+    Examples
+    --------
+    >>> import microbot_ocp as mo
+    >>> robot = mo.load_robot("microbot")
+    >>> shape = mo.shortest_duration(robot, mo.quintic([[0, 0, 0], [0.5, 0.8, 0.4]], [0, 1]))
+    >>> motion = mo.Motion.from_polynomial(robot, shape.polynomial, label="quintic")
+    >>> command = mo.commanded(robot, motion, "hold@250")
+    >>> command.accepted, command.cost < 0.01
+    (True, True)
+    """
+    chosen = controller_profile(profile)
+    family = LimitFamily.of(robot, chosen.limits_of(robot))
+    slowed, duration = motion, motion.duration
+    while True:
+        steps = np.ceil(duration / chosen.step - ROUNDING)
+        slowed = _stretched(robot, motion, max(1.0, steps) * chosen.step / motion.duration)
+        curve = executed(robot, slowed, chosen)
+        factor = _factor(family, curve)
+        if factor == 1.0:
+            break
+        duration = max(factor * slowed.duration, slowed.duration + chosen.step)
+    rows = rows_of(slowed, chosen)
+    state = State(rows.q, np.asarray(rows.qd), np.asarray(rows.qdd))
+    rows = replace(rows, tau=_efforts(robot, chosen, state))
+    certificate = judged(robot, rows, curve, chosen, scene, simulated=True)
+    cost = float(rows.t[-1]) - motion.duration
+    return Command(chosen, rows, curve, certificate, motion.duration, cost)
+
+
+def _stretched(robot: Robot, motion: Motion, factor: float) -> Motion:
+    """The motion slower by a factor, with the torques of inverse dynamics."""
+    state = State(motion.q, motion.qd / factor, motion.qdd / factor**2)
+    assert motion.breaks is not None
+    marks = tuple(Mark(factor * mark.time, mark.name) for mark in motion.marks)
+    t = factor * motion.t
+    return replace(
+        motion,
+        t=t, q=state.q, qd=state.qd, qdd=state.qdd, tau=torque_along(robot, state),
+        breaks=factor * motion.breaks, marks=marks,
+    )  # fmt: skip
+
+
+def _factor(family: LimitFamily, curve: Motion) -> float:
+    """By what the curve has to be slower to keep all limits.
+
+    Raises
+    ------
+    InputError
+        Slowing down does not help, or takes too much.
+    """
+    history = LimitHistory.of(family, curve.history())
+    if max(float(history.judged(key)[2].max()) for key in family.keys) <= 1.0 + ROUNDING:
+        return 1.0
+    if not family.jerk_matters:
+        # A limit of the jerk that the curve keeps has it slowed down evenly: timed anew it would
+        # be another curve after the controller's sampling.
+        along = curve.history()
+        jerks = np.concatenate([along.samples.qddd, along.jumps.qddd])
+        family = LimitFamily.of(family.robot.with_limits(qddd_max=1.0 + np.abs(jerks).max()))
+    shape = PiecewisePolynomial(curve.t, pieces_of(curve))
+    slowed = within_limits(family, shape, np.zeros(0), ROUNDING, False)
+    if slowed is None:
+        raise InputError(
+            f"motion cannot be slowed down for the controller: {_reason(history)}; plan under the "
+            "limits of the profile, profile.limits_of(robot)"
+        )
+    return slowed.duration / curve.duration
+
+
+def _reason(history: LimitHistory) -> str:
+    key = max(history.family.keys, key=lambda key: float(history.judged(key)[2].max()))
+    t, values, use = history.judged(key)
+    row, joint = np.unravel_index(int(use.argmax()), use.shape)
+    member = history.family[key]
+    return (
+        f"{member.title(int(joint))} is {values.value[row, joint]:.5g} {member.units[joint]} at "
+        f"{t[row]:.4g} s"
+    )
+
+
+def _efforts(robot: Robot, profile: Profile, state: State) -> FloatArray:
+    tau = torque_along(robot, state)
+    if profile.gravity or not robot.has_dynamics:
+        return tau
+    return tau - np.array(gravity_torque(robot).map(len(tau))(state.q.T)).T
+
+
+def exported(
+    motion: Motion,
+    path: str | Path,
+    profile: str | Profile,
+    rate: float | None,
+    robot: Robot | None,
+    scene: Scene | None,
+) -> Path:
+    """Write a motion for a controller; see :meth:`microbot_ocp.Motion.export`."""
+    if rate is not None:
+        raise InputError("give rate or profile, not both: a profile has a rate")
+    if robot is None:
+        raise InputError("a profile needs the robot: give robot=...")
+    return commanded(robot, motion, profile, scene=scene).export(path, robot)

@@ -1,0 +1,160 @@
+"""The curve that the drives get from rows: a motion of its own.
+
+Commands that are held have velocities, accelerations and jerks as their differences from step to
+step, as libfranka takes them. The curve that has just these is the cubic B-spline with the commands
+as its control points: its jerk in a step is the third difference, its acceleration at the steps the
+second one. It begins and ends at rest, a step before the first command counts and after the last.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp.execution._profile import Profile, controller_profile
+from microbot_ocp.execution._rows import Rows
+from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial, State, quintic_between
+from microbot_ocp.robot import Robot
+
+
+class Curve(NamedTuple):
+    """A piecewise polynomial of the time and by how much the rows come later on it, s."""
+
+    polynomial: PiecewisePolynomial
+    delay: float = 0.0
+
+
+def executed(robot: Robot, motion: Motion | Rows, profile: str | Profile) -> Motion:
+    """What a controller makes of the samples of a motion, as a motion.
+
+    Parameters
+    ----------
+    robot : Robot
+    motion : Motion or Rows
+        A motion is sampled at the profile's rate first, to a whole number of steps: beyond its end
+        it is held.
+    profile : str or Profile
+        As of :func:`controller_profile`.
+
+    Returns
+    -------
+    Motion
+        With the torques of inverse dynamics. Under a profile that holds commands it is two steps
+        longer than the rows, and its marks are a step later.
+
+    Raises
+    ------
+    InputError
+        Another number of joints, no rate, rows without what the profile interpolates, rows that
+        are not one a step.
+
+    Examples
+    --------
+    >>> import microbot_ocp as mo
+    >>> robot = mo.load_robot("microbot")
+    >>> shape = mo.quintic([[0.0, 0.0, 0.0], [0.5, 0.8, 0.4]], [0.0, 2.0])
+    >>> motion = mo.Motion.from_polynomial(robot, shape, label="quintic")
+    >>> round(mo.executed(robot, motion, "hold@500").duration, 6)
+    2.004
+    """
+    chosen = controller_profile(profile)
+    if motion.q.shape[1] != robot.joint_count:
+        raise InputError(
+            f"motion is of {motion.q.shape[1]} joints, but the robot has {robot.joint_count}"
+        )
+    rows = motion if isinstance(motion, Rows) else rows_of(motion, chosen)
+    curve = curve_of(rows, chosen)
+    return Motion.from_polynomial(
+        robot,
+        curve.polynomial,
+        label=f"{rows.label}, by {chosen.name}",
+        marks=[Mark(mark.time + curve.delay, mark.name) for mark in rows.marks],
+        provenance={"method": "what a controller makes of samples", "profile": chosen.name},
+    )
+
+
+def rows_of(motion: Motion, profile: Profile) -> Rows:
+    """The samples of a motion at the rate of a profile, the last one at rest where the motion is.
+
+    Torques are those that the motion stores, interpolated.
+    """
+    step = profile.step
+    count = max(1, checks.step_count(motion.duration, step))
+    t = np.linspace(0.0, count * step, count + 1)
+    state = motion.sample(np.minimum(t, motion.duration))
+    beyond = t > motion.duration * (1 + 1e-12)
+    still = ~beyond[:, None]
+    tau = np.column_stack([np.interp(t, motion.t, column) for column in motion.tau.T])
+    return Rows(t, state.q, state.qd * still, state.qdd * still, tau, motion.label, motion.marks)
+
+
+def curve_of(rows: Rows, profile: Profile) -> Curve:
+    """The curve of rows by the rule of a profile."""
+    return RULES[profile.interpolation](rows, profile)
+
+
+def _held(rows: Rows, profile: Profile) -> Curve:
+    step = profile.step
+    late = np.flatnonzero(np.abs(rows.t - step * np.arange(rows.t.size)) >= 0.5 * step)
+    if late.size:
+        k = int(late[0])
+        raise InputError(
+            f"row {k + 1} is at {rows.t[k]:.6g} s, but profile {profile.name!r} plays it at "
+            f"{k * step:.6g} s, a row a step of {step:g} s: resample it"
+        )
+    return _spline(rows.q, step)
+
+
+def _linear(rows: Rows, profile: Profile) -> Curve:
+    step = profile.step
+    count = checks.step_count(float(rows.t[-1]), step)
+    t = np.minimum(np.arange(count + 1) * step, rows.t[-1])
+    return _spline(np.column_stack([np.interp(t, rows.t, column) for column in rows.q.T]), step)
+
+
+def _spline(q: FloatArray, step: float) -> Curve:
+    """The uniform cubic B-spline with commands [N,n] as its control points."""
+    control = np.concatenate([q[:1], q[:1], q, q[-1:], q[-1:]])
+    first, second, third = (np.diff(control, n=order, axis=0) for order in (1, 2, 3))
+    pieces = len(third)
+    terms = (
+        control[1 : pieces + 1] + second[:pieces] / 6.0,
+        0.5 * (first[:pieces] + first[1 : pieces + 1]) / step,
+        0.5 * second[:pieces] / step**2,
+        third / (6.0 * step**3),
+    )
+    breaks = np.linspace(0.0, pieces * step, pieces + 1)
+    return Curve(PiecewisePolynomial(breaks, np.stack(terms, axis=1)), delay=step)
+
+
+def _cubic(rows: Rows, profile: Profile) -> Curve:
+    qd, h = _needed(rows, "qd", profile), np.diff(rows.t)[:, None]
+    q, slope = rows.q[:-1], np.diff(rows.q, axis=0) / h
+    second = (3.0 * slope - 2.0 * qd[:-1] - qd[1:]) / h
+    third = (qd[:-1] + qd[1:] - 2.0 * slope) / h**2
+    return Curve(PiecewisePolynomial(rows.t, np.stack([q, qd[:-1], second, third], axis=1)))
+
+
+def _quintic(rows: Rows, profile: Profile) -> Curve:
+    qd, qdd = (_needed(rows, key, profile) for key in ("qd", "qdd"))
+    start, end = (State(rows.q[k], qd[k], qdd[k]) for k in (slice(-1), slice(1, None)))
+    return Curve(PiecewisePolynomial(rows.t, quintic_between(start, end, np.diff(rows.t))))
+
+
+def _needed(rows: Rows, key: str, profile: Profile) -> FloatArray:
+    values = getattr(rows, key)
+    if values is None:
+        raise InputError(f"profile {profile.name!r} needs {key} in every row")
+    return values
+
+
+RULES: dict[str, Callable[[Rows, Profile], Curve]] = {
+    "hold": _held,
+    "linear": _linear,
+    "cubic": _cubic,
+    "quintic": _quintic,
+}

@@ -1,0 +1,221 @@
+"""Profiles of controllers: small files of figures, each with its source."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import InputError, naming
+from microbot_ocp._base.reading import text_of
+from microbot_ocp._base.toml_file import check_keys, parsed, table_of
+from microbot_ocp.limits import JOINT_QUANTITIES, JointLimits, Limit, Limits
+from microbot_ocp.robot import Robot
+
+COLUMNS = ("q", "qd", "qdd", "tau")
+INTERPOLATIONS = ("hold", "linear", "cubic", "quintic")
+LIMIT_KEYS = tuple(f"{key}_{side}" for key in JOINT_QUANTITIES for side in ("min", "max"))
+BRAKING_KEYS = ("q_min", "q_max", "qd_max", "deceleration", "offset")
+
+
+@dataclass(frozen=True)
+class Profile:
+    """What a controller does with the rows of a file, and what must hold then.
+
+    Attributes
+    ----------
+    name, description : str
+    interpolation : "hold", "linear", "cubic" or "quintic"
+        "hold": a row is a command, and velocity, acceleration and jerk are its differences from
+        step to step. "linear": commands on straight lines between the rows, held likewise. "cubic",
+        "quintic": Hermite polynomials through the velocities, or velocities and accelerations.
+    rate : float or None
+        Commands a second, Hz; None where an installation decides.
+    limits : Limits
+        Of the joints and of anything else, beside those of the robot.
+    columns : tuple of str
+        What the rows hold, of "q", "qd", "qdd" and "tau".
+    gravity : bool
+        Whether efforts hold the torque of gravity.
+    rests : bool
+        Whether the first and the last row must be at rest.
+    sources : mapping
+        Where each figure is from, and which are left out as nobody states them.
+    """
+
+    name: str
+    interpolation: str
+    rate: float | None = None
+    limits: Limits = field(default_factory=Limits)
+    columns: tuple[str, ...] = COLUMNS
+    gravity: bool = True
+    rests: bool = True
+    description: str = ""
+    sources: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        checks.one_of("interpolation", self.interpolation, INTERPOLATIONS)
+        for key in self.columns:
+            checks.one_of("columns", key, COLUMNS)
+        if self.rate is not None:
+            checks.number("rate", self.rate, "Hz", above=0.0)
+
+    @property
+    def step(self) -> float:
+        """Time between two commands, s."""
+        if self.rate is None:
+            raise InputError(
+                f"profile {self.name!r} needs a rate in Hz, such as {self.name!r} with @500"
+            )
+        return 1.0 / self.rate
+
+    def limits_of(self, robot: Robot) -> JointLimits:
+        """The limits of a robot and of the controller, of each the tighter one.
+
+        Plan under these where a motion without them would have to be slowed down much.
+
+        Raises
+        ------
+        InputError
+            A robot of another number of joints.
+        """
+        with naming(f"profile {self.name}: "):
+            return robot.limits.tightened(self.limits.for_joints(robot.joint_count))
+
+
+@dataclass(frozen=True)
+class Braking:
+    """A velocity limit by which a joint can still brake before the end of its range.
+
+    ``qd <= min(qd_max, max(0, sqrt(2 deceleration (q_max - q)) - offset))`` and likewise downwards;
+    ``ahead`` s from now the velocity will be ``qd + ahead qdd``.
+    """
+
+    q_min: tuple[float, ...] | None
+    q_max: tuple[float, ...] | None
+    qd_max: tuple[float, ...]
+    deceleration: tuple[float, ...] = ()
+    offset: tuple[float, ...] = ()
+
+    def limit(self, name: str, ahead: float = 0.0) -> Limit:
+        """The limit as a member of the family."""
+        lower, upper = (_Bound(self, sign) for sign in (-1.0, 1.0))
+        return Limit(name, _Ahead(ahead), lower=lower, upper=upper, unit="rad/s")
+
+
+@dataclass(frozen=True)
+class _Ahead:
+    """Velocity some time ahead at the present acceleration."""
+
+    time: float
+
+    def __call__(self, state: Any) -> Any:
+        return state.qd + self.time * state.qdd if self.time else state.qd
+
+
+@dataclass(frozen=True)
+class _Bound:
+    braking: Braking
+    sign: float
+
+    def __call__(self, state: Any) -> Any:
+        given, most = self.braking, ca.DM(self.braking.qd_max)
+        end = given.q_max if self.sign > 0 else given.q_min
+        if end is None:
+            return self.sign * most
+        room = ca.fmax(0.0, self.sign * (ca.DM(end) - state.q))
+        fast = ca.sqrt(2.0 * ca.DM(given.deceleration) * room) - ca.DM(given.offset)
+        return self.sign * ca.fmin(most, ca.fmax(0.0, fast))
+
+
+def packaged_profiles() -> tuple[str, ...]:
+    """Names of the profiles that come with the package.
+
+    Examples
+    --------
+    >>> packaged_profiles()
+    ('fr3', 'hold', 'panda', 'ros2_jtc_cubic', 'ros2_jtc_linear', 'ros2_jtc_quintic', 'ur_servoj')
+    """
+    names = (file.name for file in _packaged().iterdir())
+    return tuple(sorted(name[:-5] for name in names if name.endswith(".toml")))
+
+
+def _packaged() -> Any:
+    return resources.files("microbot_ocp.execution") / "profiles"
+
+
+def controller_profile(source: str | Path | Profile) -> Profile:
+    """Load the profile of a controller.
+
+    Parameters
+    ----------
+    source : str, Path or Profile
+        A name from :func:`packaged_profiles` or the path of a ``.toml`` file; ``@RATE`` behind a
+        name gives the rate in Hz: "hold@250". A profile is returned as it is.
+
+    Raises
+    ------
+    InputError
+        Unknown name, missing file, a key that is unknown or of the wrong kind.
+
+    Examples
+    --------
+    >>> profile = controller_profile("fr3")
+    >>> profile.rate, profile.interpolation
+    (1000.0, 'hold')
+    """
+    if isinstance(source, Profile):
+        return source
+    name, _, rate = str(source).partition("@")
+    if name in packaged_profiles():
+        text, origin = (_packaged() / f"{name}.toml").read_text("utf-8"), f"{name}.toml"
+    elif Path(str(source)).suffix == ".toml":
+        text, origin, rate = text_of(str(source), "profile file"), Path(str(source)).name, ""
+    else:
+        raise InputError(
+            f"profile must be one of {', '.join(packaged_profiles())}, with @RATE in Hz behind "
+            f"it, or the path of a .toml file, not {checks.shown(source)}"
+        )
+    with naming(f"{origin}: "):
+        profile = _profile(parsed(text, origin))
+    if not rate:
+        return profile
+    try:
+        hertz = float(rate)
+    except ValueError:
+        raise InputError(f"rate of profile {name!r} must be a number of Hz, not {rate!r}") from None
+    return replace(profile, rate=checks.number("rate", hertz, "Hz", above=0.0))
+
+
+def _profile(data: Mapping[str, Any]) -> Profile:
+    plain = ("name", "description", "interpolation", "rate", "columns", "gravity", "rests")
+    check_keys(data, (*plain, "limits", "braking", "look_ahead", "sources"))
+    given = {key: data[key] for key in plain if key in data}
+    for key in ("name", "interpolation"):
+        if key not in given:
+            raise InputError(f"{key} is missing")
+    if "columns" in given:
+        given["columns"] = tuple(given["columns"])
+    bounds = {key: _bound(value) for key, value in table_of(data, "limits", LIMIT_KEYS).items()}
+    also: list[Limit] = []
+    braking = table_of(data, "braking", BRAKING_KEYS)
+    if braking:
+        columns = {key: tuple(map(float, np.ravel(braking[key]))) for key in braking}
+        velocity = Braking(**columns)
+        also.append(velocity.limit("velocity before the end"))
+    else:
+        velocity = Braking(None, None, tuple(map(float, np.ravel(bounds.get("qd_max", 0.0)))))
+    if "look_ahead" in data:
+        ahead = checks.number("look_ahead", data["look_ahead"], "s", above=0.0)
+        also.append(velocity.limit("velocity ahead", ahead))
+    return Profile(**given, limits=Limits(**bounds, also=also), sources=data.get("sources", {}))
+
+
+def _bound(value: Any) -> Any:
+    return list(value) if isinstance(value, list) else float(value)

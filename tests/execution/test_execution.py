@@ -1,0 +1,184 @@
+"""What controllers make of samples, against their published formulas."""
+
+import json
+
+import numpy as np
+import pytest
+
+import microbot_ocp as mo
+from execution import franka
+from microbot_ocp.execution import Rows
+
+LIMITERS = {"panda": franka.panda, "fr3": franka.fr3}
+
+
+@pytest.fixture(scope="module")
+def panda():
+    return mo.load_robot("panda")
+
+
+def shape(robot, profile, seed):
+    """The fastest quintic between two random poses under the robot's own limits."""
+    limits = mo.controller_profile(profile).limits_of(robot)
+    share = np.random.default_rng(seed).uniform(0.1, 0.9, (2, robot.joint_count))
+    q = limits.q_min + (limits.q_max - limits.q_min) * share
+    fastest = mo.shortest_duration(robot, mo.quintic(q, [0.0, 1.0]))
+    marks = [mo.Mark(0.0, "grip"), mo.Mark(fastest.duration, "release")]
+    return mo.Motion.from_polynomial(robot, fastest.polynomial, label="quintic", marks=marks)
+
+
+@pytest.mark.parametrize("profile", ["panda", pytest.param("fr3", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.thorough)])
+def test_libfranka_leaves_what_is_exported_as_it_is(panda, profile, seed):
+    motion = shape(panda, profile, seed)
+    command = mo.commanded(panda, motion, profile)
+    assert command.accepted
+    assert 0.0 < command.cost < 0.1
+    q = command.rows.q
+    np.testing.assert_allclose(LIMITERS[profile](q), q, rtol=0, atol=1e-12)
+    middle = len(q) // 2
+    planted = q.copy()
+    planted[middle, 3] += 1e-4  # a jerk of 3e5 rad/s^3
+    assert np.abs(LIMITERS[profile](planted) - planted).max() > 5e-5
+    certificate = mo.check(panda, Rows(command.rows.t, planted), profile)
+    jerk = next(each for each in certificate.limit_checks if each.quantity == "qddd")
+    assert not certificate.ok
+    assert jerk.joint == "panda_joint4"
+    assert abs(jerk.value) == pytest.approx(3e5, rel=0.01)
+    assert abs(jerk.time - command.rows.t[middle]) < 0.004
+
+
+def test_held_commands_have_their_differences_as_derivatives(panda):
+    motion = shape(panda, "panda", 3)
+    rows = Rows(np.linspace(0.0, 0.199, 200), motion.resample(1000.0).q[:200])
+    curve = mo.executed(panda, rows, "panda")
+    q = np.concatenate([rows.q[:1], rows.q[:1], rows.q, rows.q[-1:], rows.q[-1:]])
+    state = curve.sample(np.arange(len(q) - 2) * 1e-3)
+    np.testing.assert_allclose(state.qdd, np.diff(q, n=2, axis=0) / 1e-6, atol=1e-6)
+    np.testing.assert_allclose(state.qd, (q[2:] - q[:-2]) / 2e-3, atol=1e-9)
+
+
+def jtc(rows, t, order):
+    """Positions by the formulas of ros2_controllers, trajectory.cpp, row by row."""
+    found = []
+    for at in t:
+        i = min(int(np.searchsorted(rows.t, at, side="right")) - 1, len(rows.t) - 2)
+        T, x = rows.t[i + 1] - rows.t[i], at - rows.t[i]
+        p, v, a = rows.q[i], rows.qd[i], rows.qdd[i]
+        P, V, A = rows.q[i + 1], rows.qd[i + 1], rows.qdd[i + 1]
+        if order == 3:
+            c2 = (-3 * p + 3 * P - 2 * v * T - V * T) / T**2
+            c3 = (2 * p - 2 * P + v * T + V * T) / T**3
+            found.append(p + v * x + c2 * x**2 + c3 * x**3)
+            continue
+        c3 = (-20 * p + 20 * P - 3 * a * T**2 + A * T**2 - 12 * v * T - 8 * V * T) / (2 * T**3)
+        c4 = (30 * p - 30 * P + 3 * a * T**2 - 2 * A * T**2 + 16 * v * T + 14 * V * T) / (2 * T**4)
+        c5 = (-12 * p + 12 * P - a * T**2 + A * T**2 - 6 * v * T - 6 * V * T) / (2 * T**5)
+        found.append(p + v * x + a / 2 * x**2 + c3 * x**3 + c4 * x**4 + c5 * x**5)
+    return np.array(found)
+
+
+@pytest.mark.parametrize(("name", "order"), [("cubic", 3), ("quintic", 5)])
+def test_splines_of_joint_trajectory_controller(microbot, name, order):
+    rng = np.random.default_rng(4)
+    t = np.concatenate([[0.0], np.cumsum(rng.uniform(0.05, 0.2, 6))])
+    q, qd, qdd = rng.normal(size=(3, 7, 3))
+    rows = Rows(t, q, qd, qdd)
+    curve = mo.executed(microbot, rows, f"ros2_jtc_{name}")
+    at = np.sort(rng.uniform(0.0, t[-1], 200))
+    np.testing.assert_allclose(curve.sample(at).q, jtc(rows, at, order), rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("profile", "fields"),
+    [
+        ("ros2_jtc_linear@200", {"positions"}),
+        ("ros2_jtc_cubic@200", {"positions", "velocities"}),
+        ("ros2_jtc_quintic@50", {"positions", "velocities", "accelerations"}),
+    ],
+)
+def test_a_file_is_whole_at_its_own_rate(microbot, tmp_path, profile, fields):
+    motion = shape(microbot, "hold", 5)
+    path = motion.export(tmp_path / "a.json", profile=profile, robot=microbot)
+    document = json.loads(path.read_text("utf-8"))
+    points = document["points"]
+    assert set(points[0]) == {*fields, "time_from_start"}
+    stamps = [p["time_from_start"]["sec"] + 1e-9 * p["time_from_start"]["nanosec"] for p in points]
+    step = mo.controller_profile(profile).step
+    np.testing.assert_allclose(np.diff(stamps), step, atol=2e-9)
+    assert [mark["name"] for mark in document["marks"]] == ["grip", "release"]
+    assert np.abs(points[-1].get("velocities", 0.0)).max() < 1e-9
+    assert mo.check(microbot, path, profile).ok
+
+
+def test_efforts_without_gravity(panda, tmp_path):
+    motion = shape(panda, "panda", 1)
+    path = motion.export(tmp_path / "a.csv", profile="panda", robot=panda)
+    lines = path.read_text("utf-8").splitlines()
+    assert lines[1].endswith(",grip")
+    assert lines[-1].endswith(",release")
+    last = np.array(lines[-1].split(",")[:-1], dtype=float)
+    np.testing.assert_allclose(last[-7:], 0.0, atol=1e-6)  # at rest nothing but gravity is left
+
+
+def test_what_slowing_down_does_not_help(microbot):
+    beyond = float(microbot.limits.q_max[1]) + 0.1
+    leaves = mo.quintic([[0.0, 0.0, 0.0], [0.0, beyond, 0.0]], [0.0, 20.0])
+    motion = mo.Motion.from_polynomial(microbot, leaves, label="quintic")
+    with pytest.raises(mo.InputError, match=r"position of shoulder is .* plan under the limits"):
+        mo.commanded(microbot, motion, "hold@100")
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        ("a.csv", "", "a.csv: it is empty"),
+        ("a.csv", "0,1,2\n1,2,3\n", "1 to 4 columns for each of 3 joints, not 3"),
+        ("a.csv", "0,0,0,0\n0,1,1,1\n", "two increasing times"),
+        ("a.csv", "t,a,b,c\n0,0,0,x\n", "must hold as many numbers"),
+        ("a.json", "{", "it is no JSON"),
+        ("a.json", "{}", "no trajectory with joint_names and points"),
+        ("a.yaml", "joint_names: [a, b, c]\npoints: [{}]", "its joints must be waist, shoulder"),
+        ("a.npz", "x", "no archive of numpy"),
+        ("a.txt", "x", "ending of the file must be one of"),
+    ],
+)
+def test_files_that_are_no_trajectories(microbot, tmp_path, name, text, message):
+    (tmp_path / name).write_text(text, "utf-8")
+    with pytest.raises(mo.InputError, match=message):
+        mo.check(microbot, tmp_path / name, "hold@100")
+
+
+def test_joints_in_another_order_and_times_of_both_kinds(microbot, tmp_path):
+    """A plan of MoveIt, as ``ros2 topic echo`` prints it."""
+    text = (
+        "trajectory:\n- joint_trajectory:\n    x: 1\njoint_trajectory:\n"
+        "  joint_names: [elbow, waist, shoulder]\n  points:\n"
+        "  - {positions: [0.0, 0.0, 0.0], time_from_start: {sec: 0, nanosec: 0}}\n"
+        "  - {positions: [0.3, 0.1, 0.2], time_from_start: {secs: 1, nsecs: 500000000}}\n"
+    )
+    (tmp_path / "plan.yaml").write_text(text, "utf-8")
+    certificate = mo.check(microbot, tmp_path / "plan.yaml", "ros2_jtc_linear@500")
+    position = certificate.limit_checks[0]
+    limits = microbot.limits
+    middle, half = 0.5 * (limits.q_max + limits.q_min), 0.5 * (limits.q_max - limits.q_min)
+    ends = np.abs(np.array([[0.0, 0.0, 0.0], [0.1, 0.2, 0.3]]) - middle).max(axis=0) / half
+    np.testing.assert_allclose(position.utilisation, ends, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("profile", "message"),
+    [
+        ("nothing", "profile must be one of fr3, hold, panda"),
+        ("hold", "needs a rate in Hz"),
+        ("hold@fast", "must be a number of Hz"),
+        ("hold@0", "rate must be above 0 Hz"),
+        ("panda", "panda: qd_max must have shape"),
+        ("hold@100", "row 2 is at 0.5 s, but profile 'hold' plays it at 0.01 s"),
+        ("ros2_jtc_cubic", "needs qd in every row"),
+    ],
+)
+def test_profiles_that_do_not_fit(microbot, profile, message):
+    rows = Rows(np.array([0.0, 0.5]), np.zeros((2, 3)))
+    with pytest.raises(mo.InputError, match=message):
+        mo.check(microbot, rows, profile)
