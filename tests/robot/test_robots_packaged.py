@@ -343,9 +343,9 @@ def test_base_is_read_from_a_table() -> None:
     joint = "[[joint]]\nalpha = 0.0\na = 1.0\nd = 0.0\n"
     assert parse_robot(joint + "[base]\nd = 0.5").base[2, 3] == 0.5
     for text, fragment in (
-        ("base = 3\n" + joint, "base in arm.toml must be a table"),
-        (joint + "[base]\nlength = 1.0", "base in arm.toml has the unknown key 'length'"),
-        (joint + "[base]\nmatrix = [[1]]\na = 2.0", "base in arm.toml must be a matrix or a DH"),
+        ("base = 3\n" + joint, "base must be a table"),
+        (joint + "[base]\nlength = 1.0", "unknown key 'length' of base"),
+        (joint + "[base]\nmatrix = [[1]]\na = 2.0", "base must be a matrix or a DH"),
         (joint + "[base]\nmatrix = [[1, 0], [0, 1]]", "arm.toml: base must have shape [4, 4]"),
     ):
         with pytest.raises(InputError) as refused:

@@ -110,12 +110,12 @@ def test_a_scene_is_read_from_toml(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("table", "said"),
     [
-        ({"obstacles": []}, "key of scene"),
-        ({"obstacle": [{"kind": "cube"}]}, "kind of obstacle 1 of scene must be one of"),
-        ({"obstacle": [{"name": "a", "kind": "sphere"}]}, "center of obstacle 'a' of scene"),
+        ({"obstacles": []}, "scene: unknown key .obstacles.*did you mean .obstacle."),
+        ({"obstacle": [{"kind": "cube"}]}, "scene: obstacle 1: kind must be one of"),
+        ({"obstacle": [{"name": "a", "kind": "sphere"}]}, "scene: obstacle 'a': center is missing"),
         (
             {"obstacle": [{"kind": "box", "size": [1, 1, 0]}]},
-            "obstacle 1 of scene: every edge of the box",
+            "scene: obstacle 1: every edge of the box",
         ),
         ({"self_collision": 1}, "must be true or false"),
     ],

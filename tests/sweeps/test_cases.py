@@ -160,7 +160,7 @@ def test_a_study_file_is_read() -> None:
         ("count = 8", "", "cases.count is missing"),
         ("count = 8", "count = 0", "cases.count must be at least 1"),
         ('kind = "random"', 'kind = "grid"', "cases.count is not for cases of the kind 'grid'"),
-        ("from = [-90", "form = [-90", "quantities.goal_q_deg has the unknown key 'form'"),
+        ("from = [-90", "form = [-90", "unknown key 'form' of quantities.goal_q_deg"),
         ("start_q =", "seed = 3\nstart_q =", "seed is no quantity that may vary"),
         ("mesh = 20", "mesh = 2", "settings.mesh must be at least 4"),
         ("mesh = 20", "mash = 2", "unknown key 'mash' in table .settings."),

@@ -87,6 +87,7 @@ def test_a_robot_file_is_sought_beside_the_task(tmp_path):
         (TASK.replace("microbot", "robbie"), ["robot must be one of", "robbie"]),
         (TASK.replace("microbot", "none.toml"), ["none.toml", "cannot be read"]),
         ('method = ["cubic"]\n' + TASK, ["'method'", "did you mean 'methods'?", "outputs"]),
+        ('schema = 1\nrobot = "microbot"\n[[stops]]\nq = [0]', ["'stops'", "did you mean 'stop'?"]),
         ('methods = "cubic"\n' + TASK, ["methods must be a list", "'cubic'"]),
         ('methods = ["cubc"]\n' + TASK, ["methods", "'cubc'", "did you mean 'cubic'?"]),
         ('methods = ["cubic", "cubic"]\n' + TASK, ["methods", "different"]),
@@ -95,7 +96,7 @@ def test_a_robot_file_is_sought_beside_the_task(tmp_path):
         ('schema = 1\nrobot = "microbot"', ["[via]", "missing"]),
         ('schema = 1\nrobot = "microbot"\nvia = 3', ["via must be a table", "3"]),
         ('schema = 1\nrobot = "microbot"\n[via]\nt = [0, 1]', ["via.q", "missing"]),
-        (TASK + "q = [[0, 0, 0], [1, 1, 1]]", ["via", "q and q_deg"]),
+        (TASK + "q = [[0, 0, 0], [1, 1, 1]]", ["via.q", "q or q_deg, not both"]),
         (TASK.replace("[-90, 90, 90]", "[1, 2]"), ["via.q_deg", "waist", "row 2", "[1, 2]"]),
         (TASK.replace("[-90, 90, 90]", '[1, 2, "3"]'), ["via.q_deg", "numbers", "'3'"]),
         (TASK.replace("[-90, 90, 90]", "[1, 2, nan]"), ["via.q_deg", "finite"]),
@@ -111,7 +112,7 @@ def test_a_robot_file_is_sought_beside_the_task(tmp_path):
         (TASK + '[limits]\ntau_max = "1"', ["limits.tau_max", "numbers", "'1'"]),
         (TASK + "[limits]\ntau_max = nan", ["limits.tau_max", "nan"]),
         (TASK + "[limits]\ntau_max = -1", ["limits.tau_max", "at least 0", "-1"]),
-        (TASK + "[limits]\nqd_max = 1\nqd_max_deg = 1", ["limits", "both", "qd_max_deg"]),
+        (TASK + "[limits]\nqd_max = 1\nqd_max_deg = 1", ["limits.qd_max", "both", "qd_max_deg"]),
         (TASK + "[limits]\nq_min = 1\nq_max = -1", ["limits.q_min", "at most"]),
         (TASK + "[settings]\nmesh = 2", ["settings.mesh", "at least 4", "2"]),
         (TASK + "[settings]\nmesh = 40.5", ["settings.mesh", "whole", "40.5"]),
@@ -206,7 +207,7 @@ def test_a_file_and_python_state_the_same_stops(tmp_path):
         ("[[stop]]\nposition = [3, 0, 4]\nrpy = [180, 0, 0]", "or give rpy_deg"),
         (
             "[[stop]]\nq = [0, 0, 0]\n[stop.payload]\ncenter_of_mass = [0, 0, 1]",
-            "mass of the payload is missing",
+            "mass in the payload of stop 'stop 3' is missing",
         ),
         ('[[segment]]\nafter = "pick"\nkind = "line"\n' * 2, "two segments begin at stop 'pick'"),
         ('[[segment]]\nkind = "line"', "one of pick, place, but it is missing"),
@@ -217,11 +218,11 @@ def test_a_file_and_python_state_the_same_stops(tmp_path):
         ('[[capsule]]\nlink = "fist"', "in capsule 1: start is missing"),
         (
             '[[capsule]]\nlink = "fist"\nstart = [0, 0, 0]\nend = [1, 0, 0]\nradius = 0.1',
-            "link in capsule 1 must be one of base, waist, shoulder, elbow, not 'fist'",
+            "in capsule 1: link must be one of base, waist, shoulder, elbow, not 'fist'",
         ),
         (
             '[[segment]]\nafter = "pick"\nkind = "circle"',
-            "through is missing, which a circle needs",
+            "through in the segment after 'pick' is missing",
         ),
     ],
 )

@@ -14,7 +14,17 @@ import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError, naming
-from microbot_ocp._base.toml_file import table_from
+from microbot_ocp._base.schema import (
+    ANY,
+    FLAG,
+    NEEDED,
+    TABLES,
+    TEXT,
+    Key,
+    keys_of,
+    read_table,
+    table_from,
+)
 from microbot_ocp.robot import Capsule, Shape, read_mesh
 from microbot_ocp.robot.files import read_urdf_shapes
 from microbot_ocp.scene._obstacles import (
@@ -22,30 +32,29 @@ from microbot_ocp.scene._obstacles import (
     Box,
     ConvexMesh,
     Cylinder,
-    HalfSpace,
     Obstacle,
     Sphere,
 )
 from microbot_ocp.scene._scene import Scene
 
 PLACED = ("center", "rotation_deg", "matrix")  # where a frame is: any of these
-KEYS: dict[str, tuple[str, ...]] = {
-    "sphere": ("center", "radius"),
-    "box": ("size", *PLACED),
-    "capsule": ("start", "end", "radius"),
-    "cylinder": ("radius", "length", *PLACED),
-    "half_space": ("normal", "offset"),
-    "mesh": ("file", "scale", "vertices", *PLACED),
+SCENE = {
+    "clearance": ANY,
+    "self_collision": FLAG,
+    "ignore": ANY,
+    "urdf": TEXT,
+    "obstacle": TABLES,
 }
-NEEDED = {
-    "sphere": ("center", "radius"),
-    "box": ("size",),
-    "capsule": ("start", "end", "radius"),
-    "cylinder": ("radius", "length"),
-    "half_space": ("normal", "offset"),
-    "mesh": (),
-}
-SCENE_KEYS = ("clearance", "self_collision", "ignore", "urdf", "obstacle")
+
+
+def _schema(kind: str) -> dict[str, Key]:
+    """Keys of an obstacle: those of its class, and where its frame is."""
+    keys = keys_of(KINDS[kind], kind=NEEDED, name=TEXT)
+    if keys.pop("pose", None):
+        keys |= dict.fromkeys(PLACED, ANY)
+    if kind == "half_space":
+        keys |= dict.fromkeys(("normal", "offset"), NEEDED)
+    return keys | ({"file": TEXT, "scale": ANY, "vertices": ANY} if kind == "mesh" else {})
 
 
 def read_scene(
@@ -88,77 +97,52 @@ def read_scene(
             return Scene(_of_urdf(path))
         source = table_from(path, "scene")
         folder, origin = path.parent, path.name
-    for key in source:
-        checks.one_of(f"key of {origin}", key, SCENE_KEYS)
-    given = source.get("obstacle", [])
-    if not isinstance(given, list) or not all(isinstance(entry, Mapping) for entry in given):
-        raise InputError(f"obstacles of {origin} must be [[obstacle]] tables")
-    obstacles: list[Obstacle] = []
-    if "urdf" in source:
-        obstacles += _of_urdf(Path(folder) / _text("urdf", source["urdf"], origin))
-    for number, table in enumerate(given, start=1):
-        name = table.get("name", "")
-        label = f"obstacle {name!r}" if name else f"obstacle {number}"
-        try:
-            obstacles.append(_obstacle(table, Path(folder), f"{label} of {origin}"))
-        except InputError as problem:
-            told = str(problem)
-            raise InputError(told if origin in told else f"{label} of {origin}: {told}") from None
-    own = source.get("self_collision", True)
-    if not isinstance(own, bool):
-        raise InputError(f"self_collision of {origin} must be true or false, not {own!r}")
     with naming(f"{origin}: "):
-        return Scene(
-            tuple(obstacles),
-            clearance=source.get("clearance", 0.0),
-            self_collision=own,
-            ignore=source.get("ignore", ()),
-        )
+        return _scene(read_table(source, SCENE), Path(folder))
 
 
-def _obstacle(table: Mapping[str, Any], folder: Path, label: str) -> Obstacle:
-    kind = table.get("kind")
-    if kind is None:
-        raise InputError(f"kind of {label} is missing; allowed: {', '.join(KINDS)}")
-    checks.one_of(f"kind of {label}", kind, KINDS)
-    for key in table:
-        checks.one_of(f"key of {label}", key, ("name", "kind", *KEYS[kind]))
-    for key in NEEDED[kind]:
-        if key not in table:
-            raise InputError(f"{key} of {label} is missing")
-    name = _text("name", table.get("name", ""), label)
-    if kind == "sphere":
-        return Sphere(table["center"], table["radius"], name)
-    if kind == "capsule":
-        return Capsule(table["start"], table["end"], table["radius"], name)
-    if kind == "half_space":
-        return HalfSpace(table["normal"], table["offset"], name)
-    pose = _pose(table, label)
-    if kind == "box":
-        return Box(table["size"], pose, name)
-    if kind == "cylinder":
-        return Cylinder(table["radius"], table["length"], pose, name)
-    if ("file" in table) == ("vertices" in table):
-        raise InputError(f"{label} must have a file or vertices, one of the two")
-    if "vertices" in table:
-        return ConvexMesh(table["vertices"], pose, name)
-    path = folder / _text("file", table["file"], label)
+def _scene(table: Mapping[str, Any], folder: Path) -> Scene:
+    obstacles = [*_of_urdf(folder / table["urdf"])] if "urdf" in table else []
+    for number, row in enumerate(table.get("obstacle", []), start=1):
+        label = f"obstacle {row['name']!r}" if row.get("name") else f"obstacle {number}"
+        with naming(f"{label}: "):
+            obstacles.append(_obstacle(row, folder))
+    settings = {key: value for key, value in table.items() if key not in ("urdf", "obstacle")}
+    return Scene(tuple(obstacles), **settings)
+
+
+def _obstacle(table: Mapping[str, Any], folder: Path) -> Obstacle:
+    Key(choices=KINDS).check("kind", table.get("kind"))
+    kind = table["kind"]
+    row = read_table(table, _schema(kind), "of it", "{}")
+    del row["kind"]
+    if "pose" in keys_of(KINDS[kind]):
+        row["pose"] = _pose({key: row.pop(key) for key in PLACED if key in row})
+    if kind == "mesh":
+        if ("file" in row) == ("vertices" in row):
+            raise InputError("it must have a file or vertices, one of the two")
+        if "file" in row:
+            row["vertices"] = _vertices(folder / row.pop("file"), row.pop("scale", 1.0))
+        row.pop("scale", None)
+    return KINDS[kind](**row)
+
+
+def _vertices(path: Path, scale: Any) -> FloatArray:
     if not path.is_file():
         raise InputError(f"there is no file {str(path)!r}")
-    scale = checks.array("scale", np.atleast_1d(table.get("scale", 1.0)), (None,))
-    if scale.size not in (1, 3) or not scale.all():
-        said = checks.shown(table["scale"])
-        raise InputError(f"scale must be one number or three, none of them 0, not {said}")
-    scale = np.broadcast_to(scale, 3)
-    mesh = read_mesh(Shape(0, np.eye(4), "mesh", scale, link=name, path=str(path)))
-    return ConvexMesh(mesh.vertices, pose, name)
+    sizes = checks.array("scale", np.atleast_1d(scale), (None,))
+    if sizes.size not in (1, 3) or not sizes.all():
+        shown = checks.shown(scale)
+        raise InputError(f"scale must be one number or three, none of them 0, not {shown}")
+    sizes = np.broadcast_to(sizes, 3)
+    return read_mesh(Shape(0, np.eye(4), "mesh", sizes, path=str(path))).vertices
 
 
-def _pose(table: Mapping[str, Any], label: str) -> FloatArray:
+def _pose(table: Mapping[str, Any]) -> FloatArray:
     """Frame [4,4] from a matrix, or from a centre and angles about the fixed axes X, Y, Z."""
     if "matrix" in table:
-        if "center" in table or "rotation_deg" in table:
-            raise InputError(f"{label} must have a matrix, or center and rotation_deg")
+        if len(table) > 1:
+            raise InputError("it must have a matrix, or center and rotation_deg")
         return checks.array("matrix", table["matrix"], (4, 4), "m")
     pose = np.eye(4)
     pose[:3, 3] = checks.array("center", table.get("center", (0.0, 0.0, 0.0)), (3,), "m")
@@ -178,13 +162,13 @@ def _of_urdf(path: Path) -> tuple[Obstacle, ...]:
     if not shapes:
         raise InputError(f"{path.name} has no collision geometry")
     links = [shape.link for shape in shapes]
-    found = []
+    obstacles = []
     for index, shape in enumerate(shapes):
         name = shape.link
         if links.count(name) > 1:
             name = f"{name} {links[: index + 1].count(name)}"
-        found.append(_of_shape(shape, name))
-    return tuple(found)
+        obstacles.append(_of_shape(shape, name))
+    return tuple(obstacles)
 
 
 def _of_shape(shape: Shape, name: str) -> Obstacle:
@@ -199,9 +183,3 @@ def _of_shape(shape: Shape, name: str) -> Obstacle:
         half = shape.size[1] / 2 * axis
         return Capsule(center - half, center + half, shape.size[0], name)
     return ConvexMesh(read_mesh(shape).vertices, shape.pose, name)
-
-
-def _text(key: str, value: Any, label: str) -> str:
-    if not isinstance(value, str):
-        raise InputError(f"{key} of {label} must be text, not {value!r}")
-    return value

@@ -11,28 +11,35 @@ from typing import Any
 
 from microbot_ocp._base.checks import InputError, naming, shown
 from microbot_ocp._base.reading import text_of
-from microbot_ocp._base.toml_file import (
-    check_keys,
+from microbot_ocp._base.schema import (
+    ANY,
+    FLAG,
+    NEEDED,
+    TABLE,
+    TEXT,
+    Key,
     check_schema,
     parsed,
-    suggestion,
-    table_of,
+    read_table,
 )
-from microbot_ocp.robot import Robot
-from microbot_ocp.robot.files import load_robot, packaged_robots
 from microbot_ocp.sweeps._cases import Between, Cases, OneOf
 from microbot_ocp.sweeps._quantities import check_name
 from microbot_ocp.sweeps._study import SETTINGS, Study
+from microbot_ocp.tasks import COMMON, robot_from
 
 SCHEMA = 1
-KINDS = ("random", "grid", "table")
-KEYS = {
-    "": ("schema", "robot", "tip", "methods", "time_limit", "motions", "cases", "quantities",
-         "settings"),
-    "cases": ("kind", "count", "seed", "file"),
-    "settings": tuple(SETTINGS),
-}  # fmt: skip
-RANGE = ("from", "to", "steps")
+OF_KIND = {"random": ("count", "seed"), "grid": (), "table": ("file",)}
+STUDY = {
+    **COMMON,
+    "methods": ANY,
+    "time_limit": ANY,
+    "motions": FLAG,
+    "cases": Key(dict, needed=True),
+    "quantities": TABLE,
+    "settings": TABLE,
+}
+CASES = {"kind": Key(choices=OF_KIND, needed=True), "count": ANY, "seed": ANY, "file": TEXT}
+RANGE = {"from": NEEDED, "to": NEEDED, "steps": ANY}
 
 
 def read_study(path: str | Path) -> Study:
@@ -65,58 +72,44 @@ def parse_study(text: str, origin: str, folder: Path) -> Study:
         As :func:`read_study`.
     """
     name = Path(origin).name
-    data = parsed(text, name)
     with naming(f"{name}: "):
-        return _study(data, origin, folder)
+        return _study(parsed(text), origin, folder)
 
 
 def _study(data: dict[str, Any], origin: str, folder: Path) -> Study:
-    check_keys(data, KEYS[""])
+    given = read_table(data, STUDY)
     check_schema(data, SCHEMA)
-    more: dict[str, Any] = {}
-    if "methods" in data:
-        methods = data["methods"]
-        if not isinstance(methods, list) or not all(isinstance(name, str) for name in methods):
-            raise InputError(f"methods must be a list of names, not {shown(methods)}")
-        more["methods"] = methods
-    if "motions" in data:
-        if not isinstance(data["motions"], bool):
-            raise InputError(f"motions must be true or false, not {shown(data['motions'])}")
-        more["motions"] = data["motions"]
-    if "time_limit" in data:
-        more["time_limit"] = data["time_limit"]
-    cases = _cases(table_of(data, "cases", KEYS["cases"]), _quantities(data), folder)
-    robot = _robot(data, folder)
+    methods = given.get("methods", [])
+    if not isinstance(methods, list) or not all(isinstance(name, str) for name in methods):
+        raise InputError(f"methods must be a list of names, not {shown(methods)}")
+    named = given.get("quantities", {})
+    quantities = {name: _quantity(name, value) for name, value in named.items()}
+    cases = _cases(given["cases"], quantities, folder)
+    robot = robot_from(data, folder)
     cases.of(robot)
-    settings = table_of(data, "settings", KEYS["settings"])
+    settings = read_table(
+        given.get("settings", {}), dict.fromkeys(SETTINGS, ANY), "in table [settings]"
+    )
+    more = {key: given[key] for key in ("methods", "motions", "time_limit") if key in given}
     return Study(robot, cases, settings=settings, origin=origin, **more)
 
 
 def _cases(table: Mapping[str, Any], quantities: dict[str, Any], folder: Path) -> Cases:
-    kind = table.get("kind")
-    if kind not in KINDS:
-        raise InputError(f"cases.kind must be one of {', '.join(KINDS)}, not {shown(kind)}")
-    own = {"random": ("count", "seed"), "grid": (), "table": ("file",)}[kind]
-    for key in table:
-        if key not in ("kind", *own):
+    given = read_table(table, CASES, "in table [cases]", "cases.{}")
+    kind = given.pop("kind")
+    for key in given:
+        if key not in OF_KIND[kind]:
             raise InputError(f"cases.{key} is not for cases of the kind {kind!r}")
     if kind == "grid":
         return Cases.grid(**quantities)
     if kind == "table":
-        if not isinstance(table.get("file"), str):
-            raise InputError("cases.file must be the path of a .csv or .parquet file")
-        return Cases.table(folder / table["file"], **quantities)
-    if "count" not in table:
+        if "file" not in given:
+            raise InputError("cases.file is missing: the path of a .csv or .parquet file")
+        return Cases.table(folder / given["file"], **quantities)
+    if "count" not in given:
         raise InputError("cases.count is missing: how many random draws")
     with naming("cases."):
-        return Cases.random(table["count"], seed=table.get("seed", 0), **quantities)
-
-
-def _quantities(data: Mapping[str, Any]) -> dict[str, Any]:
-    table = data.get("quantities", {})
-    if not isinstance(table, dict):
-        raise InputError(f"quantities must be a table, [quantities], not {shown(table)}")
-    return {name: _quantity(name, given) for name, given in table.items()}
+        return Cases.random(given["count"], seed=given.get("seed", 0), **quantities)
 
 
 def _quantity(name: str, given: Any) -> Any:
@@ -126,20 +119,6 @@ def _quantity(name: str, given: Any) -> Any:
         return given
     if set(given) == {"one_of"}:
         return OneOf(given["one_of"])
-    for key in given:
-        if key not in RANGE:
-            close = suggestion(key, (*RANGE, "one_of"))
-            raise InputError(f"quantities.{name} has the unknown key {key!r}{close}")
-    if not {"from", "to"} <= set(given):
-        raise InputError(f"quantities.{name} must have from and to, or one_of, not {shown(given)}")
-    return Between(given["from"], given["to"], given.get("steps"))
-
-
-def _robot(data: Mapping[str, Any], folder: Path) -> Robot:
-    source, tip = data.get("robot"), data.get("tip")
-    if not isinstance(source, str) or not (tip is None or isinstance(tip, str)):
-        raise InputError(
-            f"robot must be one of {', '.join(packaged_robots())}, or the path of a .toml or .urdf "
-            f"file, not {shown(source)}; tip, if given, the name of a link"
-        )
-    return load_robot(source if source in packaged_robots() else str(folder / source), tip)
+    where = f"quantities.{name}"
+    ends = read_table(given, RANGE, f"of {where}, which is a range or has one_of", f"{where}.{{}}")
+    return Between(ends["from"], ends["to"], ends.get("steps"))

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import MISSING, dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +15,18 @@ import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import InputError, naming, plain
+from microbot_ocp._base.schema import (
+    ANGLE,
+    ANY,
+    NEEDED,
+    TEXT,
+    Key,
+    check_schema,
+    keys_of,
+    read_table,
+    table_from,
+)
 from microbot_ocp._base.showing import view_for
-from microbot_ocp._base.toml_file import check_keys, check_schema, table_from, table_of
 from microbot_ocp._base.writing import made_folder, write_whole
 from microbot_ocp.certificate import Certificate, certify
 from microbot_ocp.motion import Motion
@@ -34,7 +44,7 @@ from microbot_ocp.planning import (
     task_of,
     time_optimal,
 )
-from microbot_ocp.robot import Capsule, JointLimits, Robot, joint_scale, rotation_of
+from microbot_ocp.robot import Capsule, JointLimits, Robot, joint_scale, per_joint, rotation_of
 from microbot_ocp.scene import Scene, read_scene, with_arm_capsules
 from microbot_ocp.tasks._front import (
     SHARES,
@@ -44,29 +54,29 @@ from microbot_ocp.tasks._front import (
     time_torque_front,
 )
 from microbot_ocp.tasks._task_file import (
-    KEYS,
+    CELL,
+    CELL_OUTPUTS,
+    FILMS,
     SCHEMA,
     limits_from,
     robot_from,
     settings_from,
 )
 
-TOP = (
-    *("schema", "robot", "tip", "outputs", "stop", "segment", "cycle", "order", "duration"),
-    *("limits", "settings", "scene", "capsule", "front"),
+STOP = keys_of(
+    Stop,
+    name=TEXT,
+    q=ANGLE,
+    tolerance=ANGLE,
+    orientation_tolerance=ANGLE,
+    rpy=ANGLE,
 )
-STOP = (
-    *("name", "q", "q_deg", "position", "orientation", "rpy", "rpy_deg", "tolerance"),
-    *("tolerance_deg", "orientation_tolerance", "orientation_tolerance_deg", "free_turn"),
-    *("velocity", "dwell", "payload", "blend"),
-)
-CAPSULE = ("link", "start", "end", "radius", "name")
-FRONTS = {"effort": "slacks", "torque": "shares"}  # what each kind is asked by
-PAYLOAD = ("mass", "center_of_mass", "inertia", "shape")
+CAPSULE = keys_of(Capsule, link=NEEDED)
+FRONTS = {"effort": ("slacks", SLACKS), "torque": ("shares", SHARES)}  # what each is asked by
+FRONT = {"kind": Key(choices=FRONTS, needed=True), "slacks": ANY, "shares": ANY}
+PAYLOAD = keys_of(Payload)
 KINDS: dict[str, Any] = {"line": Line, "circle": Circle, "joint line": JointLine}
 LARGEST_ANGLE = 2 * np.pi  # rad: beyond it degrees were meant
-CELL_OUTPUTS = ("json", "motion", "figure", "recording")  # what is written by default
-FILMS = ("gif", "mp4")
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +157,7 @@ class CellFile:
                 scene=self.scene,
                 settings=self.settings,
                 progress=progress,
-                **{FRONTS[kind]: values},
+                **{FRONTS[kind][0]: values},
             )
         fastest = front.points[0]
         return replace(self._cell(fastest.motion, fastest.certificate), front=front)
@@ -345,61 +355,46 @@ def read_cell(path: str | Path) -> CellFile:
 
 
 def _cell(data: Mapping[str, Any], origin: str, folder: Path) -> CellFile:
-    check_keys(data, TOP)
+    given = read_table(data, CELL)
     check_schema(data, SCHEMA)
-    robot = _with_capsules(robot_from(data, folder), _tables(data, "capsule"))
-    rows = _tables(data, "stop")
-    stops = [_stop(robot, row, f"stop {k + 1}") for k, row in enumerate(rows)]
-    cycle = data.get("cycle", False)
-    if not isinstance(cycle, bool):
-        raise InputError(f"cycle must be true or false, not {cycle!r}")
-    order = data.get("order", "given")
-    if order not in ("given", "free"):
-        raise InputError(f'order must be "given" or "free", not {order!r}')
-    duration = data.get("duration")
+    robot = _with_capsules(robot_from(data, folder), given.get("capsule", []))
+    rows = given.get("stop", [])
+    stops = tuple(_stop(robot, row, f"stop {k + 1}") for k, row in enumerate(rows))
+    cycle, order, duration = (given.get(key) for key in ("cycle", "order", "duration"))
     if duration is not None:
         checks.number("duration", duration, "s", above=0.0)
-    front = _front(data)
-    if front is not None and (duration is not None or order != "given"):
+    front = _front(given["front"]) if "front" in given else None
+    if front is not None and (duration is not None or order == "free"):
         raise InputError("[front] does not go with a duration or a free order of the stops")
-    outputs = data.get("outputs", list(CELL_OUTPUTS))
-    if not isinstance(outputs, list) or not set(outputs) <= {*CELL_OUTPUTS, *FILMS}:
-        known = ", ".join((*CELL_OUTPUTS, *FILMS))
-        raise InputError(f"outputs must be some of {known}, not {outputs!r}")
-    settings = settings_from(table_of(data, "settings", KEYS["settings"]))
+    settings = settings_from(given.get("settings", {}))
     for key in ("grid", "blend"):
         if key in settings:
             raise InputError(f"settings.{key} is of tasks of via points, not of stops")
     return CellFile(
         origin=origin,
         robot=robot,
-        stops=tuple(stops),
-        segments=_segments(data, stops, cycle),
-        cycle=cycle,
-        order=order,
+        stops=stops,
+        segments=_segments(given.get("segment", []), stops, bool(cycle)),
+        cycle=bool(cycle),
+        order=order or "given",
         duration=duration,
-        limits=limits_from(robot, table_of(data, "limits", KEYS["limits"])),
+        limits=limits_from(robot, given.get("limits", {})),
         settings=TimeOptimalSettings(**settings),
-        outputs=tuple(outputs),
-        scene=_scene(data, folder),
+        outputs=tuple(given.get("outputs", CELL_OUTPUTS)),
+        scene=_scene(given.get("scene"), folder),
         front=front,
     )
 
 
-def _front(data: Mapping[str, Any]) -> tuple[str, tuple[float, ...]] | None:
+def _front(table: Mapping[str, Any]) -> tuple[str, tuple[float, ...]]:
     """The kind of the table [front] and by what its motions are asked."""
-    if "front" not in data:
-        return None
-    table = table_of(data, "front", ("kind", *FRONTS.values()))
-    kind = table.get("kind")
-    if kind not in list(FRONTS):
-        raise InputError(f"kind of [front] must be one of {', '.join(FRONTS)}, not {kind!r}")
-    key = FRONTS[kind]
-    for other in set(FRONTS.values()) - {key}:
-        if other in table:
+    given = read_table(table, FRONT, "of [front]")
+    kind = given.pop("kind")
+    key, usual = FRONTS[kind]
+    for other in given:
+        if other != key:
             raise InputError(f"[front] of {kind} is asked by {key}, not by {other}")
-    usual = SLACKS if kind == "effort" else SHARES
-    values = checks.array(f"{key} of [front]", table.get(key, usual), (None,))
+    values = checks.array(f"{key} of [front]", given.get(key, usual), (None,))
     return kind, tuple(values.tolist())
 
 
@@ -411,63 +406,42 @@ def _with_capsules(robot: Robot, rows: Sequence[Mapping[str, Any]]) -> Robot:
     names = ["base", *links]
     own: dict[int, list[Capsule]] = {}
     for number, row in enumerate(rows, start=1):
-        where = f"in capsule {number}"
-        check_keys(row, CAPSULE, where)
-        for key in ("link", "start", "end", "radius"):
-            if key not in row:
-                raise InputError(f"{where}: {key} is missing")
-        checks.one_of(f"link {where}", row["link"], names)
-        with naming(f"{where}: "):
-            capsule = Capsule(**{key: value for key, value in row.items() if key != "link"})
-        own.setdefault(names.index(row["link"]), []).append(capsule)
+        with naming(f"in capsule {number}: "):
+            given = read_table(row, CAPSULE, "of it", "{}")
+            link = checks.one_of("link", given.pop("link"), names)
+            own.setdefault(names.index(link), []).append(Capsule(**given))
     usual = with_arm_capsules(robot).capsules
     kept = {frame: [c for f, c in usual if f == frame] for frame, _ in usual if frame not in own}
     return robot.with_capsules({**kept, **own})
 
 
-def _scene(data: Mapping[str, Any], folder: Path) -> Scene | None:
+def _scene(table: Any, folder: Path) -> Scene | None:
     """The table [scene], or the file that it names."""
-    table = data.get("scene")
-    if table is None:
-        return None
-    if isinstance(table, str):
-        return read_scene(folder / table)
+    if table is None or isinstance(table, str):
+        return None if table is None else read_scene(folder / table)
     if not isinstance(table, dict):
         raise InputError(f"scene must be a table, [scene], or the name of a file, not {table!r}")
     return read_scene(table, folder, "[scene]")
 
 
-def _tables(data: Mapping[str, Any], name: str) -> list[dict[str, Any]]:
-    rows = data.get(name, [])
-    if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
-        raise InputError(f"{name} must be tables, [[{name}]], not {rows!r}")
-    return rows
-
-
 def _stop(robot: Robot, row: Mapping[str, Any], usual: str) -> Stop:
     name = row.get("name", usual)
     where = f"in stop {name!r}"
-    check_keys(row, STOP, where)
-    given = dict(row)
-    for key in ("orientation_tolerance", "rpy", "q", "tolerance"):
-        in_degrees = given.pop(f"{key}_deg", None)
-        if in_degrees is None:
-            continue
-        if key in given:
-            raise InputError(f"{where}: give {key} or {key}_deg, not both")
-        if key == "tolerance" and "position" in given:
+
+    def in_radians(key: str, name: str, value: Any, in_degrees: bool) -> Any:
+        if not in_degrees:
+            return value
+        if key == "tolerance" and "position" in row:
             raise InputError(f"{where}: tolerance_deg is of a joint pose; of a position it is in m")
-        shape: tuple[int | None, ...] = {"rpy": (3,), "q": (robot.joint_count,)}.get(key, ())
-        named = f"{key}_deg {where}"
-        values = (
-            checks.array(named, in_degrees, shape) if shape else checks.numbers(named, in_degrees)
-        )
-        if key == "tolerance" and values.ndim == 0:
-            values = np.full(robot.joint_count, values)
-        scale = joint_scale(robot) if key in ("q", "tolerance") else np.radians(1.0)
-        given[key] = values * scale
-        if np.ndim(given[key]) == 0:
-            given[key] = float(given[key])
+        if key == "q":
+            return checks.array(name, value, (robot.joint_count,)) * joint_scale(robot)
+        if key == "tolerance":
+            return per_joint(robot, name, value) * joint_scale(robot)
+        if key == "rpy":
+            return np.radians(checks.array(name, value, (3,)))
+        return float(np.radians(checks.number(name, value)))
+
+    given = read_table(row, STOP, where, convert=in_radians)
     if "rpy" in given:
         if "orientation" in given:
             raise InputError(f"{where}: give an orientation or rpy, not both")
@@ -477,45 +451,35 @@ def _stop(robot: Robot, row: Mapping[str, Any], usual: str) -> Stop:
         given["orientation"] = rotation_of(angles)
     payload = given.get("payload")
     if isinstance(payload, dict):
-        check_keys(payload, PAYLOAD, f"in the payload of stop {name!r}")
-        if "mass" not in payload:
-            raise InputError(f"{where}: mass of the payload is missing")
+        load = read_table(payload, PAYLOAD, f"in the payload of stop {name!r}")
         with naming(f"{where}: "):
-            given["payload"] = Payload(**payload)
+            given["payload"] = Payload(**load)
     elif payload is not None and isinstance(payload, bool | str | list):
         raise InputError(f"{where}: payload must be a mass or a table, not {payload!r}")
     return Stop(**{**given, "name": name})
 
 
 def _segments(
-    data: Mapping[str, Any], stops: Sequence[Stop], cycle: bool
+    rows: Sequence[Mapping[str, Any]], stops: Sequence[Stop], cycle: bool
 ) -> tuple[Segment, ...] | None:
-    rows = _tables(data, "segment")
     if not rows:
         return None
-    names = [stop.name for stop in stops]
-    made: list[Segment] = [None] * (len(stops) - (not cycle))
-    begins = names[: len(made)]
+    begins = [stop.name for stop in stops][: len(stops) - (not cycle)]
+    segments: list[Segment] = [None] * len(begins)
     for row in rows:
         after, word = row.get("after"), row.get("kind")
         if after not in begins:
-            found = f"not {checks.shown(after)}" if "after" in row else "but it is missing"
+            instead = f"not {checks.shown(after)}" if "after" in row else "but it is missing"
             raise InputError(
                 "after of a segment must be the name of the stop where it begins, one of "
-                f"{', '.join(begins)}, {found}"
+                f"{', '.join(begins)}, {instead}"
             )
         where = f"in the segment after {after!r}"
-        if word not in list(KINDS):
-            found = f"not {checks.shown(word)}" if "kind" in row else "but it is missing"
-            raise InputError(f"{where}: kind must be one of {', '.join(KINDS)}, {found}")
-        kind = KINDS[word]
-        keys = {f.name: f for f in fields(kind)}
-        check_keys(row, ("after", "kind", *keys), where)
-        for key, field in keys.items():
-            if field.default is MISSING and key not in row:
-                raise InputError(f"{where}: {key} is missing, which a {word} needs")
-        if made[begins.index(after)] is not None:
+        Key(choices=KINDS).check(f"kind {where}", word)
+        given = read_table(row, keys_of(KINDS[str(word)], after=ANY, kind=ANY), where)
+        given = {key: value for key, value in given.items() if key not in ("after", "kind")}
+        if segments[begins.index(after)] is not None:
             raise InputError(f"two segments begin at stop {after!r}")
         with naming(f"{where}: "):
-            made[begins.index(after)] = kind(**{key: row[key] for key in keys if key in row})
-    return tuple(made)
+            segments[begins.index(after)] = KINDS[str(word)](**given)
+    return tuple(segments)

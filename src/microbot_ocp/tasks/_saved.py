@@ -12,8 +12,8 @@ import numpy as np
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError, shortened, shown
 from microbot_ocp._base.reading import content_of
+from microbot_ocp._base.schema import check_schema
 from microbot_ocp._base.status import Status
-from microbot_ocp._base.toml_file import check_schema
 from microbot_ocp.certificate import certify
 from microbot_ocp.limits import JOINT_QUANTITIES
 from microbot_ocp.motion import Motion

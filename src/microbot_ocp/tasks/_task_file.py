@@ -8,22 +8,29 @@ allowed.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from microbot_ocp._base import checks
-from microbot_ocp._base.checks import FloatArray, InputError, naming
+from microbot_ocp._base.checks import FloatArray, InputError, naming, shown
 from microbot_ocp._base.reading import text_of
-from microbot_ocp._base.toml_file import (
-    check_keys,
+from microbot_ocp._base.schema import (
+    ANGLE,
+    ANY,
+    FLAG,
+    TABLE,
+    TABLES,
+    TEXT,
+    Key,
     check_schema,
+    names_of,
     parsed,
-    suggestion,
-    table_of,
+    read_table,
 )
 from microbot_ocp.limits import JOINT_QUANTITIES, MEMBER_KEYS, with_further
 from microbot_ocp.planning import PathTimingSettings, TimeOptimalSettings
@@ -38,23 +45,47 @@ from microbot_ocp.tasks._comparison import (
 )
 
 SCHEMA = 1
-LIMIT_KEYS = tuple(f"{quantity}_{side}" for quantity in JOINT_QUANTITIES for side in ("min", "max"))
 ANGULAR = ("q", "qd", "qdd", "qddd")  # quantities that may be given in degrees
 _SETTINGS: dict[str, Callable[..., Any]] = {
     f.name: TimeOptimalSettings for f in fields(TimeOptimalSettings)
 } | {"grid": PathTimingSettings}
-KEYS: dict[str, tuple[str, ...]] = {
-    "": ("schema", "robot", "tip", "methods", "outputs", "via", "limits", "settings"),
-    "via": ("q", "q_deg", "t", "qd", "qd_deg"),
-    "limits": (
-        *(
-            name
-            for key in LIMIT_KEYS
-            for name in ((key, f"{key}_deg") if key.split("_")[0] in ANGULAR else (key,))
-        ),
-        *MEMBER_KEYS,
-    ),
-    "settings": (*_SETTINGS, "blend"),
+LIMITS = {
+    f"{quantity}_{side}": Key(degrees=quantity in ANGULAR)
+    for quantity in JOINT_QUANTITIES
+    for side in ("min", "max")
+} | dict.fromkeys(MEMBER_KEYS, ANY)
+SETTINGS = {**dict.fromkeys(_SETTINGS, ANY), "compiled": FLAG, "blend": ANY}
+COMMON = {"schema": ANY, "robot": ANY, "tip": TEXT}
+TASK = {
+    **COMMON,
+    "methods": Key(choices=METHODS, several=True),
+    "outputs": Key(choices=OUTPUTS, several=True),
+    "via": TABLE,
+    "limits": TABLE,
+    "settings": TABLE,
+}
+CELL_OUTPUTS = ("json", "motion", "figure", "recording")  # what is written by default
+FILMS = ("gif", "mp4")
+CELL = {
+    **COMMON,
+    "outputs": Key(choices=(*CELL_OUTPUTS, *FILMS), several=True),
+    "stop": TABLES,
+    "segment": TABLES,
+    "cycle": FLAG,
+    "order": Key(choices=("given", "free")),
+    "duration": ANY,
+    "limits": TABLE,
+    "settings": TABLE,
+    "scene": ANY,
+    "capsule": TABLES,
+    "front": TABLE,
+}
+VIA = {"q": ANGLE, "t": ANY, "qd": ANGLE}
+KEYS = {
+    "": names_of(TASK),
+    "via": names_of(VIA),
+    "limits": names_of(LIMITS),
+    "settings": names_of(SETTINGS),
 }
 
 
@@ -154,34 +185,31 @@ def read_task(path: str | Path) -> TaskFile:
 
 def parse_task(text: str, origin: str, folder: Path) -> TaskFile:
     """Task from the text of a file; ``origin`` names it, ``folder`` holds the robots it names."""
-    data = parsed(text, origin)
     with naming(f"{origin}: "):
-        return _task(data, origin, folder)
+        return _task(parsed(text), origin, folder)
 
 
 def _task(data: dict[str, Any], origin: str, folder: Path) -> TaskFile:
-    check_keys(data, KEYS[""])
+    if "via" not in data:  # [[stops]] may be meant for [[stop]]
+        read_table(data, TASK | CELL)
+    given = read_table(data, TASK)
     check_schema(data, SCHEMA)
     robot = robot_from(data, folder)
-    via = table_of(data, "via", KEYS["via"])
-    limits = table_of(data, "limits", KEYS["limits"])
-    settings = settings_from(table_of(data, "settings", KEYS["settings"]))
-    if "via" not in data:
+    if "via" not in given:
         raise InputError("table [via] is missing: it holds the via points, q or q_deg")
-    via_q = _via_array(robot, via, "q")
+    via = read_table(given["via"], VIA, "in table [via]", "via.{}", partial(_via_rows, robot))
+    via_q, via_qd, via_t = via.get("q"), via.get("qd"), None
     if via_q is None:
         raise InputError("via.q or via.q_deg is missing: one row of joint positions a via point")
     if len(via_q) < 2:
         raise InputError(f"via.q must have at least 2 rows, not {len(via_q)}")
-    via_qd = _via_array(robot, via, "qd")
-    via_t = None
     if "t" in via:
         via_t = checks.array("via.t", via["t"], (len(via_q),), "s")
         if via_t[0] != 0.0 or np.any(np.diff(via_t) <= 0):
             raise InputError(f"via.t must increase from 0 s, not {via['t']}")
     if via_qd is not None and via_qd.shape != via_q.shape:
         raise InputError(f"via.qd must have {len(via_q)} rows as via.q has, not {len(via_qd)}")
-    methods = _names(data, "methods", METHODS)
+    methods = given.get("methods")
     if via_qd is not None and via_t is None:
         raise InputError("via.qd needs via.t, the times at which the via velocities are meant, s")
     for name in methods or ():
@@ -193,91 +221,66 @@ def _task(data: dict[str, Any], origin: str, folder: Path) -> TaskFile:
         via_q=via_q,
         via_t=via_t,
         via_qd=via_qd,
-        limits=limits_from(robot, limits),
-        methods=methods,
-        settings=settings,
-        outputs=_names(data, "outputs", OUTPUTS) or OUTPUTS,
+        limits=limits_from(robot, given.get("limits", {})),
+        methods=methods and tuple(methods),
+        settings=settings_from(given.get("settings", {})),
+        outputs=tuple(given.get("outputs", OUTPUTS)),
     )
 
 
 def robot_from(data: Mapping[str, Any], folder: Path) -> Robot:
     """The robot that a file names."""
-    source, tip = data.get("robot"), data.get("tip")
+    source = data.get("robot")
     if not isinstance(source, str):
         found = f"not {source!r}" if "robot" in data else "but it is missing"
         raise InputError(
             f"robot must be one of {', '.join(packaged_robots())}, or the path of a .toml or .urdf "
             f"file, {found}"
         )
-    if tip is not None and not isinstance(tip, str):
-        raise InputError(f"tip must be the name of a link, not {tip!r}")
-    return load_robot(source if source in packaged_robots() else str(folder / source), tip)
+    path = source if source in packaged_robots() else str(folder / source)
+    return load_robot(path, data.get("tip"))
 
 
-def _via_array(robot: Robot, via: Mapping[str, Any], key: str) -> FloatArray | None:
-    """Rows [m,n] of ``key`` or ``key_deg`` in SI units; None where neither is given."""
-    in_degrees = f"{key}_deg"
-    if key in via and in_degrees in via:
-        raise InputError(f"via gives both {key} and {in_degrees}: give one of them")
-    name = in_degrees if in_degrees in via else key
-    if name not in via:
-        return None
-    rows = via[name]
+def _via_rows(robot: Robot, key: str, name: str, rows: Any, in_degrees: bool) -> Any:
+    """Rows [m,n] in SI units."""
+    if key == "t":
+        return rows
     if not isinstance(rows, list) or not all(isinstance(row, list) for row in rows) or not rows:
-        raise InputError(f"via.{name} must be a list of rows, one a via point, not {rows!r}")
+        raise InputError(f"{name} must be a list of rows, one a via point, not {shown(rows)}")
     for index, row in enumerate(rows):
         if len(row) != robot.joint_count:
             raise InputError(
-                f"via.{name} must have {robot.joint_count} numbers in every row "
+                f"{name} must have {robot.joint_count} numbers in every row "
                 f"({', '.join(robot.joint_names)}), but row {index + 1} is {row}"
             )
-    values = checks.array(f"via.{name}", rows, (None, robot.joint_count))
-    return values * joint_scale(robot) if name == in_degrees else values
+    values = checks.array(name, rows, (None, robot.joint_count))
+    return values * joint_scale(robot) if in_degrees else values
 
 
 def limits_from(robot: Robot, table: Mapping[str, Any]) -> JointLimits:
     """The limits of the robot with the changes of a table."""
-    changes: dict[str, Any] = {}
-    further = {name: value for name, value in table.items() if name in MEMBER_KEYS}
+
+    def of_joints(key: str, name: str, value: Any, in_degrees: bool) -> Any:
+        if key in MEMBER_KEYS:
+            return value
+        values = per_joint(robot, name, value)
+        return values * joint_scale(robot) if in_degrees else values
+
+    changes = read_table(table, LIMITS, "in table [limits]", "limits.{}", of_joints)
+    further = {name: changes.pop(name) for name in MEMBER_KEYS if name in changes}
     if further:
         changes["also"] = with_further(robot.limits.also, further)
-    for name, value in table.items():
-        if name in further:
-            continue
-        key = name.removesuffix("_deg")
-        if key in changes:
-            raise InputError(f"limits gives both {key} and {key}_deg: give one of them")
-        values = per_joint(robot, f"limits.{name}", value)
-        changes[key] = values * joint_scale(robot) if name != key else values
     with naming("limits."):
         return robot.with_limits(**changes).limits
 
 
 def settings_from(table: Mapping[str, Any]) -> dict[str, Any]:
     """Checked settings of a table."""
-    for key, value in table.items():
-        with naming("settings."):
+    settings = read_table(table, SETTINGS, "in table [settings]", "settings.{}")
+    with naming("settings."):
+        for key, value in settings.items():
             if key == "blend":
                 checks.number("blend", value, "of a segment", above=0.0, at_most=0.5)
-            elif key == "compiled" and not isinstance(value, bool):
-                raise InputError(f"compiled must be true or false, not {value!r}")
             else:
                 _SETTINGS[key](**{key: value})
-    return dict(table)
-
-
-def _names(
-    data: Mapping[str, Any], key: str, allowed: Mapping[str, Any] | Sequence[str]
-) -> tuple[str, ...] | None:
-    if key not in data:
-        return None
-    value = data[key]
-    choices = ", ".join(allowed)
-    if not isinstance(value, list) or not all(isinstance(name, str) for name in value):
-        raise InputError(f"{key} must be a list of names out of {choices}, not {value!r}")
-    for name in value:
-        if name not in allowed:
-            raise InputError(f"{key} has the unknown {name!r}{suggestion(name, allowed)}")
-    if not value or len(set(value)) != len(value):
-        raise InputError(f"{key} must be different names out of {choices}, not {value}")
-    return tuple(value)
+    return settings

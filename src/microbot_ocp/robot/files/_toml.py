@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import fields
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,94 +25,98 @@ import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import InputError, naming
-from microbot_ocp._base.toml_file import parsed
+from microbot_ocp._base.schema import (
+    ANGLE,
+    ANY,
+    NEEDED,
+    TABLE,
+    TABLES,
+    TEXT,
+    Key,
+    keys_of,
+    parsed,
+    read_table,
+)
 from microbot_ocp._base.writing import write_whole
 from microbot_ocp.limits import JOINT_QUANTITIES, Limit, Limits
 from microbot_ocp.robot._links import Link, Rotor
 from microbot_ocp.robot._model import Robot, dh_transform
 from microbot_ocp.robot._shapes import Shape
 
-ANGLES = (
-    "alpha",
-    "theta_offset",
-    "theta",
-    "beta",
-    "q_min",
-    "q_max",
-    "qd_max",
-    "qdd_max",
-    "qddd_max",
-)
 GEOMETRY = ("alpha", "a", "d", "theta_offset")
 INERTIAL = ("mass", "center_of_mass", "inertia", "armature", "allow_unphysical", "rotor")
 FRICTION = ("viscous_friction", "coulomb_friction")
 BOUNDS = ("q_min", *(f"{key}_max" for key in JOINT_QUANTITIES))
-JOINT_KEYS = ("name", "type", *GEOMETRY, "beta", *INERTIAL, *FRICTION, *BOUNDS)
-ROTOR_KEYS = tuple(f.name for f in fields(Rotor))
-SHAPE_KEYS = tuple(f.name for f in fields(Shape))
-ROBOT_KEYS = (
-    "name",
-    "description",
-    "convention",
-    "gravity",
-    "sources",
-    "joint",
-    "limits",
-    "tool",
-    "base",
-    "shape",
-)
+ROBOT = {
+    "name": TEXT,
+    "description": TEXT,
+    "convention": ANY,
+    "gravity": ANY,
+    "sources": ANY,
+    "joint": ANY,
+    "limits": TABLE,
+    "tool": TABLE,
+    "base": TABLE,
+    "shape": TABLES,
+}
+JOINT = {
+    "name": TEXT,
+    "type": Key(choices=("revolute", "prismatic")),
+    "alpha": Key(needed=True, degrees=True),
+    "a": NEEDED,
+    "d": NEEDED,
+    "theta_offset": ANGLE,
+    "beta": ANGLE,
+    **dict.fromkeys((*INERTIAL, *FRICTION), ANY),
+    "rotor": TABLE,
+    **{key: Key(degrees=not key.startswith("tau")) for key in BOUNDS},
+}
+PLACEMENT = {"matrix": ANY, "alpha": ANGLE, "a": ANY, "d": ANY, "theta": ANGLE}
+ROTOR = keys_of(Rotor)
+SHAPE = keys_of(Shape)
 
 
 def parse_robot(text: str, origin: str = "robot") -> Robot:
     """Robot from the text of a TOML file; ``origin`` names it in error messages."""
-    data = parsed(text, origin)
-    for key in data:
-        checks.one_of(f"key in {origin}", key, ROBOT_KEYS)
+    with naming(f"{origin}: "):
+        return _robot(read_table(parsed(text), ROBOT), Path(origin).stem)
+
+
+def _robot(data: dict[str, Any], name: str) -> Robot:
     joints = data.get("joint")
     if not isinstance(joints, list) or not joints or not all(isinstance(j, dict) for j in joints):
-        raise InputError(f"{origin} must have at least one [[joint]] table")
-    rows = [_row(joint, i, origin) for i, joint in enumerate(joints)]
-    links = [_link(row, origin) for row in rows]
+        raise InputError("there must be at least one [[joint]] table")
+    rows = [_row(joint, i) for i, joint in enumerate(joints)]
+    links = [_link(row) for row in rows]
     if any(link is None for link in links) and any(link is not None for link in links):
         missing = next(row["name"] for row, link in zip(rows, links, strict=True) if link is None)
-        raise InputError(f"mass of joint {missing!r} is missing in {origin}: give all or none")
-    with naming(f"{origin}: "):
-        return Robot.from_dh(
-            *([row[key] for row in rows] for key in GEOMETRY),
-            joint_type=[row["type"] for row in rows],
-            links=[link for link in links if link is not None],
-            limits=_limits(rows, _further(data.get("limits", {}), origin)),
-            gravity=data.get("gravity", (0.0, 0.0, -9.81)),
-            tool=_placement("tool", data.get("tool"), origin),
-            base=_placement("base", data.get("base"), origin),
-            name=data.get("name", Path(origin).stem),
-            joint_names=[row["name"] for row in rows],
-            description=data.get("description", ""),
-            beta=[row["beta"] for row in rows],
-            shapes=_shapes(data.get("shape", []), origin),
-            convention=data.get("convention"),
-        )
+        raise InputError(f"mass of joint {missing!r} is missing: give all or none")
+    shapes = data.get("shape", [])
+    return Robot.from_dh(
+        *([row[key] for row in rows] for key in GEOMETRY),
+        joint_type=[row["type"] for row in rows],
+        links=[link for link in links if link is not None],
+        limits=_limits(rows, _further(data.get("limits", {}))),
+        gravity=data.get("gravity", (0.0, 0.0, -9.81)),
+        tool=_placement("tool", data.get("tool")),
+        base=_placement("base", data.get("base")),
+        name=data.get("name", name),
+        joint_names=[row["name"] for row in rows],
+        description=data.get("description", ""),
+        beta=[row["beta"] for row in rows],
+        shapes=[Shape(**read_table(table, SHAPE, "of a shape")) for table in shapes],
+        convention=data.get("convention"),
+    )
 
 
-def _in_radians(table: dict[str, Any], where: str, allowed: tuple[str, ...]) -> dict[str, Any]:
-    """The table with every ``*_deg`` key turned into radians."""
-    result: dict[str, Any] = {}
-    for key, value in table.items():
-        plain = key.removesuffix("_deg")
-        if plain not in allowed or (plain != key and plain not in ANGLES):
-            raise InputError(f"{where} has the unknown key {key!r}; allowed: {', '.join(allowed)}")
-        if plain in result:
-            raise InputError(f"{where} gives {plain!r} twice, in radians and in degrees")
-        if plain != key:
-            if plain in BOUNDS and table.get("type") == "prismatic":
-                raise InputError(f"{key} of {where} cannot be in degrees: the joint is prismatic")
-            if isinstance(value, list):
-                value = np.radians(checks.array(f"{key} of {where}", value, (2,), "deg")).tolist()
-            else:
-                value = float(np.radians(_number_or_inf(f"{key} of {where}", value, "deg")))
-        result[plain] = value
-    return result
+def _in_radians(key: str, name: str, value: Any, in_degrees: bool, prismatic: bool = False) -> Any:
+    if not in_degrees:
+        return value
+    if key in BOUNDS and prismatic:
+        raise InputError(f"{name} cannot be in degrees: the joint is prismatic")
+    if key in BOUNDS and isinstance(value, list):
+        return np.radians(checks.array(name, value, (2,), "deg")).tolist()
+    return float(np.radians(_number_or_inf(name, value, "deg")))
 
 
 def _number_or_inf(name: str, value: Any, unit: str = "") -> float:
@@ -120,48 +124,27 @@ def _number_or_inf(name: str, value: Any, unit: str = "") -> float:
     return value if value in (math.inf, -math.inf) else checks.number(name, value, unit)
 
 
-def _row(table: dict[str, Any], index: int, origin: str) -> dict[str, Any]:
-    label = f"joint {table.get('name', index + 1)!r} in {origin}"
-    row = _in_radians(table, label, JOINT_KEYS)
-    row.setdefault("name", f"joint {index + 1}")
-    if not isinstance(row["name"], str):
-        raise InputError(f"name of {label} must be text, not {row['name']!r}")
-    row["type"] = checks.one_of(
-        f"type of {label}", row.get("type", "revolute"), ("revolute", "prismatic")
-    )
-    row.setdefault("theta_offset", 0.0)
-    row.setdefault("beta", 0.0)
-    for key in (*GEOMETRY, "beta"):
-        if key not in row:
-            raise InputError(f"{key} of {label} is missing")
-        row[key] = checks.number(f"{key} of {label}", row[key])
-    return row
+def _row(table: dict[str, Any], index: int) -> dict[str, Any]:
+    where = f"of joint {table.get('name', index + 1)!r}"
+    in_radians = partial(_in_radians, prismatic=table.get("type") == "prismatic")
+    row = {"name": f"joint {index + 1}", "type": "revolute", "theta_offset": 0.0, "beta": 0.0}
+    row |= read_table(table, JOINT, where, convert=in_radians)
+    return row | {key: checks.number(f"{key} {where}", row[key]) for key in (*GEOMETRY, "beta")}
 
 
-def _link(row: dict[str, Any], origin: str) -> Link | None:
+def _link(row: dict[str, Any]) -> Link | None:
     given = {key: row[key] for key in (*INERTIAL, *FRICTION) if key in row}
     if not given:
         return None
     if "mass" not in given:
         raise InputError(
-            f"mass of joint {row['name']!r} is missing in {origin}, but {', '.join(given)} is given"
+            f"mass of joint {row['name']!r} is missing, but {', '.join(given)} is given"
         )
     given.setdefault("center_of_mass", (0.0, 0.0, 0.0))
-    with naming(f"{origin}: "):
-        if "rotor" in given:
-            given["rotor"] = _rotor(given["rotor"], f"rotor of joint {row['name']!r}")
-        return Link(**given, name=row["name"])
-
-
-def _rotor(table: Any, label: str) -> Rotor:
-    if not isinstance(table, dict):
-        raise InputError(f"{label} must be a table")
-    for key in table:
-        checks.one_of(f"key of {label}", key, ROTOR_KEYS)
-    for key in ROTOR_KEYS[:2]:
-        if key not in table:
-            raise InputError(f"{key} of {label} is missing")
-    return Rotor(**table)
+    if "rotor" in given:
+        where = f"of rotor of joint {row['name']!r}"
+        given["rotor"] = Rotor(**read_table(given["rotor"], ROTOR, where))
+    return Link(**given, name=row["name"])
 
 
 def _limits(rows: list[dict[str, Any]], also: tuple[Limit, ...]) -> Limits:
@@ -185,46 +168,26 @@ def _limits(rows: list[dict[str, Any]], also: tuple[Limit, ...]) -> Limits:
     return Limits(**columns, also=also)
 
 
-def _further(table: Any, origin: str) -> tuple[Limit, ...]:
-    if not isinstance(table, dict):
-        raise InputError(f"limits in {origin} must be a table")
+def _further(table: dict[str, Any]) -> tuple[Limit, ...]:
     if not table:
         return ()
     from microbot_ocp.limits import MEMBER_KEYS, limits_from_table  # these load CasADi
 
-    for key in table:
-        checks.one_of(f"key of limits in {origin}", key, MEMBER_KEYS)
-    return limits_from_table(table)
+    return limits_from_table(read_table(table, dict.fromkeys(MEMBER_KEYS, ANY), "in [limits]"))
 
 
-def _placement(name: str, table: Any, origin: str) -> Any:
+def _placement(name: str, table: Any) -> Any:
     """A constant transform [4,4] from its table: a matrix, or a DH row."""
     if table is None:
         return None
-    if not isinstance(table, dict):
-        raise InputError(f"{name} in {origin} must be a table")
-    if "matrix" in table:
-        if len(table) > 1:
-            raise InputError(f"{name} in {origin} must be a matrix or a DH row, not both")
-        return checks.array(name, table["matrix"], (4, 4))
-    row = _in_radians(table, f"{name} in {origin}", ("alpha", "a", "d", "theta"))
-    numbers = [
-        checks.number(f"{key} of {name} in {origin}", row.get(key, 0.0))
-        for key in ("alpha", "a", "d", "theta")
-    ]
-    return dh_transform(*numbers)
-
-
-def _shapes(tables: Any, origin: str) -> list[Shape]:
-    if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
-        raise InputError(f"shape in {origin} must be [[shape]] tables")
-    for table in tables:
-        for key in table:
-            checks.one_of(f"key of a shape in {origin}", key, SHAPE_KEYS)
-        for key in ("frame", "pose", "kind", "size"):
-            if key not in table:
-                raise InputError(f"{key} of a shape in {origin} is missing")
-    return [Shape(**table) for table in tables]
+    where = f"of {name}"
+    row = read_table(table, PLACEMENT, where, convert=_in_radians)
+    if "matrix" in row:
+        if len(row) > 1:
+            raise InputError(f"{name} must be a matrix or a DH row, not both")
+        return checks.array(name, row["matrix"], (4, 4))
+    keys = ("alpha", "a", "d", "theta")
+    return dh_transform(*(checks.number(f"{key} {where}", row.get(key, 0.0)) for key in keys))
 
 
 def write_toml(robot: Robot, path: str | Path) -> None:
@@ -305,7 +268,7 @@ def _link_lines(link: Link) -> list[str]:
         lines.append("allow_unphysical = true")
     lines += [f"{key} = {getattr(link, key)!r}" for key in ("armature", *FRICTION)]
     if link.rotor is not None:
-        values = {key: getattr(link.rotor, key) for key in ROTOR_KEYS}
+        values = {key: getattr(link.rotor, key) for key in ROTOR}
         values["axis"] = link.rotor.axis.tolist()
         known = (f"{key} = {value!r}" for key, value in values.items() if value is not None)
         lines.append(f"rotor = {{ {', '.join(known)} }}")

@@ -1,0 +1,184 @@
+"""TOML files of keys that a schema declares: a fault is one sentence with what is allowed.
+
+Begin with :func:`read_table`. Robots, tasks, cells, studies and scenes declare a schema a table.
+"""
+
+from __future__ import annotations
+
+import difflib
+import re
+import tomllib
+from collections.abc import Callable, Collection, Iterable, Mapping
+from dataclasses import MISSING, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import InputError, shown
+from microbot_ocp._base.reading import DEEPEST, text_of
+
+MOST_CHARACTERS = 5_000_000  # of TOML, which are read in seconds; a robot file has a few thousand
+_PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')"""
+# tomllib takes as long as the square of the parts of a key
+_DEEP_KEY = re.compile(rf"""(?<![\w."'-]){_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{DEEPEST},}}""")
+
+
+def parsed(text: str) -> dict[str, Any]:
+    """What a text holds.
+
+    Raises
+    ------
+    InputError
+    """
+    try:
+        if len(text) > MOST_CHARACTERS:
+            raise ValueError(f"it has more than {MOST_CHARACTERS:,} characters")
+        if _DEEP_KEY.search(text):
+            raise ValueError(f"tables are nested deeper than {DEEPEST}")
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as problem:  # an integer of 5,000 digits; nesting
+        raise InputError(f"it is not valid TOML: {problem}") from None
+
+
+def table_from(path: str | Path, kind: str) -> dict[str, Any]:
+    """What a file of this kind holds.
+
+    Raises
+    ------
+    InputError
+    """
+    with checks.naming(f"{Path(path).name}: "):
+        return parsed(text_of(path, f"{kind} file"))
+
+
+def check_schema(data: Mapping[str, Any], schema: int) -> None:
+    """Raise InputError where a file is of another version of the format."""
+    if type(data.get("schema")) is not int or data["schema"] != schema:
+        found = f"not {data['schema']!r}" if "schema" in data else "but it is missing"
+        raise InputError(f"schema must be {schema}, {found}")
+
+
+@dataclass(frozen=True)
+class Key:
+    """What a table may hold under a key; values are checked by what they are given to.
+
+    Attributes
+    ----------
+    type : bool, str, dict (a table), list (tables, ``[[key]]``), or None for anything
+    needed : whether it must be given
+    degrees : whether ``key_deg`` may be given in its place
+    choices : words that it must be one of
+    several : whether it is a list of different words of ``choices``
+    """
+
+    type: type | None = None
+    needed: bool = False
+    degrees: bool = False
+    choices: Collection[str] = ()
+    several: bool = False
+
+    def check(self, name: str, value: Any) -> None:
+        """Raise InputError where a value is not of this kind."""
+        if self.several:
+            _check_names(name, value, self.choices)
+        elif self.choices:
+            checks.one_of(name, value, self.choices)
+        elif self.type is list:
+            if not isinstance(value, list) or not all(isinstance(row, Mapping) for row in value):
+                key = name.split()[0]
+                raise InputError(f"{name} must be [[{key}]] tables, not {shown(value)}")
+        elif self.type is not None and not isinstance(value, TYPES[self.type][0]):
+            raise InputError(f"{name} must be {TYPES[self.type][1]}, not {shown(value)}")
+
+
+TYPES: dict[type, tuple[type, str]] = {
+    bool: (bool, "true or false"),
+    str: (str, "text"),
+    dict: (Mapping, "a table"),
+}
+ANY, TEXT, FLAG, TABLE, TABLES = Key(), Key(str), Key(bool), Key(dict), Key(list)
+NEEDED = Key(needed=True)
+ANGLE = Key(degrees=True)
+Schema = Mapping[str, Key]
+Convert = Callable[[str, str, Any, bool], Any]
+
+
+def keys_of(kind: Any, /, **others: Key) -> dict[str, Key]:
+    """The keys of a table that becomes a dataclass: its fields; ``others`` stand in their place."""
+    return {
+        f.name: Key(needed=f.default is MISSING and f.default_factory is MISSING)
+        for f in fields(kind)
+    } | others
+
+
+def names_of(schema: Schema) -> tuple[str, ...]:
+    """Every key as files may write it, those in degrees among them."""
+    return tuple(
+        name
+        for key, entry in schema.items()
+        for name in ((key, f"{key}_deg") if entry.degrees else (key,))
+    )
+
+
+def read_table(
+    table: Mapping[str, Any],
+    schema: Schema,
+    where: str = "at the top level",
+    named: str = "",
+    convert: Convert | None = None,
+) -> dict[str, Any]:
+    """A table whose keys are those of a schema, without ``_deg``.
+
+    Parameters
+    ----------
+    table, schema
+    where : str
+        Which table it is, for messages: "in stop 'pick'".
+    named : str
+        What to call a key in messages, in the place of {}; default "{}" and ``where``.
+    convert : callable
+        Makes the value of a key, its name in messages, what was written and whether that is in
+        degrees.
+
+    Raises
+    ------
+    InputError
+        An unknown key, with a suggestion; one given twice, missing or of another kind.
+    """
+    named = named or ("{}" if where == "at the top level" else f"{{}} {where}")
+    allowed = names_of(schema)
+    read: dict[str, Any] = {}
+    for written, value in table.items():
+        if written not in allowed:
+            raise InputError(f"unknown key {written!r} {where}{suggestion(written, allowed)}")
+        key = written if written in schema else written.removesuffix("_deg")
+        name = named.replace("{}", written)
+        if key in read:
+            name = named.replace("{}", key)
+            raise InputError(f"{name} is given twice: give {key} or {key}_deg, not both")
+        schema[key].check(name, value)
+        read[key] = value if convert is None else convert(key, name, value, key != written)
+    for key, entry in schema.items():
+        if entry.needed and key not in read:
+            choices = f": it must be one of {', '.join(entry.choices)}" if entry.choices else ""
+            raise InputError(f"{named.replace('{}', key)} is missing{choices}")
+    return read
+
+
+def _check_names(name: str, value: Any, allowed: Collection[str]) -> None:
+    choices = ", ".join(allowed)
+    if not isinstance(value, list) or not all(isinstance(entry, str) for entry in value):
+        raise InputError(f"{name} must be a list of names out of {choices}, not {shown(value)}")
+    for entry in value:
+        if entry not in allowed:
+            raise InputError(f"{name} has the unknown {entry!r}{suggestion(entry, allowed)}")
+    if not value or len(set(value)) != len(value):
+        raise InputError(f"{name} must be different names out of {choices}, not {shown(value)}")
+
+
+def suggestion(word: str, allowed: Iterable[str]) -> str:
+    """The nearest of the allowed words, and all of them."""
+    names = list(allowed)
+    close = difflib.get_close_matches(word, names, n=1, cutoff=0.6)
+    asked = f"; did you mean {close[0]!r}?" if close else ";"
+    return f"{asked} allowed: {', '.join(names)}"
