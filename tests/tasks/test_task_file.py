@@ -8,8 +8,20 @@ import numpy as np
 import pytest
 
 import microbot_ocp as mo
-from microbot_ocp.scene import with_arm_capsules
-from microbot_ocp.tasks import KEYS, OUTPUTS, is_cell_file, parse_task, read_cell, read_task
+from microbot_ocp._base.schema import keys_of
+from microbot_ocp.robot.files import _toml
+from microbot_ocp.scene import _scene_file, with_arm_capsules
+from microbot_ocp.scene._obstacles import KINDS
+from microbot_ocp.sweeps import _study_file
+from microbot_ocp.tasks import (
+    OUTPUTS,
+    _cell_file,
+    _task_file,
+    is_cell_file,
+    parse_task,
+    read_cell,
+    read_task,
+)
 
 ROOT = Path(__file__).parents[2]
 DOCUMENT = ROOT / "docs" / "task_file.md"
@@ -43,14 +55,25 @@ def test_the_example_of_the_document():
     assert result["time_optimal"].motion.duration == pytest.approx(1.923, abs=0.01)
 
 
-def test_the_document_names_every_key():
-    text = DOCUMENT.read_text("utf-8")
-    for keys in KEYS.values():
-        for key in keys:
-            stem = key.removesuffix("_deg")
-            assert f"`{key}`" in text or f"[{key}]" in text or f"`{stem}`" in text, key
-    for name in (*mo.METHODS, *OUTPUTS):
-        assert f"`{name}`" in text
+@pytest.mark.parametrize(
+    ("page", "schemas"),
+    [
+        ("task_file.md", [_task_file.TASK, _task_file.VIA, _task_file.LIMITS, _task_file.SETTINGS]),
+        ("task_file.md", [_task_file.CELL, _cell_file.STOP, _cell_file.CAPSULE, _cell_file.FRONT]),
+        ("task_file.md", [_cell_file.PAYLOAD, keys_of(mo.Circle), keys_of(mo.JointLine)]),
+        ("how-to/robot_from_toml.md", [_toml.ROBOT, _toml.JOINT, _toml.PLACEMENT]),
+        ("how-to/robot_from_toml.md", [_toml.ROTOR, _toml.SHAPE]),
+        ("how-to/sweeps.md", [_study_file.STUDY, _study_file.CASES, _study_file.RANGE]),
+        ("how-to/obstacles.md", [_scene_file.SCENE, *map(_scene_file._schema, KINDS)]),
+    ],
+)
+def test_the_document_names_every_key(page, schemas):
+    text = (ROOT / "docs" / page).read_text("utf-8")
+    for key in {key for schema in schemas for key in schema}:
+        assert re.search(rf"\b{key}\b", text), key
+    if page == "task_file.md":
+        for name in (*mo.METHODS, *OUTPUTS):
+            assert f"`{name}`" in text
 
 
 def test_what_is_not_given_is_left_to_the_robot_and_to_compare():
