@@ -14,7 +14,7 @@ import numpy as np
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import InputError, naming
 from microbot_ocp._base.reading import text_of
-from microbot_ocp._base.toml_file import check_keys, parsed, table_of
+from microbot_ocp._base.schema import ANY, FLAG, NEEDED, TABLE, TEXT, Key, parsed, read_table
 from microbot_ocp.limits import JOINT_QUANTITIES, JointLimits, Limit, Limits
 from microbot_ocp.robot import Robot
 
@@ -183,7 +183,7 @@ def controller_profile(source: str | Path | Profile) -> Profile:
             f"it, or the path of a .toml file, not {checks.shown(source)}"
         )
     with naming(f"{origin}: "):
-        profile = _profile(parsed(text, origin))
+        profile = _profile(parsed(text))
     if not rate:
         return profile
     try:
@@ -193,28 +193,41 @@ def controller_profile(source: str | Path | Profile) -> Profile:
     return replace(profile, rate=checks.number("rate", hertz, "Hz", above=0.0))
 
 
+PROFILE = {
+    "name": Key(str, needed=True),
+    "description": TEXT,
+    "interpolation": NEEDED,
+    "rate": ANY,
+    "columns": ANY,
+    "gravity": FLAG,
+    "rests": FLAG,
+    "limits": TABLE,
+    "braking": TABLE,
+    "look_ahead": ANY,
+    "sources": ANY,
+}
+
+
 def _profile(data: Mapping[str, Any]) -> Profile:
-    plain = ("name", "description", "interpolation", "rate", "columns", "gravity", "rests")
-    check_keys(data, (*plain, "limits", "braking", "look_ahead", "sources"))
-    given = {key: data[key] for key in plain if key in data}
-    for key in ("name", "interpolation"):
-        if key not in given:
-            raise InputError(f"{key} is missing")
+    given = read_table(data, PROFILE)
+    limits, braking = (given.pop(key, {}) for key in ("limits", "braking"))
+    ahead = given.pop("look_ahead", None)
     if "columns" in given:
         given["columns"] = tuple(given["columns"])
-    bounds = {key: _bound(value) for key, value in table_of(data, "limits", LIMIT_KEYS).items()}
+    bounds = read_table(limits, dict.fromkeys(LIMIT_KEYS, ANY), "in table [limits]")
+    bounds = {key: _bound(value) for key, value in bounds.items()}
     also: list[Limit] = []
-    braking = table_of(data, "braking", BRAKING_KEYS)
+    braking = read_table(braking, dict.fromkeys(BRAKING_KEYS, ANY), "in table [braking]")
     if braking:
         columns = {key: tuple(map(float, np.ravel(braking[key]))) for key in braking}
         velocity = Braking(**columns)
         also.append(velocity.limit("velocity before the end"))
     else:
         velocity = Braking(None, None, tuple(map(float, np.ravel(bounds.get("qd_max", 0.0)))))
-    if "look_ahead" in data:
-        ahead = checks.number("look_ahead", data["look_ahead"], "s", above=0.0)
+    if ahead is not None:
+        ahead = checks.number("look_ahead", ahead, "s", above=0.0)
         also.append(velocity.limit("velocity ahead", ahead))
-    return Profile(**given, limits=Limits(**bounds, also=also), sources=data.get("sources", {}))
+    return Profile(**given, limits=Limits(**bounds, also=also))
 
 
 def _bound(value: Any) -> Any:
