@@ -54,7 +54,7 @@ $(VENV)/.ready-%: pyproject.toml | $(VENV)/.made
 	@touch $@ $(VENV)/.ready
 
 demo: $(VENV)/.ready
-	@$(BIN)/python problems/07_time_optimal_comparison.py --out $(OUT)
+	@$(BIN)/microbot-ocp demo --out $(OUT)
 	@echo; echo "Outputs in $(OUT):"
 	@find $(OUT) -type f | sort | sed 's/^/  /'
 	@echo "Pictures and tables open in any viewer; a recording (.rrd) opens with:"

@@ -35,7 +35,6 @@ WRITTEN = {
     "course/control.md": {"gains.png": "course/gains.png"},
     "course/time_optimal.md": {"use.png": "course/use.png"},
 }
-DEMO = DOCS.parent / "problems" / "07_time_optimal_comparison.py"
 SCRIPTS = (
     "make_order_plot.py",
     "make_certificate_plot.py",
@@ -56,7 +55,8 @@ def main() -> None:
                 shutil.copyfile(Path(folder) / written, IMAGES / name)
                 print(IMAGES / name)
     with tempfile.TemporaryDirectory() as folder:
-        subprocess.run([sys.executable, str(DEMO), "--out", folder], check=True)
+        program = [sys.executable, "-m", "microbot_ocp.cli"]
+        subprocess.run([*program, "demo", "--out", folder], check=True)
         shutil.copyfile(Path(folder) / "comparison.png", IMAGES / "comparison.png")
     for script in scripts:
         subprocess.run([sys.executable, str(DOCS / script)], check=True)

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import os
 import re
 import subprocess
 import sys
+import sysconfig
+import venv
 import zipfile
 from email.parser import Parser
 from pathlib import Path
 
 import pytest
+
+import microbot_ocp as mo
 
 pytestmark = pytest.mark.slow
 
@@ -59,3 +64,32 @@ def test_metadata_names_what_it_needs(wheel: zipfile.ZipFile) -> None:
     }
     assert needed == {"casadi", "lazy-loader", "numpy", "matplotlib", "rerun-sdk", "rich", "typer"}
     assert Path(wheel.filename or "").name.endswith("-py3-none-any.whl")
+
+
+@pytest.mark.thorough
+def test_the_demo_runs_from_the_wheel(wheel: zipfile.ZipFile, tmp_path: Path) -> None:
+    """In an environment without the source: only what others have made is taken from here."""
+    home = tmp_path / "environment"
+    venv.create(home, symlinks=True)
+    python = home / "bin" / "python"
+    paths = sysconfig.get_path("purelib", "venv", {"base": str(home)})
+    Path(paths, "others.pth").write_text(sysconfig.get_path("purelib"))
+    install = [sys.executable, "-m", "pip", "--python", str(python), "install", "--no-deps"]
+    subprocess.run([*install, "--quiet", "--ignore-installed", str(wheel.filename)], check=True)
+    clean = {k: v for k, v in os.environ.items() if not k.startswith(("PYTHON", "MICROBOT"))}
+    command = [home / "bin" / "microbot-ocp", "demo", "--mesh", "20"]
+    where = subprocess.run(
+        [python, "-c", "import microbot_ocp; print(microbot_ocp.__file__)"],
+        capture_output=True, text=True, cwd=tmp_path, env=clean, check=True,
+    )  # fmt: skip
+    assert Path(where.stdout.strip()).is_relative_to(home)
+    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, env=clean)
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.splitlines()
+    assert all(any(line.startswith(m.title) for line in lines) for m in mo.METHODS.values())
+    assert lines[-1] == "written: 16 files in microbot-demo"
+    out = tmp_path / "microbot-demo"
+    names = {str(p.relative_to(out)) for p in out.rglob("*") if p.is_file()}
+    expected = {"comparison.json", "comparison.csv", "comparison.rrd", "report.pdf"}
+    expected |= {f"{name}.{kind}" for name in ("comparison", "paths") for kind in ("png", "pdf")}
+    assert names == expected | {f"motions/{name}.npz" for name in mo.METHODS}

@@ -27,6 +27,7 @@ from microbot_ocp.cli import (
 
 ROOT = Path(__file__).resolve().parents[2]
 COMMANDS = [
+    "demo",
     "robots",
     "show",
     "fk",
@@ -579,6 +580,21 @@ def test_doctor(call, ask, monkeypatch):
     code, out, _ = call("doctor")
     assert code == 1
     assert "MISSING" in out
+
+
+def test_the_demo_opens_its_report_where_there_is_somebody_to_see_it(call, tmp_path, monkeypatch):
+    assert call("demo", "--mesh", "2")[0] == 2
+    opened = []
+    monkeypatch.setattr("webbrowser.open", opened.append)
+    monkeypatch.setattr("microbot_ocp.cli._motions.has_display", lambda: True)
+    monkeypatch.setattr(mo.Comparison, "save", lambda *_, **__: [])
+    comparison = mo.compare(mo.load_robot("planar_2r"), [[0, 0], [1, 1]], ["cubic"])
+    monkeypatch.setattr("microbot_ocp.tasks._task_file.TaskFile.compare", lambda *_: comparison)
+    assert call("demo")[0] == 0
+    assert opened == []
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True)
+    assert call("demo", "--out", "again")[0] == 0
+    assert opened == [(tmp_path / "again" / "report.pdf").as_uri()]
 
 
 FOR_DEVELOPERS = {"test", "docs", "fuzz", "release", "bench"}

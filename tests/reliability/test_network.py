@@ -86,8 +86,7 @@ def test_a_live_view_and_saved_results_ask_no_other_machine(tmp_path, home):
 
 @pytest.mark.skipif("MICROBOT_OCP_KILLS" not in os.environ, reason="tried by make faults")
 def test_the_demo_asks_no_other_machine(tmp_path, home):
-    demo = ROOT / "problems/07_time_optimal_comparison.py"
-    assert traced(tmp_path, [demo, "--out", "out"], home) == set()
+    assert traced(tmp_path, ["-m", "microbot_ocp.cli", "demo"], home) == set()
 
 
 def test_a_notebook_that_runs_and_is_exported_asks_no_other_machine(tmp_path, home):

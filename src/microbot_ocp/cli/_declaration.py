@@ -278,6 +278,7 @@ class Command:
     function : makes the answer
     library : public functions that get its parameters, and the names of those in ``**settings``
     writes : endings of what ``--out`` writes, "" for a folder; none where it writes nothing
+    folder : where ``--out`` is by default; empty where it has to be given
     recorded : whether its answer has a recording
     solves : whether a solver is at work, which can be watched, and a certificate may be refused
     """
@@ -285,6 +286,7 @@ class Command:
     function: Callable[..., Answer]
     library: Mapping[str, str]
     writes: tuple[str, ...] = ()
+    folder: str = ""
     recorded: bool = False
     solves: bool = False
 
@@ -318,6 +320,8 @@ class Command:
             settings = inspect.signature(source).parameters
             declared |= {n: (settings[n].annotation, settings[n].default) for n in names.split()}
         declared |= {option.name: (option.type, option.default) for option in self.shared}
+        if self.folder:
+            declared["out"] = (declared["out"][0], Path(self.folder))
         texts = documented(Report) | documented(self.function)
         kinds = {}
         for name, (hint, default) in declared.items():

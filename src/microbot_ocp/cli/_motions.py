@@ -1,9 +1,12 @@
-"""``simulate``, ``compare``, ``time-optimal`` and ``solve``: motions found, certified and shown."""
+"""``demo``, ``simulate``, ``compare``, ``time-optimal`` and ``solve``: motions and certificates."""
 
 from __future__ import annotations
 
+import sys
+import webbrowser
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -24,13 +27,14 @@ from microbot_ocp.cli._declaration import (
     Numbers,
     command,
 )
-from microbot_ocp.cli._report import Answer, Progress
+from microbot_ocp.cli._report import Answer, Progress, has_display
 from microbot_ocp.motion import SAMPLE_STEP, Motion
 from microbot_ocp.planning import time_optimal as find_time_optimal
 from microbot_ocp.robot import JointLimits, Robot
 from microbot_ocp.tasks import METHODS, OUTPUTS, is_cell_file, read_cell, read_task
 from microbot_ocp.views import tables
 
+REPORT = "report.pdf"
 NAMES = Kind(
     metavar="NAMES",
     text=f"Some of {', '.join(METHODS)}; default all, those of given times with --time.",
@@ -299,6 +303,39 @@ def check(
     certificate = mo.check(arm, file, profile, scene=surroundings)
     document = {"robot": arm.name, "profile": profile, "certificate": certificate.as_dict()}
     return Answer(document, tables.use_blocks(arm, certificate), certified=certificate.ok)
+
+
+@command(writes=("",), folder="microbot-demo", recorded=True, solves=True)
+def demo(progress: Progress, mesh: int = 200) -> Answer:
+    """Run the comparison of the first page.
+
+    The 3R Microbot moves through three poses by every method, under the same limits. On a terminal
+    with a screen the report opens in the end. Exit code 1 where a method found no certified
+    solution.
+
+    Parameters
+    ----------
+    out : FOLDER
+        Folder for the report, tables, figures, recording, motions.
+    mesh : N
+        Intervals between two poses.
+
+    Examples
+    --------
+    $ microbot-ocp demo
+    """
+    with as_file(files("microbot_ocp.tasks") / "packaged" / "demo.toml") as path:
+        task = read_task(path)
+    task = replace(task, settings={**task.settings, "mesh": mesh})
+    answer = _compared(task.compare(progress), task.outputs, progress)
+
+    def save(path: Path) -> object:
+        written = answer.save(path) if answer.save else []
+        if sys.stdout.isatty() and has_display():
+            webbrowser.open((path / REPORT).absolute().as_uri())
+        return written
+
+    return replace(answer, save=save)
 
 
 def _compared(comparison: mo.Comparison, outputs: Sequence[str], progress: Progress) -> Answer:

@@ -31,6 +31,8 @@ from microbot_ocp.cli import _process as process
 
 PROGRAM = "microbot-ocp"
 COMMANDS = {  # and the module of each
+    "demo": "_motions"
+} | {
     name: module
     for module, names in {
         "_robots": ("robots", "show", "fk", "ik"),
