@@ -488,13 +488,13 @@ def test_compare_saves_what_replay_reads(ask, refused, tmp_path):
 
 
 def test_a_method_that_cannot_do_the_task_is_exit_code_1(call, monkeypatch):
-    import microbot_ocp.tasks._comparison as comparison
+    import microbot_ocp.tasks._methods as methods
 
     def fail(_):
         raise mo.InputError("it cannot be done")
 
-    method = comparison.Method("LSPB, best split of times", fail)
-    monkeypatch.setitem(comparison.METHODS, "lspb", method)
+    method = methods.Method("LSPB, best split of times", fail)
+    monkeypatch.setitem(methods.METHODS, "lspb", method)
     arguments = ("compare", "microbot", "--via-deg", VIA_DEG, "--methods", "cubic,lspb")
     code, out, err = call(*arguments)
     assert (code, err) == (1, "")

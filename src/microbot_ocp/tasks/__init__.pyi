@@ -7,7 +7,6 @@ from ._cell_file import (
     read_cell as read_cell,
 )
 from ._comparison import (
-    METHODS as METHODS,
     OUTPUTS as OUTPUTS,
     Comparison as Comparison,
     Entry as Entry,
@@ -20,6 +19,9 @@ from ._front import (
     FrontPoint as FrontPoint,
     time_effort_front as time_effort_front,
     time_torque_front as time_torque_front,
+)
+from ._methods import (
+    METHODS as METHODS,
 )
 from ._saved import (
     load_comparison as load_comparison,

@@ -1,7 +1,4 @@
-"""The same task by every method under the same limits.
-
-A method is one line in :data:`METHODS`: a key, a title and a function from the task to a motion.
-"""
+"""The same task by every method of :data:`METHODS` under the same limits."""
 
 from __future__ import annotations
 
@@ -21,38 +18,22 @@ from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
 from microbot_ocp._base.status import Status
 from microbot_ocp._base.writing import NotWritten, made_folder, temporary_path
 from microbot_ocp.certificate import Certificate, certificate_of
-from microbot_ocp.limits import LimitFamily
-from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial
-from microbot_ocp.ocp.solution import Iteration, StepProgress, quiet
+from microbot_ocp.motion import Motion
+from microbot_ocp.ocp.solution import Iteration, quiet
 from microbot_ocp.planning import (
     PathTimingSettings,
     TimeOptimalSettings,
-    best_timing,
     check_limits,
-    check_path,
     check_via,
-    fastest_motion,
-    straight_through,
 )
 from microbot_ocp.robot import JointLimits, Limits, Robot
 from microbot_ocp.tasks._folder import swap_in
-from microbot_ocp.trajectories import (
-    Scaled,
-    ViaPoints,
-    best_durations,
-    best_split,
-    cubic_through,
-    first_splits,
-    lspb_through,
-    shortest_duration,
-    via_velocities,
-)
+from microbot_ocp.tasks._methods import METHODS, ComparedTask
 
 if TYPE_CHECKING:
     from microbot_ocp._base.table import Table
 
 REFERENCE = "cubic"
-BLEND = 0.25  # of each segment, where LSPB's times are as given; its best ones start from it
 LEAST_TIME = 1e-3  # s, of a method where the time is over
 SOLVING = 0.8  # share of a method's time; the rest is its certificate's
 # Work of a method and of an output where it is more than one unit, of about a second at most.
@@ -76,241 +57,6 @@ class Step:
 
 
 Progress = Callable[[Step], None]
-
-
-@dataclass(frozen=True, eq=False)
-class ComparedTask:
-    """Via points, with what is given of the textbook methods.
-
-    Attributes
-    ----------
-    family : LimitFamily
-        The limits of the task.
-    via_q : array [m,n], rad
-    via_t : array [m], s, or None
-    via_qd : array [m,n], rad/s, or None
-        Via velocities of the textbook methods at ``via_t``; None for Craig's heuristic.
-    blend : float, or None
-        Blend time of LSPB as a share of each segment.
-    free_settings, path_settings
-        For the time-optimal solvers.
-    tell : callable
-        Takes a line of progress, or an iteration.
-    """
-
-    family: LimitFamily
-    via_q: FloatArray
-    via_t: FloatArray | None
-    via_qd: FloatArray | None
-    blend: float | None
-    free_settings: TimeOptimalSettings
-    path_settings: PathTimingSettings
-    tell: StepProgress
-
-    @property
-    def robot(self) -> Robot:
-        """With the limits of the task."""
-        return self.family.robot
-
-    @property
-    def given(self) -> FloatArray:
-        """Durations of the segments as given, s."""
-        assert self.via_t is not None
-        return np.diff(self.via_t)
-
-    @property
-    def first(self) -> FloatArray:
-        """Durations [s,m-1] of the segments that the search for the best split starts from."""
-        first = first_splits(self.via_q)
-        return first if self.via_t is None else np.vstack([self.given, first])
-
-    def cubic(self, durations: FloatArray) -> PiecewisePolynomial:
-        """Cubic segments of these durations."""
-        via, velocities = self._via(durations)
-        return cubic_through(via, velocities)
-
-    def lspb(self, durations: FloatArray, blends: FloatArray) -> PiecewisePolynomial:
-        """Linear segments of these durations with parabolic blends."""
-        via, velocities = self._via(durations)
-        return lspb_through(via, blends, velocities)
-
-    def _via(self, durations: FloatArray) -> tuple[ViaPoints, FloatArray]:
-        """Via points and velocities there; given ones are slower as the whole motion is."""
-        via = ViaPoints(self.via_q, np.concatenate([[0.0], np.cumsum(durations)]))
-        if self.via_qd is None or self.via_t is None:
-            return via, via_velocities(via)
-        return via, self.via_qd * (self.via_t[-1] / via.t[-1])
-
-
-@dataclass(frozen=True)
-class Method:
-    """One way to do a task."""
-
-    title: str
-    solve: Callable[[ComparedTask], Motion]
-    timed: bool = False  # needs the times of the task
-
-
-def _as_given(task: ComparedTask) -> Motion:
-    return Motion.from_polynomial(
-        task.robot,
-        task.cubic(task.given),
-        label="cubic as given",
-        marks=_via_marks(task.given),
-        provenance={"method": "cubic segments at the given timing", "status": Status.SOLVED},
-        note="not scaled to the limits",
-    )
-
-
-def _scaled_motion(
-    task: ComparedTask, scaled: Scaled, durations: FloatArray, label: str, method: str, note: str
-) -> Motion:
-    """The motion of a shape scaled to the limits, with the durations of its segments."""
-    of = f" of {scaled.joint}" if scaled.joint else ""
-    where = f"{scaled.quantity.replace('_', ' ')}{of} at {scaled.time:.3f} s"
-    velocities = "Craig's heuristic" if task.via_qd is None else "as given, slower as the motion is"
-    via = f"; via velocities: {velocities}" if len(durations) > 1 else ""
-    return Motion.from_polynomial(
-        task.robot,
-        scaled.polynomial,
-        label=label,
-        marks=_via_marks(durations),
-        provenance={
-            "method": method,
-            "status": scaled.status,
-            "factor": scaled.factor,
-            "segments": durations.tolist(),
-            "met": where,
-            "iterations": scaled.iterations,
-            "wall_time": scaled.wall_time,
-        },
-        note=f"{note}{via}; just meets the limit of {where}",
-    )
-
-
-def _work(method: str) -> int:
-    """Units of work to solve by a method and to certify what it finds."""
-    return WORK.get(method, 1) + 1
-
-
-def _scaled_cubic(task: ComparedTask) -> Motion:
-    scaled = shortest_duration(task.robot, task.cubic(task.given))
-    return _scaled_motion(
-        task,
-        scaled,
-        task.given * scaled.factor,
-        "cubic, as given, scaled",
-        "cubic segments, one time scale",
-        f"all times x {scaled.factor:.4f}",
-    )
-
-
-def _best_cubic(task: ComparedTask) -> Motion:
-    scaled = best_split(task.robot, task.cubic, task.first)
-    assert scaled.split is not None
-    return _scaled_motion(
-        task,
-        scaled,
-        scaled.split,
-        "cubic, best split",
-        "cubic segments, a time scale each",
-        _seconds("segments", scaled.split),
-    )
-
-
-def _scaled_lspb(task: ComparedTask) -> Motion:
-    share = BLEND if task.blend is None else task.blend
-    scaled = shortest_duration(task.robot, task.lspb(task.given, share * task.given))
-    motion = _scaled_motion(
-        task,
-        scaled,
-        task.given * scaled.factor,
-        "LSPB, as given, scaled",
-        "linear segments with parabolic blends, one time scale",
-        f"all times x {scaled.factor:.4f}, blends {share:g} of each segment",
-    )
-    return _with_passages(task, motion, scaled.polynomial)
-
-
-def _best_lspb(task: ComparedTask) -> Motion:
-    """Best durations of the segments and, where no share is given, of their blends."""
-    share, count = task.blend, len(task.via_q) - 1
-
-    def durations(parts: FloatArray) -> FloatArray:  # of blends, then of what is between them
-        return parts if share is not None else 2.0 * parts[:count] + parts[count:]
-
-    def blends(parts: FloatArray) -> FloatArray:
-        return parts[:count] if share is None else share * parts
-
-    first = task.first
-    if share is None:
-        first = np.hstack([BLEND * first, (1.0 - 2.0 * BLEND) * first])
-    scaled = best_split(task.robot, lambda p: task.lspb(durations(p), blends(p)), first)
-    assert scaled.split is not None
-    segments = durations(scaled.split)
-    chosen = f"blends {share:g} of each" if share else _seconds("blends", blends(scaled.split))
-    motion = _scaled_motion(
-        task,
-        scaled,
-        segments,
-        "LSPB, best split",
-        "linear segments with parabolic blends, a time scale each",
-        f"{_seconds('segments', segments)}, {chosen}",
-    )
-    return _with_passages(task, motion, scaled.polynomial)
-
-
-def _seconds(of: str, durations: FloatArray) -> str:
-    if len(durations) > 4:
-        return f"{of} of {durations.min():.3f} to {durations.max():.3f} s"
-    return f"{of} of {', '.join(f'{duration:.3f}' for duration in durations)} s"
-
-
-def _with_passages(task: ComparedTask, motion: Motion, polynomial: PiecewisePolynomial) -> Motion:
-    """With a note of how LSPB passes the via points."""
-    times = np.array([mark.time for mark in motion.marks[1:-1]])
-    state = polynomial(times), polynomial.derivative()(times)
-    passes = "; ".join(_passage(*point) for point in zip(task.via_q[1:-1], *state, strict=True))
-    return motion if not passes else _noted(motion, f"{motion.note}; {passes}")
-
-
-def _passage(via: FloatArray, q: FloatArray, qd: FloatArray) -> str:
-    miss = float(np.abs(q - via).max())
-    speeds = ", ".join(f"{v:.3f}" for v in qd)
-    if miss < 1e-9:
-        return f"passes the via point, at qd = ({speeds}) rad/s"
-    return f"does not pass the via point: misses it by {miss:.4f} rad, qd = ({speeds}) rad/s"
-
-
-def _straight_path(task: ComparedTask) -> Motion:
-    return _timed(task, straight_through(task.via_q), "straight path, best timing")
-
-
-def _cubic_path(task: ComparedTask) -> Motion:
-    """Along the path of the best split, which is not refused for a torque rate, as its cubic is."""
-    durations = best_durations(task.robot, task.cubic, task.first)
-    return _timed(task, task.cubic(durations), "cubic's path, best timing")
-
-
-def _timed(task: ComparedTask, path: PiecewisePolynomial, label: str) -> Motion:
-    check_path(task.family, path)
-    return best_timing(task.family, path, task.path_settings, label, task.tell)
-
-
-def _free(task: ComparedTask) -> Motion:
-    return fastest_motion(task.family, task.via_q, task.free_settings, task.tell)
-
-
-METHODS: dict[str, Method] = {
-    "cubic_report": Method("cubic, as given", _as_given, timed=True),
-    "cubic_scaled": Method("cubic, as given, scaled", _scaled_cubic, timed=True),
-    "cubic": Method("cubic, best split of times", _best_cubic),
-    "lspb_scaled": Method("LSPB, as given, scaled", _scaled_lspb, timed=True),
-    "lspb": Method("LSPB, best split of times", _best_lspb),
-    "straight_path": Method("straight path, best timing", _straight_path),
-    "cubic_path": Method("cubic's path, best timing", _cubic_path),
-    "time_optimal": Method("time-optimal, free", _free),
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -348,6 +94,12 @@ class Entry:
     torque_squared: float
     work: float
     details: Mapping[str, Any]
+
+    @classmethod
+    def without(cls, name: str, note: str, wall: float) -> Entry:
+        """The entry of a method that has no motion, in a wall time, s."""
+        title, status, nothing = METHODS[name].title, Status.NOT_POSSIBLE, float("nan")
+        return cls(name, title, None, None, status, note, wall, nothing, nothing, {})
 
     @property
     def solved(self) -> bool:
@@ -599,14 +351,29 @@ def compare(
                 text = f"{METHODS[name].title}: {event}"
                 progress(Step(done, total, stage, text, iteration))
 
-        told = quiet if progress is None else tell
-        task = ComparedTask(family, via, times, velocities, blend, free, path, told)
+        heard = quiet if progress is None else tell
+        task = ComparedTask(family, via, times, velocities, blend, free, path, heard)
         tell("solving")
-        share = (until - time.perf_counter()) / (len(names) - index)
-        entries.append(_entry(name, task, tell, max(share, LEAST_TIME)))
+        seconds = max((until - time.perf_counter()) / (len(names) - index), LEAST_TIME)
+        begin = time.perf_counter()
+        try:
+            with deadline.within(SOLVING * seconds):
+                motion = METHODS[name].solve(task)
+        except InputError as problem:  # this method cannot do the task; the others may
+            wall = time.perf_counter() - begin
+            entries.append(Entry.without(name, str(problem), wall))
+            continue
+        wall = time.perf_counter() - begin
+        tell(f"{motion.duration:.4f} s, certifying", stage="certify")
+        entries.append(_entry(name, task, motion, wall, seconds))
     if progress is not None:
         progress(Step(total, total, "done", f"{len(names)} methods done"))
     return Comparison(robot, via, family.robot.limits, tuple(entries), REFERENCE)
+
+
+def _work(method: str) -> int:
+    """Units of work to solve by a method and to certify what it finds."""
+    return WORK.get(method, 1) + 1
 
 
 def _method_names(methods: Sequence[str] | None, timed: bool) -> list[str]:
@@ -649,36 +416,15 @@ def _timing(
     return times, checks.array("via_qd", via_qd, via.shape, "rad/s")
 
 
-def _entry(name: str, task: ComparedTask, tell: Callable[..., None], seconds: float) -> Entry:
-    begin = time.perf_counter()
-    method = METHODS[name]
-    try:
-        with deadline.within(SOLVING * seconds):
-            motion = method.solve(task)
-    except InputError as problem:  # this method cannot do the task; the others may
-        wall = time.perf_counter() - begin
-        nothing = float("nan")
-        return Entry(
-            name=name,
-            title=method.title,
-            motion=None,
-            certificate=None,
-            status=Status.NOT_POSSIBLE,
-            note=str(problem),
-            solve_time=wall,
-            torque_squared=nothing,
-            work=nothing,
-            details={},
-        )
-    wall = time.perf_counter() - begin
+def _entry(name: str, task: ComparedTask, motion: Motion, wall: float, seconds: float) -> Entry:
+    """The motion of a method, certified in what is left of its time, s."""
     tau = motion.tau if task.robot.has_dynamics else np.full_like(motion.tau, np.nan)
     motion = replace(motion, provenance={**motion.provenance, "robot": task.robot.name})
-    tell(f"{motion.duration:.4f} s, certifying", stage="certify")
     with deadline.within(max(seconds - wall, LEAST_TIME)):
         certificate = certificate_of(task.family, motion, task.via_q)
     return Entry(
         name=name,
-        title=method.title,
+        title=METHODS[name].title,
         motion=motion,
         certificate=certificate,
         status=motion.status,
@@ -688,12 +434,3 @@ def _entry(name: str, task: ComparedTask, tell: Callable[..., None], seconds: fl
         work=float(np.trapezoid(np.sum(np.abs(tau * motion.qd), axis=1), motion.t)),
         details={"certify_time": certificate.wall_time},
     )
-
-
-def _via_marks(durations: FloatArray) -> list[Mark]:
-    times = [0.0, *np.cumsum(durations).tolist()]
-    return [Mark(time, f"via {i + 1}") for i, time in enumerate(times)]
-
-
-def _noted(motion: Motion, note: str) -> Motion:
-    return Motion(**{**vars(motion), "note": note})
