@@ -8,6 +8,7 @@ import pytest
 import microbot_ocp as mo
 from external.toppra_timing import even_grid, graded_grid, toppra_duration, toppra_problem
 from helpers import random_robot
+from microbot_ocp.execution import Rows
 from microbot_ocp.motion import PiecewisePolynomial
 from microbot_ocp.planning import phase_plane, time_path
 
@@ -82,3 +83,24 @@ def test_the_maximum_velocity_curve_agrees(name: str) -> None:
     assert capped.sum() <= 2
     assert np.all(theirs[capped] < (1 + 1e-5) * ours[capped] + 1e-6)
     np.testing.assert_allclose(ours[~capped], theirs[~capped], rtol=1e-5, atol=1e-6)
+
+
+def test_what_breaks_limits_between_its_samples_is_caught() -> None:
+    """Rows of toppra's own timing, 20 a second, that keep the torques where they are."""
+    robot, path = mo.load_robot("microbot"), report_cubic()
+    trajectory = toppra_problem(robot, path, graded_grid(path, 2000)).compute_trajectory(0.0, 0.0)
+    assert trajectory is not None
+    t = np.linspace(0.0, trajectory.duration, int(20 * trajectory.duration))
+    q, qd, qdd = (trajectory(t, order) for order in range(3))
+    tau = robot.torques_along(q, qd, qdd)["tau"]
+    at_rows = (np.abs(tau) / robot.limits.tau_max).max()
+    certificate = mo.check(robot, Rows(t, q, qd, qdd), "ros2_jtc_quintic")
+    torque = next(check for check in certificate.limit_checks if check.quantity == "tau")
+    again = mo.executed(robot, Rows(t, q, qd, qdd), "ros2_jtc_quintic")
+    joint = robot.joint_names.index(torque.joint)
+    state = again.sample([torque.time])
+    value = robot.torques_along(*state)["tau"][0, joint]
+    assert at_rows < 1.01
+    assert torque.violation > 0.05
+    assert torque.value == pytest.approx(value, rel=1e-6)
+    assert f"torque of {torque.joint} is" in certificate.verdict

@@ -259,9 +259,8 @@ def certificate_of(
     robot: Robot = family.robot
     tolerances = tolerances or Tolerances()
     t, ratio = dense_times(motion)
-    state = motion.sample(t)
     limit_checks, saturated = _check_limits(family, history or motion.history())
-    vias = () if via is None else _check_vias(motion, via, t, state)
+    vias = () if via is None else _check_vias(motion, via, t)
     figures: dict[str, Any] = {}
     passed = [_limit_kept(check, tolerances.limit) for check in limit_checks]
     vias_passed = [_via_passed(check, tolerances.via) for check in vias]
@@ -270,6 +269,7 @@ def certificate_of(
         stored = _stored_torque(robot, motion, tolerances.torque, start)
         strays = _between_samples(motion, partial(torque_along, robot), "torque", start)
         passed += [_agrees(again, tolerances), *vias_passed, stored, strays]
+        state = motion.sample(t)
         condition, at = _condition(robot, t, state)
         figures = {
             "condition_peak": condition,
@@ -353,7 +353,7 @@ def _check_limits(
                 joint=member.labels[joint],
                 time=float(t[i]),
                 value=float(values.value[i, joint]),
-                limit=float(member.nearest_bound(values)[i, joint]),
+                limit=float(member.nearest_bound(values.row(i))[0, joint]),
                 unit=member.units[joint],
                 jump=i >= history.t.size,
             )
@@ -414,13 +414,12 @@ def _between_samples(
     return Check(name, not stray > allowed, problem, time=moment, value=stray, allowed=allowed)
 
 
-def _check_vias(
-    motion: Motion, via: FloatArray, t: FloatArray, state: State
-) -> tuple[ViaCheck, ...]:
+def _check_vias(motion: Motion, via: FloatArray, t: FloatArray) -> tuple[ViaCheck, ...]:
+    q = motion.sample(t).q
     names = [f"via point {k + 1}" for k in range(via.shape[0])]
     if len(motion.marks) == via.shape[0]:
         names = [mark.name for mark in motion.marks]
-    nearest = [int(((state.q - target) ** 2).sum(axis=1).argmin()) for target in via]
+    nearest = [int(((q - target) ** 2).sum(axis=1).argmin()) for target in via]
     moment, reach = t[nearest], float(np.diff(t).max())
     distance = np.zeros(via.shape[0])
     each = np.arange(via.shape[0])

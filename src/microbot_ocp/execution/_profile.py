@@ -90,28 +90,8 @@ class Profile:
 
 
 @dataclass(frozen=True)
-class Braking:
-    """A velocity limit by which a joint can still brake before the end of its range.
-
-    ``qd <= min(qd_max, max(0, sqrt(2 deceleration (q_max - q)) - offset))`` and likewise downwards;
-    ``ahead`` s from now the velocity will be ``qd + ahead qdd``.
-    """
-
-    q_min: tuple[float, ...] | None
-    q_max: tuple[float, ...] | None
-    qd_max: tuple[float, ...]
-    deceleration: tuple[float, ...] = ()
-    offset: tuple[float, ...] = ()
-
-    def limit(self, name: str, ahead: float = 0.0) -> Limit:
-        """The limit as a member of the family."""
-        lower, upper = (_Bound(self, sign) for sign in (-1.0, 1.0))
-        return Limit(name, _Ahead(ahead), lower=lower, upper=upper, unit="rad/s")
-
-
-@dataclass(frozen=True)
 class _Ahead:
-    """Velocity some time ahead at the present acceleration."""
+    """Velocity some time ahead, s, at the present acceleration."""
 
     time: float
 
@@ -120,18 +100,22 @@ class _Ahead:
 
 
 @dataclass(frozen=True)
-class _Bound:
-    braking: Braking
+class _Braking:
+    """The velocity from which a joint can still brake before the end of its range.
+
+    Upwards ``min(qd_max, max(0, sqrt(2 deceleration (end - q)) - offset))``, downwards likewise.
+    """
+
     sign: float
+    end: tuple[float, ...]
+    qd_max: tuple[float, ...]
+    deceleration: tuple[float, ...]
+    offset: tuple[float, ...]
 
     def __call__(self, state: Any) -> Any:
-        given, most = self.braking, ca.DM(self.braking.qd_max)
-        end = given.q_max if self.sign > 0 else given.q_min
-        if end is None:
-            return self.sign * most
-        room = ca.fmax(0.0, self.sign * (ca.DM(end) - state.q))
-        fast = ca.sqrt(2.0 * ca.DM(given.deceleration) * room) - ca.DM(given.offset)
-        return self.sign * ca.fmin(most, ca.fmax(0.0, fast))
+        room = ca.fmax(0.0, self.sign * (ca.DM(self.end) - state.q))
+        fast = ca.sqrt(2.0 * ca.DM(self.deceleration) * room) - ca.DM(self.offset)
+        return self.sign * ca.fmin(ca.DM(self.qd_max), ca.fmax(0.0, fast))
 
 
 def packaged_profiles() -> tuple[str, ...]:
@@ -217,16 +201,15 @@ def _profile(data: Mapping[str, Any]) -> Profile:
     bounds = read_table(limits, dict.fromkeys(LIMIT_KEYS, ANY), "in table [limits]")
     bounds = {key: _bound(value) for key, value in bounds.items()}
     also: list[Limit] = []
-    braking = read_table(braking, dict.fromkeys(BRAKING_KEYS, ANY), "in table [braking]")
+    velocity: Any = np.negative(bounds.get("qd_max", 0.0)), bounds.get("qd_max", 0.0)
     if braking:
-        columns = {key: tuple(map(float, np.ravel(braking[key]))) for key in braking}
-        velocity = Braking(**columns)
-        also.append(velocity.limit("velocity before the end"))
-    else:
-        velocity = Braking(None, None, tuple(map(float, np.ravel(bounds.get("qd_max", 0.0)))))
+        braking = read_table(braking, dict.fromkeys(BRAKING_KEYS, NEEDED), "in table [braking]")
+        low, high, *others = (tuple(map(float, braking[key])) for key in BRAKING_KEYS)
+        velocity = _Braking(-1.0, low, *others), _Braking(1.0, high, *others)
+        also.append(Limit("velocity before the end", _Ahead(0.0), *velocity, unit="rad/s"))
     if ahead is not None:
         ahead = checks.number("look_ahead", ahead, "s", above=0.0)
-        also.append(velocity.limit("velocity ahead", ahead))
+        also.append(Limit("velocity ahead", _Ahead(ahead), *velocity, unit="rad/s"))
     return Profile(**given, limits=Limits(**bounds, also=also))
 
 

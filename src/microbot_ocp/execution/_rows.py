@@ -97,22 +97,23 @@ def read_rows(path: str | Path, robot: Robot) -> Rows:
 
 
 def _of_table(text: str, robot: Robot) -> Rows:
-    lines = [line for line in csv.reader(io.StringIO(text)) if any(map(str.strip, line))]
-    if not lines:
+    stream = io.StringIO(text.strip())
+    heads = [head.strip() for head in next(csv.reader(stream), [])]
+    if not heads:
         raise InputError("it is empty")
-    heads = [] if _is_number(lines[0][0]) else [head.strip() for head in lines[0]]
-    if heads and heads[-1] == "mark":
-        lines = [line[:-1] for line in lines]
-    try:
-        values = np.array(lines[bool(heads) :], dtype=float)
-    except ValueError:
-        raise InputError("every line below the heads must hold as many numbers") from None
-    count = robot.joint_count
-    if values.ndim != 2 or values.shape[1] not in (1 + count * np.arange(1, 5)):
-        width = values.shape[1] if values.ndim == 2 else 0
+    count, width = robot.joint_count, len(heads) - (heads[-1] == "mark")
+    if width not in (1 + count * np.arange(1, 5)):
         raise InputError(
             f"it must have a time and 1 to 4 columns for each of {count} joints, not {width} in all"
         )
+    if _is_number(heads[0]):
+        stream.seek(0)
+    try:
+        values = np.loadtxt(
+            stream, delimiter=",", usecols=range(width), comments=None, ndmin=2, quotechar='"'
+        )
+    except ValueError:
+        raise InputError("every line below the heads must hold as many numbers") from None
     columns = [values[:, k : k + count] for k in range(1, values.shape[1], count)]
     keys = tuple(FIELDS.values())[: len(columns)]
     named = {

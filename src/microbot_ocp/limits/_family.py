@@ -17,6 +17,7 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.fast_calls import deferred_call
 from microbot_ocp._base.relations import is_relation, reason_of
 from microbot_ocp.limits._finite_slopes import with_finite_slopes
 from microbot_ocp.limits._joint_limits import JOINT_QUANTITIES, JointLimits, Limits
@@ -62,6 +63,10 @@ class LimitValues(NamedTuple):
     value: FloatArray
     lower: FloatArray
     upper: FloatArray
+
+    def row(self, i: int) -> LimitValues:
+        """Return those of one time, each [1,k]."""
+        return LimitValues(*(np.broadcast_to(each, self.value.shape)[[i]] for each in self))
 
 
 @dataclass(frozen=True, eq=False)
@@ -248,9 +253,9 @@ class LimitFamily:
         results: dict[str, list[FloatArray]] = {}
         if computed:
             function, names, used = _function(self.robot, computed)
-            arrays = function(*(np.ascontiguousarray(samples[k].T) for k in used))
+            arrays = deferred_call(function)(*(samples[k] for k in used))
             for (key, side), array in zip(names, _as_tuple(arrays), strict=True):
-                results.setdefault(key, [np.empty(0)] * 3)[side] = np.array(array).T
+                results.setdefault(key, [np.empty(0)] * 3)[side] = array
         found = {}
         for key in wanted:
             member = self[key]

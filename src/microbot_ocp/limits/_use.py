@@ -26,15 +26,16 @@ def use_of(
     over a limit is its use minus 1.
     """
     try:
-        given = (np.asarray(each, dtype=float) for each in (values, lower, upper))
-        values, lower, upper = np.broadcast_arrays(*given)
+        values, lower, upper = (np.asarray(each, dtype=float) for each in (values, lower, upper))
+        np.broadcast_shapes(values.shape, lower.shape, upper.shape)
     except (TypeError, ValueError) as problem:
         raise InputError(f"values and bounds must be arrays that fit together: {problem}") from None
     with np.errstate(invalid="ignore"):  # a diverged value may be infinite, as its bound
         above = _side(values - upper, upper, lower, upper, from_middle)
         below = _side(lower - values, lower, lower, upper, from_middle)
     use = np.maximum(above, below)
-    return np.where(np.isneginf(use), use, np.maximum(use, 0.0))
+    limited = ~(np.isneginf(lower) & np.isposinf(upper))
+    return np.maximum(use, 0.0) if np.all(limited) else np.where(limited, np.maximum(use, 0.0), use)
 
 
 def nearest_bound(
@@ -59,6 +60,8 @@ def _side(
         two_sided = np.isfinite(span) & (span > 0)
         return 1.0 + excess / np.where(two_sided, 0.5 * span, scale)
     use = 1.0 + excess / scale
+    if np.all(bound):
+        return use
     # A limit of zero (a joint that must not move that way) is not "used" at rest.
     at_zero = (bound == 0) & (excess <= ROUNDING * scale)
     return np.where(at_zero, np.minimum(use - 1.0, 0.0), use)

@@ -250,8 +250,29 @@ class Motion:
             raise InputError(
                 f"t must be within the motion, 0 to {self.duration:g} s, not {outside[0]:g} s"
             )
-        i = np.clip(np.searchsorted(self.t, times, side="right") - 1, 0, self.t.size - 2)
-        return State(*_quintic(self, i, times - self.t[i]))
+        i = self._pieces_at(times)
+        c, x = self._coefficients(i), (times - self.t[i])[:, None]
+        q = c[0] + x * (c[1] + x * (c[2] + x * (c[3] + x * (c[4] + x * c[5]))))
+        qd = c[1] + x * (2 * c[2] + x * (3 * c[3] + x * (4 * c[4] + x * 5 * c[5])))
+        qdd = 2 * c[2] + x * (6 * c[3] + x * (12 * c[4] + x * 20 * c[5]))
+        return State(q, qd, qdd)
+
+    def jerk(self, t: FloatArray) -> FloatArray:
+        """Jerk [N,n] at times t [N], in motion: in a jump of the acceleration that before it."""
+        i = self._pieces_at(t)
+        i = i - jump_gaps(self.t)[i]
+        c, x = self._coefficients(i), (np.minimum(t, self.t[i + 1]) - self.t[i])[:, None]
+        return 6 * c[3] + x * (24 * c[4] + x * 60 * c[5])
+
+    def _pieces_at(self, t: FloatArray) -> np.ndarray:
+        return np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, self.t.size - 2)
+
+    def _coefficients(self, i: np.ndarray) -> list[FloatArray]:
+        """Coefficients [N,n] of the quintics in intervals i, lowest power first."""
+        if i.size <= self.t.size:
+            return list(np.moveaxis(pieces_of(self, i), 1, 0))
+        table = pieces_of(self)  # every piece is asked for several times
+        return [np.take(table[:, k], i, axis=0) for k in range(6)]
 
     def dense_samples(self) -> tuple[FloatArray, MotionSamples]:
         """Times [N] on a grid that is dense enough to judge the motion, and the state there.
@@ -473,12 +494,3 @@ def pieces_of(motion: Motion, i: np.ndarray | None = None) -> FloatArray:
         c[short, 5] = 0.0
     c[jump_gaps(motion.t, first), 3:] = 0.0  # inside a jump the earlier acceleration goes on
     return c
-
-
-def _quintic(motion: Motion, i: np.ndarray, local: FloatArray) -> tuple[FloatArray, ...]:
-    """Quintic Hermite interpolation in interval i at ``local`` seconds after its start."""
-    x, c = local[:, None], pieces_of(motion, i)
-    q = c[:, 0] + x * (c[:, 1] + x * (c[:, 2] + x * (c[:, 3] + x * (c[:, 4] + x * c[:, 5]))))
-    qd = c[:, 1] + x * (2 * c[:, 2] + x * (3 * c[:, 3] + x * (4 * c[:, 4] + x * 5 * c[:, 5])))
-    qdd = 2 * c[:, 2] + x * (6 * c[:, 3] + x * (12 * c[:, 4] + x * 20 * c[:, 5]))
-    return q, qd, qdd

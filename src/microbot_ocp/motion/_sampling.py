@@ -97,7 +97,7 @@ def samples_at(motion: Motion, t: FloatArray) -> MotionSamples:
 
     The jerk is that in motion: at both sides of a jump of the acceleration that of its side.
     """
-    return MotionSamples(*motion.sample(t), _slope_of_acceleration(motion, t))
+    return MotionSamples(*motion.sample(t), motion.jerk(t))
 
 
 def history_of(motion: Motion, t: FloatArray, cycle: bool = False) -> StateHistory:
@@ -109,21 +109,7 @@ def history_of(motion: Motion, t: FloatArray, cycle: bool = False) -> StateHisto
         for k in (first, last)
     )
     # what changes evenly up to the break is no jump at it
-    evenly = np.diff(motion.t)[gaps, None] * _slope_of_acceleration(motion, motion.t[gaps])
+    evenly = np.diff(motion.t)[gaps, None] * motion.jerk(motion.t[gaps])
     ends.qdd[:-1] += evenly
     jumps = jumps_between(starts, ends, cycle=cycle)
     return StateHistory(t, samples_at(motion, t), np.append(motion.t[first], motion.t[-1]), jumps)
-
-
-def _slope_of_acceleration(motion: Motion, t: FloatArray) -> FloatArray:
-    """Jerk [N,n], by differences inside an interval between samples; in a gap that before it."""
-    i = np.clip(np.searchsorted(motion.t, t, side="right") - 1, 0, motion.t.size - 2)
-    i = i - jump_gaps(motion.t)[i]
-    start, end = motion.t[i], motion.t[i + 1]
-    reach = 0.05 * (end - start)
-    t = np.minimum(t, end)
-    low = np.clip(t - reach, start, end)
-    # The end of an interval belongs to the next one when sampled.
-    high = np.clip(t + reach, start, end - 1e-3 * (end - start))
-    step = (high - low)[:, None]
-    return (motion.sample(high).qdd - motion.sample(low).qdd) / step
