@@ -90,7 +90,8 @@ def test_what_breaks_limits_between_its_samples_is_caught() -> None:
     robot, path = mo.load_robot("microbot"), report_cubic()
     trajectory = toppra_problem(robot, path, graded_grid(path, 2000)).compute_trajectory(0.0, 0.0)
     assert trajectory is not None
-    t = np.linspace(0.0, trajectory.duration, int(20 * trajectory.duration))
+    duration = float(trajectory.path_interval[1])
+    t = np.linspace(0.0, duration, int(20 * duration))
     q, qd, qdd = (trajectory(t, order) for order in range(3))
     tau = robot.torques_along(q, qd, qdd)["tau"]
     at_rows = (np.abs(tau) / robot.limits.tau_max).max()
