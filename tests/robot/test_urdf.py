@@ -789,3 +789,54 @@ def test_show_and_the_note_of_a_motion_say_what_drives_lack(
         assert f"reaches {peak:.5g} rad/s^2: of any joint neither" in motion.note
     bounded = robot.with_limits(qdd_max=9.0)
     assert "reaches" not in mo.time_optimal(bounded, [[0, 0], [1, 1]], mesh=10, starts=1).note
+
+
+SRDF = """<robot name='r'>
+<group name='arm'><chain base_link='l0' tip_link='l3'/></group>
+<group name='hand'><link name='l4'/></group>
+<group_state name='home' group='arm'><joint name='j1' value='0.5'/><joint name='j2' value='1'/>
+<joint name='j3' value='-1'/><joint name='j4' value='9'/></group_state>
+<group_state name='open' group='hand'><joint name='j4' value='0.1'/></group_state>
+<disable_collisions link1='l2' link2='l0' reason='Never'/>
+<disable_collisions link1='l2' link2='other'/>
+</robot>"""
+
+
+def test_what_an_srdf_says_is_read_and_written(tmp_path: Path) -> None:
+    path, elsewhere = tmp_path / "arm.urdf", tmp_path / "moveit.srdf"
+    path.write_text(chain(*[revolute("0 0 1")] * 4))
+    elsewhere.write_text(SRDF)
+    plain = mo.read_urdf(path)
+    assert (plain.joint_count, plain.disabled_pairs, plain.named_poses) == (4, None, {})
+    with pytest.warns(RobotFileWarning, match="only the SRDF has are left out: 'other'"):
+        robot = mo.read_urdf(path, srdf=elsewhere)
+    assert robot.joint_names == ("j1", "j2", "j3")
+    assert robot.disabled_pairs == (("l0", "l2"),)
+    assert {name: q.tolist() for name, q in robot.named_poses.items()} == {"home": [0.5, 1.0, -1.0]}
+    mo.write_toml(robot, tmp_path / "arm.toml")
+    copy = mo.load_robot(tmp_path / "arm.toml")
+    assert copy == robot
+    assert copy.named_poses["home"].tolist() == [0.5, 1.0, -1.0]
+    assert robot != replace(robot, disabled_pairs=None)
+    elsewhere.rename(tmp_path / "arm.srdf")
+    with pytest.warns(RobotFileWarning):
+        assert mo.load_robot(path) == robot
+    with pytest.warns(RobotFileWarning):
+        assert mo.load_robot(path, "arm") == robot
+    with pytest.warns(RobotFileWarning):
+        assert mo.load_robot(path, "l4").joint_count == 4
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("value='0.5'", "value='x'", "value of joint 'j1' in the state 'home' must be a number"),
+        ("link2='l0'", "", "<disable_collisions> of the SRDF lacks link2"),
+        ("<robot name='r'>", "<sdf>", "arm.srdf: the text is not valid XML"),
+    ],
+)
+def test_a_wrong_srdf_is_refused(tmp_path: Path, old: str, new: str, message: str) -> None:
+    (tmp_path / "arm.urdf").write_text(chain(revolute()))
+    (tmp_path / "arm.srdf").write_text(SRDF.replace(old, new))
+    with pytest.raises(InputError, match=message):
+        mo.load_robot(tmp_path / "arm.urdf")

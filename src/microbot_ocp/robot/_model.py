@@ -70,6 +70,9 @@ class Robot:
 
     Make one with :meth:`from_dh` or :func:`microbot_ocp.load_robot`. Two robots with the same
     figures are equal and share the functions built for them.
+
+    ``disabled_pairs`` are the pairs of links, by name, that may touch, as an SRDF file lists them;
+    None where nothing lists any. ``named_poses`` are its named states [n], rad or m.
     """
 
     name: str
@@ -88,6 +91,8 @@ class Robot:
     base: FloatArray = field(default_factory=_identity)
     shapes: tuple[Shape, ...] = ()
     capsules: tuple[tuple[int, Capsule], ...] = ()
+    disabled_pairs: tuple[tuple[str, str], ...] | None = None
+    named_poses: Mapping[str, FloatArray] = field(default_factory=dict, compare=False)
     _digest: str = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -529,6 +534,8 @@ class Robot:
             arrays.append(self.base)
         if self.beta.any():
             arrays.append(self.beta)
+        if self.disabled_pairs is not None:
+            digest.update(repr(self.disabled_pairs).encode())
         for frame, capsule in self.capsules:
             digest.update(capsule.name.encode())
             arrays += [np.array([frame, capsule.radius]), capsule.start, capsule.end]

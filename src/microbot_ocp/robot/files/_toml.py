@@ -9,14 +9,15 @@ The key ``convention`` of the file, "modified" or "standard", is that of
 ``q_min``, ``q_max``, ``qd_max``, ``qdd_max``, ``qddd_max``, ``tau_max``, ``taud_max``. ``qd_max``
 and the like may be ``[lower, upper]``. The table ``[limits]`` holds further limits, such as
 ``tool_speed_max``. The tables ``[tool]`` and ``[base]`` hold a DH row or a ``matrix``; each
-``[[shape]]`` holds the fields of a :class:`~microbot_ocp.robot.Shape`; ``[sources]`` is for the
-reader's eyes.
+``[[shape]]`` holds the fields of a :class:`~microbot_ocp.robot.Shape`; ``disabled_pairs`` and
+``[named_poses]`` are what an SRDF file says; ``[sources]`` is for the reader's eyes.
 """
 
 from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -24,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from microbot_ocp._base import checks
-from microbot_ocp._base.checks import InputError, naming
+from microbot_ocp._base.checks import InputError, naming, shown
 from microbot_ocp._base.schema import (
     ANGLE,
     ANY,
@@ -58,6 +59,8 @@ ROBOT = {
     "tool": TABLE,
     "base": TABLE,
     "shape": TABLES,
+    "disabled_pairs": ANY,
+    "named_poses": TABLE,
 }
 JOINT = {
     "name": TEXT,
@@ -92,7 +95,7 @@ def _robot(data: dict[str, Any], name: str) -> Robot:
         missing = next(row["name"] for row, link in zip(rows, links, strict=True) if link is None)
         raise InputError(f"mass of joint {missing!r} is missing: give all or none")
     shapes = data.get("shape", [])
-    return Robot.from_dh(
+    robot = Robot.from_dh(
         *([row[key] for row in rows] for key in GEOMETRY),
         joint_type=[row["type"] for row in rows],
         links=[link for link in links if link is not None],
@@ -107,6 +110,18 @@ def _robot(data: dict[str, Any], name: str) -> Robot:
         shapes=[Shape(**read_table(table, SHAPE, "of a shape")) for table in shapes],
         convention=data.get("convention"),
     )
+    pairs = _pairs(data["disabled_pairs"]) if "disabled_pairs" in data else None
+    shape, named = (robot.joint_count,), data.get("named_poses", {}).items()
+    poses = {key: checks.array(f"pose {key!r}", q, shape, "rad") for key, q in named}
+    return replace(robot, disabled_pairs=pairs, named_poses=poses)
+
+
+def _pairs(pairs: Any) -> tuple[tuple[str, str], ...]:
+    """Pairs of names of links, such as an SRDF file disables."""
+    for pair in pairs if isinstance(pairs, list) else [pairs]:
+        if not isinstance(pair, list) or [*map(type, pair)] != [str, str]:
+            raise InputError(f"disabled_pairs must be pairs of names of links, not {shown(pair)}")
+    return tuple((first, second) for first, second in pairs)
 
 
 def _in_radians(key: str, name: str, value: Any, in_degrees: bool, prismatic: bool = False) -> Any:
@@ -233,6 +248,9 @@ def robot_to_toml(robot: Robot) -> str:
     if robot.description:
         lines.append(f"description = {_text(robot.description)}")
     lines += ['convention = "modified"', f"gravity = {robot.gravity.tolist()}"]
+    if robot.disabled_pairs is not None:
+        rows = (f"  [{_text(first)}, {_text(second)}]," for first, second in robot.disabled_pairs)
+        lines += ["disabled_pairs = [", *rows, "]"]
     for joint in range(robot.joint_count):
         lines += ["", "[[joint]]", f"name = {_text(robot.joint_names[joint])}"]
         lines.append(f"type = {_text(robot.joint_types[joint])}")
@@ -251,6 +269,9 @@ def robot_to_toml(robot: Robot) -> str:
     for name, matrix in (("tool", robot.tool), ("base", robot.base)):
         if not np.array_equal(matrix, np.eye(4)) or np.signbit(matrix).any():
             lines += ["", f"[{name}]", f"matrix = {matrix.tolist()}"]
+    if robot.named_poses:
+        poses = (f"{_text(name)} = {q.tolist()}" for name, q in robot.named_poses.items())
+        lines += ["", "[named_poses]", *poses]
     for shape in robot.shapes:
         lines += ["", "[[shape]]", *_shape_lines(shape)]
     return "\n".join(lines) + "\n"

@@ -112,7 +112,7 @@ def urdf_file(root: Element, origin: str, folder: Path | None, remarks: Remarks)
         for name, element in _named(root, "link").items()
     }
     joints = {name: _joint(e, name, remarks) for name, e in _named(root, "joint").items()}
-    gravity = [_number("gravity", entry) for entry in about.get("gravity", "0 0 -9.81").split()]
+    gravity = [number_from("gravity", entry) for entry in about.get("gravity", "0 0 -9.81").split()]
     name = root.get("name") or Path(origin).stem
     return UrdfFile(name, links, joints, gravity, about.get("description", ""))
 
@@ -128,7 +128,7 @@ def _named(root: Element, kind: str) -> dict[str, Element]:
     return found
 
 
-def _number(label: str, text: str) -> float:
+def number_from(label: str, text: str) -> float:
     """The number that ``text`` says; it may be infinite or NaN."""
     try:
         if "_" in text or not text.isascii():  # Python would read 1_0 as 10
@@ -149,12 +149,14 @@ def _finite(
     text = None if element is None else element.get(key)
     if text is None:
         return default
-    return checks.number(f"{key} of {label}", _number(f"{key} of {label}", text), at_least=at_least)
+    return checks.number(
+        f"{key} of {label}", number_from(f"{key} of {label}", text), at_least=at_least
+    )
 
 
 def _vector(element: Element, key: str, label: str, default: str, count: int = 3) -> FloatArray:
     text = element.get(key, default)
-    return checks.array(label, [_number(label, entry) for entry in text.split()], (count,))
+    return checks.array(label, [number_from(label, entry) for entry in text.split()], (count,))
 
 
 def _frame(element: Element, label: str) -> FloatArray:
@@ -257,7 +259,7 @@ def _axis(joint: Element, name: str, remarks: Remarks) -> FloatArray:
 def _bound(limit: Element | None, key: str, label: str, remarks: Remarks) -> float:
     """A bound of speed, effort or acceleration; infinite without one, which files write as 0."""
     text = None if limit is None else limit.get(key)
-    if text is None or _number(f"{key} of {label}", text) == math.inf:
+    if text is None or number_from(f"{key} of {label}", text) == math.inf:
         return math.inf
     bound = _finite(limit, key, label, at_least=0.0)
     if bound == 0.0:
@@ -281,7 +283,7 @@ def _range(limit: Element | None, kind: str, name: str, remarks: Remarks) -> tup
         return -math.inf, math.inf
     # URDF takes one side that is not given as zero.
     lower, upper = (
-        _number(f"{side} limit of joint {name!r}", given.get(side, "0"))
+        number_from(f"{side} limit of joint {name!r}", given.get(side, "0"))
         for side in ("lower", "upper")
     )
     for side, value in (("lower", lower), ("upper", upper)):
@@ -335,12 +337,14 @@ def _size(element: Element, label: str) -> list[float]:
     """Size of a shape, in the order of ``SIZES``."""
     if element.tag == "mesh":
         scale = element.get("scale", "1 1 1").split()
-        values = [_number(f"scale of the {label}", entry) for entry in scale]
+        values = [number_from(f"scale of the {label}", entry) for entry in scale]
         return values * 3 if len(values) == 1 else values
     if element.tag == "box":
-        return [_number(f"size of the {label}", entry) for entry in element.get("size", "").split()]
+        return [
+            number_from(f"size of the {label}", entry) for entry in element.get("size", "").split()
+        ]
     names = SIZES[element.tag]
-    return [_number(f"{name} of the {label}", element.get(name, "")) for name in names]
+    return [number_from(f"{name} of the {label}", element.get(name, "")) for name in names]
 
 
 def _color(material: Element | None, known: Colors) -> tuple[float, ...] | None:

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Set
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from pathlib import Path
@@ -29,6 +29,7 @@ from microbot_ocp.robot._model import Robot
 from microbot_ocp.robot._shapes import Shape
 from microbot_ocp.robot.files._placement import dh_rows
 from microbot_ocp.robot.files._remarks import Remarks
+from microbot_ocp.robot.files._srdf_file import SrdfFile, read_srdf
 from microbot_ocp.robot.files._urdf_file import (
     HELD,
     RANGES,
@@ -88,6 +89,7 @@ def read_urdf(
     path: str | Path,
     tip: str | None = None,
     *,
+    srdf: str | Path | None = None,
     parallel_tolerance: float = PARALLEL,
     xacro_arguments: Mapping[str, str] | None = None,
 ) -> Robot:
@@ -109,6 +111,12 @@ def read_urdf(
         joints that mimic each other one is free, the others are held. Without ``tip`` the file
         must be one arm; where that ends in several frames, the tool is ``tool0``, or else the
         last link that moves, with a warning. Fingers that mimic each other are not part of it.
+        With an SRDF file it may be a group with a chain; where all its chains end at one link,
+        that is the tip by itself.
+    srdf : str or Path, optional
+        The SRDF file that MoveIt has beside a URDF; default that of the same name in the same
+        folder, if there is one. The pairs of links whose collisions it disables become
+        ``robot.disabled_pairs``, states of all joints of the chain ``robot.named_poses``.
     parallel_tolerance : float
         Axes of neighbouring joints whose angle is below this count as parallel, rad. Poses are
         then wrong by up to this angle; a larger one makes plain rows of angles rounded hard.
@@ -136,8 +144,13 @@ def read_urdf(
     name = str(path)
     data = urdf_content(name, "robot file", xacro_arguments)
     short = Path(name).name
-    folder = Path(name).absolute().parent
-    return parse_urdf(data, short, tip, parallel_tolerance=parallel_tolerance, folder=folder)
+    folder, about = Path(name).absolute().parent, None
+    beside = Path(name).with_suffix(".srdf")
+    if srdf is not None or beside.is_file():
+        about = read_srdf(beside if srdf is None else srdf)
+    return parse_urdf(
+        data, short, tip, parallel_tolerance=parallel_tolerance, folder=folder, about=about
+    )
 
 
 def parse_urdf(
@@ -147,18 +160,39 @@ def parse_urdf(
     *,
     parallel_tolerance: float = PARALLEL,
     folder: Path | None = None,
+    about: SrdfFile | None = None,
 ) -> Robot:
     """Robot from the text of a URDF file.
 
-    ``origin`` names it in messages; its meshes are looked for from ``folder``.
+    ``origin`` names it in messages; its meshes are looked for from ``folder``; ``about`` is what an
+    SRDF file says.
     """
     checks.number("parallel_tolerance", parallel_tolerance, "rad", at_least=0.0, at_most=0.1)
     remarks = Remarks()
     with naming(f"{origin}: "):
         file = urdf_file(read_xml(text, remarks), origin, folder, remarks)
+        if about is not None:
+            ends = set(about.tips.values())
+            usual = ends.pop() if len(ends) == 1 else None
+            tip = usual if tip is None else about.tips.get(tip, tip)
         robot = robot_of(file, remarks, tip, parallel_tolerance)
+        if about is not None:
+            robot = _with_semantics(robot, about, file.links.keys(), remarks)
     remarks.warn(origin)
     return robot
+
+
+def _with_semantics(robot: Robot, about: SrdfFile, links: Set[str], remarks: Remarks) -> Robot:
+    """The robot with what an SRDF file says of it and its links."""
+    names = robot.joint_names
+    for name in sorted(set(sum(about.disabled, ())) - links):
+        remarks.add("pairs of links that only the SRDF has are left out", repr(name))
+    poses: dict[str, FloatArray] = {}
+    for name, state in about.states:
+        if state.keys() >= set(names):
+            poses.setdefault(name, np.array([state[joint] for joint in names]))
+    pairs = tuple(pair for pair in about.disabled if links >= set(pair))
+    return replace(robot, disabled_pairs=pairs, named_poses=poses)
 
 
 def robot_of(file: UrdfFile, remarks: Remarks, tip: str | None, parallel_tolerance: float) -> Robot:
