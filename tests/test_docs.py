@@ -21,6 +21,7 @@ import blocks
 import formulas
 import links
 import make_import_diagram
+import make_which_function
 import microbot_ocp
 from test_imports import ORDER
 
@@ -31,7 +32,7 @@ DOCS = ROOT / "docs"
 HOW_TO = [path for path in sorted((DOCS / "how-to").glob("*.md")) if path.stem != "index"]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(DOCS.rglob("*.md"))]
 COURSE = [DOCS / "course" / f"{name}.md" for name in ("kinematics", "jacobian", "dynamics")]
-RUN = [ROOT / "README.md", DOCS / "tutorial.md", *COURSE, *HOW_TO]
+RUN = [DOCS / "tutorial.md", *COURSE, *HOW_TO]
 
 
 def build(folder: Path, site: Path, trace: Path | None = None) -> subprocess.CompletedProcess[str]:
@@ -142,6 +143,33 @@ def test_references_of_docstrings_became_links(site: Path) -> None:
 @pytest.mark.parametrize("page", RUN, ids=lambda page: page.stem)
 def test_the_code_of_a_page_runs_and_prints_what_it_says(page: Path, tmp_path: Path) -> None:
     assert blocks.run_page(page, tmp_path) > 0
+
+
+README = [
+    b for b in blocks.blocks((ROOT / "README.md").read_text("utf-8")) if b.language == "python"
+]
+
+
+@pytest.mark.pages
+@pytest.mark.parametrize("block", README, ids=lambda block: f"line {block.line}")
+def test_a_block_of_the_readme_runs_when_it_is_pasted_alone(
+    block: blocks.Block, tmp_path: Path
+) -> None:
+    with blocks.working_in(tmp_path):
+        blocks.run_block(block, ROOT / "README.md", {"__name__": "__main__"})
+
+
+def test_the_page_of_functions_is_that_of_its_table() -> None:
+    assert make_which_function.PAGE.read_text("utf-8") == make_which_function.page()
+    assert make_which_function.PICTURE.read_text("utf-8") == make_which_function.svg()
+    for calls in make_which_function.CALLS.values():
+        for call in filter(None, calls):
+            name = make_which_function.name(call)
+            assert attrgetter(name.replace("robot.", "Robot."))(microbot_ocp), call
+
+
+def test_the_readme_fits_a_screen_or_two() -> None:
+    assert len((ROOT / "README.md").read_text("utf-8").split()) <= 900
 
 
 def test_every_module_has_its_room_on_the_architecture_page() -> None:
