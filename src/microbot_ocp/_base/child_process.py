@@ -174,7 +174,7 @@ def _work(work: Callable[[Send], Any], reading: Connection, writing: Connection)
     try:
         _is_child = True
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends this process
-        _end_with_parent()
+        end_with_parent()
         reading.close()
         writing.send((True, work(lambda what: writing.send((False, what)))))
     finally:
@@ -191,7 +191,7 @@ def _limit_memory(most_bytes: int) -> None:
         resource.setrlimit(resource.RLIMIT_AS, (taken + most_bytes, hard))
 
 
-def _end_with_parent() -> None:
+def end_with_parent() -> None:
     """Let Linux end this process when the one that started it is killed."""
     with contextlib.suppress(OSError, AttributeError):
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)

@@ -8,26 +8,26 @@ alone, so a worker starts at once and stays small.
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import os
 import pickle
-import signal
-import struct
 import subprocess
 import sys
 import threading
 import traceback
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, BinaryIO, TypeAlias
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from microbot_ocp._base.checks import FloatArray, shortened
+from microbot_ocp._base.child_process import end_with_parent
 from microbot_ocp._base.status import Status
 
 if TYPE_CHECKING:
     from microbot_ocp.sweeps._solve import Row
     from microbot_ocp.sweeps._study import Plan
 
-HEAD = struct.Struct("<Q")
+MOST_WAIT = 2e6  # s, that the system can count in ms; a case takes minutes
 LIVES = 2  # times that a case may take its process down before it is left
 Done: TypeAlias = "tuple[Row, dict[str, bytes]]"
 _processes = threading.local()  # one of each thread of a worker
@@ -54,17 +54,21 @@ class CaseProcess:
     def __init__(self, digest: str, plan: bytes) -> None:
         self.digest = digest
         paths = os.pathsep.join(path for path in sys.path if path)
-        self._process = subprocess.Popen(
-            [sys.executable, "-c", "from microbot_ocp.sweeps._process import serve; serve()"],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            start_new_session=True,  # Ctrl-C is the parent's
-            env={**_without_trimming(os.environ), "PYTHONPATH": paths},
-        )
+        self._pipe, theirs = Pipe()
+        with theirs:
+            code = f"from microbot_ocp.sweeps._process import serve; serve({theirs.fileno()})"
+            self._process = subprocess.Popen(
+                [sys.executable, "-c", code],
+                stdin=subprocess.DEVNULL,
+                stdout=2,  # what libraries print is no answer
+                pass_fds=[theirs.fileno()],
+                start_new_session=True,  # Ctrl-C is the parent's
+                env={**_without_trimming(os.environ), "PYTHONPATH": paths},
+            )
         said: Any
         try:
-            self._send(plan)
-            ready, said = self._receive()
+            self._pipe.send_bytes(plan)
+            ready, said = self._pipe.recv()
         except (OSError, EOFError):
             ready, said = False, f"it ended with status {self._process.wait()}"
         if not ready:
@@ -83,42 +87,24 @@ class CaseProcess:
         Raises
         ------
         _Ended
+            It is ended then.
         """
-        late = threading.Event()
-
-        def stop() -> None:
-            late.set()
-            self._process.kill()
-
-        timer = threading.Timer(min(time_limit, threading.TIMEOUT_MAX), stop)
-        timer.start()
+        late = False
         try:
-            self._send(pickle.dumps((case, numbers)))
-            return self._receive()
+            self._pipe.send((case, numbers))
+            late = not self._pipe.poll(min(time_limit, MOST_WAIT))
+            if not late:
+                return self._pipe.recv()
         except (OSError, EOFError):
-            raise _Ended(late.is_set()) from None
-        finally:
-            timer.cancel()
-            if late.is_set():
-                self.end()
+            pass
+        self.end()
+        raise _Ended(late)
 
     def end(self) -> None:
         """End it at once."""
         self._process.kill()
         self._process.wait()
-        for stream in (self._process.stdin, self._process.stdout):
-            with contextlib.suppress(OSError):
-                stream.close()  # type: ignore[union-attr]
-
-    def _send(self, content: bytes) -> None:
-        stream = self._process.stdin
-        assert stream is not None
-        stream.write(HEAD.pack(len(content)) + content)
-        stream.flush()
-
-    def _receive(self) -> Any:
-        assert self._process.stdout is not None
-        return pickle.loads(_read(self._process.stdout))
+        self._pipe.close()
 
 
 def do_cases(
@@ -142,7 +128,6 @@ def do_cases(
                 done.append(process.do(case, numbers, time_limit))
                 break
             except _Ended as end:
-                process.end()
                 lives -= 1
                 if lives and not end.late:
                     continue
@@ -180,48 +165,26 @@ def _process(digest: str, plan: bytes) -> CaseProcess:
     return found
 
 
-def serve() -> None:
+def serve(pipe: int) -> None:
     """What the process does: read the plan, get ready, then one case after the other."""
-    if sys.platform == "linux":  # ended with its worker
-        with contextlib.suppress(OSError, AttributeError):
-            ctypes.CDLL(None).prctl(1, signal.SIGKILL)
+    end_with_parent()
     from microbot_ocp.sweeps._solve import CaseSolver
     from microbot_ocp.sweeps._study import versions
 
-    answers = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # what libraries print is no answer
-    questions = sys.stdin.buffer
-    try:
-        plan: Plan = pickle.loads(_read(questions))
-        if plan.version != versions():
-            raise RuntimeError(f"the worker has {versions()}, but the study is of {plan.version}")
-        solver = CaseSolver(plan)
-    except EOFError:
-        return
-    except BaseException as problem:
-        told = shortened(f"{type(problem).__name__}: {problem}", 200)
-        place = traceback.extract_tb(problem.__traceback__)[-1]
-        _write(answers, (False, f"{told} ({place.filename}, line {place.lineno})"))
-        return
-    with contextlib.suppress(EOFError, BrokenPipeError):
-        _write(answers, (True, solver.notes))
+    worker = Connection(pipe)
+    with contextlib.suppress(EOFError, OSError):
+        packed = worker.recv_bytes()
+        try:
+            plan: Plan = pickle.loads(packed)
+            if plan.version != versions():
+                raise RuntimeError(f"the worker has {versions()}, the study is of {plan.version}")
+            solver = CaseSolver(plan)
+        except BaseException as problem:
+            said = shortened(f"{type(problem).__name__}: {problem}", 200)
+            place = traceback.extract_tb(problem.__traceback__)[-1]
+            worker.send((False, f"{said} ({place.filename}, line {place.lineno})"))
+            return
+        worker.send((True, solver.notes))
         while True:
-            _write(answers, solver.row(*pickle.loads(_read(questions))))
-
-
-def _read(stream: BinaryIO | Any) -> bytes:
-    size = HEAD.unpack(_exactly(stream, HEAD.size))[0]
-    return _exactly(stream, size)
-
-
-def _exactly(stream: Any, size: int) -> bytes:
-    content = stream.read(size)
-    if len(content) < size:
-        raise EOFError
-    return content
-
-
-def _write(stream: BinaryIO, answer: Any) -> None:
-    content = pickle.dumps(answer, protocol=pickle.HIGHEST_PROTOCOL)
-    stream.write(HEAD.pack(len(content)) + content)
-    stream.flush()
+            question = worker.recv()
+            worker.send(solver.row(*question))
