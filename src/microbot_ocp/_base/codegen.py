@@ -19,7 +19,6 @@ import hashlib
 import json
 import os
 import platform
-import selectors
 import shutil
 import signal
 import stat
@@ -422,12 +421,12 @@ def build_library(
         text.write_text(source)
         headers = [f"-I{header}" for header in include]
         rest = [*flags, *headers, str(text), "-o", str(made), "-lm"]
-        done = _run([cc, NATIVE, *rest])
-        if done.returncode:  # a compiler that does not know the flag
-            done = _run([cc, *rest])
-        if done.returncode:
-            said = shortened(" ".join(done.stderr.decode(errors="replace").split()), 100)
-            raise RuntimeError(f"{cc} ended with status {done.returncode}: {said}")
+        messages = work / "messages"
+        # a compiler that does not know the flag gets a second try
+        status = _run([cc, NATIVE, *rest], messages) and _run([cc, *rest], messages)
+        if status:
+            said = " ".join(messages.read_bytes()[-MOST_KEPT:].decode(errors="replace").split())
+            raise RuntimeError(f"{cc} ended with status {status}: {shortened(said, 100)}")
         _keep(library, content_of(made))
     return library
 
@@ -435,57 +434,44 @@ def build_library(
 _running: set[subprocess.Popen[bytes]] = set()
 
 
-def _run(command: list[str]) -> subprocess.CompletedProcess[bytes]:
-    """Run a compiler in a process group of its own, which is ended as a whole."""
-    if deadline.over():
-        raise RuntimeError("the time limit was over")
-    seconds = min(COMPILE_TIMEOUT, deadline.left())
-    with subprocess.Popen(
-        command,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        start_new_session=True,
-    ) as process:
-        _running.add(process)
-        try:
-            said = _said(process, seconds)
-        except RuntimeError as problem:
-            raise RuntimeError(f"{command[0]}: {problem}") from None
-        finally:
-            _end(process)  # or what it left
-            _running.discard(process)
-    if process.returncode < 0:
-        raise RuntimeError(f"{command[0]} was ended by signal {-process.returncode}")
-    return subprocess.CompletedProcess(command, process.returncode, b"", said)
+def _run(command: list[str], messages: Path) -> int:
+    """Run a compiler in a process group of its own, which is ended as a whole; its exit status.
 
-
-def _said(process: subprocess.Popen[bytes], seconds: float) -> bytes:
-    """The end of what a compiler says until it ends; what it started may still be there.
+    What it says goes into a file, so that nothing waits for what it leaves behind.
 
     Raises
     ------
     RuntimeError
-        It takes too long, or says too much.
+        It takes too long, says too much, or was ended.
     """
-    assert process.stderr is not None
-    until, said, size = time.monotonic() + seconds, b"", 0
-    with selectors.DefaultSelector() as waiting:
-        waiting.register(process.stderr, selectors.EVENT_READ)
-        while time.monotonic() < until:
-            ended = process.poll() is not None
-            heard = waiting.select(0.0 if ended else min(TICK, seconds))
-            part = os.read(process.stderr.fileno(), 1 << 16) if heard else b""
-            said, size = (said + part)[-MOST_KEPT:], size + len(part)
-            if size > MOST_SAID:
-                raise RuntimeError(f"it was ended after {MOST_SAID:,} bytes of messages")
-            if ended and not part:
-                return said
-            if heard and not part:  # it has closed its messages
+    if deadline.over():
+        raise RuntimeError("the time limit was over")
+    seconds = min(COMPILE_TIMEOUT, deadline.left())
+    until, problem = time.monotonic() + seconds, ""
+    with (
+        messages.open("wb") as stream,
+        subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, stdout=stream, stderr=stream, start_new_session=True
+        ) as process,
+    ):
+        _running.add(process)
+        try:
+            status = None
+            while status is None and not problem:
                 with contextlib.suppress(subprocess.TimeoutExpired):
-                    process.wait(max(0.0, until - time.monotonic()))
-                    return said
-    raise RuntimeError(f"it was ended after {seconds:.3g} s")
+                    status = process.wait(min(TICK, seconds))
+                if messages.stat().st_size > MOST_SAID:
+                    problem = f"it was ended after {MOST_SAID:,} bytes of messages"
+                elif status is None and time.monotonic() > until:
+                    problem = f"it was ended after {seconds:.3g} s"
+        finally:
+            _end(process)  # or what it left
+            _running.discard(process)
+    if status is not None and status < 0:
+        problem = f"it was ended by signal {-status}"
+    if problem or status is None:
+        raise RuntimeError(f"{command[0]}: {problem}")
+    return status
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
