@@ -27,7 +27,7 @@ import numpy as np
 from microbot_ocp._base.checks import InputError, shown
 
 PACKAGE = __name__.partition(".")[0]
-MOST_ENTRIES = 1000  # of a sequence that are looked at
+MOST_ENTRIES = 100_000  # of a sequence that are looked at
 SPECIAL = ("__init__", "__call__")  # what is public of a class besides names without underscore
 UNIONS = (typing.Union, types.UnionType)
 SEQUENCES = (abc.Sequence, abc.Iterable, abc.Collection, list, tuple)

@@ -9,14 +9,16 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import json
 import os
 import platform
 import re
 import secrets
 import shutil
 import stat
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 from microbot_ocp._base.checks import InputError, shortened
 from microbot_ocp._base.reading import opened
@@ -146,6 +148,12 @@ def digest(path: Path) -> str:
     """SHA-256 of a file's content, in hexadecimal digits."""
     with opened(path) as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def digest_of_document(document: Mapping[str, Any], but: str) -> str:
+    """SHA-256 of all that a document of plain values says besides the key ``but``."""
+    rest = {key: value for key, value in document.items() if key != but}
+    return hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()
 
 
 def _fsync(path: Path, flags: int) -> None:

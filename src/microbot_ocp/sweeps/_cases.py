@@ -386,49 +386,54 @@ class CaseSource:
     def _read(self, name: str, given: Any, place: int) -> tuple[FloatArray, list[Axis]]:
         """First value [w] of a quantity and its axes, in SI units."""
         check_name(name)
-        allowed = widths(self._robot, name)
         if isinstance(given, OneOf):
-            if not isinstance(given.values, list | tuple | np.ndarray) or not len(given.values):
-                raise InputError(f"{name} must have at least one of values, not {shown(given)}")
-            rows = [self._numbers(f"{name}, one of values", v, allowed) for v in given.values]
-            if len({row.size for row in rows}) > 1:
-                raise InputError(f"{name} must have values of one length, not {shown(given)}")
-            choices = np.array(rows) * scale_to_si(self._robot, name, rows[0].size)
-            columns = slice(place, place + rows[0].size)
-            return choices[0], [Axis(columns, choices=choices)] if len(rows) > 1 else []
-        if not isinstance(given, Between):
-            value = self._numbers(name, given, allowed)
-            return value * scale_to_si(self._robot, name, value.size), []
-        if self.cases.kind == "table":
+            choices = self._choices(name, given)
+            columns = slice(place, place + choices.shape[1])
+            return choices[0], [Axis(columns, choices=choices)] if len(choices) > 1 else []
+        if isinstance(given, Between):
+            lower, upper = self._range(name, given)
+            axes = [
+                Axis(slice(place + k, place + k + 1), low, high, int(given.steps or 1))
+                for k, (low, high) in enumerate(zip(lower.tolist(), upper.tolist(), strict=True))
+                if low < high
+            ]
+            return lower, axes
+        value = self._numbers(name, given, widths(self._robot, name))
+        return value * scale_to_si(self._robot, name, value.size), []
+
+    def _choices(self, name: str, given: OneOf) -> FloatArray:
+        """Values [K,w] to choose from, in SI units."""
+        if not isinstance(given.values, list | tuple | np.ndarray) or not len(given.values):
+            raise InputError(f"{name} must have at least one of values, not {shown(given)}")
+        allowed = widths(self._robot, name)
+        rows = [self._numbers(f"{name}, one of values", v, allowed) for v in given.values]
+        if len({row.size for row in rows}) > 1:
+            raise InputError(f"{name} must have values of one length, not {shown(given)}")
+        return np.array(rows) * scale_to_si(self._robot, name, rows[0].size)
+
+    def _range(self, name: str, given: Between) -> tuple[FloatArray, FloatArray]:
+        """Lower and upper ends [w] of a range, in SI units."""
+        kind, steps = self.cases.kind, given.steps
+        if kind == "table":
             raise InputError(f"{name} must be a constant beside a table, not a range")
-        each = (1, *allowed)  # one number may stand for all
+        if kind == "grid" and (type(steps) is not int or steps < 2):
+            raise InputError(f"{name} needs steps of at least 2 on a grid, not {shown(steps)}")
+        if kind == "random" and steps is not None:
+            raise InputError(f"{name} has steps, which are for grids: random draws have none")
+        allowed = widths(self._robot, name)
         ends = [
-            self._numbers(f"{name}, {end}", value, each)
+            self._numbers(f"{name}, {end}", value, (1, *allowed))  # one may stand for all
             for end, value in (("from", given.lower), ("to", given.upper))
         ]
         size = max(end.size for end in ends)
         size = size if size in allowed else allowed[-1]
-        if (
-            any(end.size not in (1, size) for end in ends)
-            or not np.isfinite([*ends[0], *ends[1]]).all()
-        ):
+        if {end.size for end in ends} - {1, size} or not np.isfinite(np.concatenate(ends)).all():
             raise InputError(f"{name} must go from and to as many finite numbers, not {given}")
-        lower, upper = (np.broadcast_to(end, size) for end in ends)
+        scale = scale_to_si(self._robot, name, size)
+        lower, upper = (np.broadcast_to(end, size) * scale for end in ends)
         if (lower > upper).any():
             raise InputError(f"{name} must go from the lower to the upper, not {given}")
-        steps = given.steps
-        if self.cases.kind == "grid" and (type(steps) is not int or steps < 2):
-            raise InputError(f"{name} needs steps of at least 2 on a grid, not {shown(steps)}")
-        if self.cases.kind == "random" and steps is not None:
-            raise InputError(f"{name} has steps, which are for grids: random draws have none")
-        scale = scale_to_si(self._robot, name, lower.size)
-        lower, upper = lower * scale, upper * scale
-        axes = [
-            Axis(slice(place + k, place + k + 1), low, high, int(steps or 1))
-            for k, (low, high) in enumerate(zip(lower.tolist(), upper.tolist(), strict=True))
-            if low < high
-        ]
-        return lower, axes
+        return lower, upper
 
     def _numbers(self, name: str, value: Any, allowed: tuple[int, ...]) -> FloatArray:
         single: Any = value if isinstance(value, str) or not np.isscalar(value) else [value]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import json
 import re
 import warnings
@@ -14,11 +13,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from microbot_ocp._base.argument_types import fits
 from microbot_ocp._base.checks import FloatArray, InputError, shortened
 from microbot_ocp._base.reading import content_of, opened as opened_file
 from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
 from microbot_ocp._base.status import Status
-from microbot_ocp._base.writing import made_folder, remove_leftovers, whole_file, write_whole
+from microbot_ocp._base.writing import (
+    digest_of_document,
+    made_folder,
+    remove_leftovers,
+    whole_file,
+    write_whole,
+)
 from microbot_ocp.sweeps._extra import needed
 from microbot_ocp.sweeps._solve import Row
 from microbot_ocp.sweeps._study import Study, outcome_columns, versions
@@ -255,33 +261,35 @@ def load_sweep(folder: str | Path) -> Sweep:
         raise InputError(f"{str(folder)!r} holds no sweep: {ABOUT}: {reason}") from None
     if not _is_about(about):
         raise InputError(f"{str(folder)!r} holds no sweep: {ABOUT} is not whole")
-    if about.get(SEAL, "") not in ("", _seal(about)):
+    if about.get(SEAL, "") not in ("", digest_of_document(about, SEAL)):
         raise InputError(f"{str(folder)!r}: {ABOUT} was changed after it was written")
     return Sweep(Path(folder), about)
+
+
+# What readers ask of the document.
+_ABOUT: dict[str, Any] = {
+    **dict.fromkeys(("methods", "limits", "varying", "joints"), list[str]),
+    **dict.fromkeys(("settings", "quantities"), dict),
+    **dict.fromkeys(("count", "chunk"), int),
+    "columns": list[list[str]],
+    "digest": str,
+}
 
 
 def _is_about(about: Any) -> bool:
     """Whether a document says of a sweep what its readers ask for."""
     if not isinstance(about, dict) or about.get("schema") not in (1, SCHEMA):
         return False
-    count, chunk, methods = (about.get(key) for key in ("count", "chunk", "methods"))
-    sizes = all(type(size) is int and 0 < size < 10**12 for size in (count, chunk))
-    lists = [methods, about.get("limits"), about.get("varying"), about.get("joints")]
-    texts = all(isinstance(x, list) and all(isinstance(name, str) for name in x) for x in lists)
-    columns = about.get("columns")
+    if not all(fits(about.get(key), kind) for key, kind in _ABOUT.items()):
+        return False
+    columns, methods = set(map(tuple, about["columns"])), about["methods"]
     # folders of schema 1 may have been thinned by hand
     outcomes = outcome_columns if about["schema"] == SCHEMA else lambda *_: [("status", "text")]
-    return bool(
-        sizes
-        and texts
-        and methods
-        and isinstance(about.get("digest"), str)
-        and isinstance(about.get("settings"), dict)
-        and isinstance(about.get("quantities"), dict)
-        and isinstance(columns, list)
-        and all(isinstance(c, list) and len(c) == 2 for c in columns)
-        and all(isinstance(name, str) and kind in list(TYPES) for name, kind in columns)
-        and {("case", "int"), *outcomes(methods, about["limits"])} <= set(map(tuple, columns))
+    return (
+        bool(methods)
+        and all(0 < about[key] < 10**12 for key in ("count", "chunk"))
+        and all(len(column) == 2 and column[1] in TYPES for column in columns)
+        and {("case", "int"), *outcomes(methods, about["limits"])} <= columns
     )
 
 
@@ -327,7 +335,7 @@ def opened(study: Study, folder: Path) -> Sweep:
         "limits": [name for _, _, name in study.limit_columns],
         "columns": [list(pair) for pair in study.schema],
     }
-    about[SEAL] = _seal(about)
+    about[SEAL] = digest_of_document(about, SEAL)
     write_whole(folder / ABOUT, json.dumps(about, indent=2) + "\n")
     return Sweep(folder, about)
 
@@ -338,12 +346,6 @@ def _whole(sweep: Sweep, number: int) -> bool:
         return sweep._belongs(number) and _rows(str(sweep._part(number))).num_rows > 0
     except DAMAGED:
         return False
-
-
-def _seal(about: Mapping[str, Any]) -> str:
-    """Digest of all that a document says besides."""
-    rest = {key: value for key, value in about.items() if key != SEAL}
-    return hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()
 
 
 def _rows(paths: str | list[str], **options: Any) -> Any:

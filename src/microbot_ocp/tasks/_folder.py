@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import json
 import os
 import re
@@ -13,7 +12,7 @@ from typing import Any
 
 from microbot_ocp._base.checks import InputError, shortened, shown
 from microbot_ocp._base.reading import content_of
-from microbot_ocp._base.writing import NotWritten, digest, sync
+from microbot_ocp._base.writing import NotWritten, digest, digest_of_document, sync
 
 try:
     import fcntl
@@ -57,38 +56,38 @@ def swap_in(staged: Path, target: Path, index: bool, motions: bool) -> list[Path
     """
     document = json.loads((staged / INDEX).read_text("utf-8"))
     made = {name: value for name, value in files_in(staged).items() if name != INDEX}
-    new = {n: value for n, value in made.items() if motions or not n.startswith("motions/")}
+    new = [name for name in made if motions or not name.startswith("motions/")]
     with _locked(target):
         old = _read(target / INDEX)
-        own = ("files", "digest")
-        same = old is not None and _without(old, *own) == _without(document, *own)
+        same = old is not None and _of_the_run(old) == _of_the_run(document)
         earlier = _listed(old)
         listed = {n: value for n, value in made.items() if n in new or _has(target / n, value)}
-        if same:
-            listed = {**earlier, **listed}
-        document["files"] = listed
-        document["digest"] = _digest(document)
+        document["files"] = {**earlier, **listed} if same else listed
+        document["digest"] = digest_of_document(document, "digest")
         text = json.dumps(document, indent=2, ensure_ascii=False)
         (staged / INDEX).write_text(text + "\n", "utf-8")
         sync(staged / INDEX)
-        written = [*new, *([INDEX] if index or same else [])]
-        for name in written:
-            place = target / name
-            try:
-                place.parent.mkdir(exist_ok=True)
-                if name == INDEX:
-                    for folder in (target / "motions", target):
-                        if folder.is_dir():
-                            sync(folder)
-                os.replace(staged / name, place)
-            except OSError as problem:
-                raise NotWritten(place, problem.strerror or str(problem)) from None
+        for name in new:
+            _move(staged / name, target / name)
+        if index or same:
+            for folder in (target / "motions", target):
+                if folder.is_dir():
+                    sync(folder)
+            _move(staged / INDEX, target / INDEX)
         if index and not same:
             for name, value in earlier.items():
                 if name not in listed and _has(target / name, value):
                     (target / name).unlink(missing_ok=True)
         sync(target)
-    return [target / name for name in written if name != INDEX or index]
+    return [target / name for name in (*new, *([INDEX] if index else []))]
+
+
+def _move(staged: Path, place: Path) -> None:
+    try:
+        place.parent.mkdir(exist_ok=True)
+        os.replace(staged, place)
+    except OSError as problem:
+        raise NotWritten(place, problem.strerror or str(problem)) from None
 
 
 def check_unchanged(origin: str, document: Mapping[str, Any]) -> None:
@@ -98,7 +97,7 @@ def check_unchanged(origin: str, document: Mapping[str, Any]) -> None:
     ------
     InputError
     """
-    if "digest" in document and document["digest"] != _digest(document):
+    if "digest" in document and document["digest"] != digest_of_document(document, "digest"):
         raise InputError(
             f"{shortened(origin, 150)} was changed after it was saved: save the comparison again"
         )
@@ -128,13 +127,9 @@ def check_run(folder: Path, document: Mapping[str, Any]) -> None:
             raise InputError(f"{path} is of another run than {INDEX}: save the comparison again")
 
 
-def _without(document: Mapping[str, Any], *keys: str) -> dict[str, Any]:
-    return {key: value for key, value in document.items() if key not in keys}
-
-
-def _digest(document: Mapping[str, Any]) -> str:
-    text = json.dumps(_without(document, "digest"), sort_keys=True)
-    return hashlib.sha256(text.encode()).hexdigest()
+def _of_the_run(document: Mapping[str, Any]) -> dict[str, Any]:
+    """What a document says but for the files."""
+    return {key: value for key, value in document.items() if key not in ("files", "digest")}
 
 
 def _read(path: Path) -> dict[str, Any] | None:
