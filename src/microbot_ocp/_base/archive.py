@@ -1,7 +1,7 @@
 """Archives of arrays: numpy's ``.npz`` with a JSON object ``metadata``, of motions and solutions.
 
-The reader distrusts what it reads: every member is a plain array of numbers that is as large as its
-header says, and nothing is taken into memory before that is known.
+The reader distrusts what it reads: every member is a plain array of numbers, whose size in memory
+is known before it is read.
 """
 
 from __future__ import annotations
@@ -9,12 +9,11 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-import math
 import os
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 
@@ -23,13 +22,8 @@ from microbot_ocp._base.writing import write_whole
 
 MOST_BYTES = 2_000_000_000  # of all arrays of a file together
 MOST_MEMBERS = 10_000
-ENCRYPTED = 1  # bit of a member's flags
 METADATA = "metadata"
 DIGEST = "digest"  # of all the rest; files of earlier versions have none
-_HEADERS = {
-    (1, 0): np.lib.format.read_array_header_1_0,
-    (2, 0): np.lib.format.read_array_header_2_0,
-}
 
 
 def write_archive(
@@ -108,37 +102,19 @@ def no_archive(path: str | Path, what: str, problem: Exception) -> InputError:
 
 
 def _members(path: Path) -> dict[str, np.ndarray]:
-    arrays: dict[str, np.ndarray] = {}
     with zipfile.ZipFile(path) as stored:
-        members = stored.infolist()
-        size = sum(member.file_size for member in members)
-        if size > MOST_BYTES or len(members) > MOST_MEMBERS:
-            raise ValueError(f"it would take {size:.3g} bytes, {MOST_BYTES:,} are allowed")
-        for member in members:
-            name = member.filename.removesuffix(".npy")
-            if member.flag_bits & ENCRYPTED:
-                raise ValueError(f"{name} is encrypted")
-            if name in arrays:
-                raise ValueError(f"{name} is there twice")
-            with stored.open(member) as stream:
-                arrays[name] = _array(stream, name, member.file_size)
-    return arrays
-
-
-def _array(stream: IO[bytes], name: str, size: int) -> np.ndarray:
-    version = np.lib.format.read_magic(stream)
-    if version not in _HEADERS:
-        raise ValueError(f"{name} has a header of version {version}")
-    shape, by_columns, kind = _HEADERS[version](stream)
-    if kind.kind not in ("U" if name in (METADATA, DIGEST) else "biuf") or kind.hasobject:
-        raise ValueError(f"{name} holds {kind}, not numbers")
-    if min(shape, default=0) < 0 or math.prod(shape) * kind.itemsize > size:
-        raise ValueError(f"{name} is smaller than its shape {list(shape)}")
-    content = stream.read()
-    if len(content) != math.prod(shape) * kind.itemsize:
-        raise ValueError(f"{name} is larger than its shape {list(shape)}")
-    array = np.frombuffer(content, kind).reshape(shape, order="F" if by_columns else "C")
-    return array.astype(kind.newbyteorder("="))
+        names = stored.namelist()
+        size = sum(member.file_size for member in stored.infolist())
+    if size > MOST_BYTES or len(names) > MOST_MEMBERS:
+        raise ValueError(f"it would take {size:.3g} bytes, {MOST_BYTES:,} are allowed")
+    if len(set(names)) < len(names):
+        raise ValueError("a name is there twice")
+    with np.load(path, allow_pickle=False) as loaded:
+        arrays = {name: loaded[name] for name in loaded.files}
+    for name, array in arrays.items():
+        if array.dtype.kind not in ("U" if name in (METADATA, DIGEST) else "biuf"):
+            raise ValueError(f"{name} holds {array.dtype}, not numbers")
+    return {name: array.astype(array.dtype.newbyteorder("=")) for name, array in arrays.items()}
 
 
 def _digest(arrays: Mapping[str, np.ndarray]) -> str:
