@@ -35,11 +35,14 @@ from .certificate import (
 from .execution import (
     Command as Command,
     Profile as Profile,
+    Reserve as Reserve,
     check as check,
     commanded as commanded,
     controller_profile as controller_profile,
+    differing_plants as differing_plants,
     executed as executed,
     packaged_profiles as packaged_profiles,
+    smallest_reserve as smallest_reserve,
 )
 from .inverse_kinematics import (
     IKPath as IKPath,

@@ -16,6 +16,12 @@ from ._profile import (
     controller_profile as controller_profile,
     packaged_profiles as packaged_profiles,
 )
+from ._reserve import (
+    Reserve as Reserve,
+    Trial as Trial,
+    differing_plants as differing_plants,
+    smallest_reserve as smallest_reserve,
+)
 from ._rows import (
     Rows as Rows,
     read_rows as read_rows,

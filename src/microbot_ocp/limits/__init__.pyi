@@ -19,6 +19,7 @@ from ._joint_limits import (
     LimitChanges as LimitChanges,
     Limits as Limits,
     quantity_name as quantity_name,
+    with_reserve as with_reserve,
 )
 from ._jumps import (
     JUMP_TIME as JUMP_TIME,

@@ -35,6 +35,7 @@ from microbot_ocp.simulation._result import Tracking
 from microbot_ocp.simulation._sampled import SampledLoop, Samples
 from microbot_ocp.simulation._signals import Formula, disturbance_function, reference_signal
 
+MOST_DELAY = 1000  # samples, each of which is a part of the state
 Saturation = bool | ArrayLike | tuple[ArrayLike, ArrayLike] | Limits | JointLimits
 
 
@@ -50,6 +51,7 @@ def track(
     step: float = SAMPLE_STEP,
     saturation: Saturation = True,
     sample_rate: float | None = None,
+    delay: int = 0,
     noise: SensorNoise | None = None,
     disturbance: ArrayLike | Formula | None = None,
     integrator: Integrator | None = None,
@@ -84,6 +86,8 @@ def track(
         Torque limits, N m (N): True for those of the plant, False for none.
     sample_rate : float, optional
         Samples a second of the controller, Hz; default continuous control.
+    delay : int
+        Samples between a measurement and the torque that follows from it; of sampled control only.
     noise : SensorNoise, optional
         Of sampled control only.
     disturbance : array_like [n] or callable, optional
@@ -147,8 +151,9 @@ def track(
 
     forced = ForcedEquation(rate, 2 * count, signal)
     if sample_rate is None:
-        if noise is not None:
-            raise InputError("noise needs a sample_rate: a continuous loop does not sample")
+        for name, given in (("noise", noise is not None), ("delay", delay)):
+            if given:
+                raise InputError(f"{name} needs a sample_rate: a continuous loop does not sample")
         grid = np.linspace(begin, end, checks.step_count(end - begin, step) + 1)
         with deadline.within(time_limit):
             run = integrate(forced, start, grid, settings)
@@ -159,7 +164,9 @@ def track(
         sample_rate = checks.number("sample_rate", sample_rate, "Hz", above=0.0)
         samples = Samples.of(begin, end, sample_rate, step)
         errors = (SensorNoise() if noise is None else noise).draw(samples.t.size, count)
-        loop = SampledLoop(arm, _law(torque, count), load, signal, errors)
+        if not 0 <= delay <= MOST_DELAY:
+            raise InputError(f"delay must be 0 to {MOST_DELAY} samples, not {delay}")
+        loop = SampledLoop(arm, _law(torque, count), load, signal, errors, delay)
         with deadline.within(time_limit):
             grid, run, tau = loop.run(samples, start, settings)
     fields = result_fields(arm, grid, run, tau, load, settings, started)

@@ -51,6 +51,7 @@ class SampledLoop(NamedTuple):
     disturbance: ca.Function  # time to disturbance
     signal: Signal
     errors: FloatArray  # of the measurements [K, 2n]
+    delay: int = 0  # samples between a measurement and its torque
 
     def run(
         self, samples: Samples, start: FloatArray, settings: IntegratorSettings
@@ -61,6 +62,9 @@ class SampledLoop(NamedTuple):
         it until the next sample.
         """
         count, inner = self.arm.joint_count, samples.within.size
+        first = self.signal.values(samples.t[:1])[0]
+        waiting = np.array(self.law(first, start[:count], start[count:])).ravel()
+        begin = np.concatenate([start, np.tile(waiting, self.delay)])
         given = (samples.t[None, :], self.signal.values(samples.t).T, self.errors.T)
         held: list[FloatArray] = []
 
@@ -68,15 +72,15 @@ class SampledLoop(NamedTuple):
             function = self._period(samples, plugin(settings, steps, samples.within[-1])).mapaccum(
                 samples.t.size
             )
-            _, everything, torques = function(start, *given)
+            _, everything, torques = function(begin, *given)
             held[:] = [np.array(torques).T]
             return np.vstack([start, np.array(everything).T.reshape(-1, 2 * count)])
 
         each = settings._replace(max_steps=max(settings.max_steps // samples.t.size, FINEST))
-        first = max(inner, int(np.ceil(samples.within[-1] / SAMPLE_STEP)))
+        steps = max(inner, int(np.ceil(samples.within[-1] / SAMPLE_STEP)))
 
         def work(_: Send) -> tuple[IntegrationRun, list[FloatArray]]:
-            return settled(states, each, first), held
+            return settled(states, each, steps), held
 
         run, held = in_time(work, lambda status, said: (missing(status, said), []))
         grid = np.append(samples.t[0], (samples.t[:, None] + samples.within).ravel())
@@ -90,7 +94,10 @@ class SampledLoop(NamedTuple):
         return np.minimum(grid[keep], samples.end), run, tau[keep]
 
     def _period(self, samples: Samples, chosen: tuple[str, dict[str, Any]]) -> ca.Function:
-        """State, moment, reference and error to: next state, all states on the way, torque."""
+        """State, moment, reference and error to: next state, all states on the way, torque.
+
+        Behind positions and velocities the state has the torques that are still to come.
+        """
         count, inner = self.arm.joint_count, samples.within.size
         t, x, u = ca.SX.sym("t"), ca.SX.sym("x", 2 * count), ca.SX.sym("u", count + 1)
         tau = u[:count] + self.disturbance(u[count] + t)
@@ -98,10 +105,12 @@ class SampledLoop(NamedTuple):
         equation = {"t": t, "x": x, "u": u, "ode": ca.vertcat(x[count:], qdd)}
         name, options = chosen
         drift = ca.integrator("drift", name, equation, 0.0, samples.within.tolist(), options)
-        now, moment = ca.MX.sym("now", 2 * count), ca.MX.sym("moment")
+        state, moment = ca.MX.sym("state", (2 + self.delay) * count), ca.MX.sym("moment")
+        now = state[: 2 * count]
         wanted, error = ca.MX.sym("wanted", 3 * count), ca.MX.sym("error", 2 * count)
         seen = now + error
-        held = self.law(wanted, seen[:count], seen[count:])
+        torques = ca.vertcat(state[2 * count :, 0], self.law(wanted, seen[:count], seen[count:]))
+        held = torques[:count]
         after = drift(x0=now, u=ca.repmat(ca.vertcat(held, moment), 1, inner))["xf"]
-        outputs = [after[:, -1], ca.vec(after), held]
-        return ca.Function("period", [now, moment, wanted, error], outputs)
+        outputs = [ca.vertcat(after[:, -1], torques[count:, 0]), ca.vec(after), held]
+        return ca.Function("period", [state, moment, wanted, error], outputs)

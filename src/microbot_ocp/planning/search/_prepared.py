@@ -15,7 +15,7 @@ from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.codegen import compiles, interpreted
 from microbot_ocp._base.status import Status
-from microbot_ocp.limits import LIMIT_TOLERANCE, JointLimits, LimitFamily, Limits
+from microbot_ocp.limits import LIMIT_TOLERANCE, JointLimits, LimitFamily, Limits, with_reserve
 from microbot_ocp.motion import Motion
 from microbot_ocp.ocp import ParametricSolver, Solution, SolverSettings
 from microbot_ocp.ocp.refinement import WORSE, split
@@ -207,6 +207,7 @@ class TimeOptimalSolver:
         limits: Limits | JointLimits | None = None,
         payload: float = 0.0,
         *,
+        reserve: ArrayLike = 0.0,
         via_q: ArrayLike | None = None,
         search: bool = False,
         time_limit: float = TIME_LIMIT,
@@ -219,6 +220,8 @@ class TimeOptimalSolver:
             Default the robot's own.
         payload : float
             Point mass at the tool, kg; the motion is one of ``robot.with_payload(payload)``.
+        reserve : float or array_like [n]
+            Share of the torque limits that is kept back for feedback, of all joints or one a joint.
         via_q : array_like [m,n], optional
             Other via points, as many as the solver was made with, rad (prismatic: m).
         search : bool
@@ -240,6 +243,7 @@ class TimeOptimalSolver:
             Bad limits or payload, a via point that cannot be held: before any solver starts.
         """
         with deadline.within(time_limit):
+            limits = with_reserve(self.robot.limits, limits, reserve)
             return self._solved(limits, payload, via_q, search)
 
     def _solved(

@@ -14,7 +14,7 @@ from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.codegen import compiles
 from microbot_ocp._base.status import Status
-from microbot_ocp.limits import JointLimits, LimitFamily, Limits
+from microbot_ocp.limits import JointLimits, LimitFamily, Limits, with_reserve
 from microbot_ocp.motion import Motion
 from microbot_ocp.ocp.solution import StepProgress, quiet
 from microbot_ocp.planning.free import Slowed, known_ways
@@ -48,6 +48,7 @@ def time_optimal(
     via_q: ArrayLike | Sequence[Stop],
     limits: Limits | JointLimits | None = None,
     *,
+    reserve: ArrayLike = 0.0,
     segments: Sequence[Segment] | None = None,
     cycle: bool = False,
     order: str = "given",
@@ -71,6 +72,8 @@ def time_optimal(
         velocities, dwells and payloads (:class:`~microbot_ocp.Stop`).
     limits : Limits, optional
         Default the robot's own.
+    reserve : float or array_like [n]
+        Share of the torque limits that is kept back for feedback, of all joints or one a joint.
     segments : sequence, optional
         What lies between two stops: a :class:`~microbot_ocp.Line`, :class:`~microbot_ocp.Circle` or
         :class:`~microbot_ocp.JointLine`, or None where the way is free.
@@ -119,6 +122,7 @@ def time_optimal(
     (True, 1.92)
     """
     chosen = with_changes(settings or TimeOptimalSettings(), changes)
+    limits = with_reserve(robot.limits, limits, reserve)
     checks.one_of("order", order, ("given", "free"))
     if is_task(via_q) or segments is not None or cycle or order != "given" or duration is not None:
         from microbot_ocp.planning.search._orders import solve_stops

@@ -15,12 +15,13 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.codegen import compiles
 from microbot_ocp._base.status import Status
-from microbot_ocp.limits import JointLimits, LimitFamily, Limits
+from microbot_ocp.limits import JointLimits, LimitFamily, Limits, with_reserve
 from microbot_ocp.motion import (
     SAMPLE_STEP,
     Mark,
@@ -113,6 +114,7 @@ def time_optimal_path(
     path: PiecewisePolynomial,
     limits: Limits | JointLimits | None = None,
     *,
+    reserve: ArrayLike = 0.0,
     settings: PathTimingSettings | None = None,
     label: str = "path, best timing",
     progress: StepProgress | None = None,
@@ -136,6 +138,8 @@ def time_optimal_path(
         :func:`straight_path`.
     limits : Limits, optional
         Default the robot's own.
+    reserve : float or array_like [n]
+        Share of the torque limits that is kept back for feedback, of all joints or one a joint.
     settings : PathTimingSettings, optional
         Single settings may be given as keywords: ``grid``, ``limit_tolerance``, ``compiled``,
         ``time_limit`` (by default 120 s).
@@ -162,7 +166,7 @@ def time_optimal_path(
     True
     """
     chosen = with_changes(settings or PathTimingSettings(), changes)
-    family = check_limits(robot, limits)
+    family = check_limits(robot, with_reserve(robot.limits, limits, reserve))
     check_path(family, path)
     return best_timing(family, path, chosen, label, progress or quiet)
 

@@ -1,0 +1,320 @@
+"""The reserve of torque that feedback needs where the arm is not what the plan took it for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.status import Status
+from microbot_ocp._base.table import Column, Table
+from microbot_ocp.limits import LIMIT_TOLERANCE, JointLimits, LimitFamily, Limits
+from microbot_ocp.motion import Motion, PiecewisePolynomial, pieces_of
+from microbot_ocp.planning import time_optimal, tool_poses
+from microbot_ocp.planning.free import within_limits
+from microbot_ocp.robot import Robot
+from microbot_ocp.simulation import Controller, track
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One reserve that was looked at.
+
+    Attributes
+    ----------
+    reserve : float
+        Share of the torque limits.
+    duration : float
+        Of the motion planned with it, s; NaN where there is none.
+    error : float
+        Largest distance of the tool from where it should be, over all plants, m; infinite where one
+        is lost.
+    saturated : float
+        Largest share of the time in which a torque is at its true limit.
+    """
+
+    reserve: float
+    duration: float
+    error: float
+    saturated: float
+
+
+@dataclass(frozen=True, eq=False)
+class Reserve:
+    """The least reserve with which every plant follows.
+
+    Attributes
+    ----------
+    status : Status
+        "not found" where no reserve keeps the bound; ``advice`` says why.
+    reserve : float
+        Share of the torque limits; NaN where none is enough.
+    motion : Motion
+        Planned with it: the *trackable* motion; the ideal one where none is enough.
+    ideal : Motion
+        Planned without a reserve.
+    bound : float
+        Of the tool's error, m.
+    trials : tuple of Trial
+        Every reserve that was looked at, in order of the reserve.
+    advice : str
+    """
+
+    status: Status
+    reserve: float
+    motion: Motion
+    ideal: Motion
+    bound: float
+    trials: tuple[Trial, ...]
+    advice: str = ""
+
+    @property
+    def solved(self) -> bool:
+        """Whether a reserve keeps the bound."""
+        return self.status.solved
+
+    @property
+    def cost(self) -> float:
+        """What the reserve costs, s."""
+        return self.motion.duration - self.ideal.duration
+
+    def table(self) -> Table:
+        """What each reserve costs and what it does for the tool."""
+        columns = [
+            Column("reserve", "%", ".2f"),
+            Column("T", "s", ".4f"),
+            Column("tool error", "mm", ".3f"),
+            Column("saturated", "%", ".1f"),
+        ]
+        scales = (100.0, 1.0, 1e3, 100.0)
+        rows = [
+            [scale * value for scale, value in zip(scales, vars(trial).values(), strict=True)]
+            for trial in self.trials
+        ]
+        return Table(columns, rows)
+
+
+def differing_plants(
+    robot: Robot,
+    *,
+    mass: float = 0.0,
+    friction: float = 0.0,
+    payload: tuple[float, float] = (0.0, 0.0),
+    count: int = 20,
+    seed: int = 0,
+) -> tuple[Robot, ...]:
+    """Arms that differ from the model: the corners of a box, and arms inside of it.
+
+    Parameters
+    ----------
+    robot : Robot
+        With masses.
+    mass : float
+        Share by which the mass of every link, with its inertia and its armature, may be off.
+    friction : float
+        Share by which viscous and Coulomb friction of every joint may be off.
+    payload : (float, float)
+        Point masses at the tool, kg.
+    count : int
+        How many arms are drawn besides the corners, each link by itself.
+    seed : int
+        Of the draws.
+
+    Returns
+    -------
+    tuple of Robot
+        The corners first: all masses, all frictions and the payload at an end of their ranges.
+
+    Raises
+    ------
+    InputError
+        Shares outside of 0 to 1, a payload below 0, a robot without masses.
+
+    Examples
+    --------
+    >>> import microbot_ocp as mo
+    >>> plants = mo.differing_plants(mo.load_robot("microbot"), mass=0.05, count=3)
+    >>> len(plants), [plant.links[0].mass for plant in plants[:2]]
+    (5, [19.0, 21.0])
+    """
+    if not robot.has_dynamics:
+        raise InputError(f"robot {robot.name!r} has no masses that could differ")
+    for name, share in (("mass", mass), ("friction", friction)):
+        checks.number(name, share, at_least=0.0, at_most=1.0)
+    low, high = (checks.number("payload", each, "kg", at_least=0.0) for each in payload)
+    if not (isinstance(count, int) and 0 <= count <= 100_000):
+        raise InputError(f"count must be a whole number, 0 to 100,000, not {checks.shown(count)}")
+    links, draw = len(robot.links), np.random.default_rng(seed)
+    ends = [(-1.0, 1.0) if share else (0.0,) for share in (mass, friction)]
+    loads = (low, high) if low != high else (low,)
+    corners = [
+        (np.full(links, heavy), np.full(links, rough), load)
+        for heavy, rough, load in product(*ends, loads)
+    ]
+    inside = [(*draw.uniform(-1.0, 1.0, (2, links)), draw.uniform(low, high)) for _ in range(count)]
+    return tuple(
+        _differing(robot, 1.0 + mass * heavy, 1.0 + friction * rough).with_payload(load)
+        for heavy, rough, load in [*corners, *inside]
+    )
+
+
+def _differing(robot: Robot, mass: FloatArray, friction: FloatArray) -> Robot:
+    """The robot with masses and frictions [n] times these."""
+    return robot.with_links(
+        [
+            replace(
+                link,
+                mass=link.mass * m,
+                inertia=link.inertia * m,
+                armature=link.armature * m,
+                viscous_friction=link.viscous_friction * f,
+                coulomb_friction=link.coulomb_friction * f,
+            )
+            for link, m, f in zip(robot.links, mass, friction, strict=True)
+        ]
+    )
+
+
+def smallest_reserve(
+    robot: Robot,
+    task: Motion | ArrayLike | Callable[[float], Motion],
+    controller: Controller,
+    plants: Sequence[Robot],
+    bound: float,
+    *,
+    limits: Limits | JointLimits | None = None,
+    accuracy: float = 0.01,
+    **loop: Any,
+) -> Reserve:
+    """Find the least reserve of torque with which the tool stays near its reference.
+
+    The motion is planned with a share of the torques kept back, and played on every plant by the
+    controller, whose torques saturate at the true limits. The share doubles from ``accuracy`` on
+    until no plant is off by more than ``bound``, and is then halved in.
+
+    Parameters
+    ----------
+    robot : Robot
+        The model of the plan and of the controller.
+    task : Motion, array_like [m,n] or callable
+        Via points, through which :func:`microbot_ocp.time_optimal` plans anew; or a motion, which
+        is slowed down only where it exceeds what is left of the torques; or a function from a
+        reserve to a motion.
+    controller : Controller
+    plants : sequence of Robot
+        Arms that are simulated, such as :func:`differing_plants` of the robot.
+    bound : float
+        Of the distance of the tool from its reference, at any time of the motion, m.
+    limits : Limits, optional
+        Of the plan, before a share is kept back; default the robot's own.
+    accuracy : float
+        How near the least reserve it is told, as a share of the torque limits.
+    **loop
+        ``sample_rate``, ``delay``, ``noise``, ``saturation``, ``step`` and so on, as of
+        :func:`microbot_ocp.track`.
+
+    Returns
+    -------
+    Reserve
+
+    Raises
+    ------
+    InputError
+        No plant, a plant with other joints, a bound or an accuracy that is not above 0.
+
+    Examples
+    --------
+    >>> import microbot_ocp as mo
+    >>> robot = mo.load_robot("microbot")
+    >>> plants = mo.differing_plants(robot, mass=0.05, count=0)
+    >>> via_q = np.radians([[0, 0, 0], [-90, 90, 90]])
+    >>> loop = mo.ComputedTorque(kp=100.0)
+    >>> found = mo.smallest_reserve(robot, via_q, loop, plants, 0.03, sample_rate=500.0)
+    >>> found.solved, 0.01 < found.reserve < 0.2
+    (True, True)
+    """
+    checks.number("bound", bound, "m", above=0.0)
+    checks.number("accuracy", accuracy, above=0.0, at_most=0.5)
+    if not plants:
+        raise InputError("plants must hold at least one robot")
+    plan = _planner(robot, task, limits)
+    ideal = plan(0.0)
+    motions: dict[float, Motion] = {0.0: ideal}
+    trials: dict[float, Trial] = {}
+
+    def keeps(reserve: float) -> bool:
+        try:
+            motion = motions.setdefault(reserve, ideal) if not reserve else plan(reserve)
+        except InputError as problem:  # what is left does not hold the arm
+            trials[reserve] = Trial(reserve, np.nan, np.inf, np.nan)
+            advice[:] = [str(problem)]
+            return False
+        motions[reserve] = motion
+        trials[reserve] = _tried(robot, motion, controller, plants, reserve, loop)
+        return motion.solved and trials[reserve].error <= bound
+
+    advice = ["no reserve keeps the bound: the controller itself does not, or torques are too few"]
+    good, bad = 0.0, -accuracy
+    while not keeps(good):
+        bad, good = good, accuracy if not good else 2.0 * good
+        if good >= 1.0 or not np.isfinite(trials[bad].duration):
+            ordered = tuple(trials[each] for each in sorted(trials))
+            return Reserve(Status.NOT_FOUND, np.nan, ideal, ideal, bound, ordered, advice[0])
+    while good - bad > accuracy * (1.0 + 1e-9):
+        middle = 0.5 * (good + bad)
+        good, bad = (middle, bad) if keeps(middle) else (good, middle)
+    ordered = tuple(trials[each] for each in sorted(trials))
+    return Reserve(Status.SOLVED, good, motions[good], ideal, bound, ordered)
+
+
+def _planner(
+    robot: Robot,
+    task: Motion | ArrayLike | Callable[[float], Motion],
+    limits: Limits | JointLimits | None,
+) -> Callable[[float], Motion]:
+    if callable(task):
+        return task
+    if not isinstance(task, Motion):
+        return lambda reserve: time_optimal(robot, task, limits, reserve=reserve)
+    own = robot.limits if limits is None else limits.for_joints(robot.joint_count)
+    shape = PiecewisePolynomial(task.t, pieces_of(task))
+
+    def slowed(reserve: float) -> Motion:
+        if not reserve:
+            return task
+        family = LimitFamily.of(robot, own.with_reserve(reserve))
+        times = np.array([mark.time for mark in task.marks])
+        motion = within_limits(family, shape, times, LIMIT_TOLERANCE, False)
+        if motion is None:
+            raise InputError(
+                f"the motion cannot be slowed down until it leaves {100 * reserve:.3g} % of the "
+                "torques"
+            )
+        return motion
+
+    return slowed
+
+
+def _tried(
+    robot: Robot,
+    motion: Motion,
+    controller: Controller,
+    plants: Sequence[Robot],
+    reserve: float,
+    loop: dict[str, Any],
+) -> Trial:
+    error = saturated = 0.0
+    for plant in plants:
+        run = track(robot, motion, controller, plant=plant, **loop)
+        saturated = max(saturated, run.saturated_fraction)
+        if not run.solved:
+            return Trial(reserve, motion.duration, np.inf, saturated)
+        tool, wanted = (tool_poses(robot, q)[:, :3, 3] for q in (run.q, run.reference.q))
+        error = max(error, float(np.linalg.norm(tool - wanted, axis=1).max()))
+    return Trial(reserve, motion.duration, error, saturated)

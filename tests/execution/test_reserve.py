@@ -1,0 +1,145 @@
+"""The reserve for feedback: what the search promises, MuJoCo's arms must keep."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import microbot_ocp as mo
+from external.test_mujoco import mjcf, with_small_bodies
+
+mujoco = pytest.importorskip("mujoco")
+
+VIA_Q = np.radians([[0, 0, 0], [-8, 45, 30], [-90, 90, 90]])
+RATE, GAIN, BOUND = 500.0, 100.0, 0.02
+
+
+def tool(robot, q):
+    return np.array(mo.frame_origins(robot)(q))[:, -1]
+
+
+def played(robot, motion, plant, substeps=4):
+    """Largest error of the tool in m: computed torque at RATE, clipped, held over the period."""
+    model = mujoco.MjModel.from_xml_string(mjcf(plant))
+    model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
+    model.opt.timestep = 1.0 / (RATE * substeps)
+    data = mujoco.MjData(model)
+    law = mo.fast_call(mo.inverse_dynamics(robot))
+    data.qpos[:] = motion.q[0]
+    t = np.arange(int(motion.duration * RATE)) / RATE
+    wanted, worst = motion.sample(t), 0.0
+    for q, qd, qdd in zip(*wanted, strict=True):
+        worst = max(worst, np.linalg.norm(tool(robot, data.qpos) - tool(robot, q)))
+        error, rate = q - data.qpos, qd - data.qvel
+        asked = qdd + 2.0 * np.sqrt(GAIN) * rate + GAIN * error
+        tau = law(data.qpos.copy(), data.qvel.copy(), asked)
+        data.qfrc_applied[:] = np.clip(tau, robot.limits.tau_min, robot.limits.tau_max)
+        mujoco.mj_step(model, data, substeps)
+    return worst
+
+
+@pytest.mark.slow
+def test_arms_of_mujoco_follow_with_the_reserve_and_not_without():
+    robot = with_small_bodies(mo.load_robot("microbot"))
+    plants = mo.differing_plants(robot, mass=0.05, count=2)
+    loop = mo.ComputedTorque(kp=GAIN)
+    found = mo.smallest_reserve(robot, VIA_Q, loop, plants, BOUND, sample_rate=RATE)
+    assert found.solved
+    assert 0.0 < found.reserve < 0.1
+    assert mo.certify(robot, found.motion, robot.limits.with_reserve(found.reserve)).ok
+    others = mo.differing_plants(robot, mass=0.05, count=5, seed=1)
+    assert max(played(robot, found.motion, plant) for plant in others) < BOUND
+    assert max(played(robot, found.ideal, plant) for plant in plants) > 10 * BOUND
+
+
+@pytest.mark.slow
+def test_of_one_joint_the_answer_is_known():
+    """An arm heavier by 5 % needs 5 % more torque."""
+    link = mo.Link(1.0, np.array([0.5, 0.0, 0.0]), 0.1 * np.eye(3))
+    limits = mo.Limits(tau_max=10.0)
+    robot = mo.Robot.from_dh(
+        [0.0], [0.0], [0.0], links=[link], limits=limits, gravity=[0, 0, 0], tool=[0, 1.0, 0, 0]
+    )
+    plants = mo.differing_plants(robot, mass=0.05, count=0)
+    q = [[0.0], [1.0]]
+    loop = mo.ComputedTorque(kp=400.0)
+    found = mo.smallest_reserve(robot, q, loop, plants, 5e-3, accuracy=0.005, sample_rate=1000.0)
+    assert found.solved
+    assert found.motion.duration == pytest.approx(
+        found.ideal.duration / np.sqrt(1.0 - found.reserve), rel=1e-4
+    )
+    assert 0.03 < found.reserve < 0.06
+    by_motion = mo.smallest_reserve(
+        robot, found.ideal, loop, plants, 5e-3, accuracy=0.005, sample_rate=1000.0
+    )
+    assert by_motion.reserve == pytest.approx(found.reserve, abs=0.006)
+
+
+def test_no_reserve_keeps_what_the_controller_does_not(microbot):
+    plants = mo.differing_plants(microbot, mass=0.2, count=0)
+    shape = mo.quintic(VIA_Q[[0, 2]], [0.0, 4.0])
+    motion = mo.Motion.from_polynomial(microbot, shape, label="quintic")
+    loop = mo.ComputedTorque(kp=1.0)
+    found = mo.smallest_reserve(
+        microbot, lambda reserve: motion, loop, plants, 1e-3, accuracy=0.3, sample_rate=200.0
+    )
+    assert not found.solved
+    assert np.isnan(found.reserve)
+    assert "the controller itself does not" in found.advice
+    assert len(found.table().rows) == len(found.trials) == 3
+
+
+@pytest.mark.parametrize("where", ["free", "prepared", "path", "stops"])
+def test_every_planner_keeps_the_share_back(microbot, where):
+    reserve = [0.1, 0.2, 0.3]
+    tight = microbot.limits.with_reserve(reserve)
+    given = {"mesh": 20, "starts": 1, "reserve": reserve}
+    if where == "free":
+        motion = mo.time_optimal(microbot, VIA_Q, **given)
+    elif where == "stops":
+        motion = mo.time_optimal(microbot, [mo.Stop(q=tuple(q)) for q in VIA_Q], **given)
+    elif where == "prepared":
+        motion = mo.TimeOptimalSolver(microbot, VIA_Q, mesh=20, starts=1)(reserve=reserve)
+    else:
+        path = mo.straight_path(VIA_Q)
+        motion = mo.time_optimal_path(microbot, path, reserve=reserve)
+    certificate = mo.certify(microbot, motion, tight)
+    assert certificate.ok
+    torque = next(check for check in certificate.limit_checks if check.quantity == "tau")
+    assert torque.utilisation.max() > 0.98
+
+
+def test_a_delay_of_one_sample_is_a_step_of_the_torque(microbot):
+    start = {"q0": [0.1, 0.0, 0.0], "sample_rate": 100.0, "step": 1e-2, "saturation": False}
+    still = mo.quintic([[0.0, 0.0, 0.0], [1e-3, 0.0, 0.0]], [0.0, 1.0])
+    loop = mo.ComputedTorque(kp=100.0)
+    late = mo.track(microbot, still, loop, delay=1, **start)
+    law = mo.inverse_dynamics(microbot)
+    error, rate = late.error[:-1], late.reference.qd[:-1] - late.qd[:-1]
+    asked = late.reference.qdd[:-1] + 20.0 * rate + 100.0 * error
+    wanted = np.array(law(late.q[:-1].T, late.qd[:-1].T, asked.T)).T
+    np.testing.assert_allclose(late.tau[1:-1], wanted[:-1], rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(late.tau[0], wanted[0], rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda r: r.limits.with_reserve(1.0), "reserve must be a share"),
+        (lambda r: r.limits.with_reserve([0.1, 0.2]), "reserve must have shape"),
+        (lambda r: mo.time_optimal(r, VIA_Q, reserve=-0.1), "reserve must be a share"),
+        (lambda r: mo.differing_plants(r, mass=2.0), "mass must be at most 1"),
+        (lambda r: mo.differing_plants(r, payload=(-1.0, 0.0)), "payload must be at least 0 kg"),
+        (
+            lambda r: mo.smallest_reserve(r, VIA_Q, mo.ComputedTorque(kp=1.0), [], 0.1),
+            "at least one robot",
+        ),
+        (
+            lambda r: mo.track(r, mo.cubic(VIA_Q, [0, 1, 2]), mo.ComputedTorque(kp=1.0), delay=1),
+            "delay needs a sample_rate",
+        ),
+    ],
+)
+def test_what_is_no_reserve(microbot, call, message):
+    with pytest.raises(mo.InputError, match=message):
+        call(microbot)
