@@ -5,6 +5,7 @@ python docs/make_commands.py
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from importlib import import_module
 from pathlib import Path
@@ -16,6 +17,8 @@ from microbot_ocp.cli._program import COMMANDS
 
 PAGE = Path(__file__).resolve().parent / "cli.md"
 MARKS = "<!-- made by docs/make_commands.py -->\n", "<!-- end of what is made -->\n"
+
+SHARED = 2  # commands that have an option: then it is listed once
 
 
 def declared() -> dict[str, Command]:
@@ -39,30 +42,44 @@ def rows(kinds: Iterable[Kind]) -> Iterator[str]:
             yield f"| `{f'{name} {word}'.strip()}` | {text.replace('|', chr(92) + '|')} |\n"
 
 
-def table(kinds: Iterable[Kind]) -> str:
-    """List the options of some parameters."""
-    return "\n| option | |\n|---|---|\n" + "".join(rows(kinds))
+def table(lines: Iterable[str]) -> str:
+    """List rows of options."""
+    return "\n| option | |\n|---|---|\n" + "".join(lines)
 
 
-def section(name: str, command: Command) -> Iterator[str]:
-    """Say of a command what it says of itself, and its options but for the limits."""
+def own_rows(command: Command) -> list[str]:
+    """Return the rows of a command but for the limits."""
+    kinds = command.kinds.values()
+    return list(rows(kind for kind in kinds if not isinstance(kind, type(LIMITS))))
+
+
+def section(name: str, command: Command, shared: Iterable[str]) -> Iterator[str]:
+    """Say of a command what it says of itself, and the options that are its own."""
     kinds = command.kinds
     words = [str(kind.metavar) for kind in kinds.values() if kind.positional]
     words = ["ROBOT", *words] if "robot" in kinds and not words else words
     yield f"\n### `{' '.join([name, *words])}`\n\n{command.help}\n\n"
     yield f"```console\n$ {command.example}\n```\n"
-    listed = {key: kind for key, kind in kinds.items() if not isinstance(kind, type(LIMITS))}
-    yield table(listed.values())
-    if len(listed) < len(kinds):
-        yield "\nAnd the [limits](#limits).\n"
+    listed = own_rows(command)
+    if own := [row for row in listed if row not in shared]:
+        yield table(own)
+    others = [row.split("|")[1].split()[0].strip("`") for row in listed if row in shared]
+    limits = " and the [limits](#limits)" if "limits" in kinds else ""
+    if others:
+        named = ", ".join(f"`{option}`" for option in others)
+        yield f"\n[Shared](#shared-options): {named}{limits}.\n"
 
 
 def commands_text() -> str:
     """Write everything between the marks."""
     commands = declared()
-    text = "".join(part for item in commands.items() for part in section(*item))
+    counts = Counter(row for command in commands.values() for row in set(own_rows(command)))
+    shared = [row for row in counts if counts[row] >= SHARED]
+    text = "".join(part for item in commands.items() for part in section(*item, shared))
     intro = "Of `compare` and `time-optimal`; those not given are the robot's own."
-    return f"{text}\n### Limits\n\n{intro}\n{table([LIMITS])}\n"
+    text += f"\n### Shared options\n{table(shared)}"
+    names = [f"`{row.split('|')[1].split()[0].strip('`')}`" for row in rows([LIMITS])]
+    return f"{text}\n### Limits\n\n{intro}\n\n{', '.join(names)}\n\n"
 
 
 def updated(page: str) -> str:

@@ -67,7 +67,8 @@ STYLE = """
 text { font: 13px sans-serif; fill: #222 } .call { font: 12px monospace }
 .head { font-weight: bold } rect { fill: #e8f1f8; stroke: #0072b2 }
 .page { fill: #fff; stroke: none }
-@media (prefers-color-scheme: dark) { text { fill: #eee } rect { fill: #16324a } .page { fill: #1e2129 } }
+@media (prefers-color-scheme: dark) {
+text { fill: #eee } rect { fill: #16324a } .page { fill: #1e2129 } }
 """
 
 
