@@ -73,7 +73,9 @@ def section(name: str, command: Command, shared: Iterable[str]) -> Iterator[str]
 def commands_text() -> str:
     """Write everything between the marks."""
     commands = declared()
-    counts = Counter(row for command in commands.values() for row in set(own_rows(command)))
+    counts = Counter(
+        row for command in commands.values() for row in dict.fromkeys(own_rows(command))
+    )
     shared = [row for row in counts if counts[row] >= SHARED]
     text = "".join(part for item in commands.items() for part in section(*item, shared))
     intro = "Of `compare` and `time-optimal`; those not given are the robot's own."
