@@ -6,7 +6,7 @@ import sys
 import casadi as ca
 import numpy as np
 import pytest
-from border_calls import declared
+from border_calls import _deep, declared
 
 import microbot_ocp as mo
 from microbot_ocp._base.argument_types import _checking
@@ -45,6 +45,7 @@ def phase_of(*inner):
         (lambda: clearances(ROBOT, (), np.zeros((2, 3, 4))), "q must have shape [any, 3]"),
         (lambda: mo.ocp.explain(solvable(), 5, max_iterations=-1), "max_iterations must be at"),
         (lambda: mo.ocp.SolverSettings(max_iterations=10**12), "max_iterations must be at most"),
+        (lambda: mo.limits.power(_deep()), "upper bound of limit 'power' must be an array"),
         (lambda: mo.first_splits([0.0, 1.0]), "via_q must have shape [any, any]"),
         (lambda: mo.cubic(np.ma.masked_equal(VIA, 1), [0, 1]), "via_q must be an array of numbers"),
         (lambda: mo.compare(ROBOT, np.tile(VIA, (251, 1))), "via_q must have at most 500 points"),

@@ -70,5 +70,5 @@ def test_without_the_extra_one_line_says_what_to_install(robot, motion, monkeypa
 def test_what_cannot_be_shown_is_refused(robot, motion):
     with pytest.raises(mo.InputError, match="needs the robot of a motion"):
         mo.show(motion)
-    with pytest.raises(mo.InputError, match="what must be a Comparison or a Motion, not <Robot"):
+    with pytest.raises(mo.InputError, match="show takes a Comparison or a Motion, not Robot"):
         mo.show(robot)

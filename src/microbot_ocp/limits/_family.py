@@ -139,7 +139,7 @@ def not_judged(unjudged: Sequence[str]) -> str:
     >>> not_judged(["torque"])
     'torque not judged: no masses'
     """
-    return f"{' and '.join(unjudged)} not judged: no masses" if unjudged else ""
+    return f"{' and '.join(unjudged)} not judged: no masses" if len(unjudged) else ""
 
 
 class LimitFamily:

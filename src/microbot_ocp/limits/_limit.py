@@ -88,7 +88,8 @@ class Limit:
         if bound is None or callable(bound):
             return bound
         name = f"{side} bound of limit {self.name!r}"
-        values = checks.array(name, np.atleast_1d(bound), (None,), self.unit, finite=False)
+        values = np.atleast_1d(checks.numbers(name, bound))
+        values = checks.array(name, values, (None,), self.unit, finite=False)
         return tuple(values.tolist())
 
     @property

@@ -259,6 +259,7 @@ class Motion:
 
     def jerk(self, t: FloatArray) -> FloatArray:
         """Jerk [N,n] at times t [N], in motion: in a jump of the acceleration that before it."""
+        t = checks.array("t", t, (None,), "s")
         i = self._pieces_at(t)
         i = i - jump_gaps(self.t)[i]
         c, x = self._coefficients(i), (np.minimum(t, self.t[i + 1]) - self.t[i])[:, None]

@@ -6,7 +6,7 @@ The schema is in docs/task_file.md; errors are those of a task of via points.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -72,7 +72,10 @@ STOP = keys_of(
     rpy=ANGLE,
 )
 CAPSULE = keys_of(Capsule, link=NEEDED)
-FRONTS = {"effort": ("slacks", SLACKS), "torque": ("shares", SHARES)}  # what each is asked by
+FRONTS: dict[str, tuple[Callable[..., Front], str, Sequence[float]]] = {  # and the key that asks
+    "effort": (time_effort_front, "slacks", SLACKS),
+    "torque": (time_torque_front, "shares", SHARES),
+}
 FRONT = {"kind": Key(choices=FRONTS, needed=True), "slacks": ANY, "shares": ANY}
 PAYLOAD = keys_of(Payload)
 KINDS: dict[str, Any] = {"line": Line, "circle": Circle, "joint line": JointLine}
@@ -125,42 +128,20 @@ class CellFile:
         InputError
             A stop out of reach, a tool line that no branch follows.
         """
-        if self.front is not None:
-            return self._solve_front(progress)
+        task = self.robot, self.stops, self.limits
+        given = {key: getattr(self, key) for key in ("segments", "cycle", "scene", "settings")}
         with naming(f"{self.origin}: "):
+            if self.front is not None:
+                kind, values = self.front
+                find, key, _ = FRONTS[kind]
+                front = find(*task, **given, progress=progress, **{key: values})
+                fastest = front.points[0]
+                return replace(self._cell(fastest.motion, fastest.certificate), front=front)
             motion = time_optimal(
-                self.robot,
-                self.stops,
-                self.limits,
-                segments=self.segments,
-                cycle=self.cycle,
-                order=self.order,
-                duration=self.duration,
-                scene=self.scene,
-                settings=self.settings,
-                progress=progress,
+                *task, **given, order=self.order, duration=self.duration, progress=progress
             )
         progress(f"certify: {motion.duration:.4f} s")
         return self.certified(motion)
-
-    def _solve_front(self, progress: StepProgress) -> Cell:
-        assert self.front is not None
-        kind, values = self.front
-        find: Any = time_effort_front if kind == "effort" else time_torque_front
-        with naming(f"{self.origin}: "):
-            front: Front = find(
-                self.robot,
-                self.stops,
-                self.limits,
-                segments=self.segments,
-                cycle=self.cycle,
-                scene=self.scene,
-                settings=self.settings,
-                progress=progress,
-                **{FRONTS[kind][0]: values},
-            )
-        fastest = front.points[0]
-        return replace(self._cell(fastest.motion, fastest.certificate), front=front)
 
     def certified(self, motion: Motion) -> Cell:
         """A motion of this task, such as a saved one, with its certificate.
@@ -390,7 +371,7 @@ def _front(table: Mapping[str, Any]) -> tuple[str, tuple[float, ...]]:
     """The kind of the table [front] and by what its motions are asked."""
     given = read_table(table, FRONT, "of [front]")
     kind = given.pop("kind")
-    key, usual = FRONTS[kind]
+    _, key, usual = FRONTS[kind]
     for other in given:
         if other != key:
             raise InputError(f"[front] of {kind} is asked by {key}, not by {other}")

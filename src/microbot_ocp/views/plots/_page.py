@@ -236,7 +236,8 @@ def _entries(drawn: Any) -> list[Any]:
         return drawn.ravel().tolist()
     if not isinstance(drawn, list | tuple):
         return [drawn]
-    return [entry for row in drawn for entry in _entries(row)]
+    rows = (row if isinstance(row, list | tuple) else _entries(row) for row in drawn)
+    return [entry for row in rows for entry in row]
 
 
 def figure_of(drawn: Drawn) -> Figure:
