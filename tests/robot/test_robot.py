@@ -254,7 +254,7 @@ def test_limits_as_plain_lists(microbot: Robot) -> None:
         ({"tool": [0.0, 1.0]}, "tool must have shape [4], not [2]"),
         ({"tool": np.eye(3)}, "tool must have shape [4, 4], not [3, 3]"),
         ({"tool": 1.0}, "tool must have shape [4, 4], not []"),
-        ({"limits": 5.0}, "limits must be a Limits or a JointLimits or None, not 5.0"),
+        ({"limits": 5.0}, "limits must be Limits, such as Limits(tau_max=100.0), not 5.0"),
     ],
     ids=lambda value: str(value) if isinstance(value, dict) else "",
 )

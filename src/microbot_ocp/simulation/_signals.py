@@ -108,6 +108,8 @@ def disturbance_function(given: ArrayLike | Formula | None, count: int) -> ca.Fu
 
 def symbolic(name: str, formula: Formula, count: int) -> tuple[ca.SX, ca.SX]:
     """The time and the n expressions that a user's function makes of it."""
+    if not callable(formula):
+        raise TypeError(f"{name} is no function")  # what it may be besides its annotation says
     t = ca.SX.sym("t")
     try:
         value = formula(t)
