@@ -594,7 +594,7 @@ def test_the_demo_opens_its_report_where_there_is_somebody_to_see_it(call, tmp_p
     assert opened == []
     monkeypatch.setattr("sys.stdout.isatty", lambda: True)
     assert call("demo", "--out", "again")[0] == 0
-    assert opened == [(tmp_path / "again" / "report.pdf").as_uri()]
+    assert opened == [(tmp_path / "again" / "report.html").as_uri()]
 
 
 FOR_DEVELOPERS = {"test", "docs", "fuzz", "release", "bench"}

@@ -138,6 +138,7 @@ def test_save_writes_these_files_and_no_others(saved):
     folder, written = saved
     expected = {f"motions/{name}.npz" for name in METHODS}
     expected |= {"comparison.json", "comparison.csv", "comparison.rrd", "report.pdf"}
+    expected |= {"report.html"}
     expected |= {f"{name}.{kind}" for name in ("comparison", "paths") for kind in ("png", "pdf")}
     there = {str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file()}
     assert there == expected

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import base64
 from dataclasses import replace
+from html.parser import HTMLParser
 from importlib.metadata import version
 
 import pytest
 
+import microbot_ocp as mo
 from microbot_ocp.robot import Limits
+from microbot_ocp.tasks import Cell
 from microbot_ocp.views.plots import report_figure
 
 
@@ -72,3 +76,60 @@ def test_one_page_of_vectors(comparison, tmp_path):
 def test_the_footer_tells_versions_and_command(comparison):
     text = words(report_figure(comparison))
     assert f"microbot_ocp {version('microbot_ocp')} casadi {version('casadi')}" in text
+
+
+class Reader(HTMLParser):
+    """Text, titles and pictures of a page, and what it would load."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.text, self.images, self.loaded, self.alternatives = "", [], [], 0
+        self.feed(page)
+
+    def handle_starttag(self, tag, attrs):
+        found = dict(attrs)
+        if tag == "img":
+            kind, _, data = found["src"].partition(";base64,")
+            self.images.append((kind, base64.b64decode(data)))
+            self.alternatives += bool(found["alt"])
+        self.loaded += [v for k, v in attrs if k in ("src", "href") and not v.startswith("data:")]
+
+    def handle_data(self, data):
+        self.text += data
+
+
+@pytest.mark.slow
+def test_one_file_to_send_has_words_table_film_figures_and_verdicts(comparison, tmp_path):
+    odd = replace(comparison, robot=replace(comparison.robot, name="<b>arm & co"))
+    path = odd.report(tmp_path / "report.html")
+    assert [p.name for p in tmp_path.iterdir()] == ["report.html"]
+    page = Reader(path.read_text("utf-8"))
+    assert page.loaded == []
+    assert page.alternatives == len(page.images)
+    film, *figures = page.images
+    assert film[0] == "data:image/gif"
+    assert film[1].startswith(b"GIF8")
+    assert [kind for kind, _ in figures] == ["data:image/png"] * 2
+    assert "<b>arm & co" in page.text
+    best = [c.ok for c in comparison.certificates.values()]
+    assert any(best) == ("The fastest certified motion takes" in page.text)
+    for entry in comparison.entries:
+        assert entry.title in page.text
+        if entry.certificate is not None:
+            assert entry.certificate.verdict in page.text
+
+
+@pytest.mark.thorough
+def test_a_cell_says_how_often_an_hour(tmp_path):
+    robot = mo.load_robot("planar_2r")
+    stops = (mo.Stop(q=[0.0, 0.5], name="here"), mo.Stop(q=[0.8, 0.2], name="there"))
+    motion = mo.time_optimal(robot, list(stops), cycle=True, mesh=12, starts=1)
+    certificate = mo.certify(robot, motion, via_q=list(stops), cycle=True)
+    cell = Cell(robot, stops, (None, None), True, motion, certificate)
+    page = Reader(cell.report(tmp_path / "cell.html").read_text("utf-8"))
+    assert page.loaded == []
+    assert f"{3600 / motion.duration:.0f} cycles an hour" in page.text
+    assert "here" in page.text
+    assert "there" in page.text
+    assert certificate.verdict in page.text
+    assert len(page.images) == 2

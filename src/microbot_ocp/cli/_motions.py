@@ -34,7 +34,7 @@ from microbot_ocp.robot import JointLimits, Robot
 from microbot_ocp.tasks import METHODS, OUTPUTS, is_cell_file, read_cell, read_task
 from microbot_ocp.views import tables
 
-REPORT = "report.pdf"
+REPORT = "report.html"
 NAMES = Kind(
     metavar="NAMES",
     text=f"Some of {', '.join(METHODS)}; default all, those of given times with --time.",

@@ -270,6 +270,10 @@ class Cell:
                 written.append(self.export(target / f"cell.{name}"))
         return written
 
+    def report(self, path: str | Path) -> Path:
+        """Write one ``.html`` file to send: times, a film, curves, the certificate in words."""
+        return view_for(self, "html_report")(self, path)
+
     def to_rerun(self, path: str | Path) -> Path:
         """Write a Rerun recording (``.rrd``) of the arm with stops, tool lines, parts and scene."""
         return view_for(self, "rerun")(self).save(path)

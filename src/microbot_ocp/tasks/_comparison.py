@@ -162,8 +162,9 @@ class Comparison:
         return view_for(self, "paths")(self, axes)
 
     def report(self, path: str | Path) -> Path:
-        """Write one printed page (``.pdf``): :func:`microbot_ocp.plots.report`."""
-        return view_for(self, "report")(self, path)
+        """Write one file to send: a printed page (``.pdf``), or ``.html`` with a film inside."""
+        kind = "html_report" if Path(path).suffix == ".html" else "report"
+        return view_for(self, kind)(self, path)
 
     def to_rerun(self, path: str | Path) -> Path:
         """Write a Rerun recording with its blueprint inside."""
@@ -217,7 +218,7 @@ class Comparison:
         -------
         list of Path
             ``comparison.json``, ``.csv``, ``.rrd``, ``.png``, ``.pdf``, ``paths.png``, ``.pdf``,
-            ``report.pdf``, ``motions/NAME.npz``.
+            ``report.pdf``, ``.html``, ``motions/NAME.npz``.
 
         Raises
         ------
@@ -259,6 +260,7 @@ class Comparison:
                     axes.savefig(folder / f"{name}.{kind}")
         elif output == "report":
             self.report(folder / "report.pdf")
+            self.report(folder / "report.html")
         elif output == "recording":
             self.to_rerun(folder / "comparison.rrd")
         else:

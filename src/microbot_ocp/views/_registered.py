@@ -16,10 +16,12 @@ VIEWS = {  # public name of the class: kind of view = face or module of this fol
     "ocp.verification.OCPCertificate": "table=tables._results:ocp_certificate",
     "certificate.Certificate": "table=tables._results:certificate",
     "tasks.Front": "plot=plots:front",
-    "tasks.Cell": "rerun=recording:of_cell animation=animation:animate_cell",
+    "tasks.Cell": "rerun=recording:of_cell animation=animation:animate_cell "
+    "html_report=_html_report:cell_report",
     "tasks.Comparison": "table=tables:comparison_table json=tables:write_json "
     "csv=tables:write_csv plot=plots:comparison paths=plots:paths report=plots:report "
-    "rerun=recording:of_comparison animation=animation:animate_comparison",
+    "rerun=recording:of_comparison animation=animation:animate_comparison "
+    "html_report=_html_report:comparison_report",
     "sweeps.Sweep": "table=tables._results:sweep plot=plots:sweep rerun=recording:of_sweep",
 }
 

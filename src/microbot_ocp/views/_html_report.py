@@ -1,0 +1,148 @@
+"""A result as one HTML file for somebody without Python: words, film, table, figures, certificates.
+
+Everything is inside the file; it loads nothing and follows a light or dark screen.
+"""
+
+from __future__ import annotations
+
+import base64
+import io
+import tempfile
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from datetime import date
+from html import escape
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from microbot_ocp._base.table import Table
+from microbot_ocp._base.writing import write_whole
+from microbot_ocp.tasks import Cell, Comparison
+from microbot_ocp.views.plots import figure_of
+from microbot_ocp.views.tables import comparison_table
+
+
+@dataclass(frozen=True)
+class HtmlSettings:
+    """How pictures stand in the file.
+
+    Attributes
+    ----------
+    dots : of a figure, an inch
+    rate : of the film, frames a second: a size that can be sent by mail
+    """
+
+    dots: int = 110
+    rate: float = 12.0
+
+
+SETTINGS = HtmlSettings()
+STYLE = """
+:root { color-scheme: light dark }
+body { font: 16px/1.5 system-ui, sans-serif; max-width: 62em; margin: 2em auto; padding: 0 1em }
+h1 { font-size: 1.5em } h2 { font-size: 1.15em; margin-top: 2em }
+img { max-width: 100%; background: #fff; border-radius: 6px }
+.wide { overflow-x: auto } footer { opacity: .7; font-size: .85em; margin-top: 3em }
+"""
+
+
+def comparison_report(comparison: Comparison, path: str | Path) -> Path:
+    """Write a comparison as one HTML file, with a film of its fastest motion."""
+    robot, reference = comparison.robot, comparison.reference
+    times = {name: motion.duration for name, motion in comparison.motions.items()}
+    sure = [name for name, certificate in comparison.certificates.items() if certificate.ok]
+    said = [f"The arm {robot.name} goes through {len(comparison.via_q)} poses, from rest to rest."]
+    if best := min(sure, key=times.__getitem__, default=None):
+        title = comparison[best].title
+        said.append(f"The fastest certified motion takes {times[best]:.3f} s ({title}).")
+        if reference in times and reference != best:
+            usual, saved = comparison[reference].title, 1.0 - times[best] / times[reference]
+            said.append(
+                f"The usual one ({usual}) takes {times[reference]:.3f} s under the same limits: "
+                f"{100 * saved:.0f} % is saved."
+            )
+    film = _film(lambda to: comparison.export(to, SETTINGS.rate)) if times else ""
+    verdicts = [
+        (entry.title, entry.certificate.verdict if entry.certificate else entry.note)
+        for entry in comparison.entries
+    ]
+    parts = [
+        _words(said),
+        _section("The fastest motion, the usual one as a ghost", film),
+        _section("Every method", _table(comparison_table(comparison))),
+        _section("Position, velocity and torque", _figure(comparison.plot(), "Curves over time")),
+        _section("Way of the tool", _figure(comparison.plot_paths(), "Tool paths in space")),
+        _section("Is it true?", _verdicts(verdicts)),
+    ]
+    return _written(f"{robot.name}: the same task by every method", parts, path)
+
+
+def cell_report(cell: Cell, path: str | Path) -> Path:
+    """Write a cell as one HTML file: its time, parts an hour, stops, film, curves, certificate."""
+    motion, robot = cell.motion, cell.robot
+    said = [f"The arm {robot.name} takes {motion.duration:.3f} s for the task ({motion.status})."]
+    if cell.task.cycle:
+        said.append(f"Repeated, that is {3600.0 / motion.duration:.0f} cycles an hour.")
+    stops = [[mark.name, f"{mark.time:.3f}"] for mark in motion.marks]
+    film = _film(lambda to: cell.export(to, SETTINGS.rate))
+    parts = [
+        _words(said),
+        _section("The motion", film),
+        _section("Stops", _table(Table.of_text(["stop", "time [s]"], stops))),
+        _section("Curves and limits", _figure(motion.plot(robot), "Curves over time")),
+        _section("Is it true?", _verdicts([("certificate", cell.certificate.verdict)])),
+    ]
+    return _written(f"{robot.name}: a cell", parts, path)
+
+
+def _words(sentences: Iterable[str]) -> str:
+    return f"<p>{escape(' '.join(sentences))}</p>"
+
+
+def _section(title: str, body: str) -> str:
+    return f'<h2>{escape(title)}</h2>\n<div class="wide">{body}</div>' if body else ""
+
+
+def _table(table: Table) -> str:
+    return table._repr_html_()
+
+
+def _verdicts(verdicts: Sequence[tuple[str, str]]) -> str:
+    rows = (f"<dt><b>{escape(name)}</b></dt><dd>{escape(text)}</dd>" for name, text in verdicts)
+    return (
+        "<p>Every motion was simulated again from its own torques by equations that the planner "
+        "did not use, and every limit was looked at between the samples.</p>"
+        f"<dl>{''.join(rows)}</dl>"
+    )
+
+
+def _figure(axes: Any, text: str) -> str:
+    stream = io.BytesIO()
+    figure_of(axes).savefig(stream, format="png", dpi=SETTINGS.dots)
+    return _image("png", stream.getvalue(), text)
+
+
+def _film(write: Callable[[Path], object]) -> str:
+    with tempfile.TemporaryDirectory(prefix="microbot_ocp_") as folder:
+        path = Path(folder) / "film.gif"
+        write(path)
+        return _image("gif", path.read_bytes(), "The arm as it moves")
+
+
+def _image(kind: str, data: bytes, text: str) -> str:
+    source = base64.b64encode(data).decode("ascii")
+    return f'<img alt="{escape(text)}" src="data:image/{kind};base64,{source}">'
+
+
+def _written(title: str, parts: Iterable[str], path: str | Path) -> Path:
+    made = f"microbot_ocp {version('microbot_ocp')}, {date.today().isoformat()}"
+    body = "\n".join(filter(None, parts))
+    page = (
+        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width">'
+        f"<title>{escape(title)}</title><style>{STYLE}</style></head>\n"
+        f"<body><main><h1>{escape(title)}</h1>\n{body}\n</main><footer>{escape(made)}</footer>"
+        "</body></html>\n"
+    )
+    return write_whole(path, page)
