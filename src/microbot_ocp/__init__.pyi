@@ -62,6 +62,7 @@ from .motion import (
     Mark as Mark,
     Motion as Motion,
     PiecewisePolynomial as PiecewisePolynomial,
+    Sensitivities as Sensitivities,
 )
 from .ocp import (
     OptimalControlProblem as OptimalControlProblem,

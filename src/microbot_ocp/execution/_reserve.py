@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
 from microbot_ocp._base.status import Status
 from microbot_ocp._base.table import Column, Table
 from microbot_ocp.limits import LIMIT_TOLERANCE, JointLimits, LimitFamily, Limits
@@ -83,6 +84,10 @@ class Reserve:
     def cost(self) -> float:
         """What the reserve costs, s."""
         return self.motion.duration - self.ideal.duration
+
+    def plot(self, axes: GivenAxes | None = None) -> DrawnAxes:
+        """Error of the tool and duration over the reserve: :func:`microbot_ocp.plots.reserve`."""
+        return view_for(self, "plot")(self, axes)
 
     def table(self) -> Table:
         """What each reserve costs and what it does for the tool."""

@@ -30,3 +30,6 @@ from ._sampling import (
     nearest_samples as nearest_samples,
     samples_at as samples_at,
 )
+from ._sensitivities import (
+    Sensitivities as Sensitivities,
+)

@@ -24,6 +24,7 @@ from microbot_ocp.limits import MotionSamples, StateHistory
 from microbot_ocp.motion._export import export
 from microbot_ocp.motion._polynomial import PiecewisePolynomial, State, quintic_between
 from microbot_ocp.motion._sampling import JUMP_GAP, dense_times, history_of, jump_gaps
+from microbot_ocp.motion._sensitivities import Sensitivities, sensitivities_of
 from microbot_ocp.robot import Robot
 
 
@@ -309,6 +310,43 @@ class Motion:
         return Motion(
             t, *state, tau, self.label, None, self.marks, dict(self.provenance), self.note
         )
+
+    def sensitivities(
+        self, robot: Robot, mass: float = 0.0, center_of_mass: ArrayLike = (0.0, 0.0, 0.0)
+    ) -> Sensitivities:
+        """How the duration changes with every limit, the payload and the via points.
+
+        Of a motion of :func:`microbot_ocp.time_optimal`, or of a prepared solver, through via
+        points, by the multipliers of its solve: as long as the same limits stay active.
+
+        Parameters
+        ----------
+        robot : Robot
+            Without the payload, under the limits that the motion was planned with.
+        mass : float
+            Of the payload, kg.
+        center_of_mass : array_like [3]
+            Of the payload, in the tool frame, m.
+
+        Returns
+        -------
+        Sensitivities
+
+        Raises
+        ------
+        InputError
+            A motion without multipliers, a robot with other joints.
+
+        Examples
+        --------
+        >>> import microbot_ocp as mo
+        >>> robot = mo.load_robot("microbot")
+        >>> motion = mo.time_optimal(robot, np.radians([[0, 0, 0], [-90, 90, 90]]))
+        >>> found = motion.sensitivities(robot)
+        >>> bool(found.upper["qd"][0] < 0.0)
+        True
+        """
+        return sensitivities_of(self, robot, mass, center_of_mass)
 
     def plot(self, robot: Robot, axes: GivenAxes | None = None, **options: Any) -> DrawnAxes:
         """Position, velocity and torque over time: :func:`microbot_ocp.plots.motion`."""

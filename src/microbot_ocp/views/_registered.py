@@ -10,6 +10,8 @@ VIEWS = {  # public name of the class: kind of view = face or module of this fol
     "robot.Robot": "table=tables._results:robot",
     "motion.Motion": "table=tables._results:motion plot=plots:motion rerun=recording:of_motion "
     "animation=animation:animate_motion",
+    "motion.Sensitivities": "plot=plots:prices",
+    "execution.Reserve": "plot=plots:reserve",
     "simulation.Simulation": "plot=plots:simulation",
     "simulation.Tracking": "plot=plots:tracking rerun=recording:of_tracking",
     "ocp.solution.Solution": "table=tables._results:solution plot=plots:solution",

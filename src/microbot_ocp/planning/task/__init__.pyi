@@ -47,6 +47,9 @@ from ._friction import (
     with_windows as with_windows,
     without_dry_friction as without_dry_friction,
 )
+from ._multipliers import (
+    multipliers_of as multipliers_of,
+)
 from ._scale import (
     TYPICAL as TYPICAL,
     TaskScale as TaskScale,

@@ -29,6 +29,7 @@ from microbot_ocp.limits import (
 )
 from microbot_ocp.motion import Motion
 from microbot_ocp.ocp import Phase, Solution
+from microbot_ocp.planning.task._multipliers import multipliers_of
 from microbot_ocp.planning.task._scale import TaskScale
 from microbot_ocp.robot import (
     Robot,
@@ -170,6 +171,7 @@ def provenance_of(
         "gap": solution.gap.total,  # s: from the local optimum of the smoothed task, at most
         "intervals": [phase.mesh.size - 1 for phase in solution.phases],
         "phase_durations": [phase.duration for phase in solution.phases],
+        "multipliers": multipliers_of(solution),
         **more,
         "wall_time": wall_time,
         "smoothing": smoothing,
