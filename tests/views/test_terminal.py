@@ -7,7 +7,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from microbot_ocp.tasks import Step
-from microbot_ocp.views.live import TimeLeft, show_progress
+from microbot_ocp.views.live import TimeLeft, show_progress, spoken_progress
 
 LONG = "cubic's path, best timing: ipopt 5: cost 2.02256, infeasibility 1.0e-08, and much more"
 
@@ -56,3 +56,18 @@ def test_the_time_left_follows_from_the_work_done():
     assert at(8.0, 10) == "about 0:00:04 left"
     assert at(20.0, 10) == ""  # it takes longer than it was to
     assert at(21.0, 30) == "about 0:00:07 left"
+
+
+def test_long_work_speaks_now_and_then_where_there_is_no_terminal(monkeypatch):
+    clock = [0.0]
+    monkeypatch.setattr("microbot_ocp.views.live._terminal.time.monotonic", lambda: clock[0])
+    lines = []
+    progress = spoken_progress(lines.append)
+    for second in range(100):
+        clock[0] = float(second)
+        progress(Step(second, 100, "solve", f"best so far {second}"))
+    assert lines == [
+        "30 s: solve: best so far 30",
+        "60 s: solve: best so far 60",
+        "90 s: solve: best so far 90",
+    ]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import time
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -117,19 +116,15 @@ def _draw(results: mo.Sweep, kind: str, path: Path) -> object:
     return results.plot(kind=kind).savefig(path)
 
 
-def _shown(progress: Progress, again: str, period: float = 30.0) -> Progress:
-    """Show progress by a line every ``period`` s where there is no terminal for a bar."""
-    last = -period
+def _shown(progress: Progress, again: str) -> Progress:
+    """Show progress; say in the end what was done where there is no terminal for a bar."""
 
     def show(step: Step) -> None:
-        nonlocal last
         if step.stage == "interrupted":
             say(f"{step.done:,} of {step.total:,} cases are kept; continue with: {again}")
             return
         progress(step)
-        now = time.monotonic()
-        if not sys.stderr.isatty() and (step.stage == "done" or now - last >= period):
-            last = now
+        if step.stage == "done" and not sys.stderr.isatty():
             say(step.text)
 
     return show

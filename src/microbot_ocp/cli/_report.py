@@ -147,10 +147,12 @@ class Report:
         """Pass every step to the bar on a terminal, a viewer and a recording; heed Ctrl-C."""
         with ExitStack() as stack:
             watchers: list[Progress] = [_heed]
-            if sys.stderr.isatty():
-                from microbot_ocp.views.live import show_progress
+            from microbot_ocp.views.live import show_progress, spoken_progress
 
+            if sys.stderr.isatty():
                 watchers.append(stack.enter_context(show_progress(make_console(sys.stderr))))
+            else:
+                watchers.append(spoken_progress(say))
             if self.rerun_iterations is not None:
                 from microbot_ocp.views.recording import record_iterations
 

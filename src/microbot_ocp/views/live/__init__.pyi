@@ -10,7 +10,11 @@ from ._streams import (
     server as server,
     spawned as spawned,
 )
-from ._terminal import TimeLeft as TimeLeft, show_progress as show_progress
+from ._terminal import (
+    TimeLeft as TimeLeft,
+    show_progress as show_progress,
+    spoken_progress as spoken_progress,
+)
 from ._viewer import (
     LOOPBACK as LOOPBACK,
     find_viewer as find_viewer,

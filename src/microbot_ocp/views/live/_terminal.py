@@ -6,6 +6,7 @@ Iterations of a solver are shown on a terminal only.
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from datetime import timedelta
@@ -64,8 +65,7 @@ def show_progress(console: Console | None = None) -> Iterator[Callable[[Event], 
         def show(event: Event) -> None:
             step = event if isinstance(event, Step) else None
             iterates = isinstance(step.iteration if step else event, Iteration)
-            text = step.text if step else str(event)
-            stage = step.stage if step else "solve"
+            stage, text = _words(event)
             bar.update(
                 task,
                 description=text if iterates else f"{stage}: {text}",
@@ -95,10 +95,47 @@ class TimeLeft(ProgressColumn):
         return Text(f"about {timedelta(seconds=round(left))} left" if left >= 1.0 else "")
 
 
+def spoken_progress(say: Callable[[str], None], period: float = 30.0) -> Callable[[Event], None]:
+    """Return a callable for any ``progress=`` that says now and then what is done and known so far.
+
+    Parameters
+    ----------
+    say : callable
+        Called with a line, such as ``print``.
+    period : float
+        At least so many seconds apart, the first one after as many.
+
+    Examples
+    --------
+    >>> import re
+    >>> lines = []
+    >>> progress = spoken_progress(lines.append, period=0.0)
+    >>> progress("the second mesh")
+    >>> re.sub(r"[0-9]+ s", "T s", lines[0])
+    'T s: solve: the second mesh'
+    """
+    begin = last = time.monotonic()
+
+    def speak(event: Event) -> None:
+        nonlocal last
+        now = time.monotonic()
+        if now - last >= period:
+            last = now
+            stage, text = _words(event)
+            say(f"{now - begin:.0f} s: {stage}: {text}")
+
+    return speak
+
+
+def _words(event: Event) -> tuple[str, str]:
+    """Return the stage of an event and what it says."""
+    return (event.stage, event.text) if isinstance(event, Step) else ("solve", str(event))
+
+
 def _print_step(console: Console, event: Event) -> None:
     if isinstance(event, Iteration) or (isinstance(event, Step) and event.iteration):
         return
-    stage, text = (event.stage, event.text) if isinstance(event, Step) else ("solve", event)
+    stage, text = _words(event)
     console.print(f"{stage:8s}{text}", markup=False, soft_wrap=True)
 
 
