@@ -94,8 +94,8 @@ def read_archive(
 
 def no_archive(path: str | Path, what: str, problem: Exception) -> InputError:
     """The refusal of a file that does not hold what it should."""
-    said = repr(problem) if isinstance(problem, KeyError) else str(problem)
-    reason = " ".join(said.split()) or type(problem).__name__
+    sentence = repr(problem) if isinstance(problem, KeyError) else str(problem)
+    reason = " ".join(sentence.split()) or type(problem).__name__
     return InputError(
         f"{shortened(str(path), 130)} is not a saved {what}: {shortened(reason, 120)}"
     )
@@ -118,8 +118,8 @@ def _members(path: Path) -> dict[str, np.ndarray]:
 
 
 def _digest(arrays: Mapping[str, np.ndarray]) -> str:
-    made = hashlib.sha256()
+    digest = hashlib.sha256()
     for name, array in sorted(arrays.items()):
-        made.update(f"{name} {array.dtype.str} {array.shape} ".encode())
-        made.update(np.ascontiguousarray(array).tobytes())
-    return made.hexdigest()
+        digest.update(f"{name} {array.dtype.str} {array.shape} ".encode())
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()

@@ -142,14 +142,14 @@ def _folder_problem(folder: Path) -> str:
         folder.parent.mkdir(parents=True, exist_ok=True)
         with contextlib.suppress(FileExistsError):
             folder.mkdir(mode=0o700)
-        found = folder.lstat()
-        if not stat.S_ISDIR(found.st_mode):
+        status = folder.lstat()
+        if not stat.S_ISDIR(status.st_mode):
             return "it is no folder of its own"
         if not os.access(folder, os.W_OK | os.X_OK):
             return "permission denied"
     except (OSError, ValueError) as problem:
         return getattr(problem, "strerror", None) or str(problem)
-    return _ownership_problem(found)
+    return _ownership_problem(status)
 
 
 def _ownership_problem(found: os.stat_result) -> str:
@@ -262,8 +262,12 @@ def compile_functions(
         "-O0" to "-O3"; default by size.
     """
     given = tuple(functions)
-    made = None if _interpreted.get() else _compiled(given, optimization)
-    return given if made is None else tuple(ca.external(name, str(path)) for path, name in made)
+    libraries = None if _interpreted.get() else _compiled(given, optimization)
+    return (
+        given
+        if libraries is None
+        else tuple(ca.external(name, str(path)) for path, name in libraries)
+    )
 
 
 def compile_recipe(
@@ -283,16 +287,16 @@ def compile_recipe(
     identity = repr((recipe, package(), compiler(), FLAGS, NATIVE, SIZES, processor()))
     note = usable_folder() / f"recipe_{hashlib.sha256(identity.encode()).hexdigest()[:24]}.json"
     with contextlib.suppress(OSError, ValueError, TypeError, RuntimeError):
-        known = json.loads(note.read_bytes()) if _trusted(note) else []
-        if known and all(_trusted(note.with_name(lib)) for lib, _ in known):
-            return tuple(ca.external(name, str(note.parent / lib)) for lib, name in known)
+        libraries = json.loads(note.read_bytes()) if _trusted(note) else []
+        if libraries and all(_trusted(note.with_name(lib)) for lib, _ in libraries):
+            return tuple(ca.external(name, str(note.parent / lib)) for lib, name in libraries)
     given = tuple(make())
-    made = _compiled(given, None)
-    if made is None:
+    compiled = _compiled(given, None)
+    if compiled is None:
         return given
     with contextlib.suppress(OSError):
-        _keep(note, json.dumps([[path.name, name] for path, name in made]).encode())
-    return tuple(ca.external(name, str(path)) for path, name in made)
+        _keep(note, json.dumps([[path.name, name] for path, name in compiled]).encode())
+    return tuple(ca.external(name, str(path)) for path, name in compiled)
 
 
 @lru_cache(maxsize=1)
@@ -338,14 +342,14 @@ def _compiled(
                         job.cancel()
                     abandon()
                     raise
-            made = {f.name(): p for g, p in zip(groups, libraries, strict=True) for f in g}
-            for name, path in made.items():
+            libraries_of = {f.name(): p for g, p in zip(groups, libraries, strict=True) for f in g}
+            for name, path in libraries_of.items():
                 try:
                     ca.external(name, str(path))
                 except RuntimeError:  # what the compiler made is no library
                     _forget(path)
                     raise
-            return [(made[function.name()], function.name()) for function in given]
+            return [(libraries_of[function.name()], function.name()) for function in given]
         except (OSError, subprocess.SubprocessError, RuntimeError) as failure:
             problem = shortened(str(failure), 160)
     names = shortened(", ".join(function.name() for function in given), 60)
@@ -417,17 +421,17 @@ def build_library(
         raise FileNotFoundError(library)
     with temporary_path(folder / stem) as work:
         work.mkdir(mode=0o700)
-        text, made = work / "function.c", work / "function.so"
+        text, compiled = work / "function.c", work / "function.so"
         text.write_text(source)
         headers = [f"-I{header}" for header in include]
-        rest = [*flags, *headers, str(text), "-o", str(made), "-lm"]
+        rest = [*flags, *headers, str(text), "-o", str(compiled), "-lm"]
         messages = work / "messages"
         # a compiler that does not know the flag gets a second try
         status = _run([cc, NATIVE, *rest], messages) and _run([cc, *rest], messages)
         if status:
-            said = " ".join(messages.read_bytes()[-MOST_KEPT:].decode(errors="replace").split())
-            raise RuntimeError(f"{cc} ended with status {status}: {shortened(said, 100)}")
-        _keep(library, content_of(made))
+            ending = " ".join(messages.read_bytes()[-MOST_KEPT:].decode(errors="replace").split())
+            raise RuntimeError(f"{cc} ended with status {status}: {shortened(ending, 100)}")
+        _keep(library, content_of(compiled))
     return library
 
 

@@ -147,9 +147,9 @@ class _Content:
         except Exception:  # anyone's code
             raise _indistinct(value, name) from None
         if not isinstance(parts, str):
-            made, state, entries, items = (*parts, None, None, None, None)[1:5]
+            arguments, state, entries, items = (*parts, None, None, None, None)[1:5]
             self.add(parts[0], name)
-            self._many("state", (made, state, list(entries or ()), dict(items or ())), name)
+            self._many("state", (arguments, state, list(entries or ()), dict(items or ())), name)
         elif _in_library(home := getattr(value, "__module__", None) or type(value).__module__):
             self._put("global", f"{home} {parts}")
         else:
@@ -157,10 +157,10 @@ class _Content:
 
     def _casadi(self, value: Any, name: str) -> None:
         try:
-            made = value if isinstance(value, ca.Function) else _function_of(value)
-            parts = (made, *(made.find_function(part) for part in made.get_function()))
+            function = value if isinstance(value, ca.Function) else _function_of(value)
+            parts = (function, *(function.find_function(part) for part in function.get_function()))
             kinds = {part.class_name() for part in parts}
-            content = made.serialize()
+            content = function.serialize()
         except RuntimeError:
             raise _indistinct(value, name) from None
         if kinds & {"External", "CallbackInternal"}:  # what a library or Python evaluates
@@ -180,9 +180,9 @@ class _Content:
         elif isinstance(value, FunctionType):
             self._function(value, name)
         elif isinstance(value, type):
-            own = {k: v for k, v in sorted(vars(value).items()) if k not in _WRITTEN}
+            members = {k: v for k, v in sorted(vars(value).items()) if k not in _WRITTEN}
             self._many("class", (value.__qualname__, value.__bases__), name)
-            self._named("members", {k: v for k, v in own.items() if "_abc_" not in k}, name)
+            self._named("members", {k: v for k, v in members.items() if "_abc_" not in k}, name)
         else:
             self._module(home, name)
 
@@ -194,8 +194,10 @@ class _Content:
         cells = zip(function.__code__.co_freevars, function.__closure__ or (), strict=True)
         filled = {key: cell.cell_contents for key, cell in cells if cell != CellType()}
         self._named("cells", filled, name)
-        known = function.__globals__
-        self._named("globals", {key: known[key] for key in used if key in known}, name)
+        module_names = function.__globals__
+        self._named(
+            "globals", {key: module_names[key] for key in used if key in module_names}, name
+        )
         for module in imported:
             self._module(module, name)
 

@@ -118,9 +118,9 @@ def deferred_call(function: ca.Function) -> FastCall:
             return fast(*given)
         begin = time.perf_counter()
         answers = function.call([np.transpose(array) for array in given])
-        found = tuple(np.array(answer).T[: len(given[0])] for answer in answers)
+        results = tuple(np.array(answer).T[: len(given[0])] for answer in answers)
         spent += time.perf_counter() - begin
-        return found[0] if len(found) == 1 else found
+        return results[0] if len(results) == 1 else results
 
     return call
 
@@ -332,14 +332,14 @@ def _stand_in(function: ca.Function) -> FastCall:
                 )
         lead = () if rows < 0 else (rows,)
         if rows < 0:
-            found = single(*arrays)
+            results = single(*arrays)
         elif rows == 0:
-            found = tuple(np.zeros((height, 0)) for height, _ in shapes)
+            results = tuple(np.zeros((height, 0)) for height, _ in shapes)
         else:
             wide = [np.broadcast_to(a, (rows, s)).T for a, s in zip(arrays, sizes, strict=True)]
-            found = buffered_call(function.map(rows))(*wide)
+            results = buffered_call(function.map(rows))(*wide)
         answers = []
-        for answer, (height, width) in zip(_as_tuple(found), shapes, strict=True):
+        for answer, (height, width) in zip(_as_tuple(results), shapes, strict=True):
             blocks = answer.T.reshape(*lead, width, height)
             answers.append(blocks[..., 0, :] if width == 1 else blocks.swapaxes(-1, -2))
         return answers[0] if len(answers) == 1 else tuple(answers)

@@ -54,8 +54,8 @@ def table_from(path: str | Path, kind: str) -> dict[str, Any]:
 def check_schema(data: Mapping[str, Any], schema: int) -> None:
     """Raise InputError where a file is of another version of the format."""
     if type(data.get("schema")) is not int or data["schema"] != schema:
-        found = f"not {data['schema']!r}" if "schema" in data else "but it is missing"
-        raise InputError(f"schema must be {schema}, {found}")
+        instead = f"not {data['schema']!r}" if "schema" in data else "but it is missing"
+        raise InputError(f"schema must be {schema}, {instead}")
 
 
 @dataclass(frozen=True)

@@ -89,10 +89,10 @@ def register_view(cls: type, kind: str, view: View | str) -> None:
     """
     from microbot_ocp._base import checks  # loads numpy, which importing the package must not do
 
-    known = sorted({known for each in _ancestors(cls) for known in _views.get(each, ())})
-    if not known:
+    kinds = sorted({kind for each in _ancestors(cls) for kind in _views.get(each, ())})
+    if not kinds:
         raise checks.InputError(f"cls must be a class that has views, not {cls.__qualname__}")
-    checks.one_of("kind", kind, known)
+    checks.one_of("kind", kind, kinds)
     if not callable(view) and ":" not in view:
         raise checks.InputError(f"view must be a function or 'module:function', not {view!r}")
     add_views({_public_name(cls): {kind: view}})

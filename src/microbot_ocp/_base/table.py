@@ -105,9 +105,9 @@ class Table:
 
     def without(self, *heads: str) -> Table:
         """The same without the columns of these heads."""
-        kept = [place for place, column in enumerate(self.columns) if column.head not in heads]
-        rows = [[row[place] for place in kept] for row in self.rows]
-        return replace(self, columns=[self.columns[place] for place in kept], rows=rows)
+        remaining = [place for place, column in enumerate(self.columns) if column.head not in heads]
+        rows = [[row[place] for place in remaining] for row in self.rows]
+        return replace(self, columns=[self.columns[place] for place in remaining], rows=rows)
 
     def __str__(self) -> str:
         lines = [self.heads, *self.cells]
@@ -129,9 +129,9 @@ class Table:
 
     def write_csv(self, path: str | Path) -> Path:
         """Write heads and values, numbers in full, as CSV; what is not known is empty."""
-        known = [[value if value == value else None for value in row] for row in self.rows]
+        present = [[value if value == value else None for value in row] for row in self.rows]
         stream = io.StringIO()
-        csv.writer(stream).writerows([self.heads, *known])
+        csv.writer(stream).writerows([self.heads, *present])
         return write_whole(path, stream.getvalue())
 
     def __rich__(self) -> Any:

@@ -121,10 +121,10 @@ def remove_leftovers(folder: Path) -> None:
     """Remove what writers of this machine left in a folder when they were killed."""
     with contextlib.suppress(OSError), os.scandir(folder) as entries:
         for entry in entries:
-            found = _LEFTOVER.fullmatch(entry.name)
-            if found is None or found["host"] != _host() or entry.path in _open:
+            leftover = _LEFTOVER.fullmatch(entry.name)
+            if leftover is None or leftover["host"] != _host() or entry.path in _open:
                 continue
-            pid = int(found["pid"])
+            pid = int(leftover["pid"])
             if pid == os.getpid() or not _alive(pid):
                 _remove(Path(entry.path))
 

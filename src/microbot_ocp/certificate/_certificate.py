@@ -116,10 +116,10 @@ class SegmentCheck:
         return Check("segment", self.kept, f"{self} is left", *where)
 
     def __str__(self) -> str:
-        said = f"{self.name}: distance {self.distance:.3g} of {self.tolerance:.3g} {self.unit}"
+        sentence = f"{self.name}: distance {self.distance:.3g} of {self.tolerance:.3g} {self.unit}"
         if np.isfinite(self.angle):
-            said += f", angle {self.angle:.3g} of {self.orientation_tolerance:.3g} rad"
-        return said
+            sentence += f", angle {self.angle:.3g} of {self.orientation_tolerance:.3g} rad"
+        return sentence
 
 
 @dataclass(frozen=True, eq=False)

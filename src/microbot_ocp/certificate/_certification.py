@@ -191,19 +191,19 @@ def certify(
         stops = list(cast("Sequence[Any]", via_q))
         arm = robot if scene is None else with_arm_capsules(robot)  # parts hang on capsules
         task = task_of(arm, stops, limits, segments=segments, cycle=cycle)
-        made = certificate_of_task(task, motion, tolerances)
+        certificate = certificate_of_task(task, motion, tolerances)
         if scene is None:
-            return made
-        return with_clearance(made, places_along(task, motion, scene), motion)
+            return certificate
+        return with_clearance(certificate, places_along(task, motion, scene), motion)
     via = None
     if via_q is not None:
         via = checks.array("via_q", cast("ArrayLike", via_q), (None, count), "rad")
     with deadline.within(time_limit):
         family = LimitFamily.of(robot, limits)
-        made = certificate_of(family, motion, via, tolerances, simulated=simulated)
+        certificate = certificate_of(family, motion, via, tolerances, simulated=simulated)
         if scene is None:
-            return made
-        return with_clearance(made, [(0.0, motion.duration, robot, scene)], motion)
+            return certificate
+        return with_clearance(certificate, [(0.0, motion.duration, robot, scene)], motion)
 
 
 def with_clearance(
@@ -334,7 +334,7 @@ def _check_limits(
     family: LimitFamily, states: StateHistory
 ) -> tuple[tuple[LimitCheck, ...], float]:
     history = LimitHistory.of(family, states)
-    found = []
+    limit_checks = []
     busy = np.zeros(history.t.size, dtype=bool)
     for member in family:
         if member.key != "q":
@@ -343,7 +343,7 @@ def _check_limits(
         peaks = use.max(axis=0)
         joint = int(peaks.argmax())
         i = int(use[:, joint].argmax())
-        found.append(
+        limit_checks.append(
             LimitCheck(
                 quantity=member.key,
                 name=member.name,
@@ -360,7 +360,7 @@ def _check_limits(
         )
     spans = np.diff(history.t)
     share_of_time = float((0.5 * (busy[:-1] + 0.0 + busy[1:]) * spans).sum() / spans.sum())
-    return tuple(found), share_of_time
+    return tuple(limit_checks), share_of_time
 
 
 def _condition(robot: Robot, t: FloatArray, state: State) -> tuple[float, int]:
@@ -484,9 +484,9 @@ def _tightest(limit_checks: tuple[LimitCheck, ...], unjudged: Sequence[str] = ()
         return f"there is no limit{but}"
     tightest = max(used, key=lambda check: np.nanmax(check.utilisation))
     worst = max(check.violation for check in limit_checks)
-    kept = "is kept" if worst <= SETTINGS.rounding else f"is kept to within {100 * worst:.2g} %"
+    verdict = "is kept" if worst <= SETTINGS.rounding else f"is kept to within {100 * worst:.2g} %"
     return (
-        f"every limit{but} {kept}, the tightest being {tightest.title} "
+        f"every limit{but} {verdict}, the tightest being {tightest.title} "
         f"with {100 * np.nanmax(tightest.utilisation):.4g} % at "
         f"{tightest.time:.4g} s"
     )
@@ -494,10 +494,10 @@ def _tightest(limit_checks: tuple[LimitCheck, ...], unjudged: Sequence[str] = ()
 
 def summary(certificate: Certificate) -> str:
     """What a certificate of several parts says when all of them passed."""
-    said = _tightest(certificate.limit_checks, certificate.unjudged)
+    tightest = _tightest(certificate.limit_checks, certificate.unjudged)
     if not np.isfinite(certificate.defect):
-        return f"{said}; kinematics only"
-    return "; ".join([said, *_agreement(certificate)])
+        return f"{tightest}; kinematics only"
+    return "; ".join([tightest, *_agreement(certificate)])
 
 
 def _agreement(found: Certificate | Resimulation) -> list[str]:

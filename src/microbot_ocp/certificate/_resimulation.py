@@ -217,23 +217,23 @@ def resimulate(robot: Robot, motion: Motion, tolerance: float, first: float = 0.
     while todo.size and not left:
         low = np.searchsorted(mesh, todo[:, 0] + 1e-9, side="right")
         inner = low < np.searchsorted(mesh, todo[:, 1] - 1e-9, side="left")
-        found, good, converged = _integrated(drive, size * tolerance, todo, inner)
+        segments, good, converged = _integrated(drive, size * tolerance, todo, inner)
         small = ~inner & (
             np.diff(todo)[:, 0]
             <= np.where(converged, RESIMULATION.shortest_segment, RESIMULATION.shortest_stiff)
         )
         stuck += int((small & ~good & ~converged).sum())
-        done.append(found.where(good | small))
+        done.append(segments.where(good | small))
         todo = todo[~(good | small)]
         cut = todo.mean(axis=1)
         for k in np.flatnonzero(inner[~(good | small)]):
-            own = mesh[(mesh > todo[k, 0] + 1e-9) & (mesh < todo[k, 1] - 1e-9)]
-            cut[k] = own[np.abs(own - cut[k]).argmin()]
+            inside = mesh[(mesh > todo[k, 0] + 1e-9) & (mesh < todo[k, 1] - 1e-9)]
+            cut[k] = inside[np.abs(inside - cut[k]).argmin()]
         todo = np.vstack([np.column_stack([todo[:, 0], cut]), np.column_stack([cut, todo[:, 1]])])
         tried += good.size
         if deadline.over() or tried + len(todo) > RESIMULATION.most_tried:
             left = int((~(good | small)).sum())
-            done.append(found.where(~(good | small)))
+            done.append(segments.where(~(good | small)))
     every = _Segments(*(np.concatenate(column) for column in zip(*done, strict=True)))
     every = every.where(np.argsort(every.start))
     judged = _judged(robot, motion, every, size, tolerance, stuck, first)
@@ -242,8 +242,8 @@ def resimulate(robot: Robot, motion: Motion, tolerance: float, first: float = 0.
     over = deadline.over()
     why = "the time limit was over" if over else f"{tried} segments were tried"
     status = Status.TIME_LIMIT if over else Status.INTEGRATION_FAILED
-    said = f"{why}, {left} of {judged.segments} segments are not resolved"
-    return judged._replace(resimulation_status=status, message=said)
+    message = f"{why}, {left} of {judged.segments} segments are not resolved"
+    return judged._replace(resimulation_status=status, message=message)
 
 
 def torque_sizes(robot: Robot, motion: Motion) -> FloatArray:
@@ -276,8 +276,8 @@ def _integrated(
     shape = (h.size, RESIMULATION.nodes, count)
     flat = motion.sample(t)
     qdd, tau, added = (part.reshape(shape) for part in drive(t, flat))
-    own = flat.q.reshape(shape), flat.qd.reshape(shape), qdd
-    q, qd, qdd = (part.copy() for part in own)
+    sampled = flat.q.reshape(shape), flat.qd.reshape(shape), qdd
+    q, qd, qdd = (part.copy() for part in sampled)
     wrong = (np.abs(added) > allowed).any(axis=(1, 2))
     matrices = _mass_matrices(robot, flat.q)
     regular: BoolArray = np.less(_condition(matrices), RESIMULATION.near_singular).reshape(
@@ -310,7 +310,7 @@ def _integrated(
         converged[which[change <= RESIMULATION.converged * size]] = True
         open_[which[~(change > RESIMULATION.converged * size) | ~np.isfinite(change)]] = False
     good = converged & (determined | (h < RESIMULATION.undetermined))
-    q[~converged], qd[~converged], qdd[~converged] = (part[~converged] for part in own)
+    q[~converged], qd[~converged], qdd[~converged] = (part[~converged] for part in sampled)
     with np.errstate(over="ignore", invalid="ignore"):
         # Elsewhere the motion's own velocity and acceleration are integrated.
         end_speed = qd0[:, 0] + h[:, None] * (WEIGHTS @ qdd)

@@ -50,22 +50,22 @@ def certificate_of_task(task: Task, motion: Motion, tolerances: Tolerances) -> C
     places = stretches(task, motion)
     for start, end, robot, _ in places:
         part, states = _part(motion, robot, start, end), history.between(start, end)
-        found = certificate_of(LimitFamily.of(robot), part, None, tolerances, states, start)
-        parts.append((end - start, found))
-        if not found.ok:
-            said = found.verdict.removeprefix("Failed: ").rstrip(".")
-            problems.append(f"between {start:.4g} s and {end:.4g} s: {said}")
+        certificate = certificate_of(LimitFamily.of(robot), part, None, tolerances, states, start)
+        parts.append((end - start, certificate))
+        if not certificate.ok:
+            sentence = certificate.verdict.removeprefix("Failed: ").rstrip(".")
+            problems.append(f"between {start:.4g} s and {end:.4g} s: {sentence}")
     vias, at_stops = _check_stops(task, motion)
     segments = _check_segments(task, motion)
     checks = [*_steps(motion, [start for start, *_ in places[1:]]), *at_stops]
     checks += [check.as_check() for check in segments]
     problems += problems_of(checks)
     whole = _merged(motion, parts)
-    said = "; ".join(problems or [summary(whole), *map(str, segments)])
+    sentence = "; ".join(problems or [summary(whole), *map(str, segments)])
     return replace(
         whole,
         ok=not problems,
-        verdict=f"{'Failed' if problems else 'Passed'}: {said}.",
+        verdict=f"{'Failed' if problems else 'Passed'}: {sentence}.",
         via_checks=vias,
         segment_checks=segments,
         checks=(*whole.checks, *checks),
@@ -83,7 +83,7 @@ def _part(motion: Motion, robot: Robot, start: float, end: float) -> Motion:
     last = np.flatnonzero(here)[-1]
     if t[last] < motion.duration and jump_gaps(t)[last - 1]:
         here[last] = False  # of the next one: the torque or the acceleration jumps there
-    own = t[here] - t[here][0]
+    times = t[here] - t[here][0]
     q, qd, qdd, tau = (column[here] for column in (motion.q, motion.qd, motion.qdd, motion.tau))
     between = motion.sample([t[here][:2].mean()])
     excess = (tau[:2] - torque_along(robot, State(q[:2], qd[:2], qdd[:2]))).mean(axis=0)
@@ -95,13 +95,13 @@ def _part(motion: Motion, robot: Robot, start: float, end: float) -> Motion:
         for column, row in zip((q, qd, qdd, tau), added, strict=True)
     )
     return Motion(
-        np.insert(own, 1, own[:2].mean()),
+        np.insert(times, 1, times[:2].mean()),
         q,
         qd,
         qdd,
         tau,
         motion.label,
-        np.concatenate([[0.0], inner, [own[-1]]]),
+        np.concatenate([[0.0], inner, [times[-1]]]),
     )
 
 
@@ -138,8 +138,8 @@ def _check_stops(task: Task, motion: Motion) -> tuple[tuple[ViaCheck, ...], list
         if task.at_rest(k):
             misses["velocity", "rad/s"] = float(np.abs(qd).max()) - still
         elif not isinstance(stop.velocity, str | None):
-            own = qd if stop.q is not None else _velocity(task.robot, state.q[0], qd)
-            misses["velocity", "m/s"] = float(np.abs(own - stop.velocity).max()) - still
+            velocity = qd if stop.q is not None else _velocity(task.robot, state.q[0], qd)
+            misses["velocity", "m/s"] = float(np.abs(velocity - stop.velocity).max()) - still
         vias.append(ViaCheck(stop.name, mark.time, max(0.0, *misses.values())))
         for (what, unit), miss in misses.items():
             problem = f"stop {stop.name!r} is missed in its {what} by {miss:.3g} {unit}"
@@ -168,12 +168,12 @@ def stop_misses(robot: Robot, stop: Stop, q: FloatArray) -> dict[tuple[str, str]
     if stop.q is not None:
         return {("joint pose", "rad"): _beyond(stop, q - np.array(stop.q)) - slack}
     tool = np.array(forward_kinematics(robot)(q))
-    found = {("position", "m"): _beyond(stop, tool[:3, 3] - np.array(stop.position)) - slack}
+    misses = {("position", "m"): _beyond(stop, tool[:3, 3] - np.array(stop.position)) - slack}
     if stop.orientation is not None:
         wanted = np.array(stop.orientation)
         angle = angle_between(wanted, tool[:3, :3], stop.free_axis)
-        found["orientation", "rad"] = angle - stop.orientation_tolerance - slack
-    return found
+        misses["orientation", "rad"] = angle - stop.orientation_tolerance - slack
+    return misses
 
 
 def _beyond(stop: Stop, offset: FloatArray) -> float:
@@ -195,7 +195,7 @@ def angle_between(wanted: FloatArray, found: FloatArray, free: int | None) -> fl
 
 
 def _check_segments(task: Task, motion: Motion) -> tuple[SegmentCheck, ...]:
-    found = []
+    checks = []
     t, samples = motion.dense_samples()
     for k, kind in enumerate(task.segments):
         start = motion.marks[k].time + float(task.dwells[k])
@@ -205,16 +205,16 @@ def _check_segments(task: Task, motion: Motion) -> tuple[SegmentCheck, ...]:
             ends = [np.array(task.stops[i].q) for i in (k, k + 1)]
             shares = np.linspace(0.0, 1.0, SEGMENT_TOLERANCES.points)[:, None]
             distance = _to_polyline(q, ends[0] + shares * (ends[1] - ends[0]))[0].max()
-            found.append(SegmentCheck(task.name_of(k), float(distance), kind.tolerance))
+            checks.append(SegmentCheck(task.name_of(k), float(distance), kind.tolerance))
         elif isinstance(kind, Line | Circle):
-            found.append(_check_curve(task, k, kind, q))
-    return tuple(found)
+            checks.append(_check_curve(task, k, kind, q))
+    return tuple(checks)
 
 
 def _check_curve(task: Task, k: int, kind: Line | Circle, q: FloatArray) -> SegmentCheck:
-    told = task.curves[k]
-    assert told is not None
-    curve, turning = told
+    oriented = task.curves[k]
+    assert oriented is not None
+    curve, turning = oriented
     poses = tool_poses(task.robot, q)
     distance, share = _to_polyline(
         poses[:, :3, 3], curve.points(np.linspace(0.0, 1.0, SEGMENT_TOLERANCES.points))
@@ -265,25 +265,25 @@ WORST = {
 
 def _merged(motion: Motion, parts: Sequence[tuple[float, Certificate]]) -> Certificate:
     """One certificate of several in a row: the worst of each figure, with its time."""
-    lengths, found = zip(*parts, strict=True)
+    lengths, certificates = zip(*parts, strict=True)
     figures: dict[str, Any] = {}
     for key, others in WORST.items():
-        values = np.array([getattr(certificate, key) for certificate in found], dtype=float)
+        values = np.array([getattr(certificate, key) for certificate in certificates], dtype=float)
         worst = np.argmin(values) if key == "grid_ratio" else np.argmax(np.nan_to_num(values))
-        figures |= {name: getattr(found[worst], name) for name in (key, *others)}
+        figures |= {name: getattr(certificates[worst], name) for name in (key, *others)}
     for key in ("saturated_fraction", "undetermined_fraction"):
-        figures[key] = float(np.average([getattr(c, key) for c in found], weights=lengths))
-    statuses = [c.resimulation_status for c in found if not c.resimulation_status.solved]
+        figures[key] = float(np.average([getattr(c, key) for c in certificates], weights=lengths))
+    statuses = [c.resimulation_status for c in certificates if not c.resimulation_status.solved]
     return Certificate(
         label=motion.label,
-        ok=all(c.ok for c in found),
+        ok=all(c.ok for c in certificates),
         verdict="",
         limit_checks=_merged_limits(parts),
         resimulation_status=statuses[0] if statuses else Status.SOLVED,
-        segments=sum(c.segments for c in found),
-        unjudged=found[0].unjudged,
-        wall_time=sum(c.wall_time for c in found),
-        checks=tuple(check for c in found for check in c.checks),
+        segments=sum(c.segments for c in certificates),
+        unjudged=certificates[0].unjudged,
+        wall_time=sum(c.wall_time for c in certificates),
+        checks=tuple(check for c in certificates for check in c.checks),
         **figures,
     )
 
@@ -291,8 +291,8 @@ def _merged(motion: Motion, parts: Sequence[tuple[float, Certificate]]) -> Certi
 def _merged_limits(parts: Sequence[tuple[float, Certificate]]) -> tuple[LimitCheck, ...]:
     checks: dict[str, LimitCheck] = {}
     for check in (check for _, certificate in parts for check in certificate.limit_checks):
-        known = checks.setdefault(check.quantity, check)
-        both = np.fmax(known.utilisation, check.utilisation)
-        higher: Any = np.nanmax(check.utilisation) > np.nanmax(known.utilisation)
-        checks[check.quantity] = replace(check if higher else known, utilisation=both)
+        earlier = checks.setdefault(check.quantity, check)
+        both = np.fmax(earlier.utilisation, check.utilisation)
+        higher: Any = np.nanmax(check.utilisation) > np.nanmax(earlier.utilisation)
+        checks[check.quantity] = replace(check if higher else earlier, utilisation=both)
     return tuple(checks.values())

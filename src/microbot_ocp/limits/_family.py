@@ -256,19 +256,19 @@ class LimitFamily:
             arrays = deferred_call(function)(*(samples[k] for k in used))
             for (key, side), array in zip(names, _as_tuple(arrays), strict=True):
                 results.setdefault(key, [np.empty(0)] * 3)[side] = array
-        found = {}
+        entries = {}
         for key in wanted:
             member = self[key]
             if key in given:
-                found[key] = LimitValues(given[key], member.lower, member.upper)
+                entries[key] = LimitValues(given[key], member.lower, member.upper)
                 continue
             value, lower, upper = results[key]
-            found[key] = LimitValues(
+            entries[key] = LimitValues(
                 value,
                 lower if lower.size else member.lower,
                 upper if upper.size else member.upper,
             )
-        return found
+        return entries
 
     def use(
         self, samples: MotionSamples, keys: Iterable[str] | None = None
@@ -304,12 +304,12 @@ class LimitFamily:
         if not keys:
             return {}
         function, names, used = _function(self.robot, tuple(keys), *([torques] if torques else []))
-        found = {key: [None, self[key].lower, self[key].upper] for key in keys}
+        entries = {key: [None, self[key].lower, self[key].upper] for key in keys}
         for (key, side), value in zip(
             names, _as_tuple(function(*(state[k] for k in used))), strict=True
         ):
-            found[key][side] = value
-        return {key: (entry[0], entry[1], entry[2]) for key, entry in found.items()}
+            entries[key][side] = value
+        return {key: (entry[0], entry[1], entry[2]) for key, entry in entries.items()}
 
     def derivatives(self, function: ca.Function, compiled: bool) -> tuple[ca.Function, ...] | None:
         """First and second derivatives of the function of a further limit, where it knows them.
@@ -318,9 +318,12 @@ class LimitFamily:
         transcription wants them.
         """
         for limit in self.robot.limits.also:
-            made = getattr(limit.expression, "derivatives", None)
-            if made and _function(self.robot, (limit.key,))[0].__hash__() == function.__hash__():
-                return made(self.robot, compiled)
+            functions = getattr(limit.expression, "derivatives", None)
+            if (
+                functions
+                and _function(self.robot, (limit.key,))[0].__hash__() == function.__hash__()
+            ):
+                return functions(self.robot, compiled)
         return None
 
 

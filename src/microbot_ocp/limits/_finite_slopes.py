@@ -36,7 +36,7 @@ def with_finite_slopes(function: ca.Function) -> ca.Function:
             work[out[0]] = ca.SX.binary(kind, work[given[0]], work[given[1]])
         else:
             work[out[0]] = ca.SX.unary(kind, work[given[0]])
-    made = [
+    results = [
         ca.SX(function.sparsity_out(i), ca.vertcat(*entries)) for i, entries in enumerate(outputs)
     ]
-    return ca.Function(function.name(), inputs, made, function.name_in(), function.name_out())
+    return ca.Function(function.name(), inputs, results, function.name_in(), function.name_out())

@@ -97,16 +97,16 @@ class LimitHistory:
         """
         if quantity not in self.use:
             return []
-        found = []
+        entries = []
         use, values = self.use[quantity], self.limited[quantity]
         nearest = self.family[quantity].nearest_bound(values)
         for joint in range(use.shape[1]):
             for side, bound in ((1, values.upper), (-1, values.lower)):
-                own = np.broadcast_to(bound, use.shape)[:, joint]
-                busy = (use[:, joint] >= share) & (nearest[:, joint] == own)
+                of_joint = np.broadcast_to(bound, use.shape)[:, joint]
+                busy = (use[:, joint] >= share) & (nearest[:, joint] == of_joint)
                 for start, end in _runs(self.t, busy):
-                    found.append(Spell(quantity, joint, side, start, end))
-        return sorted(found, key=lambda spell: (spell.joint, spell.start))
+                    entries.append(Spell(quantity, joint, side, start, end))
+        return sorted(entries, key=lambda spell: (spell.joint, spell.start))
 
     def every_spell(self) -> list[Spell]:
         """Spells at all limits but those of the position, which every motion comes near."""

@@ -46,8 +46,8 @@ JOINT_QUANTITIES = {
 
 def quantity_name(key: str) -> str:
     """Name of a quantity by its key: "torque" of "tau", "tool speed" of "tool_speed"."""
-    known = JOINT_QUANTITIES.get(key)
-    return key.replace("_", " ") if known is None else known.name
+    quantity = JOINT_QUANTITIES.get(key)
+    return key.replace("_", " ") if quantity is None else quantity.name
 
 
 class LimitChanges(TypedDict, total=False):
@@ -265,10 +265,10 @@ class JointLimits:
             raise InputError(
                 f"limits are for {np.size(self.q_min)} joints, but the robot has {count}"
             )
-        own = {item.name: getattr(self, item.name) for item in fields(self)}
-        checked = Limits(**own).for_joints(count)
+        values = {item.name: getattr(self, item.name) for item in fields(self)}
+        checked = Limits(**values).for_joints(count)
         as_they_are = all(
-            isinstance(own[name], np.ndarray) and np.array_equal(own[name], value)
+            isinstance(values[name], np.ndarray) and np.array_equal(values[name], value)
             for name, value in checked.as_dict().items()
         )
         return self if as_they_are else checked
@@ -301,12 +301,12 @@ def _per_joint(name: str, value: Any, count: int) -> FloatArray:
 def _further(limits: Any) -> tuple[Limit, ...]:
     if isinstance(limits, Limit):
         raise InputError("also must be a list of limits: write also=[limit]")
-    found = tuple(limits)
-    for limit in found:
+    entries = tuple(limits)
+    for limit in entries:
         if not isinstance(limit, Limit):
             raise InputError(f"also must hold limits, such as mo.Limit(...), not {limit!r}")
-    keys = [*JOINT_QUANTITIES, *(limit.key for limit in found)]
-    for limit in found:
+    keys = [*JOINT_QUANTITIES, *(limit.key for limit in entries)]
+    for limit in entries:
         if keys.count(limit.key) > 1:
             raise InputError(f"also holds two limits named {limit.name!r}: names must differ")
-    return found
+    return entries

@@ -103,12 +103,12 @@ def largest_use(
     offsets = np.linspace(-1.0, 1.0, 9)
     for _ in range(PEAK_SEARCH.rounds):
         around = np.clip(center[:, None] + reach[:, None] * offsets, 0.0, lengths[k][:, None])
-        found = use_at(np.repeat(k, offsets.size), around.ravel())
-        found = found.reshape(k.size, offsets.size, -1)
-        own = np.take_along_axis(found, channel[:, None, None], axis=2)[:, :, 0]
-        pick = own.argmax(axis=1)
+        uses = use_at(np.repeat(k, offsets.size), around.ravel())
+        uses = uses.reshape(k.size, offsets.size, -1)
+        component = np.take_along_axis(uses, channel[:, None, None], axis=2)[:, :, 0]
+        pick = component.argmax(axis=1)
         row = np.arange(k.size)
-        center, best = around[row, pick], np.maximum(best, own[row, pick])
+        center, best = around[row, pick], np.maximum(best, component[row, pick])
         reach = reach / 4.0
     top = int(best.argmax())
     quantity, joint = _channel(family, wanted, int(channel[top]))
@@ -197,7 +197,7 @@ def _candidates(use: FloatArray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     # A smooth maximum between grid points lies an eighth of the second difference above them.
     hope = finite + curvature
     peaks = (finite >= left) & (finite > right) & (hope >= finite.max())
-    found = np.argwhere(peaks)
-    order = np.argsort(-hope[tuple(found.T)], kind="stable")[: PEAK_SEARCH.candidates]
-    k, i, channel = found[order].T
+    places = np.argwhere(peaks)
+    order = np.argsort(-hope[tuple(places.T)], kind="stable")[: PEAK_SEARCH.candidates]
+    k, i, channel = places[order].T
     return k, i, channel

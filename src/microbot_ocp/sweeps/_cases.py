@@ -258,21 +258,21 @@ class CaseSource:
                 [k for axis in self._axes for k in range(*axis.columns.indices(1 << 30))]
             )
         edges = np.cumsum(list(self.width.values()))
-        found = {self.names[int(np.searchsorted(edges, k, side="right"))] for k in places}
-        return tuple(name for name in self.names if name in found)
+        moving = {self.names[int(np.searchsorted(edges, k, side="right"))] for k in places}
+        return tuple(name for name in self.names if name in moving)
 
     def rows(self, start: int, stop: int) -> FloatArray:
         """Values [K,c] of the cases from ``start`` up to ``stop``, in the order of the columns."""
         if self.cases.kind == "table":
             return self._table[start:stop]
-        made = np.tile(self._constant, (stop - start, 1))
+        values = np.tile(self._constant, (stop - start, 1))
         if not self._axes:
-            return made
+            return values
         if self.cases.kind == "grid":
             steps = np.unravel_index(np.arange(start, stop), self._sizes)
             for axis, index in zip(self._axes, steps, strict=True):
-                made[:, axis.columns] = axis.step(index)
-            return made
+                values[:, axis.columns] = axis.step(index)
+            return values
         qmc = needed("scipy.stats.qmc")
         engine = qmc.Sobol(len(self._axes), scramble=True, seed=self.cases.seed)
         if start:
@@ -281,8 +281,8 @@ class CaseSource:
             warnings.simplefilter("ignore", UserWarning)
             shares = engine.random(stop - start)
         for axis, share in zip(self._axes, shares.T, strict=True):
-            made[:, axis.columns] = axis.at(share)
-        return made
+            values[:, axis.columns] = axis.at(share)
+        return values
 
     def values(self, row: FloatArray) -> dict[str, FloatArray]:
         """Values of the quantities by name, from a row [c]."""
@@ -298,7 +298,7 @@ class CaseSource:
 
     def reference(self) -> dict[str, FloatArray]:
         """One value for every limit, mass, friction and gravity: finite where some case has one."""
-        found = self.values(self.rows(0, 1)[0])
+        values = self.values(self.rows(0, 1)[0])
         if self.cases.kind != "table":
             for axis in self._axes:
                 if axis.choices is not None and not np.isfinite(axis.choices[0]).all():
@@ -306,9 +306,11 @@ class CaseSource:
                     if len(finite):
                         row = self.rows(0, 1)[0]
                         row[axis.columns] = finite[0]
-                        name = next(n for n, v in self.values(row).items() if (v != found[n]).any())
-                        found[name] = self.values(row)[name]
-            return found
+                        name = next(
+                            n for n, v in self.values(row).items() if (v != values[n]).any()
+                        )
+                        values[name] = self.values(row)[name]
+            return values
         finite = np.isfinite(self._table).all(axis=1)
         return self.values(self._table[int(finite.argmax())])
 
@@ -336,11 +338,11 @@ class CaseSource:
             combined = rows[:, places]
         if len(combined) > FEW:
             return None
-        made = []
+        robots = []
         for row in combined:
             parts = iter(np.split(row, np.cumsum([self.width[n] for n in sorted(varying)])[:-1]))
-            made.append({**fixed, **{name: next(parts) for name in sorted(varying)}})
-        return made
+            robots.append({**fixed, **{name: next(parts) for name in sorted(varying)}})
+        return robots
 
     def _every(self) -> dict[str, Any]:
         """Quantities as given, those of a table's columns among them (as their first values)."""
@@ -369,19 +371,19 @@ class CaseSource:
         if self.cases.kind != "table":
             return np.empty((0, 0))
         count = len(next(iter(self.cases.columns.values())))
-        made = np.tile(self._constant, (count, 1))
+        values = np.tile(self._constant, (count, 1))
         place = 0
         for name in self._every():
             width = self.width[plain_name(name)]
             scale = scale_to_si(self._robot, name, width)
             for k, column in enumerate(column_names(name, width)):
                 if column in self.cases.columns:
-                    made[:, place + k] = self.cases.columns[column] * scale[k]
+                    values[:, place + k] = self.cases.columns[column] * scale[k]
             place += width
-        if np.isnan(made).any():
-            row, column = np.argwhere(np.isnan(made))[0]
+        if np.isnan(values).any():
+            row, column = np.argwhere(np.isnan(values))[0]
             raise InputError(f"{self.cases.origin} has no {self.columns[column]} in row {row + 1}")
-        return made
+        return values
 
     def _read(self, name: str, given: Any, place: int) -> tuple[FloatArray, list[Axis]]:
         """First value [w] of a quantity and its axes, in SI units."""

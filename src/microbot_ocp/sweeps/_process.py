@@ -65,16 +65,16 @@ class CaseProcess:
                 start_new_session=True,  # Ctrl-C is the parent's
                 env={**_without_trimming(os.environ), "PYTHONPATH": paths},
             )
-        said: Any
+        answer: Any
         try:
             self._pipe.send_bytes(plan)
-            ready, said = self._pipe.recv()
+            ready, answer = self._pipe.recv()
         except (OSError, EOFError):
-            ready, said = False, f"it ended with status {self._process.wait()}"
+            ready, answer = False, f"it ended with status {self._process.wait()}"
         if not ready:
             self.end()
-            raise RuntimeError(f"a process for cases did not start: {said}")
-        self.notes: list[str] = said
+            raise RuntimeError(f"a process for cases did not start: {answer}")
+        self.notes: list[str] = answer
 
     @property
     def alive(self) -> bool:
@@ -158,11 +158,11 @@ def end_process() -> None:
 
 def _process(digest: str, plan: bytes) -> CaseProcess:
     """The process of this thread, started where there is none, or one of another study."""
-    found: CaseProcess | None = getattr(_processes, "one", None)
-    if found is None or found.digest != digest or not found.alive:
+    process: CaseProcess | None = getattr(_processes, "one", None)
+    if process is None or process.digest != digest or not process.alive:
         end_process()
-        _processes.one = found = CaseProcess(digest, plan)
-    return found
+        _processes.one = process = CaseProcess(digest, plan)
+    return process
 
 
 def serve(pipe: int) -> None:
@@ -180,9 +180,9 @@ def serve(pipe: int) -> None:
                 raise RuntimeError(f"the worker has {versions()}, the study is of {plan.version}")
             solver = CaseSolver(plan)
         except BaseException as problem:
-            said = shortened(f"{type(problem).__name__}: {problem}", 200)
+            sentence = shortened(f"{type(problem).__name__}: {problem}", 200)
             place = traceback.extract_tb(problem.__traceback__)[-1]
-            worker.send((False, f"{said} ({place.filename}, line {place.lineno})"))
+            worker.send((False, f"{sentence} ({place.filename}, line {place.lineno})"))
             return
         worker.send((True, solver.notes))
         while True:

@@ -60,9 +60,9 @@ def check_name(name: str) -> None:
     angular = plain == name or name in KEYS["limits"] or plain.endswith("_q")
     if angular and (POSE.fullmatch(plain) or plain in (*DYNAMICS, "payload", *LIMITS)):
         return
-    known = ["start_q", "start_q_deg", "start_position", "goal_q", "goal_q_deg", "goal_position"]
-    known += ["via1_q", "via1_q_deg", "via1_position", "payload", *DYNAMICS, *KEYS["limits"]]
-    near = difflib.get_close_matches(name, known, 1)
+    allowed = ["start_q", "start_q_deg", "start_position", "goal_q", "goal_q_deg", "goal_position"]
+    allowed += ["via1_q", "via1_q_deg", "via1_position", "payload", *DYNAMICS, *KEYS["limits"]]
+    near = difflib.get_close_matches(name, allowed, 1)
     hint = f"did you mean {near[0]!r}? " if near else ""
     raise InputError(
         f"{name} is no quantity that may vary; {hint}allowed: start_, goal_, via1_, via2_... with "
@@ -104,9 +104,9 @@ def pose_names(names: tuple[str, ...]) -> tuple[str, ...]:
     """
     poses: dict[str, str] = {}
     for name in names:
-        found = POSE.fullmatch(name)
-        if found and poses.setdefault(found[1], name) != name:
-            raise InputError(f"{found[1]} is given twice, by {poses[found[1]]} and {name}")
+        pose = POSE.fullmatch(name)
+        if pose and poses.setdefault(pose[1], name) != name:
+            raise InputError(f"{pose[1]} is given twice, by {poses[pose[1]]} and {name}")
     for end in ("start", "goal"):
         if end not in poses:
             raise InputError(f"{end}_q, {end}_q_deg or {end}_position is missing")
@@ -131,9 +131,9 @@ def robot_with(robot: Robot, values: Values) -> Robot:
     for name in set(DYNAMICS[1:3]) & set(values):
         for k, value in enumerate(np.broadcast_to(values[name], count)):
             links[k] = replace(links[k], **{name: float(value)})
-    made = robot if links == list(robot.links) else robot.with_links(links)
+    changed = robot if links == list(robot.links) else robot.with_links(links)
     if "gravity" in values:
-        made = made.with_gravity(values["gravity"])
+        changed = changed.with_gravity(values["gravity"])
     changes = {
         name: np.broadcast_to(values[name], count)
         for name in LIMITS
@@ -145,8 +145,8 @@ def robot_with(robot: Robot, values: Values) -> Robot:
         if name in MEMBER_KEYS
     }
     if further:
-        made = made.with_limits(also=with_further(made.limits.also, further))
-    return made.with_limits(**changes) if changes else made  # type: ignore[arg-type]
+        changed = changed.with_limits(also=with_further(changed.limits.also, further))
+    return changed.with_limits(**changes) if changes else changed  # type: ignore[arg-type]
 
 
 def task_of(robot: Robot, poses: tuple[str, ...], values: Values) -> CaseTask:
@@ -159,15 +159,15 @@ def task_of(robot: Robot, poses: tuple[str, ...], values: Values) -> CaseTask:
     InputError
         Values that no robot has, such as a negative mass.
     """
-    made = robot_with(robot, values)
+    arm = robot_with(robot, values)
     via: list[FloatArray] = []
     for name in poses:
         if name.endswith("_q"):
             via.append(values[name])
             continue
-        found = solve_ik(made, values[name], seed=via[-1] if via else np.zeros(robot.joint_count))
-        if not found.solved:
-            raise NoTask(found.status, f"{name}: {found.advice or found.status.sentence}")
-        via.append(found.q)
+        solution = solve_ik(arm, values[name], seed=via[-1] if via else np.zeros(robot.joint_count))
+        if not solution.solved:
+            raise NoTask(solution.status, f"{name}: {solution.advice or solution.status.sentence}")
+        via.append(solution.q)
     payload = float(values["payload"][0]) if "payload" in values else 0.0
-    return CaseTask(made, payload, np.array(via))
+    return CaseTask(arm, payload, np.array(via))

@@ -170,9 +170,9 @@ def run_study(
         tell("done")
         return results
     plan = study.plan()
-    with _connected(client, workers) as found:
+    with _connected(client, workers) as connected:
         try:
-            _Run(study, plan, results, found, tell).run()
+            _Run(study, plan, results, connected, tell).run()
         except KeyboardInterrupt:
             tell("interrupted")
             raise
@@ -193,20 +193,20 @@ def _connected(client: Any, workers: int | None) -> Iterator[Any]:
         return
     if isinstance(client, str):
         try:
-            made = distributed.Client(client, timeout="10s", set_as_default=False)
+            connected = distributed.Client(client, timeout="10s", set_as_default=False)
         except (OSError, ValueError) as problem:
             reason = shortened(str(problem) or type(problem).__name__, 120)
             raise InputError(f"no scheduler answers at {client!r}: {reason}") from None
-        with made:
-            yield made
+        with connected:
+            yield connected
         return
     with (
         needed("dask.config").set(QUIET),
         _own_cluster(distributed) as cluster,
-        distributed.Client(cluster, set_as_default=False) as made,
+        distributed.Client(cluster, set_as_default=False) as connected,
     ):
         cluster.scale(workers or _processors())
-        yield made
+        yield connected
 
 
 def _own_cluster(distributed: Any) -> Any:
@@ -268,9 +268,9 @@ class _Told:
         if self._progress is None:
             return
         text = f"{self.done:,} of {self._count:,} cases"
-        spent, made = time.monotonic() - self._begun, self.done - self._before
-        if made and stage != "done":
-            rate = made / spent
+        spent, done = time.monotonic() - self._begun, self.done - self._before
+        if done and stage != "done":
+            rate = done / spent
             text += f", {rate:.3g} a second, {_span((self._count - self.done) / rate)} left"
         elif stage != "done":
             text += ", starting"
@@ -327,10 +327,10 @@ class _Run:
         return True
 
     def _threads(self) -> int:
-        known = (
+        source = (
             getattr(self.client.cluster, "scheduler_info", None) if self.client.cluster else None
         )
-        info = known or self.client.scheduler_info(-1)
+        info = source or self.client.scheduler_info(-1)
         return sum(worker["nthreads"] for worker in info["workers"].values())
 
     def _send(self, task: _SubmittedTask) -> None:
@@ -362,8 +362,10 @@ class _Run:
         if isinstance(problem, needed("distributed.scheduler").KilledWorker):
             self._again(task)
             return
-        told = shortened(f"{type(problem).__name__}: {problem}", 200)
-        raise SweepStopped(f"a worker could not do its cases: {told}; {self._how_to_continue()}")
+        sentence = shortened(f"{type(problem).__name__}: {problem}", 200)
+        raise SweepStopped(
+            f"a worker could not do its cases: {sentence}; {self._how_to_continue()}"
+        )
 
     def _again(self, task: _SubmittedTask) -> None:
         """Workers ended under these cases again and again: find which one it is."""
@@ -385,11 +387,11 @@ class _Run:
         size = int(self.results.about["chunk"])
         whole = min(size, self.results.count - task.chunk * size)
         if len(done) < whole:
-            found = self._found.setdefault(task.chunk, {})
-            found |= {row["case"]: (row, motions) for row, motions in done}
-            if len(found) < whole:
+            answers = self._found.setdefault(task.chunk, {})
+            answers |= {row["case"]: (row, motions) for row, motions in done}
+            if len(answers) < whole:
                 return
-            done = [found[case] for case in sorted(self._found.pop(task.chunk))]
+            done = [answers[case] for case in sorted(self._found.pop(task.chunk))]
         rows = self.results._write(task.chunk, done)
         self.tell.done += len(rows)
         self.tell.failures += sum(row["status"] != Status.SOLVED for row in rows)

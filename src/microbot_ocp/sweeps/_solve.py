@@ -57,11 +57,11 @@ class CaseSolver:
             for values, via in plan.ready:
                 robot = robot_with(plan.reference_robot, values)
                 self._solvers[_key(values)] = self._made(robot, via, compiled=True)
-        said = [str(warning.message) for warning in heard]
+        notes = [str(warning.message) for warning in heard]
         if plan.ready and compiler() is None:
-            said = ["no C compiler was found: CasADi's virtual machine runs, which is slower"]
-        self.compiled = bool(plan.ready) and not said
-        self.notes += said[:1]
+            notes = ["no C compiler was found: CasADi's virtual machine runs, which is slower"]
+        self.compiled = bool(plan.ready) and not notes
+        self.notes += notes[:1]
 
     def row(self, case: int, numbers: FloatArray) -> tuple[Row, dict[str, bytes]]:
         """The row of a case, and its motions as the bytes of ``.npz`` files, if asked for."""
@@ -91,9 +91,9 @@ class CaseSolver:
             try:
                 outcome = self._outcome(name, task, moving, values)
             except Exception as problem:  # of a method of the user's own, too
-                known = isinstance(problem, InputError)
-                status = Status.NOT_POSSIBLE if known else Status.FAILED
-                reason = str(problem) if known else f"{type(problem).__name__}: {problem}"
+                is_input = isinstance(problem, InputError)
+                status = Status.NOT_POSSIBLE if is_input else Status.FAILED
+                reason = str(problem) if is_input else f"{type(problem).__name__}: {problem}"
                 outcome = CaseOutcome(status, reason)
             row |= self._entry(name, moving, outcome, time.perf_counter() - started)
             if not outcome.status.solved and first is None:
@@ -105,9 +105,9 @@ class CaseSolver:
         return row
 
     def _outcome(self, name: str, task: CaseTask, moving: Robot, values: Row) -> CaseOutcome:
-        own = self.plan.methods[name]
-        if own is not None:
-            motion = own(moving, task.via_q)
+        method = self.plan.methods[name]
+        if method is not None:
+            motion = method(moving, task.via_q)
             if not isinstance(motion, Motion):
                 raise ValueError(f"method {name} returned {type(motion).__name__}, no motion")
             return _judged(moving, task, motion)
@@ -184,8 +184,8 @@ def _judged(robot: Robot, task: CaseTask, motion: Motion) -> CaseOutcome:
 
 def _key(values: Mapping[str, FloatArray]) -> tuple[tuple[str, bytes], ...]:
     """What tells solvers apart: masses, friction and gravity."""
-    own = {name: np.asarray(value, dtype=float) for name, value in values.items()}
-    return tuple((name, own[name].tobytes()) for name in DYNAMICS if name in own)
+    arrays = {name: np.asarray(value, dtype=float) for name, value in values.items()}
+    return tuple((name, arrays[name].tobytes()) for name in DYNAMICS if name in arrays)
 
 
 def limit_shares(plan: Plan, robot: Robot, motion: Motion) -> dict[str, float]:

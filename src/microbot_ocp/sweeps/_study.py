@@ -145,14 +145,14 @@ class Study:
     @cached_property
     def schema(self) -> tuple[tuple[str, str], ...]:
         """Name and type (int, float, bool, text) of every column of the data set."""
-        found = [("case", "int"), *((name, "float") for name in self.source.columns)]
-        known = set(self.source.columns)
+        columns = [("case", "int"), *((name, "float") for name in self.source.columns)]
+        inputs = set(self.source.columns)
         for point in POINTS:
             poses = [f"{point}_q_{k + 1}" for k in range(self.robot.joint_count)]
-            found += [(n, "float") for n in poses if n not in known]
-            found += [(f"{point}_{axis}", "float") for axis in AXES]
+            columns += [(n, "float") for n in poses if n not in inputs]
+            columns += [(f"{point}_{axis}", "float") for axis in AXES]
         limits = [name for _, _, name in self.limit_columns]
-        return (*found, *outcome_columns(self.methods, limits))
+        return (*columns, *outcome_columns(self.methods, limits))
 
     @property
     def chunk(self) -> int:
@@ -196,8 +196,8 @@ class Study:
 
     @property
     def _prepares(self) -> bool:
-        own = self.methods.get(BY_SOLVER, True)  # type: ignore[union-attr]
-        return bool(self.settings["prepared"]) and own is None and self.robot.has_dynamics
+        method = self.methods.get(BY_SOLVER, True)  # type: ignore[union-attr]
+        return bool(self.settings["prepared"]) and method is None and self.robot.has_dynamics
 
     def _holdable(self, robot: Robot) -> FloatArray | None:
         """Via points of the first case that a robot can hold at rest; None where none is found."""
@@ -249,9 +249,9 @@ class Plan:
 
 def outcome_columns(methods: Iterable[str], limits: Sequence[str]) -> list[tuple[str, str]]:
     """Name and type of the columns of what becomes of a case."""
-    found = [("status", "text"), ("reason", "text")]
+    columns = [("status", "text"), ("reason", "text")]
     for method in methods:
-        found += [
+        columns += [
             (f"{method}_status", "text"),
             (f"{method}_duration", "float"),
             (f"{method}_certified", "bool"),
@@ -259,7 +259,7 @@ def outcome_columns(methods: Iterable[str], limits: Sequence[str]) -> list[tuple
             *((f"{method}_at_{name}", "float") for name in limits),
             (f"{method}_solve_time", "float"),
         ]
-    return [*found, ("case_time", "float"), ("compiled", "bool"), ("seed", "int"),
+    return [*columns, ("case_time", "float"), ("compiled", "bool"), ("seed", "int"),
             ("version", "text")]  # fmt: skip
 
 
@@ -293,6 +293,6 @@ def _checked_settings(given: Mapping[str, Any]) -> dict[str, Any]:
             checks.number(f"settings.{name}", value, at_least=least, at_most=1e6)
             if not isinstance(value, int):
                 raise InputError(f"settings.{name} must be a whole number, not {value}")
-    made = {name: default for name, (default, _, _) in SETTINGS.items()} | dict(given)
-    TimeOptimalSettings(mesh=made["mesh"], starts=made["starts"], seed=made["seed"])
-    return made
+    settings = {name: default for name, (default, _, _) in SETTINGS.items()} | dict(given)
+    TimeOptimalSettings(mesh=settings["mesh"], starts=settings["starts"], seed=settings["seed"])
+    return settings

@@ -28,10 +28,10 @@ class Quartiles(NamedTuple):
     @classmethod
     def of(cls, values: FloatArray) -> Quartiles:
         """Of the values that are finite; NaN where there are none."""
-        known = values[np.isfinite(values)]
-        if not known.size:
+        finite = values[np.isfinite(values)]
+        if not finite.size:
             return cls(0, np.nan, np.nan, np.nan)
-        return cls(known.size, *map(float, np.quantile(known, (0.25, 0.5, 0.75))))
+        return cls(finite.size, *map(float, np.quantile(finite, (0.25, 0.5, 0.75))))
 
 
 @dataclass(frozen=True)
@@ -106,8 +106,8 @@ def summary_of(sweep: Sweep) -> SweepSummary:
     read = sweep.read(columns)
     solved = {m: read[f"{m}_status"] == Status.SOLVED for m in sweep.methods}
     durations = {m: np.where(solved[m], read[f"{m}_duration"], np.nan) for m in sweep.methods}
-    own = solved[best]
-    decided = read[f"{best}_limit"][own]
+    solved_best = solved[best]
+    decided = read[f"{best}_limit"][solved_best]
     return SweepSummary(
         count=sweep.count,
         done=read["case"].size,
@@ -122,7 +122,9 @@ def summary_of(sweep: Sweep) -> SweepSummary:
         best=best,
         decides={name: float((decided == name).mean()) for name in limits if decided.size},
         at_limit={
-            name: float(np.mean(read[f"{best}_at_{name}"][own])) for name in limits if own.any()
+            name: float(np.mean(read[f"{best}_at_{name}"][solved_best]))
+            for name in limits
+            if solved_best.any()
         },
         failures=_failures(read),
         case_time=Quartiles.of(read["case_time"]),
@@ -132,13 +134,13 @@ def summary_of(sweep: Sweep) -> SweepSummary:
 
 def _failures(read: Mapping[str, np.ndarray]) -> tuple[CaseFailure, ...]:
     """Failures that differ in their numbers only count as one."""
-    found: dict[tuple[str, str], list[int]] = {}
+    places_of: dict[tuple[str, str], list[int]] = {}
     for k in np.flatnonzero(read["status"] != Status.SOLVED):
         kind = _NUMBER.sub("#", read["reason"][k])[:120]
-        found.setdefault((read["status"][k], kind), []).append(int(k))
-    made = []
-    for (status, _), places in found.items():
+        places_of.setdefault((read["status"][k], kind), []).append(int(k))
+    failures = []
+    for (status, _), places in places_of.items():
         case = int(read["case"][places[0]])
         checks.one_of(f"status of case {case}", status, Status)
-        made.append(CaseFailure(Status(status), len(places), case, read["reason"][places[0]]))
-    return tuple(sorted(made, key=lambda failure: -failure.count))
+        failures.append(CaseFailure(Status(status), len(places), case, read["reason"][places[0]]))
+    return tuple(sorted(failures, key=lambda failure: -failure.count))

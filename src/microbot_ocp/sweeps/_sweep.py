@@ -128,7 +128,7 @@ class Sweep:
         needed("pyarrow.parquet")
         try:
             belongs = {self._part(number): self._belongs(number) for number in self._numbers()}
-            paths = [str(path) for path, own in belongs.items() if own]
+            paths = [str(path) for path, belonging in belongs.items() if belonging]
             table = _rows(paths, columns=wanted).select(wanted) if paths else None
         except DAMAGED as problem:
             raise InputError(
@@ -136,7 +136,7 @@ class Sweep:
                 f"{shortened(str(problem), 120)}; the sweep's command does its cases again"
             ) from None
         if len(paths) < len(belongs):
-            strays = ", ".join(path.name for path, own in belongs.items() if not own)
+            strays = ", ".join(path.name for path, belonging in belongs.items() if not belonging)
             warnings.warn(
                 f"{shortened(str(self.folder / PARTS), 120)} has files of other cases, which are "
                 f"left out: {shortened(strays, 120)}",
@@ -146,7 +146,7 @@ class Sweep:
         if table is None:
             return {name: np.empty(0, _empty(kinds[name])) for name in names}
         order = np.argsort(table["case"].to_numpy())
-        found = {}
+        arrays = {}
         for name in names:
             column = table[name]
             if kinds[name] == "text":
@@ -155,8 +155,8 @@ class Sweep:
                 values = np.array([bool(v) for v in column.to_pylist()])
             else:
                 values = column.to_numpy()
-            found[name] = values[order]
-        return found
+            arrays[name] = values[order]
+        return arrays
 
     def savings(self, method: str) -> FloatArray:
         """Share [N] of its time that the best method saves; NaN where one of them is not solved."""
@@ -188,8 +188,8 @@ class Sweep:
 
     def _numbers(self) -> list[int]:
         """Of all part files that are there, whatever they hold."""
-        found = (_PART.fullmatch(path.name) for path in (self.folder / PARTS).glob("part-*"))
-        return sorted(int(name[1]) for name in found if name)
+        names = (_PART.fullmatch(path.name) for path in (self.folder / PARTS).glob("part-*"))
+        return sorted(int(name[1]) for name in names if name)
 
     def _part(self, number: int) -> Path:
         return self.folder / PARTS / f"part-{number:08d}.parquet"
@@ -304,17 +304,17 @@ def opened(study: Study, folder: Path) -> Sweep:
         It cannot be made.
     """
     if (folder / ABOUT).exists():
-        found = load_sweep(folder)
-        if found.about["digest"] != study.digest:
+        earlier = load_sweep(folder)
+        if earlier.about["digest"] != study.digest:
             raise InputError(
-                f"{str(folder)!r} holds another study, of {found.count} cases by "
-                f"{found.about.get('version')}: give another folder, or remove this one"
+                f"{str(folder)!r} holds another study, of {earlier.count} cases by "
+                f"{earlier.about.get('version')}: give another folder, or remove this one"
             )
         remove_leftovers(folder / PARTS)
-        for number in found._numbers():
-            if found._cases(number) and not _whole(found, number):
-                found._part(number).unlink()
-        return found
+        for number in earlier._numbers():
+            if earlier._cases(number) and not _whole(earlier, number):
+                earlier._part(number).unlink()
+        return earlier
     made_folder(folder / PARTS)
     about = {
         "schema": SCHEMA,

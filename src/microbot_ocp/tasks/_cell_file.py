@@ -218,17 +218,17 @@ class Cell:
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
-        told = self.motion.provenance
+        provenance = self.motion.provenance
         return {
             "robot": self.robot.name,
             "limits": self.robot.limits.as_dict(),
             "cycle": self.cycle,
             "solved": self.motion.solved,
             "status": str(self.motion.status),
-            "advice": told.get("advice", ""),
+            "advice": provenance.get("advice", ""),
             "duration": self.motion.duration,
             "marks": [{"time": m.time, "name": m.name} for m in self.motion.marks],
-            "branches": told.get("branches", []),
+            "branches": provenance.get("branches", []),
             "certificate": self.certificate.as_dict(),
             **({} if self.front is None else {"front": self.front.as_dict()}),
         }
@@ -389,15 +389,17 @@ def _with_capsules(robot: Robot, rows: Sequence[Mapping[str, Any]]) -> Robot:
         return robot
     links = [link.name for link in robot.links] or robot.joint_names  # none without masses
     names = ["base", *links]
-    own: dict[int, list[Capsule]] = {}
+    capsules: dict[int, list[Capsule]] = {}
     for number, row in enumerate(rows, start=1):
         with naming(f"in capsule {number}: "):
             given = read_table(row, CAPSULE, "of it", "{}")
             link = checks.one_of("link", given.pop("link"), names)
-            own.setdefault(names.index(link), []).append(Capsule(**given))
+            capsules.setdefault(names.index(link), []).append(Capsule(**given))
     usual = with_arm_capsules(robot).capsules
-    kept = {frame: [c for f, c in usual if f == frame] for frame, _ in usual if frame not in own}
-    return robot.with_capsules({**kept, **own})
+    remaining = {
+        frame: [c for f, c in usual if f == frame] for frame, _ in usual if frame not in capsules
+    }
+    return robot.with_capsules({**remaining, **capsules})
 
 
 def _scene(table: Any, folder: Path) -> Scene | None:

@@ -26,8 +26,8 @@ _LISTED = re.compile(rf"(motions/)?{NAME.pattern}", re.ASCII)
 
 def files_in(folder: Path) -> dict[str, str]:
     """Digests of the files in a folder and its folders, by their path in it."""
-    found = sorted(path for path in folder.rglob("*") if path.is_file())
-    return {path.relative_to(folder).as_posix(): digest(path) for path in found}
+    paths = sorted(path for path in folder.rglob("*") if path.is_file())
+    return {path.relative_to(folder).as_posix(): digest(path) for path in paths}
 
 
 def swap_in(staged: Path, target: Path, index: bool, motions: bool) -> list[Path]:
@@ -55,13 +55,13 @@ def swap_in(staged: Path, target: Path, index: bool, motions: bool) -> list[Path
     NotWritten
     """
     document = json.loads((staged / INDEX).read_text("utf-8"))
-    made = {name: value for name, value in files_in(staged).items() if name != INDEX}
-    new = [name for name in made if motions or not name.startswith("motions/")]
+    digests = {name: value for name, value in files_in(staged).items() if name != INDEX}
+    new = [name for name in digests if motions or not name.startswith("motions/")]
     with _locked(target):
         old = _read(target / INDEX)
         same = old is not None and _of_the_run(old) == _of_the_run(document)
         earlier = _listed(old)
-        listed = {n: value for n, value in made.items() if n in new or _has(target / n, value)}
+        listed = {n: value for n, value in digests.items() if n in new or _has(target / n, value)}
         document["files"] = {**earlier, **listed} if same else listed
         document["digest"] = digest_of_document(document, "digest")
         text = json.dumps(document, indent=2, ensure_ascii=False)
@@ -134,8 +134,8 @@ def _of_the_run(document: Mapping[str, Any]) -> dict[str, Any]:
 
 def _read(path: Path) -> dict[str, Any] | None:
     with contextlib.suppress(OSError, ValueError, RecursionError):
-        found = json.loads(content_of(path))
-        return found if isinstance(found, dict) else None
+        document = json.loads(content_of(path))
+        return document if isinstance(document, dict) else None
     return None
 
 

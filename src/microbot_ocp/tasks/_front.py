@@ -181,15 +181,15 @@ def _front(
     try:
         stops = list(via_q)
     except TypeError:
-        said = f"via_q must be stops or joint positions, not {checks.shown(via_q)}"
-        raise InputError(said) from None
+        settings_words = f"via_q must be stops or joint positions, not {checks.shown(via_q)}"
+        raise InputError(settings_words) from None
     stops = [stop if isinstance(stop, Stop) else Stop(q=stop) for stop in stops]
     settings = with_changes(changes.pop("settings", None) or TimeOptimalSettings(), changes)
-    found, ended = motions_of_front(
+    solutions, ended = motions_of_front(
         robot, limits, stops, segments, cycle, scene, settings, progress or quiet, **asked
     )
     points = []
-    for effort, motion in found:
+    for effort, motion in solutions:
         certificate = certify(
             robot, motion, limits, via_q=stops, segments=segments, cycle=cycle, scene=scene
         )

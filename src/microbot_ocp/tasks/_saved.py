@@ -67,9 +67,9 @@ def load_comparison(folder: str | Path, robot: Robot | str | None = None) -> Com
     arm = arm.with_limits(_stored_limits(origin, bounds))
     via = checks.array(f"via_q of {origin}", via_q, (None, arm.joint_count))
     check_via(check_limits(arm, None), via)
-    made = tuple(_entry(arm, via, folder, key, row) for key, row in rows)
+    entries = tuple(_entry(arm, via, folder, key, row) for key, row in rows)
     check_run(folder, saved)  # after reading: what is read is then known to be of this run
-    return Comparison(arm, via, arm.limits, made, reference)
+    return Comparison(arm, via, arm.limits, entries, reference)
 
 
 def named_robot(origin: str, named: str | None, given: Robot | str | None) -> Robot:
@@ -120,5 +120,5 @@ def _status(value: Any) -> Status:
 
 
 def _float(value: Any) -> float:
-    known = isinstance(value, int | float) and abs(value) < 1e300
-    return float(value) if known else float("nan")
+    usable = isinstance(value, int | float) and abs(value) < 1e300
+    return float(value) if usable else float("nan")

@@ -232,10 +232,10 @@ def robot_from(data: Mapping[str, Any], folder: Path) -> Robot:
     """The robot that a file names."""
     source = data.get("robot")
     if not isinstance(source, str):
-        found = f"not {source!r}" if "robot" in data else "but it is missing"
+        instead = f"not {source!r}" if "robot" in data else "but it is missing"
         raise InputError(
             f"robot must be one of {', '.join(packaged_robots())}, or the path of a .toml or .urdf "
-            f"file, {found}"
+            f"file, {instead}"
         )
     path = source if source in packaged_robots() else str(folder / source)
     return load_robot(path, data.get("tip"))

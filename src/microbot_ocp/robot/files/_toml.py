@@ -291,8 +291,8 @@ def _link_lines(link: Link) -> list[str]:
     if link.rotor is not None:
         values = {key: getattr(link.rotor, key) for key in ROTOR}
         values["axis"] = link.rotor.axis.tolist()
-        known = (f"{key} = {value!r}" for key, value in values.items() if value is not None)
-        lines.append(f"rotor = {{ {', '.join(known)} }}")
+        entries = (f"{key} = {value!r}" for key, value in values.items() if value is not None)
+        lines.append(f"rotor = {{ {', '.join(entries)} }}")
     return lines
 
 
