@@ -25,6 +25,7 @@ import microbot_ocp
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import InputError, naming
 from microbot_ocp.cli._report import Answer, Report
+from microbot_ocp.execution import packaged_profiles
 from microbot_ocp.limits import JOINT_QUANTITIES, MEMBER_KEYS, MEMBERS, JointLimits, with_further
 from microbot_ocp.robot import Robot, joint_scale, load_robot, packaged_robots, per_joint
 
@@ -245,6 +246,11 @@ TIP = Kind(metavar="LINK", name="tip", text="Last link of a URDF file's chain.")
 OTHER_ROBOT = Kind(
     metavar="ROBOT", text="Robot of the motion, where the file names none.", choices=packaged_robots
 )
+PROFILE = Kind(
+    metavar="PROFILE",
+    text="Profile of the controller, as hold@250 with its rate in Hz, or the path of a .toml file.",
+    choices=packaged_profiles,
+)
 ARM = RobotFile()
 LIMITS = LimitOptions()
 JOINTS = Numbers(degrees=True)
@@ -263,6 +269,7 @@ PLAIN: dict[str, Kind] = {  # by the type, or the name, of a parameter
     "float": Kind(metavar="NUMBER", convert=float, words="a number"),
     "str": Kind(),
     "Path": Kind(metavar="FILE", convert=_path, words="a path"),
+    "profile": PROFILE,
     "time_limit": Kind(
         metavar="S", convert=lambda word: checks.time_limit(float(word)), words="a time above 0 s"
     ),

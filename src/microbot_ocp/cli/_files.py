@@ -12,7 +12,7 @@ import microbot_ocp as mo
 from microbot_ocp._base.checks import InputError, plain, shortened
 from microbot_ocp._base.reading import opened
 from microbot_ocp._base.writing import made_folder, write_whole
-from microbot_ocp.cli._declaration import FILE, OTHER_ROBOT, command
+from microbot_ocp.cli._declaration import FILE, OTHER_ROBOT, PROFILE, command
 from microbot_ocp.cli._process import NotDone
 from microbot_ocp.cli._report import Answer, Progress, Save, check_output, say
 from microbot_ocp.motion import EXPORT_FORMATS, FILM_FORMATS, Motion
@@ -208,6 +208,7 @@ def export(
     progress: Progress,
     rate: float | None = None,
     robot: Annotated[str | None, OTHER_ROBOT] = None,
+    profile: Annotated[str | None, PROFILE] = None,
     task: Path | None = None,
 ) -> Answer:
     """Write a saved motion for another program, or as a film.
@@ -256,10 +257,19 @@ def export(
         document = {"robot": name, "samples": motion.t.size}
         save = partial(animate_motion, arm, motion, **options)
     else:
-        named = robot is not None or name in packaged_robots()
+        named = robot is not None or profile is not None or name in packaged_robots()
         arm = _robot_of(motion, str(file), robot) if named else None
-        sampled = motion if rate is None else motion.resample(rate, arm)
+        sampled = motion if rate is None or profile else motion.resample(rate, arm)
         document = {"robot": name if named else None, "samples": sampled.t.size}
         save = partial(sampled.export, robot=arm)
+        if profile is not None:
+            assert arm is not None
+            if rate is not None:
+                raise InputError("give --rate or --profile, not both: a profile has a rate")
+            command = mo.commanded(arm, motion, profile)
+            sampled = command.rows
+            document |= {"samples": sampled.t.size, "profile": profile, "cost": command.cost}
+            save = partial(command.export, robot=arm)
+            line += f", {1e3 * command.cost:.1f} ms longer by {command.profile.name}"
         line += f", {sampled.t.size} samples"
     return Answer(document, lines=[line], files={target: save})

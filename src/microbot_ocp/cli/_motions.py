@@ -22,6 +22,7 @@ from microbot_ocp.cli._declaration import (
     JOINTS,
     LIMITS,
     OTHER_ROBOT,
+    PROFILE,
     VIA,
     Kind,
     Numbers,
@@ -40,13 +41,6 @@ NAMES = Kind(
     text=f"Some of {', '.join(METHODS)}; default all, those of given times with --time.",
     choices=lambda: list(METHODS),
     convert=lambda word: [name.strip() for name in word.split(",")],
-)
-
-
-PROFILE = Kind(
-    metavar="PROFILE",
-    text="Profile of the controller, as hold@250 with its rate in Hz, or the path of a .toml file.",
-    choices=mo.packaged_profiles,
 )
 
 
@@ -141,7 +135,7 @@ def _samples(duration: float, step: float) -> FloatArray:
 
 
 @command(
-    {"TimeOptimalSettings": "mesh", "compare": "time_limit"},
+    {"TimeOptimalSettings": "mesh", "compare": "time_limit profile"},
     writes=("",), recorded=True, solves=True,
 )  # fmt: skip
 def compare(

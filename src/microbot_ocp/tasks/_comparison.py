@@ -18,6 +18,7 @@ from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
 from microbot_ocp._base.status import Status
 from microbot_ocp._base.writing import NotWritten, made_folder, temporary_path
 from microbot_ocp.certificate import Certificate, certificate_of
+from microbot_ocp.execution import Profile, commanded, controller_profile, smallest_reserve
 from microbot_ocp.motion import Motion
 from microbot_ocp.ocp.solution import Iteration, quiet
 from microbot_ocp.planning import (
@@ -81,7 +82,8 @@ class Entry:
     work : float
         Mechanical work: integral of the sum over the joints of abs(tau qd), J.
     details : mapping
-        What else is known, plain values.
+        What else is known, plain values: "executed_duration" by a ``profile``, and
+        "trackable_duration", s.
     """
 
     name: str
@@ -278,6 +280,8 @@ def compare(
     blend: float | None = None,
     time_limit: float = np.inf,
     progress: Progress | None = None,
+    profile: str | Profile | None = None,
+    trackable: Mapping[str, Any] | None = None,
     **settings: Any,
 ) -> Comparison:
     """Do one task by several methods under the same limits, and certify every motion.
@@ -310,6 +314,12 @@ def compare(
         share is kept for the certificate, which is refused where that is not enough.
     progress : callable, optional
         Called with a :class:`Step`.
+    profile : str or Profile, optional
+        Of a controller: the table has how long each motion takes as rows that it accepts,
+        :func:`commanded`.
+    trackable : mapping, optional
+        ``controller``, ``plants``, ``bound`` and whatever else :func:`smallest_reserve` takes: the
+        table has how long each motion takes with the least reserve with which all plants follow.
     **settings
         Fields of :class:`TimeOptimalSettings` and :class:`PathTimingSettings`.
 
@@ -337,6 +347,9 @@ def compare(
     names = _method_names(methods, via_t is not None)
     if blend is not None:
         blend = checks.number("blend", blend, "of a segment", above=0.0, at_most=0.5)
+    if profile is not None:
+        profile = controller_profile(profile)
+        profile.limits_of(family.robot)  # refuses another number of joints before any solver
     free, path = _settings(settings)
     times, velocities = _timing(via, via_t, via_qd)
     total = sum(map(_work, names))
@@ -367,7 +380,9 @@ def compare(
             continue
         wall = time.perf_counter() - begin
         tell(f"{motion.duration:.4f} s, certifying", stage="certify")
-        entries.append(_entry(name, task, motion, wall, seconds))
+        entry = _entry(name, task, motion, wall, seconds)
+        played = _played(family.robot, motion, profile, trackable)
+        entries.append(replace(entry, details={**entry.details, **played}))
     if progress is not None:
         progress(Step(total, total, "done", f"{len(names)} methods done"))
     return Comparison(robot, via, family.robot.limits, tuple(entries), REFERENCE)
@@ -416,6 +431,28 @@ def _timing(
     if via_qd is None:
         return times, None
     return times, checks.array("via_qd", via_qd, via.shape, "rad/s")
+
+
+def _played(
+    robot: Robot,
+    motion: Motion,
+    profile: str | Profile | None,
+    trackable: Mapping[str, Any] | None,
+) -> dict[str, float]:
+    """How long a motion takes by a controller, and until all plants follow; NaN where never, s."""
+    durations: dict[str, float] = {}
+    if profile is not None:
+        try:
+            command = commanded(robot, motion, profile)
+            cost = command.cost if command.accepted else np.nan
+        except InputError:  # slowing down does not help
+            cost = np.nan
+        durations["executed_duration"] = motion.duration + cost
+    if trackable is not None:
+        reserve = smallest_reserve(robot, motion, **trackable)
+        lasts = reserve.motion.duration if reserve.solved else np.nan
+        durations["trackable_duration"] = lasts
+    return durations
 
 
 def _entry(name: str, task: ComparedTask, motion: Motion, wall: float, seconds: float) -> Entry:

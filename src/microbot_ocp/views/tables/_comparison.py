@@ -30,6 +30,8 @@ MEASURED = (
 )
 PLACE = ("quantity", "joint", "time", "value", "limit", "unit")  # of the worst violation
 
+PLAYED = {"executed_duration": "T executed", "trackable_duration": "T trackable"}
+
 Row = dict[str, Any]
 
 
@@ -47,6 +49,7 @@ def comparison_rows(comparison: Comparison) -> list[Row]:
         relative size; None where every limit holds), ``defect``, ``amplification``,
         ``final_position_error`` (rad), ``final_velocity_error`` (rad/s), ``saturated_fraction``,
         ``condition_peak``,
+        ``executed_duration`` and ``trackable_duration`` (s) where they were asked for,
         ``solve_time`` (s), ``note``, ``marks`` (time and name).
     """
     motion = comparison.motions.get(comparison.reference)
@@ -73,6 +76,9 @@ def comparison_table(comparison: Comparison) -> Table:
         (Column("T", "s", ".3f"), [row["duration"] for row in rows]),
         (Column("ratio", show=".3f", bar=True), [row["ratio"] for row in rows]),
     ]
+    for key, head in PLAYED.items():
+        if any(key in row for row in rows):
+            pairs.append((Column(head, "s", ".3f"), [row.get(key) for row in rows]))
     for kind in limited:
         peaks = [row["utilisation"].get(kind) for row in rows]
         pairs.append((Column(f"peak {_short_name(kind)}", "%", _percentages), peaks))
@@ -146,6 +152,7 @@ def _row(comparison: Comparison, entry: Entry, reference: float) -> Row:
         "status": entry.status,
         "duration": duration,
         "ratio": duration / reference,
+        **{key: entry.details[key] for key in PLAYED if key in entry.details},
         "utilisation": {
             c.quantity: {
                 name or "arm": use for name, use in zip(c.labels, c.utilisation, strict=True)
