@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from functools import cached_property
 from importlib.metadata import version
 from typing import Any
@@ -18,7 +18,12 @@ from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.digest import digest_of
 from microbot_ocp.limits import LimitFamily
 from microbot_ocp.motion import Motion
-from microbot_ocp.planning import TimeOptimalSettings, check_limits, check_via
+from microbot_ocp.planning import (
+    PathTimingSettings,
+    TimeOptimalSettings,
+    check_limits,
+    check_via,
+)
 from microbot_ocp.robot import Robot
 from microbot_ocp.sweeps._cases import Cases, CaseSource
 from microbot_ocp.sweeps._quantities import NoTask, robot_with, task_of
@@ -52,14 +57,22 @@ AXES = ("x", "y", "z")
 BY_SOLVER = "time_optimal"
 OwnMethod = Callable[[Robot, FloatArray], Motion]
 
-# name of a setting: default, kind, least
-SETTINGS: dict[str, tuple[Any, type, float]] = {
-    "prepared": (True, bool, 0),
-    "mesh": (60, int, 4),
-    "starts": (1, int, 1),
-    "grid": (400, int, 10),
-    "seed": (0, int, 0),
-}
+
+@dataclass(frozen=True)
+class CaseSettings:
+    """Settings of how a case is done; see :class:`Study`."""
+
+    prepared: bool = True
+    mesh: int = 60
+    starts: int = 1
+    grid: int = 400
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.prepared, bool):
+            raise InputError(f"prepared must be true or false, not {self.prepared!r}")
+        TimeOptimalSettings(mesh=self.mesh, starts=self.starts, seed=self.seed)
+        PathTimingSettings(grid=self.grid)
 
 
 @dataclass(frozen=True, eq=False)
@@ -284,15 +297,7 @@ def _checked_methods(given: Any) -> dict[str, OwnMethod | None]:
 
 
 def _checked_settings(given: Mapping[str, Any]) -> dict[str, Any]:
-    for name, value in given.items():
-        checks.one_of("settings", name, SETTINGS)
-        _, kind, least = SETTINGS[name]
-        if kind is bool and not isinstance(value, bool):
-            raise InputError(f"settings.{name} must be true or false, not {value!r}")
-        if kind is int:
-            checks.number(f"settings.{name}", value, at_least=least, at_most=1e6)
-            if not isinstance(value, int):
-                raise InputError(f"settings.{name} must be a whole number, not {value}")
-    settings = {name: default for name, (default, _, _) in SETTINGS.items()} | dict(given)
-    TimeOptimalSettings(mesh=settings["mesh"], starts=settings["starts"], seed=settings["seed"])
-    return settings
+    for name in given:
+        checks.one_of("settings", name, [f.name for f in fields(CaseSettings)])
+    with checks.naming("settings."):
+        return asdict(CaseSettings(**given))

@@ -19,12 +19,13 @@ from microbot_ocp._base.schema import (
     TEXT,
     Key,
     check_schema,
+    keys_of,
     parsed,
     read_table,
 )
 from microbot_ocp.sweeps._cases import Between, Cases, OneOf
 from microbot_ocp.sweeps._quantities import check_name
-from microbot_ocp.sweeps._study import SETTINGS, Study
+from microbot_ocp.sweeps._study import CaseSettings, Study
 from microbot_ocp.tasks import COMMON, robot_from
 
 SCHEMA = 1
@@ -87,9 +88,7 @@ def _study(data: dict[str, Any], origin: str, folder: Path) -> Study:
     cases = _cases(given["cases"], quantities, folder)
     robot = robot_from(data, folder)
     cases.of(robot)
-    settings = read_table(
-        given.get("settings", {}), dict.fromkeys(SETTINGS, ANY), "in table [settings]"
-    )
+    settings = read_table(given.get("settings", {}), keys_of(CaseSettings), "in table [settings]")
     more = {key: given[key] for key in ("methods", "motions", "time_limit") if key in given}
     return Study(robot, cases, settings=settings, origin=origin, **more)
 
