@@ -98,23 +98,28 @@ class Capsule:
         m.
     name : str
         Of the link or the obstacle, for messages and figures.
+    excess : float
+        How far it stands out, at most, from the hull of what it was fitted around, m.
 
     Raises
     ------
     InputError
-        A negative radius, anything not finite.
+        A negative radius or excess, anything not finite.
     """
 
     start: FloatArray
     end: FloatArray
     radius: float
     name: str = ""
+    excess: float = 0.0
 
     def __post_init__(self) -> None:
         put = object.__setattr__
         for name in ("start", "end"):
             put(self, name, checks.array(f"{name} of the capsule", getattr(self, name), (3,), "m"))
-        put(self, "radius", checks.number("radius of the capsule", self.radius, "m", at_least=0.0))
+        for name in ("radius", "excess"):
+            value = checks.number(f"{name} of the capsule", getattr(self, name), "m", at_least=0.0)
+            put(self, name, value)
 
     @property
     def volume(self) -> float:

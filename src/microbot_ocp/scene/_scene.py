@@ -38,8 +38,8 @@ class Scene:
         Distance that the arm keeps from everything, m.
     self_collision : bool
         Whether capsules of the arm keep that distance from each other, too: those of links that
-        are not neighbours and do not touch in the zero pose, or that are not of the
-        ``disabled_pairs`` of a robot that was read with an SRDF file.
+        are not neighbours, do not touch in the zero pose, and are not of the ``disabled_pairs`` of
+        a robot that was read with an SRDF file.
     ignore : sequence of pairs of names
         Links and obstacles that may touch: ``[("hand", "part")]``.
 
@@ -196,9 +196,8 @@ def _pairs(scene: Scene, robot: Robot) -> tuple[Pair, ...]:
 def _own_pairs(robot: Robot) -> list[Pair]:
     """Capsules of links that are not neighbours, but those of pairs that are disabled.
 
-    Where nothing lists these: those that touch in the zero pose.
+    Nor those that touch in the zero pose.
     """
-    listed = robot.disabled_pairs is not None
     disabled = {frozenset(pair) for pair in robot.disabled_pairs or ()}
     found = []
     for frame, capsule in robot.capsules:
@@ -211,8 +210,8 @@ def _own_pairs(robot: Robot) -> list[Pair]:
                 found.append(Pair(frame, capsule, other, other_frame))
             else:
                 found.append(Pair(frame, capsule, other))
-    if listed or not found:
-        return found
+    if not found:
+        return []
     zero = clearances(robot, found, np.zeros((1, robot.joint_count)))[0]
     return [pair for pair, apart in zip(found, zero, strict=True) if apart > 0.0]
 
