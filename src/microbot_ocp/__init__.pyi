@@ -123,6 +123,7 @@ from .scene import (
     Scene as Scene,
     Sphere as Sphere,
     clearance as clearance,
+    read_request as read_request,
     read_scene as read_scene,
 )
 from .simulation import (

@@ -46,7 +46,7 @@ def made_of(shape: Shape, count: int = 4000) -> np.ndarray:
 @pytest.mark.parametrize("kind", PRIMITIVES)
 def test_a_primitive_is_inside_its_capsule(kind: str) -> None:
     shape = Shape(1, POSE, kind, PRIMITIVES[kind])
-    ((capsule,),) = mo.fit_capsules(shaped(shape)).values()
+    ((capsule,),) = mo.fit_capsules(shaped(shape), most=1).values()
     assert capsule.distance(made_of(shape)).max() < 1e-12
     if kind != "box":
         assert capsule.radius == PRIMITIVES[kind][0]
@@ -60,7 +60,7 @@ def test_a_link_of_several_shapes_has_one_capsule_around_all() -> None:
         Shape(2, dh_transform(0.1 * i, 0.3 * i, 0, 0.2), kind, size, link="hand")
         for i, (kind, size) in enumerate(PRIMITIVES.items())
     ]
-    ((capsule,),) = mo.fit_capsules(shaped(*shapes)).values()
+    ((capsule,),) = mo.fit_capsules(shaped(*shapes), most=1).values()
     assert max(capsule.distance(made_of(shape)).max() for shape in shapes) < 1e-12
 
 
@@ -83,7 +83,7 @@ def test_each_link_has_its_capsule_in_the_frame_that_moves_it() -> None:
 
 def test_a_long_bar_is_found_in_any_direction() -> None:
     """Around a bar of 0.2 x 0.2 x 2 m: the circle around its section, and hardly longer."""
-    ((capsule,),) = mo.fit_capsules(shaped(Shape(1, POSE, "box", [0.2, 0.2, 2.0]))).values()
+    ((capsule,),) = mo.fit_capsules(shaped(Shape(1, POSE, "box", [0.2, 0.2, 2.0])), most=1).values()
     radius = 0.1 * np.sqrt(2)
     assert capsule.radius == pytest.approx(radius, rel=1e-3)
     assert capsule.volume < np.pi * radius**2 * (2.0 + 4 / 3 * radius) * 1.001
@@ -117,7 +117,7 @@ def test_meshes_are_scaled_and_named_when_they_cannot_be_read(tmp_path: Path) ->
     path = tmp_path / "bar.obj"
     path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 100\nf 1 2 3\nf 1 2 4\n")
     shape = Shape(1, np.eye(4), "mesh", [0.1, 0.1, 0.01], path=str(path))
-    ((capsule,),) = mo.fit_capsules(shaped(shape)).values()
+    ((capsule,),) = mo.fit_capsules(shaped(shape), most=1).values()
     corners = np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 1.0]])
     assert capsule.distance(corners).max() < 1e-12
     assert capsule.radius < 0.1
@@ -139,3 +139,41 @@ def test_what_is_no_capsule_is_refused(changes: dict[str, Any], message: str) ->
     with pytest.raises(InputError) as refused:
         mo.Capsule(**({"start": [0, 0, 0], "end": [0, 0, 1], "radius": 0.1} | changes))
     assert str(refused.value) == message
+
+
+def test_a_bent_link_has_two_capsules_that_hold_it_all() -> None:
+    """Of an angle of two bars one capsule holds three times its volume."""
+    arms = [
+        Shape(1, np.eye(4), "box", [1.0, 0.1, 0.1], link="angle"),
+        Shape(1, dh_transform(0, 0.5, 0, np.pi / 2), "box", [1.0, 0.1, 0.1], link="angle"),
+    ]
+    robot = shaped(*arms)
+    ((one,),) = mo.fit_capsules(robot, most=1).values()
+    (two,) = mo.fit_capsules(robot).values()
+    assert len(two) == 2
+    inside = np.concatenate([made_of(shape) for shape in arms])
+    rng = np.random.default_rng(1)
+    places = rng.uniform(-0.7, 0.7, (20_000, 3))
+    assert np.min([capsule.distance(inside) for capsule in two], axis=0).max() < 1e-9
+    volume = [
+        np.any([c.distance(places) <= 0 for c in capsules], axis=0).mean()
+        for capsules in ((one,), two)
+    ]
+    assert volume[1] < 0.5 * volume[0]
+    assert max(capsule.excess for capsule in two) < 0.5 * one.excess
+
+
+@pytest.mark.parametrize("kind", ["box", "cylinder"])
+def test_the_excess_is_how_far_a_capsule_stands_out(kind: str) -> None:
+    """Of a box and a cylinder in their own frame: the distance is known."""
+    shape = Shape(1, np.eye(4), kind, PRIMITIVES[kind])
+    ((capsule,),) = mo.fit_capsules(shaped(shape), most=1).values()
+    ball = np.random.default_rng(2).normal(size=(20_000, 3))
+    ball *= capsule.radius / np.linalg.norm(ball, axis=1)[:, None]
+    points = np.concatenate([capsule.start + ball, capsule.end + ball])
+    if kind == "box":
+        apart = np.linalg.norm(np.maximum(np.abs(points) - shape.size / 2, 0.0), axis=1)
+    else:
+        across = np.maximum(np.linalg.norm(points[:, :2], axis=1) - shape.size[0], 0.0)
+        apart = np.hypot(across, np.maximum(np.abs(points[:, 2]) - shape.size[1] / 2, 0.0))
+    assert capsule.excess == pytest.approx(apart.max(), rel=0.05)

@@ -7,6 +7,7 @@ import os
 import stat
 from io import BufferedReader
 from pathlib import Path
+from typing import Any
 
 from microbot_ocp._base.checks import InputError
 
@@ -64,6 +65,24 @@ def bytes_of(path: str | Path, what: str) -> bytes:
     except (OSError, ValueError) as problem:  # a NUL character in the path
         reason = getattr(problem, "strerror", None) or problem
         raise InputError(f"{what} {str(path)!r} cannot be read: {reason}") from None
+
+
+def yaml_of(path: str | Path, what: str) -> Any:
+    """What a YAML file holds; needs PyYAML, of the extra ``export``.
+
+    Raises
+    ------
+    InputError
+    """
+    text = text_of(path, what)
+    try:
+        import yaml
+    except ImportError:
+        raise InputError("a YAML file needs PyYAML: pip install 'microbot_ocp[export]'") from None
+    try:
+        return yaml.load(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+    except (yaml.YAMLError, ValueError, RecursionError) as problem:
+        raise InputError(f"it is no YAML: {' '.join(str(problem).split())}") from None
 
 
 def text_of(path: str | Path, what: str) -> str:

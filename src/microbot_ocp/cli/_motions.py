@@ -32,10 +32,12 @@ from microbot_ocp.cli._report import Answer, Progress, has_display
 from microbot_ocp.motion import SAMPLE_STEP, Motion
 from microbot_ocp.planning import time_optimal as find_time_optimal
 from microbot_ocp.robot import JointLimits, Robot
-from microbot_ocp.tasks import METHODS, OUTPUTS, is_cell_file, read_cell, read_task
+from microbot_ocp.tasks import METHODS, OUTPUTS, is_cell_file, read_cell, read_task, request_cell
 from microbot_ocp.views import tables
 
 REPORT = "report.html"
+REQUESTED = replace(OTHER_ROBOT, text="Robot of a request.")
+
 NAMES = Kind(
     metavar="NAMES",
     text=f"Some of {', '.join(METHODS)}; default all, those of given times with --time.",
@@ -226,9 +228,13 @@ def time_optimal(
 
 @command({"TimeOptimalSettings": ""}, writes=("",), solves=True)
 def solve(
-    file: Annotated[Path, FILE], progress: Progress, time_limit: float | None = None
+    file: Annotated[Path, FILE],
+    progress: Progress,
+    time_limit: float | None = None,
+    robot: Annotated[str | None, REQUESTED] = None,
+    scene: Path | None = None,
 ) -> Answer:
-    """Solve the task of a TOML file.
+    """Solve the task of a TOML file, or a motion plan request of MoveIt.
 
     With [[stop]] tables it is a motion through stops, else a comparison of methods. --out says
     where its outputs go. Exit code 1 where a method found no certified solution.
@@ -236,7 +242,9 @@ def solve(
     Parameters
     ----------
     file : FILE
-        Task in TOML; docs/task_file.md has the keys.
+        Task in TOML (docs/task_file.md has the keys), or moveit_msgs/MotionPlanRequest in .yaml.
+    scene : FILE
+        What is around the arm of a request: .yaml (moveit_msgs/PlanningScene), .toml or .urdf.
     out : FOLDER
         Folder for tables, figures, recording, motions.
 
@@ -244,11 +252,19 @@ def solve(
     --------
     $ microbot-ocp solve task.toml --out out
     """
-    if not is_cell_file(file):
+    if file.suffix.lower() in (".yaml", ".yml"):
+        if robot is None:
+            raise InputError(f"give --robot: {file.name} names joints, but no robot")
+        around = None if scene is None else mo.read_scene(scene)
+        stops = request_cell(file, mo.load_robot(robot), around)
+    elif robot is not None or scene is not None:
+        raise InputError("--robot and --scene are for a request in .yaml; a task names its own")
+    elif not is_cell_file(file):
         task = read_task(file)
         limit = np.inf if time_limit is None else time_limit
         return _compared(task.compare(progress, limit), task.outputs, progress)
-    stops = read_cell(file)
+    else:
+        stops = read_cell(file)
     if time_limit is not None:
         stops = replace(stops, settings=replace(stops.settings, time_limit=time_limit))
     cell = stops.solve(progress)

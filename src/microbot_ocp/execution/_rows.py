@@ -15,7 +15,7 @@ import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError, naming, shown
-from microbot_ocp._base.reading import bytes_of, text_of
+from microbot_ocp._base.reading import bytes_of, text_of, yaml_of
 from microbot_ocp.motion import Mark, Motion
 from microbot_ocp.robot import Robot
 
@@ -169,20 +169,12 @@ def _of_archive(path: Path) -> Rows:
 
 
 def _document(path: Path) -> Any:
-    text = text_of(path, "trajectory")
-    if path.suffix == ".json":
-        try:
-            return json.loads(text)
-        except (ValueError, RecursionError) as problem:
-            raise InputError(f"it is no JSON: {problem}") from None
+    if path.suffix != ".json":
+        return yaml_of(path, "trajectory")
     try:
-        import yaml
-    except ImportError:
-        raise InputError("a YAML file needs PyYAML: pip install 'microbot_ocp[export]'") from None
-    try:
-        return yaml.load(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
-    except (yaml.YAMLError, ValueError, RecursionError) as problem:
-        raise InputError(f"it is no YAML: {' '.join(str(problem).split())}") from None
+        return json.loads(text_of(path, "trajectory"))
+    except (ValueError, RecursionError) as problem:
+        raise InputError(f"it is no JSON: {problem}") from None
 
 
 def _of_message(document: Any, robot: Robot) -> Rows:

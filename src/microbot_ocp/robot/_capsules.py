@@ -53,7 +53,7 @@ CAPSULE_FIT = CapsuleFit()
 
 
 def fit_capsules(
-    robot: Robot, role: Role = "collision", *, added_volume: float = 0.5, most: int = 4
+    robot: Robot, role: Role = "collision", *, added_volume: float = 0.3, most: int = 2
 ) -> dict[int, tuple[Capsule, ...]]:
     """Capsules that hold the geometry of a robot: for each link of its file as few as are close.
 

@@ -17,6 +17,9 @@ from ._detours import (
     Surroundings as Surroundings,
     detour as detour,
 )
+from ._moveit import (
+    read_request as read_request,
+)
 from ._obstacles import (
     Box as Box,
     ConvexMesh as ConvexMesh,

@@ -1,4 +1,4 @@
-"""Scenes from TOML and URDF files.
+"""Scenes from TOML, URDF and MoveIt files.
 
 Whatever is wrong in a file is one sentence that names the file, the obstacle, the key and what is
 allowed.
@@ -27,6 +27,7 @@ from microbot_ocp._base.schema import (
 )
 from microbot_ocp.robot import Capsule, Shape, read_mesh
 from microbot_ocp.robot.files import read_urdf_shapes
+from microbot_ocp.scene._moveit import moveit_scene
 from microbot_ocp.scene._obstacles import (
     KINDS,
     Box,
@@ -67,8 +68,9 @@ def read_scene(
     source : str, Path or mapping
         A ``.toml`` file with ``clearance``, ``self_collision``, ``ignore``, ``urdf`` and
         ``[[obstacle]]`` tables of ``name``, ``kind`` and the fields of that kind; a ``.urdf`` or
-        ``.xacro`` file without moving joints, whose collision geometry becomes obstacles; or what
-        such a TOML file holds, as a mapping.
+        ``.xacro`` file without moving joints, whose collision geometry becomes obstacles; a
+        ``.yaml`` file with a moveit_msgs/PlanningScene, of which boxes, spheres and cylinders are
+        read, and which links may touch them; or what such a TOML file holds, as a mapping.
     folder : str or Path
         Files named in a mapping are looked for here; those in a file beside it.
     origin : str
@@ -95,6 +97,8 @@ def read_scene(
         path = Path(source)
         if path.suffix.lower() in (".urdf", ".xacro"):
             return Scene(_of_urdf(path))
+        if path.suffix.lower() in (".yaml", ".yml"):
+            return moveit_scene(path)
         source = table_from(path, "scene")
         folder, origin = path.parent, path.name
     with naming(f"{origin}: "):

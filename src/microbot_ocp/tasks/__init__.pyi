@@ -5,6 +5,7 @@ from ._cell_file import (
     CellFile as CellFile,
     is_cell_file as is_cell_file,
     read_cell as read_cell,
+    request_cell as request_cell,
 )
 from ._comparison import (
     OUTPUTS as OUTPUTS,

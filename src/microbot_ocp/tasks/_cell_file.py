@@ -45,7 +45,7 @@ from microbot_ocp.planning import (
     time_optimal,
 )
 from microbot_ocp.robot import Capsule, JointLimits, Robot, joint_scale, per_joint, rotation_of
-from microbot_ocp.scene import Scene, read_scene, with_arm_capsules
+from microbot_ocp.scene import Scene, read_request, read_scene, with_arm_capsules
 from microbot_ocp.tasks._front import (
     SHARES,
     SLACKS,
@@ -337,6 +337,30 @@ def read_cell(path: str | Path) -> CellFile:
     data = table_from(source, "task")
     with naming(f"{source.name}: "):
         return _cell(data, source.name, source.parent)
+
+
+def request_cell(path: str | Path, robot: Robot, scene: Scene | None) -> CellFile:
+    """The task of a MoveIt motion plan request in YAML.
+
+    Raises
+    ------
+    InputError
+        As :func:`~microbot_ocp.read_request`.
+    """
+    ends = zip(("start", "goal"), read_request(path, robot), strict=True)
+    return CellFile(
+        origin=Path(path).name,
+        robot=robot,
+        stops=tuple(Stop(q=q, name=name) for name, q in ends),
+        segments=None,
+        cycle=False,
+        order="given",
+        duration=None,
+        limits=robot.limits,
+        settings=TimeOptimalSettings(),
+        outputs=CELL_OUTPUTS,
+        scene=scene,
+    )
 
 
 def _cell(data: Mapping[str, Any], origin: str, folder: Path) -> CellFile:

@@ -409,7 +409,14 @@ def check_apart(around: Surroundings, via: FloatArray) -> None:
 def touching(found: Any, wanted: float) -> str:
     other, link = found.pair.other.name, found.pair.capsule.name
     if found.distance <= 0.0:
-        return f"in collision with {other!r} by {length_text(-found.distance)} at link {link!r}"
+        said = f"in collision with {other!r} by {length_text(-found.distance)} at link {link!r}"
+        excess = sum(getattr(own, "excess", 0.0) for own in (found.pair.capsule, found.pair.other))
+        if -found.distance < excess:
+            said += (
+                f", whose capsules stand out by up to {length_text(excess)}: the link itself may "
+                "be free there; closer ones: robot.with_capsules(mo.fit_capsules(robot, most=4))"
+            )
+        return said
     return (
         f"too near to {other!r}: {length_text(found.distance)} at link {link!r}, not more than the "
         f"clearance of {length_text(wanted)}"
