@@ -42,6 +42,7 @@ from .execution import (
     differing_plants as differing_plants,
     executed as executed,
     packaged_profiles as packaged_profiles,
+    robust_limits as robust_limits,
     smallest_reserve as smallest_reserve,
 )
 from .inverse_kinematics import (

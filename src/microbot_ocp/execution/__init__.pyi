@@ -22,6 +22,9 @@ from ._reserve import (
     differing_plants as differing_plants,
     smallest_reserve as smallest_reserve,
 )
+from ._robust import (
+    robust_limits as robust_limits,
+)
 from ._rows import (
     Rows as Rows,
     read_rows as read_rows,

@@ -1,0 +1,127 @@
+"""Limits that hold for every arm of a box: its masses, its frictions, its payload.
+
+Inverse dynamics is affine in the masses of the links (each with its inertia and armature), in the
+frictions and in a point mass at the tool. So over a box of such factors, each link by itself, a
+torque is largest at a corner, and there it is that of the middle plus the sum of the sizes of what
+each factor adds: no corner is left out, and none has to be listed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import InputError
+from microbot_ocp.limits import JointLimits, Limit, Limits
+from microbot_ocp.robot import Robot, inverse_dynamics
+
+
+@dataclass(frozen=True)
+class _Extreme:
+    """The largest (1) or least (-1) torque of any arm of a box, as an expression of the state."""
+
+    robot: Robot
+    mass: float
+    friction: float
+    payload: tuple[float, float]
+    sign: float
+
+    def __call__(self, state: Any) -> Any:
+        def torque(robot: Robot) -> Any:
+            return inverse_dynamics(robot)(state.q, state.qd, state.qdd)
+
+        smooth = _without_friction(self.robot)
+        whole, moved = torque(self.robot), torque(smooth)
+        spread = self.friction * ca.fabs(whole - moved)
+        if self.mass:
+            own = (torque(_link_alone(smooth, link)) for link in range(len(smooth.links)))
+            spread += self.mass * sum(map(ca.fabs, own))
+        low, high = self.payload
+        if high:
+            a_kilogram = torque(smooth.with_payload(1.0)) - moved
+            whole += 0.5 * (low + high) * a_kilogram
+            spread += 0.5 * (high - low) * ca.fabs(a_kilogram)
+        return whole + self.sign * spread
+
+
+def _without_friction(robot: Robot) -> Robot:
+    still = {"viscous_friction": 0.0, "coulomb_friction": 0.0}
+    return robot.with_links([replace(link, **still) for link in robot.links])
+
+
+def _link_alone(robot: Robot, kept: int) -> Robot:
+    """The robot with the mass of one link only."""
+    nothing = {"mass": 0.0, "inertia": np.zeros((3, 3)), "armature": 0.0, "rotor": None}
+    alone = [replace(link, **({} if k == kept else nothing)) for k, link in enumerate(robot.links)]
+    alone[kept] = replace(alone[kept], rotor=None)
+    return robot.with_links(alone)
+
+
+def robust_limits(
+    robot: Robot,
+    limits: Limits | JointLimits | None = None,
+    *,
+    mass: float = 0.0,
+    friction: float = 0.0,
+    payload: tuple[float, float] = (0.0, 0.0),
+) -> JointLimits:
+    """Limits under which a motion keeps the torques of every arm of a box.
+
+    To be planned and certified with: two further limits bound the largest and the least torque that
+    any arm of the box needs for the motion. Limits of the torque rate hold for the model alone.
+
+    Parameters
+    ----------
+    robot : Robot
+        With masses and limits of torques.
+    limits : Limits, optional
+        Default the robot's own.
+    mass : float
+        Share by which the mass of every link, with its inertia and its armature, may be off, each
+        by itself.
+    friction : float
+        Share by which viscous and Coulomb friction of every joint may be off.
+    payload : (float, float)
+        Least and largest point mass at the tool, kg.
+
+    Returns
+    -------
+    JointLimits
+
+    Raises
+    ------
+    InputError
+        Shares outside of 0 to 1, a payload below 0 or in the wrong order, a robot without masses or
+        without limits of torques.
+
+    Examples
+    --------
+    >>> import microbot_ocp as mo
+    >>> robot = mo.load_robot("microbot")
+    >>> limits = mo.robust_limits(robot, mass=0.05)
+    >>> motion = mo.time_optimal(robot, np.radians([[0, 0, 0], [-90, 90, 90]]), limits)
+    >>> mo.certify(robot, motion, limits).ok
+    True
+    """
+    if not robot.has_dynamics:
+        raise InputError(f"robot {robot.name!r} has no masses that could differ")
+    for name, share in (("mass", mass), ("friction", friction)):
+        checks.number(name, share, at_least=0.0, at_most=1.0)
+    low, high = (checks.number("payload", each, "kg", at_least=0.0) for each in payload)
+    if low > high:
+        raise InputError(f"payload must be (least, largest) in kg, not {payload}")
+    own = robot.limits if limits is None else limits.for_joints(robot.joint_count)
+    if not np.isfinite(own.bounds("tau")).any():
+        raise InputError(f"robot {robot.name!r} has no limits of torques: give tau_max")
+    box = replace(robot, limits=Limits().for_joints(robot.joint_count)), mass, friction, (low, high)
+    also = (
+        Limit("largest torque", _Extreme(*box, 1.0), upper=own.tau_max, unit="N m"),
+        Limit("least torque", _Extreme(*box, -1.0), lower=own.tau_min, unit="N m"),
+    )
+    keys = {limit.key for limit in also}
+    others = tuple(limit for limit in own.also if limit.key not in keys)
+    return replace(own, also=(*others, *also))

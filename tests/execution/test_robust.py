@@ -1,0 +1,110 @@
+"""Limits for every arm of a box, against arms that are drawn from it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import microbot_ocp as mo
+from helpers import any_robot
+from microbot_ocp.limits import LimitFamily, MotionSamples
+
+BOX = {"mass": 0.1, "friction": 0.4, "payload": (0.5, 2.0)}
+
+
+def extremes(robot, samples):
+    """Largest and least torque over the box [N,n], by the limits."""
+    values = LimitFamily.of(robot, mo.robust_limits(robot, **BOX)).values(samples)
+    return values["largest_torque"].value, values["least_torque"].value
+
+
+@pytest.mark.parametrize("name", ["microbot", "ur5e", "stanford"])
+def test_no_arm_of_the_box_needs_more_and_a_corner_needs_as_much(name):
+    robot = mo.load_robot(name).with_limits(tau_max=100.0)
+    draw = np.random.default_rng(1)
+    samples = MotionSamples(*draw.normal(size=(4, 100, robot.joint_count)))
+    largest, least = extremes(robot, samples)
+    plants = mo.differing_plants(robot, **BOX, count=15, seed=2)
+    tau = np.array([plant.torques_along(*samples[:3])["tau"] for plant in plants])
+    slack = 1e-9 * np.abs(largest).max()
+    assert (tau <= largest + slack).all()
+    assert (tau >= least - slack).all()
+    state = [part[:1] for part in samples[:3]]  # the corner of each joint, factor by factor
+    for joint in range(robot.joint_count):
+        best = -np.inf
+        for payload in BOX["payload"]:
+            links = []
+            for k in range(len(robot.links)):
+                heavy = _varied(robot, k, 1.0 + BOX["mass"]), _varied(robot, k, 1.0 - BOX["mass"])
+                more, less = (each.torques_along(*state)["tau"][0, joint] for each in heavy)
+                links.append(1.0 + BOX["mass"] * np.sign(more - less))
+            for rough in (1.0 - BOX["friction"], 1.0 + BOX["friction"]):
+                arm = robot
+                for k, factor in enumerate(links):
+                    arm = _varied(arm, k, factor)
+                arm = _rough(arm, rough).with_payload(payload)
+                best = max(best, arm.torques_along(*state)["tau"][0, joint])
+        assert largest[0, joint] == pytest.approx(best, rel=1e-9)
+
+
+def _varied(robot, k, factor):
+    links = list(robot.links)
+    own = links[k]
+    links[k] = replace(
+        own, mass=own.mass * factor, inertia=own.inertia * factor, armature=own.armature * factor
+    )
+    return robot.with_links(links)
+
+
+def _rough(robot, factor):
+    return robot.with_links(
+        [
+            replace(
+                link,
+                viscous_friction=link.viscous_friction * factor,
+                coulomb_friction=link.coulomb_friction * factor,
+            )
+            for link in robot.links
+        ]
+    )
+
+
+@pytest.mark.slow
+def test_one_motion_for_all_of_them(microbot):
+    box = {"mass": 0.05, "payload": (0.0, 0.2)}
+    limits = mo.robust_limits(microbot, **box)
+    via_q = np.radians([[0, 0, 0], [-8, 45, 30], [-90, 90, 90]])
+    ideal, robust = (mo.time_optimal(microbot, via_q, each, starts=1) for each in (None, limits))
+    assert robust.solved
+    assert mo.certify(microbot, robust, limits).ok
+    plants = mo.differing_plants(microbot, **box, count=20)
+    for motion, holds in ((robust, True), (ideal, False)):
+        states = motion.history().samples[:3]
+        uses = [
+            np.abs(plant.torques_along(*states)["tau"]) / microbot.limits.tau_max
+            for plant in plants
+        ]
+        assert (np.max(uses) < 1.005) == holds
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"mass": -0.1}, "mass must be at least 0"),
+        ({"friction": 1.5}, "friction must be at most 1"),
+        ({"payload": (2.0, 1.0)}, r"payload must be \(least, largest\) in kg"),
+    ],
+)
+def test_what_is_no_box(microbot, change, message):
+    with pytest.raises(mo.InputError, match=message):
+        mo.robust_limits(microbot, **change)
+
+
+def test_without_masses_or_torques():
+    with pytest.raises(mo.InputError, match="has no limits of torques"):
+        mo.robust_limits(any_robot("microbot").with_limits(tau_max=np.inf))
+    bare = mo.Robot.from_dh([0.0], [0.0], [0.0])
+    with pytest.raises(mo.InputError, match="has no masses"):
+        mo.robust_limits(bare)
