@@ -370,7 +370,7 @@ def test_with_methods_check_what_they_are_given(microbot: Robot) -> None:
         microbot.with_links([1, 2, 3])  # type: ignore[list-item]
     with pytest.raises(InputError, match=re.escape("gravity must have shape [3], not [2]")):
         microbot.with_gravity([0, 0])
-    with pytest.raises(InputError, match="limits must be a Limits"):
+    with pytest.raises(InputError, match="limits must be Limits, such as"):
         microbot.with_limits(5.0)  # type: ignore[arg-type]
     with pytest.raises(InputError, match=re.escape("tau_max must have shape [3], not [2]")):
         microbot.with_limits(Limits(tau_max=[1.0, 2.0]))
