@@ -35,6 +35,7 @@ from .certificate import (
 from .execution import (
     Command as Command,
     Profile as Profile,
+    Ratings as Ratings,
     Reserve as Reserve,
     check as check,
     commanded as commanded,
@@ -42,6 +43,7 @@ from .execution import (
     differing_plants as differing_plants,
     executed as executed,
     packaged_profiles as packaged_profiles,
+    ratings as ratings,
     robust_limits as robust_limits,
     smallest_reserve as smallest_reserve,
 )

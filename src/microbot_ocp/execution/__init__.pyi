@@ -16,6 +16,10 @@ from ._profile import (
     controller_profile as controller_profile,
     packaged_profiles as packaged_profiles,
 )
+from ._ratings import (
+    Ratings as Ratings,
+    ratings as ratings,
+)
 from ._reserve import (
     Reserve as Reserve,
     Trial as Trial,

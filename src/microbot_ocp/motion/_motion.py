@@ -343,7 +343,7 @@ class Motion:
         >>> robot = mo.load_robot("microbot")
         >>> motion = mo.time_optimal(robot, np.radians([[0, 0, 0], [-90, 90, 90]]))
         >>> found = motion.sensitivities(robot)
-        >>> bool(found.upper["qd"][0] < 0.0)
+        >>> bool(found.upper["tau"][2] < 0.0)
         True
         """
         return sensitivities_of(self, robot, mass, center_of_mass)

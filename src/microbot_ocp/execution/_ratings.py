@@ -1,0 +1,191 @@
+"""What a motion asks of drives and gears over a cycle: ratings, not limits of an instant."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.table import Column, Table
+from microbot_ocp.motion import Motion, State, torque_along
+from microbot_ocp.robot import Robot
+
+POINTS, WEIGHTS = np.polynomial.legendre.leggauss(3)  # exact for the square of a torque that bends
+
+
+@dataclass(frozen=True, eq=False)
+class Ratings:
+    """What each joint has to give over a cycle of a motion and a dwell at its end.
+
+    Attributes
+    ----------
+    robot : Robot
+    duration, dwell : float
+        Of the motion, and of the rest after it, s.
+    rms_torque : array [n]
+        Root mean square, N m (N): what heats a motor.
+    holding_torque : array [n]
+        In the dwell, N m (N).
+    cubic_torque : array [n]
+        Cube root of the mean of the torque's cube, weighted by the speed: what wears a gear, N m
+        (N). Zero for a joint that does not move.
+    peak_torque, peak_speed, mean_speed : array [n]
+        N m (N), rad/s (m/s).
+    peak_power : array [n]
+        W, drawn.
+    energy_drawn, energy_returned : array [n]
+        J a cycle, both not below 0.
+    """
+
+    robot: Robot
+    duration: float
+    dwell: float
+    rms_torque: FloatArray
+    holding_torque: FloatArray
+    cubic_torque: FloatArray
+    peak_torque: FloatArray
+    peak_speed: FloatArray
+    mean_speed: FloatArray
+    peak_power: FloatArray
+    energy_drawn: FloatArray
+    energy_returned: FloatArray
+
+    @property
+    def mean_power(self) -> float:
+        """Drawn less what is given back, of all joints over the cycle, W."""
+        energy = float((self.energy_drawn - self.energy_returned).sum())
+        return energy / (self.duration + self.dwell)
+
+    def least_dwell(self, rms_max: ArrayLike) -> float:
+        """Return the shortest dwell, s, with which no joint is above its rated torque.
+
+        Parameters
+        ----------
+        rms_max : float or array_like [n]
+            Rated (root mean square) torques, N m (N).
+
+        Raises
+        ------
+        InputError
+            A joint for which no dwell is long enough: holding the arm alone asks for more.
+
+        Examples
+        --------
+        >>> import microbot_ocp as mo
+        >>> robot = mo.load_robot("microbot").with_gravity([0.0, 0.0, 0.0])
+        >>> shape = mo.cubic([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0]], [0.0, 1.0])
+        >>> found = mo.ratings(robot, mo.Motion.from_polynomial(robot, shape, label="cubic"))
+        >>> round(found.least_dwell(0.5 * found.rms_torque.max()), 6)
+        3.0
+        """
+        count = self.rms_torque.size
+        rated = checks.array("rms_max", np.broadcast_to(np.asarray(rms_max), (count,)), (count,))
+        whole = self.duration + self.dwell
+        # what the motion alone adds up to
+        square = self.rms_torque**2 * whole - self.holding_torque**2 * self.dwell
+        missing = square - rated**2 * self.duration
+        spare = rated**2 - self.holding_torque**2
+        never = np.flatnonzero((missing > 0.0) & (spare <= 0.0))
+        if never.size:
+            joint = int(never[0])
+            raise InputError(
+                f"no dwell keeps {self.robot.joint_names[joint]!r} at its rated "
+                f"{rated[joint]:.4g} {self.robot.unit('tau', joint)}: holding the arm takes "
+                f"{self.holding_torque[joint]:.4g}"
+            )
+        needed = np.where(missing > 0.0, missing / np.where(spare > 0.0, spare, 1.0), 0.0)
+        return float(needed.max())
+
+    def table(self) -> Table:
+        """One row a joint."""
+        columns = [
+            Column("joint", left=True),
+            Column("r.m.s.", "N m", ".4g"),
+            Column("cubic mean", "N m", ".4g"),
+            Column("peak", "N m", ".4g"),
+            Column("peak speed", "rad/s", ".4g"),
+            Column("peak power", "W", ".4g"),
+            Column("drawn", "J", ".4g"),
+            Column("returned", "J", ".4g"),
+        ]
+        values = (
+            self.rms_torque,
+            self.cubic_torque,
+            self.peak_torque,
+            self.peak_speed,
+            self.peak_power,
+            self.energy_drawn,
+            self.energy_returned,
+        )
+        rows = [
+            [name, *map(float, row)]
+            for name, row in zip(self.robot.joint_names, np.transpose(values), strict=True)
+        ]
+        note = f"{self.duration:.4g} s and a dwell of {self.dwell:.4g} s: {self.mean_power:.4g} W"
+        return Table(columns, rows, notes=[note])
+
+
+def ratings(robot: Robot, motion: Motion, dwell: float = 0.0) -> Ratings:
+    """Rate what a motion asks of drives and gears, with a dwell after it.
+
+    Parameters
+    ----------
+    robot : Robot
+        With masses.
+    motion : Motion
+    dwell : float
+        Rest at the end of the motion in each cycle, s; the arm is held against gravity.
+
+    Returns
+    -------
+    Ratings
+
+    Raises
+    ------
+    InputError
+        Another number of joints, a robot without masses, a dwell below 0.
+
+    Examples
+    --------
+    >>> import microbot_ocp as mo
+    >>> robot = mo.load_robot("microbot")
+    >>> shape = mo.quintic([[0.0, 0.0, 0.0], [0.5, 0.8, 0.4]], [0.0, 2.0])
+    >>> found = mo.ratings(robot, mo.Motion.from_polynomial(robot, shape, label="quintic"), 1.0)
+    >>> bool((found.rms_torque <= found.peak_torque).all())
+    True
+    """
+    if robot.joint_count != motion.joint_count:
+        raise InputError(
+            f"robot has {robot.joint_count} joints, but the motion has {motion.joint_count}"
+        )
+    if not robot.has_dynamics:
+        raise InputError(f"robot {robot.name!r} has no masses that torques follow from")
+    rest = checks.number("dwell", dwell, "s", at_least=0.0)
+    step = np.diff(motion.t)
+    t = (motion.t[:-1, None] + 0.5 * step[:, None] * (1.0 + POINTS)).ravel()
+    weight = (0.5 * step[:, None] * WEIGHTS).ravel()
+    state = motion.sample(t)
+    tau, speed = torque_along(robot, state), np.abs(state.qd)
+    power = tau * state.qd
+    end = motion.q[-1:]
+    holding = np.abs(torque_along(robot, State(end, 0.0 * end, 0.0 * end))[0])
+    whole, way = motion.duration + rest, weight @ speed
+    wear = weight @ (speed * np.abs(tau) ** 3)
+    at_samples = torque_along(robot, State(motion.q, motion.qd, motion.qdd))
+    return Ratings(
+        robot=robot,
+        duration=motion.duration,
+        dwell=rest,
+        rms_torque=np.sqrt((weight @ tau**2 + rest * holding**2) / whole),
+        holding_torque=holding,
+        cubic_torque=np.cbrt(wear / np.where(way > 0.0, way, 1.0)),
+        peak_torque=np.maximum(np.abs(at_samples).max(axis=0), np.abs(tau).max(axis=0)),
+        peak_speed=np.maximum(np.abs(motion.qd).max(axis=0), speed.max(axis=0)),
+        mean_speed=way / whole,
+        peak_power=np.maximum((at_samples * motion.qd).max(axis=0), power.max(axis=0)),
+        energy_drawn=weight @ np.maximum(power, 0.0),
+        energy_returned=weight @ np.maximum(-power, 0.0),
+    )
