@@ -203,7 +203,7 @@ MOST_NAMES = 20  # that a message lists
 LONGEST_LINK = 20.0  # m: no arm has a longer one
 
 
-def degrees_hint(angles: ArrayLike) -> str:
+def degrees_hint(angles: ArrayLike, beyond: float = 2 * np.pi) -> str:
     """Words for angles given in rad that look like degrees: whole numbers beyond a turn.
 
     >>> degrees_hint([0.0, 90.0]), degrees_hint([0.0, 1.5])
@@ -212,7 +212,7 @@ def degrees_hint(angles: ArrayLike) -> str:
     values = np.asarray(angles, dtype=float)
     values = np.abs(values[np.isfinite(values)])
     largest = values.max(initial=0.0)
-    if not 2 * np.pi < largest <= MOST_DEGREES or np.any(values % 1.0):
+    if not beyond < largest <= MOST_DEGREES or np.any(values % 1.0):
         return ""
     return "; that looks like degrees: np.radians makes rad of them"
 

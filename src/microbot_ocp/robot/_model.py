@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from microbot_ocp.robot._motion_state import MotionState
 
 JointType = Literal["revolute", "prismatic"]
+LOOSE = 10 * np.pi  # rad: files have limits such as 10 rad where there is none to speak of
 
 
 def dh_transform(alpha: float, a: float, d: float, theta: float, beta: float = 0.0) -> FloatArray:
@@ -594,7 +595,7 @@ def _warn_of_degrees(limits: JointLimits, joint_types: Sequence[str], keys: Iter
     turning = [kind == "revolute" for kind in joint_types]
     for key in {"q_min", "q_max"}.intersection(keys):
         angles = getattr(limits, key)[turning]
-        if hint := checks.degrees_hint(angles):
+        if hint := checks.degrees_hint(angles, LOOSE):
             warn_user(f"{key} is {angles.tolist()} rad{hint}")
 
 
