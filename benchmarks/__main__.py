@@ -36,6 +36,7 @@ def main() -> None:
     if sys.argv[1:2] == ["ledger"]:
         sys.argv[1:2] = ["baseline", "--ledger"]
     own = ["baseline", "torture", "one_sided", "scenes", "sweep", "published", "switching_times"]
+    own += ["motionbenchmaker"]
     own += [*(["cell"] if "--robot" in sys.argv else [])]
     if len(sys.argv) > 1 and sys.argv[1] in own:
         importlib.import_module(f"benchmarks.{sys.argv[1]}").main(sys.argv[2:])

@@ -1,0 +1,289 @@
+"""MotionBenchMaker under torque limits: planning problems of others, with a proof of every limit.
+
+    python -m benchmarks motionbenchmaker --data FOLDER [--robot panda --family box --count 20]
+
+FOLDER holds ``panda`` and ``ur5`` as ``resources`` of github.com/KavrakiLab/vamp does (Apache-2.0):
+URDF, SRDF, meshes and, unpacked from ``problems.tar.bz2``, the folders
+``problems/FAMILY_ROBOT`` with ``scene0001.yaml`` and ``request0001.yaml`` (C. Chamzas et al.,
+MotionBenchMaker, IEEE Robotics and Automation Letters 7, 2022). ``--out FILE`` keeps a line of JSON
+for every problem and goes on where that file ends; a figure is drawn beside it. ``--jobs 2`` solves
+on dask.
+
+Panda: identified dynamics and the maker's limits of the packaged robot, torque rates among them,
+with the maker's figures of its hand. UR5: masses and inertias of its URDF (ur_description of
+ROS-Industrial, Robotiq's gripper and sensor with them), torques of the URDF (UR's maximum joint
+torques), 180 degrees a second; no torque rates are published.
+
+The usual chain is RRT-Connect, shortcuts, parabolas at corners and the best timing by toppra, which
+keeps torques and speeds at its grid points, but no accelerations, torque rates or dry friction.
+Original meshes are checked by pinocchio and coal against the original boxes and cylinders, at
+places along the motion, with none of our capsules.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import statistics
+import warnings
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+import microbot_ocp as mo
+from benchmarks.scenes import processor_time, read
+from external.toppra_timing import even_grid, toppra_duration
+from microbot_ocp.scene import Surroundings, detour
+
+ROBOTS = ("panda", "ur5")
+DEVELOPING = ("box", "table_pick", "bookshelf_small", "bookshelf_tall")
+FAMILIES = (*DEVELOPING, "cage", "bookshelf_thin", "table_under_pick")
+POSES, DISTANCES = 500, 50  # along a motion at which meshes are checked, and measured
+# Franka hand with both fingers, closed, in the flange: mass, centre of mass, inertia, summed from
+# github.com/frankaemika/franka_description, end_effectors/franka_hand/inertials.yaml,
+# commit 0b5034b
+HAND = (
+    0.7126,
+    [0.00771, 0.00776, 0.0256],
+    [[0.001298, -0.000791, 1.3e-5], [-0.000791, 0.001298, 1.3e-5], [1.3e-5, 1.3e-5, 0.001765]],
+)
+FIRST = "path "  # with which progress begins when a first motion is known and proved
+
+
+def main(arguments: list[str]) -> None:
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks motionbenchmaker", description=__doc__
+    )
+    parser.add_argument("--data", type=Path, required=True)
+    parser.add_argument("--robot", choices=ROBOTS, nargs="*", default=ROBOTS)
+    parser.add_argument("--family", choices=FAMILIES, nargs="*", default=DEVELOPING)
+    parser.add_argument("--first", type=int, default=1)
+    parser.add_argument("--count", type=int, default=100)
+    parser.add_argument("--limit", type=float, default=60.0, help="s of wall time a problem")
+    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--out", type=Path, default=Path("out/motionbenchmaker.jsonl"))
+    options = parser.parse_args(arguments)
+    rows = read(options.out)
+    done = {(row["robot"], row["family"], row["number"]) for row in rows}
+    numbers = range(options.first, options.first + options.count)
+    cases = [(r, f, k) for k in numbers for f in options.family for r in options.robot]
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    todo = [(options.data, *case, options.limit) for case in cases if case not in done]
+    for row in _rows(todo, options.jobs):
+        rows.append(row)
+        print(line(row), flush=True)
+        with options.out.open("a") as file:
+            file.write(json.dumps(row) + "\n")
+    print(table(rows))
+    draw(rows, options.out.with_suffix(".png"))
+
+
+def _rows(cases: list[tuple[Any, ...]], jobs: int) -> Any:
+    """The rows of cases, as they come."""
+    if jobs == 1 or not cases:
+        yield from (measured(*case) for case in cases)
+        return
+    from distributed import Client, LocalCluster, as_completed
+
+    cluster = LocalCluster(jobs, threads_per_worker=1, dashboard_address=None)
+    with cluster, Client(cluster) as client:
+        futures = client.map(lambda case: measured(*case), cases, pure=False)
+        yield from (future.result() for future in as_completed(futures))
+
+
+@lru_cache
+def arm(folder: Path, name: str) -> mo.Robot:
+    """The arm of a file with its capsules, a published model's dynamics and the maker's limits."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", mo.RobotFileWarning)
+        robot = mo.read_urdf(folder / name / f"{name}.urdf")
+    if name == "panda":
+        packaged = mo.load_robot(name)
+        zero, links = np.zeros(robot.joint_count), []
+        for frame, link in enumerate(packaged.links, start=1):
+            theirs, ours = (
+                np.array(mo.forward_kinematics(r, frame=frame)(zero)) for r in (packaged, robot)
+            )
+            turn, shift = np.hsplit(np.linalg.solve(ours, theirs)[:3], [3])
+            center = turn @ link.center_of_mass + shift[:, 0]
+            inertia = turn @ link.inertia @ turn.T
+            links.append(replace(link, center_of_mass=center, inertia=(inertia + inertia.T) / 2))
+        robot = robot.with_links(links).with_limits(packaged.limits).with_payload(*HAND)
+    else:
+        robot = robot.with_limits(qd_max=np.pi)
+    return robot.with_capsules(mo.fit_capsules(robot))
+
+
+class Meshes:
+    """The original meshes of an arm among the original boxes and cylinders."""
+
+    def __init__(self, folder: Path, robot: mo.Robot, name: str, scene: mo.Scene) -> None:
+        import coal
+
+        text = (folder / name / f"{name}.urdf").read_text()
+        text = re.sub(
+            r'filename="(package://)?meshes', f'filename="{folder.absolute() / name}/meshes', text
+        )
+        self.model = pin.buildModelFromXML(text)
+        self.geometry = pin.buildGeomFromUrdfString(self.model, text, pin.GeometryType.COLLISION)
+        self.geometry.addAllCollisionPairs()
+        pin.removeCollisionPairs(self.model, self.geometry, str(folder / name / f"{name}.srdf"))
+        moving = [k for k, g in enumerate(self.geometry.geometryObjects) if g.parentJoint]
+        for obstacle in scene.obstacles:
+            if isinstance(obstacle, mo.Box):
+                shape = coal.Box(*obstacle.size)
+            else:
+                assert isinstance(obstacle, mo.Cylinder)
+                shape = coal.Cylinder(obstacle.radius, obstacle.length)
+            placed = pin.GeometryObject(obstacle.name, 0, 0, pin.SE3(obstacle.pose), shape)
+            index = self.geometry.addGeometryObject(placed)
+            for link in moving:
+                self.geometry.addCollisionPair(pin.CollisionPair(link, index))
+        self.data, self.found = self.model.createData(), pin.GeometryData(self.geometry)
+        self.places = [self.model.joints[self.model.getJointId(j)].idx_q for j in robot.joint_names]
+
+    def free(self, poses: np.ndarray) -> bool:
+        """Whether nothing touches in poses [N,n]."""
+        return not any(
+            pin.computeCollisions(
+                self.model, self.data, self.geometry, self.found, self._q(q), True
+            )
+            for q in poses
+        )
+
+    def apart(self, poses: np.ndarray) -> float:
+        """Least distance of all pairs in poses [N,n], m."""
+        least = np.inf
+        for q in poses:
+            pin.computeDistances(self.model, self.data, self.geometry, self.found, self._q(q))
+            least = min(least, *(result.min_distance for result in self.found.distanceResults))
+        return least
+
+    def _q(self, pose: np.ndarray) -> np.ndarray:
+        q = pin.neutral(self.model)
+        q[self.places] = pose
+        return q
+
+
+def measured(folder: Path, name: str, family: str, number: int, limit: float) -> dict[str, Any]:
+    """One problem, its motion, and the same by the usual chain."""
+    robot, place = arm(folder, name), folder / name / "problems" / f"{family}_{name}"
+    scene = mo.read_scene(place / f"scene{number:04d}.yaml")
+    via = mo.read_request(place / f"request{number:04d}.yaml", robot)
+    meshes = Meshes(folder, robot, name, scene)
+    row: dict[str, Any] = {"robot": name, "family": family, "number": number}
+    row["ends_free_by_meshes"] = meshes.free(via)
+    row["chain"] = chain(robot, scene, via)
+    begun, first = processor_time(), []
+
+    def progress(step: object) -> None:
+        if str(step).startswith(FIRST):
+            first.append(processor_time() - begun)
+
+    try:
+        motion = mo.time_optimal(robot, via, scene=scene, time_limit=limit, progress=progress)
+    except mo.InputError as problem:
+        return row | {"outcome": "refused", "why": str(problem)}
+    spent = processor_time() - begun
+    certificate = mo.certify(robot, motion, via_q=via, scene=scene)
+    clearance = motion.provenance["clearance"]
+    good = motion.solved and certificate.ok and clearance["proved"]
+    known = certificate.ok and clearance["proved"]
+    q = motion.sample(np.linspace(0.0, motion.duration, POSES)).q
+    return row | {
+        "outcome": "solved" if good else "known motion" if known else "not certified",
+        "status": str(motion.status),
+        "why": "" if good else motion.provenance.get("advice", ""),
+        "duration": motion.duration,
+        "first": first[0] if first else None,
+        "processor": spent,
+        "clearance": clearance["at_least"],
+        "verdict": certificate.verdict,
+        "free_by_meshes": meshes.free(q),
+        "clearance_of_meshes": meshes.apart(q[:: POSES // DISTANCES]),
+    }
+
+
+def chain(robot: mo.Robot, scene: mo.Scene, via: np.ndarray) -> float | None:
+    """Duration of the usual chain, s; None without a path, or a timing of it."""
+    around = Surroundings(robot.with_limits(taud_max=np.inf), scene)
+    if not all(map(around.is_free, via)):
+        return None
+    path = detour(around, *via, seed=0, number=0).path
+    try:
+        return None if path is None else toppra_duration(robot, path, even_grid(path, 500))
+    except RuntimeError:
+        return None
+
+
+def line(row: dict[str, Any]) -> str:
+    head = f"{row['robot']:5s} {row['family']:16s} {row['number']:3d} {row['outcome']}"
+    if "duration" not in row:
+        return f"{head}: {row['why']}"
+    first, usual = (f"{row[k]:.3f} s" if row[k] else "none" for k in ("first", "chain"))
+    free = "free" if row["free_by_meshes"] else "IN CONTACT"
+    return (
+        f"{head}: {row['duration']:.3f} s, chain {usual}, first {first}, all "
+        f"{row['processor']:.1f} s of processor time, {1e3 * row['clearance']:.2f} mm, "
+        f"meshes {free}"
+    )
+
+
+def table(rows: list[dict[str, Any]]) -> str:
+    """Counts and medians by robot and family, as Markdown."""
+
+    def median(values: list[float | None], text: str) -> str:
+        given = [value for value in values if value is not None]
+        return text.format(statistics.median(given)) if given else "-"
+
+    lines = [
+        "| robot | family | problems | refused, free by meshes | solved and certified | duration | "
+        "saved against the chain | processor time to the first | to the last | meshes in contact |",
+        "|---" * 10 + "|",
+    ]
+    for robot, family in dict.fromkeys((row["robot"], row["family"]) for row in rows):
+        group = [r for r in rows if (r["robot"], r["family"]) == (robot, family)]
+        tried = [r for r in group if "duration" in r]
+        solved = [r for r in tried if r["outcome"] == "solved"]
+        refused = sum(r["ends_free_by_meshes"] for r in group) - sum(
+            r["ends_free_by_meshes"] for r in tried
+        )
+        saved = [100 * (1 - r["duration"] / r["chain"]) if r["chain"] else None for r in solved]
+        lines.append(
+            f"| {robot} | {family} | {len(group)} | {refused} | {len(solved)} of {len(tried)} | "
+            f"{median([r['duration'] for r in solved], '{:.3f} s')} | "
+            f"{median(saved, '{:.1f} %')} | "
+            f"{median([r['first'] for r in tried], '{:.1f} s')} | "
+            f"{median([r['processor'] for r in tried], '{:.1f} s')} | "
+            f"{sum(not r['free_by_meshes'] for r in solved)} |"
+        )
+    return "\n".join(lines)
+
+
+def draw(rows: list[dict[str, Any]], path: Path) -> None:
+    """Durations against the chain's; how many have a first certified motion after some time."""
+    from matplotlib.figure import Figure
+
+    figure = Figure((9, 4), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    for robot in ROBOTS:
+        own = [r for r in rows if r["robot"] == robot and r.get("duration")]
+        pairs = [
+            (r["chain"], r["duration"]) for r in own if r["chain"] and r["outcome"] == "solved"
+        ]
+        left.scatter(*zip(*pairs, strict=True), s=12, label=robot) if pairs else None
+        times = sorted(r["first"] for r in own if r["first"])
+        right.step(
+            times, 100 * np.arange(1, len(times) + 1) / max(len(own), 1), where="post", label=robot
+        )
+    most = max([r["chain"] for r in rows if r["chain"]], default=1.0)
+    left.plot([0, most], [0, most], color="grey", linewidth=0.8)
+    left.set(xlabel="usual chain [s]", ylabel="solved and certified [s]")
+    right.set(xlabel="processor time to the first certified motion [s]", ylabel="problems [%]")
+    left.legend()
+    figure.savefig(path)
