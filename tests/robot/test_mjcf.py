@@ -11,6 +11,7 @@ import pytest
 
 import microbot_ocp as mo
 from microbot_ocp import InputError
+from microbot_ocp.tasks import parse_task
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -184,6 +185,9 @@ def test_robots_by_the_names_of_robot_descriptions() -> None:
     assert rod.tool[0, 3] == 0.25
     odd = mo.load_robot("robot_descriptions:odd_mj_description", tip="two")
     assert odd.joint_names == ("a", "b", "c")
+    via = "[via]\nq = [[0.0], [1.0]]"
+    named = f'schema = 1\nrobot = "robot_descriptions:rod_description"\n{via}'
+    assert parse_task(named, "task.toml", Path()).robot == rod
     with pytest.raises(InputError, match="has no 'rot_description': did you mean 'rod_desc"):
         mo.load_robot("robot_descriptions:rot_description")
     with pytest.raises(InputError, match="cannot fetch 'far_description': no route to the host"):

@@ -35,7 +35,7 @@ from microbot_ocp._base.schema import (
 from microbot_ocp.limits import JOINT_QUANTITIES, MEMBER_KEYS, with_further
 from microbot_ocp.planning import PathTimingSettings, TimeOptimalSettings
 from microbot_ocp.robot import JointLimits, Robot, joint_scale, per_joint
-from microbot_ocp.robot.files import load_robot, packaged_robots
+from microbot_ocp.robot.files import is_robot_name, load_robot, packaged_robots
 from microbot_ocp.tasks._comparison import (
     METHODS,
     OUTPUTS,
@@ -237,7 +237,7 @@ def robot_from(data: Mapping[str, Any], folder: Path) -> Robot:
             f"robot must be one of {', '.join(packaged_robots())}, or the path of a .toml or .urdf "
             f"file, {instead}"
         )
-    path = source if source in packaged_robots() else str(folder / source)
+    path = source if is_robot_name(source) else str(folder / source)
     return load_robot(path, data.get("tip"))
 
 

@@ -1,6 +1,7 @@
 """Public names; loaded when they are first asked for."""
 
 from ._library import (
+    is_robot_name as is_robot_name,
     load_robot as load_robot,
     packaged_robots as packaged_robots,
     robot_text as robot_text,

@@ -27,6 +27,11 @@ def packaged_robots() -> tuple[str, ...]:
     return tuple(sorted(f.name[:-5] for f in _packaged().iterdir() if f.name.endswith(".toml")))
 
 
+def is_robot_name(source: str) -> bool:
+    """Whether it is a name, packaged or of ``robot_descriptions``, and not the path of a file."""
+    return source.startswith(DESCRIPTIONS) or source in packaged_robots()
+
+
 def load_robot(source: str | Path, tip: str | None = None) -> Robot:
     """Load a packaged robot by name, or a robot file by path.
 
