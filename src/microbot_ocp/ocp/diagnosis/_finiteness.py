@@ -9,9 +9,9 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError
-from microbot_ocp.ocp.problem import Phase
+from microbot_ocp.ocp.problem import Expressions, Phase
 from microbot_ocp.ocp.solution import PhaseSolution, unpack
-from microbot_ocp.ocp.transcription import PhaseLayout, Program, interpolated_variables
+from microbot_ocp.ocp.transcription import PhaseLayout, Program
 
 PUSH = 1e-2  # how far solvers move a guess off its bounds, as a share of their size or distance
 BESIDE = 1e-2  # of the scales: how far a start is moved from kinks and symmetry
@@ -164,33 +164,22 @@ def _points(
 ) -> tuple[list[tuple[str, ca.MX]], list[FloatArray], FloatArray, np.ndarray]:
     """Symbols of a phase, their values [size, M], times and intervals of some points."""
     phase = layout.phase
-    rates = [c for c in phase.controls if c.rate is not None]
     fractions = np.array([1.0]) if at_end else np.array([0.0, 0.25, 0.5, 0.75, 1.0])
     intervals = np.arange(layout.intervals)[-1:] if at_end else np.arange(layout.intervals)
     h = np.diff(values.mesh)
     k = np.repeat(intervals, fractions.size)
     share = np.tile(fractions, intervals.size)
-    names: list[tuple[str, ca.MX]] = []
-    tables: list[FloatArray] = []
-    known = _interpolated(layout, values, k, share)
-    for variable in interpolated_variables(phase):
-        names.append((variable.name, variable.symbol))
-        tables.append(known[variable.name].T)
-    for control in rates:
-        assert control.rate is not None
-        names.append((f"the rate of {control.name}", control.rate))
-        slope = np.diff(values[control.name], axis=0).T / (h * values.duration)
-        tables.append(slope[:, k])
-    for parameter in phase.parameters:
-        names.append((parameter.name, parameter.symbol))
-        tables.append(np.tile(parameter.value[:, None], (1, k.size)))
-    for data in phase.measurements:
-        names.append((data.name, data.symbol))
-        tables.append(np.tile(data.value.mean(axis=0)[:, None], (1, k.size)))
+    states = {name: table.T for name, table in _interpolated(layout, values, k, share).items()}
+    rates = {
+        c.name: (np.diff(values[c.name], axis=0).T / (h * values.duration))[:, k]
+        for c in phase.controls
+        if c.rate is not None
+    }
+    data = [np.tile(m.value.mean(axis=0)[:, None], (1, k.size)) for m in phase.measurements]
     times = (values.mesh[k] + share * h[k]) * values.duration
-    names += [("time", phase.time), ("duration", phase.duration)]
-    tables += [times[None, :], np.full((1, k.size), values.duration)]
-    return names, tables, times, k
+    expressions = Expressions(phase, phase.measurements)
+    tables = expressions.tables(states, times, values.duration, rates, data)
+    return expressions.inputs, tables, times, k
 
 
 def _interpolated(

@@ -1,6 +1,12 @@
 """Public names; loaded when they are first asked for."""
 
+from ._expressions import (
+    Expressions as Expressions,
+)
 from ._items import (
+    CONSTANTS as CONSTANTS,
+    LIMITS as LIMITS,
+    VARIABLES as VARIABLES,
     Measurement as Measurement,
     Parameter as Parameter,
     PathConstraint as PathConstraint,

@@ -12,6 +12,11 @@ from numpy.typing import ArrayLike
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError, shown
 
+# lists of a phase
+VARIABLES = ("states", "controls", "algebraics", "free_parameters")
+LIMITS = ("constraints", "end_constraints", "point_constraints")
+CONSTANTS = ("parameters", "measurements")
+
 Bound = ArrayLike | ca.MX | tuple[ArrayLike | ca.MX, ArrayLike | ca.MX] | None
 
 
@@ -159,6 +164,34 @@ def positive_scale(name: str, value: ArrayLike | None, size: int) -> FloatArray:
     if np.any(~np.isfinite(scale)) or np.any(scale <= 0):
         raise InputError(f"scale of {name!r} must be finite and above 0, not {value}")
     return scale
+
+
+def limit_of(
+    name: str,
+    expression: ca.MX,
+    lower: FloatArray,
+    upper: FloatArray,
+    scale: ArrayLike | None,
+    unit: str,
+) -> PathConstraint:
+    """A limit with its scale, if one was declared."""
+    size = positive_scale(name, scale, expression.shape[0])
+    return PathConstraint(name, expression, lower, upper, size, unit, scaled=scale is not None)
+
+
+def free_variable(
+    name: str,
+    symbol: ca.MX,
+    lower: ArrayLike = -np.inf,
+    upper: ArrayLike = np.inf,
+    scale: ArrayLike | None = None,
+    unit: str = "",
+) -> Variable:
+    """A free parameter."""
+    size = symbol.shape[0]
+    low, high = ordered(name, lower, upper, size, unit)
+    own, scaled = positive_scale(name, scale, size), scale is not None
+    return Variable(name, symbol, low, high, None, None, own, unit, "parameter", scaled=scaled)
 
 
 def converted(value: Any) -> ca.MX:

@@ -7,9 +7,9 @@ it is. So whatever is coupled, every stage of the program touches its own variab
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp.ocp.problem._coupling import owned, value_of
 from microbot_ocp.ocp.problem._items import (
     Bound,
     Measurement,
@@ -28,11 +29,11 @@ from microbot_ocp.ocp.problem._items import (
     Variable,
     condition,
     converted,
-    moving,
+    limit_of,
     ordered,
     positive_scale,
 )
-from microbot_ocp.ocp.problem._relations import as_expression, bounded_rows, refuse_steps
+from microbot_ocp.ocp.problem._relations import as_expression, bounded_rows, refuse_steps, sides
 
 if TYPE_CHECKING:
     from microbot_ocp.ocp.problem._problem import OptimalControlProblem
@@ -213,7 +214,7 @@ class Phase:
         expression = converted(expression)
         if expression.op() == ca.OP_EQ:
             expression = expression.dep(0) - expression.dep(1)
-        self.algebraic_equations.append(self._own(expression))
+        self.algebraic_equations.append(owned(self, expression))
 
     def parameter(self, name: str, value: ArrayLike) -> ca.MX:
         """Declare a constant [size] of the phase and return its symbol.
@@ -286,7 +287,7 @@ class Phase:
         state = as_expression(state)
         for variable in self.states:
             if ca.is_equal(variable.symbol, state):
-                expression = self._own(expression)
+                expression = owned(self, expression)
                 if expression.shape != state.shape:
                     raise InputError(
                         f"derivative of {variable.name!r} must have shape {state.shape}, not "
@@ -370,9 +371,8 @@ class Phase:
         2.0
         """
         for row in bounded_rows(name, expression, lower, upper, unit):
-            self.constraints.append(
-                _limit(row.name, self._own(row.expression), (row.lower, row.upper), scale, unit)
-            )
+            own = row._replace(expression=owned(self, row.expression))
+            self.constraints.append(limit_of(*own, scale, unit))
 
     def end_constraint(
         self,
@@ -408,8 +408,8 @@ class Phase:
         6.283
         """
         for row in bounded_rows(name, expression, lower, upper, unit):
-            own = self._own(row.expression, at=1.0)
-            self.end_constraints.append(_limit(row.name, own, (row.lower, row.upper), scale, unit))
+            own = row._replace(expression=owned(self, row.expression, at=1.0))
+            self.end_constraints.append(limit_of(*own, scale, unit))
 
     def point_constraint(
         self,
@@ -433,8 +433,8 @@ class Phase:
         fractions = self._point_fractions(f"constraint {name!r}", whole, at)
         place = float(fractions[0]) if fractions.size == 1 else None
         for row in rows:
-            own = self._own(row.expression, at=place)
-            plain = _limit(row.name, own, (row.lower, row.upper), scale, unit)
+            own = row._replace(expression=owned(self, row.expression, at=place))
+            plain = limit_of(*own, scale, unit)
             self.point_constraints.append(PointConstraint(**vars(plain), fractions=fractions))
 
     def running_cost(self, expression: ca.MX) -> None:
@@ -462,11 +462,11 @@ class Phase:
         ``expression`` is of what has a value there: states, linear controls, ``duration``, free
         parameters.
         """
-        return self._value(expression, 0.0, "at the start of")
+        return value_of(self, expression, 0.0, "at the start of")
 
     def final(self, expression: ca.MX) -> ca.MX:
         """The value at the end of the phase, for expressions of this and other phases."""
-        return self._value(expression, 1.0, "at the end of")
+        return value_of(self, expression, 1.0, "at the end of")
 
     def value(self, expression: ca.MX, at: float) -> ca.MX:
         """The value at a time since the start of the phase, s, whose duration must be fixed.
@@ -487,150 +487,7 @@ class Phase:
         0.5
         """
         fraction = float(self._fractions("at", at)[0])
-        return self._value(expression, fraction, f"at {float(at):g} s of")
-
-    def _value(self, expression: ca.MX, fraction: float, where: str) -> ca.MX:
-        expression = self._own(as_expression(expression))
-        for known in self._values:
-            if known.fraction == fraction and ca.is_equal(known.expression, expression, 9):
-                return known.symbol
-        own = next((v for v in self.variables if ca.is_equal(v.symbol, expression)), None)
-        if ca.is_equal(expression, self.duration):
-            label, unit = "duration", "s"
-        elif own is not None:
-            label, unit = own.name, own.unit
-        else:
-            label, unit = f"value {len(self._values) + 1}", ""
-        name = f"{label} {where} {self.name!r}"
-        symbol = ca.MX.sym(name, expression.shape[0])
-        self._values.append(PointValue(name, symbol, expression, fraction, unit))
-        return symbol
-
-    def _own(self, expression: ca.MX | float, at: float | None = None) -> ca.MX:
-        """An expression with everything that comes from elsewhere among the free parameters.
-
-        Values that are taken at the very place ``at`` of this phase, at which the expression is
-        evaluated, are replaced by what they stand for.
-        """
-        expression = as_expression(expression)
-        if self.problem is None:
-            return expression
-        for symbol in ca.symvar(expression):
-            for phase in self.problem.phases:
-                if phase is not self and ca.is_equal(symbol, phase.duration):
-                    fixed = phase.duration_bounds[0] == phase.duration_bounds[1]
-                    value = ca.MX(phase.duration_bounds[0]) if fixed else phase.final(symbol)
-                    return self._own(ca.substitute(expression, symbol, value), at)
-                for value in phase._values:
-                    if ca.is_equal(symbol, value.symbol):
-                        if phase is self and value.fraction == at:
-                            made = ca.substitute(expression, symbol, value.expression)
-                            return self._own(made, at)
-                        phase._take(value)
-                        self._carry(phase, symbol)
-            for free in self.problem.free_parameters:
-                if ca.is_equal(symbol, free.symbol):
-                    holder = next(
-                        (p for p in self.problem.phases if free in p.free_parameters), self
-                    )
-                    if holder is self:
-                        self._add_free(free)
-                    self._carry(holder, symbol)
-        return expression
-
-    def _take(self, value: PointValue) -> None:
-        """Make a value at a point of the phase one of its free parameters."""
-        if value.name in {v.name for v in self.free_parameters}:
-            return
-        size = value.symbol.shape[0]
-        low, high = ordered(value.name, -np.inf, np.inf, size, value.unit)
-        ones, zeros = np.ones(size), np.zeros(size)
-        self.free_parameters.append(
-            Variable(
-                value.name,
-                value.symbol,
-                low,
-                high,
-                None,
-                None,
-                ones,
-                value.unit,
-                "parameter",
-                scaled=False,
-            )
-        )
-        self.point_constraints.append(
-            PointConstraint(
-                value.name,
-                value.expression - value.symbol,
-                zeros,
-                zeros,
-                ones,
-                value.unit,
-                scaled=False,
-                fractions=np.array([value.fraction]),
-                defines=value.name,
-            )
-        )
-
-    def _carry(self, owner: Phase, symbol: ca.MX) -> None:
-        """Let a free parameter of another phase reach this one through those between them."""
-        assert self.problem is not None
-        phases = self.problem.phases
-        own = next(v for v in owner.free_parameters if ca.is_equal(v.symbol, symbol))
-        first, last = sorted((phases.index(owner), phases.index(self)))
-        for phase in phases[first : last + 1]:
-            phase._add_free(own)
-
-    def _add_free(self, parameter: Variable) -> None:
-        known = {v.name: v for v in self.variables}
-        if parameter.name not in known:
-            self.free_parameters.append(parameter)
-        elif not ca.is_equal(known[parameter.name].symbol, parameter.symbol):
-            raise InputError(
-                f"phase {self.name!r} has a variable {parameter.name!r} of its own, and needs the "
-                "free parameter of that name: call one of them something else"
-            )
-
-    def _copied(self, name: str, linked: Sequence[str]) -> Phase:
-        """The phase with symbols of its own and without conditions at the start of what is linked.
-
-        What comes from other phases, and free parameters of the problem, stay what they are.
-        """
-        made = replace(self, name=name, **{kind: [] for kind in _SYMBOLIC})
-        own = {c.defines for c in self.point_constraints}
-        old, new = [self.time, self.duration], [made.time, made.duration]
-
-        def fresh(item: Any) -> Any:
-            if item in self.free_parameters and item.name not in own:
-                return item
-            label = item.name.replace(repr(self.name), repr(name))
-            symbol = ca.MX.sym(f"{name}.{label}", item.symbol.shape[0])
-            old.append(item.symbol)
-            new.append(symbol)
-            changes: dict[str, Any] = {"name": label, "symbol": symbol}
-            if getattr(item, "rate", None) is not None:
-                changes["rate"] = ca.MX.sym(f"{name}.{label}.rate", item.size)
-                old.append(item.rate)
-                new.append(changes["rate"])
-            if item.name in linked:
-                changes["initial"] = None
-            return replace(item, **changes)
-
-        for kind in _SYMBOLIC:
-            setattr(made, kind, [fresh(item) for item in getattr(self, kind)])
-        renewed = lambda e: ca.graph_substitute(e, old, new)  # noqa: E731
-        made.derivatives = {k: renewed(e) for k, e in self.derivatives.items()}
-        for kind in ("algebraic_equations", "running_costs", "end_costs"):
-            setattr(made, kind, [renewed(e) for e in getattr(self, kind)])
-        for kind in ("constraints", "end_constraints", "point_constraints", "point_costs"):
-            items = [replace(k, expression=renewed(k.expression)) for k in getattr(self, kind)]
-            setattr(made, kind, items)
-        made.point_constraints = [
-            replace(k, defines=k.defines.replace(repr(self.name), repr(name)), name=k.name)
-            for k in made.point_constraints
-        ]
-        return made
+        return value_of(self, expression, fraction, f"at {float(at):g} s of")
 
     # checks ---------------------------------------------------------------------------------------
 
@@ -668,7 +525,7 @@ class Phase:
 
     def _cost(self, kind: str, given: ca.MX, at: float | None = None) -> ca.MX:
         label = f"{kind} of phase {self.name!r}"
-        expression = self._own(as_expression(given, label), at)
+        expression = owned(self, as_expression(given, label), at)
         if not expression.is_scalar():
             raise InputError(f"{label} must be one number, but has shape {expression.shape}")
         refuse_steps(label, expression)
@@ -733,44 +590,10 @@ class Phase:
             label = f"upper bound of {name}"
             self.constraint(label, symbol - upper, upper=0.0, scale=scale, unit=unit)
         for given, fraction, where in ((initial, 0.0, "start"), (final, 1.0, "end")):
-            for side, base, low, high in _sides(given):
+            for side, base, low, high in sides(given):
                 label = f"{where} of {name}{side}"
-                difference = self._own(symbol - base, at=fraction)
+                difference = owned(self, symbol - base, at=fraction)
                 bounds = ordered(label, low, high, variable.size, unit)
-                plain = _limit(label, difference, bounds, scale, unit)
+                plain = limit_of(label, difference, *bounds, scale, unit)
                 own = PointConstraint(**vars(plain), fractions=np.array([fraction]))
                 self.point_constraints.append(own)
-
-
-_SYMBOLIC = (
-    "states",
-    "controls",
-    "algebraics",
-    "free_parameters",
-    "parameters",
-    "measurements",
-)  # what is declared with a symbol
-
-
-def _sides(given: Bound) -> Iterator[tuple[str, ca.MX, float, float]]:
-    """What a condition by expressions compares with, and the bounds of the difference."""
-    if not moving(given):
-        return
-    sides: tuple[Any, ...] = given if isinstance(given, tuple) else (given,)
-    bounds = ((" (lower)", 0.0, np.inf), (" (upper)", -np.inf, 0.0))
-    for base, (side, low, high) in zip(
-        sides, bounds if len(sides) > 1 else (("", 0.0, 0.0),), strict=True
-    ):
-        if isinstance(base, ca.MX) or np.isfinite(base).all():
-            yield side, ca.MX(base), low, high
-
-
-def _limit(
-    name: str,
-    expression: ca.MX,
-    bounds: tuple[FloatArray, FloatArray],
-    scale: ArrayLike | None,
-    unit: str,
-) -> PathConstraint:
-    size = positive_scale(name, scale, expression.shape[0])
-    return PathConstraint(name, expression, *bounds, size, unit, scaled=scale is not None)

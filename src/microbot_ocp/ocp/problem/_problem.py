@@ -17,12 +17,12 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import InputError
+from microbot_ocp.ocp.problem._coupling import copied
 from microbot_ocp.ocp.problem._items import (
     PhaseLink,
     Variable,
     converted,
-    ordered,
-    positive_scale,
+    free_variable,
 )
 from microbot_ocp.ocp.problem._phase import Phase
 from microbot_ocp.ocp.problem._relations import as_expression
@@ -167,7 +167,7 @@ class OptimalControlProblem:
         linked = [v.name for v in phase.states] if names is None else list(names)
         made = [phase]
         for k in range(2, times + 1):
-            copy = phase._copied(f"{phase.name} {k}", linked)
+            copy = copied(phase, f"{phase.name} {k}", linked)
             for kind in ("parameters", "measurements"):
                 given = parameters[k - 2] if parameters else {}
                 setattr(copy, kind, [_with_value(p, given) for p in getattr(copy, kind)])
@@ -216,22 +216,9 @@ class OptimalControlProblem:
             raise InputError(f"free parameter {name!r} is declared twice")
         if not isinstance(size, int | np.integer) or size < 1:
             raise InputError(f"size of {name!r} must be a whole number from 1 up, not {size!r}")
-        low, high = ordered(name, lower, upper, size, unit)
-        self.free_parameters.append(
-            Variable(
-                name=name,
-                symbol=ca.MX.sym(name, size),
-                lower=low,
-                upper=high,
-                initial=None,
-                final=None,
-                scale=positive_scale(name, scale, size),
-                scaled=scale is not None,
-                unit=unit,
-                shape="parameter",
-            )
-        )
-        return self.free_parameters[-1].symbol
+        symbol = ca.MX.sym(name, size)
+        self.free_parameters.append(free_variable(name, symbol, lower, upper, scale, unit))
+        return symbol
 
     def constraint(
         self,

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base.checks import FloatArray, InputError, shown
 from microbot_ocp._base.relations import ORDERS, RELATIONS, is_relation
-from microbot_ocp.ocp.problem._items import converted, ordered
+from microbot_ocp.ocp.problem._items import Bound, converted, moving, ordered
 
 
 class BoundedRow(NamedTuple):
@@ -55,6 +55,19 @@ def bounded_rows(
     if len(rows) == 1:
         return rows
     return [row._replace(name=f"{name} ({k})") for k, row in enumerate(rows, 1)]
+
+
+def sides(given: Bound) -> Iterator[tuple[str, ca.MX, float, float]]:
+    """What a condition by expressions compares with, and the bounds of the difference."""
+    if not moving(given):
+        return
+    given_sides: tuple[Any, ...] = given if isinstance(given, tuple) else (given,)
+    bounds = ((" (lower)", 0.0, np.inf), (" (upper)", -np.inf, 0.0))
+    for base, (side, low, high) in zip(
+        given_sides, bounds if len(given_sides) > 1 else (("", 0.0, 0.0),), strict=True
+    ):
+        if isinstance(base, ca.MX) or np.isfinite(base).all():
+            yield side, ca.MX(base), low, high
 
 
 def as_expression(value: Any, name: str = "expression") -> ca.MX:

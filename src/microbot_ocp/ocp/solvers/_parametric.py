@@ -9,8 +9,9 @@ from __future__ import annotations
 import copy
 import pickle
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from threading import RLock
 from typing import Any
 
@@ -20,7 +21,16 @@ import numpy as np
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.ocp.diagnosis import finite_start
-from microbot_ocp.ocp.problem import OptimalControlProblem, Phase, node_variables
+from microbot_ocp.ocp.problem import (
+    CONSTANTS,
+    LIMITS,
+    VARIABLES,
+    OptimalControlProblem,
+    Parameter,
+    Phase,
+    Variable,
+    node_variables,
+)
 from microbot_ocp.ocp.solution import Progress, Solution
 from microbot_ocp.ocp.solvers import (
     Made,
@@ -181,60 +191,69 @@ def _restored(state: bytes) -> ParametricSolver:
     return made
 
 
-def _with_changes(phase: Phase, own: Mapping[str, Any]) -> Phase:
+def _with_changes(phase: Phase, changes: Mapping[str, Any]) -> Phase:
     """A copy of a phase with the same expressions and other limits and parameters."""
-    changed = copy.copy(phase)
-    variables = {v.name: v for v in phase.variables}
-    limits: dict[str, Any] = {f"c {c.name}": c for c in phase.constraints}
-    limits |= {f"e {c.name}": c for c in phase.end_constraints}
-    limits |= {f"p {c.name}": c for c in phase.point_constraints}
-    constants: dict[str, Any] = {p.name: p for p in (*phase.parameters, *phase.measurements)}
-    for name, value in (own["parameters"] or {}).items():
-        old = _known("parameter", name, constants, phase)
-        label = f"parameter {name!r}"
-        new = checks.array(label, np.ravel(np.asarray(value, float)), (old.value.size,))
-        constants[name] = replace(old, value=new.reshape(old.value.shape))
-    for name, pair in (own["bounds"] or {}).items():
-        kinds = [k for k in (f"c {name}", f"e {name}", f"p {name}") if k in limits]
-        for pool, key in [(limits, k) for k in kinds] or [(variables, name)]:
-            old = _known("limit", key, pool, phase, name)
-            low, high = _pair(f"bounds of {name!r}", pair, old.lower, old.upper)
-            pool[key] = replace(old, lower=low, upper=high)
-    nodes = {v.name for v in node_variables(phase)}
+    made = copy.copy(phase)
+    for name, value in (changes["parameters"] or {}).items():
+        _change(made, "parameter", [CONSTANTS], name, partial(_with_value, value))
+    for name, pair in (changes["bounds"] or {}).items():
+        _change(made, "limit", [LIMITS, VARIABLES], name, partial(_with_bounds, pair))
     for which in ("initial", "final"):
-        for name, value in (own[which] or {}).items():
-            old = _known(which, name, {k: v for k, v in variables.items() if k in nodes}, phase)
-            variables[name] = replace(old, **{which: _condition(phase, old, which, value)})
-    if own["durations"] is not None:
-        if phase.point_fractions:
-            raise InputError(
-                f"phase {phase.name!r} has costs or constraints at given times: its duration is "
-                "as declared"
-            )
-        value = own["durations"]
-        low, high = value if isinstance(value, tuple) else (value, value)
-        low = checks.number(f"duration of phase {phase.name!r}", low, "s", above=0.0)
-        high = checks.number(f"upper duration of phase {phase.name!r}", high, "s", at_least=low)
-        changed.duration_bounds = (low, high)
-    changed.states = [variables[v.name] for v in phase.states]
-    changed.controls = [variables[v.name] for v in phase.controls]
-    changed.algebraics = [variables[v.name] for v in phase.algebraics]
-    changed.free_parameters = [variables[v.name] for v in phase.free_parameters]
-    changed.constraints = [limits[f"c {c.name}"] for c in phase.constraints]
-    changed.end_constraints = [limits[f"e {c.name}"] for c in phase.end_constraints]
-    changed.point_constraints = [limits[f"p {c.name}"] for c in phase.point_constraints]
-    changed.parameters = [constants[p.name] for p in phase.parameters]
-    changed.measurements = [constants[m.name] for m in phase.measurements]
-    return changed
+        for name, value in (changes[which] or {}).items():
+            new = partial(_with_condition, phase, which, value)
+            _change(made, which, [NODES], name, new)
+    if changes["durations"] is not None:
+        made.duration_bounds = _durations(phase, changes["durations"])
+    return made
 
 
-def _known(
-    what: str, key: str, pool: Mapping[str, Any], phase: Phase, name: str | None = None
-) -> Any:
-    if key not in pool:
-        there = sorted({k.split(" ", 1)[-1] for k in pool})
-        raise InputError(f"phase {phase.name!r} has no {what} {name or key!r}; it has {there}")
-    return pool[key]
+NODES = ("states", "controls", "free_parameters")  # that may have conditions at an end
+Change = Callable[[Any], Any]
+
+
+def _change(
+    phase: Phase, what: str, groups: Sequence[Sequence[str]], name: str, new: Change
+) -> None:
+    """Change what bears a name, in those lists of the first group that have it."""
+    nodes = {v.name for v in node_variables(phase)}
+    there: set[str] = set()
+    for group in groups:
+        items = {kind: getattr(phase, kind) for kind in group}
+        names = {item.name for kind in group for item in items[kind]}
+        names &= nodes if group is NODES else names
+        there |= names
+        if name in names:
+            for kind in group:
+                changed = [new(item) if item.name == name else item for item in items[kind]]
+                setattr(phase, kind, changed)
+            return
+    raise InputError(f"phase {phase.name!r} has no {what} {name!r}; it has {sorted(there)}")
+
+
+def _with_value(value: Any, old: Parameter) -> Parameter:
+    label = f"parameter {old.name!r}"
+    new = checks.array(label, np.ravel(np.asarray(value, float)), (old.value.size,))
+    return replace(old, value=new.reshape(old.value.shape))
+
+
+def _with_bounds(pair: Any, old: Any) -> Any:
+    low, high = _pair(f"bounds of {old.name!r}", pair, old.lower, old.upper)
+    return replace(old, lower=low, upper=high)
+
+
+def _with_condition(phase: Phase, which: str, value: Any, old: Variable) -> Variable:
+    return replace(old, **{which: _condition(phase, old, which, value)})
+
+
+def _durations(phase: Phase, value: Any) -> tuple[float, float]:
+    if phase.point_fractions:
+        raise InputError(
+            f"phase {phase.name!r} has costs or constraints at given times: its duration is "
+            "as declared"
+        )
+    low, high = value if isinstance(value, tuple) else (value, value)
+    low = checks.number(f"duration of phase {phase.name!r}", low, "s", above=0.0)
+    return low, checks.number(f"upper duration of phase {phase.name!r}", high, "s", at_least=low)
 
 
 def _condition(phase: Phase, old: Any, which: str, value: Any) -> tuple[FloatArray, FloatArray]:

@@ -14,12 +14,8 @@ import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import InputError
-from microbot_ocp.ocp.problem import PathConstraint, Phase, Variable
+from microbot_ocp.ocp.problem import CONSTANTS, LIMITS, VARIABLES, PathConstraint, Phase, Variable
 from microbot_ocp.ocp.transcription import PhaseLayout
-
-KINDS = ("states", "controls", "algebraics", "free_parameters")
-LIMITS = ("constraints", "end_constraints", "point_constraints")
-CONSTANTS = ("parameters", "measurements")
 
 
 def problem_data(layout: PhaseLayout) -> dict[str, Any]:
@@ -29,7 +25,7 @@ def problem_data(layout: PhaseLayout) -> dict[str, Any]:
         "duration": list(phase.duration_bounds),
         "duration_scale": float(layout.node_scale[-1]),
         **{kind: {p.name: p.value.tolist() for p in getattr(phase, kind)} for kind in CONSTANTS},
-        **{kind: [_of_variable(v) for v in getattr(phase, kind)] for kind in KINDS},
+        **{kind: [_of_variable(v) for v in getattr(phase, kind)] for kind in VARIABLES},
         **{kind: [_of_limit(c) for c in getattr(phase, kind)] for kind in LIMITS},
     }
 
@@ -43,7 +39,7 @@ def with_problem_data(phase: Phase, data: Mapping[str, Any]) -> Phase:
         The data are of a phase with other variables, constraints or parameters.
     """
     made = copy.copy(phase)
-    for kind in (*KINDS, *LIMITS):
+    for kind in (*VARIABLES, *LIMITS):
         own, given = getattr(phase, kind), data.get(kind, [])
         same = [(v.name, v.scale.size) for v in own] == [
             (g["name"], len(g["scale"])) for g in given
@@ -63,14 +59,9 @@ def with_problem_data(phase: Phase, data: Mapping[str, Any]) -> Phase:
                 f"phase {phase.name!r} of the solution has the {kind} {list(values)}, not "
                 f"{[p.name for p in own]}"
             )
-        setattr(
-            made,
-            kind,
-            [
-                replace(p, value=np.array(checks.array(p.name, values[p.name], p.value.shape)))
-                for p in own
-            ],
-        )
+        arrays = [np.array(checks.array(p.name, values[p.name], p.value.shape)) for p in own]
+        items = [replace(p, value=array) for p, array in zip(own, arrays, strict=True)]
+        setattr(made, kind, items)
     low, high = data["duration"]
     if not 0.0 <= low <= high:
         raise InputError(f"phase {phase.name!r} of the solution has impossible durations")

@@ -21,10 +21,17 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp.ocp.problem import OptimalControlProblem, PathConstraint, Phase, Variable
+from microbot_ocp.ocp.problem import (
+    LIMITS,
+    VARIABLES,
+    Expressions,
+    OptimalControlProblem,
+    PathConstraint,
+    Phase,
+    Variable,
+)
 from microbot_ocp.ocp.solution import Solution
 from microbot_ocp.ocp.starts._initial_guess import completed, default_guess, guess_from
-from microbot_ocp.ocp.starts._problem_data import KINDS, LIMITS
 from microbot_ocp.ocp.starts._rollout import rollouts
 from microbot_ocp.ocp.transcription import Guess, GuessValue, Program, guess_table
 
@@ -154,7 +161,7 @@ def _with_scales(
     duration_scale: float | None,
 ) -> Phase:
     made = copy.copy(phase)
-    for kind in KINDS:
+    for kind in VARIABLES:
         own = [replace(v, scale=scales.get(v.name, v.scale)) for v in getattr(phase, kind)]
         setattr(made, kind, own)
     found = iter(limits)
@@ -291,44 +298,30 @@ class _Look:
 
     def _evaluated(self, expression: ca.MX, *, rates: bool = False) -> _Slopes:
         """An expression at the guess and around it, as far as the known sizes go."""
-        random = np.random.default_rng(0)
-        symbols, points = [], []
+        random, phase = np.random.default_rng(0), self.phase
+        values, speeds, count = {}, {}, SETTINGS.points
         for v in self.variables:
             size = np.nan_to_num(self.sizes[v.name])
             around = self.tables[v.name] + size * random.uniform(
                 -1.0, 1.0, (SETTINGS.points, v.size)
             )
             around[: SETTINGS.points // 4] = self.tables[v.name][: SETTINGS.points // 4]
-            symbols.append(v.symbol)
-            points.append(np.clip(around, v.lower, v.upper).T)
-        moving = ca.vertcat(*symbols)
+            values[v.name] = np.clip(around, v.lower, v.upper).T
         for control in self.rates:
-            assert control.rate is not None
             size = np.nan_to_num(self.sizes[control.name]) / self.duration
-            symbols.append(control.rate)
-            points.append(
-                size[:, None] * random.uniform(-1.0, 1.0, (control.size, SETTINGS.points))
-            )
-            if rates:
-                moving = ca.vertcat(moving, control.rate)
-        for parameter in self.phase.parameters:
-            symbols.append(parameter.symbol)
-            points.append(np.tile(parameter.value[:, None], (1, SETTINGS.points)))
-        for data in self.phase.measurements:
-            symbols.append(data.symbol)
-            points.append(data.value[np.arange(SETTINGS.points) % len(data.value)].T)
-        symbols += [self.phase.time, self.phase.duration]
-        points += [
-            self.duration * self.share[None, :],
-            np.full((1, SETTINGS.points), self.duration),
-        ]
-        slopes = ca.densify(ca.jacobian(expression, moving))
-        function = ca.Function("look", symbols, [ca.densify(expression), slopes])
+            speeds[control.name] = size[:, None] * random.uniform(-1.0, 1.0, (control.size, count))
+        data = [m.value[np.arange(count) % len(m.value)].T for m in phase.measurements]
+        expressions = Expressions(phase, phase.measurements)
+        points = expressions.tables(values, self.duration * self.share, self.duration, speeds, data)
+        moving = [v.symbol for v in self.variables]
+        moving += [c.rate for c in self.rates if rates and c.rate is not None]
+        slopes = ca.densify(ca.jacobian(expression, ca.vertcat(*moving)))
+        outputs = [ca.densify(expression), slopes]
+        function = ca.Function("look", expressions.symbols, outputs).map(count)
         rows, columns = slopes.shape
-        values, table = (np.array(out) for out in function.map(SETTINGS.points)(*points))
+        found, table = (np.array(out) for out in function(*points))
         # every point is a block of columns
-        blocks = table.reshape(rows, SETTINGS.points, columns).transpose(1, 0, 2)
-        return _Slopes(values.T, blocks)
+        return _Slopes(found.T, table.reshape(rows, count, columns).transpose(1, 0, 2))
 
 
 def _samples(value: GuessValue, variable: Variable, share: FloatArray) -> FloatArray:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp.ocp.problem import PathConstraint, Phase, Variable
+from microbot_ocp.ocp.problem import LIMITS, VARIABLES, PathConstraint, Phase, Variable
 from microbot_ocp.ocp.transcription._mesh import IntArray
 
 DURATION = "duration"
@@ -20,15 +20,7 @@ EQUATIONS = ("step", "defect", "equation", "link", "value")
 """Kinds of rows that are zero; the others have declared limits."""
 
 _FREE = ("arrival", "transition")  # variables that are bounded where they arrive
-_LISTS = (
-    "states",
-    "controls",
-    "algebraics",
-    "free_parameters",
-    "constraints",
-    "end_constraints",
-    "point_constraints",
-)
+_LISTS = (*VARIABLES, *LIMITS)
 _DESCRIPTIONS = {
     "step": "step of {}",
     "defect": "dynamics of {}",

@@ -74,7 +74,6 @@ def _of_phase(phase: PhaseSolution, multipliers: FloatArray) -> tuple[float, dic
         known[control.name] = phase.values[control.name].reshape(-1, control.size)
     steps = np.diff(phase.mesh)[intervals]
     t = (phase.mesh[intervals] + share * steps) * phase.duration
-    rates = {c.name: np.zeros((c.size, t.size)) for c in at.expressions.rates}
     defects = group.rows[:, layout.node_size :][:, : count * size]
     scale = layout.node_scale[:size] * np.asarray(scheme.weights)[:, None]
     costates = (-multipliers[defects].reshape(-1, count, size) / scale).reshape(-1, size)
@@ -82,7 +81,7 @@ def _of_phase(phase: PhaseSolution, multipliers: FloatArray) -> tuple[float, dic
 
     def hamiltonian(values: dict[str, FloatArray]) -> FloatArray:
         columns = {k: v.T for k, v in values.items()}
-        table = at.expressions.table(columns, rates, t, np.full(t.size, phase.duration))
+        table = at.expressions.table(columns, t, phase.duration)
         slopes = at.expressions.dynamics(table).full()
         found = slopes[-1] + np.einsum("ki,ik->k", costates, slopes[:-1])
         for limit in declared.constraints:

@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
-import casadi as ca
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
+from microbot_ocp.ocp.problem import Expressions
 from microbot_ocp.ocp.solution import PhaseSolution
-from microbot_ocp.ocp.transcription import DURATION, IntArray, interpolated_variables
+from microbot_ocp.ocp.transcription import DURATION, IntArray
 from microbot_ocp.ocp.verification._certificate import OCPLimitUse
 from microbot_ocp.ocp.verification._reintegration import phase_layout
 
@@ -80,14 +80,12 @@ def dense_phase(
     interval = np.repeat(np.arange(n), share.size)
     place = np.tile(share, n)
     steps = np.diff(layout.mesh)
-    constants = np.tile(layout.parameters, (place.size, 1))
-    ordered = interpolated_variables(own)
     known = interpolated(interval, place)
     t = (layout.mesh[interval] + place * steps[interval]) * phase.duration
     dense = DensePhase(phase, t, interval)
     kinds = {id(v): "state" for v in own.states} | {id(v): "algebraic" for v in own.algebraics}
     kinds |= {id(v): "parameter" for v in own.free_parameters}
-    for variable in ordered:
+    for variable in own.variables:
         kind = kinds.get(id(variable), "control")
         dense.limited.append(_limited(kind, variable, known[variable.name]))
     duration = np.array([[phase.duration]])
@@ -96,21 +94,19 @@ def dense_phase(
         Limited("duration", DURATION, "s", low, high, np.ones(1), duration, end=True)
     )
     linear = [c for c in own.controls if c.shape == "linear"]
-    rates = [
-        np.diff(phase.values[c.name], axis=0)[interval] / (steps * phase.duration)[interval, None]
+    rates = {
+        c.name: np.diff(phase.values[c.name], axis=0).T[:, interval]
+        / (steps * phase.duration)[interval]
         for c in linear
-    ]
-    symbols = [v.symbol for v in ordered] + [c.rate for c in linear if c.rate is not None]
-    table = [known[v.name] for v in ordered]
-    data = np.hstack([*table, *rates, t[:, None], np.full((t.size, 1), phase.duration), constants])
-    inputs = [*symbols, own.time, own.duration, *(p.symbol for p in own.parameters)]
+    }
+    expressions = Expressions(own)
+    table = expressions.table({k: v.T for k, v in known.items()}, t, phase.duration, rates)
     for kind, limits, rows in (
         ("constraint", own.constraints, slice(None)),
         ("end constraint", own.end_constraints, slice(-1, None)),
     ):
         for limit in limits:
-            value = ca.Function("value", [ca.vertcat(*inputs)], [ca.densify(limit.expression)])
-            values = value(data[rows].T).full().T
+            values = expressions.function([limit.expression])(table[:, rows]).full().T
             dense.limited.append(_limited(kind, limit, values, end=kind != "constraint"))
     return dense
 

@@ -9,7 +9,6 @@ integrator, is integrated again.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -18,15 +17,15 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp.problem import (
+    Expressions,
     OptimalControlProblem,
     PathConstraint,
-    Phase,
     PointConstraint,
     Variable,
     node_variables,
 )
 from microbot_ocp.ocp.solution import PhaseSolution
-from microbot_ocp.ocp.transcription import IntArray, StageGroup, interpolated_variables, row_labels
+from microbot_ocp.ocp.transcription import IntArray, StageGroup, row_labels
 from microbot_ocp.ocp.transcription.schemes import (
     Collocation,
     HermiteSimpson,
@@ -53,7 +52,7 @@ class Recomputation:
     def __init__(self, phase: PhaseSolution) -> None:
         layout = phase_layout(phase)
         self.phase = phase
-        self.expressions = _Expressions(layout.phase)
+        self.expressions = _Declared(layout.phase)
         self.groups = [_Intervals(phase, group, self.expressions) for group in layout.groups]
         self.rows: dict[int, float] = {}
         self.costs = np.zeros(layout.intervals)
@@ -66,7 +65,8 @@ class Recomputation:
 
     def interpolated(self, intervals: IntArray, share: FloatArray) -> dict[str, FloatArray]:
         """All variables [M, size] in some intervals [M], at fractions [M] of them."""
-        found = {v.name: np.zeros((share.size, v.size)) for v in self.expressions.variables}
+        variables = phase_layout(self.phase).phase.variables
+        found = {v.name: np.zeros((share.size, v.size)) for v in variables}
         for own in self.groups:
             column = np.full(self.phase.mesh.size - 1, -1)
             column[own.group.intervals] = np.arange(own.group.intervals.size)
@@ -90,22 +90,20 @@ class Recomputation:
 
     def _add_points(self) -> None:
         """Costs and constraints at given times, one declaration and time after the other."""
-        layout, own = phase_layout(self.phase), self.expressions
+        layout = phase_layout(self.phase)
         declared = layout.phase
         rows = iter(layout.points)  # in the order of the declarations
         for item in (*declared.point_constraints, *declared.point_costs):
             data = [m for m in declared.measurements if ca.depends_on(item.expression, m.symbol)]
-            inputs = ca.vertcat(own.symbols, *(m.symbol for m in data))
-            function = ca.Function("point", [inputs], [ca.densify(item.expression)])
+            own = Expressions(declared, data)
+            function = own.function([item.expression])
             places, found = next(rows).block.places, []
             for k, fraction in enumerate(item.fractions.tolist()):
                 node = int(np.abs(self.phase.mesh - fraction).argmin())
                 values, duration = self._node([node])
-                known = {v.name: np.zeros((v.size, 1)) for v in own.variables} | values
-                rates = {c.name: np.zeros((c.size, 1)) for c in own.rates}
-                table = own.table(known, rates, fraction * duration, duration)
                 measured = [m.value[k][:, None] for m in data]
-                found.append(function(np.vstack([table, *measured])).full().ravel())
+                table = own.table(values, fraction * duration, duration, data=measured)
+                found.append(function(table).full().ravel())
             if isinstance(item, PointConstraint):
                 for own_places, values in zip(places.tolist(), found, strict=True):
                     self.rows |= dict(zip(own_places, values.tolist(), strict=True))
@@ -118,9 +116,7 @@ class Recomputation:
         declared = layout.phase
         last, duration = self._node([-1])
         # what has no value there does not appear in these expressions
-        known = {v.name: np.zeros((v.size, 1)) for v in own.variables} | last
-        rates = {c.name: np.zeros((c.size, 1)) for c in own.rates}
-        table = own.table(known, rates, duration, duration)
+        table = own.table(last, duration, duration)
         cost = float(own.function([sum(declared.end_costs, ca.MX(0))])(table))
         self.costs = np.append(self.costs, cost)
         found = own.limits(table)
@@ -191,33 +187,8 @@ def _split(items: Sequence[Variable | PathConstraint], table: FloatArray) -> dic
     return {item.name: part for item, part in zip(items, parts, strict=bool(items))}
 
 
-class _Expressions:
-    """Expressions of a phase as functions of tables of numbers."""
-
-    def __init__(self, phase: Phase) -> None:
-        self.phase = phase
-        self.variables = interpolated_variables(phase)
-        self.rates = [c for c in phase.controls if c.rate is not None]
-        symbols = [v.symbol for v in self.variables]
-        symbols += [c.rate for c in self.rates if c.rate is not None]
-        symbols += [phase.time, phase.duration, *(p.symbol for p in phase.parameters)]
-        self.symbols = ca.vertcat(*symbols)
-
-    def function(self, expressions: Sequence[ca.MX]) -> ca.Function:
-        """The expressions, one below the other, as a function of the table of all inputs."""
-        stacked = ca.densify(ca.vertcat(*expressions, ca.MX(0, 1)))
-        made = ca.Function("declared", [self.symbols], [stacked])
-        with suppress(RuntimeError):  # interpolants have no scalar graph
-            made = made.expand()
-        return made
-
-    def table(
-        self, values: Values, rates: Values, t: FloatArray, duration: FloatArray
-    ) -> FloatArray:
-        """All inputs of the functions at some points [inputs, M]."""
-        known = [values[v.name] for v in self.variables] + [rates[c.name] for c in self.rates]
-        fixed = [np.tile(p.value[:, None], (1, t.size)) for p in self.phase.parameters]
-        return np.vstack([*known, t, duration, *fixed])
+class _Declared(Expressions):
+    """Expressions of a phase as they are declared."""
 
     @cached_property
     def dynamics(self) -> ca.Function:
@@ -245,7 +216,7 @@ class _Expressions:
 class _Intervals:
     """The stages of one kind in the units of the declaration, a column for each."""
 
-    def __init__(self, phase: PhaseSolution, group: StageGroup, expressions: _Expressions) -> None:
+    def __init__(self, phase: PhaseSolution, group: StageGroup, expressions: _Declared) -> None:
         layout = phase_layout(phase)
         assert phase.stages is not None
         self.phase, self.group, self.expressions = phase, group, expressions
@@ -306,7 +277,7 @@ class _Intervals:
 
     def table(self, x: FloatArray, share: float) -> FloatArray:
         t = self.start + share * self.length
-        return self.expressions.table(self.values(x, share), self.rates, t, self.duration)
+        return self.expressions.table(self.values(x, share), t, self.duration, self.rates)
 
     def slope(self, x: FloatArray, share: float) -> tuple[FloatArray, FloatArray]:
         """Slopes of the states [n, M] and running cost [M]."""

@@ -1,0 +1,157 @@
+"""What couples phases: values at other places, free parameters, and copies of a phase.
+
+A value elsewhere is a symbol; the phases that use one carry it as a free parameter, and a row at
+the place where it is taken says what it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import casadi as ca
+import numpy as np
+
+from microbot_ocp._base.checks import InputError
+from microbot_ocp.ocp.problem._items import (
+    CONSTANTS,
+    VARIABLES,
+    PointConstraint,
+    PointValue,
+    Variable,
+    free_variable,
+    limit_of,
+)
+from microbot_ocp.ocp.problem._relations import as_expression
+
+if TYPE_CHECKING:
+    from microbot_ocp.ocp.problem._phase import Phase
+
+_SYMBOLIC = (*VARIABLES, *CONSTANTS)  # what is declared with a symbol
+
+
+def value_of(phase: Phase, expression: ca.MX, fraction: float, where: str) -> ca.MX:
+    """The symbol of the value of an expression at a fraction of a phase."""
+    expression = owned(phase, as_expression(expression))
+    for known in phase._values:
+        if known.fraction == fraction and ca.is_equal(known.expression, expression, 9):
+            return known.symbol
+    own = next((v for v in phase.variables if ca.is_equal(v.symbol, expression)), None)
+    if ca.is_equal(expression, phase.duration):
+        label, unit = "duration", "s"
+    elif own is not None:
+        label, unit = own.name, own.unit
+    else:
+        label, unit = f"value {len(phase._values) + 1}", ""
+    name = f"{label} {where} {phase.name!r}"
+    symbol = ca.MX.sym(name, expression.shape[0])
+    phase._values.append(PointValue(name, symbol, expression, fraction, unit))
+    return symbol
+
+
+def owned(phase: Phase, expression: ca.MX | float, at: float | None = None) -> ca.MX:
+    """An expression with everything that comes from elsewhere among the free parameters.
+
+    Values that are taken at the very place ``at`` of the phase, at which the expression is
+    evaluated, are replaced by what they stand for.
+    """
+    expression = as_expression(expression)
+    if phase.problem is None:
+        return expression
+    for symbol in ca.symvar(expression):
+        for other in phase.problem.phases:
+            if other is not phase and ca.is_equal(symbol, other.duration):
+                fixed = other.duration_bounds[0] == other.duration_bounds[1]
+                value = ca.MX(other.duration_bounds[0]) if fixed else other.final(symbol)
+                return owned(phase, ca.substitute(expression, symbol, value), at)
+            for value in other._values:
+                if ca.is_equal(symbol, value.symbol):
+                    if other is phase and value.fraction == at:
+                        made = ca.substitute(expression, symbol, value.expression)
+                        return owned(phase, made, at)
+                    _take(other, value)
+                    _carry(phase, other, symbol)
+        for free in phase.problem.free_parameters:
+            if ca.is_equal(symbol, free.symbol):
+                holder = next((p for p in phase.problem.phases if free in p.free_parameters), phase)
+                if holder is phase:
+                    _add_free(phase, free)
+                _carry(phase, holder, symbol)
+    return expression
+
+
+def _take(phase: Phase, value: PointValue) -> None:
+    """Make a value at a point of the phase one of its free parameters."""
+    if value.name in {v.name for v in phase.free_parameters}:
+        return
+    phase.free_parameters.append(free_variable(value.name, value.symbol, unit=value.unit))
+    zeros = np.zeros(value.symbol.shape[0])
+    rest = value.expression - value.symbol
+    demanded = limit_of(value.name, rest, zeros, zeros, None, value.unit)
+    place = np.array([value.fraction])
+    phase.point_constraints.append(
+        PointConstraint(**vars(demanded), fractions=place, defines=value.name)
+    )
+
+
+def _carry(phase: Phase, owner: Phase, symbol: ca.MX) -> None:
+    """Let a free parameter of another phase reach this one through those between them."""
+    assert phase.problem is not None
+    phases = phase.problem.phases
+    own = next(v for v in owner.free_parameters if ca.is_equal(v.symbol, symbol))
+    first, last = sorted((phases.index(owner), phases.index(phase)))
+    for between in phases[first : last + 1]:
+        _add_free(between, own)
+
+
+def _add_free(phase: Phase, parameter: Variable) -> None:
+    known = {v.name: v for v in phase.variables}
+    if parameter.name not in known:
+        phase.free_parameters.append(parameter)
+    elif not ca.is_equal(known[parameter.name].symbol, parameter.symbol):
+        raise InputError(
+            f"phase {phase.name!r} has a variable {parameter.name!r} of its own, and needs the "
+            "free parameter of that name: call one of them something else"
+        )
+
+
+def copied(phase: Phase, name: str, linked: Sequence[str]) -> Phase:
+    """The phase with symbols of its own and without conditions at the start of what is linked.
+
+    What comes from other phases, and free parameters of the problem, stay what they are.
+    """
+    made = replace(phase, name=name, **{kind: [] for kind in _SYMBOLIC})
+    own = {c.defines for c in phase.point_constraints}
+    old, new = [phase.time, phase.duration], [made.time, made.duration]
+
+    def fresh(item: Any) -> Any:
+        if item in phase.free_parameters and item.name not in own:
+            return item
+        label = item.name.replace(repr(phase.name), repr(name))
+        symbol = ca.MX.sym(f"{name}.{label}", item.symbol.shape[0])
+        old.append(item.symbol)
+        new.append(symbol)
+        changes: dict[str, Any] = {"name": label, "symbol": symbol}
+        if getattr(item, "rate", None) is not None:
+            changes["rate"] = ca.MX.sym(f"{name}.{label}.rate", item.size)
+            old.append(item.rate)
+            new.append(changes["rate"])
+        if item.name in linked:
+            changes["initial"] = None
+        return replace(item, **changes)
+
+    for kind in _SYMBOLIC:
+        setattr(made, kind, [fresh(item) for item in getattr(phase, kind)])
+    renewed = lambda e: ca.graph_substitute(e, old, new)  # noqa: E731
+    made.derivatives = {k: renewed(e) for k, e in phase.derivatives.items()}
+    for kind in ("algebraic_equations", "running_costs", "end_costs"):
+        setattr(made, kind, [renewed(e) for e in getattr(phase, kind)])
+    for kind in ("constraints", "end_constraints", "point_constraints", "point_costs"):
+        items = [replace(k, expression=renewed(k.expression)) for k in getattr(phase, kind)]
+        setattr(made, kind, items)
+    made.point_constraints = [
+        replace(k, defines=k.defines.replace(repr(phase.name), repr(name)), name=k.name)
+        for k in made.point_constraints
+    ]
+    return made
