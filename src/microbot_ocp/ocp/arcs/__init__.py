@@ -1,8 +1,7 @@
 """Where controls switch and limits begin or cease to act.
 
-Comes in: a solution on a mesh. Goes out: :class:`Switch` es, mesh points where arcs meet, or a
-problem with one phase an arc. ``_detector.py`` reads the arcs of a solution, ``_cutter.py`` makes a
-phase of each, ``_mesh_points.py`` puts the points of a mesh where they meet.
+Comes in: a solution on a mesh. Goes out: :class:`Switch` es, arcs, or a mesh with points at the
+switches. ``_detector.py`` reads them from a solution, ``_mesh_points.py`` moves the points.
 """
 
 import lazy_loader

@@ -1,10 +1,7 @@
 """Public names; loaded when they are first asked for."""
 
-from ._cutter import (
-    cut as cut,
-    is_cuttable as is_cuttable,
-)
 from ._detector import (
+    Activity as Activity,
     ArcPlan as ArcPlan,
     PlannedArc as PlannedArc,
     Sample as Sample,
@@ -20,11 +17,6 @@ from ._detector import (
     runs as runs,
 )
 from ._mesh_points import (
-    distance as distance,
     hold as hold,
     move_to_switches as move_to_switches,
-    place_junctions as place_junctions,
-)
-from ._settings import (
-    CUTTER as CUTTER,
 )

@@ -20,7 +20,7 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp.arcs._settings import DETECTOR
-from microbot_ocp.ocp.problem import PathConstraint, Phase, Variable
+from microbot_ocp.ocp.problem import Expressions, PathConstraint, Phase, Variable
 from microbot_ocp.ocp.solution import PhaseSolution
 from microbot_ocp.ocp.transcription.schemes import Collocation
 from microbot_ocp.ocp.verification import phase_layout, point_values
@@ -283,17 +283,13 @@ def mixed_limits(phase: PhaseSolution, declared: Phase) -> list[Activity]:
     points = np.array(scheme.points)
     # just before the end of an interval its own polynomial counts
     t = (phase.mesh[:-1, None] + (1 - 1e-9) * points * steps[:, None]).ravel() * phase.duration
-    sampled = phase.sample(t)
-    parameters = declared.parameters
-    symbols = [*(v.symbol for v in variables), declared.time, declared.duration]
-    symbols += [p.symbol for p in parameters]
-    tables = [*(sampled[v.name].T for v in variables), t[None, :]]
-    tables += [np.full((1, t.size), phase.duration)]
-    tables += [np.tile(p.value[:, None], (1, t.size)) for p in parameters]
+    expressions = Expressions(declared)
+    sampled = {name: table.T for name, table in phase.sample(t).items()}
+    table_of_inputs = expressions.table(sampled, t, phase.duration)
     activities = []
     for constraint in chosen:
-        run = ca.Function("value", symbols, [ca.densify(constraint.expression)]).map(t.size)
-        for i, values in enumerate(np.array(run(*tables))):
+        run = expressions.function([constraint.expression])
+        for i, values in enumerate(run(table_of_inputs).full()):
             limit = ActiveLimit(constraint, i, mixed=True)
             low, high = limit.bounds
             range_ = high - low if np.isfinite(high - low) else float(np.ptp(values))
@@ -366,12 +362,12 @@ def _crossing(before: int, means: FloatArray, steps: FloatArray) -> float:
 # arcs ---------------------------------------------------------------------------------------------
 
 
-def plan_of(phase: PhaseSolution, *, mixed: bool = True) -> ArcPlan:
+def plan_of(phase: PhaseSolution) -> ArcPlan:
     """Read the arcs of a phase, be they ever so short."""
     declared = phase_layout(phase).phase
     columns = control_activities(phase, jumping(declared))
     columns += _state_limits(phase, declared)
-    columns += mixed_limits(phase, declared) if mixed else []
+    columns += mixed_limits(phase, declared)
     arcs = _arcs_between_events(columns, phase.mesh) if columns else []
     arcs = arcs or [PlannedArc(0.0, 1.0, (), phase.mesh.size - 1)]  # nothing may jump
     arcs = merged([replace(arc, signature=_effective(arc.signature, columns)) for arc in arcs])

@@ -1,94 +1,15 @@
-"""Mesh points where arcs meet: from a solve with one phase an arc, or from the switches alone."""
+"""Mesh points where controls switch."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp._base.status import Status
-from microbot_ocp.ocp.arcs._cutter import cut, is_cuttable
-from microbot_ocp.ocp.arcs._detector import (
-    SideRun,
-    Switch,
-    control_activities,
-    jumping,
-    plan_of,
-    runs,
-)
-from microbot_ocp.ocp.arcs._settings import CUTTER, MESH_POINTS
-from microbot_ocp.ocp.problem import OptimalControlProblem, Phase
-from microbot_ocp.ocp.solution import PhaseSolution, Solution
-from microbot_ocp.ocp.solvers import SolverSettings, solve_on, transcribed
-from microbot_ocp.ocp.transcription.schemes import Scheme
-
-
-def place_junctions(
-    problem: OptimalControlProblem,
-    solution: Solution,
-    scheme: Scheme,
-    settings: SolverSettings,
-) -> list[FloatArray] | None:
-    """Find where arcs meet, as fractions of every phase, by a solve with one phase an arc.
-
-    None where there is nothing to place, where the problem cannot be cut (dynamics that depend on
-    the duration of their phase), or where the solve fails or does not come as low. Limits that
-    depend on controls are left aside.
-
-    Raises
-    ------
-    KeyboardInterrupt
-        The solve was interrupted.
-    """
-    plans = [plan_of(phase, mixed=False) for phase in solution.phases]
-    most = max(len(plan.arcs) for plan in plans)
-    if not 1 < most <= CUTTER.most_arcs or not all(is_cuttable(plan.declared) for plan in plans):
-        return None
-    least = MESH_POINTS.least_intervals
-    plans = [
-        replace(plan, arcs=[replace(a, intervals=max(a.intervals, least)) for a in plan.arcs])
-        for plan in plans
-    ]
-    in_arcs = cut(problem, plans, exact=False)
-    transcription = transcribed(in_arcs.problem, settings, scheme=scheme, guess=in_arcs.guesses)
-    own = replace(settings, solver="ipopt")
-    solved = solve_on(transcription, in_arcs.meshes, in_arcs.guesses, own)
-    if solved.status is Status.INTERRUPTED:
-        raise KeyboardInterrupt  # the solver kept it to itself
-    if not solved.solved or solved.cost > solution.cost + MESH_POINTS.costlier * abs(solution.cost):
-        return None
-    return [
-        _ends(plan.declared, [solved[piece.name] for piece in pieces])
-        for plan, pieces in zip(plans, in_arcs.groups, strict=True)
-    ]
-
-
-def _ends(declared: Phase, pieces: Sequence[PhaseSolution]) -> FloatArray:
-    """Find where the arcs of a phase end, and where controls change within them.
-
-    Where a control was free to be at a bound, its arc may have taken a part of another one.
-    """
-    ends = np.cumsum([0.0, *(piece.duration for piece in pieces)])
-    inner = [
-        begin + piece.t[run.begin]
-        for begin, piece in zip(ends[:-1], pieces, strict=True)
-        for run in _control_runs(piece, declared)[1:]
-    ]
-    places = ends[1:-1]
-    if len(inner) + places.size < CUTTER.most_arcs:
-        places = np.sort(np.append(places, inner))
-    places = places / ends[-1]
-    # an arc that shrank to nothing is none
-    apart = np.diff(np.append(places, 1.0)) > CUTTER.gone
-    return places[apart & (places > CUTTER.gone)]
-
-
-def _control_runs(piece: PhaseSolution, declared: Phase) -> list[SideRun]:
-    activities = control_activities(piece, jumping(declared))
-    return runs(np.stack([a.sides for a in activities], axis=1)) if activities else []
+from microbot_ocp.ocp.arcs._detector import Switch
+from microbot_ocp.ocp.arcs._settings import MESH_POINTS
 
 
 def hold(
@@ -137,9 +58,3 @@ def _with_point(
     reach = MESH_POINTS.bracket * min(place - before, after - place)
     sides = [place - reach, place + reach] if news and reach > accuracy else []
     return np.sort(np.concatenate([points, [place], sides]))
-
-
-def distance(mesh: FloatArray, places: FloatArray) -> float:
-    """Return the largest distance of a place from the mesh."""
-    gaps = np.abs(mesh[:, None] - places[None, :]).min(axis=0)
-    return float(gaps.max(initial=0.0))

@@ -30,31 +30,6 @@ class DetectorSettings:
 
 
 @dataclass(frozen=True)
-class CutterSettings:
-    """Phases that are made of arcs.
-
-    Attributes
-    ----------
-    most_arcs : of a phase: a solution that chatters is not cut into pieces
-    shortest : of the phase, that an arc may shrink to
-    looser : of its range: a bound is by so much wider beside an arc on which an equation keeps it
-    highest_order : of a limit of the states, whose derivative determines a control
-    longest : times the duration of the whole phase that an arc may take
-    """
-
-    most_arcs: int = 12
-    shortest: float = 1e-4
-    looser: float = 1e-6
-    highest_order: int = 3
-    longest: float = 3.0
-
-    @property
-    def gone(self) -> float:
-        """Of the phase: an arc that is no longer has shrunk to nothing."""
-        return 2 * self.shortest
-
-
-@dataclass(frozen=True)
 class MeshPointSettings:
     """Mesh points at junctions and switches.
 
@@ -62,16 +37,11 @@ class MeshPointSettings:
     ----------
     bracket : of the interval next to a switch: how near to it points are added
     ramp : of a ramp's length, that is left to each side of the switch
-    least_intervals : of an arc
-    costlier : ratio by which arcs may cost more than the solution that they are read from
     """
 
     bracket: float = 0.1
     ramp: float = 0.125
-    least_intervals: int = 4
-    costlier: float = 1e-6
 
 
 DETECTOR = DetectorSettings()
-CUTTER = CutterSettings()
 MESH_POINTS = MeshPointSettings()

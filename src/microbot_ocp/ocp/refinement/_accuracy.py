@@ -13,9 +13,8 @@ import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
-from microbot_ocp.ocp.arcs import Switch, hold, move_to_switches
+from microbot_ocp.ocp.arcs import Switch, move_to_switches
 from microbot_ocp.ocp.mesh import divide
-from microbot_ocp.ocp.refinement._cost_error import control_orders
 from microbot_ocp.ocp.refinement._degrees import Degrees, decay_rates, degrees_on, refine_hp
 from microbot_ocp.ocp.refinement._history import RefinementStep
 from microbot_ocp.ocp.refinement._refiner import split
@@ -41,15 +40,10 @@ class Accuracy:
         exceeded at such a jump, on however short an interval, which ``advice`` then says.
     degrees : (least, most) of collocation: the degree is raised where the solution is smooth,
         intervals are divided where it is not (hp); None to divide intervals only
-    arcs : whether the problem may be solved with one phase an arc, too, to find where arcs meet:
-        see :func:`~microbot_ocp.ocp.arcs.place_junctions`
     rounds : most finer meshes
     most_intervals : of all phases together
     progress : share of the former errors that two meshes have to come below together
     moves : share of the cost: while a mesh changes it by more its errors mean little
-    cost_progress : share of the former error of the cost that dividing has to come below; else
-        finer controls are taken everywhere
-    vain : solves with one phase an arc that may find nothing
     rise : share of the cost by which a finer mesh costs more without that being explained
     """
 
@@ -58,13 +52,10 @@ class Accuracy:
     switches: float = 1e-3
     limits: float = 1e-5
     degrees: tuple[int, int] | None = None
-    arcs: bool = True
     rounds: int = 10
     most_intervals: int = 2000
     progress: float = 0.9
     moves: float = 1e-2
-    cost_progress: float = 0.5
-    vain: int = 2
     rise: float = 1e-6
 
     def __post_init__(self) -> None:
@@ -129,11 +120,6 @@ class Accuracy:
             for step in later
         )
 
-    def cost_stalls(self, history: Sequence[RefinementStep]) -> bool:
-        """Whether dividing where controls differ brought the cost no nearer."""
-        known = [step.cost_error for step in history if step.cost_error < np.inf]
-        return len(known) > 1 and known[-1] > self.cost_progress * known[-2]
-
     def rises(self, history: Sequence[RefinementStep]) -> Iterator[str]:
         """Why a finer mesh costs more than a coarser one; nothing where none does."""
         pairs = itertools.pairwise((k, step) for k, step in enumerate(history) if step.accepted)
@@ -151,30 +137,16 @@ class Accuracy:
         errors: FloatArray,
         excess: FloatArray,
         switches: Sequence[Switch],
-        places: FloatArray | None,
-        cost_errors: FloatArray | None,
     ) -> Mesh:
-        """A mesh for a phase that comes nearer.
-
-        Where errors of the cost are given, in the proportions of the intervals, the rest is good
-        enough.
-        """
+        """A mesh for a phase that comes nearer."""
         layout, hp = phase_layout(phase), self.hp
-        accuracy = self.states
-        if cost_errors is not None:
-            errors, accuracy = cost_errors, self.cost
         if hp is None:
             orders = np.array([kind.scheme.order for kind in layout.kinds])[layout.kind_of]
-            if cost_errors is not None:
-                orders = control_orders(phase)
-            finer = Mesh(divide(phase.mesh, errors, accuracy, orders))
+            finer = Mesh(divide(phase.mesh, errors, self.states, orders))
         else:
-            finer = refine_hp(layout.chosen, errors, decay_rates(phase), accuracy, hp)
+            finer = refine_hp(layout.chosen, errors, decay_rates(phase), self.states, hp)
         finer = self._divided_at_limits(layout.mesh, finer, excess)
-        if places is not None:
-            moved = hold(finer.fractions, places, self.switches)
-        else:
-            moved = move_to_switches(finer.fractions, switches, self.switches)
+        moved = move_to_switches(finer.fractions, switches, self.switches)
         if hp is not None:
             return Mesh(moved, degrees_on(moved, finer))
         return Mesh(moved, None if layout.degrees is None else degrees_on(moved, layout.chosen))

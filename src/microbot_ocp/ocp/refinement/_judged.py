@@ -20,11 +20,10 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.outcome import Ledger
 from microbot_ocp._base.status import Status
-from microbot_ocp.ocp.arcs import distance, place_junctions
 from microbot_ocp.ocp.diagnosis import BESIDE, falls_for_ever
 from microbot_ocp.ocp.mesh import Refinement, Round, divide, refined
 from microbot_ocp.ocp.refinement._accuracy import Accuracy
-from microbot_ocp.ocp.refinement._cost_error import cost_error, shares, with_more_freedom
+from microbot_ocp.ocp.refinement._cost_error import cost_error, with_more_freedom
 from microbot_ocp.ocp.refinement._history import History, RefinementStep, step_of
 from microbot_ocp.ocp.refinement._improvement import improvable, improved
 from microbot_ocp.ocp.solution import Attempt, Progress, Solution, StepProgress, cost_size, entry
@@ -105,20 +104,14 @@ class Seen:
     Attributes
     ----------
     judgement, step, left : of all that is asked, of the mesh, of the cost
-    places : where arcs meet, as fractions of every phase, once it is known
-    vain : solves with one phase an arc that found nothing
     freer : solution with finer controls or a higher degree, where the cost is all that is missing
-    cost_errors : of the intervals, found with it
     at : when it was known, by ``time.perf_counter``
     """
 
     judgement: Judgement
     step: RefinementStep
     left: Left
-    places: list[FloatArray] | None = None
-    vain: int = 0
     freer: Solution | None = None
-    cost_errors: list[FloatArray] | None = None
     at: float = field(default_factory=time.perf_counter)
 
     @property
@@ -246,41 +239,16 @@ class _Work:
         judgement = judge(self.transcription, solution)
         before = rounds[-1].measure if rounds else None
         step = step_of(solution, judgement, time.perf_counter() - (before.at if before else began))
-        if before is None:
+        if before is None or self._at_saddle(before):
             seen = Seen(judgement, step, Left())
-        elif self._at_saddle(before):
-            seen = Seen(judgement, step, Left(), before.places, before.vain)
         else:
             costs = solution.cost, rounds[-1].solution.cost
             size = max(cost_size(cost, solution.cost_scale) for cost in costs)
             left = before.left.entered(abs(costs[0] - costs[1]) / size)
-            seen = Seen(judgement, step, left, before.places, before.vain)
+            seen = Seen(judgement, step, left)
         if self.accuracy is None or self._over:
             return seen
-        seen = self._placed(solution, seen, before, self.accuracy)
         return self._with_cost_error(solution, seen, self.accuracy)
-
-    def _placed(
-        self, solution: Solution, seen: Seen, before: Seen | None, accuracy: Accuracy
-    ) -> Seen:
-        """With the distance of the mesh from where arcs meet, by a solve with one phase an arc."""
-        places = None
-        if accuracy.arcs and seen.vain < accuracy.vain:
-            problem, scheme = self.transcription.problem, self.transcription.scheme
-            places = place_junctions(problem, solution, scheme, self.settings)
-        offset = seen.step.switch_offset
-        if places is not None:
-            offset = max(map(distance, [mesh.fractions for mesh in seen.step.meshes], places))
-        elif seen.places is not None and before is not None:
-            # what was not confirmed is as far away as it was
-            offset = max(offset, before.step.switch_offset)
-        return replace(
-            seen,
-            step=replace(seen.step, switch_offset=offset),
-            places=places or seen.places,
-            vain=seen.vain + (places is None),
-            at=time.perf_counter(),
-        )
 
     def _with_cost_error(self, solution: Solution, seen: Seen, accuracy: Accuracy) -> Seen:
         """With the error of the cost, where all else is good enough, by a solve more."""
@@ -289,18 +257,9 @@ class _Work:
         if accuracy.cost == np.inf:
             return replace(seen, step=replace(seen.step, cost_error=0.0))
         freer = self._solved(solution, with_more_freedom(solution))
-        if freer.status not in CONVERGED:
-            return replace(seen, freer=freer)
-        error = cost_error(solution, freer)
-        parts = shares(solution, freer)
-        count = sum(part.size for part in parts)
-        return replace(
-            seen,
-            step=replace(seen.step, cost_error=error),
-            at=time.perf_counter(),
-            freer=freer,
-            cost_errors=[error * count * part for part in parts],
-        )
+        error = cost_error(solution, freer) if freer.status in CONVERGED else np.inf
+        step = replace(seen.step, cost_error=error)
+        return replace(seen, step=step, at=time.perf_counter(), freer=freer)
 
     def _split(self, rounds: Rounds) -> Next:
         solution, seen = rounds[-1].solution, rounds[-1].measure
@@ -312,11 +271,8 @@ class _Work:
             if _intervals(meshes) <= PASSING.most_intervals:
                 return meshes
             return _divided(solution, seen.judgement, whole=False)
-        history = [own.measure.step for own in rounds]
-        if seen.cost_errors is not None and self.accuracy.cost_stalls(history):
-            assert seen.freer is not None
+        if seen.freer is not None:
             return seen.freer
-        nothing = [None] * len(solution.phases)
         return [
             self.accuracy.finer(*phase)
             for phase in zip(
@@ -324,8 +280,6 @@ class _Work:
                 seen.judgement.state_errors,
                 [relative_excess(dense) for dense in seen.judgement.dense],
                 seen.step.switches,
-                seen.places or nothing,
-                seen.cost_errors or nothing,
                 strict=True,
             )
         ]
@@ -345,13 +299,15 @@ class _Work:
         if saddle:
             return None
         if goal is not None:
-            if seen.freer is not None and seen.cost_errors is None:
+            if seen.freer is not None and seen.freer.status not in CONVERGED:
                 stopped = seen.freer.status is Status.INTERRUPTED
                 return Status.INTERRUPTED if stopped else Status.NOT_ACCEPTED
             if goal.stalled([own.measure.step for own in rounds]):
                 return Status.NO_PROGRESS
-        if isinstance(proposal, Solution | Beside):
+        if isinstance(proposal, Beside):
             return None
+        if isinstance(proposal, Solution):
+            proposal = [phase.mesh for phase in proposal.phases]
         count, most = _intervals(proposal), (PASSING if goal is None else goal).most_intervals
         same = goal is None and count <= sum(seen.step.intervals)
         return Status.SIZE_LIMIT if same or count > most else None

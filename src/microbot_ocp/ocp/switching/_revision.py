@@ -16,7 +16,6 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp.arcs import (
-    CUTTER,
     ArcPlan,
     PlannedArc,
     control_activities,
@@ -28,7 +27,7 @@ from microbot_ocp.ocp.arcs import (
 )
 from microbot_ocp.ocp.problem import Phase
 from microbot_ocp.ocp.solution import PhaseSolution, Solution
-from microbot_ocp.ocp.switching._settings import SWITCHING
+from microbot_ocp.ocp.switching._settings import CUTTER, SWITCHING
 from microbot_ocp.ocp.transcription import row_labels, variable_labels
 from microbot_ocp.ocp.transcription.schemes import Collocation
 from microbot_ocp.ocp.verification import phase_layout

@@ -8,6 +8,31 @@ from microbot_ocp.ocp.transcription.schemes import Collocation
 
 
 @dataclass(frozen=True)
+class CutterSettings:
+    """Phases that are made of arcs.
+
+    Attributes
+    ----------
+    most_arcs : of a phase: a solution that chatters is not cut into pieces
+    shortest : of the phase, that an arc may shrink to
+    looser : of its range: a bound is by so much wider beside an arc on which an equation keeps it
+    highest_order : of a limit of the states, whose derivative determines a control
+    longest : times the duration of the whole phase that an arc may take
+    """
+
+    most_arcs: int = 12
+    shortest: float = 1e-4
+    looser: float = 1e-6
+    highest_order: int = 3
+    longest: float = 3.0
+
+    @property
+    def gone(self) -> float:
+        """Of the phase: an arc that is no longer has shrunk to nothing."""
+        return 2 * self.shortest
+
+
+@dataclass(frozen=True)
 class SwitchingTimeSettings:
     """The solves for switching times.
 
@@ -63,6 +88,7 @@ class SingularSettings:
     agrees: float = 1e-2
 
 
+CUTTER = CutterSettings()
 SWITCHING = SwitchingTimeSettings()
 SINGULAR = SingularSettings()
 HIGH_ORDER = Collocation("radau", SWITCHING.degree)

@@ -26,13 +26,13 @@ import numpy as np
 from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.status import Status
-from microbot_ocp.ocp.arcs import CUTTER, ArcPlan, PlannedArc, Sample, joined
+from microbot_ocp.ocp.arcs import ArcPlan, PlannedArc, Sample, joined
 from microbot_ocp.ocp.mesh import divide, state_errors
 from microbot_ocp.ocp.problem import OptimalControlProblem, PathConstraint, Phase, Variable
 from microbot_ocp.ocp.solution import PhaseSolution, Solution, cost_size
 from microbot_ocp.ocp.solvers import SolverSettings, solve_on
 from microbot_ocp.ocp.starts import guess_from, scaled
-from microbot_ocp.ocp.switching._settings import HIGH_ORDER, SINGULAR
+from microbot_ocp.ocp.switching._settings import CUTTER, HIGH_ORDER, SINGULAR
 from microbot_ocp.ocp.transcription import Guess, Mesh, Transcription
 from microbot_ocp.ocp.verification import costates_of, differentiate
 

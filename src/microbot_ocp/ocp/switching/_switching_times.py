@@ -32,7 +32,7 @@ import numpy as np
 from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import InputError
 from microbot_ocp._base.status import Status
-from microbot_ocp.ocp.arcs import CUTTER, ArcPlan, Signature, cut, is_cuttable, plan_of
+from microbot_ocp.ocp.arcs import ArcPlan, Signature, plan_of
 from microbot_ocp.ocp.mesh import divide, excess_of_limits, state_errors
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.search import solve
@@ -40,8 +40,9 @@ from microbot_ocp.ocp.solution import PhaseSolution, Solution, StepProgress, cos
 from microbot_ocp.ocp.solvers import SolverSettings, solve_on
 from microbot_ocp.ocp.starts import scaled
 from microbot_ocp.ocp.switching._answer import SINGULAR, SwitchingTimes, junctions_of
+from microbot_ocp.ocp.switching._cutter import cut, is_cuttable
 from microbot_ocp.ocp.switching._revision import ArcSolution, with_finer_meshes, wrong_signs
-from microbot_ocp.ocp.switching._settings import HIGH_ORDER, SWITCHING
+from microbot_ocp.ocp.switching._settings import CUTTER, HIGH_ORDER, SWITCHING
 from microbot_ocp.ocp.switching._singular import NotPossibleError, solve_conditions
 from microbot_ocp.ocp.transcription import Transcription
 
@@ -211,7 +212,7 @@ class _SwitchingSearch:
 
     def _solve(self) -> ArcSolution:
         """Solve for the lengths of the arcs of the plans."""
-        in_arcs = cut(self.problem, self.plans, exact=True)
+        in_arcs = cut(self.problem, self.plans)
         signatures = _signatures(self.plans)
         self.tried.add(signatures)
         if self.transcribed is None or self.transcribed[0] != signatures:

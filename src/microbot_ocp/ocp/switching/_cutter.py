@@ -6,7 +6,7 @@ controls held at their bounds, the problem has its junctions among its unknowns.
 active on an arc is met at both of its ends. Source: J. T. Betts, *Practical Methods for Optimal
 Control and Estimation*, 2nd ed., chapter 4.
 
-Where the cut is ``exact`` what is active on an arc determines it: a limit that depends on controls
+What is active on an arc determines it: a limit that depends on controls
 is an equation, a limit of the states acts through its first time derivative with a control, and is
 met with the lower ones where the arc begins (A. E. Bryson and Y.-C. Ho, *Applied Optimal Control*,
 section 3.11). Continuous controls are left free.
@@ -24,8 +24,7 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp.ocp.arcs._detector import Activity, ArcPlan, PlannedArc, jumping
-from microbot_ocp.ocp.arcs._settings import CUTTER
+from microbot_ocp.ocp.arcs import Activity, ArcPlan, PlannedArc, jumping
 from microbot_ocp.ocp.problem import (
     OptimalControlProblem,
     PathConstraint,
@@ -35,6 +34,7 @@ from microbot_ocp.ocp.problem import (
     Variable,
     node_variables,
 )
+from microbot_ocp.ocp.switching._settings import CUTTER
 from microbot_ocp.ocp.transcription import Guess, Mesh
 
 Key = tuple[str, int]  # name and component of a limit
@@ -84,17 +84,14 @@ def is_cuttable(declared: Phase) -> bool:
     return not any(ca.depends_on(e, declared.duration) for e in along)
 
 
-def cut(problem: OptimalControlProblem, plans: Sequence[ArcPlan], *, exact: bool) -> CutProblem:
+def cut(problem: OptimalControlProblem, plans: Sequence[ArcPlan]) -> CutProblem:
     """Make a phase of every arc; the clock goes on from one to the next."""
     whole = OptimalControlProblem(f"{problem.name} in arcs")
     conditions = [ArcConditions()]
     for plan in plans:
         start = plan is plans[0]
         conditions += [
-            _conditions_on(plan, arc, start=start and arc is plan.arcs[0])
-            if exact
-            else ArcConditions()
-            for arc in plan.arcs
+            _conditions_on(plan, arc, start=start and arc is plan.arcs[0]) for arc in plan.arcs
         ]
     conditions.append(ArcConditions())
     groups: list[tuple[Phase, ...]] = []
@@ -102,7 +99,7 @@ def cut(problem: OptimalControlProblem, plans: Sequence[ArcPlan], *, exact: bool
     done = 0
     for plan in plans:
         count = len(plan.arcs)
-        cutter = _Cutter(plan, conditions[done : done + count + 2], exact)
+        cutter = _Cutter(plan, conditions[done : done + count + 2])
         pieces = [cutter.piece(index) for index in range(count)]
         done += count
         groups.append(tuple(phase for phase, _ in pieces))
@@ -127,9 +124,9 @@ def _links(
 class _Cutter:
     """The arcs of one phase as phases, with the conditions of these and of both neighbours."""
 
-    def __init__(self, plan: ArcPlan, conditions: Sequence[ArcConditions], exact: bool) -> None:
+    def __init__(self, plan: ArcPlan, conditions: Sequence[ArcConditions]) -> None:
         self.plan, self.declared = plan, plan.declared
-        self.conditions, self.exact = conditions, exact
+        self.conditions = conditions
         self.clock = _clock(plan.declared, plan.duration)
 
     def timed(self, expression: ca.MX) -> ca.MX:
@@ -178,12 +175,11 @@ class _Cutter:
             setattr(piece, kind, _mapped(final, chosen))
         if first:
             piece.point_constraints += map(_at_start, _mapped(timed, here.entered(before)))
-        if self.exact:
-            piece.interior_points = None  # the points of the scheme, where controls have values
+        piece.interior_points = None  # the points of the scheme, where controls have values
         return piece, self._guess(arc)
 
     def _controls(self, arc: PlannedArc, first: bool, last: bool) -> list[Variable]:
-        """Hold controls that may jump where they are at a bound; exact ones are else polynomial."""
+        """Hold controls that may jump where they are at a bound; else they are polynomial."""
         controls, offset = [], 0
         for control in self.declared.controls:
             if control.shape == "linear":
@@ -194,7 +190,7 @@ class _Cutter:
             lower = np.where(sides > 0, control.upper, control.lower)
             upper = np.where(sides < 0, control.lower, control.upper)
             free = control.shape == "constant" and np.any(lower < upper)
-            shape = "polynomial" if self.exact and free else control.shape
+            shape = "polynomial" if free else control.shape
             controls.append(replace(control, lower=lower, upper=upper, shape=shape))
         return controls
 
