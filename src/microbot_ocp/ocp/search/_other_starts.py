@@ -182,18 +182,6 @@ def _as_function(value: GuessValue, size: int) -> GuessValue:
     return lambda s: np.column_stack([np.interp(s, places, column) for column in table.T])
 
 
-def cheapest_of_starts(
-    transcription: Transcription,
-    settings: SolverSettings,
-    most: int,
-    until: float,
-    progress: Progress | None,
-) -> tuple[Solution | None, list[Attempt]]:
-    """The cheapest answer on a coarse mesh that any of ``most`` simulations leads to."""
-    starts = islice(_starts(transcription.problem, most, {}), most)
-    return _cheapest(_solved(_Coarse(transcription, settings, until, progress), starts))
-
-
 def _solved(coarse: _Coarse, starts: Iterable[dict[str, Guess]]) -> Iterator[Solution]:
     for start in starts:
         if time.perf_counter() >= coarse.until:
@@ -223,25 +211,22 @@ def _answers(
                 coarse.transcription, intervals, guess, own, coarse.until, coarse.progress
             )
             yield (coarse.solved(made) if made.status.solved else made), False
-    further = Rollouts(problem, *_usual(coarse, here)).random(COMPARISON.random)
-    curves = _curves(problem, here, np.random.default_rng(0))
-    kinds = [
-        chain(simulated, _solved(coarse, further)),
-        _solved(coarse, islice(curves, COMPARISON.random)),
-    ]
-    simulates = [True, False]
-    solved, tried = np.zeros(2), np.zeros(2)
+    usual = default_guess(problem)
+    durations = {phase.name: phase.duration for phase in here.phases}
+    usual = {k: replace(g, duration=durations[k]) for k, g in usual.items()}
+    further = Rollouts(problem, usual, _ranges(here)).random(COMPARISON.random)
+    curves = islice(_curves(problem, here, np.random.default_rng(0)), COMPARISON.random)
+    kinds = {True: chain(simulated, _solved(coarse, further)), False: _solved(coarse, curves)}
+    solved, tried = dict.fromkeys(kinds, 0), dict.fromkeys(kinds, 0)
     while kinds:
-        kind = int(np.argmax((solved + 1) / (tried + 1) ** 2))
+        kind = max(kinds, key=lambda k: (solved[k] + 1) / (tried[k] + 1) ** 2)
         found = next(kinds[kind], None)
         if found is None:
-            kinds.pop(kind)
-            simulates.pop(kind)
-            solved, tried = np.delete(solved, kind), np.delete(tried, kind)
+            del kinds[kind]
             continue
-        solved[kind] += found.status.solved
+        solved[kind] += found.solved
         tried[kind] += 1
-        yield found, simulates[kind]
+        yield found, kind
 
 
 def _iterations(solution: Solution) -> int:
@@ -326,27 +311,8 @@ def _curve(
     return np.clip(first + (last - first) * share + sines @ waves, *bounds)
 
 
-def _usual(coarse: _Coarse, here: Solution) -> tuple[dict[str, Guess], Ranges]:
-    """The usual guess with the durations of an answer, and what its controls range over."""
-    usual = default_guess(coarse.transcription.problem)
-    durations = {phase.name: phase.duration for phase in here.phases}
-    return {k: replace(g, duration=durations[k]) for k, g in usual.items()}, _ranges(here)
-
-
-def _cheapest(answers: Iterable[Solution]) -> tuple[Solution | None, list[Attempt]]:
-    least: Solution | None = None
-    attempts: list[Attempt] = []
-    for found in answers:
-        attempts += [replace(a, way=WAY) for a in found.attempts]
-        if found.status.solved and (least is None or found.cost < least.cost):
-            least = found
-    return least, attempts
-
-
-def _ranges(solution: Solution | None) -> Ranges:
+def _ranges(solution: Solution) -> Ranges:
     """What the controls of a solution range over."""
-    if solution is None:
-        return {}
     return {
         phase.name: {
             control.name: (table.min(axis=0), table.max(axis=0))

@@ -25,7 +25,6 @@ from microbot_ocp.ocp.problem import OptimalControlProblem, with_shapes
 from microbot_ocp.ocp.refinement import PASSING, Accuracy, improvable, improved, judged
 from microbot_ocp.ocp.search._other_starts import (
     cheaper_elsewhere,
-    cheapest_of_starts,
     on_any_mesh,
 )
 from microbot_ocp.ocp.solution import (
@@ -37,7 +36,7 @@ from microbot_ocp.ocp.solution import (
     entry,
 )
 from microbot_ocp.ocp.solvers import SolverSettings, solve_on, transcribed
-from microbot_ocp.ocp.starts import Rollouts, default_guess, guess_from, rollouts
+from microbot_ocp.ocp.starts import Rollouts, default_guess, guess_from
 from microbot_ocp.ocp.transcription import Guess, Meshes, Transcription
 from microbot_ocp.ocp.transcription.schemes import Scheme
 from microbot_ocp.ocp.verification import phase_layout
@@ -66,7 +65,7 @@ class Search:
     intervals : of the mesh of a problem of one or two phases
     fewest : of every phase of a problem of many
     coarser : share of these intervals, from which a solve may converge sooner
-    simulations : of each kind that a problem is solved from
+    simulations : that a problem is solved from
     iterations : of a try: what takes more converges sooner by another strategy
     compared : other starts that an answer is compared with, on any mesh
     compared_there : the same on a mesh that was given
@@ -489,15 +488,6 @@ def _from_a_coarser_mesh(task: Task, journal: Journal) -> Iterator[Start]:
         yield start._replace(guess=coarse)
 
 
-def _from_many_starts(task: Task, journal: Journal) -> Iterator[Start]:
-    start = task.start()
-    how = task.few, SEARCH.compared, task.until, task.progress
-    cheapest, tried = cheapest_of_starts(start.transcription, *how)
-    journal.attempts.extend(tried)
-    if cheapest is not None:
-        yield start._replace(guess=cheapest)
-
-
 def _in_declared_scales(task: Task, _: Journal) -> Iterator[Start]:
     if task.settings.scaling != "declared":
         yield task.start("declared", settings=replace(task.few, scaling="declared"))
@@ -506,15 +496,6 @@ def _in_declared_scales(task: Task, _: Journal) -> Iterator[Start]:
 def _simulated(task: Task, _: Journal) -> Iterator[Start]:
     assert isinstance(task.problem, OptimalControlProblem)
     if task.guess is None:
-        simulations = rollouts(task.problem, default_guess(task.problem))
-        for guess in simulations[: SEARCH.simulations]:
-            yield replace(task, guess=guess).start()
-
-
-def _of_any_duration(task: Task, _: Journal) -> Iterator[Start]:
-    assert isinstance(task.problem, OptimalControlProblem)
-    free = any(low < high for low, high in (p.duration_bounds for p in task.problem.phases))
-    if free and task.guess is None:
         simulations = Rollouts(task.problem, default_guess(task.problem)).of_any_duration()
         for guess in simulations[: SEARCH.simulations]:
             yield replace(task, guess=guess).start()
@@ -544,24 +525,15 @@ STRATEGIES = (
         "coarse one",
     ),
     Strategy(
-        "from the cheapest of several starts on a coarse mesh",
-        _from_many_starts,
-        "motions to and fro whose duration is far from the guessed one",
-    ),
-    Strategy(
-        "from a simulation with constant controls",
+        "from the simulation that ends nearest",
         _simulated,
-        "swinging up in a given time: between straight lines and the answer lies no trajectory",
+        "swinging up, and durations that are far from the guessed one: between straight lines and "
+        "the answer lies no trajectory",
     ),
     Strategy(
         "with the declared scales",
         _in_declared_scales,
         "rates and sizes that are free: what follows from the dynamics is far from the answer",
-    ),
-    Strategy(
-        "from the simulation that ends nearest",
-        _of_any_duration,
-        "durations between bounds that are many powers of ten apart",
     ),
     Strategy("with more iterations", _with_more_iterations, "what is large or very nonlinear"),
     Strategy("by fatrop", _by_fatrop, "more equations than variables, which IPOPT refuses"),

@@ -129,18 +129,20 @@ class Rollouts:
         return [guess for guess, _ in found]
 
     def of_any_duration(self) -> list[dict[str, Guess]]:
-        """The same of durations from the lowest to the highest, three times as long each."""
-        found: list[tuple[dict[str, Guess], float]] = []
+        """The nearest of durations from the lowest to the highest, three times as long each.
+
+        Where durations are fixed all of :meth:`nearest_first`.
+        """
         usual = {p.name: float(self.ordinary[p.name].duration or 1.0) for p in self.problem.phases}
-        before: dict[str, float] = {}
+        tried: list[dict[str, float]] = []
         for factor in FACTORS:
             durations = {
                 p.name: float(np.clip(factor * usual[p.name], *p.duration_bounds))
                 for p in self.problem.phases
             }
-            if durations != before:
-                found += self._nearest(durations, steps=True)[:1]
-            before = durations
+            tried += [durations] if durations not in tried else []
+        best = 1 if len(tried) > 1 else None
+        found = [own for each in tried for own in self._nearest(each, steps=True)[:best]]
         return [guess for guess, _ in sorted(found, key=lambda own: own[1])]
 
     def _nearest(
