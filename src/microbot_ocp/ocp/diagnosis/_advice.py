@@ -58,10 +58,11 @@ def advice(
     if not np.isfinite(x).all():
         lines.append("The last iterate is not finite: what follows is about the start.")
         x = start
-    said = not_finite(program, x, "the last iterate")
-    if said is not None:
+    complaint = not_finite(program, x, "the last iterate")
+    if complaint is not None:
         lines.append(
-            f"{said[0].upper()}{said[1:]}; keep away from there by a bound or a better guess."
+            f"{complaint[0].upper()}{complaint[1:]}; keep away from there by a bound or a better "
+            "guess."
         )
     else:
         lines += _most_violated(program, x)
@@ -69,7 +70,7 @@ def advice(
     if begin.missing:
         lines.append(f"Not in the solution that it started from: {', '.join(begin.missing)}.")
     lines += _badly_scaled(program, x)
-    if said is None and attempts[-1].infeasibility > VIOLATED:
+    if complaint is None and attempts[-1].infeasibility > VIOLATED:
         lines.append("Call explain(problem, mesh, solution): it tells whether the limits conflict.")
     return "\n".join(lines)
 
@@ -83,8 +84,8 @@ def _most_violated(program: Program, x: FloatArray) -> Iterator[str]:
     excess = program.violations(x, program.row_values(x))
     labels = [*program.row_labels, *program.variable_labels]
     # a phase whose time is too short bends its duration from stage to stage: that is no cause
-    told = np.array([not (k.kind == "step" and k.name == DURATION) for k in labels])
-    worst = int(np.argmax(np.where(told, excess, 0.0)))
+    causes = np.array([not (k.kind == "step" and k.name == DURATION) for k in labels])
+    worst = int(np.argmax(np.where(causes, excess, 0.0)))
     if excess[worst] > VIOLATED:
         label = labels[worst]
         yield f"Most violated: {_placed(program, label, x)}, by {_amount(label, excess[worst])}."
@@ -105,12 +106,12 @@ def _guess(program: Program, start: FloatArray) -> Iterator[str]:
 
 
 def _badly_scaled(program: Program, x: FloatArray) -> Iterator[str]:
-    found: dict[tuple[str, str], tuple[float, Label]] = {}
+    largest: dict[tuple[str, str], tuple[float, Label]] = {}
     for value, label in zip(np.abs(x).tolist(), program.variable_labels, strict=True):
         key = (label.phase, label.component_name)
-        if label.kind != "transition" and value > found.get(key, (POOR, label))[0]:
-            found[key] = (value, label)
-    for value, label in found.values():
+        if label.kind != "transition" and value > largest.get(key, (POOR, label))[0]:
+            largest[key] = (value, label)
+    for value, label in largest.values():
         yield (
             f"The {label.description} of phase {label.phase!r} reaches {_amount(label, value)}, "
             f"{value:.2g} times its scale of {label.scale:g}: declare scale={_power(label, value)}."

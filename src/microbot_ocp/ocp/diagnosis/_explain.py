@@ -327,13 +327,13 @@ class _Elastic:
         self, starts: Iterable[FloatArray], allowed: np.ndarray
     ) -> tuple[bool, FloatArray, FloatArray]:
         """As :meth:`solve`, from the start that leads to the cheapest way out."""
-        found = []
+        ends = []
         for x in starts:
-            found.append(self.solve(x, allowed))
-            good, values, _ = found[-1]
+            ends.append(self.solve(x, allowed))
+            good, values, _ = ends[-1]
             if good and not np.any(values[self.count :] > GIVES):
                 break
-        return min(found, key=lambda one: (not one[0], one[1][self.count :].sum()))
+        return min(ends, key=lambda one: (not one[0], one[1][self.count :].sum()))
 
     def explain(self, starts: Iterable[FloatArray], limits_only: bool) -> Explanation:
         slacks = len(self.items)
@@ -350,10 +350,10 @@ class _Elastic:
             for item, place in zip(self.items, self.places, strict=True)
         ]
         order = [int(i) for i in np.argsort(pressing)[::-1] if pressing[i] > CONFLICTS]
-        found = self._groups(giving.tolist())
+        giving_groups = self._groups(giving.tolist())
         alternatives, conflicts = [], []
         for group in self._groups(order)[: 0 if limits_only else ALONE]:
-            if [group] == found:
+            if [group] == giving_groups:
                 continue  # the way out that is known
             allowed = np.zeros(slacks, dtype=bool)
             allowed[group] = True

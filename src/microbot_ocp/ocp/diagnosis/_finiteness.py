@@ -45,18 +45,18 @@ def finite_start(program: Program, x: FloatArray, *, uneven: bool = False) -> Fl
         Names the expression, the place and the variable that it comes from.
     """
     inside = _inside(program, x)
-    said = not_finite(program, inside, "the guess")
-    if said is None and not uneven:
+    complaint = not_finite(program, inside, "the guess")
+    if complaint is None and not uneven:
         return x
-    if said is None or _has_values(program, inside):
+    if complaint is None or _has_values(program, inside):
         free = (program.variable_lower < program.variable_upper) & ~_held(program, inside)
         shares = 0.5 + GOLDEN * np.arange(x.size) % 1.0  # differences of variables are no longer 0
         beside = _inside(program, x + BESIDE * np.where(free, shares, 0.0))
         if not_finite(program, beside, "the guess") is None:
             return beside
-    if said is None:
+    if complaint is None:
         return x
-    raise NotFinite(said)
+    raise NotFinite(complaint)
 
 
 def _held(program: Program, x: FloatArray) -> np.ndarray:
@@ -93,9 +93,9 @@ def not_finite(program: Program, x: FloatArray, where: str) -> str | None:
     for slopes in (False, True):
         for layout, phase in zip(program.layouts, unpack(program.layouts, x), strict=True):
             for term in _terms(layout.phase):
-                said = _said_of(layout, phase, term, slopes, where)
-                if said is not None:
-                    return said
+                complaint = _said_of(layout, phase, term, slopes, where)
+                if complaint is not None:
+                    return complaint
     bad = ~np.isfinite(np.array(g).ravel())
     entries = np.array(jacobian.sparsity().row())[~np.isfinite(np.array(jacobian.nonzeros()))]
     bad[entries] = True
@@ -187,16 +187,16 @@ def _interpolated(
 ) -> dict[str, FloatArray]:
     """Values at fractions of intervals; states at mesh points as they are guessed."""
     assert values.stages is not None
-    known = layout.interpolated(values.stages, k, share)
+    tables = layout.interpolated(values.stages, k, share)
     # inside an interval the state follows from the dynamics, which may be what is wrong
     states = layout.phase.states
-    bad = ~np.isfinite(np.hstack([known[v.name] for v in states])).all(axis=1)
+    bad = ~np.isfinite(np.hstack([tables[v.name] for v in states])).all(axis=1)
     bad |= (share == 0.0) | (share == 1.0)
     for name in (v.name for v in states):
         start, end = values[name][k], values[name][k + 1]
         straight = start + share[:, None] * (end - start)
-        known[name] = np.where(bad[:, None], straight, known[name])
-    return known
+        tables[name] = np.where(bad[:, None], straight, tables[name])
+    return tables
 
 
 _OPERATIONS: dict[int, Callable[[float, float], str]] = {
@@ -245,9 +245,9 @@ def _cause(
             value = _apply(operation, a, b)
             behind = frozenset().union(*(sources[i] for i in inputs))
             if not np.isfinite(value) and np.isfinite(a) and np.isfinite(b):
-                said = _OPERATIONS.get(operation, lambda a, b: f"an operation on {a:.4g}")(a, b)
+                operand = _OPERATIONS.get(operation, lambda a, b: f"an operation on {a:.4g}")(a, b)
                 used = [_entry(symbols[i][0], point[i], j) for i, j in sorted(behind)]
-                return said + (f", from {', '.join(used)}" if used else "")
+                return operand + (f", from {', '.join(used)}" if used else "")
             work[outputs[0]], sources[outputs[0]] = value, behind
     return "a parameter or variable is not finite"
 

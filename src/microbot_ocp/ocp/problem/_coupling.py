@@ -34,9 +34,9 @@ _SYMBOLIC = (*VARIABLES, *CONSTANTS)  # what is declared with a symbol
 def value_of(phase: Phase, expression: ca.MX, fraction: float, where: str) -> ca.MX:
     """The symbol of the value of an expression at a fraction of a phase."""
     expression = owned(phase, as_expression(expression))
-    for known in phase._values:
-        if known.fraction == fraction and ca.is_equal(known.expression, expression, 9):
-            return known.symbol
+    for point in phase._values:
+        if point.fraction == fraction and ca.is_equal(point.expression, expression, 9):
+            return point.symbol
     own = next((v for v in phase.variables if ca.is_equal(v.symbol, expression)), None)
     if ca.is_equal(expression, phase.duration):
         label, unit = "duration", "s"
@@ -68,8 +68,8 @@ def owned(phase: Phase, expression: ca.MX | float, at: float | None = None) -> c
             for value in other._values:
                 if ca.is_equal(symbol, value.symbol):
                     if other is phase and value.fraction == at:
-                        made = ca.substitute(expression, symbol, value.expression)
-                        return owned(phase, made, at)
+                        replaced = ca.substitute(expression, symbol, value.expression)
+                        return owned(phase, replaced, at)
                     _take(other, value)
                     _carry(phase, other, symbol)
         for free in phase.problem.free_parameters:
@@ -106,10 +106,10 @@ def _carry(phase: Phase, owner: Phase, symbol: ca.MX) -> None:
 
 
 def _add_free(phase: Phase, parameter: Variable) -> None:
-    known = {v.name: v for v in phase.variables}
-    if parameter.name not in known:
+    by_name = {v.name: v for v in phase.variables}
+    if parameter.name not in by_name:
         phase.free_parameters.append(parameter)
-    elif not ca.is_equal(known[parameter.name].symbol, parameter.symbol):
+    elif not ca.is_equal(by_name[parameter.name].symbol, parameter.symbol):
         raise InputError(
             f"phase {phase.name!r} has a variable {parameter.name!r} of its own, and needs the "
             "free parameter of that name: call one of them something else"
@@ -121,9 +121,9 @@ def copied(phase: Phase, name: str, linked: Sequence[str]) -> Phase:
 
     What comes from other phases, and free parameters of the problem, stay what they are.
     """
-    made = replace(phase, name=name, **{kind: [] for kind in _SYMBOLIC})
+    duplicate = replace(phase, name=name, **{kind: [] for kind in _SYMBOLIC})
     own = {c.defines for c in phase.point_constraints}
-    old, new = [phase.time, phase.duration], [made.time, made.duration]
+    old, new = [phase.time, phase.duration], [duplicate.time, duplicate.duration]
 
     def fresh(item: Any) -> Any:
         if item in phase.free_parameters and item.name not in own:
@@ -142,16 +142,16 @@ def copied(phase: Phase, name: str, linked: Sequence[str]) -> Phase:
         return replace(item, **changes)
 
     for kind in _SYMBOLIC:
-        setattr(made, kind, [fresh(item) for item in getattr(phase, kind)])
+        setattr(duplicate, kind, [fresh(item) for item in getattr(phase, kind)])
     renewed = lambda e: ca.graph_substitute(e, old, new)  # noqa: E731
-    made.derivatives = {k: renewed(e) for k, e in phase.derivatives.items()}
+    duplicate.derivatives = {k: renewed(e) for k, e in phase.derivatives.items()}
     for kind in ("algebraic_equations", "running_costs", "end_costs"):
-        setattr(made, kind, [renewed(e) for e in getattr(phase, kind)])
+        setattr(duplicate, kind, [renewed(e) for e in getattr(phase, kind)])
     for kind in ("constraints", "end_constraints", "point_constraints", "point_costs"):
         items = [replace(k, expression=renewed(k.expression)) for k in getattr(phase, kind)]
-        setattr(made, kind, items)
-    made.point_constraints = [
+        setattr(duplicate, kind, items)
+    duplicate.point_constraints = [
         replace(k, defines=k.defines.replace(repr(phase.name), repr(name)), name=k.name)
-        for k in made.point_constraints
+        for k in duplicate.point_constraints
     ]
-    return made
+    return duplicate

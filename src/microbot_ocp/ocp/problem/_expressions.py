@@ -46,10 +46,10 @@ class Expressions:
     def function(self, expressions: Sequence[ca.MX]) -> ca.Function:
         """The expressions, one below the other, as a function of the table of all inputs."""
         stacked = ca.densify(ca.vertcat(*expressions, ca.MX(0, 1)))
-        made = ca.Function("declared", [ca.vertcat(*self.symbols)], [stacked])
+        run = ca.Function("declared", [ca.vertcat(*self.symbols)], [stacked])
         with suppress(RuntimeError):  # interpolants have no scalar graph
-            made = made.expand()
-        return made
+            run = run.expand()
+        return run
 
     def tables(
         self,

@@ -57,9 +57,9 @@ def numeric_function(
     for size in (*sizes, result):
         if not isinstance(size, int | np.integer) or size < 1:
             raise InputError(f"sizes must be whole numbers from 1 up, not {size!r}")
-    made = _Numeric(function, sizes, result)
-    _KEPT.append(made)
-    return made
+    callback = _Numeric(function, sizes, result)
+    _KEPT.append(callback)
+    return callback
 
 
 class _Numeric(ca.Callback):
@@ -82,8 +82,8 @@ class _Numeric(ca.Callback):
         return ca.Sparsity.dense(self.result, 1)
 
     def eval(self, arg: Sequence[ca.DM]) -> list[FloatArray]:
-        found = self.function(*(np.array(value).ravel() for value in arg))
+        values = self.function(*(np.array(value).ravel() for value in arg))
         label = f"result of {getattr(self.function, '__name__', 'the function')}"
         return [
-            checks.array(label, np.ravel(np.asarray(found, float)), (self.result,), finite=False)
+            checks.array(label, np.ravel(np.asarray(values, float)), (self.result,), finite=False)
         ]

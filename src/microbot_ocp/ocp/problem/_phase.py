@@ -98,8 +98,8 @@ class Phase:
     def point_fractions(self) -> tuple[float, ...]:
         """Fractions inside the phase at which something is demanded or costs: mesh points."""
         items = (*self.point_constraints, *self.point_costs)
-        found = {fraction for item in items for fraction in item.fractions.tolist()}
-        return tuple(sorted(found - {0.0, 1.0}))
+        fractions = {fraction for item in items for fraction in item.fractions.tolist()}
+        return tuple(sorted(fractions - {0.0, 1.0}))
 
     @property
     def has_cost(self) -> bool:
@@ -513,15 +513,15 @@ class Phase:
         """Where something holds: as given, or where the measurements in it were made."""
         expression = as_expression(expression)
         used = [m for m in self.measurements if ca.depends_on(expression, m.symbol)]
-        found = [m.fractions for m in used]
+        places = [m.fractions for m in used]
         if at is not None:
-            found.append(self._fractions(f"at of {label}", at))
-        if not found:
+            places.append(self._fractions(f"at of {label}", at))
+        if not places:
             raise InputError(f"{label} of phase {self.name!r} needs times: at=...")
-        if any(not np.array_equal(found[0], other) for other in found[1:]):
+        if any(not np.array_equal(places[0], other) for other in places[1:]):
             names = [m.name for m in used]
             raise InputError(f"{label} of phase {self.name!r}: {names} and at have other times")
-        return found[0]
+        return places[0]
 
     def _cost(self, kind: str, given: ca.MX, at: float | None = None) -> ca.MX:
         label = f"{kind} of phase {self.name!r}"

@@ -165,22 +165,22 @@ class OptimalControlProblem:
         if len(parameters) not in (0, times - 1):
             raise InputError(f"parameters must be of {times - 1} copies, not {len(parameters)}")
         linked = [v.name for v in phase.states] if names is None else list(names)
-        made = [phase]
+        phases = [phase]
         for k in range(2, times + 1):
             copy = copied(phase, f"{phase.name} {k}", linked)
             for kind in ("parameters", "measurements"):
                 given = parameters[k - 2] if parameters else {}
                 setattr(copy, kind, [_with_value(p, given) for p in getattr(copy, kind)])
             self.phases.append(copy)
-            copy.begins = made[-1].begins + made[-1].duration
-            self.link(made[-1], copy, linked)
-            made.append(copy)
-        for own in made[:-1]:
+            copy.begins = phases[-1].begins + phases[-1].duration
+            self.link(phases[-1], copy, linked)
+            phases.append(copy)
+        for own in phases[:-1]:
             for kind in ("states", "controls"):
                 items = getattr(own, kind)
-                kept = [replace(v, final=None) if v.name in linked else v for v in items]
-                setattr(own, kind, kept)
-        return made
+                freed = [replace(v, final=None) if v.name in linked else v for v in items]
+                setattr(own, kind, freed)
+        return phases
 
     def free_parameter(
         self,
@@ -286,9 +286,9 @@ class OptimalControlProblem:
         sizes_before = {v.name: v.size for v in node_variables(before)}
         sizes_after = {v.name: v.size for v in node_variables(after)}
         tied = {c.name for c in after.point_constraints}  # by an expression of their own
-        kept = [v.name for v in before.states if f"start of {v.name}" not in tied]
+        states = [v.name for v in before.states if f"start of {v.name}" not in tied]
         chosen = (
-            tuple(name for name in kept if name in sizes_after) if names is None else tuple(names)
+            tuple(name for name in states if name in sizes_after) if names is None else tuple(names)
         )
         for name in chosen:
             if sizes_before.get(name) is None or sizes_before.get(name) != sizes_after.get(name):
@@ -363,7 +363,7 @@ def _check_symbols(phase: Phase, used: ca.MX) -> None:
     rates = [c.rate for c in phase.controls if c.rate is not None]
     constants = [p.symbol for p in phase.parameters]
     data = [m.symbol for m in phase.measurements]
-    known = [*(v.symbol for v in variables), *rates, *constants, phase.time, phase.duration]
+    declared = [*(v.symbol for v in variables), *rates, *constants, phase.time, phase.duration]
     points = ca.vertcat(*(c.expression for c in (*phase.point_constraints, *phase.point_costs)))
     for symbol in ca.symvar(ca.vertcat(used, points)):
         if any(ca.is_equal(symbol, other) for other in data):
@@ -372,7 +372,7 @@ def _check_symbols(phase: Phase, used: ca.MX) -> None:
                     f"phase {phase.name!r} uses measurement {symbol.name()!r} where there is none: "
                     "measurements are for point_cost() and point_constraint()"
                 )
-        elif not any(ca.is_equal(symbol, other) for other in known):
+        elif not any(ca.is_equal(symbol, other) for other in declared):
             raise InputError(
                 f"phase {phase.name!r} uses {symbol.name()!r}, which is no variable of its own; "
                 "constants are declared with parameter(), variables of other phases with link(), "
@@ -393,13 +393,13 @@ def _check_symbols(phase: Phase, used: ca.MX) -> None:
 
 def with_shapes(problem: OptimalControlProblem, shape: str) -> OptimalControlProblem:
     """The problem with a shape for every control that was declared without one."""
-    made = copy.copy(problem)
-    made.phases = [copy.copy(phase) for phase in problem.phases]
-    for phase in made.phases:
+    shaped = copy.copy(problem)
+    shaped.phases = [copy.copy(phase) for phase in problem.phases]
+    for phase in shaped.phases:
         phase.controls = [
             replace(c, shape=shape) if c.shape == "auto" else c for c in phase.controls
         ]
-    return made
+    return shaped
 
 
 def node_variables(phase: Phase) -> list[Variable]:

@@ -77,9 +77,9 @@ def decay_rates(phase: PhaseSolution) -> FloatArray:
                 continue
             nodes, quadrature = np.polynomial.legendre.leggauss(count)
             places = np.tile((nodes + 1) / 2, own.size)
-            known = layout.interpolated(phase.stages, np.repeat(own, count), places)
+            sampled = layout.interpolated(phase.stages, np.repeat(own, count), places)
             names = polynomials if controls else [s.name for s in layout.phase.states]
-            table = np.hstack([known[name] for name in names]).T
+            table = np.hstack([sampled[name] for name in names]).T
             scale = np.abs(table).max(axis=1) if controls else weights
             series = np.polynomial.legendre.legvander(nodes, count - 1)
             series = (2 * np.arange(count) + 1) / 2 * quadrature[:, None] * series

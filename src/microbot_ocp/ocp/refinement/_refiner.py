@@ -43,7 +43,7 @@ class RefinerSettings:
         good guess and comes back late or elsewhere (146 against 35 iterations on one task with
         four via points)
     stubborn : meshes that do not halve the least excess so far: finer ones will not, either
-    wild : excess from which an answer was found by the tolerance of its equations, not by them
+    gross : excess from which an answer was found by the tolerance of its equations, not by them
     far_above : times the accepted excess; halving an interval divides it by about four
     polished : share of the wanted gap that needs no polish
     polishing : iterations for the last digits
@@ -54,7 +54,7 @@ class RefinerSettings:
     sharp: float = 1e-6
     warm_barrier: float = 1e-4
     stubborn: int = 6
-    wild: float = 1.0
+    gross: float = 1.0
     far_above: float = 3.0
     polished: float = 0.1
     polishing: int = 60
@@ -166,8 +166,8 @@ class Refiner:
         if self._is_enough(solution):
             return solution
         wanted = self.settings.gap
-        known = cast("float", solution.settings.get("gap", np.inf)) <= wanted  # it was solved so
-        if known or solution.gap.total <= SETTINGS.polished * wanted * abs(solution.cost):
+        polished = cast("float", solution.settings.get("gap", np.inf)) <= wanted  # it was solved so
+        if polished or solution.gap.total <= SETTINGS.polished * wanted * abs(solution.cost):
             return solution
         settings = replace(
             self.settings,
@@ -184,8 +184,8 @@ class Refiner:
         self.rough, rounds, self.rounds = None, self.rounds, SETTINGS.finishing
         finer = self.refine(finer)
         self.rounds = rounds
-        kept = self._worst(finer) <= max(self.limit_tolerance, self._worst(solution))
-        return finer if kept else solution
+        within = self._worst(finer) <= max(self.limit_tolerance, self._worst(solution))
+        return finer if within else solution
 
     def _solve(
         self,
@@ -238,9 +238,9 @@ class Refiner:
             accepted = self._accepts(before, after)
             self.history[-1]["accepted"] = accepted
             sizes = " + ".join(str(phase.mesh.size - 1) for phase in after.phases)
-            said = after.status
+            status = after.status
             self.progress(
-                f"mesh {sizes}: {after.duration:.6f} s, {said}"
+                f"mesh {sizes}: {after.duration:.6f} s, {status}"
                 f"{'' if accepted else ', not accepted'}"
             )
             if accepted:
@@ -248,7 +248,9 @@ class Refiner:
             if after.status is Status.INTERRUPTED or self.over:
                 break
             honest = (
-                after.status.solved and self._cheat(before) > 0 and not self._wild(before, after)
+                after.status.solved
+                and self._owed_to_excess(before) > 0
+                and not self._exceeds_grossly(before, after)
             )
             if honest and (dearer is None or after.cost < dearer.cost):
                 dearer = after
@@ -260,7 +262,7 @@ class Refiner:
     def _worst(self, solution: Solution) -> float:
         return max(float(e.max()) for e in self.excess(solution))
 
-    def _cheat(self, before: Solution) -> float:
+    def _owed_to_excess(self, before: Solution) -> float:
         """Share of its cost that an answer may owe to limits that it exceeds between mesh points.
 
         A motion that is slowed down by as much as it exceeds a limit of its speed keeps it; limits
@@ -271,17 +273,19 @@ class Refiner:
         worst = self._worst(before)
         return worst if worst > self.limit_tolerance else 0.0
 
-    def _wild(self, before: Solution, after: Solution) -> bool:
+    def _exceeds_grossly(self, before: Solution, after: Solution) -> bool:
         """Whether what came of a mesh exceeds limits as what was known before does not."""
-        return self._worst(after) > max(SETTINGS.wild, self._worst(before))
+        return self._worst(after) > max(SETTINGS.gross, self._worst(before))
 
     def _accepts(self, before: Solution, after: Solution) -> bool:
         if not after.status.solved or not before.status.solved:
             return after.status.solved
-        if self._wild(before, after):
+        if self._exceeds_grossly(before, after):
             return False
         more, size = after.cost - before.cost, abs(before.cost)
-        return more <= self.worse * size or more <= (self.worse + self._cheat(before)) * size
+        return (
+            more <= self.worse * size or more <= (self.worse + self._owed_to_excess(before)) * size
+        )
 
     def refine(self, solution: Solution, switching: Switching | None = None) -> Solution:
         """Split intervals until no constraint is exceeded between mesh points by more.
@@ -368,11 +372,11 @@ class Refiner:
     def _keeps_limits(self, rounds: _Rounds, _: list[FloatArray]) -> Status | None:
         """Why no more is split: limits are kept, or enough, or finer meshes come no nearer."""
         solution, seen = rounds[-1].solution, rounds[-1].measure
-        kept = seen.worst <= self.limit_tolerance
-        if (kept and not seen.switched) or self._is_enough(solution):
+        within = seen.worst <= self.limit_tolerance
+        if (within and not seen.switched) or self._is_enough(solution):
             return Status.SOLVED
         stubborn = _stubborn([own.measure.worst for own in rounds]) >= SETTINGS.stubborn
-        return Status.NO_PROGRESS if stubborn and not kept else None
+        return Status.NO_PROGRESS if stubborn and not within else None
 
     def _is_enough(self, solution: Solution) -> bool:
         return self.enough is not None and self.enough(solution)

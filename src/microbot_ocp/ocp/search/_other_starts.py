@@ -121,10 +121,10 @@ def cheaper_elsewhere(
     is what the solution was found from.
     """
     size = cost_size(solution.cost, solution.cost_scale)
-    coarse, known = _comparable(solution, transcription, settings, until, progress)
-    here = known if known.status.solved else solution
-    found = [k for k in _until_they_agree(coarse, most, here, guess) if k.status.solved]
-    others = _distinct(found, here, COMPARISON.worth * size)
+    coarse, comparable = _comparable(solution, transcription, settings, until, progress)
+    here = comparable if comparable.status.solved else solution
+    answers = [k for k in _until_they_agree(coarse, most, here, guess) if k.status.solved]
+    others = _distinct(answers, here, COMPARISON.worth * size)
     near = [k for k in others if abs(k.cost - here.cost) <= COMPARISON.near * size]
     finalists = [k for k in others if k.cost < here.cost - COMPARISON.worth * size]
     finalists += [k for k in near if k not in finalists]
@@ -139,25 +139,25 @@ def cheaper_elsewhere(
             best = finer
             attempts = [replace(a, way=WAY) for k in (start, finer) for a in k.attempts]
     least = min([here.cost, *(k.cost for k in others)])
-    met = sum(k.cost - least <= COMPARISON.same * size for k in (here, *found))
-    told = here is known and (near or (others and met <= COMPARISON.agree))
-    rivals = sorted((k.cost - least) / size for k in (here, *others)) if told else ()
-    if told:
-        best = replace(best, agreed=met, compared=len(found) + 1)
+    met = sum(k.cost - least <= COMPARISON.same * size for k in (here, *answers))
+    several = here is comparable and (near or (others and met <= COMPARISON.agree))
+    rivals = sorted((k.cost - least) / size for k in (here, *others)) if several else ()
+    if several:
+        best = replace(best, agreed=met, compared=len(answers) + 1)
     if time.perf_counter() >= until:
         best = replace(best, advice=f"{best.advice} {CUT_SHORT}")
-    elif not found:
+    elif not answers:
         best = replace(best, advice=f"{best.advice} {ALONE}")
     return replace(best, rivals=tuple(rivals)), attempts
 
 
-def _distinct(found: list[Solution], here: Solution, worth: float) -> list[Solution]:
+def _distinct(answers: list[Solution], here: Solution, worth: float) -> list[Solution]:
     """Solutions of other costs than ``here`` and each other, the cheapest first."""
-    kept = [here]
-    for one in sorted(found, key=lambda k: k.cost):
-        if all(abs(one.cost - k.cost) > worth for k in kept):
-            kept.append(one)
-    return kept[1:]
+    distinct = [here]
+    for one in sorted(answers, key=lambda k: k.cost):
+        if all(abs(one.cost - k.cost) > worth for k in distinct):
+            distinct.append(one)
+    return distinct[1:]
 
 
 def on_any_mesh(guess: Given, problem: OptimalControlProblem) -> Given:
@@ -202,15 +202,15 @@ def _answers(
     starts = _starts(problem, most, _ranges(here), coarse.cost)
     simulated = _solved(coarse, islice(starts, most))
     if most <= COMPARISON.each + 1:
-        yield from ((found, True) for found in simulated)
+        yield from ((answer, True) for answer in simulated)
         return
     own, guess = coarse.settings, on_any_mesh(guess, problem)
     for intervals in COMPARISON.meshes:
         with contextlib.suppress(NotFinite):
-            made = solve_on(
+            elsewhere = solve_on(
                 coarse.transcription, intervals, guess, own, coarse.until, coarse.progress
             )
-            yield (coarse.solved(made) if made.status.solved else made), False
+            yield (coarse.solved(elsewhere) if elsewhere.status.solved else elsewhere), False
     usual = default_guess(problem)
     durations = {phase.name: phase.duration for phase in here.phases}
     usual = {k: replace(g, duration=durations[k]) for k, g in usual.items()}
@@ -220,13 +220,13 @@ def _answers(
     solved, tried = dict.fromkeys(kinds, 0), dict.fromkeys(kinds, 0)
     while kinds:
         kind = max(kinds, key=lambda k: (solved[k] + 1) / (tried[k] + 1) ** 2)
-        found = next(kinds[kind], None)
-        if found is None:
+        answer = next(kinds[kind], None)
+        if answer is None:
             del kinds[kind]
             continue
-        solved[kind] += found.solved
+        solved[kind] += answer.solved
         tried[kind] += 1
-        yield found, kind
+        yield answer, kind
 
 
 def _iterations(solution: Solution) -> int:
@@ -239,11 +239,11 @@ def _until_they_agree(
     """Answers until as many as ``AGREE`` cost what the cheapest does, or enough was tried."""
     size = cost_size(here.cost, here.cost_scale)
     costs, spent, simulations = [here.cost], 0, 0
-    for found, simulated in _answers(coarse, most, here, guess):
-        yield found
-        spent += _iterations(found)
+    for answer, simulated in _answers(coarse, most, here, guess):
+        yield answer
+        spent += _iterations(answer)
         simulations += simulated
-        costs += [found.cost] if found.status.solved else []
+        costs += [answer.cost] if answer.status.solved else []
         off = (np.array(costs) - min(costs)) / size
         met = int(np.sum(off <= COMPARISON.same))
         enough = (
@@ -331,11 +331,11 @@ def _starts(
 ) -> Iterator[dict[str, Guess]]:
     ordinary = default_guess(problem)
     simulations = Rollouts(problem, ordinary, ranges)
-    found = simulations.nearest_first(steps=most > COMPARISON.each, cost=cost) or [ordinary]
+    nearest = simulations.nearest_first(steps=most > COMPARISON.each, cost=cost) or [ordinary]
     if all(low == high for low, high in (p.duration_bounds for p in problem.phases)):
-        yield from found
+        yield from nearest
         return
-    yield from found[: max(1, most // 2)]
+    yield from nearest[: max(1, most // 2)]
     for factor in COMPARISON.durations:
         durations = {
             p.name: float(np.clip(factor * (ordinary[p.name].duration or 1.0), *p.duration_bounds))
@@ -356,11 +356,11 @@ def _comparable(
     fewest = min(phase.mesh.size - 1 for phase in solution.phases)
     for intervals in COMPARISON.coarse:
         coarse = _Coarse(transcription, settings, until, progress, intervals)
-        known = coarse.solved(solution)
-        about = abs(known.cost - solution.cost) <= COMPARISON.about * size
-        if (known.status.solved and about) or 2 * intervals > fewest:
+        answer = coarse.solved(solution)
+        about = abs(answer.cost - solution.cost) <= COMPARISON.about * size
+        if (answer.status.solved and about) or 2 * intervals > fewest:
             break
-    return coarse, known
+    return coarse, answer
 
 
 class _Coarse:

@@ -161,8 +161,7 @@ def solve(
     >>> str(solution.status), round(solution.cost, 4)
     ('solved', 2.0)
     """
-    settings = settings or SolverSettings()
-    goal = _goal(accuracy)
+    settings, goal = settings or SolverSettings(), _goal(accuracy)
     if goal is not None:
         tolerance = max(goal.states / 10, SEARCH.least_tolerance)
         settings = replace(settings, tolerance=min(settings.tolerance, tolerance))
@@ -207,18 +206,9 @@ def solve(
         if final:
             break
     if best is None:
-        if unconverged is None:
-            assert refused is not None
-            raise refused
-        best, _ = task.judged(journal.closed(unconverged[0]), unconverged[1])
+        best = task.unconverged(journal, unconverged, refused)
         attempts, ledger = list(best.attempts), list(best.ledger)
-    best = replace(best, attempts=tuple(attempts), ledger=Ledger.of(ledger))
-    if best.status not in ENDED and task.over:
-        best = replace(best, advice=f"{best.advice} {NOT_ALL}")
-    if best.status.solved and best.unsettled:
-        status = Status.LOCAL_OPTIMUM
-        best = replace(best, status=status, advice=f"{status.sentence} {best.several}")
-    return best
+    return task.ended(replace(best, attempts=tuple(attempts), ledger=Ledger.of(ledger)))
 
 
 def _goal(accuracy: float | Accuracy | None) -> Accuracy | None:
@@ -303,6 +293,27 @@ class Task:
         finer = self.given is None or self.accuracy is not None
         how = self.short, self.until, self.progress
         return judged(solution, transcription, *how, finer=finer, accuracy=self.accuracy)
+
+    def unconverged(
+        self,
+        journal: Journal,
+        first: tuple[Solution, Transcription] | None,
+        refused: InputError | None,
+    ) -> Solution:
+        """What the first strategy left, where none converged; else why nothing could be tried."""
+        if first is None:
+            assert refused is not None
+            raise refused
+        return self.judged(journal.closed(first[0]), first[1])[0]
+
+    def ended(self, best: Solution) -> Solution:
+        """The answer, with what is to be said of the search."""
+        if best.status not in ENDED and self.over:
+            best = replace(best, advice=f"{best.advice} {NOT_ALL}")
+        if best.solved and best.unsettled:
+            status = Status.LOCAL_OPTIMUM
+            best = replace(best, status=status, advice=f"{status.sentence} {best.several}")
+        return best
 
 
 @dataclass(frozen=True, eq=False)
@@ -488,11 +499,6 @@ def _from_a_coarser_mesh(task: Task, journal: Journal) -> Iterator[Start]:
         yield start._replace(guess=coarse)
 
 
-def _in_declared_scales(task: Task, _: Journal) -> Iterator[Start]:
-    if task.settings.scaling != "declared":
-        yield task.start("declared", settings=replace(task.few, scaling="declared"))
-
-
 def _simulated(task: Task, _: Journal) -> Iterator[Start]:
     assert isinstance(task.problem, OptimalControlProblem)
     if task.guess is None:
@@ -529,11 +535,6 @@ STRATEGIES = (
         _simulated,
         "swinging up, and durations that are far from the guessed one: between straight lines and "
         "the answer lies no trajectory",
-    ),
-    Strategy(
-        "with the declared scales",
-        _in_declared_scales,
-        "rates and sizes that are free: what follows from the dynamics is far from the answer",
     ),
     Strategy("with more iterations", _with_more_iterations, "what is large or very nonlinear"),
     Strategy("by fatrop", _by_fatrop, "more equations than variables, which IPOPT refuses"),

@@ -37,8 +37,8 @@ class Gap:
 
     def __str__(self) -> str:
         """What follows the cost where it is printed; nothing where the gap is not known."""
-        known = np.isfinite(self.total)
-        return f" (at most {self.total:.1e} above the local optimum)" if known else ""
+        finite = np.isfinite(self.total)
+        return f" (at most {self.total:.1e} above the local optimum)" if finite else ""
 
 
 FLAT = 1e-3  # of the scale of the cost: a cost below it is compared with this

@@ -366,12 +366,12 @@ def _guess_for(name: str, guesses: Mapping[str, Guess]) -> Guess:
 
 
 def _check_names(phase: Phase, guess: Guess) -> None:
-    known = [v.name for v in phase.variables]
+    names = [v.name for v in phase.variables]
     for name in guess.values:
-        if name not in known:
+        if name not in names:
             raise InputError(
                 f"guess of phase {phase.name!r} has {name!r}, which is none of its variables: "
-                f"{', '.join(known)}"
+                f"{', '.join(names)}"
             )
 
 

@@ -86,8 +86,8 @@ def _least_squares(
     count = rows.shape[0]
     matrix = ca.blockcat([[ca.DM.eye(given.size), rows.T], [rows, -REGULAR * ca.DM.eye(count)]])
     right = ca.DM(np.concatenate([-given, np.zeros(count)]))
-    found = np.array(ca.solve(matrix, right, "qr")).ravel()
-    lam = found[given.size :]
+    solved = np.array(ca.solve(matrix, right, "qr")).ravel()
+    lam = solved[given.size :]
     left = given + np.array(ca.mtimes(rows.T, ca.DM(lam))).ravel()
     return lam[: equal.size], lam[equal.size :], left
 

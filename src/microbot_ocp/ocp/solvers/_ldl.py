@@ -65,12 +65,12 @@ def library() -> Path | None:
         return None
     if cc not in _known:
         try:
-            found = _built(cc)
+            built = _built(cc)
         except (OSError, AttributeError, RuntimeError, subprocess.SubprocessError):
             if deadline.over():  # it may be there the next time
                 return None
-            found = None
-        _known[cc] = found
+            built = None
+        _known[cc] = built
     return _known[cc]
 
 

@@ -186,25 +186,25 @@ class ParametricSolver:
 def _restored(state: bytes) -> ParametricSolver:
     with _context, ca.global_unpickle_context():
         transcription, mesh, settings, cost_scale = pickle.loads(state)
-    made = ParametricSolver(transcription, mesh, settings)
-    made._cost_scale = cost_scale
-    return made
+    solver = ParametricSolver(transcription, mesh, settings)
+    solver._cost_scale = cost_scale
+    return solver
 
 
 def _with_changes(phase: Phase, changes: Mapping[str, Any]) -> Phase:
     """A copy of a phase with the same expressions and other limits and parameters."""
-    made = copy.copy(phase)
+    changed = copy.copy(phase)
     for name, value in (changes["parameters"] or {}).items():
-        _change(made, "parameter", [CONSTANTS], name, partial(_with_value, value))
+        _change(changed, "parameter", [CONSTANTS], name, partial(_with_value, value))
     for name, pair in (changes["bounds"] or {}).items():
-        _change(made, "limit", [LIMITS, VARIABLES], name, partial(_with_bounds, pair))
+        _change(changed, "limit", [LIMITS, VARIABLES], name, partial(_with_bounds, pair))
     for which in ("initial", "final"):
         for name, value in (changes[which] or {}).items():
             new = partial(_with_condition, phase, which, value)
-            _change(made, which, [NODES], name, new)
+            _change(changed, which, [NODES], name, new)
     if changes["durations"] is not None:
-        made.duration_bounds = _durations(phase, changes["durations"])
-    return made
+        changed.duration_bounds = _durations(phase, changes["durations"])
+    return changed
 
 
 NODES = ("states", "controls", "free_parameters")  # that may have conditions at an end

@@ -296,15 +296,15 @@ def _as_solved(
         if isinstance(problem, Transcription):
             return problem
         raise InputError("the solution has no problem data: give its transcription")
-    made = copy.copy(given)
-    made.phases = [
+    solved = copy.copy(given)
+    solved.phases = [
         with_problem_data(phase, d["numbers"])
         for phase, d in zip(given.phases, described, strict=True)
     ]
     if isinstance(problem, Transcription):
-        return Transcription(made, scheme=problem.scheme)
+        return Transcription(solved, scheme=problem.scheme)
     name, settings = described[0]["scheme"]
-    return Transcription(made, scheme=_SCHEMES[name](**settings))
+    return Transcription(solved, scheme=_SCHEMES[name](**settings))
 
 
 def _layouts(

@@ -186,9 +186,9 @@ def _finite(function: ca.Function) -> ca.Function:
     for value in function.call(inputs):
         entries = value.nz[:]
         # the smaller of a number and what is none is the number
-        kept = ca.fmax(ca.fmin(entries, SETTINGS.largest), -SETTINGS.largest)
-        kept = ca.if_else(ca.fabs(kept) < SETTINGS.largest, kept, 0)
-        outputs.append(ca.MX(value.sparsity(), kept))
+        bounded = ca.fmax(ca.fmin(entries, SETTINGS.largest), -SETTINGS.largest)
+        bounded = ca.if_else(ca.fabs(bounded) < SETTINGS.largest, bounded, 0)
+        outputs.append(ca.MX(value.sparsity(), bounded))
     return ca.Function(function.name(), inputs, outputs)
 
 

@@ -108,9 +108,9 @@ def tightened(
             attempts[-1] = best.attempt
         wanted = wanted_gap(program, settings, best.attempt.cost)
     if not gap.total <= wanted:
-        said = f"at most {gap.total:.2g} above the optimum, {wanted:.2g} is wanted"
+        message = f"at most {gap.total:.2g} above the optimum, {wanted:.2g} is wanted"
         left = replace(
-            best.attempt, status=Status.GAP_LEFT, message=said, iterations=0, wall_time=0.0
+            best.attempt, status=Status.GAP_LEFT, message=message, iterations=0, wall_time=0.0
         )
         return replace(best, attempt=left), gap, [*attempts, left]
     return best, gap, attempts

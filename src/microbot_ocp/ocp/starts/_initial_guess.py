@@ -138,9 +138,9 @@ def _at_end(variable: Variable, which: str, otherwise: FloatArray) -> FloatArray
     condition = getattr(variable, which)
     if condition is None:
         return np.clip(otherwise, low, high)
-    known = np.isfinite(condition[0]) & np.isfinite(condition[1])
+    given = np.isfinite(condition[0]) & np.isfinite(condition[1])
     low, high = np.maximum(low, condition[0]), np.minimum(high, condition[1])
-    return np.where(known, _middle(low, high), np.clip(otherwise, low, high))
+    return np.where(given, _middle(low, high), np.clip(otherwise, low, high))
 
 
 def _middle(low: FloatArray, high: FloatArray) -> FloatArray:
@@ -160,13 +160,13 @@ def guess_from(problem: OptimalControlProblem, solution: Solution) -> dict[str, 
     solution is cut into as many pieces of equal duration as the problem has phases. What the
     solution does not have starts from the default guess.
     """
-    known = {phase.name: phase for phase in solution.phases}
+    solved = {phase.name: phase for phase in solution.phases}
     ordinary = default_guess(problem)
     guesses = {}
-    matched = all(phase.name in known for phase in problem.phases)
+    matched = all(phase.name in solved for phase in problem.phases)
     for index, phase in enumerate(problem.phases):
         if matched:
-            pieces: tuple[PhaseSolution, ...] = (known[phase.name],)
+            pieces: tuple[PhaseSolution, ...] = (solved[phase.name],)
             share = (0.0, 1.0)
         else:
             pieces = solution.phases
@@ -183,10 +183,10 @@ def guess_from(problem: OptimalControlProblem, solution: Solution) -> dict[str, 
 
 def missing_from(problem: OptimalControlProblem, solution: Solution) -> Iterator[str]:
     """What of a problem starts from the default guess, as a solution does not have it."""
-    known = {phase.name: phase for phase in solution.phases}
-    matched = all(phase.name in known for phase in problem.phases)
+    solved = {phase.name: phase for phase in solution.phases}
+    matched = all(phase.name in solved for phase in problem.phases)
     for phase in problem.phases:
-        pieces = (known[phase.name],) if matched else solution.phases
+        pieces = (solved[phase.name],) if matched else solution.phases
         for variable in phase.variables:
             if not all(_has(piece, variable) for piece in pieces):
                 yield f"{variable.name} of phase {phase.name!r}"
@@ -278,7 +278,7 @@ def _variable_series(layout: PhaseLayout) -> dict[Key, _Series]:
 
 def _series(layout: PhaseLayout, blocks: Sequence[Block]) -> dict[Key, _Series]:
     """Everything that has the same name and stands at the same kind of point."""
-    found: dict[Key, list[FloatArray]] = {}
+    gathered: dict[Key, list[FloatArray]] = {}
     for group, block in zip(layout.groups, blocks, strict=True):
         start, h = layout.mesh[block.intervals], np.diff(layout.mesh)[block.intervals]
         scheme = group.kind.scheme
@@ -295,9 +295,9 @@ def _series(layout: PhaseLayout, blocks: Sequence[Block]) -> dict[Key, _Series]:
             if entry.kind not in ("step", "defect"):  # those are values of the costate
                 weight = weight * h
             part = np.vstack([start + entry.fraction * h, places, weight])
-            found.setdefault((entry.kind, entry.name, entry.component, point), []).append(part)
+            gathered.setdefault((entry.kind, entry.name, entry.component, point), []).append(part)
     series = {}
-    for key, parts in found.items():
+    for key, parts in gathered.items():
         places, indices, weights = np.hstack(parts)
         order = np.argsort(places, kind="stable")
         series[key] = _Series(places[order], indices[order].astype(int), weights[order])

@@ -27,19 +27,19 @@ def with_measurements(
     problem: OptimalControlProblem, guesses: Mapping[str, Guess]
 ) -> dict[str, Guess]:
     """Put states, and free parameters of all phases, where measurements tell them."""
-    made = dict(guesses)
+    completed = dict(guesses)
     measured = {p.name: _points(p, guesses[p.name]) for p in problem.phases if p.measurements}
     phases = [phase for phase in problem.phases if phase.name in measured]
     for phase in phases:
-        states = _states(phase, made[phase.name], measured[phase.name])
-        made[phase.name] = _with_values(made[phase.name], states)
+        states = _states(phase, completed[phase.name], measured[phase.name])
+        completed[phase.name] = _with_values(completed[phase.name], states)
     defined = {c.defines for phase in phases for c in phase.point_constraints}
     unknown = {v.name: v for p in phases for v in p.free_parameters if v.name not in defined}
-    fitted = _fitted(phases, made, measured, list(unknown.values())) if unknown else {}
+    fitted = _fitted(phases, completed, measured, list(unknown.values())) if unknown else {}
     for phase in problem.phases:
         own = {v.name: fitted[v.name] for v in phase.free_parameters if v.name in fitted}
-        made[phase.name] = _with_values(made[phase.name], own)
-    return made
+        completed[phase.name] = _with_values(completed[phase.name], own)
+    return completed
 
 
 def _with_values(guess: Guess, values: Mapping[str, GuessValue]) -> Guess:

@@ -38,7 +38,7 @@ def with_problem_data(phase: Phase, data: Mapping[str, Any]) -> Phase:
     InputError
         The data are of a phase with other variables, constraints or parameters.
     """
-    made = copy.copy(phase)
+    changed = copy.copy(phase)
     for kind in (*VARIABLES, *LIMITS):
         own, given = getattr(phase, kind), data.get(kind, [])
         same = [(v.name, v.scale.size) for v in own] == [
@@ -50,7 +50,7 @@ def with_problem_data(phase: Phase, data: Mapping[str, Any]) -> Phase:
                 f"{kind.replace('_', ' ')} {[g['name'] for g in given]}, not "
                 f"{[v.name for v in own]}"
             )
-        setattr(made, kind, [_changed(v, g) for v, g in zip(own, given, strict=True)])
+        setattr(changed, kind, [_changed(v, g) for v, g in zip(own, given, strict=True)])
     for kind in CONSTANTS:
         own, values = getattr(phase, kind), data.get(kind, {})
         shapes = {name: np.shape(value) for name, value in values.items()}
@@ -61,13 +61,13 @@ def with_problem_data(phase: Phase, data: Mapping[str, Any]) -> Phase:
             )
         arrays = [np.array(checks.array(p.name, values[p.name], p.value.shape)) for p in own]
         items = [replace(p, value=array) for p, array in zip(own, arrays, strict=True)]
-        setattr(made, kind, items)
+        setattr(changed, kind, items)
     low, high = data["duration"]
     if not 0.0 <= low <= high:
         raise InputError(f"phase {phase.name!r} of the solution has impossible durations")
-    made.duration_bounds = (low, high)
-    made.duration_scale = checks.number("duration_scale", data["duration_scale"], "s", above=0.0)
-    return made
+    changed.duration_bounds = (low, high)
+    changed.duration_scale = checks.number("duration_scale", data["duration_scale"], "s", above=0.0)
+    return changed
 
 
 def _of_limit(limit: PathConstraint | Variable) -> dict[str, Any]:

@@ -121,12 +121,12 @@ class Rollouts:
         With ``steps`` controls that change once, in the middle of every phase, are tried as well.
         Of those that are as near the cheapest comes first where ``cost`` tells it.
         """
-        found = self._nearest(durations or {}, steps=steps)
+        pairs = self._nearest(durations or {}, steps=steps)
         if cost is not None:
-            costs = [cost(guess) for guess, _ in found]
-            order = sorted(range(len(found)), key=lambda k: (round(found[k][1], 6), costs[k]))
-            found = [found[k] for k in order]
-        return [guess for guess, _ in found]
+            costs = [cost(guess) for guess, _ in pairs]
+            order = sorted(range(len(pairs)), key=lambda k: (round(pairs[k][1], 6), costs[k]))
+            pairs = [pairs[k] for k in order]
+        return [guess for guess, _ in pairs]
 
     def of_any_duration(self) -> list[dict[str, Guess]]:
         """The nearest of durations from the lowest to the highest, three times as long each.
@@ -142,8 +142,8 @@ class Rollouts:
             }
             tried += [durations] if durations not in tried else []
         best = 1 if len(tried) > 1 else None
-        found = [own for each in tried for own in self._nearest(each, steps=True)[:best]]
-        return [guess for guess, _ in sorted(found, key=lambda own: own[1])]
+        pairs = [own for each in tried for own in self._nearest(each, steps=True)[:best]]
+        return [guess for guess, _ in sorted(pairs, key=lambda own: own[1])]
 
     def _nearest(
         self, durations: Mapping[str, float], *, steps: bool
@@ -199,25 +199,25 @@ class Rollouts:
             for state in phase.states:
                 part = table[:, offset : offset + state.size]
                 offset += state.size
-                kept = np.clip(part, state.lower, state.upper)
-                values[state.name] = partial(_along, kept)
-                last[state.name] = kept[-1]
-                size = np.maximum(np.abs(kept).max(axis=0), 1e-6)
+                clipped = np.clip(part, state.lower, state.upper)
+                values[state.name] = partial(_along, clipped)
+                last[state.name] = clipped[-1]
+                size = np.maximum(np.abs(clipped).max(axis=0), 1e-6)
                 usual = np.abs(_values(own, state, np.array([0.0, 1.0]))).max(axis=0)
                 if np.any(size > SETTINGS.explodes * np.maximum(usual, 1.0)):
                     miss = np.inf
-                miss += float((np.abs(part - kept).max(axis=0) / size).sum())
+                miss += float((np.abs(part - clipped).max(axis=0) / size).sum())
                 if state.final is not None:
-                    nearest = np.clip(kept[-1], *state.final)
+                    nearest = np.clip(clipped[-1], *state.final)
                     size = np.maximum(size, np.abs(nearest))
-                    miss += float((np.abs(kept[-1] - nearest) / size).sum())
+                    miss += float((np.abs(clipped[-1] - nearest) / size).sum())
             guesses[phase.name] = Guess(duration, values)
         return guesses, miss if np.isfinite(miss) else np.inf
 
 
-def _range(control: Variable, known: Mapping[str, Range]) -> Range:
+def _range(control: Variable, ranges: Mapping[str, Range]) -> Range:
     """Bounds of a control; where they are infinite what is known of it, within the others."""
-    low, high = known.get(control.name, (control.lower, control.upper))
+    low, high = ranges.get(control.name, (control.lower, control.upper))
     return (
         np.where(np.isfinite(control.lower), control.lower, low),
         np.where(np.isfinite(control.upper), control.upper, high),
@@ -259,19 +259,19 @@ class _Integrators:
         slopes = ca.vertcat(*(phase.derivatives[s.name] for s in phase.states))
         equations = ca.vertcat(*phase.algebraic_equations, ca.MX(0, 1))
         share, begin, duration = ca.MX.sym("share"), ca.MX.sym("begin"), ca.MX.sym("duration")
-        known: list[ca.MX] = [phase.duration, phase.time]
+        replaced: list[ca.MX] = [phase.duration, phase.time]
         values: list[ca.MX] = [duration, duration * (begin + share)]
         for control in phase.controls:
             if control.rate is not None:
-                known.append(control.rate)
+                replaced.append(control.rate)
                 values.append(ca.MX.zeros(control.size))
         for parameter in phase.parameters:
-            known.append(parameter.symbol)
+            replaced.append(parameter.symbol)
             values.append(ca.MX(ca.DM(parameter.value)))
         for free in phase.free_parameters:
-            known.append(free.symbol)
+            replaced.append(free.symbol)
             values.append(ca.MX(ca.DM(_values(own, free, np.zeros(1))[0])))
-        slopes, equations = ca.graph_substitute([slopes, equations], known, values)
+        slopes, equations = ca.graph_substitute([slopes, equations], replaced, values)
         held = ca.vertcat(*(c.symbol for c in phase.controls), ca.MX(0, 1))
         given = ca.vertcat(begin, duration, held)
         self.dae = {"x": states, "t": share, "p": given, "ode": duration * slopes}
@@ -309,8 +309,8 @@ class _Integrators:
             given = np.concatenate([[GRID[first], duration], *held])
             count = min(SETTINGS.middle, (change if first < change else POINTS - 1) - first)
             try:
-                found = self.half(x0=x, z0=z, p=given)
-                xs, zs = np.array(found["xf"]).T[:count], np.array(found["zf"]).T[:count]
+                result = self.half(x0=x, z0=z, p=given)
+                xs, zs = np.array(result["xf"]).T[:count], np.array(result["zf"]).T[:count]
             except RuntimeError:
                 xs = np.full((count, x.size), np.nan)
             if not np.isfinite(xs).all():

@@ -149,9 +149,9 @@ def cost_change(program: Program, x: FloatArray) -> float:
 
 
 def _with_phases(problem: OptimalControlProblem, phases: Sequence[Phase]) -> OptimalControlProblem:
-    made = copy.copy(problem)
-    made.phases = list(phases)
-    return made
+    changed = copy.copy(problem)
+    changed.phases = list(phases)
+    return changed
 
 
 def _with_scales(
@@ -160,21 +160,21 @@ def _with_scales(
     limits: Sequence[FloatArray],
     duration_scale: float | None,
 ) -> Phase:
-    made = copy.copy(phase)
+    changed = copy.copy(phase)
     for kind in VARIABLES:
         own = [replace(v, scale=scales.get(v.name, v.scale)) for v in getattr(phase, kind)]
-        setattr(made, kind, own)
-    found = iter(limits)
+        setattr(changed, kind, own)
+    own_scales = iter(limits)
     for kind in LIMITS:
-        setattr(made, kind, [replace(c, scale=next(found)) for c in getattr(phase, kind)])
-    made.duration_scale = duration_scale
-    return made
+        setattr(changed, kind, [replace(c, scale=next(own_scales)) for c in getattr(phase, kind)])
+    changed.duration_scale = duration_scale
+    return changed
 
 
 def _rounded(size: FloatArray, band: float = SETTINGS.band) -> FloatArray:
     """Powers of ten; one where a size is near it, or unknown."""
-    known = np.isfinite(size) & (size > 0)
-    size = np.where(known, size, 1.0)
+    positive = np.isfinite(size) & (size > 0)
+    size = np.where(positive, size, 1.0)
     near = (size >= 1 / band) & (size <= band)
     return np.where(near, 1.0, 10.0 ** np.round(np.log10(size)))
 
@@ -205,8 +205,8 @@ class _Look:
             v.name: _samples(values.get(v.name, ordinary.values.get(v.name, 0.0)), v, self.share)
             for v in self.variables
         }
-        told = {*values, *(v.name for v in phase.free_parameters)}  # also by measurements
-        tables = {v.name: self.tables[v.name] for v in self.variables if v.name in told}
+        guessed_names = {*values, *(v.name for v in phase.free_parameters)}  # also by measurements
+        tables = {v.name: self.tables[v.name] for v in self.variables if v.name in guessed_names}
         self.sizes = {
             v.name: v.scale if v.scaled else _size(v, tables.get(v.name)) for v in self.variables
         }
@@ -232,10 +232,10 @@ class _Look:
         self._follow_dynamics()
         for limit in self.phase.point_constraints:
             if limit.defines and np.isnan(self.sizes[limit.defines]).any():
-                found = self._evaluated(limit.expression)
+                look = self._evaluated(limit.expression)
                 span = np.nan_to_num(self._stacked(self.variables))
-                size = _typical((np.abs(found.slopes) * span).max(axis=2))
-                self.sizes[limit.defines] = np.where(size > 0, size, _typical(np.abs(found.values)))
+                size = _typical((np.abs(look.slopes) * span).max(axis=2))
+                self.sizes[limit.defines] = np.where(size > 0, size, _typical(np.abs(look.values)))
 
     def _follow_dynamics(self) -> None:
         slope = ca.vertcat(*(self.phase.derivatives[s.name] for s in self.phase.states))
@@ -246,13 +246,13 @@ class _Look:
             sizes = self._stacked(self.variables)
             if np.isfinite(sizes).all():
                 return
-            found = self._evaluated(slope)
+            look = self._evaluated(slope)
             states = sum(s.size for s in self.phase.states)
             with np.errstate(all="ignore"):
-                forward = self.duration * _typical(np.abs(found.values))
+                forward = self.duration * _typical(np.abs(look.values))
                 forward = np.fmax(np.fmin(forward, most), SETTINGS.missed * forward)
                 # what would move a state by its size during the phase
-                drive = sizes[:states, None] / (self.duration * _typical(np.abs(found.slopes)))
+                drive = sizes[:states, None] / (self.duration * _typical(np.abs(look.slopes)))
             drive[~np.isfinite(drive)] = np.inf
             np.fill_diagonal(drive, np.inf)
             backward = drive.min(axis=0)
@@ -269,19 +269,19 @@ class _Look:
         """How far constraints change when the variables change by their scales."""
         self.sizes = dict(scales)
         limits = [limit for kind in LIMITS for limit in getattr(self.phase, kind)]
-        found = []
+        limit_sizes = []
         for limit in limits:
             if getattr(limit, "defines", ""):
-                found.append(scales[limit.defines])
+                limit_sizes.append(scales[limit.defines])
                 continue
             if limit.scaled:
-                found.append(limit.scale)
+                limit_sizes.append(limit.scale)
                 continue
             slopes = self._evaluated(limit.expression, rates=True).slopes
             span = np.concatenate([self._stacked(self.variables), self._rate_sizes()])
             size = _typical((np.abs(slopes) * span).max(axis=2))
-            found.append(_rounded(np.where(size > 0, size, _magnitude(limit))))
-        return found
+            limit_sizes.append(_rounded(np.where(size > 0, size, _magnitude(limit))))
+        return limit_sizes
 
     def _stacked(self, variables: Sequence[Variable]) -> FloatArray:
         return np.concatenate([self.sizes[v.name] for v in variables])
@@ -319,9 +319,9 @@ class _Look:
         outputs = [ca.densify(expression), slopes]
         function = ca.Function("look", expressions.symbols, outputs).map(count)
         rows, columns = slopes.shape
-        found, table = (np.array(out) for out in function(*points))
+        results, table = (np.array(out) for out in function(*points))
         # every point is a block of columns
-        return _Slopes(found.T, table.reshape(rows, count, columns).transpose(1, 0, 2))
+        return _Slopes(results.T, table.reshape(rows, count, columns).transpose(1, 0, 2))
 
 
 def _samples(value: GuessValue, variable: Variable, share: FloatArray) -> FloatArray:
@@ -356,8 +356,8 @@ def _size(variable: Variable, guess: FloatArray | None) -> FloatArray:
 
 def _typical(table: FloatArray) -> FloatArray:
     """Upper quartile over the points of what is finite: half of them may stand on a bound at 0."""
-    known = np.isfinite(table)
-    filled = np.where(known, table, np.where(known.any(axis=0), np.nan, 0.0))
+    finite = np.isfinite(table)
+    filled = np.where(finite, table, np.where(finite.any(axis=0), np.nan, 0.0))
     return np.nanpercentile(filled, 75, axis=0)
 
 

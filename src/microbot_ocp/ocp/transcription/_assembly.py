@@ -37,8 +37,8 @@ class MadeOnDemand(dict[str, ca.Function]):
         self.makers = makers
 
     def __missing__(self, name: str) -> ca.Function:
-        made = self[name] = self.makers[name]()
-        return made
+        function = self[name] = self.makers[name]()
+        return function
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,8 +227,8 @@ class _PhasePiece:
         self._common_rows(rows)
         cost = ca.MX(0)
         for point in self.points:
-            found, added = point.mapped(point.kernel.point)(point.z, point.c)
-            rows.add(point.group.block.places, found)
+            constraints_there, added = point.mapped(point.kernel.point)(point.z, point.c)
+            rows.add(point.group.block.places, constraints_there)
             cost = cost + ca.sum2(added)
         for own in self.groups:
             kernel = own.mapped(own.group.kind.kernels.stage)
@@ -246,8 +246,8 @@ class _PhasePiece:
         inner = any(point.group.nodes[0] < layout.intervals for point in self.points)
         for point in self.points:
             kernel = point.kernel.jacobian
-            found, block, added, slope = point.mapped(kernel)(point.z, point.c)
-            rows.add(point.group.block.places, found)
+            constraints_there, block, added, slope = point.mapped(kernel)(point.z, point.c)
+            rows.add(point.group.block.places, constraints_there)
             slopes[:, point.group.nodes.tolist()] += slope
             at, column = _triplet(kernel, 1)
             jacobian.add(point.group.block.places[:, at], point.places[:, column], block.nz[:])

@@ -49,12 +49,12 @@ def divided(stage: ca.Function) -> Composition | None:
     """The stage around the heavy functions that it calls, or None where there are none."""
     v, c = (ca.MX.sym(name, stage.size1_in(k)) for k, name in enumerate("vc"))
     results = ca.cse(list(stage.call([v, c], True, False)))
-    found = _heavy_calls(results)
-    if not found:
+    heavy = _heavy_calls(results)
+    if not heavy:
         return None
     calls, symbols, replaced, symbol_of = [], [], [], []
     try:
-        for function, nodes in found:
+        for function, nodes in heavy:
             columns = []
             for node, outputs in nodes:
                 own = [ca.MX.sym("w", function.size1_out(k)) for k in range(function.n_out())]
@@ -114,13 +114,13 @@ def composed_derivatives(
 
     The stage itself is None where it is no faster than the undivided one.
     """
-    made: list[tuple[ca.Function, ...]] = [
+    derived: list[tuple[ca.Function, ...]] = [
         derivatives(calls.function) or _derivatives_of(calls.function) for calls in stage.calls
     ]
-    first, second = ([own[k] for own in made] for k in range(2))
-    fast = all(len(own) > 2 for own in made)
+    first, second = ([own[k] for own in derived] for k in range(2))
+    fast = all(len(own) > 2 for own in derived)
     return (
-        _composed_stage(stage, [own[2] for own in made]) if fast else None,
+        _composed_stage(stage, [own[2] for own in derived]) if fast else None,
         _composed_jacobian(stage, first),
         _composed_hessian(stage, first, second),
     )
@@ -131,8 +131,8 @@ def _composed_stage(stage: Composition, values: Sequence[ca.Function]) -> ca.Fun
     v, c = _inputs(stage)
     results = []
     for calls, function in zip(stage.calls, values, strict=True):
-        found = _at_every_call(function, calls.arguments(v, c))
-        results.append(ca.vec(ca.vertcat(*found)))
+        outputs = _at_every_call(function, calls.arguments(v, c))
+        results.append(ca.vec(ca.vertcat(*outputs)))
     outer: Any = stage.outer
     return ca.Function("stage", [v, c], list(outer(v, c, ca.vertcat(*results))))
 
@@ -249,8 +249,8 @@ def _at_every_call(function: ca.Function, arguments: ca.MX, *more: ca.MX) -> lis
     edges = _edges([function.size1_in(k) for k in range(count)])
     parts = [arguments[a:b, :] for a, b in itertools.pairwise(edges)]
     mapped: Any = function.map(arguments.shape[1])
-    found = mapped(*parts, *more)
-    return list(found) if isinstance(found, tuple) else [found]
+    outputs = mapped(*parts, *more)
+    return list(outputs) if isinstance(outputs, tuple) else [outputs]
 
 
 def _derivatives_of(function: ca.Function) -> tuple[ca.Function, ca.Function]:

@@ -98,8 +98,8 @@ def stage_variables(phase: Phase, scheme: Scheme) -> list[StageVariable]:
 def interpolated_variables(phase: Phase) -> list[Variable]:
     """What has values all along an interval: states, constant and linear controls, free
     parameters, polynomial controls, algebraic variables."""
-    known = [*phase.states, *_constant(phase), *_linear(phase), *phase.free_parameters]
-    return [*known, *pointwise(phase)]
+    ordered = [*phase.states, *_constant(phase), *_linear(phase), *phase.free_parameters]
+    return [*ordered, *pointwise(phase)]
 
 
 Derive = Callable[[Sequence[ca.Function], Composition | None], Sequence[ca.Function]]
@@ -113,13 +113,13 @@ def with_derivatives(
     """The stage function, then those of points, each with its Jacobian and Hessian."""
     stage, *points = functions
     if composition is None:
-        found = list(_stage_derivatives(stage))
+        derived = list(_derivatives(stage))
     else:
         composed, *rest = composed_derivatives(composition, derivatives)
-        found = [composed or stage, *rest]
+        derived = [composed or stage, *rest]
     for point in points:
-        found += _point_derivatives(point)
-    return found
+        derived += _derivatives(point)
+    return derived
 
 
 def build_kernels(
@@ -147,16 +147,16 @@ def build_kernels(
     dense = ca.Function("dense", [v, c, s], list(step.at(s)))
     points = [*_points(phase, physics, node_scale), _end(phase, physics, node_scale)]
     functions = [_expanded(stage), *(_expanded(own.function) for own in points)]
-    made = derive(functions, divided(stage))
+    derived = derive(functions, divided(stage))
     return Kernels(
-        *made[:3],
+        *derived[:3],
         dense=_expanded(dense),
         stage_rows=tuple(rows.entries),
         points=tuple(
             PointKernel(
-                point=made[3 * k],
-                jacobian=made[3 * k + 1],
-                hessian=made[3 * k + 2],
+                point=derived[3 * k],
+                jacobian=derived[3 * k + 1],
+                hessian=derived[3 * k + 2],
                 rows=tuple(own.rows.entries),
                 fractions=own.fractions,
                 data=own.data,
@@ -359,8 +359,8 @@ def _end(phase: Phase, physics: _Physics, node_scale: FloatArray) -> _Point:
     """Cost, end constraints and continuous path constraints at the end of the phase."""
     z, c, at_end = _node(phase, physics, node_scale)
     no_rate = ca.MX.zeros(sum(v.size for v in _linear(phase)))
-    x, u, *known = at_end
-    values = _as_list(physics.limits(x, u, no_rate, *known))
+    x, u, *rest = at_end
+    values = _as_list(physics.limits(x, u, no_rate, *rest))
     rows = _Rows(phase)
     for limit, value in zip(phase.constraints, values, strict=True):
         if _continuous(phase, limit.expression):
@@ -375,22 +375,22 @@ def _end(phase: Phase, physics: _Physics, node_scale: FloatArray) -> _Point:
 
 def _points(phase: Phase, physics: _Physics, node_scale: FloatArray) -> list[_Point]:
     """What is demanded or costs at given times, one function a declaration."""
-    found = []
+    kernels = []
     for item in (*phase.point_constraints, *phase.point_costs):
         data = [m for m in phase.measurements if ca.depends_on(item.expression, m.symbol)]
         symbols = ca.vertcat(*(m.symbol for m in data), ca.MX(0, 1))
-        z, c, known = _node(phase, physics, node_scale, symbols.shape[0])
+        z, c, at_point = _node(phase, physics, node_scale, symbols.shape[0])
         value = ca.Function("value", [*physics.at_point, symbols], [item.expression])
-        values = value(*known, c[c.shape[0] - symbols.shape[0] :])
+        values = value(*at_point, c[c.shape[0] - symbols.shape[0] :])
         rows, cost = _Rows(phase), ca.MX(0)
         if isinstance(item, PointConstraint):
             rows.add("value" if item.defines else "point", [item], values)
         else:
             cost = values
-        function = ca.Function(f"point_{len(found)}", [z, c], [rows.stacked(), cost])
+        function = ca.Function(f"point_{len(kernels)}", [z, c], [rows.stacked(), cost])
         names = tuple(m.name for m in data)
-        found.append(_Point(function, rows, tuple(item.fractions.tolist()), names))
-    return found
+        kernels.append(_Point(function, rows, tuple(item.fractions.tolist()), names))
+    return kernels
 
 
 def _node(
@@ -452,47 +452,21 @@ def _without_repeats(function: ca.Function) -> ca.Function:
     return ca.Function(function.name(), inputs, ca.cse(function.call(inputs)))
 
 
-def _stage_derivatives(stage: ca.Function) -> tuple[ca.Function, ca.Function, ca.Function]:
-    v, c = _symbols(stage)
-    following, rows, cost = stage(v, c)
-    both = ca.vertcat(following, rows)
-    jacobian = ca.Function(
-        "stage_jacobian", [v, c], [both, ca.jacobian(both, v), cost, _row(ca.gradient(cost, v))]
-    )
-    lam = type(v).sym("lam", both.shape[0])
-    sigma = type(v).sym("sigma")
-    lagrangian = sigma * cost + ca.dot(lam, ca.vertcat(-following, rows))
+def _derivatives(function: ca.Function) -> tuple[ca.Function, ca.Function, ca.Function]:
+    """A function of a stage or of points with its Jacobian and Hessian."""
+    v, c = _symbols(function)
+    *parts, cost = function(v, c)
+    both, name = ca.vertcat(*parts), function.name()
+    lam, sigma = type(v).sym("lam", both.shape[0]), type(v).sym("sigma")
+    # a step is the next mesh point less what the stage arrives at
+    signed = ca.vertcat(-parts[0], *parts[1:]) if len(parts) > 1 else both
+    hessian = ca.hessian(sigma * cost + ca.dot(lam, signed), v)[0]
+    outputs = [both, ca.jacobian(both, v), cost, ca.densify(ca.gradient(cost, v))]
     return (
-        stage,
-        _without_repeats(jacobian),
-        _hessian("stage_hessian", lagrangian, v, [v, c, lam, sigma]),
+        function,
+        _without_repeats(ca.Function(f"{name}_jacobian", [v, c], outputs)),
+        _without_repeats(ca.Function(f"{name}_hessian", [v, c, lam, sigma], [hessian])),
     )
-
-
-def _point_derivatives(point: ca.Function) -> tuple[ca.Function, ca.Function, ca.Function]:
-    z, c = _symbols(point)
-    rows, cost = point(z, c)
-    jacobian = ca.Function(
-        f"{point.name()}_jacobian",
-        [z, c],
-        [rows, ca.jacobian(rows, z), cost, _row(ca.gradient(cost, z))],
-    )
-    lam = type(z).sym("lam", rows.shape[0])
-    sigma = type(z).sym("sigma")
-    lagrangian = sigma * cost + ca.dot(lam, rows)
-    return (
-        point,
-        _without_repeats(jacobian),
-        _hessian(f"{point.name()}_hessian", lagrangian, z, [z, c, lam, sigma]),
-    )
-
-
-def _hessian(name: str, lagrangian: Any, v: Any, inputs: list[Any]) -> ca.Function:
-    return _without_repeats(ca.Function(name, inputs, [ca.hessian(lagrangian, v)[0]]))
-
-
-def _row(gradient: Any) -> Any:
-    return ca.densify(gradient)
 
 
 def _symbols(function: ca.Function) -> list[Any]:

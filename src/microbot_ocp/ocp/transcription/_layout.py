@@ -279,14 +279,14 @@ class PhaseLayout:
     def point_places(self, group: PointGroup) -> IntArray:
         """What of ``data`` the kernel of some points gets besides the fraction [..., M]."""
         count, parameters = group.nodes.size, self.parameters.size
-        found = [np.tile(np.arange(parameters)[:, None], (1, count))]
+        places_of_data = [np.tile(np.arange(parameters)[:, None], (1, count))]
         offset = parameters
         for own in self.phase.measurements:
             places = offset + np.arange(own.value.size).reshape(own.value.shape)
             offset += own.value.size
             if own.name in group.kernel.data:
-                found.append(places.T)
-        return np.vstack(found)
+                places_of_data.append(places.T)
+        return np.vstack(places_of_data)
 
     def point_constants(self, group: PointGroup) -> FloatArray:
         """Second argument of the kernel of some points [..., M]."""
@@ -322,10 +322,10 @@ class PhaseLayout:
             if own.size:
                 chosen = np.searchsorted(group.intervals, intervals[own])
                 v = _within_bounds(self.phase, group.kind, self.table(stages, group)[chosen]).T
-                found = group.kind.kernels.dense(
+                parts_of_group = group.kind.kernels.dense(
                     v, self.constants(intervals[own]), share[None, own]
                 )
-                table[:, own] = np.vstack([part.full() for part in found])
+                table[:, own] = np.vstack([part.full() for part in parts_of_group])
         edges = np.cumsum([v.size for v in variables])[:-1]
         parts = np.split(table.T, edges, axis=1)
         return {v.name: part for v, part in zip(variables, parts, strict=True)}
@@ -333,7 +333,7 @@ class PhaseLayout:
 
 def _within_bounds(phase: Phase, kind: StageKind, table: FloatArray) -> FloatArray:
     """Scaled (z, w) [M, ...] whose polynomial controls keep their bounds all along."""
-    made, row = table.copy(), kind.node_size
+    limited, row = table.copy(), kind.node_size
     places: dict[str, list[int]] = {}
     for own in kind.inner:
         places.setdefault(own.source.name, []).append(row)
@@ -344,8 +344,8 @@ def _within_bounds(phase: Phase, kind: StageKind, table: FloatArray) -> FloatArr
         columns = np.add.outer(places[variable.name], np.arange(variable.size))
         points = [k.fraction for k in kind.inner if k.source.name == variable.name]
         limits = variable.lower / variable.scale, variable.upper / variable.scale
-        made[:, columns] = within_bounds(table[:, columns], points, *limits)
-    return made
+        limited[:, columns] = within_bounds(table[:, columns], points, *limits)
+    return limited
 
 
 def lay_out(
@@ -493,8 +493,8 @@ def bounds_of(layouts: Sequence[PhaseLayout]) -> Bounds:
         low, high = layout.phase.duration_bounds
         # at the other nodes it would say the same again
         node = layout.groups[0].kind.node
-        said = [entry.kind == "parameter" for entry in node[:-1]] + [low == high]
-        again = layout.nodes[1:, np.flatnonzero(said)]
+        repeated = [entry.kind == "parameter" for entry in node[:-1]] + [low == high]
+        again = layout.nodes[1:, np.flatnonzero(repeated)]
         variables[0, again], variables[1, again] = -np.inf, np.inf
     return Bounds(*variables, *rows)
 
@@ -510,10 +510,10 @@ def variable_labels(layouts: Sequence[PhaseLayout]) -> list[Label]:
 
 
 def _labels(blocks: Mapping[str, Sequence[Block]]) -> list[Label]:
-    found: dict[int, Label] = {}
+    labels: dict[int, Label] = {}
     for phase, own in blocks.items():
         for block in own:
             for interval, places in zip(block.intervals.tolist(), block.places, strict=True):
                 for entry, place in zip(block.entries, places.tolist(), strict=True):
-                    found[place] = Label(**vars(entry), phase=phase, interval=interval)
-    return [found[place] for place in range(len(found))]
+                    labels[place] = Label(**vars(entry), phase=phase, interval=interval)
+    return [labels[place] for place in range(len(labels))]

@@ -72,11 +72,11 @@ def with_points(mesh: Mesh, fractions: Sequence[float]) -> Mesh:
     """
     points, degrees = mesh.fractions.tolist(), mesh.degrees
     wanted = [f for f in fractions if f not in points]
-    kept = set(fractions)
+    held = set(fractions)
     for fraction in wanted:
         place = int(np.searchsorted(points, fraction))
         near = min((place - 1, place), key=lambda k: abs(points[k] - fraction))
-        movable = 0 < near < len(points) - 1 and points[near] not in kept
+        movable = 0 < near < len(points) - 1 and points[near] not in held
         gap = abs(points[near] - fraction)
         if movable and 2 * gap < min(np.diff(points[near - 1 : near + 2])):
             points[near] = fraction

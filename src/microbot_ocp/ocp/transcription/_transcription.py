@@ -101,10 +101,10 @@ class Transcription:
         self, values: Mapping[str, Mapping[str, float | FloatArray]]
     ) -> Transcription:
         """The same kernels with other values of phase parameters, by phase and name."""
-        made = copy.copy(self)
-        made.problem = copy.copy(self.problem)
-        made.problem.phases = [copy.copy(phase) for phase in self.problem.phases]
-        for phase in made.problem.phases:
+        changed = copy.copy(self)
+        changed.problem = copy.copy(self.problem)
+        changed.problem.phases = [copy.copy(phase) for phase in self.problem.phases]
+        for phase in changed.problem.phases:
             own = values.get(phase.name, {})
             phase.parameters = [
                 replace(p, value=np.broadcast_to(np.asarray(own[p.name], float), p.value.shape))
@@ -112,7 +112,7 @@ class Transcription:
                 else p
                 for p in phase.parameters
             ]
-        return made
+        return changed
 
     def _derive(
         self, functions: Sequence[ca.Function], composition: Composition | None

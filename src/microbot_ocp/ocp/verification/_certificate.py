@@ -66,8 +66,8 @@ class CostCheck:
     @property
     def integration_error(self) -> float:
         """Difference of the quadrature to the integral, relative; 0 where there is none."""
-        found = abs(self.recomputed - self.integrated) / self.size
-        return found if found == found else 0.0
+        error = abs(self.recomputed - self.integrated) / self.size
+        return error if error == error else 0.0
 
 
 @dataclass(frozen=True)

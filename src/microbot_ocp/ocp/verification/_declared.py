@@ -45,7 +45,7 @@ def as_declared(
             f"the solution has phases {[p.name for p in solution.phases]}, but problem "
             f"{own.name!r} has {names}"
         )
-    found = []
+    restated = []
     for declared, phase in zip(own.phases, solution.phases, strict=True):
         given = phase_layout(phase)
         layout = _laid_out(with_problem_data(declared, problem_data(given)), given)
@@ -55,8 +55,8 @@ def as_declared(
                 f"phase {declared.name!r} of the solution has other variables or constraints than "
                 f"that of problem {own.name!r}"
             )
-        found.append(replace(phase, layout=layout))
-    return tuple(found)
+        restated.append(replace(phase, layout=layout))
+    return tuple(restated)
 
 
 def _laid_out(phase: Phase, given: PhaseLayout) -> PhaseLayout:

@@ -69,9 +69,9 @@ def _of_phase(phase: PhaseSolution, multipliers: FloatArray) -> tuple[float, dic
     intervals = np.repeat(group.intervals, count)
     share = np.tile(scheme.points, group.intervals.size)
     at = Recomputation(phase)
-    known = at.interpolated(intervals, share)
+    sampled = at.interpolated(intervals, share)
     for control in looked_at:  # as they stand, not as they are limited in between
-        known[control.name] = phase.values[control.name].reshape(-1, control.size)
+        sampled[control.name] = phase.values[control.name].reshape(-1, control.size)
     steps = np.diff(phase.mesh)[intervals]
     t = (phase.mesh[intervals] + share * steps) * phase.duration
     defects = group.rows[:, layout.node_size :][:, : count * size]
@@ -83,26 +83,26 @@ def _of_phase(phase: PhaseSolution, multipliers: FloatArray) -> tuple[float, dic
         columns = {k: v.T for k, v in values.items()}
         table = at.expressions.table(columns, t, phase.duration)
         slopes = at.expressions.dynamics(table).full()
-        found = slopes[-1] + np.einsum("ki,ik->k", costates, slopes[:-1])
+        sums = slopes[-1] + np.einsum("ki,ik->k", costates, slopes[:-1])
         for limit in declared.constraints:
             own = at.expressions.function([limit.expression])(table).full()
             room = SETTINGS.keeps * limit.scale[:, None]
             broken = (own < limit.lower[:, None] - room) | (own > limit.upper[:, None] + room)
-            found = np.where(broken.any(axis=0), np.inf, found)
-        return np.where(np.isfinite(found), found, np.inf)
+            sums = np.where(broken.any(axis=0), np.inf, sums)
+        return np.where(np.isfinite(sums), sums, np.inf)
 
-    before = hamiltonian(known)
-    best, values = before.copy(), {c.name: known[c.name].copy() for c in looked_at}
+    before = hamiltonian(sampled)
+    best, values = before.copy(), {c.name: sampled[c.name].copy() for c in looked_at}
     for control in looked_at:
         for component in np.flatnonzero(_bounded(control)).tolist():
             even = np.linspace(control.lower[component], control.upper[component], SETTINGS.tried)
             own = np.quantile(
-                known[control.name][:, component], np.linspace(0.0, 1.0, SETTINGS.tried)
+                sampled[control.name][:, component], np.linspace(0.0, 1.0, SETTINGS.tried)
             )
             for value in np.union1d(even, own):
                 tried = values[control.name].copy()
                 tried[:, component] = value
-                found = hamiltonian({**known, **values, control.name: tried})
+                found = hamiltonian({**sampled, **values, control.name: tried})
                 lower = found < best
                 best = np.where(lower, found, best)
                 values[control.name][lower, component] = value

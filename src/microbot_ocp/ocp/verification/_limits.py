@@ -80,14 +80,14 @@ def dense_phase(
     interval = np.repeat(np.arange(n), share.size)
     place = np.tile(share, n)
     steps = np.diff(layout.mesh)
-    known = interpolated(interval, place)
+    sampled = interpolated(interval, place)
     t = (layout.mesh[interval] + place * steps[interval]) * phase.duration
     dense = DensePhase(phase, t, interval)
     kinds = {id(v): "state" for v in own.states} | {id(v): "algebraic" for v in own.algebraics}
     kinds |= {id(v): "parameter" for v in own.free_parameters}
     for variable in own.variables:
         kind = kinds.get(id(variable), "control")
-        dense.limited.append(_limited(kind, variable, known[variable.name]))
+        dense.limited.append(_limited(kind, variable, sampled[variable.name]))
     duration = np.array([[phase.duration]])
     low, high = (np.array([d]) for d in own.duration_bounds)
     dense.limited.append(
@@ -100,7 +100,7 @@ def dense_phase(
         for c in linear
     }
     expressions = Expressions(own)
-    table = expressions.table({k: v.T for k, v in known.items()}, t, phase.duration, rates)
+    table = expressions.table({k: v.T for k, v in sampled.items()}, t, phase.duration, rates)
     for kind, limits, rows in (
         ("constraint", own.constraints, slice(None)),
         ("end constraint", own.end_constraints, slice(-1, None)),
@@ -117,7 +117,7 @@ def _limited(kind: str, own: Any, values: FloatArray, end: bool = False) -> Limi
 
 def limit_uses(dense: DensePhase) -> list[OCPLimitUse]:
     """Worst point of every component that has a limit."""
-    found = []
+    uses = []
     for limited in dense.limited:
         for i in range(limited.lower.size):
             low, high = float(limited.lower[i]), float(limited.upper[i])
@@ -127,7 +127,7 @@ def limit_uses(dense: DensePhase) -> list[OCPLimitUse]:
             beyond = limited.beyond(i)
             k = int(beyond.argmax())
             excess = max(0.0, float(beyond[k]))
-            found.append(
+            uses.append(
                 OCPLimitUse(
                     phase=dense.phase.name,
                     name=limited.name,
@@ -141,7 +141,7 @@ def limit_uses(dense: DensePhase) -> list[OCPLimitUse]:
                     relative=excess / limited.size(i),
                 )
             )
-    return found
+    return uses
 
 
 def relative_excess(dense: DensePhase) -> FloatArray:

@@ -95,7 +95,7 @@ def judged(
             "the local optimum"
         )
         yield Failure(Status.GAP_LEFT, sentence)
-    for residual, limit, said in (
+    for residual, limit, template in (
         (optimality.feasibility, passes.feasibility, "not feasible: {} is violated by {}"),
         (optimality.stationarity, passes.stationarity, "not stationary: {} has a slope of {} left"),
         (
@@ -107,7 +107,7 @@ def judged(
     ):
         if not residual.scaled <= limit:
             amount = f"{residual.value:.3g} {residual.unit}"
-            yield Failure(Status.GAP_LEFT, said.format(residual.where, amount))
+            yield Failure(Status.GAP_LEFT, template.format(residual.where, amount))
 
 
 def curved(curvature: Curvature) -> Iterator[Failure]:
@@ -135,8 +135,8 @@ def summary_of(
     """What was found of a solution that passed."""
     error = max(check.error for check in resimulations)
     worst = max((use.relative for use in uses), default=0.0)
-    kept = "is kept" if worst <= 1e-6 else f"is kept to within {100 * worst:.2g} %"
-    said = [
+    limits_kept = "is kept" if worst <= 1e-6 else f"is kept to within {100 * worst:.2g} %"
+    sentences = [
         f"first-order conditions hold to {optimality.stationarity.scaled:.1e} (stationarity) and "
         f"{optimality.complementarity.scaled:.1e} (complementarity), and the second-order one of a "
         "minimum",
@@ -145,15 +145,15 @@ def summary_of(
         else "no cost is declared, so any answer that keeps the constraints is as good",
         f"re-simulation by intervals stays within {error:.2g} of the states' size (errors grow up "
         f"to {growth_said(max(check.amplification for check in resimulations))})",
-        f"every limit {kept} between mesh points",
+        f"every limit {limits_kept} between mesh points",
     ]
     for own in hamiltonians:
         if own.autonomous:
             due = "" if own.expected is None else f" (expected {own.expected:.4g})"
-            said.append(
+            sentences.append(
                 f"Hamiltonian of phase {own.phase!r} {own.mean:.4g}{due} with a drift of "
                 f"{own.drift:.1e}"
             )
     count = len(arcs)
-    said.append(f"{count} arc{'' if count == 1 else 's'} on limits")
-    return said
+    sentences.append(f"{count} arc{'' if count == 1 else 's'} on limits")
+    return sentences

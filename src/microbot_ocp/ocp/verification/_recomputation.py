@@ -66,16 +66,16 @@ class Recomputation:
     def interpolated(self, intervals: IntArray, share: FloatArray) -> dict[str, FloatArray]:
         """All variables [M, size] in some intervals [M], at fractions [M] of them."""
         variables = phase_layout(self.phase).phase.variables
-        found = {v.name: np.zeros((share.size, v.size)) for v in variables}
+        tables = {v.name: np.zeros((share.size, v.size)) for v in variables}
         for own in self.groups:
             column = np.full(self.phase.mesh.size - 1, -1)
             column[own.group.intervals] = np.arange(own.group.intervals.size)
             for part in np.unique(share).tolist():
                 chosen = np.flatnonzero((share == part) & (column[intervals] >= 0))
-                known = own.values(own.step.state(part), part) | own.controls_within_bounds(part)
-                for name, table in known.items():
-                    found[name][chosen] = table.T[column[intervals[chosen]]]
-        return found
+                values = own.values(own.step.state(part), part) | own.controls_within_bounds(part)
+                for name, table in values.items():
+                    tables[name][chosen] = table.T[column[intervals[chosen]]]
+        return tables
 
     def _node(self, k: Sequence[int] | np.ndarray) -> tuple[dict[str, FloatArray], FloatArray]:
         """Values [size, M] at some mesh points, and the durations [M] that stand there."""
@@ -97,18 +97,18 @@ class Recomputation:
             data = [m for m in declared.measurements if ca.depends_on(item.expression, m.symbol)]
             own = Expressions(declared, data)
             function = own.function([item.expression])
-            places, found = next(rows).block.places, []
+            places, results = next(rows).block.places, []
             for k, fraction in enumerate(item.fractions.tolist()):
                 node = int(np.abs(self.phase.mesh - fraction).argmin())
                 values, duration = self._node([node])
                 measured = [m.value[k][:, None] for m in data]
                 table = own.table(values, fraction * duration, duration, data=measured)
-                found.append(function(table).full().ravel())
+                results.append(function(table).full().ravel())
             if isinstance(item, PointConstraint):
-                for own_places, values in zip(places.tolist(), found, strict=True):
+                for own_places, values in zip(places.tolist(), results, strict=True):
                     self.rows |= dict(zip(own_places, values.tolist(), strict=True))
             else:
-                self.costs = np.insert(self.costs, -1, np.concatenate(found))
+                self.costs = np.insert(self.costs, -1, np.concatenate(results))
 
     def _add_ends(self) -> None:
         """Conditions and constraints at the ends, and the end cost."""
@@ -119,12 +119,12 @@ class Recomputation:
         table = own.table(last, duration, duration)
         cost = float(own.function([sum(declared.end_costs, ca.MX(0))])(table))
         self.costs = np.append(self.costs, cost)
-        found = own.limits(table)
+        limits = own.limits(table)
         for block, values in ((layout.initial, self._node([0])[0]), (layout.final, last)):
             for place, entry in zip(block.places[0].tolist(), block.entries, strict=True):
                 self.rows[place] = float(values[entry.name][entry.component, 0])
         for place, entry in zip(layout.end.places[0].tolist(), layout.end.entries, strict=True):
-            self.rows[place] = float(found[entry.source][entry.component, 0])
+            self.rows[place] = float(limits[entry.source][entry.component, 0])
 
 
 def scaled_rows(problem: OptimalControlProblem, phases: Sequence[Recomputation]) -> FloatArray:
@@ -151,7 +151,7 @@ def missed_conditions(phases: Sequence[Recomputation], tolerance: float) -> list
 
     The tolerance is a share of the scale of a variable.
     """
-    found = []
+    missed = []
     for own in phases:
         phase = own.phase
         for variable in node_variables(phase_layout(phase).phase):
@@ -163,13 +163,13 @@ def missed_conditions(phases: Sequence[Recomputation], tolerance: float) -> list
                     continue
                 value = phase[variable.name][k]
                 beyond = np.maximum(condition[0] - value, value - condition[1])
-                found += [
+                missed += [
                     f"{place} of {variable.name}{f'[{i}]' if variable.size > 1 else ''} in phase "
                     f"{phase.name!r} is {value[i]:.6g} {variable.unit}, {beyond[i]:.3g} beyond its "
                     "condition"
                     for i in np.flatnonzero(~(beyond <= tolerance * variable.scale))
                 ]
-    return found
+    return missed
 
 
 def check_cost(
@@ -254,26 +254,26 @@ class _Intervals:
 
     def values(self, x: FloatArray, share: float) -> dict[str, FloatArray]:
         """All variables [size, M] at a fraction of the intervals, where the state is x."""
-        known = _split(self.states, x) | self.constant | self.free
+        tables = _split(self.states, x) | self.constant | self.free
         for name, end in self.arrival.items():
-            known[name] = self.node[name] + share * (end - self.node[name])
+            tables[name] = self.node[name] + share * (end - self.node[name])
         for name, points in self.inside.items():
-            if name not in known:
+            if name not in tables:
                 weights = _lagrange(list(points), share)
-                known[name] = np.tensordot(weights, np.stack([*points.values()]), axes=1)
-        return known
+                tables[name] = np.tensordot(weights, np.stack([*points.values()]), axes=1)
+        return tables
 
     def controls_within_bounds(self, share: float) -> dict[str, FloatArray]:
         """Polynomial controls [size, M] at a fraction of the intervals, as they are applied."""
-        found = {}
+        applied = {}
         for control in phase_layout(self.phase).phase.controls:
             if control.shape == "polynomial":
                 points = self.inside[control.name]
                 values = np.stack([table.T for table in points.values()], axis=1)
-                kept = within_bounds(values, list(points), control.lower, control.upper)
+                limited = within_bounds(values, list(points), control.lower, control.upper)
                 weights = _lagrange(list(points), share)
-                found[control.name] = np.tensordot(weights, kept, axes=(0, 1)).T
-        return found
+                applied[control.name] = np.tensordot(weights, limited, axes=(0, 1)).T
+        return applied
 
     def table(self, x: FloatArray, share: float) -> FloatArray:
         t = self.start + share * self.length
@@ -281,8 +281,8 @@ class _Intervals:
 
     def slope(self, x: FloatArray, share: float) -> tuple[FloatArray, FloatArray]:
         """Slopes of the states [n, M] and running cost [M]."""
-        found = self.expressions.dynamics(self.table(x, share)).full()
-        return found[:-1], found[-1]
+        slopes = self.expressions.dynamics(self.table(x, share)).full()
+        return slopes[:-1], slopes[-1]
 
     def rows(self, following: tuple[Values, FloatArray]) -> FloatArray:
         """Values of all rows [rows, M] of the stages, given the next mesh points."""
@@ -290,15 +290,15 @@ class _Intervals:
         arrived = _split(self.states, self.step.arrived) | self.arrival | self.free
         defects = {f: _split(self.states, value) for f, value in self.step.defects.items()}
         places: dict[float, tuple[Values, Mapping[tuple[str, int] | None, FloatArray]]] = {}
-        found = []
+        rows = []
         for entry in self.group.kind.rows:
             name, i, share = entry.name, entry.component, entry.fraction
             if entry.kind == "step" and entry.source is None:
-                found.append(duration - self.duration)
+                rows.append(duration - self.duration)
             elif entry.kind == "step":
-                found.append(ahead[name][i] - arrived[name][i])
+                rows.append(ahead[name][i] - arrived[name][i])
             elif entry.kind == "defect":
-                found.append(defects[share][name][i])
+                rows.append(defects[share][name][i])
             else:
                 if share not in places:
                     x = self.step.state(share)
@@ -307,8 +307,8 @@ class _Intervals:
                         self.expressions.limits(self.table(x, share)),
                     )
                 states, limits = places[share]
-                found.append(states[name][i] if entry.kind == "bound" else limits[entry.source][i])
-        return np.array(found)
+                rows.append(states[name][i] if entry.kind == "bound" else limits[entry.source][i])
+        return np.array(rows)
 
 
 # the formulas of the schemes ----------------------------------------------------------------------
@@ -400,9 +400,9 @@ def _integrated(own: _Intervals) -> _Step:
     """For a scheme without a formula here: what the dynamics really do."""
 
     def reach(share: float) -> tuple[FloatArray, FloatArray]:
-        found = each_interval(own.phase, until=share, cost=True)
+        integrated = each_interval(own.phase, until=share, cost=True)
         k = own.group.intervals
-        return found.states[k].T, found.costs[k]
+        return integrated.states[k].T, integrated.costs[k]
 
     return _Step(*reach(1.0), lambda share: reach(share)[0] if share else own.x, {})
 
@@ -417,7 +417,7 @@ _FORMULAS: Mapping[type, Callable[[_Intervals], _Step]] = {
 
 def _lagrange(points: Sequence[float], s: float, derivative: int = 0) -> FloatArray:
     """Lagrange polynomials [points] at s, their derivatives, or (-1) their integrals from 0."""
-    found = []
+    weights = []
     for own in points:
         others = [other for other in points if other != own]
         basis = np.poly1d(others, r=True) / np.prod([own - other for other in others])
@@ -425,5 +425,5 @@ def _lagrange(points: Sequence[float], s: float, derivative: int = 0) -> FloatAr
             basis = basis.deriv(derivative)
         elif derivative < 0:
             basis = basis.integ(-derivative)
-        found.append(float(basis(s)))
-    return np.array(found)
+        weights.append(float(basis(s)))
+    return np.array(weights)

@@ -99,18 +99,18 @@ def each_interval(
     for group in layout.groups:
         own = group.intervals
         data = _interval_data(phase, group, until)
-        found, failure = _first_that_works(
+        reached, failure = _first_that_works(
             layout,
             group.kind,
             tolerance,
             lambda run, own=own, data=data: run.map(own.size)(start[own].T, data.T),
             cost,
         )
-        if found is None:
+        if reached is None:
             return _failed(phase, failure)
-        ends[own] = found[0]
+        ends[own] = reached[0]
         if cost:
-            costs[own] = found[1]
+            costs[own] = reached[1]
     return Integrated(ends, costs)
 
 
@@ -125,10 +125,10 @@ def transitions(phase: PhaseSolution) -> FloatArray:
     slopes = np.zeros((layout.intervals, weights.size, weights.size))
     for group in layout.groups:
         own = group.intervals
-        found = _linearised(layout, group.kind).map(own.size)(
+        linear = _linearised(layout, group.kind).map(own.size)(
             middles[own].T, _interval_data(phase, group).T
         )
-        slopes[own] = found.full().T.reshape(own.size, weights.size, -1).transpose(0, 2, 1)
+        slopes[own] = linear.full().T.reshape(own.size, weights.size, -1).transpose(0, 2, 1)
     slopes = np.nan_to_num(slopes) * (weights[None, None, :] / weights[None, :, None])
     return transition_matrices(slopes, np.ones(layout.intervals))
 
@@ -236,35 +236,35 @@ def _equation(layout: PhaseLayout, kind: StageKind, cost: bool) -> _Equation:
 
     start, length, duration, until = part(1), part(1), part(1), part(1)
     s = share * until
-    known = [(p.symbol, part(p.value.size)) for p in phase.parameters]
-    known += [(v.symbol, part(v.size)) for v in constant]
+    values_of = [(p.symbol, part(p.value.size)) for p in phase.parameters]
+    values_of += [(v.symbol, part(v.size)) for v in constant]
     begins, ends = [part(v.size) for v in linear], [part(v.size) for v in linear]
     for variable, begin, end in zip(linear, begins, ends, strict=True):
         assert variable.rate is not None
-        known += [
+        values_of += [
             (variable.symbol, begin + s * (end - begin)),
             (variable.rate, (end - begin) / length),
         ]
     for variable in polynomial:
         points = points_of(kind, variable)
         values = ca.reshape(part(variable.size * len(points)), variable.size, len(points))
-        known.append((variable.symbol, values @ lagrange(points, s)))
-    known += [(v.symbol, part(v.size)) for v in phase.free_parameters]
+        values_of.append((variable.symbol, values @ lagrange(points, s)))
+    values_of += [(v.symbol, part(v.size)) for v in phase.free_parameters]
     guesses = [part(v.size) for v in phase.algebraics]
-    known += [(phase.time, start + s * length), (phase.duration, duration)]
+    values_of += [(phase.time, start + s * length), (phase.duration, duration)]
 
     x = ca.vertcat(*(v.symbol for v in phase.states))
     z = ca.vertcat(*(v.symbol for v in phase.algebraics), ca.MX(0, 1))
     slope = ca.vertcat(*(phase.derivatives[v.name] for v in phase.states))
     equations = ca.vertcat(*phase.algebraic_equations, ca.MX(0, 1))
-    arguments = [x, z, *(symbol for symbol, _ in known)]
+    arguments = [x, z, *(symbol for symbol, _ in values_of)]
     running = sum(phase.running_costs, ca.MX(0)) if cost else ca.MX(0, 1)
     physics = ca.Function("physics", arguments, [slope, equations, running])
     with contextlib.suppress(RuntimeError):  # interpolants have no scalar graph
         physics = physics.expand()
     scale = ca.DM(np.concatenate([v.scale for v in phase.states]))
     y, inner = ca.MX.sym("y", x.shape[0]), ca.MX.sym("z", z.shape[0])
-    rate, residual, slope_of_cost = physics(y * scale, inner, *(value for _, value in known))
+    rate, residual, slope_of_cost = physics(y * scale, inner, *(value for _, value in values_of))
     reach = until * length
     dae: dict[str, Any] = {
         "t": share,
@@ -310,9 +310,9 @@ def _linearised(layout: PhaseLayout, kind: StageKind) -> ca.Function:
         inner = ca.solve(ca.jacobian(dae["alg"], dae["z"]), ca.jacobian(dae["alg"], dae["x"]))
         slopes = slopes - ca.jacobian(dae["ode"], dae["z"]) @ inner
     first = ca.MX.sym("x0", scale.shape[0])
-    known = [dae["t"], dae["x"], *([dae["z"]] if "z" in dae else [])]
+    replaced = [dae["t"], dae["x"], *([dae["z"]] if "z" in dae else [])]
     values = [ca.MX(0.5), first / scale, *([guesses] if "z" in dae else [])]
-    (at,) = ca.graph_substitute([ca.densify(slopes)], known, values)
+    (at,) = ca.graph_substitute([ca.densify(slopes)], replaced, values)
     at = ca.diag(scale) @ at @ ca.diag(1 / scale)
     return _of_flat_data(first, parts, [ca.vec(ca.densify(at))])
 

@@ -54,10 +54,10 @@ def differentiate(phase: PhaseSolution, lam_g: FloatArray) -> Derivatives:
     step = np.zeros((n, layout.node_size))
     for group in layout.groups:
         table = layout.table(phase.stages, group)
-        run = _stage_gradient(group.kind.kernels.stage).map(group.intervals.size)
+        run = _gradient(group.kind.kernels.stage).map(group.intervals.size)
         slope, slope_of_grid = run(table.T, layout.constants(group.intervals), lam_g[group.rows].T)
         by_stage[group.variables - layout.stages.start] = slope.full().T
-        by_grid[:, group.intervals] = slope_of_grid.full()
+        by_grid[:, group.intervals] = slope_of_grid.full()[:2]
         step[group.intervals] = lam_g[group.rows[:, : layout.node_size]]
     last = [phase.values[v.name][-1] for v in node_variables(layout.phase)]
     z = np.vstack(
@@ -68,10 +68,10 @@ def differentiate(phase: PhaseSolution, lam_g: FloatArray) -> Derivatives:
     )
     by_point, end_cost = np.zeros_like(z), np.zeros(layout.node_size)
     for group in layout.points:
-        run = _point_gradient(group.kernel.point).map(group.nodes.size)
+        run = _gradient(group.kernel.point).map(group.nodes.size)
         constants, lam = layout.point_constants(group), lam_g[group.block.places].T
-        by_point[group.nodes] += run(z[group.nodes].T, constants, lam).full().T
-        end_cost = run(z[group.nodes].T, constants, 0 * lam).full()[:, -1]  # the end comes last
+        by_point[group.nodes] += run(z[group.nodes].T, constants, lam)[0].full().T
+        end_cost = run(z[group.nodes].T, constants, 0 * lam)[0].full()[:, -1]  # the end comes last
     return Derivatives(
         layout=layout,
         by_stage=by_stage,
@@ -88,22 +88,15 @@ def _symbols(function: ca.Function) -> list[Any]:
     return [kind.sym(f"i{k}", function.size1_in(k)) for k in range(function.n_in())]
 
 
-def _stage_gradient(stage: ca.Function) -> ca.Function:
-    v, c = _symbols(stage)
-    following, rows, cost = stage(v, c)
-    both = ca.vertcat(-following, rows)
-    lam = type(v).sym("lam", both.shape[0])
-    lagrangian = cost + ca.dot(lam, both)
+def _gradient(function: ca.Function) -> ca.Function:
+    """Slopes of the Lagrangian of a stage, or of points, with respect to its inputs."""
+    v, c = _symbols(function)
+    *parts, cost = function(v, c)
+    signed = ca.vertcat(-parts[0], *parts[1:]) if len(parts) > 1 else parts[0]
+    lam = type(v).sym("lam", signed.shape[0])
+    lagrangian = cost + ca.dot(lam, signed)
     slopes = [ca.densify(ca.gradient(lagrangian, w)) for w in (v, c)]
-    return ca.Function("stage_gradient", [v, c, lam], [slopes[0], slopes[1][:2]])
-
-
-def _point_gradient(point: ca.Function) -> ca.Function:
-    z, c = _symbols(point)
-    rows, cost = point(z, c)
-    lam = type(z).sym("lam", rows.shape[0])
-    slope = ca.densify(ca.gradient(cost + ca.dot(lam, rows), z))
-    return ca.Function("point_gradient", [z, c, lam], [slope])
+    return ca.Function("gradient", [v, c, lam], slopes)
 
 
 def lagrangian_gradient(parts: Sequence[Derivatives], lam_g: FloatArray) -> FloatArray:

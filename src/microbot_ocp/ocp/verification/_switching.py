@@ -54,7 +54,7 @@ class Prices:
 def arcs_of(dense: DensePhase, prices: Prices, worth: float) -> list[Arc]:
     """Stretches of a phase during which a limit acts and is worth something."""
     phase = dense.phase
-    found = []
+    arcs = []
     for limited in dense.limited:
         for i in range(0 if limited.end else limited.lower.size):
             low, high = float(limited.lower[i]), float(limited.upper[i])
@@ -79,7 +79,7 @@ def arcs_of(dense: DensePhase, prices: Prices, worth: float) -> list[Arc]:
                     near &= own[:, 0] <= end / phase.duration + reach
                     price = float(push[near].sum())
                     if price * size > worth:
-                        found.append(
+                        arcs.append(
                             Arc(
                                 phase.name,
                                 limited.kind,
@@ -92,7 +92,7 @@ def arcs_of(dense: DensePhase, prices: Prices, worth: float) -> list[Arc]:
                                 limited.unit,
                             )
                         )
-    return sorted(found, key=lambda arc: (arc.name, arc.component, arc.start))
+    return sorted(arcs, key=lambda arc: (arc.name, arc.component, arc.start))
 
 
 def _joined_runs(dense: DensePhase, active: np.ndarray) -> list[tuple[int, int]]:
@@ -101,15 +101,15 @@ def _joined_runs(dense: DensePhase, active: np.ndarray) -> list[tuple[int, int]]
     A limit that is kept at a few points of every interval leaves it a little between them.
     """
     steps = np.diff(dense.phase.t)
-    found: list[tuple[int, int]] = []
+    joined: list[tuple[int, int]] = []
     for first, last in _runs(active):
-        if found:
-            begin, end = found[-1]
+        if joined:
+            begin, end = joined[-1]
             if dense.t[first] - dense.t[end] < (1 - 1e-6) * steps[dense.interval[end]]:
-                found[-1] = (begin, last)
+                joined[-1] = (begin, last)
                 continue
-        found.append((first, last))
-    return found
+        joined.append((first, last))
+    return joined
 
 
 def _runs(active: np.ndarray) -> list[tuple[int, int]]:

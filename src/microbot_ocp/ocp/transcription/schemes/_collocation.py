@@ -63,8 +63,8 @@ class Collocation:
 
     def variables(self, phase: Phase) -> tuple[StageVariable, ...]:
         """States, polynomial controls and algebraic variables at every point."""
-        kept = [*phase.states, *pointwise(phase)]
-        return tuple(StageVariable(v, point) for point in self.points for v in kept)
+        inside = [*phase.states, *pointwise(phase)]
+        return tuple(StageVariable(v, point) for point in self.points for v in inside)
 
     def step(self, phase: Phase, interval: Interval, values: Sequence[ca.MX]) -> IntervalStep:
         """Polynomial over the interval with one defect a point."""
