@@ -183,15 +183,17 @@ class _Work:
                 self._report(state)
         if state is None:
             return _interrupted(_alone(first)), True
-        last, saved, tried = state.refused, 0.0, []
+        last = state.refused
         if last is not None and last.status is Status.INTERRUPTED:
             return _interrupted(self._recorded(state)), True
         if last is not None and self._at_saddle(state.measure) and _endless(last):
             return replace(last, attempts=self._recorded(state).attempts), True
         if state.ended in (None, Status.INTERRUPTED):
             return _interrupted(self._recorded(state)), True
-        if self.finer:
-            state, saved, tried = self._improved(state)
+        state, saved, tried = self._improved(state)
+        saved = (
+            saved if self.finer else 0.0
+        )  # on a mesh that was given the mesh itself may cost more
         solution = self._recorded(state)
         solution = replace(solution, attempts=(*solution.attempts, *tried))
         return self._judged(solution, state, saved)

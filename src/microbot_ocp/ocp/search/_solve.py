@@ -22,7 +22,7 @@ from microbot_ocp._base.outcome import Ledger, LedgerRow
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.diagnosis import POOR, NotFinite
 from microbot_ocp.ocp.problem import OptimalControlProblem, with_shapes
-from microbot_ocp.ocp.refinement import PASSING, Accuracy, improvable, improved, judged
+from microbot_ocp.ocp.refinement import PASSING, Accuracy, improvable, judged
 from microbot_ocp.ocp.search._other_starts import (
     cheaper_elsewhere,
     on_any_mesh,
@@ -49,7 +49,6 @@ UNSETTLED = (Status.NO_PROGRESS, Status.NOT_ACCEPTED)  # other shapes of control
 
 GIVEN = "as given"
 OWN_SCALES = "with the scales of the first answer"
-BETTER_CONTROLS = "from controls with a smaller Hamiltonian"
 CONSTANT = "with controls that are constant over every interval"
 COARSER = "from a coarser mesh"
 OTHER_STARTS = "from other starts"
@@ -355,24 +354,18 @@ def _finished(
 ) -> tuple[Solution, bool]:
     """The cheapest that an answer leads to, on meshes on which it passes, and whether it is final.
 
-    It is compared with what other starts and better controls lead to.
+    It is compared with what other starts lead to.
     """
     solution, start = _in_own_scales(task, journal, solution, start)
-    if not task.alone and solution.status in CONVERGED:
-        if not isinstance(task.guess, Solution):  # what was compared when it was found
-            began, before = time.perf_counter(), solution
-            how = start.settings, task.compared, task.until, task.progress, task.guess
-            solution, tried = cheaper_elsewhere(solution, start.transcription, *how)
-            journal.attempts.extend(tried)
-            journal.enter(OTHER_STARTS, began, before, solution if tried else None, tried)
-            if tried:  # another valley, of other sizes
-                solution, start = _in_own_scales(task, journal, solution, start)
+    compared = task.alone or isinstance(task.guess, Solution)  # what was compared when it was found
+    if not compared and solution.status in CONVERGED:
         began, before = time.perf_counter(), solution
-        how = start.settings, task.until, task.progress
-        solution, tried = improved(solution, start.transcription, *how)
+        how = start.settings, task.compared, task.until, task.progress, task.guess
+        solution, tried = cheaper_elsewhere(solution, start.transcription, *how)
         journal.attempts.extend(tried)
-        better = None if solution is before else solution
-        journal.enter(BETTER_CONTROLS, began, before, better, tried)
+        journal.enter(OTHER_STARTS, began, before, solution if tried else None, tried)
+        if tried:  # another valley, of other sizes
+            solution, start = _in_own_scales(task, journal, solution, start)
     advice = solution.advice
     if solution.status.solved and strategy.name:
         advice = f"{advice} The first try failed; this was found {strategy.name}."

@@ -21,7 +21,7 @@ from microbot_ocp._base.quiet import quiet
 from microbot_ocp.ocp.problem import Phase, Variable
 from microbot_ocp.ocp.solution import PhaseSolution
 from microbot_ocp.ocp.transcription import PhaseLayout, StageGroup, StageKind
-from microbot_ocp.ocp.transcription.schemes import within_bounds
+from microbot_ocp.ocp.transcription.schemes import lagrange, within_bounds
 
 
 @dataclass(frozen=True)
@@ -248,7 +248,7 @@ def _equation(layout: PhaseLayout, kind: StageKind, cost: bool) -> _Equation:
     for variable in polynomial:
         points = points_of(kind, variable)
         values = ca.reshape(part(variable.size * len(points)), variable.size, len(points))
-        values_of.append((variable.symbol, values @ lagrange(points, s)))
+        values_of.append((variable.symbol, values @ ca.vertcat(*lagrange(points, s))))
     values_of += [(v.symbol, part(v.size)) for v in phase.free_parameters]
     guesses = [part(v.size) for v in phase.algebraics]
     values_of += [(phase.time, start + s * length), (phase.duration, duration)]
@@ -323,15 +323,3 @@ def _of_flat_data(first: ca.MX, parts: list[ca.MX], results: list[ca.MX]) -> ca.
     flat = ca.MX.sym("data", sum(sizes))
     pieces = ca.vertsplit(flat, np.cumsum([0, *sizes]).tolist())
     return ca.Function("of_interval", [first, flat], whole.call([first, *pieces]))
-
-
-def lagrange(points: list[float], s: ca.MX) -> ca.MX:
-    """Values [points] at s of the Lagrange polynomials through the points."""
-    weights = []
-    for i, own in enumerate(points):
-        others = [other for j, other in enumerate(points) if j != i]
-        weight = ca.MX(1)
-        for other in others:
-            weight = weight * (s - other) / (own - other)
-        weights.append(weight)
-    return ca.vertcat(*weights)

@@ -8,6 +8,7 @@ from microbot_ocp.ocp.transcription.schemes._base import (
     IntervalStep,
     Scheme,
     StageVariable,
+    lagrange,
     pointwise,
 )
 from microbot_ocp.ocp.transcription.schemes._collocation import Collocation, within_bounds
@@ -48,6 +49,7 @@ __all__ = [
     "Shooting",
     "StageVariable",
     "Trapezoidal",
+    "lagrange",
     "pointwise",
     "with_degree",
     "within_bounds",

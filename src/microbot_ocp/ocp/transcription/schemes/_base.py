@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import casadi as ca
 
@@ -99,6 +99,18 @@ class Scheme(Protocol):
     def step(self, phase: Phase, interval: Interval, values: Sequence[ca.MX]) -> IntervalStep:
         """Step over the interval, given the values of :meth:`variables`."""
         ...
+
+
+def lagrange(points: Sequence[float], s: Any) -> list[Any]:
+    """Values at s, numbers or an expression, of the Lagrange polynomials through some points."""
+    weights = []
+    for own in points:
+        weight: Any = 1.0
+        for other in points:
+            if other != own:
+                weight = weight * (s - other) / (own - other)
+        weights.append(weight)
+    return weights
 
 
 def pointwise(phase: Phase) -> list[Variable]:

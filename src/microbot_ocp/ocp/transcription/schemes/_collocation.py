@@ -22,6 +22,7 @@ from microbot_ocp.ocp.transcription.schemes._base import (
     Interval,
     IntervalStep,
     StageVariable,
+    lagrange,
     pointwise,
 )
 
@@ -127,12 +128,7 @@ def within_bounds(
 @lru_cache(maxsize=32)
 def _dense_basis(points: tuple[float, ...]) -> FloatArray:
     """Lagrange polynomials [G, points] at evenly spaced places of an interval."""
-    places = np.linspace(0.0, 1.0, DENSE)
-    columns = []
-    for i, own in enumerate(points):
-        others = [k for j, k in enumerate(points) if j != i]
-        columns.append(np.prod([(places - k) / (own - k) for k in others], axis=0))
-    return np.column_stack(columns)
+    return np.column_stack(lagrange(points, np.linspace(0.0, 1.0, DENSE)))
 
 
 @lru_cache(maxsize=32)
@@ -146,13 +142,8 @@ def _coefficients(kind: str, degree: int) -> tuple[list[float], FloatArray, Floa
 def _quadrature(points: Sequence[float]) -> FloatArray:
     """Integrals [d] of the Lagrange polynomials; CasADi's are wrong for a single Radau point."""
     nodes, weights = np.polynomial.legendre.leggauss(len(points))
-    s = (nodes + 1) / 2
-    integrals = []
-    for i, own in enumerate(points):
-        others = [k for j, k in enumerate(points) if j != i]
-        basis = np.prod([(s - k) / (own - k) for k in others], axis=0) * np.ones_like(s)
-        integrals.append(weights @ basis / 2)
-    return np.array(integrals)
+    bases = lagrange(points, (nodes + 1) / 2)
+    return np.array([weights @ (basis * np.ones_like(nodes)) / 2 for basis in bases])
 
 
 def _interpolate(points: Sequence[float], values: Sequence[ca.MX], s: Fraction) -> ca.MX:
@@ -161,11 +152,5 @@ def _interpolate(points: Sequence[float], values: Sequence[ca.MX], s: Fraction) 
         for point, value in zip(points, values, strict=True):
             if abs(point - s) < 1e-12:
                 return value
-    total = ca.MX(0)
-    for i, value in enumerate(values):
-        weight = 1.0
-        for j, other in enumerate(points):
-            if j != i:
-                weight = weight * (s - other) / (points[i] - other)
-        total = total + weight * value
-    return total
+    pairs = zip(lagrange(points, s), values, strict=True)
+    return sum((weight * value for weight, value in pairs), ca.MX(0))
