@@ -20,7 +20,7 @@ from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.mesh import Round, refined
 from microbot_ocp.ocp.solution import Solution, StepProgress, quiet
 from microbot_ocp.ocp.solvers import SolverSettings, solve_on
-from microbot_ocp.ocp.transcription import Guess, Meshes, MeshLike, Transcription, mesh_of
+from microbot_ocp.ocp.transcription import Guess, Meshes, MeshLike, Transcription
 
 GuessFrom = Callable[[Solution], Mapping[str, Guess]]
 Excess = Callable[[Solution], Sequence[FloatArray]]
@@ -36,26 +36,21 @@ class RefinerSettings:
 
     Attributes
     ----------
-    many : intervals from which IPOPT comes first: what fatrop takes to be made grows with their
-        square (0.4 s for 500 intervals of Radau collocation, 6 s for 2000)
     sharp : share of the cost: less is not worth another mesh
     warm_barrier : barrier parameter of warm starts; with the usual start at 0.1 IPOPT leaves the
         good guess and comes back late or elsewhere (146 against 35 iterations on one task with
         four via points)
     stubborn : meshes that do not halve the least excess so far: finer ones will not, either
     gross : excess from which an answer was found by the tolerance of its equations, not by them
-    far_above : times the accepted excess; halving an interval divides it by about four
     polished : share of the wanted gap that needs no polish
     polishing : iterations for the last digits
     finishing : meshes after that
     """
 
-    many: int = 500
     sharp: float = 1e-6
     warm_barrier: float = 1e-4
     stubborn: int = 6
     gross: float = 1.0
-    far_above: float = 3.0
     polished: float = 0.1
     polishing: int = 60
     finishing: int = 2
@@ -87,16 +82,11 @@ class Refiner:
         Called with a line of text at every step, and with every iteration of the solvers.
     settings : SolverSettings
         What else the solvers are told.
-    worse : float
-        A finer mesh may not cost more than a coarser one by more, relative.
     until : float
         When the time is over, by the clock of ``time.perf_counter``.
     rough : float, optional
         Tolerance of all solves until :meth:`finished`: on a flat minimum most iterations are
         spent on the last digits, which the next mesh changes.
-    deep : bool
-        Halve once more where the excess is far above what is accepted: fewer meshes with more
-        intervals, for programs whose iterations are cheap.
     polishing : int
         Iterations at most for the last digits; none are looked for with zero.
     foresight : float
@@ -119,10 +109,8 @@ class Refiner:
     rounds: int = 10
     progress: StepProgress = quiet
     settings: SolverSettings = field(default_factory=SolverSettings)
-    worse: float = WORSE
     until: float = np.inf
     rough: float | None = None
-    deep: bool = False
     polishing: int = SETTINGS.polishing
     foresight: float = 1.0
     fitted: Fitted | None = None
@@ -225,10 +213,12 @@ class Refiner:
             return before
         guesses = self.guess_from(before)
         first: tuple[str | tuple[str, ...], float | None, Mapping[str, Guess] | Solution]
-        many = sum(mesh_of(mesh).intervals for mesh in meshes) > SETTINGS.many
-        own = "ipopt" if self.solver == "auto" and many else self.solver
-        first = (own, SETTINGS.warm_barrier, guesses)
-        if own == "ipopt" and before.status.solved and before.variable_multipliers is not None:
+        first = (self.solver, SETTINGS.warm_barrier, guesses)
+        if (
+            self.solver == "ipopt"
+            and before.status.solved
+            and before.variable_multipliers is not None
+        ):
             # with multipliers: 20 against 30 iterations on the Microbot task from 20 to 100
             first = ("ipopt", None, before)
         after, dearer = before, None
@@ -283,9 +273,7 @@ class Refiner:
         if self._exceeds_grossly(before, after):
             return False
         more, size = after.cost - before.cost, abs(before.cost)
-        return (
-            more <= self.worse * size or more <= (self.worse + self._owed_to_excess(before)) * size
-        )
+        return more <= WORSE * size or more <= (WORSE + self._owed_to_excess(before)) * size
 
     def refine(self, solution: Solution, switching: Switching | None = None) -> Solution:
         """Split intervals until no constraint is exceeded between mesh points by more.
@@ -360,14 +348,7 @@ class Refiner:
             tables = [own.reshape(own.shape[0], -1) for own in marked]
             pairs = zip(tables, seen.switches, strict=True)
             marked = [own | switch.reshape(-1, 1) for own, switch in pairs]
-        meshes = _split_all(solution, marked)
-        if not self.deep:
-            return meshes
-        far = SETTINGS.far_above * self.limit_tolerance
-        return [
-            halved_within(mesh, phase.mesh, e > far)
-            for mesh, phase, e in zip(meshes, solution.phases, seen.excess, strict=True)
-        ]
+        return _split_all(solution, marked)
 
     def _keeps_limits(self, rounds: _Rounds, _: list[FloatArray]) -> Status | None:
         """Why no more is split: limits are kept, or enough, or finer meshes come no nearer."""
@@ -414,13 +395,6 @@ def _stubborn(excess: Sequence[float]) -> int:
 
 def _split_all(solution: Solution, marked: Sequence[np.ndarray]) -> list[FloatArray]:
     return [split(phase.mesh, own) for phase, own in zip(solution.phases, marked, strict=True)]
-
-
-def halved_within(mesh: FloatArray, coarse: FloatArray, bad: np.ndarray) -> FloatArray:
-    """Halve the intervals of a mesh that lie in bad intervals [N] or [N, K] of a coarser one."""
-    rows: np.ndarray = np.any(bad.reshape(coarse.size - 1, -1), axis=1)
-    middle = 0.5 * (mesh[:-1] + mesh[1:])
-    return np.union1d(mesh, middle[rows[np.searchsorted(coarse, middle) - 1]])
 
 
 def split(mesh: FloatArray, bad: np.ndarray) -> FloatArray:
