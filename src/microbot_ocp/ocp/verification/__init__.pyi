@@ -16,14 +16,12 @@ from ._certificate import (
 from ._certification import (
     verify as verify,
 )
-from ._costates import (
-    costates_of as costates_of,
-)
 from ._declared import (
     as_declared as as_declared,
 )
-from ._hamiltonian_minimum import (
+from ._hamiltonian import (
     better_controls as better_controls,
+    costates_of as costates_of,
 )
 from ._judgement import (
     Judgement as Judgement,

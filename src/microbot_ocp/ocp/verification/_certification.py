@@ -11,8 +11,7 @@ from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.solution import Solution
 from microbot_ocp.ocp.transcription import Transcription
 from microbot_ocp.ocp.verification._certificate import OCPCertificate, Thresholds
-from microbot_ocp.ocp.verification._costates import costates_of
-from microbot_ocp.ocp.verification._hamiltonian import hamiltonian_of
+from microbot_ocp.ocp.verification._hamiltonian import costates_of, hamiltonian_of
 from microbot_ocp.ocp.verification._judgement import judge
 from microbot_ocp.ocp.verification._messages import summary_of
 from microbot_ocp.ocp.verification._switching import THRESHOLDS, Prices, arcs_of

@@ -1,19 +1,94 @@
-"""The Hamiltonian along a phase.
+"""Costates and the Hamiltonian along a phase, and whether other controls make it smaller.
+
+Costates at the mesh points and at the points of collocation, from the multipliers.
+
+A row of the dynamics is ``z_k+1 - next(z_k, w_k) = 0``, so the costate at the mesh point k + 1 is
+``-lam / scale``: the derivative of the optimal cost with respect to the state there, in cost per
+unit of the state.
+
+At the points of collocation the costate is ``-mu_j / (scale w_j)`` with the multiplier of the
+defect mu_j and the quadrature weight w_j (Garg et al., *Automatica* 46, 2010, "A unified framework
+for the numerical solution of optimal control problems using pseudospectral methods"; Betts,
+*Practical Methods for Optimal Control*, 2nd ed., section 4.11).
+
+The Hamiltonian along a phase.
 
 It is ``H = L + costate' f``, which the optimal control makes smallest (Bryson and Ho, *Applied
 Optimal Control*, sections 2.3 and 3.2). It is constant along a phase whose expressions do not
 contain the time, and -1 where the cost is the duration and the duration is free.
+
+Whether another control at the same state has a smaller Hamiltonian: Pontryagin's condition.
+
+A solver of programs looks at the neighbourhood of its point only. Where the Hamiltonian has two
+valleys in a control, a solution may stand in the higher one on some intervals, with all conditions
+of the first order met, and better ones are found by none of its steps. To first order, another
+control on a short interval changes the cost by the difference of the Hamiltonians (Bryson and Ho,
+*Applied Optimal Control*, section 2.3).
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp.ocp.solution import PhaseSolution
-from microbot_ocp.ocp.verification._certificate import Hamiltonian
+from microbot_ocp.ocp.problem import Variable
+from microbot_ocp.ocp.solution import PhaseSolution, Solution
+from microbot_ocp.ocp.transcription import PhaseLayout, StageGroup
+from microbot_ocp.ocp.transcription.schemes import Collocation
+from microbot_ocp.ocp.verification._certificate import Costates, Hamiltonian
+from microbot_ocp.ocp.verification._recomputation import Recomputation
+from microbot_ocp.ocp.verification._reintegration import phase_layout
 from microbot_ocp.ocp.verification._stationarity import Derivatives
+
+
+def _split(states: Sequence[Variable], table: FloatArray) -> dict[str, FloatArray]:
+    edges = np.cumsum([0, *(s.size for s in states)])
+    return {s.name: table[:, a : a + s.size] for s, a in zip(states, edges[:-1], strict=True)}
+
+
+def costates_of(phase: PhaseSolution, part: Derivatives, lam_g: FloatArray) -> Costates:
+    """Costates of a phase in cost per unit of the state."""
+    layout = part.layout
+    states = layout.phase.states
+    size = sum(s.size for s in states)
+    scale = layout.node_scale[:size]
+    after = part.by_stage[layout.nodes[:-1, :size] - layout.stages.start] / scale
+    values = np.vstack([after[:1], -part.step[:, :size] / scale])
+    point_t, point_values = np.zeros(0), np.zeros((0, size))
+    for group in layout.groups:
+        scheme = group.kind.scheme
+        if isinstance(scheme, Collocation):
+            own = _at_points(layout, group, scheme, lam_g)
+            t = phase.t[group.intervals, None] + np.outer(
+                np.diff(phase.t)[group.intervals], scheme.points
+            )
+            point_t = np.concatenate([point_t, t.ravel()])
+            point_values = np.vstack([point_values, own.reshape(-1, size)])
+    in_turn = np.argsort(point_t, kind="stable")
+    point_t, point_values = point_t[in_turn], point_values[in_turn]
+    return Costates(
+        phase=phase.name,
+        t=phase.t,
+        values=_split(states, values),
+        after=_split(states, after),
+        point_t=point_t,
+        point_values=_split(states, point_values),
+    )
+
+
+def _at_points(
+    layout: PhaseLayout, group: StageGroup, scheme: Collocation, lam_g: FloatArray
+) -> FloatArray:
+    """Costates [M, degree, n] at the collocation points of the intervals of a group."""
+    size = sum(s.size for s in layout.phase.states)
+    defects = group.rows[:, layout.node_size :][:, : scheme.degree * size]
+    mu = lam_g[defects].reshape(-1, scheme.degree, size)
+    return -mu / (layout.node_scale[:size] * scheme.weights[:, None])
+
 
 INSIDE = 1e-6  # relative distance of a duration from its bounds that makes it free
 
@@ -46,3 +121,97 @@ def hamiltonian_of(phase: PhaseSolution, part: Derivatives, lam_x: FloatArray) -
         expected=-float(part.end_cost[-1]) / layout.node_scale[-1] if free and apart else None,
         duration_price=price,
     )
+
+
+@dataclass(frozen=True)
+class MinimumSettings:
+    """Which controls a Hamiltonian is compared at.
+
+    Attributes
+    ----------
+    tried : values of a control from bound to bound, and as many that it takes elsewhere
+    keeps : relative excess of a constraint above which a control is none to compare with
+    """
+
+    tried: int = 9
+    keeps: float = 1e-6
+
+
+SETTINGS = MinimumSettings()
+
+
+def better_controls(solution: Solution) -> tuple[float, dict[str, dict[str, FloatArray]]]:
+    """What the cost would fall by, to first order, and the controls [N, points, size] by phase.
+
+    Bounded polynomial controls are looked at one by one, at the points of collocation of phases
+    whose intervals are of one degree and which have no algebraic variables.
+    """
+    gain, controls = 0.0, {}
+    for phase in solution.phases:
+        own, values = _of_phase(phase, solution.row_multipliers)
+        if own > 0:
+            gain, controls[phase.name] = gain + own, values
+    return gain, controls
+
+
+def _of_phase(phase: PhaseSolution, multipliers: FloatArray) -> tuple[float, dict[str, FloatArray]]:
+    layout = phase_layout(phase)
+    declared, group = layout.phase, layout.groups[0]
+    scheme = group.kind.scheme
+    looked_at = [
+        control
+        for control in declared.controls
+        if control.shape == "polynomial" and np.isfinite([control.lower, control.upper]).any()
+    ]
+    if len(layout.groups) > 1 or not isinstance(scheme, Collocation):
+        return 0.0, {}
+    if declared.algebraics or not looked_at:
+        return 0.0, {}
+    count = scheme.degree
+    intervals = np.repeat(group.intervals, count)
+    share = np.tile(scheme.points, group.intervals.size)
+    at = Recomputation(phase)
+    sampled = at.interpolated(intervals, share)
+    for control in looked_at:  # as they stand, not as they are limited in between
+        sampled[control.name] = phase.values[control.name].reshape(-1, control.size)
+    steps = np.diff(phase.mesh)[intervals]
+    t = (phase.mesh[intervals] + share * steps) * phase.duration
+    costates = _at_points(layout, group, scheme, multipliers).reshape(t.size, -1)
+    weights = steps * phase.duration * np.tile(scheme.weights, group.intervals.size)
+
+    def hamiltonian(values: dict[str, FloatArray]) -> FloatArray:
+        columns = {k: v.T for k, v in values.items()}
+        table = at.expressions.table(columns, t, phase.duration)
+        slopes = at.expressions.dynamics(table).full()
+        sums = slopes[-1] + np.einsum("ki,ik->k", costates, slopes[:-1])
+        for limit in declared.constraints:
+            own = at.expressions.function([limit.expression])(table).full()
+            room = SETTINGS.keeps * limit.scale[:, None]
+            broken = (own < limit.lower[:, None] - room) | (own > limit.upper[:, None] + room)
+            sums = np.where(broken.any(axis=0), np.inf, sums)
+        return np.where(np.isfinite(sums), sums, np.inf)
+
+    before = hamiltonian(sampled)
+    best, values = before.copy(), {c.name: sampled[c.name].copy() for c in looked_at}
+    for control in looked_at:
+        for component in np.flatnonzero(_bounded(control)).tolist():
+            even = np.linspace(control.lower[component], control.upper[component], SETTINGS.tried)
+            own = np.quantile(
+                sampled[control.name][:, component], np.linspace(0.0, 1.0, SETTINGS.tried)
+            )
+            for value in np.union1d(even, own):
+                tried = values[control.name].copy()
+                tried[:, component] = value
+                found = hamiltonian({**sampled, **values, control.name: tried})
+                lower = found < best
+                best = np.where(lower, found, best)
+                values[control.name][lower, component] = value
+    with np.errstate(invalid="ignore"):
+        gain = np.nan_to_num((before - best) * weights, posinf=0.0)
+    shape = (layout.intervals, count)
+    found = {name: table.reshape(*shape, -1) for name, table in values.items()}
+    return float(gain.sum()), found
+
+
+def _bounded(control: Variable) -> np.ndarray:
+    return np.isfinite(control.lower) & np.isfinite(control.upper)

@@ -50,9 +50,9 @@ from microbot_ocp.ocp.verification._reintegration import (
     each_interval,
     mesh_states,
     phase_layout,
+    resimulate,
     state_weights,
 )
-from microbot_ocp.ocp.verification._resimulation import resimulate
 from microbot_ocp.ocp.verification._stationarity import (
     Derivatives,
     bound_multipliers,
