@@ -330,7 +330,7 @@ class _Work:
         if better is state.solution:
             return state, saved, tried
         seen = self._measured(began, state.rounds, better)
-        better = replace(better, attempts=tuple(tried))
+        better = replace(better, attempts=tuple(tried), advice=state.solution.advice)
         last = Round(better, replace(seen, left=before.left))
         return replace(state, rounds=(*state.rounds, last)), improvable(better), []
 
