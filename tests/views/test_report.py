@@ -126,7 +126,8 @@ def test_a_cell_says_how_often_an_hour(tmp_path):
     motion = mo.time_optimal(robot, list(stops), cycle=True, mesh=12, starts=1)
     certificate = mo.certify(robot, motion, via_q=list(stops), cycle=True)
     cell = Cell(robot, stops, (None, None), True, motion, certificate)
-    page = Reader(cell.report(tmp_path / "cell.html").read_text("utf-8"))
+    (path,) = cell.save(tmp_path, ["report"])
+    page = Reader(path.read_text("utf-8"))
     assert page.loaded == []
     assert f"{3600 / motion.duration:.0f} cycles an hour" in page.text
     assert "here" in page.text

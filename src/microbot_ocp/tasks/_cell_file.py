@@ -56,7 +56,7 @@ from microbot_ocp.tasks._front import (
 from microbot_ocp.tasks._task_file import (
     CELL,
     CELL_OUTPUTS,
-    FILMS,
+    ON_REQUEST,
     SCHEMA,
     limits_from,
     robot_from,
@@ -242,7 +242,7 @@ class Cell:
         ----------
         folder : str or Path
         outputs : sequence of str
-            Some of "json", "motion", "figure", "recording", "gif", "mp4".
+            Some of "json", "motion", "figure", "recording", "report", "gif", "mp4".
 
         Raises
         ------
@@ -252,7 +252,7 @@ class Cell:
         target = made_folder(folder)
         written = []
         for name in outputs:
-            checks.one_of("output", name, (*CELL_OUTPUTS, *FILMS))
+            checks.one_of("output", name, (*CELL_OUTPUTS, *ON_REQUEST))
             if name == "json":
                 text = json.dumps(plain(self.as_dict()), indent=2, ensure_ascii=False) + "\n"
                 written.append(write_whole(target / "cell.json", text))
@@ -266,6 +266,8 @@ class Cell:
                     written.append(self.front.plot().savefig(target / "front.png"))
             elif name == "recording":
                 written.append(self.to_rerun(target / "cell.rrd"))
+            elif name == "report":
+                written.append(self.report(target / "report.html"))
             else:
                 written.append(self.export(target / f"cell.{name}"))
         return written

@@ -66,9 +66,10 @@ TASK = {
 }
 CELL_OUTPUTS = ("json", "motion", "figure", "recording")  # what is written by default
 FILMS = ("gif", "mp4")
+ON_REQUEST = ("report", *FILMS)  # what takes longer
 CELL = {
     **COMMON,
-    "outputs": Key(choices=(*CELL_OUTPUTS, *FILMS), several=True),
+    "outputs": Key(choices=(*CELL_OUTPUTS, *ON_REQUEST), several=True),
     "stop": TABLES,
     "segment": TABLES,
     "cycle": FLAG,
