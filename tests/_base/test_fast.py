@@ -210,6 +210,22 @@ def test_compiled_torques_have_the_bits_of_those_that_are_not():
     np.testing.assert_array_equal(mo.fast_call(function)(*states), as_it_is)
 
 
+def test_a_deferred_call_of_python_is_never_compiled(monkeypatch):
+    class Twice(ca.Callback):
+        def __init__(self):
+            ca.Callback.__init__(self)
+            self.construct("twice", {})
+
+        def eval(self, arguments):
+            return [2 * arguments[0]]
+
+    monkeypatch.setattr(fast_calls, "WORTH_COMPILING", 0.0)
+    twice, x = Twice(), ca.MX.sym("x")
+    call = deferred_call(ca.Function("of_python", [x], [twice(x)]))
+    for _ in range(2):  # the second call would compile, and warn that it cannot
+        assert call(np.ones((ROWS, 1))).tolist() == [[2.0]] * ROWS
+
+
 def test_a_deferred_call_without_a_compiler():
     with interpreted():
         call = deferred_call.__wrapped__(FUNCTIONS["one vector"])

@@ -108,7 +108,10 @@ def deferred_call(function: ca.Function) -> FastCall:
     (5, 3)
     """
     _check_vectors(function)
-    fast, spent = _extension(function, 0, make=False), 0.0
+    fast = _extension(function, 0, make=False)
+    inner = (function, *function.find_functions())
+    in_python = any(part.class_name() == "CallbackInternal" for part in inner)
+    spent = -np.inf if in_python else 0.0  # of Python there is no C code
 
     def call(*given: Any) -> Any:
         nonlocal fast, spent

@@ -234,7 +234,7 @@ def solve(
     robot: Annotated[str | None, REQUESTED] = None,
     scene: Path | None = None,
 ) -> Answer:
-    """Solve the task of a TOML file, or a motion plan request of MoveIt.
+    """Solve a task (.toml) or a motion plan request of MoveIt.
 
     With [[stop]] tables it is a motion through stops, else a comparison of methods. --out says
     where its outputs go. Exit code 1 where a method found no certified solution.
