@@ -20,7 +20,7 @@ def no_solver(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(ca, "nlpsol", refuse)
     for module, name in (
-        ("search._time_optimal", "FreeSearch"),
+        ("search._time_optimal", "search_of"),
         ("timing._path_timing", "_PathSearch"),
     ):
         monkeypatch.setattr(sys.modules[f"microbot_ocp.planning.{module}"], name, refuse)

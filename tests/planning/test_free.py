@@ -16,7 +16,7 @@ from microbot_ocp.ocp.search import solve
 from microbot_ocp.ocp.solution import PhaseSolution, Solution
 from microbot_ocp.planning import TimeOptimalSettings, time_optimal
 from microbot_ocp.planning.free import polynomial, within_limits
-from microbot_ocp.planning.search import _free_search
+from microbot_ocp.planning.search import _search, _strategies
 from microbot_ocp.planning.task import verdict
 from planning.shared import ARM_VIA, VIA_Q, VIA_QD, VIA_T, arm, dense_excess, pendulum, slider
 
@@ -181,7 +181,7 @@ def test_the_same_seed_is_the_same_motion(microbot):
 def test_starts_beside_the_refinement_lead_to_the_same_motion(microbot, monkeypatch):
     made = []
     for spare in (True, False):
-        monkeypatch.setattr(_free_search, "spare_processor", lambda spare=spare: spare)
+        monkeypatch.setattr(_search, "spare_processor", lambda spare=spare: spare)
         made.append(time_optimal(microbot, VIA_Q, mesh=20, starts=3))
     beside, alone = made
     assert beside.duration == alone.duration
@@ -205,15 +205,12 @@ def test_starts_beside_the_refinement_lead_to_the_same_motion(microbot, monkeypa
     ],
 )
 def test_starts_go_on_while_another_is_likely_to_lead_elsewhere(led_to, enough):
-    search = object.__new__(_free_search.FreeSearch)
-    search.settings = TimeOptimalSettings()
     found = [
-        SimpleNamespace(status=mo.Status.FAILED if d is None else mo.Status.SOLVED, duration=d)
+        SimpleNamespace(before=None, solved=d is not None, solution=SimpleNamespace(duration=d))
         for d in led_to
     ]
-    assert search._enough(found) is enough
-    search.settings = TimeOptimalSettings(starts=1)
-    assert search._enough(found) is (led_to[0] is not None)
+    assert _strategies.settled(found, TimeOptimalSettings()) is enough
+    assert _strategies.settled(found, TimeOptimalSettings(starts=1)) is (led_to[0] is not None)
 
 
 def test_an_optimum_that_few_starts_led_to_is_not_called_the_fastest(microbot):

@@ -10,7 +10,8 @@ import microbot_ocp as mo
 from microbot_ocp._base import deadline
 from microbot_ocp.ocp.solution import quiet
 from microbot_ocp.planning import least_duration, task_of
-from microbot_ocp.planning.search._stop_search import StopSearch, motion_of
+from microbot_ocp.planning.search._stop_motion import motion_of
+from microbot_ocp.planning.search._through_stops import StopSearch
 from microbot_ocp.planning.task._segments import CircleArc, Straight, curve_limits
 from planning.shared import arm, pendulum, slider
 
@@ -452,7 +453,7 @@ def test_without_time_for_a_search_segments_go_from_rest_to_rest(rail):
     stops = [Stop(q=[0.0]), Stop(q=[0.5], dwell=0.3, payload=2.0), Stop(q=[1.5])]
     task = task_of(rail, stops, None)
     settings = mo.TimeOptimalSettings(compiled=False)
-    search = StopSearch(task, settings, quiet, None)
+    search = StopSearch.of(task, settings, quiet)
     with deadline.within(60.0):
         shapes, made_from = search._at_rest()
     assert "rests at every stop" in made_from

@@ -87,7 +87,7 @@ def test_a_search_that_there_is_no_time_to_prepare_returns_what_needs_none(monke
     """The kernels of seven joints take seconds, and a limit may be over before they are made."""
     robot = mo.load_robot("panda")
     via = np.array([[0.0, -0.5, 0.0, -2.0, 0.0, 1.5, 0.0], [0.5, 0.2, 0.3, -1.5, 0.4, 1.8, 0.6]])
-    monkeypatch.setattr("microbot_ocp.planning.search._free_search.FreeSearch.run", None)
+    monkeypatch.setattr("microbot_ocp.planning.search._time_optimal.motion_through", None)
     transcription.cache_clear()
     motion = mo.time_optimal(robot, via, compiled=False, time_limit=0.5)
     assert motion.status is LATE

@@ -8,9 +8,6 @@ from ._among_obstacles import (
 from ._branches import (
     least_duration as least_duration,
 )
-from ._free_search import (
-    TimeOptimalSettings as TimeOptimalSettings,
-)
 from ._orders import (
     in_order as in_order,
 )
@@ -25,7 +22,10 @@ from ._parts import (
 from ._prepared import (
     TimeOptimalSolver as TimeOptimalSolver,
 )
-from ._stop_search import (
+from ._settings import (
+    TimeOptimalSettings as TimeOptimalSettings,
+)
+from ._stop_motion import (
     stretches as stretches,
 )
 from ._time_optimal import (

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import itertools
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
@@ -31,18 +31,14 @@ from microbot_ocp.motion import (
     pieces_of,
     samples_at,
 )
-from microbot_ocp.ocp import Solution
 from microbot_ocp.ocp.solution import StepProgress, quiet
 from microbot_ocp.planning.free import InitialGuess, guesses_along, known_ways, phase_names
 from microbot_ocp.planning.path import LATER, PathTiming, check_path, time_path
-from microbot_ocp.planning.search._free_search import (
-    KEEPS_LIMITS,
-    FreeSearch,
-    TimeOptimalSettings,
-    Trial,
-    sparing,
-)
-from microbot_ocp.planning.task import ROUGH_TOLERANCE, TaskScale, length_text, reach_of
+from microbot_ocp.planning.search._problem import ViaPoints
+from microbot_ocp.planning.search._result import KEEPS_LIMITS, motion_through
+from microbot_ocp.planning.search._settings import TimeOptimalSettings, sparing
+from microbot_ocp.planning.search._strategies import search_of
+from microbot_ocp.planning.task import TaskScale, length_text, reach_of
 from microbot_ocp.planning.timing import PathTimingSettings, best_timing
 from microbot_ocp.robot import Robot
 from microbot_ocp.scene import (
@@ -70,21 +66,14 @@ class AmongObstacles:
     most_guesses : timed paths that the search starts from
     different : share of the duration by which timed paths must differ to count as two
     near : of the arm's reach: pairs that come so near on a timed path are in the problem
-    mesh : intervals a phase of the first full solve where nobody says how many
     again : times that pairs may be put in
-    most_iterations : of a solve; from a timed path 20 to 60 are usual
-    near_path_barrier : barrier parameter of a solve that stays near the path that it starts
-        from
     samples : poses along a motion at which pairs are looked at
     """
 
     most_guesses: int = 3
     different: float = 0.02
     near: float = 0.1
-    mesh: int = 60
     again: int = 3
-    most_iterations: int = 300
-    near_path_barrier: float = 1e-3
     samples: int = 200
 
 
@@ -258,63 +247,6 @@ def choices_of(legs: Sequence[Leg]) -> range:
 def differs(duration: float, others: Iterable[float]) -> bool:
     """Whether a timed path is another one than those of other durations, s."""
     return all(abs(duration - other) > AMONG_OBSTACLES.different * other for other in others)
-
-
-class _GuidedSearch(FreeSearch):
-    """The usual search, from guesses that are given, without a polish of the last digits."""
-
-    tries_beside = False  # what is no faster than the best path is not refined
-    slows_down = False  # the best path is there for that
-
-    def __init__(
-        self,
-        family: LimitFamily,
-        via: FloatArray,
-        settings: TimeOptimalSettings,
-        progress: StepProgress,
-        guided: Sequence[InitialGuess],
-    ) -> None:
-        super().__init__(family, via, settings, progress)
-        self.guided = guided
-        self.refiner.rough, self.refiner.tolerance = None, ROUGH_TOLERANCE
-        own = replace(
-            self.refiner.settings, gap=np.inf, max_iterations=AMONG_OBSTACLES.most_iterations
-        )
-        self.refiner.settings = own
-        self.known: float = min(map(_duration, guided))
-
-    @property
-    def _mesh(self) -> int:
-        usual = super()._mesh
-        return usual if self.settings.mesh is not None else min(usual, AMONG_OBSTACLES.mesh)
-
-    def _trials(self) -> Iterator[Trial]:
-        usual = super()._trials()
-        for guess in self.guided:
-            _, solver = next(usual)
-            yield guess, solver
-
-    def _finish(self, found: list[Solution]) -> Solution:
-        """Refine the best coarse answers; from the best path itself where none is faster."""
-        faster = [s for s in found if s.status.solved and s.duration < self.known]
-        if faster or deadline.over():
-            return super()._finish(faster or found)
-        self.progress("no coarse answer is faster than the best path: solved from there")
-        best = min(self.guided, key=_duration)
-        meshes, start = [self._mesh] * len(self.names), best.guesses
-        if self.refiner.fitted is not None:  # dry friction rounded off at first
-            solution = self._coarse_refiner.solve(
-                meshes, start, barrier=AMONG_OBSTACLES.near_path_barrier
-            )
-            start = solution if solution.status.solved else start
-        solution = self.refiner.solve(meshes, start, barrier=AMONG_OBSTACLES.near_path_barrier)
-        if not solution.status.solved and any(s.status.solved for s in found):
-            return super()._finish(found)
-        return self.refiner.finished(self.refiner.refine(solution))
-
-
-def _duration(guess: InitialGuess) -> float:
-    return sum(float(own.duration or 0.0) for own in guess.guesses.values())
 
 
 def fastest_among(
@@ -510,10 +442,11 @@ def _solved(
         bounded = LimitFamily.of(robot.with_limits(also=also))
         try:
             with deadline.given_up():
-                search = _GuidedSearch(bounded, via, settings, progress, guesses)
+                problem = ViaPoints(bounded, via, settings, guided=tuple(guesses))
+                search = search_of(problem, settings, progress)
         except deadline.Over:
             return motion
-        motion = search.run()
+        motion = motion_through(search)
         if not motion.solved:
             return motion
         bounds = np.array([scene.clearance for _ in pairs])

@@ -11,7 +11,6 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
@@ -22,8 +21,8 @@ from microbot_ocp.limits import JointLimits, Limits
 from microbot_ocp.motion import Motion
 from microbot_ocp.ocp.solution import StepProgress
 from microbot_ocp.planning.search._branches import Way, least_duration, ways_through
-from microbot_ocp.planning.search._free_search import SEARCH, TimeOptimalSettings
-from microbot_ocp.planning.search._stop_search import (
+from microbot_ocp.planning.search._settings import SEARCH, TimeOptimalSettings
+from microbot_ocp.planning.search._through_stops import (
     LEFT_OUT,
     StopSearch,
     fastest_through,
@@ -297,12 +296,9 @@ class _Alone:
         self._ways = [way for _, _, way in found]
         self.rested, self.hoped = found[0][0], min(hoped for _, hoped, _ in found)
 
-    @cached_property
-    def _search(self) -> StopSearch:
-        return StopSearch(self.task, *self._given, self._ways)
-
     def coarse_duration(self, beaten: float) -> float:
-        return self._search.coarse_duration(beaten)
+        self._search = StopSearch.of(self.task, *self._given, self._ways).explored(beaten)
+        return self._search.coarse_duration
 
     def motion(self) -> Motion:
         return self._search.run()

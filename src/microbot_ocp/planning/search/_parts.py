@@ -16,7 +16,7 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.motion import Motion
-from microbot_ocp.planning.search._stop_search import stretches
+from microbot_ocp.planning.search._stop_motion import stretches
 from microbot_ocp.planning.task import EMPTY, Payload, Task
 from microbot_ocp.robot import Capsule, Robot, forward_kinematics
 from microbot_ocp.scene import Scene

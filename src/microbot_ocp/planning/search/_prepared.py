@@ -23,22 +23,20 @@ from microbot_ocp.ocp.solution import quiet, unpack
 from microbot_ocp.ocp.transcription import Guess, Transcription
 from microbot_ocp.planning.free import (
     OF_VARIABLES,
-    SMOOTHING,
     excess_between,
     initial_guesses,
     largest_excess,
     phase_names,
     polynomial,
+    smoothing_of,
     transcription,
     via_times,
     within_limits,
 )
-from microbot_ocp.planning.search._free_search import (
-    SEARCH,
-    FreeSearch,
-    TimeOptimalSettings,
-    as_motion,
-)
+from microbot_ocp.planning.search._problem import ViaPoints, as_motion
+from microbot_ocp.planning.search._result import fastest
+from microbot_ocp.planning.search._settings import SEARCH, TimeOptimalSettings
+from microbot_ocp.planning.search._strategies import search_of
 from microbot_ocp.planning.task import (
     FRICTION_WINDOWS,
     LDL,
@@ -280,7 +278,9 @@ class TimeOptimalSolver:
             if (solution.status.solved and led_there and not search) or deadline.over():
                 break
         name, best = min(tried, key=lambda pair: (not pair[1].status.solved, pair[1].duration))
-        kernels, smoothing = (own.kernels, own.smoothing) if own else (self._kernels, SMOOTHING)
+        kernels, smoothing = (
+            (own.kernels, own.smoothing) if own else (self._kernels, smoothing_of(family))
+        )
         solution, excess = self._refined(family, best, changes, kernels)
         # an arm with a payload is met once: nothing is compiled for it
         with interpreted() if payload else nullcontext():
@@ -311,13 +311,15 @@ class TimeOptimalSolver:
 
     def _under_own_limits(self) -> _Prepared:
         family = LimitFamily.of(self.robot)
-        search = FreeSearch(family, self.via_q, self._settings, quiet, self._kernels)
+        problem = ViaPoints(family, self.via_q, self._settings, self._kernels)
+        search = search_of(problem, self._settings, quiet)
         # as near the optimum as every later solve: to the barrier parameter that it starts with
-        search.refiner.settings = replace(search.refiner.settings, gap=np.inf)
-        found = search.search()[1]
+        settings = replace(search.refiner.settings, gap=np.inf)
+        search = replace(search, refiner=replace(search.refiner, settings=settings))
+        answer = fastest(search).answer
         # what follows is smoothed as the motion that it starts from
-        own = _Prepared(found, search.refiner.transcription, search.smoothing)
-        if found.status.solved and not deadline.over():
+        own = _Prepared(answer.solution, answer.refiner.transcription, answer.smoothing)
+        if answer.solved and not deadline.over():
             self._own = own
         return own
 

@@ -7,10 +7,10 @@ the distances of the arm with what it carries there.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from microbot_ocp._base.status import Status
 from microbot_ocp.limits import LIMIT_TOLERANCE, JointLimits, LimitFamily, Limits
 from microbot_ocp.motion import Motion, PiecewisePolynomial, pieces_of
 from microbot_ocp.ocp.solution import StepProgress
-from microbot_ocp.planning.free import InitialGuess, excess_along, phase_names
+from microbot_ocp.planning.free import excess_along, phase_names
 from microbot_ocp.planning.search._among_obstacles import (
     AMONG_OBSTACLES,
     Leg,
@@ -35,7 +35,6 @@ from microbot_ocp.planning.search._among_obstacles import (
     touching,
 )
 from microbot_ocp.planning.search._branches import Way, ways_through
-from microbot_ocp.planning.search._free_search import TimeOptimalSettings
 from microbot_ocp.planning.search._orders import best_order, hoped_of, rested_of, tasks_in_orders
 from microbot_ocp.planning.search._parts import (
     Place,
@@ -44,12 +43,9 @@ from microbot_ocp.planning.search._parts import (
     scenes_of,
     tool_poses,
 )
-from microbot_ocp.planning.search._stop_search import (
-    StopSearch,
-    guess_along,
-    motion_of,
-    segment_timings,
-)
+from microbot_ocp.planning.search._settings import TimeOptimalSettings
+from microbot_ocp.planning.search._stop_motion import motion_of
+from microbot_ocp.planning.search._through_stops import Guide, StopSearch, segment_timings
 from microbot_ocp.planning.task import Stop, Task, TaskScale, reach_of, task_of
 from microbot_ocp.robot import Capsule, Robot
 from microbot_ocp.scene import (
@@ -106,55 +102,6 @@ class Around:
 def _pairs(scene: Scene, robot: Robot) -> tuple[Pair, ...]:
     """What may touch where the arm carries what this robot has."""
     return scene.without_parts_of(robot).pairs(robot)
-
-
-class Guide(NamedTuple):
-    """A way whose free segments lead around the obstacles.
-
-    Attributes
-    ----------
-    way : Way
-    shapes : dict of str to PiecewisePolynomial
-        The timed path of every free segment, from rest to rest.
-    durations : list of float or None
-        What every segment takes so, s; None of one that could not be timed.
-    name : str
-    """
-
-    way: Way
-    shapes: dict[str, PiecewisePolynomial]
-    durations: list[float | None]
-    name: str
-
-
-class _GuidedStopSearch(StopSearch):
-    """The search from ways that lead around obstacles, with what else there is after them."""
-
-    def __init__(
-        self,
-        task: Task,
-        settings: TimeOptimalSettings,
-        progress: StepProgress,
-        duration: float | None,
-        guided: Sequence[Guide],
-    ) -> None:
-        super().__init__(task, settings, progress, duration, [guide.way for guide in guided])
-        self.guided = guided
-
-    def _again(self, task: Task) -> StopSearch:
-        return _GuidedStopSearch(task, self.settings, self.progress, None, self.guided)
-
-    def _all_guesses(self) -> Iterator[tuple[Way, InitialGuess]]:
-        taken: list[Way] = []
-        for guide in self.guided:
-            way = guide.way
-            again = any(way is other for other in taken)
-            if (self.briefly and again) or self._leaves_out(way):
-                continue
-            taken.append(way)
-            usual = self._rest_to_rest(way)
-            led = {name: guess_along(shape) for name, shape in guide.shapes.items()}
-            yield way, InitialGuess(guide.name, {**usual.guesses, **led})
 
 
 Plan = tuple[list[Any], Any, bool, str, float | None]
@@ -281,13 +228,14 @@ class _Among:
         return around
 
     def _searching(self, around: Around) -> StopSearch:
-        return _GuidedStopSearch(replace(self.task, around=around), *self._given, self._guided)
+        task = replace(self.task, around=around)
+        return StopSearch.of(task, *self._given, guides=self._guided)
 
     def coarse_duration(self, beaten: float) -> float:
         if not self._guided:
             return np.inf
-        self._search = self._searching(self._around)
-        return self._search.coarse_duration(beaten)
+        self._search = self._searching(self._around).explored(beaten)
+        return self._search.coarse_duration
 
     def motion(self) -> Motion:
         return self.motions(_fastest)[0][0][1]

@@ -18,12 +18,10 @@ from microbot_ocp.limits import JointLimits, LimitFamily, Limits, with_reserve
 from microbot_ocp.motion import Motion
 from microbot_ocp.ocp.solution import StepProgress, quiet
 from microbot_ocp.planning.free import Slowed, known_ways
-from microbot_ocp.planning.search._free_search import (
-    KEEPS_LIMITS,
-    FreeSearch,
-    TimeOptimalSettings,
-    sparing,
-)
+from microbot_ocp.planning.search._problem import ViaPoints
+from microbot_ocp.planning.search._result import KEEPS_LIMITS, motion_through
+from microbot_ocp.planning.search._settings import TimeOptimalSettings, sparing
+from microbot_ocp.planning.search._strategies import search_of
 from microbot_ocp.planning.task import (
     CELL_TIME_LIMIT,
     TIME_LIMIT,
@@ -173,11 +171,11 @@ def fastest_motion(
             known = known_ways(family, via, settings.limit_tolerance, fast)
         try:
             with sparing(), deadline.given_up(known is not None):
-                search = FreeSearch(family, via, settings, progress, known=known)
+                search = search_of(ViaPoints(family, via, settings, way=known), settings, progress)
         except deadline.Over:
             assert known is not None
             return _without_search(known, time.perf_counter() - begin)
-        return with_drives_noted(family.robot, search.run())
+        return with_drives_noted(family.robot, motion_through(search))
 
 
 def _without_search(known: Slowed, wall: float) -> Motion:
@@ -211,15 +209,15 @@ def motions_of_front(
     By ``slacks`` of the duration those of least effort, else the fastest by ``shares`` of the
     torques.
     """
-    from microbot_ocp.planning.search._stop_search import StopSearch
     from microbot_ocp.planning.search._stops_among import motions_among
+    from microbot_ocp.planning.search._through_stops import StopSearch, effort_front, torque_front
 
     def ask(search: StopSearch) -> tuple[list[tuple[float, Motion]], str]:
-        return search.effort_front(slacks) if slacks else search.torque_front(shares)
+        return effort_front(search, slacks) if slacks else torque_front(search, shares)
 
     with settings.within(CELL_TIME_LIMIT):
         if scene is None:
             task = task_of(robot, stops, limits, segments=segments, cycle=cycle)
-            return ask(StopSearch(task, settings, progress, None))
+            return ask(StopSearch.of(task, settings, progress))
         plan = list(stops), segments, cycle, "given", None
         return motions_among(robot, limits, plan, scene, settings, progress, ask)

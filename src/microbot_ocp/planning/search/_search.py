@@ -1,0 +1,270 @@
+"""The search for the fastest motion: a table of strategies, run by one loop.
+
+A strategy is a row: the answer that it works on next, and what it makes of it. The loop runs the
+first row that has something to work on, until none has; what has come of it is a :class:`State`,
+and the ledger has a row for every strategy.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from contextlib import closing
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from microbot_ocp._base import deadline
+from microbot_ocp._base.child_process import Child, Died, OutOfTime, spare_processor
+from microbot_ocp._base.outcome import Ledger, LedgerRow
+from microbot_ocp._base.status import Status
+from microbot_ocp.ocp import Explanation, Solution
+from microbot_ocp.ocp.refinement import Refiner
+from microbot_ocp.ocp.solution import StepProgress, quiet, unpack
+from microbot_ocp.planning.search._problem import MotionProblem
+from microbot_ocp.planning.search._settings import TimeOptimalSettings
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """What a strategy made of another answer, or of nothing.
+
+    Attributes
+    ----------
+    strategy : name of the strategy
+    start : name of the initial guess that it goes back to
+    solution : solved or not
+    refiner : what refines it further
+    smoothing : weight of the squared jerk
+    before : the answer that it was made of
+    solves : records of all solves that it took
+    seconds : wall time that it took
+    origin : what the initial guess was made of
+    relaxed : what limits have to give, where that was asked
+    """
+
+    strategy: str
+    start: str
+    solution: Solution
+    refiner: Refiner
+    smoothing: float
+    before: Answer | None = None
+    solves: tuple[dict[str, Any], ...] = ()
+    seconds: float = 0.0
+    origin: Any = None
+    relaxed: Explanation | None = None
+
+    @property
+    def solved(self) -> bool:
+        """Whether it was solved on its mesh."""
+        return self.solution.status.solved
+
+    @property
+    def intervals(self) -> int:
+        """Of the first phase."""
+        return self.solution.phases[0].mesh.size - 1 if self.solution.phases else 0
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """What a search has come to: its answers in their order, solved or not."""
+
+    answers: tuple[Answer, ...] = ()
+
+    def of(self, *strategies: str) -> list[Answer]:
+        """The answers of these strategies."""
+        return [answer for answer in self.answers if answer.strategy in strategies]
+
+    def made_of(self, subject: Answer | None, strategy: str) -> Answer | None:
+        """What a strategy made of an answer; None where it was not run on it."""
+        rows = (a for a in self.answers if a.before is subject and a.strategy == strategy)
+        return next(rows, None)
+
+    def and_(self, answer: Answer) -> State:
+        """The same with one answer more."""
+        return State((*self.answers, answer))
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether the last solve was interrupted by the user."""
+        return bool(self.answers) and self.answers[-1].solution.status is Status.INTERRUPTED
+
+
+NextStep = Callable[["Search", State], "Step | None"]
+Run = Callable[["Search", State, Answer | None], Answer]
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """What a strategy works on next: an answer, or nothing where it makes the first ones."""
+
+    subject: Answer | None = None
+
+
+@dataclass(frozen=True)
+class Strategy:
+    """A row of the table.
+
+    Attributes
+    ----------
+    name : the word in the ledger
+    next_step : what it works on next; None where it has nothing to do
+    run : what it makes of that
+    why : the kind of problem that needs it
+    """
+
+    name: str
+    next_step: NextStep
+    run: Run
+    why: str
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """What strategies work with; none of it changes while the search goes on.
+
+    Attributes
+    ----------
+    problem : MotionProblem
+    settings : TimeOptimalSettings
+    refiner : Refiner
+        With the kernels and settings of every solve.
+    progress : callable
+    kernel_time : s, that the program took to be made
+    """
+
+    problem: MotionProblem
+    settings: TimeOptimalSettings
+    refiner: Refiner
+    progress: StepProgress
+    kernel_time: float = 0.0
+    memory: dict[tuple[str, int], Answer] = field(default_factory=dict)  # of what was run early
+
+    @property
+    def over(self) -> bool:
+        """Whether the time is over."""
+        return deadline.over()
+
+    def worst(self, solution: Solution) -> float:
+        """Largest relative excess of a limit between mesh points."""
+        return max(float(e.max()) for e in self.problem.excess(solution))
+
+    def run(self, strategies: Sequence[Strategy], state: State | None = None) -> State:
+        """Run strategies from a state on until none has anything to do, or the time is over."""
+        state = state or State()
+        while not state.interrupted:
+            pair = _first(self, strategies, state)
+            if pair is None or (self.over and state.answers):
+                break
+            state = state.and_(self._made(*pair, state))
+            if self._may_fork(strategies, state):
+                state = self._with_starts_beside(strategies, state)
+        return state
+
+    def _made(self, strategy: Strategy, step: Step, state: State) -> Answer:
+        """What a strategy makes of its subject; from memory where it was run on it before."""
+        known = None if step.subject is None else (strategy.name, id(step.subject))
+        if known in self.memory:
+            return self.memory[known]
+        begin = time.perf_counter()
+        answer = strategy.run(self, state, step.subject)
+        answer = replace(answer, before=step.subject, seconds=time.perf_counter() - begin)
+        if known is not None:
+            self.memory[known] = answer
+        return answer
+
+    def _may_fork(self, strategies: Sequence[Strategy], state: State) -> bool:
+        """Whether further starts are tried in another process from here on."""
+        return (
+            len(state.answers) == 1
+            and state.answers[0].solved
+            and self.settings.starts > 1
+            and self.progress is quiet
+            and self.problem.slows_down
+            and strategies[0].next_step(self, state) is not None
+            and not self.over
+            and spare_processor()
+            and self.problem.slowed(state.answers[0].solution) is not None
+        )
+
+    def _with_starts_beside(self, strategies: Sequence[Strategy], state: State) -> State:
+        """Try further starts in a process of their own while the first of them is refined.
+
+        What is found does not depend on it: what is refined early counts only where it would have
+        been refined. Not where no motion within the limits comes of the first, whose refinement may
+        take all the time.
+        """
+        starts, *others, _ = strategies
+        with closing(Child(lambda _: self._plain(self.run([starts], state), state))) as child:
+            self.run(others, state)
+            try:
+                return self._with_plain(state, child.answer(deadline.until()))
+            except (OutOfTime, Died):
+                return state
+
+    def _plain(self, state: State, before: State) -> list[Any]:
+        """The new answers of a state as plain data: values without kernels."""
+        rows = []
+        for answer in state.answers[len(before.answers) :]:
+            solution, subject = answer.solution, answer.before
+            parameters = {
+                phase.name: {p.name: p.value for p in phase.layout.phase.parameters}
+                for phase in solution.phases
+                if phase.layout is not None
+            }
+            meshes = [phase.mesh for phase in solution.phases]
+            values = {
+                **vars(answer),
+                "solution": replace(solution, phases=()),
+                "refiner": None,
+                "before": None if subject is None else state.answers.index(subject),
+            }
+            rows.append((values, meshes, parameters))
+        return rows
+
+    def _with_plain(self, state: State, rows: Sequence[Any]) -> State:
+        """The state with answers of another process."""
+        for values, meshes, parameters in rows:
+            kernels, before = self.refiner.transcription, values["before"]
+            if any(parameters.values()):
+                kernels = kernels.with_parameters(parameters)
+            phases = unpack(kernels.layouts(meshes), values["solution"].variables)
+            values["solution"] = replace(values["solution"], phases=phases)
+            values["before"] = None if before is None else state.answers[before]
+            state = state.and_(Answer(**{**values, "refiner": self.refiner}))
+        return state
+
+
+def _first(
+    search: Search, strategies: Sequence[Strategy], state: State
+) -> tuple[Strategy, Step] | None:
+    """The first strategy that has something to do."""
+    for strategy in strategies:
+        step = strategy.next_step(search, state)
+        if step is not None:
+            return strategy, step
+    return None
+
+
+def ledger_of(state: State, last: Answer) -> Ledger:
+    """What every strategy did, and which of them the answer comes from."""
+    lineage, answer = set[int](), last
+    while answer is not None:
+        lineage.add(id(answer))
+        answer = answer.before
+    rows = []
+    best = None
+    for answer in state.answers:
+        cost = answer.solution.duration if answer.solved else best
+        rows.append(
+            LedgerRow(
+                answer.strategy,
+                1,
+                id(answer) in lineage,
+                best,
+                cost,
+                sum(a["iterations"] for solve in answer.solves for a in solve["attempts"]),
+                answer.seconds,
+            )
+        )
+        best = min((c for c in (best, cost) if c is not None), default=None)
+    return Ledger.of(rows)

@@ -1,0 +1,183 @@
+"""Settings of the search for free motions, and the time that it may take."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
+
+from microbot_ocp._base import checks, deadline
+from microbot_ocp._base.checks import InputError
+from microbot_ocp.planning.task import whole
+
+
+@dataclass(frozen=True)
+class SearchSettings:
+    """Settings of the search for a free motion.
+
+    Attributes
+    ----------
+    explore_mesh : intervals a phase for the first look: of other meshes optima are others
+    explore_tolerance : of its solves
+    explore_sum : intervals of its phases together
+    least_explore_mesh : intervals of each of them
+    patience : times the iterations of a start that was solved: what takes more is given up
+    least_iterations : that a start has in any case
+    same : share of the duration by which two solves of the same optimum may differ
+    worth : share of the duration: less is not worth another mesh where joints turn back
+    polishing : iterations for the last digits: 8 to 10 are usual. None with dry friction, where
+        50 to 80 gain 7e-5 of the duration
+    most_polished : phases of a motion whose last digits are looked for: 29 of the Microbot need
+        more iterations
+    most_refined : of the optima on the coarse mesh
+    full_mesh : intervals a phase of the first full mesh where accelerations jump
+    full_mesh_even : the same elsewhere
+    guided_mesh : the same at most where the search starts from timed ways among obstacles
+    guided_iterations : of a solve then; 20 to 60 are usual
+    full_mesh_sum : intervals of all phases together where nobody says how many: 30 via points
+        need no 3000
+    least_mesh : intervals a phase in any case
+    graded : share of a mesh's intervals that are where the accelerations change
+    far_barrier : barrier parameter from the coarse mesh to the full one, with multipliers: 17,
+        14, 14 and 62 iterations on four tasks of the Microbot with 1e-5; 22, 14, 15 and 109
+        with 1e-7
+    foresight : of the accepted excess: intervals near it are split along with the others
+    many_phases : more take over 40 iterations to the full tolerance on a refined mesh
+    most_exact : iterations of a refined mesh to the full tolerance, before roughly
+    calmer_mesh : even intervals a phase of the solve for less effort, at most
+    calmer_barrier : barrier parameter of it, from the fastest motion slowed down
+    spared : share of the time limit that is kept for a motion within the limits when the search
+        is over
+    most_spared : s, at most
+    least_time : s, of the search in any case
+    large : intervals times joints from which a mesh is refined no further where a motion that
+        is slowed down at limits by no more than enough keeps them: meshes that large take 5 to
+        30 s each
+    enough : share of the duration
+    near_way_barrier : barrier parameter of a solve that stays near the way that it starts from
+    missed : of the way and the velocity, by which a motion may miss or jump at a via point
+    first_iterations : of the first full mesh: 14 to 43 where coarse meshes tell what happens
+    smoother : times the usual smoothing of the jerk, in turn, where coarse meshes do not tell
+        what happens: four of five chains of seven and eight joints, which took minutes before,
+        get to the full mesh in 5 to 14 s so
+    smoothest : the same before these, where they lead nowhere
+    worth_less : share of the duration: where less smoothing is worth less it ends
+    smoother_iterations : of each of these solves
+    smoother_barrier : barrier parameter of the first of them
+    """
+
+    explore_mesh: int = 20
+    explore_tolerance: float = 1e-5
+    explore_sum: int = 160
+    least_explore_mesh: int = 6
+    patience: int = 4
+    least_iterations: int = 100
+    same: float = 1e-3
+    worth: float = 1e-4
+    polishing: int = 15
+    most_polished: int = 15
+    most_refined: int = 3
+    full_mesh: int = 80
+    full_mesh_even: int = 100
+    guided_mesh: int = 60
+    guided_iterations: int = 300
+    full_mesh_sum: int = 400
+    least_mesh: int = 25
+    graded: float = 0.5
+    far_barrier: float = 3e-5
+    foresight: float = 0.5
+    many_phases: int = 5
+    most_exact: int = 40
+    calmer_mesh: int = 60
+    calmer_barrier: float = 1e-3
+    spared: float = 0.2
+    most_spared: float = 1.0
+    least_time: float = 1e-3
+    large: int = 5000
+    enough: float = 5e-4
+    near_way_barrier: float = 1e-3
+    missed: float = 1e-7
+    first_iterations: int = 100
+    smoother: tuple[float, ...] = (1e6, 1e5, 1e4, 1e3, 1e2, 1.0)
+    smoothest: tuple[float, ...] = (1e8, 1e7)
+    worth_less: float = 1e-3
+    smoother_iterations: int = 200
+    smoother_barrier: float = 1e-2
+
+
+SEARCH = SearchSettings()
+
+
+@dataclass(frozen=True)
+class TimeOptimalSettings:
+    """How hard to look.
+
+    Attributes
+    ----------
+    mesh : intervals of each phase in the first full solve; half of them are where the accelerations
+        change, except with dry friction, limits of jerk or torque rate and further limits, where
+        they are even; by default 80, where even 100, and fewer where there are many phases: 400
+        together, but at least 25 each
+    starts : how many starting motions to try on the coarse mesh
+    tries : how many to try at most, while another is likely to lead to an optimum that none of
+        them led to; if it still is in the end the status is "local optimum". Of a single start
+        that is solved nothing is known
+    slack : share of the shortest duration that may be given for less effort: of all motions at
+        most so much slower the one of least effort is returned, the time integral of the squared
+        torques, each relative to its limit (of the accelerations where a robot has no masses). Zero
+        is the fastest motion but for a smoothing of the jerk, which picks one where many are
+        equally fast: it costs 1.3e-5 of the duration of the Microbot task, and is made a hundred
+        times weaker where it would cost more than 2e-4 (not with dry friction, limits of jerk or
+        torque rate and further ones); about how much it costs is ``smoothing_cost``, s, in the
+        provenance, and in the note from 0.02 % on
+    limit_tolerance : largest relative excess of a limit between mesh points; the mesh is refined
+        until it holds
+    switching_times : whether the times at which one limit takes over from another are solved for
+        in the end, each arc a phase of free length: the fastest motion to the accuracy of the
+        integrator, with accelerations that jump, and its times in the provenance. Where the arcs
+        cannot be found it is the motion of the mesh, and the provenance says why
+    solver : "auto" (fatrop explores, IPOPT finishes), "fatrop" or "ipopt" for everything
+    compiled : compile the kernels to C where there is a compiler
+    seed : of the random starts
+    time_limit : wall time, s, after which the best so far is returned with the status "time limit":
+        by default 120, and 600 where there are stops, a free order or a scene; infinite is none
+    """
+
+    mesh: int | None = None
+    starts: int = 5
+    tries: int = 30
+    slack: float = 0.0
+    limit_tolerance: float = 5e-4
+    switching_times: bool = False
+    solver: str = "auto"
+    compiled: bool = True
+    seed: int = 0
+    time_limit: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.time_limit is not None:
+            checks.time_limit(self.time_limit)
+        if self.mesh is not None:
+            whole("mesh", self.mesh, "intervals", at_least=4)
+        whole("starts", self.starts, at_least=1)
+        whole("tries", self.tries, at_least=0)
+        whole("seed", self.seed, at_least=0, at_most=2**63)
+        checks.number("slack", self.slack, at_least=0.0)
+        checks.number("limit_tolerance", self.limit_tolerance, above=0.0)
+        if self.switching_times and self.slack:
+            raise InputError("switching_times are those of the fastest motion: slack must be 0")
+        checks.one_of("solver", self.solver, ("auto", "fatrop", "ipopt"))
+
+    def within(self, usual: float) -> AbstractContextManager[None]:
+        """What is called inside ends at the time limit, s, by default the ``usual`` one."""
+        return deadline.within(usual if self.time_limit is None else self.time_limit)
+
+
+@contextmanager
+def sparing() -> Iterator[None]:
+    """Inside some of the time is kept for a motion within the limits."""
+    left = deadline.left()
+    with deadline.within(
+        max(left - min(SEARCH.spared * left, SEARCH.most_spared), SEARCH.least_time)
+    ):
+        yield

@@ -1,0 +1,640 @@
+"""The table of strategies by which free motions and motions through stops are found.
+
+The fastest of several local optima on a coarse mesh is solved on a finer one, whose intervals are
+split until limits hold between its points. A row is run wherever it has something to work on, the
+first of them first.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from microbot_ocp._base import deadline
+from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.status import Status
+from microbot_ocp.ocp import PhaseSolution, Solution, SolverSettings
+from microbot_ocp.ocp.refinement import WORSE, Refiner
+from microbot_ocp.ocp.solution import StepProgress
+from microbot_ocp.planning.free import (
+    JERK_WEIGHT,
+    InitialGuess,
+    accelerations_jump,
+    guesses_from,
+    initial_guesses,
+    least_violation,
+    motion_at_mesh,
+    smoothing_of,
+    transcription,
+    with_motion,
+)
+from microbot_ocp.planning.search._problem import MotionProblem
+from microbot_ocp.planning.search._search import Answer, Search, State, Step, Strategy
+from microbot_ocp.planning.search._settings import SEARCH, TimeOptimalSettings
+from microbot_ocp.planning.task import (
+    GAP,
+    LDL,
+    ROUGH_TOLERANCE,
+    dry_friction,
+    has_windows,
+    jerk_switches,
+    reversals,
+    rounded,
+    with_windows,
+)
+
+TINY = 1e-12
+
+
+def search_of(
+    problem: MotionProblem, settings: TimeOptimalSettings, progress: StepProgress
+) -> Search:
+    """The search of a problem: with its program, and how every solve of it is done."""
+    begin = time.perf_counter()
+    kernels = problem.kernels()
+    if deadline.over():  # they may not be compiled: made again the next time
+        transcription.cache_clear()
+    kernel_time = time.perf_counter() - begin
+    # weights so small ask for pivots where meshes are fine
+    options = {} if accelerations_jump(problem.family) else LDL
+    windows, guided = has_windows(problem.family), bool(problem.guided)
+    polishing = 0 if windows or len(problem.names) > SEARCH.most_polished else SEARCH.polishing
+    refiner = Refiner(
+        kernels,
+        problem.guesses,
+        problem.excess,
+        settings.limit_tolerance,
+        solver="ipopt" if settings.solver == "auto" else settings.solver,
+        tolerance=ROUGH_TOLERANCE if guided else 1e-8,
+        progress=with_motion(progress, problem.family.robot, problem.via, motion_at_mesh),
+        settings=SolverSettings(
+            gap=np.inf, options=options, max_iterations=SEARCH.guided_iterations
+        )
+        if guided
+        else SolverSettings(gap=GAP, options=options),
+        rough=None if guided else ROUGH_TOLERANCE,
+        polishing=polishing,
+        fitted=partial(with_windows, dry_friction(problem.family.robot) > 0.0) if windows else None,
+        enough=partial(is_enough, problem, settings) if problem.slows_down else None,
+    )
+    return Search(problem, settings, refiner, progress, kernel_time)
+
+
+# what answers are worth -----------------------------------------------------------------------
+
+
+def is_enough(problem: MotionProblem, settings: TimeOptimalSettings, solution: Solution) -> bool:
+    """Whether a motion on a large mesh is slowed down, by next to nothing, not refined."""
+    size = sum(phase.mesh.size - 1 for phase in solution.phases) * problem.family.robot.joint_count
+    if size < SEARCH.large or not solution.status.solved or settings.slack:
+        return False
+    if max(float(e.max()) for e in problem.excess(solution)) <= settings.limit_tolerance:
+        return False
+    slower = problem.slowed(solution)
+    return slower is not None and slower.duration <= (1.0 + SEARCH.enough) * solution.duration
+
+
+def rank(search: Search, solution: Solution) -> tuple[bool, float]:
+    """What keeps its limits first, then what is faster."""
+    kept = solution.status.solved and (
+        search.worst(solution) <= search.settings.limit_tolerance
+        or (search.problem.slows_down and is_enough(search.problem, search.settings, solution))
+    )
+    return not kept, solution.duration
+
+
+def by_promise(answers: Sequence[Answer]) -> list[Answer]:
+    """The different optima among coarse answers, the fastest first; of the same the first."""
+    different = list[Answer]()
+    for coarse in answers:
+        if coarse.solved and not any(
+            abs(coarse.solution.duration - other.solution.duration)
+            <= SEARCH.same * other.solution.duration
+            for other in different
+        ):
+            different.append(coarse)
+    return sorted(different, key=lambda coarse: coarse.solution.duration)
+
+
+def settled(answers: Sequence[Answer], settings: TimeOptimalSettings) -> bool:
+    """Whether another start would more likely than not lead to what has been seen before.
+
+    After w different outcomes of N starts it leads to a new one with the probability
+    w (w + 1) / (N (N - 1)) (Boender and Rinnooy Kan, Math. Programming 37, 1987, 59-80). What was
+    carried on from a coarser mesh is an outcome, but no start.
+    """
+    solved, count = sum(answer.solved for answer in answers), len(answers)
+    if solved == 0 or settings.starts == 1:  # of a single start nothing is asked
+        return solved > 0
+    different = len(by_promise(answers)) + (solved < count)
+    count = sum(answer.before is None for answer in answers)
+    return 2 * different * (different + 1) <= count * (count - 1)
+
+
+# coarse answers -------------------------------------------------------------------------------
+
+
+def explore_mesh(search: Search) -> int:
+    """Intervals a phase of the first look."""
+    fewest = max(SEARCH.explore_sum // len(search.problem.names), SEARCH.least_explore_mesh)
+    return min(full_mesh(search), fewest, SEARCH.explore_mesh)
+
+
+def full_mesh(search: Search) -> int:
+    """Intervals a phase of the first full mesh."""
+    if search.settings.mesh is not None:
+        return search.settings.mesh
+    most = SEARCH.full_mesh if accelerations_jump(search.problem.family) else SEARCH.full_mesh_even
+    most = max(min(most, SEARCH.full_mesh_sum // len(search.problem.names)), SEARCH.least_mesh)
+    return min(most, SEARCH.guided_mesh) if search.problem.guided else most
+
+
+def coarse(search: Search) -> Refiner:
+    """How coarse answers are solved for: with dry friction rounded off."""
+    settings = replace(search.refiner.settings, options=LDL)
+    refiner = replace(search.refiner, history=[], settings=settings)
+    if refiner.fitted is None:
+        return refiner
+    kernels = rounded(refiner.transcription, search.problem.scale.velocity)
+    return replace(refiner, transcription=kernels)
+
+
+def sample(search: Search, state: State) -> list[Answer]:
+    """The starts that are compared: those on the finest mesh that any of them was solved on."""
+    tried = state.of("start")
+    finest = max((answer.intervals for answer in tried if answer.solved), default=0)
+    return [answer for answer in tried if answer.intervals == finest or not finest]
+
+
+def next_start(search: Search, state: State) -> Step | None:
+    """A fresh start while another is likely to lead elsewhere.
+
+    Where the first starts do not agree they are compared on a mesh twice as fine, as are all that
+    follow: optima of a coarse mesh are not those of a fine one.
+    """
+    tried, settings = state.of("start"), search.settings
+    if tried and search.over:
+        return None
+    if not search.problem.compares_starts or len(tried) < settings.starts:
+        return Step() if search.problem.next_start(search, state) is not None else None
+    compared = sample(search, state)
+    if settled(compared, settings):
+        return None
+    first, second = _start_meshes(search)
+    if any(answer.solved for answer in tried):
+        carried = by_promise([answer for answer in tried if answer.intervals == first])
+        for answer in carried if second > first else ():
+            if state.made_of(answer, "start") is None:
+                return Step(answer)
+    return Step() if search.problem.next_start(search, state) is not None else None
+
+
+def _start_meshes(search: Search) -> tuple[int, int]:
+    first = explore_mesh(search)
+    return first, min(2 * first, full_mesh(search))
+
+
+def try_start(search: Search, state: State, subject: Answer | None) -> Answer:
+    """Solve from an initial guess, or what it led to on a finer mesh."""
+    first, second = _start_meshes(search)
+    refiner, phases = coarse(search), len(search.problem.names)
+    if subject is not None:
+        refiner = replace(refiner, rough=SEARCH.explore_tolerance, once=True)
+        solution = refiner.finer(subject.solution, [second] * phases)
+        search.progress(
+            f"start {subject.start}: {solution.duration:.4f} s on {second} intervals a phase, "
+            f"{solution.status}"
+        )
+        return _answer(search, "start", subject.start, solution, refiner, subject.origin)
+    start = search.problem.next_start(search, state)
+    assert start is not None
+    if start.most_iterations is not None:
+        limited = replace(refiner.settings, max_iterations=start.most_iterations)
+        refiner = replace(refiner, settings=limited)
+    if start.options is not None:
+        refiner = replace(refiner, settings=replace(refiner.settings, options=start.options))
+    carried = any(answer.before is not None for answer in state.of("start"))
+    mesh = second if carried else first
+    solution = refiner.solve(
+        mesh, start.guess.guesses, tolerance=SEARCH.explore_tolerance, solver=start.solver
+    )
+    search.progress(
+        f"start {start.guess.name}: {solution.duration:.4f} s on {mesh} intervals a phase, "
+        f"{solution.status}"
+    )
+    return _answer(search, "start", start.guess.name, solution, refiner, start.origin)
+
+
+def _answer(
+    search: Search, strategy: str, start: str, solution: Solution, by: Refiner, origin: Any = None
+) -> Answer:
+    """A coarse answer, which the usual kernels refine."""
+    solves = tuple(by.history)
+    return Answer(
+        strategy,
+        start,
+        solution,
+        search.refiner,
+        smoothing_of(search.problem.family),
+        solves=solves,
+        origin=origin,
+    )
+
+
+def _nothing_solved(search: Search, state: State, strategy: str) -> Step | None:
+    if search.over or any(answer.solved for answer in state.answers) or state.of(strategy):
+        return None
+    return Step(_nearest(state))
+
+
+def _nearest(state: State) -> Answer:
+    """The start whose answer breaks constraints least."""
+    return min(
+        state.of("start"),
+        key=lambda a: (not a.solution.attempts, a.solution.attempts[-1].infeasibility),
+    )
+
+
+def next_from_known(search: Search, state: State) -> Step | None:
+    """A known way where no start led anywhere."""
+    step = _nothing_solved(search, state, "known way")
+    return step if step is not None and search.problem.known is not None else None
+
+
+def from_known(search: Search, state: State, subject: Answer | None) -> Answer:
+    """Solve from a way with its best timing."""
+    known = search.problem.known
+    assert subject is not None
+    assert known is not None
+    refiner = coarse(search)
+    solution = refiner.solve(
+        [phase.mesh for phase in subject.solution.phases],
+        search.problem.guesses_along(known.motion),
+        tolerance=SEARCH.explore_tolerance,
+        barrier=SEARCH.near_way_barrier,
+    )
+    search.progress(f"start {known.made_from}: {solution.duration:.4f} s, {solution.status}")
+    return _answer(search, "known way", known.made_from, solution, refiner)
+
+
+def next_relaxed(search: Search, state: State) -> Step | None:
+    """The relaxed problem where nothing is solved."""
+    return _nothing_solved(search, state, "relaxed problem")
+
+
+def from_relaxed(search: Search, state: State, subject: Answer | None) -> Answer:
+    """Look at what limits have to give; solve from there where they have to give nothing."""
+    assert subject is not None
+    refiner, problem = coarse(search), search.problem
+    meshes = [phase.mesh for phase in subject.solution.phases]
+    own = initial_guesses(problem.family, problem.via, problem.names, 1, search.settings.seed)
+    starts = [next(own).guesses, subject.solution]
+    relaxed = least_violation(refiner.transcription, starts, meshes)
+    search.progress(f"relaxed problem: {relaxed}")
+    solution = subject.solution
+    if relaxed.conclusive and relaxed.feasible:
+        guesses = guesses_from(relaxed)
+        solution = refiner.solve(meshes, guesses, tolerance=SEARCH.explore_tolerance)
+    answer = _answer(search, "relaxed problem", subject.start, solution, refiner, subject.origin)
+    return replace(answer, relaxed=relaxed)
+
+
+# finer meshes ---------------------------------------------------------------------------------
+
+COARSE = ("start", "known way", "relaxed problem")
+ON_FULL_MESH = ("full mesh", "less and less smoothing")
+
+
+def refined(state: State) -> list[Answer]:
+    """The answers that were refined."""
+    return state.of("splitting")
+
+
+def best_of(search: Search, state: State) -> Answer:
+    """The best answer: of those that were refined, else the nearest that there is."""
+    answers = state.of("last digits") or refined(state)
+    if answers:
+        return min(answers, key=lambda answer: rank(search, answer.solution))
+    solved = by_promise(state.answers)
+    return solved[0] if solved else _nearest(state)
+
+
+def promising(search: Search, state: State) -> list[Answer]:
+    """The coarse answers that the best motion may come from, the fastest first.
+
+    One that was solved on a finer mesh, too, is among them where that led to a slower optimum.
+    """
+    compared = [a for a in state.of("start") if not _superseded(state, a)]
+    others = [a for a in state.of("known way", "relaxed problem") if a.solved]
+    answers = by_promise([*compared, *others])
+    if not search.problem.guided or state.of("timed way") or search.over:
+        return answers
+    least = min(map(duration_of, search.problem.guided))
+    return [answer for answer in answers if answer.solution.duration < least]
+
+
+def _superseded(state: State, answer: Answer) -> bool:
+    finer = state.made_of(answer, "start")
+    if finer is None or not finer.solved:
+        return False
+    return finer.solution.duration <= (1.0 + SEARCH.same) * answer.solution.duration
+
+
+def duration_of(guess: InitialGuess) -> float:
+    """What a guess takes, s."""
+    return sum(float(own.duration or 0.0) for own in guess.guesses.values())
+
+
+def next_timed_way(search: Search, state: State) -> Step | None:
+    """The best timed way among obstacles, where no coarse answer is faster."""
+    guides = search.problem.guided
+    if not guides or search.over or state.of("timed way") or promising(search, state):
+        return None
+    return Step(_nearest(state))
+
+
+def from_timed_way(search: Search, state: State, subject: Answer | None) -> Answer:
+    """Solve on the full mesh, near the best timed way."""
+    assert subject is not None
+    search.progress("no coarse answer is faster than the best path: solved from there")
+    best = min(search.problem.guided, key=duration_of)
+    refiner = _going_on(subject)
+    meshes, barrier = [full_mesh(search)] * len(search.problem.names), SEARCH.near_way_barrier
+    start: Any = best.guesses
+    if refiner.fitted is not None:  # dry friction rounded off at first
+        smooth = coarse(search).solve(meshes, start, barrier=barrier)
+        start = smooth if smooth.status.solved else start
+    solution = refiner.solve(meshes, start, barrier=barrier)
+    return replace(_finer(subject, "timed way", solution, refiner), start=best.name)
+
+
+def next_full_mesh(search: Search, state: State) -> Step | None:
+    """The most promising coarse answer that may be better than all that were refined.
+
+    A refined answer is faster than its coarse one by what the coarse mesh costs; the others may
+    gain as much.
+    """
+    answers = promising(search, state)
+    done = refined(state)
+    if any(answer.solved for answer in state.of("timed way")):
+        return None
+    if not answers or len(done) >= SEARCH.most_refined or (done and search.over):
+        return None
+    best = min((rank(search, answer.solution) for answer in done), default=(True, np.inf))
+    gains = [_coarse_of(a).solution.duration / a.solution.duration for a in done if a.solved]
+    for answer in answers:
+        if state.made_of(answer, "full mesh") is None:
+            hoped = answer.solution.duration / max([1.0, *gains])
+            return None if best <= (False, hoped) else Step(answer)
+    return None
+
+
+def _coarse_of(answer: Answer) -> Answer:
+    while answer.before is not None and answer.strategy not in COARSE:
+        answer = answer.before
+    return answer
+
+
+def to_full_mesh(search: Search, state: State, subject: Answer | None) -> Answer:
+    """Solve on a finer mesh, finer still where the coarse accelerations change."""
+    assert subject is not None
+    refiner, before = _going_on(subject), subject.solution
+    if not accelerations_jump(search.problem.family):
+        solution = refiner.finer(before, [full_mesh(search)] * len(before.phases))
+        if refiner.fitted is not None:
+            marks = partial(_reversals, search)
+            solution = refiner.sharpen(solution, marks, worth=SEARCH.worth)
+        return _finer(subject, "full mesh", solution, refiner)
+    meshes = [graded(phase, full_mesh(search)) for phase in before.phases]
+    if len(before.phases) > SEARCH.many_phases:
+        # multipliers of so coarse a mesh mislead: 87 iterations, 65 without
+        solution = refiner.solve(meshes, search.problem.guesses(before))
+        if solution.status.solved and solution.cost <= (1 + WORSE) * before.cost:
+            return _finer(subject, "full mesh", solution, refiner)
+    options = {"ipopt": {"mu_init": SEARCH.far_barrier}}
+    settings, once = replace(refiner.settings, options=options), False
+    if len(before.phases) <= SEARCH.many_phases and _within_limits(search, subject) is not None:
+        limited = min(settings.max_iterations, SEARCH.first_iterations)
+        settings, once = replace(settings, max_iterations=limited), True
+    farther = replace(refiner, settings=settings, once=once)
+    return _finer(subject, "full mesh", farther.finer(before, meshes), refiner)
+
+
+def _going_on(subject: Answer) -> Refiner:
+    """What refines an answer, with the record of the solve that it comes from."""
+    answer: Answer | None = subject
+    while answer is not None and not answer.solves:
+        answer = answer.before
+    return replace(subject.refiner, history=[answer.solves[-1]] if answer else [])
+
+
+def _finer(
+    subject: Answer,
+    strategy: str,
+    solution: Solution,
+    by: Refiner,
+    kernels: Refiner | None = None,
+    smoothing: float | None = None,
+) -> Answer:
+    weight = subject.smoothing if smoothing is None else smoothing
+    refiner, solves = replace(kernels or subject.refiner, history=[]), tuple(by.history[1:])
+    return Answer(
+        strategy, subject.start, solution, refiner, weight, solves=solves, origin=subject.origin
+    )
+
+
+def next_smoother(search: Search, state: State) -> Step | None:
+    """A coarse answer that no full mesh was solved from, where a motion within limits is known."""
+    for answer in state.of("full mesh"):
+        coarser = answer.before
+        assert coarser is not None
+        refused = answer.solution is coarser.solution or not answer.solved
+        if (
+            refused
+            and accelerations_jump(search.problem.family)
+            and not search.over
+            and coarser.solved
+        ):
+            if state.made_of(coarser, "less and less smoothing") is not None:
+                continue
+            if _within_limits(search, coarser) is not None:
+                return Step(coarser)
+    return None
+
+
+def _within_limits(search: Search, answer: Answer) -> Any:
+    """A motion within the limits from a coarse answer, or any."""
+    slowed = search.problem.slowed(answer.solution)
+    return slowed or getattr(search.problem.known, "motion", None)
+
+
+def less_and_less_smoothing(search: Search, state: State, subject: Answer | None) -> Answer:
+    """Solve on the full mesh from a motion within the limits, smoothed ever less.
+
+    For arms so light or fast that torques change more between the points of a coarse mesh than it
+    can tell: what it calls an optimum is none, and finer meshes do not find one from there.
+    """
+    assert subject is not None
+    refiner = _going_on(subject)
+    limited = replace(refiner.settings, max_iterations=SEARCH.smoother_iterations)
+    meshes = [full_mesh(search)] * len(search.problem.names)
+    start: Any = search.problem.guesses_along(_within_limits(search, subject))
+    usual = weight = subject.smoothing
+    last, kernels = None, refiner.transcription
+    barrier: float | None = SEARCH.smoother_barrier
+    for steps in (SEARCH.smoother, (*SEARCH.smoothest, *SEARCH.smoother)):
+        for step in steps:
+            weights = {name: {JERK_WEIGHT: step * usual} for name in search.problem.names}
+            kernels = search.refiner.transcription.with_parameters(weights)
+            smoothed = replace(refiner, transcription=kernels, settings=limited)
+            solution = smoothed.solve(meshes, start, barrier=barrier)
+            search.progress(
+                f"smoothed {step:g} times: {solution.duration:.6f} s, {solution.status}"
+            )
+            if not solution.status.solved:
+                break
+            worth = np.inf if last is None else last.duration / solution.duration - 1.0
+            start, last, barrier, weight = solution, solution, None, step * usual
+            if step == SEARCH.smoother[-1] or worth < SEARCH.worth_less:
+                finer = replace(refiner, transcription=kernels)
+                name = "less and less smoothing"
+                return _finer(subject, name, solution, refiner, finer, weight)
+            if search.over:
+                break
+        if last is not None or search.over:
+            break
+    if last is not None:
+        search.problem.slowed(last)  # to be returned at least
+    failed = solution if not solution.status.solved else replace(solution, status=Status.FAILED)
+    return _finer(subject, "less and less smoothing", failed, refiner)
+
+
+def next_splitting(search: Search, state: State) -> Step | None:
+    """What was solved on a full mesh, or where none was the coarse answer itself."""
+    for coarser in (*state.of("full mesh"), *state.of("less and less smoothing")):
+        before = coarser.before
+        assert before is not None
+        made = [m for s in ON_FULL_MESH if (m := state.made_of(before, s)) and m.solved]
+        chosen = next((m for m in reversed(made) if m.solution is not before.solution), before)
+        if state.made_of(chosen, "splitting") is None:
+            return Step(chosen)
+    for way in state.of("timed way"):
+        if way.solved and state.made_of(way, "splitting") is None:
+            return Step(way)
+    return None
+
+
+def split_where_exceeded(search: Search, state: State, subject: Answer | None) -> Answer:
+    """Split intervals until limits hold between mesh points, and where something switches."""
+    assert subject is not None
+    refiner, best = _going_on(subject), subject.solution
+    if not accelerations_jump(search.problem.family):
+        best = refiner.refine(best)
+        marks = partial(_velocity_switches, search)
+        if any(places.any() for places in marks(best)):
+            best = refiner.refine(refiner.sharpen(best, marks))
+        if "qddd" in search.problem.family:
+            best = refiner.refine(refiner.sharpen(best, partial(_jerk_switches, search)))
+        return _finer(subject, "splitting", best, refiner)
+    usual = refiner.settings
+    if subject.strategy in COARSE:  # nothing leads on: what is tried yet is not tried for long
+        limited = min(usual.max_iterations, SEARCH.smoother_iterations)
+        usual = replace(usual, max_iterations=limited)
+    refiner = replace(refiner, foresight=SEARCH.foresight, settings=usual)
+    marks = partial(_velocity_switches, search)
+    if len(search.problem.names) <= SEARCH.many_phases:
+        # a refined mesh is seldom refined again: to the last digits at once
+        least = replace(usual, max_iterations=min(usual.max_iterations, SEARCH.most_exact))
+        best = replace(refiner, settings=least, rough=None, once=True).refine(best, marks)
+    return _finer(subject, "splitting", refiner.refine(best, marks), refiner)
+
+
+def next_last_digits(search: Search, state: State) -> Step | None:
+    """The best of the refined answers."""
+    if state.of("last digits") or not refined(state):
+        return None
+    best = best_of(search, state)
+    return Step(best) if best.solved and not search.over else None
+
+
+def last_digits(search: Search, state: State, subject: Answer | None) -> Answer:
+    """Solve to the full tolerance."""
+    assert subject is not None
+    refiner = _going_on(subject)
+    return _finer(subject, "last digits", refiner.finished(subject.solution), refiner)
+
+
+# where meshes are split -----------------------------------------------------------------------
+
+
+def _velocity_switches(search: Search, solution: Solution) -> list[Any]:
+    """Intervals in which a velocity goes through more than half of its limit at once.
+
+    The arm could reach it in far less time than the mesh lets it.
+    """
+    limit = np.maximum(*(np.abs(b) for b in search.problem.family.robot.limits.bounds("qd")))
+    limit = np.where(limit > 0, limit, np.inf)
+    return [
+        (np.abs(np.diff(phase["qd"], axis=0)) > 0.5 * limit).any(axis=1)
+        for phase in solution.phases
+    ]
+
+
+def _reversals(search: Search, solution: Solution) -> list[np.ndarray]:
+    """Intervals inside which a joint with dry friction turns back, or a limit is exceeded."""
+    marked, dry = [], dry_friction(search.problem.family.robot) > 0.0
+    for phase, excess in zip(solution.phases, search.problem.excess(solution), strict=True):
+        turns = reversals(phase["qd"], dry)
+        steps = np.diff(phase.mesh)
+        # the window is as long as the longest of them
+        turns &= steps > 0.6 * steps[turns].max(initial=0.0)
+        marked.append(turns[:, None] | (excess > search.settings.limit_tolerance))
+    return marked
+
+
+def _jerk_switches(search: Search, solution: Solution) -> list[np.ndarray]:
+    member = search.problem.family["qddd"]
+    return [
+        jerk_switches(np.diff(phase["qdd"], axis=0) / np.diff(phase.t)[:, None], member)
+        for phase in solution.phases
+    ]
+
+
+def graded(phase: PhaseSolution, count: int) -> FloatArray:
+    """Mesh [count+1] of a phase: evenly spread, and with it where its accelerations change."""
+    steps, change = np.diff(phase.mesh), np.abs(np.diff(phase["qdd"], axis=0))
+    change = (change / np.maximum(np.abs(phase["qdd"]).max(axis=0), TINY)).max(axis=1)
+    slope = np.pad(change / steps, 1)
+    # a change may be anywhere in the interval, or begin in the one beside it
+    weight = steps * np.maximum(slope[1:-1], 0.5 * np.maximum(slope[:-2], slope[2:]))
+    density = (1.0 - SEARCH.graded) * steps + SEARCH.graded * weight / max(weight.sum(), TINY)
+    reached = np.concatenate([[0.0], np.cumsum(density)])
+    mesh = np.interp(np.linspace(0.0, reached[-1], count + 1), reached, phase.mesh)
+    mesh[[0, -1]] = 0.0, 1.0
+    return mesh
+
+
+STRATEGIES = (
+    Strategy("start", next_start, try_start, "local optima are several per cent apart"),
+    Strategy("known way", next_from_known, from_known, "limits so tight that no guess converges"),
+    Strategy(
+        "relaxed problem", next_relaxed, from_relaxed, "tasks that ask too much: which limit gives"
+    ),
+    Strategy(
+        "less and less smoothing",
+        next_smoother,
+        less_and_less_smoothing,
+        "arms so light that torques change more between coarse mesh points than they tell",
+    ),
+    Strategy("splitting", next_splitting, split_where_exceeded, "limits hold at mesh points only"),
+    Strategy(
+        "timed way", next_timed_way, from_timed_way, "ways around obstacles that starts cut short"
+    ),
+    Strategy("full mesh", next_full_mesh, to_full_mesh, "a coarse mesh costs some per cent"),
+    Strategy("last digits", next_last_digits, last_digits, "a gap to the optimum that is known"),
+)
