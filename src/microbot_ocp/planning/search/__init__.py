@@ -1,9 +1,11 @@
 """The fastest motion through via points or stops, with or without obstacles.
 
 Comes in: a task. Goes out: a motion with what was tried. Begin with :func:`time_optimal` in
-``_time_optimal.py``; ``_free_search.py`` is the search, ``_stop_search.py`` the same through stops,
-``_among_obstacles.py`` and ``_stops_among.py`` start from ways around obstacles, ``_orders.py``
-compares orders of stops, ``_prepared.py`` solves again with other numbers.
+``_time_optimal.py``; ``_strategies.py`` is the table of what is tried and ``_search.py`` its loop.
+``_problem.py`` and ``_through_stops.py`` are tasks as the search sees them, ``_among_obstacles.py``
+and ``_stops_among.py`` give it ways around obstacles, ``_result.py`` and ``_least_effort.py`` make
+the motion of its answer, ``_orders.py`` compares orders of stops, ``_prepared.py`` solves again
+with other numbers.
 """
 
 import lazy_loader

@@ -126,10 +126,8 @@ class TimeOptimalSettings:
         most so much slower the one of least effort is returned, the time integral of the squared
         torques, each relative to its limit (of the accelerations where a robot has no masses). Zero
         is the fastest motion but for a smoothing of the jerk, which picks one where many are
-        equally fast: it costs 1.3e-5 of the duration of the Microbot task, and is made a hundred
-        times weaker where it would cost more than 2e-4 (not with dry friction, limits of jerk or
-        torque rate and further ones); about how much it costs is ``smoothing_cost``, s, in the
-        provenance, and in the note from 0.02 % on
+        equally fast: it costs 5e-7 of the duration of the Microbot task; about how much it costs is
+        ``smoothing_cost``, s, in the provenance, and in the note from 0.02 % on
     limit_tolerance : largest relative excess of a limit between mesh points; the mesh is refined
         until it holds
     switching_times : whether the times at which one limit takes over from another are solved for
