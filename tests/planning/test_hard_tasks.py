@@ -94,15 +94,14 @@ def test_a_pendulum_too_weak_to_be_lifted_swings_several_times():
 
 
 @pytest.mark.slow
-def test_an_arm_that_a_coarse_mesh_does_not_tell_is_smoothed_less_and_less():
+def test_starts_that_disagree_on_a_coarse_mesh_are_compared_on_a_finer_one():
     """A light arm that turns by radians in 0.1 s: a coarse mesh exceeds its torques by 114 %."""
-    task, said = task_of(16), list[Any]()
-    motion = mo.time_optimal(task.robot, task.via, progress=said.append)
-    steps = [text for text in said if str(text).startswith("smoothed ")]
-    # less is worth nothing; each answer that is refined begins anew
-    assert [text.split()[1] for text in steps[:2]] == ["10000", "1000"]
+    task = task_of(16)
+    motion = mo.time_optimal(task.robot, task.via)
+    rows = {row["strategy"]: row["run"] for row in motion.provenance["ledger"]}
+    assert rows["start"] > len(motion.provenance["starts"])  # some were solved on both meshes
     assert motion.solved
-    assert motion.duration < 0.09319  # 0.0932063 s from the coarse mesh
+    assert motion.duration < 0.09323  # 0.0932088 s; the coarse mesh promises 0.0930
     assert mo.certify(task.robot, motion, via_q=task.via).ok
 
 
