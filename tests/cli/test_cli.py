@@ -597,6 +597,22 @@ def test_the_demo_opens_its_report_where_there_is_somebody_to_see_it(call, tmp_p
     assert opened == [(tmp_path / "again" / "report.html").as_uri()]
 
 
+def test_a_check_writes_its_report(call, tmp_path):
+    arm = mo.load_robot("planar_2r")
+    slow = mo.quintic([[0.0, 0.0], [0.5, 0.3]], [0.0, 2.0])
+    motion = mo.Motion.from_polynomial(arm, slow, label="slow")
+    motion.export("slow.csv", rate=250.0, robot=arm)
+    command = ("check", "slow.csv", "--robot", "planar_2r", "--profile", "ros2_jtc_cubic@250")
+    code, out, _ = call(*command, "--out", "slow.html")
+    assert code == 0
+    assert "written: slow.html" in out
+    page = (tmp_path / "slow.html").read_text("utf-8")
+    assert "keeps every limit" in page
+    assert page.count("<img") == 1
+    assert "http" not in page
+    assert call(*command, "--out", "slow.pdf")[0] == 2
+
+
 FOR_DEVELOPERS = {"test", "docs", "fuzz", "release", "bench"}
 
 

@@ -15,6 +15,7 @@ import numpy as np
 import microbot_ocp as mo
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.showing import view_for
 from microbot_ocp._base.table import Column, Table
 from microbot_ocp.cli._declaration import (
     ARM,
@@ -29,6 +30,7 @@ from microbot_ocp.cli._declaration import (
     command,
 )
 from microbot_ocp.cli._report import Answer, Progress, has_display
+from microbot_ocp.execution import read_rows
 from microbot_ocp.motion import SAMPLE_STEP, Motion
 from microbot_ocp.planning import time_optimal as find_time_optimal
 from microbot_ocp.robot import JointLimits, Robot
@@ -285,7 +287,7 @@ def solve(
     return Answer(cell.as_dict(), blocks, (), solved, certified, save=save)
 
 
-@command()
+@command(writes=(".html",))
 def check(
     file: Annotated[Path, FILE],
     robot: Annotated[str, replace(OTHER_ROBOT, text="Robot whose trajectory it is.")],
@@ -303,6 +305,8 @@ def check(
         Trajectory: .csv, .npz, or a JointTrajectory of ROS as .json or .yaml.
     scene : FILE
         Scene (.toml) whose obstacles it must keep clear of.
+    out : FILE
+        Write a report to this .html file, to send.
 
     Examples
     --------
@@ -312,7 +316,13 @@ def check(
     surroundings = None if scene is None else mo.read_scene(scene)
     certificate = mo.check(arm, file, profile, scene=surroundings)
     document = {"robot": arm.name, "profile": profile, "certificate": certificate.as_dict()}
-    return Answer(document, tables.use_blocks(arm, certificate), certified=certificate.ok)
+
+    def save(path: Path) -> object:
+        played = mo.executed(arm, read_rows(file, arm), profile)
+        return view_for(certificate, "html_report")(certificate, arm, played, path)
+
+    blocks = tables.use_blocks(arm, certificate)
+    return Answer(document, blocks, certified=certificate.ok, save=save)
 
 
 @command(writes=("",), folder="microbot-demo", recorded=True, solves=True)

@@ -18,6 +18,9 @@ from typing import Any
 
 from microbot_ocp._base.table import Table
 from microbot_ocp._base.writing import write_whole
+from microbot_ocp.certificate import Certificate
+from microbot_ocp.motion import Motion
+from microbot_ocp.robot import Robot
 from microbot_ocp.tasks import Cell, Comparison
 from microbot_ocp.views.plots import figure_of
 from microbot_ocp.views.tables import comparison_table
@@ -94,6 +97,20 @@ def cell_report(cell: Cell, path: str | Path) -> Path:
         _section("Is it true?", _verdicts([("certificate", cell.certificate.verdict)])),
     ]
     return _written(f"{robot.name}: a cell", parts, path)
+
+
+def certificate_report(
+    certificate: Certificate, robot: Robot, motion: Motion, path: str | Path
+) -> Path:
+    """Write a certificate as one HTML file: its words, its table, the curves of the motion."""
+    said = "keeps every limit" if certificate.ok else "does not keep every limit"
+    parts = [
+        _words([f"The motion of the arm {robot.name}, {motion.duration:.3f} s long, {said}."]),
+        _section("What was checked", escape(certificate.verdict)),
+        _section("Limits", certificate._repr_html_()),
+        _section("Curves and limits", _figure(motion.plot(robot), "Curves over time")),
+    ]
+    return _written(f"{robot.name}: check of {motion.label}", parts, path)
 
 
 def _words(sentences: Iterable[str]) -> str:

@@ -16,7 +16,8 @@ VIEWS = {  # public name of the class: kind of view = face or module of this fol
     "simulation.Tracking": "plot=plots:tracking rerun=recording:of_tracking",
     "ocp.solution.Solution": "table=tables._results:solution plot=plots:solution",
     "ocp.verification.OCPCertificate": "table=tables._results:ocp_certificate",
-    "certificate.Certificate": "table=tables._results:certificate",
+    "certificate.Certificate": "table=tables._results:certificate "
+    "html_report=_html_report:certificate_report",
     "tasks.Front": "plot=plots:front",
     "tasks.Cell": "rerun=recording:of_cell animation=animation:animate_cell "
     "html_report=_html_report:cell_report",
