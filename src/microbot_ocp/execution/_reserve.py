@@ -235,6 +235,7 @@ def smallest_reserve(
 
     Examples
     --------
+    >>> import numpy as np
     >>> import microbot_ocp as mo
     >>> robot = mo.load_robot("microbot")
     >>> plants = mo.differing_plants(robot, mass=0.05, count=0)

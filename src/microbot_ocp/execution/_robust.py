@@ -100,6 +100,7 @@ def robust_limits(
 
     Examples
     --------
+    >>> import numpy as np
     >>> import microbot_ocp as mo
     >>> robot = mo.load_robot("microbot")
     >>> limits = mo.robust_limits(robot, mass=0.05)

@@ -339,6 +339,7 @@ class Motion:
 
         Examples
         --------
+        >>> import numpy as np
         >>> import microbot_ocp as mo
         >>> robot = mo.load_robot("microbot")
         >>> motion = mo.time_optimal(robot, np.radians([[0, 0, 0], [-90, 90, 90]]))
