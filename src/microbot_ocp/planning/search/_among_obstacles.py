@@ -34,7 +34,7 @@ from microbot_ocp.motion import (
 from microbot_ocp.ocp.solution import StepProgress, quiet
 from microbot_ocp.planning.free import InitialGuess, guesses_along, known_ways, phase_names
 from microbot_ocp.planning.path import LATER, PathTiming, check_path, time_path
-from microbot_ocp.planning.search._problem import ViaPoints
+from microbot_ocp.planning.search._problem import FreeProblem
 from microbot_ocp.planning.search._result import KEEPS_LIMITS, motion_through
 from microbot_ocp.planning.search._settings import TimeOptimalSettings, sparing
 from microbot_ocp.planning.search._strategies import search_of
@@ -442,7 +442,7 @@ def _solved(
         bounded = LimitFamily.of(robot.with_limits(also=also))
         try:
             with deadline.given_up():
-                problem = ViaPoints(bounded, via, settings, guided=tuple(guesses))
+                problem = FreeProblem(bounded, via, settings, guided=tuple(guesses))
                 search = search_of(problem, settings, progress)
         except deadline.Over:
             return motion

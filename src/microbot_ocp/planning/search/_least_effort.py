@@ -12,7 +12,7 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp import Solution
 from microbot_ocp.ocp.transcription import Guess
 from microbot_ocp.planning.free import BUDGET, effort_scale, via_times
-from microbot_ocp.planning.search._search import Answer, Search
+from microbot_ocp.planning.search._search import MotionAnswer, MotionSearch
 from microbot_ocp.planning.search._settings import SEARCH
 from microbot_ocp.planning.search._strategies import rank
 
@@ -30,7 +30,7 @@ class LeastEffort:
     status : of the solve
     """
 
-    answer: Answer
+    answer: MotionAnswer
     slack: float
     fastest: float
     effort: float
@@ -52,7 +52,7 @@ class LeastEffort:
         return f"; {100 * slower:.3g} % slower than the fastest for {100 * saved:.3g} % less effort"
 
 
-def least_effort(search: Search, fastest: Answer, slack: float) -> LeastEffort:
+def least_effort(search: MotionSearch, fastest: MotionAnswer, slack: float) -> LeastEffort:
     """The motion of least effort that takes at most the slack longer; the fastest if none."""
     problem, solution, slower = search.problem, fastest.solution, 1.0 + slack
     kernels = problem.kernels(budgeted=True)
@@ -84,7 +84,7 @@ def least_effort(search: Search, fastest: Answer, slack: float) -> LeastEffort:
     return LeastEffort(answer, slack, solution.duration, effort, before, str(calmer.status))
 
 
-def effort_of(search: Search, solution: Solution) -> float:
+def effort_of(search: MotionSearch, solution: Solution) -> float:
     """The time integral of the squared torques (accelerations without masses), each relative, s."""
     problem = search.problem
     motion = problem.motion(solution, {}, "")
@@ -93,7 +93,7 @@ def effort_of(search: Search, solution: Solution) -> float:
     return float(np.trapezoid((scaled**2).sum(axis=1), motion.t))
 
 
-def _with_clock(search: Search, solution: Solution, slower: float = 1.0) -> dict[str, Guess]:
+def _with_clock(search: MotionSearch, solution: Solution, slower: float = 1.0) -> dict[str, Guess]:
     """Guesses from a solution, with the time that has passed, slowed down evenly."""
     problem, edges = search.problem, slower * via_times(solution)
     guesses = problem.guesses(solution)

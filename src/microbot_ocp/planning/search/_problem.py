@@ -36,11 +36,11 @@ from microbot_ocp.planning.task import TaskScale, with_locked_joints_held
 from microbot_ocp.robot import Robot
 
 if TYPE_CHECKING:
-    from microbot_ocp.planning.search._search import Search, State
+    from microbot_ocp.planning.search._search import MotionSearch, SearchState
 
 
 @dataclass(frozen=True, eq=False)
-class Start:
+class TrialStart:
     """What a solve on a coarse mesh starts from.
 
     Attributes
@@ -100,7 +100,7 @@ class MotionProblem(Protocol):
         """The program; ``budgeted`` that of the least effort in a time that is given."""
         ...
 
-    def next_start(self, search: Search, state: State) -> Start | None:
+    def next_start(self, search: MotionSearch, state: SearchState) -> TrialStart | None:
         """The next initial guess; None where there are no more."""
         ...
 
@@ -126,7 +126,7 @@ class MotionProblem(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class ViaPoints:
+class FreeProblem:
     """Via points [m,n] that are passed at any velocity, from rest to rest."""
 
     family: LimitFamily
@@ -182,7 +182,7 @@ class ViaPoints:
         via = np.ascontiguousarray(self.via)
         return transcription(held, via.tobytes(), len(via), compiled, budgeted=budgeted)
 
-    def next_start(self, search: Search, state: State) -> Start | None:
+    def next_start(self, search: MotionSearch, state: SearchState) -> TrialStart | None:
         """The guess after those that were tried, with its solver."""
         tried = [answer for answer in state.of("start") if answer.before is None]
         given, index = self.settings, len(tried)
@@ -197,11 +197,13 @@ class ViaPoints:
         solver = both if given.solver == "auto" else given.solver
         solved = [answer for answer in tried if answer.solved]
         if not solved:
-            return Start(self._drawn[index], solver)
+            return TrialStart(self._drawn[index], solver)
         # what takes so much longer than another start is given up
         allowed = [SEARCH.patience * a.solution.attempts[-1].iterations for a in solved]
         most = max(SEARCH.least_iterations, *(allowed if index > 1 else ()), 0)
-        return Start(self._drawn[index], solver if isinstance(solver, str) else solver[0], most)
+        return TrialStart(
+            self._drawn[index], solver if isinstance(solver, str) else solver[0], most
+        )
 
     @cached_property
     def _drawing(self) -> Iterator[InitialGuess]:

@@ -14,8 +14,8 @@ from microbot_ocp.motion import Motion
 from microbot_ocp.ocp.refinement import WORSE
 from microbot_ocp.planning.free import Slowed, in_arcs, judged, largest_excess
 from microbot_ocp.planning.search._least_effort import LeastEffort, least_effort
-from microbot_ocp.planning.search._problem import ViaPoints
-from microbot_ocp.planning.search._search import Answer, Search, State, ledger_of
+from microbot_ocp.planning.search._problem import FreeProblem
+from microbot_ocp.planning.search._search import MotionAnswer, MotionSearch, SearchState, ledger_of
 from microbot_ocp.planning.search._settings import sparing
 from microbot_ocp.planning.search._strategies import (
     STRATEGIES,
@@ -40,9 +40,9 @@ TOLD = 2e-4  # share of the duration from which a note says what the smoothing c
 class Fastest:
     """The end of a search: its state, the best answer, and what less effort came to."""
 
-    search: Search
-    state: State
-    answer: Answer
+    search: MotionSearch
+    state: SearchState
+    answer: MotionAnswer
     calmer: LeastEffort | None
     wall_time: float
 
@@ -53,7 +53,9 @@ class Fastest:
         return 0.0 if self.calmer else max(0.0, solution.cost - solution.duration)
 
 
-def fastest(search: Search, state: State | None = None, slack: float | None = None) -> Fastest:
+def fastest(
+    search: MotionSearch, state: SearchState | None = None, slack: float | None = None
+) -> Fastest:
     """Run the whole table, and look for less effort where some slack is given."""
     begin = time.perf_counter()
     state = search.run(STRATEGIES, state)
@@ -65,10 +67,10 @@ def fastest(search: Search, state: State | None = None, slack: float | None = No
     return Fastest(search, state, answer, calmer, time.perf_counter() - begin)
 
 
-def motion_through(search: Search) -> Motion:
+def motion_through(search: MotionSearch) -> Motion:
     """The fastest motion through via points, or what is known at least."""
     begin, problem = time.perf_counter(), search.problem
-    assert isinstance(problem, ViaPoints)
+    assert isinstance(problem, FreeProblem)
     with sparing() if problem.slows_down else nullcontext():
         found = fastest(search)
         motion = motion_of_answer(found)
@@ -118,7 +120,7 @@ def motion_of_answer(found: Fastest, **more: Any) -> Motion:
     return problem.motion(solution, provenance, note + further_notes(found))
 
 
-def starts_of(state: State, rested: float = 0.0) -> list[dict[str, Any]]:
+def starts_of(state: SearchState, rested: float = 0.0) -> list[dict[str, Any]]:
     """What every initial guess led to, for the provenance; dwells last ``rested`` s."""
     return [
         {
@@ -147,7 +149,7 @@ def _within_limits(found: Fastest, motion: Motion) -> Motion:
     """
     search, solution = found.search, found.answer.solution
     problem = search.problem
-    assert isinstance(problem, ViaPoints)
+    assert isinstance(problem, FreeProblem)
     told, kept = motion.provenance, motion.solved
     kept = kept and not is_enough(problem, search.settings, solution)
     # not even time may be left to slow it down
@@ -181,10 +183,10 @@ def _within_limits(found: Fastest, motion: Motion) -> Motion:
     return replace(known, provenance={**told, **now}, note=note)
 
 
-def _slowed(search: Search, found: Fastest) -> list[tuple[Answer, Motion]]:
+def _slowed(search: MotionSearch, found: Fastest) -> list[tuple[MotionAnswer, Motion]]:
     """Answers that were slowed down so far, and the motions."""
     problem = search.problem
-    assert isinstance(problem, ViaPoints)
+    assert isinstance(problem, FreeProblem)
     rows = []
     for answer in (*found.state.answers, found.answer):
         motion = problem.slowed_before(answer.solution)

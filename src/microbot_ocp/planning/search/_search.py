@@ -1,8 +1,8 @@
 """The search for the fastest motion: a table of strategies, run by one loop.
 
 A strategy is a row: the answer that it works on next, and what it makes of it. The loop runs the
-first row that has something to work on, until none has; what has come of it is a :class:`State`,
-and the ledger has a row for every strategy.
+first row that has something to work on, until none has; what has come of it is a
+:class:`SearchState`, and the ledger has a row for every strategy.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from microbot_ocp.planning.search._settings import TimeOptimalSettings
 
 
 @dataclass(frozen=True, eq=False)
-class Answer:
+class MotionAnswer:
     """What a strategy made of another answer, or of nothing.
 
     Attributes
@@ -47,7 +47,7 @@ class Answer:
     solution: Solution
     refiner: Refiner
     smoothing: float
-    before: Answer | None = None
+    before: MotionAnswer | None = None
     solves: tuple[dict[str, Any], ...] = ()
     seconds: float = 0.0
     origin: Any = None
@@ -65,23 +65,23 @@ class Answer:
 
 
 @dataclass(frozen=True, eq=False)
-class State:
+class SearchState:
     """What a search has come to: its answers in their order, solved or not."""
 
-    answers: tuple[Answer, ...] = ()
+    answers: tuple[MotionAnswer, ...] = ()
 
-    def of(self, *strategies: str) -> list[Answer]:
+    def of(self, *strategies: str) -> list[MotionAnswer]:
         """The answers of these strategies."""
         return [answer for answer in self.answers if answer.strategy in strategies]
 
-    def made_of(self, subject: Answer | None, strategy: str) -> Answer | None:
+    def made_of(self, subject: MotionAnswer | None, strategy: str) -> MotionAnswer | None:
         """What a strategy made of an answer; None where it was not run on it."""
         rows = (a for a in self.answers if a.before is subject and a.strategy == strategy)
         return next(rows, None)
 
-    def and_(self, answer: Answer) -> State:
+    def and_(self, answer: MotionAnswer) -> SearchState:
         """The same with one answer more."""
-        return State((*self.answers, answer))
+        return SearchState((*self.answers, answer))
 
     @property
     def interrupted(self) -> bool:
@@ -89,19 +89,19 @@ class State:
         return bool(self.answers) and self.answers[-1].solution.status is Status.INTERRUPTED
 
 
-NextStep = Callable[["Search", State], "Step | None"]
-Run = Callable[["Search", State, Answer | None], Answer]
+Choose = Callable[["MotionSearch", SearchState], "NextStep | None"]
+Run = Callable[["MotionSearch", SearchState, MotionAnswer | None], MotionAnswer]
 
 
 @dataclass(frozen=True, eq=False)
-class Step:
+class NextStep:
     """What a strategy works on next: an answer, or nothing where it makes the first ones."""
 
-    subject: Answer | None = None
+    subject: MotionAnswer | None = None
 
 
 @dataclass(frozen=True)
-class Strategy:
+class MotionStrategy:
     """A row of the table.
 
     Attributes
@@ -113,13 +113,13 @@ class Strategy:
     """
 
     name: str
-    next_step: NextStep
+    next_step: Choose
     run: Run
     why: str
 
 
 @dataclass(frozen=True, eq=False)
-class Search:
+class MotionSearch:
     """What strategies work with; none of it changes while the search goes on.
 
     Attributes
@@ -137,7 +137,9 @@ class Search:
     refiner: Refiner
     progress: StepProgress
     kernel_time: float = 0.0
-    memory: dict[tuple[str, int], Answer] = field(default_factory=dict)  # of what was run early
+    memory: dict[tuple[str, int], MotionAnswer] = field(
+        default_factory=dict
+    )  # of what was run early
 
     @property
     def over(self) -> bool:
@@ -148,9 +150,11 @@ class Search:
         """Largest relative excess of a limit between mesh points."""
         return max(float(e.max()) for e in self.problem.excess(solution))
 
-    def run(self, strategies: Sequence[Strategy], state: State | None = None) -> State:
+    def run(
+        self, strategies: Sequence[MotionStrategy], state: SearchState | None = None
+    ) -> SearchState:
         """Run strategies from a state on until none has anything to do, or the time is over."""
-        state = state or State()
+        state = state or SearchState()
         while not state.interrupted:
             pair = _first(self, strategies, state)
             if pair is None or (self.over and state.answers):
@@ -160,7 +164,7 @@ class Search:
                 state = self._with_starts_beside(strategies, state)
         return state
 
-    def _made(self, strategy: Strategy, step: Step, state: State) -> Answer:
+    def _made(self, strategy: MotionStrategy, step: NextStep, state: SearchState) -> MotionAnswer:
         """What a strategy makes of its subject; from memory where it was run on it before."""
         known = None if step.subject is None else (strategy.name, id(step.subject))
         if known in self.memory:
@@ -172,7 +176,7 @@ class Search:
             self.memory[known] = answer
         return answer
 
-    def _may_fork(self, strategies: Sequence[Strategy], state: State) -> bool:
+    def _may_fork(self, strategies: Sequence[MotionStrategy], state: SearchState) -> bool:
         """Whether further starts are tried in another process from here on."""
         return (
             len(state.answers) == 1
@@ -186,7 +190,9 @@ class Search:
             and self.problem.slowed(state.answers[0].solution) is not None
         )
 
-    def _with_starts_beside(self, strategies: Sequence[Strategy], state: State) -> State:
+    def _with_starts_beside(
+        self, strategies: Sequence[MotionStrategy], state: SearchState
+    ) -> SearchState:
         """Try further starts in a process of their own while the first of them is refined.
 
         What is found does not depend on it: what is refined early counts only where it would have
@@ -201,7 +207,7 @@ class Search:
             except (OutOfTime, Died):
                 return state
 
-    def _plain(self, state: State, before: State) -> list[Any]:
+    def _plain(self, state: SearchState, before: SearchState) -> list[Any]:
         """The new answers of a state as plain data: values without kernels."""
         rows = []
         for answer in state.answers[len(before.answers) :]:
@@ -221,7 +227,7 @@ class Search:
             rows.append((values, meshes, parameters))
         return rows
 
-    def _with_plain(self, state: State, rows: Sequence[Any]) -> State:
+    def _with_plain(self, state: SearchState, rows: Sequence[Any]) -> SearchState:
         """The state with answers of another process."""
         for values, meshes, parameters in rows:
             kernels, before = self.refiner.transcription, values["before"]
@@ -230,13 +236,13 @@ class Search:
             phases = unpack(kernels.layouts(meshes), values["solution"].variables)
             values["solution"] = replace(values["solution"], phases=phases)
             values["before"] = None if before is None else state.answers[before]
-            state = state.and_(Answer(**{**values, "refiner": self.refiner}))
+            state = state.and_(MotionAnswer(**{**values, "refiner": self.refiner}))
         return state
 
 
 def _first(
-    search: Search, strategies: Sequence[Strategy], state: State
-) -> tuple[Strategy, Step] | None:
+    search: MotionSearch, strategies: Sequence[MotionStrategy], state: SearchState
+) -> tuple[MotionStrategy, NextStep] | None:
     """The first strategy that has something to do."""
     for strategy in strategies:
         step = strategy.next_step(search, state)
@@ -245,7 +251,7 @@ def _first(
     return None
 
 
-def ledger_of(state: State, last: Answer) -> Ledger:
+def ledger_of(state: SearchState, last: MotionAnswer) -> Ledger:
     """What every strategy did, and which of them the answer comes from."""
     lineage, answer = set[int](), last
     while answer is not None:

@@ -34,7 +34,13 @@ from microbot_ocp.planning.free import (
     with_motion,
 )
 from microbot_ocp.planning.search._problem import MotionProblem
-from microbot_ocp.planning.search._search import Answer, Search, State, Step, Strategy
+from microbot_ocp.planning.search._search import (
+    MotionAnswer,
+    MotionSearch,
+    MotionStrategy,
+    NextStep,
+    SearchState,
+)
 from microbot_ocp.planning.search._settings import SEARCH, TimeOptimalSettings
 from microbot_ocp.planning.task import (
     GAP,
@@ -53,7 +59,7 @@ TINY = 1e-12
 
 def search_of(
     problem: MotionProblem, settings: TimeOptimalSettings, progress: StepProgress
-) -> Search:
+) -> MotionSearch:
     """The search of a problem: with its program, and how every solve of it is done."""
     begin = time.perf_counter()
     kernels = problem.kernels()
@@ -82,7 +88,7 @@ def search_of(
         fitted=partial(with_windows, dry_friction(problem.family.robot) > 0.0) if windows else None,
         enough=partial(is_enough, problem, settings) if problem.slows_down else None,
     )
-    return Search(problem, settings, refiner, progress, kernel_time)
+    return MotionSearch(problem, settings, refiner, progress, kernel_time)
 
 
 # what answers are worth -----------------------------------------------------------------------
@@ -99,7 +105,7 @@ def is_enough(problem: MotionProblem, settings: TimeOptimalSettings, solution: S
     return slower is not None and slower.duration <= (1.0 + SEARCH.enough) * solution.duration
 
 
-def rank(search: Search, solution: Solution) -> tuple[bool, float]:
+def rank(search: MotionSearch, solution: Solution) -> tuple[bool, float]:
     """What keeps its limits first, then what is faster."""
     kept = solution.status.solved and (
         search.worst(solution) <= search.settings.limit_tolerance
@@ -108,9 +114,9 @@ def rank(search: Search, solution: Solution) -> tuple[bool, float]:
     return not kept, solution.duration
 
 
-def by_promise(answers: Sequence[Answer]) -> list[Answer]:
+def by_promise(answers: Sequence[MotionAnswer]) -> list[MotionAnswer]:
     """The different optima among coarse answers, the fastest first; of the same the first."""
-    different = list[Answer]()
+    different = list[MotionAnswer]()
     for coarse in answers:
         if coarse.solved and not any(
             abs(coarse.solution.duration - other.solution.duration)
@@ -121,7 +127,7 @@ def by_promise(answers: Sequence[Answer]) -> list[Answer]:
     return sorted(different, key=lambda coarse: coarse.solution.duration)
 
 
-def settled(answers: Sequence[Answer], settings: TimeOptimalSettings) -> bool:
+def settled(answers: Sequence[MotionAnswer], settings: TimeOptimalSettings) -> bool:
     """Whether another start would more likely than not lead to what has been seen before.
 
     After w different outcomes of N starts it leads to a new one with the probability
@@ -139,13 +145,13 @@ def settled(answers: Sequence[Answer], settings: TimeOptimalSettings) -> bool:
 # coarse answers -------------------------------------------------------------------------------
 
 
-def explore_mesh(search: Search) -> int:
+def explore_mesh(search: MotionSearch) -> int:
     """Intervals a phase of the first look."""
     fewest = max(SEARCH.explore_sum // len(search.problem.names), SEARCH.least_explore_mesh)
     return min(full_mesh(search), fewest, SEARCH.explore_mesh)
 
 
-def full_mesh(search: Search) -> int:
+def full_mesh(search: MotionSearch) -> int:
     """Intervals a phase of the first full mesh."""
     if search.settings.mesh is not None:
         return search.settings.mesh
@@ -154,7 +160,7 @@ def full_mesh(search: Search) -> int:
     return min(most, SEARCH.guided_mesh) if search.problem.guided else most
 
 
-def coarse(search: Search) -> Refiner:
+def coarse(search: MotionSearch) -> Refiner:
     """How coarse answers are solved for: with dry friction rounded off."""
     settings = replace(search.refiner.settings, options=LDL)
     refiner = replace(search.refiner, history=[], settings=settings)
@@ -164,14 +170,14 @@ def coarse(search: Search) -> Refiner:
     return replace(refiner, transcription=kernels)
 
 
-def sample(search: Search, state: State) -> list[Answer]:
+def sample(search: MotionSearch, state: SearchState) -> list[MotionAnswer]:
     """The starts that are compared: those on the finest mesh that any of them was solved on."""
     tried = state.of("start")
     finest = max((answer.intervals for answer in tried if answer.solved), default=0)
     return [answer for answer in tried if answer.intervals == finest or not finest]
 
 
-def next_start(search: Search, state: State) -> Step | None:
+def next_start(search: MotionSearch, state: SearchState) -> NextStep | None:
     """A fresh start while another is likely to lead elsewhere.
 
     Where the first starts do not agree they are compared on a mesh twice as fine, as are all that
@@ -181,7 +187,7 @@ def next_start(search: Search, state: State) -> Step | None:
     if tried and search.over:
         return None
     if not search.problem.compares_starts or len(tried) < settings.starts:
-        return Step() if search.problem.next_start(search, state) is not None else None
+        return NextStep() if search.problem.next_start(search, state) is not None else None
     compared = sample(search, state)
     if settled(compared, settings):
         return None
@@ -190,16 +196,18 @@ def next_start(search: Search, state: State) -> Step | None:
         carried = by_promise([answer for answer in tried if answer.intervals == first])
         for answer in carried if second > first else ():
             if state.made_of(answer, "start") is None:
-                return Step(answer)
-    return Step() if search.problem.next_start(search, state) is not None else None
+                return NextStep(answer)
+    return NextStep() if search.problem.next_start(search, state) is not None else None
 
 
-def _start_meshes(search: Search) -> tuple[int, int]:
+def _start_meshes(search: MotionSearch) -> tuple[int, int]:
     first = explore_mesh(search)
     return first, min(2 * first, full_mesh(search))
 
 
-def try_start(search: Search, state: State, subject: Answer | None) -> Answer:
+def try_start(
+    search: MotionSearch, state: SearchState, subject: MotionAnswer | None
+) -> MotionAnswer:
     """Solve from an initial guess, or what it led to on a finer mesh."""
     first, second = _start_meshes(search)
     refiner, phases = coarse(search), len(search.problem.names)
@@ -231,11 +239,16 @@ def try_start(search: Search, state: State, subject: Answer | None) -> Answer:
 
 
 def _answer(
-    search: Search, strategy: str, start: str, solution: Solution, by: Refiner, origin: Any = None
-) -> Answer:
+    search: MotionSearch,
+    strategy: str,
+    start: str,
+    solution: Solution,
+    by: Refiner,
+    origin: Any = None,
+) -> MotionAnswer:
     """A coarse answer, which the usual kernels refine."""
     solves = tuple(by.history)
-    return Answer(
+    return MotionAnswer(
         strategy,
         start,
         solution,
@@ -246,13 +259,13 @@ def _answer(
     )
 
 
-def _nothing_solved(search: Search, state: State, strategy: str) -> Step | None:
+def _nothing_solved(search: MotionSearch, state: SearchState, strategy: str) -> NextStep | None:
     if search.over or any(answer.solved for answer in state.answers) or state.of(strategy):
         return None
-    return Step(_nearest(state))
+    return NextStep(_nearest(state))
 
 
-def _nearest(state: State) -> Answer:
+def _nearest(state: SearchState) -> MotionAnswer:
     """The start whose answer breaks constraints least."""
     return min(
         state.of("start"),
@@ -260,13 +273,15 @@ def _nearest(state: State) -> Answer:
     )
 
 
-def next_from_known(search: Search, state: State) -> Step | None:
+def next_from_known(search: MotionSearch, state: SearchState) -> NextStep | None:
     """A known way where no start led anywhere."""
     step = _nothing_solved(search, state, "known way")
     return step if step is not None and search.problem.known is not None else None
 
 
-def from_known(search: Search, state: State, subject: Answer | None) -> Answer:
+def from_known(
+    search: MotionSearch, state: SearchState, subject: MotionAnswer | None
+) -> MotionAnswer:
     """Solve from a way with its best timing."""
     known = search.problem.known
     assert subject is not None
@@ -282,12 +297,14 @@ def from_known(search: Search, state: State, subject: Answer | None) -> Answer:
     return _answer(search, "known way", known.made_from, solution, refiner)
 
 
-def next_relaxed(search: Search, state: State) -> Step | None:
+def next_relaxed(search: MotionSearch, state: SearchState) -> NextStep | None:
     """The relaxed problem where nothing is solved."""
     return _nothing_solved(search, state, "relaxed problem")
 
 
-def from_relaxed(search: Search, state: State, subject: Answer | None) -> Answer:
+def from_relaxed(
+    search: MotionSearch, state: SearchState, subject: MotionAnswer | None
+) -> MotionAnswer:
     """Look at what limits have to give; solve from there where they have to give nothing."""
     assert subject is not None
     refiner, problem = coarse(search), search.problem
@@ -310,12 +327,12 @@ COARSE = ("start", "known way", "relaxed problem")
 ON_FULL_MESH = ("full mesh", "less and less smoothing")
 
 
-def refined(state: State) -> list[Answer]:
+def refined(state: SearchState) -> list[MotionAnswer]:
     """The answers that were refined."""
     return state.of("splitting")
 
 
-def best_of(search: Search, state: State) -> Answer:
+def best_of(search: MotionSearch, state: SearchState) -> MotionAnswer:
     """The best answer: of those that were refined, else the nearest that there is."""
     answers = state.of("last digits") or refined(state)
     if answers:
@@ -324,7 +341,7 @@ def best_of(search: Search, state: State) -> Answer:
     return solved[0] if solved else _nearest(state)
 
 
-def promising(search: Search, state: State) -> list[Answer]:
+def promising(search: MotionSearch, state: SearchState) -> list[MotionAnswer]:
     """The coarse answers that the best motion may come from, the fastest first.
 
     One that was solved on a finer mesh, too, is among them where that led to a slower optimum.
@@ -338,7 +355,7 @@ def promising(search: Search, state: State) -> list[Answer]:
     return [answer for answer in answers if answer.solution.duration < least]
 
 
-def _superseded(state: State, answer: Answer) -> bool:
+def _superseded(state: SearchState, answer: MotionAnswer) -> bool:
     finer = state.made_of(answer, "start")
     if finer is None or not finer.solved:
         return False
@@ -350,15 +367,17 @@ def duration_of(guess: InitialGuess) -> float:
     return sum(float(own.duration or 0.0) for own in guess.guesses.values())
 
 
-def next_timed_way(search: Search, state: State) -> Step | None:
+def next_timed_way(search: MotionSearch, state: SearchState) -> NextStep | None:
     """The best timed way among obstacles, where no coarse answer is faster."""
     guides = search.problem.guided
     if not guides or search.over or state.of("timed way") or promising(search, state):
         return None
-    return Step(_nearest(state))
+    return NextStep(_nearest(state))
 
 
-def from_timed_way(search: Search, state: State, subject: Answer | None) -> Answer:
+def from_timed_way(
+    search: MotionSearch, state: SearchState, subject: MotionAnswer | None
+) -> MotionAnswer:
     """Solve on the full mesh, near the best timed way."""
     assert subject is not None
     search.progress("no coarse answer is faster than the best path: solved from there")
@@ -373,7 +392,7 @@ def from_timed_way(search: Search, state: State, subject: Answer | None) -> Answ
     return replace(_finer(subject, "timed way", solution, refiner), start=best.name)
 
 
-def next_full_mesh(search: Search, state: State) -> Step | None:
+def next_full_mesh(search: MotionSearch, state: SearchState) -> NextStep | None:
     """The most promising coarse answer that may be better than all that were refined.
 
     A refined answer is faster than its coarse one by what the coarse mesh costs; the others may
@@ -390,17 +409,19 @@ def next_full_mesh(search: Search, state: State) -> Step | None:
     for answer in answers:
         if state.made_of(answer, "full mesh") is None:
             hoped = answer.solution.duration / max([1.0, *gains])
-            return None if best <= (False, hoped) else Step(answer)
+            return None if best <= (False, hoped) else NextStep(answer)
     return None
 
 
-def _coarse_of(answer: Answer) -> Answer:
+def _coarse_of(answer: MotionAnswer) -> MotionAnswer:
     while answer.before is not None and answer.strategy not in COARSE:
         answer = answer.before
     return answer
 
 
-def to_full_mesh(search: Search, state: State, subject: Answer | None) -> Answer:
+def to_full_mesh(
+    search: MotionSearch, state: SearchState, subject: MotionAnswer | None
+) -> MotionAnswer:
     """Solve on a finer mesh, finer still where the coarse accelerations change."""
     assert subject is not None
     refiner, before = _going_on(subject), subject.solution
@@ -425,30 +446,30 @@ def to_full_mesh(search: Search, state: State, subject: Answer | None) -> Answer
     return _finer(subject, "full mesh", farther.finer(before, meshes), refiner)
 
 
-def _going_on(subject: Answer) -> Refiner:
+def _going_on(subject: MotionAnswer) -> Refiner:
     """What refines an answer, with the record of the solve that it comes from."""
-    answer: Answer | None = subject
+    answer: MotionAnswer | None = subject
     while answer is not None and not answer.solves:
         answer = answer.before
     return replace(subject.refiner, history=[answer.solves[-1]] if answer else [])
 
 
 def _finer(
-    subject: Answer,
+    subject: MotionAnswer,
     strategy: str,
     solution: Solution,
     by: Refiner,
     kernels: Refiner | None = None,
     smoothing: float | None = None,
-) -> Answer:
+) -> MotionAnswer:
     weight = subject.smoothing if smoothing is None else smoothing
     refiner, solves = replace(kernels or subject.refiner, history=[]), tuple(by.history[1:])
-    return Answer(
+    return MotionAnswer(
         strategy, subject.start, solution, refiner, weight, solves=solves, origin=subject.origin
     )
 
 
-def next_smoother(search: Search, state: State) -> Step | None:
+def next_smoother(search: MotionSearch, state: SearchState) -> NextStep | None:
     """A coarse answer that no full mesh was solved from, where a motion within limits is known."""
     for answer in state.of("full mesh"):
         coarser = answer.before
@@ -463,17 +484,19 @@ def next_smoother(search: Search, state: State) -> Step | None:
             if state.made_of(coarser, "less and less smoothing") is not None:
                 continue
             if _within_limits(search, coarser) is not None:
-                return Step(coarser)
+                return NextStep(coarser)
     return None
 
 
-def _within_limits(search: Search, answer: Answer) -> Any:
+def _within_limits(search: MotionSearch, answer: MotionAnswer) -> Any:
     """A motion within the limits from a coarse answer, or any."""
     slowed = search.problem.slowed(answer.solution)
     return slowed or getattr(search.problem.known, "motion", None)
 
 
-def less_and_less_smoothing(search: Search, state: State, subject: Answer | None) -> Answer:
+def less_and_less_smoothing(
+    search: MotionSearch, state: SearchState, subject: MotionAnswer | None
+) -> MotionAnswer:
     """Solve on the full mesh from a motion within the limits, smoothed ever less.
 
     For arms so light or fast that torques change more between the points of a coarse mesh than it
@@ -514,7 +537,7 @@ def less_and_less_smoothing(search: Search, state: State, subject: Answer | None
     return _finer(subject, "less and less smoothing", failed, refiner)
 
 
-def next_splitting(search: Search, state: State) -> Step | None:
+def next_splitting(search: MotionSearch, state: SearchState) -> NextStep | None:
     """What was solved on a full mesh, or where none was the coarse answer itself."""
     for coarser in (*state.of("full mesh"), *state.of("less and less smoothing")):
         before = coarser.before
@@ -522,14 +545,16 @@ def next_splitting(search: Search, state: State) -> Step | None:
         made = [m for s in ON_FULL_MESH if (m := state.made_of(before, s)) and m.solved]
         chosen = next((m for m in reversed(made) if m.solution is not before.solution), before)
         if state.made_of(chosen, "splitting") is None:
-            return Step(chosen)
+            return NextStep(chosen)
     for way in state.of("timed way"):
         if way.solved and state.made_of(way, "splitting") is None:
-            return Step(way)
+            return NextStep(way)
     return None
 
 
-def split_where_exceeded(search: Search, state: State, subject: Answer | None) -> Answer:
+def split_where_exceeded(
+    search: MotionSearch, state: SearchState, subject: MotionAnswer | None
+) -> MotionAnswer:
     """Split intervals until limits hold between mesh points, and where something switches."""
     assert subject is not None
     refiner, best = _going_on(subject), subject.solution
@@ -554,15 +579,17 @@ def split_where_exceeded(search: Search, state: State, subject: Answer | None) -
     return _finer(subject, "splitting", refiner.refine(best, marks), refiner)
 
 
-def next_last_digits(search: Search, state: State) -> Step | None:
+def next_last_digits(search: MotionSearch, state: SearchState) -> NextStep | None:
     """The best of the refined answers."""
     if state.of("last digits") or not refined(state):
         return None
     best = best_of(search, state)
-    return Step(best) if best.solved and not search.over else None
+    return NextStep(best) if best.solved and not search.over else None
 
 
-def last_digits(search: Search, state: State, subject: Answer | None) -> Answer:
+def last_digits(
+    search: MotionSearch, state: SearchState, subject: MotionAnswer | None
+) -> MotionAnswer:
     """Solve to the full tolerance."""
     assert subject is not None
     refiner = _going_on(subject)
@@ -572,7 +599,7 @@ def last_digits(search: Search, state: State, subject: Answer | None) -> Answer:
 # where meshes are split -----------------------------------------------------------------------
 
 
-def _velocity_switches(search: Search, solution: Solution) -> list[Any]:
+def _velocity_switches(search: MotionSearch, solution: Solution) -> list[Any]:
     """Intervals in which a velocity goes through more than half of its limit at once.
 
     The arm could reach it in far less time than the mesh lets it.
@@ -585,7 +612,7 @@ def _velocity_switches(search: Search, solution: Solution) -> list[Any]:
     ]
 
 
-def _reversals(search: Search, solution: Solution) -> list[np.ndarray]:
+def _reversals(search: MotionSearch, solution: Solution) -> list[np.ndarray]:
     """Intervals inside which a joint with dry friction turns back, or a limit is exceeded."""
     marked, dry = [], dry_friction(search.problem.family.robot) > 0.0
     for phase, excess in zip(solution.phases, search.problem.excess(solution), strict=True):
@@ -597,7 +624,7 @@ def _reversals(search: Search, solution: Solution) -> list[np.ndarray]:
     return marked
 
 
-def _jerk_switches(search: Search, solution: Solution) -> list[np.ndarray]:
+def _jerk_switches(search: MotionSearch, solution: Solution) -> list[np.ndarray]:
     member = search.problem.family["qddd"]
     return [
         jerk_switches(np.diff(phase["qdd"], axis=0) / np.diff(phase.t)[:, None], member)
@@ -620,21 +647,27 @@ def graded(phase: PhaseSolution, count: int) -> FloatArray:
 
 
 STRATEGIES = (
-    Strategy("start", next_start, try_start, "local optima are several per cent apart"),
-    Strategy("known way", next_from_known, from_known, "limits so tight that no guess converges"),
-    Strategy(
+    MotionStrategy("start", next_start, try_start, "local optima are several per cent apart"),
+    MotionStrategy(
+        "known way", next_from_known, from_known, "limits so tight that no guess converges"
+    ),
+    MotionStrategy(
         "relaxed problem", next_relaxed, from_relaxed, "tasks that ask too much: which limit gives"
     ),
-    Strategy(
+    MotionStrategy(
         "less and less smoothing",
         next_smoother,
         less_and_less_smoothing,
         "arms so light that torques change more between coarse mesh points than they tell",
     ),
-    Strategy("splitting", next_splitting, split_where_exceeded, "limits hold at mesh points only"),
-    Strategy(
+    MotionStrategy(
+        "splitting", next_splitting, split_where_exceeded, "limits hold at mesh points only"
+    ),
+    MotionStrategy(
         "timed way", next_timed_way, from_timed_way, "ways around obstacles that starts cut short"
     ),
-    Strategy("full mesh", next_full_mesh, to_full_mesh, "a coarse mesh costs some per cent"),
-    Strategy("last digits", next_last_digits, last_digits, "a gap to the optimum that is known"),
+    MotionStrategy("full mesh", next_full_mesh, to_full_mesh, "a coarse mesh costs some per cent"),
+    MotionStrategy(
+        "last digits", next_last_digits, last_digits, "a gap to the optimum that is known"
+    ),
 )

@@ -42,7 +42,7 @@ from microbot_ocp.planning.search._branches import (
     ways_through,
 )
 from microbot_ocp.planning.search._least_effort import effort_of, least_effort
-from microbot_ocp.planning.search._problem import Start
+from microbot_ocp.planning.search._problem import TrialStart
 from microbot_ocp.planning.search._result import (
     KEEPS_LIMITS,
     Fastest,
@@ -51,7 +51,7 @@ from microbot_ocp.planning.search._result import (
     motion_of_answer,
     starts_of,
 )
-from microbot_ocp.planning.search._search import Search, State
+from microbot_ocp.planning.search._search import MotionSearch, SearchState
 from microbot_ocp.planning.search._settings import SEARCH, TimeOptimalSettings, sparing
 from microbot_ocp.planning.search._stop_motion import motion_of
 from microbot_ocp.planning.search._strategies import STRATEGIES, rank, search_of
@@ -122,7 +122,7 @@ class Guide(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Stops:
+class StopProblem:
     """A task of stops, and the ways through it.
 
     Attributes
@@ -189,7 +189,7 @@ class Stops:
 
     # initial guesses --------------------------------------------------------------------------
 
-    def next_start(self, search: Search, state: State) -> Start | None:
+    def next_start(self, search: MotionSearch, state: SearchState) -> TrialStart | None:
         """The next way that may be the fastest; bows beside the best of them at last."""
         pair = next(self._guesses(state), None)
         if pair is None:
@@ -202,7 +202,7 @@ class Stops:
             iterations = max(a.solution.attempts[-1].iterations for a in solved)
             most = min(max(SEARCH.least_iterations, SEARCH.patience * iterations), most)
         auto = self.settings.solver == "auto"
-        return Start(
+        return TrialStart(
             replace(guess, guesses=closed),
             ("fatrop", "ipopt") if auto else self.settings.solver,
             most,
@@ -211,7 +211,7 @@ class Stops:
             options={**LDL, "fatrop": {"max_iter": SEARCH.least_iterations}},
         )
 
-    def _guesses(self, state: State) -> Iterator[tuple[Way, InitialGuess]]:
+    def _guesses(self, state: SearchState) -> Iterator[tuple[Way, InitialGuess]]:
         """What was not tried yet: ways, or guides, and then bows beside the best of them."""
         tried = {answer.start for answer in state.of("start")}
         taken: list[Way] = []
@@ -240,7 +240,7 @@ class Stops:
             if name not in tried:
                 yield best, replace(g, name=name)
 
-    def least(self, state: State, way: Way) -> float | None:
+    def least(self, state: SearchState, way: Way) -> float | None:
         """What a way takes at the highest velocities, s; None where no other one takes less."""
         durations = [a.solution.duration for a in state.of("start") if a.solved]
         exact = all(few_poses(self.task.robot, stop) is not None for stop in self.task.stops)
@@ -313,14 +313,14 @@ class StopSearch:
 
     Attributes
     ----------
-    search : Search
+    search : MotionSearch
     duration : s, in which the motion of least effort is wanted
-    state : State
+    state : SearchState
     """
 
-    search: Search
+    search: MotionSearch
     duration: float | None = None
-    state: State = field(default_factory=State)
+    state: SearchState = field(default_factory=SearchState)
 
     @classmethod
     def of(
@@ -346,14 +346,14 @@ class StopSearch:
                 f"not {duration:g} s"
             )
         chosen = [guide.way for guide in guides] or list(ways) or ways_through(task)
-        problem = Stops(task, tuple(chosen), settings, tuple(guides))
+        problem = StopProblem(task, tuple(chosen), settings, tuple(guides))
         return cls(search_of(problem, settings, progress), duration)
 
     @property
-    def stops(self) -> Stops:
+    def stops(self) -> StopProblem:
         """The problem."""
         problem = self.search.problem
-        assert isinstance(problem, Stops)
+        assert isinstance(problem, StopProblem)
         return problem
 
     def explored(self, beaten: float) -> StopSearch:
@@ -423,7 +423,7 @@ class StopSearch:
         return replace(motion, provenance=told, note=note + further_notes(found))
 
 
-def branches(stops: Stops, state: State, solution: Solution) -> list[dict[str, Any]]:
+def branches(stops: StopProblem, state: SearchState, solution: Solution) -> list[dict[str, Any]]:
     """What every way through the branches took on the coarse mesh, the one taken first."""
     via = _poses(solution)
     best: dict[str, dict[str, Any]] = {}

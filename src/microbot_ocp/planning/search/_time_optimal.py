@@ -18,7 +18,7 @@ from microbot_ocp.limits import JointLimits, LimitFamily, Limits, with_reserve
 from microbot_ocp.motion import Motion
 from microbot_ocp.ocp.solution import StepProgress, quiet
 from microbot_ocp.planning.free import Slowed, known_ways
-from microbot_ocp.planning.search._problem import ViaPoints
+from microbot_ocp.planning.search._problem import FreeProblem
 from microbot_ocp.planning.search._result import KEEPS_LIMITS, motion_through
 from microbot_ocp.planning.search._settings import TimeOptimalSettings, sparing
 from microbot_ocp.planning.search._strategies import search_of
@@ -171,7 +171,9 @@ def fastest_motion(
             known = known_ways(family, via, settings.limit_tolerance, fast)
         try:
             with sparing(), deadline.given_up(known is not None):
-                search = search_of(ViaPoints(family, via, settings, way=known), settings, progress)
+                search = search_of(
+                    FreeProblem(family, via, settings, way=known), settings, progress
+                )
         except deadline.Over:
             assert known is not None
             return _without_search(known, time.perf_counter() - begin)

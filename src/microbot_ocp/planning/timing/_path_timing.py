@@ -59,7 +59,12 @@ from microbot_ocp.planning.task import (
     with_locked_joints_held,
 )
 from microbot_ocp.planning.timing._places_program import PROGRAM
-from microbot_ocp.planning.timing._places_timing import PLACES, Profile, excess_of, timed_on_places
+from microbot_ocp.planning.timing._places_timing import (
+    PLACES,
+    SpeedProfile,
+    excess_of,
+    timed_on_places,
+)
 from microbot_ocp.robot import Robot
 
 LATE = "The time was over before the grid was fine enough; a longer time_limit may find less time."
@@ -297,12 +302,12 @@ class _PathSearch:
             starts.append(gentle.smoothed(passed, curve, rise, count))
         return starts
 
-    def _on_places(self, starts: list[Reached]) -> list[Profile]:
+    def _on_places(self, starts: list[Reached]) -> list[SpeedProfile]:
         """Time all segments under limits of any form, refined until they hold."""
-        profiles: list[Profile] = []
+        profiles: list[SpeedProfile] = []
         tolerance = self.settings.limit_tolerance
         for curve, start in zip(self.curves, starts, strict=True):
-            profile = Profile.of(start)
+            profile = SpeedProfile.of(start)
             if all(earlier.solved for earlier in profiles):
                 profile = timed_on_places(
                     self.family, curve, profile, tolerance, self.fast, self.progress
@@ -322,7 +327,7 @@ class _PathSearch:
         samples = sampled(list(zip(self.passed, timings, strict=True)))
         return self._with_provenance(samples, self.passed, timings, how, outcome)
 
-    def _profile_motion(self, profiles: list[Profile]) -> Motion:
+    def _profile_motion(self, profiles: list[SpeedProfile]) -> Motion:
         """Give profiles of all segments as a motion, and judge them."""
         attempts = [attempt for profile in profiles for attempt in profile.attempts]
         excess = max(
@@ -351,7 +356,7 @@ class _PathSearch:
             solves=[attempt.as_dict() for attempt in attempts],
         )
 
-    def _samples(self, profiles: list[Profile]) -> tuple[FloatArray, State, FloatArray]:
+    def _samples(self, profiles: list[SpeedProfile]) -> tuple[FloatArray, State, FloatArray]:
         """Give times, states and breaks of profiles; s'' may jump at corners and breaks."""
         begins = np.cumsum([0.0, *(profile.duration for profile in profiles)])
         breaks = [np.zeros(1)]
@@ -374,7 +379,7 @@ class _PathSearch:
         self,
         samples: tuple[FloatArray, State, FloatArray],
         curves: Sequence[PathCurve],
-        parts: Sequence[Reached | Profile],
+        parts: Sequence[Reached | SpeedProfile],
         how: str,
         outcome: dict[str, Any],
         **more: Any,

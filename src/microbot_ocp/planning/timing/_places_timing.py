@@ -95,7 +95,7 @@ PLACES = PlacesSettings()
 
 
 @dataclass(frozen=True, eq=False)
-class Profile:
+class SpeedProfile:
     """How a curve is travelled: s' and s'' at places s; s''' is linear in time in between.
 
     Attributes
@@ -122,7 +122,7 @@ class Profile:
     attempts: tuple[Attempt, ...] = ()
 
     @classmethod
-    def of(cls, timing: Reached) -> Profile:
+    def of(cls, timing: Reached) -> SpeedProfile:
         """Make the acceleration of the parameter of a timing continuous."""
         rise = timing.start
         a = 0.5 * (np.append(rise, rise[-1]) + np.append(rise[0], rise))
@@ -159,7 +159,7 @@ class Profile:
             tangent * j + 3 * curvature * v * a + bend * v**3,
         )
 
-    def at_times(self, t: FloatArray) -> Profile:
+    def at_times(self, t: FloatArray) -> SpeedProfile:
         """Give the same motion more mesh points, at times among which are those that it has."""
         i = np.clip(np.searchsorted(self.t, t[:-1], side="right") - 1, 0, self.t.size - 2)
         s, v, a, _ = self.inside(i, t[:-1] - self.t[i])
@@ -170,7 +170,7 @@ class Profile:
         d = (self.d / np.diff(self.t))[i] * np.diff(t)
         return replace(self, s=s, v=v, t=t, a=a, a_end=a_end, d=d)
 
-    def without_gaps(self) -> Profile:
+    def without_gaps(self) -> SpeedProfile:
         """Integrate s'' anew from one end to the other.
 
         Divided by the third power of a short step a gap of 1e-11 in s would be a jerk.
@@ -187,11 +187,11 @@ class Profile:
 def timed_on_places(
     family: LimitFamily,
     curve: PathCurve,
-    start: Profile,
+    start: SpeedProfile,
     tolerance: float,
     fast: bool,
     progress: StepProgress,
-) -> Profile:
+) -> SpeedProfile:
     """Find the fastest profile of a curve, on a mesh that is refined until all limits hold inside.
 
     docs/theory/path_timing.md, "One program on places".
@@ -200,7 +200,7 @@ def timed_on_places(
     ----------
     family : LimitFamily
     curve : PathCurve
-    start : Profile
+    start : SpeedProfile
     tolerance : float
         Largest relative excess of a limit between mesh points.
     fast : bool
@@ -246,7 +246,7 @@ def _alike(before: float, after: float) -> bool:
     return abs(after - before) <= PLACES.settled * after
 
 
-def _switching(profile: Profile) -> np.ndarray:
+def _switching(profile: SpeedProfile) -> np.ndarray:
     """Tell in which intervals [N] s''' jumps: where most of what the mesh costs is lost.
 
     What a jump inside an interval costs grows with its size and the square of the interval.
@@ -284,8 +284,8 @@ def _with_parts(t: FloatArray, parts: np.ndarray) -> FloatArray:
 
 
 def _with_friction(
-    family: LimitFamily, curve: PathCurve, start: Profile, fast: bool, smoothing: float
-) -> Profile:
+    family: LimitFamily, curve: PathCurve, start: SpeedProfile, fast: bool, smoothing: float
+) -> SpeedProfile:
     """Find a profile for dry friction of its own suddenness, by way of gentler ones."""
     first, _, gentler = PLACES.barriers
     profile, barrier, last, sharper = start, first, np.inf, PLACES.sharper
@@ -305,7 +305,7 @@ def _with_friction(
         smoothing = max(wider, COULOMB_SMOOTHING)
 
 
-def _first_smoothing(family: LimitFamily, curve: PathCurve, start: Profile) -> float:
+def _first_smoothing(family: LimitFamily, curve: PathCurve, start: SpeedProfile) -> float:
     """Give a velocity, rad/s (m/s), within which dry friction may turn for the start to be good.
 
     There the friction alone all but keeps the limits of the torque rate. Not less than the robot's.
@@ -322,8 +322,8 @@ def _first_smoothing(family: LimitFamily, curve: PathCurve, start: Profile) -> f
 
 
 def _closer_at_reversals(
-    family: LimitFamily, curve: PathCurve, profile: Profile, smoothing: float
-) -> Profile:
+    family: LimitFamily, curve: PathCurve, profile: SpeedProfile, smoothing: float
+) -> SpeedProfile:
     """Give the same motion more mesh points where the dry friction of a joint turns."""
     dry = dry_friction(family.robot) > 0
     if "taud" not in family or not dry.any():
@@ -337,7 +337,7 @@ def _closer_at_reversals(
     return profile.at_times(_with_parts(profile.t, parts.astype(int)))
 
 
-def excess_of(family: LimitFamily, curve: PathCurve, profile: Profile) -> FloatArray:
+def excess_of(family: LimitFamily, curve: PathCurve, profile: SpeedProfile) -> FloatArray:
     """Give the largest relative excess [N,K] of any limit at K places of every interval."""
     shares = np.linspace(0.0, 1.0, CHECKS_PER_INTERVAL + 1)
     steps = np.diff(profile.t)
@@ -357,7 +357,7 @@ class _Timing:
         self,
         family: LimitFamily,
         curve: PathCurve,
-        start: Profile,
+        start: SpeedProfile,
         fast: bool,
         smoothing: float = COULOMB_SMOOTHING,
     ) -> None:
@@ -406,7 +406,7 @@ class _Timing:
         )
         self.fast = fast
 
-    def solved(self, barrier: float, bent: bool = False) -> Profile:
+    def solved(self, barrier: float, bent: bool = False) -> SpeedProfile:
         """Solve; with another linear solver from the start where the first one fails.
 
         Without limits of rates s'' is linear in every interval unless it may be ``bent``.
