@@ -41,6 +41,7 @@ from external.toppra_timing import even_grid, toppra_duration
 from microbot_ocp.scene import Surroundings, detour
 
 ROBOTS = ("panda", "ur5")
+CAPSULES = {"panda": 2, "ur5": 3}  # a link at most: with which most starts and goals are free
 DEVELOPING = ("box", "table_pick", "bookshelf_small", "bookshelf_tall")
 FAMILIES = (*DEVELOPING, "cage", "bookshelf_thin", "table_under_pick")
 POSES, DISTANCES = 500, 50  # along a motion at which meshes are checked, and measured
@@ -116,7 +117,7 @@ def arm(folder: Path, name: str) -> mo.Robot:
         robot = robot.with_links(links).with_limits(packaged.limits).with_payload(*HAND)
     else:
         robot = robot.with_limits(qd_max=np.pi)
-    return robot.with_capsules(mo.fit_capsules(robot))
+    return robot.with_capsules(mo.fit_capsules(robot, most=CAPSULES[name]))
 
 
 class Meshes:

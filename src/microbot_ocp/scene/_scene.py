@@ -13,7 +13,7 @@ import numpy as np
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.limits import Limit
-from microbot_ocp.robot import Robot, fit_capsules, link_capsules
+from microbot_ocp.robot import Capsule, Robot, fit_capsules, link_capsules
 from microbot_ocp.scene._obstacles import KINDS, Obstacle
 from microbot_ocp.scene._pairs import ACCURACY, Distances, Pair
 
@@ -213,7 +213,15 @@ def _own_pairs(robot: Robot) -> list[Pair]:
     if not found:
         return []
     zero = clearances(robot, found, np.zeros((1, robot.joint_count)))[0]
-    return [pair for pair, apart in zip(found, zero, strict=True) if apart > 0.0]
+    touching = {_fitted(pair) for pair, apart in zip(found, zero, strict=True) if apart <= 0.0}
+    return [pair for pair in found if _fitted(pair) not in touching]
+
+
+def _fitted(pair: Pair) -> Any:
+    """What of a pair touches or not: links, where capsules are pieces of a fit, else itself."""
+    other = pair.other
+    fits = pair.capsule.excess > 0.0 and isinstance(other, Capsule) and other.excess > 0.0
+    return frozenset((pair.capsule.name, other.name)) if fits else pair
 
 
 def clearances(robot: Robot, pairs: Sequence[Pair], q: FloatArray) -> FloatArray:
