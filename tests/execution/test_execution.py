@@ -183,3 +183,18 @@ def test_profiles_that_do_not_fit(microbot, profile, message):
     rows = Rows(np.array([0.0, 0.5]), np.zeros((2, 3)))
     with pytest.raises(mo.InputError, match=message):
         mo.check(microbot, rows, profile)
+
+
+@pytest.mark.slow
+def test_an_obstacle_on_the_way_is_found(tmp_path):
+    pytest.importorskip("coal")
+    robot = mo.load_robot("ur5e")
+    q = np.array([[0.0, -1.2, 1.2, -1.5, -1.5, 0.0], [1.2, -1.2, 1.2, -1.5, -1.5, 0.0]])
+    shape = mo.Motion.from_polynomial(robot, mo.quintic(q, [0.0, 2.0]), label="quintic")
+    middle = np.array(mo.forward_kinematics(robot)(shape.sample([1.0]).q[0]))[:3, 3]
+    path = shape.export(tmp_path / "a.csv", profile="ur_servoj", robot=robot)
+    for center, clear in ((middle, False), (middle + np.array([0.0, 0.0, 2.0]), True)):
+        scene = mo.Scene([mo.Sphere(center, 0.05)])
+        certificate = mo.check(robot, path, "ur_servoj", scene=scene)
+        assert certificate.clearance is not None
+        assert certificate.ok == clear

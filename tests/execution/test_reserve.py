@@ -87,6 +87,9 @@ def test_no_reserve_keeps_what_the_controller_does_not(microbot):
     assert np.isnan(found.reserve)
     assert "the controller itself does not" in found.advice
     assert len(found.table().rows) == len(found.trials) == 3
+    drawn = found.plot()
+    assert drawn.shape == (2,)
+    assert [axes.get_ylabel() for axes in drawn.flat] == ["error of the tool [mm]", "duration [s]"]
 
 
 @pytest.mark.parametrize("where", ["free", "prepared", "path", "stops"])
