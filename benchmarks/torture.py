@@ -218,6 +218,7 @@ def random_chain(random: np.random.Generator, count: int, mass: float = 2.0) -> 
             q_min=np.where(prismatic, -length, -6.0), q_max=np.where(prismatic, length, 6.0)
         ),
         name=f"chain of {count}",
+        convention="modified",  # said, as a random first row is what the other one would have
     )
 
 
