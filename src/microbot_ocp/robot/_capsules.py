@@ -246,7 +246,7 @@ class _Link:
                 for cell in cells
                 for side in next(cell.halved(_principal(cell.points)[-1], 1), (cell.triangles,))
             ]
-        self.supports = [(cell.points @ _directions().T).max(axis=0) for cell in cells]
+        self.supports = [(_directions() @ cell.points.T).max(axis=1) for cell in cells]
         whole = enclosing_capsule(triangles.reshape(-1, 3))
         ends = np.array([whole.start, whole.end])
         low, high = ends.min(axis=0) - whole.radius, ends.max(axis=0) + whole.radius
@@ -355,7 +355,7 @@ def _outermost(points: FloatArray) -> FloatArray:
     """The points that lie farthest in any of many directions."""
     if len(points) < CAPSULE_FIT.directions:
         return points
-    return points[np.unique(np.argmax(points @ _directions().T, axis=0))]
+    return points[np.unique(np.argmax(_directions() @ points.T, axis=1))]
 
 
 def _downhill(points: FloatArray, direction: FloatArray) -> FloatArray:
