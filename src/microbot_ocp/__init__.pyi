@@ -33,7 +33,7 @@ from .certificate import (
     certify as certify,
 )
 from .execution import (
-    Command as Command,
+    ControllerCommand as ControllerCommand,
     Profile as Profile,
     Ratings as Ratings,
     Reserve as Reserve,

@@ -7,7 +7,7 @@ import pytest
 
 import microbot_ocp as mo
 from execution import franka
-from microbot_ocp.execution import Rows
+from microbot_ocp.execution import CommandRows
 
 LIMITERS = {"panda": franka.panda, "fr3": franka.fr3}
 
@@ -40,7 +40,7 @@ def test_libfranka_leaves_what_is_exported_as_it_is(panda, profile, seed):
     planted = q.copy()
     planted[middle, 3] += 1e-4  # a jerk of 3e5 rad/s^3
     assert np.abs(LIMITERS[profile](planted) - planted).max() > 5e-5
-    certificate = mo.check(panda, Rows(command.rows.t, planted), profile)
+    certificate = mo.check(panda, CommandRows(command.rows.t, planted), profile)
     jerk = next(each for each in certificate.limit_checks if each.quantity == "qddd")
     assert not certificate.ok
     assert jerk.joint == "panda_joint4"
@@ -50,7 +50,7 @@ def test_libfranka_leaves_what_is_exported_as_it_is(panda, profile, seed):
 
 def test_held_commands_have_their_differences_as_derivatives(panda):
     motion = shape(panda, "panda", 3)
-    rows = Rows(np.linspace(0.0, 0.199, 200), motion.resample(1000.0).q[:200])
+    rows = CommandRows(np.linspace(0.0, 0.199, 200), motion.resample(1000.0).q[:200])
     curve = mo.executed(panda, rows, "panda")
     q = np.concatenate([rows.q[:1], rows.q[:1], rows.q, rows.q[-1:], rows.q[-1:]])
     state = curve.sample(np.arange(len(q) - 2) * 1e-3)
@@ -83,7 +83,7 @@ def test_splines_of_joint_trajectory_controller(microbot, name, order):
     rng = np.random.default_rng(4)
     t = np.concatenate([[0.0], np.cumsum(rng.uniform(0.05, 0.2, 6))])
     q, qd, qdd = rng.normal(size=(3, 7, 3))
-    rows = Rows(t, q, qd, qdd)
+    rows = CommandRows(t, q, qd, qdd)
     curve = mo.executed(microbot, rows, f"ros2_jtc_{name}")
     at = np.sort(rng.uniform(0.0, t[-1], 200))
     np.testing.assert_allclose(curve.sample(at).q, jtc(rows, at, order), rtol=0, atol=1e-9)
@@ -180,7 +180,7 @@ def test_joints_in_another_order_and_times_of_both_kinds(microbot, tmp_path):
     ],
 )
 def test_profiles_that_do_not_fit(microbot, profile, message):
-    rows = Rows(np.array([0.0, 0.5]), np.zeros((2, 3)))
+    rows = CommandRows(np.array([0.0, 0.5]), np.zeros((2, 3)))
     with pytest.raises(mo.InputError, match=message):
         mo.check(microbot, rows, profile)
 

@@ -8,7 +8,7 @@ import pytest
 import microbot_ocp as mo
 from external.toppra_timing import even_grid, graded_grid, toppra_duration, toppra_problem
 from helpers import random_robot
-from microbot_ocp.execution import Rows
+from microbot_ocp.execution import CommandRows
 from microbot_ocp.motion import PiecewisePolynomial
 from microbot_ocp.planning import phase_plane, time_path
 
@@ -95,9 +95,9 @@ def test_what_breaks_limits_between_its_samples_is_caught() -> None:
     q, qd, qdd = (trajectory(t, order) for order in range(3))
     tau = robot.torques_along(q, qd, qdd)["tau"]
     at_rows = (np.abs(tau) / robot.limits.tau_max).max()
-    certificate = mo.check(robot, Rows(t, q, qd, qdd), "ros2_jtc_quintic")
+    certificate = mo.check(robot, CommandRows(t, q, qd, qdd), "ros2_jtc_quintic")
     torque = next(check for check in certificate.limit_checks if check.quantity == "tau")
-    again = mo.executed(robot, Rows(t, q, qd, qdd), "ros2_jtc_quintic")
+    again = mo.executed(robot, CommandRows(t, q, qd, qdd), "ros2_jtc_quintic")
     joint = robot.joint_names.index(torque.joint)
     state = again.sample([torque.time])
     value = robot.torques_along(*state)["tau"][0, joint]

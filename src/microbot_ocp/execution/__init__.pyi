@@ -4,7 +4,7 @@ from ._check import (
     check as check,
 )
 from ._command import (
-    Command as Command,
+    ControllerCommand as ControllerCommand,
     commanded as commanded,
     exported as exported,
 )
@@ -30,6 +30,6 @@ from ._robust import (
     robust_limits as robust_limits,
 )
 from ._rows import (
-    Rows as Rows,
+    CommandRows as CommandRows,
     read_rows as read_rows,
 )

@@ -11,7 +11,7 @@ from microbot_ocp._base.check import Check, problems_of
 from microbot_ocp.certificate import Certificate, certify
 from microbot_ocp.execution._curve import executed, rows_of
 from microbot_ocp.execution._profile import Profile, controller_profile
-from microbot_ocp.execution._rows import Rows, read_rows
+from microbot_ocp.execution._rows import CommandRows, read_rows
 from microbot_ocp.limits import ROUNDING
 from microbot_ocp.motion import Motion
 from microbot_ocp.robot import Robot
@@ -22,7 +22,7 @@ AT_REST = float(np.finfo(np.float32).eps)  # rad/s: as joint_trajectory_controll
 
 def check(
     robot: Robot,
-    trajectory: str | Path | Motion | Rows,
+    trajectory: str | Path | Motion | CommandRows,
     profile: str | Profile,
     *,
     scene: Scene | None = None,
@@ -37,7 +37,7 @@ def check(
     Parameters
     ----------
     robot : Robot
-    trajectory : path, Motion or Rows
+    trajectory : path, Motion or CommandRows
         A file as of :func:`~microbot_ocp.execution.read_rows`; a motion is sampled at the profile's
         rate.
     profile : str or Profile
@@ -77,7 +77,7 @@ def check(
 
 def judged(
     robot: Robot,
-    rows: Rows,
+    rows: CommandRows,
     curve: Motion,
     profile: Profile,
     scene: Scene | None,

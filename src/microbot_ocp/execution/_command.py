@@ -12,7 +12,7 @@ from microbot_ocp.certificate import Certificate
 from microbot_ocp.execution._check import judged
 from microbot_ocp.execution._curve import executed, rows_of
 from microbot_ocp.execution._profile import Profile, controller_profile
-from microbot_ocp.execution._rows import Rows
+from microbot_ocp.execution._rows import CommandRows
 from microbot_ocp.limits import ROUNDING, LimitFamily, LimitHistory
 from microbot_ocp.motion import (
     Columns,
@@ -30,13 +30,13 @@ from microbot_ocp.scene import Scene
 
 
 @dataclass(frozen=True, eq=False)
-class Command:
+class ControllerCommand:
     """A motion as a controller gets it.
 
     Attributes
     ----------
     profile : Profile
-    rows : Rows
+    rows : CommandRows
         One a step, from rest to rest, with efforts as the profile wants them.
     executed : Motion
         What the controller makes of them.
@@ -47,7 +47,7 @@ class Command:
     """
 
     profile: Profile
-    rows: Rows
+    rows: CommandRows
     executed: Motion
     certificate: Certificate
     planned_duration: float
@@ -88,7 +88,7 @@ class Command:
 
 def commanded(
     robot: Robot, motion: Motion, profile: str | Profile, *, scene: Scene | None = None
-) -> Command:
+) -> ControllerCommand:
     """Make rows of a motion that a controller accepts.
 
     The motion is sampled at the rate of the profile, to a whole number of steps. Where what the
@@ -107,7 +107,7 @@ def commanded(
 
     Returns
     -------
-    Command
+    ControllerCommand
         ``accepted`` says whether the certificate passed, ``cost`` how many seconds the controller
         costs.
 
@@ -143,7 +143,7 @@ def commanded(
     rows = replace(rows, tau=_efforts(robot, chosen, state))
     certificate = judged(robot, rows, curve, chosen, scene, simulated=True)
     cost = float(rows.t[-1]) - motion.duration
-    return Command(chosen, rows, curve, certificate, motion.duration, cost)
+    return ControllerCommand(chosen, rows, curve, certificate, motion.duration, cost)
 
 
 def _stretched(robot: Robot, motion: Motion, factor: float) -> Motion:

@@ -16,25 +16,25 @@ import numpy as np
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.execution._profile import Profile, controller_profile
-from microbot_ocp.execution._rows import Rows
+from microbot_ocp.execution._rows import CommandRows
 from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial, State, quintic_between
 from microbot_ocp.robot import Robot
 
 
-class Curve(NamedTuple):
+class ExecutedCurve(NamedTuple):
     """A piecewise polynomial of the time and by how much the rows come later on it, s."""
 
     polynomial: PiecewisePolynomial
     delay: float = 0.0
 
 
-def executed(robot: Robot, motion: Motion | Rows, profile: str | Profile) -> Motion:
+def executed(robot: Robot, motion: Motion | CommandRows, profile: str | Profile) -> Motion:
     """What a controller makes of the samples of a motion, as a motion.
 
     Parameters
     ----------
     robot : Robot
-    motion : Motion or Rows
+    motion : Motion or CommandRows
         A motion is sampled at the profile's rate first, to a whole number of steps: beyond its end
         it is held.
     profile : str or Profile
@@ -66,7 +66,7 @@ def executed(robot: Robot, motion: Motion | Rows, profile: str | Profile) -> Mot
         raise InputError(
             f"motion is of {motion.q.shape[1]} joints, but the robot has {robot.joint_count}"
         )
-    rows = motion if isinstance(motion, Rows) else rows_of(motion, chosen)
+    rows = motion if isinstance(motion, CommandRows) else rows_of(motion, chosen)
     curve = curve_of(rows, chosen)
     return Motion.from_polynomial(
         robot,
@@ -77,7 +77,7 @@ def executed(robot: Robot, motion: Motion | Rows, profile: str | Profile) -> Mot
     )
 
 
-def rows_of(motion: Motion, profile: Profile) -> Rows:
+def rows_of(motion: Motion, profile: Profile) -> CommandRows:
     """The samples of a motion at the rate of a profile, the last one at rest where the motion is.
 
     Torques are those that the motion stores, interpolated.
@@ -89,15 +89,17 @@ def rows_of(motion: Motion, profile: Profile) -> Rows:
     beyond = t > motion.duration * (1 + 1e-12)
     still = ~beyond[:, None]
     tau = np.column_stack([np.interp(t, motion.t, column) for column in motion.tau.T])
-    return Rows(t, state.q, state.qd * still, state.qdd * still, tau, motion.label, motion.marks)
+    return CommandRows(
+        t, state.q, state.qd * still, state.qdd * still, tau, motion.label, motion.marks
+    )
 
 
-def curve_of(rows: Rows, profile: Profile) -> Curve:
+def curve_of(rows: CommandRows, profile: Profile) -> ExecutedCurve:
     """The curve of rows by the rule of a profile."""
     return RULES[profile.interpolation](rows, profile)
 
 
-def _held(rows: Rows, profile: Profile) -> Curve:
+def _held(rows: CommandRows, profile: Profile) -> ExecutedCurve:
     step = profile.step
     late = np.flatnonzero(np.abs(rows.t - step * np.arange(rows.t.size)) >= 0.5 * step)
     if late.size:
@@ -109,14 +111,14 @@ def _held(rows: Rows, profile: Profile) -> Curve:
     return _spline(rows.q, step)
 
 
-def _linear(rows: Rows, profile: Profile) -> Curve:
+def _linear(rows: CommandRows, profile: Profile) -> ExecutedCurve:
     step = profile.step
     count = checks.step_count(float(rows.t[-1]), step)
     t = np.minimum(np.arange(count + 1) * step, rows.t[-1])
     return _spline(np.column_stack([np.interp(t, rows.t, column) for column in rows.q.T]), step)
 
 
-def _spline(q: FloatArray, step: float) -> Curve:
+def _spline(q: FloatArray, step: float) -> ExecutedCurve:
     """The uniform cubic B-spline with commands [N,n] as its control points."""
     control = np.concatenate([q[:1], q[:1], q, q[-1:], q[-1:]])
     first, second, third = (np.diff(control, n=order, axis=0) for order in (1, 2, 3))
@@ -128,31 +130,31 @@ def _spline(q: FloatArray, step: float) -> Curve:
         third / (6.0 * step**3),
     )
     breaks = np.linspace(0.0, pieces * step, pieces + 1)
-    return Curve(PiecewisePolynomial(breaks, np.stack(terms, axis=1)), delay=step)
+    return ExecutedCurve(PiecewisePolynomial(breaks, np.stack(terms, axis=1)), delay=step)
 
 
-def _cubic(rows: Rows, profile: Profile) -> Curve:
+def _cubic(rows: CommandRows, profile: Profile) -> ExecutedCurve:
     qd, h = _needed(rows, "qd", profile), np.diff(rows.t)[:, None]
     q, slope = rows.q[:-1], np.diff(rows.q, axis=0) / h
     second = (3.0 * slope - 2.0 * qd[:-1] - qd[1:]) / h
     third = (qd[:-1] + qd[1:] - 2.0 * slope) / h**2
-    return Curve(PiecewisePolynomial(rows.t, np.stack([q, qd[:-1], second, third], axis=1)))
+    return ExecutedCurve(PiecewisePolynomial(rows.t, np.stack([q, qd[:-1], second, third], axis=1)))
 
 
-def _quintic(rows: Rows, profile: Profile) -> Curve:
+def _quintic(rows: CommandRows, profile: Profile) -> ExecutedCurve:
     qd, qdd = (_needed(rows, key, profile) for key in ("qd", "qdd"))
     start, end = (State(rows.q[k], qd[k], qdd[k]) for k in (slice(-1), slice(1, None)))
-    return Curve(PiecewisePolynomial(rows.t, quintic_between(start, end, np.diff(rows.t))))
+    return ExecutedCurve(PiecewisePolynomial(rows.t, quintic_between(start, end, np.diff(rows.t))))
 
 
-def _needed(rows: Rows, key: str, profile: Profile) -> FloatArray:
+def _needed(rows: CommandRows, key: str, profile: Profile) -> FloatArray:
     values = getattr(rows, key)
     if values is None:
         raise InputError(f"profile {profile.name!r} needs {key} in every row")
     return values
 
 
-RULES: dict[str, Callable[[Rows, Profile], Curve]] = {
+RULES: dict[str, Callable[[CommandRows, Profile], ExecutedCurve]] = {
     "hold": _held,
     "linear": _linear,
     "cubic": _cubic,

@@ -24,7 +24,7 @@ FORMATS = (".csv", ".json", ".yaml", ".yml", ".npz")
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
+class CommandRows:
     """What a file for a controller holds.
 
     Attributes
@@ -61,7 +61,7 @@ class Rows:
                 put(self, name, checks.array(name, getattr(self, name), self.q.shape, unit))
 
 
-def read_rows(path: str | Path, robot: Robot) -> Rows:
+def read_rows(path: str | Path, robot: Robot) -> CommandRows:
     """Read a trajectory of this package, of ROS, or a plain table.
 
     Parameters
@@ -96,7 +96,7 @@ def read_rows(path: str | Path, robot: Robot) -> Rows:
     return rows
 
 
-def _of_table(text: str, robot: Robot) -> Rows:
+def _of_table(text: str, robot: Robot) -> CommandRows:
     stream = io.StringIO(text.strip())
     heads = [head.strip() for head in next(csv.reader(stream), [])]
     if not heads:
@@ -129,7 +129,7 @@ def _of_table(text: str, robot: Robot) -> Rows:
         except KeyError as missing:
             raise InputError(f"it has no column of {missing}") from None
     given: Any = dict(zip(keys, columns, strict=True))
-    return Rows(values[:, 0], **given)
+    return CommandRows(values[:, 0], **given)
 
 
 def _is_number(word: str) -> bool:
@@ -149,7 +149,7 @@ def _order(names: Sequence[str], robot: Robot) -> list[int]:
     return [list(names).index(name) for name in robot.joint_names]
 
 
-def _of_archive(path: Path) -> Rows:
+def _of_archive(path: Path) -> CommandRows:
     bytes_of(path, "trajectory")  # a plain file
     try:
         with np.load(path, allow_pickle=False) as archive:
@@ -159,13 +159,13 @@ def _of_archive(path: Path) -> Rows:
         raise InputError("it is no archive of numpy") from None
     if saved:
         motion = Motion.load(path)
-        return Rows(
+        return CommandRows(
             motion.t, motion.q, motion.qd, motion.qdd, motion.tau, motion.label, motion.marks
         )
     if not {"t", "q"} <= set(arrays):
         raise InputError("it must hold the arrays t and q")
     given: Any = arrays
-    return Rows(**given)
+    return CommandRows(**given)
 
 
 def _document(path: Path) -> Any:
@@ -177,7 +177,7 @@ def _document(path: Path) -> Any:
         raise InputError(f"it is no JSON: {problem}") from None
 
 
-def _of_message(document: Any, robot: Robot) -> Rows:
+def _of_message(document: Any, robot: Robot) -> CommandRows:
     message = _trajectory_in(document)
     if message is None:
         raise InputError("it holds no trajectory with joint_names and points")
@@ -194,7 +194,7 @@ def _of_message(document: Any, robot: Robot) -> Rows:
                 columns[key] = checks.array(key, rows, (len(points), len(names)))[:, order]
     if "q" not in columns:
         raise InputError("its points have no positions")
-    return Rows(np.array(t), **columns)
+    return CommandRows(np.array(t), **columns)
 
 
 def _trajectory_in(document: Any, depth: int = 0) -> Mapping[str, Any] | None:
