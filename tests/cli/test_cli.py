@@ -442,7 +442,7 @@ def test_compare_records_and_says_so(call, tmp_path):
     arms = {c.entity_path.split("/")[2] for c in chunks if "/link_3" in c.entity_path}
     assert arms == {"cubic", "lspb"}
     code, out, _ = call(*arguments, "--out", "out", "--rerun", "both.rrd")
-    assert out.splitlines()[-2:] == ["written: 10 files in out", "written: both.rrd"]
+    assert out.splitlines()[-2:] == ["written: 11 files in out", "written: both.rrd"]
 
 
 @pytest.mark.slow

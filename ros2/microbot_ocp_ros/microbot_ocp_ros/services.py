@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 import microbot_ocp as mo
-from microbot_ocp.execution import Rows
+from microbot_ocp.execution import CommandRows
 
 NANO = 1_000_000_000
 
@@ -36,7 +36,7 @@ def check(robot: mo.Robot, request: Any, response: Any) -> Any:
     return _answered(response, certificate.ok, certificate.verdict)
 
 
-def rows_of(robot: mo.Robot, trajectory: Any) -> Rows:
+def rows_of(robot: mo.Robot, trajectory: Any) -> CommandRows:
     """Rows of a JointTrajectory, joints in the order of the robot."""
     times = [p.time_from_start.sec + p.time_from_start.nanosec / NANO for p in trajectory.points]
     given = {
@@ -46,7 +46,7 @@ def rows_of(robot: mo.Robot, trajectory: Any) -> Rows:
     }
     if "q" not in given:
         raise mo.InputError("trajectory must have positions at every point")
-    return Rows(t=np.array(times), **given)
+    return CommandRows(t=np.array(times), **given)
 
 
 def _columns(robot: mo.Robot, trajectory: Any, quantity: str) -> np.ndarray:
@@ -62,7 +62,7 @@ def _columns(robot: mo.Robot, trajectory: Any, quantity: str) -> np.ndarray:
     return np.array(rows, dtype=float).reshape(len(rows), len(order))[:, order]
 
 
-def _fill(trajectory: Any, robot: mo.Robot, rows: Rows) -> None:
+def _fill(trajectory: Any, robot: mo.Robot, rows: CommandRows) -> None:
     from trajectory_msgs.msg import JointTrajectoryPoint
 
     trajectory.joint_names = list(robot.joint_names)

@@ -8,7 +8,6 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-import casadi as ca
 import numpy as np
 
 from microbot_ocp._base import checks
@@ -113,6 +112,8 @@ class _Braking:
     offset: tuple[float, ...]
 
     def __call__(self, state: Any) -> Any:
+        import casadi as ca  # names of profiles are listed without it
+
         room = ca.fmax(0.0, self.sign * (ca.DM(self.end) - state.q))
         fast = ca.sqrt(2.0 * ca.DM(self.deceleration) * room) - ca.DM(self.offset)
         return self.sign * ca.fmin(ca.DM(self.qd_max), ca.fmax(0.0, fast))
