@@ -38,6 +38,7 @@ def played(robot, motion, plant, substeps=4):
     return worst
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_arms_of_mujoco_follow_with_the_reserve_and_not_without():
     robot = with_small_bodies(mo.load_robot("microbot"))

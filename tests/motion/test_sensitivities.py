@@ -75,6 +75,7 @@ def test_of_the_payload(solver):
     assert slopes.payload_mass == pytest.approx(found, rel=0.01)
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_of_the_place_of_the_payload():
     robot, step = mo.load_robot("microbot"), 0.02

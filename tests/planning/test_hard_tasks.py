@@ -93,6 +93,7 @@ def test_a_pendulum_too_weak_to_be_lifted_swings_several_times():
     assert len(one.provenance["starts"]) == 1
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_starts_that_disagree_on_a_coarse_mesh_are_compared_on_a_finer_one():
     """A light arm that turns by radians in 0.1 s: a coarse mesh exceeds its torques by 114 %."""

@@ -263,7 +263,7 @@ BALL = np.array([np.cos(TURN) * np.sin(TILT), np.sin(TURN) * np.sin(TILT), np.co
     "tank_at",
     [
         lambda at: mo.Sphere(at, 2.0, "tank"),
-        pytest.param(lambda at: mo.ConvexMesh(2.0 * BALL, at, "tank"), marks=pytest.mark.slow),
+        pytest.param(lambda at: mo.ConvexMesh(2.0 * BALL, at, "tank"), marks=pytest.mark.thorough),
     ],
     ids=["sphere", "mesh"],
 )
