@@ -9,8 +9,8 @@ import pytest
 
 import microbot_ocp as mo
 from microbot_ocp import InputError
-from microbot_ocp.planning import parts_of, reach_of, scenes_of, task_of, tool_poses
-from microbot_ocp.scene import contact_model
+from microbot_ocp.planning import legs_between, parts_of, reach_of, scenes_of, task_of, tool_poses
+from microbot_ocp.scene import Surroundings, contact_model
 
 ARM = mo.load_robot("planar_3r")
 ARM = ARM.with_capsules(mo.link_capsules(ARM))
@@ -307,6 +307,21 @@ def test_what_is_returned_in_a_short_time_keeps_rates_and_is_clear(limits) -> No
     motion = mo.time_optimal(arm, ENDS, scene=POST, mesh=20, compiled=False, time_limit=6.0)
     certificate = mo.certify(arm, motion, via_q=ENDS, scene=POST)
     assert certificate.ok, certificate.verdict
+
+
+@pytest.mark.slow
+def test_a_first_way_is_proved_before_others_are_looked_for(monkeypatch) -> None:
+    searches, told = list[int](), list[tuple[str, int]]()
+    place = "microbot_ocp.planning.search._among_obstacles.detour"
+    usual = __import__("microbot_ocp.scene", fromlist=["detour"]).detour
+    monkeypatch.setattr(place, lambda *given: searches.append(given[-1]) or usual(*given))
+    progress = lambda event: told.append((str(event), len(searches)))  # noqa: E731
+    via = np.array([[0.0, 0.0, 0.0], [0.6, 0.3, 0.0]])
+    legs = legs_between(Surroundings(ARM, POST), via, mo.TimeOptimalSettings(), progress)
+    (text, count), *_ = [row for row in told if row[0].startswith("path ")]
+    assert count == 1 < len(searches)
+    assert legs[0].known is not None
+    assert f"{legs[0].known.duration:.4f} s" in text
 
 
 @pytest.fixture

@@ -221,11 +221,13 @@ def _keeps_limits(family: LimitFamily, motion: Motion) -> bool:
     return bool(family.excess(dense).max() <= LIMIT_TOLERANCE)
 
 
-def search_legs(ways: Sequence[Sequence[Leg]], progress: StepProgress) -> None:
+def search_legs(
+    ways: Sequence[Sequence[Leg]], progress: StepProgress, searches: int = FIRST_SEARCHES
+) -> None:
     """Search for paths on the legs of several ways, each a path for all of its legs.
 
-    Where the first searches lead to none that can be travelled all along, further ones follow until
-    one does or the time is over.
+    So many ``searches`` are made of each leg. Where they lead to none that can be travelled all
+    along, further ones follow until one does or the time is over.
     """
     with sparing():
         for number in itertools.count():
@@ -234,7 +236,7 @@ def search_legs(ways: Sequence[Sequence[Leg]], progress: StepProgress) -> None:
                 if deadline.over():
                     return
             is_there = any(all(leg.known for leg in legs) for legs in ways)
-            if is_there and number + 1 >= FIRST_SEARCHES:
+            if is_there and number + 1 >= searches:
                 return
 
 
@@ -358,8 +360,15 @@ def touching(found: Any, wanted: float) -> str:
 def legs_between(
     around: Surroundings, via: FloatArray, settings: TimeOptimalSettings, progress: StepProgress
 ) -> list[Leg]:
-    """The legs from each via point [m,n] to the next, with the ways that searches lead to."""
+    """The legs from each via point [m,n] to the next, with the ways that searches lead to.
+
+    The first way through all of them is timed and proved before others are looked for.
+    """
     legs = [Leg(around, start, end, settings) for start, end in itertools.pairwise(via)]
+    search_legs([legs], progress, searches=1)
+    first = _proved(around, legs, 0, [leg.known for leg in legs])
+    if first is not None:
+        progress(f"path {first.name}: {first.motion.duration:.4f} s, the first that is known")
     search_legs([legs], progress)
     return legs
 
@@ -385,13 +394,22 @@ def timed_paths(
 
 
 def _timed(around: Surroundings, legs: Sequence[Leg], choice: int) -> TimedPath | None:
-    """A way with its timing, at rest at every via point; None where none is found in time."""
-    robot, motions = around.robot, []
+    """A way with its best timing; None where none is found in time."""
+    motions = []
     for leg in legs:
-        motion = leg.motion(choice)
-        if motion is None:
+        motions.append(leg.motion(choice))
+        if motions[-1] is None:
             return None
-        motions.append(motion)
+    return _proved(around, legs, choice, motions)
+
+
+def _proved(
+    around: Surroundings, legs: Sequence[Leg], choice: int, timed: Sequence[Motion | None]
+) -> TimedPath | None:
+    """A way with a timing of each leg, at rest at every via point; None where it may touch."""
+    robot, motions = around.robot, [motion for motion in timed if motion is not None]
+    if len(motions) < len(legs):
+        return None
     names = [leg.ways[min(choice, len(leg.ways) - 1)].name for leg in legs]
     times = np.cumsum([0.0, *(m.duration for m in motions)])
     if len(motions) == 1:
