@@ -213,6 +213,14 @@ def test_starts_go_on_while_another_is_likely_to_lead_elsewhere(led_to, enough):
     assert _strategies.settled(found, TimeOptimalSettings(starts=1)) is (led_to[0] is not None)
 
 
+def test_starts_leave_half_of_the_time_for_finer_meshes(microbot, monkeypatch):
+    monkeypatch.setattr(_search.MotionSearch, "spent", 0.6)
+    motion = time_optimal(microbot, VIA_Q, mesh=20)
+    rows = {row["strategy"]: row["run"] for row in motion.provenance["ledger"]}
+    assert rows["start"] == rows["full mesh"] == rows["splitting"] == 1
+    assert motion.status is mo.Status.LOCAL_OPTIMUM
+
+
 def test_an_optimum_that_few_starts_led_to_is_not_called_the_fastest(microbot):
     motion = time_optimal(microbot, VIA_Q, mesh=20, starts=2, tries=2)
     assert motion.status is mo.Status.LOCAL_OPTIMUM

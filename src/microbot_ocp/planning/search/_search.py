@@ -110,12 +110,14 @@ class MotionStrategy:
     next_step : what it works on next; None where it has nothing to do
     run : what it makes of that
     why : the kind of problem that needs it
+    share : of the time after which it is not run again
     """
 
     name: str
     next_step: Choose
     run: Run
     why: str
+    share: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,6 +132,7 @@ class MotionSearch:
         With the kernels and settings of every solve.
     progress : callable
     kernel_time : s, that the program took to be made
+    begin : when it began, s of ``time.perf_counter``
     """
 
     problem: MotionProblem
@@ -137,6 +140,7 @@ class MotionSearch:
     refiner: Refiner
     progress: StepProgress
     kernel_time: float = 0.0
+    begin: float = field(default_factory=time.perf_counter)
     memory: dict[tuple[str, int], MotionAnswer] = field(
         default_factory=dict
     )  # of what was run early
@@ -145,6 +149,12 @@ class MotionSearch:
     def over(self) -> bool:
         """Whether the time is over."""
         return deadline.over()
+
+    @property
+    def spent(self) -> float:
+        """Share of the time that was there for the search."""
+        passed = time.perf_counter() - self.begin
+        return passed / (passed + max(deadline.left(), 0.0))
 
     def worst(self, solution: Solution) -> float:
         """Largest relative excess of a limit between mesh points."""
@@ -245,6 +255,8 @@ def _first(
 ) -> tuple[MotionStrategy, NextStep] | None:
     """The first strategy that has something to do."""
     for strategy in strategies:
+        if state.answers and search.spent > strategy.share:
+            continue
         step = strategy.next_step(search, state)
         if step is not None:
             return strategy, step

@@ -647,7 +647,9 @@ def graded(phase: PhaseSolution, count: int) -> FloatArray:
 
 
 STRATEGIES = (
-    MotionStrategy("start", next_start, try_start, "local optima are several per cent apart"),
+    MotionStrategy(
+        "start", next_start, try_start, "local optima are several per cent apart", share=0.5
+    ),
     MotionStrategy(
         "known way", next_from_known, from_known, "limits so tight that no guess converges"
     ),
