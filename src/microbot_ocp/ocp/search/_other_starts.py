@@ -106,6 +106,21 @@ ALONE = "It was compared with nothing: no other start led to an answer."
 Given = Mapping[str, Guess] | Solution | str | None
 
 
+def cheapest_of_starts(
+    transcription: Transcription,
+    settings: SolverSettings,
+    most: int,
+    until: float,
+    progress: Progress | None,
+) -> tuple[Solution | None, list[Attempt]]:
+    """The cheapest answer on a coarse mesh that any of ``most`` simulations leads to."""
+    starts = islice(_starts(transcription.problem, most, {}), most)
+    answers = list(_solved(_Coarse(transcription, settings, until, progress), starts))
+    attempts = [replace(a, way=WAY) for answer in answers for a in answer.attempts]
+    solved = (answer for answer in answers if answer.solved)
+    return min(solved, key=lambda answer: answer.cost, default=None), attempts
+
+
 def cheaper_elsewhere(
     solution: Solution,
     transcription: Transcription,
