@@ -16,7 +16,7 @@ from microbot_ocp.planning.free import Slowed, in_arcs, judged, largest_excess
 from microbot_ocp.planning.search._least_effort import LeastEffort, least_effort
 from microbot_ocp.planning.search._problem import FreeProblem
 from microbot_ocp.planning.search._search import MotionAnswer, MotionSearch, SearchState, ledger_of
-from microbot_ocp.planning.search._settings import sparing
+from microbot_ocp.planning.search._settings import SEARCH, sparing
 from microbot_ocp.planning.search._strategies import (
     STRATEGIES,
     best_of,
@@ -33,7 +33,6 @@ from microbot_ocp.planning.task import (
 )
 
 KEEPS_LIMITS = "Returned is {}: it keeps every limit, but others may be faster."
-TOLD = 2e-4  # share of the duration from which a note says what the smoothing costs
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +136,7 @@ def further_notes(found: Fastest) -> str:
     """What less effort saves, and what the smoothing costs where it is much."""
     solution, note = found.answer.solution, found.calmer.note if found.calmer else ""
     share = found.smoothing_cost / solution.duration
-    if not solution.status.solved or share < TOLD:
+    if not solution.status.solved or share < SEARCH.smoothing_told:
         return note
     return note + f"; without smoothing of the jerk it could be about {100 * share:.1g} % faster"
 

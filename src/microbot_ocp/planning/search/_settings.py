@@ -62,6 +62,7 @@ class SearchSettings:
         get to the full mesh in 5 to 14 s so
     smoothest : the same before these, where they lead nowhere
     worth_less : share of the duration: where less smoothing is worth less it ends
+    smoothing_told : share of the duration from which a note says what the smoothing costs
     smoother_iterations : of each of these solves
     smoother_barrier : barrier parameter of the first of them
     """
@@ -101,6 +102,7 @@ class SearchSettings:
     smoother: tuple[float, ...] = (1e6, 1e5, 1e4, 1e3, 1e2, 1.0)
     smoothest: tuple[float, ...] = (1e8, 1e7)
     worth_less: float = 1e-3
+    smoothing_told: float = 2e-4
     smoother_iterations: int = 200
     smoother_barrier: float = 1e-2
 

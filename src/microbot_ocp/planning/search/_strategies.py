@@ -531,9 +531,9 @@ def less_and_less_smoothing(
                 break
         if last is not None or search.over:
             break
+    failed = solution if last is None else replace(last, status=Status.FAILED)
     if last is not None:
-        search.problem.slowed(last)  # to be returned at least
-    failed = solution if not solution.status.solved else replace(solution, status=Status.FAILED)
+        search.problem.slowed(failed)  # the motion of this answer that is returned at least
     return _finer(subject, "less and less smoothing", failed, refiner)
 
 
